@@ -123,8 +123,8 @@ def depths() -> Ready:
     values = np.zeros((13, 13, rows, columns), np.float32)
     light = np.hypot(across[:, None], across) <= 6.5
     for t, s in np.argwhere(light):
-        seen = ndimage.shift(wall, (-0.03 * across[t], -0.03 * across[s]))
-        values[t, s] = seen[margin:-margin, margin:-margin]
+        view = ndimage.shift(wall, (-0.03 * across[t], -0.03 * across[s]))
+        values[t, s] = view[margin:-margin, margin:-margin]
     weight = np.array(np.broadcast_to(light[:, :, None, None], values.shape), np.float32)
     u, v = (np.arange(float(count)) - count // 2 for count in (columns, rows))
     field = LightField(values, weight, across, across, u, v, 13.0)

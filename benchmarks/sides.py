@@ -31,20 +31,20 @@ def here_singlet(inputs):
     """Rays through the singlet to a plane behind it."""
     from roslf_design.lenses.glass import find_glass
     from roslf_design.lenses.prescription import Prescription, Surface
-    from roslf_design.lenses.tracer import Rays
 
     semi, thickness = float(inputs["D"]) / 2, float(inputs["thickness"])
     front = Surface(1 / float(inputs["radius"]), semi, thickness, find_glass("N-BK7"))
-    lens, made = Prescription((front, Surface(0.0, semi))), np.array(slanted(inputs))
-    rays = Rays(made[:3], made[3:])
+    lens = Prescription((front, Surface(0.0, semi)))
+    x, y, z, *way = slanted(inputs)
+    height, slope = np.array([x, y]), np.array(way[:2]) / way[2]
     plane, wavelength, state = thickness + float(inputs["behind"]), float(inputs["wavelength_um"]) * 1e-3, {}
 
     def run():
-        state["ended"] = lens.trace(rays, wavelength, plane=plane)
+        state["ended"] = lens.through(height, slope, wavelength, start=z, end=plane, backward=False, clip=True)
 
     def answer():
-        x, y, _ = state["ended"].rays.position
-        return {"kept": state["ended"].kept, "x": x, "y": y}
+        x, y = state["ended"].height
+        return {"kept": state["ended"].state == 0, "x": x, "y": y}
 
     return run, answer
 
@@ -110,34 +110,70 @@ def trials_said(nominal, tables):
     return {"nominal": nominal, "mean": table.mean(0), "sd": table.std(0), "trials": len(table)}
 
 
-def here_spots(inputs):
-    """Every ray of every build traced exactly; spot sizes of three object points."""
+def numbers(inputs, *names):
+    """Some of the inputs."""
+    return (float(inputs[name]) for name in names)
+
+
+def here_lens(inputs):
+    """The biconvex lens of the spots, and what sizes them: object points' rays through it in rings, of many builds."""
     from roslf_design.lenses.glass import find_glass
     from roslf_design.lenses.manufacture import lens_builds
     from roslf_design.lenses.prescription import Prescription, Surface
     from roslf_design.traced.builds import spot_radii
     from roslf_design.traced.camera import Train
 
-    r, t, near, far = (float(inputs[name]) for name in ("radius", "thickness", "object", "image"))
-    green, rings = float(inputs["wavelength_um"]) * 1e-3, int(inputs["rings"])
-    glass = find_glass("N-BK7")
-    lens = Prescription((Surface(1 / r, 15.0, t, glass), Surface(-1 / r, 15.0)), "spot", "", green)
+    r, t, near, green = numbers(inputs, "radius", "thickness", "object", "wavelength_um")
+    green, rings = green * 1e-3, int(inputs["rings"])
+    lens = Prescription((Surface(1 / r, 15.0, t, find_glass("N-BK7")), Surface(-1 / r, 15.0)), "spot", "", green)
     circles = [ring / rings * np.exp(2j * np.pi * np.arange(6 * ring) / (6 * ring)) for ring in range(1, rings + 1)]
     spread = np.concatenate([[0.0], *circles])
-    pupil, index = np.stack([spread.real, spread.imag], axis=-1), float(glass.index(green))
+    pupil = np.stack([spread.real, spread.imag], axis=-1)
     points = np.array([(0.0, -float(y), -near) for y in inputs["heights"]])
+
+    def sizes(places, image, world):
+        """Of builds whose numbers, planes of the image and object points' shifts those are."""
+        builds = len(image)
+        plane = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], (builds, 1))
+        rim = np.concatenate([plane, np.full((builds, 1), float(inputs["pupil"]) / 2)], axis=1)[:, None]
+        plane[:, 2] = image
+        train = Train.of(lens_builds(lens, green, places, builds).stack)
+        return spot_radii(train, plane, rim, world, points, pupil, np.ones(len(pupil)))
+
+    return lens, sizes
+
+
+def optiland_lens(inputs):
+    """The same lens as Optiland has it, and what it asks for: the size of each object point's spot."""
+    from optiland.optic import Optic
+
+    r, t, near, far, pupil, wave = numbers(inputs, "radius", "thickness", "object", "image", "pupil", "wavelength_um")
+    heights, lens = [float(y) for y in inputs["heights"]], Optic()
+    lens.surfaces.add(index=0, thickness=near)
+    lens.surfaces.add(index=1, radius=r, thickness=t, material="N-BK7", is_stop=True)
+    lens.surfaces.add(index=2, radius=-r, thickness=far)
+    lens.surfaces.add(index=3)
+    lens.set_aperture(aperture_type="EPD", value=pupil)
+    lens.fields.set_type(field_type="object_height")
+    for y in heights:
+        lens.fields.add(y=y)
+    lens.wavelengths.add(value=wave, is_primary=True)
+    asked = {"optic": lens, "surface_number": -1, "Hx": 0, "distribution": "hexapolar"}
+    asked |= {"num_rays": int(inputs["rings"]), "wavelength": wave}
+    return lens, [{**asked, "Hy": y / max(heights)} for y in heights]
+
+
+def here_spots(inputs):
+    """Every ray of every build traced exactly; spot sizes of three object points."""
+    r, t, far = numbers(inputs, "radius", "thickness", "image")
+    lens, spots = here_lens(inputs)
+    index = float(lens.surfaces[0].glass.index(lens.wavelength))
 
     def sizes(off):
         r1, r2, k1, k2, t0, t1, t2, n1 = off
         made = {"surfaces.1.radius": r + r1, "surfaces.2.radius": -r + r2, "surfaces.1.conic": k1}
         made |= {"surfaces.2.conic": k2, "surfaces.1.thickness": t + t1, "surfaces.1.index": index + n1}
-        trials = len(r1)
-        plane = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], (trials, 1))
-        rim = np.concatenate([plane, np.full((trials, 1), float(inputs["pupil"]) / 2)], axis=1)[:, None]
-        plane[:, 2] = t + far + t1 + t2
-        world = np.stack([0 * t0, 0 * t0, -t0], axis=-1)
-        train = Train.of(lens_builds(lens, green, made, trials).stack)
-        return spot_radii(train, plane, rim, world, points, pupil, np.ones(len(pupil)))
+        return spots(made, t + far + t1 + t2, np.stack([0 * t0, 0 * t0, -t0], axis=-1))
 
     widths = np.array([float(inputs["width_" + kind]) for kind in KINDS])[:, None]
     random, every, trials = np.random.default_rng(1), [], int(inputs["here_trials"])
@@ -151,28 +187,14 @@ def here_spots(inputs):
 
 def optiland_spots(inputs):
     """Its own Monte Carlo, with the same perturbations, object points and pupil."""
-    from optiland.optic import Optic
     from optiland.tolerancing import DistributionSampler, Tolerancing
     from optiland.tolerancing.monte_carlo import MonteCarlo
 
-    r, t, near, far, pupil, wave = (
-        float(inputs[name]) for name in ("radius", "thickness", "object", "image", "pupil", "wavelength_um")
-    )
-    heights, lens = [float(y) for y in inputs["heights"]], Optic()
-    lens.surfaces.add(index=0, thickness=near)
-    lens.surfaces.add(index=1, radius=r, thickness=t, material="N-BK7", is_stop=True)
-    lens.surfaces.add(index=2, radius=-r, thickness=far)
-    lens.surfaces.add(index=3)
-    lens.set_aperture(aperture_type="EPD", value=pupil)
-    lens.fields.set_type(field_type="object_height")
-    for y in heights:
-        lens.fields.add(y=y)
-    lens.wavelengths.add(value=wave, is_primary=True)
+    r, t, near, far, wave = numbers(inputs, "radius", "thickness", "object", "image", "wavelength_um")
+    lens, spots = optiland_lens(inputs)
     study = Tolerancing(lens)
-    for y in heights:
-        asked = {"optic": lens, "surface_number": -1, "Hx": 0, "Hy": y / max(heights), "distribution": "hexapolar"}
-        asked |= {"num_rays": int(inputs["rings"]), "wavelength": wave}
-        study.add_operand("rms_spot_size", input_data=asked)
+    for spot in spots:
+        study.add_operand("rms_spot_size", input_data=spot)
     nominal = [float(value) for value in study.evaluate()]
     middles = (r, -r, 0.0, 0.0, near, t, far, float(inputs["index"]))
     for kind, middle, surface in zip(KINDS, middles, (1, 2, 1, 2, 0, 1, 2, 1), strict=True):
@@ -192,67 +214,35 @@ def optiland_spots(inputs):
 
 def here_bending(inputs):
     """The bending and the focus of least blur of three object points, f held: batched builds under SLSQP."""
-    from roslf_design.lenses.glass import find_glass
-    from roslf_design.lenses.manufacture import lens_builds
-    from roslf_design.lenses.prescription import Prescription, Surface
     from roslf_design.optimization.lens_variables import BENDING, LensVariation
     from roslf_design.optimization.search import SearchBudget, search
-    from roslf_design.traced.builds import spot_radii
-    from roslf_design.traced.camera import Train
 
-    t, near, far, focal = (float(inputs[name]) for name in ("thickness", "object", "image", "focal_length"))
-    green, rings, r = float(inputs["wavelength_um"]) * 1e-3, int(inputs["rings"]), float(inputs["radius"])
-    glass = find_glass("N-BK7")
-    lens = Prescription((Surface(1 / r, 15.0, t, glass), Surface(-1 / r, 15.0)), "bent", "", green)
-    variation, state = LensVariation(lens, green, focal), {}
-    circles = [ring / rings * np.exp(2j * np.pi * np.arange(6 * ring) / (6 * ring)) for ring in range(1, rings + 1)]
-    spread = np.concatenate([[0.0], *circles])
-    pupil = np.stack([spread.real, spread.imag], axis=-1)
-    points = np.array([(0.0, -float(y), -near) for y in inputs["heights"]])
+    t, far, focal = numbers(inputs, "thickness", "image", "focal_length")
+    lens, spots = here_lens(inputs)
+    variation, state = LensVariation(lens, lens.wavelength, focal), {}
 
     def vector(units):
-        builds = len(units)
         bent = variation.at({BENDING: 4 * units[:, 0] - 2})
-        plane = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], (builds, 1))
-        rim = np.concatenate([plane, np.full((builds, 1), float(inputs["pupil"]) / 2)], axis=1)[:, None]
-        plane[:, 2] = t + far * (0.9 + 0.2 * units[:, 1])
-        train = Train.of(lens_builds(lens, green, bent.places, builds).stack)
-        spots = spot_radii(train, plane, rim, np.zeros((builds, 3)), points, pupil, np.ones(len(pupil)))
-        return np.log(np.sum(spots**2, axis=1))[None]
+        image = t + far * (0.9 + 0.2 * units[:, 1])
+        return np.log(np.sum(spots(bent.places, image, np.zeros((len(units), 3))) ** 2, axis=1))[None]
 
     def run():
         state["best"] = search(vector, np.full(2, 0.5), SearchBudget(), 300, 1e-10)
 
-    return run, lambda: {"merit": np.sqrt(np.exp(state["best"].merit) / len(points))}
+    return run, lambda: {"merit": np.sqrt(np.exp(state["best"].merit) / len(inputs["heights"]))}
 
 
 def optiland_bending(inputs):
     """Both radii and the image's distance by its own least squares, the focal length an operand."""
-    from optiland.optic import Optic
     from optiland.optimization import LeastSquares, OptimizationProblem
 
-    r, t, near, far, pupil, wave, focal = (
-        float(inputs[name])
-        for name in ("radius", "thickness", "object", "image", "pupil", "wavelength_um", "focal_length")
-    )
-    heights, state = [float(y) for y in inputs["heights"]], {}
+    (focal,), heights, state = numbers(inputs, "focal_length"), inputs["heights"], {}
 
     def posed():
-        lens = Optic()
-        lens.surfaces.add(index=0, thickness=near)
-        lens.surfaces.add(index=1, radius=r, thickness=t, material="N-BK7", is_stop=True)
-        lens.surfaces.add(index=2, radius=-r, thickness=far)
-        lens.surfaces.add(index=3)
-        lens.set_aperture(aperture_type="EPD", value=pupil)
-        lens.fields.set_type(field_type="object_height")
-        for y in heights:
-            lens.fields.add(y=y)
-        lens.wavelengths.add(value=wave, is_primary=True)
+        lens, spots = optiland_lens(inputs)
         task = OptimizationProblem()
-        for y in heights:
-            asked = {"optic": lens, "surface_number": -1, "Hx": 0, "Hy": y / max(heights), "distribution": "hexapolar"}
-            asked |= {"num_rays": int(inputs["rings"]), "wavelength": wave}
-            task.add_operand("rms_spot_size", target=0, weight=1, input_data=asked)
+        for spot in spots:
+            task.add_operand("rms_spot_size", target=0, weight=1, input_data=spot)
         task.add_operand("f2", target=focal, weight=10, input_data={"optic": lens})
         task.add_variable(lens, "radius", surface_number=1)
         task.add_variable(lens, "radius", surface_number=2)

@@ -54,14 +54,14 @@ class Kernel(Generic[P, R]):
         """Fingerprint of this kernel with all that it calls and all constants it reads."""
         source = self.interpreted
         assert isinstance(source, FunctionType)
-        seen = hashlib.sha256(source.__code__.co_code + (b"inline" if self.inline else b""))
+        fingerprint = hashlib.sha256(source.__code__.co_code + (b"inline" if self.inline else b""))
         for constant in source.__code__.co_consts:
-            seen.update(constant.co_code if isinstance(constant, CodeType) else repr(constant).encode())
+            fingerprint.update(constant.co_code if isinstance(constant, CodeType) else repr(constant).encode())
         for name in source.__code__.co_names:
             value = source.__globals__.get(name)
             known = value.digest if isinstance(value, Kernel) else repr(value) if isinstance(value, PLAIN) else ""
-            seen.update(f"{name}={known};".encode())
-        return seen.hexdigest()[:16]
+            fingerprint.update(f"{name}={known};".encode())
+        return fingerprint.hexdigest()[:16]
 
     @property
     def ready(self) -> bool:

@@ -131,9 +131,9 @@ def main(arguments: list[str] | None = None) -> int:
         place = f"{error.filename}: " if error.filename else ""
         return _complain(f"{place}{error.strerror or error}", 1)
     except (ArithmeticError, MemoryError) as error:
-        told = " ".join(str(error).split()) or type(error).__name__
+        detail = " ".join(str(error).split()) or type(error).__name__
         what = "there is not enough memory" if isinstance(error, MemoryError) else "a number went out of bounds"
-        return _complain(f"{what} ({told}); check the input for values far from any camera's", 1)
+        return _complain(f"{what} ({detail}); check the input for values far from any camera's", 1)
     except KeyboardInterrupt:
         return _complain("stopped", 130)
     return result if isinstance(result, int) else 0

@@ -118,7 +118,7 @@ def read_text(
         raise refusal((Problem("", message),), origin) from None
 
 
-def read_json(path: Path, origin: str, remedy: str, *, most: int = MOST_BYTES) -> Any:
+def read_json(path: Path, origin: str, remedy: str) -> Any:
     """The values in a JSON file; `origin` is what errors call it, `remedy` how to get a good one.
 
     Raises
@@ -130,7 +130,7 @@ def read_json(path: Path, origin: str, remedy: str, *, most: int = MOST_BYTES) -
     def refuse(name: str) -> None:
         raise ValueError(f"{name} is no number of JSON's")
 
-    content = read_bytes(path, origin, remedy, most=most)
+    content = read_bytes(path, origin, remedy)
     try:
         data = json.loads(content, parse_constant=refuse)
         fault = strange(data, longest=None)

@@ -10,7 +10,7 @@ import difflib
 import tomllib
 from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, get_args, get_origin
+from typing import Any, NamedTuple, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 from pydantic_core import ErrorDetails
@@ -18,6 +18,7 @@ from pydantic_core import ErrorDetails
 from .errors import InputError, Problem
 from .input_files import read_text, strange
 
+Model = TypeVar("Model", bound=BaseModel)
 FROM_ZERO = {"greater_than": "must be greater than zero", "greater_than_equal": "must not be negative"}
 """What is said of a value below its least, where that is 0."""
 KIND = "kind"
@@ -73,6 +74,20 @@ def nearest(name: str, known: Collection[str], otherwise: str = "") -> str:
     return f"did you mean '{near[0]}'?" if near else otherwise or f"known here: {', '.join(known)}"
 
 
+def validated(model: type[Model], data: Any, origin: str = "", **context: Any) -> Model:
+    """A file's nested values as their model; `context` is what its validators go by.
+
+    Raises
+    ------
+    InputError
+        Every fault of them; `origin` is what it calls the file.
+    """
+    try:
+        return model.model_validate(data, context={"from_file": True, **context})
+    except ValidationError as error:
+        raise InputError(problems_of(error, model), origin) from None
+
+
 def problems_of(error: ValidationError, model: type[BaseModel]) -> tuple[Problem, ...]:
     """What pydantic found wrong with nested values, in the words of a file.
 
@@ -112,18 +127,18 @@ def _problem(detail: ErrorDetails, model: type[BaseModel]) -> Problem:
         return Problem(key, detail["msg"].removeprefix("Value error, "))
     if kind in FROM_ZERO:
         least = context.get("gt", context.get("ge"))
-        told = f"must be {'above' if kind == 'greater_than' else 'at least'} {least}"
-        return Problem(key, f'"{value}" {FROM_ZERO[kind] if least == 0 else told}')
+        bound = f"must be {'above' if kind == 'greater_than' else 'at least'} {least}"
+        return Problem(key, f'"{value}" {FROM_ZERO[kind] if least == 0 else bound}')
     if kind == "literal_error":
         return Problem(key, f'"{value}" is not known; write {context["expected"]}')
     if kind == "too_long":
-        told = f"{context['actual_length']} entries, at most {context['max_length']} can be used"
-        return Problem(key, f"has {told}; leave some out")
+        counts = f"{context['actual_length']} entries, at most {context['max_length']} can be used"
+        return Problem(key, f"has {counts}; leave some out")
     if kind.startswith("union_tag"):
         names = [_tag(one) for one in at.models]
-        told = f"write one of {', '.join(names)}"
+        remedy = f"write one of {', '.join(names)}"
         tag = context.get("tag")
-        fault = "is missing; " + told if tag is None else f'"{tag}" is not known; {nearest(str(tag), names, told)}'
+        fault = "is missing; " + remedy if tag is None else f'"{tag}" is not known; {nearest(str(tag), names, remedy)}'
         return Problem(f"{key}.{KIND}", fault)
     if kind in ("model_type", "dict_type", "model_attributes_type"):
         return Problem(key, f"must be a table of keys ([{key}] in the file), got {value!r}")

@@ -213,10 +213,14 @@ def _plain(number: Decimal) -> str:
     return text.rstrip("0").rstrip(".") if "." in text else text
 
 
+def in_file(info: ValidationInfo) -> bool:
+    """Whether what is validated stands in a file, where numbers need their units."""
+    return bool(info.context and info.context.get("from_file"))
+
+
 def _validator(dimension: str) -> WrapValidator:
     def validate(value: Any, check: Callable[[Any], float], info: ValidationInfo) -> float:
-        from_file = bool(info.context and info.context.get("from_file"))
-        number = within_reach(check(parse_quantity(value, dimension, unit_required=from_file)), dimension, value)
+        number = within_reach(check(parse_quantity(value, dimension, unit_required=in_file(info))), dimension, value)
         typed = _NUMBER.fullmatch(value)[2] if isinstance(value, str) else getattr(value, "unit", "")  # type: ignore[index]
         return TypedQuantity(number, typed) if typed else number
 

@@ -160,8 +160,8 @@ def rounded(value: float, sigma: float) -> str:
 
 def length(value: float) -> str:
     """A length [mm] as a reader wants it: five digits, micrometres below 0.1 mm."""
-    told = number(value)
-    return f"{told} mm" if abs(value) >= 0.1 or told == "0" else f"{1e3 * value:.5g} um"
+    text = number(value)
+    return f"{text} mm" if abs(value) >= 0.1 or text == "0" else f"{1e3 * value:.5g} um"
 
 
 def sentence(text: str) -> str:

@@ -1,5 +1,6 @@
 """Settings for every test: property tests draw the same examples in every run, so that green means green."""
 
+import io
 import os
 from pathlib import Path
 
@@ -18,6 +19,8 @@ settings.register_profile("explore", deadline=None, max_examples=2000)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
 from roslf_design.imaging import transfer  # noqa: E402
+from roslf_design.pictures.picture import Picture  # noqa: E402
+from tests.depth.made import fewer_rays  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -35,6 +38,28 @@ def near_light(monkeypatch):
     What comes from farther is still counted, as even light: for pictures that are compared with each other, or to 1 %.
     """
     monkeypatch.setattr(transfer, "LEAST_HALO", 24)
+
+
+@pytest.fixture
+def light_from_48_px(monkeypatch):
+    """Diffraction brings light from 48 pixels around, all but 0.4 % of it: a third of the rays of small regions."""
+    monkeypatch.setattr(transfer, "LEAST_HALO", 48)
+
+
+@pytest.fixture
+def blank_pngs(monkeypatch):
+    """One white pixel for every picture that is saved as PNG, which takes a second: where nobody looks at them."""
+    from PIL import Image
+
+    stream = io.BytesIO()
+    Image.new("L", (1, 1), 255).save(stream, format="png")
+    monkeypatch.setattr(Picture, "to_png", lambda *_, **__: stream.getvalue())
+
+
+@pytest.fixture
+def few_rays(monkeypatch):
+    """As `fewer_rays` says."""
+    fewer_rays(monkeypatch)
 
 
 @pytest.fixture(scope="session")

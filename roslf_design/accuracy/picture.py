@@ -124,10 +124,10 @@ def settle(
         for sampling in rung:
             progress(f"trying {_effort(sampling)}")
             # Diffraction smooths: left out, errors told are upper bounds, and cost no margins.
-            found, cost = job.error(sampling, job.patches(0, wide := job.rays(sampling) <= CHEAP), sharp=not wide)
-            least = min(least, SAFETY * found + floor)
-            if SAFETY * found + floor <= accuracy and (best is None or cost < best[0]):
-                best = (cost, sampling, SAFETY * found + floor)
+            error, cost = job.error(sampling, job.patches(0, wide := job.rays(sampling) <= CHEAP), sharp=not wide)
+            least = min(least, SAFETY * error + floor)
+            if SAFETY * error + floor <= accuracy and (best is None or cost < best[0]):
+                best = (cost, sampling, SAFETY * error + floor)
         if best is not None:
             return Settled(budget, chosen, best[1], best[2], f"{job.method}, {_effort(best[1])}")
     raise _out_of_reach(accuracy, least, f"{job.method}, {_effort(job.ladder[-1][-1])}")
@@ -202,12 +202,12 @@ class _Job:
             return ()
         if self.real:
             return tuple((RaySampling(side=side, seed=self.seed),) for side in SIDES)
-        found = []
+        rungs = []
         for rays in RAYS:
             fixed = RaySampling(rays, rays, 0.0, self.seed)
             spread = RaySampling(max(32, rays // 16), rays, self.budget.intensity / 2, self.seed)
-            found.append((spread, fixed) if rays >= 256 else (fixed,))
-        return tuple(found)
+            rungs.append((spread, fixed) if rays >= 256 else (fixed,))
+        return tuple(rungs)
 
     @property
     def floor(self) -> float:

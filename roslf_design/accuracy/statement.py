@@ -68,7 +68,7 @@ class Accuracy:
 
     def to_dict(self, times: bool = False) -> dict[str, Any]:
         """JSON-ready; `times` adds what differs from run to run, which files that repeat themselves leave out."""
-        found: dict[str, Any] = {
+        statement: dict[str, Any] = {
             "of": self.of,
             "asked": self.asked,
             "method": self.method,
@@ -78,7 +78,7 @@ class Accuracy:
             "kept": self.kept,
             "model_error": self.model or None,
         }
-        return found | ({"seconds": self.seconds} if times else {})
+        return statement | ({"seconds": self.seconds} if times else {})
 
     def sentence(self, times: bool = True) -> str:
         """For a terminal or a page."""

@@ -135,10 +135,10 @@ def find_centres(
     if dark is None:  # a pedestal hides what cut images lose
         frame = frame - np.float32(np.quantile(frame.ravel()[:: 1 + frame.size // 500_000], 0.01))
     lattice = _grown(frame, estimate_lattice(frame, layout, pitch))
-    found = _fitted(frame, raw, level, undistorted_radius, lattice)
-    for _ in range(1 if found.lattice.bend is None else 2):
-        found = _fitted(frame, raw, level, undistorted_radius, found.lattice)
-    return found
+    centres = _fitted(frame, raw, level, undistorted_radius, lattice)
+    for _ in range(1 if centres.lattice.bend is None else 2):
+        centres = _fitted(frame, raw, level, undistorted_radius, centres.lattice)
+    return centres
 
 
 def find_centres_in_scene(

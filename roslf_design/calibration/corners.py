@@ -60,8 +60,8 @@ def find_corners(picture: ArrayLike, board: Board, weight: ArrayLike | None = No
     tries = [(1, fast), (2, fast), (1, thorough), (2, thorough)] if small else [(1, fast), (1, thorough)]
     for scale, flags in tries:
         view = grey if scale == 1 else cv.resize(grey, None, fx=scale, fy=scale, interpolation=cv.INTER_CUBIC)
-        seen, corners = cv.findChessboardCornersSB(view, board.inner, flags=flags)
-        if not seen:
+        detected, corners = cv.findChessboardCornersSB(view, board.inner, flags=flags)
+        if not detected:
             continue
         rough = (np.asarray(corners, float).reshape(-1, 2) + 0.5) / scale - 0.5
         checked = checked_grid(rough, board, grey.astype(float))
@@ -110,9 +110,9 @@ def _find_by_markers(
     )
 
 
-def _spans_plane(seen: NDArray[np.bool_], board: Board) -> bool:
+def _spans_plane(visible: NDArray[np.bool_], board: Board) -> bool:
     """Whether corners suffice for a homography: two rows of two or more, and some to check it by."""
-    return bool(seen.sum() >= _LEAST and (seen.reshape(board.inner[::-1]).sum(axis=1) >= 2).sum() >= 2)
+    return bool(visible.sum() >= _LEAST and (visible.reshape(board.inner[::-1]).sum(axis=1) >= 2).sum() >= 2)
 
 
 def observe(
@@ -187,11 +187,13 @@ def observe_pictures(pictures: Mapping[str, ArrayLike] | Sequence[ArrayLike], bo
     """
     named = pictures if isinstance(pictures, Mapping) else {f"picture {k + 1}": p for k, p in enumerate(pictures)}
     looked = {name: find_corners(picture, board) for name, picture in named.items()}
-    seen = {name: at.corners for name, at in looked.items() if at is not None}
-    missing = tuple(name for name in looked if name not in seen)
-    if not seen:
+    corners = {name: at.corners for name, at in looked.items() if at is not None}
+    missing = tuple(name for name in looked if name not in corners)
+    if not corners:
         raise CalibrationError(f"no board of {board.columns} x {board.rows} cells was found in: {', '.join(missing)}")
-    return Observations(board.points, np.zeros((1, 2)), np.stack(list(seen.values()))[:, None], tuple(seen), missing)
+    return Observations(
+        board.points, np.zeros((1, 2)), np.stack(list(corners.values()))[:, None], tuple(corners), missing
+    )
 
 
 def _chosen_views(field: LightField, most: int) -> list[tuple[int, int]]:

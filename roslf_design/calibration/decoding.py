@@ -204,7 +204,7 @@ class Decoder:
         frame = grey_frame(raw, self.dark, "raw image")
         same_size("raw image", frame.shape, "image prepared for", self.shape)
         refuse_saturated(raw, "raw image", MOST_SATURATED)
-        values, _ = self._sampled(frame, told=False)
+        values, _ = self._sampled(frame, with_mask=False)
         values *= self.gain
         weight, lattice, offsets = self.light, self.lattice, self._offsets
         hexagonal = None
@@ -225,11 +225,11 @@ class Decoder:
         reach = math.floor(self.lattice.pitch / 2)
         return np.arange(-reach, reach + 1.0)
 
-    def _sampled(self, image: Frame, told: bool = True) -> tuple[Samples, Samples]:
-        """Samples and, where it is to be told, whether they were inside the image, shape (t, s, rows, columns)."""
+    def _sampled(self, image: Frame, with_mask: bool = True) -> tuple[Samples, Samples]:
+        """Samples and, `with_mask`, whether they were inside the image, shape (t, s, rows, columns)."""
         nodes = self.lattice.nodes(self.starts[:, None] + self.columns, self.rows[:, None])
         shape = (len(self._offsets), len(self._offsets), len(self.rows), len(self.columns))
-        values, held = np.zeros(shape, np.float32), np.zeros(shape if told else (0, 0, 0, 0), np.float32)
+        values, held = np.zeros(shape, np.float32), np.zeros(shape if with_mask else (0, 0, 0, 0), np.float32)
         along = np.asarray(self.lattice.first) / self.lattice.pitches[0]
         with THREADS:
             _gather.compiled(image, nodes, along, self._offsets, values, held)

@@ -16,12 +16,14 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._arrays import sunflower
 from .._jit import THREADS, kernel, prange
 from ..camera import Camera
 from ..design import Design
+from ..shapes.lattice import lattice_steps
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.light import diffraction_width
-from ..theory.transfer import MicrolensTransfer
+from ..theory.transfer import MicrolensTransfer, disc_spectrum
 from .corners import fit_saddles, fit_window
 from .decoding import cubic_taps, decode
 from .fit import Calibration, calibrate, fit_lines
@@ -145,10 +147,10 @@ def calibrate_corrected(
     straight = _straightened(observations, board, check.image)
     shifts = observations.uv - straight.uv
     result = calibrate(straight, sheet, distortion=distortion, guess=guess)
-    camera, seen = result.fit.camera, derived(result.joint.camera.vector(), sheet)
+    camera, lengths = result.fit.camera, derived(result.joint.camera.vector(), sheet)
     # The pupil image that D_F, lambda and the calibrated d_2 and A make.
-    d_2 = float(seen["d_2"])
-    radius = abs(float(Camera.of(design).D_F)) / 2 * d_2 / (abs(float(seen["A"])) * design.q)
+    d_2 = float(lengths["d_2"])
+    radius = abs(float(Camera.of(design).D_F)) / 2 * d_2 / (abs(float(lengths["A"])) * design.q)
     predicted = replace(check.image, radius=radius, blur=design.wavelength * d_2 / (design.d * design.q))
     others = (
         replace(straight, uv=straight.uv + _SHARE * shifts),
@@ -266,7 +268,7 @@ class PupilImage:
     @property
     def axes(self) -> Array:
         """Steps of the lattice as columns [pitches]: u along the rows, v square to them."""
-        return np.array([[1.0, 0.5], [0.0, math.sqrt(3) / 2]]) if self.layout == "hexagonal" else np.eye(2)
+        return lattice_steps(self.layout)
 
     def transfer(self, x: Array, y: Array) -> Array:
         """Of everything between the pupil's geometric image and a decoded sample, at frequencies [1/px].
@@ -321,12 +323,7 @@ class _CellSeries(NamedTuple):
 
     def light(self, image: PupilImage) -> Array:
         """`PupilImage.cell` at the places, shape (n,)."""
-        from scipy.special import j1
-
-        height = np.hypot(*self.waves.T)
-        safe = np.where(height > 0, height, 1.0)
-        disc = image.radius * j1(2 * math.pi * image.radius * safe) / safe
-        disc = np.where(height > 0, disc, math.pi * image.radius**2) * self.area
+        disc = disc_spectrum(image.radius, np.hypot(*self.waves.T)) * self.area
         x, y = self.reading
         return np.asarray(self.cosines @ (disc * (image.lens(self.waves[:, 0], self.waves[:, 1]) * x * y)))
 
@@ -360,7 +357,7 @@ def view_weights(image: PupilImage, views: Array, points: int | None = None) -> 
     if points is None:
         width = math.hypot(image.blur, 1.0)
         points = max(400, math.ceil(math.pi * (_PER_BLUR * image.radius / width) ** 2))
-    places = image.radius * _sunflower(points)
+    places = image.radius * sunflower(points, 0.5).T
     around, shares = image.neighbours(), []
     for neighbour in around:
         away = views[:, None] - image.pitch * neighbour - places
@@ -375,13 +372,6 @@ def _whole_numbers(most: int) -> Array:
     """All pairs of whole numbers up to `most` either way, shape (n, 2)."""
     side = np.arange(-most, most + 1.0)
     return np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-
-
-def _sunflower(count: int) -> Array:
-    """Points spread evenly over the unit disc, shape (count, 2)."""
-    turns = np.arange(count) + 0.5
-    angle = turns * math.pi * (3 - math.sqrt(5))
-    return np.asarray(np.sqrt(turns / count)[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=-1))
 
 
 def _reading(frequency: Array) -> Array:
@@ -469,7 +459,7 @@ def apparent_shifts(
     views, count = len(weights.shares), len(slopes)
     size = 2 * half + 3
     normals = np.array([[-math.sin(a), math.cos(a)] for a in edges])
-    aperture = 0.5 * _sunflower(_PARTS**2) if circular else _whole_numbers(_PARTS // 2) / _PARTS
+    aperture = 0.5 * sunflower(_PARTS**2, 0.5).T if circular else _whole_numbers(_PARTS // 2) / _PARTS
     aperture = aperture - aperture.mean(axis=0)
     out = np.empty((size, views * count * len(_PHASES) * size))
     with THREADS:

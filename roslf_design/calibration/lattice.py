@@ -109,10 +109,10 @@ class CentreLattice:
     def indices(self, xy: ArrayLike) -> Array:
         """Fractional indices (i, j) of positions `xy` [px], shape (..., 2); the inverse of `nodes`."""
         away, back = np.asarray(xy, float) - np.asarray(self.origin), np.linalg.inv(self.basis).T
-        found = away @ back
+        index = away @ back
         for _ in range(0 if self.bend is None else 8):  # each a few hundred times nearer than the one before
-            found = (away - self.bend.at(found)) @ back  # type: ignore[union-attr]
-        return np.asarray(found)
+            index = (away - self.bend.at(index)) @ back  # type: ignore[union-attr]
+        return np.asarray(index)
 
     def cell(self) -> tuple[Array, Array]:
         """Normals (n, 2) to the sides of a node's Voronoi cell and the half widths (n,) along them [px].
@@ -253,7 +253,7 @@ def lattice_of_phases(image: NDArray[np.floating], layout: Layout, pitch: float)
     rows, columns = image.shape
     window = [np.cos(np.linspace(-math.pi / 2, math.pi / 2, n)).astype(np.float32) ** 2 for n in (rows, columns)]
     shown = np.asarray(image * window[0][:, None] * window[1], np.float32)
-    seen = np.abs(np.fft.fft2(shown)).astype(np.float32)
+    spectrum = np.abs(np.fft.fft2(shown)).astype(np.float32)
     turn = math.pi / 2 if layout == "square" else math.pi / 3
     expected = (1.0 if layout == "square" else 2 / math.sqrt(3)) / pitch
     fx, fy = np.fft.fftfreq(columns)[None, :], np.fft.fftfreq(rows)[:, None]
@@ -266,7 +266,7 @@ def lattice_of_phases(image: NDArray[np.floating], layout: Layout, pitch: float)
     together = np.ones(len(tried))
     for orders in _turned(tried, turns):
         x, y = np.rint(orders * (columns, rows)).astype(int).T
-        together *= seen[y % rows, x % columns]
+        together *= spectrum[y % rows, x % columns]
     if not together.max() > _STANDS_OUT ** len(turns) * float(np.median(together)):
         raise CalibrationError(f"the raw image shows no {layout} lattice of about {pitch:.4g} px pitch")
     orders = _turned(_strongest(shown, tried[together.argmax()], turns), turns)
@@ -399,13 +399,13 @@ def _spectral_peaks(crop: Array, expected: float | None) -> Array:
 
 def _refined(amplitude: Array, row: int, column: int) -> Array:
     """Signed frequency in bins (x, y) of a peak, by a parabola through the logarithms along each axis."""
-    found = []
+    bins = []
     for line, at in ((amplitude[row], column), (amplitude[:, column], row)):
         before, peak, after = np.log(np.maximum(line[[at - 1, at, (at + 1) % len(line)]], 1e-300))
         curvature = before - 2 * peak + after
         vertex = 0.5 * (before - after) / curvature if curvature < 0 else 0.0
-        found.append((at if at <= len(line) // 2 else at - len(line)) + vertex)
-    return np.array(found)
+        bins.append((at if at <= len(line) // 2 else at - len(line)) + vertex)
+    return np.array(bins)
 
 
 def _direct_basis(frequencies: Array) -> Array:

@@ -105,68 +105,70 @@ def _said(name: str) -> str:
     return "d_2" if name == "inverse_d_2" else name
 
 
-def misfit_of(found: Calibration) -> Misfit:
+def misfit_of(calibration: Calibration) -> Misfit:
     """What a calibration's fit leaves over, and why."""
-    fit, seen = found.fit, found.observations.seen
+    observations, lines, joint = calibration.observations, calibration.lines, calibration.joint
+    fit, seen = calibration.fit, observations.seen
     scales = np.array(fit.scales)
-    told = corner_statistics(found.observations, found.lines, independent_sigma(found.lines, found.joint))
-    told = replace(told, sigma=told.sigma * scales[[0, 0, 1]])
-    linear = told.linear(fit.camera.vector(), fit.poses.vector)
+    statistics = corner_statistics(observations, lines, independent_sigma(lines, joint))
+    statistics = replace(statistics, sigma=statistics.sigma * scales[[0, 0, 1]])
+    linear = statistics.linear(fit.camera.vector(), fit.poses.vector)
     columns = [GLOBALS.index(name) for name in fit.covariance.names]
     whole = linear._replace(shared=linear.shared[..., columns])
     left = leftover(whole)
     strays = (np.abs(left.off) > _STRAY).reshape(*seen.shape[::2], 3).any(axis=-1).sum(axis=1)
     boards = []
-    for k, name in enumerate(found.observations.names):
+    for k, name in enumerate(observations.names):
         places, slopes = (scales * Leftover(left.off[k : k + 1], left.free[k : k + 1]).scales()).tolist()
-        squares = np.square(found.joint.residuals[k][seen[k]]).sum(axis=-1)
+        squares = np.square(joint.residuals[k][seen[k]]).sum(axis=-1)
         corners = int(seen[k].any(axis=0).sum())
         boards.append(BoardMisfit(name, corners, float(np.sqrt(squares.mean())), places, slopes, int(strays[k])))
     worst = float(scales.max())
     remedy = None
     if worst > VISIBLE:
-        remedies = list(_remedies(found, linear, whole, scales))
+        remedies = list(_remedies(calibration, linear, whole, scales))
         best = min(remedies, key=lambda one: round(one.scale, 1), default=None)  # the simplest of those alike
         remedy = best if best is not None and best.scale < max(VISIBLE, worst / 2) else None
     spread = fit.covariance.part(_NAMES) + fit.systematic.T @ fit.systematic
-    apart = (found.second.camera.vector(_NAMES) - fit.camera.vector(_NAMES)) / np.sqrt(np.diag(spread))
+    apart = (calibration.second.camera.vector(_NAMES) - fit.camera.vector(_NAMES)) / np.sqrt(np.diag(spread))
     return Misfit(
-        float(scales[0]), float(scales[1]), _of_views(found), tuple(boards), remedy,
+        float(scales[0]), float(scales[1]), _of_views(calibration), tuple(boards), remedy,
         dict(zip(_NAMES, apart.tolist(), strict=True)),
     )  # fmt: skip
 
 
-def _of_views(found: Calibration) -> float:
+def _of_views(calibration: Calibration) -> float:
     """What a view's corners lie off their own lines together, over what their scatter promises; RMS over views."""
-    seen, lines = found.observations.seen, found.lines
+    observations, lines = calibration.observations, calibration.lines
+    seen = observations.seen
     if not lines.sigma > 0:
         return 1.0
-    along = found.observations.views[:, None] - lines.at[:, None]
-    off = found.observations.uv - lines.mean[:, None] - np.nan_to_num(lines.slope)[:, None, :, None] * along
+    along = observations.views[:, None] - lines.at[:, None]
+    off = observations.uv - lines.mean[:, None] - np.nan_to_num(lines.slope)[:, None, :, None] * along
     count = seen.sum(axis=2)
     mean = np.where(seen[..., None], off, 0.0).sum(axis=2) / np.sqrt(np.maximum(count, 1))[..., None]
     freedom = 2 * (count > 0).sum() - 3 * len(seen)
     return float(np.sqrt(np.square(mean).sum() / freedom) / lines.sigma) if freedom > 0 else 1.0
 
 
-def _remedies(found: Calibration, linear: Linear, whole: Linear, scales: Array) -> Iterator[Remedy]:
+def _remedies(calibration: Calibration, linear: Linear, whole: Linear, scales: Array) -> Iterator[Remedy]:
     """Changes, and the larger scale with each, to first order."""
 
     def with_columns(more: Array) -> float:
         return _larger(whole._replace(shared=np.concatenate([whole.shared, more], axis=-1)), scales)
 
-    fitted = len(found.fit.covariance.names) - 5
+    fitted = len(calibration.fit.covariance.names) - 5
     for count in range(fitted + 1, 3):
         radial = slice(5 + fitted, 5 + count)
         yield Remedy(f"--distortion {count} would take that", with_columns(linear.shared[..., radial]))
-    points = found.observations.points
-    bow, height = _bow(found, linear, points)
+    points = calibration.observations.points
+    bow, height = _bow(calibration, linear, points)
     coefficients = _taken_up(whole._replace(shared=np.concatenate([whole.shared, bow], axis=-1)))[-3:]
     tall = float(np.ptp(height @ coefficients))
     yield Remedy(f"a board bowed by {tall:.2g} mm would explain it: mount it flat, which takes that", with_columns(bow))
-    count = len(found.observations.names)
+    count = len(calibration.observations.names)
     for k in range(count if count > 2 else 0):
-        name = found.observations.names[k]
+        name = calibration.observations.names[k]
         kept = np.arange(count) != k
         yield Remedy(f"dropping {name} would take that", _larger(Linear(*(part[kept] for part in whole)), scales))
 
@@ -175,13 +177,13 @@ def _larger(linear: Linear, scales: Array) -> float:
     return float(np.nanmax(leftover(linear).scales() * scales))
 
 
-def _bow(found: Calibration, linear: Linear, points: Array) -> tuple[Array, Array]:
+def _bow(calibration: Calibration, linear: Linear, points: Array) -> tuple[Array, Array]:
     """Derivatives by a bow x^2, x y, y^2 of the board off its plane, shape (b, r, 3), and its heights, shape (n, 3)."""
     x, y = (points[:, :2] / np.abs(points[:, :2]).max()).T
     height = np.stack([x * x, x * y, y * y], axis=-1)
     plane = np.linalg.qr(np.stack([np.ones_like(x), x, y], axis=-1))[0]
     height = height - plane @ (plane.T @ height)
-    normal = rotation_matrix(found.fit.poses.rotation)[..., 2]
+    normal = rotation_matrix(calibration.fit.poses.rotation)[..., 2]
     lifted = np.einsum("brk,bk->br", linear.own[..., 3:], normal)
     return lifted[..., None] * np.repeat(height, 3, axis=0), height
 

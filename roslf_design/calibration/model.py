@@ -119,14 +119,14 @@ class Board:
         Of a ChArUco board the markers' size and dictionary too: "charuco 8x6 6 mm 4.5 mm DICT_4X4_50".
         """
         match, charuco = _BOARD.fullmatch(text), _CHARUCO.fullmatch(text)
-        found = match or charuco
-        if found is None:
+        parts = match or charuco
+        if parts is None:
             raise CalibrationError(
                 f'board "{text}" is not understood: write cells and their size, such as "4x5 6 mm"; of a ChArUco board'
                 ' also its markers, such as "charuco 8x6 6 mm 4.5 mm DICT_4X4_50"'
             )
         markers = charuco and Markers(float(charuco[5]) * _UNITS[charuco[6]], charuco[7].upper())
-        return cls(int(found[1]), int(found[2]), float(found[3]) * _UNITS[found[4]], markers)
+        return cls(int(parts[1]), int(parts[2]), float(parts[3]) * _UNITS[parts[4]], markers)
 
     @property
     def text(self) -> str:

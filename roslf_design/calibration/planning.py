@@ -164,11 +164,10 @@ def _fitting_board(design: Design, nearest: float) -> Board:
 
 def too_large(design: Design, captures: Captures) -> str:
     """A clause where the sensor cannot see the whole board at its nearest, as plans count every corner; else ""."""
-    if _fits(camera_of(design), pupil_of(design), captures):
+    camera, pupil = camera_of(design), pupil_of(design)
+    if _fits(camera, pupil, captures):
         return ""
-    board = captures.board
-    field = sorted(field_at(design, captures.distance - captures.distance_range / 2))
-    sides = sorted((board.columns * board.cell, board.rows * board.cell))
+    sides, field = _board_and_field(camera, pupil, captures)
     return (
         f"the board measures {sides[0]:.4g} x {sides[1]:.4g} mm, but the sensor sees only {field[0]:.3g} x"
         f" {field[1]:.3g} mm at its nearest, and the plan counts every corner as seen"
@@ -177,9 +176,13 @@ def too_large(design: Design, captures: Captures) -> str:
 
 def _fits(camera: Intrinsics, pupil: float, captures: Captures) -> bool:
     """Whether the sensor sees the whole board at its nearest."""
-    field = sorted(_field(camera, pupil, captures.distance - captures.distance_range / 2))
-    sides = sorted((captures.board.columns * captures.board.cell, captures.board.rows * captures.board.cell))
-    return all(side <= seen for side, seen in zip(sides, field, strict=True))
+    return all(side <= extent for side, extent in zip(*_board_and_field(camera, pupil, captures), strict=True))
+
+
+def _board_and_field(camera: Intrinsics, pupil: float, captures: Captures) -> tuple[list[float], list[float]]:
+    """Sides of the board, and of what the sensor sees at its nearest, the shorter first [mm]."""
+    board, nearest = captures.board, captures.distance - captures.distance_range / 2
+    return sorted((board.columns * board.cell, board.rows * board.cell)), sorted(_field(camera, pupil, nearest))
 
 
 def random_poses(captures: Captures, pupil_distance: float, rng: np.random.Generator) -> Poses:

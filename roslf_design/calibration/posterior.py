@@ -379,12 +379,12 @@ def variance_shares(
     count, known = len(fit.covariance.names), combine(fit, sheet, data)
     images = np.linalg.cholesky(fit.covariance.matrix).T
     # Steps of one standard deviation in (shared parameters, f, q, d, board, elements), by their source.
-    told = len(sheet.mean)
-    steps = {"images": np.pad(images, ((0, 0), (0, told)))}
-    by_sheet = np.eye(told, count + told, count) * sheet.sigma[:, None]
+    sheet_size = len(sheet.mean)
+    steps = {"images": np.pad(images, ((0, 0), (0, sheet_size)))}
+    by_sheet = np.eye(sheet_size, count + sheet_size, count) * sheet.sigma[:, None]
     steps |= {name: row[None] for name, row in zip(("f", "q", "d", "board"), by_sheet[:4], strict=True)}
     steps |= {"elements": by_sheet[4:]} if sheet.elements else {}
-    steps["systematic"] = np.pad(fit.systematic, ((0, 0), (0, count + told - 3)))
+    steps["systematic"] = np.pad(fit.systematic, ((0, 0), (0, count + sheet_size - 3)))
     steps = {source: step @ known.keeps.T for source, step in steps.items()}
     for datum in data:
         steps[datum.name] = known.gain[:, [source == datum.name for source in known.sources]].T

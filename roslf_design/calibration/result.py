@@ -153,9 +153,9 @@ class Outcome:
         result, fit = self.calibration, self.calibration.fit
         names = list(fit.covariance.names)
         ways = {"steps_one_and_two": result.second.camera, "joint": result.joint.camera}
-        lengths = {way: derived(found.vector(), self.sheet) for way, found in ways.items()}
+        lengths = {way: derived(intrinsics.vector(), self.sheet) for way, intrinsics in ways.items()}
         camera, sigma = fit.camera, fit.covariance.sigma
-        told = ("message", "acceptance", "steps", "walkers", "r_hat", "bulk_ess", "tail_ess")
+        posterior_keys = ("message", "acceptance", "steps", "walkers", "r_hat", "bulk_ess", "tail_ess")
         p = self.posterior
         lattice = self.centres.lattice
         systematic = np.sqrt(np.square(fit.systematic).sum(axis=0))
@@ -183,7 +183,7 @@ class Outcome:
             "used_in": None if used is None else used.to_dict(),
             "converged": self.converged,
             "accuracy": self.accuracy.to_dict(),
-            "posterior": None if p is None else {name: getattr(p, name) for name in told},
+            "posterior": None if p is None else {name: getattr(p, name) for name in posterior_keys},
             "fit": {name: {"value": float(getattr(camera, name)), "sigma": sigma[name]} for name in names},
             "condition_number": fit.covariance.condition,
             "correlations": {"names": names, "matrix": fit.covariance.correlation.tolist()},
@@ -244,22 +244,21 @@ def outcome_of(
     combined = combine(fit, sheet, data)
     shares = variance_shares(fit, sheet, data)
     best = combined.lengths(sheet)
-    told = derived(camera_of(design).vector(), sheet)
+    designed = derived(camera_of(design).vector(), sheet)
     estimates = {
-        name: _estimate(name, float(best[name]), shares[name]["sigma"], posterior, float(told[name]))
+        name: _estimate(name, float(best[name]), shares[name]["sigma"], posterior, float(designed[name]))
         for name in QUANTITIES
     }
     ruler = {}
     if sheet.space is not None:
         values, drawn, planned = (
             space.ruler(lengths)
-            for lengths in (best, draws.quantities, told)
+            for lengths in (best, draws.quantities, designed)
             if (space := sheet.space_at(lengths)) is not None
         )
         for name, value in values.items():
             sigma = float(drawn[name].std(ddof=1))
-            low, lower, higher, high = (float(x) for x in np.quantile(drawn[name], [0.025, 0.16, 0.84, 0.975]))
-            intervals = (lower, higher), (low, high)
+            intervals = _intervals(drawn[name])
             ruler[name] = QuantityEstimate(float(value), sigma, *intervals, None, None, float(planned[name]))
     misfit = misfit_of(calibration)
     depth = fit.poses.translation[:, 2]
@@ -361,11 +360,16 @@ def _estimate(name: str, value: float, sigma: float, posterior: Posterior | None
         low, lower, higher, high = (value + end * sigma for end in _GAUSS)
         return QuantityEstimate(value, sigma, (lower, higher), (low, high), None, None, design)
     draws = posterior.quantities[name]
-    low, lower, higher, high = (float(x) for x in np.quantile(draws, [0.025, 0.16, 0.84, 0.975]))
     key = "inverse_d_2" if name == "d_2" else name
     ess = min(posterior.bulk_ess[key], posterior.tail_ess[key])
     spread = float(draws.std(ddof=1))
-    return QuantityEstimate(value, spread, (lower, higher), (low, high), posterior.r_hat[key], ess, design)
+    return QuantityEstimate(value, spread, *_intervals(draws), posterior.r_hat[key], ess, design)
+
+
+def _intervals(draws: Array) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Which hold 68 % and 95 % of them."""
+    low, lower, higher, high = (float(x) for x in np.quantile(draws, [0.025, 0.16, 0.84, 0.975]))
+    return (lower, higher), (low, high)
 
 
 def _diffraction_dict(check: DiffractionCheck, sheet: DataSheet) -> dict[str, object]:

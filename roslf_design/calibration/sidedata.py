@@ -56,8 +56,8 @@ def white_pitch(fit: StatisticsFit, sheet: DataSheet, pitch: float, sigma: float
 def image_pitch(camera: Array, sheet: DataSheet, drawn: Array | None = None) -> Array:
     """Pitch of the microlens images [px]; arguments as of `derived`."""
     f, q, d, *_ = sheet.mean if drawn is None else drawn
-    found = derived(camera, sheet, drawn)
-    return np.asarray(d / q * (1 + found["d_2"] / found["m"] * (1 / f - 1 / found["A"])))
+    lengths = derived(camera, sheet, drawn)
+    return np.asarray(d / q * (1 + lengths["d_2"] / lengths["m"] * (1 / f - 1 / lengths["A"])))
 
 
 def board_distances(
@@ -80,7 +80,7 @@ def board_distances(
         raise CalibrationError(f"distances need a standard deviation above zero, got {sigma} mm")
     if len(distances) < (2 if relative else 1):
         raise CalibrationError("distances from an unknown place say something for two boards or more")
-    boards, told = np.array(list(distances)), np.array(list(distances.values()))
+    boards, readings = np.array(list(distances)), np.array(list(distances.values()))
     count, names = len(fit.covariance.names), fit.covariance.names
     best, depth = fit.camera.vector(names), fit.poses.translation[boards, 2]
     # A board's own depth, once the camera is given.
@@ -92,7 +92,7 @@ def board_distances(
         shared, drawn = states[:, :count], states[:, count:].T
         moved = depth + (shared - best) @ fit.pose_by_shared[boards, 5].T
         start = 0.0 if relative else sheet.shown(derived(shared, sheet, drawn)).pupil[:, None]
-        away = (moved * drawn[3][:, None] + start - told) / spread
+        away = (moved * drawn[3][:, None] + start - readings) / spread
         return np.asarray(away - (away @ common)[:, None] * common if relative else away)
 
     return SideDatum("distances", "the boards' distances", off, len(boards) - relative)
@@ -149,11 +149,11 @@ class Combined:
         """
         if not self.data:
             return states
-        noise, found = rng.normal(size=(len(states), len(self.sources))), states
+        noise, moved = rng.normal(size=(len(states), len(self.sources))), states
         for _ in range(4):
-            off = np.concatenate([datum.off(found) for datum in self.data], axis=1) + noise
-            found = states - (off - (found - states) @ self.jacobian.T) @ self.gain.T
-        return found
+            off = np.concatenate([datum.off(moved) for datum in self.data], axis=1) + noise
+            moved = states - (off - (moved - states) @ self.jacobian.T) @ self.gain.T
+        return moved
 
 
 def prior_of(fit: StatisticsFit, sheet: DataSheet) -> tuple[Array, Array]:

@@ -103,9 +103,9 @@ class SceneSide:
         return {"H": d_f / (d_f - d_3), "d_3": d_3, "d_1": d_1, "d_f": d_f, "d_2": d_2}
 
 
-def _stands(plane: ImagedPlane, at: Number, seen: Array) -> Array:
+def _stands(plane: ImagedPlane, at: Number, apparent: Array) -> Array:
     """Where a plane stands that is seen at a distance, in the space about a plane `at` [mm]."""
-    return np.asarray(at + plane.medium * (seen * plane.a - plane.b) / (plane.d - seen * plane.c))
+    return np.asarray(at + plane.medium * (apparent * plane.a - plane.b) / (plane.d - apparent * plane.c))
 
 
 def as_shown(lengths: Mapping[str, Array], space: SceneSide | None) -> Shown:
@@ -124,7 +124,7 @@ class UsedIn(NamedTuple):
     """The calibrated camera in that medium: what corrects them."""
     distances: Array
     """Of planes before the main lens, in that medium [mm]."""
-    told: Array
+    uncorrected: Array
     """What the calibration, left as it is, says of each [mm]."""
     end: float
     """Where the medium begins [mm before the main lens]."""
@@ -137,8 +137,8 @@ class UsedIn(NamedTuple):
 
     @property
     def error(self) -> Array:
-        """Told less true [mm]."""
-        return np.asarray(self.told - self.distances)
+        """Uncorrected less true [mm]."""
+        return np.asarray(self.uncorrected - self.distances)
 
     @property
     def relative(self) -> Array:
@@ -153,7 +153,7 @@ class UsedIn(NamedTuple):
             "index": float(medium.index(self.design.wavelength)),
             "focal_plane_mm": self.design.d_f,
             "distances_mm": self.distances.tolist(),
-            "uncorrected_mm": self.told.tolist(),
+            "uncorrected_mm": self.uncorrected.tolist(),
             "error_mm": self.error.tolist(),
             "error_relative": self.relative.tolist(),
         }
@@ -191,6 +191,6 @@ def used_in(calibrated: Design, medium: str, distances: Array) -> UsedIn:
     planes = np.asarray(used.plane_seen_at(made.plane(distances).distance))
     # Eq. 12: what slope a point there has, and which depth has it in the calibrated camera.
     slope = (used.m - used.A / (used.plane(planes).distance - used.d_3)) * used.A / used.d_2
-    told = made.plane_seen_at(made.d_3 + made.A / (made.m - slope * made.d_2 / made.A))
+    uncorrected = made.plane_seen_at(made.d_3 + made.A / (made.m - slope * made.d_2 / made.A))
     assert used.chain is not None
-    return UsedIn(there, planes, np.asarray(told), float(used.chain.end(used.numbers)))
+    return UsedIn(there, planes, np.asarray(uncorrected), float(used.chain.end(used.numbers)))

@@ -88,8 +88,12 @@ class Rim:
         """Where its diameter stands in a design; None of the end of a mapping."""
         if self.part.endswith(IMAGE):
             return None
-        part = self.part.rpartition(".")[0] if self.part.count(".") == 2 else self.part
-        return f"{part}.diameter"
+        return f"{place_of(self.part)}.diameter"
+
+
+def place_of(part: str) -> str:
+    """Where the numbers of a part stand in a design: "elements.0" of its face "elements.0.1", else its own place."""
+    return part.rpartition(".")[0] if part.count(".") == 2 else part
 
 
 class Camera(Symbols[Number]):
@@ -320,10 +324,10 @@ class Camera(Symbols[Number]):
 
     def first_order_image(self, x: Number, y: Number, z: Number) -> tuple[Number, Number, Number]:
         """Where the main lens sees a point of the first order's object space; parameters as for `see`."""
-        plane, lens = self.plane(z), [self._numbers[f"main_lens.decentre.{axis}"] for axis in (0, 1)]
+        plane = self.plane(z)
         x, y = (
             (at - off - aside) / plane.magnification + off
-            for at, off, aside in zip((x, y), lens, plane.aside, strict=True)
+            for at, off, aside in zip((x, y), self.lens_centre, plane.aside, strict=True)
         )
         return x, y, plane.distance
 
@@ -403,11 +407,10 @@ class Camera(Symbols[Number]):
         assert self.law is not None
         (end, front), at = self.front, self.pupil_stands
         apart, wide = at - end, 1 / (front.d - front.c * self.d_3)
-        lens = [self._numbers[f"main_lens.decentre.{axis}"] for axis in (0, 1)]
         middles = [
-            off + wide * (seen + aside) + shift - apart / front.medium * lean
-            for off, seen, aside, shift, lean in zip(
-                lens, pupil, self.decentre("aperture"), front.aside, front.lean, strict=True
+            off + wide * (point + aside) + shift - apart / front.medium * lean
+            for off, point, aside, shift, lean in zip(
+                self.lens_centre, pupil, self.decentre("aperture"), front.aside, front.lean, strict=True
             )
         ]
         slopes = [(middle - place) / (z - at) for middle, place in zip(middles, (x, y), strict=True)]
@@ -573,6 +576,11 @@ class Camera(Symbols[Number]):
     def _rim_of(self) -> dict[str, Rim]:
         return {rim.part: rim for rim in (self.fap, *self.rims)}
 
+    @property
+    def lens_centre(self) -> tuple[Number, Number]:
+        """The main lens's centre from the system's axis [mm]."""
+        return self._numbers["main_lens.decentre.0"], self._numbers["main_lens.decentre.1"]
+
     def decentre(self, part: str) -> tuple[Number, Number]:
         """Offset of a part (its place in the design) from the main lens's centre, as that sees it."""
         if part not in self._decentres:
@@ -585,8 +593,8 @@ class Camera(Symbols[Number]):
         return {}
 
     def _own_decentre(self, part: str) -> tuple[Number, Number]:
-        n, place = self._numbers, part.rpartition(".")[0] if part.count(".") == 2 else part
-        x, y = (n[f"{place}.decentre.{axis}"] - n[f"main_lens.decentre.{axis}"] for axis in (0, 1))
+        place = place_of(part)
+        x, y = (self._numbers[f"{place}.decentre.{axis}"] - self.lens_centre[axis] for axis in (0, 1))
         rim = self._rim_of.get(part)
         if rim is None or rim.plane is None:
             return x, y
@@ -597,7 +605,7 @@ class Camera(Symbols[Number]):
         """Tilt of a part [rad]; of a stop as the main lens sees it."""
         if part.endswith(IMAGE):
             return 0.0, 0.0
-        place = part.rpartition(".")[0] if part.count(".") == 2 else part
+        place = place_of(part)
         tilt = self._numbers[f"{place}.tilt.0"], self._numbers[f"{place}.tilt.1"]
         rim = self._rim_of.get(part)
         if rim is None or rim.plane is None or not any(np.any(angle) for angle in tilt):
@@ -625,7 +633,7 @@ class Camera(Symbols[Number]):
 
     def stands(self, part: str) -> Frame:
         """Vertex and axes of a part of the design in the system's axes, as a ruler finds them."""
-        place = part.rpartition(".")[0] if part.count(".") == 2 else part
+        place = place_of(part)
         d_1, d_2 = (self._numbers[PATHS[symbol]] for symbol in ("d_1", "d_2"))
         z = {"main_lens": 0.0, "microlens_array": d_1, "sensor": plus(d_1, d_2)}
         decentre, tilt = (
@@ -658,12 +666,11 @@ class Camera(Symbols[Number]):
         return self._placed(part, z, turn).seen_from(self._lens)
 
     def _placed(self, part: str, z: Number, roll: Number = 0.0) -> Frame:
-        lens = self._numbers["main_lens.decentre.0"], self._numbers["main_lens.decentre.1"]
         if self.chain is None:
             decentre = self._numbers[f"{part}.decentre.0"], self._numbers[f"{part}.decentre.1"]
         else:
             x, y = self.decentre(part)
-            decentre = plus(x, lens[0]), plus(y, lens[1])
+            decentre = plus(x, self.lens_centre[0]), plus(y, self.lens_centre[1])
         return frame(decentre, z, self.tilt(part), roll)
 
     def microlens(self, x: Number, y: Number) -> Vector:

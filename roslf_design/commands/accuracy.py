@@ -19,7 +19,7 @@ from ..accuracy.statement import check_accuracy
 from ..accuracy.table import QUANTITIES, cache_file, check_quantity, current_table
 from ..design import load
 from ..errors import InputError, Problem
-from ..reporting.printers import render_html, render_tables
+from ..reporting.printers import page_files
 from ..scenes import load_scene
 from ..tables import Table, print_table
 from .evaluate import parse_field
@@ -237,8 +237,7 @@ def finish(
     """A folder with the page and the numbers behind it, where one is wanted; then the answer on stdout."""
     text = json_module.dumps(short(data), allow_nan=False, ensure_ascii=False)
     if output is not None:
-        made = report()
-        write_files(output, {name: f"{text}\n".encode(), PAGE: render_html(made).encode(), **render_tables(made)})
+        write_files(output, {name: f"{text}\n".encode(), **page_files(report())})
     if json:
         print(text)
         return

@@ -6,11 +6,9 @@ import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
-from cyclopts import Parameter
-from pydantic import ValidationError
 
 from .. import calibration
 from ..calibration import (
@@ -25,7 +23,7 @@ from ..calibration import (
     SideDatum,
 )
 from ..calibration.decoding import Samples
-from ..calibration.frames import Capture, Image
+from ..calibration.frames import Capture
 from ..calibration.model import relative_sigma
 from ..calibration.planning import too_large
 from ..calibration.posterior import most_steps_for, posterior_accuracy, sample_size_for
@@ -35,22 +33,22 @@ from ..design import Design, DesignError, dumps, load
 from ..design.files import WRITTEN
 from ..errors import InputError, Problem
 from ..pictures.calibration import what_was_seen
-from ..pictures.svg import file_of
 from ..reporting import calibration as pages
-from ..reporting.printers import render_html, render_tables
-from ..tables import plain_text
-from ..toml_files import nearest, problems_of, read_toml
-from .failures import UnfinishedError, failure_files, what_there_was
+from ..reporting.printers import page_files
+from ..toml_files import nearest, read_toml, validated
+from .raw_images import UnfinishedError, refused, what_there_was
 from .terminal import (
     Flag,
     OptionalOutput,
+    Repeated,
     StatusLine,
     bar,
     check_options,
     json_text,
     listed,
     parse_sigmas,
-    print_blocks,
+    picture_files,
+    print_titled,
     refusal,
     typed,
     write_files,
@@ -69,7 +67,7 @@ def calibrate(
     f_sigma: str = "1%",
     d_sigma: str = "0.1%",
     cell_sigma: str = "0.1%",
-    sigma: Annotated[list[str] | None, Parameter(negative=())] = None,
+    sigma: Repeated = None,
     white_pitch: str | None = None,
     distances: Path | None = None,
     distortion: Literal[0, 1, 2] = 0,
@@ -188,11 +186,7 @@ def calibrate(
             use_in=use_in, sigma=parse_sigmas(sigma),
         )  # fmt: skip
     except CalibrationError as error:
-        text = " ".join(str(error).split())
-        if isinstance(error, UnfinishedError):
-            write_files(output, failure_files(error.picture))
-            text += f" (what was seen: {output / 'failed.png'})"
-        raise InputError((Problem("", text),), str(folder)) from None
+        raise refused(error, folder, output) from None
     command = typed(
         "calibrate", folder, design=design, board=board, output=output, f_sigma=f_sigma, d_sigma=d_sigma,
         cell_sigma=cell_sigma, sigma=sigma, white_pitch=white_pitch, distances=distances, distortion=distortion,
@@ -205,23 +199,16 @@ def calibrate(
         files[pages.CALIBRATED] = dumps(result.calibrated if used is None else used.design, WRITTEN).encode()
     except DesignError as error:
         print(f"roslf: no calibrated.toml, the values make no design: {' '.join(str(error).split())}", file=sys.stderr)
-    drawings = {}
-    for name, picture in pages.calibration_pictures(result).items():
-        drawings[name] = picture.svg(name=f"calibration-{name}")
-        files |= {f"{name}.svg": file_of(drawings[name]), f"{name}.png": picture.to_png()}
+    pictures = pages.calibration_pictures(result)
+    drawings = {name: picture.svg(name=f"calibration-{name}") for name, picture in pictures.items()}
     report = pages.calibration_report(result, drawings, command)
-    files |= render_tables(report)
-    write_files(output, files | {"index.html": render_html(report).encode()})
+    files |= picture_files(pictures, drawings) | page_files(report)
+    write_files(output, files)
     if json:
         print(json_text(result.to_dict() | {"accuracy": result.accuracy.to_dict() | {"seconds": seconds}}))
         return
-    from rich.console import Console
-
-    console = Console()
-    console.print(plain_text(report.title, "bold"))
-    for section in report.sections[:2]:
-        print_blocks(section.blocks, console)
-    print(f"\nWritten to {output}: {', '.join(listed((*files, 'index.html')))}\n{seconds:.1f} s")
+    print_titled(report.title, [block for section in report.sections[:2] for block in section.blocks])
+    print(f"\nWritten to {output}: {', '.join(listed(files))}\n{seconds:.1f} s")
 
 
 def calibrated(
@@ -261,9 +248,11 @@ def calibrated(
             said = "; ".join(problem.message for problem in error.problems)
             raise refusal("--use-in", f"{use_in}: {said}") from None
     circular = loaded.microlens_array.lens_shape == "circular"
-    told = {"f_sigma": f_sigma, "d_sigma": d_sigma, "cell_sigma": cell_sigma, "white_pitch": white_pitch}
-    sheet, white = _known(loaded, checkerboard, {**told, "sigma": dict(sigma or {})})
-    stood = None if distances is None else _read_distances(distances)
+    sigmas = {"f_sigma": f_sigma, "d_sigma": d_sigma, "cell_sigma": cell_sigma, "white_pitch": white_pitch}
+    sheet, white = _known(loaded, checkerboard, {**sigmas, "sigma": dict(sigma or {})})
+    stood = None
+    if distances is not None:
+        stood = validated(pages.BoardDistances, read_toml(distances, str(distances)), str(distances))
     with StatusLine("calibrate") as status:
         status.tell("reading the white image")
         capture = calibration.read_capture(folder)
@@ -322,15 +311,18 @@ def calibrated(
     )  # fmt: skip
 
 
-def _known(design: Design, board: Board, told: Mapping[str, Any]) -> tuple[calibration.DataSheet, float | None]:
-    """The data sheet, and how well the white image's pitch is known."""
+def _part(options: Mapping[str, Any]) -> pages.CalibrationPart:
+    """What options say of captures, faults told of the options."""
     try:
-        asked = pages.CalibrationPart.model_validate(told, context={"from_file": True})
-    except ValidationError as error:
-        faults = problems_of(error, pages.CalibrationPart)
-        raise InputError(
-            tuple(Problem("--" + (fault.key or "").replace("_", "-"), fault.message) for fault in faults)
-        ) from None
+        return validated(pages.CalibrationPart, options)
+    except InputError as error:
+        faults = ((f"--{(fault.key or 'plan').replace('_', '-')}", fault.message) for fault in error.problems)
+        raise InputError(tuple(Problem(*fault) for fault in faults)) from None
+
+
+def _known(design: Design, board: Board, sigmas: Mapping[str, Any]) -> tuple[calibration.DataSheet, float | None]:
+    """The data sheet, and how well the white image's pitch is known."""
+    asked = _part(sigmas)
     try:
         sheet = pages.data_sheet(design, board, asked)
     except CalibrationError as error:
@@ -338,22 +330,15 @@ def _known(design: Design, board: Board, told: Mapping[str, Any]) -> tuple[calib
     return sheet, None if asked.white_pitch is None else relative_sigma(asked.white_pitch, 1.0)
 
 
-def _read_distances(file: Path) -> pages.BoardDistances:
-    try:
-        return pages.BoardDistances.model_validate(read_toml(file, str(file)), context={"from_file": True})
-    except ValidationError as error:
-        raise InputError(problems_of(error, pages.BoardDistances), str(file)) from None
-
-
-def _stood(stood: pages.BoardDistances, file: str, found: Calibration, sheet: calibration.DataSheet) -> SideDatum:
+def _stood(stood: pages.BoardDistances, file: str, fitted: Calibration, sheet: calibration.DataSheet) -> SideDatum:
     """Distances of the boards that were found; images without one are left out."""
-    names, missing = found.observations.names, found.observations.missing
+    names, missing = fitted.observations.names, fitted.observations.missing
     wrong = [name for name in stood.distances if name not in (*names, *missing)]
     if wrong:
         said = {name: f"is no image of the board; {nearest(name, names)}" for name in wrong}
         raise InputError(tuple(Problem(f"distances.{name}", message) for name, message in said.items()), file)
     boards = {names.index(name): away for name, away in stood.distances.items() if name in names}
-    return calibration.board_distances(found.fit, sheet, boards, stood.sigma, relative=stood.relative)
+    return calibration.board_distances(fitted.fit, sheet, boards, stood.sigma, relative=stood.relative)
 
 
 def _decoded(
@@ -363,29 +348,20 @@ def _decoded(
     decoder = Decoder.of(centres.lattice, capture.white.shape, white=capture.white, dark=capture.dark)
     for number, path in enumerate(capture.boards):
         done(number)
-        field = _light_field(decoder, path, capture.board(path))
+        try:
+            field = decoder(capture.board(path))
+        except CalibrationError as error:
+            raise CalibrationError(f"{path.name}: {error}") from None
         views[path.name] = field.view().copy()
         yield path.name, field
         del field
     done(len(capture.boards))
 
 
-def _light_field(decoder: Decoder, path: Path, image: Image) -> LightField:
-    try:
-        return decoder(image)
-    except CalibrationError as error:
-        raise CalibrationError(f"{path.name}: {error}") from None
-
-
 def print_plan(design: str, options: Mapping[str, Any], distortion: int, json: bool) -> None:
     """Expected errors of a calibration that is planned, on stdout; refused where captures do not determine a camera."""
     loaded = load(design)
-    try:
-        asked = pages.CalibrationPart.model_validate(options, context={"from_file": True})
-    except ValidationError as error:
-        faults = problems_of(error, pages.CalibrationPart)
-        keys = ["--" + (fault.key or "plan").replace("_", "-") for fault in faults]
-        raise InputError(tuple(Problem(k, f.message) for k, f in zip(keys, faults, strict=True))) from None
+    asked = _part(options)
     with StatusLine("calibrate") as status:
         status.tell("planning")
         plan = pages.calibration_plan(loaded, asked, distortion)
@@ -396,8 +372,4 @@ def print_plan(design: str, options: Mapping[str, Any], distortion: int, json: b
         notes = [f"{large}: choose a smaller --board"] if large else []
         print(json_text({**plan.to_dict(loaded.name, asked.seed, distortion), "warnings": notes}))
         return
-    from rich.console import Console
-
-    console = Console()
-    console.print(plain_text(f"Plan of a calibration of {loaded.name}", "bold"))
-    print_blocks(pages.plan_blocks(loaded, plan, asked), console)
+    print_titled(f"Plan of a calibration of {loaded.name}", pages.plan_blocks(loaded, plan, asked))

@@ -33,8 +33,7 @@ from ..errors import InputError, Problem
 from ..imaging.camera import Region
 from ..reporting.calibration import calibrated_camera
 from ..units import parse_quantity
-from .failures import UnfinishedError
-from .raw_images import OTHER_CAMERA, RawDecoded, from_raw
+from .raw_images import OTHER_CAMERA, RawDecoded, UnfinishedError, from_raw, refused
 from .terminal import refusal
 
 VIEWS_WINDOW, WIDEST = 7, 99
@@ -82,7 +81,7 @@ def _known_to(
     design: Design | None, covariance: LengthCovariance | None, sigmas: Mapping[str, str]
 ) -> dict[str, float]:
     """Standard errors of lengths [mm], as somebody gives them."""
-    found: dict[str, float] = {}
+    known: dict[str, float] = {}
     for place, text in sigmas.items():
         if design is None:
             raise refusal("--sigma", "is of a camera's length; name the camera with --design")
@@ -99,8 +98,8 @@ def _known_to(
             raise refusal("--sigma", f"{place}: {error}") from None
         if not 0 < relative <= LEAST_KNOWN:
             raise refusal("--sigma", f"{place}={text} is out of range; give more than 0 and {LEAST_KNOWN:.0%} at most")
-        found[place] = relative * value
-    return found
+        known[place] = relative * value
+    return known
 
 
 def _camera(
@@ -130,7 +129,7 @@ def _raw(
     try:
         raw = from_raw(image, white, dark, design, progress)
     except UnfinishedError as error:
-        raise InputError((Problem("", " ".join(str(error).split())),), str(image)) from None
+        raise refused(error, image) from None
     lattice, pitch = raw.source.centres.lattice, image_pitch(design)
     if abs(lattice.pitch / pitch - 1) > OTHER_CAMERA:
         name = "--design" if calibrated is None else "--calibration"
@@ -261,7 +260,9 @@ def _between(text: str, geometry: ViewGeometry) -> tuple[float, float]:
         raise refusal("--between", f'"{text}" is no pair of distances; give two, as "300 mm, 400 mm"')
     with np.errstate(divide="ignore", invalid="ignore"):
         disparities = geometry.disparity(ends)
-        seen = np.isclose(geometry.depth(disparities), ends, rtol=1e-6)
-    if not seen.all():
-        raise refusal("--between", f"{ends[~seen][0]:g} mm lies where the camera sees nothing; give one in front of it")
+        in_view = np.isclose(geometry.depth(disparities), ends, rtol=1e-6)
+    if not in_view.all():
+        raise refusal(
+            "--between", f"{ends[~in_view][0]:g} mm lies where the camera sees nothing; give one in front of it"
+        )
     return float(disparities.min()), float(disparities.max())

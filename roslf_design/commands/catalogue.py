@@ -5,19 +5,17 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
 from ..errors import printable
 from ..lenses.lens_file import shipped_names
-from ..optimization.parts import KINDS, load_catalogue, read_condition, rows
+from ..optimization.parts import KINDS, Kind, load_catalogue, read_condition, rows
 from ..tables import Table, print_table
-from .terminal import Flag, json_text
+from .terminal import Flag, Repeated, json_text
 
-Kinds = Literal["lenses", "microlens_arrays", "sensors", "windows"]
-
-SHOWN: dict[Kinds, tuple[str, ...]] = {
+SHOWN: dict[Kind, tuple[str, ...]] = {
     "lenses": ("diameter", "clear_aperture", "focal_length", "prescription"),
     "microlens_arrays": ("pitch", "focal_length", "effective_focal_length", "size"),
     "sensors": ("pixel", "pixels", "size", "colours", "acceptance"),
@@ -30,8 +28,8 @@ TRACED = [name.upper() for name in shipped_names()]
 
 def catalogue(
     *,
-    kind: Annotated[list[Kinds] | None, Parameter(negative=())] = None,
-    where: Annotated[list[str] | None, Parameter(negative=())] = None,
+    kind: Annotated[list[Kind] | None, Parameter(negative=())] = None,
+    where: Repeated = None,
     file: Annotated[list[Path] | None, Parameter(negative=())] = None,
     json: Flag = False,
 ) -> None:
@@ -53,9 +51,9 @@ def catalogue(
     """
     conditions = [read_condition(text) for text in where or []]
     parts = load_catalogue(file or [])
-    found = [row for row in rows(parts, kind or KINDS) if all(condition(row) for condition in conditions)]
+    chosen = [row for row in rows(parts, kind or KINDS) if all(condition(row) for condition in conditions)]
     if json:
-        print(json_text({"schema": "roslf.catalogue/1", "parts": found, "prescriptions": TRACED}))
+        print(json_text({"schema": "roslf.catalogue/1", "parts": chosen, "prescriptions": TRACED}))
         return
     from rich.console import Console
 
@@ -63,7 +61,7 @@ def catalogue(
     notes: list[str] = []
     for name in KINDS:
         lines = []
-        for row in (row for row in found if row["kind"] == name):
+        for row in (row for row in chosen if row["kind"] == name):
             note = f"{row['provenance']}; {row['remark']}" if "remark" in row else row["provenance"]
             if row.get("clear_aperture_assumed"):
                 note += "; clear aperture taken as 90 % of the diameter"
@@ -77,9 +75,9 @@ def catalogue(
     print()
     for number, note in enumerate(notes, 1):
         print(f"{number}  {printable(note)}")
-    if any(row["kind"] == "lenses" for row in found):
+    if any(row["kind"] == "lenses" for row in chosen):
         print("\nLenses with a prescription are traced behind main_lens.prescription; of the others f and D are known.")
-    print(f"\n{len(found)} parts. Add your own with --file, or in a study.")
+    print(f"\n{len(chosen)} parts. Add your own with --file, or in a study.")
 
 
 def _cell(row: Mapping[str, Any], key: str) -> str:

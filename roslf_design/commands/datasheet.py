@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import importlib.util
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Literal
 
-from cyclopts import Parameter
-
-from ..design.files import in_the_way, write_atomically
 from ..reporting.datasheet import Basis, datasheet_csv, datasheet_json, datasheet_report
 from ..reporting.printers import Paper, render_html, render_pdf
 from ..reporting.story import datasheet_of
 from .report import folder_name
-from .terminal import StatusLine, check_options, json_text, refusal
+from .terminal import OptionalOutput, StatusLine, check_options, check_target, check_typst, json_text, write_files
 
 KINDS = (".pdf", ".html", ".json", ".csv")
 
@@ -22,7 +18,7 @@ def datasheet(
     design: str,
     /,
     *,
-    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    output: OptionalOutput = None,
     paper: Literal["a4", "letter"] = "a4",
     calibration: Path | None = None,
     seed: int | None = None,
@@ -47,25 +43,20 @@ def datasheet(
         Instead of the study's; the same seed gives the same bytes.
     """
     target = Path(f"datasheet-{folder_name(design)}.html") if output is None else output
-    kind = target.suffix.lower()
-    if kind not in KINDS:
-        raise refusal("-o", f"{target.name} is of no kind that is written here; end it in {', '.join(KINDS)}")
-    if blocked := in_the_way(target):
-        raise refusal("-o", blocked)
-    if kind == ".pdf" and importlib.util.find_spec("typst") is None:
-        raise refusal("-o", "a PDF needs the typst package; install it: pip install typst")
+    kind = check_target(target, KINDS)
+    if kind == ".pdf":
+        check_typst("-o")
     check_options(seed)
     with StatusLine("datasheet") as progress:
         content = _written(datasheet_of(Path(design), seed, progress.tell, calibration), kind, paper)
-    target.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(target, content)
+    write_files(target.parent, {target.name: content})
     print(target)
 
 
-def _written(found: Basis, kind: str, paper: Paper) -> bytes:
+def _written(grounds: Basis, kind: str, paper: Paper) -> bytes:
     if kind == ".json":
-        return f"{json_text(datasheet_json(found))}\n".encode()
+        return f"{json_text(datasheet_json(grounds))}\n".encode()
     if kind == ".csv":
-        return datasheet_csv(found)
-    page = datasheet_report(found)
+        return datasheet_csv(grounds)
+    page = datasheet_report(grounds)
     return render_pdf(page, paper) if kind == ".pdf" else render_html(page).encode()

@@ -22,21 +22,19 @@ from ..depth.view_files import MATLAB, read_views, view_files
 from ..design import Design, load
 from ..errors import InputError, Problem
 from ..pictures.light_field import contrast
-from ..pictures.svg import file_of
 from ..reporting import decoding as pages
 from ..reporting.calibration import CALIBRATED, read_calibration
 from ..reporting.printers import render_html, render_tables
-from ..tables import plain_text
 from ..units import parse_quantity
-from .failures import UnfinishedError, failure_files
-from .raw_images import OTHER_CAMERA, from_raw
+from .raw_images import OTHER_CAMERA, UnfinishedError, from_raw, refused
 from .terminal import (
     Flag,
     OptionalOutput,
     StatusLine,
     check_options,
     json_text,
-    print_blocks,
+    picture_files,
+    print_titled,
     refusal,
     typed,
     write_files,
@@ -95,42 +93,32 @@ def decode(
                 image, white, dark, design, calibration, focus=focus, row=row, progress=status.tell
             )  # fmt: skip
         except UnfinishedError as error:
-            where = folder / "failed.png"
-            write_files(folder, failure_files(error.picture))
-            text = f"{' '.join(str(error).split())} (what was seen: {where})"
-            raise InputError((Problem("", text),), str(image)) from None
+            raise refused(error, image, folder) from None
         status.tell("drawing")
         command = typed(
             "decode", image, white=white, dark=dark, design=design, calibration=calibration, focus=focus, row=row,
             output=folder,
         )  # fmt: skip
         files = {"decoding.json": f"{json_text(result.to_dict())}\n".encode()}
-        drawings = {}
-        for name, picture in pages.decoding_pictures(result).items():
-            drawings[name] = picture.svg(name=name)
-            files |= {f"{name}.svg": file_of(drawings[name]), f"{name}.png": picture.to_png()}
+        pictures = pages.decoding_pictures(result)
+        drawings = {name: picture.svg(name=name) for name, picture in pictures.items()}
         report = pages.decoding_report(result, drawings, command)
-        page = render_html(report).encode()
-        files |= render_tables(report)
+        files |= picture_files(pictures, drawings) | render_tables(report)
         views = {} if result.kind == "views" else view_files(result.field)
         if views:
             write_files(folder / "views", views)
         for name, plane in zip(pages.stack_names(result), result.stack, strict=True):
             files[name] = _grey_png(plane.values, plane.weight)
         (folder / "refocus").mkdir(parents=True, exist_ok=True)
-        write_files(folder, files | {"index.html": page})
+        files["index.html"] = render_html(report).encode()
+        write_files(folder, files)
     seconds = time.perf_counter() - began
     if json:
-        print(json_text({**result.to_dict(), "files": [*files, "index.html"], "views_written": len(views)}))
+        print(json_text({**result.to_dict(), "files": list(files), "views_written": len(views)}))
         return
-    from rich.console import Console
-
-    console = Console()
-    console.print(plain_text(report.title, "bold"))
-    for section in report.sections[:1]:
-        print_blocks(section.blocks, console)
+    print_titled(report.title, report.sections[0].blocks)
     shown = [name for name in files if "/" not in name]
-    print(f"\nWritten to {folder}: {', '.join((*shown, 'index.html'))}, refocus/{', views/' if views else ''}")
+    print(f"\nWritten to {folder}: {', '.join(shown)}, refocus/{', views/' if views else ''}")
     print(f"{seconds:.1f} s")
 
 
@@ -206,7 +194,7 @@ def _camera(design: str | None, calibrated: Path | None) -> tuple[Design | None,
 
 def _disparities(focus: list[str], field: LightField, distances: Distances | None) -> np.ndarray:
     """Disparities across the views [pitches] that --focus asks for; far ones first."""
-    found = []
+    disparities = []
     for text in (part.strip() for each in focus for part in each.split(",")):
         try:
             value = float(text)
@@ -227,8 +215,8 @@ def _disparities(focus: list[str], field: LightField, distances: Distances | Non
         reach = max(len(field.u), len(field.v))
         if not abs(value) <= reach:
             raise refusal("--focus", f'"{text}" is a disparity of more than the whole picture, {reach}')
-        found.append(value)
-    return np.array(sorted(found))
+        disparities.append(value)
+    return np.array(sorted(disparities))
 
 
 def _grey_png(values: np.ndarray, weight: np.ndarray) -> bytes:

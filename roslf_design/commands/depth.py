@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from cyclopts import Parameter
 from numpy.typing import NDArray
 
 from ..calibration.frames import SUFFIXES
@@ -18,24 +15,24 @@ from ..depth.measure import REASONS, Measurement, Trial, share_done, simulate
 from ..depth.view_files import MATLAB
 from ..design import load, preset_names
 from ..errors import Problem
-from ..pictures.svg import file_of
 from ..reporting.captured import capture_answers, capture_basis, capture_report
 from ..reporting.depth import answers, basis, depth_report, measurement_pictures
-from ..reporting.printers import render_html, render_tables
+from ..reporting.printers import page_files
 from ..scenes import load_scene
-from ..tables import plain_text
 from .captures import captured
 from .render import parse_region
 from .terminal import (
     Flag,
     OptionalOutput,
+    Repeated,
     StatusLine,
     bar,
     check_options,
     json_text,
     listed,
     parse_sigmas,
-    print_blocks,
+    picture_files,
+    print_titled,
     typed,
     write_files,
 )  # fmt: skip
@@ -58,7 +55,7 @@ def depth(
     between: str | None = None,
     window: int | None = None,
     truth: Path | None = None,
-    sigma: Annotated[list[str] | None, Parameter(negative=())] = None,
+    sigma: Repeated = None,
     json: Flag = False,
 ) -> None:
     """Measure depth: in pictures of a scene, taken as a design would, with noise; or in a picture that a camera took.
@@ -136,17 +133,18 @@ def depth(
                 Path(subject), design, white, dark, calibration, region=piece, between=between, window=window,
                 truth=truth, sigma=parse_sigmas(sigma), progress=status.tell,
             )  # fmt: skip
-        data, told = result.to_dict(), (*capture_answers(result), *capture_basis(result))
+        data, blocks = result.to_dict(), (*capture_answers(result), *capture_basis(result))
         title = f"Depth in {result.source}"
     else:
         loaded = load(subject)
         other = None if believed is None else load(believed)
         look = None if scene is None else load_scene(scene)
-        with _told() as progress:
+        with bar("depth") as tell:
             result = simulate(
-                loaded, look, region=piece, seed=seed or 0, exposures=exposures or 1, believed=other, progress=progress
-            )
-        data, told = result.to_dict(), (*answers(result), *basis(result))
+                loaded, look, region=piece, seed=seed or 0, exposures=exposures or 1, believed=other,
+                progress=lambda what, share: tell(share_done(what, share)),
+            )  # fmt: skip
+        data, blocks = result.to_dict(), (*answers(result), *basis(result))
         title = f"Depth that {loaded.name} measures"
     written: list[str] = []
     if output is not None:
@@ -156,24 +154,19 @@ def depth(
         data["files"] |= {f"sigma_{unit_of(result)}": "sigma.tif", "status": "status.tif"}
         data["status"] = {str(code): reason for code, reason in REASONS.items()}
         files["depth.json"] = f"{json_text(data)}\n".encode()
-        for name, picture in pictures.items():
-            files |= {f"{name}.svg": file_of(picture.svg()), f"{name}.png": picture.to_png()}
+        files |= picture_files(pictures)
         if isinstance(result, Trial):
             report = depth_report(result, pictures, command)
         else:
             assert isinstance(result, MeasuredCapture)
             report = capture_report(result, pictures, command)
-        files |= render_tables(report) | {"index.html": render_html(report).encode()}
+        files |= page_files(report)
         write_files(output, files)
         written = listed(files)
     if json:
         print(json_text(data))
         return
-    from rich.console import Console
-
-    console = Console()
-    console.print(plain_text(title, "bold"))
-    print_blocks(told, console)
+    print_titled(title, blocks)
     if written:
         print(f"\nWritten to {output}: {', '.join(written)}")
 
@@ -205,10 +198,3 @@ def _tiff(values: NDArray[Any]) -> bytes:
     stream = io.BytesIO()
     tifffile.imwrite(stream, values, photometric="minisblack", metadata=None, software="roslf")
     return stream.getvalue()
-
-
-@contextmanager
-def _told() -> Iterator[Any]:
-    """One bar for the picture and the exposures in it."""
-    with bar("depth") as tell:
-        yield lambda what, share: tell(share_done(what, share))

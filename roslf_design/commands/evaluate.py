@@ -5,21 +5,19 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import replace
 from typing import Annotated, Any
 
 from cyclopts import Parameter
 
 from ..accuracy.statement import check_accuracy
 from ..design import load
-from ..design.files import in_the_way, write_atomically
 from ..evaluation import evaluate as compute
 from ..evaluation.evaluate import evaluation_accuracy
 from ..evaluation.show import print_evaluation
 from ..evaluation.specification import specification
 from ..tables import csv_bytes
 from ..units import COLDEST, HOTTEST, parse_quantity
-from .terminal import Flag, OptionalOutput, json_text, refusal
+from .terminal import Flag, OptionalOutput, check_target, json_text, refusal, write_files
 
 
 def evaluate(
@@ -55,10 +53,7 @@ def evaluate(
     if accuracy is not None:
         check_accuracy(accuracy)
     if output is not None:
-        if output.suffix.lower() not in (".json", ".csv"):
-            raise refusal("-o", f"{output.name} is of no kind that is written here; end it in .json or .csv")
-        if blocked := in_the_way(output):
-            raise refusal("-o", blocked)
+        check_target(output, (".json", ".csv"))
         if json:
             raise refusal("--json", "prints what -o writes; give one of them")
     fields = None if field is None else [parse_field(text) for text in field]
@@ -67,25 +62,24 @@ def evaluate(
     if temperature is not None:
         loaded = loaded.at_temperature(parse_temperature(temperature))
     result = compute(loaded, fields, accuracy)
-    worth = evaluation_accuracy(loaded, result, accuracy)
-    worth = replace(worth, seconds=time.perf_counter() - began)
+    statement = evaluation_accuracy(loaded, result, accuracy, time.perf_counter() - began)
     if json or output is not None:
         # Without an accuracy asked for, nothing that differs from run to run.
         sheet = {"specification": specification(loaded).to_dict()}
-        data = result.to_dict() | sheet | {"accuracy": worth.to_dict(times=accuracy is not None)}
+        data = result.to_dict() | sheet | {"accuracy": statement.to_dict(times=accuracy is not None)}
         if output is None:
             print(json_text(data))
             return
-        content = csv_bytes([("key", "value"), *rows(data)])
-        output.parent.mkdir(parents=True, exist_ok=True)
-        write_atomically(output, content if output.suffix.lower() == ".csv" else f"{json_text(data)}\n".encode())
+        as_table = output.suffix.lower() == ".csv"
+        content = csv_bytes([("key", "value"), *rows(data)]) if as_table else f"{json_text(data)}\n".encode()
+        write_files(output.parent, {output.name: content})
         print(output)
         return
     from rich.console import Console
 
     print_evaluation(result, Console())
     if accuracy is not None:
-        print(f"\n{worth.sentence()}")
+        print(f"\n{statement.sentence()}")
 
 
 def rows(data: Any, place: str = "") -> Iterator[tuple[str, Any]]:

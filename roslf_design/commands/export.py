@@ -3,24 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
-
-from cyclopts import Parameter
 
 from ..camera import Camera
 from ..design import load
-from ..design.files import in_the_way, write_atomically
+from ..design.files import in_the_way
 from ..design.sequence import D_LINE, lens_rows, optiland, sequence_of, zmx
 from ..lenses.glass import ROOM
 from ..lenses.lens_file import load_lens, shipped_names
 from ..lenses.prescription import Prescription
 from ..theory.quantities import QUANTITIES
-from .terminal import refusal
+from .terminal import Output, refusal, write_files
 
 WRITERS = (".zmx", ".json")
 
 
-def export(name: str, /, *, output: Annotated[Path, Parameter(name=["--output", "-o"])]) -> None:
+def export(name: str, /, *, output: Output) -> None:
     """A camera, or a lens, as a file of another program: .zmx, or Optiland's .json.
 
     Parameters
@@ -45,8 +42,7 @@ def export(name: str, /, *, output: Annotated[Path, Parameter(name=["--output", 
         wide = float(QUANTITIES["field_half_width_mm"](Camera.of(design.thin_twin)))
         warmth = ROOM if design.environment is None else float(design.environment.temperature)
     text = zmx(rows, title, wavelength, warmth, wide) if kind == ".zmx" else optiland(rows, title, wavelength, wide)
-    output.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(output, text.encode())
+    write_files(output.parent, {output.name: text.encode()})
     print(f"{output}: {len(rows)} surfaces")
     if lens is None and not (design.aligned and all(element.decentre == (0.0, 0.0) for element in design.elements)):
         print("Misalignments are left out.")

@@ -11,9 +11,8 @@ from ..errors import InputError
 from ..optimization.search import QUICK
 from ..optimization.study import designs, load_study, run, to_dict
 from ..reporting.optimization import optimisation_pictures, optimization_report
-from ..reporting.printers import render_html, render_tables
-from ..tables import plain_text
-from .terminal import Flag, Output, StatusLine, check_options, json_text, listed, print_blocks, typed, write_files
+from ..reporting.printers import page_files
+from .terminal import Flag, Output, StatusLine, check_options, json_text, listed, print_titled, typed, write_files
 
 
 def optimize(
@@ -55,16 +54,11 @@ def optimize(
         "results.json": f"{json_text(to_dict(result, timings=False))}\n".encode(),
         **{name: dumps(design, WRITTEN).encode() for name, design in designs(result)},
         **{f"{name}.png": picture.to_png() for name, picture in optimisation_pictures(result).items()},
-        **render_tables(report),
-        "index.html": render_html(report).encode(),
+        **page_files(report),
     }
     write_files(output, files)
     if json:
         print(json_text(to_dict(result)))
         return
-    from rich.console import Console
-
-    console = Console()
-    console.print(plain_text(report.title, "bold"))
-    print_blocks(report.sections[0].blocks, console)
+    print_titled(report.title, report.sections[0].blocks)
     print(f"\n{result.seconds:.1f} s; written to {output}: {', '.join(listed(files))}")

@@ -1,4 +1,4 @@
-"""Raw images of users, read and decoded: what `roslf decode` and `roslf depth` share."""
+"""Raw images of users: read and decoded, or a picture and a line of what was seen before that failed."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ from typing import Any, NamedTuple
 from .. import calibration
 from ..calibration import CalibrationError, LightField
 from ..calibration.frames import ColourBalance, Image, grey_frame, read_image_and_notes, same_size
+from ..calibration.lattice import amplitude_spectrum, lit_part
 from ..camera import Camera
 from ..depth.decoded import RawSource
 from ..design import Design
 from ..errors import InputError, Problem
-from .failures import UnfinishedError, what_there_was
-from .terminal import refusal
+from ..pictures.light_field import no_lattice
+from ..pictures.picture import Picture
+from .terminal import picture_files, refusal, write_files
 
 OTHER_CAMERA = 0.02
 """Share by which the pitch of the microlens images may be off the design's: beyond, it is another camera's."""
@@ -109,3 +111,27 @@ def read_raw(path: Path) -> tuple[Image, dict[str, Any]]:
         said = str(error).removeprefix(f"{path.name} ")
         raise InputError((Problem("", said),), str(path)) from None
     return pixels, notes
+
+
+class UnfinishedError(CalibrationError):
+    """What images do not determine, with a picture of what was seen of them."""
+
+    def __init__(self, message: str, picture: Picture) -> None:
+        super().__init__(message)
+        self.picture = picture
+
+
+def refused(error: CalibrationError, origin: Path, folder: Path | None = None) -> InputError:
+    """What images do not determine as one line; what was seen goes into a folder where one is given."""
+    text = " ".join(str(error).split())
+    if isinstance(error, UnfinishedError) and folder is not None:
+        write_files(folder, picture_files({"failed": error.picture}))
+        text += f" (what was seen: {folder / 'failed.png'})"
+    return InputError((Problem("", text),), str(origin))
+
+
+def what_there_was(image: Image, reason: str, pitch: float | None) -> Picture:
+    """Draw an image in which no lattice was found; `pitch` is that which was expected [px]."""
+    frame = grey_frame(image)
+    part, corner = lit_part(frame)
+    return no_lattice(frame, amplitude_spectrum(part), corner.tolist(), reason, pitch)

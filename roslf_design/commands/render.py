@@ -20,7 +20,7 @@ from ..imaging.render import render as compute
 from ..pictures.microlens import preview as zooms
 from ..scenes import WHITE_FIELD, load_scene
 from ..tables import Table, print_table
-from .terminal import Flag, StatusLine, bar, check_options, json_text, refusal
+from .terminal import Flag, OptionalOutput, StatusLine, bar, check_options, json_text, refusal
 
 
 def render(
@@ -28,7 +28,7 @@ def render(
     /,
     *,
     scene: Annotated[list[Path] | None, Parameter(negative=())] = None,
-    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    output: OptionalOutput = None,
     budget_px: str | None = None,
     budget_intensity: str | None = None,
     accuracy: float | None = None,
@@ -118,21 +118,21 @@ def render(
             image = compute(
                 loaded, each, effects=effects_on, budget=used, seed=seed, region=piece, sampling=sampling, progress=tell
             )
-        worth = replace(stated(image, way, accuracy, budget), seconds=time.perf_counter() - began)
-        image = replace(image, accuracy=worth.to_dict())
+        statement = replace(stated(image, way, accuracy, budget), seconds=time.perf_counter() - began)
+        image = replace(image, accuracy=statement.to_dict())
         written = [target, write_image(image, target, depth)]
         if preview:
             written.append(target.with_name(f"{target.stem}-preview.png"))
             write_atomically(written[-1], zooms(image).to_png(110))
         if json:
             values = {**image.metadata(), "files": [str(path) for path in written], "seconds": image.seconds}
-            print(json_text(values | {"accuracy": worth.to_dict(times=True)}))
+            print(json_text(values | {"accuracy": statement.to_dict(times=True)}))
             continue
         _print_plan(image.plan)
         height, width = image.pixels.shape
         traced = f", {image.rays / 1e6:.3g} million rays" if image.rays else ""
         print(f"\n{width} x {height} pixels by {image.method} in {image.seconds:.2f} s{traced}")
-        words = worth.sentence()
+        words = statement.sentence()
         print(words[0].upper() + words[1:], *written, sep="\n")
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 import platform
 import re
@@ -13,9 +12,7 @@ from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
-
-from cyclopts import Parameter
+from typing import TYPE_CHECKING, Literal
 
 from .. import __version__
 from ..design import load
@@ -28,7 +25,18 @@ from ..reporting.calibration import read_calibration
 from ..reporting.compare import comparison_report
 from ..reporting.printers import render_html, render_pdf, render_tables
 from ..reporting.story import full_report, load_story_or_study, story_report, study_report
-from .terminal import Flag, OptionalOutput, StatusLine, check_options, listed, refusal, typed, write_files
+from .terminal import (
+    Flag,
+    OptionalOutput,
+    Repeated,
+    StatusLine,
+    check_options,
+    check_typst,
+    listed,
+    refusal,
+    typed,
+    write_files,
+)
 
 if TYPE_CHECKING:
     from ..reporting.blocks import Report
@@ -48,7 +56,7 @@ def report(
     pdf: Flag = False,
     paper: Literal["a4", "letter"] = "a4",
     compare: Flag = False,
-    figure: Annotated[list[str] | None, Parameter(negative=())] = None,
+    figure: Repeated = None,
     calibration: Path | None = None,
     seed: int | None = None,
     accuracy: float | None = None,
@@ -102,8 +110,8 @@ def report(
         raise refusal("--figure", "3d and model are of one design; name its file alone")
     folder = Path("report-" + "-".join(map(folder_name, names))) if output is None else output
     check_folder(folder)
-    if pdf and importlib.util.find_spec("typst") is None:
-        raise refusal("--pdf", "a PDF needs the typst package; install it: pip install typst")
+    if pdf:
+        check_typst("--pdf")
     command = typed(
         "report", *names, compare=compare, output=folder, pdf=pdf, paper=paper if pdf else None, figure=wanted,
         calibration=calibration, seed=seed, accuracy=accuracy, stamp=stamp,

@@ -12,7 +12,6 @@ from cyclopts import Parameter
 
 from .._arrays import Array
 from ..design import PATHS, load
-from ..design.files import in_the_way, write_atomically
 from ..errors import InputError
 from ..pictures.sweep import sweep_picture
 from ..tables import csv_bytes
@@ -20,7 +19,7 @@ from ..theory.sweep import sweep as compute
 from ..theory.sweep import unit_of
 from ..units import parse_quantity
 from .report import folder_name
-from .terminal import refusal
+from .terminal import OptionalOutput, check_target, refusal, write_files
 
 if TYPE_CHECKING:
     from ..theory.sweep import Sweep
@@ -45,7 +44,7 @@ def sweep(
     *,
     set: Annotated[list[str], Parameter(name="--set", negative=())],
     quantity: Annotated[list[str], Parameter(name="--quantity", negative=())],
-    output: Annotated[Path | None, Parameter(name=["--output", "-o"])] = None,
+    output: OptionalOutput = None,
     at: str | None = None,
     points: int | None = None,
 ) -> None:
@@ -70,11 +69,7 @@ def sweep(
         Along each axis. Default: 101; 61 for two.
     """
     target = Path(f"sweep-{folder_name(design)}.png") if output is None else output
-    kind = target.suffix.lower()
-    if kind not in KINDS:
-        raise refusal("-o", f"{target.name} is of no kind that is written here; end it in {', '.join(KINDS)}")
-    if blocked := in_the_way(target):
-        raise refusal("-o", blocked)
+    kind = check_target(target, KINDS)
     if kind == ".parquet" and importlib.util.find_spec("pyarrow") is None:
         raise refusal("-o", "Parquet needs the pyarrow package (pip install pyarrow); or write .csv")
     count = points if points is not None else POINTS if len(set) == 1 else ACROSS
@@ -94,21 +89,20 @@ def sweep(
     if not names:
         raise refusal("--quantity", "names none; give at least one, as fill_factor")
     try:
-        found = compute(loaded, places, list(dict.fromkeys(names)), away)
+        swept = compute(loaded, places, list(dict.fromkeys(names)), away)
     except InputError as error:
         raise refusal("--set", "; ".join(map(str, error.problems))) from None
     except ValueError as error:
         raise refusal("--quantity", str(error)) from None
-    target.parent.mkdir(parents=True, exist_ok=True)
-    write_atomically(target, _written(found, kind, loaded.name))
+    write_files(target.parent, {target.name: _written(swept, kind, loaded.name)})
     print(target)
 
 
 def _span(text: str, count: int) -> tuple[str, Array]:
     """Read "aperture.distance=0..150 mm"."""
-    place, found, span = text.partition("=")
+    place, equals, span = text.partition("=")
     match = re.fullmatch(rf"\s*({NUMBER})\s*\.\.\s*({NUMBER})\s*(.*)", span)
-    if not found or match is None:
+    if not equals or match is None:
         raise refusal("--set", f'cannot read "{text}"; write PLACE=FROM..TO UNIT, as "aperture.distance=0..150 mm"')
     place, unit = place.strip(), match[3].strip()
     dimension = DIMENSIONS.get(unit_of(PATHS.get(place, place)))
@@ -122,15 +116,15 @@ def _span(text: str, count: int) -> tuple[str, Array]:
     return place, np.linspace(ends[0], ends[1], count)
 
 
-def _written(found: Sweep, kind: str, name: str) -> bytes:
+def _written(swept: Sweep, kind: str, name: str) -> bytes:
     if kind in (".png", ".svg"):
-        picture = sweep_picture(found, name)
+        picture = sweep_picture(swept, name)
         return picture.to_png() if kind == ".png" else picture.svg_file()
-    grid = np.meshgrid(*found.places.values(), indexing="ij")
-    columns = dict(zip(found.places, (axis.ravel() for axis in grid), strict=True))
-    columns |= {name: values.ravel() for name, values in found.values.items()}
+    grid = np.meshgrid(*swept.places.values(), indexing="ij")
+    columns = dict(zip(swept.places, (axis.ravel() for axis in grid), strict=True))
+    columns |= {name: values.ravel() for name, values in swept.values.items()}
     headed = {
-        f"{name} [{unit}]" if name in found.places and (unit := found.units[name]) else name: values
+        f"{name} [{unit}]" if name in swept.places and (unit := swept.units[name]) else name: values
         for name, values in columns.items()
     }
     if kind == ".parquet":

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import importlib.util
 import json
 import re
 import shlex
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,16 +17,21 @@ from cyclopts import Parameter
 
 from ..design.files import in_the_way, write_atomically
 from ..errors import InputError, Problem, printable
+from ..pictures.svg import file_of
 from ..reporting.blocks import MARKS, Block, Bullets, Paragraph, Statements, Table
 from ..tables import plain_text, print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from ..pictures.picture import Picture
+
 Flag = Annotated[bool, Parameter(negative=())]
 """A switch that is off unless given."""
 Output = Annotated[Path, Parameter(name=["--output", "-o"])]
 OptionalOutput = Annotated[Path | None, Parameter(name=["--output", "-o"])]
+Repeated = Annotated[list[str] | None, Parameter(negative=())]
+"""Texts, of an option that may be given several times."""
 
 SEEDS = 2**63
 """Below which seeds lie: what files, generators and compiled kernels hold alike."""
@@ -111,6 +117,15 @@ def print_blocks(blocks: Iterable[Block], console: Console) -> None:
                     console.print(plain_text(line), soft_wrap=True)
 
 
+def print_titled(title: str, blocks: Iterable[Block]) -> None:
+    """A heading and what follows it, on stdout."""
+    from rich.console import Console
+
+    console = Console()
+    console.print(plain_text(title, "bold"))
+    print_blocks(blocks, console)
+
+
 def listed(files: Iterable[str]) -> list[str]:
     """Names of files as they are told; of tables their folder alone."""
     return list(dict.fromkeys(f"{name.split('/')[0]}/" if "/" in name else name for name in files))
@@ -129,6 +144,15 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
         (folder / name).parent.mkdir(exist_ok=True)
         write_atomically(folder / name, content)
     return [folder / name for name in files]
+
+
+def picture_files(pictures: Mapping[str, Picture], drawings: Mapping[str, str] | None = None) -> dict[str, bytes]:
+    """Pictures as .svg and .png by their names; `drawings` is their SVG text where that is at hand."""
+    files = {}
+    for name, picture in pictures.items():
+        files[f"{name}.svg"] = picture.svg_file() if drawings is None else file_of(drawings[name])
+        files[f"{name}.png"] = picture.to_png()
+    return files
 
 
 def typed(*words: object, **options: object) -> str:
@@ -169,10 +193,27 @@ def check_options(seed: int | None = None, folder: Path | None = None, *others: 
         raise InputError(tuple(faults))
 
 
-def parse_sigmas(told: list[str] | None) -> dict[str, str]:
+def check_target(target: Path, kinds: Sequence[str]) -> str:
+    """Refuse a file that cannot be written, or is of no kind that is; returns its kind, as ".csv"."""
+    kind = target.suffix.lower()
+    if kind not in kinds:
+        ends = " or ".join(kinds) if len(kinds) == 2 else ", ".join(kinds)
+        raise refusal("-o", f"{target.name} is of no kind that is written here; end it in {ends}")
+    if blocked := in_the_way(target):
+        raise refusal("-o", blocked)
+    return kind
+
+
+def check_typst(option: str) -> None:
+    """Refuse an option that asks for a PDF where nothing sets one."""
+    if importlib.util.find_spec("typst") is None:
+        raise refusal(option, "a PDF needs the typst package; install it: pip install typst")
+
+
+def parse_sigmas(texts: list[str] | None) -> dict[str, str]:
     """Read "place=sigma", any number of times; refused where one is not that, or a place stands twice."""
     sigmas: dict[str, str] = {}
-    for text in told or ():
+    for text in texts or ():
         place, between, sigma = (part.strip() for part in text.partition("="))
         if not (place and between and sigma):
             raise refusal(

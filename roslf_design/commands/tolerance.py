@@ -14,14 +14,14 @@ from typing import TYPE_CHECKING
 
 from ..errors import Problem
 from ..reporting.blocks import Block, Paragraph
-from ..reporting.printers import render_html, render_tables
+from ..reporting.printers import page_files
 from ..reporting.tolerance import headline, tables, tolerance_pictures, tolerance_report
 from ..tables import plain_text
 from ..tolerancing.result import analyse, precision, save_worst, trial_arrays, trials_for
 from ..tolerancing.run import ChunkLostError, Where, npz_bytes, run_trials
 from ..tolerancing.study import MOST_TRIALS, load_plan
 from ..words import sentence
-from .terminal import Flag, Output, bar, check_options, print_blocks, refusal, typed, write_files
+from .terminal import Flag, Output, bar, check_options, picture_files, print_blocks, refusal, typed, write_files
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -100,10 +100,8 @@ def tolerance(
         "summary.txt": summary(result).encode(),
         "trials.npz": npz_bytes(trial_arrays(plan, tally)),
     }
-    for name, picture in tolerance_pictures(result).items():
-        files |= {f"{name}.svg": picture.svg_file(), f"{name}.png": picture.to_png()}
-    report = tolerance_report(result, command)
-    write_files(output, files | render_tables(report) | {"index.html": render_html(report).encode()})
+    files |= picture_files(tolerance_pictures(result)) | page_files(tolerance_report(result, command))
+    write_files(output, files)
     if json:
         timed = None if result.precision is None else result.precision.to_dict(times=True)
         print(_lines(result.to_dict() | {"accuracy": timed}))

@@ -21,7 +21,7 @@ from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.photometry import dark_variance, electrons
 from .estimate import DisparityMap, PixelNoise
 from .geometry import ArrayGeometry, GridGeometry, ViewGeometry
-from .measure import MARGIN, POINTS, Depths, Measurement, lattice_of, measure, sampled
+from .measure import POINTS, Depths, Measurement, lattice_of, measure, sampled, search_about
 
 FULL = 0.98
 """Share of the full well from which a pixel counts as saturated: interpolation mixes it with its neighbours."""
@@ -189,9 +189,7 @@ def searched(field: LightField, across: float) -> tuple[float, float]:
         Samples of the views from rim to rim of the pupil.
     """
     sharp = sharp_disparities(field) * (across / field.pitch)
-    low, high = float(sharp.min()), float(sharp.max())
-    reach = MARGIN + 0.1 * (high - low)
-    return low - reach, high + reach
+    return search_about(float(sharp.min()), float(sharp.max()))
 
 
 def image_width(camera: Camera) -> float:
@@ -217,7 +215,7 @@ def measured_noise(
     return CaptureNoise(PixelNoise(QUIET, QUIET * noise), level, said, alike)
 
 
-def noise_alike(field: LightField, pupil: NDArray[np.floating], found: DisparityMap) -> float:
+def noise_alike(field: LightField, pupil: NDArray[np.floating], estimate: DisparityMap) -> float:
     """How much more disparities vary than if each sample had noise of its own.
 
     What is left between views that lie on each other is compared with itself a few samples aside: interpolated and
@@ -228,7 +226,7 @@ def noise_alike(field: LightField, pupil: NDArray[np.floating], found: Disparity
     field : LightField
     pupil : ndarray
         As `estimate_disparity` takes it.
-    found : DisparityMap
+    estimate : DisparityMap
         Of them.
 
     Returns
@@ -238,26 +236,26 @@ def noise_alike(field: LightField, pupil: NDArray[np.floating], found: Disparity
     """
     from scipy import ndimage
 
-    known = found.measured
-    if known.sum() < found.window**2:
+    known = estimate.measured
+    if known.sum() < estimate.window**2:
         return 1.0
-    disparity = np.where(known, found.disparity, np.median(found.disparity[known]))
+    disparity = np.where(known, estimate.disparity, np.median(estimate.disparity[known]))
     inner = ndimage.binary_erosion(known, np.ones((3, 3), bool))
     rows, columns = np.indices(known.shape, dtype=float)
-    along_v, along_u = np.gradient(found.picture)
+    along_v, along_u = np.gradient(estimate.picture)
     lit = np.argwhere((field.weight > 0).mean(axis=(2, 3)) > 0.5)
     some = lit[np.linspace(0, len(lit) - 1, min(len(lit), SOME_VIEWS)).astype(int)]
     middle = [np.nanmean(axis[tuple(lit.T)]) for axis in pupil]
     left, slopes = [], []
     for t, s in some:
         x, y = (np.nan_to_num(axis[t, s]) for axis in pupil)
-        seen = ndimage.map_coordinates(
+        warped = ndimage.map_coordinates(
             field.values[t, s].astype(float), [rows + disparity * y, columns + disparity * x], order=3, mode="nearest"
         )
-        left.append(np.where(inner, seen - found.picture, 0.0))
+        left.append(np.where(inner, warped - estimate.picture, 0.0))
         slopes.append(np.where(inner, along_u * (x - middle[0]) + along_v * (y - middle[1]), 0.0))
     noise, slope = np.stack(left), np.stack(slopes)
-    total, width = 0.0, found.window
+    total, width = 0.0, estimate.window
     own = float(np.mean(slope**2, axis=(1, 2)) @ np.mean(noise**2, axis=(1, 2)))
     for b in range(1 - width, width):
         for a in range(1 - width, width):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +14,6 @@ from ..calibration.frames import Frame
 from ..calibration.refocusing import FocusPlane
 
 SCHEMA = "roslf.decoding/1"
-Kind = Literal["raw", "views", "matlab"]
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._jit import THREADS
 from ..calibration.decoding import LightField
-from .warping import SUMS, TAPS, common, fill_holes, gather_zones, light_of_cells, spline_coefficients, spread_of_zones
+from .warping import SUMS, common, fill_holes, gather_zones, light_of_cells, spline_coefficients, spread_of_zones
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -80,6 +80,8 @@ class PixelNoise:
             raise ValueError(f"read_noise is {self.read_noise}; it must not be negative")
         if not self.saturation > 0:
             raise ValueError(f"saturation is {self.saturation}; give electrons above 0, or leave it out")
+        for name in ("electrons", "read_noise", "saturation"):  # kernels are compiled once more for whole numbers
+            object.__setattr__(self, name, float(getattr(self, name)))
 
     def dimmed(self, share: float) -> PixelNoise:
         """The same of pixels that give so much of the signal of what is told as 1."""
@@ -257,7 +259,7 @@ def estimate_disparity(
     some = every
     if len(views.grid) >= _MANY:
         other = views.grid.sum(axis=1) % 2 == 0
-        some = (splines[other], cells[other], views.pupil[:, other], views.aside[:, other])
+        some = (splines[other], cells[other], _read_only(views.pupil[:, other]), _read_only(views.aside[:, other]))
     bound = (low - first.step, high + first.step)
     for count in range(passes):
         robust = _ROBUST if count else math.inf
@@ -305,9 +307,7 @@ class _Views:
         grid, shape = field.values.shape[:2], field.values.shape[2:]
         if min(shape) < 4:
             raise ValueError(f"views of {shape[1]} x {shape[0]} microlenses; disparity needs 4 x 4 or more")
-        where = np.asarray(pupil, np.float32)
-        if where.shape not in ((2, *grid), (2, *grid, *shape)):
-            raise ValueError(f"pupil of shape {where.shape}; give (2, t, s) or (2, t, s, v, u) of {grid + shape}")
+        where = _checked("pupil", pupil, field)
         usable = (field.weight > 0).any(axis=(2, 3)) & np.isfinite(where).any(axis=tuple(range(3, where.ndim))).all(0)
         values, light = field.values[usable], field.weight[usable]
         where = where[:, usable]
@@ -316,10 +316,7 @@ class _Views:
             where = np.broadcast_to(where[:, :, None, None], (2, *values.shape))
         else:
             known = np.asarray(np.isfinite(where).all(axis=0))
-        beside = np.zeros((2, *grid), np.float32) if aside is None else np.asarray(aside, np.float32)
-        if beside.shape not in ((2, *grid), (2, *grid, *shape)):
-            raise ValueError(f"aside of shape {beside.shape}; give (2, t, s) or (2, t, s, v, u) of {grid + shape}")
-        beside = beside[:, usable]
+        beside = (np.zeros((2, *grid), np.float32) if aside is None else _checked("aside", aside, field))[:, usable]
         if beside.ndim == 2:
             beside = np.broadcast_to(beside[:, :, None, None], (2, *values.shape))
         good = known & np.isfinite(values) & (light > 0)
@@ -329,11 +326,10 @@ class _Views:
         places = np.argwhere(usable)
         steps = (float(field.u[1] - field.u[0]), float(field.v[1] - field.v[0]))
         density = steps[0] if field.hexagonal is not None else 1.0
-        # Read-only both, wherever they came from: kernels are compiled once more for arrays that are not.
-        where, beside = (np.broadcast_to(part, part.shape) for part in (where, beside))
         return cls(
-            np.ascontiguousarray(values), light, full, where, beside, places, lit, full.sum(axis=0), steps, density
-        )
+            np.ascontiguousarray(values), light, full, _read_only(where), _read_only(beside), places, lit,
+            full.sum(axis=0), steps, density,
+        )  # fmt: skip
 
     @property
     def shape(self) -> tuple[int, int]:
@@ -341,15 +337,10 @@ class _Views:
 
     def splines(self) -> tuple[Pictures, Pictures]:
         """Spline coefficients and light of the cells between samples."""
-        count, (rows, columns) = len(self.values), self.shape
         views = self.values.copy()
-        splines = np.empty((count, rows + TAPS - 2, columns + TAPS - 2), np.float32)
-        cells = np.empty((count, rows - 1, columns - 1), np.float32)
         with THREADS:
             fill_holes.compiled(views, self.light)
-            spline_coefficients.compiled(views, splines)
-            light_of_cells.compiled(np.where(self.full, np.float32(0), self.light), cells)
-        return splines, cells
+        return spline_coefficients(views), light_of_cells(np.where(self.full, np.float32(0), self.light))
 
     def zones(self, largest: float) -> tuple[NDArray[np.int64], int]:
         """Zone of each view, so that disparities up to `largest` smear none by more than about a pitch."""
@@ -361,6 +352,19 @@ class _Views:
         _, zone = np.unique(np.stack(bands), axis=1, return_inverse=True)
         zone = np.asarray(zone, np.int64).ravel()
         return zone, int(zone.max()) + 1
+
+
+def _checked(name: str, values: ArrayLike, field: LightField) -> Pictures:
+    """What `estimate_disparity` takes of views or of all their samples; the error calls it by its name."""
+    array, shape = np.asarray(values, np.float32), field.values.shape
+    if array.shape not in ((2, *shape[:2]), (2, *shape)):
+        raise ValueError(f"{name} of shape {array.shape}; give (2, t, s) or (2, t, s, v, u) of {shape}")
+    return array
+
+
+def _read_only(part: Pictures) -> Pictures:
+    """Of wherever it came from: kernels are compiled once more for arrays that can be written to."""
+    return np.broadcast_to(part, part.shape)
 
 
 @dataclass(frozen=True, eq=False)

@@ -58,9 +58,9 @@ def depth_of(camera: Camera, disparity: Array) -> Array:
     The inverse of `rim_disparity`, ``Z_F = A/(m + B d/D_F)``.
     """
     with np.errstate(invalid="ignore", divide="ignore"):
-        seen = camera.A / (camera.m + disparity * camera.d / camera.D_F)
-        z = np.asarray(camera.plane_seen_at(seen + camera.d_3), float)
-    return np.where(seen > 0, z, np.nan)
+        z_f = camera.A / (camera.m + disparity * camera.d / camera.D_F)
+        z = np.asarray(camera.plane_seen_at(z_f + camera.d_3), float)
+    return np.where(z_f > 0, z, np.nan)
 
 
 def disparity_of(camera: Camera, z: Array) -> Array:

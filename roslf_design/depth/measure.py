@@ -27,13 +27,14 @@ from ..imaging.render import RawImage, render
 from ..imaging.trace import RaySampling, seen_distances
 from ..json_data import plain
 from ..scenes import Noise, Plane, Scene
+from ..shapes.lattice import lattice_steps
 from ..theory.disparity_error import Seen, disparity_sigma
 from ..theory.photometry import dark_variance, electrons
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
 from .estimate import DisparityMap, DisparityStatus, PixelNoise, estimate_disparity
 from .geometry import ArrayGeometry, ViewGeometry, depth_of, disparity_of, sigma_of
-from .traced_views import LATTICES, TracedViews
+from .traced_views import TracedViews
 from .unmixing import places_on_array
 
 Array = NDArray[np.float64]
@@ -221,8 +222,8 @@ class Measurement:
         some = self.compared
         if not some.any():
             sigma = self.first.sigma[self.first.measured]
-            told = math.sqrt(float((sigma**2).mean())) if sigma.size and not np.isfinite(self.true).any() else None
-            return Summary(None, None, None, told, None, share)
+            stated = math.sqrt(float((sigma**2).mean())) if sigma.size and not np.isfinite(self.true).any() else None
+            return Summary(None, None, None, stated, None, share)
         errors, sigma = self.errors[:, some], np.stack([run.sigma[some] for run in self.runs])
         if len(self.runs) > 1:
             own = errors - errors.mean(0)
@@ -233,9 +234,9 @@ class Measurement:
         if self.prediction is not None:
             here = some[self.prediction.row, self.prediction.column] & np.isfinite(self.prediction.depth)
             predicted = math.sqrt(float((self.prediction.depth[here] ** 2).mean())) if here.any() else None
-        told = math.sqrt(float((sigma**2).mean()))
+        stated = math.sqrt(float((sigma**2).mean()))
         inside = float((np.abs(errors) < sigma).mean())
-        return Summary(float(errors.mean()), spread, predicted, told, inside, share)
+        return Summary(float(errors.mean()), spread, predicted, stated, inside, share)
 
     def unknown(self) -> dict[str, float]:
         """Shares of the microlenses without a depth, by reason; over all exposures."""
@@ -398,7 +399,7 @@ def region_about(design: Design, place: tuple[float, float], across: int) -> Reg
     camera = Camera.of(design.thin_twin)
     width, height = camera.pixels
     lattice = lattice_of(camera, Region(0, 0, width, height))
-    i, j = np.linalg.solve(LATTICES[lattice.layout].T, np.array(place) / float(camera.d))
+    i, j = np.linalg.solve(lattice_steps(lattice.layout), np.array(place) / float(camera.d))
     column, row = lattice.nodes(i, j)
     side = math.ceil(across * lattice.pitch)
     columns, rows = min(side, width), min(side, height)
@@ -417,10 +418,7 @@ def share_done(what: str, share: float) -> float:
 def _with_margin(camera: Camera, region: Region) -> Region:
     """With `BESIDE` microlenses on each side, as far as the sensor reaches."""
     add = math.ceil(BESIDE * abs(float(QUANTITIES["image_pitch_mm"](camera) / camera.q)))
-    width, height = camera.pixels
-    left, top = max(region.column - add, 0), max(region.row - add, 0)
-    right, bottom = min(region.column + region.columns + add, width), min(region.row + region.rows + add, height)
-    return Region(left, top, right - left, bottom - top)
+    return region.grown(add).common(Region.checked(camera, None))
 
 
 def simulate(
@@ -499,8 +497,7 @@ def simulate(
     true = _truth(camera, actual.traced, scene, even)
     disparities = disparity_of(camera, true[np.isfinite(true)])
     low, high = (float(disparities.min()), float(disparities.max())) if disparities.size else (-SLANT, SLANT)
-    reach = MARGIN + 0.1 * (high - low)
-    search = (low - reach, high + reach)
+    search = search_about(low, high)
     runs = []
     for number, generator in enumerate(np.random.default_rng(seed).spawn(exposures)):
         progress("depth", number / exposures)
@@ -511,6 +508,12 @@ def simulate(
     true = true[rows, columns]
     prediction = predict(design, scene, runs[0].field, true, runs[0].disparities.window, actual.traced)
     return Trial(tuple(runs), true, prediction, scene, part, believed, mean, picture)
+
+
+def search_about(low: float, high: float) -> tuple[float, float]:
+    """Disparities to search where those of a scene lie between two [pitches]."""
+    reach = MARGIN + 0.1 * (high - low)
+    return low - reach, high + reach
 
 
 def _reached(field: LightField, inside: NDArray[np.int64]) -> tuple[slice, slice]:
@@ -541,11 +544,9 @@ def _truth(camera: Camera, traced: TracedViews | None, scene: Scene, field: Ligh
     points = []
     for z in (near, far):
         plane = camera.plane(z)
-        seen = [-slope * (plane.distance - camera.d_3) for slope in slopes]
-        lens = [camera[f"main_lens.decentre.{axis}"] for axis in (0, 1)]
-        points.append(
-            [at * plane.magnification + off + aside for at, off, aside in zip(seen, lens, plane.aside, strict=True)]
-        )
+        offsets = [-slope * (plane.distance - camera.d_3) for slope in slopes]
+        lens = zip(offsets, camera.lens_centre, plane.aside, strict=True)
+        points.append([at * plane.magnification + off + aside for at, off, aside in lens])
     along = [(a - b) / (far - near) for a, b in zip(*points, strict=True)]
     heights = [a + slope * near for a, slope in zip(points[0], along, strict=True)]
     rays = np.stack([*heights, *along], -1)
@@ -590,8 +591,8 @@ def predict(
         if math.isfinite(z):
             b, plane = disparity_of(camera, z), camera.plane(z)
             ahead = np.abs(product(camera.inverse_m, ratio(plane.distance - camera.d_3, camera.gap)))
-            seen = Seen(b, np.asarray(ahead * np.abs(plane.magnification)))
-            disparity[n] = float(disparity_sigma(MicrolensImages(camera, [place]), seen)[0, 0]) / wider[n]
+            plane_seen = Seen(b, np.asarray(ahead * np.abs(plane.magnification)))
+            disparity[n] = float(disparity_sigma(MicrolensImages(camera, [place]), plane_seen)[0, 0]) / wider[n]
             depth[n] = float(sigma_of(camera, z, disparity[n]))
     return Prediction(row, column, disparity, depth)
 

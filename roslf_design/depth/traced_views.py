@@ -23,6 +23,7 @@ from ..calibration.lattice import CentreLattice
 from ..camera import Camera
 from ..design import Design
 from ..lenses.tracer import KEPT
+from ..shapes.lattice import lattice_steps
 from ..theory.colours import mixed
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 from ..theory.light import microlens_defocus
@@ -46,10 +47,6 @@ AWAY = 1e9
 """Taken for infinity [mm]."""
 ENOUGH = 1.5
 """Places traced for each coefficient of a polynomial over the array."""
-
-
-LATTICES = {"square": np.eye(2), "hexagonal": np.array([[1.0, 0.0], [0.5, math.sqrt(0.75)]])}
-"""Steps of the microlenses' two indices in the array's own frame [pitches]."""
 
 
 class Sight(NamedTuple):
@@ -102,9 +99,9 @@ class TracedViews:
             column, row = (np.abs(at - axis[:, None]).argmin(1) for at, axis in ((along, x), (down, y)))
             dark = ~good.reshape(NODES, NODES)[np.ix_(row, column)]
         powers = self._powers(field, np.asarray(pupil))
-        seen, aside = (_spread(part.astype(np.float32), powers) for part in coefficients)
-        seen[..., dark], aside[..., dark] = np.nan, 0.0
-        return Sight(seen, aside)
+        places, aside = (_spread(part.astype(np.float32), powers) for part in coefficients)
+        places[..., dark], aside[..., dark] = np.nan, 0.0
+        return Sight(places, aside)
 
     def looks(self, nodes: Array, points: Array) -> tuple[Array, NDArray[np.bool_]]:
         """P and E of microlenses and pupil points, shape (2, node, point, 2), and where all rays came through."""
@@ -221,7 +218,7 @@ class TracedViews:
         """
         mounted, camera = self.mounted, self.camera
         some = indices[:: max(1, len(indices) // 200)]
-        places = some @ LATTICES[lattice.layout] * float(camera.d)
+        places = some @ lattice_steps(lattice.layout).T * float(camera.d)
         c = microlenses(self.design, places)
         middle = sensor_of_pupil(mounted, c, mounted.fap.centre)
         first = c + mounted.d_2 * chief_slope(mounted, c, mounted.fap.centre)

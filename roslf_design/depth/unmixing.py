@@ -116,10 +116,10 @@ def unmixed(camera: Camera, field: LightField) -> OwnLight:
         ways = [_Mixing.of(parts, shares, own, usable, faint) for faint in (False, True)]
         values[usable] = _freed(np.asarray(lenses.values[usable], np.float32), gain, ways, maps, start)
         weight[usable] = np.where(gain > 0, light * share**2, 0)
-    seen = _Map.of(rows, columns, (height, width), (height, width))
+    over_view = _Map.of(rows, columns, (height, width), (height, width))
     side = math.copysign(1.0, float(camera.A) * float(camera.D_F))
-    pupil = np.float32(side) * np.stack([seen(np.moveaxis(axis[own], 0, -1)) for axis in (parts.x, parts.y)])
-    aside = seen(_aside(camera, field, rows, columns, parts.light[own]))
+    pupil = np.float32(side) * np.stack([over_view(np.moveaxis(axis[own], 0, -1)) for axis in (parts.x, parts.y)])
+    aside = over_view(_aside(camera, field, rows, columns, parts.light[own]))
     if rows.size == 1:
         pupil, aside = pupil[..., 0, 0], aside[..., 0, 0]
     return OwnLight(_with(field, values, weight), pupil, aside)
@@ -259,12 +259,12 @@ class _Map(NamedTuple):
         cls, rows: NDArray[np.intp], columns: NDArray[np.intp], nodes: tuple[int, int], size: tuple[int, int]
     ) -> _Map:
         """For nodes at some `rows` and `columns` of as many as `nodes` says, over which `size` lenses are spread."""
-        found: list[Any] = []
+        parts: list[Any] = []
         for places, of, count in zip((rows, columns), nodes, size, strict=True):
             at = np.interp(np.arange(count) * ((of - 1) / max(count - 1, 1)), places, np.arange(places.size))
             before = np.clip(np.floor(at), 0, max(places.size - 2, 0)).astype(np.int64)
-            found += [before, (at - before).astype(np.float32)]
-        return cls(*found)
+            parts += [before, (at - before).astype(np.float32)]
+        return cls(*parts)
 
     def __call__(self, values: NDArray[np.float64]) -> NDArray[np.float32]:
         """From the nodes, shape (..., nodes), to all lenses, shape (..., v, u); (..., 1, 1) of a single node."""

@@ -93,8 +93,7 @@ def _extend(lines: Floats) -> None:
 
 
 @kernel(parallel=True)
-def spline_coefficients(views: Samples, out: Samples) -> None:
-    """Coefficients of each view's B-spline of degree 7, over 5040^2; `out` is three samples wider on each side."""
+def _coefficients(views: Samples, out: Samples) -> None:
     count, rows, columns = views.shape
     for k in prange(count):
         lying, standing = np.empty((columns + 2 * _BEYOND, rows)), np.empty((rows + 2 * _BEYOND, columns + TAPS - 2))
@@ -113,6 +112,17 @@ def spline_coefficients(views: Samples, out: Samples) -> None:
         for v in range(rows + TAPS - 2):
             for u in range(columns + TAPS - 2):
                 out[k, v, u] = standing[v + _BEYOND - 3, u]
+
+
+def spline_coefficients(views: Samples) -> Samples:
+    """Coefficients of each view's B-spline of degree 7, over 5040^2, three samples more on each side.
+
+    Beyond its sides a view goes on as it was before them, turned about them. Hold `THREADS`.
+    """
+    count, rows, columns = views.shape
+    out = np.empty((count, rows + TAPS - 2, columns + TAPS - 2), np.float32)
+    _coefficients.compiled(views, out)
+    return out
 
 
 @kernel(inline=True)
@@ -141,34 +151,17 @@ def _taps(f: float) -> Taps:
     )
 
 
-@kernel(parallel=True)
-def light_of_cells(light: Samples, out: Samples) -> None:
-    """Light between four neighbouring samples; 0 where one of the 6 x 6 about it has none.
+def light_of_cells(light: Samples) -> Samples:
+    """Light between four neighbouring samples, shape (view, v - 1, u - 1); 0 where one of 6 x 6 about it has none.
 
-    The outermost of the 8 x 8 weigh 2e-4 at most.
+    The outermost of the 8 x 8 that are interpolated from weigh 2e-4 at most.
     """
-    count, rows, columns = light.shape
-    for k in prange(count):
-        ends = np.full(columns, -1)  # last row without light, in any of the six columns about each cell
-        for v in range(-3, rows - 1):
-            below = v + 3
-            last = -1
-            if below < rows:
-                for u in range(min(3, columns)):
-                    if light[k, below, u] <= 0:
-                        last = u
-            for u in range(columns - 1):
-                if below < rows:
-                    if u + 3 < columns and light[k, below, u + 3] <= 0:
-                        last = u + 3
-                    if last >= u - 2 and last >= 0:
-                        ends[u] = below
-                if v >= 0:
-                    out[k, v, u] = (
-                        0.25 * (light[k, v, u] + light[k, v, u + 1] + light[k, v + 1, u] + light[k, v + 1, u + 1])
-                        if ends[u] < max(v - 2, 0)
-                        else 0.0
-                    )
+    mean = np.float32(0.25) * (light[:, :-1, :-1] + light[:, :-1, 1:] + light[:, 1:, :-1] + light[:, 1:, 1:])
+    lit = np.pad(light > 0, ((0, 0), (2, 2), (2, 2)), constant_values=True)
+    rows, columns = mean.shape[1:]
+    lit = np.logical_and.reduce([lit[:, k : k + rows] for k in range(6)])
+    mean *= np.logical_and.reduce([lit[..., k : k + columns] for k in range(6)])
+    return mean
 
 
 @kernel(parallel=True)

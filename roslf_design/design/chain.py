@@ -222,8 +222,8 @@ class Chain:
 
     def telecentric(self, numbers: Mapping[str, Number], fap: Number) -> Flags:
         """Whether the scene sees what stands at `fap` [mm before the main lens] at infinity, or all but."""
-        (_, last), seen = self.front(numbers), self.plane(numbers, fap)
-        return np.abs(last.d * seen.a - last.c * seen.b) < TELECENTRIC
+        (_, last), plane = self.front(numbers), self.plane(numbers, fap)
+        return np.abs(last.d * plane.a - last.c * plane.b) < TELECENTRIC
 
     def seen_plane(self, numbers: Mapping[str, Number]) -> Number:
         """d_f of the focal plane's image in the air before the main lens [mm]."""
@@ -234,12 +234,12 @@ class Chain:
 
         Where stops stand is left out: the air before the main lens is no place to compare them in.
         """
-        seen = {place: value for place, value in values.items() if not place.startswith(("aperture.", "stops."))}
+        apparent = {place: value for place, value in values.items() if not place.startswith(("aperture.", "stops."))}
         if values.get(PLANE) is not None:
-            seen[PLANE] = self.seen_plane(values)
+            apparent[PLANE] = self.seen_plane(values)
         if (distance := values.get(DISTANCE)) is not None:
-            seen[DISTANCE] = distance - self.before_array(values)
-        return seen
+            apparent[DISTANCE] = distance - self.before_array(values)
+        return apparent
 
     def plane_seen_at(self, numbers: Mapping[str, Number], distance: Number) -> Number:
         """Which plane before the farthest element is seen at a distance before the main lens [mm]."""
@@ -303,12 +303,12 @@ class Chain:
 
     def followed(self, numbers: Mapping[str, Number], key: str) -> Number:
         """The value of one of f, d_f and d_1 that the other two in `numbers` give [mm]."""
-        seen = dict(numbers)
+        apparent = dict(numbers)
         if key != PLANE:
-            seen[PLANE] = self.seen_plane(numbers)
+            apparent[PLANE] = self.seen_plane(numbers)
         if key != DISTANCE:
-            seen[DISTANCE] = numbers[DISTANCE] - self.before_array(numbers)
-        value = followed(seen, key)
+            apparent[DISTANCE] = numbers[DISTANCE] - self.before_array(numbers)
+        value = followed(apparent, key)
         if key == PLANE:
             return self.plane_seen_at(numbers, value)
         return value + self.before_array(numbers) if key == DISTANCE else value

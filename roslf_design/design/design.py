@@ -90,11 +90,11 @@ class Design(Part, Symbols[float]):
         values = {place: at(self, place) for place in checked_places(len(self.stops))}
         chain = chain_of(self)
         try:
-            seen = values if chain is None else chain.seen({**chain_numbers(self), **values})
+            apparent = values if chain is None else chain.seen({**chain_numbers(self), **values})
         except InputError as error:  # a glass that is not known at the design's wavelength
             faults = tuple(Problem(PATHS["wavelength"], problem.message) for problem in error.problems)
             raise PydanticCustomError(MISFIT, "parts do not fit", {"problems": faults}) from None
-        problems = cross_check(seen, self.main_lens.prescription, turned=self.main_lens.reversed)
+        problems = cross_check(apparent, self.main_lens.prescription, turned=self.main_lens.reversed)
         if chain is not None or self.object_space.medium != AIR:
             problems += about_elements(self, problems)
         mapped = None if chain is None or problems else chain.mapped

@@ -165,20 +165,20 @@ def element_name(element: AnyElement, number: int) -> str:
 def made_of(element: AnyElement) -> tuple[str, ...]:
     """What it is, in a few words each: size and material, focal length, deviation."""
     if isinstance(element, Block):
-        told = [f"{length(element.thickness)} of {element.material.name}"]
+        words = [f"{length(element.thickness)} of {element.material.name}"]
     elif isinstance(element, FieldLens):
-        told = [f"f = {length(element.focal_length)}"]
+        words = [f"f = {length(element.focal_length)}"]
         if isinstance(element.mapping, MappingTable):
-            told.append(f"mapping by a table to {math.degrees(element.mapping.angles[-1]):.4g}°")
+            words.append(f"mapping by a table to {math.degrees(element.mapping.angles[-1]):.4g}°")
         elif element.mapping != COLLINEAR:
-            told.append(f"mapping {element.mapping}")
+            words.append(f"mapping {element.mapping}")
     elif isinstance(element, Grin):
-        told = [f"{length(element.thickness)}, n_0 {element.index:g}", f"g = {element.gradient:.5g} /mm"]
+        words = [f"{length(element.thickness)}, n_0 {element.index:g}", f"g = {element.gradient:.5g} /mm"]
     else:
-        told = [element.lens.name or "by its prescription"]
+        words = [element.lens.name or "by its prescription"]
     if isinstance(element, Prism) and element.deviation:
-        told.append(f"turns by {math.degrees(element.deviation):.4g}°")
-    return (*told, f"diameter {length(element.diameter)}") if element.diameter is not None else tuple(told)
+        words.append(f"turns by {math.degrees(element.deviation):.4g}°")
+    return (*words, f"diameter {length(element.diameter)}") if element.diameter is not None else tuple(words)
 
 
 def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, ...]:

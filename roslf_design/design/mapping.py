@@ -52,8 +52,8 @@ class MappingTable(Part):
             if values[0] != 0 or not all(a < b for a, b in pairwise(values)):
                 raise ValueError(f"{name} must begin with 0 and rise from one to the next")
         if self.angles[-1] > math.pi / 2 * (1 + 1e-12):
-            told = math.degrees(self.angles[-1])
-            raise ValueError(f"angles reach {told:.4g} degrees; end the table at 90 degrees or before")
+            degrees = math.degrees(self.angles[-1])
+            raise ValueError(f"angles reach {degrees:.4g} degrees; end the table at 90 degrees or before")
         return self
 
     def ratios(self, focal_length: float) -> tuple[Law, Law]:
@@ -65,9 +65,9 @@ class MappingTable(Part):
 def _named(value: Any) -> Any:
     if isinstance(value, str) and value in NAMES:
         return value
-    told = f'"{value}"' if isinstance(value, str) else f"{value!r}"
+    shown = f'"{value}"' if isinstance(value, str) else f"{value!r}"
     meant = nearest(value, NAMES) if isinstance(value, str) else f"known here: {', '.join(NAMES)}"
-    raise ValueError(f"{told} is no mapping; {meant}; or give {{angles = [...], heights = [...]}}")
+    raise ValueError(f"{shown} is no mapping; {meant}; or give {{angles = [...], heights = [...]}}")
 
 
 AnyMapping = Annotated[

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera import Camera
+from ..camera.camera import place_of
 from ..design import Design
 from ..design.parts import PATHS
 from ..rays.backward import behind_elements, law_of, mapped, scene_side
@@ -82,14 +83,14 @@ def misses(design: Design, radius: float, distances: tuple[float, ...], waveleng
     for wavelength in dict.fromkeys((design.wavelength, *wavelengths)):
         coloured = camera if wavelength == design.wavelength else camera.replace({"wavelength": wavelength})
         space = FacesAhead.of(coloured, clip=False)
-        *at_rims, found = space.rays_at([float(rim.stands) for rim in rims], height, slope)
-        good = passed & (found.status == 0)
+        *at_rims, exact = space.rays_at([float(rim.stands) for rim in rims], height, slope)
+        good = passed & (exact.status == 0)
         lost |= bool((passed & ~good).any())
         there = {rim.part: rays for rim, rays in zip(rims, at_rims, strict=True)}
         image = max(image, _clipping(camera, there, (lx, ly, ox, oy), good, radius))
         for z in distances:
             scale = _on_array(camera, z) / compressed
-            off = [(found.height[k] - found.slope[k] * z - (closed[k] - closed[2 + k] * z)) * scale for k in (0, 1)]
+            off = [(exact.height[k] - exact.slope[k] * z - (closed[k] - closed[2 + k] * z)) * scale for k in (0, 1)]
             # An edge may lie along either axis, or a corner along both.
             picture = max(picture, float(np.max((np.abs(off[0]) + np.abs(off[1]))[good], initial=0.0)))
             apart = np.hypot(*(part - part[:, :1] for part in off))
@@ -109,9 +110,9 @@ def _rays(camera: Camera, radius: float) -> tuple[Floats, Floats, Floats, Floats
     fields = np.array([[r * np.cos(way), r * np.sin(way)] for r in RADII for way in ways]) * radius
     aside = np.array(camera.decentre("aperture"))
     rim = np.concatenate([[[0.0, 0.0]], np.stack([np.cos(turn), np.sin(turn)], -1)])
-    pupil, seen = aside + float(camera.fap.radius) * rim, -fields[:, None] * float(camera.inverse_m)
-    slope = (pupil - seen) / float(camera.gap)
-    height = seen + slope * float(camera.d_f)
+    pupil, points = aside + float(camera.fap.radius) * rim, -fields[:, None] * float(camera.inverse_m)
+    slope = (pupil - points) / float(camera.gap)
+    height = points + slope * float(camera.d_f)
     return height[..., 0], height[..., 1], slope[..., 0], slope[..., 1]
 
 
@@ -131,7 +132,6 @@ def _clipping(
 ) -> float:
     """How far rims that clip light move on the sensor [mm]; `there` are the rays at each, by its part."""
     lx, ly, ox, oy = rays
-    lens = [float(camera[f"main_lens.decentre.{axis}"]) for axis in (0, 1)]
     (middle, aside), (radii, _) = stop_discs(camera, np.array([0.0, radius]), 0.0)
     apart = np.hypot(*(middle - middle[0]).T) + np.hypot(*((aside - middle) - (aside - middle)[0]).T)
     posed = len(lx) > len(RADII)  # the FAP's edge is then sampled all around, but in no field's own direction
@@ -143,13 +143,16 @@ def _clipping(
         z, plane = float(rim.stands), rim.plane or camera.plane(rim.stands)
         height, slope, _ = there[rim.part]
         place = [part[good] for part in (height[0] - slope[0] * z, height[1] - slope[1] * z)]
-        first = (lens[k] + plane.a * l - plane.b * o + plane.aside[k] for k, (l, o) in enumerate(((lx, ox), (ly, oy))))
+        first = (
+            off + plane.a * l - plane.b * o + aside
+            for off, aside, l, o in zip(camera.lens_centre, plane.aside, (lx, ly), (ox, oy), strict=True)
+        )
         farthest = float(np.max(np.hypot(*(at - part[good] for at, part in zip(place, first, strict=True)))))
         moved.append(farthest / float(rim.radius * rim.scale) * float(size))
         if rim is camera.fap or camera.tilted:
             continue
         # What a rim does not reach into, by first order nor by Snell's law, it changes by no more than that.
-        part, own = rim.part.rpartition(".")[0] if rim.part.count(".") == 2 else rim.part, float(rim.radius * rim.scale)
+        part, own = place_of(rim.part), float(rim.radius * rim.scale)
         middle_of = (camera[f"{part}.decentre.{axis}"] for axis in (0, 1))
         reach = float(np.max(np.hypot(*(at - off for at, off in zip(place, middle_of, strict=True)))))
         cut = ((NEARLY if posed else 1.0) * reach / own - 1) * size
@@ -166,14 +169,14 @@ def plate_aberration(s: Subject) -> Estimate:
     if not s.design.elements:
         return Estimate(0.0, "nothing stands before the main lens")
     distances = (float(s.camera[PATHS["d_f"]]),) if s.brief.distances is None else s.brief.distances
-    found = misses(s.design, s.lens_field, distances, s.brief.wavelengths)
-    size, at = found.image / s.design.q, f"to X_ml = {s.lens_field:.4g} mm"
+    missed = misses(s.design, s.lens_field, distances, s.brief.wavelengths)
+    size, at = missed.image / s.design.q, f"to X_ml = {s.lens_field:.4g} mm"
     note = f"by Snell's law microlens images lie up to {size:.3g} px off {at}"
-    if found.lost:
+    if missed.lost:
         note = f"by Snell's law rays that reach microlenses {at} are lost in what stands before the main lens"
     if s.brief.white:
         return Estimate(size, note)
-    picture, spread = found.picture / s.design.d, found.spread / s.design.d
+    picture, spread = missed.picture / s.design.d, missed.spread / s.design.d
     note += f", object points up to {picture:.3g} pitches off and spread over {spread:.3g}"
     return Estimate(max(size, picture), note)
 

@@ -70,8 +70,8 @@ def blur_on_mla(c: Camera, distance: float, place: float = 0.0) -> float:
     if distance <= bore:
         fault = f"{distance:g} mm is not beyond the aperture at d_3 = {bore:g} mm; move the object out"
         raise InputError((Problem("object distance", fault),))
-    seen = c.plane(distance).distance
-    middle = float(np.abs(c.D_F * c.d_1 / c.d_f * (c.d_f - seen) / (seen - c.d_3)))
+    apparent = c.plane(distance).distance
+    middle = float(np.abs(c.D_F * c.d_1 / c.d_f * (c.d_f - apparent) / (apparent - c.d_3)))
     return middle if c.law is None or place == 0 else max(middle, *(abs(b) for b in mapped_blur(c, distance, place)))
 
 

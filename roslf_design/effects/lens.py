@@ -82,11 +82,11 @@ def colour_spread(design: Design, wavelengths: tuple[float, ...], x_ml: float) -
     camera = camera_of(design)
     waves = (design.wavelength, *wavelengths)
     lateral = field_map(camera, [x_ml, 0.0], waves).lateral_colour[:, 0]
-    seen = Camera.of(design)
+    design_camera = Camera.of(design)
     places = []
     for wave in waves:
         # The focal plane as the lens sees it in that colour through what stands before it.
-        plane = seen.replace({"wavelength": wave}).plane(design.d_f)
+        plane = design_camera.replace({"wavelength": wave}).plane(design.d_f)
         z = camera.first_order.front_principal - float(plane.distance)
         places.append(first_order(camera.lens, wave).image_of(z)[0])
     return float(np.ptp(lateral)) + (max(places) - min(places)) * _cone(design)
@@ -125,8 +125,8 @@ def curvature(s: Subject) -> Estimate:
     """Blur on the array from field curvature and astigmatism [pitches]; zero for a uniform scene."""
     if s.design.lens is None:
         return IDEAL
-    found = faults(s.design, s.lens_field)
-    spread, left = found.curvature / s.design.d, found.refocused / s.design.d
+    lens_faults = faults(s.design, s.lens_field)
+    spread, left = lens_faults.curvature / s.design.d, lens_faults.refocused / s.design.d
     words = (
         f"tangential and sagittal foci off the array blur by up to {spread:.3g} pitches, {left:.3g} after refocusing"
     )

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Protocol, Self
 
 from ..design import Design
@@ -89,18 +89,6 @@ class PlannedEffect:
     cost: float = 0.0
     """Extra time to render it over the whole sensor [s], whether on or off."""
 
-    def as_dict(self) -> dict[str, Any]:
-        """The line as JSON-ready values."""
-        return {
-            "name": self.name,
-            "estimate": self.estimate,
-            "unit": self.unit,
-            "budget": self.budget,
-            "on": self.on,
-            "reason": self.reason,
-            "cost": self.cost,
-        }
-
 
 @dataclass(frozen=True)
 class Plan:
@@ -137,7 +125,7 @@ class Plan:
 
     def as_dicts(self) -> list[dict[str, Any]]:
         """All lines as JSON-ready values."""
-        return [line.as_dict() for line in self.effects]
+        return [asdict(line) for line in self.effects]
 
 
 def plan(

@@ -153,7 +153,7 @@ def evaluate(
         diffraction=_numbers(Diffraction, camera),
         effects=tuple(plan(design)),
         verdicts=verdicts_of(camera, f_number, non_distortion, sampling, traced),
-        warnings=warnings_of(design, images),
+        warnings=tuple(warnings_of(design, images)),
         method=" ".join(method),
         real_lens=traced,
         object_space=None if camera.chain is None else _looked_through(design, camera, axes, depth.sigma_z_mm),
@@ -227,13 +227,13 @@ def _looked_through(design: Design, camera: Camera, axes: Sequence[tuple[float, 
         parts.append(SeenPart(rim.name, "opening", float(rim.stands), across * float(rim.scale), at, across))
     parts.sort(key=lambda part: -part.distance_mm)
     glass = {"MLA": design.microlens_array.substrate, "sensor": design.sensor.cover}
-    for name, ruler, seen in (("MLA", design.d_1, camera.d_1), ("sensor", design.d_2, camera.d_2)):
+    for name, ruler, apparent in (("MLA", design.d_1, camera.d_1), ("sensor", design.d_2, camera.d_2)):
         plate = glass[name]
         kind = "cover" if name == "sensor" else "substrate"
         what = "" if plate is None else f"{kind} {length(plate.thickness)} of {plate.material.name}"
         if isinstance(plate, Substrate):
             what += f", lenslets towards the {plate.lenslets}"
-        parts.append(SeenPart(name, what, ruler, None, float(seen), None))
+        parts.append(SeenPart(name, what, ruler, None, float(apparent), None))
     index = float(medium.index(design.wavelength))
     return LookedThrough(medium.name, index, tuple(parts), _mapping(design, camera, axes, sigma))
 
@@ -252,7 +252,7 @@ def _mapping(
     drawn = np.where(p > 0, 100 * (ratio(p, np.tan(in_air)) - 1), 0.0)
     along, across = (np.broadcast_to(of(p), p.shape).tolist() for of in (camera.stretch_along, camera.stretch))
     fields = zip(axes, angles, drawn, along, across, strict=True)
-    told = tuple(
+    rows = tuple(
         MappedField(
             axis, float(angle), float(d), (sample * float(a), sample * float(b)), (sigma * float(a), sigma * float(b))
         )
@@ -260,7 +260,7 @@ def _mapping(
     )
     name = lens.mapping if isinstance(lens.mapping, str) else "table"
     at = element_name(lens, camera.chain.mapped + 1)
-    return ObjectiveMapping(name, at, math.degrees(float(angle_in_air(camera.law, largest))), told)
+    return ObjectiveMapping(name, at, math.degrees(float(angle_in_air(camera.law, largest))), rows)
 
 
 def _numbers(kind: Callable[..., Group], camera: Camera, prefix: str = "", **own: Any) -> Group:

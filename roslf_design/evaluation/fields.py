@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from .._arrays import sunflower
+from .._arrays import Array, sunflower
 from ..accuracy.statement import check_accuracy
 from ..camera import Camera
 from ..design import Design
@@ -27,7 +27,6 @@ from ..traced.camera import camera_of
 from ..traced.images import measured_bound, real_field
 from .result import Field, NonDistortion, RayBudget, RealLens, RealLensField, Share
 
-Array = NDArray[np.float64]
 Place = tuple[float, float]
 Shares = tuple[Array, Array, float, float]
 """Of the rays that fill the FAP: past each rim in the order of the file, and of light; on the sensor; in the cell."""
@@ -53,11 +52,6 @@ def default_fields(design: Design) -> tuple[Place, ...]:
     x, y = np.where(high + low >= -1e-9 * (high - low), high, low)  # the upper of two that are as far, but for rounding
     centre, edge, corner = on_array(camera, np.array([middle, (x, middle[1]), (x, y)])).tolist()
     return tuple(centre), tuple(edge), tuple(corner)
-
-
-def axes_in_space(design: Design, axes: ArrayLike) -> Array:
-    """Microlens axes against the optical axis: the MLA's rotation and decentre applied; shape (N, 2) [mm]."""
-    return MicrolensImages(Camera.of(design), axes).in_system
 
 
 def field_discs(design: Design, axes: ArrayLike) -> tuple[Array, Array]:
@@ -303,7 +297,7 @@ def _traced_fields(design: Design, axes: Sequence[Place]) -> tuple[RealLensField
     images, maps, diameter = traced.images, traced.maps, traced.thin_diameter
     twin = Camera.of(design)
     cone = float(twin.D_F / twin.A) / design.d
-    seen = maps.status == KEPT
+    kept = maps.status == KEPT
     columns = {
         "diameter_mm": diameter * (1 + traced.widening),
         "widening_px": diameter * traced.widening / design.q,
@@ -317,7 +311,7 @@ def _traced_fields(design: Design, axes: Sequence[Place]) -> tuple[RealLensField
         "lateral_colour_pitches": traced.lateral_colour / design.d,
     }
     known: list[dict[str, Any]] = [
-        {name: float(column[i]) if seen[i] and not math.isnan(column[i]) else None for name, column in columns.items()}
+        {name: float(column[i]) if kept[i] and not math.isnan(column[i]) else None for name, column in columns.items()}
         for i in range(len(axes))
     ]
     return tuple(
@@ -326,9 +320,9 @@ def _traced_fields(design: Design, axes: Sequence[Place]) -> tuple[RealLensField
             status=TRACED_STATUS[int(images.status[i])],
             chief_ray=traced.chief[i],
             kept_fraction=float(images.kept_fraction[i]),
-            centre_mm=_pair(images.chief[i]) if seen[i] else None,
+            centre_mm=_pair(images.chief[i]) if kept[i] else None,
             axis_ratio=float(images.axis_ratio[i]) if images.status[i] else None,
-            shift_px=_pair(traced.shift[i] / design.q) if seen[i] else None,
+            shift_px=_pair(traced.shift[i] / design.q) if kept[i] else None,
             **known[i],
         )
         for i, axis in enumerate(axes)

@@ -146,12 +146,12 @@ def seen_table(result: Evaluation) -> Table | None:
 def _seen(part: SeenPart) -> str:
     """How it is seen, as far as that differs."""
     pairs = (("", part.distance_mm, part.seen_distance_mm), ("diameter ", part.diameter_mm, part.seen_diameter_mm))
-    told = [
-        f"{name}{number(seen)} mm" if abs(seen) < FAR else f"{name}∞"
-        for name, own, seen in pairs
-        if own is not None and seen is not None and not math.isclose(own, seen, rel_tol=1e-6)
+    words = [
+        f"{name}{number(apparent)} mm" if abs(apparent) < FAR else f"{name}∞"
+        for name, own, apparent in pairs
+        if own is not None and apparent is not None and not math.isclose(own, apparent, rel_tol=1e-6)
     ]
-    return ", ".join(told)
+    return ", ".join(words)
 
 
 def temperature_table(result: Evaluation) -> Table | None:
@@ -299,9 +299,9 @@ def _cell(value: float | None, decimals: int, sign: str = "") -> str:
 def _tables(result: Evaluation) -> list[Table]:
     fields = [field_table(result), budget_table(result)] if result.fields else []
     lens = [] if result.real_lens is None else [lens_table(result.real_lens)]
-    seen, mapping, warm = seen_table(result), mapping_table(result), temperature_table(result)
+    behind_elements, mapping, warm = seen_table(result), mapping_table(result), temperature_table(result)
     fields = fields if mapping is None else [mapping, *fields]
-    first, last = ([] if table is None else [table] for table in (seen, warm))
+    first, last = ([] if table is None else [table] for table in (behind_elements, warm))
     return [*first, *fact_tables(result), *last, *fields, *lens, effects_table(result)]
 
 

@@ -15,11 +15,11 @@ from ..design import Design
 from ..json_data import plain
 from ..theory import field_of_view, light, tube
 from ..theory.colours import ColourFilter, filters
-from ..theory.depth_of_field import depth_of_field
+from ..theory.depth_of_field import Kind, depth_of_field
 from ..theory.light import on_array
 from ..theory.photometry import behind
 from ..theory.quantities import QUANTITIES, depth_error, image_rate
-from ..theory.resolution import FieldTransfer, Kind
+from ..theory.resolution import FieldTransfer
 from ..theory.stop_images import MicrolensImages
 from ..traced.fields import LensImages, images_of
 from .fields import default_fields
@@ -61,7 +61,7 @@ class ObjectField:
 
 @dataclass(frozen=True)
 class Resolved:
-    """Detail that an image shows, by its contrast; of tangential and sagittal the coarser. None where it is dark."""
+    """Detail that an image shows, by its contrast; the coarser of both directions. None where dark or folded."""
 
     at_mm: float
     x0_mm: float | None
@@ -240,7 +240,8 @@ def specification(design: Design) -> Specification:
     axes = default_fields(design)
     images = images_of(design, axes)
     camera = images.camera
-    ends = images_of(design, on_array(camera, np.reshape(field_of_view.ends(light.sensor_field(camera)), (8, 2))))
+    corners = np.array(field_of_view.ends(light.sensor_field(camera)), float).reshape(8, 2)
+    ends = images_of(design, on_array(camera, corners))
     distances = planes(camera)
     view, refocused = _sharp(camera, "view"), _sharp(camera, "refocused")
     rows = [resolved(images, k, at, "refocused") for at in distances for k in range(len(axes))]
@@ -318,14 +319,14 @@ def _across(
 ) -> tuple[float, float, float]:
     """What is between the field's ends, over width, height and diagonal, as traced; else the closed forms' values.
 
-    These also stand for what a real lens does not show.
+    These also stand where a real lens does not show all of them.
     """
     if not isinstance(ends, LensImages):
         width, height, diagonal = map(float, thin)
         return width, height, diagonal
     one, other = seen.reshape(4, 2, -1).swapaxes(0, 1)
-    traced = field_of_view.widest(between(one, other))
-    width, height, diagonal = (float(t if np.isnan(v) else v) for v, t in zip(traced, thin, strict=True))
+    traced = field_of_view.widest(list(between(one, other)))
+    width, height, diagonal = map(float, thin if np.isnan(traced).any() else traced)
     return width, height, diagonal
 
 
@@ -357,7 +358,10 @@ def _points(images: MicrolensImages, focus: float) -> tuple[FieldPoint, ...]:
     ways = np.broadcast_to(images.directions, (*shape, 3))[:, 0]
     angles = np.rad2deg(np.arctan2(np.hypot(ways[:, 0], ways[:, 1]), ways[:, 2]))
     rows = zip(images.fields.tolist(), met.tolist(), angles.tolist(), *local, strict=True)
-    return tuple(FieldPoint((at[0], at[1]), *map(_known, numbers[:-1]), numbers[-1]) for at, *numbers in rows)
+    return tuple(
+        FieldPoint((at[0], at[1]), _known(x0), _known(angle), _known(bent), _known(along), light)
+        for at, x0, angle, bent, along, light in rows
+    )
 
 
 def corner(points: Sequence[FieldPoint]) -> FieldPoint:

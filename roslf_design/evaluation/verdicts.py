@@ -192,12 +192,8 @@ def _thin(f: FNumber, lens: RealLens) -> Verdict:
     return _answer(name, f"thin lens does not hold: {size}", other)
 
 
-def warnings_of(design: Design, fields: Sequence[Field]) -> tuple[str, ...]:
+def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
     """What is no error but must not go unsaid."""
-    return tuple(_warnings(design, fields))
-
-
-def _warnings(design: Design, fields: Sequence[Field]) -> Iterator[str]:
     array = design.microlens_array
     for side, mla, sensor in zip(("wide", "high"), array.size, design.sensor_size, strict=True):
         if sensor > mla * (1 + 1e-9):

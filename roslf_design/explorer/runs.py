@@ -264,9 +264,9 @@ def _bounds(design: Design, symbol: str, options: Options) -> tuple[float, float
                 raise InputError((Problem(f"{symbol}, bound", str(error)),)) from None
     low, high = ends
     if not (low > 0 or (low == 0 and symbol == "d_3")) or low >= high:
-        told = " to ".join(show(BY_SYMBOL[symbol], end) for end in ends)
+        given = " to ".join(show(BY_SYMBOL[symbol], end) for end in ends)
         least = "not be negative" if symbol == "d_3" else "be above zero"
-        raise InputError((Problem(f"{symbol}, bounds", f"{told}; the lower one must {least} and below the other"),))
+        raise InputError((Problem(f"{symbol}, bounds", f"{given}; the lower one must {least} and below the other"),))
     return low, high
 
 
@@ -443,8 +443,8 @@ def _offenders(plan: TolerancePlan) -> Iterator[Offender]:
                 if part > used:
                     used, worst = part, label
         size, kind = f"{perturbation.tolerance:.3g}", kinds[perturbation.place]
-        told = format_quantity(float(size), kind) if kind in ("length", "angle") else size
-        yield Offender(short_name(perturbation.place, plan.question.design), told, used, _label(worst))
+        tolerance = format_quantity(float(size), kind) if kind in ("length", "angle") else size
+        yield Offender(short_name(perturbation.place, plan.question.design), tolerance, used, _label(worst))
 
 
 def _spreads(variant: Variant) -> Iterator[LimitSpread]:
@@ -579,11 +579,13 @@ def run_measure(request: MeasureRequest, tell: Tell = lambda share, text: None) 
 
 
 def _measured(trial: Trial) -> dict[str, Any]:
-    found, (rows, columns) = trial.summary(), trial.true.shape
+    result, (rows, columns) = trial.summary(), trial.true.shape
     headline = "No microlens has a depth"
-    if found.spread_mm is not None and found.bias_mm is not None:
-        predicted = "" if found.predicted_mm is None else f", {short(found.predicted_mm, 2)} mm predicted"
-        headline = f"Scatter {short(found.spread_mm, 2)} mm{predicted}; off by {short(found.bias_mm, 2)} mm on average"
+    if result.spread_mm is not None and result.bias_mm is not None:
+        predicted = "" if result.predicted_mm is None else f", {short(result.predicted_mm, 2)} mm predicted"
+        headline = (
+            f"Scatter {short(result.spread_mm, 2)} mm{predicted}; off by {short(result.bias_mm, 2)} mm on average"
+        )
     x, y = trial.first.x_ml[rows // 2, columns // 2]
     return {
         "headline": headline,

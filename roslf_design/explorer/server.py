@@ -81,9 +81,9 @@ class Tab:
         self._connection = await self._backend["ws"].connect()
         self._connection.on_message(send)
 
-    async def answer(self, binary: bool, message: Any) -> None:
+    async def answer(self, message: Any) -> None:
         """Take one message of the browser."""
-        await self._connection.send(binary, message)
+        await self._connection.send(True, message)
 
     def push(self) -> None:
         """Show what has changed without being asked, such as the progress of a run."""
@@ -236,7 +236,7 @@ async def _serve_tab(request: web.Request, tab: Tab) -> web.StreamResponse:
             try:
                 if message.type != aiohttp.WSMsgType.BINARY:
                     raise TypeError
-                await tab.answer(True, message)
+                await tab.answer(message)
             except (ValueError, TypeError, KeyError, AttributeError):
                 # Requests are answered with what is wrong with them; this was none, and what follows may be its rest.
                 await connection.close(code=aiohttp.WSCloseCode.UNSUPPORTED_DATA, message=b"no message of this page")

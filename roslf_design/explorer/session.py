@@ -126,20 +126,20 @@ class Session:
 
     def page(self) -> dict[str, Any]:
         """Values of the whole page; pictures only of the view that is shown, once the page is there."""
-        pictures, seen, known = dict.fromkeys(DRAWINGS, ""), {}, {}
+        pictures, verdicts, known = dict.fromkeys(DRAWINGS, ""), {}, {}
         if self._opened:
             source = self._source()
             shown = {name: drawing for name, drawing in DRAWINGS.items() if drawing.tab == self._look.tab}
             pictures = {name: self._draw(name, drawing.inputs(source)) for name, drawing in shown.items()}
             if self._look.tab == "depth":
                 known = depth_known(source)
-            seen = {"glance": glance(source.evaluation), "lights": self._lights(source), "fixes": self._fixes()}
+            verdicts = {"glance": glance(source.evaluation), "lights": self._lights(source), "fixes": self._fixes()}
         return {
             **{f"picture_{name.replace('-', '_')}": svg for name, svg in pictures.items()},
             **header(self._history),
             **controls(self.state),
             **looked_at(self.state, self._look),
-            **(seen or {"glance": [], "lights": [], "fixes": []}),
+            **(verdicts or {"glance": [], "lights": [], "fixes": []}),
             "depth_known": known,
             "space": self._in_space(),
             **{f"{kind}_run": summary(self._runs.get(kind), self.design, self._wrong.get(kind, "")) for kind in KINDS},

@@ -15,6 +15,7 @@ from ..design.elements import Block
 from ..effects import Plan
 from ..effects.geometry import tilt_shift
 from ..errors import InputError, Problem
+from ..shapes.lattice import lattice_steps
 from ..theory.light import microlens_defocus_blur
 from ..theory.photometry import accepted
 from ..theory.stop_images import stop_discs
@@ -127,7 +128,7 @@ def pixel_response(camera: Camera, region: Region) -> Image | None:
         return None
     lattice = ImageLattice.of(camera)
     points = np.stack(np.meshgrid(*pixel_centres(camera, region)), -1)
-    index = np.rint(np.linalg.solve(lattice.image_axes, (points - lattice.image_origin)[..., None])[..., 0])
+    index = lattice.nearest(np.linalg.solve(lattice.image_axes, (points - lattice.image_origin)[..., None])[..., 0])
     away = points + np.array(camera.decentre("sensor")) - lattice.microlens(index)
     slope = np.hypot(away[..., 0], away[..., 1]) / float(camera.d_2 * camera["sensor.relay_magnification"])
     return accepted(np.arctan(slope), half).astype(np.float32)
@@ -159,8 +160,7 @@ class ImageLattice:
     @classmethod
     def of(cls, camera: Camera) -> ImageLattice:
         """The lattice of one camera; tilts widen `reach`, everything else is exact."""
-        step = np.array([[1.0, 0.5], [0.0, math.sqrt(3) / 2]]) if camera.layout == "hexagonal" else np.eye(2)
-        axes = camera.d * step
+        axes = camera.d * lattice_steps(camera.layout)
         angle = float(camera["microlens_array.rotation"])
         turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
         offset = np.array(camera.decentre("microlens_array"))
@@ -189,6 +189,12 @@ class ImageLattice:
     def image(self, index: NDArray[np.number]) -> Floats:
         """Centres of their images in the sensor's frame [mm]."""
         return np.asarray(index @ self.image_axes.T + self.image_origin)
+
+    def nearest(self, index: NDArray[np.floating]) -> Floats:
+        """Index of the microlens nearest to a fractional one, shape (..., 2), for square and hexagonal packing."""
+        corners = [np.floor(index) + np.array([i, j]) for i in (0, 1) for j in (0, 1)]
+        far = [np.hypot(*np.moveaxis((index - corner) @ self.axes.T, -1, 0)) for corner in corners]
+        return np.asarray(np.choose(np.argmin(far, axis=0)[..., None], corners))
 
     def holds(self, index: NDArray[np.number]) -> NDArray[np.bool_]:
         """Whether the array has these microlenses."""

@@ -222,11 +222,12 @@ class RealLensTracer:
         """Radiance that rays meet, in the scene's frame: distances from the object-side principal plane."""
         camera = self.camera
         out = np.zeros(weight.size)
+        lens_x, lens_y = (float(at) for at in camera.lens_centre)
         shade_rays.compiled(
             *surfaces, self.mouth, float(camera["aperture.distance"]), float(camera["main_lens.focal_plane"]),
-            self.in_focus, camera.chain is not None, self.sight, float(camera["main_lens.decentre.0"]),
-            float(camera["main_lens.decentre.1"]), rays.x.reshape(-1), rays.y.reshape(-1), rays.slope_x.reshape(-1),
-            rays.slope_y.reshape(-1), weight.reshape(-1), out,
+            self.in_focus, camera.chain is not None, self.sight, lens_x, lens_y,
+            rays.x.reshape(-1), rays.y.reshape(-1), rays.slope_x.reshape(-1), rays.slope_y.reshape(-1),
+            weight.reshape(-1), out,
         )  # fmt: skip
         return out.reshape(weight.shape)
 
@@ -279,7 +280,7 @@ def _boxes(camera: LensCamera, places: Floats, waves: tuple[float, ...], margin:
     low, high = places.min(0), places.max(0)
     across, along = (max(2, math.ceil(size / NODE_SPACING) + 1) for size in high - low)
     columns, rows = np.linspace(low[0], high[0], across), np.linspace(low[1], high[1], along)
-    found = np.empty((along, across, 4))
+    bounds = np.empty((along, across, 4))
     for row, y in enumerate(rows):
         c = np.stack([columns, np.full(across, y)], axis=-1)
         spot = c[:, None] * (camera.d_2 / camera.d_1) + grid
@@ -287,12 +288,12 @@ def _boxes(camera: LensCamera, places: Floats, waves: tuple[float, ...], margin:
         for wave in waves:
             at = views(camera, c[:, None], c[:, None] + spot, wave, clip=False)
             lit |= np.minimum(at.fap_room, at.room) >= 0
-        found[row, :, :2] = np.min(np.where(lit[..., None], spot, np.inf), axis=1) - step - margin
-        found[row, :, 2:] = np.max(np.where(lit[..., None], spot, -np.inf), axis=1) + step + margin
+        bounds[row, :, :2] = np.min(np.where(lit[..., None], spot, np.inf), axis=1) - step - margin
+        bounds[row, :, 2:] = np.max(np.where(lit[..., None], spot, -np.inf), axis=1) + step + margin
     # Each microlens takes what the four nodes around it take.
     around = [(slice(a, along - 1 + a), slice(b, across - 1 + b)) for a in (0, 1) for b in (0, 1)]
-    low_box = np.minimum.reduce([found[place][..., :2] for place in around])
-    high_box = np.maximum.reduce([found[place][..., 2:] for place in around])
+    low_box = np.minimum.reduce([bounds[place][..., :2] for place in around])
+    high_box = np.maximum.reduce([bounds[place][..., 2:] for place in around])
     spacing = np.maximum((high - low) / [across - 1, along - 1], 1e-12)
     cell = np.minimum(((places - low) / spacing).astype(int), [across - 2, along - 2])
     boxes = np.concatenate([low_box, high_box], axis=-1)[cell[:, 1], cell[:, 0]]

@@ -73,7 +73,7 @@ class PointSource:
     @property
     def lens(self) -> Floats:
         """The main lens's decentre [mm]."""
-        return np.array([float(self.camera[f"main_lens.decentre.{axis}"]) for axis in (0, 1)])
+        return np.array(self.camera.lens_centre, float)
 
     def slope(self, pupil: Floats) -> Floats:
         """Of the ideal wave at places (..., 2) of the FAP."""
@@ -303,7 +303,7 @@ def _by_rays(source: PointSource, region: Region, lattice: ImageLattice) -> Imag
     height = a + slope * camera.d_3
     after = slope - height / camera.f
     hit = height + after * camera.d_1
-    index = _nearest(hit, lattice)
+    index = lattice.nearest(np.linalg.solve(lattice.turned, (hit - lattice.offset).T).T)
     offset = hit - lattice.microlens(index)
     kept &= lattice.holds(index)
     if camera.lens_shape == "circular":
@@ -314,11 +314,3 @@ def _by_rays(source: PointSource, region: Region, lattice: ImageLattice) -> Imag
     image = np.zeros((region.rows, region.columns), np.float32)
     np.add.at(image, tuple(pixel[kept].T[::-1]), np.float32(1 / RAYS))
     return image
-
-
-def _nearest(places: Floats, lattice: ImageLattice) -> Floats:
-    """Index of the microlens nearest to places on the array [mm], for square and hexagonal packing."""
-    local = np.linalg.solve(lattice.turned, (places - lattice.offset).T).T
-    corners = [np.floor(local) + np.array([i, j]) for i in (0, 1) for j in (0, 1)]
-    far = [np.hypot(*((local - corner) @ lattice.axes.T).T) for corner in corners]
-    return np.asarray(np.choose(np.argmin(far, axis=0)[:, None], corners))

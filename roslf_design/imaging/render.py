@@ -163,10 +163,10 @@ def _jobs(
     inner: Region | None = None,
 ) -> list[tuple[ColourFilter | None, _Job]]:
     """Renderings that a raw image is put together from: one, or one a colour of the sensor's filters."""
-    seen: list[tuple[ColourFilter | None, Scene]] = [
+    scenes: list[tuple[ColourFilter | None, Scene]] = [
         (one, scene.in_light((one.wavelength,))) for one in filters(design.sensor.colours)
     ] or [(None, scene)]
-    return [(one, _Job(design, each, effects, budget, sampling, threads, inner)) for one, each in seen]
+    return [(one, _Job(design, each, effects, budget, sampling, threads, inner)) for one, each in scenes]
 
 
 def _put(pixels: Image, row: int, light: Image, one: ColourFilter | None, design: Design, region: Region) -> None:
@@ -304,14 +304,14 @@ class _Job:
             raise InputError((Problem("effects", message),))
         exact = self.plan.on("plate_aberration")
         camera = self.camera
-        lens_x, lens_y = camera["main_lens.decentre.0"], camera["main_lens.decentre.1"]
+        lens_x, lens_y = camera.lens_centre
         for thing in self.scene.points:
             for position in thing.positions:
-                light, seen = thing.flux, camera.see(*position)
+                light, apparent = thing.flux, camera.see(*position)
                 if camera.law is not None:
-                    share, seen = self._mapped(*position)
+                    share, apparent = self._mapped(*position)
                     light *= share
-                x, y, distance = (float(number) for number in seen)
+                x, y, distance = (float(number) for number in apparent)
                 if self.plan.on("cos4") and camera.law is None:
                     away = (distance - camera.d_3) / chief_spread(camera)
                     light *= float((1 + (x * x + y * y) / away**2) ** -2.0)

@@ -250,8 +250,8 @@ def seen_distances(scene: Scene, focal_plane: float, mouth: float, rays: Floats)
         (h_x, h_y, o_x, o_y) of rays at ``h - o Z``.
     """
     surfaces = encode(scene, focal_plane)
-    found = np.array([first_hit.compiled(surfaces.rows, mouth, *map(float, ray))[0] for ray in rays])
-    return np.where(found < FAR, found, np.inf)
+    distances = np.array([first_hit.compiled(surfaces.rows, mouth, *map(float, ray))[0] for ray in rays])
+    return np.where(distances < FAR, distances, np.inf)
 
 
 @kernel()

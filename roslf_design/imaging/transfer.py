@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ..camera import Camera
 from ..design.parts import Layout
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
-from ..theory.transfer import MicrolensTransfer, circle_overlap
+from ..theory.transfer import MicrolensTransfer, circle_overlap, disc_spectrum
 from .camera import Floats, Image, Region
 
 PANEL = 16
@@ -109,8 +109,6 @@ def encircled(camera: Camera) -> Encircled:
     By Parseval, the light of the image ``P * K`` inside a shape S is the integral of the three spectra's product,
     which ends where the transfer function does: a finite integral of a smooth function.
     """
-    from scipy.special import j1
-
     wave, circular = float(camera.wavelength), camera.lens_shape == "circular"
     transfer = MicrolensTransfer(float(camera.d), float(camera.d_2), 0.0, (wave,), circular)
     radius, pitch = float(microlens_image_diameter(camera)) / 2, abs(float(microlens_image_pitch(camera)))
@@ -119,8 +117,7 @@ def encircled(camera: Camera) -> Encircled:
     step = transfer.cutoff / panels
     frequency = ((np.arange(panels)[:, None] + (nodes + 1) / 2) * step).ravel()
     weight = np.tile(weights * step / 2, panels)
-    height = np.hypot(frequency[:, None], frequency)
-    spectrum = radius * j1(2 * math.pi * radius * height) / height
+    spectrum = disc_spectrum(radius, np.hypot(frequency[:, None], frequency))
     passed = spectrum * transfer(frequency[:, None], frequency) * (4 * weight[:, None] * weight)
     cell = cell_spectrum(camera.layout, pitch, frequency)
     area = math.pi * radius**2

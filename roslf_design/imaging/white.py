@@ -24,7 +24,7 @@ from ..theory.colours import BRIGHTEST, filters, mosaic, per_watt
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.light import chief_slope
 from ..theory.stop_images import stop_discs
-from ..theory.transfer import MicrolensTransfer, pixel_box
+from ..theory.transfer import MicrolensTransfer, disc_spectrum, pixel_box
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres, pixel_response, planned_camera
 from .transfer import MOST_HALO, fineness, pair_transfer
 
@@ -193,7 +193,7 @@ class HarmonicSeries:
         """
         x, y = self.frequencies.T
         heights, group = np.unique(np.round(np.abs(y), 9), return_inverse=True)
-        found = []
+        terms = []
         for n, height in enumerate(heights):
             mine = group == n
             widths, place = np.unique(np.round(np.abs(x[mine]), 9), return_inverse=True)
@@ -201,8 +201,8 @@ class HarmonicSeries:
                 weights = np.bincount(place, sign * self.coefficients[mine])
                 kept = np.abs(weights) > ROUNDED * np.abs(self.coefficients).max()
                 if kept.any():
-                    found.append((even, height, widths[kept], weights[kept]))
-        return tuple(found)
+                    terms.append((even, height, widths[kept], weights[kept]))
+        return tuple(terms)
 
     def at(self, x: Floats, y: Floats) -> Image:
         """Values on a grid of points in the sensor's frame [mm], shape (y.size, x.size): one product of matrices."""
@@ -257,11 +257,8 @@ def _orders(lattice: ImageLattice, limit: float) -> tuple[NDArray[np.int64], Flo
 
 def _uncut(camera: Camera, lattice: ImageLattice, frequencies: Floats) -> Floats:
     """Weights of the geometric image of uncut discs, those of G and -G together."""
-    from scipy.special import j1
-
-    radius, height = float(microlens_image_diameter(camera)) / 2, np.hypot(*frequencies.T)
-    safe = np.where(height > 0, height, 1.0)
-    spectrum = np.where(height > 0, radius * j1(2 * math.pi * radius * safe) / safe, math.pi * radius**2)
+    height = np.hypot(*frequencies.T)
+    spectrum = disc_spectrum(float(microlens_image_diameter(camera)) / 2, height)
     return np.asarray(spectrum / abs(np.linalg.det(lattice.image_axes)) * np.where(height > 0, 2.0, 1.0))
 
 
@@ -299,11 +296,11 @@ def neighbour_interference(camera: Camera, transfer: MicrolensTransfer) -> float
     For a camera whose images are all alike; where some are cut, about as much.
     """
     least = transfer.width**2 / (MOST_INTERFERING * transfer.sensor_distance)
-    seen = replace(transfer, wavelengths=tuple(max(wavelength, least) for wavelength in transfer.wavelengths))
+    limited = replace(transfer, wavelengths=tuple(max(wavelength, least) for wavelength in transfer.wavelengths))
     reach = INTERFERING - 1 if transfer.circular else INTERFERING  # fields of circles fall off faster
-    series, lattice = interference_series(camera, seen, reach=reach), ImageLattice.of(camera)
+    series, lattice = interference_series(camera, limited, reach=reach), ImageLattice.of(camera)
     sides = np.abs(lattice.image_axes).sum(1)
-    at = np.linspace(0, 1, 8 * math.ceil((reach + 1) * seen.cutoff * sides.max()))
+    at = np.linspace(0, 1, 8 * math.ceil((reach + 1) * limited.cutoff * sides.max()))
     x, y = (side * at + origin for side, origin in zip(sides, lattice.image_origin, strict=True))
     return float(np.abs(series.at(x, y)).max())
 
@@ -336,24 +333,24 @@ def white_patch(design: Design, columns: slice, rows: slice) -> Floats | None:
         own = mosaic(design.sensor.colours, columns.start, rows.start, *size)
         return np.choose(own, [level * part for level, part in zip(levels, parts, strict=True) if part is not None])
     effects = plan(design.thin_twin, overrides=ALWAYS_ON)
-    seen = planned_camera(design, effects)
-    transfer = MicrolensTransfer.of(seen, effects)
+    camera = planned_camera(design, effects)
+    transfer = MicrolensTransfer.of(camera, effects)
     wide, high = columns.stop - columns.start, rows.stop - rows.start
-    vast = 4 * microlens_image_diameter(seen) > LARGEST_PART * seen.q  # up to four subpixels a pixel
-    if vast or (2 * ImageLattice.of(seen).neighbours) ** 2 > MOST_IMAGES:
+    vast = 4 * microlens_image_diameter(camera) > LARGEST_PART * camera.q  # up to four subpixels a pixel
+    if vast or (2 * ImageLattice.of(camera).neighbours) ** 2 > MOST_IMAGES:
         return None
     if wide <= 0 or high <= 0:
         return np.zeros((max(high, 0), max(wide, 0)))
-    halo = min(FRAME, math.ceil(NEIGHBOURS * float(seen.d / seen.q)))
-    fine = max(1, min(fineness(transfer, float(seen.q)), MOST_SUBPIXELS // (max(wide, high) + 2 * halo)))
+    halo = min(FRAME, math.ceil(NEIGHBOURS * float(camera.d / camera.q)))
+    fine = max(1, min(fineness(transfer, float(camera.q)), MOST_SUBPIXELS // (max(wide, high) + 2 * halo)))
     region = Region(columns.start - halo, rows.start - halo, wide + 2 * halo, high + 2 * halo)
-    light = WhiteGeometry.of(seen, effects).image(region, fine)
-    step = float(seen.q) / fine
+    light = WhiteGeometry.of(camera, effects).image(region, fine)
+    step = float(camera.q) / fine
     frequency_y, frequency_x = np.fft.fftfreq(light.shape[0], step), np.fft.rfftfreq(light.shape[1], step)
     wave = np.fft.irfft2(np.fft.rfft2(light) * transfer(frequency_x, frequency_y[:, None]), s=light.shape)
     pixels = wave.reshape(light.shape[0] // fine, fine, -1, fine).mean((1, 3))
     shown = np.asarray(np.maximum(pixels[halo:-halo, halo:-halo], 0.0))
-    taken = pixel_response(seen, Region(columns.start, rows.start, wide, high))
+    taken = pixel_response(camera, Region(columns.start, rows.start, wide, high))
     return shown if taken is None else shown * taken
 
 

@@ -312,8 +312,8 @@ def _warming_table(warming: Warming) -> dict[str, Any]:
         laws["schott"] = {"d": terms[:3], "e": terms[3:], "lambda_tk": resonance}
     elif warming.law == "rate":
         laws["rate"] = {"rate": warming.coefficients[0], "against": warming.against}
-    told = {"cte": warming.expansion, "dndt": laws.get(warming.law), "warming_source": warming.source}
-    return {key: value for key, value in told.items() if value}
+    entries = {"cte": warming.expansion, "dndt": laws.get(warming.law), "warming_source": warming.source}
+    return {key: value for key, value in entries.items() if value}
 
 
 # What the old camera looked at and how it was computed, drawn or optimised: nothing of the lens itself.

@@ -30,9 +30,7 @@ from .tracer import (
     THIN,
     Pair,
     Passed,
-    Rays,
     SurfaceStack,
-    Traced,
 )
 
 Array = NDArray[np.float64]
@@ -209,10 +207,6 @@ class Prescription:
         waves = np.atleast_1d(np.asarray(wavelength, float))
         media = np.stack([np.ones(len(waves)), *(surface.glass.index(waves) for surface in self.surfaces)], axis=-1)
         return SurfaceStack(np.broadcast_to(surface_table(self), (len(waves), len(self.surfaces) * COLUMNS)), media)
-
-    def trace(self, rays: Rays, wavelength: float, **options: Any) -> Traced:
-        """Exact rays through the lens at a wavelength [mm]; options as of `SurfaceStack.trace`."""
-        return self.at(wavelength).trace(rays, **options)
 
     def through(self, height: Pair, slope: Pair, wavelength: float, **options: Any) -> Passed:
         """Heights and slopes before the lens to those behind it; options as of `SurfaceStack.through`."""

@@ -38,7 +38,7 @@ REASONS = {
     REFLECTED: "total internal reflection at surface {}",
     NO_PLANE: "never reaches the plane",
     STOPPED: "clipped at stop {}",
-    INVALID: "not a ray (not finite, or its direction not of unit length)",
+    INVALID: "not a ray (not finite)",
 }
 
 SPHERE, CONIC, ASPHERE, IRREGULAR = 1, 2, 3, 4
@@ -63,7 +63,6 @@ KICK_ERROR = 1e-7
 """Of a ray's height and slope for each step through a rod, where rays are for pixels."""
 KICK_AT, KICK_APART = 0.5 - sqrt(3.0) / 6, sqrt(3.0) / 3
 """Shares of such a step at which rays are bent by what a rod has beyond a harmonic one: Gauss's two points."""
-UNIT_ERROR = 1e-9
 SAMPLES = 64
 
 CALL_ABOVE, LOAD_ABOVE, IMPORT_ABOVE = 5, 20_000, 50_000
@@ -79,39 +78,6 @@ _spent = [0]
 def describe(state: int) -> str:
     """What a ray's state says: "kept", "clipped at surface 3"; surfaces count from 1 at the scene."""
     return "kept" if state == KEPT else REASONS[state % 8].format(state // 8)
-
-
-class Rays(NamedTuple):
-    """Half-lines in the lens's frame: first vertex at z = 0, +z from scene to sensor."""
-
-    position: Array
-    """Points on them, (3, ...) [mm]."""
-    direction: Array
-    """Unit vectors along the way they travel, (3, ...)."""
-
-    @classmethod
-    def between(cls, start: ArrayLike, end: ArrayLike) -> Rays:
-        """Rays from points to points, each (3, ...), broadcast [mm]."""
-        begin, finish = np.broadcast_arrays(np.asarray(start, float), np.asarray(end, float))
-        along = finish - begin
-        size = np.sqrt(np.sum(np.square(along), axis=0))
-        if not np.all(size > 0):
-            raise ValueError("a ray needs two different, finite points")
-        return cls(begin.copy(), along / size)
-
-
-class Traced(NamedTuple):
-    """Where rays ended: on the plane asked for, on the last surface, or where they were stopped."""
-
-    rays: Rays
-    """Position and direction at the end, finite for every ray."""
-    state: NDArray[np.int16]
-    """0 for a ray that was kept, else what `describe` tells, (...)."""
-
-    @property
-    def kept(self) -> NDArray[np.bool_]:
-        """Which rays came through, (...)."""
-        return np.asarray(self.state == KEPT)
 
 
 class Passed(NamedTuple):
@@ -141,42 +107,6 @@ class SurfaceStack(NamedTuple):
         count = int(self.media.shape[1]) - 1
         return np.asarray(np.sqrt(self.table[:, : count * COLUMNS].reshape(len(self.table), count, COLUMNS)[:, :, 5]))
 
-    def trace(self, rays: Rays, *, backward: bool = False, plane: ArrayLike | None = None, clip: bool = True) -> Traced:
-        """Trace rays.
-
-        Parameters
-        ----------
-        rays : Rays
-            Anywhere on the side they come from, (3, ...); for more builds than one, (3, T, ...).
-        backward : bool
-            From the sensor's side to the scene's.
-        plane : array_like, optional
-            Carry kept rays on to this z [mm], one or (T,); else they end on the last surface.
-        clip : bool
-            Whether clear diameters stop rays.
-        """
-        start, along = np.broadcast_arrays(np.asarray(rays.position, float), np.asarray(rays.direction, float))
-        place, way, state = np.empty(start.shape), np.empty(start.shape), np.empty(start.shape[1:], np.int16)
-        to = math.nan if plane is None else plane
-        self._run(trace_rays, state.shape, (backward, clip, plane is not None), to, start, along, place, way, state)
-        return Traced(Rays(place, way), state)
-
-    def _run(self, kernel: Any, shape: tuple[int, ...], flags: tuple[bool, ...], end: ArrayLike, *rays: Any) -> None:
-        """Run a kernel on arrays of rays of a shape, compiled where that pays."""
-        builds, count, total = len(self.table), int(self.media.shape[1]) - 1, math.prod(shape)
-        if builds > 1 and shape[:1] != (builds,):
-            raise ValueError(f"rays through {builds} builds need them as their first axis, got {shape}")
-        planes = np.array(np.broadcast_to(np.asarray(end, float), (builds,)))
-        room = planes, np.empty(ROWS * BLOCK), np.empty(count * BLOCK)
-        # Writable, as a kernel is compiled once more for arrays that are not.
-        lens = (np.require(part, requirements=["C", "W"]) for part in (self.table, self.media))
-        arrays: list[Any] = [np.ascontiguousarray(part).reshape(-1) for part in (*lens, *room, *rays)]
-        has_law = self.table.shape[1] > count * COLUMNS  # whose sines numpy and the compiler take a bit apart
-        compiled = has_law or pays(kernel, total * count)
-        if not compiled:
-            arrays = [memoryview(array) for array in arrays]  # plain floats out, not numpy's slow and noisy scalars
-        (kernel.compiled if compiled else kernel.interpreted)(total // builds, builds, count, *flags, *arrays)
-
     def through(
         self,
         height: Pair,
@@ -197,16 +127,32 @@ class SurfaceStack(NamedTuple):
         start, end : array_like
             Planes along z, before and after the lens on the light's way [mm]: `start` broadcast against the rays, `end`
             one or (T,).
-        backward, clip : bool
-            As for `trace`.
+        backward : bool
+            From the sensor's side to the scene's.
+        clip : bool
+            Whether clear diameters stop rays.
         """
         lines = [np.asarray(part, float) for part in (*height, start, *slope)]
         rays = np.empty((5, *np.broadcast_shapes(*(part.shape for part in lines))))
         for row, part in enumerate(lines):
             rays[row] = part
-        shape = rays.shape[1:]
+        shape, builds, count = rays.shape[1:], len(self.table), int(self.media.shape[1]) - 1
+        if builds > 1 and shape[:1] != (builds,):
+            raise ValueError(f"rays through {builds} builds need them as their first axis, got {shape}")
+        total = math.prod(shape)
         out, state, room = np.empty((4, *shape)), np.empty(shape, np.int16), np.empty(shape)
-        self._run(trace_slopes, shape, (backward, clip), end, rays, out, state, room)
+        planes = np.array(np.broadcast_to(np.asarray(end, float), (builds,)))
+        # Writable, as a kernel is compiled once more for arrays that are not.
+        lens = (np.require(part, requirements=["C", "W"]) for part in (self.table, self.media))
+        work = planes, np.empty(ROWS * BLOCK), np.empty(count * BLOCK)
+        arrays: list[Any] = [part.reshape(-1) for part in (*lens, *work, rays, out, state, room)]
+        has_law = self.table.shape[1] > count * COLUMNS  # whose sines numpy and the compiler take a bit apart
+        if has_law or pays(trace_slopes, total * count):
+            trace_slopes.compiled(total // builds, builds, count, backward, clip, *arrays)
+        else:  # plain floats out, not numpy's slow and noisy scalars
+            trace_slopes.interpreted(
+                total // builds, builds, count, backward, clip, *[memoryview(array) for array in arrays]
+            )
         return Passed(out[:2], out[2:], state, room)
 
 
@@ -223,27 +169,6 @@ def copy(source: Any, target: Any, m: int) -> None:
     """Copy `m` numbers; slices as arguments, because only then does the compiler know that no index is negative."""
     for i in range(m):
         target[i] = source[i]
-
-
-@kernel()
-def load(position: Any, direction: Any, buffer: Any, start: int, m: int, n: int) -> None:
-    """Copy a block in; what is not a ray (not finite, not of unit length) becomes a still one, marked invalid."""
-    for row in range(3):
-        begin = row * n + start
-        copy(position[begin : begin + m], buffer[row * BLOCK : row * BLOCK + m], m)
-        copy(direction[begin : begin + m], buffer[(3 + row) * BLOCK : (3 + row) * BLOCK + m], m)
-    for i in range(m):
-        x, y, z = buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i]
-        dx, dy, dz = buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i]
-        zero = (x - x) + (y - y) + (z - z)  # or nan
-        good = zero + abs(dx * dx + dy * dy + dz * dz - 1.0) <= UNIT_ERROR
-        buffer[i] = x if good else 0.0
-        buffer[BLOCK + i] = y if good else 0.0
-        buffer[2 * BLOCK + i] = z if good else 0.0
-        buffer[3 * BLOCK + i] = dx if good else 0.0
-        buffer[4 * BLOCK + i] = dy if good else 0.0
-        buffer[5 * BLOCK + i] = dz if good else 1.0
-        buffer[6 * BLOCK + i] = 0.0 if good else 1.0 * INVALID
 
 
 @kernel()
@@ -749,39 +674,14 @@ def reach_plane(buffer: Any, m: int, z: float, s: float, code: float) -> None:
 
 
 @kernel()
-def trace_rays(
-    each: int, builds: int, count: int, backward: bool, clip: bool, to_plane: bool, table: Any, media: Any, plane: Any,
-    buffer: Any, squares: Any, position: Any, direction: Any, out_position: Any, out_direction: Any, state: Any,
-) -> None:  # fmt: skip
-    """Trace `each` rays through each build of `count` surfaces.
-
-    All arrays are flat, components one after the other; `buffer` and `squares` are room to work.
-    """
-    n, wide = each * builds, len(table) // builds
-    for build in range(builds):
-        lens = table[build * wide : (build + 1) * wide]
-        index = media[build * (count + 1) : (build + 1) * (count + 1)]
-        for start in range(build * each, (build + 1) * each, BLOCK):
-            m = min(BLOCK, (build + 1) * each - start)
-            load(position, direction, buffer, start, m, n)
-            pass_surfaces(buffer, m, lens, index, count, backward, clip, squares)
-            if to_plane:
-                reach_plane(buffer, m, plane[build], -1.0 if backward else 1.0, 8.0 * (count + 1))
-            for row in range(3):
-                begin = row * n + start
-                copy(buffer[row * BLOCK : row * BLOCK + m], out_position[begin : begin + m], m)
-                copy(buffer[(3 + row) * BLOCK : (3 + row) * BLOCK + m], out_direction[begin : begin + m], m)
-            states = state[start : start + m]
-            for i in range(m):
-                states[i] = int(buffer[6 * BLOCK + i])
-
-
-@kernel()
 def trace_slopes(
     each: int, builds: int, count: int, backward: bool, clip: bool, table: Any, media: Any, plane: Any, buffer: Any,
     squares: Any, rays: Any, out: Any, state: Any, room: Any,
 ) -> None:  # fmt: skip
-    """The same for rays of x, y, z, dx/dz and dy/dz, to x, y, dx/dz and dy/dz on a plane; flat as there."""
+    """Trace `each` rays through each build of `count` surfaces: x, y, z, dx/dz, dy/dz to x, y, dx/dz, dy/dz on a plane.
+
+    All arrays are flat, components one after the other; `buffer` and `squares` are room to work.
+    """
     n, wide, s = each * builds, len(table) // builds, -1.0 if backward else 1.0
     for build in range(builds):
         lens = table[build * wide : (build + 1) * wide]

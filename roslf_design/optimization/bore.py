@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import model_validator
 
+from .._arrays import Array
 from ..camera import Camera
 from ..design import Design, Stop
 from ..errors import InputError, Problem
@@ -25,8 +25,6 @@ from ..units import Distance, Length
 from .problem import DesignProblem
 from .search import derivative_free
 from .solve import Answer, Settings, Tell, solve
-
-Array = NDArray[np.float64]
 
 FIELDS = 9
 """Places from the axis to the corner of what the sensor sees."""

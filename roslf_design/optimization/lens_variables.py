@@ -15,15 +15,13 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from .._arrays import Array
 from ..design.conjugates import CONJUGATES
 from ..lenses.glass import AIR, Glass
 from ..lenses.manufacture import HEIGHTS, as_made
 from ..lenses.prescription import Prescription, abcd, sag
 from ..tolerancing.places import LENS, in_lens
-
-Array = NDArray[np.float64]
 
 BENDING = "main_lens.bending"
 """Shape factor (R_2 + R_1)/(R_2 - R_1) of the outer surfaces, as the lens stands in the camera, scene first."""
@@ -78,12 +76,6 @@ def lens_faults(lens: Prescription, names: Collection[str]) -> Iterator[str]:
     radii = [name for name in own if name.endswith("radius")]
     if radii and shaped:
         yield f"'{shaped[0]}' sets every radius, and '{radii[0]}' varies too; drop one of them"
-
-
-def shape_factor(lens: Prescription) -> float:
-    """(R_2 + R_1)/(R_2 - R_1) of a lens's outer surfaces."""
-    first, last = lens.surfaces[0].curvature, lens.surfaces[-1].curvature
-    return (first + last) / (first - last)
 
 
 class VariedLens(NamedTuple):

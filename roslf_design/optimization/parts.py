@@ -163,8 +163,8 @@ class SensorPart(Entry):
     @property
     def said(self) -> dict[str, Any]:
         """Places of a design to what is known beside numbers that all sensors have."""
-        told = {"sensor.acceptance": self.acceptance, "sensor.colours": self.colours}
-        return {place: value for place, value in told.items() if value is not None}
+        keys = {"sensor.acceptance": self.acceptance, "sensor.colours": self.colours}
+        return {place: value for place, value in keys.items() if value is not None}
 
     @property
     def size(self) -> tuple[float, float]:

@@ -17,9 +17,9 @@ from operator import itemgetter
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import BeforeValidator, Field, InstanceOf, ValidationInfo, field_validator, model_validator
 
+from .._arrays import Array
 from ..camera import SEEING, TIP, Camera, Number
 from ..design import PATHS, Design
 from ..design.conjugates import CONJUGATES, follower
@@ -33,12 +33,10 @@ from ..theory.tube import housed
 from ..tolerancing.draws import sobol_points
 from ..tolerancing.study import StrictTable
 from ..toml_files import nearest
-from ..units import AnyLength, Length, Temperature, format_quantity
+from ..units import AnyLength, Length, Temperature, format_quantity, in_file
 from .lens_variables import BENDING, FOCAL, LensVariation, VariedLens, varies_lens
 from .search import FTOL
 from .traces import FieldTraces, clearances
-
-Array = NDArray[np.float64]
 
 Side = Literal["min", "max", "equal"]
 SIGNS: Mapping[Side, str] = {"min": ">=", "max": "<=", "equal": "="}
@@ -247,7 +245,7 @@ class Constraint(_Asked):
         quantity = info.data.get("quantity")
         if value is None or quantity is None:
             return None
-        return float(quantity.limit(value, from_file=bool(info.context and info.context.get("from_file"))))
+        return float(quantity.limit(value, from_file=in_file(info)))
 
     @model_validator(mode="after")
     def _bounded(self) -> Constraint:

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
+from .._arrays import Array
 from ..camera import TIP, Camera, Number
 from ..design import PATHS, Design
 from ..design.conjugates import CONJUGATES, REFRACTING
@@ -58,7 +59,6 @@ from .search import QUICK, Search, SearchBudget, search
 
 FOCAL, _, DISTANCE = CONJUGATES
 
-Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 Nearby = Literal["smooth", "zero", "pole", "jump"]

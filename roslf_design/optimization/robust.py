@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
+from .._arrays import Array
 from ..camera import Camera
 from ..design import Design
 from ..design.conjugates import CONJUGATES
@@ -25,8 +25,6 @@ from ..tolerancing.places import expand, nominal_values, tolerance_at
 from ..tolerancing.study import StrictTable
 from .problem import IDLE, DesignProblem
 from .search import FEASIBLE, SearchBudget, derivative_free
-
-Array = NDArray[np.float64]
 
 SHARP = (0.3, 0.1, 0.03, 0.01)
 """Widths at which the yield's step is softened, one after the other, in units of a scaled row's spread."""

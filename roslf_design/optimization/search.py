@@ -14,9 +14,9 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from .._arrays import Array
 
 Vector = Callable[[Array], Array]
 """What is searched: merit and rows that must not be above 0, shape (1 + rows, N), at points (N, n) of the unit box."""

@@ -14,9 +14,9 @@ from itertools import combinations, product
 from typing import Annotated, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field
 
+from .._arrays import Array
 from ..accuracy.statement import Accuracy
 from ..tolerancing.study import StrictTable
 from .problem import Constraint, DesignProblem, Goal, Side, promising_starts, sobol_units
@@ -35,8 +35,6 @@ from .search import (
     value_and_jacobian,
     violation_of,
 )
-
-Array = NDArray[np.float64]
 
 AGREE = 1e-6
 """Difference of merit (1e-6: goals equal to 1e-4 %) within which two searches found the same."""

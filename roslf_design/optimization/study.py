@@ -17,7 +17,7 @@ from pydantic import Field, ValidationError, field_validator
 from ..camera import TIP, Camera
 from ..design import PATHS, Design
 from ..design.conjugates import CONJUGATES
-from ..design.files import expect_kind, load_beside
+from ..design.files import expect_kind, studied
 from ..design.parts import Stop
 from ..errors import InputError, Problem
 from ..json_data import plain
@@ -230,9 +230,7 @@ def read_study(
 ) -> OptimizeStudy:
     """The same from nested values, with `folder` for the files they name; a design takes the place of their own."""
     faults: list[Problem] = []
-    if design is not None:
-        data = {**data, "design": design.name}
-    design = _base(data, folder, faults, design)
+    data, design = studied(data, folder, design, faults)
     table = None
     try:
         table = StudyTable.model_validate(data, context={"from_file": True})
@@ -245,18 +243,6 @@ def read_study(
         design = design.replace(wavelength=table.wavelength)
     settings = Settings(seed=table.seed if seed is None else seed, **table.solver.model_dump())
     return OptimizeStudy(table.posed(design), settings, table, folder)
-
-
-def _base(data: Mapping[str, Any], folder: Path, faults: list[Problem], design: Design | None) -> Design | None:
-    name = data.get("design")
-    if not isinstance(name, str):
-        return None  # the study's own check says so
-    try:
-        design = load_beside(name, folder) if design is None else design
-    except InputError as error:
-        faults += [Problem("design", f"{name}: {fault}") for fault in error.problems]
-        return None
-    return design
 
 
 @dataclass(frozen=True)
@@ -442,7 +428,7 @@ def _robust(result: Result) -> dict[str, Any] | None:
 
     applied, before = (tolerances(result.answer.problem, robust.scatter, u) for u in (robust.unit, result.answer.unit))
 
-    def told(builds: BuildStatistics) -> dict[str, Any]:
+    def of_builds(builds: BuildStatistics) -> dict[str, Any]:
         return {
             "yield": builds.yield_.value,
             "interval_95": builds.yield_.interval,
@@ -462,8 +448,8 @@ def _robust(result: Result) -> dict[str, Any] | None:
             }
             for p in robust.scatter.perturbations
         ],
-        "nominal": told(robust.nominal),
-        "robust": told(robust.robust),
+        "nominal": of_builds(robust.nominal),
+        "robust": of_builds(robust.robust),
         "robust_variables_mm": result.answer.problem.named(robust.unit),
         "price": robust.robust.goal_nominal / robust.nominal.goal_nominal - 1 if robust.nominal.goal_nominal else None,
         "constraints": [{"constraint": name, "nominal": a, "robust": b} for name, a, b in robust.constraint_yields],
@@ -493,11 +479,11 @@ def _ranking(ranking: Ranking, retraces: tuple[Retrace, ...], timings: bool) -> 
                 **({"traced": retraces[place - 1].to_dict()} if retraces else {}),
             }
         )
-    told = {
+    data = {
         "combinations": len(ranking.combinations),
         "ruled_out_by_bounds": ranking.ruled_out,
         "optimised": ranking.optimised,
         "open": ranking.open,
         "best": rows,
     }
-    return told | {"seconds": ranking.seconds} if timings else told
+    return data | {"seconds": ranking.seconds} if timings else data

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arrays import Array
 from ..camera import SEEING, TIP, Camera, Number
 from ..design import PATHS, Design
 from ..design.conjugates import CONJUGATES
@@ -25,17 +26,11 @@ from ..tolerancing.places import LENS
 from ..tolerancing.traced import AS_IF_THIN, TraceCheck, TracedBuilds, check_traced
 from .lens_variables import VariedLens
 
-Array = NDArray[np.float64]
 Field = tuple[float, float]
 """A microlens's place on the array [mm]."""
 
 AHEAD = ("aperture", "stops.", "elements.")
 """What begins the places of all that stands before the lens."""
-
-
-def is_traced(quantity: Quantity) -> bool:
-    """Whether a quantity is told from rays behind a real lens: then it belongs to a field."""
-    return quantity.local is not None
 
 
 def faults_behind(design: Design, name: str, quantity: Quantity, at_field: bool) -> Iterator[str]:
@@ -44,7 +39,7 @@ def faults_behind(design: Design, name: str, quantity: Quantity, at_field: bool)
     lens = design.lens.name
     if quantity.name in AS_IF_THIN:
         yield f"{name} is not traced while searching, and its formula leaves out {AS_IF_THIN[quantity.name]}"
-    elif is_traced(quantity) and not at_field:
+    elif quantity.local is not None and not at_field:  # what belongs to a field is traced
         yield (
             f"behind a real lens ({lens}) {name} is traced and differs from field to field; say where on the array, "
             'e.g. field = "3 mm" (once for each place that matters)'

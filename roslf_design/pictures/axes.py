@@ -7,14 +7,14 @@ made with matplotlib itself.
 from __future__ import annotations
 
 import io
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ..words import SYMBOL, typographic
-from .marks import Area, Disc, Dots, Image, Key, Line, Mark, Point, Text
+from .marks import Area, Disc, Dots, Image, Line, Mark, Point, Text
 from .svg import HEAD, STROKES, runs
 from .theme import THEMES, Theme
 
@@ -67,7 +67,7 @@ def figure_of(size: Point, panels: Iterable[Panel], theme: Theme) -> Figure:
     return figure
 
 
-def draw(panel: Panel, ax: Axes, theme: Theme) -> Axes:
+def draw(panel: Panel, ax: Axes, theme: Theme) -> None:
     """A panel on Axes: scales, ticks and labels set, every mark drawn in the panel's units."""
     x_ticks, y_ticks = ((), ()) if panel.bare else panel.ticks()
     for name, axis, scale, ticks, label, hue in (
@@ -97,28 +97,6 @@ def draw(panel: Panel, ax: Axes, theme: Theme) -> Axes:
         ax.set_aspect("equal", adjustable="box")
     for order, mark in enumerate(panel.marks):
         _mark(mark, ax, theme, 2 + order / 1000)
-    return ax
-
-
-def handles(keys: Sequence[Key], theme: Theme) -> list[Any]:
-    """What matplotlib's own legends take."""
-    from matplotlib.lines import Line2D
-    from matplotlib.patches import Patch
-
-    made: list[Any] = []
-    for key in keys:
-        words = _mathtext(key.text)
-        match key.samples:
-            case Line(colour=colour, width=width, dash=dash), *_:
-                look: dict[str, Any] = {"color": theme.colour(colour), "linewidth": POINTS * width}
-                made.append(Line2D([], [], label=words, linestyle=_dashes(dash), **look))
-            case Area(fill=fill, edge=edge, opacity=opacity), *_:
-                look = {"facecolor": theme.colour(fill), "edgecolor": theme.colour(edge), "alpha": opacity}
-                made.append(Patch(label=words, **look))
-            case Dots(colour=colour, shape=shape, size=size), *_:
-                look = {"marker": shape, "color": theme.colour(colour), "markersize": 1.5 * size}
-                made.append(Line2D([], [], label=words, linestyle="none", **look))
-    return made
 
 
 def _mark(mark: Mark, ax: Axes, theme: Theme, order: float) -> None:

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arrays import Array
 from .marks import (
     Area,
     Disc,
     Dots,
-    Floats,
     Image,
     Key,
     Line,
@@ -84,9 +84,9 @@ def what_was_seen(centres: MicrolensCentres, views: Mapping[str, NDArray[np.floa
 
 def residuals(result: Outcome) -> Picture:
     """Draw the joint fit's residuals: all of them as a cloud, and their mean over the views at each corner."""
-    found = result.calibration
-    off, rms = found.joint.residuals, float(found.joint.rms)
-    flat = np.asarray(off[found.observations.seen])
+    fitted = result.calibration
+    off, rms = fitted.joint.residuals, float(fitted.joint.rms)
+    flat = np.asarray(off[fitted.observations.seen])
     if len(flat) > DOTS:  # at random: every nth aliases with the corners and views
         flat = flat[np.random.default_rng(result.seed).choice(len(flat), DOTS, replace=False)]
     reach = max(1.15 * float(np.quantile(np.abs(flat), 0.999)), 1.4 * rms)
@@ -98,15 +98,15 @@ def residuals(result: Outcome) -> Picture:
         "residual in u [pitches]", "residual in v [pitches]", f"all views; the circle is the RMS, {rms:.3g}",
         equal=True,
     )  # fmt: skip
-    shown = np.asarray(found.observations.seen.any(axis=1))
-    mean = np.nansum(off, axis=1)[shown] / found.observations.seen.sum(axis=1)[shown][:, None]
-    place = found.lines.central[shown]
+    shown = np.asarray(fitted.observations.seen.any(axis=1))
+    mean = np.nansum(off, axis=1)[shown] / fitted.observations.seen.sum(axis=1)[shown][:, None]
+    place = fitted.lines.central[shown]
     typical = float(np.sqrt(np.square(mean).sum(axis=1).mean())) or 1.0
     gain = 0.03 * float(np.ptp(place, axis=0).max()) / typical
     marks: list[Mark] = []
     keys: list[Key] = []
     boards = np.repeat(np.arange(len(shown)), shown.sum(axis=1))
-    for k, name in enumerate(found.observations.names):
+    for k, name in enumerate(fitted.observations.names):
         own = boards == k
         colour, sign = MANY[k % 7], SIGNS[k // 7 % 7]
         ends = place[own] + gain * mean[own]
@@ -129,16 +129,16 @@ def residuals(result: Outcome) -> Picture:
 
 def epi_lines(result: Outcome) -> Picture:
     """Draw the epipolar slopes over inverse depth with the line of Eq. 12, and what it leaves over."""
-    found = result.calibration.second
-    order = np.argsort(found.inverse_depth)
-    x, y, fitted = 1e3 * found.inverse_depth[order], found.slope[order], found.fitted[order]
+    second = result.calibration.second
+    order = np.argsort(second.inverse_depth)
+    x, y, fitted = 1e3 * second.inverse_depth[order], second.slope[order], second.fitted[order]
     left = 1e3 * (y - fitted)
     across, size = Scale.around(x, 0.03), (540.0, 270.0)
     marks: list[Mark] = [
         Line([across.low, across.high], [0.0, 0.0], "grey", 0.9),
         Dots(x, y, "blue", size=1.9, opacity=0.7, clip=True), Line(x, fitted, "vermillion", 1.4),
     ]  # fmt: skip
-    focus = 1e3 * found.camera.m / found.camera.A
+    focus = 1e3 * second.camera.m / second.camera.A
     if x[0] < focus < x[-1]:
         marks.append(Text(float(focus), 0.0, "focal plane", "grey", SMALL, dx=8, dy=-8))
     keys = [dot_key("a corner", "blue", size=1.9), line_key("Eq. 12, fitted", "vermillion", 1.4)]
@@ -198,14 +198,14 @@ def posterior(result: Outcome, units: Mapping[str, str]) -> Picture:
     )
 
 
-def _histogram(values: Floats, heights: Floats, edges: Floats, top: float) -> tuple[Mark, ...]:
+def _histogram(values: Array, heights: Array, edges: Array, top: float) -> tuple[Mark, ...]:
     x, y = stairs(edges, heights)
     low, middle, high = (float(q) for q in np.quantile(values, (0.16, 0.5, 0.84)))
     lines = [Line([at, at], [0.0, top], "ink", 1.0, dash) for at, dash in ((low, "4 3"), (middle, ""), (high, "4 3"))]
     return (Area(x, y, "blue", 0.35), Line(x, y, "blue", 1.2), *lines)
 
 
-def _regions(x: Floats, y: Floats, across: Scale, up: Scale) -> tuple[Mark, ...]:
+def _regions(x: Array, y: Array, across: Scale, up: Scale) -> tuple[Mark, ...]:
     """Regions of highest density that hold 68 and 95 % of the draws."""
     from scipy.ndimage import gaussian_filter
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arrays import Array
 from ..camera import Camera
 from ..design import PATHS
 from ..evaluation import default_fields
@@ -18,8 +19,8 @@ from ..theory.light_field import rim_disparity
 from ..theory.quantities import QUANTITIES, depth_at, depth_error
 from ..theory.stop_images import MicrolensImages
 from ..theory.vignetting import corner_room
-from .marks import Area, Dots, Floats, Key, Line, Mark, Point, Text, box_key, dot_key, joined, line_key, where_above, xy
-from .picture import Panel, Picture, Scale, legend_height, one_panel
+from .marks import Area, Dots, Key, Line, Mark, Point, Text, box_key, dot_key, joined, line_key, where_above, xy
+from .picture import PAGE, Panel, Picture, Scale, legend_height, one_panel
 from .theme import SMALL, short, text_width
 
 if TYPE_CHECKING:
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 LOOKS = (("blue", ""), ("orange", "7 4"), ("green", "8 3 2 3"))
 """Colour and line of each design that is compared."""
 UNKNOWN = box_key("unknown", "grey", 0.9, hatch=True)
+FIELDS = 21
+"""From the centre of the field to its corner."""
 POINTS = 121
 """Along each axis of the plane of D_F and d_3."""
 
@@ -35,11 +38,11 @@ POINTS = 121
 class DepthCurve(NamedTuple):
     """Depth precision over distance."""
 
-    distance: Floats
+    distance: Array
     """Z from the main lens [mm], shape (N,)."""
-    sigma: Floats
+    sigma: Array
     """sigma_Z [mm]."""
-    blur: Floats
+    blur: Array
     """Spread of an object point over the MLA [microlens pitches]."""
     in_focus: float
     """sigma_Z at the focal plane [mm]."""
@@ -51,7 +54,7 @@ def depth_curve(design: Design, points: int = 241) -> DepthCurve:
     start = design.d_3 if camera.chain is None else max(design.d_3, float(camera.tip))
     distance = start + np.linspace(0.4, 1.8, points) * (design.d_f - start)
 
-    def precision(at: Floats | float) -> tuple[Floats, Floats]:
+    def precision(at: Array | float) -> tuple[Array, Array]:
         ahead = np.asarray(at - camera.tip)
         return np.abs(depth_error(camera, ahead)), np.abs(rim_disparity(camera, depth_at(camera, ahead)))
 
@@ -107,20 +110,20 @@ def depth_precision(design: Design, size: Point = (560, 320)) -> Picture:
 class FieldCurve(NamedTuple):
     """Depth precision over the field."""
 
-    place: Floats
+    place: Array
     """Of the microlens, from the centre of what the sensor sees to its corner [mm on the array], shape (N,)."""
-    sigma: Floats
+    sigma: Array
     """sigma_Z at the focal plane [mm]; inf where it is unknown."""
 
 
 @lru_cache(maxsize=2)
-def field_curve(design: Design, points: int = 21) -> FieldCurve:
+def field_curve(design: Design) -> FieldCurve:
     """Depth precision at the focal plane from the centre of what the sensor sees to its corner."""
     centre, _, corner = np.array(default_fields(design))
-    share = np.linspace(0.0, 1.0, points)
+    share = np.linspace(0.0, 1.0, FIELDS)
     images = MicrolensImages(Camera.of(design), centre + share[:, None] * (corner - centre))
     sigma = np.asarray(QUANTITIES["sigma_z_at_field_mm"].at_fields(images))
-    return FieldCurve(share * float(np.hypot(*(corner - centre))), np.broadcast_to(sigma, (points, 1))[:, 0])
+    return FieldCurve(share * float(np.hypot(*(corner - centre))), np.broadcast_to(sigma, (FIELDS, 1))[:, 0])
 
 
 def depth_over_field(design: Design, size: Point = (560, 320)) -> Picture:
@@ -140,7 +143,7 @@ def depth_over_field(design: Design, size: Point = (560, 320)) -> Picture:
     return one_panel("depth-field", title, size, Panel((0, 0, 1, 1), across, up, marks, *labels), keys)
 
 
-def _unknown(x: Floats, known: NDArray[np.bool_], up: Scale) -> tuple[Mark, ...]:
+def _unknown(x: Array, known: NDArray[np.bool_], up: Scale) -> tuple[Mark, ...]:
     """Bands where nothing is known, to half way to the next place that is."""
     middles = np.concatenate([x[:1], (x[1:] + x[:-1]) / 2, x[-1:]])
     steps = np.flatnonzero(np.diff(np.concatenate([[True], known, [True]]).astype(int)))
@@ -150,7 +153,7 @@ def _unknown(x: Floats, known: NDArray[np.bool_], up: Scale) -> tuple[Mark, ...]
     )
 
 
-def depth_comparison(designs: Mapping[str, Design], size: Point = (768, 320)) -> Picture:
+def depth_comparison(designs: Mapping[str, Design]) -> Picture:
     """Draw sigma_Z of up to three named designs over the distance from the FAP, Z_F; both axes are logarithmic."""
     marks: list[Mark] = []
     keys: list[Key] = []
@@ -169,23 +172,23 @@ def depth_comparison(designs: Mapping[str, Design], size: Point = (768, 320)) ->
     across, up = (Scale(np.min(v, initial=1e9) / 1.15, np.max(v, initial=1e-9) * 1.15, log=True) for v in every)
     panel = Panel((0, 0, 1, 1), across, up, tuple(marks), "object distance from the FAP Z_F [mm]", "σ_Z [mm]")
     title = f"Depth precision of {', '.join(design.name for design in designs.values())}"
-    return one_panel("depth-comparison", title, (size[0], size[1] + legend_height(keys, size[0] - 24)), panel, keys)
+    return one_panel("depth-comparison", title, (PAGE, 320 + legend_height(keys, PAGE - 24)), panel, keys)
 
 
 class MatchingPlane(NamedTuple):
     """Curves and a map over d_3 and D_F."""
 
-    d_3: Floats
+    d_3: Array
     """Abscissae of the curves [mm], shape (N,)."""
-    exact: Floats
+    exact: Array
     """D_F that matches at each (Eq. 7) [mm]; NaN-free: inf where there is none."""
-    approximate: Floats
+    approximate: Array
     """The same by Eq. 8."""
-    band: Floats
+    band: Array
     """D_F at which images are a pixel smaller and larger than their pitch [mm], shape (2, N)."""
-    D_F: Floats
+    D_F: Array
     """Ordinates of the map [mm], shape (M,)."""
-    margin: Floats
+    margin: Array
     """Smallest non-distortion margin at the sensor's corner (Eqs. 5-6) [mm^2], shape (M, N); full discs where >= 0."""
 
 
@@ -208,7 +211,7 @@ def plane_of(design: Design, limits: Point | None = None) -> MatchingPlane:
     return MatchingPlane(d_3, exact, approximate, band, D_F, _margin(camera.replace({"d_3": across, "D_F": up})))
 
 
-def _margin(camera: Camera) -> Floats:
+def _margin(camera: Camera) -> Array:
     """Linear in D_F and in d_3, unlike the room itself."""
     before = [place for place in camera.numbers if not place.startswith(("microlens_array.", "sensor."))]
     centred = camera.replace({place: 0.0 for place in before if ".decentre." in place})

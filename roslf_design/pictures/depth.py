@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .marks import Area, Dots, Floats, Image, Key, Line, Mark, Point, box_key, dot_key, line_key, stairs
+from .._arrays import Array
+from .marks import Area, Dots, Image, Key, Line, Mark, Point, box_key, dot_key, line_key, stairs
 from .picture import PAGE, Panel, Picture, Scale, beside, colour_bar, one_panel
 from .theme import short
 
@@ -168,13 +169,13 @@ def _told(trial: Measurement, row: int, size: float) -> tuple[Panel, list[Key]]:
     return Panel((0, 0, 1, 1), _along(x), Scale(0.0, high), tuple(marks), words.place, f"σ [{words.unit}]"), keys
 
 
-def _along(x: Floats) -> Scale:
+def _along(x: Array) -> Scale:
     """Microlenses in a row, all of each."""
     half = abs(float(x[1] - x[0])) / 2
     return Scale(float(x[0]) - half, float(x[-1]) + half)
 
 
-def _predicted_along(trial: Measurement, row: int) -> tuple[Floats, Floats]:
+def _predicted_along(trial: Measurement, row: int) -> tuple[Array, Array]:
     """Predicted standard error along the predicted row nearest to another: places [mm], errors [mm]."""
     if trial.prediction is None:
         return np.zeros(0), np.zeros(0)
@@ -184,7 +185,7 @@ def _predicted_along(trial: Measurement, row: int) -> tuple[Floats, Floats]:
     return trial.first.x_ml[row, trial.prediction.column[mine], 0], np.where(np.isfinite(values), values, np.nan)
 
 
-def _band(x: Floats, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+def _band(x: Array, low: Array, high: Array) -> tuple[Array, Array]:
     """Areas between two lines, parted where they are not known."""
     known = np.isfinite(low) & np.isfinite(high)
     runs = np.split(np.flatnonzero(known), np.flatnonzero(np.diff(np.flatnonzero(known)) > 1) + 1)
@@ -240,7 +241,7 @@ def errors(trial: Measurement) -> Picture:
     return beside("depth-errors", "Errors of depth against the errors told and predicted", parts)
 
 
-def _by_place(trial: Measurement, prediction: Prediction) -> tuple[Floats, Floats]:
+def _by_place(trial: Measurement, prediction: Prediction) -> tuple[Array, Array]:
     """Predicted standard error, and rms error of the microlenses nearest to each place of the prediction."""
     rows, columns = (np.unique(index) for index in (prediction.row, prediction.column))
     table = np.full((len(rows), len(columns)), np.nan)

@@ -8,8 +8,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from .._arrays import Array
 from ..camera import Camera
 from ..evaluation import default_fields
 from ..evaluation.fields import field_discs
@@ -24,7 +25,6 @@ from .marks import (
     Area,
     Disc,
     Dots,
-    Floats,
     Image,
     Key,
     Line,
@@ -63,13 +63,13 @@ KEPT_KEYS = (
 class ArrayMap(NamedTuple):
     """Microlens images on a grid of places over the MLA, rows along y."""
 
-    x: Floats
+    x: Array
     """Places on the MLA [mm], shape (N,)."""
-    y: Floats
+    y: Array
     """Shape (M,)."""
-    kept: Floats
+    kept: Array
     """Kept fraction, shape (M, N)."""
-    offset_px: Floats
+    offset_px: Array
     """Centroid relative to the microlens's axis [px], shape (M, N, 2); NaN where dark."""
 
     @property
@@ -120,8 +120,8 @@ def mla_map(design: Design, selected: Point | None = None, size: Point = (460, 4
     return Picture("mla-map", title, size, (panel,), tuple(keys), (14.0, size[1] - tall - 2, size[0] - 24), (remark,))
 
 
-def field_maps(design: Design, fields: ArrayMap, width: float = PAGE) -> Picture:
-    """Draw kept fraction and centroid's offset over the MLA, which `field_map` gives; `width` in px."""
+def field_maps(design: Design, fields: ArrayMap) -> Picture:
+    """Draw kept fraction and centroid's offset over the MLA, which `field_map` gives."""
     lowest = float(fields.kept.min())
     length = np.hypot(fields.offset_px[..., 0], fields.offset_px[..., 1])
     top = float(np.nanmax(length)) if np.isfinite(length).any() else 0.0
@@ -136,7 +136,7 @@ def field_maps(design: Design, fields: ArrayMap, width: float = PAGE) -> Picture
             if math.isfinite(u):
                 arrows.append(Line([a - u, a + u], [b - v, b + v], "#000000", 2.6, opacity=0.6))
                 arrows.append(Line([a - u, a + u], [b - v, b + v], "#ffffff", 1.3, ends=">"))
-    size, pictures = (width / 2, 300.0), []
+    size, pictures = (PAGE / 2, 300.0), []
     for name, title, values, high, ramp, label, marks in (
         ("kept", f"kept fraction: {'1 everywhere' if lowest == 1 else f'down to {lowest:.3g}'}", fields.kept, 1.0,
          "kept", "kept fraction [1]", []),
@@ -168,13 +168,9 @@ def _percent(share: float) -> str:
 
 def circle_of_eq_6(design: Design) -> tuple[float, float, float]:
     """Its centre and radius on the MLA [mm]; the radius is 0 or infinite where there is none."""
-    x, y = on_mla(design, design.main_lens.decentre).tolist()
-    return x, y, field_limit(Camera.of(design)).mla_radius
-
-
-def on_mla(design: Design, points: ArrayLike) -> Floats:
-    """Points against the optical axis in the MLA's own axes [mm]; shape (..., 2)."""
-    return on_array(Camera.of(design), np.subtract(points, design.main_lens.decentre))
+    camera = Camera.of(design)
+    x, y = on_array(camera, np.zeros(2)).tolist()
+    return x, y, field_limit(camera).mla_radius
 
 
 def _panel(design: Design, size: Point, margins: tuple[float, float, float, float]) -> Panel:
@@ -229,23 +225,23 @@ def _frame_keys(design: Design) -> list[Key]:
 class LensCurves(NamedTuple):
     """Along x from the axis to the distance of the sensor's corner; NaN where there is no light to tell it by."""
 
-    x: Floats
+    x: Array
     """Microlens [mm], shape (N,)."""
-    shift_px: Floats
+    shift_px: Array
     """Image centre against the thin twin's, outwards positive."""
-    diameter_px: Floats
+    diameter_px: Array
     """Of the disc with the image's area; NaN where the image is folded."""
     thin_diameter_px: float
-    axis_ratio: Floats
-    kept: Floats
+    axis_ratio: Array
+    kept: Array
     """Part of the FAP that is seen."""
     folded: NDArray[np.bool_]
-    tangential: Floats
+    tangential: Array
     """Blur on the array from the tangential focus [pitches], signed like the focus."""
-    sagittal: Floats
-    distortion: Floats
+    sagittal: Array
+    distortion: Array
     """[%]."""
-    colour: Floats
+    colour: Array
     """F to C [pitches]."""
     bound: float
     """Measured non-distortion bound on the array [mm]."""
@@ -255,32 +251,32 @@ def lens_curves(design: Design, points: int = 46) -> LensCurves:
     """Trace a design's real lens along x."""
     camera = Camera.of(design)
     x = np.linspace(0.0, float(sensor_field(camera).radius), points)
-    found = real_field(design, np.stack([x, np.zeros(points)], axis=-1))
+    real = real_field(design, np.stack([x, np.zeros(points)], axis=-1))
     cone = float(pupil_angle(camera)) / design.d
-    maps, images = found.maps, found.images
+    maps, images = real.maps, real.images
     traced, folded = maps.status == KEPT, images.status == FOLDED
 
-    def where(condition: NDArray[np.bool_], values: Floats) -> Floats:
+    def where(condition: NDArray[np.bool_], values: Array) -> Array:
         return np.where(condition, values, np.nan)
 
     return LensCurves(
         x=x,
-        shift_px=found.shift[:, 0] / design.q,
-        diameter_px=where(~folded, found.thin_diameter * (1 + found.widening) / design.q),
-        thin_diameter_px=found.thin_diameter / design.q,
+        shift_px=real.shift[:, 0] / design.q,
+        diameter_px=where(~folded, real.thin_diameter * (1 + real.widening) / design.q),
+        thin_diameter_px=real.thin_diameter / design.q,
         axis_ratio=where(images.kept_fraction > 0, images.axis_ratio),
         kept=images.kept_fraction,
         folded=folded,
         tangential=where(traced, maps.tangential_focus * cone),
         sagittal=where(traced, maps.sagittal_focus * cone),
         distortion=where(traced, 100 * maps.distortion),
-        colour=found.lateral_colour / design.d,
+        colour=real.lateral_colour / design.d,
         bound=measured_bound(design)[1],
     )
 
 
-def lens_over_field(design: Design, curves: LensCurves | None = None, width: float = PAGE) -> Picture:
-    """Draw shift and growth of images against the thin twin's, foci and lateral colour, distortion; `width` in px.
+def lens_over_field(design: Design, curves: LensCurves | None = None) -> Picture:
+    """Draw shift and growth of images against the thin twin's, foci and lateral colour, distortion.
 
     `curves` are those of `lens_curves` where they are known already.
     """
@@ -297,7 +293,7 @@ def lens_over_field(design: Design, curves: LensCurves | None = None, width: flo
         ("distortion", "image height against first order [%]"): [("distortion", c.distortion, "orange", "")],
     }  # fmt: skip
     keys = [line_key("thin twin", "grey", 1.2, "6 4")]
-    each = (width / 3, 290.0)
+    each = (PAGE / 3, 290.0)
     pictures = []
     for (title, label), lines in parts.items():
         values = np.concatenate([[0.0], *(line for _, line, *_ in lines)])
@@ -320,11 +316,11 @@ def lens_over_field(design: Design, curves: LensCurves | None = None, width: flo
     return beside("lens-field", f"The real lens of {design.name} over the field", pictures, keys)
 
 
-def lens_images(design: Design, places: Mapping[str, Point], width: float = PAGE) -> Picture:
+def lens_images(design: Design, places: Mapping[str, Point]) -> Picture:
     """Draw microlens images as the real lens makes them, and the thin twin's, to one scale; places on the MLA [mm]."""
     drawn = {label: lens_image(design, place) for label, place in places.items()}
     reach = max(float(np.nanmax(np.abs(np.stack([mark.x, mark.y])))) for marks, _ in drawn.values() for mark in marks)
-    scale, each = Scale(-1.06 * reach, 1.06 * reach), width / max(len(drawn), 1)
+    scale, each = Scale(-1.06 * reach, 1.06 * reach), PAGE / max(len(drawn), 1)
     side = min(each - 68, 240.0)
     pictures = []
     for label, (marks, words) in drawn.items():
@@ -337,19 +333,19 @@ def lens_images(design: Design, places: Mapping[str, Point], width: float = PAGE
 
 def lens_image(design: Design, place: Point) -> tuple[tuple[Line | Area, ...], str]:
     """Outlines of a microlens image and its thin twin's [px] from the thin image's centre, and what became of it."""
-    found = real_field(design, [place])
-    centre, radius = found.thin_centre[0], found.thin_diameter / 2 / design.q
+    traced = real_field(design, [place])
+    centre, radius = traced.thin_centre[0], traced.thin_diameter / 2 / design.q
     turn = np.linspace(0, 2 * np.pi, 181)
     marks: list[Line | Area] = [Line(radius * np.cos(turn), radius * np.sin(turn), "grey", 1.4, "6 4")]
-    status = int(found.images.status[0])
+    status = int(traced.images.status[0])
     if status:
-        edge = (found.images.boundary[0] - centre) / design.q if status != FOLDED else _folded(design, place, centre)
+        edge = (traced.images.boundary[0] - centre) / design.q if status != FOLDED else _folded(design, place, centre)
         marks.append(Area(edge[:, 0], edge[:, 1], "blue", 0.25, "blue", 2.0))
-    kept = 100 * float(found.images.kept_fraction[0])
+    kept = 100 * float(traced.images.kept_fraction[0])
     return tuple(marks), ("dark", f"cut, {kept:.3g} % kept", "whole", f"folded, {kept:.3g} % kept")[status]
 
 
-def _folded(design: Design, place: Point, centre: Floats) -> Floats:
+def _folded(design: Design, place: Point, centre: Array) -> Array:
     """Outline of what is lit, on a grid: a folded image has no single one."""
     camera = camera_of(design)
     (c,) = microlenses(design, [place])

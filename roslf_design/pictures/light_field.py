@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arrays import Array
 from ..words import fixed
-from .marks import Area, Disc, Dots, Floats, Image, Key, Line, Mark, Text, dot_key, line_key, xy
+from .marks import Area, Disc, Dots, Image, Key, Line, Mark, Text, dot_key, line_key, xy
 from .picture import PAGE, Panel, Picture, Scale, legend_height, named_ticks, one_panel
 from .theme import MANY, PLAIN, wrapped
 
@@ -93,8 +94,8 @@ def no_lattice(raw: Pixels, spectrum: Pixels, corner: Sequence[float], reason: s
     zoom = _shown(crop, (318.0, top, side, side), "its lit middle", (int(x - half), int(y - half)), (), window)
     shifted = np.log10(np.maximum(np.fft.fftshift(spectrum), 1e-12 * max(float(spectrum.max()), 1e-300)))
     frequencies = [np.fft.fftshift(np.fft.fftfreq(n)) for n in spectrum.shape]
-    seen = [np.abs(axis) <= 0.25 for axis in frequencies]
-    shades = _thinned(shifted[np.ix_(*seen)])
+    bands = [np.abs(axis) <= 0.25 for axis in frequencies]
+    shades = _thinned(shifted[np.ix_(*bands)])
     low, high = (float(v) for v in np.quantile(shades, (0.3, 1.0)))
     marks: list[Mark] = [Image(shades, (-0.25, 0.25, -0.25, 0.25), "grey", low, max(high, low + 1e-9))]
     keys: list[Key] = []
@@ -201,7 +202,7 @@ def contrast(values: Pixels, weight: Pixels) -> tuple[float, float]:
     return low, max(high, low + max(1e-3 * abs(high), 1e-9))
 
 
-def _measured(values: Pixels, weight: Pixels) -> Floats:
+def _measured(values: Pixels, weight: Pixels) -> Array:
     return np.asarray(np.where(weight > 0, values, np.nan), float)
 
 
@@ -253,12 +254,12 @@ def _shown(
     )  # fmt: skip
 
 
-def _square(at: Floats, half: float) -> tuple[list[float], list[float]]:
+def _square(at: Array, half: float) -> tuple[list[float], list[float]]:
     x, y = float(at[0]), float(at[1])
     return [x - half, x + half, x + half, x - half], [y - half, y - half, y + half, y + half]
 
 
-def _thinned(image: Floats, step: int = 0) -> Floats:
+def _thinned(image: Array, step: int = 0) -> Array:
     """Means of blocks of `step` pixels along the last two axes, of so many that the picture stays small enough."""
     step = step or max(1, -(-max(image.shape[-2:]) // _SHOWN))
     if step == 1:

@@ -10,11 +10,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from .._arrays import Array
 from .theme import SMALL
 
-Floats = NDArray[np.float64]
 Point = tuple[float, float]
 Box = tuple[float, float, float, float]
 
@@ -120,7 +120,7 @@ class Text(Drawn):
 class Image(Drawn):
     """Values as shades, row 0 at the bottom."""
 
-    values: Floats
+    values: Array
     """Shape (rows, columns)."""
     box: Box
     """Left, right, lower, upper end of the whole in the panel's units."""
@@ -130,7 +130,7 @@ class Image(Drawn):
     high: float = 1.0
 
     @property
-    def shares(self) -> Floats:
+    def shares(self) -> Array:
         """Values on the ramp, 0 to 1."""
         return np.asarray((np.asarray(self.values, float) - self.low) / (self.high - self.low))
 
@@ -138,7 +138,7 @@ class Image(Drawn):
 Mark = Line | Area | Disc | Dots | Text | Image
 
 
-def parted(rows: ArrayLike) -> Floats:
+def parted(rows: ArrayLike) -> Array:
     """Rows, shape (N, K), one after the other with NaN between: many polylines or polygons as one mark."""
     each = np.asarray(rows, float)
     return np.hstack([each, np.full((len(each), 1), np.nan)]).ravel()[:-1]
@@ -151,12 +151,12 @@ def bars(low: ArrayLike, high: ArrayLike, at: ArrayLike, thick: float, **look: A
     return Area(parted(np.stack([a, b, b, a], -1)), parted(np.stack([c - t, c - t, c + t, c + t], -1)), **look)
 
 
-def stairs(cuts: ArrayLike, heights: ArrayLike) -> tuple[Floats, Floats]:
+def stairs(cuts: ArrayLike, heights: ArrayLike) -> tuple[Array, Array]:
     """Outline of a histogram: N + 1 cuts and N heights."""
     return np.repeat(cuts, 2), np.concatenate([[0.0], np.repeat(heights, 2), [0.0]])
 
 
-def where_above(values: ArrayLike, x: ArrayLike, y: ArrayLike, level: float) -> Floats:
+def where_above(values: ArrayLike, x: ArrayLike, y: ArrayLike, level: float) -> Array:
     """Outlines of where values exceed a level, linear between points: rings, holes among them, parted by NaN.
 
     Values have rows along y, shape (M, N), NaN where there are none; corners have shape (K, 2).
@@ -170,7 +170,7 @@ def where_above(values: ArrayLike, x: ArrayLike, y: ArrayLike, level: float) -> 
     return joined(ring for each, starts in zip(*lines, strict=True) for ring in np.split(each, starts[1:-1]))
 
 
-def joined(runs: Iterable[Floats]) -> Floats:
+def joined(runs: Iterable[Array]) -> Array:
     """Points of polylines or polygons, each of shape (N, 2), one after the other with NaN between."""
     return np.concatenate([np.empty((0, 2)), *(np.append(run, [[np.nan, np.nan]], axis=0) for run in runs)])[:-1]
 
@@ -206,7 +206,7 @@ def shifted(mark: Mark, x: float, y: float) -> Mark:
     return replace(mark, **there)
 
 
-def xy(points: ArrayLike) -> tuple[Floats, Floats]:
+def xy(points: ArrayLike) -> tuple[Array, Array]:
     """X and y of points, shape (N, 2)."""
     x, y = np.asarray(points, float).reshape(-1, 2).T
     return x, y

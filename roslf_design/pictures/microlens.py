@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from .._arrays import Array
 from ..camera import Camera
 from ..effects import plan
 from ..errors import InputError, Problem
-from ..evaluation.fields import axes_in_space, field_discs
+from ..evaluation.fields import field_discs
 from ..imaging.camera import ImageLattice, planned_camera
 from ..imaging.transfer import encircled
 from ..imaging.white import harmonic_series, white_patch
@@ -20,8 +21,9 @@ from ..shapes.coverage import LARGEST_PART, LARGEST_RADIUS, coverage_image
 from ..shapes.discs import intersect, outline
 from ..shapes.lattice import Lattice, cell_polygon, lens_centres, nearest_lens
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
+from ..theory.stop_images import MicrolensImages
 from ..theory.transfer import MicrolensTransfer
-from .marks import Area, Disc, Dots, Floats, Image, Key, Line, Mark, Point, Text, box_key, dot_key, line_key, parted, xy
+from .marks import Area, Disc, Dots, Image, Key, Line, Mark, Point, Text, box_key, dot_key, line_key, parted, xy
 from .picture import PAGE, Panel, Picture, Scale, beside, colour_bar, legend_height
 from .theme import PLAIN, SMALL, short, stop_colour
 
@@ -45,22 +47,22 @@ FULL = 0.42
 class ImageView(NamedTuple):
     """A microlens image; lengths relative to its microlens's axis [mm]."""
 
-    centres: Floats
+    centres: Array
     """Of the rims' discs, the FAP first, shape (K, 2)."""
-    radii: Floats
+    radii: Array
     """Shape (K,)."""
-    outline: Floats
+    outline: Array
     """Shape (N, 2), not closed; (0, 2) where dark."""
-    cell: Floats
+    cell: Array
     """Corners of its own cell, shape (M, 2)."""
     columns: slice
     rows: slice
     """Pixels in view."""
-    x: Floats
+    x: Array
     """Their edges, shape (I + 1,)."""
-    y: Floats
+    y: Array
     """Shape (J + 1,)."""
-    coverage: Floats
+    coverage: Array
     """Share of each pixel that the image covers, shape (J, I); (0, 0) where there are more than was asked for
     or a disc is too large for it."""
     kept_fraction: float
@@ -78,7 +80,7 @@ class ImageView(NamedTuple):
 def image_view(design: Design, place: Point, most: float = math.inf) -> ImageView:
     """The image behind the microlens at a place on the MLA [mm]; `most` pixels in view are looked at one by one."""
     (centres,), (radii,) = field_discs(design, [place])
-    (axis,) = axes_in_space(design, [place])
+    (axis,) = MicrolensImages(Camera.of(design), [place]).in_system
     pitch, q = abs(float(microlens_image_pitch(Camera.of(design)))), design.q
     cell = cell_polygon(design.microlens_array.layout, pitch, design.microlens_array.rotation) + centres[0]
     half = 1.12 * max(float(radii[0]), float(np.max(np.abs(cell - centres[0]))))
@@ -282,7 +284,7 @@ def rays_and_waves(design: Design, width: float = PAGE, samples: int = 181) -> P
     axis = np.linspace(-half, half, samples)
     wave = harmonic_series(flat, MicrolensTransfer.of(flat, effects), pixel=False).at(axis, axis)
     x, y = np.meshgrid(axis, axis)
-    ray: Floats = np.zeros(wave.shape)
+    ray: Array = np.zeros(wave.shape)
     for a, b in lattice.image(lattice.indices(-half, half, -half, half)):
         ray += (x - a) ** 2 + (y - b) ** 2 <= radius**2
     light, top = encircled(camera), max(1.0, float(wave.max()))
@@ -326,7 +328,7 @@ def preview(image: RawImage) -> Picture:
     side = min(max(24, about_five), region.rows, region.columns)
     right, upper = region.columns - side, region.rows - side
 
-    def panel(at: Point, size: Point, values: Floats, title: str, start: Point, count: Point) -> Panel:
+    def panel(at: Point, size: Point, values: Array, title: str, start: Point, count: Point) -> Panel:
         x, y = (Scale(low, low + high) for low, high in zip(start, count, strict=True))
         shown = Image(values, (*x[:2], *y[:2]), "grey", 0.0, top)
         return Panel((*at, *size), x, y, (shown,), "column [px]", "row [px]", title, grid="", equal=True)

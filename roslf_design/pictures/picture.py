@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from .._arrays import Array
 from . import axes, svg
-from .marks import Box, Floats, Image, Key, Line, Mark, Point, Text, shifted
+from .marks import Box, Image, Key, Line, Mark, Point, Text, shifted
 from .theme import SMALL, ThemeName, short, text_width, theme_named
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 PAGE = 768.0
@@ -147,7 +147,7 @@ class Panel:
         across, up = self.per_px
         return self.x.low + (px - self.box[0]) * across, self.y.high - (py - self.box[1]) * up
 
-    def all_at(self, x: ArrayLike, y: ArrayLike) -> Floats:
+    def all_at(self, x: ArrayLike, y: ArrayLike) -> Array:
         """The same for arrays, shape (N, 2); far ones brought near, as browsers like no large coordinates."""
         left, _, width, height = self.box
         with np.errstate(over="ignore", invalid="ignore"):
@@ -225,19 +225,6 @@ class Picture:
     def to_png(self, dpi: int = 144, theme: ThemeName = "light") -> bytes:
         """As PNG bytes; 96 dots an inch are a dot a pixel."""
         return axes.to_png(self.figure(theme), dpi)
-
-    def on_axes(self, ax: Axes | None = None, theme: ThemeName = "light") -> Axes:
-        """The first panel and the legend on Axes, a new figure's where none are given."""
-        if ax is None:
-            from matplotlib.figure import Figure
-
-            ax = Figure(figsize=(self.size[0] / 96, self.size[1] / 96), layout="constrained").subplots()
-        colours = theme_named(theme)
-        with axes.drawing():
-            axes.draw(self.panels[0], ax, colours)
-            if self.keys:
-                ax.legend(handles=axes.handles(self.keys, colours), loc="best")
-        return ax
 
     def _repr_svg_(self) -> str:
         return self.svg()

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._arrays import Array
 from ..camera import Camera
 from ..design.elements import AnyElement, FieldLens, Grin, LensGroup, Prism, element_name, made_of
 from ..design.material import material_told
@@ -17,7 +18,7 @@ from ..evaluation import default_fields
 from ..lenses.glass import AIR
 from ..rays import PASSED, fans, glass_shares, trace_pupil
 from ..words import length
-from .marks import Area, Dots, Floats, Key, Line, Mark, Point, Text, bars, box_key, joined, line_key, parted, xy
+from .marks import Area, Dots, Key, Line, Mark, Point, Text, bars, box_key, joined, line_key, parted, xy
 from .picture import PAGE, Panel, Picture, Scale, beside, legend_height, one_panel
 from .theme import FIELDS, SMALL, rows_of_names, short, stop_colour, text_width
 
@@ -50,9 +51,9 @@ class LabelledFan(NamedTuple):
     label: str
     kept: NDArray[np.bool_]
     """Shape (N,)."""
-    z: Floats
+    z: Array
     """Corners of each ray [mm], light's way, shape (N, V); a blocked ray repeats the point where it ends."""
-    x: Floats
+    x: Array
     """Heights there [mm]."""
 
 
@@ -196,9 +197,7 @@ def _section(design: Design, drawn: list[LabelledFan], size: Point, whole: bool,
     length = end + (design.d_f if whole else front)
     left = -design.d_f - 0.05 * length if whole else -front - 0.14 * length
     right = end + 0.07 * length
-    solid = [design.D / 2 + math.hypot(*design.main_lens.decentre), math.hypot(*design.sensor_size) / 2]
-    solid += [stop.diameter / 2 + math.hypot(*stop.decentre) for stop in design.all_stops]
-    solid += [(reach(element) or 0.0) + math.hypot(*element.decentre) for element in design.elements]
+    solid = [*reaches(design), math.hypot(*design.sensor_size) / 2]
     high = np.abs([np.where(fan.z >= left, fan.x, 0.0) for fan in drawn])
     # Where all light passes, and where it starts; what is blocked may run to any height.
     lit = max(*solid, high[..., 0].max(), np.where([fan.kept for fan in drawn], high.max(axis=-1), 0.0).max())
@@ -258,21 +257,21 @@ def _diameter(design: Design, symbol: str) -> str:
 
 def _named(design: Design, sides: Mapping[str, int], whole: bool) -> list[tuple[float, str]]:
     """Names of elements where they stand, with the diameters that have no room elsewhere."""
-    told = {symbol: "" if side else f", {_diameter(design, symbol)}" for symbol, side in sides.items()}
-    names = [(-stop.distance, f"stop {k}" if k else f"FAP{told['D_F']}") for k, stop in enumerate(design.all_stops)]
+    openings = {symbol: "" if side else f", {_diameter(design, symbol)}" for symbol, side in sides.items()}
+    names = [(-stop.distance, f"stop {k}" if k else f"FAP{openings['D_F']}") for k, stop in enumerate(design.all_stops)]
     names += [(-e.distance - e.length / 2, name_of_drawn(e, k)) for k, e in enumerate(design.elements, 1)]
-    names += [(0.0, f"main lens{told['D']}"), (design.d_1 + design.d_2, "MLA, sensor")]
+    names += [(0.0, f"main lens{openings['D']}"), (design.d_1 + design.d_2, "MLA, sensor")]
     return sorted([*names, *([(-design.d_f, "object plane")] if whole else [])])
 
 
 def name_of_drawn(element: AnyElement, number: int) -> str:
     """What an element is called in a picture; of a prism that it is drawn unfolded."""
     turns = isinstance(element, Prism) and element.deviation
-    told = f", unfolded: turns by {math.degrees(turns):.3g}°" if turns else ""
-    return element_name(element, number) + told
+    unfolded = f", unfolded: turns by {math.degrees(turns):.3g}°" if turns else ""
+    return element_name(element, number) + unfolded
 
 
-def _cut(fan: LabelledFan, half: float) -> tuple[Floats, Floats]:
+def _cut(fan: LabelledFan, half: float) -> tuple[Array, Array]:
     """Corners of the blocked rays, those that leave the picture as far as they are in it."""
     z, x = fan.z[~fan.kept].copy(), fan.x[~fan.kept].copy()
     for k in range(1, x.shape[1]):
@@ -292,9 +291,9 @@ def _fan(fan: LabelledFan, colour: str, half: float) -> list[Mark]:
         marks.append(Line(fan.z[number], fan.x[number], colour, width, testid="ray"))
     if not fan.kept.all():
         z, x = _cut(fan, half)
-        seen = np.abs(x[:, -1]) < half
+        inside = np.abs(x[:, -1]) < half
         marks.append(Line(parted(z), parted(x), "vermillion", 0.8, "4 3", testid=f"blocked-{fan.label.split()[0]}"))
-        marks.append(Dots(z[seen, -1], x[seen, -1], "vermillion", "x", 3.5, width=1.5, clip=True))
+        marks.append(Dots(z[inside, -1], x[inside, -1], "vermillion", "x", 3.5, width=1.5, clip=True))
     return marks
 
 
@@ -342,6 +341,13 @@ def reach(element: AnyElement) -> float | None:
     if element.diameter is None and isinstance(element, LensGroup):
         return max(surface.semi_diameter for surface in element.lens.surfaces)
     return None if element.diameter is None else element.diameter / 2
+
+
+def reaches(design: Design) -> list[float]:
+    """How far from the axis the main lens, stops and elements with a rim of their own reach [mm]."""
+    rims = [design.D / 2 + math.hypot(*design.main_lens.decentre)]
+    rims += [stop.diameter / 2 + math.hypot(*stop.decentre) for stop in design.all_stops]
+    return rims + [(reach(element) or 0.0) + math.hypot(*element.decentre) for element in design.elements]
 
 
 def _glass(design: Design, section: SectionLayout) -> list[Mark]:
@@ -397,7 +403,7 @@ def _thick(radius: float, section: SectionLayout) -> float:
     return min(max(0.18 * radius / up, 4.0), 14.0) * mm
 
 
-def profiles(element: AnyElement, ends: tuple[float, float], thick: float) -> list[tuple[Floats, Floats]]:
+def profiles(element: AnyElement, ends: tuple[float, float], thick: float) -> list[tuple[Array, Array]]:
     """Left and right faces of each piece of an element in the plane x-z, points (z, x) from the lower to the upper end.
 
     Parameters
@@ -412,7 +418,7 @@ def profiles(element: AnyElement, ends: tuple[float, float], thick: float) -> li
     t = np.linspace(-1, 1, 25)
     middle, radius = (ends[0] + ends[1]) / 2, (ends[1] - ends[0]) / 2
 
-    def face(z: ArrayLike, half: float = radius) -> Floats:
+    def face(z: ArrayLike, half: float = radius) -> Array:
         return np.stack([np.broadcast_to(z, t.shape), middle + half * t], -1)
 
     if isinstance(element, FieldLens):
@@ -611,14 +617,14 @@ def dimensions(design: Design) -> Picture:
             marks += _view(element.glass, (at - THICK, 0.0), 62.0, (1 / unit, up))
     marks += words  # over the leaders of their neighbours
     level = -WALL - 0.25
-    for told, start, stop_at in _dimension_lines(design):
-        a, b = far[start] if told.startswith("overall") else near[start], near[stop_at]
+    for text, start, stop_at in _dimension_lines(design):
+        a, b = far[start] if text.startswith("overall") else near[start], near[stop_at]
         for at, top in ((a, -high[start]), (b, -high[stop_at])):
             marks.append(Line([at, at], [top - 0.04, level - 0.05], "grey", 0.5))
         marks.append(Line([a, b], [level, level], "ink", 0.9, ends="<>"))
-        inside = (b - a) * unit > text_width(told, SMALL) + 24
+        inside = (b - a) * unit > text_width(text, SMALL) + 24
         at, anchor, dx = ((a + b) / 2, "middle", 0.0) if inside else (a, "end", -7.0)
-        marks.append(Text(at, level, told, "ink", SMALL, anchor, dx, 4, plate=True))
+        marks.append(Text(at, level, text, "ink", SMALL, anchor, dx, 4, plate=True))
         level -= 0.36
     y = Scale(level + 0.05, highest)
     size = PAGE, 0.86 * unit * (y.high - y.low)

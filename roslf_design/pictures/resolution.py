@@ -12,7 +12,7 @@ from ..evaluation.fields import default_fields
 from ..evaluation.specification import planes, transfer_at
 from ..theory.light import on_array, sensor_field
 from ..traced.fields import images_of
-from .marks import Image, Key, Line, Mark, Point, Text, line_key
+from .marks import Image, Key, Line, Mark, Text, line_key
 from .picture import PAGE, Panel, Picture, Scale, beside, colour_bar, one_panel, round_ticks
 from .theme import SMALL
 
@@ -25,7 +25,7 @@ COLUMNS, ROWS = 15, 13
 """Fields and distances of the map."""
 
 
-def mtf_curves(design: Design, size: Point = (PAGE, 270)) -> Picture:
+def mtf_curves(design: Design) -> Picture:
     """MTF at the focal plane of the centre, the edge and the corner: of the refocused image, and of its middle view."""
     images = images_of(design, default_fields(design))
     transfers = [transfer_at(images, k, None) for k in range(len(PLACES))]
@@ -47,16 +47,17 @@ def mtf_curves(design: Design, size: Point = (PAGE, 270)) -> Picture:
             (0, 0, 1, 1), Scale(0.0, float(detail[-1])), Scale(0.0, 1.0), tuple(marks),
             "detail at the focal plane [lp/mm]", "MTF", title=title,
         )  # fmt: skip
-        pictures.append(one_panel(f"mtf-{kind}", title, (size[0] / 2, size[1] - 34), panel, top=26))
+        pictures.append(one_panel(f"mtf-{kind}", title, (PAGE / 2, 236), panel, top=26))
+    dark = "dark" if design.lens is None else "dark or folded"
     keys: list[Key] = [
-        line_key(name if transfer.middle is not None else f"{name}: dark", colour, 2.0)
+        line_key(name if transfer.middle is not None else f"{name}: {dark}", colour, 2.0)
         for name, transfer, colour in zip(PLACES, transfers, COLOURS, strict=True)
     ]
     keys += [line_key("tangential", "ink", 2.0), line_key("sagittal", "ink", 1.6, "6 4")]
     return beside("mtf", f"MTF of {design.name} at its focal plane, over detail in lp/mm", pictures, keys)
 
 
-def resolution_map(design: Design, size: Point = (PAGE, 250)) -> Picture:
+def resolution_map(design: Design) -> Picture:
     """Detail at MTF 50 % of the refocused image, over distance ahead of the tip and field towards the corner."""
     camera = Camera.of(design)
     low, high = (np.array([float(v) for v in end]) for end in sensor_field(camera))
@@ -86,7 +87,7 @@ def resolution_map(design: Design, size: Point = (PAGE, 250)) -> Picture:
     panel = Panel(
         (0, 0, 1, 1), x, y, tuple(marks), "field, from the middle to the corner [%]", "ahead of the tip [mm]", grid=""
     )
-    picture = one_panel("resolution-map", f"Detail that {design.name} resolves", size, panel, left=64, right=110)
+    picture = one_panel("resolution-map", f"Detail that {design.name} resolves", (PAGE, 250), panel, left=64, right=110)
     return picture.with_panels(colour_bar(picture.panels[0], 0.0, top, "blue", "MTF 50 % at [lp/mm]"))
 
 

@@ -31,6 +31,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._arrays import Array
 from ..camera import Camera
 from ..camera.frames import Frame, frame
 from ..design import dumps, loads
@@ -38,9 +39,9 @@ from ..design.elements import element_name
 from ..evaluation import default_fields
 from ..lenses.glass import AIR
 from ..rays import PASSED, paths, trace_pupil
-from .marks import Area, Floats, Line, Mark, Text, joined, line_key, xy
+from .marks import Area, Line, Mark, Text, joined, line_key, xy
 from .picture import PAGE, Panel, Picture, Scale, legend_height
-from .rays import name_of_drawn, profiles, reach
+from .rays import name_of_drawn, profiles, reach, reaches
 from .theme import FIELDS, SMALL, THEMES, ThemeName, rgb, rows_of_names, stop_colour, text_width, theme_named
 
 if TYPE_CHECKING:
@@ -90,7 +91,7 @@ class Body(NamedTuple):
     name: str
     kind: str
     """"ring", "round" (a surface that looks smooth), "plate" or "lines"."""
-    points: Floats
+    points: Array
     """Shape (N, 3) [mm]."""
     cells: NDArray[np.int64]
     """Number of corners, then their indices, of one polygon or polyline after the other."""
@@ -112,11 +113,11 @@ class Name(NamedTuple):
 class View(NamedTuple):
     """A parallel view."""
 
-    focus: Floats
+    focus: Array
     """[mm]."""
     distance: float
     """Of the camera from there [mm]."""
-    axes: Floats
+    axes: Array
     """To the right, upwards and towards the viewer, shape (3, 3)."""
     scale: float
     """Half the height [mm]."""
@@ -153,10 +154,9 @@ def instrument_scene(design: Design) -> Instrument:
     rays = _pencils(design, start)
     inside = [float(np.hypot(*r.points[r.points[:, 2] >= -front, :2].T).max(initial=0.0)) for r in rays]
     # A tube that all elements and rays fit into.
-    radii = [design.D / 2 + math.hypot(*design.main_lens.decentre)]
-    radii += [stop.diameter / 2 + math.hypot(*stop.decentre) for stop in design.all_stops]
-    radii += [(reach(element) or 0.0) + math.hypot(*element.decentre) for element in design.elements]
-    wall = max(1.08 * max(*radii, math.hypot(*design.microlens_array.size) / 2), 1.02 * max(inside, default=0.0))
+    wall = max(
+        1.08 * max(*reaches(design), math.hypot(*design.microlens_array.size) / 2), 1.02 * max(inside, default=0.0)
+    )
     tube = turned([(wall, -front), (wall, end)], np.linspace(0, 2 * math.pi, 24, endpoint=False))
     in_air = design.object_space.medium == AIR
     before = [[0.0, 0.0, start]] if in_air else turned([(wall, start), (wall, -front)])
@@ -228,10 +228,10 @@ def _pencils(design: Design, start: float) -> list[Body]:
     # Just inside the rim: a ray on the rim itself would be kept or not by rounding.
     pupil = 0.999 * np.array([[0.0, *np.cos(around)], [0.0, *np.sin(around)]])
     parts: list[Body] = []
-    blocked: list[Floats] = []
+    blocked: list[Array] = []
     for name, place, colour in zip(RAYS, (centre, edge, far_corner), FIELDS, strict=False):
         rays = trace_pupil(camera, (pupil[0], pupil[1]), place)
-        kept: list[Floats] = []
+        kept: list[Array] = []
         for status, course in zip(rays.status.tolist(), paths(camera, rays, place, -start), strict=True):
             ended = np.flatnonzero((course != course[-1]).any(axis=1))[-1] + 2
             (kept if status in PASSED else blocked).append(course[:ended])
@@ -240,14 +240,14 @@ def _pencils(design: Design, start: float) -> list[Body]:
     return [*parts, _lines(RAYS[-1], blocked, "vermillion", 2.2)] if blocked else parts
 
 
-def _view(corners: Floats) -> View:
+def _view(corners: Array) -> View:
     """A parallel view that holds all corners."""
     toward = np.array([-math.cos(PITCH) * math.cos(YAW), math.sin(PITCH), -math.cos(PITCH) * math.sin(YAW)])
     right = np.cross([0.0, 1.0, 0.0], toward)
     right /= np.linalg.norm(right)
     axes = np.stack([right, np.cross(toward, right), toward])
-    seen = corners @ axes.T
-    low, high = seen.min(axis=0), seen.max(axis=0)
+    turned_corners = corners @ axes.T
+    low, high = turned_corners.min(axis=0), turned_corners.max(axis=0)
     size = high - low
     height = round(min(max(WIDTH * 1.3 * size[1] / size[0], 0.3 * WIDTH), 0.5 * WIDTH))
     # Room above for the names.
@@ -261,7 +261,7 @@ HOME = Frame((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 TURN = np.linspace(0.0, 2 * math.pi, AROUND, endpoint=False)
 
 
-def turned(profile: ArrayLike, angles: Floats = TURN, frame: Frame = HOME) -> Floats:
+def turned(profile: ArrayLike, angles: Array = TURN, frame: Frame = HOME) -> Array:
     """Points of a profile, K radii and heights, turned about a frame's axis: shape (K x angles, 3) [mm]."""
     radius, height = np.asarray(profile, float).T[:, :, None]
     local = np.stack(np.broadcast_arrays(radius * np.cos(angles), radius * np.sin(angles), height), -1)
@@ -275,7 +275,7 @@ def _bands(rows: int) -> NDArray[np.int64]:
     return np.stack([np.full_like(here, 4), here, beside, beside + AROUND, here + AROUND], axis=-1).ravel()
 
 
-def _circle(radius: float, height: float, frame: Frame = HOME) -> Floats:
+def _circle(radius: float, height: float, frame: Frame = HOME) -> Array:
     return turned([(radius, height)], np.linspace(0, 2 * math.pi, 97), frame)
 
 
@@ -294,7 +294,7 @@ def _slab(name: str, frame: Frame, size: tuple[float, float], depth: float) -> B
     return Body(name, "plate", points, np.array([[4, *side] for side in sides]).ravel(), "sky", 0.3)
 
 
-def _lines(name: str, lines: Sequence[Floats], colour: str, width: float) -> Body:
+def _lines(name: str, lines: Sequence[Array], colour: str, width: float) -> Body:
     starts = itertools.accumulate(map(len, lines), initial=0)
     cells = [
         np.array([len(line), *range(start, start + len(line))]) for line, start in zip(lines, starts, strict=False)
@@ -307,14 +307,14 @@ def outlines(scene: Instrument, width: float = PAGE) -> Picture:
     view = scene.view
     height = width * view.window[1] / view.window[0]
 
-    def seen(points: ArrayLike) -> tuple[Floats, Floats]:
+    def projected(points: ArrayLike) -> tuple[Array, Array]:
         """Places in the picture [px], and how near the viewer they are [mm]."""
         turned = np.subtract(points, view.focus) @ view.axes.T
         return np.array([width / 2, height / 2]) + 0.5 * height / view.scale * turned[:, :2], turned[:, 2]
 
     drawn: list[tuple[float, Mark]] = []
     for part in scene.parts:
-        flat, near = seen(part.points)
+        flat, near = projected(part.points)
         if part.kind == "lines":
             loops = [flat[line] for line in _split(part.cells)]
         else:
@@ -324,7 +324,7 @@ def outlines(scene: Instrument, width: float = PAGE) -> Picture:
         drawn.append((float(near.mean()), line if part.kind == "lines" else Area(x, y, part.colour, part.opacity)))
     marks = [mark for _, mark in sorted(drawn, key=lambda one: one[0])]
     above = [name for name in scene.names if name.at[1] > 0]
-    tops, _ = seen([name.at for name in above])
+    tops, _ = projected([name.at for name in above])
     widths = [text_width(name.text, SMALL) for name in above]
     places = [min(max(x, w / 2 + 2), width - w / 2 - 2) for x, w in zip(tops[:, 0].tolist(), widths, strict=True)]
     head = 0.0
@@ -350,7 +350,7 @@ def _split(cells: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
         cells = cells[1 + cells[0] :]
 
 
-def outline(points: Floats) -> Floats:
+def outline(points: Array) -> Array:
     """Corners of the convex hull of points in a plane, shape (M, 2), counter-clockwise."""
     from scipy.spatial import ConvexHull
 
@@ -499,7 +499,7 @@ def _actor(own: str, part: Body, arrays: dict[str, Any]) -> dict[str, Any]:
     return _object(own, "vtkActor", visible, ("setMapper", mapper), ("setProperty", surface))
 
 
-def _normals(part: Body) -> Floats:
+def _normals(part: Body) -> Array:
     """Unit normals of a surface of quadrangles at its points, between those of the faces around."""
     corners = part.cells.reshape(-1, 5)[:, 1:]
     a, b, c, d = (part.points[corners[:, k]] for k in range(4))

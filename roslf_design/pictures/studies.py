@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from .marks import Area, Dots, Floats, Key, Line, Mark, Point, Text, bars, box_key, dot_key, line_key, stairs
+from .._arrays import Array
+from .marks import Area, Dots, Key, Line, Mark, Point, Text, bars, box_key, dot_key, line_key, stairs
 from .picture import (
     Panel,
     Picture,
@@ -117,8 +118,8 @@ def yield_bars(result: Yields, size: Point = (420, 170), target: float | None = 
     bold = f"{result.grade} grade"
     label = f"builds that hold every limit [% of {_builds(shares)}]"
     panel = rows_panel(box, Scale(0, 100), names, marks, label, bold=bold)
-    told = (f"{100 * share.value:.1f} % {name}" for name, share in zip(names, shares, strict=True))
-    return as_tall("yield", f"Yield by grade: {', '.join(told)}", panel, size=size)
+    words = (f"{100 * share.value:.1f} % {name}" for name, share in zip(names, shares, strict=True))
+    return as_tall("yield", f"Yield by grade: {', '.join(words)}", panel, size=size)
 
 
 def _builds(shares: Sequence[YieldShare]) -> str:
@@ -158,8 +159,8 @@ def yield_curve(
         f"yield [% of {_builds([share for _, share in result.curve])} builds]",
         x_ticks=named_ticks(ticks.tolist()),
     )  # fmt: skip
-    told = (f"{share:.0f} % at {scale:g}" for scale, share in zip(scales.tolist(), value.tolist(), strict=True))
-    title = f"Yield over a common factor on all tolerances: {', '.join(told)}"
+    points = (f"{share:.0f} % at {scale:g}" for scale, share in zip(scales.tolist(), value.tolist(), strict=True))
+    title = f"Yield over a common factor on all tolerances: {', '.join(points)}"
     dot = Dots((0.0,), (0.0,), "blue", size=3.5)
     keys = [line_key("yield", "blue", 2.2, "", dot), box_key("95 % interval", "blue", 0.22)]
     return one_panel("yield-curve", title, size, panel, keys, left=56)
@@ -172,7 +173,7 @@ def offender_bars(offenders: Sequence[Offender], size: Point = (560, 300), *, mo
     width, tall = max(size[0] - 2 * SIDE, 100.0), TALL_ROW * max(len(shown), 1)
     marks: list[Mark] = []
     words: list[Mark] = []
-    told = []
+    descriptions = []
     for k, row in enumerate(shown):
         y, end, colour = k * TALL_ROW, 100 * min(row.used, high), "vermillion" if row.used > 1 else "blue"
         marks.append(bars(0.0, end, y + 25, 10, fill=colour, testid=f"offender-{k}"))
@@ -183,13 +184,13 @@ def offender_bars(offenders: Sequence[Offender], size: Point = (560, 300), *, mo
         note = next((note for note in notes if text_width(f"{name} {note}", SMALL) + 12 < width), notes[-1])
         words.append(Text(0.0, y + 14, name, plate=True))
         words.append(Text(100 * high, y + 14, note, anchor="end", plate=True))
-        told.append(f"{name} uses {notes[0]}")
+        descriptions.append(f"{name} uses {notes[0]}")
     marks += [*threshold(100.0, tall, "limit"), *words]
     if not shown:
         marks.append(Text(50 * high, 16.0, "no tolerance matters", "ink", PLAIN, "middle"))
     label = "part of the way to a limit that it uses alone [%]"
     panel = rows_panel((SIDE, 24, width, tall), Scale(0, 100 * high), (), marks, label)
-    return as_tall("offenders", f"Worst offenders: {'; '.join(told)}", panel, size=size)
+    return as_tall("offenders", f"Worst offenders: {'; '.join(descriptions)}", panel, size=size)
 
 
 def _used(row: Offender) -> tuple[str, ...]:
@@ -246,7 +247,7 @@ def _ways(row: LimitSpread) -> tuple[float, float]:
     return share(row.low), share(row.high)
 
 
-def ranked_moves(names: Sequence[str], plus: Floats, minus: Floats, limits: Sequence[float], label: str) -> Picture:
+def ranked_moves(names: Sequence[str], plus: Array, minus: Array, limits: Sequence[float], label: str) -> Picture:
     """Draw how far each perturbation alone moves a number, ranked, at both ends of its tolerance.
 
     `plus` and `minus` have shape (N,) for N `names`; `limits` are moves that reach a limit, drawn where they are near;
@@ -265,7 +266,7 @@ def ranked_moves(names: Sequence[str], plus: Floats, minus: Floats, limits: Sequ
     return _ranked("sensitivity", names, scale, marks, f"change of {label}", keys)
 
 
-def ranked_correlations(names: Sequence[str], values: Floats, noise: float, label: str) -> Picture:
+def ranked_correlations(names: Sequence[str], values: Array, noise: float, label: str) -> Picture:
     """Draw the correlation of each perturbation with a number over all trials, ranked; `noise` is what chance may give.
 
     `values` has shape (N,); the others are as for `ranked_moves`.
@@ -280,17 +281,16 @@ def ranked_correlations(names: Sequence[str], values: Floats, noise: float, labe
 
 
 def _ranked(
-    name: str, names: Sequence[str], scale: Scale, marks: Sequence[Mark], label: str, keys: Sequence[Key],
-    width: float = 540,
+    name: str, names: Sequence[str], scale: Scale, marks: Sequence[Mark], label: str, keys: Sequence[Key]
 ) -> Picture:  # fmt: skip
-    left, tall = 16 + names_width(names), ROW * len(names)
+    width, left, tall = 540, 16 + names_width(names), ROW * len(names)
     zero = Line([0.0, 0.0], [0.0, tall], "ink", 0.9)
     panel = rows_panel((left, 20.0, width - left - RIGHT, tall), scale, names, (*marks, zero), label)
     return as_tall(name, f"Ranked: {label}", panel, keys, size=(width, 0.0))
 
 
 def distributions(
-    variants: Sequence[tuple[str, Floats, Floats]], nominal: float, limits: Sequence[float], span: Point, label: str
+    variants: Sequence[tuple[str, Array, Array]], nominal: float, limits: Sequence[float], span: Point, label: str
 ) -> Picture:  # fmt: skip
     """Draw the distribution of a number over the builds, as built and, where anything is adjusted, afterwards.
 
@@ -312,8 +312,8 @@ def distributions(
         density = counts / counts.sum() / np.diff(cuts)
         x, y = stairs(cuts, density)
         marks.append(Area(x, y, "sky", 0.6) if filled else Line(x, y, "blue", 1.8))
-        told = f"{name}, {counts.sum():,.0f} builds"
-        keys.append(box_key(told, "sky", 0.6) if filled else line_key(told, "blue", 1.8))
+        legend = f"{name}, {counts.sum():,.0f} builds"
+        keys.append(box_key(legend, "sky", 0.6) if filled else line_key(legend, "blue", 1.8))
         ends += [float(cuts[0]), float(cuts[-1])]
         top = max(top, float(density.max()))
     reach = max([span[1] - span[0], *(abs(edge - nominal) for edge in limits)])
@@ -457,7 +457,7 @@ def front(run: OptimiseResult, size: Point = (420, 300)) -> Picture:
 
 
 def goal_front(
-    points: Floats, labels: Sequence[str], *, log: Sequence[bool] = (False, False, False), title: str = "Goals",
+    points: Array, labels: Sequence[str], *, log: Sequence[bool] = (False, False, False), title: str = "Goals",
     answer: Point | None = None, words: str = "", also: Sequence[float] = (), size: Point = (560, 360),
 ) -> Picture:  # fmt: skip
     """Draw designs by what they reach of two goals, and of a third by shade.
@@ -510,7 +510,7 @@ def goal_front(
     return picture.with_panels(bar)
 
 
-def bore_and_stop(field: Floats, bore: Floats, stop: Floats, misplaced: Floats) -> Picture:
+def bore_and_stop(field: Array, bore: Array, stop: Array, misplaced: Array) -> Picture:
     """Draw the kept light over the field, through a bore and through the one stop that stands for it.
 
     `field` is of microlenses from the axis [mm], shape (N,); the others are shares of the stop's light: through all
@@ -531,9 +531,9 @@ def bore_and_stop(field: Floats, bore: Floats, stop: Floats, misplaced: Floats) 
     return one_panel("bore", "Light through the bore and through its equivalent stop", (576, 310), panel, keys)
 
 
-def robust_yields(rows: Sequence[tuple[str, float, float]], width: float = 672) -> Picture:
+def robust_yields(rows: Sequence[tuple[str, float, float]]) -> Picture:
     """Draw the share of builds that hold each constraint: rows of name, share of the nominal, of the robust design."""
-    each, names = 38.0, [name for name, *_ in rows]
+    width, each, names = 672, 38.0, [name for name, *_ in rows]
     marks: list[Mark] = []
     for k, (_, *shares) in enumerate(rows):
         for share, shift, colour in zip(shares, (-0.2, 0.2), ("grey", "blue"), strict=True):

@@ -15,8 +15,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from .._arrays import Array
 from ..words import SYMBOL, typographic
-from .marks import Area, Disc, Dots, Floats, Image, Line, Mark, Point, Text
+from .marks import Area, Disc, Dots, Image, Line, Mark, Point, Text
 from .theme import PLAIN, SMALL, Theme, text_width
 
 if TYPE_CHECKING:
@@ -269,7 +270,7 @@ def _filled(mark: Area | Disc, theme: Theme) -> Look:
     return look | {"stroke": theme.colour(mark.edge), "stroke_width": mark.width, "stroke_dasharray": mark.dash}
 
 
-def runs(corners: Floats) -> list[Floats]:
+def runs(corners: Array) -> list[Array]:
     """Stretches between NaN."""
     known = ~np.isnan(corners).any(axis=1)
     if known.all():
@@ -278,7 +279,7 @@ def runs(corners: Floats) -> list[Floats]:
     return [run for run in np.split(corners, cuts) if not np.isnan(run[0]).any()]
 
 
-def _corners(run: Floats) -> str:
+def _corners(run: Array) -> str:
     return "M" + " ".join(f"{px(x)},{px(y)}" for x, y in run.tolist())
 
 
@@ -286,7 +287,7 @@ def _path(data: str, **look: str | float | None) -> str:
     return tag("path", d=data, **look) if data else ""
 
 
-def _ends(mark: Line, run: Floats, theme: Theme) -> str:
+def _ends(mark: Line, run: Array, theme: Theme) -> str:
     if not mark.ends or len(run) < 2:
         return ""
     colour = theme.colour(mark.colour)

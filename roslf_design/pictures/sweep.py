@@ -13,10 +13,10 @@ TALL = 230.0
 """Of each panel [px]."""
 
 
-def sweep_picture(found: Sweep, design: str) -> Picture:
+def sweep_picture(swept: Sweep, design: str) -> Picture:
     """A panel a quantity, one below the other; gaps and grey where there is no camera, or no finite value."""
-    pictures = [_panel(found, name) for name in found.values]
-    title = f"{', '.join(map(in_words, found.values))} of {design} over {' and '.join(found.places)}"
+    pictures = [_panel(swept, name) for name in swept.values]
+    title = f"{', '.join(map(in_words, swept.values))} of {design} over {' and '.join(swept.places)}"
     return beside("sweep", title, pictures, down=True)
 
 
@@ -24,12 +24,12 @@ def _label(name: str, unit: str) -> str:
     return f"{in_words(name)} [{unit}]" if unit else in_words(name)
 
 
-def _panel(found: Sweep, name: str) -> Picture:
-    values, unit = found.values[name], found.units[name]
+def _panel(swept: Sweep, name: str) -> Picture:
+    values, unit = swept.values[name], swept.units[name]
     known = values[np.isfinite(values)]
-    (place, x), *second = found.places.items()
+    (place, x), *second = swept.places.items()
     across = Scale(float(x.min()), float(x.max())) if np.ptp(x) > 0 else Scale.around(x)
-    label = _label(place, found.units[place])
+    label = _label(place, swept.units[place])
     if not second:
         shown = np.where(np.isfinite(values), values, np.nan)
         line = Line(x, shown, "blue", 2.0)
@@ -49,6 +49,6 @@ def _panel(found: Sweep, name: str) -> Picture:
         middle = np.stack([x[none[:, 0]], y[none[:, 1]]], -1)
         corners = middle[:, None] + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * steps
         marks.append(Area(parted(corners[..., 0]), parted(corners[..., 1]), "grey", 0.9))
-    panel = Panel((0, 0, 1, 1), across, up, tuple(marks), label, _label(other, found.units[other]), grid="")
+    panel = Panel((0, 0, 1, 1), across, up, tuple(marks), label, _label(other, swept.units[other]), grid="")
     picture = one_panel(f"sweep-{name}", name, (PAGE, TALL + 60), panel, keys, left=72, right=110)
     return picture.with_panels(colour_bar(picture.panels[0], low, high, "blue", _label(name, unit)))

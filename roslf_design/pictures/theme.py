@@ -13,9 +13,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arrays import Array
 from ..words import ROUNDING, SYMBOL
 
-Floats = NDArray[np.float64]
 ThemeName = Literal["light", "dark"]
 
 FIELDS = ("blue", "green", "purple")
@@ -56,7 +56,7 @@ class Theme(NamedTuple):
         """What to write for a colour's name; "none" and colours written as #rrggbb stay."""
         return name if name == "none" or name.startswith("#") else str(getattr(self, name))
 
-    def shades(self, ramp: str, values: Floats) -> NDArray[np.uint8]:
+    def shades(self, ramp: str, values: Array) -> NDArray[np.uint8]:
         """Colours of values from 0 to 1, shape (..., 4).
 
         Parameters

@@ -76,7 +76,7 @@ def lay_out(camera: Camera) -> Layout:
 
 def law_of(camera: Camera) -> Floats:
     """`Layout.law` of one camera."""
-    return NO_LAW if camera.law is None else np.array(camera.law)
+    return NO_LAW if camera.law is None else np.array(camera.law, order="C")
 
 
 def scene_side(camera: Camera) -> Floats:

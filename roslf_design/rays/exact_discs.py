@@ -95,11 +95,11 @@ class ExactDiscs:
         values = np.moveaxis(np.array(moved), -1, 0).reshape(NODES, NODES, len(chosen), 3)
         inverse = np.linalg.inv(chebyshev.chebvander(nodes, NODES - 1))
         moves = np.einsum("ai,bj,ijkc->abkc", inverse, inverse, values)
-        found = cls(camera, tuple(chosen), middle, half, moves, 0.0)
-        seen, sizes = found.at(*others)
-        away = [np.hypot(*(p - seen[:, k].T[..., None])) - sizes[:, k, None] for k, p in enumerate(check)]
+        discs = cls(camera, tuple(chosen), middle, half, moves, 0.0)
+        placed, sizes = discs.at(*others)
+        away = [np.hypot(*(p - placed[:, k].T[..., None])) - sizes[:, k, None] for k, p in enumerate(check)]
         error = max(float(np.abs(away).max()), *(float(out.max()) for *_, out in at_nodes))
-        return replace(found, error=error)
+        return replace(discs, error=error)
 
     @property
     def farthest(self) -> float:
@@ -186,8 +186,7 @@ class _Outlines:
         slope = points / float(c.d_2)
         height = np.stack([x, y])[..., None] - slope * float(c.d_1)
         outside = slope + height / float(c.f)
-        lens = np.array([c["main_lens.decentre.0"], c["main_lens.decentre.1"]])
-        start = height + lens[:, None, None]
+        start = height + np.array(c.lens_centre)[:, None, None]
         there = next(self.space.rays_at([z], (start[0], start[1]), (outside[0], outside[1])))
         if np.any(there.status):
             raise _LostRayError
@@ -199,19 +198,19 @@ class _Outlines:
         rim, c = self.stops[k], self.camera
         (centre, radius), turn = stop_discs(c, x, y), np.linspace(0, 2 * np.pi, POINTS, endpoint=False)
         around = np.stack([np.cos(turn), np.sin(turn)])
-        found = centre[:, k].T[..., None] + radius[:, k, None] * around[:, None]
+        outline = centre[:, k].T[..., None] + radius[:, k, None] * around[:, None]
         if rim.diameter_place is None:
-            return np.asarray(found)
+            return np.asarray(outline)
         # To first order, what the stop's own lengths are on the sensor.
         plane = rim.plane or c.plane(rim.stands)
         scale = -float(c.d_2 * stop_angle(c, rim.distance)) / float(plane.magnification)
         own = self.own_radius(k)
         for _ in range(STEPS):
-            place = self.met(k, x, y, found)
+            place = self.met(k, x, y, outline)
             far = np.hypot(*place)
             if np.abs(far / own - 1).max() < SETTLED:
-                return np.asarray(found)
-            found = found - scale * place * (1 - own / far)
+                return np.asarray(outline)
+            outline = outline - scale * place * (1 - own / far)
         raise _LostRayError
 
     def disc(self, k: int, x: Floats, y: Floats) -> tuple[Floats, Floats, Floats]:

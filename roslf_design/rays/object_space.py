@@ -45,8 +45,6 @@ from .pupil import Status
 Floats = NDArray[np.float64]
 
 KIND, LIMIT, TURNED = 6, 5, 7
-FEW_RAYS = 400
-"""Below which numpy takes all of them through upright flat faces faster than loops do one."""
 OPEN = 1e300
 """Square of a semi-diameter that lets everything through."""
 
@@ -122,59 +120,15 @@ class FacesAhead:
         rays = np.ascontiguousarray(lines.reshape(4, -1))
         out, status = np.zeros_like(rays), np.zeros(rays.shape[1], np.uint8)
         room = np.empty(ROWS * BLOCK), np.empty(BLOCK)
-        if rays.shape[1] < FEW_RAYS and self._all_upright:
-            for _ in self._upright(rays, out, status, ()):
-                pass
         # Angles from sines come out of numpy and of the compiler a bit apart.
-        elif len(self.law) or pays(carry, rays.shape[1] * len(self.table)):
+        if len(self.law) or pays(carry, rays.shape[1] * len(self.table)):
             carry.compiled(self.table, self.media, self.takers, self.law, *room, rays, out, status)
         else:
             table, media = ([_plain(row) for row in part] for part in (self.table, self.media))
             buffer, work, lines = (_plain(part) for part in (*room, rays))
             carry.interpreted(table, media, self.takers, self.law, buffer, work, lines, out, status)
-        found = out.reshape(4, *shape)
-        return Outside(found[:2], found[2:], status.reshape(shape))
-
-    @property
-    def _all_upright(self) -> bool:
-        """Whether all faces are flat and nothing turns them."""
-        kinds, bent, turns = self.table[:, KIND], self.table[:, 3], self.table[:, TURNED]
-        return not (np.any(kinds != SPHERE) or np.any(bent) or np.any(turns))
-
-    def _upright(
-        self, rays: Floats, out: Floats, status: NDArray[np.uint8], distances: Sequence[float]
-    ) -> Iterator[None]:
-        """As `carry`, to the same bits, of few rays through upright flat faces; stops at growing distances."""
-        finite = np.abs(rays[0]) + np.abs(rays[1]) + np.abs(rays[2]) + np.abs(rays[3]) < OPEN
-        x, y, sx, sy = np.where(finite, rays, 0.0)
-        status[~finite] = UNTRACEABLE
-        shrink = -1.0 / np.sqrt(1.0 + sx * sx + sy * sy)
-        dx, dy, dz, z = sx * shrink, sy * shrink, shrink, 0.0
-        faces = zip(self.table.tolist(), self.media.tolist(), self.takers.tolist(), strict=True)
-        left = list(distances)
-        for row, (scene, sensor), taker in faces:
-            while left and not -row[2] < left[0]:
-                sx, sy = dx / dz, dy / dz
-                out[:] = np.where(status == 0, [x - sx * z, y - sy * z, sx, sy], 0.0)
-                left.pop(0)
-                yield
-            t = (row[2] - z) / dz
-            x, y, z = x + t * dx, y + t * dy, row[2]
-            px, py = x - row[0], y - row[1]
-            status[(status == 0) & (px * px + py * py > row[LIMIT])] = taker
-            if scene != sensor:
-                mu = sensor / scene
-                dx, dy = mu * dx, mu * dy
-                square = 1.0 - dx * dx - dy * dy
-                reflected = square < 0.0
-                if reflected.any():
-                    status[(status == 0) & reflected] = TOTALLY_REFLECTED
-                    dx, dy, square = (np.where(reflected, v, part) for v, part in ((0, dx), (0, dy), (1, square)))
-                dz = -np.sqrt(square)
-        sx, sy = dx / dz, dy / dz
-        out[:] = np.where(status == 0, [x - sx * z, y - sy * z, sx, sy], 0.0)
-        for _ in (*left, math.inf):
-            yield
+        outside = out.reshape(4, *shape)
+        return Outside(outside[:2], outside[2:], status.reshape(shape))
 
     def rays_at(
         self, distances: Sequence[float], height: tuple[ArrayLike, ArrayLike], slope: tuple[ArrayLike, ArrayLike]
@@ -184,13 +138,6 @@ class FacesAhead:
         They go on straight from there, be it in glass; in a gradient-index rod they are where they are inside. A ray is
         lost from where it is lost on.
         """
-        if np.size(height[0]) < FEW_RAYS and self._all_upright:
-            lines = np.stack(np.broadcast_arrays(*(np.asarray(part, float) for part in (*height, *slope))))
-            out, status = np.zeros((4, lines[0].size)), np.zeros(lines[0].size, np.uint8)
-            for _ in self._upright(lines.reshape(4, -1), out, status, distances):
-                there = out.reshape(lines.shape).copy()
-                yield Outside(there[:2], there[2:], status.reshape(lines.shape[1:]).copy())
-            return
         lost, first, rest = np.zeros((), np.uint8), 0, self._some(0, len(self.table))
         for distance in (*distances, math.inf):
             nearer = -rest.table[:, 2] < distance

@@ -344,8 +344,7 @@ def _line_at(camera: Camera, rays: PupilRays, distance: float) -> tuple[Floats, 
         return (*rays.height, *rays.slope)
     plane = camera.plane(distance)
     lines = []
-    for axis in (0, 1):
-        off = camera[f"main_lens.decentre.{axis}"]
+    for axis, off in enumerate(camera.lens_centre):
         height, slope = rays.height[axis] - off, rays.slope[axis]
         here = plane.a * height - plane.b * slope + plane.aside[axis] + off
         there = (-plane.c * height + plane.d * slope + plane.lean[axis]) / plane.medium

@@ -294,20 +294,20 @@ def calibrated_camera(place: Path, named: Design | None = None) -> tuple[Design,
     """
     data = read_calibration(place).data
     file = (place if place.is_dir() else place.parent) / CALIBRATED
-    found = load(file)
+    camera = load(file)
 
     def refused(message: str) -> InputError:
         return InputError((Problem("--calibration", message),))
 
-    if named is not None and named.name not in (data["design"], found.name):
+    if named is not None and named.name not in (data["design"], camera.name):
         raise refused(f'{place} is of "{data["design"]}", and the design is "{named.name}"; drop the wrong one')
     together = data.get("covariance")
     if together is None:
         raise refused(f"{place} does not tell how its lengths err together, as an older one; calibrate again")
-    known = Camera.of(found).numbers
+    known = Camera.of(camera).numbers
     if strange := [place for place in together["places"] if place not in known]:
         raise refused(f"{strange[0]} is no length of {file}; calibrate again")
-    return found, LengthCovariance(tuple(together["places"]), np.array(together["matrix"]))
+    return camera, LengthCovariance(tuple(together["places"]), np.array(together["matrix"]))
 
 
 def _drawing(path: Path, name: str) -> str:
@@ -320,9 +320,9 @@ def _drawing(path: Path, name: str) -> str:
         raise InputError((Problem("", message),), str(path)) from None
 
 
-def calibrated_finding(design: Design, found: Calibrated) -> Finding:
+def calibrated_finding(design: Design, calibrated: Calibrated) -> Finding:
     """Estimates with their intervals, where their variance comes from, drawings and warnings."""
-    data = found.data
+    data = calibrated.data
     warned = bool(data.get("warnings")) or data.get("converged") is False
     text = f"Calibrated from {len(data.get('images_used', ()))} images: {_pair(data)}."
     said = [Statement("caution" if warned else "good", text)]
@@ -334,7 +334,7 @@ def calibrated_finding(design: Design, found: Calibrated) -> Finding:
         said.append(Statement("caution", text))
     shares = {name: row["variance_shares"] for name, row in data["quantities"].items()}
     blocks: list[Block] = [Statements(tuple(said)), quantities_table(data), shares_table(shares)]
-    blocks += _drawings(found.drawings)
+    blocks += _drawings(calibrated.drawings)
     if data.get("warnings"):
         blocks.append(Bullets(tuple(data["warnings"])))
     return Finding(Section("Calibration", tuple(blocks)), said[0])
@@ -375,13 +375,13 @@ def calibration_report(result: Outcome, drawings: Mapping[str, str], command: st
 
 def statements(result: Outcome) -> Iterator[Statement]:
     """What an engineer came for."""
-    found = result.calibration
+    fitted = result.calibration
     yield Statement("caution" if result.warnings else "good", f"{_pair(result.to_dict())}.")
-    images, total = len(found.observations.names), len(found.observations.names) + len(found.observations.missing)
+    images, total = len(fitted.observations.names), len(fitted.observations.names) + len(fitted.observations.missing)
     yield Statement(
         "plain",
-        f"{images} of {total} images used, {len(found.observations.views)} views; reprojection RMS"
-        f" {found.joint.rms:.3g} pitches, condition number {found.fit.covariance.condition:.3g}.",
+        f"{images} of {total} images used, {len(fitted.observations.views)} views; reprojection RMS"
+        f" {fitted.joint.rms:.3g} pitches, condition number {fitted.fit.covariance.condition:.3g}.",
     )
     misfit = result.misfit
     yield Statement(
@@ -438,9 +438,11 @@ def through_tables(result: Outcome) -> Iterator[Table]:
         yield Table(rows, "lrlrr", heads, "The same with a ruler", note)
     used = result.used_in
     if used is not None:
-        columns = zip(used.distances, used.told, used.error, 100 * used.relative, strict=True)
+        columns = zip(used.distances, used.uncorrected, used.error, 100 * used.relative, strict=True)
         titles = ("true distance [mm]", "told uncorrected [mm]", "off [mm]", "off [%]")
-        depths = tuple((f"{z:.5g}", f"{told:.5g}", f"{off:+.3g}", f"{share:+.1f}") for z, told, off, share in columns)
+        depths = tuple(
+            (f"{z:.5g}", f"{decoded:.5g}", f"{off:+.3g}", f"{share:+.1f}") for z, decoded, off, share in columns
+        )
         name = used.name
         note = f"Distances before the main lens; shares of the way through {name}, which begins at {used.end:.5g} mm."
         yield Table(depths, "rrrr", titles, f"Depths in {name}", note)
@@ -526,10 +528,10 @@ def boards_table(result: Outcome) -> Table:
 
 def ways_table(result: Outcome) -> Table:
     """The two steps beside the joint fit and, where diffraction was taken off, the joint fit without that."""
-    found, sheet = result.calibration, result.sheet
+    fitted, sheet = result.calibration, result.sheet
     ways = {
-        "steps one and two": (found.second.camera, found.first.rms),
-        "joint fit": (found.joint.camera, found.joint.rms),
+        "steps one and two": (fitted.second.camera, fitted.first.rms),
+        "joint fit": (fitted.joint.camera, fitted.joint.rms),
     }
     if result.diffraction is not None and result.diffraction.before is not None:
         ways["diffraction left in"] = (result.diffraction.before, result.diffraction.rms_before)
@@ -573,14 +575,14 @@ def data_sheet(design: Design, board: Board, asked: CalibrationPart) -> DataShee
     f, d, cell = (relative_sigma(text, scale) for text, scale in scales)
     kinds = {place: kind for place, kind in perturbable(design).items() if BEFORE_LENS.fullmatch(place)}
     nominal, sigmas = nominal_values(design), {}
-    for place, told in asked.sigma.items():
+    for place, sigma in asked.sigma.items():
         if place not in kinds:
             known = nearest(place, kinds) if kinds else "this design has none"
             raise CalibrationError(
                 f"sigma of {place}: is no number of what stands before the lens or about the array; {known}"
             )
         try:
-            sigmas[place] = parse_tolerance(told, kinds[place], nominal[place])
+            sigmas[place] = parse_tolerance(sigma, kinds[place], nominal[place])
         except ValueError as error:
             raise CalibrationError(f"sigma of {place}: {error}") from None
     return sheet_of(design, f, d, cell, sigmas)
@@ -638,8 +640,8 @@ def plan_blocks(design: Design, plan: CapturePlan, asked: CalibrationPart) -> tu
     large = too_large(design, c)
     if large:
         answers.append(Statement("caution", sentence(large), "Choose a smaller board."))
-    told = "".join(f' --sigma "{place}={sigma}"' for place, sigma in asked.sigma.items())
-    command = f'roslf calibrate CAPTURES --design design.toml --board "{c.board.text}"{told} -o calibration'
+    sigmas = "".join(f' --sigma "{place}={sigma}"' for place, sigma in asked.sigma.items())
+    command = f'roslf calibrate CAPTURES --design design.toml --board "{c.board.text}"{sigmas} -o calibration'
     rows = tuple((name, f"{sigma[name]:.3g}", UNITS[name]) for name in QUANTITIES)
     changes = tuple(
         (c.what, *(f"{c.expected.sigma[name]:.3g}" for name in ("d_3", "H", "d_2")), f"{c.gain(before):.2f}")
@@ -665,13 +667,13 @@ def _pair(data: Mapping[str, Any]) -> str:
     return f"{', '.join(values)} (standard deviations)"
 
 
-def _diffraction(result: Outcome, found: DiffractionCheck) -> Statement:
-    if not found.corrected:
-        return Statement("plain", f"{found.reason}.")
-    taken = f"{found.reason}: up to {found.largest:.2g} pitches from a corner."
-    if found.before is None:
+def _diffraction(result: Outcome, check: DiffractionCheck) -> Statement:
+    if not check.corrected:
+        return Statement("plain", f"{check.reason}.")
+    taken = f"{check.reason}: up to {check.largest:.2g} pitches from a corner."
+    if check.before is None:
         return Statement("plain", taken, "Left in, it would leave no calibration at all.")
-    best = derived(found.before.vector(), result.sheet)
+    best = derived(check.before.vector(), result.sheet)
     changes = ", ".join(
         f"{name} {100 * (float(best[name]) / result.estimates[name].value - 1):+.2g} %"
         for name in ("d_2", "m", "H", "d_3")

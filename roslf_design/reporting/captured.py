@@ -59,10 +59,10 @@ def capture_answers(measured: MeasuredCapture) -> tuple[Block, ...]:
 
 def capture_statements(measured: MeasuredCapture) -> Iterator[Statement]:
     """A verdict for each question."""
-    run, found = measured.first, measured.summary()
+    run, summary = measured.first, measured.summary()
     unit = run.geometry.unit
     what = "Depths" if unit == "mm" else "Disparities"
-    yield known(measured, found)
+    yield known(measured, summary)
     some = run.measured
     if some.any():
         values, sigma = run.depth[some], run.sigma[some]
@@ -89,13 +89,13 @@ def capture_statements(measured: MeasuredCapture) -> Iterator[Statement]:
             "caution", "How far in mm? Unknown: nothing says how the cameras stood.",
             "A parameters.cfg beside the views does; or name the camera with --design.",
         )  # fmt: skip
-    if found.bias_mm is not None and found.inside_68 is not None:
+    if summary.bias_mm is not None and summary.inside_68 is not None:
         text = (
-            f"Is it true? By {measured.truth} it is off by {found.bias_mm:+.2g} {unit} on average and scatters by"
-            f" {found.spread_mm:.2g} {unit}; {100 * found.inside_68:.0f} % lie within the errors told, 68 % would be"
-            " right."
+            f"Is it true? By {measured.truth} it is off by {summary.bias_mm:+.2g} {unit} on average and scatters by"
+            f" {summary.spread_mm:.2g} {unit}; {100 * summary.inside_68:.0f} % lie within the errors told, 68 % would"
+            " be right."
         )
-        yield Statement("good" if found.inside_68 >= RIGHT[0] else "caution", text)
+        yield Statement("good" if summary.inside_68 >= RIGHT[0] else "caution", text)
     flat = run.flatness()
     if flat is not None:
         text = (
@@ -114,7 +114,7 @@ def capture_statements(measured: MeasuredCapture) -> Iterator[Statement]:
 
 
 def _numbers(measured: MeasuredCapture) -> Table:
-    run, found, unit = measured.first, measured.summary(), measured.first.geometry.unit
+    run, summary, unit = measured.first, measured.summary(), measured.first.geometry.unit
     some, flat = run.measured, run.flatness()
     lines: list[tuple[str, str, str, str]] = []
     if some.any():
@@ -122,13 +122,13 @@ def _numbers(measured: MeasuredCapture) -> Table:
     if run.calibration_sigma is not None and some.any():
         for name, part in (("of noise", run.noise_sigma), ("of calibration", run.calibration_sigma)):
             lines.append((name, f"{np.sqrt((part[some] ** 2).mean()):.3g}", unit, "rms"))
-    if found.bias_mm is not None and found.spread_mm is not None and found.inside_68 is not None:
-        lines.append(("bias", f"{found.bias_mm:.3g}", unit, f"mean error by {measured.truth}"))
-        lines.append(("spread", f"{found.spread_mm:.3g}", unit, "about it"))
-        lines.append(("within the error told", f"{100 * found.inside_68:.1f}", "%", "68 where it is right"))
+    if summary.bias_mm is not None and summary.spread_mm is not None and summary.inside_68 is not None:
+        lines.append(("bias", f"{summary.bias_mm:.3g}", unit, f"mean error by {measured.truth}"))
+        lines.append(("spread", f"{summary.spread_mm:.3g}", unit, "about it"))
+        lines.append(("within the error told", f"{100 * summary.inside_68:.1f}", "%", "68 where it is right"))
     if flat is not None:
         lines.append(("off a plane", f"{flat.rms:.3g}", unit, "rms about the best one"))
-    lines.append((f"{_places(measured)} with a {_quantity(measured)}", f"{100 * found.measured:.1f}", "%", ""))
+    lines.append((f"{_places(measured)} with a {_quantity(measured)}", f"{100 * summary.measured:.1f}", "%", ""))
     lines += [("unknown", f"{100 * share:.2g}", "%", reason) for reason, share in measured.unknown().items()]
     return Table(tuple(lines), "lrll", ("", "", "", ""), "In numbers")
 

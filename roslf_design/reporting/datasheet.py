@@ -75,10 +75,10 @@ class SheetLine(NamedTuple):
         """What its scatter goes by."""
         return self.quantity or f"{self.subject}: {self.name}"
 
-    def values(self, builds: Camera) -> Array:
-        """Of many builds one after the other; NaN where there is none."""
+    def values(self, builds: Camera, most: int | None = None) -> Array:
+        """Of builds one after the other, `most` of them where that is given; NaN where there is none."""
         assert self.of is not None
-        return np.array([self.of(builds.build(k)) for k in range(builds.shape[0])])
+        return np.array([self.of(builds.build(k)) for k in range(builds.shape[0])[:most]])
 
 
 class AsBuilt(NamedTuple):
@@ -90,18 +90,20 @@ class AsBuilt(NamedTuple):
 
     def deviations(self, rows: Iterable[SheetLine]) -> dict[str, float]:
         """Standard deviations by a line's key: over all builds where the study has it, or over the first of them."""
-        told = {c.label: c.deviation for c in self.final.distributions}
-        few, many = first_builds(self.plan, FEW), first_builds(self.plan, MANY)
+        deviations = {column.label: column.deviation for column in self.final.distributions}
+        builds, good = first_builds(self.plan, MANY)
         for line in rows:
-            if line.key in told or not (line.quantity or line.of):
+            if line.key in deviations or not (line.quantity or line.of):
                 continue
-            builds, good = many if line.quantity else few
             with np.errstate(all="ignore"):  # of builds that are no cameras
-                values = np.asarray(QUANTITIES[line.quantity](builds)) if line.quantity else line.values(builds)
-            values = np.broadcast_to(values, good.shape)[good]
+                if line.quantity:
+                    values = np.broadcast_to(QUANTITIES[line.quantity](builds), good.shape)
+                else:
+                    values = line.values(builds, FEW)
+            values = values[good[: values.size]]
             if values.size > 1 and np.isfinite(values).all():  # an end at infinity, or none, has no spread
-                told[line.key] = float(np.std(values, ddof=1))
-        return {key: deviation for key, deviation in told.items() if math.isfinite(deviation)}
+                deviations[line.key] = float(np.std(values, ddof=1))
+        return {key: deviation for key, deviation in deviations.items() if math.isfinite(deviation)}
 
 
 class Known(NamedTuple):
@@ -188,7 +190,7 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
         away = "beyond the lens's sight" if row.x0_mm is None else f"{number(row.x0_mm, 4)} mm off axis"
         aside = "axis" if centre else away
         at = f"{what}, {number(row.at_mm, 4)} mm ahead, {aside}"
-        dark = "" if row.mtf50_lp_per_mm is not None else "dark"
+        dark = "" if row.mtf50_lp_per_mm is not None else "dark or folded" if traced else "dark"
         axial = focal and centre and row.image == "refocused"
         of = None if axial or dark or traced else partial(_resolution, row, focal)
         folds = f"10 % at {number(row.mtf10_lp_per_mm or 0.0, 4)}, folds at {number(row.fold_lp_per_mm, 4)} lp/mm"
@@ -196,13 +198,13 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
             "Resolution, MTF 50 %", at, row.mtf50_lp_per_mm, "lp/mm", "" if dark else folds,
             "mtf50_lp_per_mm" if axial else "", dark, of,
         )  # fmt: skip
-    far, middle = corner(sheet.field), sheet.field[0]
-    at = "in the corner" if far.angle_deg is None else f"at {number(far.angle_deg, 4)} deg off axis"
+    outermost, middle = corner(sheet.field), sheet.field[0]
+    at = "in the corner" if outermost.angle_deg is None else f"at {number(outermost.angle_deg, 4)} deg off axis"
     scale = None
-    if far.local_magnification is not None and middle.local_magnification is not None:
-        scale = far.local_magnification / middle.local_magnification if middle.local_magnification else 0.0
-    lost = "not seen" if far.distortion_percent is None or scale is None else ""
-    places = (middle.x_ml_mm, far.x_ml_mm)
+    if outermost.local_magnification is not None and middle.local_magnification is not None:
+        scale = outermost.local_magnification / middle.local_magnification if middle.local_magnification else 0.0
+    lost = "not seen" if outermost.distortion_percent is None or scale is None else ""
+    places = (middle.x_ml_mm, outermost.x_ml_mm)
     bent, shaded, stretched = (
         (None, None, None)
         if traced
@@ -213,10 +215,10 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
         )
     )
     barrel = "below 0 is barrel-shaped"
-    yield SheetLine("Over the field", f"distortion {at}", far.distortion_percent, "%", barrel, text=lost, of=bent)
+    yield SheetLine("Over the field", f"distortion {at}", outermost.distortion_percent, "%", barrel, text=lost, of=bent)
     against = "against the middle, along the field's radius"
     yield SheetLine("Over the field", f"local magnification {at}", scale, "", against, text=lost, of=stretched)
-    light = 100 * far.relative_illumination
+    light = 100 * outermost.relative_illumination
     yield SheetLine("Over the field", f"relative illumination {at}", light, "%", "against the middle", of=shaded)
     width, height = sheet.pixels
     yield SheetLine("Sampling", "pixels", None, "", "", text=f"{width} x {height}")
@@ -324,12 +326,12 @@ def basis(design: Design, built: AsBuilt | None = None, calibration: Known | Non
 def uncertain(calibration: Known, rows: Iterable[SheetLine]) -> dict[str, float]:
     """Standard deviation that a calibration leaves in the lines, by their keys, to first order."""
     design, covariance = calibration.design, calibration.covariance
-    told = {
+    left = {
         line.key: float(covariance.carried(design, QUANTITIES[line.quantity] if line.quantity else line.values))
         for line in rows
         if line.quantity or line.of is not None
     }
-    return {name: sigma for name, sigma in told.items() if math.isfinite(sigma)}
+    return {name: sigma for name, sigma in left.items() if math.isfinite(sigma)}
 
 
 def _value(line: SheetLine) -> str:
@@ -346,25 +348,25 @@ def _spread(line: SheetLine, sigma: Mapping[str, float], missing: str) -> str:
     return f"±\N{NO-BREAK SPACE}{number(SIGMAS * sigma[line.key], 2, 1e-6 * abs(line.value or 0.0))}"
 
 
-def datasheet_section(found: Basis) -> Section:
+def datasheet_section(grounds: Basis) -> Section:
     """The page."""
-    columns = (("± 2σ, builds", found.sigma, "nominal"), ("± 2σ, calibrated", found.calibrated, "–"))
+    columns = (("± 2σ, builds", grounds.sigma, "nominal"), ("± 2σ, calibrated", grounds.calibrated, "–"))
     spreads = [column for column in columns if column[1]] or [("tolerance", {}, "nominal")]
     tables: dict[str, list[tuple[str, ...]]] = {}
     captions = {"Distances": SHARP}
-    for line in lines(found.design, found.sheet):
+    for line in lines(grounds.design, grounds.sheet):
         if line.name == PARTS:  # too long for a cell
             captions[line.subject] = f"{line.text} parts: {line.remark}."
             continue
         rows = tables.setdefault(line.subject, [])
-        told = (_spread(line, sigma, missing) for _, sigma, missing in spreads)
-        rows.append((line.name, _value(line), *told, line.remark))
+        cells = (_spread(line, sigma, missing) for _, sigma, missing in spreads)
+        rows.append((line.name, _value(line), *cells, line.remark))
     widths, align = (24, 10, *(8 for _ in spreads), 0), f"ld{'l' * len(spreads)}l"
     headings = ("", "value", *(heading for heading, *_ in spreads), "")
-    blocks: list[Block] = [Paragraph(found.words)]
-    if found.design.lens is not None:
+    blocks: list[Block] = [Paragraph(grounds.words)]
+    if grounds.design.lens is not None:
         blocks.append(Paragraph(REAL))
-    if not found.design.aligned:
+    if not grounds.design.aligned:
         blocks.append(Paragraph(TILTED))
     for title, rows in tables.items():
         first = title == next(iter(tables))
@@ -379,7 +381,7 @@ def datasheet_section(found: Basis) -> Section:
         "pupil as the stops cut it, at microlenses, their width, the pixel, defocus. Detail beyond the dashed line is "
         "sampled less than twice a period and folds back."
     )
-    if found.design.lens is not None:
+    if grounds.design.lens is not None:
         curves += (
             " Rays through the real lens tell what it does to the light of a point: a view has of its aberrations what "
             "its part of the FAP sees, the image refocused by one shift for all of it has them all."
@@ -389,40 +391,40 @@ def datasheet_section(found: Basis) -> Section:
         "sagittal. Lines join equal resolution."
     )
     blocks += [
-        Figure.of("mtf", "MTF", curves, mtf_curves(found.design)),
-        Figure.of("resolution-map", "Resolution over distance and field", mapped, resolution_map(found.design)),
+        Figure.of("mtf", "MTF", curves, mtf_curves(grounds.design)),
+        Figure.of("resolution-map", "Resolution over distance and field", mapped, resolution_map(grounds.design)),
     ]
     return Section("Data sheet", tuple(blocks))
 
 
-def datasheet_report(found: Basis) -> Report:
+def datasheet_report(grounds: Basis) -> Report:
     """The page alone."""
-    return Report(found.design.name, found.design.source, (datasheet_section(found),))
+    return Report(grounds.design.name, grounds.design.source, (datasheet_section(grounds),))
 
 
-def datasheet_json(found: Basis) -> dict[str, Any]:
+def datasheet_json(grounds: Basis) -> dict[str, Any]:
     """The lines with their tolerances, and the specification."""
-    told = [
+    rows = [
         {
             "subject": line.subject,
             "name": line.name,
             "value": line.value if line.value is not None and math.isfinite(line.value) else None,
             "text": _value(line),
             "unit": line.unit,
-            "two_sigma": None if line.key not in found.sigma else SIGMAS * found.sigma[line.key],
+            "two_sigma": None if line.key not in grounds.sigma else SIGMAS * grounds.sigma[line.key],
             "calibration_two_sigma": (
-                None if line.key not in found.calibrated else SIGMAS * found.calibrated[line.key]
+                None if line.key not in grounds.calibrated else SIGMAS * grounds.calibrated[line.key]
             ),
             "quantity": line.quantity or None,
             "remark": line.remark,
         }
-        for line in lines(found.design, found.sheet)
+        for line in lines(grounds.design, grounds.sheet)
     ]
-    head = {"schema": SCHEMA, "design": found.design.name, "basis": found.words}
-    return {**head, "lines": told, "specification": found.sheet.to_dict()}
+    head = {"schema": SCHEMA, "design": grounds.design.name, "basis": grounds.words}
+    return {**head, "lines": rows, "specification": grounds.sheet.to_dict()}
 
 
-def datasheet_csv(found: Basis) -> bytes:
+def datasheet_csv(grounds: Basis) -> bytes:
     """The lines as a table that spreadsheets read."""
     keys = ("subject", "name", "value", "unit", "two_sigma", "calibration_two_sigma", "text", "remark")
-    return csv_bytes([keys, *([line[key] for key in keys] for line in datasheet_json(found)["lines"])])
+    return csv_bytes([keys, *([line[key] for key in keys] for line in datasheet_json(grounds)["lines"])])

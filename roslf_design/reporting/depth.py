@@ -105,31 +105,31 @@ def _what(trial: Trial) -> str:
 
 def statements(trial: Trial) -> Iterator[Statement]:
     """A verdict for each question."""
-    found = trial.summary()
-    yield known(trial, found)
-    if found.bias_mm is None or found.spread_mm is None or found.told_mm is None or found.inside_68 is None:
+    summary = trial.summary()
+    yield known(trial, summary)
+    if summary.bias_mm is None or summary.spread_mm is None or summary.told_mm is None or summary.inside_68 is None:
         yield Statement("bad", "How good is it? Nothing to compare: no microlens has both a depth and a truth.")
         return
-    bias, spread = found.bias_mm, found.spread_mm
+    bias, spread = summary.bias_mm, summary.spread_mm
     windows = max(1.0, trial.compared.sum() * len(trial.runs) / trial.first.disparities.window**2)
     if windows < ENOUGH:
         text = f"Compared are few windows without common microlenses ({windows:.0f}): what is below may be chance."
         yield Statement("caution", text, "Name a larger --region, or more --exposures.")
     text = f"How far does it scatter? By {_mm(spread)} (one standard deviation of a single microlens's depth)."
     yield Statement("plain", text)
-    small, chance = abs(bias) <= spread / 3, abs(bias) <= 2 * found.told_mm / math.sqrt(windows)
+    small, chance = abs(bias) <= spread / 3, abs(bias) <= 2 * summary.told_mm / math.sqrt(windows)
     text = f"Is it off on the whole? By {bias:+.2g} mm on average, {_share(abs(bias), spread)} the scatter."
     remedy = "Averaging does not take this away: calibrate, and believe no depth to better than it."
     yield _judged(text, windows, small, None if small or chance else ("bad", remedy))
-    if found.predicted_mm is None:
+    if summary.predicted_mm is None:
         text = "Is it as predicted? Nothing was predicted: neither light nor texture tells depth here."
         yield Statement("caution", text, "Believe the errors told with each depth, where there is one.")
     else:
-        ratio, room = spread / found.predicted_mm, math.sqrt(2 / windows)
+        ratio, room = spread / summary.predicted_mm, math.sqrt(2 / windows)
         off = not NEAR[0] * (1 - room) <= ratio <= NEAR[1] * (1 + room)
-        text = f"Is it as predicted? Predicted were {_mm(found.predicted_mm)}; it scatters by {ratio:.2f} times that."
+        text = f"Is it as predicted? Predicted were {_mm(summary.predicted_mm)}; it scatters by {ratio:.2f} times that."
         yield _judged(text, windows, NEAR[0] <= ratio <= NEAR[1], ("caution", _believe(trial, ratio)) if off else None)
-    inside, room = found.inside_68, 2 * math.sqrt(0.68 * 0.32 / windows)
+    inside, room = summary.inside_68, 2 * math.sqrt(0.68 * 0.32 / windows)
     text = (
         f"Are the errors told with each depth right? {100 * inside:.0f} % of the depths lie within theirs, "
         "68 % would be right."
@@ -152,13 +152,13 @@ def _judged(text: str, windows: float, holds: bool, against: tuple[Tone, str] | 
     return Statement("plain", text, f"Cannot be judged here: {count}.")
 
 
-def known(trial: Measurement, found: Summary) -> Statement:
+def known(trial: Measurement, summary: Summary) -> Statement:
     """How much of the field has a depth, and why the rest has none."""
     reasons = trial.unknown()
     why = listed([f"{percent(share)} {reason}" for reason, share in reasons.items()]) if reasons else ""
-    text = f"How much of the field has a depth? {percent(found.measured)} of the microlenses."
+    text = f"How much of the field has a depth? {percent(summary.measured)} of the microlenses."
     remedy = f"The rest is unknown, not guessed: {why}." if why else ""
-    tone: Tone = "good" if found.measured >= FEW else "caution" if found.measured > 0 else "bad"
+    tone: Tone = "good" if summary.measured >= FEW else "caution" if summary.measured > 0 else "bad"
     return Statement(tone, text, remedy)
 
 
@@ -175,17 +175,17 @@ def _believe(trial: Trial, ratio: float) -> str:
 
 def summary_table(trial: Trial) -> Table:
     """The same in numbers."""
-    found = trial.summary()
+    summary = trial.summary()
     rows = [
-        ("bias", found.bias_mm, "mean error"),
-        ("spread", found.spread_mm, _spread_note(trial)),
-        ("predicted", found.predicted_mm, "from light, noise and texture, over the field"),
-        ("told", found.told_mm, "with each depth, from what its window shows"),
+        ("bias", summary.bias_mm, "mean error"),
+        ("spread", summary.spread_mm, _spread_note(trial)),
+        ("predicted", summary.predicted_mm, "from light, noise and texture, over the field"),
+        ("told", summary.told_mm, "with each depth, from what its window shows"),
     ]
     lines = [(name, "-" if value is None else f"{value:.3g}", "mm", note) for name, value, note in rows]
-    inside = "-" if found.inside_68 is None else f"{100 * found.inside_68:.1f}"
+    inside = "-" if summary.inside_68 is None else f"{100 * summary.inside_68:.1f}"
     lines.append(("within the error told", inside, "%", "68 where it is right"))
-    lines.append(("microlenses with a depth", f"{100 * found.measured:.1f}", "%", ""))
+    lines.append(("microlenses with a depth", f"{100 * summary.measured:.1f}", "%", ""))
     lines += [("unknown", f"{100 * share:.2g}", "%", reason) for reason, share in trial.unknown().items()]
     return Table(tuple(lines), "lrll", ("", "", "", ""), "In numbers")
 
@@ -253,12 +253,12 @@ def _noise_words(trial: Trial) -> str:
 
 
 def _method(trial: Trial) -> str:
-    found = trial.first.disparities
-    low, high = found.search
+    low, high = trial.first.disparities.search
+    side = trial.first.disparities.window
     return (
         "The raw image was rendered with every effect that the scene calls for, given shot and read noise, decoded, "
         f"and freed of neighbours' light. Disparity was sought between {low:.2g} and {high:.2g} pitches over all views "
-        f"at once and refined by least squares over {found.window} x {found.window} microlenses; its standard error is "
+        f"at once and refined by least squares over {side} x {side} microlenses; its standard error is "
         "that of the samples used. Errors are counted where every exposure gave a depth, half a window from the edge."
     )
 

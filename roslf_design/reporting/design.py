@@ -126,11 +126,11 @@ def design_report(
         A design that cannot be evaluated.
     """
     progress("evaluating")
-    found = [findings[name] for name in STUDIES if name in findings] if findings else []
+    studied = [findings[name] for name in STUDIES if name in findings] if findings else []
     result = evaluate(design, accuracy=accuracy)
     figures = design_figures(design, result, progress)
     progress("sections")
-    answers = Statements((*verdicts(result).items, *(one.statement for one in found if one.statement)))
+    answers = Statements((*verdicts(result).items, *(one.statement for one in studied if one.statement)))
     twin = "" if result.real_lens is None else " of the thin twin"
     parameters = Table(tuple(parameter_rows(design)), "lldl", ("symbol", "what", "value", ""))
     progress("data sheet")
@@ -146,10 +146,10 @@ def design_report(
         *_real_lens(design, result, progress),
         Section(f"Design space{twin}", (figures["plane"], figures["depth"])),
         Section("Effects", (figures["effects"], *_effects(result))),
-        *(one.section for one in found),
+        *(one.section for one in studied),
         accuracy_section(design, result, accuracy),
         Section("Assumptions and what was left out", _assumptions(design, result)),
-        making(command, tuple(one.seed for one in found if one.seed), stamp, design),
+        making(command, tuple(one.seed for one in studied if one.seed), stamp, design),
     )
     return Report(title or design.name, design.source, sections)
 
@@ -171,7 +171,7 @@ def verdicts(result: Evaluation, prefix: str = "") -> Statements:
 
 def key_figures(design: Design, result: Evaluation) -> Table:
     """What the camera is and does, in a handful of numbers."""
-    seen, sampled, depth = result.non_distortion, result.sampling, result.depth
+    field, sampled, depth = result.non_distortion, result.sampling, result.depth
     front = max(0.0, float(Camera.of(design).tip))
     openings = [part.diameter for part in (*design.all_stops, *design.elements) if part.diameter is not None]
     widest = max(design.D, *openings, math.hypot(*design.microlens_array.size))
@@ -179,8 +179,8 @@ def key_figures(design: Design, result: Evaluation) -> Table:
     pixels = f"independent, of {number(sampled.views_geometric, 3)} pixels"
     rows = (
         ("working distance", length(design.d_f - front), "from the foremost part to the focal plane"),
-        ("field there, half width", f"{number(seen.field_half_width_mm)} mm", "seen by the sensor's half width"),
-        ("room at the corner", f"{number(seen.room_at_corner_mm)} mm", "0 is where a rim begins to cut (Eq. 6)"),
+        ("field there, half width", f"{number(field.field_half_width_mm)} mm", "seen by the sensor's half width"),
+        ("room at the corner", f"{number(field.room_at_corner_mm)} mm", "0 is where a rim begins to cut (Eq. 6)"),
         ("object sample", f"{number(sampled.object_sample_mm)} mm", f"{sampled.lateral_samples} microlenses across"),
         ("depth spread σ_Z", f"{number(depth.sigma_z_mm)} mm", error),
         ("views across", number(sampled.views_independent, 3), pixels),

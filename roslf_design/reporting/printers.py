@@ -91,6 +91,11 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
     return _packed(pdf)
 
 
+def page_files(report: Report) -> dict[str, bytes]:
+    """The page as index.html, and its tables as CSV beside it."""
+    return render_tables(report) | {"index.html": render_html(report).encode()}
+
+
 def render_tables(report: Report) -> dict[str, bytes]:
     """Each table of a report as CSV, its cells as the page has them, by the name of its file."""
     files: dict[str, bytes] = {}

@@ -80,10 +80,10 @@ def _cells_sheet(design: Design, result: Evaluation) -> Figure:
     )
     if any(field.status != "full" for field in result.fields[:2]):
         drift += " Hatched cones never come: other rims block that light."
-    seen = "Light cones behind five neighbouring microlenses; boxes are pixels. Height and depth differ in scale."
+    caption = "Light cones behind five neighbouring microlenses; boxes are pixels. Height and depth differ in scale."
     (centre, _), (edge, _), _ = default_fields(design)
     picture = cells(design, {PLACES[0]: centre, PLACES[1]: edge - 3 * design.d})
-    return Figure.of("cells", "Zoom on microlens array and sensor", f"{seen} {touch} {drift}", picture)
+    return Figure.of("cells", "Zoom on microlens array and sensor", f"{caption} {touch} {drift}", picture)
 
 
 def _image_sheet(design: Design, result: Evaluation) -> Figure:

@@ -19,21 +19,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
-from pydantic import Field, ValidationError, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from ..design import Design, load, preset_names
 from ..design.files import Kind, kind_of, load_beside
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
-from ..evaluation.specification import specification
+from ..optimization.solve import Tell
 from ..optimization.study import Result, designs, run
 from ..optimization.study import read_study as read_optimisation
 from ..tolerancing.analyses import summarise
-from ..tolerancing.metrics import METRICS
 from ..tolerancing.result import StudyResult, analyse
 from ..tolerancing.run import Tally, run_trials
 from ..tolerancing.study import StrictTable, TolerancePlan, tolerance_plan
-from ..toml_files import problems_of, read_toml
+from ..toml_files import read_toml, validated
 from .blocks import Block, Bullets, Finding, Paragraph, Report, Section, Statements
 from .calibration import (
     Calibrated,
@@ -44,12 +43,11 @@ from .calibration import (
     planned_lengths,
     read_calibration,
 )
-from .datasheet import AsBuilt, Basis, Known, basis, datasheet_section, lines
+from .datasheet import AsBuilt, Basis, Known, basis, datasheet_section
 from .design import design_report, making
 from .optimization import optimization_finding, statements
 from .tolerance import tolerance_finding
 
-Tell = Callable[[str], None]
 TAKES = re.compile(r"best|robust|parts-\d\d")
 STUDIES = ("optimize", "tolerance", "calibration", "calibrated")
 """What a part may be."""
@@ -140,10 +138,7 @@ def load_story_or_study(path: Path) -> tuple[Kind, Story | None]:
 
 def read_story(data: Mapping[str, Any], folder: Path = Path(), origin: str = "") -> Story:
     """The same as `load_story` from nested values, with `folder` for the files they name."""
-    try:
-        table = StoryTable.model_validate(data, context={"from_file": True})
-    except ValidationError as error:
-        raise InputError(problems_of(error, StoryTable), origin) from None
+    table = validated(StoryTable, data, origin)
     faults: list[Problem] = []
     studies: dict[int, Mapping[str, Any]] = {}
     calibrations: dict[int, Calibrated] = {}
@@ -160,8 +155,8 @@ def read_story(data: Mapping[str, Any], folder: Path = Path(), origin: str = "")
             elif part.calibrated is not None:
                 calibrations[index] = read_calibration(folder / part.calibrated)
         except InputError as error:
-            told = [f"{part.file}: {fault}" if part.file else fault.message for fault in error.problems]
-            faults += [Problem(place, text) for text in told]
+            texts = [f"{part.file}: {fault}" if part.file else fault.message for fault in error.problems]
+            faults += [Problem(place, text) for text in texts]
     if faults or design is None:
         raise InputError(tuple(faults), origin)
     return Story(table, design, studies, folder, origin, calibrations)
@@ -196,9 +191,12 @@ def run_tolerances(
     As `tolerance_plan`; `progress` is told (trials done, trials in all), `seed` replaces the study's; `budgets`: what
     reaches the wanted yield, too.
     """
-    seeded = data if seed is None else {**data, "seed": seed}
-    plan, study, grades = tolerance_plan(seeded, design, folder, origin)
+    plan, study, grades = tolerance_plan(_seeded(data, seed), design, folder, origin)
     return analyse(plan, study, grades, _tally(plan, progress), budgets=budgets)
+
+
+def _seeded(data: Mapping[str, Any], seed: int | None) -> Mapping[str, Any]:
+    return data if seed is None else {**data, "seed": seed}
 
 
 def _tally(plan: TolerancePlan, progress: Callable[[int, int], None] | None) -> Tally:
@@ -206,7 +204,7 @@ def _tally(plan: TolerancePlan, progress: Callable[[int, int], None] | None) -> 
         return run_trials(plan, Path(scratch), progress=progress)
 
 
-def builds_of_lines(
+def builds_alone(
     data: Mapping[str, Any],
     design: Design | None = None,
     folder: Path = Path(),
@@ -214,12 +212,8 @@ def builds_of_lines(
     progress: Callable[[int, int], None] | None = None,
     seed: int | None = None,
 ) -> AsBuilt:
-    """The trials of a tolerance study alone, with every line of the data sheet; arguments as of `run_tolerances`."""
-    design = tolerance_plan(data, design, folder, origin)[0].question.design
-    named = {line.quantity for line in lines(design, specification(design))} - {""}
-    known = sorted(name for name in named if name in METRICS and METRICS[name].local is None)
-    asked = {**data, "report": list(dict.fromkeys([*data.get("report", []), *known]))}
-    plan, *_ = tolerance_plan(asked if seed is None else {**asked, "seed": seed}, design, folder, origin)
+    """The trials of a tolerance study without its analyses; arguments as of `run_tolerances`."""
+    plan, *_ = tolerance_plan(_seeded(data, seed), design, folder, origin)
     return AsBuilt(plan, summarise(plan, _tally(plan, progress))[-1])
 
 
@@ -391,8 +385,8 @@ def _walked(
         file, data = story.folder / (part.file or ""), story.studies.get(index, {})
         outcome: Result | StudyResult | AsBuilt | CalibrationPart | Calibrated
         if part.kind == "optimize":
-            told = _prefixed(progress, f"{where}, optimisation")
-            outcome = run_optimisation(data, design, file.parent, str(file), told, seed)
+            tell = _prefixed(progress, f"{where}, optimisation")
+            outcome = run_optimisation(data, design, file.parent, str(file), tell, seed)
             taken = _taken(outcome, part.take)
             if taken is None:
                 raise InputError((Problem(f"parts.{index + 1}", _nothing(outcome, part.take)),), story.origin)
@@ -428,7 +422,7 @@ def datasheet_of(
         if calibration is not None:
             remedy = 'name it in the story, as calibrated = "FOLDER"'
             raise InputError((Problem("--calibration", f"goes with a design or a study; {remedy}"),))
-        return _basis_of(story, list(_walked(story, seed, progress, builds_of_lines)))
+        return _basis_of(story, list(_walked(story, seed, progress, builds_alone)))
     if kind == "design":
         design = load(str(path))
         known = None if calibration is None else _known(calibration, design)
@@ -437,12 +431,12 @@ def datasheet_of(
     if kind == "tolerance":
         design = tolerance_plan(data, None, path.parent, origin)[0].question.design
         known = None if calibration is None else _known(calibration, design)
-        told = _counted(progress, "tolerances")
-        return basis(design, builds_of_lines(data, None, path.parent, origin, told, seed), known)
-    found = run_optimisation(data, None, path.parent, origin, _prefixed(progress, "optimisation"), seed)
-    best = _taken(found, "best")
+        built = builds_alone(data, None, path.parent, origin, _counted(progress, "tolerances"), seed)
+        return basis(design, built, known)
+    result = run_optimisation(data, None, path.parent, origin, _prefixed(progress, "optimisation"), seed)
+    best = _taken(result, "best")
     if best is None:
-        raise InputError((Problem("", _nothing(found, "best")),), origin)
+        raise InputError((Problem("", _nothing(result, "best")),), origin)
     return basis(best, None, None if calibration is None else _known(calibration, best))
 
 

@@ -255,10 +255,10 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
     return Table.of(ranked, columns if brief else (*columns, source), "Tolerances", caption)
 
 
-def _budget(result: StudyResult, found: ToleranceBudget) -> Iterator[Table]:
+def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
     """What reaches the wanted yield, cheapest first, and what may be looser."""
     design = result.plan.question.design
-    if found.changes:
+    if budget.changes:
         columns: tuple[Column, ...] = (
             ("change", "l", lambda change: change_words(result, change)),
             ("cost", "d", lambda change: _cost(change.cost)),
@@ -266,11 +266,11 @@ def _budget(result: StudyResult, found: ToleranceBudget) -> Iterator[Table]:
             ("of builds", "r", lambda change: f"{change.result.trials:,}"),
         )
         caption = (
-            f"What reaches {100 * found.target:.4g} %, cheapest first. "
+            f"What reaches {100 * budget.target:.4g} %, cheapest first. "
             "Cost: more than now, in the unit of the grades' file; a tolerance between two grades by its logarithm."
         )
-        yield Table.of(found.changes[:MOST_CHANGES], columns, "What reaches the wanted yield", caption)
-    if found.looser:
+        yield Table.of(budget.changes[:MOST_CHANGES], columns, "What reaches the wanted yield", caption)
+    if budget.looser:
         shown: tuple[Column, ...] = (
             ("parameter", "l", lambda part: short_name(part.place, design)),
             ("± now", "r", lambda part: _width(design, part.place, part.given)),
@@ -278,13 +278,13 @@ def _budget(result: StudyResult, found: ToleranceBudget) -> Iterator[Table]:
             ("grade", "l", lambda part: part.grade),
             ("saves", "d", lambda part: _cost(part.saved)),
         )
-        after = "after the cheapest change, " if found.changes else ""
+        after = "after the cheapest change, " if budget.changes else ""
         caption = (
-            f"All together, {after}a yield of {100 * found.result.value:.2f} % of {found.result.trials:,} builds"
-            + ("" if found.cost is None else f", for {_cost(found.cost)} in all")
+            f"All together, {after}a yield of {100 * budget.result.value:.2f} % of {budget.result.trials:,} builds"
+            + ("" if budget.cost is None else f", for {_cost(budget.cost)} in all")
             + "."
         )
-        yield Table.of(found.looser, shown, "What may be looser", caption)
+        yield Table.of(budget.looser, shown, "What may be looser", caption)
 
 
 def change_words(result: StudyResult, change: Change) -> str:

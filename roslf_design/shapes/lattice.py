@@ -33,6 +33,11 @@ class Lattice(NamedTuple):
     """Where its centre is [mm]."""
 
 
+def lattice_steps(layout: Layout) -> Array:
+    """Columns: steps of two indices in the array's frame [pitches]; the second leads to the next row."""
+    return np.array([[1.0, 0.5], [0.0, math.sqrt(3) / 2]]) if layout == "hexagonal" else np.eye(2)
+
+
 def row_spacing(lattice: Lattice) -> float:
     """Distance between rows [mm]."""
     return lattice.pitch * (math.sqrt(3) / 2 if lattice.layout == "hexagonal" else 1.0)

@@ -32,8 +32,8 @@ def pupil_part(c: Camera, kind: Kind) -> Array:
     whole = magnitude(c.D_F)
     if kind == "refocused":
         return whole
-    seen = product(c.q + diffraction_width(c), magnitude(ratio(c.A, c.d_2)))
-    return np.asarray(np.where(np.real(seen) < np.real(whole), seen, whole))[()]
+    by_view = product(c.q + diffraction_width(c), magnitude(ratio(c.A, c.d_2)))
+    return np.asarray(np.where(np.real(by_view) < np.real(whole), by_view, whole))[()]
 
 
 def depth_of_field(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> DepthOfField:
@@ -70,12 +70,12 @@ def hyperfocal(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Array:
     by_all = ratio(ratio(blur * c.d, magnitude(c.D_F)) + turn * less, turn * grow)
     m = np.asarray(by_all)
     if kind == "view":
-        seen = ratio(c.q + diffraction_width(c), c.d_2) * np.where(np.real(c.gap) < 0, -1.0, 1.0)
+        pixel = ratio(c.q + diffraction_width(c), c.d_2) * np.where(np.real(c.gap) < 0, -1.0, 1.0)
         a, b = turn * grow * lens, turn * (grow * c.f - less * lens)
-        rest = turn * less * c.f + ratio(blur * c.d, seen)
+        rest = turn * less * c.f + ratio(blur * c.d, pixel)
         root = b * b + 4 * a * rest
         by_view = ratio(2 * rest, b + np.where(b < 0, -1.0, 1.0) * np.sqrt(np.maximum(root, 0.0)))
-        narrow = magnitude(seen * (c.f + by_view * lens)) < magnitude(c.D_F)
+        narrow = magnitude(pixel * (c.f + by_view * lens)) < magnitude(c.D_F)
         m = np.where((root >= 0) & (by_view > 0) & narrow, by_view, by_all)
     held = np.where(m > 0, m, 1.0)
     there = np.asarray(c.plane_seen_at(c.f * (1 + 1 / held)) - c.tip, float)

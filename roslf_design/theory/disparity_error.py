@@ -163,7 +163,7 @@ class _Images(NamedTuple):
         return self.pitch * self.width / (self.wavelength * self.distance)
 
 
-def texture(c: Camera, seen: Seen) -> Texture:
+def texture(c: Camera, plane: Seen) -> Texture:
     """The texture which a design assumes.
 
     Blurred by the microlenses' width; diffraction at the FAP, the same uncertainty of place and direction as that at
@@ -173,7 +173,7 @@ def texture(c: Camera, seen: Seen) -> Texture:
     Parameters
     ----------
     c : Camera
-    seen : Seen
+    plane : Seen
         The plane looked at.
 
     Returns
@@ -184,9 +184,9 @@ def texture(c: Camera, seen: Seen) -> Texture:
     """
     limit = 1 / math.sqrt(3) if c.layout == "hexagonal" else 0.5
     nodes, weights = _GAUSS
-    shape = np.broadcast_shapes(np.shape(seen.disparity), np.shape(seen.scale), c.shape)
+    shape = np.broadcast_shapes(np.shape(plane.disparity), np.shape(plane.scale), c.shape)
     contrast, period = c["depth.contrast"], c.numbers.get("depth.period")
-    finest = np.broadcast_to(ratio(c.d * seen.scale, period or c.numbers.get("depth.finest", 0.0)), shape)
+    finest = np.broadcast_to(ratio(c.d * plane.scale, period or c.numbers.get("depth.finest", 0.0)), shape)
     strength = np.broadcast_to(np.square(contrast), shape)
     angle, turn = (nodes + 1) * (math.pi / 4), weights / 2
     if period is None:
@@ -202,9 +202,9 @@ def texture(c: Camera, seen: Seen) -> Texture:
     return Texture(fine, strength, Spectrum(x, y, power), c.lens_shape)
 
 
-def view_gradient(c: Camera, seen: Seen) -> Array:
+def view_gradient(c: Camera, plane: Seen) -> Array:
     """G, the rms gradient that single views show [contrast per microlens pitch]."""
-    waves = texture(c, seen).shown
+    waves = texture(c, plane).shown
     return np.asarray(2 * math.pi * np.sqrt(((waves.x**2 + waves.y**2) * waves.power).sum(-1)))
 
 
@@ -219,14 +219,14 @@ def _footprint(lens_shape: str, x: Array, y: Array) -> Array:
     return np.asarray(np.where(k > 0, 2 * j1(safe) / safe, 1.0))
 
 
-def disparity_information(images: MicrolensImages, seen: Seen, waves: Spectrum | None = None) -> Array:
+def disparity_information(images: MicrolensImages, plane: Seen, waves: Spectrum | None = None) -> Array:
     """Fisher information that one exposure of one microlens image has of B [1/pitch^2].
 
     Parameters
     ----------
     images : MicrolensImages
         At the fields asked for; their tilts are left out.
-    seen : Seen
+    plane : Seen
         The plane looked at; it broadcasts with the builds.
     waves : Spectrum, shape (W,), optional
         Of the texture there, half of each wave's power being that of its mirror image in x. None is `texture`.
@@ -240,10 +240,10 @@ def disparity_information(images: MicrolensImages, seen: Seen, waves: Spectrum |
     c = images.camera
     if c.colours != "mono":
         parts = [(one.share, type(images)(behind(c, one), images.fields)) for one in filters(c.colours)]
-        return np.asarray(sum(share * disparity_information(part, seen, waves) for share, part in parts))
+        return np.asarray(sum(share * disparity_information(part, plane, waves) for share, part in parts))
     one = np.ones(())
-    rows = _rows_of(images, seen, texture(c, seen) if waves is None else Texture(one, one, waves))
-    builds = _builds(images, seen)
+    rows = _rows_of(images, plane, texture(c, plane) if waves is None else Texture(one, one, waves))
+    builds = _builds(images, plane)
     shape = (len(images.fields), *builds)
     array = _Array(c.layout, c.lens_shape, bool(c.shape))
     fill, whole = 2 * rows.radii[:, 0], rows.whole
@@ -251,7 +251,7 @@ def disparity_information(images: MicrolensImages, seen: Seen, waves: Spectrum |
     usable &= rows.light <= np.broadcast_to(c["sensor.full_well"], shape).ravel()
     usable &= np.isfinite(rows.texture.fine) & np.isfinite(rows.texture.strength)
     level = np.where(usable, np.minimum(2 * np.ceil(rows.finest / 2), SHARPEST).clip(2, None), 0).astype(int)
-    build, found = np.arange(fill.size) % max(1, math.prod(builds)), np.zeros(fill.size)
+    build, information = np.arange(fill.size) % max(1, math.prod(builds)), np.zeros(fill.size)
     even = "sensor.acceptance" not in c.numbers
     level = np.where(usable & (rows.finest > SHARPEST), SHARPEST + 1, level)
     for kind in np.flatnonzero(np.bincount(2 * level + whole, minlength=2)[2:]) + 2:
@@ -260,22 +260,22 @@ def disparity_information(images: MicrolensImages, seen: Seen, waves: Spectrum |
         # Whole images of one build are all alike where pixels take light from everywhere.
         several = uncut and even and len(images.fields) > 1
         alike, back = np.unique(build[mine], return_index=True, return_inverse=True)[1:] if several else (..., ...)
-        found[mine] = (_interpolated if uncut else _each)(rows.at(mine[alike]), array, detail, uncut)[back]
-    return found.reshape(shape)
+        information[mine] = (_interpolated if uncut else _each)(rows.at(mine[alike]), array, detail, uncut)[back]
+    return information.reshape(shape)
 
 
-def _builds(images: MicrolensImages, seen: Seen) -> tuple[int, ...]:
-    return np.broadcast_shapes(images.camera.shape or (1,), np.shape(seen.disparity), np.shape(seen.scale))
+def _builds(images: MicrolensImages, plane: Seen) -> tuple[int, ...]:
+    return np.broadcast_shapes(images.camera.shape or (1,), np.shape(plane.disparity), np.shape(plane.scale))
 
 
-def _rows_of(images: MicrolensImages, seen: Seen, texture: Texture) -> _Images:
+def _rows_of(images: MicrolensImages, plane: Seen, texture: Texture) -> _Images:
     """Every field of every build, one after the other."""
     c = images.camera
     centres, radii = images.discs
-    builds = _builds(images, seen)
+    builds = _builds(images, plane)
     shape, stops = (radii.shape[0], *builds), radii.shape[-1]
     pitch = magnitude(microlens_image_pitch(c))
-    bend = ratio(seen.disparity * pitch, magnitude(microlens_image_diameter(c)))
+    bend = ratio(plane.disparity * pitch, magnitude(microlens_image_diameter(c)))
     defocus = -microlens_defocus(c) / c.d_2
     light = electrons(c) * response(c, np.hypot(*images.microlens[:2]))
     optics = (c.d, c.d_2, c.wavelength, defocus, c.q, light, dark_variance(c), pitch, bend)
@@ -332,12 +332,12 @@ def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
         number = number * (row.max() + 1) + row
     order = np.argsort(number.astype(np.uint16) if number.max() < 2**16 else number, kind="stable")
     groups = np.split(order, np.flatnonzero(np.diff(number[order])) + 1)
-    found = np.empty(images.pitch.size)
+    information = np.empty(images.pitch.size)
     offsets, terms, inverse = _expansion(tuple(degrees.tolist()))
     few = (0.5 if apart else 2) * len(terms)
     alone = np.concatenate([order[:0], *(mine for mine in groups if mine.size < few)])
     if alone.size:
-        found[alone] = _each(images.at(alone), c, level, whole) / scale[alone]
+        information[alone] = _each(images.at(alone), c, level, whole) / scale[alone]
     for mine in groups:
         if mine.size < few:
             continue
@@ -347,8 +347,8 @@ def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
         total = np.zeros(mine.size)
         for value, power in zip(values, _powers(2 * (about[free][:, mine] - middle) / sides, terms), strict=True):
             total += value * power
-        found[mine] = np.exp(total)
-    return found * scale
+        information[mine] = np.exp(total)
+    return information * scale
 
 
 @functools.lru_cache(maxsize=64)
@@ -560,13 +560,13 @@ def image_parts(images: MicrolensImages, x: Array, y: Array) -> ImageParts:
     steps = tuple((a, b) for a in reach for b in reach)
     turns = np.exp(-2j * math.pi * (np.array(steps) @ [first, second]))
     along, across = np.exp(2j * math.pi * fx[0, ..., :1] * x), np.exp(2j * math.pi * fy[0, ..., None] * y)
-    found = []
+    averages = []
     for part in (_whole if rows.whole.all() else _cut)(rows, fx, fy):
         at = np.einsum("nwkl,wklt,wks->wnts", part * passed, across, along, optimize=True)
-        found.append(np.einsum("aw,wnts->ants", turns[:, :count] / count, at[:count], optimize=True).real)
-        if len(found) == 1:
+        averages.append(np.einsum("aw,wnts->ants", turns[:, :count] / count, at[:count], optimize=True).real)
+        if len(averages) == 1:
             total, waved = at[:count].real[count // 2], at[count:].imag
-    light, *moments = found
+    light, *moments = averages
     unit = 1 / (2 * rows.radii[:, 0, None, None])
     lit = light > FAINT
     # The microlens turns the FAP round.
@@ -580,14 +580,14 @@ def image_parts(images: MicrolensImages, x: Array, y: Array) -> ImageParts:
     return ImageParts(steps, light, s_x, s_y)
 
 
-def disparity_sigma(images: MicrolensImages, seen: Seen) -> Array:
+def disparity_sigma(images: MicrolensImages, plane: Seen) -> Array:
     """Standard error of the disparity between the FAP's rims [microlens pitches]; inf where nothing tells it.
 
     Parameters
     ----------
     images : MicrolensImages
         At the fields asked for; their tilts are left out.
-    seen : Seen
+    plane : Seen
         The plane looked at.
 
     Returns
@@ -601,17 +601,17 @@ def disparity_sigma(images: MicrolensImages, seen: Seen) -> Array:
     if fixed is not None:
         lit = images.shapes.lit
         return np.where(lit, np.broadcast_to(np.asarray(fixed), lit.shape), np.inf)
-    total = disparity_information(images, seen) * c["depth.window"] ** 2
+    total = disparity_information(images, plane) * c["depth.window"] ** 2
     with np.errstate(divide="ignore"):
         return np.asarray(1 / np.sqrt(np.maximum(total, 0.0)))
 
 
-def axial_disparity_sigma(c: Camera, seen: Seen) -> Array:
+def axial_disparity_sigma(c: Camera, plane: Seen) -> Array:
     """`disparity_sigma` of a microlens whose image nothing cuts, shape of the builds; tilts left out."""
     if "depth.disparity_error" in c.numbers:
         return np.asarray(c["depth.disparity_error"])
-    sigma = disparity_sigma(_Uncut(c, [(0.0, 0.0)]), seen)[0]
-    return np.asarray(sigma if c.shape or np.ndim(seen.scale) else sigma[0])
+    sigma = disparity_sigma(_Uncut(c, [(0.0, 0.0)]), plane)[0]
+    return np.asarray(sigma if c.shape or np.ndim(plane.scale) else sigma[0])
 
 
 class _Uncut(MicrolensImages):

@@ -27,9 +27,9 @@ def exit_pupil_diameter(c: Camera) -> Array:
     return product(c.D_F, ratio(c.f, np.abs(c.d_3 - c.f)))
 
 
-def is_telecentric(c: Camera, tolerance: float = 1e-9) -> NDArray[np.bool_]:
-    """Whether the exit pupil is at infinity: ``|d_3 - f|`` at most `tolerance` of f."""
-    return np.asarray(np.abs(c.d_3 - c.f) <= tolerance * c.f)
+def is_telecentric(c: Camera) -> NDArray[np.bool_]:
+    """Whether the exit pupil is at infinity: ``|d_3 - f|`` at most 1e-9 of f."""
+    return np.asarray(np.abs(c.d_3 - c.f) <= 1e-9 * c.f)
 
 
 def pupil_angle(c: Camera) -> Array:

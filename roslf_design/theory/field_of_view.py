@@ -111,10 +111,10 @@ def tip_field_of_view(c: Camera, field: SensorField, ahead: Number | None) -> Ac
     """
     away = focus_ahead(c) if ahead is None else ahead
 
-    def seen(place: Place) -> Array:
+    def direction(place: Place) -> Array:
         return np.stack(np.broadcast_arrays(*on_plane(c, place, away), away), axis=-1)
 
-    return widest([between(seen(a), seen(b)) for a, b in ends(field)])
+    return widest([between(direction(a), direction(b)) for a, b in ends(field)])
 
 
 def focus_ahead(c: Camera) -> Array:

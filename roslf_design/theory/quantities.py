@@ -119,8 +119,8 @@ class Quantity:
             Neither; a number where nothing tells the unit.
         """
         if self.length:
-            told = self.name.endswith("_mm")
-            return parse_quantity(value, "length", unit_required=from_file and not told)
+            in_name = self.name.endswith("_mm")
+            return parse_quantity(value, "length", unit_required=from_file and not in_name)
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             unit = f" (in {self.unit})" if self.unit else ""
             raise ValueError(f"{self.name} is limited by a number{unit}, got {value!r}")
@@ -207,8 +207,8 @@ def _local_depth_sigma(images: MicrolensImages) -> Number:
         return sigma
     # Views set apart along the field's radius and across it tell of depth as much less as a mapping stretches slopes.
     p = light.outer_slope(c, np.hypot(images.microlens[0], images.microlens[1]))
-    told = c.stretch_along(p) ** -2.0 + c.stretch(p) ** -2.0
-    return sigma * np.sqrt(2 / told)
+    depth_kept = c.stretch_along(p) ** -2.0 + c.stretch(p) ** -2.0
+    return sigma * np.sqrt(2 / depth_kept)
 
 
 def _whole(form: Callable[[Camera], Number]) -> Callable[[Camera, Depth], Array]:

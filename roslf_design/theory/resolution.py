@@ -33,11 +33,11 @@ from numpy.typing import ArrayLike, NDArray
 from .._arrays import Array, magnitude, ratio
 from ..camera import Camera, Number
 from ..shapes.discs import Chords, chords
+from .depth_of_field import Kind
 from .exit_pupil import microlens_image_diameter
 from .light import microlens_defocus
 
 Direction = Literal["tangential", "sagittal"]
-Kind = Literal["view", "refocused"]
 
 ROWS, NODES = 24, 24
 """Gauss-Legendre rows across a pupil's overlap, and places in each: transfers to 1e-3."""
@@ -328,7 +328,7 @@ class FieldTransfer:
         sides, share = np.polynomial.legendre.leggauss(PIXEL)
         off = grid + (np.multiply(steps, image_pitch)[:, None, None] - sides[:, None] * pixel / 2)
         waves = self._behind(off, width)
-        found = []
+        fields = []
         for axis in (0, 1):
             from_middle = self.middle[axis] - float(self.centres[0, axis])
             table = np.zeros((PIXEL, len(grid)), complex)
@@ -338,8 +338,8 @@ class FieldTransfer:
                 phase = away * away / distance + (k * pitch) ** 2 * vergence
                 turn = 2 / spread * k * pitch * (grid + from_middle) + phase / wave
                 table += each * np.exp(1j * math.pi * turn) * np.sqrt(share / 2)[:, None]
-            found.append((grid, table))
-        return found
+            fields.append((grid, table))
+        return fields
 
     def _behind(self, off: Array, width: float) -> NDArray[np.complexfloating[Any, Any]]:
         """Field that a wave from the FAP makes behind a microlens, `off` the place where rays would meet the sensor."""

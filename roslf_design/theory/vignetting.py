@@ -168,6 +168,6 @@ def field_limit(c: Camera) -> FieldLimit:
     bounds = [max(float(bound), 0.0) for bound in undistorted_radii(c)]
     rooms = [float(room) for room in corner_room(c)]
     tightest = min(range(len(rooms)), key=lambda k: (bounds[k], rooms[k]))
-    seen = bounds[tightest]
-    real, on_array = float(on_focal_plane(c, np.asarray(seen))), seen / float(c.inverse_m)
+    radius = bounds[tightest]
+    real, on_array = float(on_focal_plane(c, np.asarray(radius))), radius / float(c.inverse_m)
     return FieldLimit(real, on_array, c.rims[tightest].opening, min(rooms))

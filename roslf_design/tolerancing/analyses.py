@@ -14,6 +14,7 @@ from itertools import takewhile
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arrays import Array
 from ..camera import Camera
 from ..theory.quantities import QUANTITIES
 from .draws import Draws, sobol_points
@@ -21,8 +22,6 @@ from .places import of_parts
 from .run import Tally, quantiles, rebin
 from .study import TolerancePlan
 from .trials import BLOCK, differences, measure, measure_finally
-
-Array = NDArray[np.float64]
 
 CONFIDENCE = 0.95
 """Of every interval."""
@@ -440,9 +439,9 @@ def sobol_indices(plan: TolerancePlan, samples: int) -> SobolIndices:
     count = len(factors)
     a, b = np.split(sobol_points(2 * count, 0, samples, plan.draws.seed), 2)
     mixed = [np.where(np.arange(count)[:, None] == index, b, a) for index in range(count)]
-    found = np.stack([measure_finally(plan, plan.draws.deviations(uniforms)) for uniforms in (a, b, *mixed)])
-    undefined = np.isnan(found).sum(axis=(0, 2))
-    indices = saltelli_jansen(found[0], found[1], found[2:], plan.draws.seed)
+    columns = np.stack([measure_finally(plan, plan.draws.deviations(uniforms)) for uniforms in (a, b, *mixed)])
+    undefined = np.isnan(columns).sum(axis=(0, 2))
+    indices = saltelli_jansen(columns[0], columns[1], columns[2:], plan.draws.seed)
     for part in indices:
         part[undefined > 0] = np.nan
     return SobolIndices(factors, samples * (count + 2), *indices, undefined)

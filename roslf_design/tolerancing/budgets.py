@@ -13,14 +13,13 @@ from dataclasses import dataclass, replace
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from .._arrays import Array
 from .analyses import Yield, curve_trials, first_draws
 from .places import GradeLine, Grades, expand, parse_tolerance, perturbable
 from .study import CALIBRATION, Adjuster, Study, TolerancePlan
 from .trials import measure_finally
 
-Array = NDArray[np.float64]
 Kind = Literal["grade", "adjustment", "tightening", "several grades", "all tolerances"]
 
 MOST_TRIALS, STEPS_TRIALS = 4096, 1024
@@ -181,19 +180,19 @@ def budget(
     start, changes = now, tuple[Change, ...]()
     reached = given.value >= target
     if not reached:
-        found = [*_single(now, parts, grades, target, trials)]
-        found += [change for change in (_several(now, parts, grades, target, trials),) if change is not None]
+        reaching = [*_single(now, parts, grades, target, trials)]
+        reaching += [change for change in (_several(now, parts, grades, target, trials),) if change is not None]
         if scaled is not None:
             extras = [part.extra(scaled[0] * part.tolerance) for part in parts]
             steps = tuple((part.place, "", scaled[0] * part.tolerance) for part in parts)
             cost = None if None in extras else sum(filter(None, extras))
-            found.append(
+            reaching.append(
                 (Change("all tolerances", steps, cost, scaled[1]), now._replace(factors=now.factors * scaled[0]))
             )
-        found.sort(key=lambda pair: (math.inf if pair[0].cost is None else pair[0].cost, -pair[0].result.value))
-        changes = tuple(change for change, _ in found)
-        if found:
-            start, reached = found[0][1], True
+        reaching.sort(key=lambda pair: (math.inf if pair[0].cost is None else pair[0].cost, -pair[0].result.value))
+        changes = tuple(change for change, _ in reaching)
+        if reaching:
+            start, reached = reaching[0][1], True
     floor = target if reached else given.value - UNNOTICED
     moved = {place for place, *_ in changes[0].steps} if changes else set()
     looser, builds = _loosened(start, [part for part in parts if part.place not in moved], grades, floor, trials)

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-Array = NDArray[np.float64]
+from .._arrays import Array
 
 Distribution = Literal["normal", "uniform", "parabolic", "end-point"]
 """Names of the known distributions."""

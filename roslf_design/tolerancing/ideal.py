@@ -12,16 +12,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from .._arrays import DISC_RULE
+from .._arrays import DISC_RULE, Array
 from ..camera import Camera, Number, Vector
 from ..camera.frames import along, cross, dot, minus, times, total
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.light import outer_slope
 from ..theory.stop_images import MicrolensImages
 
-Array = NDArray[np.float64]
 Place = tuple[Number, Number]
 
 CALIBRATION_DEPTHS = (0.8, 1.0, 1.25)
@@ -189,9 +187,9 @@ class IdealBuilds(MicrolensImages):
                 point = self._before_lens(c.see(x, y, z, (a, b)))
             yield self._landing(point, along(fap.origin, a, fap.x, b, fap.y))
 
-    def _before_lens(self, seen: Vector) -> Vector:
+    def _before_lens(self, apparent: Vector) -> Vector:
         """An object point, as the main lens sees it (x, y, distance before it), in the main lens's frame."""
-        world, (x, y, z) = self.camera.world, seen
+        world, (x, y, z) = self.camera.world, apparent
         at = along(world.origin, x, world.x, y, world.y)
         return along(at, -1.0 * z, world.z, 0.0, world.z)
 

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arrays import Array
 from ..camera import Camera, Number
 from ..design import PATHS, Design
 from ..design.conjugates import CONJUGATES
@@ -17,8 +18,6 @@ from ..theory.quantities import QUANTITIES, Quantity
 from .ideal import IdealBuilds
 from .places import LENSLETS, of_parts
 from .traced import Mounted, TracedBuilds, mounted
-
-Array = NDArray[np.float64]
 
 _OF_DECODERS: dict[str, tuple[str, Callable[[Any], Number]]] = {
     "blur_pitches": (

@@ -286,16 +286,16 @@ def tolerance_at(design: Design, place: str, text: object) -> float:
         width = parse_tolerance(text, "length" if kind == "form" else kind, nominal)
         return width / math.sqrt(MODES) if kind == "form" else width
     if kind == "form":
-        found = iso.mode(int(place.rpartition(".")[2]))
+        half_width = iso.mode(int(place.rpartition(".")[2]))
     elif kind == "curvature" and design.lens is not None:
         reach = design.lens.surfaces[int(place.split(".")[2]) - 1].semi_diameter
-        found = None if iso.power is None else 2 * iso.power * FRINGE / reach**2
+        half_width = None if iso.power is None else 2 * iso.power * FRINGE / reach**2
     else:
         raise ValueError(f'"{text}" is of a surface\'s form; {place} is none: write e.g. "1 %"')
-    if found is None:
-        told = "irregularity: give B, C or D" if kind == "form" else "power: give A"
-        raise ValueError(f'"{text}" says nothing of the {told}, as in "3/1(0.5/0.2)"')
-    return found
+    if half_width is None:
+        lacking = "irregularity: give B, C or D" if kind == "form" else "power: give A"
+        raise ValueError(f'"{text}" says nothing of the {lacking}, as in "3/1(0.5/0.2)"')
+    return half_width
 
 
 def parse_tolerance(text: object, kind: str, nominal: float) -> float:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arrays import Array
 from ..accuracy.statement import Accuracy, check_accuracy
 from ..design import save
 from ..design.files import WRITTEN
@@ -42,8 +43,6 @@ from .run import Tally
 from .study import MOST_TRIALS, Study, TolerancePlan, make_plan
 from .traced import AS_IF_THIN, CHECKED, TraceCheck, TracedBuilds, check_traced
 from .trials import one_trial
-
-Array = NDArray[np.float64]
 
 SCHEMA = "roslf.tolerance/1"
 FINEST = 1e-5
@@ -194,9 +193,9 @@ def _yield(result: Yield) -> dict[str, Any]:
     return {"yield": result.value, "interval_95": result.interval, "trials": result.trials}
 
 
-def _budget(found: ToleranceBudget) -> dict[str, Any]:
+def _budget(budget: ToleranceBudget) -> dict[str, Any]:
     return {
-        "target": found.target,
+        "target": budget.target,
         "changes": [
             {
                 "kind": change.kind,
@@ -204,10 +203,10 @@ def _budget(found: ToleranceBudget) -> dict[str, Any]:
                 "cost": change.cost,
                 **_yield(change.result),
             }
-            for change in found.changes
+            for change in budget.changes
         ],
-        "looser": found.looser,
-        "together": {"cost": found.cost, **_yield(found.result)},
+        "looser": budget.looser,
+        "together": {"cost": budget.cost, **_yield(budget.result)},
     }
 
 

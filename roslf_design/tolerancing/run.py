@@ -32,6 +32,7 @@ from uuid import uuid4
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arrays import Array
 from .._jit import kernel
 from ..design.files import write_atomically
 from ..errors import InputError, Problem
@@ -39,7 +40,6 @@ from ..input_files import read_json
 from .study import TolerancePlan
 from .trials import STRETCH, MeasuredTrials, measure_uniforms
 
-Array = NDArray[np.float64]
 Counts = NDArray[np.int64]
 Work = Callable[[int], bytes]
 """A picklable function of a chunk's index."""

@@ -29,20 +29,19 @@ from pydantic import (
     model_validator,
 )
 
+from .._arrays import Array
 from ..camera import Camera
 from ..design import Design
 from ..design.conjugates import CONJUGATES
-from ..design.files import expect_kind, load_beside
+from ..design.files import expect_kind, studied
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
 from ..toml_files import nearest, problems_of, read_toml
-from ..units import Length, parse_quantity
+from ..units import Length, in_file, parse_quantity
 from .draws import BITS, Distribution, Draws, Perturbation, Sampling
 from .ideal import bore_end
 from .metrics import METRICS, Column, Question, evaluate_builds
 from .places import LENSLETS, SHIPPED, Grades, expand, load_grades, nominal_values, tolerance_at
-
-Array = NDArray[np.float64]
 
 CALIBRATION = "calibration"
 """Name of the compensator that teaches the decoder each build instead of moving a part."""
@@ -97,8 +96,7 @@ def _field_place(value: Any, info: ValidationInfo) -> Any:
         raise ValueError(
             f'{value!r} is no field; write {", ".join(FIELD_NAMES)} or a place on the array ["2 mm", "0 mm"]'
         )
-    from_file = bool(info.context and info.context.get("from_file"))
-    return tuple(parse_quantity(number, "length", unit_required=from_file) for number in value)
+    return tuple(parse_quantity(number, "length", unit_required=in_file(info)) for number in value)
 
 
 def _metric(name: str) -> str:
@@ -240,14 +238,7 @@ def read_study(
     """A study from the nested values of its file, with its design and its grades; arguments as for `tolerance_plan`."""
     problems: list[Problem] = []
     grades = study = None
-    if design is not None:
-        data = {**data, "design": design.name}
-    name = data.get("design")
-    if design is None and isinstance(name, str):  # else the study's own check says so
-        try:
-            design = load_beside(name, folder)
-        except InputError as error:
-            problems += [Problem("design", f"{name}: {fault}") for fault in error.problems]
+    data, design = studied(data, folder, design, problems)
     table = folder / str(data["grades"]) if data.get("grades") else SHIPPED
     try:
         grades = load_grades(table)

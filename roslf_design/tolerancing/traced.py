@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arrays import Array
 from ..camera import TIP, Camera, Number
 from ..camera.frames import frame
 from ..design import Design
@@ -35,8 +36,6 @@ from ..traced.images import FOLDED, real_images
 from ..traced.outlines import RIM, Outlines, cut_shapes, outlines, pupil_points, seen_shapes
 from .ideal import IdealBuilds, azimuths, fractional
 from .places import in_lens, nominal_values, of_lens, of_parts, stops_of
-
-Array = NDArray[np.float64]
 
 FOCAL, PLANE, DISTANCE = CONJUGATES
 STEP = 0.25
@@ -259,8 +258,8 @@ def reference(
 
     def centres(place: Array) -> LocalMaps:
         rays = wanted((place[:, None] + STEP * STENCIL).reshape(-1, 2), MIDDLE)
-        found = traced(mount, np.array([design.d / 2]), rays, 1).landed
-        o, w, e, s, n, sw, ne, nw, se = np.moveaxis(found.reshape(-1, 9, 2), 1, 0)
+        landed = traced(mount, np.array([design.d / 2]), rays, 1).landed
+        o, w, e, s, n, sw, ne, nw, se = np.moveaxis(landed.reshape(-1, 9, 2), 1, 0)
         bends = (e - 2 * o + w) / 2, (ne + sw - nw - se) / 4, (n - 2 * o + s) / 2
         terms = o, (e - w) / 2 / STEP, (n - s) / 2 / STEP, *(bend / STEP**2 for bend in bends)
         return LocalMaps(place, np.stack(terms, axis=1))
@@ -524,10 +523,10 @@ class TracedBuilds(IdealBuilds):
                 # All that the lens's aperture can light behind a microlens.
                 ends = np.broadcast_to(np.asarray(self.camera.d_2 / self.camera.d_1), (self.trials,))[trial[out]]
                 about, wide = base * (1 + ends)[:, None], 0.6 * float(self.nominal.D) * np.abs(ends)
-                found = seen_shapes(
+                shapes = seen_shapes(
                     self.mount.train, self.mount.planes, base, trial[out], known[0], known[1], about, wide
                 )
-                shape[at], share[at] = found
+                shape[at], share[at] = shapes
         folded = np.tile(self.known.folded, self.trials)
         shape[folded], share[folded] = np.nan, np.nan
         return shape, share

@@ -10,14 +10,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arrays import Array
 from ..camera import Camera
 from ..design import Design
 from .metrics import Question, builds_of, evaluate_builds
 from .places import nominal_values, of_parts, perturbable
 from .study import TolerancePlan
 from .traced import as_built
-
-Array = NDArray[np.float64]
 
 BLOCK = 8192
 """Trials evaluated at once: their arrays stay in a processor's cache."""
@@ -78,12 +77,12 @@ def _in_blocks(question: Question, values: Mapping[str, Array], trials: int, *, 
     """`evaluate_builds`, block by block."""
     if trials <= BLOCK:
         return evaluate_builds(question, values, trials, calibrated=calibrated)
-    found = np.empty((len(question.columns), trials))
+    columns = np.empty((len(question.columns), trials))
     for start in range(0, trials, BLOCK):
         block = slice(start, min(start + BLOCK, trials))
         some = {place: numbers[block] for place, numbers in values.items()}
-        found[:, block] = evaluate_builds(question, some, block.stop - start, calibrated=calibrated)
-    return found
+        columns[:, block] = evaluate_builds(question, some, block.stop - start, calibrated=calibrated)
+    return columns
 
 
 def one_trial(plan: TolerancePlan, number: int) -> tuple[Design, MeasuredTrials]:
@@ -252,11 +251,11 @@ class Compensator:
             trying = np.arange(going.size)
             for fraction in (1.0, 0.5):
                 tried = (1 - fraction) * here[:, trying] + fraction * end[:, trying]
-                found = self.left({place: numbers[trying] for place, numbers in some.items()}, tried)
-                lower = _cost(found)
+                remaining = self.left({place: numbers[trying] for place, numbers in some.items()}, tried)
+                lower = _cost(remaining)
                 better = lower < cost[going[trying]]
                 at = going[trying[better]]
-                moved[:, at], residual[:, at], cost[at] = tried[:, better], found[:, better], lower[better]
+                moved[:, at], residual[:, at], cost[at] = tried[:, better], remaining[:, better], lower[better]
                 trying = trying[~better]
                 if not trying.size:
                     break
@@ -275,8 +274,8 @@ class Compensator:
     def left(self, values: Mapping[str, Array], moved: Array) -> Array:
         """Residual of builds so adjusted."""
         trials, plan = moved.shape[1], self.plan
-        found = _in_blocks(self.limited, self.applied(values, moved), trials, calibrated=plan.calibrated)
-        return (found[self.rows] - self.aim) * self.weights
+        columns = _in_blocks(self.limited, self.applied(values, moved), trials, calibrated=plan.calibrated)
+        return (columns[self.rows] - self.aim) * self.weights
 
     def residual(self, columns: Array) -> Array:
         """How far the limited columns are from nominal, in units of what their limits allow."""

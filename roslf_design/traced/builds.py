@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import DISC_RULE
 from .._jit import kernel
-from ..lenses.tracer import BLOCK, COLUMNS, ROWS, Rays, SurfaceStack, pass_surfaces
+from ..lenses.tracer import BLOCK, COLUMNS, KEPT, ROWS, SurfaceStack, pass_surfaces
 from .camera import FOUND, LOST, LensCamera, Train, aim_beyond, sensor_of_pupil, views
 
 Array = NDArray[np.float64]
@@ -323,11 +323,15 @@ def landings(train: Train, planes: Planes, world: Array, point: ArrayLike, pupil
     if train.beyond.table.size:
         ends = np.ascontiguousarray(np.concatenate([through, start], axis=-1))
         aim_all.compiled(*counted(train.beyond), ends, run)
-    way = run / np.sqrt(np.sum(np.square(run), axis=-1, keepdims=True))
-    traced = train.lens.trace(Rays(np.moveaxis(through, -1, 0), np.moveaxis(way, -1, 0)), clip=False)
-    place, way = (np.moveaxis(part, 0, -1) for part in traced.rays)
+    x, y, z = np.moveaxis(through, -1, 0)
+    end = planes.array[:, 2]
+    passed = train.lens.through(
+        (x, y), np.moveaxis(run[..., :2] / run[..., 2:], -1, 0), start=z, end=end, backward=False
+    )
+    place = np.stack([*passed.height, np.broadcast_to(end[:, None], z.shape)], axis=-1)
+    way = np.stack([*passed.slope, np.ones(z.shape)], axis=-1)
     landed = np.concatenate([crossings(place, way, plane[:, None]) for plane in (planes.array, planes.sensor)], axis=-1)
-    landed[~(traced.kept & np.isfinite(run[..., 0]))] = np.nan
+    landed[passed.state != KEPT] = np.nan
     return landed
 
 

@@ -20,7 +20,7 @@ from ..camera import Camera, Number
 from ..design import Design
 from ..shapes.discs import Chords, outline_chords
 from ..theory.light import object_scale, solid_angle
-from ..theory.quantities import image_rate
+from ..theory.quantities import QUANTITIES, image_rate
 from ..theory.resolution import MOST, NODES, Direction, FieldTransfer, turn
 from ..theory.stop_images import MicrolensImages
 from .builds import received
@@ -100,6 +100,14 @@ class LensImages(MicrolensImages):
         ways = np.stack([met[:, 1] - met[:, 2], met[:, 3] - met[:, 4]], axis=-1) / float(self.camera.d)
         return stretches(ways, self.places, 1.0)
 
+    def _scales(self, field: int, at: float | None) -> tuple[float, float]:
+        """The same at one field; first order's where its chief rays are lost."""
+        along, across = (float(scale[field]) for scale in self._magnified(at))
+        if math.isfinite(along * across):
+            return along, across
+        axial = float(QUANTITIES["object_sample_mm"](self.camera, at) / self.camera.d)
+        return axial, axial
+
     def on_plane(self, ahead: Number) -> tuple[Array, Array]:
         """Where chief rays meet a plane `ahead` of the tip, from the system's axis [mm]; nan where they are lost."""
         x, y = (self._met(float(ahead))[:, 0] + [float(self.camera[f"main_lens.decentre.{k}"]) for k in (0, 1)]).T
@@ -118,7 +126,6 @@ class LensImages(MicrolensImages):
         beam = self._beam(field, at)
         known = beam is not None and images.kept_fraction[field] > 0 and images.status[field] != FOLDED
         outline = images.boundary[field]
-        along, across = self._magnified(at)
         away = float(np.hypot(*place))
         x, y = images.centroid[field].tolist()
         return TracedTransfer(
@@ -127,8 +134,7 @@ class LensImages(MicrolensImages):
             np.array([np.ptp(outline, axis=0).max() / 2]),
             (x, y) if known else None,
             float(image_rate(self.camera, at)),
-            float(along[field]),
-            float(across[field]),
+            *self._scales(field, at),
             (float(place[0] / away), float(place[1] / away)) if away > 1e-12 * float(self.camera.d) else (1.0, 0.0),
             outline,
             beam or Beam(np.zeros(2), 1.0, np.zeros((len(POWERS), 2)), 0.0),
@@ -183,10 +189,12 @@ class Beam(NamedTuple):
         last = len(terms)
         for a in range(DEGREE, -1, -1):
             last -= DEGREE + 1 - a
-            row = np.zeros_like(total)
-            for b in range(DEGREE - a, -1, -1):
-                row = row * v + terms[last + b]
-            total = total * u + row
+            row = np.full(v.shape, terms[last + DEGREE - a])
+            for b in range(DEGREE - a - 1, -1, -1):
+                row *= v
+                row += terms[last + b]
+            total *= u
+            total += row
         return total
 
 

@@ -59,11 +59,6 @@ def _matched(symbol: Any) -> Callable[..., Any]:
     return _of(solved, "exact")
 
 
-def _numbers(form: Callable[..., Any]) -> Callable[..., Any]:
-    """A function of lengths alone, by its own keywords."""
-    return form
-
-
 def stop_disc(**given: Any) -> tuple[Any, Any]:
     """Radius and centre of a stop's disc on the sensor, against the optical axis; inf in the focal plane."""
     own = {"stops": [{"diameter": 1.0, "distance": 1.0}]}
@@ -82,10 +77,10 @@ def stop_disc(**given: Any) -> tuple[Any, Any]:
 
 
 CLOSED: dict[str, Callable[..., Any]] = {
-    "mla_distance": _numbers(conjugates.mla_distance),
-    "focal_plane_distance": _numbers(conjugates.focal_plane_distance),
-    "focal_length": _numbers(conjugates.focal_length),
-    "conjugate_residual": _numbers(conjugates.conjugate_residual),
+    "mla_distance": conjugates.mla_distance,
+    "focal_plane_distance": conjugates.focal_plane_distance,
+    "focal_length": conjugates.focal_length,
+    "conjugate_residual": conjugates.conjugate_residual,
     "magnification": _said("inf at d_f = f", lambda c: c.m),
     "inverse_magnification": _said("inf at d_f = inf", lambda c: c.inverse_m),
     "gap": _said("inf at d_f = inf", lambda c: c.gap),
@@ -131,7 +126,7 @@ CLOSED: dict[str, Callable[..., Any]] = {
     "pupil_airy_radius": _of(light.pupil_airy_radius),
     "microlens_defocus_waves": _of(light.microlens_defocus_waves),
     "microlens_defocus_blur": _of(light.microlens_defocus_blur),
-    "back_substitute": _numbers(back_substitute),
-    "back_substitution_jacobian": _numbers(back_substitution_jacobian),
+    "back_substitute": back_substitute,
+    "back_substitution_jacobian": back_substitution_jacobian,
 }
 """Closed form of each name in `oracles.closed_forms.ORACLES`, by the same keywords."""

@@ -28,40 +28,40 @@ CEILING = 1e4
 COLUMNS = 3
 
 
-def hard_cases_report(found: HardCases, command: str) -> Report:
+def hard_cases_report(cases: HardCases, command: str) -> Report:
     """The whole page."""
     sections = (
-        Section("Verdict", (_verdict(found),)),
-        Section("Near this design", (_near(found),)),
-        Section("The cases", (_intro(), reason_table(found), case_table(found))),
-        Section("Errors on the way to the singular point", (_figure(found),)),
+        Section("Verdict", (_verdict(cases),)),
+        Section("Near this design", (_near(cases),)),
+        Section("The cases", (_intro(), reason_table(cases), case_table(cases))),
+        Section("Errors on the way to the singular point", (_figure(cases),)),
         Section("Two discs that almost touch", (tangency_table(),)),
-        Section("Every function", (function_table(found), budget_table(found))),
-        Section("At the singular points", (_points(found),)),
-        Section("How this was made", (_method(found), Code(command))),
+        Section("Every function", (function_table(cases), budget_table(cases))),
+        Section("At the singular points", (_points(cases),)),
+        Section("How this was made", (_method(cases), Code(command))),
     )
-    return Report("Hard cases", f"{found.design.name}: how far its numbers can be trusted", sections)
+    return Report("Hard cases", f"{cases.design.name}: how far its numbers can be trusted", sections)
 
 
-def _verdict(found: HardCases) -> Statements:
-    broken = [result.case.name for result in found.results if not result.held]
-    trials = sum(len(result.points) for result in found.results)
-    top = max((result.functions[0].share for result in found.results), default=0.0)
+def _verdict(cases: HardCases) -> Statements:
+    broken = [result.case.name for result in cases.results if not result.held]
+    trials = sum(len(result.points) for result in cases.results)
+    top = max((result.functions[0].share for result in cases.results), default=0.0)
     if broken:
-        text = f"{len(broken)} of {len(found.results)} cases exceed their budget: {', '.join(broken)}"
+        text = f"{len(broken)} of {len(cases.results)} cases exceed their budget: {', '.join(broken)}"
         return Statements((Statement("bad", text, "the table tells which function and where; do not trust it there"),))
     text = (
-        f"All {len(found.results)} cases keep their budgets over {trials} trials; the worst uses "
+        f"All {len(cases.results)} cases keep their budgets over {trials} trials; the worst uses "
         f"{100 * top:.0f} % of it. "
         "No NaN, no infinity that is not documented, no exception."
     )
     return Statements((Statement("good", text),))
 
 
-def _near(found: HardCases) -> Statements | Paragraph:
-    near = [one for one in found.near if one.near]
+def _near(cases: HardCases) -> Statements | Paragraph:
+    near = [one for one in cases.near if one.near]
     if not near:
-        closest = found.near[0]
+        closest = cases.near[0]
         text = f"The design is near none of them; the closest is {closest.case}, at a relative distance of "
         return Paragraph(text + f"{closest.distance:.2g}.")
     return Statements(tuple(Statement("caution", f"{one.case}, at {one.distance:.2g}: {one.says}") for one in near))
@@ -77,16 +77,16 @@ def _intro() -> Paragraph:
     )
 
 
-def reason_table(found: HardCases) -> Table:
+def reason_table(cases: HardCases) -> Table:
     """What breaks in each case, and the form that holds."""
-    rows = tuple((result.case.name, result.case.breaks, result.case.holds) for result in found.results)
+    rows = tuple((result.case.name, result.case.breaks, result.case.holds) for result in cases.results)
     return Table(rows, "lll", ("case", "what breaks", "form that holds"))
 
 
-def case_table(found: HardCases) -> Table:
+def case_table(cases: HardCases) -> Table:
     """One row a case: its worst function."""
     rows = []
-    for result in found.results:
+    for result in cases.results:
         worst = result.functions[0]
         ours = max(point.ours.relative for point in result.shown)
         rows.append(
@@ -158,7 +158,7 @@ def tangency_table() -> Table:
     )
 
 
-def function_table(found: HardCases) -> Table:
+def function_table(cases: HardCases) -> Table:
     """Every function of every case."""
     rows = [
         (
@@ -170,7 +170,7 @@ def function_table(found: HardCases) -> Table:
             percent(one.share),
             number(one.naive),
         )
-        for result in found.results
+        for result in cases.results
         for one in result.functions
     ]
     headings = ("case", "function", "at gap", "ulps", "condition", "of budget", "textbook")
@@ -181,11 +181,11 @@ def function_table(found: HardCases) -> Table:
     return Table(tuple(rows), "llrrrrr", headings, "", caption)
 
 
-def budget_table(found: HardCases) -> Table:
+def budget_table(cases: HardCases) -> Table:
     """Functions with a budget of their own, and why."""
     rows = dict.fromkeys(
         (one.function, one.budget.text, one.budget.reason)
-        for result in found.results
+        for result in cases.results
         for one in result.functions
         if one.budget.reason
     )
@@ -193,9 +193,9 @@ def budget_table(found: HardCases) -> Table:
     return Table(tuple(rows), "lll", ("function", "budget [ulp]", "why"), "Other budgets", caption)
 
 
-def _points(found: HardCases) -> Bullets:
+def _points(cases: HardCases) -> Bullets:
     items = []
-    for result in found.results:
+    for result in cases.results:
         there = result.at_point
         if there is None:
             continue
@@ -208,16 +208,16 @@ def _points(found: HardCases) -> Bullets:
     return Bullets(tuple(items))
 
 
-def _method(found: HardCases) -> Paragraph:
+def _method(cases: HardCases) -> Paragraph:
     return Paragraph(
         "References: rays traced at 60 digits, or the textbook's formula where nothing is traced, for the "
         "floating-point arguments exactly as they are; what cancels there leaves 44 digits to spare. Textbook errors: "
         "the printed formula in double precision. "
-        f"Seed {found.seed}."
+        f"Seed {cases.seed}."
     )
 
 
-def _figure(found: HardCases) -> Figure:
+def _figure(cases: HardCases) -> Figure:
     return Figure(
         "hard-cases",
         "Relative error against the distance from the singular point",
@@ -227,14 +227,14 @@ def _figure(found: HardCases) -> Figure:
         "quantity is ill-conditioned: no formula can do better with rounded arguments. A pixel's coverage is right to "
         "the last digits of a whole pixel, and not of the little that is covered. Where crosses stay low the textbook "
         "formula fails at the point alone.",
-        plot_hard_cases(found).svg(),
+        plot_hard_cases(cases).svg(),
         "Small panels, one a hard case, logarithmic in both directions; dots stay near 1e-16 where crosses rise to 1",
     )
 
 
-def plot_hard_cases(found: HardCases) -> Picture:
+def plot_hard_cases(cases: HardCases) -> Picture:
     """Small panels, one a case, error against gap."""
-    shown = [_panel(result) for result in found.results if result.case.shown]
+    shown = [_panel(result) for result in cases.results if result.case.shown]
     rows = [shown[k : k + COLUMNS] for k in range(0, len(shown), COLUMNS)]
     title = "Relative error against the distance from the singular point"
     return beside("hard-cases", title, [beside("", "", row) for row in rows], down=True)

@@ -166,12 +166,12 @@ def time_text(seconds: float) -> str:
 def method_table() -> Table:
     """Every method, what it computes, what a level is, and how its error falls."""
     laws = {name: (law, remark) for name, law, remark in RATES}
-    seen: dict[tuple[str, str], list[str]] = {}
+    quantities_of: dict[tuple[str, str], list[str]] = {}
     for quantity in QUANTITIES:
         for method in methods(quantity):
-            seen.setdefault((method.name, method.does), []).append(quantity)
+            quantities_of.setdefault((method.name, method.does), []).append(quantity)
     rows = []
-    for (name, does), quantities in seen.items():
+    for (name, does), quantities in quantities_of.items():
         left_out = ("does not fall", "leaves out what the others compute")
         law = laws.get(
             name, left_out if name in ("rays alone", "first order", "thin lens") else ("exact", "to rounding")

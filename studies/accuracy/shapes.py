@@ -18,13 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from roslf_design.camera import Camera
-from roslf_design.lenses.tracer import Rays
 from roslf_design.shapes.coverage import coverage_image
 from roslf_design.shapes.discs import intersect
 from roslf_design.theory.light_field import depth_sigma
 from roslf_design.traced.camera import camera_of
 
-from .jobs import LENS, RAYS, SIGMA_DISPARITY, Job, microlens_rays
+from .jobs import LENS, SIGMA_DISPARITY, Job, microlens_rays
 
 Floats = NDArray[np.float64]
 
@@ -338,10 +337,8 @@ def _pixel_methods() -> Iterator[Method]:
 def _traced(job: Job, level: int, seed: int) -> Floats:
     camera = camera_of(job.design)
     place, slope = microlens_rays(job.design, job.axis)
-    start = np.stack([*place, np.full(RAYS, camera.array.z)])
-    rays = Rays(start, np.stack([-slope[0], -slope[1], -np.ones(RAYS)]) / np.sqrt(1 + (slope**2).sum(0)))
-    ends = camera.lens.trace(rays, camera.wavelength, backward=True, plane=camera.focal_plane, clip=False)
-    return np.asarray(ends.rays.position[:2].T.ravel())
+    ends = camera.lens.through(place, slope, camera.wavelength, start=camera.array.z, end=camera.focal_plane)
+    return np.asarray(ends.height.T.ravel())
 
 
 def thin_rays(job: Job, level: int = 0, seed: int = 0) -> Floats:

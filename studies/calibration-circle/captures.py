@@ -59,15 +59,15 @@ def poses(
     """Poses as a person would choose them: distances spread evenly, tilts in every direction up to `tilt` degrees."""
     rng = np.random.default_rng(seed)
     spread = 2 * (np.arange(boards) + 0.5) / boards - 1
-    found = []
+    stands = []
     for k, away in enumerate(rng.permutation(spread)):
         towards = 2 * math.pi * (k + rng.uniform()) / boards * 5
         size = math.radians(tilt) * math.sqrt(rng.uniform(0.2, 1))
         lean = (size * math.cos(towards), size * math.sin(towards))
         turn = math.radians(90 + rng.uniform(-12, 12))
         aside = (float(rng.uniform(-0.5, 0.5)) * cell, float(rng.uniform(-0.25, 0.25)) * cell)
-        found.append(Pose(distance + reach * float(away), lean, turn, aside))
-    return found
+        stands.append(Pose(distance + reach * float(away), lean, turn, aside))
+    return stands
 
 
 def drawn_board(turn: float, path: Path, cells: tuple[int, int] = CELLS, cell: float = CELL) -> float:

@@ -41,7 +41,7 @@ def truth_of(design: Design) -> dict[str, float]:
 
 def facts_of(result: Outcome, truth: dict[str, float]) -> dict[str, Any]:
     """What came out of one kind of captures beside the truth."""
-    told = result.to_dict()
+    data = result.to_dict()
     rows: dict[str, Any] = {}
     for name in QUANTITIES:
         e = result.estimates[name]
@@ -61,8 +61,8 @@ def facts_of(result: Outcome, truth: dict[str, float]) -> dict[str, Any]:
         "images_used": len(result.calibration.observations.names),
         "views": len(result.calibration.observations.views),
         "converged": result.converged,
-        "diffraction": told["diffraction"],
-        "white_image": told["white_image"],
+        "diffraction": data["diffraction"],
+        "white_image": data["white_image"],
     }
 
 

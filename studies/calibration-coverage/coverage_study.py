@@ -156,18 +156,18 @@ def studied(case: Case, trials: int, seed: int) -> Coverage:
     )
 
 
-def told(case: Case, found: Coverage) -> dict[str, Any]:
+def facts_of(case: Case, covered: Coverage) -> dict[str, Any]:
     """As JSON's types."""
     return {
         "intervals": case.name,
         "f_sigma_mm": case.sheet.f_sigma,
-        "level": found.level,
-        "trials": found.trials,
-        "failed": found.failed,
-        "share_held": found.share,
-        "binomial_99": list(found.expected),
-        "pull_mean": {name: float(pulls.mean()) for name, pulls in found.pulls.items()},
-        "pull_sigma": {name: float(pulls.std(ddof=1)) for name, pulls in found.pulls.items()},
+        "level": covered.level,
+        "trials": covered.trials,
+        "failed": covered.failed,
+        "share_held": covered.share,
+        "binomial_99": list(covered.expected),
+        "pull_mean": {name: float(pulls.mean()) for name, pulls in covered.pulls.items()},
+        "pull_sigma": {name: float(pulls.std(ddof=1)) for name, pulls in covered.pulls.items()},
     }
 
 
@@ -182,18 +182,18 @@ def figure(results: list[tuple[Case, Coverage]]) -> Figure:
     for end, label in zip(WANTED, ("61 to 75 %", None), strict=True):
         shares.axhline(100 * end, color=GREY, linestyle=(0, (4, 3)), linewidth=0.8, label=label)
     shares.axhline(100 * level, color=INK, linewidth=0.8)
-    for k, (case, found) in enumerate(results):
+    for k, (case, covered) in enumerate(results):
         at = np.arange(len(NAMES)) + 0.18 * (k - 1)
-        shares.plot(at, [100 * found.share[n] for n in NAMES], marks[k], color=colours[k], label=case.name)
+        shares.plot(at, [100 * covered.share[n] for n in NAMES], marks[k], color=colours[k], label=case.name)
     shares.set_xticks(range(len(NAMES)), [n.replace("_", "$_{") + "}$" if "_" in n else n for n in NAMES])
     shares.set(ylabel="68 % intervals that hold the truth [%]", ylim=(54, 92), xlim=(-0.6, len(NAMES) - 0.4))
     shares.set_yticks([60, 68, 75, 80])
     shares.legend(loc="upper left", ncols=2, fontsize=8)
     edges = np.linspace(-3.5, 3.5, 29)
     middle = (edges[1:] + edges[:-1]) / 2
-    case, found = results[-1]
+    case, covered = results[-1]
     for name, colour, style in (("H", BLUE, "-"), ("d_3", VERMILLION, "--")):
-        heights, _ = np.histogram(found.pulls[name], edges, density=True)
+        heights, _ = np.histogram(covered.pulls[name], edges, density=True)
         errors.stairs(heights, edges, color=colour, linestyle=style, label=f"${name}$")
     errors.plot(middle, np.exp(-(middle**2) / 2) / np.sqrt(2 * np.pi), color=INK, linewidth=1, label="normal law")
     errors.set(xlabel="error over its sigma", ylabel="density of trials", ylim=(0, 0.68))
@@ -211,16 +211,16 @@ def main() -> None:
     options = parser.parse_args()
     results = []
     for case in cases():
-        found = studied(case, options.trials, options.seed)
-        results.append((case, found))
-        shares = ", ".join(f"{name} {100 * share:.1f} %" for name, share in found.share.items())
-        print(f"{case.name}: {found.trials} trials, {found.failed} failed; held {shares}", flush=True)
+        covered = studied(case, options.trials, options.seed)
+        results.append((case, covered))
+        shares = ", ".join(f"{name} {100 * share:.1f} %" for name, share in covered.share.items())
+        print(f"{case.name}: {covered.trials} trials, {covered.failed} failed; held {shares}", flush=True)
     facts = {
         "trials": options.trials,
         "seed": options.seed,
         "captures": "12 boards of 4 x 5 cells of 6 mm, 350 +- 30 mm, tilts to 20 degrees, corners to 0.06 pitches",
         "wanted": list(WANTED),
-        "cases": [told(case, found) for case, found in results],
+        "cases": [facts_of(case, covered) for case, covered in results],
     }
     with drawing():
         picture = to_png(figure(results))

@@ -250,10 +250,10 @@ def report(rows: Sequence[tuple[str, dict[str, Any]]], predicted: Sequence[tuple
     chance = sum(bool(faults(one)) and by_chance(one) for one in can)
     cannot = [one for _, one in rows if one["expected"] > LARGEST]
     unknown = float(np.mean([one["known"] for one in cannot])) if cannot else 0.0
-    told = [one for one in can if "told" in one]
-    ratios = [one["told"] * one["score_spread"] / one["expected"] for one in told]
-    within = float(np.mean([one["inside_68"] for one in told]))
-    sure = math.sqrt(sum(one["inside_sigma"] ** 2 for one in told)) / max(len(told), 1)
+    judged_ones = [one for one in can if "told" in one]
+    ratios = [one["told"] * one["score_spread"] / one["expected"] for one in judged_ones]
+    within = float(np.mean([one["inside_68"] for one in judged_ones]))
+    sure = math.sqrt(sum(one["inside_sigma"] ** 2 for one in judged_ones)) / max(len(judged_ones), 1)
     good = holds + chance == len(can)
     rest = (
         f"{chance} more miss one by no more than two standard errors of what so few exposures tell. " if chance else ""

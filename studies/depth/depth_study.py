@@ -124,7 +124,7 @@ def measured(
     own = np.digitize(np.broadcast_to(x, trial.true.shape), edges) - 1
     some, errors, sigma = trial.compared, trial.errors, np.stack([run.sigma for run in trial.runs])
     window = trial.first.disparities.window
-    bias, spread, told, known = (np.full(bins, np.nan) for _ in range(4))
+    bias, spread, from_windows, known = (np.full(bins, np.nan) for _ in range(4))
     for n in range(bins):
         here = some & (own == n)
         known[n] = np.mean([run.measured[own == n].mean() for run in trial.runs])
@@ -133,11 +133,11 @@ def measured(
         off = errors[:, here]
         bias[n] = off.mean()
         spread[n] = np.sqrt(((off - off.mean(0)) ** 2).sum() / max(exposures - 1, 1) / off.shape[1])
-        told[n] = np.sqrt((sigma[:, here] ** 2).mean())
+        from_windows[n] = np.sqrt((sigma[:, here] ** 2).mean())
     fields = evaluate(assumed(case.design, scene, window), [(float(at), 0.0) for at in middle]).fields
     predicted = np.array([np.inf if field.sigma_z_mm is None else field.sigma_z_mm for field in fields])
     kept = np.array([field.kept_fraction for field in fields])
-    return Measured(trial, middle, bias, spread, told, predicted, kept, known)
+    return Measured(trial, middle, bias, spread, from_windows, predicted, kept, known)
 
 
 def along(results: dict[str, Measured]) -> Picture:
@@ -149,9 +149,9 @@ def along(results: dict[str, Measured]) -> Picture:
     parts = []
     for name, one in results.items():
         low, high = one.bias - one.spread, one.bias + one.spread
-        told = np.where(np.isfinite(one.predicted), one.predicted, np.nan)
+        expected = np.where(np.isfinite(one.predicted), one.predicted, np.nan)
         half = (one.x[1] - one.x[0]) / 2
-        every = np.concatenate([low, high, np.minimum(told, np.nanmax(np.abs([low, high]), initial=0.2) * 1.2)])
+        every = np.concatenate([low, high, np.minimum(expected, np.nanmax(np.abs([low, high]), initial=0.2) * 1.2)])
         reach = 1.15 * float(np.nanmax(np.abs(every)))
         across, up = Scale(float(one.x[0] - half), float(one.x[-1] + half)), Scale(-reach, reach)
         marks: list[Mark] = [
@@ -163,7 +163,7 @@ def along(results: dict[str, Measured]) -> Picture:
                 marks.append(Area([at - half, at + half, at + half, at - half], [a, a, b, b], "sky", 0.45))
         marks += [
             Line([across.low, across.high], [0.0, 0.0], "ink", 1.0),
-            Line(one.x, told, "vermillion", 1.8, "7 4"), Line(one.x, -told, "vermillion", 1.8, "7 4"),
+            Line(one.x, expected, "vermillion", 1.8, "7 4"), Line(one.x, -expected, "vermillion", 1.8, "7 4"),
             Dots(one.x, one.bias, "blue", size=3, clip=True),
         ]  # fmt: skip
         last = name == list(results)[-1]
@@ -179,11 +179,11 @@ def lost(one: Measured) -> Picture:
     """Draw spread and prediction over the kept fraction of microlens images."""
     both = (one.kept > 0) & np.isfinite(one.spread)
     order = np.argsort(one.kept)
-    told = np.isfinite(one.predicted[order]) & (one.kept[order] > 0)
-    values = np.concatenate([one.spread[both], one.predicted[order][told]])
+    finite = np.isfinite(one.predicted[order]) & (one.kept[order] > 0)
+    values = np.concatenate([one.spread[both], one.predicted[order][finite]])
     up = Scale(float(values.min()) / 1.3, float(values.max()) * 1.3, log=True)
     marks = (
-        Line(one.kept[order][told], one.predicted[order][told], "vermillion", 1.8, "7 4"),
+        Line(one.kept[order][finite], one.predicted[order][finite], "vermillion", 1.8, "7 4"),
         Dots(one.kept[both], one.told[both], "green", "s", 3),
         Dots(one.kept[both], one.spread[both], "blue", size=4),
     )
@@ -242,10 +242,10 @@ def summary_table(results: dict[str, dict[str, Measured]]) -> Table:
     for scene, each in results.items():
         for name, one in each.items():
             summary = one.trial.summary()
-            told = (summary.bias_mm, summary.spread_mm, summary.predicted_mm, summary.told_mm)
+            numbers = (summary.bias_mm, summary.spread_mm, summary.predicted_mm, summary.told_mm)
             inside = "-" if summary.inside_68 is None else f"{100 * summary.inside_68:.0f} %"
             worst = "-" if not np.isfinite(one.bias).any() else f"{np.nanmax(np.abs(one.bias)):.2g}"
-            values = ("-" if value is None else f"{value:.2g}" for value in told)
+            values = ("-" if value is None else f"{value:.2g}" for value in numbers)
             rows.append((scene, name, f"{100 * summary.measured:.0f} %", *values, worst, inside))
     heads = ("scene", "camera", "known", "bias", "spread", "predicted", "told", "largest bias", "within errors told")
     note = (

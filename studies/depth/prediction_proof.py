@@ -134,7 +134,7 @@ def compared(case: Case, rays: int = RAYS) -> dict[str, float]:
     if camera.lens_shape == "circular":
         k = math.pi * case.periods
         power = CONTRAST**2 / 2 * (2 * float(j1(k)) / k) ** 2
-    seen = seen_at(camera, None)._replace(disparity=np.asarray(case.disparity))
+    plane = seen_at(camera, None)._replace(disparity=np.asarray(case.disparity))
     # The pictures are of the microlenses about the field, those at their sides by halves; where images are cut, these
     # change from one to the next.
     lattice = ImageLattice.of(camera)
@@ -151,7 +151,7 @@ def compared(case: Case, rays: int = RAYS) -> dict[str, float]:
         rendered = rendered_information(case.design, case.field, case.periods, angle, case.disparity, rays)
         waves = np.array([case.periods if name == axis else 0.0 for axis in "xy"])
         wave = Spectrum(waves[:1], waves[1:], np.array([power]))
-        predicted = np.average(disparity_information(images, seen, wave)[:, 0], weights=weight)
+        predicted = np.average(disparity_information(images, plane, wave)[:, 0], weights=weight)
         ratios[name] = math.sqrt(rendered / float(predicted))
     return {**ratios, "kept": kept}
 

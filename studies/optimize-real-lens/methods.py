@@ -247,7 +247,7 @@ def evolved(question: Question) -> tuple[roslf.Design, int]:
 
 def main() -> None:
     """Both questions, every way."""
-    told = []
+    answers = []
     for question in questions():
         combinations = question.combinations
         every = range(len(combinations))
@@ -275,9 +275,9 @@ def main() -> None:
         print(question.name, known, flush=True)
         for row in rows:
             row["worse_than_evolution"] = row["cost"] - known["cost"]
-        told.append({"question": question.name, "combinations": len(combinations), "ways": rows, "evolution": known})
+        answers.append({"question": question.name, "combinations": len(combinations), "ways": rows, "evolution": known})
         REPORT.parent.mkdir(parents=True, exist_ok=True)
-        REPORT.write_text(json.dumps(told, indent=1) + "\n")
+        REPORT.write_text(json.dumps(answers, indent=1) + "\n")
 
 
 if __name__ == "__main__":

@@ -63,16 +63,16 @@ def centres(design: Design) -> tuple[NDArray[np.int64], Floats]:
     pitch = pitch_px(design)
     rows = round(pitch)
     image = render(design, region=(0, height // 2 - rows // 2, width, rows)).pixels.sum(0).astype(float)
-    found: dict[int, float] = {}
+    place_of: dict[int, float] = {}
     for direction in (1, -1):
         index, at = 0, width / 2
         while pitch < at < width - pitch:
             for _ in range(3):
                 at = _centroid(image, at, pitch / 2)
-            found[index] = at - width / 2
+            place_of[index] = at - width / 2
             index, at = index + direction, at + direction * pitch
-    indices = np.array(sorted(found))
-    return indices, np.array([found[index] for index in indices])
+    indices = np.array(sorted(place_of))
+    return indices, np.array([place_of[index] for index in indices])
 
 
 def _centroid(profile: Floats, centre: float, half: float) -> float:

@@ -14,14 +14,15 @@ from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from roslf_design.design import Design, load
 from roslf_design.evaluation import default_fields, evaluate
 from roslf_design.evaluation.result import Evaluation
 from roslf_design.lenses.manufacture import as_made, lens_values
-from roslf_design.pictures.axes import draw, drawing, handles
-from roslf_design.pictures.field import TWINS, LensCurves, lens_curves, lens_image
+from roslf_design.pictures.axes import draw, drawing
+from roslf_design.pictures.field import LensCurves, lens_curves, lens_image
 from roslf_design.pictures.picture import Panel, Scale
 from roslf_design.pictures.theme import THEMES
 from roslf_design.traced.camera import camera_of, microlenses
@@ -106,18 +107,18 @@ def made(design: Design) -> dict[str, dict[str, float]]:
     """What each of them does to images at the left and right edge [px], and how much it grows them [%]."""
     camera, c = camera_of(design), microlenses(design, [(-SEEN_EDGE, 0.0), (SEEN_EDGE, 0.0)])
     nominal, drawn = real_images(camera, c), lens_values(camera.lens, design.wavelength)
-    found = {}
+    facts = {}
     for place, miss in MADE.items():
         lens = as_made(camera.lens, {place: drawn[place] + miss}, design.wavelength)
         images = real_images(replace(camera, lens=lens), c)
         shift, growth = images.chief - nominal.chief, images.diameter / nominal.diameter - 1
-        found[place] = {
+        facts[place] = {
             "shift_left_px": float(shift[0, 0]) / design.q,
             "shift_right_px": float(shift[1, 0]) / design.q,
             "growth_left_percent": 100 * float(growth[0]),
             "growth_right_percent": 100 * float(growth[1]),
         }
-    return found
+    return facts
 
 
 def field_figure(curves: dict[str, LensCurves]) -> Figure:
@@ -161,9 +162,9 @@ def image_figure(cases: dict[str, Design]) -> Figure:
         for column, (label, design) in enumerate(cases.items()):
             for row, place in enumerate(default_fields(design)):
                 ax = panels[row, column]
-                marks, told = lens_image(design, place)
+                marks, words = lens_image(design, place)
                 draw(Panel((0, 0, 1, 1), Scale(-26, 12), Scale(-19, 19), marks, equal=True), ax, THEMES["light"])
-                ax.set_title(told, fontsize=8, fontweight="normal")
+                ax.set_title(words, fontsize=8, fontweight="normal")
                 if row == 0:
                     ax.annotate(label.replace(", ", "\n"), (0, 1.16), xycoords="axes fraction", fontweight="bold")
                 if column == 0:
@@ -171,7 +172,12 @@ def image_figure(cases: dict[str, Design]) -> Figure:
                     ax.set_ylabel(f"{where}\ny [px]")
                 if row == 2:
                     ax.set_xlabel("x [px]")
-        figure.legend(handles=handles(TWINS, THEMES["light"]), loc="outside lower center", ncols=2)
+        colour = THEMES["light"].colour
+        keys = [
+            Line2D([], [], color=colour("grey"), linestyle="--", label="thin twin"),
+            Line2D([], [], color=colour("blue"), label="real lens"),
+        ]
+        figure.legend(handles=keys, loc="outside lower center", ncols=2)
     return figure
 
 
@@ -183,14 +189,14 @@ def main() -> None:
     out.mkdir(parents=True, exist_ok=True)
     cases = designs()
     curves = {label: lens_curves(design) for label, design in cases.items()}
-    found = {label: facts(design, curves[label], evaluate(design)) for label, design in cases.items()}
+    facts_of = {label: facts(design, curves[label], evaluate(design)) for label, design in cases.items()}
     bent = made(cases["LB1630-A, bi-convex"])
     (out / "as-made.json").write_text(json.dumps(bent, indent=1, allow_nan=False) + "\n")
-    (out / "facts.json").write_text(json.dumps(found, indent=1, allow_nan=False) + "\n")
+    (out / "facts.json").write_text(json.dumps(facts_of, indent=1, allow_nan=False) + "\n")
     for name, figure in (("field", field_figure(curves)), ("images", image_figure(cases))):
         with drawing():
             figure.savefig(out / f"{name}.png", dpi=130, metadata={"Software": None})
-    for label, one in found.items():
+    for label, one in facts_of.items():
         edge = one["edge"]
         moved = "-" if edge["shift_px"] is None else f"{edge['shift_px']:+.2f} px"
         wide = "-" if edge["widening_percent"] is None else f"{edge['widening_percent']:+.1f} %"

@@ -152,25 +152,25 @@ def _raw_image() -> Iterator[Row]:
 
 def _calibration() -> Iterator[Row]:
     f, reach, m = 100.0, 91.09, 0.42
-    found = light_field.back_substitute(f, reach, m)
+    lengths = light_field.back_substitute(f, reach, m)
     given = "from A = 91.09 mm and m = 0.42 (Table 2) with f = 100 mm"
-    yield Row("calibrated d_1", "142.00", float(found.mla_distance), "mm", given)
-    yield Row("calibrated d_f", "338.10", float(found.focal_plane_distance), "mm", given)
-    yield Row("calibrated H", "1.56", float(found.aperture_constant), "", given)
+    yield Row("calibrated d_1", "142.00", float(lengths.mla_distance), "mm", given)
+    yield Row("calibrated d_f", "338.10", float(lengths.focal_plane_distance), "mm", given)
+    yield Row("calibrated H", "1.56", float(lengths.aperture_constant), "", given)
     slope = float(light_field.back_substitution_jacobian(f, reach, m)[3, 0])
     yield Row(
         "calibrated d_3",
         "121.21",
-        float(found.pupil_distance),
+        float(lengths.pupil_distance),
         "mm",
         f"{given}; moves by {slope:.1f} mm per mm of f, which the calibration does not determine",
     )
     yield Row(
         "m of Table 2",
         "0.42",
-        float(found.mla_distance / found.focal_plane_distance),
+        float(lengths.mla_distance / lengths.focal_plane_distance),
         "",
-        f"is d_1/d_f; the table labels it d_1/f, which is {float(found.mla_distance) / f:.2f}",
+        f"is d_1/d_f; the table labels it d_1/f, which is {float(lengths.mla_distance) / f:.2f}",
         misread=True,
     )
 

@@ -179,6 +179,7 @@ def circle(root, tmp_path_factory):
     save(design, place / "small.toml")
     with pytest.MonkeyPatch.context() as patch:  # a quarter of the rays less; what is beyond counts as even light
         patch.setattr("roslf_design.imaging.transfer.LEAST_HALO", 32)
+        patch.setattr(module, "capture", functools.partial(module.capture, rays=32))  # scatter: a third of noise
         written = list(module.make(design, place, boards=4, cell=1.8, tilt=35.0))
     assert len(written) == 10
     return place
@@ -195,7 +196,7 @@ def calibrated(capsys, circle, kind, out, *options):
 TRUTH = {"H": 140 / 92, "d_3": 120.0, "d_1": 140.0, "d_f": 350.0, "d_2": 2.0, "A": 92.0, "m": 0.4}
 
 
-def test_full_circle_by_rays_and_with_diffraction(capsys, circle, tmp_path):
+def test_full_circle_by_rays_and_with_diffraction(capsys, circle, tmp_path, blank_pngs):
     rays = calibrated(capsys, circle, "rays", tmp_path / "rays")
     waves = calibrated(capsys, circle, "waves", tmp_path / "waves")
     for found in (rays, waves):

@@ -251,7 +251,7 @@ def traced_depth(made, used, plane):
 def test_depths_in_another_medium_against_rays(name):
     made = in_medium(DESIGNS[name], "air")
     found = used_in(made, "1.333", np.linspace(220.0, 420.0, 3))
-    for plane, told in zip(found.distances, found.told, strict=True):
+    for plane, told in zip(found.distances, found.uncorrected, strict=True):
         assert told == pytest.approx(traced_depth(made, found.design, plane), rel=1e-8)
         # Read with the camera in the medium they are right.
         assert traced_depth(found.design, found.design, plane) == pytest.approx(plane, rel=1e-8)
@@ -276,4 +276,4 @@ def test_snell_s_law_leaves_the_correction_right_to_the_plate_s_aberration():
                 for kind in (True, False)
             )
             assert abs(exact / paraxial - 1) < bound
-    assert math.isclose(float(found.told[0]), 300.0, rel_tol=1e-12)
+    assert math.isclose(float(found.uncorrected[0]), 300.0, rel_tol=1e-12)

@@ -131,7 +131,7 @@ def test_lengths_of_a_rendered_camera_come_back(capsys, captured, small, tmp_pat
     assert "Run again" in page
 
 
-def test_without_posterior_the_same_bytes_and_gaussian_intervals(capsys, captured, tmp_path):
+def test_without_posterior_the_same_bytes_and_gaussian_intervals(capsys, captured, tmp_path, blank_pngs):
     out = tmp_path / "a"
     options = ["--design", captured / "small.toml", "--board", BOARD, "-o", out, "--no-posterior", "--json"]
     code, said, _ = run(capsys, "calibrate", captured / "images", *options, "--f-sigma", "0.5 mm")
@@ -154,7 +154,7 @@ def test_without_posterior_the_same_bytes_and_gaussian_intervals(capsys, capture
     assert d_3["interval_95"][1] - d_3["estimate"] == pytest.approx(1.96 * d_3["sigma"], rel=1e-4)
 
 
-def test_a_design_of_another_camera_is_noticed(capsys, captured, tmp_path):
+def test_a_design_of_another_camera_is_noticed(capsys, captured, tmp_path, blank_pngs):
     options = ["--design", "paper", "--board", BOARD, "-o", tmp_path / "out", "--no-posterior", "--json"]
     code, said, _ = run(capsys, "calibrate", captured / "images", *options)
     assert code == 0
@@ -163,7 +163,7 @@ def test_a_design_of_another_camera_is_noticed(capsys, captured, tmp_path):
     assert "board6.tif" in missing
 
 
-def test_cells_told_wrong_are_not_passed_over(capsys, captured, tmp_path):
+def test_cells_told_wrong_are_not_passed_over(capsys, captured, tmp_path, blank_pngs):
     told = {}
     for cell in (CELL, 1.07 * CELL):
         out = tmp_path / f"{cell:g}"
@@ -186,7 +186,7 @@ def test_cells_told_wrong_are_not_passed_over(capsys, captured, tmp_path):
     assert "if the board's cells measured 1.7 mm, not 1.819 mm" in warning
 
 
-def test_calibrated_in_air_used_in_water(capsys, captured, small, tmp_path):
+def test_calibrated_in_air_used_in_water(capsys, captured, small, tmp_path, blank_pngs):
     """Behind a flat window the images are those of the camera without it; in water the way from it is n-fold."""
     window = {"kind": "plate", "distance": small.d_3 + 1, "thickness": 1.0, "material": {"index": 1.5}}
     save(small.replace({"elements": [window]}, d_1=small.d_1), tmp_path / "dry.toml")
@@ -210,7 +210,7 @@ def test_calibrated_in_air_used_in_water(capsys, captured, small, tmp_path):
     assert "told uncorrected" in page
 
 
-def test_side_data_reach_the_answer(capsys, captured, small, tmp_path):
+def test_side_data_reach_the_answer(capsys, captured, small, tmp_path, blank_pngs):
     stood = "\n".join(f'"board{k}.tif" = "{small.d_f + away:.9g} mm"' for k, (away, _, _) in enumerate(POSES, 1))
     (tmp_path / "stood.toml").write_text(f'sigma = "0.05 mm"\nrelative = true\n[distances]\n{stood}\n')
     options = ["--design", captured / "small.toml", "--board", BOARD, "-o", tmp_path / "out", "--no-posterior"]
@@ -420,7 +420,7 @@ def test_bad_options_are_one_line_and_exit_2(capsys, tmp_path, monkeypatch, argu
     assert list(tmp_path.iterdir()) == []
 
 
-def test_boards_at_one_depth_are_used_with_a_warning(capsys, captured, small, tmp_path):
+def test_boards_at_one_depth_are_used_with_a_warning(capsys, captured, small, tmp_path, blank_pngs):
     folder = tmp_path / "images"
     folder.mkdir()
     shutil.copy(captured / "images" / "white.tif", folder / "white.tif")

@@ -81,7 +81,7 @@ def calibrated(capsys, place, out):
     return json.loads(said)
 
 
-def test_hexagonal_round_and_dark_from_the_images_to_the_lengths(capsys, captured, tmp_path):
+def test_hexagonal_round_and_dark_from_the_images_to_the_lengths(capsys, captured, tmp_path, blank_pngs):
     place, camera = captured
     found = calibrated(capsys, place, tmp_path / "out")
     white = found["white_image"]

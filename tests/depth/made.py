@@ -9,6 +9,18 @@ import numpy as np
 from scipy import ndimage
 
 from roslf_design.calibration.decoding import LightField
+from roslf_design.depth import measure
+from roslf_design.imaging import transfer
+
+
+def fewer_rays(patch):
+    """Pictures that depth is simulated with, by a fifth of the work: a quarter of the rays, light from 48 px around.
+
+    Depths scatter twice as much, and as many are known: where what is said of them counts, not how good they are.
+    """
+    patch.setattr(transfer, "LEAST_HALO", 48)
+    patch.setattr(measure, "RAYS", measure.RAYS // 4)
+    patch.setattr(measure, "LEAST_RAYS", measure.LEAST_RAYS // 4)
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,7 @@ def design():
 @pytest.fixture(scope="module")
 def trial(design):
     """What the simulation measures of its first exposure."""
-    return simulate(design, make_scene({"objects": [WALL | {"texture": TEXTURE}]}), region=REGION, seed=3)
+    return simulate(design, make_scene({"objects": [WALL | {"texture": TEXTURE}]}), region=REGION, seed=3, rays=128)
 
 
 @pytest.fixture(scope="module")

@@ -12,6 +12,7 @@ from roslf_design.cli import main
 from roslf_design.depth.estimate import DisparityStatus
 from roslf_design.depth.measure import region_about
 from roslf_design.theory.stop_images import MicrolensImages
+from tests.depth.made import fewer_rays
 
 REGION = "2240,1480,110,110"
 """Nine by nine microlenses or so, about the axis of the paper's camera."""
@@ -26,7 +27,9 @@ distance = "350 mm"
 def written(tmp_path_factory):
     """A folder that the command wrote, and what its JSON says; of two exposures."""
     folder = tmp_path_factory.mktemp("depth")
-    assert main(["depth", "paper", "--region", REGION, "--exposures", "2", "--seed", "3", "-o", str(folder)]) == 0
+    with pytest.MonkeyPatch.context() as patch:
+        fewer_rays(patch)
+        assert main(["depth", "paper", "--region", REGION, "--exposures", "2", "--seed", "3", "-o", str(folder)]) == 0
     return folder, json.loads((folder / "depth.json").read_text(), parse_constant=pytest.fail)
 
 
@@ -72,7 +75,7 @@ def test_page_asks_and_answers(written):
         assert (folder / f"{name}.svg").read_text().startswith("<?xml")
 
 
-def test_same_seed_same_bytes(written, tmp_path):
+def test_same_seed_same_bytes(written, tmp_path, few_rays):
     folder, _ = written
     again = tmp_path / "again"
     assert main(["depth", "paper", "--region", REGION, "--exposures", "2", "--seed", "3", "-o", str(again)]) == 0
@@ -87,7 +90,7 @@ def test_same_seed_same_bytes(written, tmp_path):
     assert "tables/in-numbers.csv" in files
 
 
-def test_a_wall_without_texture_is_unknown(tmp_path, capsys):
+def test_a_wall_without_texture_is_unknown(tmp_path, capsys, few_rays):
     (tmp_path / "wall.toml").write_text(PLAIN_WALL)
     assert main(["depth", "paper", "--region", REGION, "--scene", str(tmp_path / "wall.toml"), "--json"]) == 0
     data = json.loads(capsys.readouterr().out, parse_constant=pytest.fail)
@@ -98,7 +101,7 @@ def test_a_wall_without_texture_is_unknown(tmp_path, capsys):
     assert data["assumes"]["texture"] == "the design's, not the scene's"
 
 
-def test_a_wrong_belief_shows_as_bias():
+def test_a_wrong_belief_shows_as_bias(few_rays):
     region = (2240, 1480, 110, 110)
     design = roslf.load("paper")
     trial = roslf.measure_depth(design, region=region, believed=design.replace(f=101.0))

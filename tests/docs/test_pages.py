@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 sys.path.insert(0, os.path.dirname(__file__))
-from pages import blocks, few_builds, follow, matches, steps
+from pages import blocks, follow, matches, steps, thin_out
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGES = [
@@ -19,10 +19,9 @@ PAGES = [
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(DOCS).as_posix())
-def test_page_does_what_it_says(page, tmp_path, monkeypatch, request):
-    if page.stem != "depth":  # which measures by light from farther away, too
-        request.getfixturevalue("near_light")
-    few_builds(monkeypatch)
+def test_page_does_what_it_says(page, tmp_path, monkeypatch, request, blank_pngs):
+    request.getfixturevalue("few_rays" if page.stem == "depth" else "near_light")
+    thin_out(monkeypatch)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "100")
     assert follow(page, tmp_path) > 0

@@ -15,7 +15,7 @@ import sys
 import pytest
 
 sys.path.insert(0, os.path.dirname(__file__))
-from pages import blocks, few_builds, run
+from pages import blocks, run, thin_out
 
 from roslf_design.cli import COMMANDS
 from roslf_design.optimization import robust
@@ -48,7 +48,7 @@ def lines_of(root):
 
 
 @pytest.fixture
-def project(root, tmp_path, monkeypatch, near_light):
+def project(root, tmp_path, monkeypatch, near_light, few_rays, blank_pngs):
     """A copy of the project's designs and thinned studies, as the working folder."""
     for name in ("designs", "studies"):
         shutil.copytree(root / name, tmp_path / name)
@@ -59,7 +59,7 @@ def project(root, tmp_path, monkeypatch, near_light):
         study.write_text(text)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "120")
-    few_builds(monkeypatch)
+    thin_out(monkeypatch)
     monkeypatch.setattr(robust, "SHARP", robust.SHARP[:1])
     few = [case for case in hard_rows.all_cases() if case.name in ("d_3 → d_f", "discs near tangency")]
     monkeypatch.setattr(hard_rows, "all_cases", lambda: few)

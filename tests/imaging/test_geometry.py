@@ -132,7 +132,7 @@ def test_noise_repeats_with_its_seed():
     assert (one != other).any()
 
 
-def test_a_uniform_plane_looks_like_a_white_field():
+def test_a_uniform_plane_looks_like_a_white_field(near_light):
     region = (3000, 2000, 40, 40)
     plane = Scene(objects=(Plane(distance=300.0, texture=Uniform(level=0.5)),))
     traced = render(PAPER, plane, region=region, sampling=RaySampling(1024, 1024, 0.0, 1))

@@ -113,7 +113,7 @@ def region_of(design, scene):
 
 @pytest.mark.parametrize(("design", "scene", "name", "budget", "overrides", "how"), [c[1:] for c in LEFT_OUT],
                          ids=[f"{c[3]}: {c[0]}" for c in LEFT_OUT])  # fmt: skip
-def test_what_is_left_out_is_smaller_than_it_says(design, scene, name, budget, overrides, how):
+def test_what_is_left_out_is_smaller_than_it_says(design, scene, name, budget, overrides, how, near_light):
     line, size = measure(design, scene, name, region_of(design, scene), Budget(**budget), overrides, how)
     assert not line.on
     # Noise is drawn at random: its rms over 25600 pixels is known to 0.5 %.
@@ -122,7 +122,7 @@ def test_what_is_left_out_is_smaller_than_it_says(design, scene, name, budget, o
 
 @pytest.mark.parametrize(("design", "scene", "name", "budget", "overrides", "how"), [c[1:] for c in RENDERED],
                          ids=[f"{c[3]}: {c[0]}" for c in RENDERED])  # fmt: skip
-def test_what_is_rendered_is_larger_than_the_budget(design, scene, name, budget, overrides, how):
+def test_what_is_rendered_is_larger_than_the_budget(design, scene, name, budget, overrides, how, near_light):
     line, size = measure(design, scene, name, region_of(design, scene), Budget(**budget), overrides, how)
     assert line.on
     assert size > line.budget, f"{size:.3g} of a budget of {line.budget:g}, estimated {line.estimate:.3g}"

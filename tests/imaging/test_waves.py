@@ -290,9 +290,8 @@ def test_error_of_the_incoherent_model_for_a_texture(f_ml, fill, points):
     ],
     ids=["a quarter off", "far off, turned", "round", "white, traced"],
 )
-def test_a_wall_without_contrast_looks_like_a_white_field_out_of_focus(changes, textured, monkeypatch):
+def test_a_wall_without_contrast_looks_like_a_white_field_out_of_focus(changes, textured, near_light):
     """Through whole microlenses and through their middles alike: uniform light has no detail that could tell."""
-    monkeypatch.setattr("roslf_design.imaging.transfer.LEAST_HALO", 48)  # a quarter of the rays
     design = PAPER.replace(changes)
     region, sampling = (2280, 1520, 12, 12), RaySampling(512, 512, 0.0)
     wall = Scene(objects=(Plane(texture=Uniform(level=1.0)),)) if textured else None

@@ -12,7 +12,7 @@ from roslf_design.lenses.glass import find_glass
 from roslf_design.lenses.lens_file import load_lens
 from roslf_design.lenses.manufacture import abbe_number, as_made, lens_builds, lens_places, lens_values
 from roslf_design.lenses.prescription import LensError, Prescription, Surface, first_order, surface_table
-from roslf_design.lenses.tracer import COLUMNS, Rays
+from roslf_design.lenses.tracer import COLUMNS
 from roslf_design.traced.camera import camera_of, microlenses
 from roslf_design.traced.images import real_field, real_images
 
@@ -66,9 +66,9 @@ def test_wedges_bend_light_as_thin_prisms_do():
     """A ray on the axis of a weak wedge turns by (n - 1) times its angle, across the axis that it turns about."""
     plate = Prescription((Surface(0.0, 10.0, 2.0, find_glass("N-BK7")), Surface(0.0, 10.0)))
     made = missed(plate, elements_1_wedge_1=1e-4)
-    rays = Rays(np.array([0.0, 0.0, -1.0]), np.array([0.0, 0.0, 1.0]))
     n = float(plate.surfaces[0].glass.index(GREEN))
-    assert_allclose(made.trace(rays, GREEN).rays.direction[:2], [-(n - 1) * 1e-4, 0.0], rtol=1e-6, atol=1e-15)
+    bent = made.through((0.0, 0.0), (0.0, 0.0), GREEN, start=-1.0, end=2.0, backward=False)
+    assert_allclose(bent.slope, [-(n - 1) * 1e-4, 0.0], rtol=1e-6, atol=1e-15)
 
 
 def test_a_decentred_lens_moves_images_as_a_decentred_design():

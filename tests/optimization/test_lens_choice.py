@@ -15,7 +15,7 @@ from roslf_design.lenses.glass import find_glass
 from roslf_design.lenses.lens_file import load_lens, shipped_names
 from roslf_design.lenses.prescription import Prescription, Surface, first_order
 from roslf_design.optimization import Constraint, Goal, Settings, solve
-from roslf_design.optimization.lens_variables import BENDING, FOCAL, LensVariation, shape_factor, with_glasses
+from roslf_design.optimization.lens_variables import BENDING, FOCAL, LensVariation, with_glasses
 from roslf_design.optimization.parts import load_catalogue
 from roslf_design.optimization.problem import NumberVariable
 from roslf_design.optimization.ranking import CatalogueTable, Combinations, rank
@@ -30,6 +30,12 @@ SINGLET = roslf.load("paper-singlet").replace({"depth.disparity_error": 0.1})
 FIELDS = ((0.0, 0.0), (11.0, 7.0))
 GREEN = SINGLET.wavelength
 DOUBLET = load_lens("AC254-100-A")
+
+
+def shape_factor(lens):
+    """(R_2 + R_1)/(R_2 - R_1) of the outer surfaces."""
+    first, last = lens.surfaces[0].curvature, lens.surfaces[-1].curvature
+    return (first + last) / (first - last)
 
 
 def images(design, fields=FIELDS, points=64):

@@ -2,7 +2,7 @@
 
 import pytest
 
-from roslf_design.reporting import design, story
+from roslf_design.reporting import datasheet, design, story
 from roslf_design.reporting.blocks import Figure
 
 NAMES = ("dimensions", "rays", "cells", "view", "images", "waves", "maps", "plane", "depth", "effects")
@@ -23,6 +23,8 @@ def few_builds():
 
     look = story.quick_tolerances
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(datasheet, "FEW", 6)
+        patch.setattr(datasheet, "MANY", 64)
         patch.setattr(story, "quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))
         patch.setattr(
             result, "yield_curve", lambda plan, own: tuple((s, result.yield_at(plan, s, 500)) for s in (0.5, 1.0, 2.0))

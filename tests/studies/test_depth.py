@@ -27,7 +27,7 @@ sys.modules[spec.name] = study
 spec.loader.exec_module(study)
 
 
-def test_a_forgotten_bore_bends_depth_as_the_formulas_say():
+def test_a_forgotten_bore_bends_depth_as_the_formulas_say(few_rays):
     case, wall = study.cases()["d_3 taken as 0"], study.scenes()["slanted wall"]
     # About ten microlenses in a row near the sensor's edge, where the wall is 5 mm behind the focal plane.
     found = study.measured(case, wall, (500, 1470, 140, 140), exposures=1, bins=1)

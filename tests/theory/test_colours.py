@@ -79,7 +79,7 @@ def test_electrons_of_a_colour_by_hand():
     assert float(exposure(bright)) < 1 / 60
 
 
-def test_information_against_differences_of_rendered_mosaics():
+def test_information_against_differences_of_rendered_mosaics(light_from_48_px):
     """To 2 % of sigma, for a grating along x: what pixels of all colours tell adds up."""
     design, periods = BAYER.replace({"light.exposure": 0.004}), 0.25
     camera = Camera.of(design)
@@ -92,7 +92,7 @@ def test_information_against_differences_of_rendered_mosaics():
     assert ours < 0.5 * float(disparity_information(MicrolensImages(grey, [(0.0, 0.0)]), seen, wave)[0, 0])
 
 
-def test_a_mosaic_is_put_together_from_pictures_in_each_colour():
+def test_a_mosaic_is_put_together_from_pictures_in_each_colour(near_light):
     image = render(BAYER, WALL, **COARSE).pixels
     own = mosaic("GRBG", *REGION)
     signals = [0.7 * 600, 0.8 * 535, 0.7 * 460]
@@ -109,7 +109,7 @@ def test_a_mosaic_is_put_together_from_pictures_in_each_colour():
     assert_allclose(patch, white[:20, :30], atol=1e-2)
 
 
-def test_the_white_image_makes_colours_equal():
+def test_the_white_image_makes_colours_equal(near_light):
     """Views of a mosaic are those of a grey sensor, but for what wavelengths blur and interpolation mixes: 1 % rms."""
     camera, shape = Camera.of(BAYER), REGION[:1:-1]
     lattice = lattice_of(camera, Region(*REGION))

@@ -104,7 +104,7 @@ CUT = PAPER.replace({"main_lens.diameter": 20.0})
     ],
     ids=["matched", "out of focus", "gaps", "barely cut", "half cut"],
 )  # fmt: skip
-def test_prediction_against_differences_of_rendered_pictures(design, field, periods, disparity):
+def test_prediction_against_differences_of_rendered_pictures(design, field, periods, disparity, light_from_48_px):
     """To 2 % of sigma, for a grating along x and one along y."""
     camera = Camera.of(design)
     power = np.full(1, 0.5**2 / 2 * np.sinc(periods) ** 2)

@@ -10,7 +10,6 @@ from numpy.testing import assert_allclose
 from roslf_design._arrays import sunflower
 from roslf_design.design import load
 from roslf_design.lenses.prescription import first_order
-from roslf_design.lenses.tracer import Rays
 from roslf_design.reporting.story import run_tolerances
 from roslf_design.tolerancing.metrics import METRICS, Question, builds_of, evaluate_builds
 from roslf_design.tolerancing.places import LENS, LENSLETS, load_grades, nominal_values, perturbable
@@ -21,6 +20,7 @@ from roslf_design.tolerancing.traced import as_built, mounted
 from roslf_design.tolerancing.trials import one_trial
 from roslf_design.traced.camera import camera_of, microlenses
 from roslf_design.traced.images import FULL, real_field, real_images
+from tests.lenses.vector_rays import Rays, trace
 
 FIELDS = ((0.0, 0.0), (6.0, 0.0), (9.0, -6.0))
 
@@ -210,14 +210,14 @@ def test_blur_is_that_of_rays_traced_one_build_at_a_time():
         shift = [*np.negative(one.main_lens.decentre), 0.0]
         for field, point in enumerate(known.points + shift):
             rays = Rays(pupil, Rays.between(point[:, None], pupil).direction)
-            traced = camera.lens.trace(rays, one.wavelength, plane=camera.array.z)
+            traced = trace(camera.lens, rays, one.wavelength, plane=camera.array.z)
             lit = traced.kept
             for stop in camera.rims[1:]:
                 slope = rays.direction[:2] / rays.direction[2]
                 where = stop.crossed(rays.position[:2] + slope * (stop.z - rays.position[2]), slope, stop.z)
                 lit &= np.hypot(*(where - [[stop.x], [stop.y]])) <= stop.diameter / 2
-            x, y, _ = traced.rays.position
-            slope = traced.rays.direction[:2] / traced.rays.direction[2]
+            x, y, _ = traced.position
+            slope = traced.direction[:2] / traced.direction[2]
             place = camera.array.crossed(np.stack([x, y]), slope, camera.array.z)[:, lit]
             rms = np.sqrt(np.sum(np.var(place, axis=1)))
             # 48 rays and 4000, both cut by rims here and there.

@@ -19,10 +19,10 @@ from roslf_design.errors import InputError
 from roslf_design.evaluation import evaluate
 from roslf_design.lenses.glass import find_glass
 from roslf_design.lenses.prescription import Prescription, Surface
-from roslf_design.lenses.tracer import Rays
 from roslf_design.traced.camera import camera_of
 from roslf_design.traced.images import measured_bound, real_field, real_images
 from tests.lenses.test_in_design import real
+from tests.lenses.vector_rays import Rays, trace
 
 from .test_images import mounted
 
@@ -179,7 +179,7 @@ def test_tilted_parts_are_traced_where_they_stand():
     for angle, point in zip(2 * np.pi * np.arange(96) / 96, images.outline[0], strict=True):
         on_sensor = point + axis + [0.3, 0.0] - [0.2, -0.1]
         pixel = spun((*on_sensor, 0.0), tilts["sensor"], [0.2, -0.1, camera.detector.z])
-        ray = camera.lens.trace(Rays.between(pixel, lens), 550e-6, backward=True).rays
+        ray = trace(camera.lens, Rays.between(pixel, lens), 550e-6, backward=True)
         rim = spun((1.45 * np.cos(angle), 1.45 * np.sin(angle), 0.0), tilts["aperture"], [0.1, 0.2, camera.fap.z])
         assert_allclose(np.cross(rim - ray.position, ray.direction), 0, atol=2e-10)
 
