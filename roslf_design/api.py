@@ -16,7 +16,8 @@ from .commands.decode import decoded
 from .depth.captured import MeasuredCapture
 from .depth.decoded import Decoded
 from .depth.measure import Trial, simulate
-from .design import Design, load
+from .design import Design
+from .design.files import as_design
 from .imaging.render import RawImage
 from .imaging.render import render as render_image
 from .optimization.study import Result, load_study
@@ -28,10 +29,6 @@ from .theory.quantities import Quantity, quantity_named
 from .tolerancing.result import StudyResult, analyse
 from .tolerancing.run import merged, tally_chunk
 from .tolerancing.study import load_plan
-
-
-def _design(design: Design | str | Path) -> Design:
-    return design if isinstance(design, Design) else load(design)
 
 
 def quantity(name: str) -> Quantity:
@@ -94,7 +91,7 @@ def render(
     (30, 40)
     """
     look = load_scene(scene) if isinstance(scene, (str, Path)) else scene
-    return render_image(_design(design), look, overrides=overrides, **more)
+    return render_image(as_design(design), look, overrides=overrides, **more)
 
 
 def measure_depth(
@@ -134,7 +131,7 @@ def measure_depth(
     >>> trial.summary().spread_mm  # doctest: +SKIP
     """
     look = load_scene(scene) if isinstance(scene, (str, Path)) else scene
-    return simulate(_design(design), look, believed=None if believed is None else _design(believed), **more)
+    return simulate(as_design(design), look, believed=None if believed is None else as_design(believed), **more)
 
 
 def capture_depth(
@@ -373,4 +370,4 @@ def report(design: Design | str | Path) -> Report:
     >>> import roslf_design as roslf
     >>> page = roslf.render_html(roslf.report("paper"))  # doctest: +SKIP
     """
-    return design_report(_design(design))
+    return design_report(as_design(design))
