@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationInfo, f
 from pydantic_core import PydanticCustomError
 
 from ..lenses.glass import Glass
-from ..units import Angle, AnyLength, Distance, Illuminance, Length, Radiance, Time, parse_quantity
+from ..units import Angle, AnyLength, Distance, Illuminance, Length, Radiance, Time, format_quantity, parse_quantity
 from .material import Material
 from .real_lens import Lens
 
@@ -168,6 +168,15 @@ class Sensor(Part):
     [rad]; None where nothing is known."""
     colours: Colours = "mono"
     """Filters on its pixels; rows count as in the raw image."""
+
+    @field_validator("size", mode="after")
+    @classmethod
+    def _of_pixels(cls, value: tuple[float, float], info: ValidationInfo) -> tuple[float, float]:
+        pixel = info.data.get("pixel")
+        if pixel is not None and min(value) < pixel * (1 - 1e-9):
+            wide, high, own = (format_quantity(length, "length", 6) for length in (*value, pixel))
+            raise ValueError(f"{wide} x {high} is less than one pixel of {own}; check the units of pixel and size")
+        return value
 
     @field_validator("acceptance", mode="after")
     @classmethod

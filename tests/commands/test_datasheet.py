@@ -243,7 +243,7 @@ def test_a_sweep_says_what_its_picture_leaves_out(tmp_path, capsys):
         "11", "-o", tmp_path / "s.svg",
     )  # fmt: skip
     assert code == 0
-    # 100 mm is inside the plate, beyond 404.6 mm (350 mm, and what 160 mm of glass add) is nothing that could be in focus.
+    # 100 mm is inside the plate, beyond 404.6 mm (350 mm, and what the glass adds) is nothing that could be in focus.
     assert "7 of 11 points cannot be built: at d_3 = 100 mm: aperture.distance: 100 mm lies inside elements" in err
     assert "at d_3 = 500 mm: aperture.distance: 500 mm is not less than the focal-plane distance" in err
     picture = sweep_picture(roslf.sweep(scope, {"d_3": np.linspace(0, 1000, 11)}, ["fill_factor"]), "scope")
