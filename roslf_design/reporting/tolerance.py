@@ -319,7 +319,7 @@ def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
         caption = (
             f"All together, {after}a yield of {100 * budget.result.value:.2f} % of {budget.result.trials:,} builds"
             + ("" if budget.cost is None else f", for {_cost(budget.cost)} in all against now, changes and savings")
-            + ". Saves: of the part's cost, in the unit of the grades' file; as shipped, 1 is the part in its loosest grade."
+            + ". Saves: of the part's cost, in the unit of the grades' file (as shipped, 1 is its loosest grade)."
         )
         yield Table.of(budget.looser, shown, "What may be looser", caption)
 

@@ -198,7 +198,7 @@ class Study(StrictTable):
     fields: tuple[FieldPlace, ...] = ("centre", "edge", "corner")
     """Microlens positions on the array."""
     object_distance: Length | None = None
-    """Z of the decoder's target; the focal plane where left out."""
+    """Z of the decoder's target, from the main lens; the focal plane where left out."""
     perturb: tuple[Perturb, ...] = ()
     groups: tuple[Group, ...] = ()
     goals: tuple[MetricGoal, ...]
