@@ -23,6 +23,7 @@ from ..reporting.blocks import Statement
 from ..reporting.depth import statements as depth_statements
 from ..reporting.optimization import statements
 from ..reporting.story import CENTRE, DEPTH, FILL, KEPT, quick_study, run_optimisation
+from ..reporting.tolerance import impossible_words
 from ..theory.quantities import quantity_named
 from ..tolerancing.analyses import Variant, Yield, sensitivity, summarise, yield_at
 from ..tolerancing.places import perturbable, short_name
@@ -412,7 +413,8 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
         curve=tuple(curve),
         question=f"{trials} builds to the grade '{study.grade}', the decoder {decoder}. A build is good where its fill "
         f"factor stays within {100 * FILL:g} % of nominal, its depth spread grows by {100 * DEPTH:g} % at most, no "
-        f"field loses more than {100 * KEPT:g} % of its light, and image centres are found to {CENTRE:g} px.",
+        f"field loses more than {100 * KEPT:g} % of its light, and image centres are found to {CENTRE:g} px. "
+        f"{impossible_words(variant)}".rstrip(),
     )
 
 
