@@ -751,11 +751,11 @@ class Camera(Symbols[Number]):
         return self._images_well(), self._possible_numbers(), self._fits()
 
     def _images_well(self) -> Iterator[tuple[str, Any]]:
-        yield "the main lens does not converge light", np.asarray(self.f) > 0
-        yield "the microlenses do not converge light", np.asarray(self.f_ml) > 0
+        yield "f is not above 0", np.asarray(self.f) > 0
+        yield "f_ml is not above 0", np.asarray(self.f_ml) > 0
         beyond = (np.asarray(self.d_f) > self.f) & (np.asarray(self.d_1) > self.f)
-        yield "the focal plane or the microlens array is not beyond f", beyond
-        yield "the sensor is not behind the microlens array", np.asarray(self.d_2) > 0
+        yield "no real image", beyond
+        yield "d_2 is not above 0", np.asarray(self.d_2) > 0
 
     def _possible_numbers(self) -> Iterator[tuple[str, Any]]:
         for place, value in self._numbers.items():
@@ -780,7 +780,7 @@ class Camera(Symbols[Number]):
         ahead: Any = True if self.chain is None else plane >= self.chain.end(self._numbers)
         for rim in (self.fap, *self.rims[1:]):
             ahead = ahead & (np.asarray(rim.stands) < plane)
-        yield "the focal plane is not ahead of every part", ahead
+        yield "focal plane in the bore", ahead
         if self.chain is not None:
             stops = {rim.name: rim.stands for rim in (self.fap, *self.rims[1 : 1 + self.stops])}
             yield from self.chain.apart(self._numbers, stops)

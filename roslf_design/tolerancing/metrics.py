@@ -173,6 +173,6 @@ def faults_of(question: Question, values: Mapping[str, Array], trials: int) -> d
             faults = nominal.replace(values).faults()
         else:
             mount = mounted(design, values, trials)
-            unsound = {"the main lens as made touches its neighbours or passes no light": ~mount.sound}
+            unsound = {"main lens impossible as made, or touched": ~mount.sound}
             faults = nominal.as_measured.replace(mount.twins).faults() | unsound
     return {words: np.broadcast_to(flags, (trials,)) for words, flags in faults.items()}

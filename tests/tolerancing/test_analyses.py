@@ -246,7 +246,7 @@ def test_builds_that_are_no_cameras_are_counted_apart_by_reason():
     assert variant.impossible == behind + beyond
     assert dict(variant.faults) == {
         "aperture.distance is below 0": behind,
-        "the focal plane is not ahead of every part": beyond,
+        "focal plane in the bore": beyond,
     }
     assert np.isinf(tally.scores).all()
     there = values[(values >= 0) & (values < 350)]

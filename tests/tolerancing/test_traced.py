@@ -11,7 +11,7 @@ from roslf_design._arrays import sunflower
 from roslf_design.design import load
 from roslf_design.lenses.prescription import first_order
 from roslf_design.reporting.story import run_tolerances
-from roslf_design.tolerancing.metrics import METRICS, Question, builds_of, evaluate_builds
+from roslf_design.tolerancing.metrics import METRICS, Question, builds_of, evaluate_builds, faults_of
 from roslf_design.tolerancing.places import LENS, LENSLETS, load_grades, nominal_values, perturbable
 from roslf_design.tolerancing.result import trace_check
 from roslf_design.tolerancing.run import Where, run_trials
@@ -305,6 +305,8 @@ def test_impossible_builds_are_undefined():
     assert np.all(np.isnan(found[:, 0]))
     assert np.all(np.isnan(found[:, 2]))
     assert not np.any(np.isnan(found[:, 1]))
+    faults = faults_of(Question(design, tuple(METRICS), FIELDS, 350.0), values, 3)
+    assert np.any(list(faults.values()), axis=0).tolist() == [True, False, True]
 
 
 @pytest.mark.parametrize("grade", ["commercial", "precision", "high"])
