@@ -105,7 +105,9 @@ def unmixed(camera: Camera, field: LightField) -> OwnLight:
     hexagonal = field.hexagonal
     lenses = field if hexagonal is None else hexagonal
     size = (lenses.values.shape[2], lenses.values.shape[3])
-    start = np.zeros(size[0], int) if hexagonal is None else np.rint(hexagonal.starts - _halves(field)).astype(int)
+    start = (
+        np.zeros(size[0], int) if hexagonal is None else np.rint(hexagonal.starts - field.v / math.sqrt(3)).astype(int)
+    )
     maps = _Map.of(rows, columns, (height, width), size)
     mine = maps(np.moveaxis(shares[own], 0, -1))
     values, weight = np.zeros_like(lenses.values, np.float32), np.zeros_like(lenses.weight, np.float32)
@@ -210,10 +212,6 @@ def _parts_at(camera: Camera, places: NDArray[np.float64], field: LightField) ->
     ]
     light, x, y = (np.concatenate([getattr(part, name) for part in pieces], 1)[:, back] for name in ("light", "x", "y"))
     return ImageParts(pieces[0].steps, light, x, y)
-
-
-def _halves(field: LightField) -> NDArray[np.float64]:
-    return field.v / math.sqrt(3)
 
 
 class _Mixing(NamedTuple):

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._arrays import Array
-from ..camera import Camera
 from ..design import Design
+from .ideal import IdealBuilds
 from .metrics import Question, builds_of, evaluate_builds
 from .places import nominal_values, of_parts, perturbable
 from .study import TolerancePlan
@@ -108,10 +108,12 @@ def one_trial(plan: TolerancePlan, number: int) -> tuple[Design, MeasuredTrials]
     return design.replace(changes) if design.lens is None else as_built(design, changes), measured
 
 
-def first_builds(plan: TolerancePlan, count: int) -> tuple[Camera, NDArray[np.bool_]]:
-    """A plan's first builds, adjusted where anything is, and which of them are cameras; shape (builds,).
+def first_builds(
+    plan: TolerancePlan, count: int, fields: tuple[tuple[float, float], ...] = ()
+) -> tuple[IdealBuilds, NDArray[np.bool_]]:
+    """A plan's first builds, adjusted where anything is, at fields or its own, and which are cameras, (builds,).
 
-    Others have nominal numbers. Behind a real main lens they are thin twins.
+    Others have nominal numbers. Behind a real main lens their `camera` is of thin twins.
     """
     count = min(count, plan.chunk_trials(0))
     deviations = plan.draws.deviations(np.ascontiguousarray(plan.draws.uniforms(0, plan.chunk, 0, count)))
@@ -119,8 +121,8 @@ def first_builds(plan: TolerancePlan, count: int) -> tuple[Camera, NDArray[np.bo
     if plan.adjusters:
         compensator = compensator_of(plan)
         values = compensator.applied(values, compensator.adjusted(values, deviations)[0])
-    builds, good = builds_of(plan.question, values, count)
-    return builds.camera, good
+    question = replace(plan.question, fields=fields) if fields else plan.question
+    return builds_of(question, values, count)
 
 
 class Compensator:
