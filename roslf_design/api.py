@@ -16,7 +16,8 @@ from .commands.decode import decoded
 from .depth.captured import MeasuredCapture
 from .depth.decoded import Decoded
 from .depth.measure import Trial, simulate
-from .design import Design, load
+from .design import Design
+from .design.files import as_design
 from .imaging.render import RawImage
 from .imaging.render import render as render_image
 from .optimization.study import Result, load_study
@@ -28,10 +29,6 @@ from .theory.quantities import Quantity, quantity_named
 from .tolerancing.result import StudyResult, analyse
 from .tolerancing.run import merged, tally_chunk
 from .tolerancing.study import load_plan
-
-
-def _design(design: Design | str | Path) -> Design:
-    return design if isinstance(design, Design) else load(design)
 
 
 def _scene(scene: Scene | str | Path | None) -> Scene | None:
@@ -101,7 +98,7 @@ def render(
     >>> roslf.render("paper", region=(2280, 1520, 40, 30)).pixels.shape
     (30, 40)
     """
-    return render_image(_design(design), _scene(scene), overrides=overrides, **more)
+    return render_image(as_design(design), _scene(scene), overrides=overrides, **more)
 
 
 def measure_depth(
@@ -140,8 +137,8 @@ def measure_depth(
     >>> trial = roslf.measure_depth("paper", region=(2240, 1480, 110, 110))  # doctest: +SKIP
     >>> trial.summary().spread_mm  # doctest: +SKIP
     """
-    other = None if believed is None else _design(believed)
-    return simulate(_design(design), _scene(scene), believed=other, **more)
+    other = None if believed is None else as_design(believed)
+    return simulate(as_design(design), _scene(scene), believed=other, **more)
 
 
 def capture_depth(
@@ -379,4 +376,4 @@ def report(design: Design | str | Path) -> Report:
     >>> import roslf_design as roslf
     >>> page = roslf.render_html(roslf.report("paper"))  # doctest: +SKIP
     """
-    return design_report(_design(design))
+    return design_report(as_design(design))

@@ -86,6 +86,7 @@ COMMANDS = {
         "Feel how a design behaves: sliders, live pictures and verdicts in the browser, served from this machine.",
         "roslf explore designs/paper.toml",
     ),
+    "quantities": Command("Every number of a camera by its name, with its unit and what it is.", "roslf quantities"),
     "presets": Command("The designs that ship, and where their files are.", "roslf presets"),
 }
 """Each command: a function in the module of that name in `commands`, imported only when called."""

@@ -47,6 +47,8 @@ def test_evaluate_takes_a_preset_a_path_or_a_design(tmp_path):
     path = tmp_path / "mine.toml"
     roslf.save(roslf.load("paper"), path)
     assert roslf.evaluate(path) == roslf.evaluate("paper") == roslf.evaluate(roslf.load("paper"))
+    assert roslf.specification(path) == roslf.specification("paper")
+    assert roslf.sweep(path, {"D_F": [2.0]}, ["fill_factor"]).values["fill_factor"].shape == (1,)
 
 
 STUDY = """

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib.util
 import re
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,8 +13,9 @@ import numpy as np
 from cyclopts import Parameter
 
 from .._arrays import Array
-from ..design import PATHS, load
-from ..errors import InputError
+from ..design import PATHS, Design, load
+from ..design.conjugates import CONJUGATES
+from ..errors import InputError, one_line
 from ..pictures.sweep import sweep_picture
 from ..tables import csv_bytes
 from ..theory.sweep import sweep as compute
@@ -59,7 +62,7 @@ def sweep(
     set
         A dotted place or a symbol, and from where to where: "aperture.distance=0..150 mm"; may be given twice.
     quantity
-        Names, with commas between; docs/reference/quantities.md lists all. May be given several times.
+        Names, with commas between; `roslf quantities` lists all. May be given several times.
     output
         File to write: .png, .svg, .csv or .parquet. Default: sweep-<design>.png.
     at
@@ -85,6 +88,8 @@ def sweep(
         away = None if at is None else parse_quantity(at, "length")
     except ValueError as error:
         raise refusal("--at", str(error)) from None
+    if away is not None and not away > 0:
+        raise refusal("--at", f"{at} is not ahead of the bore's tip, where it counts from; give more than 0")
     loaded = load(design)
     if not names:
         raise refusal("--quantity", "names none; give at least one, as fill_factor")
@@ -94,8 +99,25 @@ def sweep(
         raise refusal("--set", "; ".join(map(str, error.problems))) from None
     except ValueError as error:
         raise refusal("--quantity", str(error)) from None
+    notes = list(_notes(swept, loaded))
+    if not swept.valid.any():
+        raise refusal("--set", f"nothing between can be drawn: {'; '.join(notes)}")
     write_files(target.parent, {target.name: _written(swept, kind, loaded.name)})
     print(target)
+    for note in notes:
+        print(f"roslf: {one_line(note)}", file=sys.stderr)
+
+
+def _notes(swept: Sweep, design: Design) -> Iterator[str]:
+    """What a picture does not show: which length follows, how many points there are not, and why."""
+    if swept.follows is not None:
+        changed = [PATHS.get(place, place) for place in swept.places]
+        kept = [place for place in CONJUGATES if place not in (swept.follows, *changed)]
+        stays = "".join(f"; {place} stays {design[place]:.6g} mm" for place in kept)
+        yield f"{swept.follows} follows from what is swept{stays}"
+    if not swept.valid.all():
+        count = int((~swept.valid).sum())
+        yield f"{count} of {swept.valid.size} points cannot be built: {'; '.join(swept.refused(design))}"
 
 
 def _span(text: str, count: int) -> tuple[str, Array]:

@@ -17,6 +17,7 @@ from ..calibration.frames import ColourBalance
 from ..calibration.lattice import CentreLattice
 from ..camera import Camera
 from ..design import Design
+from ..design.parts import MOST_CONTRAST
 from ..effects import Budget, plan
 from ..effects.waves import add_noise
 from ..errors import InputError, Problem
@@ -371,9 +372,8 @@ def default_scene(design: Design) -> Scene:
     slope = min(
         abs(end - design.d_f) / half if math.isfinite(end) else math.inf for end in (max(ends[0], nearest), ends[1])
     )
-    texture = Noise(
-        finest=DETAIL * float(QUANTITIES["object_sample_mm"](camera)), contrast=design.depth.contrast, seed=1
-    )
+    contrast = min(design.depth.contrast, MOST_CONTRAST)  # that of a single period may be more
+    texture = Noise(finest=DETAIL * float(QUANTITIES["object_sample_mm"](camera)), contrast=contrast, seed=1)
     return Scene(name="slanted wall", objects=(Plane(tilt=(0.0, math.atan(min(slope, 3.0))), texture=texture),))
 
 
@@ -567,7 +567,11 @@ def assumed(design: Design, scene: Scene, window: int) -> Design:
     settings: dict[str, Any] = {"depth.window": window}
     texture = texture_of(scene)
     if texture is not None:
-        settings |= {"depth.contrast": max(texture.contrast, 1e-9), "depth.finest": texture.finest}
+        settings |= {
+            "depth.contrast": max(texture.contrast, 1e-9),
+            "depth.finest": texture.finest,
+            "depth.period": None,
+        }
     return design.replace(settings)
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from ..errors import InputError, Problem
-from ..toml_files import parse_toml, read_toml
+from ..toml_files import nearest, parse_toml, read_toml
 from .check import DesignError
 from .design import Design, build
 
@@ -121,9 +121,16 @@ def load(path: str | os.PathLike[str]) -> Design:
     if origin in preset_names() and (os.path.isdir(place) or not os.path.exists(place)):
         place = preset_path(origin)
     missing = "check the path, or see `roslf presets` for the designs that ship"
+    if place.name == origin and not place.suffix:  # as a preset is called
+        missing = nearest(origin, preset_names(), missing)
     data = read_toml(place, origin, missing, refusal=DesignError)
     expect_kind(data, "design", origin)
     return build(data, from_file=True, origin=origin, folder=place.parent)
+
+
+def as_design(design: Design | str | os.PathLike[str]) -> Design:
+    """A design as it is, or the one that a path or the name of a preset stands for, as `load` reads it."""
+    return design if isinstance(design, Design) else load(design)
 
 
 def load_beside(name: str, folder: Path) -> Design:
@@ -200,8 +207,15 @@ def write_atomically(path: Path, content: bytes) -> None:
     Raises
     ------
     OSError
-        Folder missing or unwritable, disk full; `path` is then as it was.
+        Names `path`: folder missing or unwritable, disk full; it is then as it was.
     """
+    try:
+        _write_whole(path, content)
+    except OSError as error:
+        raise OSError(error.errno, f"cannot be written: {error.strerror or error}", str(path)) from None
+
+
+def _write_whole(path: Path, content: bytes) -> None:
     handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with os.fdopen(handle, "wb") as file:

@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationInfo, f
 from pydantic_core import PydanticCustomError
 
 from ..lenses.glass import Glass
-from ..units import Angle, AnyLength, Distance, Illuminance, Length, Radiance, Time, parse_quantity
+from ..units import Angle, AnyLength, Distance, Illuminance, Length, Radiance, Time, format_quantity, parse_quantity
 from .material import Material
 from .real_lens import Lens
 
@@ -169,6 +169,15 @@ class Sensor(Part):
     colours: Colours = "mono"
     """Filters on its pixels; rows count as in the raw image."""
 
+    @field_validator("size", mode="after")
+    @classmethod
+    def _of_pixels(cls, value: tuple[float, float], info: ValidationInfo) -> tuple[float, float]:
+        pixel = info.data.get("pixel")
+        if pixel is not None and min(value) < pixel * (1 - 1e-9):
+            wide, high, own = (format_quantity(length, "length", 6) for length in (*value, pixel))
+            raise ValueError(f"{wide} x {high} is less than one pixel of {own}; check the units of pixel and size")
+        return value
+
     @field_validator("acceptance", mode="after")
     @classmethod
     def _slanting(cls, value: float | None) -> float | None:
@@ -238,16 +247,21 @@ class Light(Part):
     """Of all optics together."""
 
 
+MOST_CONTRAST = 0.3
+"""Of a texture in each octave of detail [rms]: six octaves of it are 0.73 rms together, and one place in twelve would
+be darker than black."""
+
+
 class DepthSettings(Part):
     """What depth is told for: the scene's texture, and how disparity is found.
 
     A texture with the same contrast in every octave of detail, as natural scenes have it, or one of a single period.
     """
 
-    contrast: Annotated[float, Field(gt=0, le=1)] = 0.1
-    """Rms contrast of the texture: in each octave of detail, or of the one `period`."""
     period: Length | None = None
     """Of a texture with only one period, in every direction [mm]; None has detail of every size."""
+    contrast: Annotated[float, Field(gt=0, le=1)] = 0.1
+    """Rms contrast of the texture: of the one `period`, or in each octave of detail, there `MOST_CONTRAST` at most."""
     finest: Length | None = None
     """Period of the texture's finest detail [mm]; None has all that single views can show, down to two microlenses."""
     window: Annotated[int, Field(ge=1, le=1001)] = 5
@@ -255,6 +269,17 @@ class DepthSettings(Part):
     disparity_error: Annotated[float, Field(gt=0, le=1e3)] | None = None
     """Standard error of the disparity between the FAP's rims [microlens pitches], whatever light and texture; None
     predicts it from them."""
+
+    @field_validator("contrast", mode="after")
+    @classmethod
+    def _of_light(cls, value: float, info: ValidationInfo) -> float:
+        if value > MOST_CONTRAST and info.data.get("period", ...) is None:
+            raise ValueError(
+                f"{value:g} in each octave of detail is more than light can show: six octaves of {MOST_CONTRAST:g} are "
+                f"0.73 rms together, and no radiance is below zero; give {MOST_CONTRAST:g} at most, or depth.period "
+                "for a texture of one period"
+            )
+        return value
 
 
 PATHS: dict[str, str] = {

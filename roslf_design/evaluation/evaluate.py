@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from .._arrays import ratio
 from ..accuracy.statement import Accuracy, check_accuracy
 from ..camera import Camera
-from ..design import Design, load
+from ..design import Design
 from ..design.elements import FieldLens, element_name, made_of
 from ..design.environment import TEMPERATURE, not_known, not_named
+from ..design.files import as_design
 from ..design.material import material_told
 from ..design.parts import PATHS, Substrate
 from ..effects.plan import plan
@@ -107,8 +108,7 @@ def evaluate(
     >>> round(roslf.evaluate("paper").f_number.fill_factor, 5)
     1.00506
     """
-    if not isinstance(design, Design):
-        design = load(design)
+    design = as_design(design)
     rays = rays_for(None if design.aligned else accuracy)
     axes = default_fields(design) if fields is None else _axes(fields)
     camera = Camera.of(design)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
@@ -12,6 +13,7 @@ import numpy as np
 from .._arrays import Array
 from ..camera import Camera
 from ..design import Design
+from ..design.files import as_design
 from ..json_data import plain
 from ..theory import field_of_view, light, tube
 from ..theory.colours import ColourFilter, filters
@@ -224,19 +226,25 @@ def resolved(images: MicrolensImages, field: int, at: float, image: Kind) -> Res
     return Resolved(at, _known(float(x0)), told, image, half, tenth, each[0], each[1], fold)
 
 
-def specification(design: Design) -> Specification:
+def specification(design: Design | str | Path) -> Specification:
     """The data sheet of a design: of its straight parts, tilts left out.
 
     Behind a real main lens rays tell where fields lie, how they are lit and how sharp; the rest is its thin twin's.
     Fields are the middle, the edge and the corner of what the sensor sees.
 
+    Parameters
+    ----------
+    design : Design, str or Path
+        A design, the name of a preset, or a design file.
+
     Examples
     --------
     >>> import roslf_design as roslf
-    >>> sheet = roslf.specification(roslf.load("paper"))
+    >>> sheet = roslf.specification("paper")
     >>> [round(end, 1) for end in sheet.depth_of_field_mm.refocused]
     [218.2, 243.2]
     """
+    design = as_design(design)
     axes = default_fields(design)
     images = images_of(design, axes)
     camera = images.camera

@@ -16,7 +16,7 @@ from ..lenses.glass import ROOM
 from ..theory import tube
 from ..theory.colours import GREEN
 from ..theory.f_number import fill_factor, matched
-from ..theory.light import sensor_field
+from ..theory.light import geometric_views, sensor_field
 from ..theory.photometry import accepted, response
 from ..theory.quantities import QUANTITIES
 from ..words import listed, place
@@ -29,6 +29,8 @@ TOUCHING_PX = 1e-6
 """Overlap or gap that is told as touching: rounding, not optics [px]."""
 OVERLAP_SLACK, GAP_SLACK = 0.01, 0.05
 """The same as shares of the pitch, where that allows more: overlap mixes views, a gap only wastes pixels."""
+LEAST_VIEWS = 2
+"""Pixels across a microlens image from which a camera tells directions apart."""
 ROUNDING = 1e-9
 """Relative difference of widths that is none."""
 TAKEN_LOSS = 0.01
@@ -61,7 +63,8 @@ def _answer(name: str, text: str, remedy: str = "") -> Verdict:
 def _matched(camera: Camera, f: FNumber) -> Verdict:
     kind = "overlap by" if f.mismatch_px > 0 else "leave gaps of"
     images = f"images {kind} {abs(f.mismatch_px):.3g} px" if abs(f.mismatch_px) >= TOUCHING_PX else "images just touch"
-    if abs(f.mismatch_px) <= SLACK_PX or -GAP_SLACK <= f.fill_factor - 1 <= OVERLAP_SLACK:
+    half_a_pixel = abs(f.mismatch_px) <= SLACK_PX and float(geometric_views(camera)) >= LEAST_VIEWS
+    if half_a_pixel or -GAP_SLACK <= f.fill_factor - 1 <= OVERLAP_SLACK:
         return _answer("f_number_matched", f"f-number matched: fill factor {f.fill_factor:.5g}, {images}")
     text = (
         f"f-number not matched: microlens f/{f.microlens:.4g} against pupil f/{f.pupil:.4g}, fill factor "
@@ -149,6 +152,14 @@ def _resolved(camera: Camera, sampling: Sampling) -> Verdict:
     kind = "pixels"
     if camera.colours != "mono":
         views, kind = views / GREEN.spacing, f"green pixels ({GREEN.spacing:.3g} px apart)"
+    if views < LEAST_VIEWS:
+        pixel = 1e3 * float(camera.q)
+        return _answer(
+            "views_resolved",
+            f"no light-field camera: {views:.3g} {kind} across a microlens image, which take all its directions as one",
+            f"check sensor.pixel: pixels are {pixel:.4g} um wide, a microlens image "
+            f"{pixel * sampling.views_geometric:.4g} um; a fifth of that, or less, is usual",
+        )
     if independent >= views:
         text = f"views resolved: {views:.3g} {kind} across a microlens image, {independent:.3g} independent views"
         return _answer("views_resolved", text)

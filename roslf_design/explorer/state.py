@@ -19,6 +19,7 @@ from pydantic.dataclasses import dataclass as checked_dataclass
 from ..camera import Camera
 from ..design import PATHS, Design, DesignError, dumps, loads
 from ..design.elements import Block, FieldLens, Plate
+from ..design.parts import MOST_CONTRAST
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
 from ..lenses.glass import AIR, Glass, catalogue, find_glass, glass_of_index
@@ -101,7 +102,7 @@ LIGHT = (
     NumberField("light.illuminance", "Illuminance", "Light", "lx", "log", "illuminance", (1e1, 1e6)),
     NumberField("light.reflectance", "Reflectance", "Light", "", "log", "", (0.01, 1.0)),
     NumberField("light.exposure", "Exposure", "Light", "ms", "log", "time", (1e-5, 1.0), "automatic"),
-    NumberField("depth.contrast", "Contrast, rms", "Texture", "", "log", "", (1e-3, 1.0)),
+    NumberField("depth.contrast", "Contrast, rms", "Texture", "", "log", "", (1e-3, MOST_CONTRAST)),
     NumberField("depth.period", "Period", "Texture", "mm", "log", "length", (1e-2, 1e2), "every size"),
     NumberField("depth.finest", "Finest detail", "Texture", "mm", "log", "length", (1e-2, 1e2), "2 microlenses"),
     NumberField("depth.window", "Microlenses", "Matching", "", "linear", "", (1, 41)),

@@ -139,7 +139,7 @@ def _off(trial: Measurement, row: int, size: float) -> tuple[Panel, list[Key]]:
     at, predicted = _predicted_along(trial, row)
     across = _along(x)
     shown = [*error, *predicted, *-predicted, *(2 * sigma[known])]
-    reach = float(np.nanquantile(np.abs(shown), 0.99)) * 1.15 if np.isfinite(shown).any() else 1.0
+    reach = 1.08 * max((abs(value) for value in shown if math.isfinite(value)), default=0.0) or 1.0
     marks: list[Mark] = [
         Area(*_band(x, -sigma, sigma), "sky", 0.45),
         Line([across.low, across.high], [0.0, 0.0], "ink", 1.2),
@@ -165,7 +165,7 @@ def _told(trial: Measurement, row: int, size: float) -> tuple[Panel, list[Key]]:
         marks = [Line(x, both, "sky", 3.0), *marks, Line(x, own, "vermillion", 1.8, "7 4")]
         keys += [line_key("σ of calibration, common to all", "vermillion", 1.8, "7 4"), line_key("both", "sky", 3.0)]
         top = both
-    high = float(np.nanquantile(top, 0.99)) * 1.25 if np.isfinite(top).any() else 1.0
+    high = 1.08 * max((value for value in top.tolist() if math.isfinite(value)), default=0.0) or 1.0
     return Panel((0, 0, 1, 1), _along(x), Scale(0.0, high), tuple(marks), words.place, f"σ [{words.unit}]"), keys
 
 

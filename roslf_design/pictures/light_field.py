@@ -193,13 +193,19 @@ def epi_image(field: LightField, row: int, units: Units) -> Picture:
     return one_panel("epi", "An epipolar-plane image: one row through all views", (PAGE, 280), panel, top=26)
 
 
+EVEN = 0.01
+"""Span of an image, over its highest value, below which it is even."""
+
+
 def contrast(values: Pixels, weight: Pixels) -> tuple[float, float]:
-    """Values drawn black and white: nearly all that was measured lies between."""
+    """Values drawn black and white: nearly all that was measured lies between; from 0 where it is as good as even."""
     known = values[weight > 0]
     if known.size == 0:
         return 0.0, 1.0
     low, high = (float(v) for v in np.quantile(known[:: 1 + known.size // 500_000], (0.005, 0.995)))
-    return low, max(high, low + max(1e-3 * abs(high), 1e-9))
+    if high - low < EVEN * abs(high):  # noise and rounding are no picture
+        low = min(low, 0.0)
+    return low, max(high, low + 1e-9)
 
 
 def _measured(values: Pixels, weight: Pixels) -> Array:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..theory.sweep import Sweep
 from ..words import in_words
-from .marks import Area, Image, Line, Mark, box_key, parted
+from .marks import Area, Dots, Image, Line, Mark, box_key, parted
 from .picture import PAGE, Panel, Picture, Scale, beside, colour_bar, one_panel
 
 TALL = 230.0
@@ -14,10 +16,22 @@ TALL = 230.0
 
 
 def sweep_picture(swept: Sweep, design: str) -> Picture:
-    """A panel a quantity, one below the other; gaps and grey where there is no camera, or no finite value."""
-    pictures = [_panel(swept, name) for name in swept.values]
+    """A panel a quantity, one below the other, as far as there are values; gaps and grey where some are missing."""
+    shown = _known_part(swept)
+    pictures = [_panel(shown, name) for name in shown.values]
     title = f"{', '.join(map(in_words, swept.values))} of {design} over {' and '.join(swept.places)}"
     return beside("sweep", title, pictures, down=True)
+
+
+def _known_part(swept: Sweep) -> Sweep:
+    """Without the margins where nothing has a finite value; all of it where nothing has one."""
+    known = np.any([np.isfinite(values) for values in swept.values.values()], axis=0)
+    if not known.any():
+        return swept
+    part = tuple(slice(at.min(), at.max() + 1) for at in np.nonzero(known))
+    places = {place: axis[own] for (place, axis), own in zip(swept.places.items(), part, strict=True)}
+    values = {name: each[part] for name, each in swept.values.items()}
+    return replace(swept, places=places, values=values, valid=swept.valid[part])
 
 
 def _label(name: str, unit: str) -> str:
@@ -32,8 +46,10 @@ def _panel(swept: Sweep, name: str) -> Picture:
     label = _label(place, swept.units[place])
     if not second:
         shown = np.where(np.isfinite(values), values, np.nan)
-        line = Line(x, shown, "blue", 2.0)
-        panel = Panel((0, 0, 1, 1), across, Scale.around(known), (line,), label, _label(name, unit))
+        there = np.pad(np.isfinite(shown), 1)
+        lone = there[1:-1] & ~there[:-2] & ~there[2:]  # no line goes to a neighbour
+        drawn = (Line(x, shown, "blue", 2.0), Dots(x[lone], shown[lone], "blue", size=3.0))
+        panel = Panel((0, 0, 1, 1), across, Scale.around(known), drawn, label, _label(name, unit))
         return one_panel(f"sweep-{name}", name, (PAGE, TALL), panel, left=72)
     other, y = second[0]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)

@@ -113,37 +113,43 @@ def statements(trial: Trial) -> Iterator[Statement]:
     bias, spread = summary.bias_mm, summary.spread_mm
     windows = max(1.0, trial.compared.sum() * len(trial.runs) / trial.first.disparities.window**2)
     if windows < ENOUGH:
-        text = f"Compared are few windows without common microlenses ({windows:.0f}): much below is chance."
+        text = f"Compared are few windows without common microlenses ({windows:.0f}): what is below may be chance."
         yield Statement("caution", text, "Name a larger --region, or more --exposures.")
     text = f"How far does it scatter? By {_mm(spread)} (one standard deviation of a single microlens's depth)."
     yield Statement("plain", text)
     small, chance = abs(bias) <= spread / 3, abs(bias) <= 2 * summary.told_mm / math.sqrt(windows)
-    text = f"Is it off on the whole? By {bias:+.2g} mm on average, {_share(abs(bias), spread)} of the scatter"
-    if small or chance:
-        yield Statement("good", f"{text}{'.' if small else ', which may be chance.'}")
-    else:
-        remedy = "Averaging does not take this away: calibrate, and believe no depth to better than it."
-        yield Statement("bad", f"{text}.", remedy)
+    text = f"Is it off on the whole? By {bias:+.2g} mm on average, {_share(abs(bias), spread)} the scatter."
+    remedy = "Averaging does not take this away: calibrate, and believe no depth to better than it."
+    yield _judged(text, windows, small, None if small or chance else ("bad", remedy))
     if summary.predicted_mm is None:
         text = "Is it as predicted? Nothing was predicted: neither light nor texture tells depth here."
         yield Statement("caution", text, "Believe the errors told with each depth, where there is one.")
     else:
         ratio, room = spread / summary.predicted_mm, math.sqrt(2 / windows)
-        near = NEAR[0] * (1 - room) <= ratio <= NEAR[1] * (1 + room)
+        off = not NEAR[0] * (1 - room) <= ratio <= NEAR[1] * (1 + room)
         text = f"Is it as predicted? Predicted were {_mm(summary.predicted_mm)}; it scatters by {ratio:.2f} times that."
-        yield Statement("good" if near else "caution", text, "" if near else _believe(trial, ratio))
-    room = 2 * math.sqrt(0.68 * 0.32 / windows)
+        yield _judged(text, windows, NEAR[0] <= ratio <= NEAR[1], ("caution", _believe(trial, ratio)) if off else None)
+    inside, room = summary.inside_68, 2 * math.sqrt(0.68 * 0.32 / windows)
     text = (
-        f"Are the errors told with each depth right? {100 * summary.inside_68:.0f} % of the depths lie within theirs, "
+        f"Are the errors told with each depth right? {100 * inside:.0f} % of the depths lie within theirs, "
         "68 % would be right."
     )
-    if summary.inside_68 < RIGHT[0] - room:
-        remedy = f"They are too small: for this scene believe {_mm(math.hypot(spread, bias))} instead."
-        yield Statement("caution", text, remedy)
-    elif summary.inside_68 > RIGHT[1] + room:
-        yield Statement("caution", text, "They are larger than need be: depths are better than told.")
-    else:
-        yield Statement("good", text)
+    wrong: tuple[Tone, str] | None = None
+    if inside < RIGHT[0] - room:
+        wrong = "caution", f"They are too small: for this scene believe {_mm(math.hypot(spread, bias))} instead."
+    elif inside > RIGHT[1] + room:
+        wrong = "caution", "They are larger than need be: depths are better than told."
+    yield _judged(text, windows, RIGHT[0] <= inside <= RIGHT[1], wrong)
+
+
+def _judged(text: str, windows: float, holds: bool, against: tuple[Tone, str] | None) -> Statement:
+    """A tick for what holds and would show if it did not; `against` where chance alone does not explain what fails."""
+    if against is not None:
+        return Statement(against[0], text, against[1])
+    if holds and windows >= ENOUGH:
+        return Statement("good", text)
+    count = f"{windows:.0f} window{'' if round(windows) == 1 else 's'} without common microlenses"
+    return Statement("plain", text, f"Cannot be judged here: {count}.")
 
 
 def known(trial: Measurement, summary: Summary) -> Statement:
@@ -263,8 +269,8 @@ def _mm(value: float) -> str:
 
 def _share(part: float, whole: float) -> str:
     if not whole > 0:
-        return "no part"
-    return f"{part / whole:.2g} times" if part > whole else f"{100 * part / whole:.0f} %"
+        return "no part of"
+    return f"{part / whole:.2g} times" if part > whole else f"{100 * part / whole:.0f} % of"
 
 
 def percent(share: float) -> str:

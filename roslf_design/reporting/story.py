@@ -122,7 +122,7 @@ class Story:
 
 def load_story_or_study(path: Path) -> tuple[Kind, Story | None]:
     """What kind of file a path (or a preset's name) names, and the story where it is one; errors as of `read_story`."""
-    if str(path) in preset_names() and not path.exists():
+    if not path.exists() and (str(path) in preset_names() or not path.suffix):  # what is no preset, `load` tells
         return "design", None
     data = read_toml(path, str(path))
     kind = kind_of(data, str(path))

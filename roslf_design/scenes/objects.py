@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from ..design.parts import Offset, Part, Size, Tilt
+from ..design.parts import MOST_CONTRAST, Offset, Part, Size, Tilt
 from ..errors import InputError, Problem
 from ..input_files import check_file, read_pixels
 from ..units import Angle, AnyLength, Length
@@ -114,8 +114,8 @@ class Noise(Part):
     kind: Literal["noise"] = "noise"
     finest: Length
     """Period of its finest detail [mm]."""
-    contrast: Annotated[float, Field(ge=0, le=0.3)] = 0.1
-    """Rms contrast in each octave."""
+    contrast: Annotated[float, Field(ge=0, le=MOST_CONTRAST)] = 0.1
+    """Rms contrast in each octave: more would need radiances below zero."""
     mean: Level = 0.5
     """Radiance."""
     seed: Annotated[int, Field(ge=0, lt=2**32)] = 0

@@ -75,7 +75,7 @@ class Quantity:
     this then, and the rectangle's ends are further lengths in which it rises or falls."""
 
     def __call__(self, camera: Camera, at: Depth = None) -> Array:
-        """Its value for every build; of several values the one that counts.
+        """Its value for every build; of several values the one that counts; NaN behind the tip, where nothing can be.
 
         Raises
         ------
@@ -84,6 +84,8 @@ class Quantity:
         """
         if self.of is None:
             raise ValueError(f"{self.name} belongs to a field; take it from MicrolensImages")
+        if self.at != "never" and at is not None and not at > 0:
+            return np.full(camera.shape, np.nan)
         values = self.of(camera, at)
         return values if self.worst is None else self.worst(values)
 

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array
 from ..camera import Camera
-from ..design import Design
+from ..design import PATHS, Design
+from ..design.conjugates import follower
+from ..design.files import as_design
+from ..errors import InputError
 from .quantities import quantity_named
 
 
@@ -24,22 +29,54 @@ class Sweep:
     """Quantity to its values, shape (N,) or (N, M); nan where there is no camera."""
     units: Mapping[str, str]
     """Of each place and quantity."""
+    valid: NDArray[np.bool_]
+    """Where there is a camera, shape (N,) or (N, M)."""
+    follows: str | None
+    """Which of f, d_f and d_1 follows from what is swept; None where none changes."""
+
+    def refused(self, design: Design) -> tuple[str, ...]:
+        """Why points have no camera, each reason once: those of up to `LOOKED_AT` of them."""
+        points = np.argwhere(~self.valid)
+        some = points[np.unique(np.linspace(0, len(points) - 1, LOOKED_AT).astype(int))] if len(points) else points
+        reasons: dict[str, str] = {}
+        for point in some.tolist():
+            values = [float(axis[k]) for axis, k in zip(self.places.values(), point, strict=True)]
+            try:
+                design.replace(
+                    {PATHS.get(place, place): value for place, value in zip(self.places, values, strict=True)}
+                )
+            except InputError as error:
+                at = " and ".join(f"{place} = {value:.6g}" for place, value in zip(self.places, values, strict=True))
+                for problem in error.problems:
+                    reasons.setdefault(re.sub(r"[\d.]+", "", str(problem)), f"at {at}{self._unit()}: {problem}")
+        return tuple(reasons.values())
+
+    def _unit(self) -> str:
+        units = {self.units[place] for place in self.places}
+        return f" {units.pop()}".rstrip() if len(units) == 1 else ""
 
 
-def sweep(design: Design, places: Mapping[str, ArrayLike], quantities: Sequence[str], at: float | None = None) -> Sweep:
+LOOKED_AT = 12
+"""Points without a camera that are asked why."""
+
+
+def sweep(
+    design: Design | str | Path, places: Mapping[str, ArrayLike], quantities: Sequence[str], at: float | None = None
+) -> Sweep:
     """Quantities over one or two numbers of a design, all points at once.
 
     Parameters
     ----------
-    design : Design
-        Gives every other number.
+    design : Design, str or Path
+        Gives every other number; the name of a preset or a design file as well.
     places : mapping
         One or two dotted places ("aperture.distance") or symbols ("d_3") to their values [mm, rad]. Of f, d_f and d_1
         the same one follows as in `Design.replace`.
     quantities : sequence of str
         Names in `QUANTITIES`, of whole cameras.
     at : float, optional
-        Distance ahead of the bore's tip for quantities that are asked for at one [mm]; None is the focal plane.
+        Distance ahead of the bore's tip for quantities that are asked for at one [mm]; None is the focal plane. Behind
+        the tip they have no value.
 
     Raises
     ------
@@ -51,9 +88,10 @@ def sweep(design: Design, places: Mapping[str, ArrayLike], quantities: Sequence[
     Examples
     --------
     >>> import roslf_design as roslf
-    >>> roslf.sweep(roslf.load("paper"), {"d_3": [20.0, 120.0]}, ["fill_factor"]).values["fill_factor"].round(3)
+    >>> roslf.sweep("paper", {"d_3": [20.0, 120.0]}, ["fill_factor"]).values["fill_factor"].round(3)
     array([0.689, 1.005])
     """
+    design = as_design(design)
     if not 1 <= len(places) <= 2:
         raise ValueError(f"{len(places)} places given; sweep one or two")
     known = [quantity_named(name) for name in quantities]
@@ -66,13 +104,15 @@ def sweep(design: Design, places: Mapping[str, ArrayLike], quantities: Sequence[
     shape = tuple(len(values) for values in axes.values())
     grid = np.meshgrid(*axes.values(), indexing="ij")
     camera = Camera.of(design, {place: values.ravel() for place, values in zip(axes, grid, strict=True)})
-    values, valid = {}, camera.valid
+    values, valid = {}, np.broadcast_to(camera.valid, camera.shape)
     with np.errstate(all="ignore"):  # of points that are no cameras
         for quantity in known:
             each = np.broadcast_to(quantity(camera, at if quantity.at != "never" else None), camera.shape)
             values[quantity.name] = np.where(valid, each, np.nan).reshape(shape)
     units = {quantity.name: quantity.unit for quantity in known}
-    return Sweep(axes, values, units | {place: unit_of(place) for place in axes})
+    units |= {place: unit_of(place) for place in axes}
+    follows = follower([PATHS.get(place, place) for place in axes])
+    return Sweep(axes, values, units, valid.reshape(shape), follows)
 
 
 UNITS = {

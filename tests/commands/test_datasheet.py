@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
+from roslf_design.pictures.marks import Dots
+from roslf_design.pictures.sweep import sweep_picture
 from roslf_design.reporting import story
 from roslf_design.reporting.blocks import Report
 from tests.commands.test_cli import run
@@ -186,6 +188,19 @@ def test_a_page_of_one_design(tmp_path, capsys):
         (("sweep", "paper", "--set", "d_3=0..9 mm", "--quantity", "blur_pitches"), "at a distance"),
         (("sweep", "paper", "--set", "d_3=0..9 mm", "--quantity", "fill_factor", "-o", "x.xlsx"), ".csv"),
         (("sweep", "paper", "--set", "d_3=0..9 mm", "--quantity", "fill_factor", "--points", "1"), "--points"),
+        (
+            ("sweep", "paper", "--set", "d_3=0..9 mm", "--quantity", "sigma_z_mm", "--at", "0 mm"),
+            "--at: 0 mm is not ahead",
+        ),
+        (
+            ("sweep", "paper", "--set", "d_3=400..900 mm", "--quantity", "fill_factor"),
+            "is not less than the focal-plane",
+        ),
+        (
+            ("sweep", "papr", "--set", "d_3=0..9 mm", "--quantity", "fill_factor"),
+            "papr: no such file; did you mean 'paper'?",
+        ),
+        (("datasheet", "papr"), "papr: no such file; did you mean 'paper'?"),
     ],
 )
 def test_bad_input_is_told_in_a_line(arguments, told, capsys):
@@ -215,8 +230,63 @@ def test_a_sweep_is_its_single_cameras(tmp_path, capsys):
         code, _, _ = run(capsys, "sweep", "paper", *places, *quantities, "--points", "3", "-o", tmp_path / f"s.{kind}")
         assert code == 0
     picture = (tmp_path / "s.svg").read_text()
-    assert "no camera" in picture
+    assert "no camera" not in picture  # it ends where cameras do
     assert "fill factor" in picture
+
+
+def test_a_sweep_says_what_its_picture_leaves_out(tmp_path, capsys):
+    plate = {"kind": "plate", "distance": 10, "thickness": 160, "material": "N-BK7"}
+    scope = roslf.load("paper").replace({"elements": [plate], "aperture.distance": 0.0})
+    roslf.save(scope, tmp_path / "scope.toml")
+    code, _, err = run(
+        capsys, "sweep", tmp_path / "scope.toml", "--set", "d_3=0..1000 mm", "--quantity", "fill_factor", "--points",
+        "11", "-o", tmp_path / "s.svg",
+    )  # fmt: skip
+    assert code == 0
+    # 100 mm is inside the plate, beyond 404.6 mm (350 mm, and what the glass adds) is nothing that could be in focus.
+    assert "7 of 11 points cannot be built: at d_3 = 100 mm: aperture.distance: 100 mm lies inside elements" in err
+    assert "at d_3 = 500 mm: aperture.distance: 500 mm is not less than the focal-plane distance" in err
+    picture = sweep_picture(roslf.sweep(scope, {"d_3": np.linspace(0, 1000, 11)}, ["fill_factor"]), "scope")
+    panel = picture.panels[0]
+    assert (panel.x.low, panel.x.high) == (0, 400)
+    (dots,) = (mark for mark in panel.marks if isinstance(mark, Dots))
+    assert list(dots.x) == [0]
+    within = roslf.sweep(scope, {"d_3": [0, 100, 200], "D_F": [2, 3]}, ["fill_factor"])
+    assert b"no camera" in sweep_picture(within, "scope").svg_file()
+
+
+def test_a_sweep_says_which_length_follows(tmp_path, capsys):
+    """As in Design.replace: the array stays where f is swept, though the file gives the focal plane."""
+    arguments = (
+        "--set",
+        "f=99..101 mm",
+        "--quantity",
+        "working_distance_mm",
+        "--points",
+        "2",
+        "-o",
+        tmp_path / "s.csv",
+    )
+    code, _, err = run(capsys, "sweep", "paper", *arguments)
+    assert (code, err) == (
+        0,
+        "roslf: main_lens.focal_plane follows from what is swept; microlens_array.distance stays 140 mm\n",
+    )
+
+
+def test_quantities_are_listed(capsys):
+    code, out, _ = run(capsys, "quantities", "--json")
+    listed = json.loads(out)["quantities"]
+    assert code == 0
+    assert {one["quantity"] for one in listed} == set(roslf.QUANTITIES)
+    assert run(capsys, "quantities")[0] == 0
+
+
+def test_a_file_that_cannot_be_written_is_called_by_its_name(capsys):
+    place = "/proc/x.csv"  # where nobody may write, root neither
+    code, _, err = run(capsys, "sweep", "paper", "--set", "d_3=0..9 mm", "--quantity", "fill_factor", "-o", place)
+    assert code == 1
+    assert err.startswith(f"roslf: {place}: cannot be written: ")
 
 
 def test_a_sweep_as_parquet(tmp_path, capsys):

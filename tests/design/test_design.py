@@ -35,6 +35,7 @@ def designs(draw):
     given_pair = draw(st.sampled_from(["f d_f", "f d_1", "d_f d_1"]))
     d_1 = f + f * f / (d_f - f)
     assume(d_1 > f)
+    pixel, count = draw(length), st.floats(1, 1e4)
     stops = draw(st.lists(st.builds(Stop, diameter=length, distance=st.floats(0, d_f * 0.9)), max_size=3))
     return Design(
         name=draw(st.text(st.characters(codec="utf-8", exclude_categories=["Cc", "Cs"]), min_size=1, max_size=12)),
@@ -54,7 +55,7 @@ def designs(draw):
             layout=draw(st.sampled_from(["square", "hexagonal"])),
             rotation=draw(small),
         ),
-        sensor=Sensor(distance=draw(length), pixel=draw(length), size=(draw(length), draw(length))),
+        sensor=Sensor(distance=draw(length), pixel=pixel, size=(pixel * draw(count), pixel * draw(count))),
         light=Light(wavelength=draw(st.floats(1e-4, 1e-2))),
     )
 
@@ -149,6 +150,11 @@ def test_replacing_a_list_entry_and_an_offset():
         ({"aperture.diameter": -3.0}, "must be greater than zero"),
         ({"aperture.distance": 350.0}, "object plane would lie inside the bore"),
         ({"main_lens.focal_plane": 90.0}, "not beyond the focal length"),
+        (
+            {"sensor.pixel": 25.0},
+            r"sensor\.size: 22\.3 mm x 14\.932 mm is less than one pixel of 25 mm; check the units",
+        ),
+        ({"depth.contrast": 0.31}, r"depth\.contrast: 0\.31 in each octave .* give 0\.3 at most, or depth\.period"),
     ],
 )
 def test_replace_tells_what_is_wrong(changes, said):

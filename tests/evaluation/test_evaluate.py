@@ -286,6 +286,10 @@ def test_verdicts_and_remedies(paper):
     # 5.0 px across: more than the 3.6 views, fewer than the 7.2 samples that hold the band
     assert (coarse.level, "larger" in coarse.remedy.removeprefix("larger microlenses")) == ("limit", False)
     assert "finer pixels add no views, but detail, up to 8 N_F = 7.22" in coarse.remedy
+    # A slip of units: 63 um across a microlens image are 0.01 pixels of 4.85 mm, so overlap is no half pixel's matter.
+    slip = {v.name: v for v in roslf.evaluate(paper.replace(q=4.85, D_F=4.0)).verdicts}
+    assert (slip["views_resolved"].level, slip["f_number_matched"].level) == ("fault", "fault")
+    assert "check sensor.pixel: pixels are 4850 um wide, a microlens image " in slip["views_resolved"].remedy
     mismatched = {v.name: v for v in roslf.evaluate(roslf.load("paper-mismatched")).verdicts}
     assert not mismatched["f_number_matched"].ok
 
@@ -487,7 +491,8 @@ def test_lengths_of_no_camera_are_told_and_extreme_ones_are_computed(symbol):
         with pytest.raises(DesignError, match="; write what the camera has"):
             design.replace(**{symbol: value})
     for value in (1e-12, 1e15):
-        roslf.evaluate(design.replace(**{symbol: value})).to_dict()
+        size = {"sensor.size": (value, value)} if (symbol, value) == ("q", 1e15) else {}
+        roslf.evaluate(design.replace(size, **{symbol: value})).to_dict()
 
 
 def test_a_real_lenss_faults_are_never_told_as_nothing():

@@ -61,6 +61,14 @@ def test_local_numbers_of_straight_cameras_are_the_whole_cameras(name):
     np.testing.assert_allclose(local, np.broadcast_to(QUANTITIES[name](camera), (2, 2)), rtol=1e-10)
 
 
+def test_behind_the_tip_nothing_has_a_value():
+    camera = Camera.of(PAPER, {"d_2": np.array([1.9, 2.0])})
+    for name in ("sigma_z_mm", "object_sample_mm", "blur_pitches", "mtf50_lp_per_mm"):
+        for at in (-1.0, 0.0):
+            assert np.isnan(QUANTITIES[name](camera, at)).tolist() == [True, True]
+        assert np.isfinite(QUANTITIES[name](camera, 200.0)).all()
+
+
 def test_a_new_quantity_is_one_entry():
     new = Quantity("f_over_d_mm", "", "f over the pitch", lambda c, _: np.asarray(c.f / c.d))
     assert float(new(Camera.of(PAPER))) == pytest.approx(100 / 0.063)

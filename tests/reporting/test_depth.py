@@ -1,0 +1,43 @@
+"""What `roslf depth` says of a measurement: ticks for what holds, nothing judged from a few windows."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from roslf_design.depth.measure import Summary
+from roslf_design.reporting.depth import statements
+
+
+def said(windows, spread=0.010, inside=0.68, bias=0.0):
+    """Marks of the last three questions: off on the whole, as predicted, errors told; predicted and told are 10 um."""
+    trial = SimpleNamespace(
+        summary=lambda: Summary(bias, spread, 0.010, 0.010, inside, 1.0),
+        unknown=dict,
+        compared=np.ones((25, windows), bool),
+        runs=(None,),
+        first=SimpleNamespace(disparities=SimpleNamespace(window=5)),
+        assumes=lambda: {"texture": "the scene's"},
+    )
+    last = list(statements(trial))[-3:]
+    for statement in last:
+        assert ("Cannot be judged here" in statement.remedy) == (statement.tone == "plain")
+        assert (statement.tone == "good") == (statement.remedy == "")
+    return [statement.tone for statement in last]
+
+
+@pytest.mark.parametrize(
+    ("windows", "faults", "tones"),
+    [
+        (100, {}, ["good", "good", "good"]),
+        (3, {}, ["plain", "plain", "plain"]),
+        # What three windows may show of a right estimator, and what they may not.
+        (3, {"bias": 0.008, "spread": 0.0184, "inside": 0.32}, ["plain", "plain", "plain"]),
+        (3, {"bias": 0.080, "spread": 0.0400, "inside": 0.03}, ["bad", "caution", "caution"]),
+        (100, {"bias": 0.008, "spread": 0.0184, "inside": 0.32}, ["bad", "caution", "caution"]),
+        # Beyond the mark, but by chance at times: no tick, no fault.
+        (40, {"spread": 0.0140, "inside": 0.55}, ["good", "plain", "plain"]),
+    ],
+)
+def test_a_tick_stands_beside_what_holds_only(windows, faults, tones):
+    assert said(windows, **faults) == tones
