@@ -11,7 +11,7 @@ from pydantic import BaseModel, ValidationError
 
 from ..errors import InputError, Problem
 from ..lenses.prescription import Prescription
-from ..toml_files import problems_of, told_place
+from ..toml_files import problems_of
 from ..units import format_quantity, parse_quantity
 from .conjugates import CONJUGATES, REFRACTING, conjugate_residual, followed
 from .parts import PATHS, Light
@@ -126,7 +126,7 @@ def cross_check(values: Mapping[str, float | None], lens: Prescription | None, *
         d_f = float(followed({FOCAL: f, DISTANCE: d_1}, PLANE))
     for key, distance in values.items():
         if d_f is not None and distance is not None and key.startswith(("aperture", "stops")) and distance >= d_f:
-            problems.append(stop_beyond_focus(told_place(key.split(".")), distance, d_f))
+            problems.append(stop_beyond_focus(key, distance, d_f))
     return tuple(problems)
 
 

@@ -275,10 +275,10 @@ def test_notebooks_show_a_design_as_a_table():
     assert "<td>d_3</td><td>120 mm</td>" in page
 
 
-def test_tables_in_a_row_are_counted_from_1_in_messages():
-    """As a reader counts them, and as tables and pictures name them: stop 1 is the first [[stops]]."""
+def test_tables_in_a_row_are_counted_from_0_in_messages():
+    """As in every place that studies, `replace` and `--sigma` take."""
     paper = dumps(load("paper"))
-    for second, key in (("-9 mm", "stops.2.diameter"), ("9 mm", "stops.2.distance")):
+    for second, key in (("-9 mm", "stops.1.diameter"), ("9 mm", "stops.1.distance")):
         stops = [("9 mm", "50 mm"), (second, "400 mm" if key.endswith("distance") else "50 mm")]
         text = "".join(f'\n[[stops]]\ndiameter = "{size}"\ndistance = "{z}"\n' for size, z in stops)
         with pytest.raises(DesignError) as caught:
