@@ -31,6 +31,14 @@ from .tolerancing.run import merged, tally_chunk
 from .tolerancing.study import load_plan
 
 
+def _scene(scene: Scene | str | Path | None) -> Scene | None:
+    return load_scene(scene) if isinstance(scene, (str, Path)) else scene
+
+
+def _path(path: str | Path | None) -> Path | None:
+    return None if path is None else Path(path)
+
+
 def quantity(name: str) -> Quantity:
     """A number of a camera by its name, as `roslf evaluate`, tolerance studies and the optimiser know it.
 
@@ -90,8 +98,7 @@ def render(
     >>> roslf.render("paper", region=(2280, 1520, 40, 30)).pixels.shape
     (30, 40)
     """
-    look = load_scene(scene) if isinstance(scene, (str, Path)) else scene
-    return render_image(as_design(design), look, overrides=overrides, **more)
+    return render_image(as_design(design), _scene(scene), overrides=overrides, **more)
 
 
 def measure_depth(
@@ -130,8 +137,8 @@ def measure_depth(
     >>> trial = roslf.measure_depth("paper", region=(2240, 1480, 110, 110))  # doctest: +SKIP
     >>> trial.summary().spread_mm  # doctest: +SKIP
     """
-    look = load_scene(scene) if isinstance(scene, (str, Path)) else scene
-    return simulate(as_design(design), look, believed=None if believed is None else as_design(believed), **more)
+    other = None if believed is None else as_design(believed)
+    return simulate(as_design(design), _scene(scene), believed=other, **more)
 
 
 def capture_depth(
@@ -187,10 +194,10 @@ def capture_depth(
     >>> found = roslf.capture_depth("raw.tif", white="white.tif", design="paper")  # doctest: +SKIP
     >>> found.first.depth  # doctest: +SKIP
     """
-    bright, black, folder, map_ = (None if path is None else Path(path) for path in (white, dark, calibration, truth))
+    camera = None if design is None else str(design)
     return captured(
-        Path(image), None if design is None else str(design), bright, black, folder,
-        region=region, between=between, window=window, truth=map_, sigma=sigma,
+        Path(image), camera, _path(white), _path(dark), _path(calibration),
+        region=region, between=between, window=window, truth=_path(truth), sigma=sigma,
     )  # fmt: skip
 
 
@@ -311,7 +318,7 @@ def calibrate(
     return calibrated(
         Path(folder), str(design), board, f_sigma, distortion, seed, not posterior, diffraction,
         d_sigma=d_sigma, cell_sigma=cell_sigma, white_pitch=white_pitch,
-        distances=None if distances is None else Path(distances), use_in=use_in, sigma=sigma,
+        distances=_path(distances), use_in=use_in, sigma=sigma,
     )  # fmt: skip
 
 
@@ -353,9 +360,8 @@ def decode(
     >>> import roslf_design as roslf
     >>> roslf.decode("raw.tif", "white.tif", design="paper").field  # doctest: +SKIP
     """
-    bright, black, folder = (None if path is None else Path(path) for path in (white, dark, calibration))
-    camera = None if design is None else str(design)
-    return decoded(Path(image), bright, black, camera, folder, focus=None if focus is None else list(focus))
+    camera, wanted = None if design is None else str(design), None if focus is None else list(focus)
+    return decoded(Path(image), _path(white), _path(dark), camera, _path(calibration), focus=wanted)
 
 
 def report(design: Design | str | Path) -> Report:

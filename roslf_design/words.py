@@ -143,6 +143,11 @@ def number(value: float, digits: int = 5, zero: float = ROUNDING) -> str:
     return "0" if abs(value) < zero or value == 0 else f"{value:.{digits}g}"
 
 
+def tidy(value: float) -> str:
+    """A number that is about right, to two digits, but all of those before the point: "0.13", "130"."""
+    return f"{value:.0f}" if abs(value) >= 10 else f"{value:.2g}"
+
+
 def fixed(value: float, decimals: int, sign: str = "") -> str:
     """A number to so many decimals, never as -0; `sign` "+" writes both signs."""
     return f"{round(float(value), decimals) + 0.0:{sign}.{decimals}f}"

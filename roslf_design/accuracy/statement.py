@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from ..errors import InputError, Problem
+from ..words import tidy
 
 LEAST = 1e-15
 
@@ -91,5 +92,5 @@ class Accuracy:
         if self.model:
             words += f"; {self.model}"
         if times and self.seconds is not None:
-            words += f"; {self.seconds:.2g} s"
+            words += f"; {tidy(self.seconds)} s"
         return words + ("" if self.kept in (None, True) else ". Not kept: see the expected and the measured error")

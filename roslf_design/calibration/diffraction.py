@@ -460,10 +460,12 @@ def apparent_shifts(
     size = 2 * half + 3
     normals = np.array([[-math.sin(a), math.cos(a)] for a in edges])
     aperture = 0.5 * sunflower(_PARTS**2, 0.5).T if circular else _whole_numbers(_PARTS // 2) / _PARTS
-    aperture = aperture - aperture.mean(axis=0)
+    # Of one layout: kernels are compiled once more for another.
+    aperture = np.ascontiguousarray(aperture - aperture.mean(axis=0))
+    alike = ViewWeights(*map(np.ascontiguousarray, weights))
     out = np.empty((size, views * count * len(_PHASES) * size))
     with THREADS:
-        _patches.compiled(*weights, np.asarray(slopes, float), normals, _PHASES, aperture, half, out)
+        _patches.compiled(*alike, np.asarray(slopes, float), normals, _PHASES, aperture, half, out)
     patches = views * count * len(_PHASES)
     start = np.stack([np.arange(patches) * size + half + 1.0, np.full(patches, half + 1.0)], axis=-1)
     start += np.tile(_PHASES, (views * count, 1))

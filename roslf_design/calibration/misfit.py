@@ -89,7 +89,8 @@ class Misfit:
             yield f"corners far from where the others put them weigh little: {', '.join(astray)}; look at these images"
         far = {name: off for name, off in self.apart.items() if abs(off) > DISAGREE}
         if far:
-            said = ", ".join(f"{_said(name)} by {abs(off):.1f} sigma" for name, off in far.items())
+            symbols = {"inverse_d_2": "d_2"}
+            said = ", ".join(f"{symbols.get(name, name)} by {abs(off):.1f} sigma" for name, off in far.items())
             yield f"steps one and two and the joint fit disagree: {said}; {self._believed}"
 
     @property
@@ -99,10 +100,6 @@ class Misfit:
         if self.slopes > self.places:
             return "the slopes misfit: believe A, H and d_3 of step one, which knows no slopes, and no d_2 yet"
         return "believe neither before the misfit is mended"
-
-
-def _said(name: str) -> str:
-    return "d_2" if name == "inverse_d_2" else name
 
 
 def misfit_of(calibration: Calibration) -> Misfit:

@@ -722,35 +722,68 @@ class Camera(Symbols[Number]):
     def valid(self) -> NDArray[np.bool_]:
         """Which builds are cameras, shape `shape`.
 
-        Finite numbers, positive sizes, a real image, every stop nearer than the object plane, tilts below 90 degrees.
+        Finite numbers, positive sizes, a real image, every stop nearer than the object plane, no part in another, tilts
+        below 90 degrees.
         """
         good: NDArray[np.bool_] = np.asarray(True)
         with np.errstate(invalid="ignore"):
-            for place, value in self._numbers.items():
-                part, _, name = place.partition(".")
-                if ".tilt." in place or ".wedge." in place:
-                    good = good & (np.abs(value) < np.pi / 2)
-                    continue
-                good = good & np.isfinite(value)
-                if place == TEMPERATURE:
-                    continue
-                if place == TIP or (name.endswith("distance") and part in ("aperture", "stops", "elements")):
-                    good = good & (np.asarray(value) >= 0)
-                elif name.endswith("index"):
-                    good = good & (np.asarray(value) >= 1)
-                elif name == "read_noise":
-                    good = good & (np.asarray(value) >= 0)
-                elif ".decentre." not in place and name != "rotation" and not place.endswith(".focal_length"):
-                    good = good & (np.asarray(value) > 0)
-            good = good & (np.asarray(self.f) > 0) & (np.asarray(self.f_ml) > 0)
-            good = good & (np.asarray(self.d_f) > self.f) & (np.asarray(self.d_1) > self.f) & (np.asarray(self.d_2) > 0)
-            plane = np.asarray(self._numbers[PATHS["d_f"]])
-            for rim in (self.fap, *self.rims[1:]):
-                good = good & (np.asarray(rim.stands) < plane)
-            if self.chain is not None:
-                stops = [rim.stands for rim in (self.fap, *self.rims[1 : 1 + self.stops])]
-                good = good & self.chain.apart(self._numbers, stops) & (plane >= self.chain.end(self._numbers))
+            for conditions in self._conditions():
+                for _, holds in conditions:
+                    good = good & holds
         return np.broadcast_to(good, self.shape)
+
+    def faults(self) -> dict[str, NDArray[np.bool_]]:
+        """Why builds are no cameras: each reason in words to the builds that it holds for, shape `shape`.
+
+        What follows from a reason is not told: of a build without a real image not where that would lie.
+        """
+        found: dict[str, NDArray[np.bool_]] = {}
+        sound = np.ones(self.shape, np.bool_)
+        with np.errstate(invalid="ignore"):
+            for conditions in self._conditions():
+                told = {words: sound & ~np.asarray(holds) for words, holds in conditions}
+                sound = sound & ~np.any(list(told.values()), axis=0)
+                found |= told
+        return found
+
+    def _conditions(self) -> tuple[Iterator[tuple[str, Any]], ...]:
+        """What a camera holds, by what is wrong where it does not, no words twice; later ones follow on earlier."""
+        return self._images_well(), self._possible_numbers(), self._fits()
+
+    def _images_well(self) -> Iterator[tuple[str, Any]]:
+        yield "the main lens does not converge light", np.asarray(self.f) > 0
+        yield "the microlenses do not converge light", np.asarray(self.f_ml) > 0
+        beyond = (np.asarray(self.d_f) > self.f) & (np.asarray(self.d_1) > self.f)
+        yield "the focal plane or the microlens array is not beyond f", beyond
+        yield "the sensor is not behind the microlens array", np.asarray(self.d_2) > 0
+
+    def _possible_numbers(self) -> Iterator[tuple[str, Any]]:
+        for place, value in self._numbers.items():
+            part, _, name = place.partition(".")
+            if ".tilt." in place or ".wedge." in place:
+                yield f"{place} is 90 degrees or more", np.abs(value) < np.pi / 2
+                continue
+            yield f"{place} is not finite", np.isfinite(value)
+            if place == TEMPERATURE:
+                continue
+            if place == TIP or (name.endswith("distance") and part in ("aperture", "stops", "elements")):
+                yield f"{place} is below 0", np.asarray(value) >= 0
+            elif name.endswith("index"):
+                yield f"{place} is below 1", np.asarray(value) >= 1
+            elif name == "read_noise":
+                yield f"{place} is below 0", np.asarray(value) >= 0
+            elif ".decentre." not in place and name != "rotation" and not place.endswith(".focal_length"):
+                yield f"{place} is not above 0", np.asarray(value) > 0
+
+    def _fits(self) -> Iterator[tuple[str, Any]]:
+        plane = np.asarray(self._numbers[PATHS["d_f"]])
+        ahead: Any = True if self.chain is None else plane >= self.chain.end(self._numbers)
+        for rim in (self.fap, *self.rims[1:]):
+            ahead = ahead & (np.asarray(rim.stands) < plane)
+        yield "the focal plane is not ahead of every part", ahead
+        if self.chain is not None:
+            stops = {rim.name: rim.stands for rim in (self.fap, *self.rims[1 : 1 + self.stops])}
+            yield from self.chain.apart(self._numbers, stops)
 
 
 def _number(value: ArrayLike) -> Number:

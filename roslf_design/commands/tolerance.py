@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 from ..errors import Problem
 from ..reporting.blocks import Block, Paragraph
 from ..reporting.printers import page_files
-from ..reporting.tolerance import headline, tables, tolerance_pictures, tolerance_report
+from ..reporting.tolerance import headline, impossible_words, tables, tolerance_pictures, tolerance_report
 from ..tables import plain_text
 from ..tolerancing.result import analyse, precision, save_worst, trial_arrays, trials_for
 from ..tolerancing.run import ChunkLostError, Where, npz_bytes, run_trials
@@ -118,6 +118,8 @@ def print_result(result: StudyResult, console: Console, times: bool = False) -> 
 
 
 def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
+    if lost := impossible_words(result.final):
+        yield Paragraph(lost)
     yield Paragraph(headline(result))
     misses = result.plan.nominal_misses()
     if misses:
@@ -138,7 +140,7 @@ def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
     for warning in result.warnings:
         yield Paragraph(f"\nNote: {warning}")
     for trial in result.worst:
-        yield Paragraph(f"Worst trial {trial.number}: {trial.file or 'no design: some number of it is impossible'}")
+        yield Paragraph(f"Worst trial {trial.number}: {trial.file or 'no design: ' + '; '.join(trial.faults)}")
 
 
 def _percent(measured: Yield) -> str:

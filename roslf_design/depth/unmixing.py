@@ -105,7 +105,9 @@ def unmixed(camera: Camera, field: LightField) -> OwnLight:
     hexagonal = field.hexagonal
     lenses = field if hexagonal is None else hexagonal
     size = (lenses.values.shape[2], lenses.values.shape[3])
-    start = np.zeros(size[0], int) if hexagonal is None else np.rint(hexagonal.starts - _halves(field)).astype(int)
+    start = (
+        np.zeros(size[0], int) if hexagonal is None else np.rint(hexagonal.starts - field.v / math.sqrt(3)).astype(int)
+    )
     maps = _Map.of(rows, columns, (height, width), size)
     mine = maps(np.moveaxis(shares[own], 0, -1))
     values, weight = np.zeros_like(lenses.values, np.float32), np.zeros_like(lenses.weight, np.float32)
@@ -212,10 +214,6 @@ def _parts_at(camera: Camera, places: NDArray[np.float64], field: LightField) ->
     return ImageParts(pieces[0].steps, light, x, y)
 
 
-def _halves(field: LightField) -> NDArray[np.float64]:
-    return field.v / math.sqrt(3)
-
-
 class _Mixing(NamedTuple):
     """Neighbours' light in every sample: a list for each, one after the other."""
 
@@ -278,11 +276,14 @@ class _Map(NamedTuple):
         return np.asarray(left + self.along * (right - left))
 
 
-@kernel(parallel=True)
+@kernel()
 def _fill(values: Any, known: Any, out: Any) -> None:
     """Samples, and the mean of the microlens's others for those that are not known; 0 of none."""
-    for v in prange(values.shape[1]):
-        out[:, v] = values[:, v]
+    count, rows, columns = values.shape
+    for v in range(rows):
+        for n in range(count):  # whole arrays at once would be compiled four times as long
+            for u in range(columns):
+                out[n, v, u] = values[n, v, u]
         _fill_row(known[:, v], out[:, v])
 
 

@@ -31,11 +31,11 @@ _SPLINE_LOSS = 0.1235
 """Noise power that a spline loses midway between two samples; elsewhere nearly (4 f (1 - f))^2.3 of it."""
 
 
-@kernel(parallel=True)
+@kernel()
 def fill_holes(views: Samples, light: Samples) -> None:
     """Carry values into samples without light, along rows, then down columns, so that splines do not ring there."""
     count, rows, columns = views.shape
-    for k in prange(count):
+    for k in range(count):
         first = -1
         for v in range(rows):
             lit = -1

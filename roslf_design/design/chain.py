@@ -9,7 +9,7 @@ only, hold for what is seen. Paraxial; a plate is its reduced thickness t/n.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import pairwise, product
@@ -281,16 +281,17 @@ class Chain:
         k = self.order[-1]
         return numbers[f"elements.{k}.distance"] + self.length(numbers, k)
 
-    def apart(self, numbers: Mapping[str, Number], stops: Iterable[Number]) -> Flags:
-        """Whether no element, and no stop at these distances, stands in another."""
-        good: Flags = np.True_
-        for k, stop in product(self.order, stops):
+    def apart(self, numbers: Mapping[str, Number], stops: Mapping[str, Number]) -> Iterator[tuple[str, Flags]]:
+        """That no element, and no stop of those at these distances, stands in another: what collides, and where not."""
+        names = [f"{element.kind} {k + 1}" for k, element in enumerate(self.elements)]
+        for k, (name, stop) in product(self.order, stops.items()):
             start = numbers[f"elements.{k}.distance"]
-            good = good & (np.less_equal(stop, start) | np.greater_equal(stop, start + self.length(numbers, k)))
+            clear = np.less_equal(stop, start) | np.greater_equal(stop, start + self.length(numbers, k))
+            yield f"{name} and {names[k]} collide", clear
         for k, farther in pairwise(self.order):
             ends = numbers[f"elements.{k}.distance"] + self.length(numbers, k)
-            good = good & np.less_equal(ends, numbers[f"elements.{farther}.distance"])
-        return good
+            clear = np.less_equal(ends, numbers[f"elements.{farther}.distance"])
+            yield f"{names[k]} and {names[farther]} collide", clear
 
     def before_array(self, numbers: Mapping[str, Number]) -> Number:
         """What glass before the microlenses takes off d_1, ``t (1 - 1/n)`` [mm]."""

@@ -319,7 +319,8 @@ def depth_known(source: PictureSource) -> dict[str, Any]:
         return {"tone": "bad", "text": f"Depth is unknown. {why}", "remedy": remedy, "rows": _assumed_rows(depth)}
     known = curve.sigma[0] * KNOWN_ALIKE
     alike, last = curve.sigma <= known, curve.place[-1]
-    text = f"Depth of the plane in focus is known to {short(sigma, 3)} mm (1 sigma), {_share(sigma / design.d_f)} of Z."
+    share = f"{100 * sigma / design.d_f:.2g} % of Z"
+    text = f"Depth of the plane in focus is known to {short(sigma, 3)} mm (1 sigma), {share}."
     tone, remedy = "good", ""
     if not alike.all():
         ends = curve.place[~alike][0]
@@ -333,10 +334,6 @@ def depth_known(source: PictureSource) -> dict[str, Any]:
             "twice the light nearly does too: read noise rules." if dark > 1 else "so does four times the light."
         )
     return {"tone": tone, "text": text, "remedy": remedy, "rows": _assumed_rows(depth)}
-
-
-def _share(value: float) -> str:
-    return f"{100 * value:.2g} %"
 
 
 def _assumed_rows(depth: Any) -> list[dict[str, str]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -46,7 +47,8 @@ MANY = 1024
 """The same of quantities that the study does not report, to some two in a hundred."""
 REAL = (
     "The main lens is real: angles and widths of view, resolution, distortion and light over the field are what rays "
-    "through it tell. Distances of sharpness, magnification on the axis and all spreads are those of its thin twin."
+    "through it tell. Distances of sharpness, magnification on the axis and spreads of what builds have as a whole are "
+    "those of its thin twin."
 )
 SHARP = f"Sharp: {CRITERION}."
 PARTS = "parts"
@@ -92,14 +94,19 @@ class AsBuilt(NamedTuple):
         """Standard deviations by a line's key: over all builds where the study has it, or over the first of them."""
         deviations = {column.label: column.deviation for column in self.final.distributions}
         builds, good = first_builds(self.plan, MANY)
+        images: dict[tuple[Place, Place], MicrolensImages] = {}
         for line in rows:
             if line.key in deviations or not (line.quantity or line.of):
                 continue
             with np.errstate(all="ignore"):  # of builds that are no cameras
                 if line.quantity:
-                    values = np.broadcast_to(QUANTITIES[line.quantity](builds), good.shape)
+                    values = np.broadcast_to(QUANTITIES[line.quantity](builds.camera), good.shape)
+                elif isinstance(line.of, Corner):
+                    if line.of.ends not in images:
+                        images[line.of.ends] = first_builds(self.plan, FEW, line.of.ends)[0]
+                    values = line.of.over(images[line.of.ends])
                 else:
-                    values = line.values(builds, FEW)
+                    values = line.values(builds.camera, FEW)
             values = values[good[: values.size]]
             if values.size > 1 and np.isfinite(values).all():  # an end at infinity, or none, has no spread
                 deviations[line.key] = float(np.std(values, ddof=1))
@@ -205,15 +212,8 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
         scale = outermost.local_magnification / middle.local_magnification if middle.local_magnification else 0.0
     lost = "not seen" if outermost.distortion_percent is None or scale is None else ""
     places = (middle.x_ml_mm, outermost.x_ml_mm)
-    bent, shaded, stretched = (
-        (None, None, None)
-        if traced
-        else (
-            _corner("distortion_percent", places),
-            _corner("relative_illumination", places, 100.0),
-            _corner("local_magnification", places, against=True),
-        )
-    )
+    bent, shaded = Corner("distortion_percent", places), Corner("relative_illumination", places, 100.0)
+    stretched = Corner("local_magnification", places, against=True)
     barrel = "below 0 is barrel-shaped"
     yield SheetLine("Over the field", f"distortion {at}", outermost.distortion_percent, "%", barrel, text=lost, of=bent)
     against = "against the middle, along the field's radius"
@@ -247,17 +247,25 @@ def _resolution(row: Resolved, focal: bool, camera: Camera) -> float:
     return math.nan if value is None else value
 
 
-def _corner(
-    name: str, ends: tuple[Place, Place], factor: float = 1.0, against: bool = False
-) -> Callable[[Camera], float]:
-    """A quantity of the field's corner, `against` that of its middle, of one build."""
+@dataclass(frozen=True)
+class Corner:
+    """A quantity of the field's corner, `against` that of its middle."""
 
-    def of(camera: Camera) -> float:
-        images = MicrolensImages(camera, ends)
-        middle, corner = np.broadcast_to(QUANTITIES[name].at_fields(images), (2, 1))[:, 0]
-        return factor * float(corner) / (float(middle) if against else 1.0)
+    name: str
+    ends: tuple[Place, Place]
+    """Middle and corner [mm]."""
+    factor: float = 1.0
+    against: bool = False
 
-    return of
+    def over(self, images: MicrolensImages) -> Array:
+        """Of builds at those ends, (T,)."""
+        values = np.asarray(QUANTITIES[self.name].at_fields(images), float)
+        middle, corner = np.broadcast_to(values, (2, *(images.camera.shape or (1,))))
+        return np.asarray(self.factor * corner / (middle if self.against else 1.0))
+
+    def __call__(self, camera: Camera) -> float:
+        """Of one build behind an ideal lens."""
+        return float(self.over(MicrolensImages(camera, self.ends))[0])
 
 
 def _colour_lines(design: Design, colours: tuple[Colour, ...]) -> Iterator[SheetLine]:
@@ -329,7 +337,7 @@ def uncertain(calibration: Known, rows: Iterable[SheetLine]) -> dict[str, float]
     left = {
         line.key: float(covariance.carried(design, QUANTITIES[line.quantity] if line.quantity else line.values))
         for line in rows
-        if line.quantity or line.of is not None
+        if line.quantity or not (line.of is None or (design.lens is not None and isinstance(line.of, Corner)))
     }
     return {name: sigma for name, sigma in left.items() if math.isfinite(sigma)}
 

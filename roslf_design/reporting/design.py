@@ -62,9 +62,9 @@ IDEAL = (
     "The main lens is ideal and thin: no aberrations, distortion, field curvature or colour. Real lenses add theirs."
 )
 REAL = (
-    "The main lens is real. Its exact rays stand under Real main lens and in the verdicts; all else, tables, ray "
-    "diagrams, maps and design space, is its thin twin: an ideal lens of the same focal length and clear diameter, "
-    "with distances counted from the principal planes."
+    "The main lens is real. Its exact rays stand under Real main lens, in the verdicts and in a data sheet's fields "
+    "and resolution; all else, tables, ray diagrams, maps and design space, is its thin twin: an ideal lens of the "
+    "same focal length and clear diameter, with distances counted from the principal planes."
 )
 MODEL = (
     "Microlenses are pinholes at the focal plane's image; their finite aperture, defocus and diffraction are sized "

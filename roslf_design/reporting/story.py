@@ -10,7 +10,6 @@ alone. What `calibration` leaves out is chosen to suit the design; instead of a 
 from __future__ import annotations
 
 import math
-import os
 import re
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -121,14 +120,8 @@ class Story:
     calibrations: Mapping[int, Calibrated]
 
 
-def load_story(path: str | os.PathLike[str]) -> Story:
-    """Read a story with its design and its studies; an InputError names the file and every fault in it and in these."""
-    place = Path(path)
-    return read_story(read_toml(place, str(path)), place.parent, str(path))
-
-
 def load_story_or_study(path: Path) -> tuple[Kind, Story | None]:
-    """What kind of file a path (or a preset's name) names, and the story where it is one; errors as of `load_story`."""
+    """What kind of file a path (or a preset's name) names, and the story where it is one; errors as of `read_story`."""
     if not path.exists() and (str(path) in preset_names() or not path.suffix):  # what is no preset, `load` tells
         return "design", None
     data = read_toml(path, str(path))
@@ -137,7 +130,13 @@ def load_story_or_study(path: Path) -> tuple[Kind, Story | None]:
 
 
 def read_story(data: Mapping[str, Any], folder: Path = Path(), origin: str = "") -> Story:
-    """The same as `load_story` from nested values, with `folder` for the files they name."""
+    """A story from nested values, with its design and its studies; `folder` is for the files they name.
+
+    Raises
+    ------
+    InputError
+        Names the file and every fault in it and in these.
+    """
     table = validated(StoryTable, data, origin)
     faults: list[Problem] = []
     studies: dict[int, Mapping[str, Any]] = {}

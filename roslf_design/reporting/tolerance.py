@@ -23,7 +23,7 @@ from ..pictures.studies import (
     yield_curve,
 )
 from ..tables import Column
-from ..tolerancing.analyses import Yield
+from ..tolerancing.analyses import Variant, Yield
 from ..tolerancing.budgets import Change, ToleranceBudget
 from ..tolerancing.metrics import METRICS
 from ..tolerancing.places import display, perturbable, short_name
@@ -36,6 +36,8 @@ TOP = 12
 """Rows of a ranking."""
 MOST = 14
 """Bars that a ranking shows."""
+MOST_FAULTS = 4
+"""Reasons why builds cannot be put together that a sentence names."""
 MOST_CHANGES = 8
 """Changes that a table shows."""
 QUANTILES = 5
@@ -81,6 +83,8 @@ def tolerance_section(result: StudyResult, command: str = "", *, first_look: boo
     weakest = in_words(result.final.weakest.label)
     for name, picture in tolerance_pictures(result).items():
         title, caption = FIGURES[name]
+        if name == "sensitivity" and (lost := _ends_lost(result)):
+            caption += f" No bar at an end where the build has no such number: {', '.join(lost)}."
         blocks.append(Figure.of(f"tolerance-{name}", title, caption.format(weakest=weakest), picture))
     blocks += [_worded(table) for table in tables(result)]
     if result.warnings:
@@ -110,6 +114,20 @@ def headline(result: StudyResult) -> str:
     )
 
 
+def impossible_words(variant: Variant) -> str:
+    """How many builds are no cameras, and why; empty where all are."""
+    if not variant.impossible:
+        return ""
+
+    def percent(count: int) -> str:
+        return f"{100 * count / variant.result.trials:.3g} %"
+
+    more = len(variant.faults) - MOST_FAULTS
+    reasons = [f"{words} in {percent(count)}" for words, count in variant.faults[:MOST_FAULTS]]
+    reasons += [f"{more} more reasons"] if more > 0 else []
+    return f"{percent(variant.impossible)} of the builds cannot be put together: {', '.join(reasons)}."
+
+
 def yield_statement(result: StudyResult, name: str = "", first_look: bool = False) -> Statement:
     """The yield as an answer, with what would mend it; neither good nor bad by limits of a first look."""
     target = result.study.yield_target
@@ -134,6 +152,8 @@ def yield_statement(result: StudyResult, name: str = "", first_look: bool = Fals
 
 
 def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
+    if lost := impossible_words(result.final):
+        yield Statement("caution", lost, "Change nominal distances or their tolerances so that these parts keep clear.")
     yield yield_statement(result, first_look=first_look)
     if result.precision is not None:
         accuracy = result.precision.accuracy
@@ -142,7 +162,7 @@ def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
     share = 100 * weakest.result.value
     yield Statement(
         "plain" if share == 100 else "caution",
-        f"The weakest limit is that on {in_words(weakest.label)}: {share:.2f} % hold it.",
+        f"The weakest limit is that on {in_words(weakest.label)}: {share:.2f} % {_of_those(result)}hold it.",
     )
     ranked = ranking(result)
     if ranked and ranked[0][1] > 0.05:
@@ -151,6 +171,11 @@ def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
             "plain",
             f"{short_name(place, result.plan.question.design)} goes with it most: {100 * part:.0f} % of its variance.",
         )
+
+
+def _of_those(result: StudyResult) -> str:
+    """Which builds limits' yields count, where these are not all."""
+    return "of those that can be put together " if any(variant.impossible for variant in result.variants) else ""
 
 
 def ranking(result: StudyResult) -> list[tuple[str, float]]:
@@ -191,9 +216,15 @@ def _limits(result: StudyResult, shown: set[str]) -> Table:
         for index, limit in enumerate(result.final.limits)
         if limit.label in shown
     ]
-    every = ("all together", "", "", *(f"{100 * variant.result.value:.2f}" for variant in result.variants))
+    together = "all together" + (", of all builds" if _of_those(result) else "")
+    every = (together, "", "", *(f"{100 * variant.result.value:.2f}" for variant in result.variants))
     heads = ("metric@field", "min", "max", *(f"{variant.name} [%]" for variant in result.variants))
-    count = f"Of {result.plan.trials:,} builds."
+    trials = result.plan.trials
+    count = f"Of {trials:,} builds."
+    if any(variant.impossible for variant in result.variants):
+        possible = (f"{100 * (1 - variant.impossible / trials):.2f}" for variant in result.variants)
+        limits.insert(0, ("can be put together", "", "", *possible))
+        count += " Each limit by itself: of those that can be put together."
     places = ", ".join(f"{index} ({words.place(x_ml, 3)})" for index, x_ml in enumerate(result.plan.question.fields))
     caption = f"{count} Fields, by the position of their microlens [mm]: {places}." if places else count
     return Table((*limits, every), "l" + "d" * (len(heads) - 1), heads, "Limits", caption)
@@ -217,11 +248,15 @@ def _quantiles(result: StudyResult, shown: set[str]) -> Table:
         for column in final
         if column.label in shown
     )
-    caption = "Undefined trials count as failures; quantiles rank them worst, mean and spread are then not stated."
+    caption = ["Of the builds that can be put together."] if _of_those(result) else []
+    if undefined:
+        caption += [
+            "Undefined trials count as failures; quantiles rank them worst, mean and spread are then not stated."
+        ]
     quantiles = (f"{100 * probabilities[index]:.4g} %" for index in places)
     heads = ("metric@field", "nominal", "mean", "std. dev.", *quantiles, *(("undefined",) if undefined else ()))
     title = f"Distributions, {result.final.name}"
-    return Table(rows, "l" + "r" * (len(heads) - 1), heads, title, caption if undefined else "")
+    return Table(rows, "l" + "r" * (len(heads) - 1), heads, title, " ".join(caption))
 
 
 def _tolerances(result: StudyResult, brief: bool) -> Table:
@@ -247,7 +282,8 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
     )
     share = "1/sqrt(n)" if result.study.share == "rss" else "1/n"
     caption = (
-        "r²: squared correlation with the weakest metric. Alone up to: where, all else nominal, the first goal fails. "
+        "r²: squared correlation with the weakest metric. Alone up to: where, all else nominal, the first goal fails, "
+        "or the build cannot be put together. "
         f"Shared budget: what uses {share} of every limit's room, n = {len(shares)} parameters. For the wanted yield: "
         "all tolerances scaled by one factor."
     )
@@ -407,7 +443,7 @@ def tolerance_pictures(result: StudyResult) -> dict[str, Picture]:
     span = columns[-1].low, columns[-1].high
     drawn["spread"] = distributions(parts, nominal, [e for e in edges if math.isfinite(e)], span, label)
     moves = result.sensitivity
-    order = _largest(np.nan_to_num(moves.worst[-1, row], posinf=np.finfo(float).max))
+    order = _largest(np.maximum(*(np.abs(np.nan_to_num(ends[-1, row])) for ends in (moves.plus, moves.minus))))
     plus, minus = (np.nan_to_num(ends[-1, row, order]) for ends in (moves.plus, moves.minus))
     drawn["sensitivity"] = ranked_moves(_names(result, order), plus, minus, [e - nominal for e in edges], label)
     values, noise = result.correlations[row], 2 / math.sqrt(result.plan.trials)
@@ -436,6 +472,12 @@ def _largest(sizes: NDArray[np.float64]) -> NDArray[np.intp]:
     order = np.argsort(-sizes, kind="stable")[:MOST]
     large = order[sizes[order] > 2e-3 * sizes[order[0]]]
     return large if len(large) else order[:1]
+
+
+def _ends_lost(result: StudyResult) -> list[str]:
+    """What at an end of its tolerance alone leaves the weakest metric undefined."""
+    lost = np.flatnonzero(np.isinf(result.sensitivity.worst[-1, _weakest_row(result)]))
+    return _names(result, lost)
 
 
 def _metric(result: StudyResult, row: int, unit: bool = True) -> str:

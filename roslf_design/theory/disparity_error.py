@@ -251,16 +251,12 @@ def disparity_information(images: MicrolensImages, plane: Seen, waves: Spectrum 
     usable &= rows.light <= np.broadcast_to(c["sensor.full_well"], shape).ravel()
     usable &= np.isfinite(rows.texture.fine) & np.isfinite(rows.texture.strength)
     level = np.where(usable, np.minimum(2 * np.ceil(rows.finest / 2), SHARPEST).clip(2, None), 0).astype(int)
-    build, information = np.arange(fill.size) % max(1, math.prod(builds)), np.zeros(fill.size)
-    even = "sensor.acceptance" not in c.numbers
+    information = np.zeros(fill.size)
     level = np.where(usable & (rows.finest > SHARPEST), SHARPEST + 1, level)
     for kind in np.flatnonzero(np.bincount(2 * level + whole, minlength=2)[2:]) + 2:
         detail, uncut = int(kind) // 2, bool(kind % 2)
         mine = np.flatnonzero((level == detail) & (whole == uncut))
-        # Whole images of one build are all alike where pixels take light from everywhere.
-        several = uncut and even and len(images.fields) > 1
-        alike, back = np.unique(build[mine], return_index=True, return_inverse=True)[1:] if several else (..., ...)
-        information[mine] = (_interpolated if uncut else _each)(rows.at(mine[alike]), array, detail, uncut)[back]
+        information[mine] = (_interpolated if uncut else _each)(rows.at(mine), array, detail, uncut)
     return information.reshape(shape)
 
 
@@ -277,7 +273,7 @@ def _rows_of(images: MicrolensImages, plane: Seen, texture: Texture) -> _Images:
     pitch = magnitude(microlens_image_pitch(c))
     bend = ratio(plane.disparity * pitch, magnitude(microlens_image_diameter(c)))
     defocus = -microlens_defocus(c) / c.d_2
-    light = electrons(c) * response(c, np.hypot(*images.microlens[:2]))
+    light = electrons(c) * images.level * response(c, np.hypot(*images.microlens[:2]))
     optics = (c.d, c.d_2, c.wavelength, defocus, c.q, light, dark_variance(c), pitch, bend)
     per_pitch = np.broadcast_to(ratio(1.0, pitch), builds)
     turn = np.asarray(c["microlens_array.rotation"])[..., None]

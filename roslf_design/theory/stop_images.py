@@ -260,10 +260,15 @@ class MicrolensImages:
         return on_plane(self.camera, (self.microlens[0], self.microlens[1]), ahead)
 
     @cached_property
+    def level(self) -> Number:
+        """Light of a pixel that a microlens lights against such a pixel on the axis."""
+        slopes = outer_slopes(self.camera, (self.microlens[0], self.microlens[1]))
+        return falloff(self.camera, np.hypot(*slopes))
+
+    @cached_property
     def illumination(self) -> Number:
         """Light of a microlens against one whose image nothing cuts, on the axis."""
-        slopes = outer_slopes(self.camera, (self.microlens[0], self.microlens[1]))
-        return self.shapes.kept_fraction * falloff(self.camera, np.hypot(*slopes))
+        return self.shapes.kept_fraction * self.level
 
     @cached_property
     def discs(self) -> tuple[Array, Array]:

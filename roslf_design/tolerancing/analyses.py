@@ -21,7 +21,7 @@ from .draws import Draws, sobol_points
 from .places import of_parts
 from .run import Tally, quantiles, rebin
 from .study import TolerancePlan
-from .trials import BLOCK, differences, measure, measure_finally
+from .trials import BLOCK, differences, final_faults, measure, measure_finally
 
 CONFIDENCE = 0.95
 """Of every interval."""
@@ -53,8 +53,8 @@ class Yield:
 
     @property
     def value(self) -> float:
-        """Share that passed."""
-        return self.passed / self.trials
+        """Share that passed; 0 of none."""
+        return self.passed / max(self.trials, 1)
 
     @property
     def interval(self) -> tuple[float, float]:
@@ -153,10 +153,11 @@ class ColumnSummary:
     label: str
     nominal: float
     undefined: int
-    """Trials in which it has no value; they count as failures of every limit on it."""
+    """Trials that are cameras in which it has no value; they count as failures of every limit on it."""
     mean: float
     deviation: float
-    """Standard deviation. Both NaN where any trial is undefined: an average of the rest would flatter."""
+    """Standard deviation. Both over what are cameras; NaN where any of these is undefined: an average of the rest would
+    flatter."""
     low: float
     high: float
     """Least and greatest defined value."""
@@ -170,7 +171,7 @@ class ColumnSummary:
 
 @dataclass(frozen=True)
 class LimitYield:
-    """One limit alone."""
+    """One limit alone, over the builds that are cameras."""
 
     label: str
     low: float
@@ -184,7 +185,11 @@ class Variant:
 
     name: str
     result: Yield
-    """All limits together."""
+    """All limits together, over all builds."""
+    impossible: int
+    """Builds that are no cameras: parts collide, a number is beyond what it can be."""
+    faults: tuple[tuple[str, int], ...]
+    """Why, in words, and in how many, most first; a build may have several reasons."""
     limits: tuple[LimitYield, ...]
     distributions: tuple[ColumnSummary, ...]
 
@@ -207,8 +212,19 @@ def summarise(plan: TolerancePlan, tally: Tally) -> tuple[Variant, ...]:
         Variant(
             name,
             Yield(int(tally.passed[v]), tally.trials),
+            int(tally.impossible[v]),
             tuple(
-                LimitYield(plan.columns[limit.column].label, limit.low, limit.high, Yield(int(held), tally.trials))
+                (plan.faults[reason], int(tally.faults[v, reason]))
+                for reason in np.argsort(-tally.faults[v], kind="stable")
+                if tally.faults[v, reason]
+            ),
+            tuple(
+                LimitYield(
+                    plan.columns[limit.column].label,
+                    limit.low,
+                    limit.high,
+                    Yield(int(held), tally.trials - int(tally.impossible[v])),
+                )
                 for limit, held in zip(plan.limits, tally.held[v], strict=True)
             ),
             tuple(_summary(plan, tally, v, c) for c in range(len(plan.columns))),
@@ -220,14 +236,14 @@ def summarise(plan: TolerancePlan, tally: Tally) -> tuple[Variant, ...]:
 def _summary(plan: TolerancePlan, tally: Tally, v: int, c: int) -> ColumnSummary:
     nominal = float(plan.nominal[c])
     here = nominal if math.isfinite(nominal) else 0.0
-    undefined, counts = int(tally.undefined[v, c]), tally.counts[v, c]
-    defined = tally.trials - undefined
+    undefined, counts = int(tally.undefined[v, c] - tally.impossible[v]), tally.counts[v, c]
+    defined = tally.trials - int(tally.undefined[v, c])
     low, high = float(tally.low[v, c]), float(tally.high[v, c])
     limits = [limit for limit in plan.limits if limit.column == c]
     worst_is_low = any(np.isfinite(l.low) for l in limits) and not any(np.isfinite(l.high) for l in limits)
     worse = {"below" if worst_is_low else "above": undefined}
     mean = deviation = math.nan
-    if not undefined:
+    if defined and not undefined:
         shift = float(tally.total[v, c]) / defined
         mean = here + shift
         deviation = math.sqrt(max(float(tally.square[v, c]) / defined - shift**2, 0.0))
@@ -352,7 +368,7 @@ class Allowed:
     `LOOSEST` times the given one does."""
     given: float
     limited_by: str
-    """Label of the column whose share binds; empty where none does."""
+    """Label of the column whose share binds, or why the build is no camera beyond; empty where nothing binds."""
     alone: float
     """Half-width at which, all else nominal, the first limit fails."""
     alone_limited_by: str
@@ -396,6 +412,11 @@ def inverse_sensitivity(plan: TolerancePlan, share: float) -> tuple[Allowed, ...
         trial = np.where(
             np.isinf(outside), np.minimum(2 * inside, LOOSEST), (inside + np.minimum(outside, LOOSEST)) / 2
         )
+    deviations = np.zeros((len(perturbations), rows.size))
+    deviations[rows, cases] = np.where(ends == 0, 1.0, -1.0) * np.where(np.isfinite(outside), outside, 0.0)
+    faults = np.empty(rows.size, dtype=object)
+    faults[:] = final_faults(plan, deviations)
+    faults = faults.reshape(len(perturbations), 2, 2)
     widths, broken = (part.reshape(len(perturbations), 2, 2) for part in (inside, broken))
 
     def narrower(index: int, part: int) -> tuple[float, str]:
@@ -403,7 +424,8 @@ def inverse_sensitivity(plan: TolerancePlan, share: float) -> tuple[Allowed, ...
         width = float(widths[index, end, part])
         if width >= LOOSEST * (1 - 1e-9):
             return math.inf, ""
-        return width * perturbations[index].tolerance, plan.columns[limits[broken[index, end, part]].column].label
+        fails = plan.columns[limits[broken[index, end, part]].column].label
+        return width * perturbations[index].tolerance, ", ".join(faults[index, end, part]) or fails
 
     allowed = []
     for index, p in enumerate(perturbations):

@@ -157,3 +157,22 @@ def builds_of(
     if mount is None:
         return IdealBuilds(camera, nominal, *rest), valid
     return TracedBuilds(design, mount, camera, *rest, afresh=afresh), valid & mount.sound
+
+
+def faults_of(question: Question, values: Mapping[str, Array], trials: int) -> dict[str, NDArray[np.bool_]]:
+    """Why builds are no cameras: each reason in words to the builds that it holds for, (trials,).
+
+    Parameters as for `evaluate_builds`; the reasons are the same ones, in the same order, for all builds of a design.
+    """
+    design = question.design
+    if all(place in values for place in CONJUGATES):
+        values = {place: numbers for place, numbers in values.items() if place != CONJUGATES[0]}
+    values, nominal = of_parts(design, values), Camera.of(design.thin_twin)
+    with np.errstate(all="ignore"):
+        if design.lens is None:
+            faults = nominal.replace(values).faults()
+        else:
+            mount = mounted(design, values, trials)
+            unsound = {"the main lens as made touches its neighbours or passes no light": ~mount.sound}
+            faults = nominal.as_measured.replace(mount.twins).faults() | unsound
+    return {words: np.broadcast_to(flags, (trials,)) for words, flags in faults.items()}

@@ -42,7 +42,7 @@ from .places import Grades
 from .run import Tally
 from .study import MOST_TRIALS, Study, TolerancePlan, make_plan
 from .traced import AS_IF_THIN, CHECKED, TraceCheck, TracedBuilds, check_traced
-from .trials import one_trial
+from .trials import measure_one, one_trial
 
 SCHEMA = "roslf.tolerance/1"
 FINEST = 1e-5
@@ -72,6 +72,8 @@ class WorstTrial:
     """How far, in units of what the limit allows: 1 is at the limit; infinite where something is undefined."""
     file: str
     """Its design file; empty where its numbers make no design."""
+    faults: tuple[str, ...] = ()
+    """Why they make none, in words."""
 
 
 @dataclass(frozen=True)
@@ -182,7 +184,7 @@ class StudyResult:
             "budget": None if self.budget is None else _budget(self.budget),
             "grades": [{"grade": grade.grade, **_yield(grade.result)} for grade in self.grades],
             "correlations": {"columns": columns, "places": places, "values": self.correlations},
-            "worst": [{"trial": w.number, "score": w.score, "file": w.file} for w in self.worst],
+            "worst": [{"trial": w.number, "score": w.score, "file": w.file, "faults": w.faults} for w in self.worst],
             "warnings": self.warnings,
         }
         finite: dict[str, Any] = plain(data)
@@ -214,6 +216,7 @@ def _variant(variant: Variant) -> dict[str, Any]:
     return {
         "name": variant.name,
         **_yield(variant.result),
+        "impossible": {"trials": variant.impossible, "reasons": dict(variant.faults)},
         "limits": [
             {"column": limit.label, "min": limit.low, "max": limit.high, **_yield(limit.result)}
             for limit in variant.limits
@@ -307,8 +310,8 @@ def _warnings(
     for column in variants[-1].distributions:
         if column.undefined:
             yield (
-                f"{column.label} is undefined in {column.undefined} of {plan.trials} trials; they count as failures, "
-                "and its mean and standard deviation are not stated"
+                f"{column.label} is undefined in {column.undefined} of {plan.trials - variants[-1].impossible} builds "
+                "that can be put together; they count as failures, and its mean and standard deviation are not stated"
             )
     bent = [row.column for row in rss if not row.linear and math.isfinite(row.monte_carlo)]
     if bent:
@@ -333,14 +336,16 @@ def save_worst(plan: TolerancePlan, tally: Tally, folder: Path) -> tuple[WorstTr
     rows = []
     for number, score in zip(tally.worst.tolist(), tally.scores.tolist(), strict=True):
         name = f"worst-trial-{number}.toml"
+        faults: tuple[str, ...] = ()
         try:
             design, _ = one_trial(plan, number)
-        except InputError:
-            name = ""  # its numbers make no design, which is why it failed
+        except InputError as error:  # its numbers make no design, which is why it failed
+            *_, found = measure_one(plan, number).faults(plan)
+            name, faults = "", tuple(found) or tuple(problem.message for problem in error.problems)
         else:
             text = {"name": f"{design.name}, trial {number} of {plan.name}", "source": f"seed {plan.draws.seed}"}
             save(design.replace(text), folder / name, overwrite=True, digits=WRITTEN)
-        rows.append(WorstTrial(number, score, name))
+        rows.append(WorstTrial(number, score, name, faults))
     return tuple(rows)
 
 
@@ -407,15 +412,17 @@ def precision(
         share = each * PARTS / plan.trials
         by = f"{PARTS} parts of the first {len(tally.measured)} trials" + (", scaled" if share < 1 else "")
 
-        def error(good: NDArray[np.bool_]) -> Array:
-            """Of shares of builds, from the builds that are good, shape (..., trials)."""
-            shares = good.reshape(*good.shape[:-1], PARTS, each).mean(axis=-1)
+        def error(good: NDArray[np.bool_], of: NDArray[np.bool_] | np.bool_ = np.True_) -> Array:
+            """Of shares of builds, from the builds that are good, shape (..., trials), of those that count."""
+            counts = np.broadcast_to(of, good.shape[-1:]).reshape(PARTS, each).sum(axis=-1)
+            shares = good.reshape(*good.shape[:-1], PARTS, each).sum(axis=-1) / np.maximum(counts, 1)
             return np.asarray(shares.std(axis=-1, ddof=1) * math.sqrt(share / PARTS))
 
         yields = replace(yields, measured=float(error(np.asarray(plan.passes(values).all(axis=0)))))
         defined = [c for c, column in enumerate(final.distributions) if not column.undefined]
         below = [values[c] <= np.array(final.distributions[c].quantiles)[:, None] for c in defined]
-        squares = np.mean(error(np.array(below)) ** 2, axis=0) if below else np.zeros(1)
+        cameras = ~np.isnan(values).all(axis=0)
+        squares = np.mean(error(np.array(below), cameras) ** 2, axis=0) if below else np.zeros(1)
         ranks = replace(ranks, measured=math.sqrt(squares.max(initial=0.0)))
         measured = SIGMAS * max(yields.measured or 0.0, ranks.measured or 0.0)
     sampled = "Sobol points" if plan.draws.sampling == "sobol" else "random builds"

@@ -76,7 +76,7 @@ _POSITIVE = ((np.arange(HALF + 1, dtype=np.int64) + _FIRST) << _SHIFT).view(np.f
 EDGES = np.concatenate([-_POSITIVE[::-1], _POSITIVE])
 """Of the bins, in deviation from nominal, shape (BINS + 1,); the middle bin is [-2^-50, 2^-50]."""
 
-SUMMED = ("trials", "passed", "held", "undefined", "counts", "total", "square", "x", "xx", "xy")
+SUMMED = ("trials", "passed", "held", "undefined", "impossible", "faults", "counts", "total", "square", "x", "xx", "xy")
 """What adds up over chunks."""
 
 
@@ -365,6 +365,10 @@ class Tally:
     """Trials that hold each limit, shape (V, limits)."""
     undefined: Counts
     """Trials in which a column is undefined, shape (V, C)."""
+    impossible: Counts
+    """Trials that are no cameras, shape (V,): in these every column is undefined."""
+    faults: Counts
+    """For which of the plan's reasons, shape (V, reasons); a trial may have several."""
     counts: Counts
     """Bin counts of deviations from nominal, shape (V, C, BINS)."""
     total: Array
@@ -414,6 +418,11 @@ def counted(plan: TolerancePlan, trials: MeasuredTrials, first: int) -> Tally:
             x += np.einsum("ct,pt->cp", known, some)
             xx += np.einsum("ct,pt->cp", known, some * some)
         xy += np.einsum("ct,pt->cp", ends, some)
+    impossible, faults = np.zeros(variants, np.int64), np.zeros((variants, len(plan.faults)), np.int64)
+    for v, found in enumerate(trials.faults(plan)):
+        for words, flags in found.items():
+            faults[v, plan.faults.index(words)] = flags.sum()
+        impossible[v] = np.sum(np.any(list(found.values()), axis=0)) if found else 0
     scores = plan.used_room(trials.variants[-1])
     worst = np.lexsort((np.arange(size), -scores))[: plan.keep_worst]
     kept = max(0, min(plan.keep_trials - first, size))
@@ -422,6 +431,8 @@ def counted(plan: TolerancePlan, trials: MeasuredTrials, first: int) -> Tally:
         passed=passes.all(axis=1).sum(axis=1),
         held=passes.sum(axis=2),
         undefined=undefined,
+        impossible=impossible,
+        faults=faults,
         counts=counts,
         total=total,
         square=square,

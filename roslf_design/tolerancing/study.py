@@ -40,7 +40,7 @@ from ..toml_files import nearest, problems_of, read_toml
 from ..units import Length, in_file, parse_quantity
 from .draws import BITS, Distribution, Draws, Perturbation, Sampling
 from .ideal import bore_end
-from .metrics import METRICS, Column, Question, evaluate_builds
+from .metrics import METRICS, Column, Question, evaluate_builds, faults_of
 from .places import LENSLETS, SHIPPED, Grades, expand, load_grades, nominal_values, tolerance_at
 
 CALIBRATION = "calibration"
@@ -50,7 +50,7 @@ MOST_TRIALS = 10**10
 
 FIELD_NAMES = ("centre", "edge", "corner")
 """Fields of what the sensor sees, as `roslf evaluate` takes them."""
-FORMAT = 6
+FORMAT = 7
 """Raised when the same plan would give other bytes; part of the digest that guards a resumed run."""
 TIED = ": "
 """Between a group's name and the pose that its members share."""
@@ -317,6 +317,11 @@ class TolerancePlan:
     def nominal(self) -> Array:
         """The nominal design's columns, shape (columns,)."""
         return evaluate_builds(self.question, {}, 1)[:, 0]
+
+    @cached_property
+    def faults(self) -> tuple[str, ...]:
+        """Why a build can be no camera, in words."""
+        return tuple(faults_of(self.question, {}, 1))
 
     def nominal_misses(self) -> tuple[str, ...]:
         """Labels of the limits that the nominal design itself does not hold: no tolerance mends those."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import cached_property, lru_cache
 from typing import NamedTuple
@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._arrays import Array
-from ..camera import Camera
 from ..design import Design
-from .metrics import Question, builds_of, evaluate_builds
+from .ideal import IdealBuilds
+from .metrics import Question, builds_of, evaluate_builds, faults_of
 from .places import nominal_values, of_parts, perturbable
 from .study import TolerancePlan
 from .traced import as_built
@@ -43,6 +43,22 @@ class MeasuredTrials(NamedTuple):
     """Columns as built (then linearly adjusted, then adjusted), shape (V, C, trials)."""
     moved: Array
     """Adjustments [mm, rad], shape (adjusters, trials)."""
+
+    def faults(self, plan: TolerancePlan) -> Iterator[dict[str, NDArray[np.bool_]]]:
+        """Variant by variant, why trials are no cameras: reasons to flags over those that have no number at all."""
+        for variant, values in enumerate(self.variants):
+            lost = np.isnan(values).all(axis=0)
+            if not lost.any():
+                yield {}
+                continue
+            deviations = np.ascontiguousarray(self.deviations[:, lost])
+            numbers, compensator = plan.draws.values(deviations), compensator_of(plan) if plan.adjusters else None
+            if compensator is not None and variant:
+                last = variant == len(self.variants) - 1
+                moved = self.moved[:, lost] if last else compensator.linear(deviations)
+                numbers = compensator.applied(numbers, moved)
+            found = faults_of(plan.question, numbers, deviations.shape[1])
+            yield {words: flags for words, flags in found.items() if flags.any()}
 
 
 def measure(plan: TolerancePlan, deviations: Array) -> MeasuredTrials:
@@ -93,13 +109,7 @@ def one_trial(plan: TolerancePlan, number: int) -> tuple[Design, MeasuredTrials]
     ValueError
         There is no such trial, or its numbers make no design (d_3 >= d_f and the like).
     """
-    if not 0 <= number < plan.trials:
-        raise ValueError(f"trial {number} does not exist; they run from 0 to {plan.trials - 1}")
-    index, within = divmod(number, plan.chunk)
-    # All that were measured with it run again, so that arrays have the same shapes.
-    start, end = within - within % STRETCH, plan.chunk_trials(index)
-    block = measure_uniforms(plan, plan.draws.uniforms(index, plan.chunk, start, min(start + STRETCH, end)))
-    measured = MeasuredTrials(*(part[..., [within - start]] for part in block))
+    measured = measure_one(plan, number)
     values = plan.draws.values(measured.deviations)
     if plan.adjusters:
         values = compensator_of(plan).applied(values, measured.moved)
@@ -108,10 +118,39 @@ def one_trial(plan: TolerancePlan, number: int) -> tuple[Design, MeasuredTrials]
     return design.replace(changes) if design.lens is None else as_built(design, changes), measured
 
 
-def first_builds(plan: TolerancePlan, count: int) -> tuple[Camera, NDArray[np.bool_]]:
-    """A plan's first builds, adjusted where anything is, and which of them are cameras; shape (builds,).
+def measure_one(plan: TolerancePlan, number: int) -> MeasuredTrials:
+    """Trial `number` measured again, bit for bit.
 
-    Others have nominal numbers. Behind a real main lens they are thin twins.
+    Raises
+    ------
+    ValueError
+        There is no such trial.
+    """
+    if not 0 <= number < plan.trials:
+        raise ValueError(f"trial {number} does not exist; they run from 0 to {plan.trials - 1}")
+    index, within = divmod(number, plan.chunk)
+    # All that were measured with it run again, so that arrays have the same shapes.
+    start, end = within - within % STRETCH, plan.chunk_trials(index)
+    block = measure_uniforms(plan, plan.draws.uniforms(index, plan.chunk, start, min(start + STRETCH, end)))
+    return MeasuredTrials(*(part[..., [within - start]] for part in block))
+
+
+def final_faults(plan: TolerancePlan, deviations: Array) -> list[tuple[str, ...]]:
+    """Why builds, after adjustment, are no cameras: of each its reasons, none where it is one."""
+    values = plan.draws.values(deviations)
+    if plan.adjusters:
+        compensator = compensator_of(plan)
+        values = compensator.applied(values, compensator.adjusted(values, deviations)[0])
+    reasons = faults_of(plan.question, values, deviations.shape[1])
+    return [tuple(words for words, flags in reasons.items() if flags[k]) for k in range(deviations.shape[1])]
+
+
+def first_builds(
+    plan: TolerancePlan, count: int, fields: tuple[tuple[float, float], ...] = ()
+) -> tuple[IdealBuilds, NDArray[np.bool_]]:
+    """A plan's first builds, adjusted where anything is, at fields or its own, and which are cameras, (builds,).
+
+    Others have nominal numbers. Behind a real main lens their `camera` is of thin twins.
     """
     count = min(count, plan.chunk_trials(0))
     deviations = plan.draws.deviations(np.ascontiguousarray(plan.draws.uniforms(0, plan.chunk, 0, count)))
@@ -119,8 +158,8 @@ def first_builds(plan: TolerancePlan, count: int) -> tuple[Camera, NDArray[np.bo
     if plan.adjusters:
         compensator = compensator_of(plan)
         values = compensator.applied(values, compensator.adjusted(values, deviations)[0])
-    builds, good = builds_of(plan.question, values, count)
-    return builds.camera, good
+    question = replace(plan.question, fields=fields) if fields else plan.question
+    return builds_of(question, values, count)
 
 
 class Compensator:

@@ -283,8 +283,10 @@ def aimed(train: Train, planes: Planes, half: Array, wanted: Aims, trial: Ints, 
     limits = sum(part.media.shape[1] - 1 for part in train) + planes.rims.shape[1] - 1
     landed, heights = np.empty((n, rays, 2)), np.empty((n, rays, limits))
     miss = np.empty((n, rays))
+    # Of one layout: kernels are compiled once more for another.
+    alike = Aims(*map(np.ascontiguousarray, wanted))
     aim.compiled(
-        trial, begin, *counted(lens), *counted(beyond), planes.array, planes.sensor, planes.rims, half, *wanted,
+        trial, begin, *counted(lens), *counted(beyond), planes.array, planes.sensor, planes.rims, half, *alike,
         TOLERANCE, CORRECTIONS, landed, heights, miss,
     )  # fmt: skip
     lost = ~(miss <= 1e3 * TOLERANCE)
@@ -417,5 +419,6 @@ def spot_radii(
     x, a, w = np.atleast_2d(np.asarray(point, float)), np.asarray(pupil, float), np.ascontiguousarray(weight, float)
     size = np.empty((len(world), len(x)))
     rays = np.repeat(x, len(a), axis=0), np.tile(a, (len(x), 1))
-    spots.compiled(*counted(train.lens), *counted(train.beyond), plane, rims, world, *rays, w, size)
+    frame = np.ascontiguousarray(world)  # kernels are compiled once more for another layout
+    spots.compiled(*counted(train.lens), *counted(train.beyond), plane, rims, frame, *rays, w, size)
     return size

@@ -26,13 +26,12 @@ from ..theory.stop_images import MicrolensImages
 from .builds import received
 from .camera import SensorPoints, camera_of, microlenses, sensor_of_pupil
 from .images import FOLDED, TracedImages, circle, forward_rays, polygon_moments, real_images
+from .outlines import DEGREE, POWERS
 
 Array = NDArray[np.float64]
 
 RINGS, SPOKES = 5, 12
 """Rays of an object point, over the FAP."""
-DEGREE = 5
-POWERS = np.array([(a, b) for a in range(DEGREE + 1) for b in range(DEGREE + 1 - a)])
 SOFT = 0.6
 """Frequencies times `Beam.spread` by which light so spread has lost its contrast, an even disc's by 0.31."""
 GAUSS = 1 / math.sqrt(3)
@@ -59,9 +58,10 @@ class LensImages(MicrolensImages):
     @cached_property
     def illumination(self) -> Number:
         """Light of a microlens against one whose image nothing cuts, on the lens's axis."""
-        axis = real_images(self.lens, np.zeros((1, 2)))
-        _, *whole = polygon_moments(axis.outline)
-        uncut = uncut_light(self._light(np.zeros((1, 2)), axis.whole_area, *whole), self.camera)
+        fap = self.lens.fap
+        rim = sensor_of_pupil(self.lens, np.zeros(2), fap.centre + fap.diameter / 2 * circle(SPOKES))
+        area, *rest = polygon_moments(rim.sensor[None])
+        uncut = uncut_light(self._light(np.zeros((1, 2)), np.where(rim.ok.all(), area, np.nan), *rest), self.camera)
         seen = self.traced
         return (self._light(self.places, seen.area, seen.centroid, seen.second_moments) / uncut)[:, None]
 

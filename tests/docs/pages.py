@@ -15,8 +15,8 @@ import pytest
 
 import roslf_design.optimization.solve  # noqa: F401
 from roslf_design.cli import build_app, main
-from roslf_design.reporting import datasheet, story
-from roslf_design.tolerancing import result
+from studies.accuracy import promises
+from tests.reporting.made import few_builds
 
 FENCE = re.compile(r"^(?P<ticks>`{3,})(?P<info>.*?)\n(?P<text>.*?)^(?P=ticks)\s*$", re.MULTILINE | re.DOTALL)
 RUN = ("console", "pycon", "toml", "sh", "python")
@@ -146,24 +146,12 @@ def check_session(block: Block, place: str, names: dict[str, object]) -> int:
 
 
 def thin_out(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Reports look at few builds, at few other scales of them, and optima are checked by a short search.
+    """Reports look at few builds, and optima are checked by a short search; methods are measured where they are quick.
 
-    What pages show is neither their yields nor what the check said.
+    What pages show is neither yields nor what the check said nor times.
     """
+    few_builds(monkeypatch)
     solve = sys.modules["roslf_design.optimization.solve"]  # whose function has its package's name for it
     globally = solve.globally
     monkeypatch.setattr(solve, "globally", lambda *args: globally(*args[:4], args[4] // 20, *args[5:]))
-    monkeypatch.setattr(datasheet, "FEW", 6)
-    monkeypatch.setattr(datasheet, "MANY", 64)
-    look = story.quick_tolerances
-
-    def quick(design, seed, progress):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(
-                result, "yield_curve", lambda plan, own: tuple((s, result.yield_at(plan, s, 200)) for s in (0.5, 2.0))
-            )
-            patch.setattr(result, "scale_for_yield", lambda plan, target, curve: None)
-            patch.setattr(result, "budget", lambda *_, **__: None)
-            return look(design, seed, progress, 500)
-
-    monkeypatch.setattr(story, "quick_tolerances", quick)
+    monkeypatch.setattr(promises, "SLOWEST", 0.01)

@@ -42,6 +42,15 @@ def disc_in_box(radius, left, right, low, high):
         return part(mp.mpf(high)) - part(mp.mpf(low))
 
 
+@pytest.mark.parametrize("layout", ["square", "hexagonal"])
+def test_the_nearest_microlens_is_the_nearest_of_all(layout):
+    lattice = ImageLattice.of(Camera.of(PAPER.replace({"microlens_array.layout": layout})))
+    index = np.random.default_rng(3).uniform(-2, 2, (500, 2))
+    every = np.stack(np.meshgrid(*2 * [np.arange(-5, 6)]), -1).reshape(-1, 2)
+    apart = np.hypot(*np.moveaxis(lattice.microlens(index)[:, None] - lattice.microlens(every), -1, 0))
+    np.testing.assert_array_equal(lattice.nearest(index), every[apart.argmin(1)])
+
+
 def test_white_image_is_exact_coverage():
     """P1 by rays: pixels of single microlens images against 50-digit integrals."""
     lines = plan(PAPER, overrides=RAYS_ONLY)

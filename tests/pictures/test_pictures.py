@@ -352,10 +352,10 @@ def test_a_hexagonal_array_is_hexagonal_by_rays_by_waves_and_in_its_cell(turn):
     """Six neighbours a pitch away, at 60 degrees; the cell's corners lie between them."""
     changes = {"microlens_array.layout": "hexagonal", "microlens_array.rotation": turn, "light.wavelength": 2e-5}
     design = PAPER.replace(changes)
-    rays, waves = rays_and_waves(design, samples=61).panels[::2]
+    rays, waves = rays_and_waves(design, samples=41).panels[::2]
     (ray,), (wave,) = ([mark for mark in panel.marks if isinstance(mark, Image)] for panel in (rays, waves))
     pitch, radius = 0.062726086956521737, 2.9 * 35 / 23 * 2 / 140 / 2
-    x, y = np.meshgrid(*[np.linspace(-0.75, 0.75, 61) * pitch] * 2)
+    x, y = np.meshgrid(*[np.linspace(-0.75, 0.75, 41) * pitch] * 2)
     angles = turn + np.pi / 3 * np.arange(6)
     middles = [(0.0, 0.0), *(pitch * np.stack([np.cos(angles), np.sin(angles)], -1))]
     count = sum(((x - a) ** 2 + (y - b) ** 2 <= radius**2).astype(float) for a, b in middles)

@@ -2,8 +2,9 @@
 
 import pytest
 
-from roslf_design.reporting import datasheet, design, story
+from roslf_design.reporting import design
 from roslf_design.reporting.blocks import Figure
+from tests.reporting import made
 
 NAMES = ("dimensions", "rays", "cells", "view", "images", "waves", "maps", "plane", "depth", "effects")
 BLANK = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="9pt" height="9pt"></svg>'
@@ -18,16 +19,7 @@ def without_figures(monkeypatch):
 
 @pytest.fixture(scope="module")
 def few_builds():
-    """A first look at tolerances with a handful of builds, without the yields at other scales."""
-    from roslf_design.tolerancing import result
-
-    look = story.quick_tolerances
+    """As `made.few_builds` says."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(datasheet, "FEW", 6)
-        patch.setattr(datasheet, "MANY", 64)
-        patch.setattr(story, "quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))
-        patch.setattr(
-            result, "yield_curve", lambda plan, own: tuple((s, result.yield_at(plan, s, 500)) for s in (0.5, 1.0, 2.0))
-        )
-        patch.setattr(result, "scale_for_yield", lambda plan, target, curve: None)
+        made.few_builds(patch)
         yield

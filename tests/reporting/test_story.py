@@ -15,7 +15,6 @@ from roslf_design.reporting.printers import render_html, render_pdf
 from roslf_design.reporting.story import (
     CENTRE,
     FILL,
-    load_story,
     load_story_or_study,
     quick_study,
     run_optimisation,
@@ -84,10 +83,12 @@ def folder(tmp_path):
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory):
+def told(tmp_path_factory, few_builds):
     """The story's report, and what was said on the way."""
     place, said = write(tmp_path_factory.mktemp("story")), []
-    report = story_report(load_story(place / "story.toml"), command="roslf report story.toml", progress=said.append)
+    report = story_report(
+        load_story_or_study(place / "story.toml")[1], command="roslf report story.toml", progress=said.append
+    )
     return report, said, place
 
 
@@ -127,14 +128,14 @@ def test_a_story_has_every_section_and_says_what_was_done(told):
 
 def test_the_same_story_gives_the_same_page_and_pdf(told):
     report, _, place = told
-    again = story_report(load_story(place / "story.toml"), command="roslf report story.toml")
+    again = story_report(load_story_or_study(place / "story.toml")[1], command="roslf report story.toml")
     assert render_html(again) == render_html(report)
     pytest.importorskip("typst", reason="the typst package is not installed")
     assert render_pdf(again) == render_pdf(report)
 
 
 def test_another_seed_reaches_every_part(folder, without_figures, few_builds):
-    report = story_report(load_story(folder / "story.toml"), seed=77)
+    report = story_report(load_story_or_study(folder / "story.toml")[1], seed=77)
     seeds = " ".join(item for block in blocks(report, Bullets) for item in block.items)
     assert all(f"{what}: 77." in seeds for what in ("starts", "2000 builds", "poses"))
 
@@ -158,7 +159,7 @@ def test_a_study_alone_makes_a_whole_report(folder, kind, section, without_figur
     assert "nominal" in told
 
 
-def test_a_study_without_a_design_tells_what_stands_in_the_way(folder):
+def test_a_study_without_a_design_tells_what_stands_in_the_way(folder, few_builds):
     impossible = OPTIMIZE.replace(
         'direction = "min"', 'direction = "min"\n[[constraints]]\nquantity = "D_F"\nmin = "9 mm"'
     )
@@ -167,7 +168,7 @@ def test_a_study_without_a_design_tells_what_stands_in_the_way(folder):
     assert [section.title for section in report.sections] == ["Summary", "Optimisation", "How this report was made"]
     assert "cannot hold together" in report.sections[0].blocks[0].items[0].text
     with pytest.raises(InputError, match=r"story.toml: parts.0: no design was found to go on with: .*cannot hold"):
-        story_report(load_story(folder / "story.toml"))
+        story_report(load_story_or_study(folder / "story.toml")[1])
 
 
 @pytest.mark.parametrize(
@@ -203,7 +204,7 @@ def test_a_part_that_was_not_found_is_told(folder):
         STORY.replace('optimize = "optimize.toml"', 'optimize = "optimize.toml"\ntake = "robust"')
     )
     with pytest.raises(InputError, match="found no 'robust' to take; it has best"):
-        story_report(load_story(folder / "story.toml"))
+        story_report(load_story_or_study(folder / "story.toml")[1])
 
 
 @pytest.mark.parametrize("text", ["", "[scene]\nkind = 'plane'\n"])
@@ -249,6 +250,6 @@ def test_the_first_look_holds_builds_to_the_nominal():
 
 @pytest.mark.parametrize("name", ["borescope", "otoscope"])
 def test_shipped_stories_can_be_read(root, name):
-    story = load_story(root / "studies" / f"story-{name}" / "story.toml")
+    story = load_story_or_study(root / "studies" / f"story-{name}" / "story.toml")[1]
     assert [bool(p.optimize) + 2 * bool(p.tolerance) + 4 * bool(p.calibration) for p in story.table.parts] == [1, 2, 4]
     assert (root / "reports" / f"story-{name}" / "report.pdf").stat().st_size < 500_000

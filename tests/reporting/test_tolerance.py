@@ -1,11 +1,12 @@
 """What a report and a terminal get to see of a study."""
 
+import numpy as np
 import pytest
 
 from roslf_design.commands.tolerance import summary
 from roslf_design.reporting.blocks import Figure, Statements, Table
 from roslf_design.reporting.tolerance import ranking, tables, tolerance_pictures, tolerance_section, yield_statement
-from roslf_design.tolerancing.result import analyse
+from roslf_design.tolerancing.result import analyse, save_worst
 from roslf_design.tolerancing.run import tally_chunk
 from roslf_design.tolerancing.study import make_plan, read_study
 
@@ -74,3 +75,56 @@ def test_one_at_a_time_moves_shrink_after_adjustment(result):
     moves = result.sensitivity.worst
     d_2 = [p.place for p in result.plan.draws.perturbations].index("sensor.distance")
     assert moves[-1, 0, d_2] < 1e-6 < moves[0, 0, d_2]
+
+
+@pytest.fixture(scope="module")
+def colliding(tmp_path_factory):
+    """A FAP and a window whose distances' tolerances reach into each other, and what they are in each build."""
+    window = {"kind": "plate", "distance": "121 mm", "thickness": "4 mm", "material": "N-BK7", "diameter": "20 mm"}
+    data = {
+        "name": "colliding",
+        "design": "paper",
+        "trials": 2000,
+        "goals": [{"metric": "fill_factor", "min": 0.99, "max": 1.02}],
+        "perturb": [
+            {"place": "aperture.distance", "tolerance": "2 mm", "distribution": "uniform"},
+            {"place": "sensor.distance", "tolerance": "10 um", "distribution": "uniform"},
+        ],
+    }
+    study, design, grades = read_study(data)
+    plan = make_plan(study, design.replace({"elements": [window]}), grades)
+    tally = tally_chunk(plan, 0)
+    worst = save_worst(plan, tally, tmp_path_factory.mktemp("worst"))
+    return analyse(plan, study, grades, tally, worst, budgets=False)
+
+
+def test_builds_that_cannot_be_put_together_are_told_first_and_by_what_collides(colliding):
+    draws, words = colliding.plan.draws, "FAP and plate 1 collide"
+    distances = draws.values(draws.deviations(draws.uniforms(0, colliding.plan.chunk)))["aperture.distance"][:2000]
+    count = int((distances > 121).sum())
+    assert count > 300
+    share = f"{100 * count / 2000:.3g} %"
+    told = f"{share} of the builds cannot be put together: {words} in {share}."
+    statements = next(block for block in tolerance_section(colliding).blocks if isinstance(block, Statements))
+    assert statements.items[0].text == told
+    assert " ".join(summary(colliding).split("\n")[1:3]).startswith(told)
+    assert f"no design: {words}" in summary(colliding)
+    assert summary(colliding).count(" undefined in ") == 0
+    d_3 = next(allowed for allowed in colliding.allowed if allowed.place == "aperture.distance")
+    assert d_3.alone_limited_by == words
+    assert d_3.alone == pytest.approx(1.0, rel=1e-6)
+    assert colliding.to_dict()["variants"][0]["impossible"] == {"trials": count, "reasons": {words: count}}
+
+
+def test_one_at_a_time_moves_are_drawn_beside_an_end_that_is_no_camera(colliding):
+    (figure,) = (
+        block
+        for block in tolerance_section(colliding).blocks
+        if isinstance(block, Figure) and block.name == "tolerance-sensitivity"
+    )
+    assert figure.caption.endswith("No bar at an end where the build has no such number: d_3.")
+    moves = colliding.sensitivity
+    assert np.isnan(moves.plus[-1, 0]).tolist() == [True, False]
+    up, down, *_ = tolerance_pictures(colliding)["sensitivity"].panels[0].marks
+    assert len(set(up.x[~np.isnan(up.x)])) == 2  # nothing, and d_2's
+    assert len(set(down.x[~np.isnan(down.x)])) == 3

@@ -130,6 +130,16 @@ def test_light_texture_and_window_scale_as_they_must():
     assert float(wide) == pytest.approx(float(sigma(Camera.of(bright))) * 5 / 9, rel=1e-12)
 
 
+def test_the_edge_is_measured_with_the_light_that_it_gets():
+    """A microlens that nothing cuts, off the axis: as one on the axis in cos^4 of the light."""
+    lit = PAPER.replace({"light.exposure": 1 / 240})
+    # The chief ray leaves the FAP's centre, is bent by -h/f and meets the array at x.
+    h = 11.15 / (1 + PAPER.d_1 / PAPER.d_3 - PAPER.d_1 / PAPER.f)
+    dimmed = lit.replace({"light.exposure": np.cos(np.arctan(h / PAPER.d_3)) ** 4 / 240})
+    assert information(lit, (11.15, 0.0)) == pytest.approx(information(dimmed), rel=1e-9)
+    assert information(dimmed) < 0.98 * information(lit)
+
+
 def test_everything_in_another_unit_of_length():
     """A camera twice as large under twice the wavelength sees the same with as many electrons."""
     lengths = {

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from roslf_design.camera import Camera
 from roslf_design.design import PATHS, load
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing.analyses import (
@@ -231,27 +232,48 @@ def test_binomial_interval_is_clopper_and_pearsons(passed, trials):
     assert Yield(passed, trials).interval == pytest.approx((found.low, found.high), abs=1e-12)
 
 
-def test_undefined_trials_are_failures_and_never_averaged_away():
+def test_builds_that_are_no_cameras_are_counted_apart_by_reason():
     plan = study(
-        [{"metric": "fill_factor", "min": 0.0}, {"metric": "depth_error_mm", "max": 1e9}],
+        [{"metric": "fill_factor", "min": 1.0}, {"metric": "depth_error_mm", "max": 1e9}],
         [{"place": "d_3", "tolerance": "300 mm", "distribution": "uniform"}],
         report=["sigma_z_mm"],
     )
     tally = tally_chunk(plan, 0)
     variant = summarise(plan, tally)[0]
     values = plan.draws.values(plan.draws.deviations(plan.draws.uniforms(0, plan.chunk)))["aperture.distance"]
-    impossible = int(((values < 0) | (values >= 350)).sum())
-    assert impossible > 5000
-    for column in variant.distributions:
-        assert column.undefined >= impossible
-        assert np.isnan(column.mean)
-        assert np.isnan(column.deviation)
-    fill = variant.distributions[0]
-    assert variant.limits[0].result.passed == tally.trials - fill.undefined
-    assert fill.quantiles[0] == -np.inf  # a lower limit: the undefined rank below all
-    assert variant.distributions[3].quantiles[-1] == np.inf
+    behind, beyond = int((values < 0).sum()), int((values >= 350).sum())
+    assert min(behind, beyond) > 1000
+    assert variant.impossible == behind + beyond
+    assert dict(variant.faults) == {
+        "aperture.distance is below 0": behind,
+        "the focal plane is not ahead of every part": beyond,
+    }
     assert np.isinf(tally.scores).all()
-    assert variant.result.passed <= tally.trials - impossible
+    there = values[(values >= 0) & (values < 350)]
+    fill = QUANTITIES["fill_factor"](Camera.of(plan.question.design, {"aperture.distance": there}))
+    column, limit = variant.distributions[0], variant.limits[0]
+    assert (column.undefined, limit.result.trials) == (0, len(there))
+    assert limit.result.passed == (fill >= 1).sum()
+    assert column.mean == pytest.approx(fill.mean(), rel=1e-9)
+    assert column.quantiles[3] == pytest.approx(np.quantile(fill, column.probabilities[3]), rel=0.02)  # bins
+    assert variant.result.trials == tally.trials
+    assert variant.result.passed <= limit.result.passed
+
+
+def test_what_a_camera_leaves_undefined_fails_and_is_never_averaged_away():
+    """An image that the lens's rim cuts off whole has no shape."""
+    decentre = {"place": "aperture.decentre.0", "tolerance": "60 mm", "distribution": "uniform"}
+    plan = study([{"metric": "axis_ratio", "max": 1.0, "fields": [0]}], [decentre], trials=400)
+    tally = tally_chunk(plan, 0)
+    variant = summarise(plan, tally)[0]
+    column = variant.distributions[0]
+    assert variant.impossible == 0
+    assert 50 < column.undefined < tally.trials
+    assert np.isnan(column.mean)
+    assert np.isnan(column.deviation)
+    assert variant.limits[0].result.trials == tally.trials
+    assert variant.result.passed <= tally.trials - column.undefined
+    assert column.quantiles[-1] == np.inf  # an upper limit: the undefined rank above all
 
 
 def test_adjusting_takes_back_what_it_can_and_never_harms():

@@ -8,16 +8,18 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
+from roslf_design.evaluation.specification import specification, transfer_at
 from roslf_design.lenses.lens_file import load_lens
 from roslf_design.lenses.prescription import Prescription, first_order
 from roslf_design.lenses.tracer import describe
 from roslf_design.theory.quantities import QUANTITIES
+from roslf_design.theory.stop_images import MicrolensImages
 from roslf_design.theory.vignetting import nondistortion_bound
 from roslf_design.tolerancing.metrics import Question, evaluate_builds
 from roslf_design.tolerancing.traced import as_built
 from roslf_design.traced.camera import camera_of, sensor_of_pupil
-from roslf_design.traced.fields import images_of
-from roslf_design.traced.images import CLIPPED, FULL, field_map, real_images, thin_twin, undistorted_field
+from roslf_design.traced.fields import LensImages, images_of
+from roslf_design.traced.images import CLIPPED, FULL, circle, field_map, real_images, thin_twin, undistorted_field
 from tests.traced.test_images import GREEN, bench, mounted
 
 EDGE = 11.15
@@ -169,24 +171,31 @@ def test_dark_fields_say_why_and_hold_no_nan():
         assert np.isfinite(values).all()
 
 
+def by_snell(camera, at, way):
+    """Rays from points along unit vectors, both (3, n), to the array: points, unit vectors, optical paths."""
+    indices = [1.0, *(float(surface.glass.index(camera.wavelength)) for surface in camera.lens.surfaces)]
+    path = np.zeros(way.shape[1])
+    for number, (surface, vertex) in enumerate(zip(camera.lens.surfaces, camera.lens.vertices, strict=True)):
+        c, apart = surface.curvature, at - np.array([[0.0], [0.0], [vertex]])
+        b, e = way[2] - c * np.sum(apart * way, axis=0), c * np.sum(apart**2, axis=0) - 2 * apart[2]
+        step = e / (b + np.sqrt(b * b - c * e))
+        at, path = at + step * way, path + indices[number] * step
+        normal = np.array([[0.0], [0.0], [1.0]]) - c * (at - np.array([[0.0], [0.0], [vertex]]))
+        share, inner = indices[number] / indices[number + 1], np.sum(normal * way, axis=0)
+        way = share * way + (np.sqrt(1 - share**2 * (1 - inner**2)) - share * inner) * normal
+    step = (camera.array.z - at[2]) / way[2]
+    return at + step * way, way, path + step
+
+
 def light_from_the_scene(camera, place, rings=6, spokes=12):
     """What a place on the array gets of a uniform scene, counted where the light enters: over the FAP, by Snell's law.
 
     Energy is kept, so the power that leaves a patch of the FAP into directions (p, q), its cosines, is what arrives:
     irradiance is the integral over the FAP of d(p, q)/d(x, y). The code takes the microlens's side.
     """
-    indices = [1.0, *(float(surface.glass.index(camera.wavelength)) for surface in camera.lens.surfaces)]
 
     def arrive(start, cosines):
-        at, way = start, np.stack([*cosines, np.sqrt(1 - np.sum(cosines**2, axis=0))])
-        for number, (surface, vertex) in enumerate(zip(camera.lens.surfaces, camera.lens.vertices, strict=True)):
-            c, apart = surface.curvature, at - np.array([[0.0], [0.0], [vertex]])
-            b, e = way[2] - c * np.sum(apart * way, axis=0), c * np.sum(apart**2, axis=0) - 2 * apart[2]
-            at = at + e / (b + np.sqrt(b * b - c * e)) * way
-            normal = np.array([[0.0], [0.0], [1.0]]) - c * (at - np.array([[0.0], [0.0], [vertex]]))
-            share, inner = indices[number] / indices[number + 1], np.sum(normal * way, axis=0)
-            way = share * way + (np.sqrt(1 - share**2 * (1 - inner**2)) - share * inner) * normal
-        return (at + (camera.array.z - at[2]) / way[2] * way)[:2]
+        return by_snell(camera, start, np.stack([*cosines, np.sqrt(1 - np.sum(cosines**2, axis=0))]))[0][:2]
 
     nodes, weights = np.polynomial.legendre.leggauss(rings)
     radius, turn = camera.fap.diameter / 2 * np.sqrt((nodes + 1) / 2), 2 * np.pi * np.arange(spokes) / spokes
@@ -229,3 +238,111 @@ def test_builds_are_lit_and_drawn_as_each_is_alone():
             if row == 0:  # against the middle: the study takes the axis where the nominal lens has it
                 ours, theirs = ours / ours[0], theirs / theirs[0]
             assert theirs == pytest.approx(ours, rel=off, abs=off), name
+
+
+def test_an_ideal_lens_traced_shows_the_detail_that_formulas_say():
+    design, fields = roslf.load("paper"), ((0.0, 0.0), (8.0, 5.0))
+    traced, thin = LensImages(design, fields), MicrolensImages(roslf.Camera.of(design), fields)
+    for at, field in ((None, 1), (200.0, 0), (200.0, 1), (330.0, 1)):
+        ours, theirs = (transfer_at(images, field, at) for images in (traced, thin))
+        detail = np.linspace(0.0, 1.2 * theirs.fold("tangential"), 6)
+        for kind in ("view", "refocused"):
+            for way in ("tangential", "sagittal"):
+                # the image's outline has 96 corners, sums are right to 1e-3
+                assert ours(detail, kind, way) == pytest.approx(theirs(detail, kind, way), abs=2e-3), (at, kind, way)
+
+
+class Waves:
+    """A point of the focal plane, by waves: its optical paths through the lens to the array, beside one microlens.
+
+    The wave at the array is a sum over directions, of phases ``path - direction . place``; neighbours of the microlens
+    light its pixel as well. Radius of the field along x.
+    """
+
+    def __init__(self, camera, place, point, span, step):
+        disc = np.concatenate([[[0.0, 0.0]], *(r * circle(24) for r in np.sqrt(np.linspace(0.05, 1.0, 10)))]).T
+        wanted = np.stack([*(camera.fap.diameter / 2 * disc), np.full(disc.shape[1], camera.fap.z)])
+        start = np.array([[point[0]], [point[1]], [camera.focal_plane]])
+        way = (wanted - start) / np.linalg.norm(wanted - start, axis=0)
+        at, way, path = by_snell(camera, start, way)
+        phase, self.middle = path - np.sum(way[:2] * (at[:2] - np.reshape(place, (2, 1))), axis=0), way[:, 0]
+        off = way[:2] - way[:2, :1]
+        size = float(np.abs(off).max())
+        powers = [(a, b) for a in range(10) for b in range(10 - a)]
+        products = np.stack([(off[0] / size) ** a * (off[1] / size) ** b for a, b in powers], axis=-1)
+        terms = np.linalg.lstsq(products, phase - phase[0], rcond=None)[0]
+        assert np.abs(products @ terms - phase + phase[0]).max() < 1e-3 * camera.wavelength
+        rim = off[:, -24:]
+        count = int(2.5 * span * np.ptp(rim[0]) / camera.wavelength)  # no copies within the span
+        self.x, self.y = (np.linspace(row.min(), row.max(), count) for row in rim)
+        grid = np.stack(np.meshgrid(self.x, self.y, indexing="ij"))
+        turns = np.arctan2(*rim[::-1])
+        order = np.argsort(turns)
+        edge = np.interp(np.arctan2(*grid[::-1]), turns[order], np.hypot(*rim)[order], period=2 * np.pi)
+        inside = np.clip((edge - np.hypot(*grid)) / (self.x[1] - self.x[0]) + 0.5, 0.0, 1.0)
+        wave = sum(t * (grid[0] / size) ** a * (grid[1] / size) ** b for t, (a, b) in zip(terms, powers, strict=True))
+        self.k = 2 * np.pi / camera.wavelength
+        self.spectrum, self.places = inside * np.exp(1j * self.k * wave), np.arange(-span, span, step)
+
+    def light(self, x, y):
+        """Over places, for what each direction along x and y becomes there."""
+        return np.abs(x @ self.spectrum @ y.T) ** 2
+
+    def on_array(self):
+        return self.light(*(np.exp(1j * self.k * np.outer(self.places, way)) for way in (self.x, self.y)))
+
+    def pixel(self, design, offset, growth, neighbours=2, nodes=3):
+        """Of the pixel `offset` from image centres, which stray by `growth` per way on the array."""
+        (at, share), total = np.polynomial.legendre.leggauss(nodes), 0.0
+        sides = []
+        for axis, ways in enumerate((self.x, self.y)):
+            way, each = ways + self.middle[axis], []
+            for part in at:
+                image = design.d_2 * self.middle[axis] / self.middle[2] + growth[axis] * self.places
+                field = 0.0
+                for m in range(-neighbours, neighbours + 1):
+                    p = (image + offset[axis] + part * design.q / 2 - m * design.d)[:, None]
+                    through = np.sinc(design.d / design.wavelength * (way / self.middle[2] - p / design.d_2))
+                    field = field + through * np.exp(1j * self.k * (m * design.d * way + p * p / (2 * design.d_2)))
+                each.append(field * np.exp(1j * self.k * np.outer(self.places, way)))
+            sides.append(each)
+        for a, x in enumerate(sides[0]):
+            for b, y in enumerate(sides[1]):
+                total = total + share[a] * share[b] * self.light(x, y)
+        return total
+
+    def contrast(self, light, frequency, axis):
+        line = light.sum(1 - axis)
+        return np.abs(np.exp(-2j * np.pi * np.outer(frequency, self.places)) @ line) / line.sum()
+
+
+def test_detail_behind_a_real_lens_is_what_waves_show():
+    design, place = roslf.load("paper-singlet"), np.array([6.0, 0.0])
+    camera = camera_of(design)
+    transfer = LensImages(design, [place]).transfer(0, None)
+    chief = sensor_of_pupil(
+        camera, place + 0.05 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]]), camera.fap.centre
+    )
+    strayed = chief.sensor - place
+    growth = (strayed[1, 0] - strayed[2, 0]) / 0.1 - 1, (strayed[3, 1] - strayed[4, 1]) / 0.1 - 1
+    waves = Waves(camera, place, chief.views.at(camera.fap.z - camera.focal_plane)[0], span=0.8, step=design.d / 8)
+    view = waves.pixel(design, np.subtract(transfer.middle, strayed[0]), growth)
+    whole = waves.on_array()
+    for axis, way in enumerate(("tangential", "sagittal")):
+        detail = np.linspace(0.0, 1.2 * transfer.limits((0.1,), "view", way)[0], 6)
+        shown = waves.contrast(view, detail * transfer.scale(way), axis)
+        assert transfer(detail, "view", way) == pytest.approx(shown, abs=4e-3)
+        # all of a microlens's light, whatever the pixel: the lens's own contrast times the microlens's width
+        detail = np.linspace(0.0, 1.2 * transfer.limits((0.1,), "refocused", way)[0], 6)
+        on_array = detail * transfer.scale(way)
+        shown = waves.contrast(whole, on_array, axis) * np.abs(np.sinc(design.d * on_array))
+        assert transfer(detail, "refocused", way) == pytest.approx(shown, abs=8e-3)  # Airy rings beyond the span
+    assert transfer.limits((0.5,), "view", "tangential")[0] == pytest.approx(2.15, abs=0.02)  # the thin twin's: 3.93
+
+
+def test_what_a_lens_does_not_show_is_left_out_of_its_sheet():
+    data = specification(roslf.load("paper-singlet").replace({"main_lens.reversed": False})).to_dict()
+    assert data["resolution"][2]["mtf50_lp_per_mm"] is None
+    assert data["resolution"][2]["fold_lp_per_mm"] > 0
+    assert data["field"][2]["distortion_percent"] is None
+    assert data["field"][2]["relative_illumination"] == 0.0  # the corner lies beyond the lens

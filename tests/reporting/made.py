@@ -1,0 +1,25 @@
+"""What makes reports quick where a test looks at neither figures nor yields."""
+
+from roslf_design.reporting import datasheet, story
+from roslf_design.tolerancing import result
+
+
+def few_builds(patch):
+    """A first look at tolerances by a handful of builds, at few other scales of them; sheets' lines by fewer.
+
+    Without predicted depth precision, which is many times the work of all else.
+    """
+    look, study = story.quick_tolerances, story.quick_study
+
+    def without_depth(design, seed=0):
+        data = study(design, seed)
+        return data | {"goals": [goal for goal in data["goals"] if goal["metric"] != "sigma_z_mm"]}
+
+    patch.setattr(datasheet, "FEW", 6)
+    patch.setattr(datasheet, "MANY", 64)
+    patch.setattr(story, "quick_study", without_depth)
+    patch.setattr(story, "quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))
+    patch.setattr(
+        result, "yield_curve", lambda plan, own: tuple((s, result.yield_at(plan, s, 200)) for s in (0.5, 1.0, 2.0))
+    )
+    patch.setattr(result, "scale_for_yield", lambda plan, target, curve: None)
