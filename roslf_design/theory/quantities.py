@@ -84,9 +84,9 @@ class Quantity:
         """
         if self.of is None:
             raise ValueError(f"{self.name} belongs to a field; take it from MicrolensImages")
-        behind = np.less(0.0 if at is None or self.at == "never" else at, 0)
+        behind = np.asarray(np.less(0.0 if at is None or self.at == "never" else at, 0))
         if np.all(behind):
-            return np.full(np.broadcast_shapes(camera.shape, np.shape(at)), np.nan)
+            return np.full(np.broadcast_shapes(camera.shape, behind.shape), np.nan)
         values = self.of(camera, at)
         values = values if self.worst is None else self.worst(values)
         return np.where(behind, np.nan, values) if np.any(behind) else values

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array
 from ..camera import Camera
@@ -29,7 +29,7 @@ class Sweep:
     """Quantity to its values, shape (N,) or (N, M); nan where there is no camera."""
     units: Mapping[str, str]
     """Of each place and quantity."""
-    valid: Array
+    valid: NDArray[np.bool_]
     """Where there is a camera, shape (N,) or (N, M)."""
     follows: str | None
     """Which of f, d_f and d_1 follows from what is swept; None where none changes."""

@@ -222,6 +222,16 @@ def test_every_fault_at_once_with_place_and_remedy():
         assert any(key in line and __import__("re").search(words, line) for line in lines), (key, words, lines)
 
 
+def test_a_faulty_width_hides_no_fault_behind_glass():
+    plate = {"kind": "plate", "distance": 120.0, "thickness": 1.0, "material": "N-BK7"}
+    text = dumps(load("paper").replace({"elements": [plate]})).replace(
+        'focal_plane = "350 mm"', 'focal_plane = "90 mm"'
+    )
+    with pytest.raises(DesignError) as caught:
+        loads(text.replace('diameter = "2.9 mm"', 'diameter = "-2.9 mm"'))
+    assert [problem.key for problem in caught.value.problems] == ["aperture.diameter", "microlens_array.distance"]
+
+
 def test_residual_of_a_contradiction_is_the_one_by_hand():
     with pytest.raises(DesignError, match=r"f/d_f \+ f/d_1 - 1 = -0\.04762, not 0"):
         load("paper").replace({"main_lens.focal_length": 100, "main_lens.focal_plane": 350, CONTRADICTED: 150})
