@@ -224,9 +224,7 @@ def test_every_fault_at_once_with_place_and_remedy():
 
 def test_a_faulty_width_hides_no_fault_behind_glass():
     plate = {"kind": "plate", "distance": 120.0, "thickness": 1.0, "material": "N-BK7"}
-    text = dumps(load("paper").replace({"elements": [plate]})).replace(
-        'focal_plane = "350 mm"', 'focal_plane = "90 mm"'
-    )
+    text = dumps(load("paper").replace({"elements": [plate]})).replace('"140 mm"', '"90 mm"')
     with pytest.raises(DesignError) as caught:
         loads(text.replace('diameter = "2.9 mm"', 'diameter = "-2.9 mm"'))
     assert [problem.key for problem in caught.value.problems] == ["aperture.diameter", "microlens_array.distance"]
