@@ -198,7 +198,7 @@ EVEN = 0.01
 
 
 def contrast(values: Pixels, weight: Pixels) -> tuple[float, float]:
-    """Values drawn black and white: nearly all that was measured lies between; from 0 where it is even."""
+    """Values drawn black and white: nearly all that was measured lies between; from 0 where it is as good as even."""
     known = values[weight > 0]
     if known.size == 0:
         return 0.0, 1.0
