@@ -311,11 +311,13 @@ def _gather_row(
     rows, columns = dark.shape
     nodes = shares.shape[1]
     across = column[columns - 1] + 2 if nodes > 1 else 1
-    like[:] = 0.0
+    for u in range(columns):  # here and below: whole arrays at once would be compiled twice as long
+        like[u] = 0.0
     for m in range(first[n], first[n + 1]):
         w = v + steps[m, 1]
         if nodes == 1:
-            share[:] = shares[m, 0]
+            for u in range(columns):
+                share[u] = shares[m, 0]
         else:
             i = row[v] * across
             for u in range(columns):
@@ -324,13 +326,16 @@ def _gather_row(
                 right = shares[m, c + 1] + down[v] * (shares[m, c + across + 1] - shares[m, c + 1])
                 share[u] = left + along[u] * (right - left)
         if w < 0 or w >= rows:
-            like += share
+            for u in range(columns):
+                like[u] += share[u]
             continue
         off = steps[m, 0] + start[v] - start[w]
         low = min(max(-off, 0), columns)
         high = max(min(columns - off, columns), low)
-        like[:low] += share[:low]
-        like[high:] += share[high:]
+        for u in range(low):
+            like[u] += share[u]
+        for u in range(high, columns):
+            like[u] += share[u]
         part, sent, unlit = (
             share[low:high],
             values[source[m], w, low + off : high + off],

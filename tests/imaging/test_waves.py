@@ -290,7 +290,7 @@ def test_error_of_the_incoherent_model_for_a_texture(f_ml, fill, points):
     ],
     ids=["a quarter off", "far off, turned", "round", "white, traced"],
 )
-def test_a_wall_without_contrast_looks_like_a_white_field_out_of_focus(changes, textured, near_light):
+def test_a_wall_without_contrast_looks_like_a_white_field_out_of_focus(changes, textured, light_from_48_px):
     """Through whole microlenses and through their middles alike: uniform light has no detail that could tell."""
     design = PAPER.replace(changes)
     region, sampling = (2280, 1520, 12, 12), RaySampling(512, 512, 0.0)
