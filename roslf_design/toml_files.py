@@ -110,7 +110,7 @@ def _problems_within(detail: ErrorDetails) -> list[Problem]:
     error = detail.get("ctx", {}).get("error")
     if not isinstance(error, InputError):
         return []
-    key = told_place(detail["loc"])
+    key = ".".join(map(str, detail["loc"]))
     return [Problem(key, str(InputError((problem,), error.origin))) for problem in error.problems]
 
 
@@ -158,11 +158,6 @@ class _Place(NamedTuple):
     """Whether there are several, each headed by double brackets."""
 
 
-def told_place(steps: Sequence[int | str]) -> str:
-    """A place as messages tell it: dotted; tables in a row, numbered from 0, are counted from 1 as readers do."""
-    return ".".join(str(int(step) + 1) if str(step).isdigit() else str(step) for step in steps)
-
-
 def _at(model: type[BaseModel], place: Sequence[int | str]) -> _Place:
     names: list[int | str] = []
     models, listed = [model], False
@@ -178,7 +173,7 @@ def _at(model: type[BaseModel], place: Sequence[int | str]) -> _Place:
             field = models[0].model_fields.get(step) if len(models) == 1 else None
             kind = None if field is None else field.annotation
             models, listed = _tables(kind), get_origin(kind) in (list, tuple)
-    return _Place(told_place(names), models, listed)
+    return _Place(".".join(map(str, names)), models, listed)
 
 
 def _tables(kind: Any) -> list[type[BaseModel]]:

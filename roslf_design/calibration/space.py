@@ -69,7 +69,7 @@ class SceneSide:
         if c.chain is None:
             return None
         if c.chain.mapped is not None:
-            place = f"elements.{c.chain.mapped + 1}.mapping"
+            place = f"elements.{c.chain.mapped}.mapping"
             raise CalibrationError(
                 f"{place}: a calibration takes rays before the objective as f tan has them; drop the mapping for it"
             )

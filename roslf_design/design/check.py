@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 
 from ..errors import InputError, Problem
 from ..lenses.prescription import Prescription
-from ..toml_files import problems_of, told_place
+from ..toml_files import problems_of
 from ..units import format_quantity, parse_quantity
 from .conjugates import CONJUGATES, REFRACTING, conjugate_residual, followed
 from .parts import PATHS, Light
@@ -22,6 +23,8 @@ RESIDUAL_LIMIT = 1e-6
 """Largest |f/d_f + f/d_1 - 1| at which f, d_f and d_1 count as one set: rounding of printed digits, not an error."""
 MISFIT = "misfit"
 """Type of the error of a design whose values are each right on their own and do not fit each other."""
+WIDTHS = ("diameter", "pitch", "pixel")
+"""Keys of lengths across the axis, on which no image's place hangs."""
 AGREEMENT = 1e-6
 """Largest relative difference between a given focal length and the lens's own that counts as rounding."""
 
@@ -73,6 +76,12 @@ def design_problems(
         if fault["type"] == MISFIT:  # every value was read: what was found between them
             return tuple(fault["ctx"]["problems"])
     problems = [problem for problem in problems_of(error, model) if problem.key]
+    if _refracts(data) and (mended := _mended(data, problems)) is not None:
+        try:
+            model.model_validate(mended, context={"from_file": from_file, "folder": folder})
+        except ValidationError as others:
+            between = design_problems(others, mended, model, from_file=from_file, folder=folder)
+            return tuple(dict.fromkeys((*problems, *between)))
 
     def readable(place: str) -> bool:
         return not any(f"{place}.".startswith(f"{problem.key}.") for problem in problems)
@@ -97,6 +106,20 @@ def design_problems(
 def _refracts(data: Mapping[str, Any]) -> bool:
     """Whether light meets more than air and the main lens; conjugates are then told once every element can be read."""
     return any(at(data, place) for place in REFRACTING)
+
+
+def _mended(data: Mapping[str, Any], problems: Sequence[Problem]) -> dict[str, Any] | None:
+    """The same values, with a width in place of each that could not be read; None where more than widths are wrong.
+
+    No width moves a plane, so what is then found between the values holds whatever it should be.
+    """
+    mended = copy.deepcopy(dict(data))
+    for problem in problems:
+        *parents, last = problem.key.split(".")
+        if not parents or last not in WIDTHS or at(mended, problem.key) is None:
+            return None
+        at(mended, ".".join(parents))[last] = "1e-9 mm"  # fits into anything
+    return mended
 
 
 def cross_check(values: Mapping[str, float | None], lens: Prescription | None, *, turned: bool) -> tuple[Problem, ...]:
@@ -126,7 +149,7 @@ def cross_check(values: Mapping[str, float | None], lens: Prescription | None, *
         d_f = float(followed({FOCAL: f, DISTANCE: d_1}, PLANE))
     for key, distance in values.items():
         if d_f is not None and distance is not None and key.startswith(("aperture", "stops")) and distance >= d_f:
-            problems.append(stop_beyond_focus(told_place(key.split(".")), distance, d_f))
+            problems.append(stop_beyond_focus(key, distance, d_f))
     return tuple(problems)
 
 

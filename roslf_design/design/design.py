@@ -101,7 +101,7 @@ class Design(Part, Symbols[float]):
         if chain is not None and mapped is not None and chain.telecentric(chain_numbers(self), self.aperture.distance):
             message = (
                 "the FAP stands in the focus of the objective, which then sees the scene from one angle only; move it, "
-                f"or drop the mapping of elements.{mapped + 1}"
+                f"or drop the mapping of elements.{mapped}"
             )
             problems += (Problem("aperture.distance", message),)
         problems += about_environment(self)

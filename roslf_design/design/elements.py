@@ -183,7 +183,7 @@ def made_of(element: AnyElement) -> tuple[str, ...]:
 
 def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, ...]:
     """What elements contradict: each other, stops, the focal plane; `known` are the faults that there are already."""
-    spans = [(f"elements.{k + 1}", e.distance, e.distance + e.length) for k, e in enumerate(design.elements)]
+    spans = [(f"elements.{k}", e.distance, e.distance + e.length) for k, e in enumerate(design.elements)]
     problems = []
     if not spans and design.object_space.medium != AIR:
         name = design.object_space.medium.name
@@ -198,7 +198,7 @@ def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, .
                 f"{shown(start)} lies inside the element that reaches from {shown(near)} to {shown(far)}; move one"
             )
             problems.append(Problem(f"{place}.distance", message))
-    stops = {"aperture": design.aperture, **{f"stops.{k}": stop for k, stop in enumerate(design.stops, 1)}}
+    stops = {"aperture": design.aperture, **{f"stops.{k}": stop for k, stop in enumerate(design.stops)}}
     for place, stop in stops.items():
         for element, near, far in spans:
             if near < stop.distance < far:
@@ -233,7 +233,7 @@ def _about_reflection(design: Design) -> list[Problem]:
     """Blocks that the axis itself does not get through: turned so far that their glass reflects it totally."""
     problems = []
     farthest = max((element.distance for element in design.elements), default=0.0)
-    for number, block in enumerate(design.elements, 1):
+    for number, block in enumerate(design.elements):
         if not isinstance(block, Block) or not any((*block.tilt, *block.wedge)):
             continue
         glass = float(block.material.index(design.wavelength))
@@ -245,8 +245,9 @@ def _about_reflection(design: Design) -> list[Problem]:
             square = 1 - ratio**2 * (1 - cosine**2)
             if cosine <= 0 or square < 0:
                 angle = math.degrees(math.acos(max(-1.0, min(1.0, cosine))))
+                name = element_name(block, number + 1)
                 message = (
-                    f"light along the axis is totally reflected in {element_name(block, number)}, which it would leave "
+                    f"light along the axis is totally reflected in {name}, which it would leave "
                     f"at {angle:.3g} degrees from the normal; take less wedge or tilt, or glass of a lower index"
                 )
                 problems.append(Problem(f"elements.{number}.{'wedge' if any(block.wedge) else 'tilt'}", message))
@@ -258,11 +259,11 @@ def _about_reflection(design: Design) -> list[Problem]:
 def _about_mapping(design: Design) -> list[Problem]:
     """What stands before an objective with a mapping: flat glass and the FAP may, other openings and lenses not."""
     problems = []
-    for number, lens in enumerate(design.elements, 1):
+    for number, lens in enumerate(design.elements):
         if not isinstance(lens, FieldLens) or lens.law is None:
             continue
         key = f"elements.{number}.mapping"
-        for other, element in enumerate(design.elements, 1):
+        for other, element in enumerate(design.elements):
             if element.distance <= lens.distance:
                 continue
             if not isinstance(element, Block):
@@ -277,7 +278,7 @@ def _about_mapping(design: Design) -> list[Problem]:
                     f"does not tell their heights; drop it, or the mapping of elements.{number}"
                 )
                 problems.append(Problem(f"elements.{other}.diameter", message))
-        for other, stop in enumerate(design.stops, 1):
+        for other, stop in enumerate(design.stops):
             if stop.distance > lens.distance:
                 message = (
                     f"{shown(stop.distance)} is before the lens with a mapping, where only the FAP may stand; move it "

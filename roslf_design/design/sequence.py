@@ -63,9 +63,9 @@ def sequence_of(design: Design) -> tuple[SequenceRow, ...]:
         name, disc = f"stop {k}" if k else "FAP", Surface(0.0, stop.diameter / 2)
         rows.append(SequenceRow(name, front - stop.distance, disc, is_stop=k == 0))
     farthest = max(design.elements, key=lambda element: element.distance, default=None)
-    for k, element in enumerate(design.elements, 1):
+    for k, element in enumerate(design.elements):
         at, semi = front - element.distance, (element.diameter or widest) / 2
-        name = f"{element.kind} {k}"
+        name = f"{element.kind} {k + 1}"
         if isinstance(element, Grin) or (isinstance(element, FieldLens) and element.law is not None):
             what = "a gradient-index rod" if isinstance(element, Grin) else "a lens with a mapping"
             message = f"{what} has no surfaces that other programs take; drop it, or give it by a prescription"

@@ -124,7 +124,7 @@ def scatter_of(table: RobustTable, design: Design, seed: int) -> Scatter:
                     miss = Perturbation(place, nominal[place], width, line.distribution, line.truncate)
                     misses[place] = miss, str(line.tolerance).strip().endswith("%")
             except ValueError as error:
-                faults.append(Problem(f"robust.perturb.{index + 1}", str(error)))
+                faults.append(Problem(f"robust.perturb.{index}", str(error)))
     if faults:
         raise InputError(tuple(faults))
     perturbations = tuple(miss for miss, _ in misses.values())

@@ -110,7 +110,7 @@ class StudyTable(StrictTable):
                 yield Problem("variables", f"'{name}' varies, but the bore gives it; drop one of them")
         half = [side / 2 for side in design.microlens_array.size]
         for key, parts in (("constraints", self.constraints), ("goals", self.goals)):
-            for number, part in enumerate(parts, 1):
+            for number, part in enumerate(parts):
                 if part.temperature is not None and design.environment is None:
                     words = f"{design.name} has no [environment] that says what grows; add it, or drop temperature"
                     yield Problem(f"{key}.{number}.temperature", words)
@@ -163,7 +163,7 @@ class StudyTable(StrictTable):
         if self.catalogue is not None:
             yield from self.catalogue.faults_behind(lens, shaped)
         for key, parts in (("constraints", self.constraints), ("goals", self.goals)):
-            for number, part in enumerate(parts, 1):
+            for number, part in enumerate(parts):
                 for words in faults_behind(design, part.quantity.name, part.quantity, part.field is not None):
                     yield Problem(f"{key}.{number}", words)
                 if shaped and part.temperature is not None:

@@ -147,7 +147,7 @@ def read_story(data: Mapping[str, Any], folder: Path = Path(), origin: str = "")
     except InputError as error:
         faults += [Problem("story.design", str(fault)) for fault in error.problems]
     for index, part in enumerate(table.parts):
-        place = f"parts.{index + 1}.{part.kind}"
+        place = f"parts.{index}.{part.kind}"
         try:
             if part.file is not None:
                 studies[index] = read_toml(folder / part.file, part.file)
@@ -388,7 +388,7 @@ def _walked(
             outcome = run_optimisation(data, design, file.parent, str(file), tell, seed)
             taken = _taken(outcome, part.take)
             if taken is None:
-                raise InputError((Problem(f"parts.{index + 1}", _nothing(outcome, part.take)),), story.origin)
+                raise InputError((Problem(f"parts.{index}", _nothing(outcome, part.take)),), story.origin)
             design = taken
         elif part.kind == "tolerance":
             counted = _counted(progress, f"{where}, tolerances")

@@ -136,7 +136,7 @@ def _view(design: Design) -> tuple[float, float]:
 
 def _misplaced(scene: Scene, design: Design) -> Iterator[Problem]:
     mouth = float(Camera.of(design).tip)
-    for number, thing in enumerate(scene.objects, 1):
+    for number, thing in enumerate(scene.objects):
         reach = list(depths(thing, design.d_f, *_view(design)))
         if not reach:
             continue
@@ -152,7 +152,7 @@ def _misplaced(scene: Scene, design: Design) -> Iterator[Problem]:
 
 
 def _unreadable(scene: Scene) -> Iterator[Problem]:
-    for number, thing in enumerate(scene.objects, 1):
+    for number, thing in enumerate(scene.objects):
         texture = getattr(thing, "texture", None)
         if isinstance(texture, PictureTexture):
             try:

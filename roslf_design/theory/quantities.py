@@ -84,10 +84,12 @@ class Quantity:
         """
         if self.of is None:
             raise ValueError(f"{self.name} belongs to a field; take it from MicrolensImages")
-        if self.at != "never" and at is not None and not at > 0:
-            return np.full(camera.shape, np.nan)
+        behind = np.asarray(np.less(0.0 if at is None or self.at == "never" else at, 0))
+        if np.all(behind):
+            return np.full(np.broadcast_shapes(camera.shape, behind.shape), np.nan)
         values = self.of(camera, at)
-        return values if self.worst is None else self.worst(values)
+        values = values if self.worst is None else self.worst(values)
+        return np.where(behind, np.nan, values) if np.any(behind) else values
 
     def at_fields(self, images: MicrolensImages) -> Number:
         """Its values at the fields of builds, shape (fields, builds).

@@ -433,7 +433,7 @@ def load_grades(path: Path = SHIPPED) -> Grades:
     ]
     lines = _rows(data, "line", ("place", *names, "provenance"), ("cost",), tuple(names), problems)
     parts = _rows(data, "adjustment", ("place", "cost", "provenance"), ("range",), (), problems)
-    for index, line in enumerate(lines, 1):
+    for index, line in enumerate(lines):
         costs = line.get("cost", [])
         if "cost" in line and not (
             isinstance(costs, list) and len(costs) == len(names) and all(_is_cost(cost) for cost in costs)
@@ -441,7 +441,7 @@ def load_grades(path: Path = SHIPPED) -> Grades:
             example = [1.0 * step for step in range(1, len(names) + 1)]
             message = f"must be one number for each of {', '.join(names)}, none below 0, e.g. {example}; got {costs!r}"
             problems.append(Problem(f"line.{index}.cost", message))
-    for index, part in enumerate(parts, 1):
+    for index, part in enumerate(parts):
         if "cost" in part and not _is_cost(part["cost"]):
             message = f"must be a number that is not negative, got {part['cost']!r}"
             problems.append(Problem(f"adjustment.{index}.cost", message))
@@ -475,7 +475,7 @@ def _rows(
         problems.append(Problem(key, f"must be tables, each headed [[{key}]]"))
         return []
     known = (*wanted, *more)
-    for index, line in enumerate(lines, 1):
+    for index, line in enumerate(lines):
         at = f"{key}.{index}"
         problems += [
             Problem(f"{at}.{name}", f"must be text, got {line[name]!r}")

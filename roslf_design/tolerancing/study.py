@@ -442,7 +442,7 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
     for index, goal in enumerate(study.goals):
         wanted = None if METRICS[goal.metric].local is None else goal.fields
         problems += [
-            Problem(f"goals.{index + 1}.fields", f"{field} is no field; they run from 0 to {len(fields) - 1}")
+            Problem(f"goals.{index}.fields", f"{field} is no field; they run from 0 to {len(fields) - 1}")
             for field in wanted or ()
             if not 0 <= field < len(fields)
         ]
@@ -500,7 +500,7 @@ def _perturbations(study: Study, design: Design, grades: Grades, problems: list[
         for place in line.place:
             if place.startswith(LENSLETS) and int(place.split(".")[2]) >= len(study.fields):
                 continue  # nobody looks at it
-            key = f"perturb.{index + 1}.place"
+            key = f"perturb.{index}.place"
             if place in given:
                 problems.append(Problem(key, f"{place} is given twice; keep one line"))
             given.add(place)

@@ -211,8 +211,7 @@ class LensCamera:
                 inside = self.first_order.front_principal - float(distance) - self.front
                 if inside > 0:
                     message = f"lies {inside:.4g} mm inside the lens; move it out, or count it from the vertex"
-                    kind, number = part.split(".")
-                    problems.append(Problem(f"{kind}.{int(number) + 1}.distance", message))
+                    problems.append(Problem(place, message))
         if not self.array.z > rear:
             message = f"lies {rear - self.array.z:.4g} mm inside the lens; focus nearer or take a thinner lens"
             problems.append(Problem("microlens_array.distance", message))

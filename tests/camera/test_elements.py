@@ -397,10 +397,10 @@ def test_files_hold_elements():
     ("change", "said"),
     [
         ({"object_space.medium": WATER}, r"object_space.medium: nothing keeps n = 1.333.* from the main lens; add"),
-        ({"elements": [{**PLATE, "material": "N-BK8"}]}, r"elements.1.material: .*the nearest known is 'N-BK7'"),
+        ({"elements": [{**PLATE, "material": "N-BK8"}]}, r"elements.0.material: .*the nearest known is 'N-BK7'"),
         ({"elements": [{**PLATE, "distance": 116.5}]}, r"aperture.distance: 117 mm lies inside .*; move it out"),
-        ({"elements": [PLATE, {**PLATE, "distance": 118.5}]}, r"elements.2.distance: 118.5 mm lies inside the element"),
-        ({"elements": [{**PLATE, "kind": "plat"}]}, r"elements.1.kind: .*did you mean 'plate'"),
+        ({"elements": [PLATE, {**PLATE, "distance": 118.5}]}, r"elements.1.distance: 118.5 mm lies inside the element"),
+        ({"elements": [{**PLATE, "kind": "plat"}]}, r"elements.0.kind: .*did you mean 'plate'"),
         (
             {
                 "sensor.cover": {"thickness": 1.2, "material": "D263"},
@@ -424,11 +424,11 @@ def test_files_hold_elements():
         ),
         (
             {"elements": [{**PLATE, "material": {"index": 0.5}}]},
-            r"elements.1.material: an index must be a number from 1",
+            r"elements.0.material: an index must be a number from 1",
         ),
         (  # by Snell's law in the plane: 74.5 degrees, 30.5 inside, 44 on the other face; 31.8 is the most
             {"elements": [{**PLATE, "material": {"index": 1.9}, "wedge": (1.3, 0.0)}]},
-            r"elements.1.wedge: light along the axis is totally reflected in plate 1, .* at 44 degrees",
+            r"elements.0.wedge: light along the axis is totally reflected in plate 1, .* at 44 degrees",
         ),
     ],
 )

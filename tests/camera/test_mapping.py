@@ -441,7 +441,7 @@ def test_files_hold_mappings():
 def test_mappings_that_are_none_are_told_in_a_line(mapping, words):
     with pytest.raises(DesignError, match=words) as refused:
         with_mapping(mapping)
-    assert all(problem.key.startswith("elements.6.mapping") for problem in refused.value.problems)
+    assert all(problem.key.startswith("elements.5.mapping") for problem in refused.value.problems)
 
 
 def test_what_cannot_stand_before_a_mapped_objective_is_refused():
@@ -449,9 +449,9 @@ def test_what_cannot_stand_before_a_mapped_objective_is_refused():
     ahead = {"kind": "lens", "distance": 9.0, "focal_length": 500.0}
     window = {"kind": "plate", "distance": 9.0, "thickness": 1.0, "material": {"index": 1.5}, "diameter": 9.0}
     for changes, key in (
-        ({"elements": [lens, ahead]}, "elements.1.mapping"),
-        ({"elements": [lens, window]}, "elements.2.diameter"),
-        ({"stops": [{"diameter": 9.0, "distance": 7.0}]}, "stops.1.distance"),
+        ({"elements": [lens, ahead]}, "elements.0.mapping"),
+        ({"elements": [lens, window]}, "elements.1.diameter"),
+        ({"stops": [{"diameter": 9.0, "distance": 7.0}]}, "stops.0.distance"),
         ({"aperture.distance": 7.0, "aperture.tilt": (0.1, 0.0)}, "aperture.tilt"),
     ):
         with pytest.raises(DesignError) as refused:
@@ -470,5 +470,5 @@ def test_an_object_side_telecentric_objective_has_no_angles_to_map():
 
 
 def test_calibration_refuses():
-    with pytest.raises(CalibrationError, match=r"elements.6.mapping: .*drop the mapping"):
+    with pytest.raises(CalibrationError, match=r"elements.5.mapping: .*drop the mapping"):
         SceneSide.of(with_mapping("f theta"))

@@ -148,7 +148,7 @@ PLAN = ["calibrate", "--plan", "paper"]
         (WHOLE + entries("stops", 51, STOP), ["evaluate", "x.toml"], "stops: has 51 entries, at most 50"),
         (entries("objects", 10_000, WHITE), RENDER, "objects: has 10000 entries, at most 200"),
         (POINTS.format('["0 mm", "0 mm", "300 mm"],' * 9000), RENDER, "positions: has 9000 entries, at most 1000"),
-        (PARTS.format(5000), ["report", "x.toml"], "parts.1.calibration.boards: "),
+        (PARTS.format(5000), ["report", "x.toml"], "parts.0.calibration.boards: "),
         (PARTS.format(12), ["report", "x.toml", "--seed", str(2**70)], "--seed: is too large"),
         ("", [*PLAN, "--boards", "1000000"], "--boards: "),
         ("", [*PLAN, "--board", "99999x5 6 mm"], "too many inner corners"),
@@ -162,7 +162,7 @@ PLAN = ["calibrate", "--plan", "paper"]
         ("", ["evaluate", "."], "is a folder"),
         ("", ["tolerance", "/dev/zero", "-o", "out"], "is a pipe or a device"),
         ("", ["catalogue", "--file", "/dev/urandom"], "is a pipe or a device"),
-        ('[[lenses]]\npart = ""', ["catalogue", "--file", "x.toml"], "lenses.1.part: "),
+        ('[[lenses]]\npart = ""', ["catalogue", "--file", "x.toml"], "lenses.0.part: "),
         ("", ["evaluate", "\x1b[31m[/bold].toml"], r"\x1b[31m[/bold].toml: no such file"),
     ],
 )

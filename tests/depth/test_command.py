@@ -120,7 +120,7 @@ def test_a_wrong_belief_shows_as_bias(few_rays):
         (["--region", "9000,0,100,100"], "is no part of the sensor"),
         (["--scene", "nowhere.toml"], "nowhere.toml"),
         (["--believed", "papr"], "papr"),
-        (["--scene", "lens.toml"], "objects.1"),
+        (["--scene", "lens.toml"], "objects.0"),
     ],
 )
 def test_bad_input_is_refused_in_one_line(options, says, tmp_path, monkeypatch, capsys):
@@ -140,7 +140,7 @@ def test_an_objective_with_a_mapping_is_refused(tmp_path, capsys):
     path.write_text(roslf.dumps(roslf.load("paper").replace({"elements": [lens]})))
     assert main(["depth", str(path), "-o", str(out)]) == 2
     error = capsys.readouterr().err
-    assert "elements.1.mapping: depth is computed for rays as f tan has them" in error
+    assert "elements.0.mapping: depth is computed for rays as f tan has them" in error
     assert error.count("\n") == 1
     assert not out.exists()
 

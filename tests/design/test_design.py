@@ -222,6 +222,14 @@ def test_every_fault_at_once_with_place_and_remedy():
         assert any(key in line and __import__("re").search(words, line) for line in lines), (key, words, lines)
 
 
+def test_a_faulty_width_hides_no_fault_behind_glass():
+    plate = {"kind": "plate", "distance": 120.0, "thickness": 1.0, "material": "N-BK7"}
+    text = dumps(load("paper").replace({"elements": [plate]})).replace('"140 mm"', '"90 mm"')
+    with pytest.raises(DesignError) as caught:
+        loads(text.replace('diameter = "2.9 mm"', 'diameter = "-2.9 mm"'))
+    assert [problem.key for problem in caught.value.problems] == ["aperture.diameter", "microlens_array.distance"]
+
+
 def test_residual_of_a_contradiction_is_the_one_by_hand():
     with pytest.raises(DesignError, match=r"f/d_f \+ f/d_1 - 1 = -0\.04762, not 0"):
         load("paper").replace({"main_lens.focal_length": 100, "main_lens.focal_plane": 350, CONTRADICTED: 150})
@@ -275,10 +283,10 @@ def test_notebooks_show_a_design_as_a_table():
     assert "<td>d_3</td><td>120 mm</td>" in page
 
 
-def test_tables_in_a_row_are_counted_from_1_in_messages():
-    """As a reader counts them, and as tables and pictures name them: stop 1 is the first [[stops]]."""
+def test_tables_in_a_row_are_counted_from_0_in_messages():
+    """As in every place that studies, `replace` and `--sigma` take."""
     paper = dumps(load("paper"))
-    for second, key in (("-9 mm", "stops.2.diameter"), ("9 mm", "stops.2.distance")):
+    for second, key in (("-9 mm", "stops.1.diameter"), ("9 mm", "stops.1.distance")):
         stops = [("9 mm", "50 mm"), (second, "400 mm" if key.endswith("distance") else "50 mm")]
         text = "".join(f'\n[[stops]]\ndiameter = "{size}"\ndistance = "{z}"\n' for size, z in stops)
         with pytest.raises(DesignError) as caught:

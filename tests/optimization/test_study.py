@@ -123,13 +123,13 @@ def test_an_impossible_study_exits_0_and_says_so(capsys, tmp_path):
         ('quantity = "fill_factor"', 'quantity = "kept_fraction"', "'kept_fraction' differs from field to field"),
         ('at = "200 mm"', 'field = "1 mm"', "sigma_z_mm is one number for the whole field; drop field"),
         ('quantity = "sigma_z_mm"', 'quantity = "sigma_zz"', "did you mean 'sigma_z_mm'?"),
-        ('direction = "min"', "", "goals.1.direction: is missing; add it"),
-        ('direction = "min"', 'direction = "down"', 'goals.1.direction: "down" is not known; write'),
+        ('direction = "min"', "", "goals.0.direction: is missing; add it"),
+        ('direction = "min"', 'direction = "down"', 'goals.0.direction: "down" is not known; write'),
         ("max = 1.0", "max = 0.5", "fill_factor: min 0.98 is above max 0.5; swap them"),
         ('quantity = "non_distortion_room_mm"\nmin = "0 mm"', 'quantity = "d_1"\nmin = 0.1', "0.1 has no unit"),
         ('min = "0 mm"', "min = false", "expected a length"),
         ('min = "0 mm"', "", "non_distortion_room_mm has no limit"),
-        ('at = "200 mm"', 'at = "200 mm"\ncolour = 1', "goals.1.colour: is not a known key"),
+        ('at = "200 mm"', 'at = "200 mm"\ncolour = 1', "goals.0.colour: is not a known key"),
         ("weight = 0.1", 'weight = 0.1\nat = "3 mm"', "views_independent is not asked for at a distance"),
         (
             "weight = 0.1",
@@ -144,7 +144,7 @@ def test_an_impossible_study_exits_0_and_says_so(capsys, tmp_path):
             "'D_F' varies, but the bore gives it",
         ),
         ("weight = 0.1", "weight = 0.1\n[catalogue]\nfiles = ['none.toml']", "none.toml: no such file"),
-        ("[solver]", "[[robust.perturb]]\nplace = 'd_4'\ntolerance = '1 um'\n[solver]", "robust.perturb.1"),
+        ("[solver]", "[[robust.perturb]]\nplace = 'd_4'\ntolerance = '1 um'\n[solver]", "robust.perturb.0"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_2(capsys, tmp_path, old, new, said):

@@ -213,7 +213,7 @@ def test_what_cannot_be_seen_is_told_instead():
     assert "pixels too small to draw" in _words(PICTURES["microlens"](ALL["pixels by the million"]).svg())
 
 
-@pytest.mark.parametrize("change", [{"q": 1e-9}, {"q": 900.0}, {"D_F": 1e5}, {"f_ml": 1e-9}, {"d_2": 1e5}, {"D": 1e-9}])
+@pytest.mark.parametrize("change", [{"q": 1e-9}, {"q": 14.9}, {"D_F": 1e5}, {"f_ml": 1e-9}, {"d_2": 1e5}, {"D": 1e-9}])
 def test_extreme_numbers_are_drawn_or_told_within_little_memory(change):
     design = PAPER.replace(**change)
     for waves in (True, False):

@@ -154,7 +154,7 @@ def test_a_story_may_end_in_a_calibration(tmp_path):
     data = {"story": {"title": "t", "design": "paper"}, "parts": [{"calibrated": "."}]}
     story = read_story(data, tmp_path, "story.toml")
     assert story.calibrations[0].data["quantities"]["d_3"]["sigma"] == 2.34
-    with pytest.raises(InputError, match=r"story.toml: parts.1.calibrated: .*no such file"):
+    with pytest.raises(InputError, match=r"story.toml: parts.0.calibrated: .*no such file"):
         read_story({**data, "parts": [{"calibrated": "gone"}]}, tmp_path, "story.toml")
 
 

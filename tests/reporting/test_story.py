@@ -168,23 +168,23 @@ def test_a_study_without_a_design_tells_what_stands_in_the_way(folder, few_build
     report = study_report("optimize", folder / "optimize.toml")
     assert [section.title for section in report.sections] == ["Summary", "Optimisation", "How this report was made"]
     assert "cannot hold together" in report.sections[0].blocks[0].items[0].text
-    with pytest.raises(InputError, match=r"story.toml: parts.1: no design was found to go on with: .*cannot hold"):
+    with pytest.raises(InputError, match=r"story.toml: parts.0: no design was found to go on with: .*cannot hold"):
         story_report(load_story_or_study(folder / "story.toml")[1])
 
 
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
-        (("optimize.toml", "gone.toml"), r"parts.1.optimize: gone.toml: no such file"),
+        (("optimize.toml", "gone.toml"), r"parts.0.optimize: gone.toml: no such file"),
         (('design = "paper"', 'design = "gone.toml"'), r"story.design: .*no such file"),
-        (('tolerance = "tolerance.toml"', ""), r"parts.2: has nothing; give each part one of"),
+        (('tolerance = "tolerance.toml"', ""), r"parts.1: has nothing; give each part one of"),
         (
             ('tolerance = "tolerance.toml"', 'tolerance = "tolerance.toml"\ntake = "best"'),
             "take goes with optimize only",
         ),
         (('optimize = "optimize.toml"', 'optimize = "optimize.toml"\ntake = "worst"'), "'worst' is nothing to take"),
-        (('"6x5 5 mm"', '"6 by 5"'), r"parts.3.calibration.board: .*not understood"),
-        (('"15 deg"', '"15"'), r"parts.3.calibration.tilt"),
+        (('"6x5 5 mm"', '"6 by 5"'), r"parts.2.calibration.board: .*not understood"),
+        (('"15 deg"', '"15"'), r"parts.2.calibration.tilt"),
         (("boards = 9", "boreds = 9"), r"boreds.*boards"),
         (('title = "A short story"', ""), r"story.title: is missing"),
     ],

@@ -95,13 +95,13 @@ def test_every_fault_at_once_with_place_and_remedy():
     lines = faults(text)
     wanted = [
         ("light.exposure", "greater than zero"),
-        ("light.wavelengths.1", "has no unit"),
-        ("objects.1.kind", "did you mean 'plane'"),
-        ("objects.2.distance", "350 mm"),
-        ("objects.2.texture.kind", "did you mean 'checkerboard'"),
-        ("objects.3.radius", "is missing"),
-        ("objects.3.raduis", "did you mean 'radius'"),
-        ("objects.4", "far end comes second"),
+        ("light.wavelengths.0", "has no unit"),
+        ("objects.0.kind", "did you mean 'plane'"),
+        ("objects.1.distance", "350 mm"),
+        ("objects.1.texture.kind", "did you mean 'checkerboard'"),
+        ("objects.2.radius", "is missing"),
+        ("objects.2.raduis", "did you mean 'radius'"),
+        ("objects.3", "far end comes second"),
         ("backgruond", "did you mean 'background'"),
     ]
     for key, part in wanted:
@@ -114,8 +114,8 @@ def test_every_fault_at_once_with_place_and_remedy():
     [
         ("", "objects: is missing"),
         ("objects = 3", "[[objects]]"),
-        ("objects = [3]", "objects.1: must be a table"),
-        ("[[objects]]\ndistance = '1 mm'", "objects.1.kind: is missing"),
+        ("objects = [3]", "objects.0: must be a table"),
+        ("[[objects]]\ndistance = '1 mm'", "objects.0.kind: is missing"),
         ("[[objects]\n", "is not valid TOML"),
         ("light = 3\n[[objects]]\nkind='white'", "light: must be a table"),
     ],
@@ -153,7 +153,7 @@ def test_unreadable_pictures_are_named(tmp_path):
     (tmp_path / "text.png").write_text("no picture")
     for name, fault in (("text.png", "cannot be read as an image"), ("absent.png", "no such file")):
         scene = Scene(objects=(Plane(texture=PictureTexture(file=str(tmp_path / name), width=5.0)),))
-        with pytest.raises(SceneError, match=rf"objects\.1\.texture\.file: .*{name}: {fault}"):
+        with pytest.raises(SceneError, match=rf"objects\.0\.texture\.file: .*{name}: {fault}"):
             scene.brief(PAPER)
 
 

@@ -84,13 +84,13 @@ def test_every_fault_is_told_at_once_with_the_nearest_name():
         }
     )
     assert "did you mean 'grade'" in found["grad"]
-    assert "did you mean 'fill_factor'" in found["goals.1.metric"]
-    assert "give min, max or both" in found["goals.2"]
-    assert "did you mean 'aperture.tilt'" in found["perturb.1.place"]
-    assert "this is a length" in found["perturb.2"]
-    assert 'e.g. "1 mm"' in found["fields.1"]
-    assert "centre, edge, corner" in found["fields.2"]
-    assert "did you mean 'sensor.distance'" in found["compensators.1.place"]
+    assert "did you mean 'fill_factor'" in found["goals.0.metric"]
+    assert "give min, max or both" in found["goals.1"]
+    assert "did you mean 'aperture.tilt'" in found["perturb.0.place"]
+    assert "this is a length" in found["perturb.1"]
+    assert 'e.g. "1 mm"' in found["fields.0"]
+    assert "centre, edge, corner" in found["fields.1"]
+    assert "did you mean 'sensor.distance'" in found["compensators.0.place"]
     assert "trials" in found
     assert len(found) == 9
 
@@ -104,15 +104,15 @@ def test_every_fault_is_told_at_once_with_the_nearest_name():
         ({"fields": []}, "fields", "at least one field"),
         ({"object_distance": "100 mm"}, "object_distance", "within the bore"),
         ({"grade": None}, "perturb", "nothing is perturbed"),
-        ({"goals": [{"metric": "fill_factor", "min": 2, "max": 1}]}, "goals.1", "swap"),
-        ({"goals": [{"metric": "fill_factor", "min": 1, "fields": [7]}]}, "goals.1.fields", "run from 0 to 2"),
+        ({"goals": [{"metric": "fill_factor", "min": 2, "max": 1}]}, "goals.0", "swap"),
+        ({"goals": [{"metric": "fill_factor", "min": 1, "fields": [7]}]}, "goals.0.fields", "run from 0 to 2"),
         ({"groups": [{"name": "barrel"}]}, "groups", "has no member"),
-        ({"perturb": [{"place": "sensor.tilt"}]}, "perturb.1.place", "does not cover it"),
-        ({"perturb": [{"place": "d_3"}, {"place": "aperture.distance"}]}, "perturb.2.place", "twice"),
+        ({"perturb": [{"place": "sensor.tilt"}]}, "perturb.0.place", "does not cover it"),
+        ({"perturb": [{"place": "d_3"}, {"place": "aperture.distance"}]}, "perturb.1.place", "twice"),
         ({"perturb": [{"place": "main_lens.focal_plane", "tolerance": "1 mm"}]}, "perturb", "one follows from two"),
-        ({"perturb": [{"place": "sensor.tilt", "tolerance": "1 %"}]}, "perturb.1", "absolute"),
-        ({"perturb": [{"place": "d_3", "tolerance": "-1 mm"}]}, "perturb.1", "not negative"),
-        ({"perturb": [{"place": "relay", "tolerance": "much"}]}, "perturb.1", "not a ratio"),
+        ({"perturb": [{"place": "sensor.tilt", "tolerance": "1 %"}]}, "perturb.0", "absolute"),
+        ({"perturb": [{"place": "d_3", "tolerance": "-1 mm"}]}, "perturb.0", "not negative"),
+        ({"perturb": [{"place": "relay", "tolerance": "much"}]}, "perturb.0", "not a ratio"),
     ],
 )
 def test_faults_between_tables(change, key, words):
@@ -136,7 +136,7 @@ def test_a_damaged_table_of_grades_is_told(tmp_path):
     (tmp_path / "g.toml").write_text('[grades]\nloose = "x"\n[[line]]\nplace = "d"\nloos = "1 %"\n')
     with pytest.raises(InputError) as caught:
         load_grades(tmp_path / "g.toml")
-    assert [problem.key for problem in caught.value.problems] == ["line.1.loose", "line.1.provenance", "line.1.loos"]
+    assert [problem.key for problem in caught.value.problems] == ["line.0.loose", "line.0.provenance", "line.0.loos"]
 
 
 def test_places():
@@ -230,10 +230,10 @@ provenance = "judgement"
         ('[grades]\ntight = "as good as it gets"', "grades = 7", "grades: is missing"),
         (GRADES, "line = 7\n[grades]\ntight = 'x'", "line: must be tables, each headed [[line]]"),
         (GRADES, "line = [7]\n[grades]\ntight = 'x'", "line: must be tables, each headed [[line]]"),
-        ('place = "main_lens.focal_length"', "place = 7", "line.1.place: must be text, got 7"),
-        ('provenance = "judgement"', "provenance = []", "line.1.provenance: must be text, got []"),
-        ('tight = "1 %"', "tight = []", "line.1.tight: must be text, got []"),
-        ('tight = "1 %"', "", "line.1.tight: is missing"),
+        ('place = "main_lens.focal_length"', "place = 7", "line.0.place: must be text, got 7"),
+        ('provenance = "judgement"', "provenance = []", "line.0.provenance: must be text, got []"),
+        ('tight = "1 %"', "tight = []", "line.0.tight: must be text, got []"),
+        ('tight = "1 %"', "", "line.0.tight: is missing"),
         ('place = "main_lens.focal_length"', 'place = "nothing"', "nothing.tight: 'nothing' is not a number"),
         ('tight = "1 %"', 'tight = "1e9999999 mm"', "not a finite number"),
     ],
