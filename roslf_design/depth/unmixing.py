@@ -18,7 +18,7 @@ from .._jit import THREADS, kernel, prange
 from ..calibration.decoding import DARKEST, LightField, squared
 from ..camera import Camera
 from ..theory.colours import mixed
-from ..theory.disparity_error import ImageParts, image_parts
+from ..theory.disparity_error import FINEST_PLACES, ImageParts, image_parts
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.light import microlens_defocus
 from ..theory.stop_images import MicrolensImages
@@ -28,8 +28,8 @@ STEP, MOST = 0.1, 400
 at so many places at most."""
 COARSE = 9
 """Places along each axis at which is looked whether any is cut."""
-BLOCK = 32
-"""Places at a time, for memory's sake."""
+BLOCK, COMMON = 32, 12.0
+"""Places at a time, for memory's sake, where diffraction passes so many periods in a pitch; fewer where more."""
 ROUNDS = 8
 """Of taking neighbours' light away: what is left falls to less than a third each time."""
 FAINT, STRONG, SLOW = 1e-5, 0.02, (1, 3, 6)
@@ -207,8 +207,10 @@ def _parts_at(camera: Camera, places: NDArray[np.float64], field: LightField) ->
         some = np.append(np.flatnonzero(whole)[:1], some)
     back = np.where(whole, 0, np.searchsorted(some[1:], np.arange(len(places))) + 1) if whole.any() else some
     s, t = field.s / field.pitch, field.t / field.pitch
+    finest = min(float(abs(microlens_image_pitch(camera)) * camera.d / (camera.wavelength * camera.d_2)), FINEST_PLACES)
+    block = max(1, int(BLOCK * min(1.0, (COMMON / finest) ** 2)))
     pieces = [
-        image_parts(MicrolensImages(camera, places[some[at : at + BLOCK]]), s, t) for at in range(0, some.size, BLOCK)
+        image_parts(MicrolensImages(camera, places[some[at : at + block]]), s, t) for at in range(0, some.size, block)
     ]
     light, x, y = (np.concatenate([getattr(part, name) for part in pieces], 1)[:, back] for name in ("light", "x", "y"))
     return ImageParts(pieces[0].steps, light, x, y)

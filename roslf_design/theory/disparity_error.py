@@ -49,8 +49,8 @@ NODES = 3
 """Gauss-Legendre nodes over the periods of a texture, and over a quarter of its directions: information to 1e-3 where
 B lies within 1."""
 _GAUSS = np.polynomial.legendre.leggauss(NODES)
-FINEST_PLACES = 12
-"""Periods in a pitch up to which `image_parts` follows the microlens's diffraction."""
+FINEST_PLACES = 32
+"""Periods in a pitch up to which `image_parts` follows the microlens's diffraction: at Fresnel numbers up to 8."""
 REACH, FAINT = 3, 5e-4
 """Steps of the lattice to the farthest neighbours that `image_parts` takes one by one; light that it lets be."""
 FAR = 4
@@ -317,6 +317,8 @@ def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
         nodes = np.repeat(about[:, :1], free.size + 1, axis=1)
         nodes[free, 1:] += STEP * np.eye(free.size)
         values = _series(c, level, whole, nodes.tobytes(), spectrum, lens_shape)
+        if not np.isfinite(values).all():
+            return _each(images, c, level, whole)
         return np.asarray(np.exp(values[0] + ((values[1:] - values[0]) / STEP) @ away) * scale)
     spread = np.ptp(about, axis=1)[free]
     apart = spread.max(initial=0.0) > 2 * CELL
@@ -339,7 +341,11 @@ def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
             continue
         nodes, middle = np.repeat(about[:, mine[:1]], len(terms), axis=1), (cells[:, mine[:1]] + 0.5) * sides
         nodes[free] = middle + offsets * sides / 2
-        values = inverse @ _series(c, level, whole, nodes.tobytes(), spectrum, lens_shape)
+        logarithms = _series(c, level, whole, nodes.tobytes(), spectrum, lens_shape)
+        if not np.isfinite(logarithms).all():
+            information[mine] = _each(images.at(mine), c, level, whole) / scale[mine]
+            continue
+        values = inverse @ logarithms
         total = np.zeros(mine.size)
         for value, power in zip(values, _powers(2 * (about[free][:, mine] - middle) / sides, terms), strict=True):
             total += value * power
@@ -380,7 +386,8 @@ def _series(c: _Array, level: int, whole: bool, nodes: bytes, spectrum: bytes, l
     apart, radii = np.zeros((wide.size, 1, 2)), np.exp(wide)[:, None] / 2
     waves = Texture(np.exp(fine), one, Spectrum(*np.frombuffer(spectrum).reshape(3, -1)), lens_shape)
     own = (one, one, np.exp(-sharp), blurred, np.exp(pixel), one, dark, one, bend, apart, radii, waves)
-    values = np.log(_each(_Images(*own), c, level, whole))
+    with np.errstate(divide="ignore", invalid="ignore"):  # of what tells nothing there is no series
+        values = np.log(_each(_Images(*own), c, level, whole))
     values.setflags(write=False)
     return values
 
