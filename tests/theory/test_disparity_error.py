@@ -7,7 +7,15 @@ from scipy.optimize import brentq
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
-from roslf_design.theory.disparity_error import Seen, Spectrum, disparity_information, disparity_sigma, view_gradient
+from roslf_design.theory.disparity_error import (
+    Seen,
+    Spectrum,
+    disparity_information,
+    disparity_sigma,
+    image_parts,
+    view_gradient,
+)
+from roslf_design.theory.exit_pupil import microlens_image_pitch
 from roslf_design.theory.photometry import dark_variance, electrons, exposure
 from roslf_design.theory.quantities import QUANTITIES, seen_at
 from roslf_design.theory.stop_images import MicrolensImages
@@ -138,6 +146,20 @@ def test_the_edge_is_measured_with_the_light_that_it_gets():
     dimmed = lit.replace({"light.exposure": np.cos(np.arctan(h / PAPER.d_3)) ** 4 / 240})
     assert information(lit, (11.15, 0.0)) == pytest.approx(information(dimmed), rel=1e-9)
     assert information(dimmed) < 0.98 * information(lit)
+
+
+@pytest.mark.parametrize("wavelength", [5.5e-4, 1.2e-4])
+def test_light_of_a_microlens_is_what_it_sends_alone(wavelength):
+    """Against the white picture of an array of one, soft and sharp (16 periods in a pitch pass)."""
+    lone = {"microlens_array.size": (0.0631, 0.0631), "sensor.size": (0.12, 0.12), "light.wavelength": wavelength}
+    design = PAPER.replace(lone)
+    camera = Camera.of(design)
+    picture = roslf.render(design, overrides=["-cos4"]).pixels
+    pixels = np.arange(len(picture)) - (len(picture) - 1) / 2
+    x = pixels * design.q / float(microlens_image_pitch(camera))
+    parts = image_parts(MicrolensImages(camera, [(0.0, 0.0)]), x, x)
+    # The picture's own budget is a few thousandths.
+    assert_allclose(parts.light[parts.steps.index((0, 0)), 0], picture, atol=3e-3)
 
 
 def test_everything_in_another_unit_of_length():
