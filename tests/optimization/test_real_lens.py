@@ -111,7 +111,7 @@ def test_a_study_behind_a_real_lens(tmp_path, capsys):
     ("old", "new", "said"),
     [
         ("D_F = [", "D = [", "'D' is the real lens's own"),
-        ('field = "11 mm"\n', "", "constraints.1: behind a real lens (LA1050-A reversed) fill_factor is traced and"),
+        ('field = "11 mm"\n', "", "constraints.0: behind a real lens (LA1050-A reversed) fill_factor is traced and"),
         (
             '"fill_factor"\nfield = "11 mm"\n',
             '"undistorted_field_mm"\n',

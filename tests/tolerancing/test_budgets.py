@@ -116,10 +116,10 @@ def test_several_grades_where_no_single_one_does(shop):
 @pytest.mark.parametrize(
     ("text", "key"),
     [
-        (SHOP.replace("[0, 2, 10]", "[0, 2]"), "line.1.cost"),
-        (SHOP.replace("[0, 2, 10]", "[0, -2, 3]"), "line.1.cost"),
-        (SHOP.replace("cost = 9", 'cost = "9"'), "adjustment.1.cost"),
-        (SHOP.replace("cost = 9", "cost = 9\nrang = 3"), "adjustment.1.rang"),
+        (SHOP.replace("[0, 2, 10]", "[0, 2]"), "line.0.cost"),
+        (SHOP.replace("[0, 2, 10]", "[0, -2, 3]"), "line.0.cost"),
+        (SHOP.replace("cost = 9", 'cost = "9"'), "adjustment.0.cost"),
+        (SHOP.replace("cost = 9", "cost = 9\nrang = 3"), "adjustment.0.rang"),
     ],
 )
 def test_bad_costs_are_told(tmp_path, text, key):

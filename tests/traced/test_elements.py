@@ -264,7 +264,7 @@ def test_blur_of_a_point_through_a_rod_is_that_of_many_rays():
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"elements": [{**WINDOW, "distance": 0.5}]}, r"elements\.1\.distance: .* inside the lens"),
+        ({"elements": [{**WINDOW, "distance": 0.5}]}, r"elements\.0\.distance: .* inside the lens"),
         ({"elements": [{**WINDOW, "distance": 60.5}, {**WINDOW, "distance": 60.0}]}, "lies inside the element"),
     ],
 )
