@@ -217,7 +217,8 @@ def statements(results: dict[str, dict[str, Measured]]) -> Iterator[Statement]:
             f"camera's (predicted {far.predicted_mm:.2g} mm): no bias, but smaller images and dark pixels.",
         )
     cut = wall["cut"]
-    some = np.isfinite(cut.spread) & (cut.kept > 0) & (cut.kept < 0.999)
+    # Where few have a depth those are the ones that are cut least.
+    some = np.isfinite(cut.spread) & (cut.known > 0.9) & (cut.kept < 0.999)
     if some.any():
         worst = int(np.flatnonzero(some)[cut.kept[some].argmin()])
         whole = float(np.nanmedian(cut.spread[cut.kept >= 0.999]))
