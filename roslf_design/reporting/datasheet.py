@@ -248,12 +248,12 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
     around += "; mounts come on top" if design.tube is None else "; mounts within its wall"
     yield SheetLine("Body", "outer diameter", sheet.outer_diameter_mm, "mm", around, "outer_diameter_mm")
     yield SheetLine("Body", "length", sheet.length_mm, "mm", f"tip to sensor{unfolded}", "total_length_mm")
-    parts = ", ".join(f"{part.name} {number(part.diameter_mm, 4)} mm" for part in sheet.parts)
+    parts = ", ".join(f"{part.name} of {number(part.diameter_mm, 4)} mm" for part in sheet.parts)
     yield SheetLine("Body", PARTS, None, "", parts, text=str(len(sheet.parts)))
 
 
 def _depth_lines(sheet: Specification, traced: bool) -> Iterator[SheetLine]:
-    """What depths are worth, at both ends of the working range and over the field in focus."""
+    """How well depth is known, at both ends of the working range and over the field in focus."""
     names = ("axis", "axis", "axis", "edge of the field", "corner of the field")
     for spread, name in zip(sheet.depth_precision.spreads, names, strict=True):
         focal, axial = spread.plane == "focal plane", name == "axis"
