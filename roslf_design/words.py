@@ -135,12 +135,18 @@ ROUNDING = 1e-12
 
 
 def number(value: float, digits: int = 5, zero: float = ROUNDING) -> str:
-    """A number to `digits` significant digits, infinity as a sign; "0" where it is smaller than `zero`."""
+    """A number to `digits` significant digits, infinity as a sign; "0" where it is smaller than `zero`.
+
+    Up to 100,000 without powers of ten: "1090", not "1.09e+03".
+    """
     if math.isnan(value):
         return "not stated"
     if math.isinf(value):
         return "∞" if value > 0 else "-∞"
-    return "0" if abs(value) < zero or value == 0 else f"{value:.{digits}g}"
+    if abs(value) < zero or value == 0:
+        return "0"
+    text = f"{value:.{digits}g}"
+    return f"{float(text):.0f}" if "e+0" in text and abs(float(text)) < 1e5 else text
 
 
 def tidy(value: float) -> str:

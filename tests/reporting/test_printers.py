@@ -68,6 +68,7 @@ def printed(block, width=80):
 
 
 def test_numbers_lengths_and_sentences():
+    assert (number(1090.3, 3), number(-20123, 2), number(123456, 3)) == ("1090", "-20000", "1.23e+05")
     assert [number(v) for v in (0.0, 1 / 3, 123456, 1e-7, float("inf"), -float("inf"), float("nan"))] == [
         *("0", "0.33333", "1.2346e+05", "1e-07", "∞", "-∞", "not stated")
     ]
