@@ -737,14 +737,14 @@ class Camera(Symbols[Number]):
 
         What follows from a reason is not told: of a build without a real image not where that would lie.
         """
-        found: dict[str, NDArray[np.bool_]] = {}
+        reasons: dict[str, NDArray[np.bool_]] = {}
         sound = np.ones(self.shape, np.bool_)
         with np.errstate(invalid="ignore"):
             for conditions in self._conditions():
-                told = {words: sound & ~np.asarray(holds) for words, holds in conditions}
-                sound = sound & ~np.any(list(told.values()), axis=0)
-                found |= told
-        return found
+                fresh = {words: sound & ~np.asarray(holds) for words, holds in conditions}
+                sound = sound & ~np.any(list(fresh.values()), axis=0)
+                reasons |= fresh
+        return reasons
 
     def _conditions(self) -> tuple[Iterator[tuple[str, Any]], ...]:
         """What a camera holds, by what is wrong where it does not, no words twice; later ones follow on earlier."""

@@ -125,7 +125,7 @@ class DepthSpread:
 
 @dataclass(frozen=True)
 class DepthPrecision:
-    """What depths are worth, of one measurement, before errors of calibration."""
+    """Standard errors of depth, of one measurement, before errors of calibration."""
 
     spreads: tuple[DepthSpread, ...]
     """On the axis at the ends of the working range and the focal plane; there at the field's edge and corner, too."""
@@ -255,12 +255,12 @@ def resolved(images: MicrolensImages, field: int, at: float, image: Kind) -> Res
         sagittal = transfer.limits(LEVELS, image, "sagittal")
     half, tenth = (None if math.isnan(a) else min(a, b) for a, b in zip(tangential, sagittal, strict=True))
     x0 = np.broadcast_to(np.hypot(*images.on_plane(at)), (len(images.fields), 1))[field, 0]
-    told = tuple(images.fields[field].tolist())
+    place = tuple(images.fields[field].tolist())
     each = [(None if math.isnan(a) else a, None if math.isnan(b) else b) for a, b in (tangential, sagittal)]
     fold = min(transfer.fold(way) for way in ("tangential", "sagittal"))
     usable = None if half is None else min(half, fold)
     limit: Literal["contrast", "sampling"] = "contrast" if usable == half else "sampling"
-    return Resolved(at, _known(float(x0)), told, image, half, tenth, each[0], each[1], fold, usable, limit)
+    return Resolved(at, _known(float(x0)), place, image, half, tenth, each[0], each[1], fold, usable, limit)
 
 
 def specification(design: Design | str | Path) -> Specification:

@@ -340,8 +340,8 @@ def save_worst(plan: TolerancePlan, tally: Tally, folder: Path) -> tuple[WorstTr
         try:
             design, _ = one_trial(plan, number)
         except InputError as error:  # its numbers make no design, which is why it failed
-            *_, found = measure_one(plan, number).faults(plan)
-            name, faults = "", tuple(found) or tuple(problem.message for problem in error.problems)
+            *_, reasons = measure_one(plan, number).faults(plan)
+            name, faults = "", tuple(reasons) or tuple(problem.message for problem in error.problems)
         else:
             text = {"name": f"{design.name}, trial {number} of {plan.name}", "source": f"seed {plan.draws.seed}"}
             save(design.replace(text), folder / name, overwrite=True, digits=WRITTEN)

@@ -419,10 +419,10 @@ def counted(plan: TolerancePlan, trials: MeasuredTrials, first: int) -> Tally:
             xx += np.einsum("ct,pt->cp", known, some * some)
         xy += np.einsum("ct,pt->cp", ends, some)
     impossible, faults = np.zeros(variants, np.int64), np.zeros((variants, len(plan.faults)), np.int64)
-    for v, found in enumerate(trials.faults(plan)):
-        for words, flags in found.items():
+    for v, reasons in enumerate(trials.faults(plan)):
+        for words, flags in reasons.items():
             faults[v, plan.faults.index(words)] = flags.sum()
-        impossible[v] = np.sum(np.any(list(found.values()), axis=0)) if found else 0
+        impossible[v] = np.sum(np.any(list(reasons.values()), axis=0)) if reasons else 0
     scores = plan.used_room(trials.variants[-1])
     worst = np.lexsort((np.arange(size), -scores))[: plan.keep_worst]
     kept = max(0, min(plan.keep_trials - first, size))

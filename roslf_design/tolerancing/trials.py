@@ -57,8 +57,8 @@ class MeasuredTrials(NamedTuple):
                 last = variant == len(self.variants) - 1
                 moved = self.moved[:, lost] if last else compensator.linear(deviations)
                 numbers = compensator.applied(numbers, moved)
-            found = faults_of(plan.question, numbers, deviations.shape[1])
-            yield {words: flags for words, flags in found.items() if flags.any()}
+            reasons = faults_of(plan.question, numbers, deviations.shape[1])
+            yield {words: flags for words, flags in reasons.items() if flags.any()}
 
 
 def measure(plan: TolerancePlan, deviations: Array) -> MeasuredTrials:
