@@ -16,7 +16,7 @@ from .._arrays import Array
 from ..design import PATHS, Design, load
 from ..design.conjugates import CONJUGATES
 from ..errors import InputError, one_line
-from ..pictures.sweep import sweep_picture
+from ..report.sweep import sweep_picture
 from ..tables import csv_bytes
 from ..theory.sweep import sweep as compute
 from ..theory.sweep import unit_of

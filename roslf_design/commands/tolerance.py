@@ -13,9 +13,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import Problem
-from ..reporting.blocks import Block, Paragraph
-from ..reporting.printers import page_files
-from ..reporting.tolerance import cost_words, headline, impossible_words, tables, tolerance_pictures, tolerance_report
+from ..report.blocks import Block, Paragraph
+from ..report.printers import page_files
+from ..report.tolerance.pages import (
+    cost_words,
+    headline,
+    impossible_words,
+    tables,
+    tolerance_pictures,
+    tolerance_report,
+)
 from ..tables import plain_text
 from ..tolerancing.result import analyse, precision, save_worst, trial_arrays, trials_for
 from ..tolerancing.run import ChunkLostError, Where, npz_bytes, run_trials

@@ -28,7 +28,7 @@ from roslf_design.calibration import (
 from roslf_design.design import load
 from roslf_design.design.conjugates import focal_plane_distance
 from roslf_design.design.files import write_atomically
-from roslf_design.pictures.axes import BLUE, GREEN, GREY, INK, PALE, VERMILLION, drawing, to_png
+from roslf_design.drawing.axes import BLUE, GREEN, GREY, INK, PALE, VERMILLION, drawing, to_png
 
 Array = NDArray[np.float64]
 
