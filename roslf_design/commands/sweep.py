@@ -13,8 +13,8 @@ import numpy as np
 from cyclopts import Parameter
 
 from .._arrays import Array
+from ..bore.conjugates import CONJUGATES
 from ..design import PATHS, Design, load
-from ..design.conjugates import CONJUGATES
 from ..errors import InputError, one_line
 from ..report.sweep import sweep_picture
 from ..tables import csv_bytes

@@ -38,7 +38,7 @@ def first_order(design: Design) -> Camera:
         Its objective maps angles otherwise than f tan; behind colour filters, its real lens focuses colours apart.
     """
     camera = Camera.of(design.thin_twin)
-    if camera.chain is not None and camera.chain.mapped is not None:
+    if camera.chain.mapped is not None:
         message = "depth is computed for rays as f tan has them before the objective; drop the mapping for it"
         raise InputError((Problem(f"elements.{camera.chain.mapped}.mapping", message),), design.name)
     if design.lens is not None and (colours := tuple(one.wavelength for one in filters(design.sensor.colours))):

@@ -10,13 +10,13 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from ..bore.conjugates import CONJUGATES, REFRACTING, conjugate_residual, followed
+from ..bore.real_lens import focal_length_at, own_diameter, read_prescription
 from ..errors import InputError, Problem
 from ..lenses.prescription import Prescription
 from ..toml_files import problems_of
 from ..units import format_quantity, parse_quantity
-from .conjugates import CONJUGATES, REFRACTING, conjugate_residual, followed
 from .parts import PATHS, Light
-from .real_lens import focal_length_at, own_diameter, read_prescription
 
 FOCAL, PLANE, DISTANCE = CONJUGATES
 RESIDUAL_LIMIT = 1e-6

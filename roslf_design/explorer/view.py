@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from ..bore.mapping import NAMES
 from ..design import Design
-from ..design.mapping import NAMES
 from ..drawing.marks import Point
 from ..drawing.picture import Picture
 from ..drawing.theme import short

@@ -85,4 +85,4 @@ def hyperfocal(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Array:
 def _far(c: Camera) -> Number:
     """Where the main lens sees what is far [mm]."""
     front = c.front[1]
-    return ratio(np.asarray(front.d, float), np.asarray(front.c, float)) if c.chain is not None else np.inf
+    return ratio(np.asarray(front.d, float), np.asarray(front.c, float))

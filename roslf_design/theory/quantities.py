@@ -15,8 +15,8 @@ from typing import Any, Literal
 import numpy as np
 
 from .._arrays import Array, magnitude, product, ratio
+from ..bore.chain import ImagedPlane
 from ..camera import Camera, Number
-from ..design.chain import ImagedPlane
 from ..design.parts import PATHS
 from ..units import parse_quantity
 from . import (

@@ -12,11 +12,11 @@ from roslf_design import __version__
 from roslf_design.cli import main
 from roslf_design.commands import report as command
 from roslf_design.design import load
+from roslf_design.drawing import solid
 from roslf_design.errors import InputError
 from roslf_design.evaluation import evaluate
 from roslf_design.optimization.parts import Catalogue, load_catalogue
 from roslf_design.report.blocks import Figure, Report, Section, Table
-from roslf_design.drawing import solid
 from roslf_design.report.design.compare import comparison_report
 from roslf_design.report.design.figures import picture_sheet
 from roslf_design.report.design.pages import design_report, key_figures

@@ -66,7 +66,7 @@ class DepthCurve(NamedTuple):
 def depth_curve(design: Design, points: int = 241) -> DepthCurve:
     """Depth precision from 0.4 to 1.8 times the focal plane's depth, both counted from the FAP or what is before it."""
     camera = Camera.of(design)
-    start = design.d_3 if camera.chain is None else max(design.d_3, float(camera.tip))
+    start = design.d_3 if camera.chain.in_air else max(design.d_3, float(camera.tip))
     distance = start + np.linspace(0.4, 1.8, points) * (design.d_f - start)
 
     def precision(at: Array | float) -> tuple[Array, Array]:
@@ -235,7 +235,7 @@ def _margin(camera: Camera) -> Array:
 
 def _telecentric(camera: Camera) -> float:
     """Where the FAP is seen at f, with a ruler [mm]; nan where flat glass stands there, or lenses before it."""
-    if camera.chain is None:
+    if camera.chain.in_air:
         return float(camera.f)
     return math.nan if camera.chain.bends else float(camera.chain.stands_at(camera.numbers, camera.f))
 
@@ -303,7 +303,7 @@ def matching_plane(design: Design, size: Point = (560, 400), *, limits: Point | 
         Area([near, far, far, near], [0.0, 0.0, up.high, up.high], "grey", 0.9, hatch=True) for near, far in glass
     ]
     if telecentric <= across.high:
-        words = "telecentric: d_3 = f" if Camera.of(thin).chain is None else "telecentric"
+        words = "telecentric: d_3 = f" if Camera.of(thin).chain.in_air else "telecentric"
         marks.append(Line([telecentric, telecentric], [0.0, up.high], "grey", 1.2, "8 3 2 3"))
         marks.append(label(telecentric, 0.0, words, "grey", 6.0, -8.0))
     # The design is drawn over the frame, as it may be dragged there.

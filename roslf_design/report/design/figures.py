@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...camera import Camera
-from ...design.elements import Prism
 from ...drawing.picture import PAGE
 from ...drawing.solid import NoViewerError, library, outlines, scene_data
 from ...evaluation import default_fields
@@ -47,7 +46,7 @@ def _ray_sheet(design: Design, result: Evaluation) -> Figure:
     )
     through = ""
     if result.object_space is not None:
-        folds = any(isinstance(element, Prism) and element.deviation for element in design.elements)
+        folds = any(element.turn for element in design.elements)
         bend = "prisms unfolded" if folds else "rays bend at its faces"
         through = f" Glass before the lens and about the array is light blue, where a ruler finds it; {bend}."
     caption = (

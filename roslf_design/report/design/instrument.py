@@ -10,16 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._arrays import Array
+from ...bore.elements import element_name
 from ...camera import Camera
 from ...camera.frames import Frame, frame
 from ...design import Design
-from ...design.elements import element_name
 from ...drawing.solid import AROUND, Body, BrowserScene, Instrument, Name, bands, browser_scene, view_of
 from ...drawing.theme import FIELDS, ThemeName, stop_colour
 from ...evaluation import default_fields
 from ...lenses.glass import AIR
 from ...rays import PASSED, paths, trace_pupil
-from .rays import name_of_drawn, profiles, reach, reaches
+from .rays import name_of_drawn, reaches
 
 RINGS = 24
 """Parallels of an ellipsoid from pole to pole."""
@@ -58,8 +58,8 @@ def _glass(design: Design, camera: Camera, wall: float) -> list[Body]:
     """Elements before the main lens as bodies of revolution, and the plates about the array."""
     parts: list[Body] = []
     for number, element in enumerate(design.elements, 1):
-        radius, pose = reach(element) or wall, frame(element.decentre, -element.distance, element.tilt)
-        for piece, faces in enumerate(profiles(element, (-radius, radius), 0.18 * radius)):
+        radius, pose = element.half_height or wall, frame(element.decentre, -element.distance, element.tilt)
+        for piece, faces in enumerate(element.profile((-radius, radius), 0.18 * radius)):
             # Upper halves of both faces, from the axis out on the left one and back on the right one.
             (left, right) = (face[len(face) // 2 :] for face in faces)
             rim = np.append(left, right[::-1], axis=0) + np.array([element.distance, 0.0])

@@ -8,9 +8,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ...accuracy.table import QUANTITIES, choose, shipped_table
+from ...bore.elements import element_name
 from ...camera import Camera
 from ...design import dumps
-from ...design.elements import element_name
 from ...design.files import WRITTEN
 from ...evaluation import evaluate
 from ...evaluation.evaluate import evaluation_accuracy
@@ -48,8 +48,8 @@ from . import figures as sheets
 from .parts_list import parts_section
 
 if TYPE_CHECKING:
+    from ...bore.elements import AnyElement
     from ...design import Design, MainLens, MicrolensArray, Sensor, Stop
-    from ...design.elements import AnyElement
     from ...evaluation.result import Evaluation
 
 TONES: dict[str, Tone] = {"good": "good", "limit": "caution", "fault": "bad"}

@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from ...design.elements import LensGroup, Plate, element_name, made_of
+from ...bore.elements import element_name, made_of
+from ...bore.plate import Plate
 from ...optimization.parts import ArrayPart, Catalogue, Entry, Kind, LensPart, SensorPart, WindowPart, load_catalogue
 from ...words import length
 from ..blocks import Bullets, Section, Table
 
 if TYPE_CHECKING:
+    from ...bore.elements import AnyElement
     from ...design import Design
-    from ...design.elements import AnyElement
 
 ALIKE = 0.01
 """Relative difference up to which a length of a part counts as the design's."""
@@ -39,8 +40,8 @@ def parts_section(design: Design) -> Section:
         (f"stop {k}", f"opening {length(stop.diameter)}", "made to drawing") for k, stop in enumerate(design.stops, 1)
     ]
     for k, element in enumerate(design.elements, 1):
-        bought, entry = f"{element.lens.name}, as prescribed" if isinstance(element, LensGroup) else OWN, None
-        if isinstance(element, Plate):
+        bought, entry = element.bought or OWN, None
+        if element.kind == "plate":
             bought, entry = catalogue_match(design, known, "windows", element)
         entries = (*entries, *([entry] if entry is not None and entry not in entries else []))
         rows.append((_part_name(element, k), ", ".join(made_of(element)), bought))
@@ -72,12 +73,10 @@ def parts_section(design: Design) -> Section:
 
 OWN = "to be made or bought"
 """What is said of an element that the catalogue has no kind for."""
-NAMES = {"plate": "window", "grin": "gradient-index rod", "prescription": "lens group"}
-"""What a part is called where it is bought."""
 
 
 def _part_name(element: AnyElement, number: int) -> str:
-    return f"{NAMES.get(element.kind, element.kind)} ({element_name(element, number)})"
+    return f"{element.trade_name or element.kind} ({element_name(element, number)})"
 
 
 def catalogue_match(

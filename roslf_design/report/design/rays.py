@@ -8,12 +8,12 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from ..._arrays import Array
+from ...bore.elements import AnyElement, element_name, made_of
+from ...bore.material import material_told
 from ...camera import Camera
-from ...design.elements import AnyElement, FieldLens, Grin, LensGroup, Prism, element_name, made_of
-from ...design.material import material_told
 from ...drawing.marks import Area, Dots, Key, Line, Mark, Point, Text, bars, box_key, joined, line_key, parted, xy
 from ...drawing.panel import Panel, Scale
 from ...drawing.picture import PAGE, Picture, beside, legend_height, one_panel
@@ -267,8 +267,7 @@ def _named(design: Design, sides: Mapping[str, int], whole: bool) -> list[tuple[
 
 def name_of_drawn(element: AnyElement, number: int) -> str:
     """What an element is called in a picture; of a prism that it is drawn unfolded."""
-    turns = isinstance(element, Prism) and element.deviation
-    unfolded = f", unfolded: turns by {math.degrees(turns):.3g}°" if turns else ""
+    unfolded = f", unfolded: turns by {math.degrees(element.turn):.3g}°" if element.turn else ""
     return element_name(element, number) + unfolded
 
 
@@ -337,18 +336,11 @@ def _block(start: float, end: float, low: float, high: float, fill: str, opacity
     return Area([start, end, end, start], [high, high, low, low], fill, opacity, **more)
 
 
-def reach(element: AnyElement) -> float | None:
-    """Half its height [mm]; None where it fills the bore."""
-    if element.diameter is None and isinstance(element, LensGroup):
-        return max(surface.semi_diameter for surface in element.lens.surfaces)
-    return None if element.diameter is None else element.diameter / 2
-
-
 def reaches(design: Design) -> list[float]:
     """How far from the axis the main lens, stops and elements with a rim of their own reach [mm]."""
     rims = [design.D / 2 + math.hypot(*design.main_lens.decentre)]
     rims += [stop.diameter / 2 + math.hypot(*stop.decentre) for stop in design.all_stops]
-    return rims + [(reach(element) or 0.0) + math.hypot(*element.decentre) for element in design.elements]
+    return rims + [(element.half_height or 0.0) + math.hypot(*element.decentre) for element in design.elements]
 
 
 def _glass(design: Design, section: SectionLayout) -> list[Mark]:
@@ -356,7 +348,7 @@ def _glass(design: Design, section: SectionLayout) -> list[Mark]:
     half, marks = section.half, []  # type: float, list[Mark]
     for number, element in enumerate(design.elements, 1):
         near, far, middle = -element.distance, -element.distance - element.length, element.decentre[0]
-        radius = reach(element) or half
+        radius = element.half_height or half
         low, high = max(middle - radius, -half), min(middle + radius, half)
         for edge, wall in ((high, half), (low, -half)):
             if abs(edge) < half and element.length:
@@ -365,13 +357,13 @@ def _glass(design: Design, section: SectionLayout) -> list[Mark]:
                 marks.append(Line([near, near], [edge, wall], "grey", 3.2))
         outline = joined(
             np.append(left, right[::-1], axis=0)
-            for left, right in profiles(element, (low, high), _thick(radius, section))
+            for left, right in element.profile((low, high), _thick(radius, section))
         )
         marks.append(Area(*xy(outline), *GLASS, "sky", 1.2, testid=f"element-{number}"))
-        if isinstance(element, Prism) and element.length > 2 * VIEW * section.panel.per_px[0]:
-            marks += _view(element, (near, middle + 0.45 * radius), VIEW, section.panel.per_px)
-        if isinstance(element, Grin):  # the denser, the darker
-            marks += [_block(far, near, middle - k * radius, middle + k * radius, "sky", 0.2) for k in (0.35, 0.7)]
+        if element.length > 2 * VIEW * section.panel.per_px[0]:
+            marks += _view(element.turn, (near, middle + 0.45 * radius), VIEW, section.panel.per_px)
+        # The denser, the darker.
+        marks += [_block(far, near, middle - k * radius, middle + k * radius, "sky", 0.2) for k in element.cores]
     mla, plates = design.microlens_array, [(design.d_1 + a, design.d_1 + b) for a, b in _behind_array(design)]
     if mla.substrate is not None and mla.substrate.lenslets == "sensor":
         plates.append((design.d_1 - mla.substrate.thickness, design.d_1))
@@ -383,11 +375,11 @@ VIEW = 46.0
 """Length of the arrow that shows where a prism looks, in the ray picture [px]."""
 
 
-def _view(prism: Prism, start: tuple[float, float], size: float, per_px: tuple[float, float]) -> list[Mark]:
-    """Where a prism, drawn unfolded, really turns the view: the axis goes on, an arrow leaves it by the deviation."""
-    if not prism.deviation:
+def _view(angle: float, start: tuple[float, float], size: float, per_px: tuple[float, float]) -> list[Mark]:
+    """Where an element, drawn unfolded, really turns the view: the axis goes on, an arrow leaves it by the angle."""
+    if not angle:
         return []
-    (mm, up), (z, x), angle = per_px, start, prism.deviation
+    (mm, up), (z, x) = per_px, start
     tip = z - size * math.cos(angle) * mm, x + size * math.sin(angle) * up
     arc = np.linspace(0.0, angle, 20)
     return [
@@ -402,37 +394,6 @@ def _thick(radius: float, section: SectionLayout) -> float:
     """How thick an ideal lens is drawn, which has no thickness [mm]."""
     mm, up = section.panel.per_px
     return min(max(0.18 * radius / up, 4.0), 14.0) * mm
-
-
-def profiles(element: AnyElement, ends: tuple[float, float], thick: float) -> list[tuple[Array, Array]]:
-    """Left and right faces of each piece of an element in the plane x-z, points (z, x) from the lower to the upper end.
-
-    Parameters
-    ----------
-    element : element of a design
-    ends : (low, high)
-        Its rims [mm]; a prescription has its own.
-    thick : float
-        How thick an ideal lens, which has no thickness, is drawn [mm].
-    """
-    near, far = -element.distance, -element.distance - element.length
-    t = np.linspace(-1, 1, 25)
-    middle, radius = (ends[0] + ends[1]) / 2, (ends[1] - ends[0]) / 2
-
-    def face(z: ArrayLike, half: float = radius) -> Array:
-        return np.stack([np.broadcast_to(z, t.shape), middle + half * t], -1)
-
-    if isinstance(element, FieldLens):
-        bulge = thick / 2 * (1 - t**2 if element.focal_length > 0 else 0.2 + t**2)
-        return [(face(near - bulge), face(near + bulge))]
-    if isinstance(element, LensGroup):
-        lens, z = element.lens, [far + vertex for vertex in element.lens.vertices]
-        faces = [
-            face(vertex + surface.sag(surface.semi_diameter * abs(t)), surface.semi_diameter)
-            for vertex, surface in zip(z, lens.surfaces, strict=True)
-        ]
-        return [(faces[i], faces[j]) for piece in lens.elements for i, j in pairwise(piece)]
-    return [(face(far), face(near))]
 
 
 def _names(section: SectionLayout) -> list[Mark]:
@@ -614,8 +575,8 @@ def dimensions(design: Design) -> Picture:
         for k, line in enumerate(reversed(element.says)):
             words.append(Text(at, bottom + 13 * k * up, line, "ink", SMALL, "middle", dy=-2, plate=True))
         highest = max(highest, bottom + (13 * len(element.says) + 6) * up)
-        if isinstance(element.glass, Prism):
-            marks += _view(element.glass, (at - THICK, 0.0), 62.0, (1 / unit, up))
+        if element.glass is not None:
+            marks += _view(element.glass.turn, (at - THICK, 0.0), 62.0, (1 / unit, up))
     marks += words  # over the leaders of their neighbours
     level = -WALL - 0.25
     aside: list[Mark] = []
@@ -673,7 +634,7 @@ def _all_elements(design: Design) -> list[SchematicPart]:
             SchematicPart(f"stop {number}", -stop.distance, stop.diameter, (f"stop {number}", say(stop.diameter)))
         )
     for number, part in enumerate(design.elements, 1):
-        name, tall = element_name(part, number), 2 * (reach(part) or 0.0)
+        name, tall = element_name(part, number), 2 * (part.half_height or 0.0)
         elements.append(SchematicPart(name, -part.distance - part.length / 2, tall, (name, *made_of(part)), part))
     return sorted(elements, key=lambda element: element.z)
 
@@ -703,11 +664,12 @@ def _drawn(element: SchematicPart, x: float, half: float) -> list[Mark]:
         return [Line([x, x], [-half, half], "ink", 1.3, "5 4")]
     if element.name == "sensor":
         return [Area([x, x + 0.09, x + 0.09, x], [-half, -half, half, half], "ink")]
-    if element.glass is not None and not isinstance(element.glass, FieldLens):
+    power = 1 if element.glass is None else element.glass.power_sign
+    if not power:
         return [_block(x - THICK, x + THICK, -half, half, *GLASS, edge="sky", width=1.2)]
     if element.name in ("main lens", "MLA") or element.glass is not None:
         count, wide = (11, 0.05) if element.name == "MLA" else (1, 0.13)
-        if isinstance(element.glass, FieldLens) and element.glass.focal_length < 0:
+        if power < 0:
             up = np.linspace(-half, half, 25)
             edge = 0.04 + 0.1 * (up / half) ** 2
             return [Area([*(x - edge), *(x + edge)[::-1]], [*up, *up[::-1]], "sky", 0.6, "blue", 1.0)]

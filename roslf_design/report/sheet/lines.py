@@ -12,7 +12,6 @@ import numpy as np
 
 from ..._arrays import Array
 from ...camera import Camera
-from ...design.elements import Prism
 from ...evaluation.show import depth_basis
 from ...evaluation.specification import (
     CRITERION,
@@ -242,7 +241,7 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
     yield SheetLine("Sampling", "object samples", None, "", "microlenses that the sensor sees", text=f"{across} x {up}")
     if sheet.colours:
         yield from _colour_lines(design, sheet.colours)
-    turned = any(isinstance(element, Prism) and element.deviation for element in design.elements)
+    turned = any(element.turn for element in design.elements)
     unfolded = ", unfolded along the light: the housing turns with the prism" if turned else ""
     around = "of the narrowest tube about clear apertures and sensor" + (", unfolded" if turned else "")
     around += "; mounts come on top" if design.tube is None else "; mounts within its wall"

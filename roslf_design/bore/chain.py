@@ -11,22 +11,18 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 from itertools import pairwise, product
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..lenses.prescription import Prescription, first_order, warm_constants
+from ..lenses.angles import Law
 from .conjugates import CONJUGATES, followed
-from .elements import AnyElement, Block, FieldLens, Grin, LensGroup
-from .environment import TEMPERATURE
-from .parts import PATHS, Number
-
-if TYPE_CHECKING:
-    from ..lenses.glass import Glass
-    from .design import Design
+from .element import Matrix
+from .elements import AnyElement, element_name
+from .part import Number, PartNumbers
 
 Flags = np.bool_ | NDArray[np.bool_]
 
@@ -102,6 +98,13 @@ class Chain:
     """Which way those on a substrate face."""
     housing: float = 0.0
     """Expansion of what spaces the surfaces of an element by prescription [1/K]."""
+    plates: tuple[str, ...] = ()
+    """Places of the plates about the array: `SUBSTRATE`, `COVER`."""
+
+    @property
+    def in_air(self) -> bool:
+        """Whether light meets nothing but the main lens, stops and microlenses."""
+        return not self.elements and not self.plates
 
     @cached_property
     def order(self) -> tuple[int, ...]:
@@ -111,17 +114,20 @@ class Chain:
     @cached_property
     def mapped(self) -> int | None:
         """Which element is an objective with a mapping of its own; None where light goes on as to first order."""
-        every = (k for k, e in enumerate(self.elements) if isinstance(e, FieldLens) and e.law is not None)
-        return next(every, None)
+        return next((k for k, element in enumerate(self.elements) if element.law is not None), None)
+
+    @property
+    def law(self) -> Law | None:
+        """How the objective maps angles, where it is not f tan (`..lenses.angles`)."""
+        return None if self.mapped is None else self.elements[self.mapped].law
+
+    def at(self, numbers: Mapping[str, Number], k: int) -> PartNumbers:
+        """Numbers of an element."""
+        return PartNumbers(numbers, f"elements.{k}", self.housing)
 
     def length(self, numbers: Mapping[str, Number], k: int) -> Number:
         """Of an element along the axis [mm]."""
-        element = self.elements[k]
-        if isinstance(element, LensGroup) and TEMPERATURE in numbers:
-            wavelength, warmth = numbers[PATHS["wavelength"]], numbers[TEMPERATURE]
-            length: Number = warm_constants(element.lens, wavelength, warmth, self.housing).length
-            return length
-        return numbers.get(f"elements.{k}.thickness", element.length)
+        return self.elements[k].span(self.at(numbers, k))
 
     def walk(self, numbers: Mapping[str, Number]) -> tuple[ChainStep, ...]:
         """Light at the main lens, then on the scene's side of each element in turn: what all planes share."""
@@ -137,6 +143,8 @@ class Chain:
 
         `walk` is that of the numbers, for many planes.
         """
+        if not self.elements:
+            return ImagedPlane(1.0, z, 0.0, 1.0, (0.0, 0.0), (0.0, 0.0), 1.0)
         steps = self.walk(numbers) if walk is None else walk
         behind = 0  # elements that every build's plane has behind it
         while behind < len(self.order):
@@ -156,7 +164,7 @@ class Chain:
             step = self._through(numbers, k, step, inside, passed)._replace(place=start + length)
             glass = numbers.get(f"elements.{k}.index", 1.0)
             index = np.where(passed & np.less(z, step.place), glass, 1.0)[()]
-        medium = numbers.get(MEDIUM, 1.0) if self.elements else 1.0
+        medium = numbers.get(MEDIUM, 1.0)
         outside = np.greater_equal(z, step.place)
         return step.on(np.maximum(z - step.place, 0.0) / medium).plane(np.where(outside, medium, index)[()])
 
@@ -164,34 +172,18 @@ class Chain:
         self, numbers: Mapping[str, Number], k: int, step: ChainStep, inside: Number, passed: Flags
     ) -> ChainStep:
         """Light past as much of an element."""
-        p, q, r, s = forward = self._forward(numbers, k, inside, passed)
+        p, q, r, s = forward = self.elements[k].forward(self.at(numbers, k), inside, passed)
         a, b, c, d = step.matrix
         matrix = s * a + q * c, s * b + q * d, r * a + p * c, r * b + p * d
         x, y = (self._shifted(numbers, k, axis, forward, inside, *step.shifts[axis]) for axis in (0, 1))
         return ChainStep(matrix, (x, y), step.place)
-
-    def _forward(
-        self, numbers: Mapping[str, Number], k: int, inside: Number, passed: Flags
-    ) -> tuple[Number, Number, Number, Number]:
-        """ABCD of light towards the sensor through as much of an element; slopes times index."""
-        element = self.elements[k]
-        if isinstance(element, Block):
-            return 1.0, inside / numbers[f"elements.{k}.index"], 0.0, 1.0
-        if isinstance(element, FieldLens):
-            return 1.0, 0.0, -np.where(passed, 1 / numbers[f"elements.{k}.focal_length"], 0.0)[()], 1.0
-        if isinstance(element, Grin):
-            n, g = numbers[f"elements.{k}.index"], numbers[f"elements.{k}.gradient"]
-            cos, sin = np.cos(g * inside), np.sin(g * inside)
-            return cos, sin / (n * g), -n * g * sin, cos
-        p, q, r, s = _group(element.lens, numbers, self.housing)
-        return tuple(np.where(passed, x, y)[()] for x, y in zip((p, q, r, s), (1.0, 0.0, 0.0, 1.0), strict=True))  # type: ignore[return-value]
 
     def _shifted(
         self,
         numbers: Mapping[str, Number],
         k: int,
         axis: int,
-        forward: tuple[Number, Number, Number, Number],
+        forward: Matrix,
         inside: Number,
         e: Number,
         f: Number,
@@ -227,13 +219,15 @@ class Chain:
 
     def seen_plane(self, numbers: Mapping[str, Number]) -> Number:
         """d_f of the focal plane's image in the air before the main lens [mm]."""
-        return self.plane(numbers, numbers[PLANE]).distance if self.elements else numbers[PLANE]
+        return self.plane(numbers, numbers[PLANE]).distance
 
     def seen(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Conjugates as they are seen in air, with what of them is given; other places as they are.
 
         Where stops stand is left out: the air before the main lens is no place to compare them in.
         """
+        if self.in_air:
+            return dict(values)
         apparent = {place: value for place, value in values.items() if not place.startswith(("aperture.", "stops."))}
         if values.get(PLANE) is not None:
             apparent[PLANE] = self.seen_plane(values)
@@ -258,7 +252,7 @@ class Chain:
     @property
     def bends(self) -> bool:
         """Whether anything in it changes what size things are seen in."""
-        return not all(isinstance(element, Block) for element in self.elements)
+        return any(element.bends for element in self.elements)
 
     def stands_at(self, numbers: Mapping[str, Number], distance: Number) -> Number:
         """Where a plane stands that is seen at a distance through flat glass [mm]; nan inside glass."""
@@ -271,7 +265,7 @@ class Chain:
             stands = np.where(before, place + (distance - reduced), stands)
             reduced = reduced + (start - place) + length / numbers[f"elements.{k}.index"]
             place = start + length
-        medium = numbers.get(MEDIUM, 1.0) if self.elements else 1.0
+        medium = numbers.get(MEDIUM, 1.0)
         return np.where(np.greater_equal(distance, reduced), place + medium * (distance - reduced), stands)[()]
 
     def end(self, numbers: Mapping[str, Number]) -> Number:
@@ -283,7 +277,7 @@ class Chain:
 
     def apart(self, numbers: Mapping[str, Number], stops: Mapping[str, Number]) -> Iterator[tuple[str, Flags]]:
         """That no element, and no stop of those at these distances, stands in another: what collides, and where not."""
-        names = [f"{element.kind} {k + 1}" for k, element in enumerate(self.elements)]
+        names = [element_name(element, k) for k, element in enumerate(self.elements, 1)]
         for k, (name, stop) in product(self.order, stops.items()):
             start = numbers[f"elements.{k}.distance"]
             clear = np.less_equal(stop, start) | np.greater_equal(stop, start + self.length(numbers, k))
@@ -324,68 +318,3 @@ def _shortened(numbers: Mapping[str, Number], part: str) -> Number:
         return 0.0
     index = numbers[f"{part}.index"]
     return numbers[f"{part}.thickness"] * (index - 1) / index
-
-
-def _group(lens: Prescription, numbers: Mapping[str, Number], housing: float) -> tuple[Number, Number, Number, Number]:
-    wavelength, warmth = numbers[PATHS["wavelength"]], numbers.get(TEMPERATURE, lens.temperature)
-    if np.ndim(warmth) or warmth != lens.temperature:
-        return warm_constants(lens, wavelength, warmth, housing).matrix
-    if np.ndim(wavelength) == 0:
-        return _matrix(lens, float(wavelength))
-    every, where = np.unique(wavelength, return_inverse=True)
-    table = np.array([_matrix(lens, float(each)) for each in every])
-    p, q, r, s = np.moveaxis(table[where].reshape(*np.shape(wavelength), 4), -1, 0)
-    return p, q, r, s
-
-
-@lru_cache(maxsize=256)
-def _matrix(lens: Prescription, wavelength: float) -> tuple[float, float, float, float]:
-    p, q, r, s = first_order(lens, wavelength).matrix.ravel().tolist()
-    return p, q, r, s
-
-
-def chain_of(design: Design) -> Chain | None:
-    """What light meets before the main lens and about the array; None where that is air only."""
-    substrate = design.microlens_array.substrate
-    if not design.elements and substrate is None and design.sensor.cover is None:
-        return None
-    housing = 0.0 if design.environment is None else design.environment.expansion
-    return Chain(design.elements, "scene" if substrate is None else substrate.lenslets, housing)
-
-
-def chain_numbers(design: Design) -> dict[str, float]:
-    """Numbers of what light meets, at their places; indices at the design's wavelength."""
-    numbers = {PATHS["wavelength"]: design.wavelength}
-    numbers |= {f"main_lens.decentre.{axis}": float(design.main_lens.decentre[axis]) for axis in (0, 1)}
-    for k, element in enumerate(design.elements):
-        part = f"elements.{k}"
-        for name in ("distance", "diameter", "thickness", "focal_length", "index", "gradient"):  # as far as it has them
-            if (value := getattr(element, name, None)) is not None:
-                numbers[f"{part}.{name}"] = float(value)
-        for pose in ("decentre", "tilt", "wedge"):
-            if (pair := getattr(element, pose, None)) is not None:
-                numbers |= {f"{part}.{pose}.{axis}": float(pair[axis]) for axis in (0, 1)}
-    for part, plate in ((COVER, design.sensor.cover), (SUBSTRATE, design.microlens_array.substrate)):
-        if plate is not None:
-            numbers[f"{part}.thickness"] = float(plate.thickness)
-    if design.environment is not None:
-        numbers[TEMPERATURE] = float(design.environment.temperature)
-    return numbers | {place: _index(glass, design.wavelength) for place, glass in materials_of(design).items()}
-
-
-@lru_cache(maxsize=256)
-def _index(glass: Glass, wavelength: float) -> float:
-    return float(glass.index(wavelength))
-
-
-def materials_of(design: Design) -> dict[str, Glass]:
-    """Every material before the main lens and about the array, by the place of its index."""
-    every = enumerate(design.elements)
-    materials = {f"elements.{k}": element.material for k, element in every if isinstance(element, Block)}
-    materials |= {"object_space": design.object_space.medium} if design.elements else {}
-    materials |= {
-        part: plate.material
-        for part, plate in ((COVER, design.sensor.cover), (SUBSTRATE, design.microlens_array.substrate))
-        if plate is not None
-    }
-    return {f"{part}.index": glass for part, glass in materials.items()}

@@ -22,7 +22,7 @@ from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 from ..lenses.angles import SINE, STEREOGRAPHIC, TABLE, THETA, Law, angle_in_air
 from ..toml_files import TAG, nearest
 from ..units import Angle, AnyLength, format_quantity
-from .parts import Part
+from .part import Part
 
 KINDS: dict[str, tuple[int, float]] = {
     "f theta": (THETA, math.pi / 2),
