@@ -1,1 +1,1 @@
-"""What light meets before the main lens: parts that answer for themselves, and one walk through them."""
+"""Parts that light meets before the main lens, each of which answers for itself, and the one walk through them."""

@@ -126,7 +126,7 @@ class Chain:
         return PartNumbers(numbers, f"elements.{k}", self.housing)
 
     def length(self, numbers: Mapping[str, Number], k: int) -> Number:
-        """Of an element along the axis [mm]."""
+        """Length of an element along the axis [mm]."""
         return self.elements[k].span(self.at(numbers, k))
 
     def walk(self, numbers: Mapping[str, Number]) -> tuple[ChainStep, ...]:
@@ -276,7 +276,7 @@ class Chain:
         return numbers[f"elements.{k}.distance"] + self.length(numbers, k)
 
     def apart(self, numbers: Mapping[str, Number], stops: Mapping[str, Number]) -> Iterator[tuple[str, Flags]]:
-        """That no element, and no stop of those at these distances, stands in another: what collides, and where not."""
+        """Pairs of elements and stops that might stand in each other, in words, and True where they do not."""
         names = [element_name(element, k) for k, element in enumerate(self.elements, 1)]
         for k, (name, stop) in product(self.order, stops.items()):
             start = numbers[f"elements.{k}.distance"]
@@ -288,11 +288,11 @@ class Chain:
             yield f"{names[k]} and {names[farther]} collide", clear
 
     def before_array(self, numbers: Mapping[str, Number]) -> Number:
-        """What glass before the microlenses takes off d_1, ``t (1 - 1/n)`` [mm]."""
+        """Length that glass before the microlenses takes off d_1, ``t (1 - 1/n)`` [mm]."""
         return _shortened(numbers, SUBSTRATE) if self.lenslets == "sensor" else 0.0
 
     def behind_array(self, numbers: Mapping[str, Number]) -> Number:
-        """What glass behind them takes off d_2 [mm]."""
+        """Length that glass behind the microlenses takes off d_2 [mm]."""
         substrate = _shortened(numbers, SUBSTRATE) if self.lenslets == "scene" else 0.0
         return substrate + _shortened(numbers, COVER)
 

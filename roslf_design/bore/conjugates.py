@@ -69,7 +69,7 @@ def conjugate_residual(focal_length: ArrayLike, focal_plane_distance: ArrayLike,
 
 
 REFRACTING = ("elements", "object_space", "sensor.cover", "microlens_array.substrate")
-"""What begins the places of all that light meets but the main lens."""
+"""Beginnings of the places of all that light meets but the main lens."""
 
 
 WARMING = ("environment.temperature",)

@@ -1,4 +1,4 @@
-"""What an element before the main lens has to say for itself.
+"""The questions that every element before the main lens answers.
 
 An element's `distance` is that of its sensor-side vertex from the main lens, as measured with a ruler. Whoever walks
 the bore asks every element the same questions; a new kind of element is a class of its own that answers those whose
@@ -60,7 +60,7 @@ class Element(Part):
     turn: ClassVar[float] = 0.0
     """By how much it turns the axis [rad]."""
     trade_name: ClassVar[str] = ""
-    """What it is called where it is bought; its kind without."""
+    """Name under which it is bought; its kind without."""
 
     @property
     def length(self) -> float:
@@ -99,7 +99,7 @@ class Element(Part):
 
     @property
     def bought(self) -> str:
-        """What is bought as it is; nothing where it is made."""
+        """Name of the product that it is; empty where it is made."""
         return ""
 
     def numbers(self) -> Iterator[tuple[str, float]]:
@@ -116,7 +116,7 @@ class Element(Part):
         raise NotImplementedError
 
     def openings(self, at: PartNumbers) -> Iterator[tuple[str, Number]]:
-        """What its clear aperture is told by in light's way: words after its name, and places before the lens [mm]."""
+        """Openings of its clear aperture: words after its name, and places before the main lens [mm]."""
         start, length = at["distance"], self.span(at)
         if np.ndim(length) == 0 and length == 0:
             yield "", start
@@ -167,7 +167,7 @@ class Element(Part):
         raise NotImplementedError
 
     def words(self) -> tuple[str, ...]:
-        """What it is, in a few words each: size and material, focal length, deviation."""
+        """Description in a few words each: size and material, focal length, deviation."""
         return ()
 
     def reflects(self, wavelength: float, beyond: float) -> tuple[str, float] | None:

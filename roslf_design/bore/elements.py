@@ -20,18 +20,18 @@ AnyElement = Annotated[Plate | Prism | FieldLens | Grin | LensGroup, Field(discr
 
 
 class ObjectSpace(Part):
-    """What the scene lies in."""
+    """Medium that the scene lies in."""
 
     medium: Material = AIR
     """In front of the farthest element, which seals it off."""
 
 
 def element_name(element: AnyElement, number: int) -> str:
-    """What it is called; its rims are "plate 1, front" and "plate 1, back"."""
+    """Name of an element, "plate 1"; its rims are "plate 1, front" and "plate 1, back"."""
     return f"{element.kind} {number}"
 
 
 def made_of(element: AnyElement) -> tuple[str, ...]:
-    """What it is, in a few words each: size and material, focal length, deviation, and its diameter."""
+    """Description in a few words each: size and material, focal length, deviation, and the diameter."""
     diameter = () if element.diameter is None else (f"diameter {length(element.diameter)}",)
     return (*element.words(), *diameter)

@@ -13,11 +13,11 @@ class SequenceRow:
 
     name: str
     z: float
-    """Of its vertex, behind the main lens's reference plane [mm]."""
+    """Place of its vertex behind the main lens's reference plane [mm]."""
     surface: Surface
     """Its shape and the glass behind it."""
     focal_length: float | None = None
-    """Of an ideal thin lens [mm]; None is a real surface."""
+    """Focal length of an ideal thin lens [mm]; None is a real surface."""
     is_stop: bool = False
 
 

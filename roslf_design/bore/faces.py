@@ -32,11 +32,11 @@ class Face(NamedTuple):
     opening: str
     """Place of the opening that stops a ray here: "aperture", "elements.2.0"."""
     name: str
-    """What it is called: "plate 1, back"."""
+    """Name in messages: "plate 1, back"."""
 
 
 class Surroundings(NamedTuple):
-    """What an element needs to know of the others to say its faces."""
+    """Surroundings of an element, as its faces depend on them."""
 
     medium: Number
     """Index of what lies on its scene's side."""

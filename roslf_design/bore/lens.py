@@ -32,9 +32,9 @@ class FieldLens(Element):
     focal_length: AnyLength
     """[mm]; below 0 it diverges."""
     mapping: AnyMapping = COLLINEAR
-    """Of the foremost one, the objective: how it takes angles of the field to image heights."""
+    """Mapping of the foremost one, the objective: how it takes angles of the field to image heights."""
     material: Material | None = None
-    """What it is made of, as far as temperature goes; None leaves its focal length what it is."""
+    """Material, as far as temperature goes; None leaves its focal length as it is."""
 
     keys: ClassVar = (*Element.keys, "focal_length")
 

@@ -42,7 +42,7 @@ class MappingTable(Part):
     angles: Annotated[tuple[Angle, ...], Field(min_length=3, max_length=1000)]
     """From 0, rising, to 90 degrees at most [rad]."""
     heights: Annotated[tuple[AnyLength, ...], Field(min_length=3, max_length=1000)]
-    """Of the image there, from 0, rising [mm]."""
+    """Heights of the image there, from 0, rising [mm]."""
 
     @model_validator(mode="after")
     def _rises(self) -> MappingTable:
@@ -79,7 +79,7 @@ AnyMapping = Annotated[
 
 
 def mapping_fault(mapping: MappingTable, focal_length: float) -> str | None:
-    """What a table and a focal length contradict in; None where nothing."""
+    """Contradiction between a table and a focal length in words; None where there is none."""
     q, ratios = mapping.ratios(focal_length)
     start = ratios[1] - q[1] * (ratios[2] - ratios[1]) / (q[2] - q[1])
     if not abs(start - 1) <= MISFIT:
@@ -98,7 +98,7 @@ def mapping_fault(mapping: MappingTable, focal_length: float) -> str | None:
 
 @lru_cache(maxsize=64)
 def mapping_law(mapping: str | MappingTable, focal_length: float) -> Law | None:
-    """What kernels know of a mapping; None of f tan.
+    """Mapping as kernels take it; None of f tan.
 
     Of a table, theta/p is a cubic spline of p^2 through its entries, which keeps the angle odd in p and its first order
     that of the focal length.

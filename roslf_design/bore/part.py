@@ -1,4 +1,4 @@
-"""What every part of a camera is: a frozen value of a design, and its numbers in a camera, each one or many."""
+"""Parts of a camera: each a frozen value of a design, and its numbers in a camera, each one or many."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Part(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
-        """What differs from the defaults."""
+        """Fields that differ from their defaults."""
         fields = type(self).model_fields
         yield from ((name, value) for name, value in super().__repr_args__() if value != fields[str(name)].default)
 

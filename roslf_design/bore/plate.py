@@ -24,7 +24,7 @@ class Block(Element):
     thickness: Length
     """Along the axis [mm]; of a prism the axis's whole way through the glass."""
     material: Material
-    """What it is made of."""
+    """Glass."""
     wedge: Tilt = (0.0, 0.0)
     """How far its sensor-side face is turned out of parallel [rad]."""
 

@@ -61,7 +61,7 @@ def _validated(value: Any, info: ValidationInfo) -> Any:
 
 
 def written(lens: Prescription | None) -> str | dict[str, Any] | None:
-    """What a design file says of a lens: its name where it ships, else a table of its own."""
+    """Text or table of a lens in a design file: its name where it ships, else a table of its own."""
     if lens is None:
         return None
     if lens.name.lower() in shipped_names() and load_lens(lens.name.lower()) == replace(lens, name=lens.name):
