@@ -270,16 +270,17 @@ class Camera(Symbols[Number]):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Camera):
             return NotImplemented
-        own, others = ((c.layout, c.lens_shape, c.lens, c.chain, c.growth, c.colours) for c in (self, other))
         return (
-            own == others
+            self._kind == other._kind
             and self._numbers.keys() == other._numbers.keys()
             and all(np.array_equal(value, other._numbers[place]) for place, value in self._numbers.items())
         )
 
     def __hash__(self) -> int:
-        # Adding 0 makes -0 and 0, which are equal, hash alike.
-        return hash((self.layout, self.lens_shape, *((np.asarray(v) + 0.0).tobytes() for v in self._numbers.values())))
+        # Adding 0 makes -0 and 0, which are equal, hash alike; as do a complex number and its real part.
+        numbers = frozenset((place, (np.asarray(value).real + 0.0).tobytes()) for place, value in self._numbers.items())
+        kind = (frozenset(part.items()) if isinstance(part, Mapping) else part for part in self._kind)
+        return hash((numbers, *kind))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Camera, (dict(self._numbers), *self._kind)

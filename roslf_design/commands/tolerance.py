@@ -15,7 +15,15 @@ from typing import TYPE_CHECKING
 from ..errors import Problem
 from ..reporting.blocks import Block, Paragraph
 from ..reporting.printers import page_files
-from ..reporting.tolerance import cost_words, headline, impossible_words, tables, tolerance_pictures, tolerance_report
+from ..reporting.tolerance import (
+    cost_words,
+    headline,
+    impossible_words,
+    share_words,
+    tables,
+    tolerance_pictures,
+    tolerance_report,
+)
 from ..tables import plain_text
 from ..tolerancing.result import analyse, precision, save_worst, trial_arrays, trials_for
 from ..tolerancing.run import ChunkLostError, Where, npz_bytes, run_trials
@@ -26,7 +34,6 @@ from .terminal import Flag, Output, bar, check_options, picture_files, print_blo
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from ..tolerancing.analyses import Yield
     from ..tolerancing.result import StudyResult
 
 MOST_WORKERS = 512
@@ -128,23 +135,19 @@ def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
         yield Paragraph(sentence(result.precision.accuracy.sentence(times)))
     if result.scale_for_target is not None:
         scale, reached = result.scale_for_target
-        yield Paragraph(f"All tolerances times {scale:.3g} give a yield of {_percent(reached)}")
+        yield Paragraph(f"All tolerances times {scale:.3g} give a yield of {share_words(reached)}")
     for grade in result.grades:
-        yield Paragraph(f"Grade {grade.grade}: yield {_percent(grade.result)}")
+        yield Paragraph(f"Grade {grade.grade}: yield {share_words(grade.result)}")
     if result.budget is not None and result.budget.looser:
         saved = "" if result.budget.cost is None else f", {cost_words(result.budget.cost)}"
         first = "with the cheapest change and all" if result.budget.changes else "with all"
-        yield Paragraph(f"Budget: {first} that may be looser, yield {_percent(result.budget.result)}{saved}")
+        yield Paragraph(f"Budget: {first} that may be looser, yield {share_words(result.budget.result)}{saved}")
     yield from tables(result, brief=True)
     yield Paragraph("\nOf each metric the weakest field; all fields in results.json.")
     for warning in result.warnings:
         yield Paragraph(f"\nNote: {warning}")
     for trial in result.worst:
         yield Paragraph(f"Worst trial {trial.number}: {trial.file or 'no design: ' + '; '.join(trial.faults)}")
-
-
-def _percent(measured: Yield) -> str:
-    return f"{100 * measured.value:.2f} % ({measured.trials} builds)"
 
 
 def summary(result: StudyResult) -> str:

@@ -30,12 +30,13 @@ from ..theory.light import SensorField
 from ..theory.quantities import Quantity, quantity_named
 from ..theory.stop_images import MicrolensImages
 from ..theory.tube import housed
+from ..theory.vignetting import field_margins
 from ..tolerancing.draws import sobol_points
 from ..tolerancing.study import StrictTable
 from ..toml_files import nearest
 from ..units import AnyLength, Length, Temperature, format_quantity, in_file
 from .lens_variables import BENDING, FOCAL, LensVariation, VariedLens, varies_lens
-from .search import FTOL
+from .search import BIG, FTOL
 from .traces import FieldTraces, clearances
 
 Side = Literal["min", "max", "equal"]
@@ -236,6 +237,11 @@ class _Asked(StrictTable):
         return f"{number:.{digits}g} {self.quantity.unit}".rstrip()
 
 
+UNDISTORTED = "undistorted_field_mm"
+LEAST_TAKEN = 1e-3
+"""Room that a millimetre of field takes at least, by which rows are scaled where it takes less or none."""
+
+
 class Constraint(_Asked):
     """A quantity held between limits; equal where both are the same."""
 
@@ -275,10 +281,15 @@ class Constraint(_Asked):
         return f"{self.label} {SIGNS[side]}"
 
     def measured(self, camera: Camera, traces: FieldTraces | None = None) -> Array:
-        """What its rows are made of: the quantity, of each rim where there are several, or a fill factor's inverse."""
+        """What its rows are made of: the quantity, of each rim where there are several, or what is finite in its place.
+
+        Of a fill factor the inverse, of the undistorted field `field_margins`.
+        """
         if self.quantity.name == "fill_factor":
             whole = self.field is None
             return np.abs(inverse_fill_factor(self.warm(camera)) if whole else 1 / self.values(camera, traces))
+        if self.quantity.name == UNDISTORTED:
+            return field_margins(self.warm(camera))
         alone = self.quantity.worst is None or self.field is not None
         return self.values(camera, traces) if alone else self.each(camera)
 
@@ -286,6 +297,10 @@ class Constraint(_Asked):
         """From what is measured to a row, and how much the quantity changes where that changes by 1."""
         if self.quantity.name == "fill_factor":  # linear in the inverse, where the fill factor has poles
             return lambda inverse: sign * (1 - limit * inverse), limit
+        if self.quantity.name == UNDISTORTED:  # linear in the room, which is finite also where any field is whole
+            if sign > 0:
+                return lambda every: (every[:, 0].min(axis=0) - limit) / spread, spread
+            return lambda one: (limit * one[2] - one[1]) / (np.maximum(one[2], LEAST_TAKEN) * spread), spread
         if self.quantity.positive and limit > 0:
             return lambda value: sign * np.log(value / limit), limit
         return lambda value: sign * (value - limit) / spread, spread
@@ -555,7 +570,8 @@ class DesignProblem:
                         label = f"{constraint.label}{rim} {words}"
                         yield LimitRow(index, side, label, size, _after(row, itemgetter(k)))
                 else:
-                    yield LimitRow(index, side, f"{constraint.label} {words}", size, _after(row, worst))
+                    whole = row if constraint.quantity.name == UNDISTORTED else _after(row, worst)
+                    yield LimitRow(index, side, f"{constraint.label} {words}", size, whole)
 
     @cached_property
     def _set_places(self) -> tuple[str, ...]:
@@ -600,7 +616,8 @@ class DesignProblem:
         total: Array = np.zeros(())
         for goal, scale in zip(self.goals, self._spreads[1], strict=True):
             value = goal.values(cameras, traces)
-            total = total + goal.weight * goal.sign * (np.log(value) if goal.quantity.positive else value / scale)
+            counted = goal.sign * (np.log(value) if goal.quantity.positive else value / scale)
+            total = total + goal.weight * np.maximum(counted, -BIG)  # a field without end is the best, and a number
         return total / (sum(goal.weight for goal in self.goals) or 1.0)
 
     def with_scales(self) -> DesignProblem:

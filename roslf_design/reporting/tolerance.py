@@ -147,7 +147,9 @@ def yield_statement(result: StudyResult, name: str = "", first_look: bool = Fals
         remedy = f"Tighten all tolerances to {result.scale_for_target[0]:.3g} of what they are, or the worst few."
         if result.budget is not None and result.budget.changes:
             best = result.budget.changes[0]
-            remedy = f"Cheapest: {change_words(result, best)} ({cost_words(best.cost)}); yield {_share(best.result)}."
+            remedy = (
+                f"Cheapest: {change_words(result, best)} ({cost_words(best.cost)}); yield {share_words(best.result)}."
+            )
     return Statement("bad", text, remedy)
 
 
@@ -299,10 +301,12 @@ def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
             ("change", "l", lambda change: change_words(result, change)),
             ("cost", "d", lambda change: _cost(change.cost)),
             ("yield [%]", "d", lambda change: f"{100 * change.result.value:.2f}"),
+            ("95 % interval [%]", "r", lambda change: _interval(change.result)),
             ("of builds", "r", lambda change: f"{change.result.trials:,}"),
         )
         caption = (
-            f"What reaches {100 * budget.target:.4g} %, cheapest first. "
+            f"What reaches {100 * budget.target:.4g} % for sure, cheapest first: with all of the yield's interval, on "
+            "builds that it was not found by. "
             "Cost: more than now, in the unit of the grades' file (as shipped, 1 is the part in its loosest grade); a "
             "tolerance between two grades by its logarithm."
         )
@@ -317,7 +321,7 @@ def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
         )
         after = "after the cheapest change, " if budget.changes else ""
         caption = (
-            f"All together, {after}a yield of {100 * budget.result.value:.2f} % of {budget.result.trials:,} builds"
+            f"All together, {after}a yield of {share_words(budget.result)}"
             + ("" if budget.cost is None else f", for {_cost(budget.cost)} in all against now, changes and savings")
             + ". Saves: of the part's cost, in the unit of the grades' file (as shipped, 1 is its loosest grade)."
         )
@@ -346,8 +350,14 @@ def _width(design: Design, place: str, value: float) -> str:
     return display(value, kinds.get(place) or kinds[f"{place}.0"])
 
 
-def _share(measured: Yield) -> str:
-    return f"{100 * measured.value:.2f} % of {measured.trials:,} builds"
+def share_words(measured: Yield) -> str:
+    """A yield with its interval, and of how many builds."""
+    return f"{100 * measured.value:.2f} % ({_interval(measured)} %) of {measured.trials:,} builds"
+
+
+def _interval(measured: Yield) -> str:
+    low, high = measured.interval
+    return f"{100 * low:.2f} to {100 * high:.2f}"
 
 
 def cost_words(cost: float | None) -> str:

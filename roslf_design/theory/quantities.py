@@ -366,8 +366,8 @@ register(
     Quantity(
         "undistorted_field_mm",
         "mm",
-        "largest undistorted object radius at the focal plane, in the worst direction",
-        lambda c, _: vignetting.on_focal_plane(c, vignetting.undistorted_radii(c, nearest=1e-12)),
+        "largest undistorted object radius at the focal plane, in the worst direction; infinite where any field is",
+        lambda c, _: vignetting.on_focal_plane(c, vignetting.undistorted_radii(c)),
         equation="Eq. 6",
         positive=False,
         worst=_least,

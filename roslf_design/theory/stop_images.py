@@ -153,6 +153,28 @@ def _reach(pencil: Ellipse, off: Number) -> Number:
     return reach
 
 
+ROUNDING = 2.0**-49
+"""Share of a radius, or of a distance, that a few roundings make up."""
+
+
+def room_in_pupil(c: Camera, rim: Rim) -> Array:
+    """Room that a rim in the FAP's own plane leaves about it [mm, on that plane]; nan where it stands elsewhere.
+
+    The same at any field: such a rim, as the main lens is to a pupil at d_3 = 0, cuts all microlens images or none.
+    What rounding leaves of no room is none.
+    """
+    radius, distance, pupil, d_f = floats(rim.radius, rim.distance, c.fap.distance, c.d_f)
+    (x, y), (u, v) = c.decentre(rim.part), c.decentre("aperture")
+    room = settled(radius - c.fap.radius - np.hypot(x - u, y - v), radius)
+    beside = np.abs(distance - pupil) <= ROUNDING * np.maximum(np.abs(d_f), np.abs(pupil))
+    return np.where(beside, room, np.nan)
+
+
+def settled(room: Array, size: Number) -> Array:
+    """Room beside a rim of a size, none where rounding alone tells it from none."""
+    return np.where(np.abs(room) <= ROUNDING * np.abs(size), 0.0, room)
+
+
 def stop_discs(c: Camera, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
     """Discs that the FAP and the rims cut out of the light behind pinhole microlenses.
 
@@ -181,14 +203,18 @@ def stop_discs(c: Camera, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
         centres[..., 0] = product(scale, at_x[..., None] * bend - aside[:, 0])
         centres[..., 1] = product(scale, at_y[..., None] * bend - aside[:, 1])
         radii[:] = np.array([rim.radius for rim in rims], float) * magnitude(scale)
-        return centres, radii
-    for k, rim in enumerate(rims):
+    for k, rim in enumerate(rims if c.shape else ()):
         scale = product(c.d_2, stop_angle(c, rim.distance))
         bend = (c.f - rim.distance) / c.f  # d_1/L_k over h: one factor for both terms, or they would be inf - inf
         e_x, e_y = c.decentre(rim.part)
         centres[..., k, 0] = product(scale, at_x * bend - e_x)
         centres[..., k, 1] = product(scale, at_y * bend - e_y)
         radii[..., k] = rim.radius * magnitude(scale)
+    for k, rim in enumerate(c.rims, 1):
+        whole = room_in_pupil(c, rim) >= 0
+        if np.any(whole):  # no rounding of centres may cut there
+            around = radii[..., 0] + np.hypot(*np.moveaxis(centres[..., k, :] - centres[..., 0, :], -1, 0))
+            radii[..., k] = np.where(whole, np.maximum(radii[..., k], around * (1 + ROUNDING)), radii[..., k])
     return centres, radii
 
 
@@ -317,7 +343,11 @@ class MicrolensImages:
             crossing = point if on_lens else project(point, self.microlens, bend, c.pose(rim.part))
             pencil = crossing.ellipse(c.fap.radius)
             off = np.hypot(pencil.x, pencil.y)
-            rooms.append(times(rim.scale, rim.radius - off - _reach(pencil, off)))
+            room = settled(rim.radius - off - _reach(pencil, off), rim.radius)
+            if not c.tilted:
+                anywhere = room_in_pupil(c, rim)
+                room = np.where(np.isnan(anywhere), room, anywhere)
+            rooms.append(times(rim.scale, room))
         return reduce(np.minimum, rooms)
 
     @cached_property

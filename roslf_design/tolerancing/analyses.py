@@ -6,10 +6,12 @@ What is undefined is counted beside: it fails every limit and is never averaged 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from bisect import bisect_left
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import takewhile
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,6 +44,12 @@ LINEAR = 0.1
 """|RSS / Monte Carlo - 1| above which a response counts as not linear."""
 RESAMPLES = 256
 """Bootstrap samples of Sobol indices."""
+LOST = 8
+"""Builds that a wanted yield loses at least among those that a change is searched by: fewer tell it from no other."""
+FRESH, ROUNDS = 4, 6
+"""How many times as many builds a change is judged by as it was searched by, and how often it is searched anew."""
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -74,21 +82,66 @@ def curve_trials(plan: TolerancePlan) -> int:
 
 def yield_at(plan: TolerancePlan, scale: float, trials: int) -> Yield:
     """Yield with all tolerances times `scale`; the same draws at every scale."""
-    return Yield(sum(_passing(plan, scale, trials)), trials)
+    return Yield(sum(_passing(plan, scale, first_draws(plan.draws, trials))), trials)
 
 
-def _passing(plan: TolerancePlan, scale: float, trials: int) -> Iterator[int]:
+def _passing(plan: TolerancePlan, scale: float, deviations: Array) -> Iterator[int]:
     """How many builds hold all limits, block by block."""
-    deviations = first_draws(plan.draws, trials)
-    for at in range(0, trials, BLOCK):
+    for at in range(0, deviations.shape[1], BLOCK):
         block = measure_finally(plan, deviations[:, at : at + BLOCK], scale)
         yield int(plan.passes(block).all(axis=0).sum())
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=4)
 def first_draws(draws: Draws, trials: int) -> Array:
     """Deviations of the first trials, which a curve's every point shares."""
     return draws.deviations(draws.uniforms(0, trials))
+
+
+def fresh(draws: Draws) -> Draws:
+    """The same builds drawn anew, none of them a run's: by these is judged what was tuned to the first."""
+    seed = np.random.SeedSequence(draws.seed, spawn_key=(2**32 + 1,)).generate_state(1, np.uint64)
+    return replace(draws, seed=int(seed[0]))
+
+
+def search_trials(trials: int, target: float) -> int:
+    """Trials that tell a wanted yield from a smaller one: so many, or more where it is near 1."""
+    return max(trials, math.ceil(LOST / (1 - target)))
+
+
+def least_passed(share: float, trials: int) -> int:
+    """Fewest trials that must pass for the interval of their yield to begin at a share; one too many where none do."""
+    return bisect_left(range(trials + 1), share, key=lambda passed: Yield(passed, trials).interval[0])
+
+
+def promised(
+    search: Callable[[float], T | None], judged: Callable[[T], Yield], target: float
+) -> tuple[T, Yield] | None:
+    """What a search comes up with whose yield is the target for sure, and that yield, on draws of its own.
+
+    Whatever was tuned until some builds hold a target holds it better on these than on others. So the search aims at
+    the lower end of the yield's interval, other builds judge, and where these fall short it aims higher by as much.
+
+    Parameters
+    ----------
+    search : callable
+        From the share that the interval's lower end is to reach, on its own builds, to the best that does; None where
+        nothing does.
+    judged : callable
+        Its yield on `fresh` draws.
+    target : float
+        Wanted yield.
+    """
+    aim = target
+    for _ in range(ROUNDS):
+        best = search(aim)
+        if best is None:
+            return None
+        result = judged(best)
+        if result.interval[0] >= target:
+            return best, result
+        aim += target - result.interval[0]
+    return None
 
 
 def yield_curve(plan: TolerancePlan, own: Yield | None = None) -> tuple[tuple[float, Yield], ...]:
@@ -102,7 +155,7 @@ def yield_curve(plan: TolerancePlan, own: Yield | None = None) -> tuple[tuple[fl
 def scale_for_yield(
     plan: TolerancePlan, target: float, curve: Sequence[tuple[float, Yield]] = ()
 ) -> tuple[float, Yield] | None:
-    """Largest common factor on all tolerances, up to 64, whose yield is still the target.
+    """Largest common factor on all tolerances, up to 64, whose yield is the target for sure.
 
     Parameters
     ----------
@@ -116,34 +169,41 @@ def scale_for_yield(
     -------
     (factor, yield) or None
         None where even a thousandth of the tolerances misses the target: the nominal design is at fault. The yield is
-        that of `curve_trials` trials with the same draws at every factor, so it falls in steps of one trial.
+        `promised`: that of other draws than the factor was found by, its interval not below the target.
     """
-    trials = curve_trials(plan)
-    loose, tight = 64.0, 1e-3
-    held = [scale for scale, _ in takewhile(lambda point: point[1].value >= target, curve)]
-    sure, lost = held[-1] if held else tight, curve[len(held)][0] if len(held) < len(curve) else math.inf
+    trials = search_trials(curve_trials(plan), target)
 
-    def reaches(scale: float) -> bool:
-        if scale >= lost or tight < scale <= sure:
-            return scale < lost
-        passed, left = 0, trials
-        for count in _passing(plan, scale, trials):  # until it is settled
-            passed, left = passed + count, max(left - BLOCK, 0)
-            if passed / trials >= target or (passed + left) / trials < target:
-                break
-        return passed / trials >= target
+    def largest(aim: float) -> float | None:
+        least, loose, tight = least_passed(aim, trials), 64.0, 1e-3
+        held = [scale for scale, _ in takewhile(lambda point: point[1].interval[0] >= aim, curve)]
+        sure, lost = held[-1] if held else tight, curve[len(held)][0] if len(held) < len(curve) else math.inf
 
-    if not reaches(tight):
-        return None
-    if reaches(loose):
-        return loose, yield_at(plan, loose, trials)
-    while loose / tight >= 1.001:
-        middle = float(np.sqrt(loose * tight))
-        if reaches(middle):
-            tight = middle
-        else:
-            loose = middle
-    return tight, yield_at(plan, tight, trials)
+        def reaches(scale: float) -> bool:
+            if scale >= lost or tight < scale <= sure:
+                return scale < lost
+            passed, left = 0, trials
+            for count in _passing(plan, scale, first_draws(plan.draws, trials)):  # until it is settled
+                passed, left = passed + count, max(left - BLOCK, 0)
+                if passed >= least or passed + left < least:
+                    break
+            return passed >= least
+
+        if not reaches(tight):
+            return None
+        if reaches(loose):
+            return loose
+        while loose / tight >= 1.001:
+            middle = float(np.sqrt(loose * tight))
+            if reaches(middle):
+                tight = middle
+            else:
+                loose = middle
+        return tight
+
+    def judged(scale: float) -> Yield:
+        return Yield(sum(_passing(plan, scale, first_draws(fresh(plan.draws), FRESH * trials))), FRESH * trials)
+
+    return promised(largest, judged, target)
 
 
 @dataclass(frozen=True)
@@ -299,7 +359,7 @@ def sensitivity(plan: TolerancePlan) -> Sensitivity:
     perturbations = plan.draws.perturbations
     derivatives = differences(plan, [(p.place, STEP * p.tolerance) for p in perturbations])
     one = np.eye(len(perturbations))
-    plus, minus = (measure(plan, sign * one).variants - plan.nominal[:, None] for sign in (1.0, -1.0))
+    plus, minus = (measure(plan, sign * one, settled=0.0).variants - plan.nominal[:, None] for sign in (1.0, -1.0))
     return Sensitivity(derivatives, exact_derivatives(plan), plus, minus)
 
 
@@ -404,7 +464,7 @@ def inverse_sensitivity(plan: TolerancePlan, share: float) -> tuple[Allowed, ...
     for _ in range(HALVINGS):
         deviations = np.zeros((len(perturbations), rows.size))
         deviations[rows, cases] = np.where(ends == 0, trial, -trial)
-        value = measure_finally(plan, deviations)[columns]
+        value = measure_finally(plan, deviations, settled=0.0)[columns]
         good = (value >= low) & (value <= high)
         held = good.all(axis=0)
         broken = np.where(held, broken, np.argmin(good, axis=0))

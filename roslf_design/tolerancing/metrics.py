@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from operator import attrgetter
 from typing import Any
 
@@ -35,11 +35,23 @@ _OF_DECODERS: dict[str, tuple[str, Callable[[Any], Number]]] = {
         attrgetter("depth_error_mm"),
     ),
 }
-METRICS = {
-    name: quantity
-    for name, quantity in QUANTITIES.items()
-    if name not in PATHS and (quantity.local is not None or quantity.at != "needed")
-} | {name: Quantity(name, name.rpartition("_")[2], words, local=value) for name, (words, value) in _OF_DECODERS.items()}
+ANY_FIELD = 1e6
+"""Undistorted field that stands for any [mm]: a kilometre, which can be averaged and ranked."""
+_UNDISTORTED = QUANTITIES["undistorted_field_mm"]
+METRICS = (
+    {
+        name: quantity
+        for name, quantity in QUANTITIES.items()
+        if name not in PATHS and (quantity.local is not None or quantity.at != "needed")
+    }
+    | {
+        _UNDISTORTED.name: replace(_UNDISTORTED, of=lambda c, at: np.minimum(_UNDISTORTED.of(c, at), ANY_FIELD)),  # type: ignore[misc]
+    }
+    | {
+        name: Quantity(name, name.rpartition("_")[2], words, local=value)
+        for name, (words, value) in _OF_DECODERS.items()
+    }
+)
 """Every metric by its name: what has a value at fields has one at each, the rest one for the whole camera. Names and
 values follow `roslf evaluate --json` where it has them."""
 

@@ -61,26 +61,26 @@ class MeasuredTrials(NamedTuple):
             yield {words: flags for words, flags in reasons.items() if flags.any()}
 
 
-def measure(plan: TolerancePlan, deviations: Array) -> MeasuredTrials:
-    """Measure trials given by their deviations [tolerances], shape (P, trials)."""
+def measure(plan: TolerancePlan, deviations: Array, settled: float = SETTLED) -> MeasuredTrials:
+    """Measure trials given by their deviations [tolerances], shape (P, trials); `settled` as in `Compensator`."""
     values, trials = plan.draws.values(deviations), deviations.shape[1]
     variants, moved = [_in_blocks(plan.question, values, trials)], np.empty((0, trials))
     if plan.adjusters:
-        moved, *adjusted = compensator_of(plan).adjusted(values, deviations)
+        moved, *adjusted = compensator_of(plan).adjusted(values, deviations, settled)
         variants += adjusted
     elif plan.calibrated:
         variants.append(_in_blocks(plan.question, values, trials, calibrated=True))
     return MeasuredTrials(deviations, np.stack(variants), moved)
 
 
-def measure_finally(plan: TolerancePlan, deviations: Array, scale: float = 1.0) -> Array:
+def measure_finally(plan: TolerancePlan, deviations: Array, scale: float = 1.0, settled: float = SETTLED) -> Array:
     """The last of `measure`'s variants alone, what an analysis looks at: shape (C, trials).
 
     All tolerances count `scale` times.
     """
     values = plan.draws.values(deviations, scale)
     if plan.adjusters:
-        return compensator_of(plan).adjusted(values, deviations * scale)[-1]
+        return compensator_of(plan).adjusted(values, deviations * scale, settled)[-1]
     return _in_blocks(plan.question, values, deviations.shape[1], calibrated=plan.calibrated)
 
 
@@ -219,7 +219,9 @@ class Compensator:
         plan = self.plan
         return _in_blocks(plan.question, self.applied(values, moved), moved.shape[1], calibrated=plan.calibrated)
 
-    def adjusted(self, values: Mapping[str, Array], deviations: Array) -> tuple[Array, Array, Array]:
+    def adjusted(
+        self, values: Mapping[str, Array], deviations: Array, settled: float = SETTLED
+    ) -> tuple[Array, Array, Array]:
         """Adjustments that bring each trial's targets closest to nominal in the least-squares sense.
 
         Parameters
@@ -228,6 +230,9 @@ class Compensator:
             The builds' numbers, unadjusted.
         deviations : ndarray, shape (P, trials)
             The same as deviations [tolerances].
+        settled : float
+            Part of the limits' room up to which linear prediction is left as it is; 0 where less than all of the room
+            is looked at.
 
         Returns
         -------
@@ -236,13 +241,13 @@ class Compensator:
 
         Notes
         -----
-        The linear prediction is set on every build and measured exactly. A build that then uses no more than `SETTLED`
+        The linear prediction is set on every build and measured exactly. A build that then uses no more than `settled`
         of its limits' room is done; each other one goes on by Newton's steps (`refined`). All do where prediction is
         blind, as it is to the length of a vector about zero.
         """
         moved = self.linear(deviations)
         columns = start = self.measured(values, moved)
-        late = np.flatnonzero(self.plan.used_room(start) > (SETTLED if self.predicts else -np.inf))
+        late = np.flatnonzero(self.plan.used_room(start) > (settled if self.predicts else -np.inf))
         if late.size:
             some = {place: numbers[late] for place, numbers in values.items()}
             moved, columns = moved.copy(), start.copy()
