@@ -47,15 +47,36 @@ def depth_of_field(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> De
     blur : float
         Microlens pitches that a point may spread over.
     """
-    share = ratio(blur * c.d, product(pupil_part(c, kind), c.m))
-    # Behind a relay the FAP may be seen beyond the focal plane: nearer planes then lie at larger Z_F.
-    share = share * np.where(np.real(c.gap) < 0, -1.0, 1.0)
+    share = _share(c, kind, blur)
     near, far = (np.asarray(c.plane_seen_at(c.d_3 + ratio(c.gap, 1 + sign * share)) - c.tip, float) for sign in (1, -1))
     focus = np.asarray(c["main_lens.focal_plane"] - c.tip)
     # A plane that has gone past the tip, or past infinity, comes back on the other side.
     near = np.where((near >= 0) & (near <= focus), near, 0.0)
     far = np.where(far >= focus, far, np.inf)
     return DepthOfField(near[()], far[()])
+
+
+def past_infinity(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Array:
+    """-1 over the far end, 0 where that is at infinity and rising on beyond: smooth where the far end is none [1/mm].
+
+    Parameters are those of `depth_of_field`.
+    """
+    inside = 1 - _share(c, kind, blur)
+    seen = c.d_3 * inside + c.gap
+    less, more = seen - c.tip * inside, inside
+    if c.chain is not None and c.chain.elements:
+        place, front = c.front
+        more = front.d * inside - front.c * seen
+        less = front.medium * (front.a * seen - front.b * inside) + (place - c.tip) * more
+    inverse = np.asarray(ratio(more, less), float)
+    return np.where(np.isinf(depth_of_field(c, kind, blur).far), np.abs(inverse), -inverse)[()]
+
+
+def _share(c: Camera, kind: Kind, blur: float) -> Array:
+    """By how much 1/Z_F changes from the focal plane to an end, over its own at the focal plane."""
+    share = ratio(blur * c.d, product(pupil_part(c, kind), c.m))
+    # Behind a relay the FAP may be seen beyond the focal plane: nearer planes then lie at larger Z_F.
+    return np.asarray(share * np.where(np.real(c.gap) < 0, -1.0, 1.0))
 
 
 def hyperfocal(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Array:
