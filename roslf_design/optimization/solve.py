@@ -708,10 +708,10 @@ def pareto_front(
         end = best_of(goal, (), [*known, *sobol_units(problem.n, FRESH, seed)])
         if end is None:
             return Front(tuple(goals), evaluations=spent)
-        if number:
-            # Of designs equally good in this goal, the one that is best in the first.
-            value = problem.number(goal, end)
-            refined = best_of(goals[0], [goal.held(goal.worse(value, HAIR * abs(value)))], [end])
+        value = problem.number(goal, end)
+        if number or math.isinf(value):
+            # Of designs equally good in this goal, the one that is best in the first, or that in the next.
+            refined = best_of(goals[0 if number else 1], [goal.held(goal.worse(value, HAIR * abs(value)))], [end])
             end = end if refined is None else refined
         met.append(end)
     ends, payoff = list(met), values(met)
