@@ -11,6 +11,7 @@ import numpy as np
 from .. import __version__
 from ..optimization.problem import NUMBERS, Constraint, Goal
 from ..optimization.ranking import Ranking
+from ..optimization.search import BIG
 from ..optimization.solve import Active, Answer, Front, optimum_accuracy
 from ..optimization.study import Result
 from ..optimization.traces import Retrace
@@ -151,6 +152,9 @@ def _optimum(answer: Answer, reached: str) -> Statement:
     if answer.runs_off:
         text = f"The goal runs off without end; {bounds or 'the search'} stopped it at {reached}, which is no optimum."
         return Statement("caution", text, "Limit the goal, or what drives it, by a constraint or narrower bounds.")
+    if answer.merit >= BIG:
+        text = f"A design holds every limit, but a goal is infinite wherever it was looked for: {reached}."
+        return Statement("caution", text, "Widen the bounds, or ask for something else.")
     if bounds and all(active.bound or active.always for active in pressed):
         text = f"A design holds every limit: {reached}; but nothing stops the goal there save {bounds}."
         return Statement("caution", text, "Where a bound is not meant so, limit what a better goal costs.")

@@ -80,7 +80,9 @@ def _share(c: Camera, kind: Kind, blur: float) -> Array:
 
 
 def hyperfocal(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Array:
-    """Nearest focal plane whose depth of field reaches infinity, the bore held [mm ahead of its tip]; nan where none.
+    """Nearest focal plane whose depth of field reaches infinity, the bore held [mm ahead of its tip].
+
+    0 where that of every one ahead of the tip does, nan where none does.
 
     Parameters are those of `depth_of_field`.
     """
@@ -100,7 +102,9 @@ def hyperfocal(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Array:
         m = np.where((root >= 0) & (by_view > 0) & narrow, by_view, by_all)
     held = np.where(m > 0, m, 1.0)
     there = np.asarray(c.plane_seen_at(c.f * (1 + 1 / held)) - c.tip, float)
-    return np.asarray(np.where((m > 0) & (there > 0), there, np.nan))[()]
+    # With none ahead of the tip all focal planes there are alike, this camera's own among them.
+    alike = np.where(np.isinf(depth_of_field(c, kind, blur).far), 0.0, np.nan)
+    return np.asarray(np.where((m > 0) & (there > 0), there, alike))[()]
 
 
 def _far(c: Camera) -> Number:

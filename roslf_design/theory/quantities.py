@@ -311,7 +311,14 @@ def _sharpness(prefix: str, kind: depth_of_field.Kind, image: str) -> tuple[Quan
     return (
         Quantity(f"{prefix}depth_of_field_near_mm", "mm", f"near {sharp}", ends(0), positive=False, **more),
         Quantity(f"{prefix}depth_of_field_far_mm", "mm", f"far {sharp}", ends(1), positive=False, **more, **beyond),
-        Quantity(f"{prefix}hyperfocal_mm", "mm", far, lambda c, _: depth_of_field.hyperfocal(c, kind), **more),
+        Quantity(
+            f"{prefix}hyperfocal_mm",
+            "mm",
+            far,
+            lambda c, _: depth_of_field.hyperfocal(c, kind),
+            positive=False,
+            **more,
+        ),
     )
 
 
