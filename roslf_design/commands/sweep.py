@@ -115,6 +115,9 @@ def _notes(swept: Sweep, design: Design) -> Iterator[str]:
         kept = [place for place in CONJUGATES if place not in (swept.follows, *changed)]
         stays = "".join(f"; {place} stays {design[place]:.6g} mm" for place in kept)
         yield f"{swept.follows} follows from what is swept{stays}"
+    for name, values in swept.values.items():
+        if endless := int(np.isposinf(values).sum()):
+            yield f"{name} is infinite at {endless} of {values.size} points, where pictures show nothing"
     if not swept.valid.all():
         count = int((~swept.valid).sum())
         yield f"{count} of {swept.valid.size} points cannot be built: {'; '.join(swept.refused(design))}"

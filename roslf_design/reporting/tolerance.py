@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,7 @@ from ..pictures.studies import (
     yield_curve,
 )
 from ..tables import Column
+from ..theory.quantities import finite
 from ..tolerancing.analyses import Variant, Yield
 from ..tolerancing.budgets import Change, ToleranceBudget
 from ..tolerancing.metrics import METRICS
@@ -255,6 +257,8 @@ def _quantiles(result: StudyResult, shown: set[str]) -> Table:
         caption += [
             "Undefined trials count as failures; quantiles rank them worst, mean and spread are then not stated."
         ]
+    if any(column.infinite for column in final):
+        caption += ["What is infinite ranks above all; mean and spread are then not stated."]
     quantiles = (f"{100 * probabilities[index]:.4g} %" for index in places)
     heads = ("metric@field", "nominal", "mean", "std. dev.", *quantiles, *(("undefined",) if undefined else ()))
     title = f"Distributions, {result.final.name}"
@@ -455,14 +459,19 @@ def tolerance_pictures(result: StudyResult) -> dict[str, Picture]:
     # As built and, where anything is adjusted, afterwards.
     variants = result.variants[:1] if len(result.variants) == 1 else (result.variants[0], result.final)
     columns = [variant.distributions[row] for variant in variants]
-    parts = [(v.name, np.array(c.cuts), np.array(c.histogram)) for v, c in zip(variants, columns, strict=True)]
-    nominal = columns[0].nominal if math.isfinite(columns[0].nominal) else 0.0
-    edges, label = (limit.low, limit.high), _metric(result, row)
-    span = columns[-1].low, columns[-1].high
+    # What is infinite somewhere is drawn by its twin.
+    twins = any(column.infinite or math.isinf(column.nominal) for column in columns)
+    told: Callable[[Any], Any] = finite if twins else np.asarray
+    parts = [(v.name, told(np.array(c.cuts)), np.array(c.histogram)) for v, c in zip(variants, columns, strict=True)]
+    nominal = float(told(columns[0].nominal)) if math.isfinite(told(columns[0].nominal)) else 0.0
+    edges = [float(told(edge)) if math.isfinite(edge) else edge for edge in (limit.low, limit.high)]
+    label = _metric(result, row) if not twins else f"-1 over {_metric(result, row, unit=False)} [1/mm]"
+    span = float(told(columns[-1].low)), float(told(columns[-1].high))
     drawn["spread"] = distributions(parts, nominal, [e for e in edges if math.isfinite(e)], span, label)
     moves = result.sensitivity
-    order = _largest(np.maximum(*(np.abs(np.nan_to_num(ends[-1, row])) for ends in (moves.plus, moves.minus))))
-    plus, minus = (np.nan_to_num(ends[-1, row, order]) for ends in (moves.plus, moves.minus))
+    both = (moves.twin_plus, moves.twin_minus) if twins else (moves.plus, moves.minus)
+    order = _largest(np.maximum(*(np.abs(np.nan_to_num(ends[-1, row])) for ends in both)))
+    plus, minus = (np.nan_to_num(ends[-1, row, order]) for ends in both)
     drawn["sensitivity"] = ranked_moves(_names(result, order), plus, minus, [e - nominal for e in edges], label)
     values, noise = result.correlations[row], 2 / math.sqrt(result.plan.trials)
     order = _largest(np.where(np.abs(values) > noise, np.abs(values), 0.0))

@@ -47,9 +47,7 @@ def depth_of_field(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> De
     blur : float
         Microlens pitches that a point may spread over.
     """
-    share = ratio(blur * c.d, product(pupil_part(c, kind), c.m))
-    # Behind a relay the FAP may be seen beyond the focal plane: nearer planes then lie at larger Z_F.
-    share = share * np.where(np.real(c.gap) < 0, -1.0, 1.0)
+    share = _share(c, kind, blur)
     near, far = (np.asarray(c.plane_seen_at(c.d_3 + ratio(c.gap, 1 + sign * share)) - c.tip, float) for sign in (1, -1))
     focus = np.asarray(c["main_lens.focal_plane"] - c.tip)
     # A plane that has gone past the tip, or past infinity, comes back on the other side.
@@ -58,8 +56,33 @@ def depth_of_field(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> De
     return DepthOfField(near[()], far[()])
 
 
+def past_infinity(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Array:
+    """-1 over the far end, 0 where that is at infinity and rising on beyond: smooth where the far end is none [1/mm].
+
+    Parameters are those of `depth_of_field`.
+    """
+    inside = 1 - _share(c, kind, blur)
+    seen = c.d_3 * inside + c.gap
+    less, more = seen - c.tip * inside, inside
+    if c.chain is not None and c.chain.elements:
+        place, front = c.front
+        more = front.d * inside - front.c * seen
+        less = front.medium * (front.a * seen - front.b * inside) + (place - c.tip) * more
+    inverse = np.asarray(ratio(more, less), float)
+    return np.where(np.isinf(depth_of_field(c, kind, blur).far), np.abs(inverse), -inverse)[()]
+
+
+def _share(c: Camera, kind: Kind, blur: float) -> Array:
+    """By how much 1/Z_F changes from the focal plane to an end, over its own at the focal plane."""
+    share = ratio(blur * c.d, product(pupil_part(c, kind), c.m))
+    # Behind a relay the FAP may be seen beyond the focal plane: nearer planes then lie at larger Z_F.
+    return np.asarray(share * np.where(np.real(c.gap) < 0, -1.0, 1.0))
+
+
 def hyperfocal(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Array:
-    """Nearest focal plane whose depth of field reaches infinity, the bore held [mm ahead of its tip]; nan where none.
+    """Nearest focal plane whose depth of field reaches infinity, the bore held [mm ahead of its tip].
+
+    0 where that of every one ahead of the tip does, nan where none does.
 
     Parameters are those of `depth_of_field`.
     """
@@ -79,7 +102,9 @@ def hyperfocal(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Array:
         m = np.where((root >= 0) & (by_view > 0) & narrow, by_view, by_all)
     held = np.where(m > 0, m, 1.0)
     there = np.asarray(c.plane_seen_at(c.f * (1 + 1 / held)) - c.tip, float)
-    return np.asarray(np.where((m > 0) & (there > 0), there, np.nan))[()]
+    # With none ahead of the tip all focal planes there are alike, this camera's own among them.
+    alike = np.where(np.isinf(depth_of_field(c, kind, blur).far), 0.0, np.nan)
+    return np.asarray(np.where((m > 0) & (there > 0), there, alike))[()]
 
 
 def _far(c: Camera) -> Number:

@@ -70,6 +70,11 @@ class Quantity:
     bent_in_f: bool = False
     signed: Callable[[Camera, Depth], Array] | None = None
     """Of the magnitude of something of either sign: that something."""
+    infinite: bool = False
+    """Whether it is infinite for cameras that can be built: builds are then told apart by its `finite` twin."""
+    past_infinity: Callable[[Camera, Depth], Array] | None = None
+    """Of what may be infinite and is above 0: -1 over it, going on above 0 where it has gone past infinity. Smooth, so
+    that an optimiser finds its way into and out of infinity."""
     over: Callable[[Camera, Depth, SensorField], Array] | None = None
     """Of what hangs on how much of the array the sensor sees: the same for a rectangle that is given. `monotone` means
     this then, and the rectangle's ends are further lengths in which it rises or falls."""
@@ -129,6 +134,20 @@ class Quantity:
             unit = f" (in {self.unit})" if self.unit else ""
             raise ValueError(f"{self.name} is limited by a number{unit}, got {value!r}")
         return float(value)
+
+
+def finite(values: Array | float) -> Array:
+    """Finite twin of what may be infinite: itself less 2 up to 1, -1 over it beyond; it rises where that rises."""
+    values = np.asarray(values, float)
+    return np.where(values < 1, values - 2, -1 / np.where(values < 1, 1.0, values))
+
+
+def from_finite(twins: Array | float) -> Array:
+    """What has these finite twins."""
+    twins = np.asarray(twins, float)
+    with np.errstate(divide="ignore"):
+        beyond = np.where(twins < 0, -1 / np.where(twins < 0, twins, -1.0), np.inf)
+    return np.where(np.isnan(twins), np.nan, np.where(twins < -1, twins + 2, beyond))
 
 
 QUANTITIES: dict[str, Quantity] = {}
@@ -285,15 +304,21 @@ def _sharpness(prefix: str, kind: depth_of_field.Kind, image: str) -> tuple[Quan
     def ends(k: int) -> Callable[[Camera, Depth], Array]:
         return lambda c, _: depth_of_field.depth_of_field(c, kind)[k]
 
+    beyond: dict[str, Any] = {"infinite": True, "past_infinity": lambda c, _: depth_of_field.past_infinity(c, kind)}
     sharp = f"end of the depth of field of {image}, ahead of the tip: a point spreads over one microlens pitch"
     far = f"nearest focal plane ahead of the tip with which {image} is sharp to infinity"
     more: dict[str, Any] = {"monotone": False, "numeric": True}
     return (
-        *(
-            Quantity(f"{prefix}depth_of_field_{end}_mm", "mm", f"{end} {sharp}", ends(k), positive=False, **more)
-            for k, end in enumerate(("near", "far"))
+        Quantity(f"{prefix}depth_of_field_near_mm", "mm", f"near {sharp}", ends(0), positive=False, **more),
+        Quantity(f"{prefix}depth_of_field_far_mm", "mm", f"far {sharp}", ends(1), positive=False, **more, **beyond),
+        Quantity(
+            f"{prefix}hyperfocal_mm",
+            "mm",
+            far,
+            lambda c, _: depth_of_field.hyperfocal(c, kind),
+            positive=False,
+            **more,
         ),
-        Quantity(f"{prefix}hyperfocal_mm", "mm", far, lambda c, _: depth_of_field.hyperfocal(c, kind), **more),
     )
 
 
@@ -372,6 +397,7 @@ register(
         positive=False,
         worst=_least,
         monotone=False,
+        infinite=True,
     ),
     Quantity(
         "centre_shift_px",

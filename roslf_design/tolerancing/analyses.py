@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from .._arrays import Array
 from ..camera import Camera
-from ..theory.quantities import QUANTITIES
+from ..theory.quantities import QUANTITIES, finite, from_finite
 from .draws import Draws, sobol_points
 from .places import of_parts
 from .run import Tally, quantiles, rebin
@@ -221,12 +221,14 @@ class ColumnSummary:
     low: float
     high: float
     """Least and greatest defined value."""
+    infinite: int
+    """Trials in which it is infinite; quantiles may be, mean and standard deviation are not stated."""
     probabilities: tuple[float, ...]
     quantiles: tuple[float, ...]
     """Undefined trials rank as worst: beyond the limit on that side (infinite there), above all where there is none."""
     cuts: tuple[float, ...]
     histogram: tuple[float, ...]
-    """Defined trials between neighbouring cuts."""
+    """Defined trials between neighbouring cuts, infinite ones below the last."""
 
 
 @dataclass(frozen=True)
@@ -260,8 +262,10 @@ class Variant:
 
         def strength(limit: LimitYield) -> tuple[int, float]:
             column = columns[limit.label]
-            rooms = [abs(edge - column.nominal) for edge in (limit.low, limit.high) if np.isfinite(edge)]
-            return limit.result.passed, min(rooms) / max(column.high - column.low, 1e-300)
+            told = finite if math.isinf(column.high) or math.isinf(column.nominal) else np.asarray
+            here, low, high = (float(told(value)) for value in (column.nominal, column.low, column.high))
+            rooms = [abs(float(told(edge)) - here) for edge in (limit.low, limit.high) if np.isfinite(edge)]
+            return limit.result.passed, min(rooms) / max(high - low, 1e-300)
 
         return min(self.limits, key=strength)
 
@@ -297,29 +301,37 @@ def _summary(plan: TolerancePlan, tally: Tally, v: int, c: int) -> ColumnSummary
     nominal = float(plan.nominal[c])
     here = nominal if math.isfinite(nominal) else 0.0
     undefined, counts = int(tally.undefined[v, c] - tally.impossible[v]), tally.counts[v, c]
-    defined = tally.trials - int(tally.undefined[v, c])
+    infinite = int(tally.infinite[v, c])
+    defined = tally.trials - int(tally.undefined[v, c]) - infinite
     low, high = float(tally.low[v, c]), float(tally.high[v, c])
     limits = [limit for limit in plan.limits if limit.column == c]
     worst_is_low = any(np.isfinite(l.low) for l in limits) and not any(np.isfinite(l.high) for l in limits)
-    worse = {"below" if worst_is_low else "above": undefined}
+    # Infinite ones are above all finite ones.
+    beside = {"below": undefined, "above": infinite} if worst_is_low else {"above": undefined + infinite}
     mean = deviation = math.nan
-    if defined and not undefined:
-        shift = float(tally.total[v, c]) / defined
+    if defined and not undefined and not infinite:
+        total, square = tally.moments[v, c].tolist()
+        shift = total / defined
         mean = here + shift
-        deviation = math.sqrt(max(float(tally.square[v, c]) / defined - shift**2, 0.0))
-    places = np.linspace(low, high, HISTOGRAM_BINS + 1) if defined and high > low else np.empty(0)
+        deviation = math.sqrt(max(square / defined - shift**2, 0.0))
+    places, past = np.linspace(low, high, HISTOGRAM_BINS + 1) if defined and high > low else np.empty(0), 0
+    if infinite and defined:  # up to infinity in equal steps of the twin
+        places, past = from_finite(np.linspace(float(finite(here + low)), 0.0, HISTOGRAM_BINS + 1)) - here, infinite
+    histogram = rebin(counts, np.array([-np.inf, *places[1:-1], np.inf])) if len(places) else np.empty(0)
+    histogram[-1:] += past
     return ColumnSummary(
         label=plan.columns[c].label,
         nominal=nominal,
         undefined=undefined,
         mean=mean,
         deviation=deviation,
-        low=here + low if defined else math.nan,
-        high=here + high if defined else math.nan,
+        low=here + low if defined else math.inf if infinite else math.nan,
+        high=math.inf if infinite else here + high if defined else math.nan,
+        infinite=infinite,
         probabilities=plan.quantiles,
-        quantiles=tuple((here + quantiles(counts, plan.quantiles, low, high, **worse)).tolist()),
+        quantiles=tuple((here + quantiles(counts, plan.quantiles, low, high, **beside)).tolist()),
         cuts=tuple((here + places).tolist()),
-        histogram=tuple(rebin(counts, np.array([-np.inf, *places[1:-1], np.inf])).tolist()) if len(places) else (),
+        histogram=tuple(histogram.tolist()),
     )
 
 
@@ -345,22 +357,32 @@ class Sensitivity:
     plus: Array
     minus: Array
     """Change of the column at the two ends of the tolerance, as built and after adjustment, shape (V, C, P); NaN where
-    undefined."""
+    undefined, 0 from infinity to infinity."""
+    twin_derivatives: Array
+    twin_plus: Array
+    twin_minus: Array
+    """The same of the finite twin of what may be infinite; of all else the same."""
 
     @property
     def worst(self) -> Array:
-        """Larger of the two moves, shape (V, C, P); infinite where the column becomes undefined."""
-        size = np.maximum(np.abs(self.plus), np.abs(self.minus))
+        """Larger of the two moves of the twins, shape (V, C, P); infinite where the column becomes undefined."""
+        size = np.maximum(np.abs(self.twin_plus), np.abs(self.twin_minus))
         return np.where(np.isnan(size), np.inf, size)
 
 
 def sensitivity(plan: TolerancePlan) -> Sensitivity:
     """How each perturbation alone moves each column."""
     perturbations = plan.draws.perturbations
-    derivatives = differences(plan, [(p.place, STEP * p.tolerance) for p in perturbations])
-    one = np.eye(len(perturbations))
-    plus, minus = (measure(plan, sign * one, settled=0.0).variants - plan.nominal[:, None] for sign in (1.0, -1.0))
-    return Sensitivity(derivatives, exact_derivatives(plan), plus, minus)
+    steps = [(p.place, STEP * p.tolerance) for p in perturbations]
+    derivatives = twins = differences(plan, steps)
+    one, here = np.eye(len(perturbations)), plan.nominal[:, None]
+    ends = [measure(plan, sign * one, settled=0.0).variants for sign in (1.0, -1.0)]
+    with np.errstate(invalid="ignore"):
+        plus, minus = moves = [np.where(np.isinf(end) & (end == here), 0.0, end - here) for end in ends]
+    if plan.infinite.any():
+        twins = differences(plan, steps, judged=True)
+        moves = [np.stack([plan.judged(variant) for variant in end]) - plan.judged(here) for end in ends]
+    return Sensitivity(derivatives, exact_derivatives(plan), plus, minus, twins, *moves)
 
 
 def exact_derivatives(plan: TolerancePlan) -> Array:
@@ -413,7 +435,7 @@ def rss_rows(plan: TolerancePlan, moves: Sensitivity, as_built: Variant) -> Iter
     """Every column's root sum of squares beside its scatter."""
     for column, rss in zip(as_built.distributions, root_sum_square(plan, moves).tolist(), strict=True):
         spread, shift = column.deviation, column.mean - column.nominal
-        ratio = spread / rss if rss > 0 else math.inf if spread > 0 else 1.0
+        ratio = math.nan if math.isnan(rss) else spread / rss if rss > 0 else math.inf if spread > 0 else 1.0
         linear = abs(ratio - 1) <= LINEAR and abs(shift) <= LINEAR * max(rss, 1e-300)
         yield RssRow(column.label, rss, spread, ratio, shift, linear)
 
@@ -453,18 +475,19 @@ def inverse_sensitivity(plan: TolerancePlan, share: float) -> tuple[Allowed, ...
     rows, ends, parts = (part.ravel() for part in np.indices((len(perturbations), 2, 2)))
     cases = np.arange(rows.size)
     columns = np.array([limit.column for limit in limits])
-    here = plan.nominal[columns, None]
+    here = plan.judged(plan.nominal[columns, None], columns)
     room = np.where(parts == 0, 1.0, share)
     low, high = (
-        np.where(parts == 0, edge, here + room * (edge - here))
+        np.where(np.isfinite(edge), np.where(parts == 0, twin, here + room * (twin - here)), edge)
         for edge in np.array([(limit.low, limit.high) for limit in limits]).T[..., None]
+        for twin in [plan.judged(edge, columns)]
     )
     inside, outside = np.zeros(rows.size), np.full(rows.size, np.inf)
     trial, broken = np.ones(rows.size), np.zeros(rows.size, np.intp)
     for _ in range(HALVINGS):
         deviations = np.zeros((len(perturbations), rows.size))
         deviations[rows, cases] = np.where(ends == 0, trial, -trial)
-        value = measure_finally(plan, deviations, settled=0.0)[columns]
+        value = plan.judged(measure_finally(plan, deviations, settled=0.0)[columns], columns)
         good = (value >= low) & (value <= high)
         held = good.all(axis=0)
         broken = np.where(held, broken, np.argmin(good, axis=0))
@@ -515,13 +538,15 @@ class SobolIndices:
 def sobol_indices(plan: TolerancePlan, samples: int) -> SobolIndices:
     """Sobol indices of every column, as finally adjusted: whose scatter its scatter comes from.
 
-    Of n = `samples` base samples on a scrambled Sobol sequence, n (F + 2) builds in all.
+    Of what may be infinite those of its finite twin. Of n = `samples` base samples on a scrambled Sobol sequence,
+    n (F + 2) builds in all.
     """
     factors = plan.draws.factors
     count = len(factors)
     a, b = np.split(sobol_points(2 * count, 0, samples, plan.draws.seed), 2)
     mixed = [np.where(np.arange(count)[:, None] == index, b, a) for index in range(count)]
-    columns = np.stack([measure_finally(plan, plan.draws.deviations(uniforms)) for uniforms in (a, b, *mixed)])
+    samples_of = (plan.draws.deviations(uniforms) for uniforms in (a, b, *mixed))
+    columns = np.stack([plan.judged(measure_finally(plan, deviations)) for deviations in samples_of])
     undefined = np.isnan(columns).sum(axis=(0, 2))
     indices = saltelli_jansen(columns[0], columns[1], columns[2:], plan.draws.seed)
     for part in indices:

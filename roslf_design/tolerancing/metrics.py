@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from operator import attrgetter
 from typing import Any
 
@@ -35,23 +35,11 @@ _OF_DECODERS: dict[str, tuple[str, Callable[[Any], Number]]] = {
         attrgetter("depth_error_mm"),
     ),
 }
-ANY_FIELD = 1e6
-"""Undistorted field that stands for any [mm]: a kilometre, which can be averaged and ranked."""
-_UNDISTORTED = QUANTITIES["undistorted_field_mm"]
-METRICS = (
-    {
-        name: quantity
-        for name, quantity in QUANTITIES.items()
-        if name not in PATHS and (quantity.local is not None or quantity.at != "needed")
-    }
-    | {
-        _UNDISTORTED.name: replace(_UNDISTORTED, of=lambda c, at: np.minimum(_UNDISTORTED.of(c, at), ANY_FIELD)),  # type: ignore[misc]
-    }
-    | {
-        name: Quantity(name, name.rpartition("_")[2], words, local=value)
-        for name, (words, value) in _OF_DECODERS.items()
-    }
-)
+METRICS = {
+    name: quantity
+    for name, quantity in QUANTITIES.items()
+    if name not in PATHS and (quantity.local is not None or quantity.at != "needed")
+} | {name: Quantity(name, name.rpartition("_")[2], words, local=value) for name, (words, value) in _OF_DECODERS.items()}
 """Every metric by its name: what has a value at fields has one at each, the rest one for the whole camera. Names and
 values follow `roslf evaluate --json` where it has them."""
 
@@ -90,6 +78,11 @@ class Question:
             for field in ((None,) if METRICS[name].local is None else range(count))
         )
 
+    @property
+    def infinite(self) -> NDArray[np.bool_]:
+        """Which columns may be infinite, shape (columns,)."""
+        return np.array([METRICS[column.metric].infinite for column in self.columns], bool)
+
 
 def evaluate_builds(question: Question, values: Mapping[str, Array], trials: int, *, calibrated: bool = False) -> Array:
     """Every column of a question for many builds.
@@ -111,7 +104,7 @@ def evaluate_builds(question: Question, values: Mapping[str, Array], trials: int
     -------
     ndarray, shape (columns, trials)
         NaN marks what is undefined: every column of a build that is no camera (d_3 >= d_f, a size below zero), the
-        shape of a dark image, a depth at infinity.
+        shape of a dark image, a depth decoded at infinity. What may be infinite (`Quantity.infinite`) stays so.
     """
     if all(place in values for place in CONJUGATES):  # where a part is adjusted to d_f: f follows
         values = {place: numbers for place, numbers in values.items() if place != CONJUGATES[0]}
@@ -126,9 +119,10 @@ def evaluate_builds(question: Question, values: Mapping[str, Array], trials: int
             row += rows
     if not valid.all():
         results[:, ~valid] = np.nan
-    finite = np.isfinite(results)
-    if not finite.all():
-        results[~finite] = np.nan
+    told = np.isfinite(results)
+    if not told.all():
+        told |= question.infinite[:, None] & (results == np.inf)
+        results[~told] = np.nan
     return results
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -36,6 +36,7 @@ from ..design.conjugates import CONJUGATES
 from ..design.files import expect_kind, studied
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
+from ..theory.quantities import finite
 from ..toml_files import nearest, problems_of, read_toml
 from ..units import Length, in_file, parse_quantity
 from .draws import BITS, Distribution, Draws, Perturbation, Sampling
@@ -50,7 +51,7 @@ MOST_TRIALS = 10**10
 
 FIELD_NAMES = ("centre", "edge", "corner")
 """Fields of what the sensor sees, as `roslf evaluate` takes them."""
-FORMAT = 7
+FORMAT = 8
 """Raised when the same plan would give other bytes; part of the digest that guards a resumed run."""
 TIED = ": "
 """Between a group's name and the pose that its members share."""
@@ -319,6 +320,20 @@ class TolerancePlan:
         return evaluate_builds(self.question, {}, 1)[:, 0]
 
     @cached_property
+    def infinite(self) -> NDArray[np.bool_]:
+        """Which columns may be infinite, shape (columns,)."""
+        return self.question.infinite
+
+    def judged(self, values: Array, columns: Sequence[int] | NDArray[np.intp] | slice = slice(None)) -> Array:
+        """What builds are told apart by: values of some columns, shape (columns, ...), infinite ones by their twins."""
+        which = self.infinite[columns]
+        if not which.any():
+            return values
+        judged = np.array(values, float)
+        judged[which] = finite(judged[which])
+        return judged
+
+    @cached_property
     def faults(self) -> tuple[str, ...]:
         """Why a build can be no camera, in words."""
         return tuple(faults_of(self.question, {}, 1))
@@ -340,10 +355,11 @@ class TolerancePlan:
         """
         most = np.full(values.shape[1], -np.inf)
         for limit in self.limits:
-            value, here = values[limit.column], self.nominal[limit.column]
+            rows = [limit.column]
+            value, here = self.judged(values[rows], rows)[0], self.judged(self.nominal[rows], rows)[0]
             for edge, over in ((limit.high, value - here), (limit.low, here - value)):
                 if np.isfinite(edge):
-                    allowed = abs(edge - here)
+                    allowed = abs(self.judged(np.array([edge]), rows)[0] - here)
                     used = over / allowed if allowed > 0 else np.where(over > 0, 1 + over, over)
                     most = np.maximum(most, np.where(np.isnan(used), np.inf, used))
         return most

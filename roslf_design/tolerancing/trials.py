@@ -168,11 +168,14 @@ class Compensator:
     def __init__(self, plan: TolerancePlan) -> None:
         self.plan, design = plan, plan.question.design
         self.nominal, kinds = nominal_values(design), perturbable(design)
-        aim = evaluate_builds(plan.question, {}, 1, calibrated=plan.calibrated)[:, 0]
+        aim = plan.judged(evaluate_builds(plan.question, {}, 1, calibrated=plan.calibrated))[:, 0]
         allowed: dict[int, float] = {}
         for limit in plan.limits:
             here = aim[limit.column]
-            room = [abs(edge - here) for edge in (limit.low, limit.high) if np.isfinite(edge) and edge != here]
+            ends = plan.judged(
+                np.array([[edge for edge in (limit.low, limit.high) if np.isfinite(edge)]]), [limit.column]
+            )
+            room = [abs(edge - here) for edge in ends[0].tolist() if edge != here]
             allowed[limit.column] = min([*room, allowed.get(limit.column, np.inf)])
         self.columns = np.array([column for column in allowed if np.isfinite(aim[column])], dtype=np.intp)
         widths = np.array([allowed[column] for column in self.columns])
@@ -192,7 +195,7 @@ class Compensator:
         plan, perturbations = self.plan, self.plan.draws.perturbations
         steps = [(p.place, 1e-3 * p.tolerance) for p in perturbations]
         steps += [(a.place, float(step)) for a, step in zip(plan.adjusters, self.steps, strict=True)]
-        slopes = differences(plan, steps, calibrated=plan.calibrated)[self.columns] * self.weights
+        slopes = differences(plan, steps, calibrated=plan.calibrated, judged=True)[self.columns] * self.weights
         slopes = np.where(np.isfinite(slopes), slopes, 0.0)
         count = len(perturbations)
         tolerances = np.array([p.tolerance for p in perturbations])
@@ -319,11 +322,11 @@ class Compensator:
         """Residual of builds so adjusted."""
         trials, plan = moved.shape[1], self.plan
         columns = _in_blocks(self.limited, self.applied(values, moved), trials, calibrated=plan.calibrated)
-        return (columns[self.rows] - self.aim) * self.weights
+        return (plan.judged(columns[self.rows], self.columns) - self.aim) * self.weights
 
     def residual(self, columns: Array) -> Array:
         """How far the limited columns are from nominal, in units of what their limits allow."""
-        return (columns[self.columns] - self.aim) * self.weights
+        return (self.plan.judged(columns[self.columns], self.columns) - self.aim) * self.weights
 
 
 @lru_cache(maxsize=4)
@@ -332,7 +335,9 @@ def compensator_of(plan: TolerancePlan) -> Compensator:
     return Compensator(plan)
 
 
-def differences(plan: TolerancePlan, steps: list[tuple[str, float]], *, calibrated: bool = False) -> Array:
+def differences(
+    plan: TolerancePlan, steps: list[tuple[str, float]], *, calibrated: bool = False, judged: bool = False
+) -> Array:
     """Central differences of every column at the nominal design.
 
     Parameters
@@ -341,6 +346,10 @@ def differences(plan: TolerancePlan, steps: list[tuple[str, float]], *, calibrat
         Whose columns.
     steps : list of (place, step)
         A place may occur more than once. Steps of 0 give 0.
+    calibrated : bool
+        As for `evaluate_builds`.
+    judged : bool
+        Of what may be infinite the twin's.
 
     Returns
     -------
@@ -354,8 +363,10 @@ def differences(plan: TolerancePlan, steps: list[tuple[str, float]], *, calibrat
         numbers[index] += step
         numbers[count + index] -= step
     ends = evaluate_builds(plan.question, values, 2 * count, calibrated=calibrated)
+    ends = plan.judged(ends) if judged else ends
     widths = np.array([step for _, step in steps])
-    return (ends[:, :count] - ends[:, count:]) / np.where(widths == 0, 1.0, 2 * widths)
+    with np.errstate(invalid="ignore"):
+        return (ends[:, :count] - ends[:, count:]) / np.where(widths == 0, 1.0, 2 * widths)
 
 
 def _cost(residual: Array) -> Array:

@@ -184,6 +184,23 @@ def test_depth_of_field_ends_where_a_point_spreads_over_a_pitch(name):
             assert math.isinf(float(ends[1]))
 
 
+@pytest.mark.parametrize("name", ["arthroscope", "cystoscope", "grin-needle", "video-otoscope"])
+@pytest.mark.parametrize("kind", ["refocused", "view"])
+def test_without_a_hyperfocal_plane_all_focal_planes_are_alike(name, kind):
+    """0 where all ahead of the tip are sharp to infinity, nan where none is: against focal planes all over."""
+    base = Camera.of(roslf.load(name).thin_twin)
+    rng = np.random.default_rng(5)
+    sizes = ["main_lens.focal_length", "aperture.diameter", "microlens_array.pitch", "sensor.distance"]
+    several = {place: base[place] * np.exp(rng.normal(0, 0.7, 400)) for place in sizes}
+    cameras = base.replace(several)
+    nearest = hyperfocal(cameras, kind)
+    for k in np.flatnonzero(cameras.valid & ~(nearest > 0)):
+        planes = {"main_lens.focal_plane": float(base.tip) + np.geomspace(1e-3, 1e5, 60)}
+        built = base.replace({place: np.full(60, values[k]) for place, values in several.items()} | planes)
+        far = depth_of_field(built, kind).far[built.valid]
+        assert np.isinf(far).all() if nearest[k] == 0 else np.isfinite(far).all()
+
+
 def test_plenoptisign_where_the_models_agree():
     """Its default camera: a plane refocused by a pixel's step, and where the outermost pixels' beams part about it.
 
