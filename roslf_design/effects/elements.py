@@ -17,10 +17,10 @@ from ..camera import Camera
 from ..camera.camera import place_of
 from ..design import Design
 from ..design.parts import PATHS
-from ..rays.backward import behind_elements, law_of, mapped, scene_side
-from ..rays.object_space import FacesAhead, Outside
+from ..rays.backward import behind_elements, mapped, scene_side
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.light import outer_slope
+from ..theory.object_space import FacesAhead, Outside, law_of
 from ..theory.stop_images import stop_discs
 from .effect import Effect, Estimate, Subject
 

@@ -20,10 +20,10 @@ from roslf_design.evaluation.fields import evaluate_fields
 from roslf_design.lenses.angles import angle_in_air, illumination, image_height, stretch
 from roslf_design.rays import Status, trace_pupil
 from roslf_design.rays.backward import behind_elements, lay_out, mapped
-from roslf_design.rays.object_space import FacesAhead
 from roslf_design.rays.pupil import paths
 from roslf_design.scenes.scene import _view
 from roslf_design.theory.light import falloff
+from roslf_design.theory.object_space import FacesAhead
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing.ideal import IdealBuilds
 

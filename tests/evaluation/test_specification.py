@@ -11,8 +11,8 @@ import pytest
 import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.evaluation.specification import specification
-from roslf_design.rays.object_space import FacesAhead
 from roslf_design.theory.light import sensor_field
+from roslf_design.theory.object_space import FacesAhead
 from roslf_design.theory.stop_images import MicrolensImages
 from tests.commands.test_cli import run
 

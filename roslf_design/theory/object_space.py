@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from enum import IntEnum
 from math import sqrt
 from typing import Any, NamedTuple
 
@@ -21,6 +22,7 @@ from ..camera.camera import IMAGE
 from ..design.elements import Block, FieldLens, Grin, LensGroup, element_name
 from ..design.environment import TEMPERATURE
 from ..design.parts import PATHS
+from ..lenses.angles import LAW_COLUMNS
 from ..lenses.prescription import grow_cells, lens_growth, rotation, surface_table
 from ..lenses.tracer import (
     BLOCK,
@@ -39,14 +41,36 @@ from ..lenses.tracer import (
     pass_surfaces,
     pays,
 )
-from .backward import law_of
-from .pupil import Status
 
 Floats = NDArray[np.float64]
 
 KIND, LIMIT, TURNED = 6, 5, 7
 OPEN = 1e300
 """Square of a semi-diameter that lets everything through."""
+NO_LAW = np.zeros((0, LAW_COLUMNS))
+
+
+class Status(IntEnum):
+    """Fate of one ray; stored as one byte. ``APERTURE + k`` is rim k of `Camera.rims`, an element's face or a stop."""
+
+    KEPT = 0
+    """Passed everything; it landed in its own microlens's cell."""
+    MAIN_LENS = 1
+    """Clipped by the main lens's clear aperture."""
+    MICROLENS = 2
+    """Outside the clear aperture of its microlens."""
+    OFF_SENSOR = 3
+    """Missed the sensor."""
+    NEIGHBOUR = 4
+    """Landed on the sensor, outside its own microlens's cell."""
+    UNTRACEABLE = 5
+    """Meets some element from behind, along its plane or at infinity, or is not finite: no light travels there."""
+    REFLECTED = 6
+    """Totally reflected inside a window, prism, rod or lens before the main lens."""
+    ELEMENT = 7
+    """Outside a surface of a lens before the main lens that has no rim of its own in the design."""
+    APERTURE = 16
+    """Clipped by the flexible angular plane (FAP); behind it count the rims that follow the main lens's."""
 
 
 class Outside(NamedTuple):
@@ -74,7 +98,7 @@ class FacesAhead:
     takers: NDArray[np.uint8]
     """What a ray that each clips is said to be stopped by: `Status`, (S,)."""
     law: Floats
-    """Of an objective with a mapping, as in `Layout`."""
+    """`law_of`."""
     names: tuple[str, ...] = ()
     """What each is called: "plate 1, back", "stop 2"."""
 
@@ -161,6 +185,11 @@ class FacesAhead:
         return FacesAhead(
             self.table[some].copy(), self.media[some].copy(), self.takers[some], self.law, self.names[some]
         )
+
+
+def law_of(camera: Camera) -> Floats:
+    """Law of an objective with a mapping (`..lenses.angles`) as kernels take it; no rows where there is none."""
+    return NO_LAW if camera.law is None else np.array(camera.law, order="C")
 
 
 def _plain(array: Floats) -> Any:
