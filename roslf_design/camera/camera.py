@@ -258,6 +258,11 @@ class Camera(Symbols[Number]):
         numbers = {p: float(np.broadcast_to(v, self.shape)[index]) for p, v in self._numbers.items()}
         return self._with(numbers)
 
+    def in_row(self, shape: tuple[int, ...], part: slice) -> Camera:
+        """Some of its builds, broadcast to a shape, one after the other."""
+        numbers = {p: np.broadcast_to(v, shape).ravel()[part] if np.ndim(v) else v for p, v in self._numbers.items()}
+        return self._with(numbers)
+
     def spread(self, axes: int) -> Camera:
         """The same builds with `axes` axes of length 1 behind them, where fields, distances or rays shall go."""
         behind = (1,) * axes

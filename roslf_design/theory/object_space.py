@@ -130,7 +130,7 @@ class FacesAhead:
         return replace(self, table=table)
 
     def rays(self, height: tuple[ArrayLike, ArrayLike], slope: tuple[ArrayLike, ArrayLike]) -> Outside:
-        """Carry rays outwards through one build.
+        """Carry rays outwards, through one build or each build's own: builds are the rays' last axes then.
 
         Parameters
         ----------
@@ -140,19 +140,38 @@ class FacesAhead:
             dx/dz and dy/dz just before it.
         """
         lines = np.stack(np.broadcast_arrays(*(np.asarray(part, float) for part in (*height, *slope))))
-        shape = lines.shape[1:]
-        rays = np.ascontiguousarray(lines.reshape(4, -1))
-        out, status = np.zeros_like(rays), np.zeros(rays.shape[1], np.uint8)
+        shape, count = lines.shape[1:], math.prod(self.table.shape[:-2])
+        table, media = (part.reshape(count, *part.shape[-2:]) for part in (self.table, self.media))
+        rays = np.ascontiguousarray(lines.reshape(4, -1, count).transpose(2, 0, 1))
+        out, status = np.zeros_like(rays), np.zeros((count, rays.shape[2]), np.uint8)
         room = np.empty(ROWS * BLOCK), np.empty(BLOCK)
         # Angles from sines come out of numpy and of the compiler a bit apart.
-        if len(self.law) or pays(carry, rays.shape[1] * len(self.table)):
-            carry.compiled(self.table, self.media, self.takers, self.law, *room, rays, out, status)
+        if len(self.law) or pays(carry_builds, status.size * table.shape[1]):
+            carry_builds.compiled(table, media, self.takers, self.law, *room, rays, out, status)
         else:
-            table, media = ([_plain(row) for row in part] for part in (self.table, self.media))
-            buffer, work, lines = (_plain(part) for part in (*room, rays))
-            carry.interpreted(table, media, self.takers, self.law, buffer, work, lines, out, status)
-        outside = out.reshape(4, *shape)
-        return Outside(outside[:2], outside[2:], status.reshape(shape))
+            buffer, work = (_plain(part) for part in room)
+            for k in range(count):
+                faces, indices = ([_plain(row) for row in part[k]] for part in (table, media))
+                carry.interpreted(
+                    faces, indices, self.takers, self.law, buffer, work, _plain(rays[k]), out[k], status[k]
+                )
+        outside = out.transpose(1, 2, 0).reshape(4, *shape)
+        return Outside(outside[:2], outside[2:], status.T.reshape(shape))
+
+    @property
+    def bending(self) -> tuple[FacesAhead, FacesAhead]:
+        """Only what bends rays: what stands between main lens and FAP, and what stands before the FAP."""
+        table, index = self.table, self.media
+        bends = (table[..., KIND] != SPHERE) | (table[..., 3] != 0) | (index[..., 0] != index[..., 1])
+        rows = np.flatnonzero(bends.reshape(-1, bends.shape[-1]).any(0))
+        fap = self.names.index("FAP")
+        return self._only(rows[rows < fap]), self._only(rows[rows > fap])
+
+    def _only(self, rows: NDArray[np.intp]) -> FacesAhead:
+        return replace(
+            self, table=self.table[..., rows, :], media=self.media[..., rows, :], takers=self.takers[rows],
+            names=tuple(self.names[row] for row in rows),
+        )  # fmt: skip
 
     def rays_at(
         self, distances: Sequence[float], height: tuple[ArrayLike, ArrayLike], slope: tuple[ArrayLike, ArrayLike]
@@ -408,3 +427,12 @@ def carry(
         out[0, i], out[1, i], out[2, i], out[3, i], status[i] = outwards(
             table, media, takers, law, buffer, work, hx, hy, ox, oy
         )
+
+
+@kernel()
+def carry_builds(
+    table: Any, media: Any, takers: Any, law: Any, buffer: Any, work: Any, rays: Any, out: Any, status: Any
+) -> None:
+    """`carry` through builds, the first axis of all but `takers` and `law`."""
+    for build in range(len(table)):
+        carry(table[build], media[build], takers, law, buffer, work, rays[build], out[build], status[build])

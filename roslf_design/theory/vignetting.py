@@ -14,7 +14,9 @@ from numpy.typing import ArrayLike
 
 from .._arrays import Array, floats, magnitude, product, ratio
 from ..camera import Camera
-from .light import SensorField, outer_slope, sensor_field
+from ..design.parts import PATHS
+from .chief_rays import chief_rays, traced
+from .light import SensorField, sensor_field
 
 
 class FieldBound(NamedTuple):
@@ -139,9 +141,15 @@ def undistorted_radii(c: Camera, nearest: float = 0.0) -> Array:
 
 
 def on_focal_plane(c: Camera, radii: Array) -> Array:
-    """Radii on the focal plane as the main lens sees them, where they are [mm]."""
+    """Radii on the focal plane as the main lens sees them, where they are [mm]: along chief rays, signs as given."""
     straight = radii * magnitude(c.focus.magnification)
-    return straight if c.law is None else product(straight, c.stretch(outer_slope(c, np.abs(radii) / c.inverse_m)))
+    if not traced(c):
+        return straight
+    places = np.where(np.isfinite(radii), np.abs(radii), 0.0) / c.inverse_m
+    rays = chief_rays(c, (np.stack([places, np.zeros_like(places)]), np.zeros(())))
+    x, y = rays.on_plane(c[PATHS["d_f"]])
+    met = np.copysign(np.hypot(x[0] - x[1], y[0] - y[1]), radii)
+    return np.where(np.isfinite(radii), met, straight)
 
 
 class FieldLimit(NamedTuple):
