@@ -253,6 +253,11 @@ class Camera(Symbols[Number]):
         """Common shape of the builds; () for one camera."""
         return np.broadcast_shapes(*(np.shape(value) for value in self._numbers.values()))
 
+    @cached_property
+    def worked_out(self) -> dict[Any, Any]:
+        """What takes long to tell of it, by what that is; numbers of a camera never change."""
+        return {}
+
     def build(self, index: int | tuple[int, ...]) -> Camera:
         """One camera of many."""
         numbers = {p: float(np.broadcast_to(v, self.shape)[index]) for p, v in self._numbers.items()}

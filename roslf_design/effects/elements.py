@@ -82,7 +82,7 @@ def misses(design: Design, radius: float, distances: tuple[float, ...], waveleng
     rims = sorted((camera.fap, *camera.rims), key=lambda rim: float(rim.stands))
     for wavelength in dict.fromkeys((design.wavelength, *wavelengths)):
         coloured = camera if wavelength == design.wavelength else camera.replace({"wavelength": wavelength})
-        space = FacesAhead.of(coloured, clip=False)
+        space = FacesAhead.unclipped(coloured)
         *at_rims, exact = space.rays_at([float(rim.stands) for rim in rims], height, slope)
         good = passed & (exact.status == 0)
         lost |= bool((passed & ~good).any())

@@ -92,7 +92,10 @@ def chief_rays(c: Camera, place: Place) -> ChiefRays:
     shape = np.broadcast_shapes(*map(np.shape, place), c.shape)
     at = np.stack([np.broadcast_to(part, shape) for part in place])
     if not c.shape:
-        rays = _past_elements(c, at.reshape(2, -1))
+        key = at.tobytes()
+        if key not in c.worked_out:
+            c.worked_out[key] = _past_elements(c, at.reshape(2, -1))
+        rays = c.worked_out[key]
     else:
         builds = shape[len(shape) - len(c.shape) :]
         at, count = at.reshape(2, -1, math.prod(builds)), math.prod(builds)
@@ -112,23 +115,21 @@ def _at_main_lens(c: Camera, place: Place) -> tuple[Place, Place]:
 
 
 def _to_first_order(c: Camera, place: Place) -> ChiefRays:
-    """All rays to first order, as an objective with a mapping sends them on from the entrance pupil."""
-    end, front = c.front
+    """All rays to first order; of an objective with a mapping, as that sends them on from the entrance pupil."""
+    (end, front), slopes = c.front, outer_slopes(c, place)
     rays = []
-    slopes, stretch = outer_slopes(c, place), 1.0
-    if c.law is not None:
-        stretch = np.minimum(c.stretch(np.hypot(*slopes)), STEEPEST)
     for height, before, p, aside, centre in zip(
         *_at_main_lens(c, place), slopes, front.aside, c.lens_centre, strict=True
     ):
         slope = p / front.medium
-        met = front.a * height - front.b * before + aside + centre
-        x = met + slope * end
-        if c.law is not None:
-            x, slope = x + slope * (stretch - 1) * c.pupil_stands, slope * stretch
-        rays.append((x, slope))
+        rays.append((front.a * height - front.b * before + aside + centre + slope * end, slope))
     (x, slope_x), (y, slope_y) = rays
-    return ChiefRays((x, y), (slope_x, slope_y))
+    if c.law is None:
+        return ChiefRays((x, y), (slope_x, slope_y))
+    steep = np.hypot(*slopes)  # beyond what is imaged the end of that
+    grown = np.minimum(c.stretch(steep), STEEPEST) * np.minimum(1.0, ratio(c.law[0, 1], steep))
+    turned = [(x + s * (grown - 1) * c.pupil_stands, s * grown) for x, s in rays]
+    return ChiefRays((turned[0][0], turned[1][0]), (turned[0][1], turned[1][1]))
 
 
 def _past_elements(c: Camera, at: Array) -> Array:
@@ -136,10 +137,9 @@ def _past_elements(c: Camera, at: Array) -> Array:
 
     `at` are the microlenses, (2, n) or (2, n, builds).
     """
-    near, far = FacesAhead.of(c, clip=False).bending
-    lens, fap = (np.stack(np.broadcast_arrays(*pair))[:, None] for pair in (c.lens_centre, _centre(c)))
-    first, _ = _at_main_lens(c, (at[0], at[1]))
-    height = np.stack(np.broadcast_arrays(*first, at[0])[:2])
+    near, far = FacesAhead.unclipped(c).bending
+    places = c.lens_centre, _centre(c), _at_main_lens(c, (at[0], at[1]))[0]
+    lens, fap, height = (np.stack([np.broadcast_to(part, at.shape[1:]) for part in pair]) for pair in places)
 
     def passed(faces: FacesAhead, height: Array, slope: Array) -> tuple[Array, Array]:
         if not len(faces.names):
@@ -160,14 +160,15 @@ def _past_elements(c: Camera, at: Array) -> Array:
         rate = np.zeros((2, *at.shape)) + ratio(1.0, plane.a - plane.b / c.d_f)
         rate[0, 1], rate[1, 0] = 0.0, 0.0
         for _ in range(STEPS):
-            if not np.any(np.hypot(*miss) > SETTLED * size):
+            away = np.hypot(*miss) > SETTLED * size
+            if not away.any():
                 break
-            step = -np.sum(rate * miss, axis=1)
+            step = np.where(away, -np.sum(rate * miss, axis=1), 0.0)
             height, before = height + step, miss
             met, slope, miss = to_fap(height)
             turned = np.sum(rate * (miss - before), axis=1)
-            along = np.sum(rate * step[:, None], axis=0)
-            rate = rate + (step - turned)[:, None] * ratio(along, np.sum(step * turned, axis=0))
+            along, turn = np.sum(rate * step[:, None], axis=0), np.sum(step * turned, axis=0)
+            rate = rate + (step - turned)[:, None] * np.where(turn == 0, 0.0, ratio(along, turn))
         met = np.where(np.hypot(*miss) < STRAY * size, met, np.nan)
     return np.concatenate(passed(far, met, slope))
 

@@ -122,6 +122,14 @@ class FacesAhead:
         takers, names = ([face[k] for face in faces] for k in (3, 4))
         return cls(table, media, np.array(takers, np.uint8), law_of(camera), tuple(str(name) for name in names))
 
+    @classmethod
+    def unclipped(cls, camera: Camera) -> FacesAhead:
+        """`of` a camera, past which clear apertures let every ray; told once of each."""
+        if cls not in camera.worked_out:
+            camera.worked_out[cls] = cls.of(camera, clip=False)
+        faces: FacesAhead = camera.worked_out[cls]
+        return faces
+
     @property
     def for_pixels(self) -> FacesAhead:
         """The same, with rays through rods to some millionths of their heights and slopes: ten times as fast."""
@@ -141,7 +149,9 @@ class FacesAhead:
         """
         lines = np.stack(np.broadcast_arrays(*(np.asarray(part, float) for part in (*height, *slope))))
         shape, count = lines.shape[1:], math.prod(self.table.shape[:-2])
-        table, media = (part.reshape(count, *part.shape[-2:]) for part in (self.table, self.media))
+        table, media = (
+            np.ascontiguousarray(part.reshape(count, *part.shape[-2:])) for part in (self.table, self.media)
+        )
         rays = np.ascontiguousarray(lines.reshape(4, -1, count).transpose(2, 0, 1))
         out, status = np.zeros_like(rays), np.zeros((count, rays.shape[2]), np.uint8)
         room = np.empty(ROWS * BLOCK), np.empty(BLOCK)
