@@ -17,6 +17,7 @@ from ..camera.camera import STEEPEST
 from .object_space import FacesAhead
 
 Place = tuple[Number, Number]
+Places = tuple[Array, Array]
 
 STEPS = 30
 """Towards the FAP's centre, by Broyden's method from first order: four to six where plates stand before it."""
@@ -30,12 +31,12 @@ TOGETHER = 4096
 class ChiefRays(NamedTuple):
     """Straight lines in the medium of the scene, against the system's axis."""
 
-    height: Place
+    height: Places
     """Where they, prolonged, meet z = 0, x and y [mm]."""
-    slope: Place
+    slope: Places
     """dx/dz and dy/dz; `STEEPEST` at most."""
 
-    def on_plane(self, distance: Number) -> Place:
+    def on_plane(self, distance: Number) -> Places:
         """Where they meet a plane, its distance before the main lens [mm]; infinite of rays along it."""
         x, y = (
             np.where(np.abs(slope) < STEEPEST / 2, height - slope * distance, np.copysign(np.inf, -slope))[()]
@@ -123,7 +124,7 @@ def _to_first_order(c: Camera, place: Place) -> ChiefRays:
     ):
         slope = p / front.medium
         rays.append((front.a * height - front.b * before + aside + centre + slope * end, slope))
-    (x, slope_x), (y, slope_y) = rays
+    (x, slope_x), (y, slope_y) = (tuple(map(np.asarray, ray)) for ray in rays)
     if c.law is None:
         return ChiefRays((x, y), (slope_x, slope_y))
     steep = np.hypot(*slopes)  # beyond what is imaged the end of that
@@ -132,6 +133,7 @@ def _to_first_order(c: Camera, place: Place) -> ChiefRays:
     return ChiefRays((turned[0][0], turned[1][0]), (turned[0][1], turned[1][1]))
 
 
+@np.errstate(all="ignore")  # of builds that are no cameras
 def _past_elements(c: Camera, at: Array) -> Array:
     """Height and slope of exact rays in front of the bore, (4, n) or (4, n, builds); nan where they are lost.
 
@@ -150,7 +152,7 @@ def _past_elements(c: Camera, at: Array) -> Array:
 
     def to_fap(height: Array) -> tuple[Array, Array, Array]:
         """Rays of the microlens there, and by how much they miss the FAP's centre."""
-        met, slope = passed(near, height + lens, at / c.d_1 + height / c.d_f)
+        met, slope = passed(near, height + lens, ratio(at, c.d_1) + ratio(height, c.d_f))
         return met, slope, met - slope * c["aperture.distance"] - fap
 
     met, slope, miss = to_fap(height)

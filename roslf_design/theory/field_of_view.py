@@ -17,7 +17,7 @@ from .._arrays import Array, ratio
 from ..camera import Camera, Number
 from ..design.elements import Prism
 from ..design.parts import PATHS
-from .chief_rays import ChiefRays, Place, chief_rays, traced
+from .chief_rays import ChiefRays, Place, Places, chief_rays, traced
 from .light import SensorField, object_scale
 
 NEAR = 0.002
@@ -84,7 +84,7 @@ def object_field(c: Camera, field: SensorField, ahead: Number | None) -> Across:
     return widest([apart(a.on_plane(z), b.on_plane(z)) for a, b in of_ends(c, field)])
 
 
-def apart(one: Place, other: Place) -> Array:
+def apart(one: Places, other: Places) -> Array:
     """Distance between places on a plane [mm]."""
     with np.errstate(invalid="ignore"):  # of rays along the plane
         return np.asarray(np.hypot(*(a - b for a, b in zip(one, other, strict=True))))

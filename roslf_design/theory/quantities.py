@@ -8,7 +8,6 @@ knows it.
 from __future__ import annotations
 
 import difflib
-import operator
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -217,11 +216,11 @@ def _over_field(form: Callable[[Camera, Depth, SensorField], Array]) -> dict[str
 
 def _half_field(way: Literal["width", "height", "diagonal"]) -> Callable[[Camera, Depth, SensorField], Array]:
     """Half of what the sensor sees of a plane, over its width, height or diagonal."""
-    half = operator.attrgetter("half_diagonal") if way == "diagonal" else lambda field: field.half[way == "height"]
 
     def of(c: Camera, at: Depth, field: SensorField) -> Array:
         if not chief_rays.traced(c):
-            return product(half(field), light.object_scale(c, at))
+            half = field.half_diagonal if way == "diagonal" else field.half[way == "height"]
+            return product(half, light.object_scale(c, at))
         return np.asarray(getattr(field_of_view.object_field(c, field, at), way) / 2)
 
     return of

@@ -281,3 +281,23 @@ def test_a_tilted_window_bends_rays_as_its_own_faces_do():
         met = point + way * ((-design.d_f - point[2]) / way[2])
         assert np.array(rays.on_plane(design.d_f)) == pytest.approx(met[:2], abs=1e-10)
         assert rays.directions == pytest.approx(way * [1, 1, -1], abs=1e-12)
+
+
+@pytest.mark.parametrize("medium", ["air", "water"])
+def test_telecentric_object_space_has_parallel_chief_rays_and_no_warnings(medium):
+    """The FAP in the objective's focus: the scene sees it at infinity, all planes as large, none sharp to infinity."""
+    lens = {"kind": "lens", "distance": 150.0, "focal_length": 40.0}
+    window = {"kind": "plate", "distance": 152.0, "thickness": 2.0, "material": "N-BK7"}
+    seen = {"elements": [lens, window], "object_space.medium": medium, "aperture.distance": 110.0}
+    design = PAPER.replace({**seen, "microlens_array.distance": 130.0})
+    sheet, told = roslf.specification(design), roslf.evaluate(design)
+    assert sheet.field_of_view_deg[0].diagonal == pytest.approx(0, abs=1e-12)
+    x0, x1, *_ = field_of(design)
+    low, high = (Bore(design).on_plane(x, 0.0, 10.0)[0] for x in (x0, x1))
+    assert [field.width_mm for field in sheet.object_field] == pytest.approx([abs(high - low)] * 3, rel=1e-12)
+    assert told.non_distortion.field_half_width_mm == pytest.approx(abs(high - low) / 2, rel=1e-12)
+    assert sheet.hyperfocal_mm is None
+    assert sheet.view_hyperfocal_mm is None
+    swept = roslf.sweep(design, {"aperture.distance": [105.0, 110.0, 115.0]}, ["hyperfocal_mm", "field_half_angle_deg"])
+    assert swept.valid.all()
+    assert swept.values["field_half_angle_deg"][1] == pytest.approx(0, abs=1e-12)
