@@ -86,8 +86,9 @@ def object_field(c: Camera, field: SensorField, ahead: Number | None) -> Across:
 
 def apart(one: Places, other: Places) -> Array:
     """Distance between places on a plane [mm]."""
-    with np.errstate(invalid="ignore"):  # of rays along the plane
-        return np.asarray(np.hypot(*(a - b for a, b in zip(one, other, strict=True))))
+    with np.errstate(invalid="ignore"):  # of rays along the plane, which meet it nowhere
+        away = [np.where(np.isinf(a) | np.isinf(b), np.inf, a - b) for a, b in zip(one, other, strict=True)]
+    return np.asarray(np.hypot(*away))
 
 
 def focus_ahead(c: Camera) -> Array:

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
+from roslf_design.calibration.frames import CalibrationError
+from roslf_design.calibration.space import SceneSide
 from roslf_design.camera import Camera
 from roslf_design.theory.chief_rays import chief_rays
 from roslf_design.theory.light import sensor_field
@@ -298,6 +300,8 @@ def test_telecentric_object_space_has_parallel_chief_rays_and_no_warnings(medium
     assert told.non_distortion.field_half_width_mm == pytest.approx(abs(high - low) / 2, rel=1e-12)
     assert sheet.hyperfocal_mm is None
     assert sheet.view_hyperfocal_mm is None
+    with pytest.raises(CalibrationError, match="telecentric object space"):
+        SceneSide.of(design)
     swept = roslf.sweep(design, {"aperture.distance": [105.0, 110.0, 115.0]}, ["hyperfocal_mm", "field_half_angle_deg"])
     assert swept.valid.all()
     assert swept.values["field_half_angle_deg"][1] == pytest.approx(0, abs=1e-12)
