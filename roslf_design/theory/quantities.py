@@ -374,7 +374,8 @@ register(
     Quantity(
         "undistorted_field_mm",
         "mm",
-        "largest undistorted object radius at the focal plane, in the worst direction",
+        "largest undistorted object radius at the focal plane, in the worst direction: of a traced chief ray, "
+        "what rims cut to first order",
         lambda c, _: vignetting.on_focal_plane(c, vignetting.undistorted_radii(c, nearest=1e-12)),
         equation="Eq. 6",
         positive=False,
@@ -415,7 +416,8 @@ register(
     Quantity(
         "field_half_width_mm",
         "mm",
-        "half the width that the sensor sees, at a distance ahead of the tip or at the focal plane",
+        "half the width that the sensor sees, at a distance ahead of the tip or at the focal plane, of traced chief "
+        "rays",
         **_over_field(_half_field("width")),
         at="optional",
         traced=True,
@@ -459,7 +461,8 @@ register(
     Quantity(
         "distortion_percent",
         "%",
-        "image height against that of a flat object drawn without distortion; below 0 is barrel-shaped",
+        "image height against that of a flat object drawn without distortion, of traced chief rays; below 0 is "
+        "barrel-shaped",
         None,
         lambda images: 100 * (ratio(1.0, np.asarray(images.stretch[1], float)) - 1),
         positive=False,
@@ -474,8 +477,8 @@ register(
     Quantity(
         "relative_illumination",
         "",
-        "light of a microlens against an uncut one on the axis: what stops leave, times cos^4 or what a mapping says; "
-        "traced behind a real lens",
+        "light of a microlens against an uncut one on the axis: what stops leave, times cos^4 or what a mapping says, "
+        "through elements to first order; traced behind a real lens",
         None,
         lambda images: images.illumination,
     ),
@@ -555,7 +558,8 @@ register(
     Quantity(
         "sigma_z_at_field_mm",
         "mm",
-        "standard error of depth at the focal plane, as the field's own microlens image is cut",
+        "standard error of depth at the focal plane, as the field's own microlens image is cut; through windows to "
+        "first order",
         None,
         _local_depth_sigma,
         numeric=True,
