@@ -253,9 +253,19 @@ class Camera(Symbols[Number]):
         """Common shape of the builds; () for one camera."""
         return np.broadcast_shapes(*(np.shape(value) for value in self._numbers.values()))
 
+    @cached_property
+    def worked_out(self) -> dict[Any, Any]:
+        """What takes long to tell of it, by what that is; numbers of a camera never change."""
+        return {}
+
     def build(self, index: int | tuple[int, ...]) -> Camera:
         """One camera of many."""
         numbers = {p: float(np.broadcast_to(v, self.shape)[index]) for p, v in self._numbers.items()}
+        return self._with(numbers)
+
+    def in_row(self, shape: tuple[int, ...], part: slice) -> Camera:
+        """Some of its builds, broadcast to a shape, one after the other."""
+        numbers = {p: np.broadcast_to(v, shape).ravel()[part] if np.ndim(v) else v for p, v in self._numbers.items()}
         return self._with(numbers)
 
     def spread(self, axes: int) -> Camera:

@@ -28,6 +28,7 @@ from ..design.real_lens import focal_length_at
 from ..errors import InputError, Problem
 from ..lenses.glass import Glass
 from ..lenses.prescription import Prescription
+from ..theory import chief_rays
 from ..theory.f_number import inverse_fill_factor
 from ..theory.light import SensorField, sensor_field
 from ..tolerancing.places import in_lens
@@ -382,6 +383,8 @@ def prunable(problem: DesignProblem, part: Constraint | Goal) -> bool:
         return False
     chain = problem.base.chain
     if chain is not None and (chain.bends or any(name.startswith(REFRACTING) for name in names)):
+        return False
+    if quantity.traced and chief_rays.traced(problem.base):
         return False
     decentred = any(value for place, value in problem.base.numbers.items() if ".decentre." in place)
     if quantity.over is not None and decentred:

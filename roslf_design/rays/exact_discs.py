@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from ..camera import Camera, Rim
 from ..design.elements import Grin, LensGroup
 from ..theory.exit_pupil import stop_angle
+from ..theory.object_space import FacesAhead
 from ..theory.stop_images import stop_discs
-from .object_space import FacesAhead
 
 Floats = NDArray[np.float64]
 

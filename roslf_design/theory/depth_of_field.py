@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from .._arrays import Array, magnitude, product, ratio
-from ..camera import Camera, Number
+from ..camera import Camera
 from .light import diffraction_width
 
 Kind = Literal["view", "refocused"]
@@ -86,16 +86,18 @@ def hyperfocal(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Array:
 
     Parameters are those of `depth_of_field`.
     """
-    ahead, lens = _far(c) - c.d_3, c.f - c.d_3
-    # sigma = grow m - less for what is far, falling with m towards the m that is focused there; A = f + m lens.
-    grow, less = 1 - ratio(lens, ahead), ratio(c.f, ahead)
-    turn = np.where(np.real(grow) < 0, -1.0, 1.0)
-    by_all = ratio(ratio(blur * c.d, magnitude(c.D_F)) + turn * less, turn * grow)
+    front, lens = c.front[1], c.f - c.d_3
+    # sigma = (grow m - less)/ahead for what is far, falling with m towards the m that is focused there; A = f + m lens.
+    # What is far is seen ahead/front.c before the FAP's image: 0 where object space is telecentric.
+    ahead = front.d - front.c * c.d_3
+    grow, less = np.asarray(ahead - lens * front.c, float), np.asarray(c.f * front.c, float)
+    turn, ahead = np.where(grow < 0, -1.0, 1.0), magnitude(ahead)
+    by_all = ratio(ratio(blur * c.d, magnitude(c.D_F)) * ahead + turn * less, turn * grow)
     m = np.asarray(by_all)
     if kind == "view":
         pixel = ratio(c.q + diffraction_width(c), c.d_2) * np.where(np.real(c.gap) < 0, -1.0, 1.0)
         a, b = turn * grow * lens, turn * (grow * c.f - less * lens)
-        rest = turn * less * c.f + ratio(blur * c.d, pixel)
+        rest = turn * less * c.f + ratio(blur * c.d, pixel) * ahead
         root = b * b + 4 * a * rest
         by_view = ratio(2 * rest, b + np.where(b < 0, -1.0, 1.0) * np.sqrt(np.maximum(root, 0.0)))
         narrow = magnitude(pixel * (c.f + by_view * lens)) < magnitude(c.D_F)
@@ -104,10 +106,4 @@ def hyperfocal(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Array:
     there = np.asarray(c.plane_seen_at(c.f * (1 + 1 / held)) - c.tip, float)
     # With none ahead of the tip all focal planes there are alike, this camera's own among them.
     alike = np.where(np.isinf(depth_of_field(c, kind, blur).far), 0.0, np.nan)
-    return np.asarray(np.where((m > 0) & (there > 0), there, alike))[()]
-
-
-def _far(c: Camera) -> Number:
-    """Where the main lens sees what is far [mm]."""
-    front = c.front[1]
-    return ratio(np.asarray(front.d, float), np.asarray(front.c, float)) if c.chain is not None else np.inf
+    return np.asarray(np.where((m > 0) & (there > 0) & np.isfinite(there), there, alike))[()]

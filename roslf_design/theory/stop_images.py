@@ -15,14 +15,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._arrays import Array, floats, magnitude, product
+from .._arrays import Array, floats, magnitude, product, ratio
 from ..camera import Camera, Frame, Number, Rim, Vector
 from ..camera.frames import cross, dot, minus, plus, times, total
 from ..shapes.discs import DiscIntersection, intersect
 from ..shapes.ellipses import intersect_ellipses
+from .chief_rays import ChiefRays, chief_rays, outer_slopes
 from .exit_pupil import stop_angle
-from .field_of_view import directions, on_plane, outer_slopes, stretch_of
-from .light import falloff
+from .field_of_view import scales
+from .light import falloff, object_scale
 
 Linear = tuple[Number, Number, Number]
 """Coefficients of 1, alpha and beta, the coordinates on a stop's plane [mm]."""
@@ -274,16 +275,30 @@ class MicrolensImages:
     @cached_property
     def stretch(self) -> tuple[Number, Number]:
         """Of a microlens's part of the focal plane against that on the axis, along the field's radius and across it."""
-        return stretch_of(self.camera, (self.microlens[0], self.microlens[1]))
+        along, across = self.scales(None)
+        axial = object_scale(self.camera)
+        return ratio(along, axial), ratio(across, axial)
+
+    def scales(self, at: float | None) -> tuple[Number, Number]:
+        """Millimetres on a plane ahead of the tip per millimetre on the array, along the field's radius and across it.
+
+        None is the focal plane.
+        """
+        return scales(self.camera, (self.microlens[0], self.microlens[1]), at)
+
+    @cached_property
+    def chief_rays(self) -> ChiefRays:
+        """Rays through the middles of microlenses and the FAP, in front of the bore."""
+        return chief_rays(self.camera, (self.microlens[0], self.microlens[1]))
 
     @property
     def directions(self) -> Array:
         """Unit vectors of chief rays away from the bore, in the medium of the scene; shape (..., 3), the axis last."""
-        return directions(self.camera, (self.microlens[0], self.microlens[1]))
+        return self.chief_rays.directions
 
     def on_plane(self, ahead: Number) -> tuple[Number, Number]:
         """Where chief rays meet a plane `ahead` of the bore's tip, from the system's axis [mm]."""
-        return on_plane(self.camera, (self.microlens[0], self.microlens[1]), ahead)
+        return self.chief_rays.on_plane(self.camera.tip + ahead)
 
     @cached_property
     def level(self) -> Number:

@@ -14,7 +14,9 @@ from numpy.typing import ArrayLike
 
 from .._arrays import Array, floats, magnitude, product, ratio
 from ..camera import Camera
-from .light import SensorField, outer_slope, sensor_field
+from ..design.parts import PATHS
+from .chief_rays import chief_rays, traced
+from .light import SensorField, sensor_field
 from .stop_images import room_in_pupil, settled
 
 
@@ -141,12 +143,17 @@ def undistorted_radii(c: Camera) -> Array:
 
 
 def on_focal_plane(c: Camera, radii: Array) -> Array:
-    """Radii on the focal plane as the main lens sees them, where they are [mm]; any field stays any."""
+    """Radii on the focal plane as the main lens sees them, where they are [mm]: along chief rays, signs as given; any field
+    stays any.
+    """
     straight = radii * magnitude(c.focus.magnification)
-    if c.law is None:
+    if not traced(c):
         return straight
-    some = np.where(np.isinf(radii), 0.0, radii)
-    return np.where(np.isinf(radii), radii, product(straight, c.stretch(outer_slope(c, np.abs(some) / c.inverse_m))))
+    places = np.where(np.isfinite(radii), np.abs(radii), 0.0) / c.inverse_m
+    rays = chief_rays(c, (np.stack([places, np.zeros_like(places)]), np.zeros(())))
+    x, y = rays.on_plane(c[PATHS["d_f"]])
+    met = np.copysign(np.hypot(x[0] - x[1], y[0] - y[1]), radii)
+    return np.where(np.isfinite(radii), met, straight)
 
 
 def field_margins(c: Camera) -> Array:
@@ -161,18 +168,18 @@ def field_margins(c: Camera) -> Array:
     -------
     ndarray, shape (K, 3, ...)
         Of each rim of `Camera.rims` the undistorted radius r where it is [mm], the room on the axis a and what each
-        millimetre of radius takes of it b: all finite but r, and ``a - r b`` is 0. Behind an objective with a mapping,
-        which bends that line, a = r and b = 1.
+        millimetre of radius takes of it b: all finite but r, and ``a - r b`` is 0.
     """
-    radii = on_focal_plane(c, undistorted_radii(c))
-    if c.law is not None:
-        return np.stack([radii, radii, np.ones_like(radii)], axis=1)
+    radii, room = on_focal_plane(c, undistorted_radii(c)), room_at(c, 0.0)
     d_3, gap, grown = *floats(c.d_3), magnitude(c.gap), magnitude(c.focus.magnification)
-    taken = [
+    first_order = [
         np.where(np.isnan(room_in_pupil(c, rim)), rim.scale * np.abs(d_3 - rim.distance) / (gap * grown), 0.0)
         for rim in c.rims
     ]
-    return np.stack([radii, *np.broadcast_arrays(room_at(c, 0.0), np.stack(np.broadcast_arrays(*taken)))], axis=1)
+    taken: Array = np.stack(np.broadcast_arrays(*first_order))
+    if traced(c):  # the radius is that of a traced ray
+        taken = np.where(np.isfinite(radii) & (radii != 0), ratio(room, radii), taken)
+    return np.stack([radii, *np.broadcast_arrays(room, taken)], axis=1)
 
 
 class FieldLimit(NamedTuple):

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from .._arrays import Array
 from ..camera import Camera
+from ..theory import chief_rays
 from ..theory.quantities import QUANTITIES, finite, from_finite
 from .draws import Draws, sobol_points
 from .places import of_parts
@@ -401,7 +402,7 @@ def exact_derivatives(plan: TolerancePlan) -> Array:
     posed = [any(word in p.place for word in ("decentre", "tilt", "rotation")) for p in perturbations]
     for row, column in enumerate(plan.columns):
         quantity = QUANTITIES.get(column.metric)
-        if quantity is not None and quantity.analytic:
+        if quantity is not None and quantity.analytic and not (quantity.traced and chief_rays.traced(camera)):
             exact[row] = np.broadcast_to(np.imag(quantity(camera)), steps.shape) / steps
             if column.field is not None:
                 exact[row, posed] = np.nan

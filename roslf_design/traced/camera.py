@@ -40,8 +40,7 @@ from ..lenses.tracer import (
     describe,
     pass_surfaces,
 )
-from ..rays.object_space import KIND, FacesAhead
-from ..rays.pupil import Status
+from ..theory.object_space import KIND, FacesAhead, Status
 
 Array = NDArray[np.float64]
 
