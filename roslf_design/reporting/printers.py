@@ -80,7 +80,7 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
         ]
         head = {"title": report.title, "subtitle": spans(report.subtitle), "footer": report.footer}
         (root / "content.json").write_text(json.dumps({**head, "paper": PAGES[paper], "sections": sections}))
-        (root / "main.typ").write_text(DOCUMENT.read_text())
+        (root / "main.typ").write_bytes(DOCUMENT.read_bytes())
         pdf: bytes = typst.compile(
             root / "main.typ",
             root=root,

@@ -7,6 +7,7 @@ from scipy.optimize import brentq
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
+from roslf_design.evaluation import default_fields
 from roslf_design.theory.disparity_error import (
     Seen,
     Spectrum,
@@ -243,3 +244,20 @@ def test_a_given_disparity_error_stands():
     assert np.isinf(
         disparity_sigma(MicrolensImages(Camera.of(CUT.replace({"depth.disparity_error": 0.1})), [(11.0, 0)]), free)
     )
+
+
+@pytest.mark.parametrize("period", [1e-2, 1e-6, 1e-9])
+def test_a_texture_too_fine_for_single_views_tells_nothing_at_no_cost(period):
+    """Seconds and gigabytes went into counting its waves."""
+    design = PAPER.replace({"depth.period": period, "main_lens.diameter": 20.0})
+    corner = default_fields(design)[-1]
+    assert information(design, corner) == information(design) == 0.0
+
+
+def test_where_next_to_nothing_is_left_fields_at_once_are_those_taken_one_by_one():
+    """Tangents there have slopes of 7e4, of rounding alone, and overflowed."""
+    design = roslf.load("paper-mismatched").replace({"sensor.distance": 10.0, "light.wavelength": 925e-6})
+    fields = default_fields(design)
+    camera = Camera.of(design)
+    together = disparity_information(MicrolensImages(camera, fields), seen_at(camera, None))[:, 0]
+    assert_allclose(together, [information(design, field) for field in fields], rtol=1e-12)
