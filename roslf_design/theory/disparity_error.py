@@ -188,7 +188,7 @@ def texture(c: Camera, plane: Seen) -> Texture:
     nodes, weights = _GAUSS
     shape = np.broadcast_shapes(np.shape(plane.disparity), np.shape(plane.scale), c.shape)
     contrast, period = c["depth.contrast"], c.numbers.get("depth.period")
-    finest = np.broadcast_to(ratio(c.d * plane.scale, period or c.numbers.get("depth.finest", 0.0)), shape)
+    finest = np.broadcast_to(ratio(magnitude(c.d * plane.scale), period or c.numbers.get("depth.finest", 0.0)), shape)
     strength = np.broadcast_to(np.square(contrast), shape)
     angle, turn = (nodes + 1) * (math.pi / 4), weights / 2
     if period is None:

@@ -261,3 +261,13 @@ def test_where_next_to_nothing_is_left_fields_at_once_are_those_taken_one_by_one
     camera = Camera.of(design)
     together = disparity_information(MicrolensImages(camera, fields), seen_at(camera, None))[:, 0]
     assert_allclose(together, [information(design, field) for field in fields], rtol=1e-12)
+
+
+@pytest.mark.parametrize("texture", [{}, {"depth.finest": 0.2}, {"depth.period": 0.5}])
+def test_a_plane_seen_upside_down_has_the_texture_of_one_seen_upright(texture):
+    """As where the lens lies within its focal length of the array: the scale's sign once was that of a frequency."""
+    camera = Camera.of(PAPER.replace(texture))
+    upright, inverted = (Seen(np.zeros(()), np.asarray(scale)) for scale in (2.5, -2.5))
+    assert_allclose(view_gradient(camera, inverted), view_gradient(camera, upright), rtol=1e-15)
+    fields = MicrolensImages(camera, [(0.0, 0.0)])
+    assert_allclose(disparity_information(fields, inverted), disparity_information(fields, upright), rtol=1e-15)
