@@ -13,7 +13,7 @@ import sys
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from . import __version__
-from .errors import InputError, one_line
+from .errors import InputError, cause, one_line
 
 if TYPE_CHECKING:
     from cyclopts import App
@@ -132,9 +132,7 @@ def main(arguments: list[str] | None = None) -> int:
         place = f"{error.filename}: " if error.filename else ""
         return _complain(f"{place}{error.strerror or error}", 1)
     except (ArithmeticError, MemoryError) as error:
-        detail = " ".join(str(error).split()) or type(error).__name__
-        what = "there is not enough memory" if isinstance(error, MemoryError) else "a number went out of bounds"
-        return _complain(f"{what} ({detail}); check the input for values far from any camera's", 1)
+        return _complain(cause(error), 1)
     except KeyboardInterrupt:
         return _complain("stopped", 130)
     return result if isinstance(result, int) else 0

@@ -167,4 +167,5 @@ def _lines(data: dict[str, object]) -> str:
 
 def _workers(chunks: int) -> int:
     # A pool costs a second to start: too much below a few chunks.
-    return 1 if chunks < 8 else max(1, min(chunks, len(os.sched_getaffinity(0))))
+    mine = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return 1 if chunks < 8 else max(1, min(chunks, mine))

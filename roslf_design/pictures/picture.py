@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from .._arrays import Array
 from . import axes, svg
 from .marks import Box, Image, Key, Line, Mark, Point, Text, shifted
-from .theme import SMALL, ThemeName, short, text_width, theme_named
+from .theme import SMALL, ThemeName, short, text_width, theme_named, wrapped
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -283,6 +283,13 @@ def as_tall(
     top, width = panel.bottom + foot, size[0] - 24
     tall = (size[0], max(size[1], top + legend_height(keys, width)))
     return Picture(name, title, tall, (panel,), tuple(keys), (14.0, top - 2, width))
+
+
+def notice(name: str, words: str, size: Point) -> Picture:
+    """A sentence in the place of a picture that cannot be drawn."""
+    lines = enumerate(wrapped(words, size[0] - 28))
+    remarks = tuple(Text(14, 24 + LEGEND_ROW * n, line, testid="undrawn" if n == 0 else "") for n, line in lines)
+    return Picture(name, words, size, (), remarks=remarks)
 
 
 def names_width(names: Iterable[str]) -> float:

@@ -68,6 +68,8 @@ NESTED = np.array([0.0, 1.0, -1.0, -0.577, 0.659, -0.839])
 CLOSE, STEP = 0.02, 1e-5
 """Distance from the first image, in logarithms, within which fewer are taken from its tangents, to about the square of
 that; and the step of the differences that tangents are."""
+STEEPEST = 100.0
+"""Slope from which on tangents are not taken: where next to nothing is left of a texture, rounding makes them."""
 BLOCK = 128
 """Images at a time, for memory's sake."""
 
@@ -186,7 +188,7 @@ def texture(c: Camera, plane: Seen) -> Texture:
     nodes, weights = _GAUSS
     shape = np.broadcast_shapes(np.shape(plane.disparity), np.shape(plane.scale), c.shape)
     contrast, period = c["depth.contrast"], c.numbers.get("depth.period")
-    finest = np.broadcast_to(ratio(c.d * plane.scale, period or c.numbers.get("depth.finest", 0.0)), shape)
+    finest = np.broadcast_to(ratio(magnitude(c.d * plane.scale), period or c.numbers.get("depth.finest", 0.0)), shape)
     strength = np.broadcast_to(np.square(contrast), shape)
     angle, turn = (nodes + 1) * (math.pi / 4), weights / 2
     if period is None:
@@ -249,7 +251,8 @@ def disparity_information(images: MicrolensImages, plane: Seen, waves: Spectrum 
     fill, whole = 2 * rows.radii[:, 0], rows.whole
     usable = np.isfinite(fill) & (fill < WIDEST) & (fill > 0) & np.isfinite(rows.light) & (rows.light > 0)
     usable &= rows.light <= np.broadcast_to(c["sensor.full_well"], shape).ravel()
-    usable &= np.isfinite(rows.texture.fine) & np.isfinite(rows.texture.strength)
+    # A texture too fine for single views has no strength, and tells nothing at whatever cost.
+    usable &= np.isfinite(rows.texture.fine) & np.isfinite(rows.texture.strength) & (rows.texture.strength > 0)
     level = np.where(usable, np.minimum(2 * np.ceil(rows.finest / 2), SHARPEST).clip(2, None), 0).astype(int)
     information = np.zeros(fill.size)
     level = np.where(usable & (rows.finest > SHARPEST), SHARPEST + 1, level)
@@ -317,9 +320,10 @@ def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
         nodes = np.repeat(about[:, :1], free.size + 1, axis=1)
         nodes[free, 1:] += STEP * np.eye(free.size)
         values = _series(c, level, whole, nodes.tobytes(), spectrum, lens_shape)
-        if not np.isfinite(values).all():
+        slopes = (values[1:] - values[0]) / STEP if np.isfinite(values).all() else np.inf
+        if not np.abs(slopes).max(initial=0.0) <= STEEPEST:
             return _each(images, c, level, whole)
-        return np.asarray(np.exp(values[0] + ((values[1:] - values[0]) / STEP) @ away) * scale)
+        return np.asarray(np.exp(values[0] + slopes @ away) * scale)
     spread = np.ptp(about, axis=1)[free]
     apart = spread.max(initial=0.0) > 2 * CELL
     wide = apart & (spread > CELL / 2)

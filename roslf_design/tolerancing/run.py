@@ -253,6 +253,9 @@ def _finished(pool: ProcessPoolExecutor, running: Iterable[Future[bytes]]) -> It
 @contextlib.contextmanager
 def _ctrl_c_later() -> Iterator[None]:
     """Hold Ctrl-C back while workers start: they inherit that, and print no traceback from the midst of an import."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -263,7 +266,8 @@ def _ctrl_c_later() -> Iterator[None]:
 def _end_with_parent() -> None:
     """End this worker when its parent is killed (it would else wait for work for ever), and quietly on Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     parent = multiprocessing.parent_process()
     assert parent is not None
 

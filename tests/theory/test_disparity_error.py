@@ -9,6 +9,7 @@ from scipy.optimize import brentq
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
+from roslf_design.evaluation import default_fields
 from roslf_design.theory.disparity_error import (
     Seen,
     Spectrum,
@@ -296,3 +297,30 @@ def test_a_given_disparity_error_stands():
     assert np.isinf(
         disparity_sigma(MicrolensImages(Camera.of(CUT.replace({"depth.disparity_error": 0.1})), [(11.0, 0)]), free)
     )
+
+
+@pytest.mark.parametrize("period", [1e-2, 1e-6, 1e-9])
+def test_a_texture_too_fine_for_single_views_tells_nothing_at_no_cost(period):
+    """Seconds and gigabytes went into counting its waves."""
+    design = PAPER.replace({"depth.period": period, "main_lens.diameter": 20.0})
+    corner = default_fields(design)[-1]
+    assert information(design, corner) == information(design) == 0.0
+
+
+def test_where_next_to_nothing_is_left_fields_at_once_are_those_taken_one_by_one():
+    """Tangents there have slopes of 7e4, of rounding alone, and overflowed."""
+    design = roslf.load("paper-mismatched").replace({"sensor.distance": 10.0, "light.wavelength": 925e-6})
+    fields = default_fields(design)
+    camera = Camera.of(design)
+    together = disparity_information(MicrolensImages(camera, fields), seen_at(camera, None))[:, 0]
+    assert_allclose(together, [information(design, field) for field in fields], rtol=1e-12)
+
+
+@pytest.mark.parametrize("texture", [{}, {"depth.finest": 0.2}, {"depth.period": 0.5}])
+def test_a_plane_seen_upside_down_has_the_texture_of_one_seen_upright(texture):
+    """As where the lens lies within its focal length of the array: the scale's sign once was that of a frequency."""
+    camera = Camera.of(PAPER.replace(texture))
+    upright, inverted = (Seen(np.zeros(()), np.asarray(scale)) for scale in (2.5, -2.5))
+    assert_allclose(view_gradient(camera, inverted), view_gradient(camera, upright), rtol=1e-15)
+    fields = MicrolensImages(camera, [(0.0, 0.0)])
+    assert_allclose(disparity_information(fields, inverted), disparity_information(fields, upright), rtol=1e-15)
