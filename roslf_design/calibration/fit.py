@@ -31,7 +31,8 @@ _SETTLED = 10
 """Most rounds in which a fit and the scatter about it settle; from a tenth of the scatter it takes five."""
 _MOST = 200
 """Most evaluations: fits that are determined take 4 to 20, one that is not would wander on."""
-_SCALES = {"A": 100.0, "m": 0.4, "inverse_d_2": 0.5, "x_0": 100.0, "y_0": 100.0, "k_1": 10.0, "k_2": 1000.0}
+_SCALES = {"A": 100.0, "m": 0.4, "inverse_d_2": 0.5, "x_0": 100.0, "y_0": 100.0, "k_2": 1000.0}
+_SCALES |= dict.fromkeys(("k_1", "c_1", "b_1"), 10.0)
 _LOST = 0.3
 """Relative standard deviation of A, m or d_2 above which it counts as not determined."""
 _CHANCE = 1e-3
@@ -123,10 +124,10 @@ def _why(lost: str, poses: Poses) -> str:
 
 
 def shared_names(distortion: int) -> tuple[str, ...]:
-    """Names of the shared parameters that a fit with so many radial coefficients finds."""
+    """Names of the shared parameters that a fit with so many radial coefficients finds: what goes with them, too."""
     if distortion not in (0, 1, 2):
         raise ValueError(f"distortion must be 0, 1 or 2 radial coefficients, got {distortion}")
-    return GLOBALS[: 5 + distortion]
+    return (*GLOBALS[: 5 + distortion], *(("c_1", "b_1") if distortion else ()))
 
 
 # --- lines through the views ------------------------------------------------------------------------------------------
@@ -241,7 +242,7 @@ def step_one(
     x_0, y_0 = middle.tolist()
     camera = Intrinsics(A, 0.0, 0.0, x_0, y_0, q=pixel_pitch, d=microlens_pitch)
     view = Observations(observations.points, np.zeros((1, 2)), central[:, None], observations.names)
-    fit = refine(view, camera, Poses.from_vector(np.array(poses)), ("A", *shared_names(distortion)[3:]))
+    fit = refine(view, camera, Poses.from_vector(np.array(poses)), ("A", *GLOBALS[3 : 5 + distortion]))
     if fit.camera.A < 0:  # the mirrored solution: depth and A change sign together
         raise CalibrationError("step one went astray: the boards' poses do not fit a camera in front of them")
     if 0.01 * (guess or A) > fit.camera.A:  # no board is foreshortened: A shrinks without end
@@ -586,7 +587,7 @@ def settle(
 ) -> SettledFit:
     """Fit the shared parameters `names` and all poses by least squares, from `camera` and `poses`.
 
-    `model` takes the nine `GLOBALS`, poses (b, 6) and whether to differentiate; `shared` then has their columns. With
+    `model` takes all `GLOBALS`, poses (b, 6) and whether to differentiate; `shared` then has their columns. With
     `far`, residuals beyond it count by Huber's loss: linearly.
     """
     from scipy.optimize import least_squares
