@@ -17,6 +17,7 @@ from .corners import homography
 from .frames import Array, CalibrationError
 from .model import (
     GLOBALS,
+    MOST_RADIAL,
     DataSheet,
     Intrinsics,
     Observations,
@@ -40,6 +41,8 @@ _CHANCE = 1e-3
 _PARALLEL = "the boards are all parallel, as far as their corners tell; tilt them by 20 degrees in several directions"
 _FAR = 3.0
 """Standard deviations beyond which a corner pulls no harder (Huber's loss): scatter alone puts one in 400 there."""
+_MIRRORED = 3
+"""Rounds in which boards are tried tilted the other way."""
 VISIBLE = 2.0
 """Scale of residuals, against what views of one corner scatter by, from which a misfit is one."""
 
@@ -71,7 +74,7 @@ def calibrate(
     sheet : DataSheet
         f, q and d.
     distortion : int
-        Radial coefficients to find: 0, 1 or 2.
+        Radial coefficients to find: 0, 1 or 2; with any, the field's curvature and the growth of the views' baseline.
     guess : float, optional
         A [mm] to start from, such as the design's.
 
@@ -125,7 +128,7 @@ def _why(lost: str, poses: Poses) -> str:
 
 def shared_names(distortion: int) -> tuple[str, ...]:
     """Names of the shared parameters that a fit with so many radial coefficients finds: what goes with them, too."""
-    if distortion not in (0, 1, 2):
+    if distortion not in range(MOST_RADIAL + 1):
         raise ValueError(f"distortion must be 0, 1 or 2 radial coefficients, got {distortion}")
     return (*GLOBALS[: 5 + distortion], *(("c_1", "b_1") if distortion else ()))
 
@@ -242,12 +245,44 @@ def step_one(
     x_0, y_0 = middle.tolist()
     camera = Intrinsics(A, 0.0, 0.0, x_0, y_0, q=pixel_pitch, d=microlens_pitch)
     view = Observations(observations.points, np.zeros((1, 2)), central[:, None], observations.names)
-    fit = refine(view, camera, Poses.from_vector(np.array(poses)), ("A", *GLOBALS[3 : 5 + distortion]))
+    names = ("A", *GLOBALS[3 : 5 + distortion])
+    fit = refine(view, camera, Poses.from_vector(np.array(poses)), names)
+    for _ in range(_MIRRORED):
+        better = _better_mirrored(view, fit)
+        if better is None:
+            break
+        fit = refine(view, fit.camera, better, names)
     if fit.camera.A < 0:  # the mirrored solution: depth and A change sign together
         raise CalibrationError("step one went astray: the boards' poses do not fit a camera in front of them")
     if 0.01 * (guess or A) > fit.camera.A:  # no board is foreshortened: A shrinks without end
         raise CalibrationError(f"A not determined: {_PARALLEL}")
     return StepOne(fit.camera, fit.poses, fit.rms)
+
+
+def _better_mirrored(view: Observations, fit: Refined) -> Poses | None:
+    """The poses with those boards tilted the other way that fit better so; None where none does.
+
+    A board tilted the other way, mirrored in the plane square to its line of sight, looks alike but for perspective: a
+    fit that starts there, as from corners that distortion has moved, does not come back by itself.
+    """
+    from scipy.spatial.transform import Rotation
+
+    turn, place = rotation_matrix(fit.poses.rotation), fit.poses.translation
+    sight = place / np.linalg.norm(place, axis=1, keepdims=True)
+    over = np.eye(3) - 2 * sight[:, :, None] * sight[:, None, :]
+    turned = Rotation.from_matrix(over @ turn @ np.diag([1.0, 1.0, -1.0])).as_rotvec()
+    measured = np.where(view.seen[..., None], view.uv, 0.0)
+
+    def model(shared: Array, pose: Array, derivatives: bool) -> Linear:
+        corners = project_boards(shared, pose, view.points, view.views, derivatives=derivatives)
+        return whitened(corners, measured, view.seen[..., None])
+
+    other = settle(model, fit.camera, Poses(turned, place), ())
+    before = np.nansum(np.square(fit.residuals), axis=(1, 2, 3))
+    better = np.square(other.linear.off).sum(axis=1) < before
+    if not better.any():
+        return None
+    return Poses.from_vector(np.where(better[:, None], other.poses.vector, fit.poses.vector))
 
 
 def _focal_length(homographies: Array) -> float:

@@ -11,9 +11,9 @@ would move u_0 and the boards, nothing else.
 
 A lens that distorts does more to third order. Its field is curved: where views agree is a bowl, c_1, of which the mean
 of tangential and sagittal foci counts, as slopes are means over both. And the same pixels see more or less of the pupil
-towards the edge, b_1: Lagrange's invariant has b_1 = 2 k_1 + 1 - (A/L)^2 of them for slopes that small, L the exit
-pupil's distance from the array, whatever the lens. Left out, m takes up the bowl (by 1 to 4 % behind catalogue lenses in the
-paper's bench) and d_2 the rest.
+towards the edge, b_1: whatever the lens, Lagrange's invariant makes it 2 k_1 + 1 - (A/L)^2, L the exit pupil's distance
+from the array. Left out, m takes up the bowl (1 to 4 % of m behind catalogue lenses on the paper's bench), d_2 the
+rest.
 """
 
 from __future__ import annotations
@@ -35,6 +35,8 @@ from .space import SceneSide, Shown, as_shown
 
 GLOBALS = ("A", "m", "inverse_d_2", "x_0", "y_0", "k_1", "k_2", "q", "d", "c_1", "b_1")
 """Parameters all boards share, in the order of the Jacobian's columns."""
+MOST_RADIAL = 2
+"""Radial coefficients of distortion that a fit can find."""
 QUANTITIES = ("H", "d_3", "d_1", "d_f", "d_2", "A", "m")
 """Lengths [mm] and ratios derived from a calibration, in the order in which they are told."""
 UNITS = {name: "" if name in ("m", "H") else "mm" for name in QUANTITIES}
