@@ -31,8 +31,12 @@ _NUDGE = 1e-4
 """For derivatives [mm]."""
 
 
-def aberration_error(result: Calibration, sheet: DataSheet, design: Design, distortion: int = 0) -> Array:
+def aberration_error(
+    result: Calibration, sheet: DataSheet, design: Design, distortion: int = 0, bent: bool = True
+) -> Array:
     """Error of (A, m, 1/d_2) that the design's own lens makes, with boards and views as in a calibration.
+
+    `bent` says whether the lattice of microlens images follows their bend; else its pitch takes that up, and A with it.
 
     Returns
     -------
@@ -44,18 +48,18 @@ def aberration_error(result: Calibration, sheet: DataSheet, design: Design, dist
         return np.zeros((0, 3))
     model = camera_of(design)
     try:
-        corners = traced_corners(traced_camera(design), design, result)
+        corners = traced_corners(traced_camera(design), design, result, bent)
         fit = calibrate(corners, sheet, distortion=distortion, guess=model.A).fit
     except (CalibrationError, LensError):
         return np.zeros((0, 3))
     return (fit.camera.vector(_NAMES) - model.vector(_NAMES))[None]
 
 
-def traced_corners(camera: LensCamera, design: Design, result: Calibration) -> Observations:
+def traced_corners(camera: LensCamera, design: Design, result: Calibration, bent: bool = True) -> Observations:
     """The corners of a calibration as exact rays through the design's lens have them, its axis amid the array.
 
     By Newton's method: from which microlens the ray of a view meets the corner. Views count from the middles of the
-    microlens images as a lattice bent to third order follows them. NaN where a corner was not seen, or is not met.
+    microlens images as a lattice, bent to third order or not, follows them. NaN where a corner was not seen or met.
     """
     observations, poses = result.observations, result.fit.poses
     model = replace(camera_of(design), x_0=0.0, y_0=0.0)
@@ -70,7 +74,8 @@ def traced_corners(camera: LensCamera, design: Design, result: Calibration) -> O
     whole = images.status == FULL
 
     def columns(c: Array) -> Array:
-        return np.concatenate([np.ones((*c.shape[:-1], 1)), c / reach, bend_columns(c / reach)], axis=-1)
+        straight = np.concatenate([np.ones((*c.shape[:-1], 1)), c / reach], axis=-1)
+        return np.concatenate([straight, bend_columns(c / reach)], axis=-1) if bent else straight
 
     if whole.sum() < columns(nodes).shape[-1]:
         raise CalibrationError("too few microlens images are whole behind the main lens")
@@ -78,7 +83,7 @@ def traced_corners(camera: LensCamera, design: Design, result: Calibration) -> O
 
     def missed(c: Array) -> Array:
         rays = views(camera, c, c + columns(c) @ bend + pixels, clip=False)
-        return rays.at(ahead) - scene[:, None, :, :2]
+        return np.asarray(rays.at(ahead) - scene[:, None, :, :2])
 
     c = project_boards(model.vector(), poses.vector, observations.points, observations.views).values * design.d
     step = np.full(c.shape, np.inf)

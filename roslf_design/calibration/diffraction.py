@@ -141,11 +141,11 @@ def calibrate_corrected(
         outer views disagree on (`view_disagreement`) and what a real main lens does beyond the model
         (`aberration_error`).
     """
-    check = _looked_at(design, white, dark, lattice, wish)
+    check, bent = _looked_at(design, white, dark, lattice, wish), lattice.bend is not None
     if not check.corrected or check.image is None:
         plain = calibrate(observations, sheet, distortion=distortion, guess=guess)
         left = view_disagreement(observations, plain, sheet, distortion)
-        systematic = np.concatenate([left, aberration_error(plain, sheet, design, distortion)])
+        systematic = np.concatenate([left, aberration_error(plain, sheet, design, distortion, bent)])
         return Corrected(replace(plain, fit=plain.fit._replace(systematic=systematic)), check)
     straight = _straightened(observations, board, check.image)
     shifts = observations.uv - straight.uv
@@ -162,7 +162,7 @@ def calibrate_corrected(
     moved = [calibrate(other, sheet, distortion=distortion, guess=camera.A).fit.camera for other in others]
     own = np.stack([other.vector(_NAMES) - camera.vector(_NAMES) for other in moved])
     left = view_disagreement(straight, result, sheet, distortion)
-    systematic = np.concatenate([own, left, aberration_error(result, sheet, design, distortion)])
+    systematic = np.concatenate([own, left, aberration_error(result, sheet, design, distortion, bent)])
     result = replace(result, fit=result.fit._replace(systematic=systematic))
     check = replace(check, largest=float(np.nanmax(np.hypot(*np.moveaxis(shifts, -1, 0)))), shifts=shifts)
     try:

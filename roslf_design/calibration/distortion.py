@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from .diffraction import Corrected
-from .fit import Calibration
+from .fit import VISIBLE, Calibration
 from .frames import CalibrationError
 from .misfit import Misfit, misfit_of
 from .model import MOST_RADIAL
@@ -63,17 +63,18 @@ def with_distortion(
             raise error from None
     else:
         without = _without(found, plain, count)
-    while True:
-        misfit = misfit_of(found.calibration)
-        if misfit.remedy is None or misfit.remedy.distortion <= count:
-            break
+    misfit = misfit_of(found.calibration)
+    # To first order alone strong distortion can look like none.
+    while count < MOST_RADIAL and misfit.scale > VISIBLE and (misfit.remedy is None or misfit.remedy.distortion):
+        more = count + 1 if misfit.remedy is None else misfit.remedy.distortion
         try:
-            more = fit(misfit.remedy.distortion)
+            other = fit(more)
         except CalibrationError:
             break
-        if misfit_of(more.calibration).scale >= misfit.scale:
+        left = misfit_of(other.calibration)
+        if left.scale >= max(VISIBLE, misfit.scale / 2):
             break
-        found, count = more, misfit.remedy.distortion
+        found, count, misfit = other, more, left
     if count == 0:
         return found, Distortion(0, "as the design's main lens is ideal and residuals do not ask for it")
     return found, Distortion(count, reason, without=without)

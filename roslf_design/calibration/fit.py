@@ -90,7 +90,7 @@ def calibrate(
     lines, names = fit_lines(observations), shared_names(distortion)
     try:
         first = step_one(observations, lines, sheet.q, sheet.d, distortion=distortion, guess=guess)
-        second = step_two(observations, lines, first)
+        second = step_two(observations, lines, first, distorted=distortion > 0)
         joint = refine(observations, second.camera, first.poses, names)
         _refuse_lost(joint.covariance, joint.camera, joint.poses)
         statistics = corner_statistics(observations, lines, independent_sigma(lines, joint))
@@ -347,11 +347,12 @@ class StepTwo(NamedTuple):
     """The line's slope there, shape (k,)."""
 
 
-def step_two(observations: Observations, lines: EpiLines, first: StepOne) -> StepTwo:
+def step_two(observations: Observations, lines: EpiLines, first: StepOne, *, distorted: bool = False) -> StepTwo:
     """Fit ``slope = alpha + beta (1/Z_F - 1/Z_0)``, beta = -q A^2/(d d_2), alpha = (q A/(d d_2))(m - A/Z_0).
 
     Centred on the mean inverse depth the two columns are orthogonal, so that few or near depths widen the errors of m
-    and d_2 without losing digits. From the fit ``1/d_2 = -beta d/(q A^2)`` and ``m = A (1/Z_0 - alpha/beta)``.
+    and d_2 without losing digits. From the fit ``1/d_2 = -beta d/(q A^2)`` and ``m = A (1/Z_0 - alpha/beta)``. A lens
+    that is `distorted` adds terms in |X/Z_F|^2 and |X/Z_F|^2/Z_F, which are fitted first and taken off the slopes.
 
     Raises
     ------
@@ -367,6 +368,12 @@ def step_two(observations: Observations, lines: EpiLines, first: StepOne) -> Ste
             "all corners were seen in one view only: step two needs views from several places of the pupil"
         )
     inverse, slope, weight = 1 / depth[used], lines.slope[used], lines.lever.sum(axis=-1)[used]
+    if distorted:
+        aside = (np.square(lines.central - (camera.x_0, camera.y_0)).sum(axis=-1) * (camera.d / camera.A) ** 2)[used]
+        columns = np.stack([aside, aside * inverse, np.ones_like(aside), inverse], axis=-1)
+        size, root = np.sqrt(np.square(columns).sum(axis=0)), np.sqrt(weight)
+        terms = np.linalg.lstsq(root[:, None] * columns / size, root * slope, rcond=None)[0] / size
+        slope = slope - columns[:, :2] @ terms[:2]
     centre, alpha = (float(np.average(values, weights=weight)) for values in (inverse, slope))
     away = inverse - centre
     power = float(np.sum(weight * away**2))

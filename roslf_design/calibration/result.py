@@ -347,8 +347,10 @@ def _pulled(design: Design, sheet: DataSheet, combined: Combined) -> dict[str, A
     return {name: (ahead[name] - behind[name]) / 0.02 for name in QUANTITIES}
 
 
-def _distortion_dict(fitted: Distortion) -> dict[str, object]:
-    """As JSON's types."""
+def _distortion_dict(fitted: Distortion) -> dict[str, object] | None:
+    """As JSON's types; None where none was fitted."""
+    if not fitted.coefficients:
+        return None
     without = fitted.without
     return {
         "automatic": fitted.automatic,

@@ -38,7 +38,7 @@ def traced_corners(design, captures, seed):
     """Corners of random poses as exact rays through the design's prescription have them, without noise.
 
     Views count from the middle of each microlens's image, as a lattice bent to third order follows those; the lens
-    stands at the middle of the array. Found by Newton's method: from which microlens a ray of the view meets the corner.
+    stands at the middle of the array. By Newton's method: from which microlens a ray of the view meets the corner.
     """
     camera, model = traced_camera(design), camera_of(design)
     poses = random_poses(captures, pupil_of(design), np.random.default_rng([seed, 1]))
