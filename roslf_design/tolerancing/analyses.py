@@ -5,6 +5,7 @@ What is undefined is counted beside: it fails every limit and is never averaged 
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -460,8 +461,9 @@ def sobol_indices(plan: TolerancePlan, samples: int) -> SobolIndices:
     factors = plan.draws.factors
     count = len(factors)
     a, b = np.split(sobol_points(2 * count, 0, samples, plan.draws.seed), 2)
-    mixed = [np.where(np.arange(count)[:, None] == index, b, a) for index in range(count)]
-    columns = np.stack([measure_finally(plan, plan.draws.deviations(uniforms)) for uniforms in (a, b, *mixed)])
+    mixed = (np.where(np.arange(count)[:, None] == index, b, a) for index in range(count))  # one at a time in memory
+    builds = itertools.chain((a, b), mixed)
+    columns = np.stack([measure_finally(plan, plan.draws.deviations(uniforms)) for uniforms in builds])
     undefined = np.isnan(columns).sum(axis=(0, 2))
     indices = saltelli_jansen(columns[0], columns[1], columns[2:], plan.draws.seed)
     for part in indices:
