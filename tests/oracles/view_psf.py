@@ -88,7 +88,7 @@ def line_transfer(spread, places, frequency, axis):
     return np.abs(wave @ line) / line.sum()
 
 
-def transfer(design, rate, pixel, discs, frequency, way, neighbours, samples=300, lens=120, pixels=4):
+def transfer(design, rate, pixel, discs, frequency, way, neighbours, samples=200, lens=80, pixels=3):
     """Transfer of a square microlens's pixel for waves over the array, by plain sums over all that light goes through.
 
     Parameters

@@ -55,18 +55,24 @@ def opening(transfer):
     ],
 )
 def test_a_view_is_what_a_pixel_sees_of_points(changes, at, tolerance):
-    """Waves sampled on FAP, microlens and pixel, in focus and out, whole and cut, along x, along y and aslant."""
+    """Waves sampled on FAP, microlens and pixel, in focus and out, whole and cut, along x, along y and aslant.
+
+    Round microlenses leave gaps, which scatter light from beyond the four pitches that are sampled: by Airy's pattern
+    2/(pi v) of it lies beyond v; fields of square ones put out each other there.
+    """
     design = PAPER.replace(changes)
     transfer, frequency = transfer_of(design, at), SHARES / design.d
     places = np.arange(-32, 32) * design.d / 8
+    round_lens = design.microlens_array.lens_shape == "circular"
+    lost = 2 / math.pi**2 * design.wavelength * design.d_2 / (4 * design.d**2) if round_lens else 0.0
     (spread,) = view_psf.responses(design, transfer.rate, places, [transfer.middle], opening(transfer), neighbours=3)
     for direction, axis in (("tangential", 0), ("sagittal", 1)):
         truth = view_psf.line_transfer(spread, places, frequency, axis)
-        np.testing.assert_allclose(transfer(frequency, "view", direction), truth, atol=tolerance)
+        np.testing.assert_allclose(transfer(frequency, "view", direction), truth * (1 - lost), atol=tolerance)
     aslant = transfer_of(design, at, (0.8, 0.6))
     wave = [np.exp(-2j * np.pi * np.outer(frequency * part, places)) for part in (0.8, 0.6)]
     truth = np.abs(np.einsum("fx,yx,fy->f", wave[0], spread, wave[1])) / spread.sum()
-    np.testing.assert_allclose(aslant(frequency, "view", "tangential"), truth, atol=tolerance)
+    np.testing.assert_allclose(aslant(frequency, "view", "tangential"), truth * (1 - lost), atol=tolerance)
 
 
 @pytest.mark.parametrize(
@@ -76,7 +82,7 @@ def test_a_view_is_what_a_pixel_sees_of_points(changes, at, tolerance):
         ("ear-speculum", {}, 21.93087008, 4),
         (
             "ear-speculum",
-            {"wavelength": 2e-4, "stops": [{"diameter": 3.0, "distance": 10.0, "decentre": (1.0, 0.4)}]},
+            {"stops": [{"diameter": 3.0, "distance": 10.0, "decentre": (1.0, 0.4)}]},
             18,
             2,
         ),
@@ -98,12 +104,12 @@ def test_limits_of_views_have_their_contrast(name, changes, at, neighbours):
         limits = transfer.limits([0.5, 0.1], "view", direction)
         truth = view_psf.transfer(design, transfer.rate, transfer.middle, discs, limits, way, neighbours)
         np.testing.assert_allclose(np.abs(truth), [0.5, 0.1], atol=0.01)
-    aslant, frequency = transfer_of(design, at, (0.8, 0.6)), SHARES / design.d
+    aslant, frequency = transfer_of(design, at, (0.8, 0.6)), SHARES[1::2] / design.d
     truth = view_psf.transfer(design, transfer.rate, transfer.middle, discs, frequency, (0.8, 0.6), neighbours)
     np.testing.assert_allclose(aslant(frequency, "view", "tangential"), np.abs(truth), atol=0.01)
 
 
-@pytest.mark.parametrize("changes", [{"d": 1.0, "f_ml": 2.1}, {"d": 12.0}, {"wavelength": 1e-6}])
+@pytest.mark.parametrize("changes", [{"d": 1.0, "f_ml": 2.1, "wavelength": 1e-5}, {"d": 12.0}, {"wavelength": 1e-6}])
 @pytest.mark.parametrize("shape", ["square", "circular"])
 def test_views_of_coarse_microlenses_follow_rays(changes, shape):
     """Straight rays from the pixel through all of its microlens."""
