@@ -40,6 +40,9 @@ from .terminal import (
     write_files,
 )
 
+MOST_PLANES = 100
+"""Planes of one refocus stack."""
+
 
 def decode(
     image: Path,
@@ -195,7 +198,10 @@ def _camera(design: str | None, calibrated: Path | None) -> tuple[Design | None,
 def _disparities(focus: list[str], field: LightField, distances: Distances | None) -> np.ndarray:
     """Disparities across the views [pitches] that --focus asks for; far ones first."""
     disparities = []
-    for text in (part.strip() for each in focus for part in each.split(",")):
+    texts = [part.strip() for each in focus for part in each.split(",")]
+    if len(texts) > MOST_PLANES:
+        raise refusal("--focus", f"asks for {len(texts)} planes; give {MOST_PLANES} at most, the others in another run")
+    for text in texts:
         try:
             value = float(text)
         except ValueError:

@@ -13,6 +13,7 @@ from ..accuracy.statement import check_accuracy
 from ..design import load
 from ..evaluation import evaluate as compute
 from ..evaluation.evaluate import evaluation_accuracy
+from ..evaluation.fields import MOST_FIELDS
 from ..evaluation.show import print_evaluation
 from ..evaluation.specification import specification
 from ..tables import csv_bytes
@@ -56,6 +57,10 @@ def evaluate(
         check_target(output, (".json", ".csv"))
         if json:
             raise refusal("--json", "prints what -o writes; give one of them")
+    if field is not None and len(field) > MOST_FIELDS:
+        raise refusal(
+            "--field", f"given {len(field)} times; give {MOST_FIELDS} fields at most, the others in another run"
+        )
     fields = None if field is None else [parse_field(text) for text in field]
     began = time.perf_counter()
     loaded = load(design)

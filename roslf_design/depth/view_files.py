@@ -27,6 +27,9 @@ PARAMETERS = "parameters.cfg"
 MATLAB = ".mat"
 _CHANNELS = 8
 """Most channels of a sample."""
+_MOST = 512 << 20
+"""Bytes that a light field may take, unpacked, and again as samples with weights."""
+_SIZES = {"single": 4, "double": 8} | {f"{sign}int{bits}": bits // 8 for sign in ("", "u") for bits in (8, 16, 32, 64)}
 _PAIR = re.compile(r"(?:^|[^0-9])(\d{1,4})[_,x-](\d{1,4})$")
 _SINGLE = re.compile(r"(?:^|[_-])cam(\d{1,6})$", re.IGNORECASE)
 _PFM = re.compile(rb"(P[fF])\s+(\d{1,9})\s+(\d{1,9})\s+([-+0-9.eE]{1,40})[ \t\r]*\n")
@@ -216,14 +219,16 @@ def _matlab(path: Path) -> ViewFiles:
             warnings.simplefilter("ignore")
             known = {name: (shape, kind) for name, shape, kind in whosmat(path)}
             shape, kind = known.get("LF", ((), ""))
-            numeric = kind in ("single", "double") or kind.startswith(("int", "uint"))
-            if not (numeric and len(shape) in (4, 5) and min(shape) > 0):
+            if not (kind in _SIZES and len(shape) in (4, 5) and min(shape) > 0):
                 there = ", ".join(sorted(known)[:8]) or "nothing"
                 raise _refused(path, f"holds no light field LF of shape (t, s, v, u, channels), but {there}")
-            if math.prod(shape[:4]) > MOST_SAMPLES or math.prod(shape[4:]) > _CHANNELS:
-                said = f"its LF of {' x '.join(map(str, shape))} numbers is too large"
-                most = f"{MOST_SAMPLES / 1e6:.0f} million samples of {_CHANNELS} channels"
-                raise _refused(path, f"{said} (at most {most}); cut it in Matlab")
+            size = math.prod(shape) * _SIZES[kind]
+            if max(size, 8 * math.prod(shape[:4])) > _MOST or math.prod(shape[4:]) > _CHANNELS:
+                said = f"its LF of {' x '.join(map(str, shape))} {kind} numbers is too large"
+                most = f"{_MOST >> 20} MB in memory, and {_CHANNELS} channels"
+                raise _refused(
+                    path, f"{said} ({size / 2**20:.0f} MB; at most {most}); cut it in Matlab, or save it as uint8"
+                )
             stored: NDArray[Any] = loadmat(path, variable_names=["LF"])["LF"]
     except NotImplementedError:
         raise _refused(path, "is a file of Matlab 7.3 (HDF5); save it again in Matlab by save(..., '-v7')") from None

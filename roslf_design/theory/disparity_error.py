@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .._arrays import Array, magnitude, ratio
+from .._arrays import Array, Complex, magnitude, ratio
 from ..camera import Camera
 from ..shapes.discs import rows_between
 from .colours import filters
@@ -117,7 +117,6 @@ class Texture(NamedTuple):
         return Spectrum(x, y, power if self.lens_shape is None else power * _footprint(self.lens_shape, x, y) ** 2)
 
 
-Complex = NDArray[np.complexfloating[Any, Any]]
 Spectra = tuple[Complex, Complex, Complex]
 
 

@@ -5,6 +5,7 @@ What is undefined is counted beside: it fails every limit and is never averaged 
 
 from __future__ import annotations
 
+import itertools
 import math
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
@@ -545,8 +546,8 @@ def sobol_indices(plan: TolerancePlan, samples: int) -> SobolIndices:
     factors = plan.draws.factors
     count = len(factors)
     a, b = np.split(sobol_points(2 * count, 0, samples, plan.draws.seed), 2)
-    mixed = [np.where(np.arange(count)[:, None] == index, b, a) for index in range(count)]
-    samples_of = (plan.draws.deviations(uniforms) for uniforms in (a, b, *mixed))
+    mixed = (np.where(np.arange(count)[:, None] == index, b, a) for index in range(count))  # one at a time in memory
+    samples_of = (plan.draws.deviations(uniforms) for uniforms in itertools.chain((a, b), mixed))
     columns = np.stack([plan.judged(measure_finally(plan, deviations)) for deviations in samples_of])
     undefined = np.isnan(columns).sum(axis=(0, 2))
     indices = saltelli_jansen(columns[0], columns[1], columns[2:], plan.draws.seed)

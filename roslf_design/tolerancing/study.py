@@ -36,6 +36,7 @@ from ..design.conjugates import CONJUGATES
 from ..design.files import expect_kind, studied
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
+from ..evaluation.fields import MOST_FIELDS
 from ..theory.quantities import finite
 from ..toml_files import nearest, problems_of, read_toml
 from ..units import Length, in_file, parse_quantity
@@ -47,6 +48,8 @@ from .places import LENSLETS, SHIPPED, Grades, expand, load_grades, nominal_valu
 CALIBRATION = "calibration"
 """Name of the compensator that teaches the decoder each build instead of moving a part."""
 MOST_TRIALS = 10**10
+MOST_MEMORY, SOBOL_ROWS = 1 << 30, 600
+"""Bytes that Sobol indices may take, and numbers a sample beside those of factors: weights of its resampling."""
 """Fifteen hours of a processor at best."""
 
 FIELD_NAMES = ("centre", "edge", "corner")
@@ -370,6 +373,12 @@ class TolerancePlan:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
+def most_sobol_samples(factors: int, columns: int) -> int:
+    """Base samples, a power of two, of Sobol indices that a gigabyte of memory holds."""
+    each = SOBOL_ROWS + 4 * factors + columns * (4 * factors + 8)
+    return int(1 << int(math.log2(MOST_MEMORY / (8 * each))))
+
+
 def chunk_size(trials: int) -> int:
     """Trials a chunk: enough work for a worker, few enough files for a folder."""
     return 1 << min(20, max(15, math.ceil(math.log2(max(trials, 1) / 1024))))
@@ -441,6 +450,8 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
         problems.append(Problem("trials", f"{study.trials} would take days and weeks; ask for {MOST_TRIALS} at most"))
     if study.sampling == "sobol" and study.trials > 2**BITS:
         problems.append(Problem("trials", f"a Sobol sequence has {2**BITS} points; ask for fewer, or sample at random"))
+    if len(study.fields) > MOST_FIELDS:
+        problems.append(Problem("fields", f"{len(study.fields)} are too many; ask for {MOST_FIELDS} at most"))
     named = dict(zip(FIELD_NAMES, default_fields(design), strict=True))
     fields = tuple(named[item] if isinstance(item, str) else (float(item[0]), float(item[1])) for item in study.fields)
     metrics = tuple(dict.fromkeys([*(goal.metric for goal in study.goals), *study.report]))
@@ -468,6 +479,21 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
             for number, column in enumerate(question.columns)
             if column.metric == goal.metric and (wanted is None or column.field in wanted)
         ]
+    draws = Draws(
+        perturbations,
+        tuple((name, declared.get(name.split(TIED)[0], 1.0)) for name in groups),
+        study.sampling,
+        study.seed,
+    )
+    most = most_sobol_samples(len(draws.factors), len(question.columns))
+    if study.sobol_samples > most:
+        problems.append(
+            Problem(
+                "sobol_samples",
+                f"{study.sobol_samples} of {len(draws.factors)} factors and"
+                f" {len(question.columns)} numbers take more than a gigabyte of memory; ask for {most} at most",
+            )
+        )
     if problems:
         raise InputError(tuple(problems), origin)
     reaches = {
@@ -479,12 +505,7 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
     return TolerancePlan(
         name=study.name,
         question=question,
-        draws=Draws(
-            perturbations,
-            tuple((name, declared.get(name.split(TIED)[0], 1.0)) for name in groups),
-            study.sampling,
-            study.seed,
-        ),
+        draws=draws,
         limits=tuple(limits),
         adjusters=tuple(Adjuster(place, reach) for place, reach in reaches.items()),
         calibrated=any(CALIBRATION in line.place for line in study.compensators),

@@ -137,6 +137,18 @@ STOP, WHITE = 'diameter = "3 mm"\ndistance = "10 mm"', 'kind = "white"'
 POINTS = '[[objects]]\nkind = "points"\npositions = [{}]'
 PARTS = '[story]\ntitle = "x"\ndesign = "paper"\n[[parts]]\ncalibration = {{ boards = {} }}\n'
 WHOLE = tables(DESIGN) + REST
+STUDY_OF = """
+name = "x"
+design = "paper"
+trials = 64
+{}
+[[goals]]
+metric = "fill_factor"
+max = 2
+[[perturb]]
+place = "main_lens.focal_length"
+tolerance = "1 %"
+"""
 RENDER = ["render", "paper", "--scene", "x.toml"]
 PLAN = ["calibrate", "--plan", "paper"]
 
@@ -159,6 +171,17 @@ PLAN = ["calibrate", "--plan", "paper"]
         ("", ["render", "paper", "--seed", str(2**64)], "--seed: is too large"),
         ("", ["optimize", "x.toml", "-o", "out", "--seed", str(2**64)], "--seed: is too large"),
         ("", ["explore", "paper", "--no-browser", "--host", "a" * 300], "--host: "),
+        ("", ["evaluate", "paper", *["--field", "1"] * 501], "--field: given 501 times; give 500 fields at most"),
+        (
+            STUDY_OF.format("sobol_samples = 4194304"),
+            ["tolerance", "x.toml", "-o", "out"],
+            "sobol_samples: 4194304 of 1 fact",
+        ),
+        (
+            STUDY_OF.format("fields = [" + "['1 mm', '0 mm'], " * 501 + "]"),
+            ["tolerance", "x.toml", "-o", "out"],
+            "fields: 501 are too many; ask for 500 at most",
+        ),
         ("", ["evaluate", "."], "is a folder"),
         ("", ["tolerance", "/dev/zero", "-o", "out"], "is a pipe or a device"),
         ("", ["catalogue", "--file", "/dev/urandom"], "is a pipe or a device"),

@@ -199,6 +199,16 @@ def hdf_matlab(place):
     return place / "a.mat", "Matlab 7.3 (HDF5); save it again"
 
 
+def bomb_matlab(place):
+    """Zeros that would unpack to 8 GB, named in the header alone."""
+    savemat(place / "a.mat", {"LF": np.zeros((3, 3, 20, 20))})
+    content = (place / "a.mat").read_bytes()
+    sizes = [np.array(shape, "<i4").tobytes() for shape in ((3, 3, 20, 20), (100, 100, 200, 500))]
+    assert content.count(sizes[0]) == 1
+    (place / "a.mat").write_bytes(content.replace(*sizes))
+    return place / "a.mat", r"LF of 100 x 100 x 200 x 500 double numbers is too large (7629 MB; at most 512 MB"
+
+
 def nan_matlab(place):
     savemat(place / "a.mat", {"LF": np.full((2, 2, 9, 9), np.nan)})
     return place / "a.mat", "not finite"
@@ -208,7 +218,7 @@ def nan_matlab(place):
     "spoilt",
     [
         no_views, other_names, two_sizes, one_twice, no_square, no_image, too_many, wrong_parameters, torn_parameters,
-        no_folder, other_matlab, text_in_matlab, cut_matlab, junk_matlab, hdf_matlab, nan_matlab,
+        no_folder, other_matlab, text_in_matlab, cut_matlab, junk_matlab, hdf_matlab, bomb_matlab, nan_matlab,
     ],
 )  # fmt: skip
 def test_what_is_no_light_field_is_refused_by_its_name(tmp_path, spoilt):
