@@ -143,9 +143,7 @@ def undistorted_radii(c: Camera) -> Array:
 
 
 def on_focal_plane(c: Camera, radii: Array) -> Array:
-    """Radii on the focal plane as the main lens sees them, where they are [mm]: along chief rays, signs as given; any field
-    stays any.
-    """
+    """Radii on the focal plane as the main lens sees them, where they are [mm]: along chief rays, of either sign."""
     straight = radii * magnitude(c.focus.magnification)
     if not traced(c):
         return straight
