@@ -215,7 +215,8 @@ def stop_discs(c: Camera, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
         whole = room_in_pupil(c, rim) >= 0
         if np.any(whole):  # no rounding of centres may cut there
             around = radii[..., 0] + np.hypot(*np.moveaxis(centres[..., k, :] - centres[..., 0, :], -1, 0))
-            radii[..., k] = np.where(whole, np.maximum(radii[..., k], around * (1 + ROUNDING)), radii[..., k])
+            cut = whole & (radii[..., k] < around)
+            radii[..., k] = np.where(cut, around * (1 + ROUNDING), radii[..., k])
     return centres, radii
 
 
