@@ -214,9 +214,10 @@ def stop_discs(c: Camera, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
     for k, rim in enumerate(c.rims, 1):
         whole = room_in_pupil(c, rim) >= 0
         if np.any(whole):  # no rounding of centres may cut there
-            around = radii[..., 0] + np.hypot(*np.moveaxis(centres[..., k, :] - centres[..., 0, :], -1, 0))
-            cut = whole & (radii[..., k] < around)
-            radii[..., k] = np.where(cut, around * (1 + ROUNDING), radii[..., k])
+            apart = np.hypot(*np.moveaxis(centres[..., k, :] - centres[..., 0, :], -1, 0))
+            same = (apart == 0) & (radii[..., k] == radii[..., 0])  # which cuts nothing either
+            around = np.maximum(radii[..., k], (radii[..., 0] + apart) * (1 + ROUNDING))
+            radii[..., k] = np.where(whole & ~same, around, radii[..., k])
     return centres, radii
 
 

@@ -139,7 +139,7 @@ def undistorted_radii(c: Camera) -> Array:
         bound = product(ratio(room / rim.scale, np.abs(d_3 - rim.distance)), gap)
         alike = np.where(room >= 0, np.inf, room)
         radii.append(np.where(np.isnan(room_in_pupil(c, rim)), bound, alike))
-    return np.stack(np.broadcast_arrays(*radii))
+    return np.stack(np.broadcast_arrays(*radii, np.zeros(c.shape))[:-1])
 
 
 def on_focal_plane(c: Camera, radii: Array) -> Array:
