@@ -109,7 +109,7 @@ def room_at(c: Camera, object_radius: ArrayLike) -> Array:
         here = settled((axial - 2 * offset - 2 * radius * np.abs(d_3 - rim.distance)) / room, rim.radius)
         anywhere = room_in_pupil(c, rim)
         rooms.append(rim.scale * np.where(np.isnan(anywhere), here, anywhere))
-    return np.stack(np.broadcast_arrays(*rooms))
+    return np.stack(np.broadcast_arrays(*rooms, np.zeros(c.shape))[:-1])
 
 
 def corner_room(c: Camera, field: SensorField | None = None) -> Array:
@@ -174,7 +174,7 @@ def field_margins(c: Camera) -> Array:
         np.where(np.isnan(room_in_pupil(c, rim)), rim.scale * np.abs(d_3 - rim.distance) / (gap * grown), 0.0)
         for rim in c.rims
     ]
-    taken: Array = np.stack(np.broadcast_arrays(*first_order))
+    taken: Array = np.stack(np.broadcast_arrays(*first_order, np.zeros(c.shape))[:-1])
     if traced(c):  # the radius is that of a traced ray
         taken = np.where(np.isfinite(radii) & (radii != 0), ratio(room, radii), taken)
     return np.stack([radii, *np.broadcast_arrays(room, taken)], axis=1)
