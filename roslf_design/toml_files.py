@@ -168,7 +168,7 @@ def _at(model: type[BaseModel], place: Sequence[int | str]) -> _Place:
         if chosen:
             models = chosen
             continue
-        names.append(step)
+        names.append('""' if step == "" else step)
         if isinstance(step, str):
             field = models[0].model_fields.get(step) if len(models) == 1 else None
             kind = None if field is None else field.annotation

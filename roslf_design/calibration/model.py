@@ -57,6 +57,10 @@ class Markers(NamedTuple):
     """As OpenCV calls it: "DICT_4X4_50" is the first 50 markers of 4 x 4 bits."""
 
 
+LEAST_CELLS, LEAST_MARKED = 4, 3
+"""Cells along a side of a checkerboard, below which OpenCV looks for none; and of one with markers."""
+
+
 @dataclass(frozen=True)
 class Board:
     """A flat checkerboard of `columns` x `rows` cells, each `cell` mm wide.
@@ -71,9 +75,11 @@ class Board:
     markers: Markers | None = None
 
     def __post_init__(self) -> None:
-        if self.columns < 3 or self.rows < 3:
+        least = LEAST_CELLS if self.markers is None else LEAST_MARKED
+        if min(self.columns, self.rows) < least:
             raise CalibrationError(
-                f"a board of {self.columns} x {self.rows} cells has too few inner corners: 3 x 3 cells or more"
+                f"a board of {self.columns} x {self.rows} cells has too few inner corners: {least} x {least} cells or"
+                " more"
             )
         if max(self.columns, self.rows) > MOST_CELLS:
             raise CalibrationError(

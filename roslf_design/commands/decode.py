@@ -36,6 +36,7 @@ from .terminal import (
     picture_files,
     print_titled,
     refusal,
+    say,
     typed,
     write_files,
 )
@@ -118,7 +119,7 @@ def decode(
         return
     print_titled(report.title, report.sections[0].blocks)
     shown = [name for name in files if "/" not in name]
-    print(f"\nWritten to {folder}: {', '.join(shown)}, refocus/{', views/' if views else ''}")
+    say(f"\nWritten to {folder}: {', '.join(shown)}, refocus/{', views/' if views else ''}")
     print(f"{seconds:.1f} s")
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import re
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -22,7 +21,7 @@ from ..theory.sweep import sweep as compute
 from ..theory.sweep import unit_of
 from ..units import parse_quantity
 from .report import folder_name
-from .terminal import OptionalOutput, check_target, refusal, write_files
+from .terminal import OptionalOutput, check_target, refusal, say, write_files
 
 if TYPE_CHECKING:
     from ..theory.sweep import Sweep
@@ -103,9 +102,9 @@ def sweep(
     if not swept.valid.any():
         raise refusal("--set", f"nothing between can be drawn: {'; '.join(notes)}")
     write_files(target.parent, {target.name: _written(swept, kind, loaded.name)})
-    print(target)
+    say(target)
     for note in notes:
-        print(f"roslf: {one_line(note)}", file=sys.stderr)
+        say(f"roslf: {one_line(note)}", error=True)
 
 
 def _notes(swept: Sweep, design: Design) -> Iterator[str]:

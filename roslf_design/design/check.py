@@ -37,7 +37,7 @@ def at(value: Any, place: str) -> Any:
     """What stands at a dotted place of nested parts, tables and lists; None where nothing does."""
     for step in place.split("."):
         if isinstance(value, (list, tuple)):
-            value = value[int(step)]
+            value = value[int(step)] if step.isdecimal() and int(step) < len(value) else None
         else:
             value = value.get(step) if isinstance(value, Mapping) else getattr(value, step, None)
     return value

@@ -33,7 +33,13 @@ DOCUMENT = Path(__file__).with_name("templates") / "report.typ"
 def render_html(report: Report) -> str:
     """The page as text; the same report gives the same text."""
     turned = any(figure.scene for figure in report.figures)
-    return _environment().get_template("report.html.j2").render(report=report, viewer=library() if turned else "")
+    page = _environment().get_template("report.html.j2").render(report=report, viewer=library() if turned else "")
+    return _letters(page)
+
+
+def _letters(text: str) -> str:
+    """Text with what of a file's name is no letter spelled out."""
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 @cache
@@ -79,7 +85,8 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
             for section in report.sections
         ]
         head = {"title": report.title, "subtitle": spans(report.subtitle), "footer": report.footer}
-        (root / "content.json").write_text(json.dumps({**head, "paper": PAGES[paper], "sections": sections}))
+        content = {**head, "paper": PAGES[paper], "sections": sections}
+        (root / "content.json").write_bytes(json.dumps(content, ensure_ascii=False).encode("utf-8", "replace"))
         (root / "main.typ").write_text(DOCUMENT.read_text())
         pdf: bytes = typst.compile(
             root / "main.typ",
