@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..camera import Camera
 from ..design import Design
 from ..theory.light_field import back_substitute
-from ..units import FARTHEST, parse_quantity
+from ..units import FARTHEST, read_quantity
 from .frames import Array, CalibrationError
 from .space import SceneSide, Shown, as_shown
 
@@ -476,7 +476,7 @@ def relative_sigma(text: str, f: float) -> float:
     """
     text = text.strip()
     if not text.endswith("%"):
-        return parse_quantity(text, "length") / f
+        return read_quantity(text, "length") / f
     try:
         return float(text[:-1]) / 100
     except ValueError:
@@ -501,6 +501,11 @@ def derived(camera: Array, sheet: DataSheet, drawn: Sequence[ArrayLike] | Array 
         `QUANTITIES`, each of shape (...), as the main lens sees them through what stands before it; ``q``, ``d`` and
         the sheet's `elements` by their places, as drawn.
 
+    Raises
+    ------
+    CalibrationError
+        f or m is not positive, so that d_3 and d_f have no value.
+
     Notes
     -----
     A change of d, q or of the board's scale leaves every modelled corner where it is when A and m grow with d, d_2
@@ -514,6 +519,12 @@ def derived(camera: Array, sheet: DataSheet, drawn: Sequence[ArrayLike] | Array 
     d_2 = (q / sheet.q) * (d / sheet.d) / (inverse_d_2 * board)
     if (space := sheet.space_at(elements)) is not None:
         A, m, d_2 = space.seen(f, A, m, d_2)
-    d_1, d_f, H, d_3 = back_substitute(f, A, m)[:4]
+    try:
+        d_1, d_f, H, d_3 = back_substitute(f, A, m)[:4]
+    except ValueError:
+        raise CalibrationError(
+            "within what is known of it the camera may be focused at infinity or beyond (d_1 <= f), where d_3 and d_f"
+            " have no value: focus it nearer, or know it better"
+        ) from None
     lengths = zip(QUANTITIES, (H, d_3, d_1, d_f, d_2, A, m), strict=True)
     return {name: np.asarray(value) for name, value in lengths} | {"q": q, "d": d} | elements

@@ -32,7 +32,7 @@ from ..design import Design, load
 from ..errors import InputError, Problem
 from ..imaging.camera import Region
 from ..reporting.calibration import calibrated_camera
-from ..units import parse_quantity
+from ..units import read_quantity
 from .raw_images import OTHER_CAMERA, RawDecoded, UnfinishedError, from_raw, refused
 from .terminal import refusal
 
@@ -253,7 +253,7 @@ def _between(text: str, geometry: ViewGeometry) -> tuple[float, float]:
     if geometry.unit != "mm":
         raise refusal("--between", "are distances, which take a camera; name it with --design")
     try:
-        ends = np.array([parse_quantity(part.strip(), "length") for part in text.split(",")])
+        ends = np.array([read_quantity(part.strip(), "length") for part in text.split(",")])
     except ValueError as error:
         raise refusal("--between", f'{error}; give two distances, as "300 mm, 400 mm"') from None
     if ends.size != 2 or not 0 < ends.min() < ends.max():

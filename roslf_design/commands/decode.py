@@ -25,7 +25,7 @@ from ..pictures.light_field import contrast
 from ..reporting import decoding as pages
 from ..reporting.calibration import CALIBRATED, read_calibration
 from ..reporting.printers import render_html, render_tables
-from ..units import parse_quantity
+from ..units import read_quantity
 from .raw_images import OTHER_CAMERA, UnfinishedError, from_raw, refused
 from .terminal import (
     Flag,
@@ -204,7 +204,7 @@ def _disparities(focus: list[str], field: LightField, distances: Distances | Non
                 message = f'"{text}" is a distance, which takes --design or --calibration; or give a disparity, as 1.5'
                 raise refusal("--focus", message) from None
             try:
-                away = parse_quantity(text, "length")
+                away = read_quantity(text, "length")
             except ValueError as error:
                 raise refusal("--focus", f'{error}; give "320 mm", or a disparity, as 1.5') from None
             slope = distances.slope(away) if away > 0 else math.nan

@@ -15,7 +15,7 @@ from ..evaluation.evaluate import evaluation_accuracy
 from ..evaluation.show import print_evaluation
 from ..evaluation.specification import specification
 from ..tables import csv_bytes
-from ..units import COLDEST, FARTHEST, HOTTEST, parse_quantity
+from ..units import COLDEST, FARTHEST, HOTTEST, read_quantity
 from .terminal import Flag, OptionalOutput, check_target, json_text, refusal, say, write_files
 
 
@@ -97,7 +97,7 @@ def rows(data: Any, place: str = "") -> Iterator[tuple[str, Any]]:
 def parse_temperature(text: str) -> float:
     """Read "37degC" [degrees C]; refused where it is none, or none that a camera meets."""
     try:
-        degrees = parse_quantity(text, "temperature")
+        degrees = read_quantity(text, "temperature")
     except ValueError as error:
         raise refusal("--temperature", str(error)) from None
     if not COLDEST <= degrees <= HOTTEST:

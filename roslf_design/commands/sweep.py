@@ -19,7 +19,7 @@ from ..pictures.sweep import sweep_picture
 from ..tables import csv_bytes
 from ..theory.sweep import sweep as compute
 from ..theory.sweep import unit_of
-from ..units import parse_quantity
+from ..units import read_quantity
 from .report import folder_name
 from .terminal import OptionalOutput, check_target, refusal, say, write_files
 
@@ -36,7 +36,7 @@ DIMENSIONS = {
     "W/m2/sr": "radiance",
     "s": "time",
 }
-"""Of base units, as `parse_quantity` calls them; what has none is a plain number."""
+"""Of base units, as `read_quantity` calls them; what has none is a plain number."""
 NUMBER = r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?"
 
 
@@ -84,7 +84,7 @@ def sweep(
         raise refusal("--set", "the same place twice; name two")
     names = [name.strip() for part in quantity for name in part.split(",") if name.strip()]
     try:
-        away = None if at is None else parse_quantity(at, "length")
+        away = None if at is None else read_quantity(at, "length")
     except ValueError as error:
         raise refusal("--at", str(error)) from None
     if away is not None and not away > 0:
@@ -130,7 +130,7 @@ def _span(text: str, count: int) -> tuple[str, Array]:
     if dimension is None and unit:
         raise refusal("--set", f"{place} is a plain number; leave out {unit}")
     try:
-        ends = [float(end) if dimension is None else parse_quantity(f"{end} {unit}".strip(), dimension)
+        ends = [float(end) if dimension is None else read_quantity(f"{end} {unit}".strip(), dimension)
                 for end in match.groups()[:2]]  # fmt: skip
     except ValueError as error:
         raise refusal("--set", f"{place}: {error}") from None

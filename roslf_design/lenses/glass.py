@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, Problem
-from ..units import format_quantity, parse_quantity
+from ..units import format_quantity, read_quantity
 
 Array = NDArray[np.float64]
 
@@ -386,7 +386,7 @@ def _read_range(value: object, formula: str) -> tuple[tuple[float, float], list[
     if not isinstance(value, list) or len(value) != 2:
         return (0.0, 0.0), [Problem("range", f'must be two wavelengths such as ["0.35 um", "2.5 um"], got {value!r}')]
     try:
-        low, high = (parse_quantity(end, "length") for end in value)
+        low, high = (read_quantity(end, "length") for end in value)
     except ValueError as error:
         return (0.0, 0.0), [Problem("range", str(error))]
     if not 0 <= low < high:

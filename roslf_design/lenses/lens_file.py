@@ -47,7 +47,7 @@ from typing import Any
 from ..errors import InputError, Problem
 from ..input_files import MOST_TEXT, read_bytes
 from ..toml_files import nearest, parse_toml, read_toml
-from ..units import FARTHEST, SHORTEST, format_quantity, parse_quantity, within_reach
+from ..units import FARTHEST, SHORTEST, format_quantity, read_quantity
 from .glass import AIR, COEFFICIENTS, ROOM, Glass, Warming, find_glass, is_shipped, read_glass
 from .glass_files import glass_of_table
 from .prescription import ASPHERE_TERMS, LensError, Prescription, Surface, faults
@@ -164,7 +164,7 @@ class _Table:
     def quantity(self, key: str, value: Any, dimension: str = "length") -> float:
         """A quantity with its unit [mm or rad]."""
         try:
-            return within_reach(parse_quantity(value, dimension), dimension, value)
+            return read_quantity(value, dimension)
         except ValueError as error:
             return self.fault(key, str(error))
 

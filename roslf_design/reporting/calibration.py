@@ -102,6 +102,10 @@ BEFORE_LENS = re.compile(
 """Places of numbers that a calibration takes as known, and may take as known but to an error."""
 
 
+LEAST_NOISE, MOST_NOISE = 1e-6, 1e3
+"""Between which any corner's standard error lies [microlens pitches]."""
+
+
 class CalibrationPart(StrictTable):
     """What one means to capture; what is left open is chosen to suit the design, or is what careful work reaches."""
 
@@ -115,7 +119,7 @@ class CalibrationPart(StrictTable):
     """Mean distance of the boards from the main lens [mm]."""
     range: Distance | None = None
     """Farthest minus nearest [mm]."""
-    noise: float = 0.06
+    noise: Annotated[float, Field(ge=LEAST_NOISE, le=MOST_NOISE)] = 0.06
     """Of a corner in one view [microlens pitches]."""
     f_sigma: str = "1 %"
     """How well f is known."""
@@ -560,7 +564,7 @@ def calibration_plan(design: Design, asked: CalibrationPart, distortion: int = 0
         return planned(camera_of(design), sheet, captures, distortion=distortion, seed=asked.seed, white=white)
     except CalibrationError as error:
         text, why = " ".join(str(error).split()), reason(captures)
-        return text if why in text or "into the bore" in text else f"{text}: {why}"
+        return f"{text}: {why}" if "do not determine" in text and why not in text else text
 
 
 def data_sheet(design: Design, board: Board, asked: CalibrationPart) -> DataSheet:

@@ -186,16 +186,16 @@ def texture(c: Camera, plane: Seen) -> Texture:
     nodes, weights = _GAUSS
     shape = np.broadcast_shapes(np.shape(plane.disparity), np.shape(plane.scale), c.shape)
     contrast, period = c["depth.contrast"], c.numbers.get("depth.period")
-    finest = np.broadcast_to(ratio(c.d * plane.scale, period or c.numbers.get("depth.finest", 0.0)), shape)
+    finest = np.broadcast_to(ratio(c.d * abs(plane.scale), period or c.numbers.get("depth.finest", 0.0)), shape)
     strength = np.broadcast_to(np.square(contrast), shape)
     angle, turn = (nodes + 1) * (math.pi / 4), weights / 2
     if period is None:
         # The same contrast in each octave of k: its square over ln(2), per step of ln(k).
         at, radial = (nodes + 1) / 2, weights / (nodes + 1) / math.log(2)
-        fine = np.minimum(finest, limit)
     else:
         at = radial = np.ones(1)
-        fine, strength = finest, np.where(finest <= limit, strength, 0.0)
+        strength = np.where(finest <= limit, strength, 0.0)
+    fine = np.minimum(finest, limit)
     x, y, power = (
         np.outer(part, along).ravel() for part, along in ((at, np.cos(angle)), (at, np.sin(angle)), (radial, turn))
     )

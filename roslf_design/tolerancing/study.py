@@ -37,7 +37,7 @@ from ..design.files import expect_kind, studied
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
 from ..toml_files import nearest, problems_of, read_toml
-from ..units import Length, in_file, parse_quantity
+from ..units import Length, in_file, read_quantity
 from .draws import BITS, Distribution, Draws, Perturbation, Sampling
 from .ideal import bore_end
 from .metrics import METRICS, Column, Question, evaluate_builds, faults_of
@@ -96,7 +96,7 @@ def _field_place(value: Any, info: ValidationInfo) -> Any:
         raise ValueError(
             f'{value!r} is no field; write {", ".join(FIELD_NAMES)} or a place on the array ["2 mm", "0 mm"]'
         )
-    return tuple(parse_quantity(number, "length", unit_required=in_file(info)) for number in value)
+    return tuple(read_quantity(number, "length", unit_required=in_file(info)) for number in value)
 
 
 def _metric(name: str) -> str:
