@@ -218,7 +218,9 @@ def _surface(row: _Table, own: Mapping[str, Glass], folder: Path | None) -> Surf
     alpha, beta = row.several("tilt", 2, "angle")
     form = tuple(row.several("irregularity", MODES, "length")) if "irregularity" in values else ()
     given, glass = values.get("glass", "air"), AIR
-    if not isinstance(given, (str, Mapping)):
+    if isinstance(given, Mapping) and "formula" in given:
+        row.fault("glass", "a glass by its formula stands in [glasses], and its name here")
+    elif not isinstance(given, (str, Mapping)):
         row.fault("glass", f"must be a glass's name or a table such as {{index = 1.5, abbe = 60}}, got {given!r}")
     else:
         try:
