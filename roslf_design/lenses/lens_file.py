@@ -47,7 +47,7 @@ from typing import Any
 from ..errors import InputError, Problem
 from ..input_files import MOST_TEXT, read_bytes
 from ..toml_files import nearest, parse_toml, read_toml
-from ..units import FARTHEST, SHORTEST, format_quantity, read_quantity
+from ..units import FARTHEST, format_quantity, read_quantity
 from .glass import AIR, COEFFICIENTS, ROOM, Glass, Warming, find_glass, is_shipped, read_glass
 from .glass_files import glass_of_table
 from .prescription import ASPHERE_TERMS, LensError, Prescription, Surface, faults
@@ -205,8 +205,6 @@ def _surface(row: _Table, own: Mapping[str, Glass], folder: Path | None) -> Surf
     diameter = row.length("diameter")
     if diameter <= 0:
         row.fault("diameter", f'"{values["diameter"]}" must be greater than zero')
-    elif diameter < SHORTEST:
-        row.fault("diameter", f'"{values["diameter"]}" is too small for any lens')
     conic, offset = row.number("conic"), row.number("index_offset")
     if abs(offset) >= 1:
         row.fault("index_offset", f"{offset:g} is no melt's departure from the catalogue; write one such as 0.0005")

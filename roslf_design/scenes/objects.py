@@ -21,7 +21,9 @@ from ..errors import InputError, Problem
 from ..input_files import check_file, read_pixels
 from ..units import Angle, AnyLength, Length
 
-Level = Annotated[float, Field(ge=0)]
+MOST_LIGHT = 1e12
+"""Radiance that nothing reaches: what is computed of it fits into single precision."""
+Level = Annotated[float, Field(ge=0, le=MOST_LIGHT)]
 
 
 class Uniform(Part):
@@ -196,7 +198,7 @@ class Points(Part):
     kind: Literal["points"] = "points"
     positions: tuple[tuple[AnyLength, AnyLength, Length], ...] = Field(min_length=1, max_length=1000)
     """(x, y, Z) of each."""
-    flux: Annotated[float, Field(gt=0)] = 1.0
+    flux: Annotated[float, Field(gt=0, le=MOST_LIGHT)] = 1.0
     """Light of one that the FAP takes in: the sum over all pixels, where 1 is a fully lit one."""
 
 

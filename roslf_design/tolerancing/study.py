@@ -117,7 +117,7 @@ class Perturb(StrictTable):
     tolerance: str | float | None = None
     """Half-width: "0.05 mm", "3 mrad", "1 %"; the study's grade where left out."""
     distribution: Distribution | None = None
-    truncate: Annotated[float, Field(gt=0)] | None = None
+    truncate: Annotated[float, Field(ge=1e-3, le=1e3)] | None = None
     """Of "normal": the tolerance in sigmas."""
     group: str | None = None
     """Members of a group move together: decentres along x, decentres along y, each tilt, and all others as one."""
@@ -191,7 +191,7 @@ class Study(StrictTable):
     exclude: Annotated[tuple[str, ...], AfterValidator(_expanded)] = ()
     """Places that keep their nominal value though the grade covers them."""
     distribution: Distribution = "normal"
-    truncate: Annotated[float, Field(gt=0)] = 2.0
+    truncate: Annotated[float, Field(ge=1e-3, le=1e3)] = 2.0
     trials: Annotated[int, Field(gt=0)] = 100_000
     seed: Annotated[int, Field(ge=0)] = 0
     sampling: Sampling = "random"

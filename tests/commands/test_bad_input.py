@@ -330,3 +330,25 @@ def test_a_plan_of_a_camera_that_may_be_focused_at_infinity_says_so(capsys):
         file.write(text.replace('distance = "41 mm"', 'distance = "40.3 mm"'))
     (line,) = refused(capsys, ["calibrate", "--plan", "x.toml", "--sigma", "elements.0.focal_length=20 %"])
     assert "d_1 <= f" in line
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[light]\nread_noise = 1e300\n[[objects]]\nkind = 'white'\n", "light.read_noise"),
+        ("[light]\nexposure = 1e308\n[[objects]]\nkind = 'white'\n", "light.exposure"),
+        ("background = 1e308\n[[objects]]\nkind = 'white'\n", "background"),
+        ('[[objects]]\nkind = "white"\nlevel = 1e308\n', "objects.0.level"),
+    ],
+)
+def test_light_that_no_float_of_an_image_holds_is_told(text, said, capsys, tmp_path):
+    (tmp_path / "x.toml").write_text(text)
+    (line,) = refused(capsys, RENDER)
+    assert f"x.toml: {said}: " in line
+
+
+@pytest.mark.parametrize("truncate", ["1e308", "1e-300"])
+def test_cut_offs_that_no_distribution_has_are_told(truncate, capsys, tmp_path):
+    (tmp_path / "x.toml").write_text(f"truncate = {truncate}\n{STUDY}".replace('grades = "shop.toml"\n', ""))
+    lines = refused(capsys, ["tolerance", "x.toml", "-o", "out"])
+    assert any("truncate: " in line for line in lines)
