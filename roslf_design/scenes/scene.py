@@ -30,7 +30,7 @@ class SceneLight(Part):
 
     wavelengths: Annotated[tuple[Length, ...], Field(max_length=100)] = ()
     """Equal parts of light at each [mm]; none is the design's own, or white light for a sensor with colour filters."""
-    exposure: Annotated[float, Field(ge=1e-6, le=1e12)] | None = None
+    exposure: Annotated[float, Field(gt=0, le=1e12)] | None = None
     """Electrons in a fully lit pixel; none asks for no noise."""
     read_noise: Annotated[float, Field(ge=0, le=1e6)] = 0.0
     """Rms read noise [electrons]."""
