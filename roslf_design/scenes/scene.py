@@ -25,6 +25,10 @@ class SceneError(InputError):
     """A scene (or its file) that cannot be used."""
 
 
+LEAST_EXPOSURE = 1e-6
+"""Electrons in a fully lit pixel, below which noise in units of it fits no image."""
+
+
 class SceneLight(Part):
     """Colour and exposure."""
 
@@ -34,6 +38,13 @@ class SceneLight(Part):
     """Electrons in a fully lit pixel; none asks for no noise."""
     read_noise: Annotated[float, Field(ge=0, le=1e6)] = 0.0
     """Rms read noise [electrons]."""
+
+    @field_validator("exposure")
+    @classmethod
+    def _shows_something(cls, exposure: float | None) -> float | None:
+        if exposure is not None and exposure < LEAST_EXPOSURE:
+            raise ValueError(f'"{exposure:g}" electrons show nothing; give {LEAST_EXPOSURE:g} or more, or leave it out')
+        return exposure
 
 
 class Scene(Part):

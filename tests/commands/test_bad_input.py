@@ -337,6 +337,7 @@ def test_a_plan_of_a_camera_that_may_be_focused_at_infinity_says_so(capsys):
     [
         ("[light]\nread_noise = 1e300\n[[objects]]\nkind = 'white'\n", "light.read_noise"),
         ("[light]\nexposure = 1e308\n[[objects]]\nkind = 'white'\n", "light.exposure"),
+        ("[light]\nexposure = 1e-300\n[[objects]]\nkind = 'white'\n", "light.exposure"),
         ("background = 1e308\n[[objects]]\nkind = 'white'\n", "background"),
         ('[[objects]]\nkind = "white"\nlevel = 1e308\n', "objects.0.level"),
     ],
