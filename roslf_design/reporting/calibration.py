@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -275,7 +276,7 @@ def read_calibration(place: Path) -> Calibrated:
     file = place / FILE if place.is_dir() else place
     try:
         data = read_json(file, str(file), REMEDY)
-        FoundTable.model_validate(data)
+        FoundTable.model_validate_json(json.dumps(data), strict=True)  # no text that reads as a number: data stays
         files = {name: file.with_name(f"{name}.svg") for name in FIGURES}
         drawings = {name: _drawing(path, name) for name, path in files.items() if path.exists()}
     except ValidationError as error:
