@@ -86,6 +86,8 @@ def validated(model: type[Model], data: Any, origin: str = "", **context: Any) -
         return model.model_validate(data, context={"from_file": True, **context})
     except ValidationError as error:
         raise InputError(problems_of(error, model), origin) from None
+    except UnicodeEncodeError as error:  # bytes of a command line that are no letters
+        raise InputError((Problem("", f'"{error.object}" is no UTF-8 text; write it again'),), origin) from None
 
 
 def problems_of(error: ValidationError, model: type[BaseModel]) -> tuple[Problem, ...]:

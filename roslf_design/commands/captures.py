@@ -142,11 +142,11 @@ def _raw(
         raise InputError((Problem("", f"holds fewer than {LEAST} x {LEAST} microlens images"),), str(image))
     if white is None:
         field = evened(camera, field)
+    if not float(field.values.max(initial=0.0)) > 0:
+        raise InputError((Problem("", "is black; expose more, or check which file it is"),), str(image))
     noise = raw_noise(camera, raw.pixels, raw.notes, field)
     if raw.balance is not None:
         noise = replace(noise, pixel=noise.pixel.dimmed(raw.balance.evenness))
-    if not noise.scale > 0:
-        raise InputError((Problem("", "is black; expose more, or check which file it is"),), str(image))
     progress("measuring depth")
     field = scaled(field, noise.scale)
     if search is None:

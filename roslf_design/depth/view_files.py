@@ -283,6 +283,8 @@ def read_pfm(path: Path) -> Samples:
         said = f"says {columns} x {rows} numbers, {wanted} bytes, and holds {there}"
         raise _refused(path, f"{said}; it is damaged, copy or save it again")
     numbers = np.frombuffer(content, "<f4" if scale < 0 else ">f4", rows * columns, head.end())
+    if (np.abs(numbers[np.isfinite(numbers)]) > LARGEST).any():
+        raise _refused(path, f"has disparities beyond {LARGEST:g} px; write infinity where nothing is known")
     return np.ascontiguousarray(numbers.reshape(rows, columns)[::-1], np.float32)
 
 

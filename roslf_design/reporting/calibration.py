@@ -150,6 +150,8 @@ class CalibrationPart(StrictTable):
             raise ValueError(f'"{text}" is not understood; give "1 %" or "0.5 mm"') from None
         if not 0 <= relative < math.inf:
             raise ValueError(f'"{text}" must not be negative')
+        if text is not None and text.strip().endswith("%") and relative > 1:
+            raise ValueError(f'"{text}" is more than all of it; give 100 % at most')
         return text
 
     @field_validator("white_pitch")

@@ -92,6 +92,10 @@ class PictureTexture(Part):
 @functools.lru_cache(maxsize=8)  # reading a picture again for every tile would cost more than the rays
 def _loaded(file: str, changed: int, size: int) -> NDArray[np.float32]:
     values, _ = read_pixels(Path(file), file)
+    if values.dtype.kind not in "buif":
+        raise InputError((Problem("", f"holds no grey levels but {values.dtype} numbers; save it as greys"),), file)
+    if values.dtype.kind == "f" and not bool((np.abs(values) <= MOST_LIGHT).all()):
+        raise InputError((Problem("", f"holds values that are not finite, or above {MOST_LIGHT:g}; mend it"),), file)
     if values.dtype == np.bool_ or values.dtype.kind not in "uf":
         values = values.astype(np.float32)
         peak = 1.0 if values.max(initial=0) <= 1 else 255.0 if values.max() <= 255 else 65535.0

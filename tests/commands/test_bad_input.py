@@ -222,6 +222,29 @@ OTHER_WAY = {
 }
 
 
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [(1j, "complex128 numbers"), (1e300, "not finite, or above"), (np.nan, "not finite, or above")],
+)
+def test_pictures_of_no_greys_are_told(values, said, capsys, tmp_path):
+    tifffile.imwrite("odd.tif", np.full((9, 9), values), photometric="minisblack")
+    texture = '{ kind = "image", file = "odd.tif", width = "5 mm" }'
+    (tmp_path / "x.toml").write_text(f"[[objects]]\n{tables(SCENE, {'texture': texture})}")
+    (line,) = refused(capsys, RENDER)
+    assert "odd.tif: holds" in line
+    assert said in line
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.float32])
+def test_a_black_picture_with_a_white_image_is_told(kind, capsys):
+    wave = 0.5 + 0.5 * np.cos(2 * np.pi * (np.arange(130) - 64.5) / 12.94)
+    tifffile.imwrite("white.tif", np.outer(wave, wave).astype(np.float32))
+    tifffile.imwrite("black.tif", np.zeros((130, 130), kind))
+    words = ["--white", "white.tif", "--design", "paper", "--region", "2000,1300,130,130", "-o", "out"]
+    (line,) = refused(capsys, ["depth", "black.tif", *words])
+    assert "black.tif: is black" in line
+
+
 @pytest.mark.parametrize("slip", OTHER_WAY)
 def test_slips_of_brackets_are_told(slip, capsys, tmp_path):
     text, said = OTHER_WAY[slip]
@@ -236,6 +259,8 @@ def test_slips_of_brackets_are_told(slip, capsys, tmp_path):
         (["evaluate", "paper", "--field", "0,-1e80"], "--field: "),
         ([*PLAN, "--noise", "1e-300"], "--noise: "),
         ([*PLAN, "--noise", "1e300"], "--noise: "),
+        ([*PLAN, "--tilt", "caf\udce9"], "is no UTF-8 text"),
+        ([*PLAN, "--d-sigma", "1e300 %"], "--d-sigma: "),
         (["calibrate", "x", "--design", "paper", "--board", "4x3 1.3 mm", "-o", "out"], "4 x 4 cells"),
         ([*PLAN, "--board", "3x3 1.3 mm"], "4 x 4 cells"),
         (["evaluate", "/proc/self/mem"], "cannot be read"),

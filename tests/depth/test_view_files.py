@@ -259,3 +259,9 @@ def test_light_fields_that_no_sensor_gives_are_told(tmp_path, value, said):
     savemat(tmp_path / "a.mat", {"LF": field})
     with pytest.raises(InputError, match=said):
         read_views(tmp_path / "a.mat")
+
+
+def test_disparities_that_no_picture_has_are_told(tmp_path):
+    (tmp_path / "a.pfm").write_bytes(pfm_bytes(np.array([[np.inf, 1.0], [3e38, np.nan]])))
+    with pytest.raises(InputError, match="beyond 1e"):
+        read_pfm(tmp_path / "a.pfm")
