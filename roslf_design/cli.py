@@ -6,6 +6,7 @@ so that `roslf --help` stays quick.
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import signal
@@ -18,6 +19,8 @@ from .errors import InputError, cause, one_line
 if TYPE_CHECKING:
     from cyclopts import App
 
+NAMES = (errno.ENAMETOOLONG, errno.ELOOP)
+"""What the system says of names that no file can have, wherever one is first looked for."""
 LISTED = 40
 """Faults that are told one by one."""
 
@@ -130,6 +133,8 @@ def main(arguments: list[str] | None = None) -> int:
         raise
     except OSError as error:
         place = f"{error.filename}: " if error.filename else ""
+        if error.errno in NAMES:
+            return _complain(f"{place}{error.strerror}; give another name", 2)
         return _complain(f"{place}{error.strerror or error}", 1)
     except (ArithmeticError, MemoryError) as error:
         return _complain(cause(error), 1)

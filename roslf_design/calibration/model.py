@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 from ..camera import Camera
 from ..design import Design
 from ..theory.light_field import back_substitute
-from ..units import FARTHEST, parse_quantity
+from ..units import FARTHEST, read_quantity
 from .frames import Array, CalibrationError
 from .space import SceneSide, Shown, as_shown
 
@@ -65,6 +65,10 @@ class Markers(NamedTuple):
     """As OpenCV calls it: "DICT_4X4_50" is the first 50 markers of 4 x 4 bits."""
 
 
+LEAST_CELLS, LEAST_MARKED = 4, 3
+"""Cells along a side of a checkerboard, below which OpenCV looks for none; and of one with markers."""
+
+
 @dataclass(frozen=True)
 class Board:
     """A flat checkerboard of `columns` x `rows` cells, each `cell` mm wide.
@@ -79,9 +83,11 @@ class Board:
     markers: Markers | None = None
 
     def __post_init__(self) -> None:
-        if self.columns < 3 or self.rows < 3:
+        least = LEAST_CELLS if self.markers is None else LEAST_MARKED
+        if min(self.columns, self.rows) < least:
             raise CalibrationError(
-                f"a board of {self.columns} x {self.rows} cells has too few inner corners: 3 x 3 cells or more"
+                f"a board of {self.columns} x {self.rows} cells has too few inner corners: {least} x {least} cells or"
+                " more"
             )
         if max(self.columns, self.rows) > MOST_CELLS:
             raise CalibrationError(
@@ -499,7 +505,7 @@ def relative_sigma(text: str, f: float) -> float:
     """
     text = text.strip()
     if not text.endswith("%"):
-        return parse_quantity(text, "length") / f
+        return read_quantity(text, "length") / f
     try:
         return float(text[:-1]) / 100
     except ValueError:
@@ -524,6 +530,11 @@ def derived(camera: Array, sheet: DataSheet, drawn: Sequence[ArrayLike] | Array 
         `QUANTITIES`, each of shape (...), as the main lens sees them through what stands before it; ``q``, ``d`` and
         the sheet's `elements` by their places, as drawn.
 
+    Raises
+    ------
+    CalibrationError
+        f or m is not positive, so that d_3 and d_f have no value.
+
     Notes
     -----
     A change of d, q or of the board's scale leaves every modelled corner where it is when A and m grow with d, d_2
@@ -537,6 +548,12 @@ def derived(camera: Array, sheet: DataSheet, drawn: Sequence[ArrayLike] | Array 
     d_2 = (q / sheet.q) * (d / sheet.d) / (inverse_d_2 * board)
     if (space := sheet.space_at(elements)) is not None:
         A, m, d_2 = space.seen(f, A, m, d_2)
-    d_1, d_f, H, d_3 = back_substitute(f, A, m)[:4]
+    try:
+        d_1, d_f, H, d_3 = back_substitute(f, A, m)[:4]
+    except ValueError:
+        raise CalibrationError(
+            "within what is known of it the camera may be focused at infinity or beyond (d_1 <= f), where d_3 and d_f"
+            " have no value: focus it nearer, or know it better"
+        ) from None
     lengths = zip(QUANTITIES, (H, d_3, d_1, d_f, d_2, A, m), strict=True)
     return {name: np.asarray(value) for name, value in lengths} | {"q": q, "d": d} | elements

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -50,6 +49,7 @@ from .terminal import (
     picture_files,
     print_titled,
     refusal,
+    say,
     typed,
     write_files,
 )
@@ -199,7 +199,7 @@ def calibrate(
         used = result.used_in
         files[pages.CALIBRATED] = dumps(result.calibrated if used is None else used.design, WRITTEN).encode()
     except DesignError as error:
-        print(f"roslf: no calibrated.toml, the values make no design: {' '.join(str(error).split())}", file=sys.stderr)
+        say(f"roslf: no calibrated.toml, the values make no design: {' '.join(str(error).split())}", error=True)
     pictures = pages.calibration_pictures(result)
     drawings = {name: picture.svg(name=f"calibration-{name}") for name, picture in pictures.items()}
     report = pages.calibration_report(result, drawings, command)
@@ -209,7 +209,7 @@ def calibrate(
         print(json_text(result.to_dict() | {"accuracy": result.accuracy.to_dict() | {"seconds": seconds}}))
         return
     print_titled(report.title, [block for section in report.sections[:2] for block in section.blocks])
-    print(f"\nWritten to {output}: {', '.join(listed(files))}\n{seconds:.1f} s")
+    say(f"\nWritten to {output}: {', '.join(listed(files))}\n{seconds:.1f} s")
 
 
 def calibrated(

@@ -25,7 +25,7 @@ from ..pictures.light_field import contrast
 from ..reporting import decoding as pages
 from ..reporting.calibration import CALIBRATED, read_calibration
 from ..reporting.printers import render_html, render_tables
-from ..units import parse_quantity
+from ..units import read_quantity
 from .raw_images import OTHER_CAMERA, UnfinishedError, from_raw, refused
 from .terminal import (
     Flag,
@@ -36,6 +36,7 @@ from .terminal import (
     picture_files,
     print_titled,
     refusal,
+    say,
     typed,
     write_files,
 )
@@ -121,7 +122,7 @@ def decode(
         return
     print_titled(report.title, report.sections[0].blocks)
     shown = [name for name in files if "/" not in name]
-    print(f"\nWritten to {folder}: {', '.join(shown)}, refocus/{', views/' if views else ''}")
+    say(f"\nWritten to {folder}: {', '.join(shown)}, refocus/{', views/' if views else ''}")
     print(f"{seconds:.1f} s")
 
 
@@ -209,7 +210,7 @@ def _disparities(focus: list[str], field: LightField, distances: Distances | Non
                 message = f'"{text}" is a distance, which takes --design or --calibration; or give a disparity, as 1.5'
                 raise refusal("--focus", message) from None
             try:
-                away = parse_quantity(text, "length")
+                away = read_quantity(text, "length")
             except ValueError as error:
                 raise refusal("--focus", f'{error}; give "320 mm", or a disparity, as 1.5') from None
             slope = distances.slope(away) if away > 0 else math.nan

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any
@@ -17,8 +16,8 @@ from ..evaluation.fields import MOST_FIELDS
 from ..evaluation.show import print_evaluation
 from ..evaluation.specification import specification
 from ..tables import csv_bytes
-from ..units import COLDEST, HOTTEST, parse_quantity
-from .terminal import Flag, OptionalOutput, check_target, json_text, refusal, write_files
+from ..units import COLDEST, FARTHEST, HOTTEST, read_quantity
+from .terminal import Flag, OptionalOutput, check_target, json_text, refusal, say, write_files
 
 
 def evaluate(
@@ -78,7 +77,7 @@ def evaluate(
         as_table = output.suffix.lower() == ".csv"
         content = csv_bytes([("key", "value"), *rows(data)]) if as_table else f"{json_text(data)}\n".encode()
         write_files(output.parent, {output.name: content})
-        print(output)
+        say(output)
         return
     from rich.console import Console
 
@@ -103,7 +102,7 @@ def rows(data: Any, place: str = "") -> Iterator[tuple[str, Any]]:
 def parse_temperature(text: str) -> float:
     """Read "37degC" [degrees C]; refused where it is none, or none that a camera meets."""
     try:
-        degrees = parse_quantity(text, "temperature")
+        degrees = read_quantity(text, "temperature")
     except ValueError as error:
         raise refusal("--temperature", str(error)) from None
     if not COLDEST <= degrees <= HOTTEST:
@@ -112,11 +111,11 @@ def parse_temperature(text: str) -> float:
 
 
 def parse_field(text: str) -> tuple[float, float]:
-    """Read "11.15" or "x,y" as a position on the MLA [mm]; refused where it is neither one nor two finite numbers."""
+    """Read "11.15" or "x,y" as a position on the MLA [mm]; refused where it is none that a camera can have."""
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
         numbers = []
-    if len(numbers) not in (1, 2) or not all(map(math.isfinite, numbers)):
+    if len(numbers) not in (1, 2) or not all(abs(number) <= FARTHEST["length"] for number in numbers):
         raise refusal("--field", f'cannot read "{text}"; write mm on the MLA, as "11.15" or "11.15,7.4"')
     return numbers[0], numbers[1] if len(numbers) == 2 else 0.0

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json as json_module
 import os
-import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -29,7 +28,19 @@ from ..tolerancing.result import analyse, precision, save_worst, trial_arrays, t
 from ..tolerancing.run import ChunkLostError, Where, npz_bytes, run_trials
 from ..tolerancing.study import MOST_TRIALS, load_plan
 from ..words import sentence
-from .terminal import Flag, Output, bar, check_options, picture_files, print_blocks, refusal, typed, write_files
+from .terminal import (
+    Flag,
+    Output,
+    bar,
+    check_options,
+    picture_files,
+    print_blocks,
+    refusal,
+    say,
+    spelled,
+    typed,
+    write_files,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -96,7 +107,7 @@ def tolerance(
         try:
             tally = run_trials(plan, output, where, resume=resume, progress=lambda done, _: tell(done))
         except ChunkLostError as error:
-            print(f"roslf: {error}", file=sys.stderr)
+            say(f"roslf: {error}", error=True)
             raise SystemExit(1) from None
     result = analyse(plan, description, grades, tally, save_worst(plan, tally, output))
     seconds = time.perf_counter() - started
@@ -162,7 +173,7 @@ def summary(result: StudyResult) -> str:
 def _lines(data: dict[str, object]) -> str:
     """JSON with one line a key: short, and still readable by a difference."""
     rows = (f'"{key}": {json_module.dumps(value, allow_nan=False, ensure_ascii=False)}' for key, value in data.items())
-    return "{\n" + ",\n".join(rows) + "\n}"
+    return spelled("{\n" + ",\n".join(rows) + "\n}")
 
 
 def _workers(chunks: int) -> int:

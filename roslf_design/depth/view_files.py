@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from .._arrays import ratio
 from ..calibration.decoding import LightField, Samples
-from ..calibration.frames import CalibrationError, grey_frame, read_image_and_notes
+from ..calibration.frames import LARGEST, CalibrationError, grey_frame, read_image_and_notes
 from ..errors import InputError, Problem
 from ..input_files import DAMAGED, MOST_SAMPLES, check_file, read_bytes, read_text
 
@@ -237,6 +237,10 @@ def _matlab(path: Path) -> ViewFiles:
     except (*DAMAGED, matlab.MatReadError) as error:
         detail = " ".join(str(error).split())[:120] or type(error).__name__
         raise _refused(path, f"cannot be read as a file of Matlab ({detail}); save it again") from None
+    if stored.dtype.kind == "c":
+        raise _refused(path, "its LF has complex numbers; save their real parts or absolute values")
+    if not float(np.abs(stored).max(initial=0)) < LARGEST:
+        raise _refused(path, "its LF has values that are not finite, or larger than any sensor's; mend them")
     channels = stored.reshape(*stored.shape[:4], -1)
     values, weight = (np.zeros(channels.shape[:4], np.float32) for _ in range(2))
     weight += np.float32(1)
@@ -248,8 +252,6 @@ def _matlab(path: Path) -> ViewFiles:
     for channel in range(colours):
         values += np.asarray(channels[..., channel], np.float32)
     values /= np.float32(colours)
-    if not (np.isfinite(values).all() and np.isfinite(weight).all()):
-        raise _refused(path, "its LF has values that are not finite numbers; write 0, and weight 0, for them")
     return ViewFiles(_field(values, np.clip(weight, 0, 1, out=weight)), "matlab")
 
 
@@ -286,6 +288,8 @@ def read_pfm(path: Path) -> Samples:
         said = f"says {columns} x {rows} numbers, {wanted} bytes, and holds {there}"
         raise _refused(path, f"{said}; it is damaged, copy or save it again")
     numbers = np.frombuffer(content, "<f4" if scale < 0 else ">f4", rows * columns, head.end())
+    if (np.abs(numbers[np.isfinite(numbers)]) > LARGEST).any():
+        raise _refused(path, f"has disparities beyond {LARGEST:g} px; write infinity where nothing is known")
     return np.ascontiguousarray(numbers.reshape(rows, columns)[::-1], np.float32)
 
 

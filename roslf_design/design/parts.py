@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationInfo, f
 from pydantic_core import PydanticCustomError
 
 from ..lenses.glass import Glass
-from ..units import Angle, AnyLength, Distance, Illuminance, Length, Radiance, Time, format_quantity, parse_quantity
+from ..units import Angle, AnyLength, Distance, Illuminance, Length, Radiance, Time, format_quantity, read_quantity
 from .material import Material
 from .real_lens import Lens
 
@@ -198,7 +198,7 @@ class Sensor(Part):
         if not whole or not all(0 < count <= MOST_PIXELS for count in counts):
             raise ValueError("pixels counts them along width and height; write e.g. pixels = [4056, 3040]")
         try:
-            pixel = parse_quantity(data.get("pixel"), "length", unit_required=False)
+            pixel = read_quantity(data.get("pixel"), "length", unit_required=False)
         except ValueError:
             return rest | {"size": ["1 mm", "1 mm"]}  # the pixel's own fault is told
         return rest | {"size": [f"{count * pixel!r} mm" for count in counts]}

@@ -40,7 +40,7 @@ class PerturbTable(StrictTable):
     place: tuple[str, ...]
     tolerance: str | float
     distribution: Distribution = "normal"
-    truncate: Annotated[float, Field(gt=0)] = 2.0
+    truncate: Annotated[float, Field(ge=1e-3, le=1e3)] = 2.0
 
     @field_validator("place", mode="before")
     @classmethod

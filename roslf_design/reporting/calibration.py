@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -103,6 +104,10 @@ BEFORE_LENS = re.compile(
 """Places of numbers that a calibration takes as known, and may take as known but to an error."""
 
 
+LEAST_NOISE, MOST_NOISE = 1e-6, 1e3
+"""Between which any corner's standard error lies [microlens pitches]."""
+
+
 class CalibrationPart(StrictTable):
     """What one means to capture; what is left open is chosen to suit the design, or is what careful work reaches."""
 
@@ -116,7 +121,7 @@ class CalibrationPart(StrictTable):
     """Mean distance of the boards from the main lens [mm]."""
     range: Distance | None = None
     """Farthest minus nearest [mm]."""
-    noise: float = 0.06
+    noise: Annotated[float, Field(ge=LEAST_NOISE, le=MOST_NOISE)] = 0.06
     """Of a corner in one view [microlens pitches]."""
     f_sigma: str = "1 %"
     """How well f is known."""
@@ -146,6 +151,8 @@ class CalibrationPart(StrictTable):
             raise ValueError(f'"{text}" is not understood; give "1 %" or "0.5 mm"') from None
         if not 0 <= relative < math.inf:
             raise ValueError(f'"{text}" must not be negative')
+        if text is not None and text.strip().endswith("%") and relative > 1:
+            raise ValueError(f'"{text}" is more than all of it; give 100 % at most')
         return text
 
     @field_validator("white_pitch")
@@ -272,7 +279,7 @@ def read_calibration(place: Path) -> Calibrated:
     file = place / FILE if place.is_dir() else place
     try:
         data = read_json(file, str(file), REMEDY)
-        FoundTable.model_validate(data)
+        FoundTable.model_validate_json(json.dumps(data), strict=True)  # no text that reads as a number: data stays
         files = {name: file.with_name(f"{name}.svg") for name in FIGURES}
         drawings = {name: _drawing(path, name) for name, path in files.items() if path.exists()}
     except ValidationError as error:
@@ -570,7 +577,7 @@ def calibration_plan(design: Design, asked: CalibrationPart, distortion: int | N
         return planned(camera_of(design), sheet, captures, distortion=distortion, seed=asked.seed, white=white)
     except CalibrationError as error:
         text, why = " ".join(str(error).split()), reason(captures)
-        return text if why in text or "into the bore" in text else f"{text}: {why}"
+        return f"{text}: {why}" if "do not determine" in text and why not in text else text
 
 
 def data_sheet(design: Design, board: Board, asked: CalibrationPart) -> DataSheet:

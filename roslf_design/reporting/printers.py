@@ -40,10 +40,10 @@ def render_html(report: Report) -> str:
     """The page as text; the same report gives the same text."""
     page = _environment().get_template("report.html.j2")
     if not any(figure.scene for figure in report.figures):
-        return page.render(report=report, policy=_policy(()), viewer="")
+        return _letters(page.render(report=report, policy=_policy(()), viewer=""))
     script = SCRIPT.read_text(encoding="utf-8")
     policy = _policy((script, *re.findall(r"<script[^>]*>(.*?)</script>", viewer(), re.DOTALL)))
-    return page.render(report=report, policy=policy, viewer=library(), script=script)
+    return _letters(page.render(report=report, policy=policy, viewer=library(), script=script))
 
 
 def _policy(scripts: Iterable[str]) -> str:
@@ -51,6 +51,11 @@ def _policy(scripts: Iterable[str]) -> str:
     hashes = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
     allowed = " ".join(f"'sha256-{value}'" for value in hashes)
     return POLICY + (f"; script-src {allowed}" if allowed else "")
+
+
+def _letters(text: str) -> str:
+    """Text with what of a file's name is no letter spelled out."""
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 @cache
@@ -96,7 +101,8 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
             for section in report.sections
         ]
         head = {"title": report.title, "subtitle": spans(report.subtitle), "footer": report.footer}
-        (root / "content.json").write_text(json.dumps({**head, "paper": PAGES[paper], "sections": sections}))
+        content = {**head, "paper": PAGES[paper], "sections": sections}
+        (root / "content.json").write_bytes(json.dumps(content, ensure_ascii=False).encode("utf-8", "replace"))
         (root / "main.typ").write_bytes(DOCUMENT.read_bytes())
         pdf: bytes = typst.compile(
             root / "main.typ",

@@ -193,10 +193,10 @@ def texture(c: Camera, plane: Seen) -> Texture:
     if period is None:
         # The same contrast in each octave of k: its square over ln(2), per step of ln(k).
         at, radial = (nodes + 1) / 2, weights / (nodes + 1) / math.log(2)
-        fine = np.minimum(finest, limit)
     else:
         at = radial = np.ones(1)
-        fine, strength = finest, np.where(finest <= limit, strength, 0.0)
+        strength = np.where(finest <= limit, strength, 0.0)
+    fine = np.minimum(finest, limit)
     x, y, power = (
         np.outer(part, along).ravel() for part, along in ((at, np.cos(angle)), (at, np.sin(angle)), (radial, turn))
     )

@@ -18,7 +18,7 @@ from .._arrays import Array, product, ratio
 from ..camera import Camera, Number
 from ..design.chain import ImagedPlane
 from ..design.parts import PATHS
-from ..units import parse_quantity
+from ..units import read_quantity
 from . import (
     chief_rays,
     depth_of_field,
@@ -133,7 +133,7 @@ class Quantity:
         """
         if self.length:
             in_name = self.name.endswith("_mm")
-            return parse_quantity(value, "length", unit_required=from_file and not in_name)
+            return read_quantity(value, "length", unit_required=from_file and not in_name)
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             unit = f" (in {self.unit})" if self.unit else ""
             raise ValueError(f"{self.name} is limited by a number{unit}, got {value!r}")

@@ -164,10 +164,10 @@ def room_in_pupil(c: Camera, rim: Rim) -> Array:
     The same at any field: such a rim, as the main lens is to a pupil at d_3 = 0, cuts all microlens images or none.
     What rounding leaves of no room is none.
     """
-    radius, distance, pupil, d_f = floats(rim.radius, rim.distance, c.fap.distance, c.d_f)
+    radius, distance, pupil = floats(rim.radius, rim.distance, c.fap.distance)
     (x, y), (u, v) = c.decentre(rim.part), c.decentre("aperture")
     room = settled(radius - c.fap.radius - np.hypot(x - u, y - v), radius)
-    beside = np.abs(distance - pupil) <= ROUNDING * np.maximum(np.abs(d_f), np.abs(pupil))
+    beside = np.abs(distance - pupil) <= ROUNDING * np.maximum(c.f, np.abs(pupil))
     return np.where(beside, room, np.nan)
 
 

@@ -127,6 +127,7 @@ def run_trials(
     """
     report = progress or (lambda done, total: None)
     digest, paths = plan.digest(), [folder / "chunks" / f"{index:06d}.npz" for index in range(plan.chunks)]
+    _check_processes(where)
     _claim(plan, digest, folder, resume)
     missing = [index for index, path in enumerate(paths) if not _is_whole(path, digest, index)]
     done = plan.trials - sum(plan.chunk_trials(index) for index in missing)
@@ -187,6 +188,18 @@ def tally_chunk(plan: TolerancePlan, index: int) -> Tally:
         return counted(plan, measure_uniforms(plan, drawn), first + start)
 
     return merged(stretch(start) for start in range(0, size, STRETCH))
+
+
+def _check_processes(where: Where) -> None:
+    """Refuse processes where the system has no room for what they share, as with a read-only /dev/shm."""
+    if where.workers < 2 and where.scheduler != "local":
+        return
+    try:
+        multiprocessing.get_context("spawn").Lock()
+    except OSError as error:
+        option = "--workers" if where.scheduler is None else "--scheduler"
+        message = f"no processes can be started here (/dev/shm: {error.strerror}); give --workers 1 alone"
+        raise InputError((Problem(option, message),)) from None
 
 
 def anywhere(work: Work, indices: Sequence[int], where: Where) -> Generator[tuple[int, bytes], None, None]:

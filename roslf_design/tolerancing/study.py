@@ -39,7 +39,7 @@ from ..evaluation import default_fields
 from ..evaluation.fields import MOST_FIELDS
 from ..theory.quantities import finite
 from ..toml_files import nearest, problems_of, read_toml
-from ..units import Length, in_file, parse_quantity
+from ..units import Length, in_file, read_quantity
 from .draws import BITS, Distribution, Draws, Perturbation, Sampling
 from .ideal import bore_end
 from .metrics import METRICS, Column, Question, evaluate_builds, faults_of
@@ -100,7 +100,7 @@ def _field_place(value: Any, info: ValidationInfo) -> Any:
         raise ValueError(
             f'{value!r} is no field; write {", ".join(FIELD_NAMES)} or a place on the array ["2 mm", "0 mm"]'
         )
-    return tuple(parse_quantity(number, "length", unit_required=in_file(info)) for number in value)
+    return tuple(read_quantity(number, "length", unit_required=in_file(info)) for number in value)
 
 
 def _metric(name: str) -> str:
@@ -121,7 +121,7 @@ class Perturb(StrictTable):
     tolerance: str | float | None = None
     """Half-width: "0.05 mm", "3 mrad", "1 %"; the study's grade where left out."""
     distribution: Distribution | None = None
-    truncate: Annotated[float, Field(gt=0)] | None = None
+    truncate: Annotated[float, Field(ge=1e-3, le=1e3)] | None = None
     """Of "normal": the tolerance in sigmas."""
     group: str | None = None
     """Members of a group move together: decentres along x, decentres along y, each tilt, and all others as one."""
@@ -195,7 +195,7 @@ class Study(StrictTable):
     exclude: Annotated[tuple[str, ...], AfterValidator(_expanded)] = ()
     """Places that keep their nominal value though the grade covers them."""
     distribution: Distribution = "normal"
-    truncate: Annotated[float, Field(gt=0)] = 2.0
+    truncate: Annotated[float, Field(ge=1e-3, le=1e3)] = 2.0
     trials: Annotated[int, Field(gt=0)] = 100_000
     seed: Annotated[int, Field(ge=0)] = 0
     sampling: Sampling = "random"

@@ -258,3 +258,20 @@ def test_damaged_disparity_maps_are_refused(tmp_path, content, said):
     (tmp_path / "a.pfm").write_bytes(content)
     with pytest.raises(InputError, match=said):
         read_pfm(tmp_path / "a.pfm")
+
+
+@pytest.mark.parametrize(
+    ("value", "said"), [(1j, "complex numbers"), (1e300, "larger than any"), (np.nan, "not finite")]
+)
+def test_light_fields_that_no_sensor_gives_are_told(tmp_path, value, said):
+    field = np.ones((3, 3, 9, 9), np.asarray(value).dtype)
+    field[1, 1, 4, 4] = value
+    savemat(tmp_path / "a.mat", {"LF": field})
+    with pytest.raises(InputError, match=said):
+        read_views(tmp_path / "a.mat")
+
+
+def test_disparities_that_no_picture_has_are_told(tmp_path):
+    (tmp_path / "a.pfm").write_bytes(pfm_bytes(np.array([[np.inf, 1.0], [3e38, np.nan]])))
+    with pytest.raises(InputError, match="beyond 1e"):
+        read_pfm(tmp_path / "a.pfm")
