@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Array = NDArray[np.float64]
 """Broadcast float64 result; a numpy float64 scalar where every argument was a scalar."""
+
+Complex = NDArray[np.complexfloating[Any, Any]]
 
 COMPLEX = np.dtype(np.complex128)
 

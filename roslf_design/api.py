@@ -265,7 +265,7 @@ def calibrate(
     f_sigma: str = "1%",
     seed: int = 0,
     posterior: bool = True,
-    distortion: Literal[0, 1, 2] = 0,
+    distortion: Literal[0, 1, 2] | None = None,
     diffraction: Literal["auto", "on", "off"] = "auto",
     d_sigma: str = "0.1%",
     cell_sigma: str = "0.1%",
@@ -290,8 +290,8 @@ def calibrate(
         Of the posterior's walkers.
     posterior : bool
         Sample the posterior; else the spread of the fit is taken as normal.
-    distortion : int
-        Radial terms to fit.
+    distortion : int, optional
+        Radial terms to fit; by default 1 behind a main lens with a prescription, else as many as residuals ask for.
     diffraction : {"auto", "on", "off"}
         Whether microlens diffraction is taken off the corners.
     d_sigma, cell_sigma : str

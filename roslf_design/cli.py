@@ -6,6 +6,7 @@ so that `roslf --help` stays quick.
 
 from __future__ import annotations
 
+import errno
 import io
 import os
 import signal
@@ -13,11 +14,13 @@ import sys
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ._version import __version__
-from .errors import InputError, one_line
+from .errors import InputError, cause, one_line
 
 if TYPE_CHECKING:
     from cyclopts import App
 
+NAMES = (errno.ENAMETOOLONG, errno.ELOOP)
+"""What the system says of names that no file can have, wherever one is first looked for."""
 LISTED = 40
 """Faults that are told one by one."""
 
@@ -130,11 +133,11 @@ def main(arguments: list[str] | None = None) -> int:
         raise
     except OSError as error:
         place = f"{error.filename}: " if error.filename else ""
+        if error.errno in NAMES:
+            return _complain(f"{place}{error.strerror}; give another name", 2)
         return _complain(f"{place}{error.strerror or error}", 1)
     except (ArithmeticError, MemoryError) as error:
-        detail = " ".join(str(error).split()) or type(error).__name__
-        what = "there is not enough memory" if isinstance(error, MemoryError) else "a number went out of bounds"
-        return _complain(f"{what} ({detail}); check the input for values far from any camera's", 1)
+        return _complain(cause(error), 1)
     except KeyboardInterrupt:
         return _complain("stopped", 130)
     return result if isinstance(result, int) else 0

@@ -69,3 +69,16 @@ class InputError(ValueError):
     def __str__(self) -> str:
         start = f"{self.origin}: " if self.origin else ""
         return "\n".join(one_line(f"{start}{problem}") for problem in self.problems)
+
+
+FAULTS = (ArithmeticError, LookupError, MemoryError, RuntimeError, TypeError, ValueError)
+"""What computations end in where numbers lie far from any camera's."""
+
+
+def cause(error: Exception) -> str:
+    """Why a computation ended in one of `FAULTS`, on one line, and what to do."""
+    if isinstance(error, ValueError):
+        return one_line("; ".join(str(error).splitlines()) or type(error).__name__)
+    detail = " ".join(str(error).split()) or type(error).__name__
+    what = "there is not enough memory" if isinstance(error, MemoryError) else "a number went out of bounds"
+    return one_line(f"{what} ({detail}); check the input for values far from any camera's")

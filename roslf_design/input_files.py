@@ -67,7 +67,11 @@ def read_bytes(
         Missing, a folder, a pipe or a device (which may never end), too large, not readable.
     """
     check_file(path, origin, missing, most=most, refusal=refusal)
-    return path.read_bytes()
+    try:
+        return path.read_bytes()
+    except OSError as error:  # what opens and cannot be read, as /proc/self/mem
+        message = f"cannot be read: {error.strerror}; check its name and permissions"
+        raise refusal((Problem("", message),), origin) from None
 
 
 def check_file(

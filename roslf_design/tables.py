@@ -106,7 +106,7 @@ def csv_bytes(rows: Iterable[Iterable[object]]) -> bytes:
     page = io.StringIO()
     writer = csv.writer(page, lineterminator="\n")
     writer.writerows(["" if cell is None or cell != cell else cell for cell in row] for row in rows)
-    return page.getvalue().encode()
+    return page.getvalue().encode("utf-8", "backslashreplace")  # a file's name may hold what is no letter
 
 
 def plain_text(text: str, style: str = "") -> Text:

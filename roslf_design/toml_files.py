@@ -86,6 +86,8 @@ def validated(model: type[Model], data: Any, origin: str = "", **context: Any) -
         return model.model_validate(data, context={"from_file": True, **context})
     except ValidationError as error:
         raise InputError(problems_of(error, model), origin) from None
+    except UnicodeEncodeError as error:  # bytes of a command line that are no letters
+        raise InputError((Problem("", f'"{error.object}" is no UTF-8 text; write it again'),), origin) from None
 
 
 def problems_of(error: ValidationError, model: type[BaseModel]) -> tuple[Problem, ...]:
@@ -168,7 +170,7 @@ def _at(model: type[BaseModel], place: Sequence[int | str]) -> _Place:
         if chosen:
             models = chosen
             continue
-        names.append(step)
+        names.append('""' if step == "" else step)
         if isinstance(step, str):
             field = models[0].model_fields.get(step) if len(models) == 1 else None
             kind = None if field is None else field.annotation

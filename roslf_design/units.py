@@ -137,6 +137,11 @@ def parse_quantity(text: object, dimension: str, *, unit_required: bool = True) 
     return value + 0.0
 
 
+def read_quantity(text: object, dimension: str, *, unit_required: bool = True) -> float:
+    """A quantity as `parse_quantity` reads it, of a size that a camera can have; arguments and errors as there."""
+    return within_reach(parse_quantity(text, dimension, unit_required=unit_required), dimension, text)
+
+
 def within_reach(value: float, dimension: str, text: object = None) -> float:
     """A length or angle as it is, where it can belong to a camera: what is computed from it is then finite.
 
@@ -220,7 +225,7 @@ def in_file(info: ValidationInfo) -> bool:
 
 def _validator(dimension: str) -> WrapValidator:
     def validate(value: Any, check: Callable[[Any], float], info: ValidationInfo) -> float:
-        number = within_reach(check(parse_quantity(value, dimension, unit_required=in_file(info))), dimension, value)
+        number = check(read_quantity(value, dimension, unit_required=in_file(info)))
         typed = _NUMBER.fullmatch(value)[2] if isinstance(value, str) else getattr(value, "unit", "")  # type: ignore[index]
         return TypedQuantity(number, typed) if typed else number
 

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arrays import ratio
 from ..lenses.angles import Law
 from .conjugates import CONJUGATES, followed
 from .element import Matrix
@@ -240,7 +241,7 @@ class Chain:
         if not self.elements:
             return distance
         far, last = self.front(numbers)
-        return far + last.medium * (distance * last.a - last.b) / (last.d - distance * last.c)
+        return far + ratio(last.medium * (distance * last.a - last.b), last.d - distance * last.c)
 
     def front(
         self, numbers: Mapping[str, Number], walk: tuple[ChainStep, ...] | None = None

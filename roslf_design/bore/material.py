@@ -9,22 +9,18 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, InstanceOf, PlainSerializer, ValidationInfo
 
 from ..errors import InputError
-from ..lenses.glass import COEFFICIENTS, Glass, find_glass, glass_of_index, is_shipped, read_glass
-from ..lenses.glass_files import glass_of_file
-from ..lenses.lens_file import glass_table
+from ..lenses.glass import Glass, find_glass, is_shipped
+from ..lenses.glass_files import glass_of_table
+from ..lenses.lens_file import glass_table, numbers_of
 
 
 def _material(value: Any, info: ValidationInfo) -> Glass:
     if isinstance(value, Glass):
         return value
     try:
-        if isinstance(value, Mapping) and "file" in value:
-            folder = (info.context or {}).get("folder", "")
-            return glass_of_file(value, None if folder is None else Path(folder))
-        if isinstance(value, Mapping) and "formula" in value:
-            return _of_numbers(value)
         if isinstance(value, Mapping):
-            return glass_of_index(value)
+            folder = (info.context or {}).get("folder", "")
+            return glass_of_table(value, None if folder is None else Path(folder))
         if isinstance(value, str):
             return find_glass(value)
     except InputError as error:
@@ -33,21 +29,10 @@ def _material(value: Any, info: ValidationInfo) -> Glass:
     raise ValueError(f"expected a material by name or a table such as {{index = 1.35, abbe = 55}}, got {value!r}")
 
 
-def _of_numbers(table: Mapping[str, Any]) -> Glass:
-    """As a design is written whose glass came out of a file: its name and its numbers."""
-    name = table.get("name", "")
-    glass, problems = read_glass(str(name), {key: value for key, value in table.items() if key != "name"})
-    if glass is None:
-        raise InputError(problems)
-    return glass
-
-
 def _written(glass: Glass) -> str | dict[str, Any]:
     if is_shipped(glass):
         return glass.name
-    if glass.formula in ("constant", "abbe") and glass.name.startswith("n ="):
-        return dict(zip(COEFFICIENTS[glass.formula], glass.coefficients, strict=True))
-    return {"name": glass.name, **glass_table(glass)}
+    return numbers_of(glass) or {"name": glass.name, **glass_table(glass)}
 
 
 def material_told(glass: Glass, wavelength: float) -> str:

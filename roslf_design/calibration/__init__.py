@@ -11,6 +11,7 @@ from .centres import MicrolensCentres, Reason, find_centres, find_centres_in_sce
 from .corners import find_corners, observe, observe_pictures
 from .decoding import Decoder, LightField, decode
 from .diffraction import Corrected, DiffractionCheck, calibrate_corrected
+from .distortion import Distortion, with_distortion
 from .fit import Calibration, calibrate
 from .frames import CalibrationError, read_capture, read_image
 from .lattice import CentreLattice
@@ -40,6 +41,7 @@ __all__ = [
     "DataSheet",
     "Decoder",
     "DiffractionCheck",
+    "Distortion",
     "Intrinsics",
     "LightField",
     "MicrolensCentres",
@@ -75,4 +77,5 @@ __all__ = [
     "undistorted_radius",
     "variance_shares",
     "white_pitch",
+    "with_distortion",
 ]

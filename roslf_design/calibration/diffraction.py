@@ -24,6 +24,7 @@ from ..shapes.lattice import lattice_steps
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.light import diffraction_width
 from ..theory.transfer import MicrolensTransfer, disc_spectrum
+from .aberrations import aberration_error
 from .corners import fit_saddles, fit_window
 from .decoding import cubic_taps, decode
 from .fit import Calibration, calibrate, fit_lines
@@ -136,13 +137,15 @@ def calibrate_corrected(
     -------
     Corrected
         The fit's `systematic` holds the correction's own uncertainty (5 % of what it changed, and the difference
-        between the white image's pupil image and the one that the design and the calibration predict) and what inner
-        and outer views disagree on (`view_disagreement`).
+        between the white image's pupil image and the one that the design and the calibration predict), what inner and
+        outer views disagree on (`view_disagreement`) and what a real main lens does beyond the model
+        (`aberration_error`).
     """
-    check = _looked_at(design, white, dark, lattice, wish)
+    check, bent = _looked_at(design, white, dark, lattice, wish), lattice.bend is not None
     if not check.corrected or check.image is None:
         plain = calibrate(observations, sheet, distortion=distortion, guess=guess)
-        systematic = view_disagreement(observations, plain, sheet, distortion)
+        left = view_disagreement(observations, plain, sheet, distortion)
+        systematic = np.concatenate([left, aberration_error(plain, sheet, design, distortion, bent)])
         return Corrected(replace(plain, fit=plain.fit._replace(systematic=systematic)), check)
     straight = _straightened(observations, board, check.image)
     shifts = observations.uv - straight.uv
@@ -158,7 +161,8 @@ def calibrate_corrected(
     )
     moved = [calibrate(other, sheet, distortion=distortion, guess=camera.A).fit.camera for other in others]
     own = np.stack([other.vector(_NAMES) - camera.vector(_NAMES) for other in moved])
-    systematic = np.concatenate([own, view_disagreement(straight, result, sheet, distortion)])
+    left = view_disagreement(straight, result, sheet, distortion)
+    systematic = np.concatenate([own, left, aberration_error(result, sheet, design, distortion, bent)])
     result = replace(result, fit=result.fit._replace(systematic=systematic))
     check = replace(check, largest=float(np.nanmax(np.hypot(*np.moveaxis(shifts, -1, 0)))), shifts=shifts)
     try:

@@ -17,6 +17,7 @@ from .corners import homography
 from .frames import Array, CalibrationError
 from .model import (
     GLOBALS,
+    MOST_RADIAL,
     DataSheet,
     Intrinsics,
     Observations,
@@ -31,7 +32,8 @@ _SETTLED = 10
 """Most rounds in which a fit and the scatter about it settle; from a tenth of the scatter it takes five."""
 _MOST = 200
 """Most evaluations: fits that are determined take 4 to 20, one that is not would wander on."""
-_SCALES = {"A": 100.0, "m": 0.4, "inverse_d_2": 0.5, "x_0": 100.0, "y_0": 100.0, "k_1": 10.0, "k_2": 1000.0}
+_SCALES = {"A": 100.0, "m": 0.4, "inverse_d_2": 0.5, "x_0": 100.0, "y_0": 100.0, "k_2": 1000.0}
+_SCALES |= dict.fromkeys(("k_1", "c_1", "b_1"), 10.0)
 _LOST = 0.3
 """Relative standard deviation of A, m or d_2 above which it counts as not determined."""
 _CHANCE = 1e-3
@@ -39,6 +41,8 @@ _CHANCE = 1e-3
 _PARALLEL = "the boards are all parallel, as far as their corners tell; tilt them by 20 degrees in several directions"
 _FAR = 3.0
 """Standard deviations beyond which a corner pulls no harder (Huber's loss): scatter alone puts one in 400 there."""
+_MIRRORED = 3
+"""Rounds in which boards are tried tilted the other way."""
 VISIBLE = 2.0
 """Scale of residuals, against what views of one corner scatter by, from which a misfit is one."""
 
@@ -70,7 +74,7 @@ def calibrate(
     sheet : DataSheet
         f, q and d.
     distortion : int
-        Radial coefficients to find: 0, 1 or 2.
+        Radial coefficients to find: 0, 1 or 2; with any, the field's curvature and the growth of the views' baseline.
     guess : float, optional
         A [mm] to start from, such as the design's.
 
@@ -86,7 +90,7 @@ def calibrate(
     lines, names = fit_lines(observations), shared_names(distortion)
     try:
         first = step_one(observations, lines, sheet.q, sheet.d, distortion=distortion, guess=guess)
-        second = step_two(observations, lines, first)
+        second = step_two(observations, lines, first, distorted=distortion > 0)
         joint = refine(observations, second.camera, first.poses, names)
         _refuse_lost(joint.covariance, joint.camera, joint.poses)
         statistics = corner_statistics(observations, lines, independent_sigma(lines, joint))
@@ -123,10 +127,10 @@ def _why(lost: str, poses: Poses) -> str:
 
 
 def shared_names(distortion: int) -> tuple[str, ...]:
-    """Names of the shared parameters that a fit with so many radial coefficients finds."""
-    if distortion not in (0, 1, 2):
+    """Names of the shared parameters that a fit with so many radial coefficients finds: what goes with them, too."""
+    if distortion not in range(MOST_RADIAL + 1):
         raise ValueError(f"distortion must be 0, 1 or 2 radial coefficients, got {distortion}")
-    return GLOBALS[: 5 + distortion]
+    return (*GLOBALS[: 5 + distortion], *(("c_1", "b_1") if distortion else ()))
 
 
 # --- lines through the views ------------------------------------------------------------------------------------------
@@ -241,12 +245,44 @@ def step_one(
     x_0, y_0 = middle.tolist()
     camera = Intrinsics(A, 0.0, 0.0, x_0, y_0, q=pixel_pitch, d=microlens_pitch)
     view = Observations(observations.points, np.zeros((1, 2)), central[:, None], observations.names)
-    fit = refine(view, camera, Poses.from_vector(np.array(poses)), ("A", *shared_names(distortion)[3:]))
+    names = ("A", *GLOBALS[3 : 5 + distortion])
+    fit = refine(view, camera, Poses.from_vector(np.array(poses)), names)
+    for _ in range(_MIRRORED):
+        better = _better_mirrored(view, fit)
+        if better is None:
+            break
+        fit = refine(view, fit.camera, better, names)
     if fit.camera.A < 0:  # the mirrored solution: depth and A change sign together
         raise CalibrationError("step one went astray: the boards' poses do not fit a camera in front of them")
     if 0.01 * (guess or A) > fit.camera.A:  # no board is foreshortened: A shrinks without end
         raise CalibrationError(f"A not determined: {_PARALLEL}")
     return StepOne(fit.camera, fit.poses, fit.rms)
+
+
+def _better_mirrored(view: Observations, fit: Refined) -> Poses | None:
+    """The poses with those boards tilted the other way that fit better so; None where none does.
+
+    A board tilted the other way, mirrored in the plane square to its line of sight, looks alike but for perspective: a
+    fit that starts there, as from corners that distortion has moved, does not come back by itself.
+    """
+    from scipy.spatial.transform import Rotation
+
+    turn, place = rotation_matrix(fit.poses.rotation), fit.poses.translation
+    sight = place / np.linalg.norm(place, axis=1, keepdims=True)
+    over = np.eye(3) - 2 * sight[:, :, None] * sight[:, None, :]
+    turned = Rotation.from_matrix(over @ turn @ np.diag([1.0, 1.0, -1.0])).as_rotvec()
+    measured = np.where(view.seen[..., None], view.uv, 0.0)
+
+    def model(shared: Array, pose: Array, derivatives: bool) -> Linear:
+        corners = project_boards(shared, pose, view.points, view.views, derivatives=derivatives)
+        return whitened(corners, measured, view.seen[..., None])
+
+    other = settle(model, fit.camera, Poses(turned, place), ())
+    before = np.nansum(np.square(fit.residuals), axis=(1, 2, 3))
+    better = np.square(other.linear.off).sum(axis=1) < before
+    if not better.any():
+        return None
+    return Poses.from_vector(np.where(better[:, None], other.poses.vector, fit.poses.vector))
 
 
 def _focal_length(homographies: Array) -> float:
@@ -311,11 +347,12 @@ class StepTwo(NamedTuple):
     """The line's slope there, shape (k,)."""
 
 
-def step_two(observations: Observations, lines: EpiLines, first: StepOne) -> StepTwo:
+def step_two(observations: Observations, lines: EpiLines, first: StepOne, *, distorted: bool = False) -> StepTwo:
     """Fit ``slope = alpha + beta (1/Z_F - 1/Z_0)``, beta = -q A^2/(d d_2), alpha = (q A/(d d_2))(m - A/Z_0).
 
     Centred on the mean inverse depth the two columns are orthogonal, so that few or near depths widen the errors of m
-    and d_2 without losing digits. From the fit ``1/d_2 = -beta d/(q A^2)`` and ``m = A (1/Z_0 - alpha/beta)``.
+    and d_2 without losing digits. From the fit ``1/d_2 = -beta d/(q A^2)`` and ``m = A (1/Z_0 - alpha/beta)``. A lens
+    that is `distorted` adds terms in |X/Z_F|^2 and |X/Z_F|^2/Z_F, which are fitted first and taken off the slopes.
 
     Raises
     ------
@@ -331,6 +368,12 @@ def step_two(observations: Observations, lines: EpiLines, first: StepOne) -> Ste
             "all corners were seen in one view only: step two needs views from several places of the pupil"
         )
     inverse, slope, weight = 1 / depth[used], lines.slope[used], lines.lever.sum(axis=-1)[used]
+    if distorted:
+        aside = (np.square(lines.central - (camera.x_0, camera.y_0)).sum(axis=-1) * (camera.d / camera.A) ** 2)[used]
+        columns = np.stack([aside, aside * inverse, np.ones_like(aside), inverse], axis=-1)
+        size, root = np.sqrt(np.square(columns).sum(axis=0)), np.sqrt(weight)
+        terms = np.linalg.lstsq(root[:, None] * columns / size, root * slope, rcond=None)[0] / size
+        slope = slope - columns[:, :2] @ terms[:2]
     centre, alpha = (float(np.average(values, weights=weight)) for values in (inverse, slope))
     away = inverse - centre
     power = float(np.sum(weight * away**2))
@@ -586,7 +629,7 @@ def settle(
 ) -> SettledFit:
     """Fit the shared parameters `names` and all poses by least squares, from `camera` and `poses`.
 
-    `model` takes the nine `GLOBALS`, poses (b, 6) and whether to differentiate; `shared` then has their columns. With
+    `model` takes all `GLOBALS`, poses (b, 6) and whether to differentiate; `shared` then has their columns. With
     `far`, residuals beyond it count by Huber's loss: linearly.
     """
     from scipy.optimize import least_squares

@@ -20,7 +20,7 @@ Image = NDArray[Any]
 SUFFIXES = (".tif", ".tiff", ".png")
 _OURS = ('"full_scale"', '"roslf.render')
 """What notes of ours hold."""
-_LARGEST = 1e30
+LARGEST = 1e30
 """Grey level that none reaches; sums of it stay within a float's range."""
 MOST_SATURATED = 0.05
 """Share of saturated pixels beyond which a raw image is refused."""
@@ -147,7 +147,7 @@ def grey_frame(image: ArrayLike | None, dark: ArrayLike | None = None, name: str
     shape = pixels.shape
     if pixels.ndim not in (2, 3) or min(shape[:2]) < 8 or pixels.size == 0 or pixels.dtype.kind not in "buif":
         raise CalibrationError(f"the {name} is no image: array of shape {shape} and type {pixels.dtype}")
-    if not (float(pixels.min()) > -_LARGEST and float(pixels.max()) < _LARGEST):
+    if not (float(pixels.min()) > -LARGEST and float(pixels.max()) < LARGEST):
         raise CalibrationError(f"the {name} has pixels that are not finite numbers, or larger than any sensor's")
     grey = pixels.mean(axis=2) if pixels.ndim == 3 else pixels
     frame = np.ascontiguousarray(grey, np.float32)

@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .fit import VISIBLE, Calibration, Leftover, Linear, corner_statistics, independent_sigma, leftover
+from .fit import VISIBLE, Calibration, Leftover, Linear, corner_statistics, independent_sigma, leftover, shared_names
 from .frames import Array
-from .model import GLOBALS, rotation_matrix
+from .model import GLOBALS, MOST_RADIAL, rotation_matrix
 
 DISAGREE = 4.0
 """Standard deviations between two ways to one number from which they disagree."""
@@ -42,6 +42,8 @@ class Remedy(NamedTuple):
     """As a clause."""
     scale: float
     """The larger of both scales with it."""
+    distortion: int = 0
+    """Radial coefficients that it fits; 0 where it is something else."""
 
 
 @dataclass(frozen=True)
@@ -154,10 +156,11 @@ def _remedies(calibration: Calibration, linear: Linear, whole: Linear, scales: A
     def with_columns(more: Array) -> float:
         return _larger(whole._replace(shared=np.concatenate([whole.shared, more], axis=-1)), scales)
 
-    fitted = len(calibration.fit.covariance.names) - 5
-    for count in range(fitted + 1, 3):
-        radial = slice(5 + fitted, 5 + count)
-        yield Remedy(f"--distortion {count} would take that", with_columns(linear.shared[..., radial]))
+    fitted = calibration.fit.covariance.names
+    radial = sum(name.startswith("k_") for name in fitted)
+    for count in range(radial + 1, MOST_RADIAL + 1):
+        more = [GLOBALS.index(name) for name in shared_names(count) if name not in fitted]
+        yield Remedy(f"--distortion {count} would take that", with_columns(linear.shared[..., more]), count)
     points = calibration.observations.points
     bow, height = _bow(calibration, linear, points)
     coefficients = _taken_up(whole._replace(shared=np.concatenate([whole.shared, bow], axis=-1)))[-3:]

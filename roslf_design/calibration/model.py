@@ -3,11 +3,17 @@
 A view is a pinhole at S' on the flexible angular plane (Eqs. 2 and 10); the slope of the ray from it to a corner is
 distorted radially, then scaled to the array:
 
-    S' = -(q A / d_2) s',    xi = (X - S')/Z_F,    xi_d = xi (1 + k_1 |xi|^2 + k_2 |xi|^4),
-    u - u_0 = -(A xi_d + m S')/d.
+    S' = -(q A / d_2) (1 + b_1 |X/Z_F|^2) s',    xi = (X - S')/Z_F,    xi_d = xi (1 + k_1 |xi|^2 + k_2 |xi|^4),
+    u - u_0 = -(A xi_d + m (1 + c_1 |xi|^2) S')/d.
 
 Without distortion this is the light-field projection of `roslf_design.theory`. s'_0 is 0 by choice of origin: another
 would move u_0 and the boards, nothing else.
+
+A lens that distorts does more to third order. Its field is curved: where views agree is a bowl, c_1, of which the mean
+of tangential and sagittal foci counts, as slopes are means over both. And the same pixels see more or less of the pupil
+towards the edge, b_1: whatever the lens, Lagrange's invariant makes it 2 k_1 + 1 - (A/L)^2, L the exit pupil's distance
+from the array. Left out, m takes up the bowl (1 to 4 % of m behind catalogue lenses on the paper's bench), d_2 the
+rest.
 """
 
 from __future__ import annotations
@@ -23,12 +29,14 @@ from numpy.typing import ArrayLike, NDArray
 from ..camera import Camera
 from ..design import Design
 from ..theory.light_field import back_substitute
-from ..units import FARTHEST, parse_quantity
+from ..units import FARTHEST, read_quantity
 from .frames import Array, CalibrationError
 from .space import SceneSide, Shown, as_shown
 
-GLOBALS = ("A", "m", "inverse_d_2", "x_0", "y_0", "k_1", "k_2", "q", "d")
+GLOBALS = ("A", "m", "inverse_d_2", "x_0", "y_0", "k_1", "k_2", "q", "d", "c_1", "b_1")
 """Parameters all boards share, in the order of the Jacobian's columns."""
+MOST_RADIAL = 2
+"""Radial coefficients of distortion that a fit can find."""
 QUANTITIES = ("H", "d_3", "d_1", "d_f", "d_2", "A", "m")
 """Lengths [mm] and ratios derived from a calibration, in the order in which they are told."""
 UNITS = {name: "" if name in ("m", "H") else "mm" for name in QUANTITIES}
@@ -57,6 +65,10 @@ class Markers(NamedTuple):
     """As OpenCV calls it: "DICT_4X4_50" is the first 50 markers of 4 x 4 bits."""
 
 
+LEAST_CELLS, LEAST_MARKED = 4, 3
+"""Cells along a side of a checkerboard, below which OpenCV looks for none; and of one with markers."""
+
+
 @dataclass(frozen=True)
 class Board:
     """A flat checkerboard of `columns` x `rows` cells, each `cell` mm wide.
@@ -71,9 +83,11 @@ class Board:
     markers: Markers | None = None
 
     def __post_init__(self) -> None:
-        if self.columns < 3 or self.rows < 3:
+        least = LEAST_CELLS if self.markers is None else LEAST_MARKED
+        if min(self.columns, self.rows) < least:
             raise CalibrationError(
-                f"a board of {self.columns} x {self.rows} cells has too few inner corners: 3 x 3 cells or more"
+                f"a board of {self.columns} x {self.rows} cells has too few inner corners: {least} x {least} cells or"
+                " more"
             )
         if max(self.columns, self.rows) > MOST_CELLS:
             raise CalibrationError(
@@ -216,6 +230,10 @@ class Intrinsics:
     """Pixel pitch [mm]: from the data sheet."""
     d: float = 1.0
     """Microlens pitch [mm]: from the data sheet."""
+    c_1: float = 0.0
+    """Curvature of the field: growth of m with the square of the ray's slope."""
+    b_1: float = 0.0
+    """Growth of the views' baseline with the square of the ray's slope."""
 
     def vector(self, names: tuple[str, ...] = GLOBALS) -> Array:
         """The parameters named, in order."""
@@ -255,7 +273,7 @@ class ProjectedCorners(NamedTuple):
     values: NDArray[Any]
     """u, v [pitches] and, with a share, the slope Du/Ds' [pitches/px], shape (b, v, n, 2 or 3)."""
     by_globals: NDArray[Any]
-    """By `GLOBALS`, shape (b, v, n, 2 or 3, 9)."""
+    """By `GLOBALS`, shape (b, v, n, 2 or 3, 11)."""
     by_pose: NDArray[Any]
     """By the board's own pose, shape (b, v, n, 2 or 3, 6)."""
 
@@ -273,7 +291,7 @@ def project_boards(
     Parameters
     ----------
     camera : ndarray
-        The nine `GLOBALS`, shape (9,); without derivatives also of many cameras, shape (w, 9).
+        All `GLOBALS`, shape (11,); without derivatives also of many cameras, shape (w, 11).
     pose : ndarray
         Rotation vector and translation of each board, shape (b, 6) or (w, b, 6).
     points : ndarray
@@ -288,56 +306,73 @@ def project_boards(
 
     For complex arguments the result is complex, so that a complex step checks the derivatives.
     """
-    A, m, inverse_d_2, x_0, y_0, k_1, k_2, q, d = np.moveaxis(camera, -1, 0)[..., None, None, None, None]
+    parts = np.moveaxis(camera, -1, 0)[..., None, None, None, None]
+    A, m, inverse_d_2, x_0, y_0, k_1, k_2, q, d, c_1, b_1 = parts
     at = views[None, :, None, :] if views.ndim == 2 else views
     step = q * A * inverse_d_2
     turn = rotation_matrix(pose[..., :3])
     scene = (points @ np.swapaxes(turn, -1, -2) + pose[..., None, 3:])[..., None, :, :]
     z = scene[..., 2:]
-    pupil = -step * at
-    slope = (scene[..., :2] - pupil) / z
+    chief = scene[..., :2] / z
+    aside = (chief * chief).sum(axis=-1, keepdims=True)
+    base = 1 + b_1 * aside
+    pupil = -step * base * at
+    slope = chief - pupil / z
     square = slope * slope
     r2 = square[..., :1] + square[..., 1:]
     gain, bend, curl = 1 + r2 * (k_1 + k_2 * r2), k_1 + 2 * k_2 * r2, 2 * k_2
-    bent = gain * slope
-    values = np.concatenate([x_0, y_0], axis=-1) - (A * bent + m * pupil) / d
+    bent, bowl = gain * slope, m * (1 + c_1 * r2)
+    values = np.concatenate([x_0, y_0], axis=-1) - (A * bent + bowl * pupil) / d
     if share is not None:
         weights = np.stack([share, 1 - share], axis=-1)
         tilted = weights[..., :1] * square[..., :1] + weights[..., 1:] * square[..., 1:]
-        stretch = gain + 2 * bend * tilted
-        values = np.concatenate([values, step / d * (m - A * stretch / z)], axis=-1)
+        stretch, along = gain + 2 * bend * tilted, (weights * slope * pupil).sum(axis=-1, keepdims=True)
+        moves = bowl - (A * stretch + 2 * m * c_1 * along) / z
+        values = np.concatenate([values, step * base / d * moves], axis=-1)
     if not derivatives:
         return ProjectedCorners(values, np.empty(0), np.empty(0))
 
     tensor = gain[..., None] * np.eye(2) + 2 * bend[..., None] * slope[..., :, None] * slope[..., None, :]
-    moved = ((A / d * tensor / z[..., None] - m / d * np.eye(2)) @ at[..., None])[..., 0]
+    by_slope = A * tensor + 2 * (m * c_1)[..., None] * pupil[..., :, None] * slope[..., None, :]
+    by_pupil = (by_slope / z[..., None] - bowl[..., None] * np.eye(2)) / d
     by_globals = np.zeros((*values.shape, len(GLOBALS)), values.dtype)
-    # The pupil moves with A, 1/d_2 and q through `step`.
+    # The pupil moves with A, 1/d_2 and q through `step`, with b_1 and the corner through `base`.
     by_step = ((0, q * inverse_d_2), (2, q * A), (7, A * inverse_d_2))
+    pulled = -(by_pupil @ at[..., None])[..., 0]
     for column, rate in by_step:
-        by_globals[..., :2, column] = -rate * moved
+        by_globals[..., :2, column] = rate * base * pulled
     by_globals[..., :2, 0] -= bent / d
-    by_globals[..., :2, 1] = -pupil / d
+    by_globals[..., :2, 1] = -(1 + c_1 * r2) * pupil / d
     by_globals[..., 0, 3] = by_globals[..., 1, 4] = 1.0
     by_globals[..., :2, 5] = -(A / d) * r2 * slope
     by_globals[..., :2, 6] = -(A / d) * r2 * r2 * slope
-    by_globals[..., :2, 8] = (A * bent + m * pupil) / (d * d)
+    by_globals[..., :2, 8] = (A * bent + bowl * pupil) / (d * d)
+    by_globals[..., :2, 9] = -(m / d) * r2 * pupil
+    by_globals[..., :2, 10] = step * aside * pulled
     slope_by_scene = np.concatenate([np.broadcast_to(np.eye(2), tensor.shape), -slope[..., None]], axis=-1)
     slope_by_scene = slope_by_scene / z[..., None]
-    by_scene = -(A / d) * (tensor @ slope_by_scene)
+    base_by_scene = 2 * b_1 / z * np.concatenate([chief, -aside], axis=-1)
+    by_scene = -by_slope @ slope_by_scene / d[..., None]
+    by_scene = by_scene + step[..., None] * pulled[..., :, None] * base_by_scene[..., None, :]
     if share is not None:
         stretch_by_slope = (2 * bend + 4 * curl * tilted + 4 * bend * weights) * slope
-        # d(slope)/d(step) = at/z.
-        grown = m - A * stretch / z - step * A / z * (stretch_by_slope * at).sum(axis=-1, keepdims=True) / z
+        moves_by_slope = 2 * m * c_1 * (slope - weights * pupil / z) - A / z * stretch_by_slope
+        moves_by_pupil = -(2 * m * c_1 * weights * slope + moves_by_slope) / z
+        # Of step * base * moves, by step over base and by base over step alike.
+        grown = moves - step * base * (moves_by_pupil * at).sum(axis=-1, keepdims=True)
         for column, rate in by_step:
-            by_globals[..., 2:, column] = rate / d * grown
-        by_globals[..., 2:, 0] -= step / d * stretch / z
-        by_globals[..., 2:, 1] = step / d
-        by_globals[..., 2:, 5] = -step * A / (d * z) * (r2 + 2 * tilted)
-        by_globals[..., 2:, 6] = -step * A / (d * z) * (r2 * r2 + 4 * r2 * tilted)
+            by_globals[..., 2:, column] = rate * base / d * grown
+        whole = step * base / d
+        by_globals[..., 2:, 0] -= whole * stretch / z
+        by_globals[..., 2:, 1] = whole * (1 + c_1 * r2 - 2 * c_1 * along / z)
+        by_globals[..., 2:, 5] = -whole * A / z * (r2 + 2 * tilted)
+        by_globals[..., 2:, 6] = -whole * A / z * (r2 * r2 + 4 * r2 * tilted)
         by_globals[..., 2:, 8] = -values[..., 2:] / d
-        row = -step * A / (d * z) * (stretch_by_slope[..., None, :] @ slope_by_scene)[..., 0, :]
-        row[..., 2:] += step * A / d * stretch / (z * z)
+        by_globals[..., 2:, 9] = whole * m * (r2 - 2 * along / z)
+        by_globals[..., 2:, 10] = step * aside / d * grown
+        row = whole * (moves_by_slope[..., None, :] @ slope_by_scene)[..., 0, :]
+        row[..., 2:] += whole * (A * stretch + 2 * m * c_1 * along) / (z * z)
+        row = row + step / d * grown * base_by_scene
         by_scene = np.concatenate([by_scene, row[..., None, :]], axis=-2)
     twist = (-turn[:, None] @ cross_matrix(points) @ _right_jacobian(pose[:, None, :3]))[:, None]
     return ProjectedCorners(values, by_globals, np.concatenate([by_scene @ twist, by_scene], axis=-1))
@@ -470,7 +505,7 @@ def relative_sigma(text: str, f: float) -> float:
     """
     text = text.strip()
     if not text.endswith("%"):
-        return parse_quantity(text, "length") / f
+        return read_quantity(text, "length") / f
     try:
         return float(text[:-1]) / 100
     except ValueError:
@@ -495,6 +530,11 @@ def derived(camera: Array, sheet: DataSheet, drawn: Sequence[ArrayLike] | Array 
         `QUANTITIES`, each of shape (...), as the main lens sees them through what stands before it; ``q``, ``d`` and
         the sheet's `elements` by their places, as drawn.
 
+    Raises
+    ------
+    CalibrationError
+        f or m is not positive, so that d_3 and d_f have no value.
+
     Notes
     -----
     A change of d, q or of the board's scale leaves every modelled corner where it is when A and m grow with d, d_2
@@ -508,6 +548,12 @@ def derived(camera: Array, sheet: DataSheet, drawn: Sequence[ArrayLike] | Array 
     d_2 = (q / sheet.q) * (d / sheet.d) / (inverse_d_2 * board)
     if (space := sheet.space_at(elements)) is not None:
         A, m, d_2 = space.seen(f, A, m, d_2)
-    d_1, d_f, H, d_3 = back_substitute(f, A, m)[:4]
+    try:
+        d_1, d_f, H, d_3 = back_substitute(f, A, m)[:4]
+    except ValueError:
+        raise CalibrationError(
+            "within what is known of it the camera may be focused at infinity or beyond (d_1 <= f), where d_3 and d_f"
+            " have no value: focus it nearer, or know it better"
+        ) from None
     lengths = zip(QUANTITIES, (H, d_3, d_1, d_f, d_2, A, m), strict=True)
     return {name: np.asarray(value) for name, value in lengths} | {"q": q, "d": d} | elements

@@ -124,9 +124,12 @@ class Captures:
         return np.stack([s[inside], t[inside]], axis=-1)
 
 
-def camera_of(design: Design) -> Intrinsics:
-    """The calibration's parameters of a design, the axis at the middle of its array."""
-    shown = _shown(design)
+def camera_of(design: Design, f: float | None = None) -> Intrinsics:
+    """The calibration's parameters of a design, the axis at the middle of its array.
+
+    With `f` [mm], of a camera built to it whose main lens has that focal length: d_1, d_2 and the FAP stay.
+    """
+    shown = _shown(design, f)
     x_0, y_0 = (size / design.d / 2 for size in design.sensor_size)
     return Intrinsics(float(shown.A), float(shown.m), 1 / float(shown.d_2), x_0, y_0, q=design.q, d=design.d)
 
@@ -136,8 +139,10 @@ def pupil_of(design: Design) -> float:
     return float(_shown(design).pupil)
 
 
-def _shown(design: Design) -> Shown:
+def _shown(design: Design, f: float | None = None) -> Shown:
     c = Camera.of(design)
+    if f is not None:
+        c = Camera.of(design, {"f": f, "d_1": c.d_1})
     lengths = {name: np.asarray(getattr(c, name), float) for name in ("A", "m", "d_2", "d_3", "d_f")}
     return as_shown(lengths, SceneSide.of(design))
 
@@ -249,6 +254,8 @@ class CapturePlan(NamedTuple):
     expected: ExpectedErrors
     changes: tuple[PlanChange, ...]
     """Best first, by d_3."""
+    distortion: int = 0
+    """Radial coefficients that the calibration will fit."""
 
     @property
     def advice(self) -> str:
@@ -262,7 +269,7 @@ class CapturePlan(NamedTuple):
             f" H to ±{after['H']:.2g} instead of ±{before['H']:.2g}"
         )
 
-    def to_dict(self, design: str, seed: int, distortion: int) -> dict[str, object]:
+    def to_dict(self, design: str, seed: int) -> dict[str, object]:
         """As JSON's types, with the design's name and what the plan was made with."""
         s, before = self.captures, self.expected
         return {
@@ -287,7 +294,7 @@ class CapturePlan(NamedTuple):
                 {"change": c.what, "expected_sigma": c.expected.sigma, "gain_d_3": c.gain(before)} for c in self.changes
             ],
             "advice": self.advice,
-            "distortion_coefficients": distortion,
+            "distortion_coefficients": self.distortion,
             "seed": seed,
         }
 
@@ -377,7 +384,7 @@ def plan(
             continue
         changes.append(PlanChange(what, after))
     changes.sort(key=lambda change: change.expected.sigma["d_3"])
-    return CapturePlan(captures, before, tuple(changes))
+    return CapturePlan(captures, before, tuple(changes), distortion)
 
 
 def reason(captures: Captures) -> str:

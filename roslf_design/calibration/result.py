@@ -15,6 +15,7 @@ from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.vignetting import field_limit
 from .centres import MicrolensCentres
 from .diffraction import DiffractionCheck
+from .distortion import Distortion
 from .fit import Calibration
 from .frames import Array
 from .lengths import LengthCovariance
@@ -49,11 +50,14 @@ class QuantityEstimate:
     """The smaller of bulk and tail."""
     design: float
     """What the design says."""
+    built_sigma: float
+    """Standard deviation of calibrated less design, over cameras that were built as designed: `sigma`, with what a
+    main lens of another focal length than the data sheet's does to the camera itself."""
 
     @property
     def off(self) -> float | None:
-        """Calibrated less design [standard deviations]; None where nothing is uncertain."""
-        return (self.value - self.design) / self.sigma if self.sigma > 0 else None
+        """Calibrated less design [`built_sigma`]; None where nothing is uncertain."""
+        return (self.value - self.design) / self.built_sigma if self.built_sigma > 0 else None
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +90,7 @@ class Outcome:
     """With side data, where there are any."""
     warnings: tuple[str, ...]
     seed: int
-    distortion: int
+    distortion: Distortion
     accuracy: Accuracy
     medium: str | None = None
     """That the camera is to be used in, where it is another than that of its boards."""
@@ -216,7 +220,8 @@ class Outcome:
                 "undistorted_radius_px": radius if radius is not None and np.isfinite(radius) else None,
             },
             "depth_errors_mm": {name: values.tolist() for name, values in self.depths.items()},
-            "distortion_coefficients": self.distortion,
+            "distortion_coefficients": self.distortion.coefficients,
+            "distortion": _distortion_dict(self.distortion),
             "seed": self.seed,
             "warnings": list(self.warnings),
         }  # fmt: skip
@@ -232,7 +237,7 @@ def outcome_of(
     accuracy: Accuracy,
     *,
     seed: int,
-    distortion: int,
+    distortion: Distortion,
     diffraction: DiffractionCheck | None = None,
     undistorted_radius: float | None = None,
     data: Sequence[SideDatum] = (),
@@ -245,10 +250,14 @@ def outcome_of(
     shares = variance_shares(fit, sheet, data)
     best = combined.lengths(sheet)
     designed = derived(camera_of(design).vector(), sheet)
+    pulled = _pulled(design, sheet, combined)
     estimates = {
-        name: _estimate(name, float(best[name]), shares[name]["sigma"], posterior, float(designed[name]))
+        name: _estimate(
+            name, float(best[name]), shares[name]["sigma"], posterior, float(designed[name]),
+            shares[name].get("f", 0.0), float(pulled[name]),
+        )
         for name in QUANTITIES
-    }
+    }  # fmt: skip
     ruler = {}
     if sheet.space is not None:
         values, drawn, planned = (
@@ -259,7 +268,7 @@ def outcome_of(
         for name, value in values.items():
             sigma = float(drawn[name].std(ddof=1))
             intervals = _intervals(drawn[name])
-            ruler[name] = QuantityEstimate(float(value), sigma, *intervals, None, None, float(planned[name]))
+            ruler[name] = QuantityEstimate(float(value), sigma, *intervals, None, None, float(planned[name]), sigma)
     misfit = misfit_of(calibration)
     depth = fit.poses.translation[:, 2]
     # As far as the boards reach, and a fifth more of their depth.
@@ -300,12 +309,13 @@ def _off_design(estimates: Mapping[str, QuantityEstimate], board: Board) -> str:
     if not far:
         return ""
     said = ", ".join(f"{name} {abs(off):.0f} sigma" for name, off in sorted(far.items(), key=lambda one: -abs(one[1])))
-    # A board of other cells scales m and d_2 alike and leaves A.
+    # A board of other cells scales m and d_2 alike and leaves A, all by images alone.
     m, d_2 = (estimates[name] for name in ("m", "d_2"))
     ratio = math.log(m.value / m.design) - math.log(d_2.value / d_2.design)
+    apart = {name for name, e in estimates.items() if abs(e.value - e.design) > DISAGREE * e.sigma}
     if (
-        {"m", "d_2"} <= far.keys()
-        and "A" not in far
+        {"m", "d_2"} <= apart
+        and "A" not in apart
         and abs(ratio) < 2 * math.hypot(*(e.sigma / e.value for e in (m, d_2)))
     ):
         cell = board.cell * m.value / m.design
@@ -317,6 +327,36 @@ def _off_design(estimates: Mapping[str, QuantityEstimate], board: Board) -> str:
         f"far from the design: {said}; the camera was built otherwise, or the board's cell, f, pixel or microlens pitch"
         " are not as told: measure them"
     )
+
+
+def _pulled(design: Design, sheet: DataSheet, combined: Combined) -> dict[str, Array]:
+    """What estimates of a camera built as designed are off the design where f is one `f_sigma` off the data sheet.
+
+    The camera itself is another: m = d_1/f - 1 and A follow its focal length. Estimates count from the data sheet's f,
+    or from as much of the true one as side data tell.
+    """
+    count, nudge = len(combined.names), 0.01 * sheet.f_sigma
+
+    def estimated(step: float) -> dict[str, Array]:
+        true = np.concatenate([camera_of(design, sheet.f + step).vector(combined.names), sheet.mean])
+        true[count] += step
+        state = true - step * combined.keeps[:, count]
+        return derived(state[:count], sheet, state[count:])
+
+    ahead, behind = (estimated(step) for step in (nudge, -nudge))
+    return {name: (ahead[name] - behind[name]) / 0.02 for name in QUANTITIES}
+
+
+def _distortion_dict(fitted: Distortion) -> dict[str, object] | None:
+    """As JSON's types; None where none was fitted."""
+    if not fitted.coefficients:
+        return None
+    without = fitted.without
+    return {
+        "automatic": fitted.automatic,
+        "reason": fitted.reason,
+        "residual_scales_without": None if without is None else _scales(without),
+    }
 
 
 def _side_dict(combined: Combined, draws: CameraDraws) -> dict[str, object] | None:
@@ -331,10 +371,14 @@ def _side_dict(combined: Combined, draws: CameraDraws) -> dict[str, object] | No
     }
 
 
+def _scales(misfit: Misfit) -> dict[str, float]:
+    return {"places": misfit.places, "slopes": misfit.slopes, "views": misfit.views}
+
+
 def _misfit_dict(misfit: Misfit) -> dict[str, object]:
     """As JSON's types."""
     return {
-        "residual_scales": {"places": misfit.places, "slopes": misfit.slopes, "views": misfit.views},
+        "residual_scales": _scales(misfit),
         "remedy": None if misfit.remedy is None else {"what": misfit.remedy.what, "scale": misfit.remedy.scale},
         "ways_apart_sigma": misfit.apart,
         "boards": [
@@ -355,15 +399,24 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-def _estimate(name: str, value: float, sigma: float, posterior: Posterior | None, design: float) -> QuantityEstimate:
+def _estimate(
+    name: str, value: float, sigma: float, posterior: Posterior | None, design: float, share: float, pulled: float
+) -> QuantityEstimate:
+    """One quantity; `share` of its variance is the data sheet's f, which pulls it off the design by `pulled`."""
     if posterior is None:
         low, lower, higher, high = (value + end * sigma for end in _GAUSS)
-        return QuantityEstimate(value, sigma, (lower, higher), (low, high), None, None, design)
+        built = _built_sigma(sigma, share, pulled)
+        return QuantityEstimate(value, sigma, (lower, higher), (low, high), None, None, design, built)
     draws = posterior.quantities[name]
     key = "inverse_d_2" if name == "d_2" else name
     ess = min(posterior.bulk_ess[key], posterior.tail_ess[key])
     spread = float(draws.std(ddof=1))
-    return QuantityEstimate(value, spread, *_intervals(draws), posterior.r_hat[key], ess, design)
+    built = _built_sigma(spread, share, pulled)
+    return QuantityEstimate(value, spread, *_intervals(draws), posterior.r_hat[key], ess, design, built)
+
+
+def _built_sigma(sigma: float, share: float, pulled: float) -> float:
+    return math.hypot(sigma * math.sqrt(max(1 - share, 0.0)), pulled)
 
 
 def _intervals(draws: Array) -> tuple[tuple[float, float], tuple[float, float]]:

@@ -21,6 +21,7 @@ import numpy as np
 from ..bore.chain import ImagedPlane
 from ..camera import Camera, Number
 from ..design import Design
+from ..design.parts import PATHS
 from .frames import Array, CalibrationError
 
 
@@ -63,7 +64,8 @@ class SceneSide:
         Raises
         ------
         CalibrationError
-            Its objective maps angles otherwise than f tan, which no parameter of the fit stands for.
+            Its objective maps angles otherwise than f tan, which no parameter of the fit stands for; or the scene sees
+            the FAP at infinity.
         """
         c = Camera.of(design, changes)
         if c.chain.in_air:
@@ -72,6 +74,11 @@ class SceneSide:
             place = f"elements.{c.chain.mapped}.mapping"
             raise CalibrationError(
                 f"{place}: a calibration takes rays before the objective as f tan has them; drop the mapping for it"
+            )
+        if np.any(c.chain.telecentric(c.numbers, c[PATHS["d_3"]])):
+            raise CalibrationError(
+                "aperture.distance: the scene sees the FAP at infinity (telecentric object space), where a calibration "
+                "has no distance of it to tell; move the FAP off the focus of what stands before it"
             )
         numbers = c.numbers
         end = c.chain.end(numbers)

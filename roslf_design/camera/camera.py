@@ -254,9 +254,19 @@ class Camera(Symbols[Number]):
         """Common shape of the builds; () for one camera."""
         return np.broadcast_shapes(*(np.shape(value) for value in self._numbers.values()))
 
+    @cached_property
+    def worked_out(self) -> dict[Any, Any]:
+        """What takes long to tell of it, by what that is; numbers of a camera never change."""
+        return {}
+
     def build(self, index: int | tuple[int, ...]) -> Camera:
         """One camera of many."""
         numbers = {p: float(np.broadcast_to(v, self.shape)[index]) for p, v in self._numbers.items()}
+        return self._with(numbers)
+
+    def in_row(self, shape: tuple[int, ...], part: slice) -> Camera:
+        """Some of its builds, broadcast to a shape, one after the other."""
+        numbers = {p: np.broadcast_to(v, shape).ravel()[part] if np.ndim(v) else v for p, v in self._numbers.items()}
         return self._with(numbers)
 
     def spread(self, axes: int) -> Camera:
@@ -271,16 +281,17 @@ class Camera(Symbols[Number]):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Camera):
             return NotImplemented
-        own, others = ((c.layout, c.lens_shape, c.lens, c.chain, c.growth, c.colours) for c in (self, other))
         return (
-            own == others
+            self._kind == other._kind
             and self._numbers.keys() == other._numbers.keys()
             and all(np.array_equal(value, other._numbers[place]) for place, value in self._numbers.items())
         )
 
     def __hash__(self) -> int:
-        # Adding 0 makes -0 and 0, which are equal, hash alike.
-        return hash((self.layout, self.lens_shape, *((np.asarray(v) + 0.0).tobytes() for v in self._numbers.values())))
+        # Adding 0 makes -0 and 0, which are equal, hash alike; as do a complex number and its real part.
+        numbers = frozenset((place, (np.asarray(value).real + 0.0).tobytes()) for place, value in self._numbers.items())
+        kind = (frozenset(part.items()) if isinstance(part, Mapping) else part for part in self._kind)
+        return hash((numbers, *kind))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Camera, (dict(self._numbers), *self._kind)

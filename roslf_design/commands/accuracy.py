@@ -23,8 +23,19 @@ from ..report.printers import page_files
 from ..scenes import load_scene
 from ..tables import Table, print_table
 from .evaluate import parse_field
-from .report import PAGE, check_folder
-from .terminal import Flag, OptionalOutput, StatusLine, check_options, refusal, typed, write_files
+from .terminal import (
+    PAGE,
+    Flag,
+    OptionalOutput,
+    StatusLine,
+    check_options,
+    check_target,
+    refusal,
+    say,
+    spelled,
+    typed,
+    write_files,
+)
 
 if TYPE_CHECKING:
     from ..report.blocks import Report
@@ -81,13 +92,11 @@ def diagrams(
     """
     check_accuracy(accuracy)
     of_jobs = f"{jobs} is out of range; give a whole number from 0 to {MOST_JOBS}, a second or so each"
-    check_options(seed, None, *([] if 0 <= jobs <= MOST_JOBS else [Problem("--jobs", of_jobs)]))
+    check_options(seed, output, *([] if 0 <= jobs <= MOST_JOBS else [Problem("--jobs", of_jobs)]))
     if quantity is not None:
         check_quantity(quantity)
     loaded = load(design)
     axis = None if field is None else parse_field(field)
-    if output is not None:
-        check_folder(output)
     promises, page = study("promises"), study("page")
     wanted = [quantity] if quantity else [] if scene else list(QUANTITIES)
     unfit = {name: why for name in wanted if (why := promises.unfit(loaded, name, axis))}
@@ -158,11 +167,12 @@ def calibrate(
     check_options(seed)
     loaded = load(design)
     path = cache_file() if output is None else output
+    check_target(path)
     promises = study("promises")
     with StatusLine("accuracy") as progress:
         table = promises.calibrate(loaded, seed=seed, progress=progress.tell)
     write_files(path.parent, {path.name: table.to_json().encode()})
-    print(path)
+    say(path)
 
 
 @accuracy.command(name="hard-cases")
@@ -191,10 +201,8 @@ def hard_cases(
     seed
         Of the walks; the same seed gives the same bytes.
     """
-    check_options(seed)
+    check_options(seed, output)
     loaded = load(design)
-    if output is not None:
-        check_folder(output)
     rows, page = study("hard_rows"), study("hard_page")
     with StatusLine("accuracy") as progress:
         cases = study("hard_cases").run_hard_cases(loaded, rows.all_cases(), seed=seed, progress=progress.tell)
@@ -235,7 +243,7 @@ def finish(
     said: Sequence[str],
 ) -> None:
     """A folder with the page and the numbers behind it, where one is wanted; then the answer on stdout."""
-    text = json_module.dumps(short(data), allow_nan=False, ensure_ascii=False)
+    text = spelled(json_module.dumps(short(data), allow_nan=False, ensure_ascii=False))
     if output is not None:
         write_files(output, {name: f"{text}\n".encode(), **page_files(report())})
     if json:
@@ -245,7 +253,7 @@ def finish(
 
     print_table(table, Console())
     for line in said if output is None else (*said, output / PAGE):
-        print(f"\n{line}")
+        say(f"\n{line}")
 
 
 def short(value: Any) -> Any:

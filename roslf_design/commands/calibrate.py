@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
@@ -50,6 +49,7 @@ from .terminal import (
     picture_files,
     print_titled,
     refusal,
+    say,
     typed,
     write_files,
 )
@@ -70,7 +70,7 @@ def calibrate(
     sigma: Repeated = None,
     white_pitch: str | None = None,
     distances: Path | None = None,
-    distortion: Literal[0, 1, 2] = 0,
+    distortion: Literal[0, 1, 2] | None = None,
     no_posterior: Flag = False,
     accuracy: float | None = None,
     diffraction: Literal["auto", "on", "off"] = "auto",
@@ -120,7 +120,8 @@ def calibrate(
         A TOML file of how far the boards stood: sigma = "0.1 mm", relative = true for readings of a rail instead of
         distances from the main lens, and under [distances] lines such as "board1.tif" = "320 mm".
     distortion
-        Radial coefficients to find: 0, 1 or 2.
+        Radial coefficients to find: 0, 1 or 2. Default: 1 where the design's main lens has a prescription, else none
+        unless residuals ask for them.
     no_posterior
         Leave the sampling out; intervals are then those of the Fisher matrix (Laplace's approximation).
     accuracy
@@ -198,7 +199,7 @@ def calibrate(
         used = result.used_in
         files[pages.CALIBRATED] = dumps(result.calibrated if used is None else used.design, WRITTEN).encode()
     except DesignError as error:
-        print(f"roslf: no calibrated.toml, the values make no design: {' '.join(str(error).split())}", file=sys.stderr)
+        say(f"roslf: no calibrated.toml, the values make no design: {' '.join(str(error).split())}", error=True)
     pictures = pages.calibration_pictures(result)
     drawings = {name: picture.svg(name=f"calibration-{name}") for name, picture in pictures.items()}
     report = pages.calibration_report(result, drawings, command)
@@ -208,7 +209,7 @@ def calibrate(
         print(json_text(result.to_dict() | {"accuracy": result.accuracy.to_dict() | {"seconds": seconds}}))
         return
     print_titled(report.title, [block for section in report.sections[:2] for block in section.blocks])
-    print(f"\nWritten to {output}: {', '.join(listed(files))}\n{seconds:.1f} s")
+    say(f"\nWritten to {output}: {', '.join(listed(files))}\n{seconds:.1f} s")
 
 
 def calibrated(
@@ -216,7 +217,7 @@ def calibrated(
     design: str,
     board: str,
     f_sigma: str,
-    distortion: int,
+    distortion: int | None,
     seed: int,
     no_posterior: bool,
     diffraction: Literal["auto", "on", "off"],
@@ -274,10 +275,19 @@ def calibrated(
             observations = calibration.observe(_decoded(capture, centres, views, done), checkerboard, circular=circular)
         with StatusLine("calibrate") as status:
             status.tell("fitting")
-            fitted, waves = calibration.calibrate_corrected(
-                observations, checkerboard, sheet, loaded, capture.white, centres.lattice,
-                dark=capture.dark, distortion=distortion, guess=calibration.camera_of(loaded).A, wish=diffraction,
-            )  # fmt: skip
+            guess = calibration.camera_of(loaded).A
+
+            def fit(count: int) -> calibration.Corrected:
+                return calibration.calibrate_corrected(
+                    observations, checkerboard, sheet, loaded, capture.white, centres.lattice,
+                    dark=capture.dark, distortion=count, guess=guess, wish=diffraction,
+                )  # fmt: skip
+
+            def plain(corrected: calibration.Corrected) -> Calibration:
+                return calibration.calibrate(corrected.calibration.observations, sheet, guess=guess)
+
+            lens = None if loaded.lens is None else loaded.lens.name
+            (fitted, waves), bent = calibration.with_distortion(fit, plain, lens, distortion)
             data = []
             if white is not None:
                 data.append(calibration.white_pitch(fitted.fit, sheet, centres.lattice.pitch, white))
@@ -306,7 +316,7 @@ def calibrated(
         raise UnfinishedError(str(error), what_was_seen(centres, views)) from error
     return calibration.outcome_of(
         loaded, checkerboard, sheet, centres, fitted, draws, posterior_accuracy(draws, accuracy),
-        seed=seed, distortion=distortion, diffraction=waves, undistorted_radius=radius, data=data,
+        seed=seed, distortion=bent, diffraction=waves, undistorted_radius=radius, data=data,
         medium=use_in,
     )  # fmt: skip
 
@@ -358,7 +368,7 @@ def _decoded(
     done(len(capture.boards))
 
 
-def print_plan(design: str, options: Mapping[str, Any], distortion: int, json: bool) -> None:
+def print_plan(design: str, options: Mapping[str, Any], distortion: int | None, json: bool) -> None:
     """Expected errors of a calibration that is planned, on stdout; refused where captures do not determine a camera."""
     loaded = load(design)
     asked = _part(options)
@@ -370,6 +380,6 @@ def print_plan(design: str, options: Mapping[str, Any], distortion: int, json: b
     if json:
         large = too_large(loaded, plan.captures)
         notes = [f"{large}: choose a smaller --board"] if large else []
-        print(json_text({**plan.to_dict(loaded.name, asked.seed, distortion), "warnings": notes}))
+        print(json_text({**plan.to_dict(loaded.name, asked.seed), "warnings": notes}))
         return
     print_titled(f"Plan of a calibration of {loaded.name}", pages.plan_blocks(loaded, plan, asked))

@@ -32,7 +32,7 @@ from ..design import Design, load
 from ..errors import InputError, Problem
 from ..imaging.camera import Region
 from ..report.calibrate.pages import calibrated_camera
-from ..units import parse_quantity
+from ..units import read_quantity
 from .raw_images import OTHER_CAMERA, RawDecoded, UnfinishedError, from_raw, refused
 from .terminal import refusal
 
@@ -142,11 +142,11 @@ def _raw(
         raise InputError((Problem("", f"holds fewer than {LEAST} x {LEAST} microlens images"),), str(image))
     if white is None:
         field = evened(camera, field)
+    if not float(field.values.max(initial=0.0)) > 0:
+        raise InputError((Problem("", "is black; expose more, or check which file it is"),), str(image))
     noise = raw_noise(camera, raw.pixels, raw.notes, field)
     if raw.balance is not None:
         noise = replace(noise, pixel=noise.pixel.dimmed(raw.balance.evenness))
-    if not noise.scale > 0:
-        raise InputError((Problem("", "is black; expose more, or check which file it is"),), str(image))
     progress("measuring depth")
     field = scaled(field, noise.scale)
     if search is None:
@@ -253,7 +253,7 @@ def _between(text: str, geometry: ViewGeometry) -> tuple[float, float]:
     if geometry.unit != "mm":
         raise refusal("--between", "are distances, which take a camera; name it with --design")
     try:
-        ends = np.array([parse_quantity(part.strip(), "length") for part in text.split(",")])
+        ends = np.array([read_quantity(part.strip(), "length") for part in text.split(",")])
     except ValueError as error:
         raise refusal("--between", f'{error}; give two distances, as "300 mm, 400 mm"') from None
     if ends.size != 2 or not 0 < ends.min() < ends.max():

@@ -9,11 +9,10 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from ..errors import printable
 from ..lenses.lens_file import shipped_names
 from ..optimization.parts import KINDS, Kind, load_catalogue, read_condition, rows
 from ..tables import Table, print_table
-from .terminal import Flag, Repeated, json_text
+from .terminal import Flag, Repeated, json_text, say
 
 SHOWN: dict[Kind, tuple[str, ...]] = {
     "lenses": ("diameter", "clear_aperture", "focal_length", "prescription"),
@@ -74,7 +73,7 @@ def catalogue(
             print_table(Table(tuple(lines), "l" * len(heads), heads, name.replace("_", " ")), console)
     print()
     for number, note in enumerate(notes, 1):
-        print(f"{number}  {printable(note)}")
+        say(f"{number}  {note}")
     if any(row["kind"] == "lenses" for row in chosen):
         print("\nLenses with a prescription are traced behind main_lens.prescription; of the others f and D are known.")
     print(f"\n{len(chosen)} parts. Add your own with --file, or in a study.")

@@ -9,7 +9,7 @@ from ..report.printers import Paper, render_html, render_pdf
 from ..report.sheet.lines import Basis, datasheet_csv, datasheet_json, datasheet_report
 from ..report.story import datasheet_of
 from .report import folder_name
-from .terminal import OptionalOutput, StatusLine, check_options, check_target, check_typst, json_text, write_files
+from .terminal import OptionalOutput, StatusLine, check_options, check_target, check_typst, json_text, say, write_files
 
 KINDS = (".pdf", ".html", ".json", ".csv")
 
@@ -50,7 +50,7 @@ def datasheet(
     with StatusLine("datasheet") as progress:
         content = _written(datasheet_of(Path(design), seed, progress.tell, calibration), kind, paper)
     write_files(target.parent, {target.name: content})
-    print(target)
+    say(target)
 
 
 def _written(grounds: Basis, kind: str, paper: Paper) -> bytes:

@@ -25,7 +25,7 @@ from ..report.calibrate.pages import CALIBRATED, read_calibration
 from ..report.decode import pages
 from ..report.decode.pictures import contrast
 from ..report.printers import render_html, render_tables
-from ..units import parse_quantity
+from ..units import read_quantity
 from .raw_images import OTHER_CAMERA, UnfinishedError, from_raw, refused
 from .terminal import (
     Flag,
@@ -36,9 +36,13 @@ from .terminal import (
     picture_files,
     print_titled,
     refusal,
+    say,
     typed,
     write_files,
 )
+
+MOST_PLANES = 100
+"""Planes of one refocus stack."""
 
 
 def decode(
@@ -118,7 +122,7 @@ def decode(
         return
     print_titled(report.title, report.sections[0].blocks)
     shown = [name for name in files if "/" not in name]
-    print(f"\nWritten to {folder}: {', '.join(shown)}, refocus/{', views/' if views else ''}")
+    say(f"\nWritten to {folder}: {', '.join(shown)}, refocus/{', views/' if views else ''}")
     print(f"{seconds:.1f} s")
 
 
@@ -195,7 +199,10 @@ def _camera(design: str | None, calibrated: Path | None) -> tuple[Design | None,
 def _disparities(focus: list[str], field: LightField, distances: Distances | None) -> np.ndarray:
     """Disparities across the views [pitches] that --focus asks for; far ones first."""
     disparities = []
-    for text in (part.strip() for each in focus for part in each.split(",")):
+    texts = [part.strip() for each in focus for part in each.split(",")]
+    if len(texts) > MOST_PLANES:
+        raise refusal("--focus", f"asks for {len(texts)} planes; give {MOST_PLANES} at most, the others in another run")
+    for text in texts:
         try:
             value = float(text)
         except ValueError:
@@ -203,7 +210,7 @@ def _disparities(focus: list[str], field: LightField, distances: Distances | Non
                 message = f'"{text}" is a distance, which takes --design or --calibration; or give a disparity, as 1.5'
                 raise refusal("--focus", message) from None
             try:
-                away = parse_quantity(text, "length")
+                away = read_quantity(text, "length")
             except ValueError as error:
                 raise refusal("--focus", f'{error}; give "320 mm", or a disparity, as 1.5') from None
             slope = distances.slope(away) if away > 0 else math.nan

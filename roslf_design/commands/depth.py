@@ -33,6 +33,7 @@ from .terminal import (
     parse_sigmas,
     picture_files,
     print_titled,
+    say,
     typed,
     write_files,
 )  # fmt: skip
@@ -168,7 +169,7 @@ def depth(
         return
     print_titled(title, blocks)
     if written:
-        print(f"\nWritten to {output}: {', '.join(written)}")
+        say(f"\nWritten to {output}: {', '.join(written)}")
 
 
 def _is_capture(subject: str) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Annotated, Any
@@ -13,11 +12,12 @@ from ..accuracy.statement import check_accuracy
 from ..design import load
 from ..evaluation import evaluate as compute
 from ..evaluation.evaluate import evaluation_accuracy
+from ..evaluation.fields import MOST_FIELDS
 from ..evaluation.show import print_evaluation
 from ..evaluation.specification import specification
 from ..tables import csv_bytes
-from ..units import COLDEST, HOTTEST, parse_quantity
-from .terminal import Flag, OptionalOutput, check_target, json_text, refusal, write_files
+from ..units import COLDEST, FARTHEST, HOTTEST, read_quantity
+from .terminal import Flag, OptionalOutput, check_target, json_text, refusal, say, write_files
 
 
 def evaluate(
@@ -56,6 +56,10 @@ def evaluate(
         check_target(output, (".json", ".csv"))
         if json:
             raise refusal("--json", "prints what -o writes; give one of them")
+    if field is not None and len(field) > MOST_FIELDS:
+        raise refusal(
+            "--field", f"given {len(field)} times; give {MOST_FIELDS} fields at most, the others in another run"
+        )
     fields = None if field is None else [parse_field(text) for text in field]
     began = time.perf_counter()
     loaded = load(design)
@@ -73,7 +77,7 @@ def evaluate(
         as_table = output.suffix.lower() == ".csv"
         content = csv_bytes([("key", "value"), *rows(data)]) if as_table else f"{json_text(data)}\n".encode()
         write_files(output.parent, {output.name: content})
-        print(output)
+        say(output)
         return
     from rich.console import Console
 
@@ -98,7 +102,7 @@ def rows(data: Any, place: str = "") -> Iterator[tuple[str, Any]]:
 def parse_temperature(text: str) -> float:
     """Read "37degC" [degrees C]; refused where it is none, or none that a camera meets."""
     try:
-        degrees = parse_quantity(text, "temperature")
+        degrees = read_quantity(text, "temperature")
     except ValueError as error:
         raise refusal("--temperature", str(error)) from None
     if not COLDEST <= degrees <= HOTTEST:
@@ -107,11 +111,11 @@ def parse_temperature(text: str) -> float:
 
 
 def parse_field(text: str) -> tuple[float, float]:
-    """Read "11.15" or "x,y" as a position on the MLA [mm]; refused where it is neither one nor two finite numbers."""
+    """Read "11.15" or "x,y" as a position on the MLA [mm]; refused where it is none that a camera can have."""
     try:
         numbers = [float(part) for part in text.split(",")]
     except ValueError:
         numbers = []
-    if len(numbers) not in (1, 2) or not all(map(math.isfinite, numbers)):
+    if len(numbers) not in (1, 2) or not all(abs(number) <= FARTHEST["length"] for number in numbers):
         raise refusal("--field", f'cannot read "{text}"; write mm on the MLA, as "11.15" or "11.15,7.4"')
     return numbers[0], numbers[1] if len(numbers) == 2 else 0.0

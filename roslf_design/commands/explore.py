@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import sys
 import webbrowser
 from importlib.util import find_spec
 from threading import Thread
@@ -15,7 +14,7 @@ from ..design import load
 from ..explorer.server import application, is_local, serve
 from ..explorer.session import Session
 from ..imaging.white import warm_up
-from .terminal import refusal
+from .terminal import refusal, say
 
 PACKAGES = ("trame", "trame_client", "trame_server", "trame_vtk", "aiohttp")
 """What the explorer needs beyond the rest of the library."""
@@ -48,7 +47,7 @@ def explore(
     def ready(address: str) -> None:
         print(f"The explorer is at {address} (Ctrl-C ends it)", flush=True)
         if not is_local(host):
-            print(f"roslf: with --host {host} everyone who reaches this machine can use it", file=sys.stderr)
+            say(f"roslf: with --host {host} everyone who reaches this machine can use it", error=True)
         if browser:
             webbrowser.open(address)
 

@@ -6,13 +6,13 @@ from pathlib import Path
 
 from ..camera import Camera
 from ..design import load
-from ..design.files import in_the_way
 from ..design.sequence import D_LINE, lens_rows, optiland, sequence_of, zmx
+from ..input_files import MOST_TEXT, read_bytes
 from ..lenses.glass import ROOM
 from ..lenses.lens_file import load_lens, shipped_names
 from ..lenses.prescription import Prescription
 from ..theory.quantities import QUANTITIES
-from .terminal import Output, refusal, write_files
+from .terminal import Output, check_target, say, write_files
 
 WRITERS = (".zmx", ".json")
 
@@ -27,11 +27,7 @@ def export(name: str, /, *, output: Output) -> None:
     output
         The file to write; what it ends with, .zmx or .json, says of which program.
     """
-    kind = output.suffix.lower()
-    if kind not in WRITERS:
-        raise refusal("-o", f'"{output.name}" ends with neither .zmx nor .json; say which program is to read it')
-    if blocked := in_the_way(output):
-        raise refusal("-o", blocked)
+    kind = check_target(output, WRITERS)
     lens = _lens(name)
     if lens is not None:
         rows, title, wide, warmth = lens_rows(lens), lens.name, 0.0, lens.temperature
@@ -43,7 +39,7 @@ def export(name: str, /, *, output: Output) -> None:
         warmth = ROOM if design.environment is None else float(design.environment.temperature)
     text = zmx(rows, title, wavelength, warmth, wide) if kind == ".zmx" else optiland(rows, title, wavelength, wide)
     write_files(output.parent, {output.name: text.encode()})
-    print(f"{output}: {len(rows)} surfaces")
+    say(f"{output}: {len(rows)} surfaces")
     if lens is None and not (design.aligned and all(element.decentre == (0.0, 0.0) for element in design.elements)):
         print("Misalignments are left out.")
 
@@ -53,6 +49,6 @@ def _lens(name: str) -> Prescription | None:
     path = Path(name)
     if path.suffix.lower() == ".zmx" or (name.lower() in shipped_names() and not path.exists()):
         return load_lens(name)
-    if path.suffix.lower() == ".toml" and path.is_file() and "[[surfaces]]" in path.read_text("utf-8", "replace"):
+    if path.suffix.lower() == ".toml" and path.is_file() and b"[[surfaces]]" in read_bytes(path, name, most=MOST_TEXT):
         return load_lens(name)
     return None

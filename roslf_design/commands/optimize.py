@@ -12,7 +12,7 @@ from ..optimization.search import QUICK
 from ..optimization.study import designs, load_study, run, to_dict
 from ..report.optimise.pages import optimisation_pictures, optimization_report
 from ..report.printers import page_files
-from .terminal import Flag, Output, StatusLine, check_options, json_text, listed, print_titled, typed, write_files
+from .terminal import Flag, Output, StatusLine, check_options, json_text, listed, print_titled, say, typed, write_files
 
 
 def optimize(
@@ -61,4 +61,4 @@ def optimize(
         print(json_text(to_dict(result)))
         return
     print_titled(report.title, report.sections[0].blocks)
-    print(f"\n{result.seconds:.1f} s; written to {output}: {', '.join(listed(files))}")
+    say(f"\n{result.seconds:.1f} s; written to {output}: {', '.join(listed(files))}")

@@ -12,15 +12,15 @@ from cyclopts import Parameter
 
 from ..accuracy.picture import settle, stated
 from ..design import load
-from ..design.files import write_atomically
+from ..design.files import in_the_way, write_atomically
 from ..effects import Budget, Plan, plan
-from ..errors import InputError, Problem, printable
+from ..errors import InputError, Problem
 from ..imaging.files import check_target, write_image
 from ..imaging.render import render as compute
 from ..report.design.microlens import preview as zooms
 from ..scenes import WHITE_FIELD, load_scene
 from ..tables import Table, print_table
-from .terminal import Flag, OptionalOutput, StatusLine, bar, check_options, json_text, refusal
+from .terminal import Flag, OptionalOutput, StatusLine, bar, check_options, json_text, refusal, say
 
 
 def render(
@@ -89,6 +89,8 @@ def render(
     targets = [] if plan_only else _targets(output, [path.stem for path in scene or []] or ["white"])
     for target in targets:
         check_target(target)
+        if preview and (blocked := in_the_way(_preview_of(target))):
+            raise refusal("-o", blocked)
     began = time.perf_counter()
     with StatusLine("render") as status:
         settled = [
@@ -107,7 +109,7 @@ def render(
         print(json_text({"schema": "roslf.plan/1", "plans": rows}))
     elif plan_only:
         for each, effects_on in zip(scenes, plans, strict=True):
-            print(f"Effects for {printable(each.name) or 'the scene'}")
+            say(f"Effects for {each.name or 'the scene'}")
             _print_plan(effects_on)
     if plan_only:
         return
@@ -122,7 +124,7 @@ def render(
         image = replace(image, accuracy=statement.to_dict())
         written = [target, write_image(image, target, depth)]
         if preview:
-            written.append(target.with_name(f"{target.stem}-preview.png"))
+            written.append(_preview_of(target))
             write_atomically(written[-1], zooms(image).to_png(110))
         if json:
             values = {**image.metadata(), "files": [str(path) for path in written], "seconds": image.seconds}
@@ -133,7 +135,7 @@ def render(
         traced = f", {image.rays / 1e6:.3g} million rays" if image.rays else ""
         print(f"\n{width} x {height} pixels by {image.method} in {image.seconds:.2f} s{traced}")
         words = statement.sentence()
-        print(words[0].upper() + words[1:], *written, sep="\n")
+        say(words[0].upper() + words[1:], *written)
 
 
 def _number(option: str, text: str) -> float:
@@ -168,6 +170,10 @@ def _targets(output: Path | None, names: list[str]) -> list[Path]:
     if len(set(names)) < len(names):
         raise refusal("--scene", f"two scenes are called alike ({', '.join(names)}); rename a file")
     return [folder / f"{name}.tif" for name in names]
+
+
+def _preview_of(target: Path) -> Path:
+    return target.with_name(f"{target.stem}-preview.png")
 
 
 def _print_plan(lines: Plan) -> None:

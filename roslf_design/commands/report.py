@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import platform
 import re
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -16,7 +15,7 @@ from typing import TYPE_CHECKING, Literal
 
 from .._version import __version__
 from ..design import load
-from ..design.files import KINDS, in_the_way
+from ..design.files import KINDS
 from ..drawing.solid import NoPictureError, picture, vtp_bytes
 from ..drawing.svg import file_of
 from ..errors import InputError, Problem
@@ -27,6 +26,7 @@ from ..report.design.instrument import instrument_scene
 from ..report.printers import render_html, render_pdf, render_tables
 from ..report.story import full_report, load_story_or_study, story_report, study_report
 from .terminal import (
+    PAGE,
     Flag,
     OptionalOutput,
     Repeated,
@@ -35,6 +35,7 @@ from .terminal import (
     check_typst,
     listed,
     refusal,
+    say,
     typed,
     write_files,
 )
@@ -42,7 +43,6 @@ from .terminal import (
 if TYPE_CHECKING:
     from ..report.blocks import Report
 
-PAGE = "index.html"
 SOLID = {"model": "model.vtp", "3d": "3d.png"}
 """Name of a 3D file to its file name."""
 LIBRARIES = ("roslf_design", "numpy", "scipy", "matplotlib", "typst")
@@ -110,7 +110,7 @@ def report(
     if solid and (len(names) > 1 or load_story_or_study(Path(design))[0] != "design"):
         raise refusal("--figure", "3d and model are of one design; name its file alone")
     folder = Path("report-" + "-".join(map(folder_name, names))) if output is None else output
-    check_folder(folder)
+    check_options(seed, folder)
     if pdf:
         check_typst("--pdf")
     command = typed(
@@ -131,14 +131,14 @@ def report(
             try:
                 files[SOLID["3d"]] = picture(instrument_scene(load(design)))
             except NoPictureError as error:
-                print(f"roslf: {SOLID['3d']} is left out: {error}", file=sys.stderr)
+                say(f"roslf: {SOLID['3d']} is left out: {error}", error=True)
         if pdf:
             progress.tell("PDF")
             foot = content.footer if stamp is False else f"roslf_design {__version__} · {made:%Y-%m-%d} · {command}"
             files["report.pdf"] = render_pdf(replace(content, footer=foot), paper)
     write_files(folder, files)
     for name in listed(files):
-        print(folder / name)
+        say(folder / name)
 
 
 def maker(
@@ -184,13 +184,6 @@ def maker(
 def folder_name(design: str) -> str:
     """What a design's folder is called, from the name of its file."""
     return re.sub(r"[^A-Za-z0-9._-]+", "-", Path(design).stem).strip("-.") or "design"
-
-
-def check_folder(folder: Path) -> None:
-    """Refuse, before any work, a place that cannot become a folder with a page."""
-    blocked = in_the_way(folder / PAGE)
-    if blocked:
-        raise refusal("-o", blocked)
 
 
 def figure_files(content: Report, wanted: Sequence[str]) -> dict[str, bytes]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib.util
 import re
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -20,9 +19,9 @@ from ..report.sweep import sweep_picture
 from ..tables import csv_bytes
 from ..theory.sweep import sweep as compute
 from ..theory.sweep import unit_of
-from ..units import parse_quantity
+from ..units import read_quantity
 from .report import folder_name
-from .terminal import OptionalOutput, check_target, refusal, write_files
+from .terminal import OptionalOutput, check_target, refusal, say, write_files
 
 if TYPE_CHECKING:
     from ..theory.sweep import Sweep
@@ -37,7 +36,7 @@ DIMENSIONS = {
     "W/m2/sr": "radiance",
     "s": "time",
 }
-"""Of base units, as `parse_quantity` calls them; what has none is a plain number."""
+"""Of base units, as `read_quantity` calls them; what has none is a plain number."""
 NUMBER = r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?"
 
 
@@ -85,7 +84,7 @@ def sweep(
         raise refusal("--set", "the same place twice; name two")
     names = [name.strip() for part in quantity for name in part.split(",") if name.strip()]
     try:
-        away = None if at is None else parse_quantity(at, "length")
+        away = None if at is None else read_quantity(at, "length")
     except ValueError as error:
         raise refusal("--at", str(error)) from None
     if away is not None and not away > 0:
@@ -103,9 +102,9 @@ def sweep(
     if not swept.valid.any():
         raise refusal("--set", f"nothing between can be drawn: {'; '.join(notes)}")
     write_files(target.parent, {target.name: _written(swept, kind, loaded.name)})
-    print(target)
+    say(target)
     for note in notes:
-        print(f"roslf: {one_line(note)}", file=sys.stderr)
+        say(f"roslf: {one_line(note)}", error=True)
 
 
 def _notes(swept: Sweep, design: Design) -> Iterator[str]:
@@ -115,6 +114,9 @@ def _notes(swept: Sweep, design: Design) -> Iterator[str]:
         kept = [place for place in CONJUGATES if place not in (swept.follows, *changed)]
         stays = "".join(f"; {place} stays {design[place]:.6g} mm" for place in kept)
         yield f"{swept.follows} follows from what is swept{stays}"
+    for name, values in swept.values.items():
+        if endless := int(np.isposinf(values).sum()):
+            yield f"{name} is infinite at {endless} of {values.size} points, where pictures show nothing"
     if not swept.valid.all():
         count = int((~swept.valid).sum())
         yield f"{count} of {swept.valid.size} points cannot be built: {'; '.join(swept.refused(design))}"
@@ -131,7 +133,7 @@ def _span(text: str, count: int) -> tuple[str, Array]:
     if dimension is None and unit:
         raise refusal("--set", f"{place} is a plain number; leave out {unit}")
     try:
-        ends = [float(end) if dimension is None else parse_quantity(f"{end} {unit}".strip(), dimension)
+        ends = [float(end) if dimension is None else read_quantity(f"{end} {unit}".strip(), dimension)
                 for end in match.groups()[:2]]  # fmt: skip
     except ValueError as error:
         raise refusal("--set", f"{place}: {error}") from None

@@ -37,6 +37,8 @@ SEEDS = 2**63
 """Below which seeds lie: what files, generators and compiled kernels hold alike."""
 PATIENCE = 2.0
 """Seconds before a bar appears: shorter work needs none."""
+PAGE = "index.html"
+"""What a folder of results holds beside all else."""
 COLOURS = {"good": "green", "bad": "red", "caution": "yellow", "plain": "dim"}
 
 
@@ -126,6 +128,12 @@ def print_titled(title: str, blocks: Iterable[Block]) -> None:
     print_blocks(blocks, console)
 
 
+def say(*texts: object, error: bool = False) -> None:
+    """Print lines on stdout, or stderr; what of a name would steer the terminal is spelled out."""
+    for text in texts:
+        print(printable(str(text), kept="\n"), file=sys.stderr if error else sys.stdout)
+
+
 def listed(files: Iterable[str]) -> list[str]:
     """Names of files as they are told; of tables their folder alone."""
     return list(dict.fromkeys(f"{name.split('/')[0]}/" if "/" in name else name for name in files))
@@ -133,8 +141,16 @@ def listed(files: Iterable[str]) -> list[str]:
 
 def json_text(data: Any) -> str:
     """JSON as commands print and write it; what steers a terminal is spelled out, as JSON itself does below 0x20."""
-    text = json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False)
-    return re.sub("[\x7f-\x9f\ud800-\udfff]", lambda letter: f"\\u{ord(letter[0]):04x}", text)
+    return spelled(json.dumps(data, indent=1, allow_nan=False, ensure_ascii=False))
+
+
+def spelled(text: str) -> str:
+    """JSON with all that would steer a terminal spelled out, as JSON does it."""
+
+    def safe(match: re.Match[str]) -> str:
+        return match[0] if printable(match[0]) == match[0] else json.dumps(match[0])[1:-1]
+
+    return re.sub("[^ -~\n]", safe, text)
 
 
 def write_files(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
@@ -165,7 +181,7 @@ def typed(*words: object, **options: object) -> str:
                 parts.append(flag)
             elif one is not None and one is not False:
                 parts += [flag, f"{one:g}" if isinstance(one, float) else str(one)]
-    return shlex.join(parts)
+    return printable(shlex.join(parts))
 
 
 def refusal(key: str, message: str) -> InputError:
@@ -179,24 +195,23 @@ def check_options(seed: int | None = None, folder: Path | None = None, *others: 
     Raises
     ------
     InputError
-        A seed out of range, a place that cannot become a folder as a file is in the way, what else is wrong: all told.
+        A seed out of range, a place where no page can be written, what else is wrong: all told.
     """
     faults = list(others)
     if seed is not None and seed < 0:
         faults.append(Problem("--seed", f"{seed} is negative; give a whole number from 0"))
     if seed is not None and seed >= SEEDS:
         faults.append(Problem("--seed", "is too large; give a whole number below 2^63"))
-    blocked = "" if folder is None else in_the_way(folder, folder=True)
-    if blocked:
+    if folder is not None and (blocked := in_the_way(folder / PAGE)):
         faults.append(Problem("-o", blocked))
     if faults:
         raise InputError(tuple(faults))
 
 
-def check_target(target: Path, kinds: Sequence[str]) -> str:
-    """Refuse a file that cannot be written, or is of no kind that is; returns its kind, as ".csv"."""
+def check_target(target: Path, kinds: Sequence[str] = ()) -> str:
+    """Refuse a file that cannot be written, or is of none of `kinds`, if given; returns its kind, as ".csv"."""
     kind = target.suffix.lower()
-    if kind not in kinds:
+    if kinds and kind not in kinds:
         ends = " or ".join(kinds) if len(kinds) == 2 else ", ".join(kinds)
         raise refusal("-o", f"{target.name} is of no kind that is written here; end it in {ends}")
     if blocked := in_the_way(target):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import io
 import json as json_module
 import os
-import sys
 import time
 from collections.abc import Iterator
 from dataclasses import replace
@@ -19,6 +18,7 @@ from ..report.tolerance.pages import (
     cost_words,
     headline,
     impossible_words,
+    share_words,
     tables,
     tolerance_pictures,
     tolerance_report,
@@ -28,12 +28,23 @@ from ..tolerancing.result import analyse, precision, save_worst, trial_arrays, t
 from ..tolerancing.run import ChunkLostError, Where, npz_bytes, run_trials
 from ..tolerancing.study import MOST_TRIALS, load_plan
 from ..words import sentence
-from .terminal import Flag, Output, bar, check_options, picture_files, print_blocks, refusal, typed, write_files
+from .terminal import (
+    Flag,
+    Output,
+    bar,
+    check_options,
+    picture_files,
+    print_blocks,
+    refusal,
+    say,
+    spelled,
+    typed,
+    write_files,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from ..tolerancing.analyses import Yield
     from ..tolerancing.result import StudyResult
 
 MOST_WORKERS = 512
@@ -96,7 +107,7 @@ def tolerance(
         try:
             tally = run_trials(plan, output, where, resume=resume, progress=lambda done, _: tell(done))
         except ChunkLostError as error:
-            print(f"roslf: {error}", file=sys.stderr)
+            say(f"roslf: {error}", error=True)
             raise SystemExit(1) from None
     result = analyse(plan, description, grades, tally, save_worst(plan, tally, output))
     seconds = time.perf_counter() - started
@@ -135,23 +146,19 @@ def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
         yield Paragraph(sentence(result.precision.accuracy.sentence(times)))
     if result.scale_for_target is not None:
         scale, reached = result.scale_for_target
-        yield Paragraph(f"All tolerances times {scale:.3g} give a yield of {_percent(reached)}")
+        yield Paragraph(f"All tolerances times {scale:.3g} give a yield of {share_words(reached)}")
     for grade in result.grades:
-        yield Paragraph(f"Grade {grade.grade}: yield {_percent(grade.result)}")
+        yield Paragraph(f"Grade {grade.grade}: yield {share_words(grade.result)}")
     if result.budget is not None and result.budget.looser:
         saved = "" if result.budget.cost is None else f", {cost_words(result.budget.cost)}"
         first = "with the cheapest change and all" if result.budget.changes else "with all"
-        yield Paragraph(f"Budget: {first} that may be looser, yield {_percent(result.budget.result)}{saved}")
+        yield Paragraph(f"Budget: {first} that may be looser, yield {share_words(result.budget.result)}{saved}")
     yield from tables(result, brief=True)
     yield Paragraph("\nOf each metric the weakest field; all fields in results.json.")
     for warning in result.warnings:
         yield Paragraph(f"\nNote: {warning}")
     for trial in result.worst:
         yield Paragraph(f"Worst trial {trial.number}: {trial.file or 'no design: ' + '; '.join(trial.faults)}")
-
-
-def _percent(measured: Yield) -> str:
-    return f"{100 * measured.value:.2f} % ({measured.trials} builds)"
 
 
 def summary(result: StudyResult) -> str:
@@ -166,9 +173,10 @@ def summary(result: StudyResult) -> str:
 def _lines(data: dict[str, object]) -> str:
     """JSON with one line a key: short, and still readable by a difference."""
     rows = (f'"{key}": {json_module.dumps(value, allow_nan=False, ensure_ascii=False)}' for key, value in data.items())
-    return "{\n" + ",\n".join(rows) + "\n}"
+    return spelled("{\n" + ",\n".join(rows) + "\n}")
 
 
 def _workers(chunks: int) -> int:
     # A pool costs a second to start: too much below a few chunks.
-    return 1 if chunks < 8 else max(1, min(chunks, len(os.sched_getaffinity(0))))
+    mine = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    return 1 if chunks < 8 else max(1, min(chunks, mine))

@@ -418,9 +418,9 @@ def _searched(views: _Views, noise: PixelNoise, low: float, high: float, window:
     before, after = padded[:-2], padded[2:]
     dips = (costs <= before) & (costs <= after) & np.isfinite(costs)
     # The floor of each dip, by the parabola through it.
-    with np.errstate(invalid="ignore", divide="ignore"):
-        bend = before - 2 * costs + after
-        floors = costs - np.where(np.isfinite(bend) & (bend > 0), (before - after) ** 2 / (8 * bend), 0)
+    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):  # of what is no dip, and not used
+        bend, rise = before - 2 * costs + after, before - after
+        floors = costs - np.where(np.isfinite(bend) & (bend > 0), rise * (rise / (8 * bend)), 0)
     least = np.where(dips, floors, np.inf)[best, rows, columns]
     dips &= np.abs(np.arange(len(candidates))[:, None, None] - best) >= 3
     second = np.where(dips, floors, np.inf).min(axis=0)

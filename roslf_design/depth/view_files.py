@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from .._arrays import ratio
 from ..calibration.decoding import LightField, Samples
-from ..calibration.frames import CalibrationError, grey_frame, read_image_and_notes
+from ..calibration.frames import LARGEST, CalibrationError, grey_frame, read_image_and_notes
 from ..errors import InputError, Problem
 from ..input_files import DAMAGED, MOST_SAMPLES, check_file, read_bytes, read_text
 
@@ -27,6 +27,9 @@ PARAMETERS = "parameters.cfg"
 MATLAB = ".mat"
 _CHANNELS = 8
 """Most channels of a sample."""
+_MOST = 512 << 20
+"""Bytes that a light field may take, unpacked, and again as samples with weights."""
+_SIZES = {"single": 4, "double": 8} | {f"{sign}int{bits}": bits // 8 for sign in ("", "u") for bits in (8, 16, 32, 64)}
 _PAIR = re.compile(r"(?:^|[^0-9])(\d{1,4})[_,x-](\d{1,4})$")
 _SINGLE = re.compile(r"(?:^|[_-])cam(\d{1,6})$", re.IGNORECASE)
 _PFM = re.compile(rb"(P[fF])\s+(\d{1,9})\s+(\d{1,9})\s+([-+0-9.eE]{1,40})[ \t\r]*\n")
@@ -216,14 +219,16 @@ def _matlab(path: Path) -> ViewFiles:
             warnings.simplefilter("ignore")
             known = {name: (shape, kind) for name, shape, kind in whosmat(path)}
             shape, kind = known.get("LF", ((), ""))
-            numeric = kind in ("single", "double") or kind.startswith(("int", "uint"))
-            if not (numeric and len(shape) in (4, 5) and min(shape) > 0):
+            if not (kind in _SIZES and len(shape) in (4, 5) and min(shape) > 0):
                 there = ", ".join(sorted(known)[:8]) or "nothing"
                 raise _refused(path, f"holds no light field LF of shape (t, s, v, u, channels), but {there}")
-            if math.prod(shape[:4]) > MOST_SAMPLES or math.prod(shape[4:]) > _CHANNELS:
-                said = f"its LF of {' x '.join(map(str, shape))} numbers is too large"
-                most = f"{MOST_SAMPLES / 1e6:.0f} million samples of {_CHANNELS} channels"
-                raise _refused(path, f"{said} (at most {most}); cut it in Matlab")
+            size = math.prod(shape) * _SIZES[kind]
+            if max(size, 8 * math.prod(shape[:4])) > _MOST or math.prod(shape[4:]) > _CHANNELS:
+                said = f"its LF of {' x '.join(map(str, shape))} {kind} numbers is too large"
+                most = f"{_MOST >> 20} MB in memory, and {_CHANNELS} channels"
+                raise _refused(
+                    path, f"{said} ({size / 2**20:.0f} MB; at most {most}); cut it in Matlab, or save it as uint8"
+                )
             stored: NDArray[Any] = loadmat(path, variable_names=["LF"])["LF"]
     except NotImplementedError:
         raise _refused(path, "is a file of Matlab 7.3 (HDF5); save it again in Matlab by save(..., '-v7')") from None
@@ -232,6 +237,10 @@ def _matlab(path: Path) -> ViewFiles:
     except (*DAMAGED, matlab.MatReadError) as error:
         detail = " ".join(str(error).split())[:120] or type(error).__name__
         raise _refused(path, f"cannot be read as a file of Matlab ({detail}); save it again") from None
+    if stored.dtype.kind == "c":
+        raise _refused(path, "its LF has complex numbers; save their real parts or absolute values")
+    if not float(np.abs(stored).max(initial=0)) < LARGEST:
+        raise _refused(path, "its LF has values that are not finite, or larger than any sensor's; mend them")
     channels = stored.reshape(*stored.shape[:4], -1)
     values, weight = (np.zeros(channels.shape[:4], np.float32) for _ in range(2))
     weight += np.float32(1)
@@ -243,8 +252,6 @@ def _matlab(path: Path) -> ViewFiles:
     for channel in range(colours):
         values += np.asarray(channels[..., channel], np.float32)
     values /= np.float32(colours)
-    if not (np.isfinite(values).all() and np.isfinite(weight).all()):
-        raise _refused(path, "its LF has values that are not finite numbers; write 0, and weight 0, for them")
     return ViewFiles(_field(values, np.clip(weight, 0, 1, out=weight)), "matlab")
 
 
@@ -281,6 +288,8 @@ def read_pfm(path: Path) -> Samples:
         said = f"says {columns} x {rows} numbers, {wanted} bytes, and holds {there}"
         raise _refused(path, f"{said}; it is damaged, copy or save it again")
     numbers = np.frombuffer(content, "<f4" if scale < 0 else ">f4", rows * columns, head.end())
+    if (np.abs(numbers[np.isfinite(numbers)]) > LARGEST).any():
+        raise _refused(path, f"has disparities beyond {LARGEST:g} px; write infinity where nothing is known")
     return np.ascontiguousarray(numbers.reshape(rows, columns)[::-1], np.float32)
 
 

@@ -15,7 +15,7 @@ from ..bore.real_lens import focal_length_at, own_diameter, read_prescription
 from ..errors import InputError, Problem
 from ..lenses.prescription import Prescription
 from ..toml_files import problems_of
-from ..units import format_quantity, parse_quantity
+from ..units import format_quantity, read_quantity
 from .parts import PATHS, Light
 
 FOCAL, PLANE, DISTANCE = CONJUGATES
@@ -37,7 +37,7 @@ def at(value: Any, place: str) -> Any:
     """What stands at a dotted place of nested parts, tables and lists; None where nothing does."""
     for step in place.split("."):
         if isinstance(value, (list, tuple)):
-            value = value[int(step)]
+            value = value[int(step)] if step.isdecimal() and int(step) < len(value) else None
         else:
             value = value.get(step) if isinstance(value, Mapping) else getattr(value, step, None)
     return value
@@ -93,7 +93,7 @@ def design_problems(
         if readable(place) and not (place in (PLANE, DISTANCE) and _refracts(data))
     }
     values = {
-        place: None if value is None else parse_quantity(value, "length", unit_required=from_file)
+        place: None if value is None else read_quantity(value, "length", unit_required=from_file)
         for place, value in given.items()
     }
     if not readable("main_lens.prescription"):

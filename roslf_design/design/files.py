@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import tempfile
 from collections.abc import Mapping
@@ -193,16 +194,32 @@ def save(design: Design, path: str | os.PathLike[str], *, overwrite: bool = Fals
     write_atomically(Path(path), dumps(design, digits).encode())
 
 
-def in_the_way(path: Path, *, folder: bool = False) -> str:
-    """What keeps a file, or a folder, from being made at a path, and the remedy; empty where nothing does."""
-    if path.is_dir() and not folder:
-        return f"{path} is a folder; name a file in it"
-    blocked = next((at for at in (path, *path.parents)[not folder :] if at.exists() and not at.is_dir()), None)
-    return "" if blocked is None else f"{blocked} is a file, not a folder; name another place"
+def in_the_way(path: Path) -> str:
+    """What keeps a file from being written at a path, and the remedy; empty where nothing does.
+
+    The nearest folder above it that is there is tried by a file without a name: no permission says what root, a file
+    system that is mounted for reading, or /proc will do.
+    """
+    try:
+        if path.is_dir():
+            return f"{path} is a folder; name a file in it"
+        if path.exists() and not path.is_file():
+            return f"{path} is a pipe or a device; name another place"
+        for at in path.parents:
+            if at.is_dir():
+                with tempfile.TemporaryFile(dir=at):
+                    return ""
+            if at.exists():
+                return f"{at} is a file, not a folder; name another place"
+            if at.is_symlink():
+                return f"{at} is a link that leads nowhere; name another place"
+    except OSError as error:
+        return f"{path} cannot be written: {error.strerror}; name another place"
+    return ""
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write to a temporary name beside `path`, then rename.
+    """Write to a temporary name beside `path`, then rename; on disk, also where the power fails, once it returns.
 
     Raises
     ------
@@ -216,10 +233,12 @@ def write_atomically(path: Path, content: bytes) -> None:
 
 
 def _write_whole(path: Path, content: bytes) -> None:
-    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    handle, temporary = tempfile.mkstemp(dir=path.parent, prefix=".roslf-")
     try:
         with os.fdopen(handle, "wb") as file:
             file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
         mask = os.umask(0)
         os.umask(mask)
         os.chmod(temporary, 0o666 & ~mask)
@@ -227,3 +246,9 @@ def _write_whole(path: Path, content: bytes) -> None:
     except BaseException:
         Path(temporary).unlink(missing_ok=True)
         raise
+    with contextlib.suppress(OSError):  # Windows opens no folders, and some file systems sync none
+        folder = os.open(path.parent, os.O_RDONLY)
+        try:
+            os.fsync(folder)
+        finally:
+            os.close(folder)

@@ -18,7 +18,7 @@ from ..bore.material import Material
 from ..bore.part import Number, Offset, Part, Size, Tilt
 from ..bore.real_lens import Lens
 from ..lenses.glass import Glass
-from ..units import Angle, Distance, Illuminance, Length, Radiance, Time, format_quantity, parse_quantity
+from ..units import Angle, Distance, Illuminance, Length, Radiance, Time, format_quantity, read_quantity
 
 N = TypeVar("N", float, Number)
 Layout = Literal["square", "hexagonal"]
@@ -181,7 +181,7 @@ class Sensor(Part):
         if not whole or not all(0 < count <= MOST_PIXELS for count in counts):
             raise ValueError("pixels counts them along width and height; write e.g. pixels = [4056, 3040]")
         try:
-            pixel = parse_quantity(data.get("pixel"), "length", unit_required=False)
+            pixel = read_quantity(data.get("pixel"), "length", unit_required=False)
         except ValueError:
             return rest | {"size": ["1 mm", "1 mm"]}  # the pixel's own fault is told
         return rest | {"size": [f"{count * pixel!r} mm" for count in counts]}
@@ -213,17 +213,18 @@ class Light(Part):
     """The light that the design is evaluated for.
 
     The scene's radiance is given, or follows from illuminance and reflectance of a matt surface: ``E rho/pi`` over the
-    eye's luminous efficacy of 683 lm/W, as if all of it had the design's wavelength and that were 555 nm.
+    eye's luminous efficacy of 683 lm/W, as if all of it had the design's wavelength and that were 555 nm. Both are
+    those in the medium that the scene lies in, of index n: 1/n^2 of the radiance comes through its window.
     """
 
     wavelength: Length = 550e-6
     """lambda [mm]."""
     illuminance: Illuminance = 1e5
-    """On the scene [lx]; about what a surgical light gives (IEC 60601-2-41 allows 40 000 to 160 000)."""
+    """On the scene, in its medium [lx]; about what a surgical light gives (IEC 60601-2-41: 40 000 to 160 000)."""
     reflectance: Annotated[float, Field(gt=0, le=1)] = 0.3
     """Of the scene, on average."""
     radiance: Radiance | None = None
-    """Of the scene, on average [W/m^2/sr]; None where illuminance and reflectance give it."""
+    """Of the scene, in its medium, on average [W/m^2/sr]; None where illuminance and reflectance give it."""
     exposure: Time | None = None
     """[s]; None is 1/60 s, or shorter where the scene's mean would fill more than half the full well."""
     transmission: Annotated[float, Field(gt=0, le=1)] = 0.95

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from . import axes, svg
 from .marks import Key, Mark, Point, Text, shifted
 from .panel import Panel, Scale
-from .theme import SMALL, ThemeName, text_width, theme_named
+from .theme import SMALL, ThemeName, text_width, theme_named, wrapped
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -143,3 +143,10 @@ def as_tall(
     top, width = panel.bottom + foot, size[0] - 24
     tall = (size[0], max(size[1], top + legend_height(keys, width)))
     return Picture(name, title, tall, (panel,), tuple(keys), (14.0, top - 2, width))
+
+
+def notice(name: str, words: str, size: Point) -> Picture:
+    """Picture of a sentence in the place of one that cannot be drawn."""
+    lines = enumerate(wrapped(words, size[0] - 28))
+    remarks = tuple(Text(14, 24 + LEGEND_ROW * n, line, testid="undrawn" if n == 0 else "") for n, line in lines)
+    return Picture(name, words, size, (), remarks=remarks)

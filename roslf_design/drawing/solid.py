@@ -52,6 +52,10 @@ LINE_WIDTH = 0.32
 """Widths of lines in a drawing against those of a view."""
 DIGITS = 6
 """Significant digits of a part's largest coordinate in a browser; the others have as many decimals."""
+LOAD = "console.log=()=>{};function loadDataSet(){OfflineLocalView.load(document.body,{base64Str:frameElement.scene});}"
+"""What the viewer page does first."""
+SYSTEM, UNKNOWN_SYSTEM = 9, 255
+"""Where gzip says on what system it ran, which hangs on Python's version, and what says nothing (RFC 1952)."""
 VIEWER = "trame_vtk", "tools/static_viewer.html"
 """A package and its page that shows scenes."""
 DEBIAN = "libegl1 libgl1-mesa-dri"
@@ -267,8 +271,8 @@ def changed(before: Mapping[str, BrowserMesh], after: Mapping[str, BrowserMesh])
 
 
 @cache
-def library() -> str:
-    """The viewer page: gzip, as base64.
+def viewer() -> str:
+    """The page in which vtk.js turns the ``scene`` of the frame that holds it.
 
     Raises
     ------
@@ -284,7 +288,15 @@ def library() -> str:
     # The picture of its file-drop area, which is never shown here, and a link that would leave the page.
     text = re.sub(r"data:image/jpeg;base64,[A-Za-z0-9+/=]+", "data:,", text)
     text = text.replace("https://kitware.github.io/vtk-js/icon/favicon-", "data:,")
-    return base64.b64encode(gzip.compress(text.encode(), 9, mtime=0)).decode()
+    return text.replace("<script>", f"<script>{LOAD}</script><script>", 1)
+
+
+@cache
+def library() -> str:
+    """The viewer page: gzip, as base64; errors as `viewer`."""
+    packed = bytearray(gzip.compress(viewer().encode(), 9, mtime=0))
+    packed[SYSTEM] = UNKNOWN_SYSTEM
+    return base64.b64encode(packed).decode()
 
 
 def scene_data(scene: Instrument) -> str:

@@ -96,7 +96,9 @@ def _identifier(name: str) -> str:
 
 def file_of(content: str | bytes) -> bytes:
     """A picture's SVG text as a file of its own; the bytes of another picture as they are."""
-    return content if isinstance(content, bytes) else f'<?xml version="1.0" encoding="utf-8"?>\n{content}\n'.encode()
+    if isinstance(content, bytes):
+        return content
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{content}\n'.encode("utf-8", "backslashreplace")
 
 
 DRAWN = {

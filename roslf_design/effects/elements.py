@@ -17,10 +17,10 @@ from ..camera import Camera
 from ..camera.camera import place_of
 from ..design import Design
 from ..design.parts import PATHS
-from ..rays.backward import behind_elements, law_of, mapped, scene_side
-from ..rays.object_space import FacesAhead, Outside
+from ..rays.backward import behind_elements, mapped, scene_side
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.light import outer_slope
+from ..theory.object_space import FacesAhead, Outside, law_of
 from ..theory.stop_images import stop_discs
 from .effect import Effect, Estimate, Subject
 
@@ -82,7 +82,7 @@ def misses(design: Design, radius: float, distances: tuple[float, ...], waveleng
     rims = sorted((camera.fap, *camera.rims), key=lambda rim: float(rim.stands))
     for wavelength in dict.fromkeys((design.wavelength, *wavelengths)):
         coloured = camera if wavelength == design.wavelength else camera.replace({"wavelength": wavelength})
-        space = FacesAhead.of(coloured, clip=False)
+        space = FacesAhead.unclipped(coloured)
         *at_rims, exact = space.rays_at([float(rim.stands) for rim in rims], height, slope)
         good = passed & (exact.status == 0)
         lost |= bool((passed & ~good).any())

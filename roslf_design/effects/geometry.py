@@ -11,7 +11,7 @@ from ..design.parts import PATHS
 from ..errors import InputError, Problem
 from ..theory.exit_pupil import microlens_image_diameter, stop_angle
 from ..theory.light import chief_slope, falloff, outer_slope
-from ..theory.stop_images import stop_discs
+from ..theory.stop_images import settled, stop_discs
 from . import lens
 from .effect import Effect, Estimate, Subject
 
@@ -31,7 +31,8 @@ def cut_depth(s: Subject) -> float:
     (middle, aside), (radii, _) = stop_discs(s.camera, np.array([0.0, s.lens_field]), 0.0)
     moved = aside - middle
     apart = np.hypot(*(middle[1:] - middle[0]).T) + np.hypot(*(moved[1:] - moved[0]).T)
-    return float(np.clip(np.max(apart + radii[0] - radii[1:]), 0.0, 2 * radii[0]))
+    depth = settled(np.max(apart + radii[0] - radii[1:]), max(radii[0], np.abs(aside).max(initial=0.0)))
+    return float(np.clip(depth, 0.0, 2 * radii[0]))
 
 
 def vignetting(s: Subject) -> Estimate:

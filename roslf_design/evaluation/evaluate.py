@@ -23,10 +23,9 @@ from ..design.environment import not_known, not_named
 from ..design.files import as_design
 from ..design.parts import PATHS, Substrate
 from ..effects.plan import plan
-from ..lenses.angles import angle_in_air
+from ..lenses.angles import angle_in_air, image_height
 from ..lenses.glass import AIR, ROOM
 from ..theory import exit_pupil
-from ..theory.light import field_angle, outer_slope
 from ..theory.quantities import QUANTITIES, depth_error
 from ..theory.stop_images import MicrolensImages
 from ..theory.vignetting import field_limit
@@ -229,12 +228,13 @@ def _mapping(
     lens, largest = design.elements[camera.chain.mapped], float(camera.law[0, 1])
     assert isinstance(lens, FieldLens)
     sample = float(QUANTITIES["object_sample_mm"](camera))
-    radii = np.hypot(*MicrolensImages(camera, axes).from_lens.T) if len(axes) else np.zeros(0)
-    p = np.minimum(outer_slope(camera, radii), largest)
-    angles, in_air = np.rad2deg(field_angle(camera, radii)), angle_in_air(camera.law, p)
-    drawn = np.where(p > 0, 100 * (ratio(p, np.tan(in_air)) - 1), 0.0)
-    along, across = (np.broadcast_to(of(p), p.shape).tolist() for of in (camera.stretch_along, camera.stretch))
-    fields = zip(axes, angles, drawn, along, across, strict=True)
+    images = MicrolensImages(camera, axes)
+    x, y, z = np.moveaxis(images.directions[:, 0], -1, 0)
+    sine = np.hypot(x, y)
+    in_air = np.arcsin(np.minimum(camera.front[1].medium * sine, 1.0))
+    drawn = np.where(sine > 0, 100 * (ratio(image_height(camera.law, in_air), np.tan(in_air)) - 1), 0.0)
+    along, across = (np.ravel(scale).tolist() for scale in images.stretch)
+    fields = zip(axes, np.rad2deg(np.arctan2(sine, z)), drawn, along, across, strict=True)
     rows = tuple(
         MappedField(
             axis, float(angle), float(d), (sample * float(a), sample * float(b)), (sigma * float(a), sigma * float(b))

@@ -39,6 +39,9 @@ RAYS = 65_536
 BEST_ACCURACY = 3e-5
 """Below this, counting takes more rays than memory holds comfortably."""
 
+MOST_FIELDS = 500
+"""Fields looked at in one run."""
+
 
 def default_fields(design: Design) -> tuple[Place, ...]:
     """Centre, edge and corner of what the sensor sees of the MLA [mm].

@@ -227,8 +227,7 @@ def transfer_at(images: MicrolensImages, field: int, at: float | None) -> FieldT
     lit = bool(shapes.lit[field, 0])
     x, y = (float(np.broadcast_to(axis, (len(images.fields), 1))[field, 0]) for axis in images.microlens[:2])
     away = math.hypot(x, y)
-    along, across = field_of_view.stretch_of(camera, (x, y))
-    scale = float(QUANTITIES["object_sample_mm"](camera, at) / camera.d)
+    along, across = (float(np.broadcast_to(scale, (len(images.fields), 1))[field, 0]) for scale in images.scales(at))
     # Tilted parts' shapes count from the FAP's image.
     u, v = shapes.centroid[field, 0] + (centres[field, 0, 0] if camera.tilted else 0.0)
     cuts = shapes.clipping[field, 0] if not camera.tilted else np.ones(radii.shape[-1], np.bool_)
@@ -239,8 +238,8 @@ def transfer_at(images: MicrolensImages, field: int, at: float | None) -> FieldT
         radii[field, 0, cuts],
         (float(u), float(v)) if lit else None,
         float(image_rate(camera, at)),
-        scale * float(along),
-        scale * float(across),
+        along,
+        across,
         (x / away, y / away) if away > 1e-12 * float(camera.d) else (1.0, 0.0),
     )
 
@@ -349,7 +348,7 @@ def _angles(ends: MicrolensImages, at: float | None) -> tuple[float, float, floa
     """Over the field's width, height and diagonal, from the entrance pupil or under which the tip sees a plane."""
     names = [f"{'' if at is None else 'tip_'}field_of_view_{part}deg" for part in ("width_", "height_", "")]
     ways = ends.directions if at is None else np.stack(np.broadcast_arrays(*ends.on_plane(at), at), axis=-1)
-    return _across(ends, ways, field_of_view.between, [QUANTITIES[name](ends.camera, at) for name in names])
+    return _across(ways, field_of_view.between, lambda k: QUANTITIES[names[k]](ends.camera, at))
 
 
 def _depth_precision(design: Design, images: MicrolensImages, stations: Mapping[str, float]) -> DepthPrecision:
@@ -385,26 +384,23 @@ def depth_assumptions(design: Design, camera: Camera, error: float) -> DepthAssu
 
 def _object_field(ends: MicrolensImages, at: float, plane: str) -> ObjectField:
     camera = ends.camera
-    halves = [2 * QUANTITIES[f"field_half_{side}_mm"](camera, at) for side in ("width", "height", "diagonal")]
+    halves = [f"field_half_{side}_mm" for side in ("width", "height", "diagonal")]
     magnification, sample = (float(QUANTITIES[n](camera, at)) for n in ("object_magnification", "object_sample_mm"))
     met = np.stack(ends.on_plane(at), axis=-1)
-    sides = _across(ends, met, lambda a, b: np.linalg.norm(a - b, axis=-1), halves)
+    sides = _across(met, lambda a, b: np.linalg.norm(a - b, axis=-1), lambda k: 2 * QUANTITIES[halves[k]](camera, at))
     return ObjectField(at, plane, *sides, magnification, sample)
 
 
 def _across(
-    ends: MicrolensImages, seen: Array, between: Callable[[Array, Array], Array], thin: Sequence[Array]
+    rays: Array, between: Callable[[Array, Array], Array], thin: Callable[[int], Array]
 ) -> tuple[float, float, float]:
-    """What is between the field's ends, over width, height and diagonal, as traced; else the closed forms' values.
+    """What is between the rays of the field's ends, over width, height and diagonal.
 
-    These also stand where a real lens does not show all of them.
+    Where a real main lens does not show all of them, its thin twin's.
     """
-    if not isinstance(ends, LensImages):
-        width, height, diagonal = map(float, thin)
-        return width, height, diagonal
-    one, other = seen.reshape(4, 2, -1).swapaxes(0, 1)
-    traced = field_of_view.widest(list(between(one, other)))
-    width, height, diagonal = map(float, thin if np.isnan(traced).any() else traced)
+    one, other = rays.reshape(4, 2, -1).swapaxes(0, 1)
+    sizes = field_of_view.widest(list(between(one, other)))
+    width, height, diagonal = (float(thin(k) if np.isnan(size) else size) for k, size in enumerate(sizes))
     return width, height, diagonal
 
 

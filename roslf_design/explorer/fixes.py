@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera import Camera
-from ..design import Design, DesignError
+from ..design import PATHS, Design, DesignError
 from ..drawing.theme import short
 from ..theory.exit_pupil import is_telecentric
 from ..theory.f_number import fill_factor, matched
@@ -126,14 +126,15 @@ def _undistorting(camera: Camera) -> Change:
     def rooms(d_3: Floats | float) -> Floats:
         return corner_room(camera.replace({"d_3": d_3}))
 
-    if rooms(camera.d_3).min() >= 0:
+    here = float(camera[PATHS["d_3"]])  # with a ruler, as what replaces it
+    if rooms(here).min() >= 0:
         return "the whole sensor is undistorted already"
     # Room times the gap is concave in d_3, so the distances with room are one interval.
-    best = _highest(lambda d_3: rooms(d_3).min(axis=0), camera, float(camera.d_f) * (1 - 1e-9))
+    best = _highest(lambda d_3: rooms(d_3).min(axis=0), camera, float(camera[PATHS["d_f"]]) * (1 - 1e-9))
     if rooms(best).min() < 0:
         limit = field_limit(camera.replace({"d_3": best}))
         return f"no FAP distance frees it: the {limit.rim} is too small for this FAP and sensor"
-    inside, outside = best, float(camera.d_3)
+    inside, outside = best, here
     for _ in range(ROUNDS):
         places = np.linspace(inside, outside, PLACES)
         last = int(np.argmax(rooms(places).min(axis=0) < 0)) - 1
@@ -146,7 +147,7 @@ def _widest(camera: Camera) -> Change:
         least = undistorted_radii(camera.replace({"d_3": d_3})).min(axis=0)
         return np.asarray(np.maximum(least, 0.0))
 
-    now = float(camera.d_3)
+    now = float(camera[PATHS["d_3"]])
     best = _highest(radius, camera, max(now, *_rims(camera)))
     if radius(best) == 0:
         return "no FAP distance leaves any field undistorted: the FAP is wider than a rim"
@@ -157,7 +158,7 @@ def _widest(camera: Camera) -> Change:
 
 def _rims(camera: Camera) -> list[float]:
     """Distances of the rims that the FAP's pencils pass: the lens's, which is 0, and those of further stops."""
-    return [float(rim.distance) for rim in camera.rims]
+    return [float(rim.stands) for rim in camera.rims]
 
 
 def _highest(value: Callable[[Floats], Floats], camera: Camera, high: float) -> float:

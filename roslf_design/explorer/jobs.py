@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any, Generic, TypeVar
 
-from ..errors import InputError
+from ..errors import FAULTS, InputError
 
 Result = TypeVar("Result")
 Tell = Callable[[float | None, str], None]
@@ -129,7 +129,7 @@ def _run(sender: Connection, work: Callable[[Any, Tell], Any], request: Any) -> 
         message = ("done", work(request, tell))
     except InputError as error:
         message = ("failed", str(error))
-    except (ArithmeticError, ValueError, RuntimeError, MemoryError, OSError) as error:
+    except (*FAULTS, OSError) as error:
         message = ("failed", f"{type(error).__name__}: {error}")
     # Who has the answer ends this process, at once and without a word.
     signal.signal(signal.SIGTERM, signal.SIG_DFL)

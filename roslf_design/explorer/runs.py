@@ -432,14 +432,15 @@ def _label(column: str) -> str:
 def _offenders(plan: TolerancePlan) -> Iterator[Offender]:
     """Every tolerance by what it alone uses of the limits."""
     moves, kinds = sensitivity(plan), perturbable(plan.question.design)
-    ends = np.stack([moves.plus[-1], moves.minus[-1]])
+    ends = np.stack([moves.twin_plus[-1], moves.twin_minus[-1]])
     for index, perturbation in enumerate(plan.draws.perturbations):
         used, worst = 0.0, ""
         for limit in plan.limits:
-            here, label = float(plan.nominal[limit.column]), plan.columns[limit.column].label
+            label = plan.columns[limit.column].label
+            here = plan.judged(plan.nominal[[limit.column]], [limit.column])[0]
             for edge, sign in ((limit.high, 1.0), (limit.low, -1.0)):
-                way = sign * (edge - here)
-                if not math.isfinite(way):
+                way = float(sign * (plan.judged(np.array([edge]), [limit.column])[0] - here))
+                if not (math.isfinite(edge) and math.isfinite(way)):
                     continue
                 move = float(np.max(sign * ends[:, limit.column, index]))
                 part = math.inf if math.isnan(move) else move / way if way > 0 else math.inf if move > 0 else 0.0

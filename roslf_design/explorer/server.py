@@ -9,6 +9,8 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import errno
+import logging
+import re
 import secrets
 import signal
 import socket
@@ -17,10 +19,11 @@ from importlib.util import find_spec
 from ipaddress import IPv4Address, IPv6Address, ip_address
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlsplit
 
 import aiohttp
-from aiohttp import web
+from aiohttp import hdrs, web
+from aiohttp.http_exceptions import HttpProcessingError
+from aiohttp.log import server_logger
 from trame_client.module import vue3
 from trame_server import Server
 
@@ -43,6 +46,14 @@ POLICY = (
     "object-src 'none'; base-uri 'self'; frame-ancestors 'none'"
 )
 """What the page may load: nothing from another host. Vue makes functions of its templates, hence unsafe-eval."""
+
+AUTHORITY = re.compile(r"(?:([a-z0-9._-]+)|\[([0-9a-f:.]+)\])(?::([0-9]{1,5}))?", re.IGNORECASE | re.ASCII)
+"""A host as browsers name it: a name or an address, IPv6 in brackets, with or without a port."""
+
+ENDINGS = ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK")
+"""Signals that ask the process to end; no system has all of them."""
+
+MISSING = "there is no such file"
 
 HOST: web.AppKey[str] = web.AppKey("host", str)
 
@@ -170,23 +181,30 @@ async def serve(app: web.Application, host: str, port: int | None, ready: Callab
     InputError
         The port is in use or none, or the host is not an address of this machine.
     """
+    server_logger.addFilter(_is_ours)
     stop = asyncio.Event()
     loop = asyncio.get_running_loop()
     runner = web.AppRunner(app, handle_signals=False, access_log=None, shutdown_timeout=2.0)
     await runner.setup()
-    signals = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
+    before = {}
     try:
         await _listen(runner, host, port)
-        for number in signals:
-            loop.add_signal_handler(number, stop.set)
+        # Not the loop's own handlers, which Windows has not.
+        for number in (getattr(signal, name) for name in ENDINGS if hasattr(signal, name)):
+            before[number] = signal.signal(number, lambda *_: loop.call_soon_threadsafe(stop.set))
         shown = "127.0.0.1" if host in ("0.0.0.0", "::") else host
         bracketed = f"[{shown}]" if ":" in shown else shown
         ready(f"http://{bracketed}:{runner.addresses[0][1]}/")
         await stop.wait()
     finally:
-        for number in signals:
-            loop.remove_signal_handler(number)
+        for number, handler in before.items():
+            signal.signal(number, handler)
         await runner.cleanup()
+
+
+def _is_ours(record: logging.LogRecord) -> bool:
+    """Whether what the server logs is no mere request that was none of HTTP's; such is answered, with no traceback."""
+    return record.exc_info is None or not isinstance(record.exc_info[1], HttpProcessingError)
 
 
 async def _listen(runner: web.AppRunner, host: str, port: int | None) -> None:
@@ -218,17 +236,22 @@ def _refused(option: str, message: str) -> InputError:
 
 async def _serve_tab(request: web.Request, tab: Tab) -> web.StreamResponse:
     # A page of another site that connects could read this machine's design files.
-    origin = request.headers.get("Origin")
-    if origin is not None and origin.rpartition("://")[2].lower() != request.host.lower():
+    own = tuple(f"{scheme}://{request.host}".lower() for scheme in ("http", "https"))
+    if any(origin.lower() not in own for origin in request.headers.getall(hdrs.ORIGIN, ())):
         raise web.HTTPForbidden(text="only this explorer's own page may connect")
     connection = web.WebSocketResponse(max_msg_size=MAX_MESSAGE, heartbeat=20, compress=False)
-    await connection.prepare(request)
+    try:
+        await connection.prepare(request)
+    except ConnectionResetError:  # it is gone already
+        return web.Response()
     tabs = request.app[TABS]
     tabs[tab.key] = tab
 
     async def send(binary: bool, message: bytes | str) -> None:
-        if not connection.closed:
-            await (connection.send_bytes(message) if isinstance(message, bytes) else connection.send_str(message))
+        # The browser may go away at any time, also while something is sent to it; the loop below then ends.
+        with contextlib.suppress(ConnectionResetError):
+            if not connection.closed:
+                await (connection.send_bytes(message) if isinstance(message, bytes) else connection.send_str(message))
 
     try:
         await tab.open(send)
@@ -240,8 +263,6 @@ async def _serve_tab(request: web.Request, tab: Tab) -> web.StreamResponse:
             except (ValueError, TypeError, KeyError, AttributeError):
                 # Requests are answered with what is wrong with them; this was none, and what follows may be its rest.
                 await connection.close(code=aiohttp.WSCloseCode.UNSUPPORTED_DATA, message=b"no message of this page")
-    except ConnectionResetError:
-        pass  # The browser went away while something was sent to it.
     finally:
         tabs.pop(tab.key, None)
         await tab.close()
@@ -263,7 +284,7 @@ async def _download(request: web.Request) -> web.StreamResponse:
     except DownloadError as error:
         raise web.HTTPInternalServerError(text=str(error)) from None
     if file is None:
-        raise web.HTTPNotFound(text="there is no such file")
+        raise web.HTTPNotFound(text=MISSING)
     headers = {"Content-Disposition": f'attachment; filename="{file.name}"'}
     return web.Response(body=file.content, content_type=file.kind, headers=headers)
 
@@ -285,13 +306,13 @@ async def _guard(
     request: web.Request, handler: Callable[[web.Request], Awaitable[web.StreamResponse]]
 ) -> web.StreamResponse:
     """Refuse requests by a foreign name (a page elsewhere may have bound it to this machine); set the policy."""
-    name = ""
-    with contextlib.suppress(ValueError):  # of brackets that hold no address
-        name = urlsplit(f"//{request.host}").hostname or ""
-    own = ("localhost", request.app[HOST].lower(), socket.gethostname().lower())
-    if name not in own and _address(name) is None:
+    hosts = request.headers.getall(hdrs.HOST, ())
+    if len(hosts) != 1 or not _is_own(hosts[0], request.app[HOST]):
         raise web.HTTPForbidden(text="open the explorer by this machine's address")
-    response = await handler(request)
+    try:
+        response = await handler(request)
+    except OSError:  # of a name that the system refuses, such as one of 300 letters
+        raise web.HTTPNotFound(text=MISSING) from None
     if not response.prepared:
         socket_address = f"{'wss' if request.secure else 'ws'}://{request.host}"
         response.headers["Content-Security-Policy"] = POLICY.format(socket=socket_address)
@@ -299,6 +320,17 @@ async def _guard(
         response.headers["Referrer-Policy"] = "no-referrer"
         response.headers.setdefault("Cache-Control", "no-cache")
     return response
+
+
+def _is_own(authority: str, host: str) -> bool:
+    """Whether a request's Host names this machine: by a name of its own, or an address, which nobody else can bind."""
+    match = AUTHORITY.fullmatch(authority)
+    if match is None or int(match[3] or 1) not in range(1, 65536):
+        return False
+    name, bracketed = (match[1] or "").lower(), match[2]
+    if bracketed is not None:
+        return isinstance(_address(bracketed), IPv6Address)
+    return name in ("localhost", host.lower(), socket.gethostname().lower()) or _address(name) is not None
 
 
 def _address(name: str) -> IPv4Address | IPv6Address | None:
@@ -310,4 +342,4 @@ def _address(name: str) -> IPv4Address | IPv6Address | None:
 def is_local(host: str) -> bool:
     """Whether an address is reached from this machine only."""
     address = _address(host)
-    return host == "localhost" or (address is not None and address.is_loopback)
+    return host.lower() == "localhost" or (address is not None and address.is_loopback)

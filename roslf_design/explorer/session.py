@@ -17,13 +17,13 @@ from pydantic import FiniteFloat, ValidationError, validate_call
 
 from ..design import Design, DesignError, dumps, load, loads, preset_names
 from ..design.files import WRITTEN, write_atomically
-from ..drawing.picture import Picture
+from ..drawing.picture import Picture, notice
 from ..drawing.solid import BrowserMesh, changed
 from ..drawing.theme import ThemeName
-from ..errors import InputError
+from ..errors import FAULTS, InputError, cause
 from ..evaluation import evaluate
 from ..report.design.instrument import scene
-from .fixes import proposals
+from .fixes import Fix, proposals
 from .jobs import Later, Progress
 from .runs import KINDS, Options, Run, forms, summary
 from .state import (
@@ -49,12 +49,14 @@ from .view import (
     Size,
     controls,
     depth_known,
+    depth_unknown,
     fitting,
     glance,
     header,
     lights,
     looked_at,
     proposed,
+    unknown,
 )
 
 Known = TypeVar("Known")
@@ -128,13 +130,18 @@ class Session:
     def page(self) -> dict[str, Any]:
         """Values of the whole page; pictures only of the view that is shown, once the page is there."""
         pictures, verdicts, known = dict.fromkeys(DRAWINGS, ""), {}, {}
+        space = self._in_space()
         if self._opened:
             source = self._source()
-            shown = {name: drawing for name, drawing in DRAWINGS.items() if drawing.tab == self._look.tab}
-            pictures = {name: self._draw(name, drawing.inputs(source)) for name, drawing in shown.items()}
+            shown = [name for name, drawing in DRAWINGS.items() if drawing.tab == self._look.tab]
+            pictures = {name: self._draw(name, source) for name in shown}
             if self._look.tab == "depth":
-                known = depth_known(source)
-            verdicts = {"glance": glance(source.evaluation), "lights": self._lights(source), "fixes": self._fixes()}
+                known = _tried(lambda: depth_known(source), depth_unknown)
+            verdicts = {
+                "glance": _tried(lambda: glance(source.evaluation), lambda why: []),
+                "lights": _tried(lambda: self._lights(source), lambda why: [unknown("Verdicts", why)]),
+                "fixes": self._fixes(),
+            }
         return {
             **{f"picture_{name.replace('-', '_')}": svg for name, svg in pictures.items()},
             **header(self._history),
@@ -142,7 +149,7 @@ class Session:
             **looked_at(self.state, self._look),
             **(verdicts or {"glance": [], "lights": [], "fixes": []}),
             "depth_known": known,
-            "space": self._in_space(),
+            "space": space,
             **{f"{kind}_run": summary(self._runs.get(kind), self.design, self._wrong.get(kind, "")) for kind in KINDS},
             "forms": forms(self.state),
             "presets": list(preset_names()),
@@ -170,8 +177,14 @@ class Session:
         Raises
         ------
         DownloadError
-            The report's own command failed.
+            The report's own command failed, or the picture cannot be drawn.
         """
+        try:
+            return await self._made(name)
+        except (*FAULTS, OSError) as error:
+            raise DownloadError(cause(error)) from None
+
+    async def _made(self, name: str) -> Download | None:
         stem = re.sub(r"[^A-Za-z0-9._-]+", "-", Path(self.design.name).stem).strip("-.") or "design"
         if name == "design.toml":
             return Download(f"{stem}.toml", "application/toml", dumps(self.design, WRITTEN).encode())
@@ -215,6 +228,8 @@ class Session:
         except ValidationError as error:
             place, what = ".".join(map(str, error.errors()[0]["loc"])), error.errors()[0]["msg"]
             self._say(f"the page asked for what cannot be ({name}, argument {place}: {what}); load it again")
+        except FAULTS as error:
+            self._say(f"That cannot be done: {cause(error)}")
 
     # Requests: what the page may ask.
 
@@ -275,7 +290,7 @@ class Session:
 
     def fix(self, key: str) -> None:
         """Change what a proposal says."""
-        chosen = next((fix for fix in proposals(self.design) if fix.key == key), None)
+        chosen = next((fix for fix in _proposals(self.design) if fix.key == key), None)
         if chosen is None or chosen.why_not:
             return
         try:
@@ -360,19 +375,19 @@ class Session:
     def _source(self) -> PictureSource:
         design = self.design.thin_twin
         results = {kind: run.result for kind, run in self._runs.items() if run.result is not None}
-        return PictureSource(design, self._evaluated(design), self._look, self._limits, results)
+        return PictureSource(design, self._evaluated, self._look, self._limits, results)
 
     def _lights(self, source: PictureSource) -> list[dict[str, str]]:
         """Verdicts of the thin twin at once; those of the real lens once it has been traced."""
         if self.design.main_lens.prescription is None:
             return lights(source.evaluation)
         # In the loop, not in a thread: compiled kernels may not be entered by two threads at once.
-        _, traced = self._after_a_pause(evaluate)
-        return [*lights(source.evaluation), TRACING] if traced is None else lights(traced)
+        _, traced = self._after_a_pause(_verdicts)
+        return [*lights(source.evaluation), TRACING] if traced is None else traced
 
     def _fixes(self) -> list[dict[str, str]]:
         """What would mend the design; with nothing promised while it is still being changed."""
-        fixes, settled = self._after_a_pause(proposals)
+        fixes, settled = self._after_a_pause(_proposals)
         return proposed(settled or fixes or (), settled is not None)
 
     def _after_a_pause(self, find: Callable[[Design], Known]) -> tuple[Known | None, Known | None]:
@@ -389,23 +404,33 @@ class Session:
 
     def _in_space(self) -> dict[str, Any]:
         shown = self._opened and self._look.tab == "space"
-        return self._space.parcel(self.design.thin_twin, self._theme) if shown else self._space.sent
+        if not shown:
+            return self._space.sent
+        try:
+            return self._space.parcel(self.design.thin_twin, self._theme)
+        except FAULTS as error:
+            self._say(f"The instrument in 3D cannot be drawn: {cause(error)}")
+            return self._space.clear(self.design.thin_twin, self._theme)
 
-    def _draw(self, name: str, inputs: tuple[Any, ...] | None) -> str:
-        """The picture as it was drawn last where nothing about it has changed, or where it cannot be drawn."""
-        if inputs is None:
-            return ""
-        wanted = (*inputs, self._sizes[name], self._theme)
-        before, picture, text = self._drawn.get(name, (None, None, ""))
-        if wanted != before:
-            try:
-                picture = DRAWINGS[name].make(*wanted[:-1])
-                text = picture.svg(self._theme)
-            except (ValueError, ArithmeticError, MemoryError) as error:
-                # Some designs that can be written down cannot be drawn: a pitch wider than the array.
-                self._say(f"{DRAWINGS[name].label} cannot be drawn: {error}")
-            self._drawn[name] = (wanted, picture, text)
-        return text
+    def _draw(self, name: str, source: PictureSource) -> str:
+        """The picture, as it was drawn last where nothing about it has changed; why not where it cannot be drawn."""
+        drawing, look = DRAWINGS[name], (self._sizes[name], self._theme)
+        before = self._drawn.get(name, (None, None, ""))[0]
+        wanted: tuple[Any, ...] = (source.design, source.look, *look)
+        try:
+            inputs = drawing.inputs(source)
+            if inputs is None:
+                return ""
+            wanted = (*inputs, *look)
+            if wanted != before:
+                picture = drawing.make(*wanted[:-1])
+                self._drawn[name] = (wanted, picture, picture.svg(self._theme))
+        except FAULTS as error:
+            if wanted != before:
+                words = f"{drawing.label} cannot be drawn: {cause(error)}"
+                self._say(words)
+                self._drawn[name] = (wanted, None, notice(name, words, self._sizes[name]).svg(self._theme))
+        return self._drawn[name][2]
 
     def _place(self, picture: str, x: float, y: float, gesture: str = "") -> None:
         """Look at a microlens, or move the pupil, to where a picture has it."""
@@ -430,6 +455,24 @@ class Session:
             self._say(str(error))
 
 
+def _tried(find: Callable[[], Known], otherwise: Callable[[str], Known]) -> Known:
+    """What is found, or else what stands for it, made from why it cannot be: one fault leaves the rest of the page."""
+    try:
+        return find()
+    except FAULTS as error:
+        return otherwise(cause(error))
+
+
+def _verdicts(design: Design) -> list[dict[str, str]]:
+    """The verdicts on a design, its lens traced where it is real."""
+    return _tried(lambda: lights(evaluate(design)), lambda why: [unknown("Verdicts", why)])
+
+
+def _proposals(design: Design) -> tuple[Fix, ...]:
+    """What would mend a design."""
+    return _tried(lambda: proposals(design), lambda why: (Fix("none", "No proposals", why_not=why),))
+
+
 ASKED = {name: validate_call(getattr(Session, name)) for name in Session.requests}
 """The requests by their names, with arguments checked: they come from outside."""
 
@@ -449,12 +492,21 @@ class Space:
         if self._subject == (design, theme):
             return self.sent
         now = scene(design, theme)
+        return self._send((design, theme), now.meshes, {"camera": now.camera, "ground": now.ground})
+
+    def clear(self, design: Design, theme: ThemeName) -> dict[str, Any]:
+        """Nothing, in the place of a scene that cannot be drawn."""
+        known = self._subject == (design, theme) or not self.sent
+        return self.sent if known else self._send((design, theme), {}, {})
+
+    def _send(
+        self, subject: tuple[Design, ThemeName], meshes: dict[str, BrowserMesh], view: dict[str, Any]
+    ) -> dict[str, Any]:
         since = self._serial if self._subject is not None else 0
-        meshes = {name: mesh and mesh._asdict() for name, mesh in changed(self._meshes, now.meshes).items()}
+        parts = {name: mesh and mesh._asdict() for name, mesh in changed(self._meshes, meshes).items()}
         self._serial += 1
-        self._subject, self._meshes = (design, theme), now.meshes
-        self.sent = {"serial": self._serial, "since": since, "meshes": meshes}
-        self.sent |= {"camera": now.camera, "ground": now.ground}
+        self._subject, self._meshes = subject, meshes
+        self.sent = {**self.sent, **view, "serial": self._serial, "since": since, "meshes": parts}
         return self.sent
 
     def forget(self) -> None:

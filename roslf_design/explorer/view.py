@@ -69,13 +69,18 @@ class PictureSource:
 
     design: Design
     """With an ideal lens: the pictures are of the thin twin."""
-    evaluation: Evaluation
-    """Of the design."""
+    evaluate: Callable[[Design], Evaluation]
+    """Of what it has been asked before, it knows the answer."""
     look: Look
     limits: tuple[float, float] | None = None
     """Where the axes of the plane of d_3 and D_F end [mm], kept still while its point is dragged."""
     runs: Mapping[str, Any] = field(default_factory=dict)
     """What the last run of each kind found."""
+
+    @cached_property
+    def evaluation(self) -> Evaluation:
+        """Of the design."""
+        return self.evaluate(self.design)
 
     @cached_property
     def place(self) -> tuple[float, float]:
@@ -287,6 +292,13 @@ TRACING = {
 """Stands among the lights until the lens has been traced."""
 
 
+def unknown(what: str, why: str) -> dict[str, str]:
+    """The light of verdicts that cannot be found."""
+    words = f"{what} cannot be found: {why}"
+    light = {"name": "unknown", "level": "fault", "word": LEVELS["fault"], "title": "verdicts", "margin": "unknown"}
+    return {**light, "text": to_html(words), "plain": words, "remedy": ""}
+
+
 def lights(evaluation: Evaluation) -> list[dict[str, str]]:
     """The verdicts as lights: a colour, a word of at most 14 letters, a number, and the sentence behind it."""
     return [
@@ -324,6 +336,11 @@ def _margin(evaluation: Evaluation, name: str) -> str:
 
 def _signed(value: float) -> str:
     return f"{'+' if value > 0 else ''}{short(value, 2)}"
+
+
+def depth_unknown(why: str) -> dict[str, Any]:
+    """The same as `depth_known` gives, where it cannot be found."""
+    return {"tone": "bad", "text": to_html(f"Depth is unknown: {why}"), "remedy": "", "rows": []}
 
 
 def depth_known(source: PictureSource) -> dict[str, Any]:

@@ -31,9 +31,9 @@ def check_target(path: Path) -> None:
         raise InputError(
             (Problem("", f'cannot tell an image format from "{path.suffix}"; end in .tif or .png'),), str(path)
         )
-    blocked = in_the_way(path)
+    blocked = in_the_way(path) or in_the_way(path.with_suffix(".json"))
     if blocked:
-        raise InputError((Problem("", blocked),))
+        raise InputError((Problem("-o", blocked),))
 
 
 def write_image(image: RawImage, path: Path, depth: Depth = "float") -> Path:

@@ -29,7 +29,6 @@ from ..rays.backward import (
     HALF,
     LENS_RADIUS,
     LENS_X,
-    NO_LAW,
     PER_D_2,
     PER_F,
     PER_F_ML,
@@ -42,10 +41,10 @@ from ..rays.backward import (
     mapped,
     posed_ray,
 )
-from ..rays.object_space import FacesAhead, outwards
 from ..scenes import Checkerboard, Noise, PictureTexture, Plane, Scene, Sinusoid, Sphere, Uniform, White
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.light import chief_slope
+from ..theory.object_space import NO_LAW, FacesAhead, outwards
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres, planned_camera
 
 PLANE, SPHERE, TUBE = 0, 1, 2

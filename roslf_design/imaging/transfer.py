@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ..camera import Camera
 from ..design.parts import Layout
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
-from ..theory.transfer import MicrolensTransfer, circle_overlap, disc_spectrum
+from ..theory.transfer import MicrolensTransfer, disc_spectrum
 from .camera import Floats, Image, Region
 
 PANEL = 16
@@ -41,57 +41,6 @@ DEFAULT_FINE = 4
 
 Geometry = Callable[[Region, int], Image]
 """Geometric image of a region (it may reach beyond the sensor), in so many subpixels per pixel and axis."""
-
-
-def pair_transfer(transfer: MicrolensTransfer, frequency: Floats, apart: Floats, vergence: float) -> Floats:
-    """What a microlens and another one, `apart` from it, pass together by interference; 1 for one alone at frequency 0.
-
-    Where both light the sensor, from an incoherent pupil, a frequency G comes of pairs of points ``a = lambda d_2 G``
-    apart: of the overlap of one aperture with the other, shifted by a. In the overlap, of offset ``a - apart`` and with
-    coordinates u about its middle, the two paths differ by ``u . (apart/f_ml - defocus a)``, which for one microlens is
-    its defocus. Squares and circles.
-
-    Parameters
-    ----------
-    transfer : MicrolensTransfer
-        With one wavelength or more; not `beyond_rays`.
-    frequency : ndarray, shape (M, 2)
-        G on the sensor [1/mm].
-    apart : ndarray, shape (2,)
-        [mm], along the same axes.
-    vergence : float
-        1/L [1/mm].
-
-    Returns
-    -------
-    ndarray, shape (M,)
-        Without the sign ``exp(-i pi G . (apart P/d))``, 1 or -1 at frequencies of the lattice.
-    """
-    c, s, width = math.cos(transfer.rotation), math.sin(transfer.rotation), transfer.width
-    turn = np.array([[c, -s], [s, c]])
-    power = 1 / transfer.sensor_distance + vergence + transfer.defocus  # 1/f_ml
-    total = np.zeros(len(frequency))
-    for wavelength in transfer.wavelengths:
-        pair = wavelength * transfer.sensor_distance * frequency @ turn
-        offset = np.abs(pair - apart @ turn)
-        cycles = (apart @ turn * power - transfer.defocus * pair) / wavelength
-        if transfer.circular:
-            total += _circles((pair - apart @ turn) / width, cycles * width)
-            continue
-        overlap = np.maximum(width - offset, 0.0)
-        total += (overlap / width * np.sinc(cycles * overlap)).prod(-1)
-    return total / len(transfer.wavelengths)
-
-
-def _circles(shift: Floats, cycles: Floats) -> Floats:
-    """Overlap of two circles 1 wide, `shift` (M, 2) apart: phase turns along and across it."""
-    offset, total = np.hypot(*shift.T), np.zeros(len(shift))
-    near = offset < 1
-    offset, cycles = offset[near], cycles[near]
-    unit = np.where(offset > 0, shift[near].T / np.where(offset > 0, offset, 1.0), [[1.0], [0.0]])
-    aside = np.stack([-unit[1], unit[0]])
-    total[near] = circle_overlap(offset, *((cycles.T * axis).sum(0) for axis in (unit, aside)))
-    return total
 
 
 class Encircled(NamedTuple):

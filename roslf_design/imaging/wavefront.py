@@ -16,7 +16,7 @@ from numpy.polynomial.polynomial import polyder, polyval2d
 from numpy.typing import NDArray
 
 from .._arrays import sunflower
-from ..rays.object_space import FacesAhead, Outside
+from ..theory.object_space import FacesAhead, Outside
 
 if TYPE_CHECKING:
     from .points import PointSource

@@ -24,9 +24,9 @@ from ..theory.colours import BRIGHTEST, filters, mosaic, per_watt
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.light import chief_slope
 from ..theory.stop_images import stop_discs
-from ..theory.transfer import MicrolensTransfer, disc_spectrum, pixel_box
+from ..theory.transfer import MicrolensTransfer, disc_spectrum, pair_transfer, pixel_box
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres, pixel_response, planned_camera
-from .transfer import MOST_HALO, fineness, pair_transfer
+from .transfer import MOST_HALO, fineness
 
 FRAME = MOST_HALO
 """Pixels around the sensor that convolutions may ask for."""

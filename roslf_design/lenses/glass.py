@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, Problem
-from ..units import format_quantity, parse_quantity
+from ..units import format_quantity, read_quantity
 
 Array = NDArray[np.float64]
 
@@ -27,6 +27,8 @@ COEFFICIENTS = {"sellmeier": ("b", "c"), "schott": ("a",), "abbe": ("index", "ab
 WARMING_KEYS = ("cte", "dndt", "warming_source")
 MOST_EXPANSION = 1e-2
 """No solid grows faster [1/K]."""
+MOST_WARMED = 0.5
+"""No temperature of a camera moves an index by more: it is the law that ends."""
 ROOM = 20.0
 """Temperature of the catalogue's indices [degrees C]."""
 F_LINE, D_LINE, C_LINE = 0.4861327, 0.5875618, 0.6562725
@@ -139,7 +141,12 @@ class Glass:
         warm = np.asarray(self.temperature if temperature is None else temperature)
         if self.warming.law == "none" or np.all(warm == ROOM):
             return index + np.zeros(warm.shape) if warm.ndim else index
-        return _warmed(self.warming, index, length * 1e3, warm)
+        with np.errstate(all="ignore"):  # at the resonance of a law it has no value, which is told
+            warmed = _warmed(self.warming, index, length * 1e3, warm)
+        if not np.all(abs(warmed - index) < MOST_WARMED):
+            message = f"{self.name} has no index at its temperature there: its dn/dT is as at a resonance; mend it"
+            raise InputError((Problem("dndt", message),))
+        return warmed
 
     def with_offset(self, change: float) -> Glass:
         """The same glass with its index raised by `change`."""
@@ -264,7 +271,7 @@ def find_glass(name: str, extra: Mapping[str, Glass] | None = None) -> Glass:
         return glass
     near = difflib.get_close_matches(name.upper(), known, 1, 0.5)
     hint = f"the nearest known is '{known[near[0]].name}'" if near else f"known: {', '.join(sorted(known))}"
-    remedy = "check the spelling, or describe it: {index = 1.5, abbe = 60} in a design, [glasses] in a lens file"
+    remedy = "check the spelling, or describe it: {index = 1.5, abbe = 60}"
     raise InputError((Problem("glass", f"'{name}' is not a known glass; {hint}; {remedy}"),))
 
 
@@ -305,7 +312,7 @@ def read_glass(name: str, table: Mapping[str, Any]) -> tuple[Glass | None, tuple
         ``against``, or ``"water"``) and ``warming_source``.
     """
     formula = table.get("formula")
-    if formula not in COEFFICIENTS:
+    if not isinstance(formula, str) or formula not in COEFFICIENTS:
         known = ", ".join(COEFFICIENTS)
         return None, (Problem("formula", f"{formula!r} is not a known formula; write one of {known}"),)
     needed = COEFFICIENTS[formula]
@@ -374,12 +381,12 @@ def _is_number(value: object) -> bool:
 
 
 def _read_range(value: object, formula: str) -> tuple[tuple[float, float], list[Problem]]:
-    if value is None and formula == "constant":
+    if value is None and formula in ("constant", "abbe"):
         return (0.0, np.inf), []
     if not isinstance(value, list) or len(value) != 2:
         return (0.0, 0.0), [Problem("range", f'must be two wavelengths such as ["0.35 um", "2.5 um"], got {value!r}')]
     try:
-        low, high = (parse_quantity(end, "length") for end in value)
+        low, high = (read_quantity(end, "length") for end in value)
     except ValueError as error:
         return (0.0, 0.0), [Problem("range", str(error))]
     if not 0 <= low < high:

@@ -16,7 +16,7 @@ from typing import Any
 from ..errors import InputError, Problem
 from ..input_files import MOST_TEXT, read_bytes
 from ..toml_files import nearest
-from .glass import Glass, read_glass
+from .glass import Glass, glass_of_index, read_glass
 
 AGF_FORMULAS = {1: "schott", 2: "sellmeier", 6: "sellmeier", 11: "sellmeier"}
 """Zemax's numbers: Schott, Sellmeier 1, 3 and 5."""
@@ -74,6 +74,35 @@ def glass_of_file(table: Mapping[str, Any], folder: Path | None, name: str = "")
     return replace(glass, name=name) if name else glass
 
 
+def glass_of_table(table: Mapping[str, Any], folder: Path | None, name: str = "") -> Glass:
+    """A glass as a table tells it: out of a file, by a formula's coefficients, or by index and Abbe number.
+
+    Parameters
+    ----------
+    table : mapping
+        With ``file``, as of `glass_of_file`; with ``formula``, as of `read_glass`; or ``index`` and ``abbe``.
+    folder : Path or None
+        What a file's path counts from; None where none may be opened.
+    name : str
+        What the glass is to be called.
+
+    Raises
+    ------
+    InputError
+        Every fault of it.
+    """
+    if "file" in table:
+        return glass_of_file(table, folder, name)
+    if "formula" in table:
+        called = name or str(table.get("name", ""))
+        glass, problems = read_glass(called, {key: value for key, value in table.items() if name or key != "name"})
+        if glass is None:
+            raise InputError(problems)
+        return glass
+    glass = glass_of_index(table)
+    return replace(glass, name=name) if name else glass
+
+
 def _made(name: str, table: Mapping[str, Any], origin: str, source: str) -> Glass:
     glass, problems = read_glass(name, {**table, "source": source, "warming_source": source})
     if glass is None:
@@ -128,7 +157,9 @@ def _page(text: str, origin: str) -> dict[str, Any]:
     if kind is None or terms is None or reach is None:
         message = "has no dispersion formula with its range; pages of tables alone cannot be read"
         raise InputError((Problem("DATA", message),), origin)
-    number, values = int(kind[1]), [float(word) for word in terms[1].split()]
+    number, values = int(kind[1]), _numbers(terms[1], "DATA.coefficients", origin)
+    if not values:
+        raise InputError((Problem("DATA.coefficients", "holds no numbers; is the page cut off?"),), origin)
     table: dict[str, Any] = {"range": [f"{reach[1]} um", f"{reach[2]} um"]}
     pairs = [*zip(values[1::2], values[2::2], strict=False)]
     if number in (1, 2):
@@ -147,8 +178,15 @@ def _page(text: str, origin: str) -> dict[str, Any]:
         table["against"] = "vacuum"
     warm = re.search(r'Schott formula"?\s*\n?\s*coefficients:([-+\d.eE \t]+)', text)
     expansion = re.search(r"temperature_range:\s*-30\s+70\s*°C\s*\n\s*coefficient:\s*([-+\d.eE]+)", text)
-    if warm is not None and len(six := [float(word) for word in warm[1].split()]) == 6:
+    if warm is not None and len(six := _numbers(warm[1], "SPECS.thermal_dispersion", origin)) == 6:
         table["dndt"] = {"d": six[:3], "e": six[3:5], "lambda_tk": six[5]}
     if expansion is not None:
-        table["cte"] = float(expansion[1])
+        table["cte"] = next(iter(_numbers(expansion[1], "SPECS.thermal_expansion", origin)))
     return table
+
+
+def _numbers(text: str, key: str, origin: str) -> list[float]:
+    try:
+        return [float(word) for word in text.split()]
+    except ValueError as error:
+        raise InputError((Problem(key, f"{error}; write numbers with spaces between"),), origin) from None

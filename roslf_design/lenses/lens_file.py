@@ -10,7 +10,7 @@
     [[surfaces]]                  # from the scene to the sensor
     radius = "51.5 mm"            # "inf" for a plane; or curvature = "0.0194 mm^-1"
     thickness = "9.69 mm"         # to the next surface
-    glass = "N-BK7"               # after this surface; left out: air
+    glass = "N-BK7"               # after this surface, or {index = 1.5168, abbe = 64.2}; left out: air
     diameter = "50.8 mm"          # clear diameter; what lies outside is clipped
     conic = -0.6                  # optional
     asphere = { r4 = "1e-6 mm^-3" }   # optional: r2 to r16
@@ -21,6 +21,8 @@
 
     [glasses]                     # optional: glasses that do not ship
     N-FK58 = { file = "schott.agf" }  # out of a catalogue (.agf), or a page of refractiveindex.info (.yml)
+    melt = { index = 1.5171, abbe = 64.0 }  # by its numbers at 587.6 nm
+    resin = { formula = "schott", a = [2.2, -0.01, 0.011], range = ["0.4 um", "1 um"] }
 
 Of .zmx files the strict subset is read that describes a lens of coaxial spheres, conics and even aspheres. What is not
 understood is refused with its line, never skipped: a keyword that was skipped could be a tilt, a mirror or a pickup,
@@ -45,9 +47,9 @@ from typing import Any
 from ..errors import InputError, Problem
 from ..input_files import MOST_TEXT, read_bytes
 from ..toml_files import nearest, parse_toml, read_toml
-from ..units import FARTHEST, SHORTEST, format_quantity, parse_quantity, within_reach
+from ..units import FARTHEST, format_quantity, read_quantity
 from .glass import AIR, COEFFICIENTS, ROOM, Glass, Warming, find_glass, is_shipped, read_glass
-from .glass_files import glass_of_file
+from .glass_files import glass_of_table
 from .prescription import ASPHERE_TERMS, LensError, Prescription, Surface, faults
 from .tracer import MODES
 
@@ -107,7 +109,8 @@ def lens_of(data: Mapping[str, Any], origin: str = "", folder: Path | None = Non
     if not isinstance(rows, list):
         top.fault("surfaces", "must be a list of tables; write [[surfaces]] once for each surface")
         rows = []
-    surfaces = [_surface(_Table(row, f"surfaces.{n}", SURFACE, problems), own) for n, row in enumerate(rows, start=1)]
+    places = [_Table(row, f"surfaces.{n}", SURFACE, problems) for n, row in enumerate(rows, start=1)]
+    surfaces = [_surface(place, own, folder) for place in places]
     wavelength = top.length("wavelength") if "wavelength" in data else None
     texts = {key: data.get(key, "") for key in ("name", "source")}
     problems += [Problem(k, f"must be text, got {v!r}") for k, v in texts.items() if not isinstance(v, str)]
@@ -127,14 +130,18 @@ def lens_of(data: Mapping[str, Any], origin: str = "", folder: Path | None = Non
 
 def _own_glass(name: str, table: Mapping[str, Any], folder: Path | None) -> tuple[Glass | None, tuple[Problem, ...]]:
     """A glass by its numbers, or out of a catalogue's file."""
-    if "file" not in table:
+    if not table.keys() & {"file", "index"}:
         return read_glass(name, table)
     try:
-        return glass_of_file(table, folder, name), ()
+        return glass_of_table(table, folder, name), ()
     except InputError as error:
-        return None, tuple(
-            Problem(problem.key or "file", f"{error.origin}: {problem.message}") for problem in error.problems
-        )
+        return None, _of_file(error, "file")
+
+
+def _of_file(error: InputError, key: str) -> tuple[Problem, ...]:
+    """Faults of a glass, each with the file that it came out of, if any."""
+    origin = f"{error.origin}: " if error.origin else ""
+    return tuple(Problem(problem.key or key, f"{origin}{problem.message}") for problem in error.problems)
 
 
 class _Table:
@@ -157,7 +164,7 @@ class _Table:
     def quantity(self, key: str, value: Any, dimension: str = "length") -> float:
         """A quantity with its unit [mm or rad]."""
         try:
-            return within_reach(parse_quantity(value, dimension), dimension, value)
+            return read_quantity(value, dimension)
         except ValueError as error:
             return self.fault(key, str(error))
 
@@ -191,15 +198,13 @@ class _Table:
         return [0.0] * count if values is None else [self.quantity(key, value, dimension) for value in values]
 
 
-def _surface(row: _Table, own: Mapping[str, Glass]) -> Surface | None:
+def _surface(row: _Table, own: Mapping[str, Glass], folder: Path | None) -> Surface | None:
     values = row.table
     curvature = _curvature(row)
     thickness = row.length("thickness") if "thickness" in values else 0.0
     diameter = row.length("diameter")
     if diameter <= 0:
         row.fault("diameter", f'"{values["diameter"]}" must be greater than zero')
-    elif diameter < SHORTEST:
-        row.fault("diameter", f'"{values["diameter"]}" is too small for any lens')
     conic, offset = row.number("conic"), row.number("index_offset")
     if abs(offset) >= 1:
         row.fault("index_offset", f"{offset:g} is no melt's departure from the catalogue; write one such as 0.0005")
@@ -210,14 +215,18 @@ def _surface(row: _Table, own: Mapping[str, Glass]) -> Surface | None:
     x, y, z = row.several("shift", 3, "length")
     alpha, beta = row.several("tilt", 2, "angle")
     form = tuple(row.several("irregularity", MODES, "length")) if "irregularity" in values else ()
-    name, glass = values.get("glass", "air"), AIR
-    if not isinstance(name, str):
-        row.fault("glass", f"must be a glass's name, got {name!r}")
+    given, glass = values.get("glass", "air"), AIR
+    if isinstance(given, Mapping) and "formula" in given:
+        row.fault("glass", "a glass by its formula stands in [glasses], and its name here")
+    elif not isinstance(given, (str, Mapping)):
+        row.fault("glass", f"must be a glass's name or a table such as {{index = 1.5, abbe = 60}}, got {given!r}")
     else:
         try:
-            glass = find_glass(name, own).with_offset(offset)
+            glass = find_glass(given, own) if isinstance(given, str) else glass_of_table(given, folder)
+            glass = glass.with_offset(offset)
         except InputError as error:
-            row.fault("glass", error.problems[0].message)
+            for problem in _of_file(error, ""):
+                row.fault(f"glass.{problem.key}" if problem.key != "glass" else "glass", problem.message)
     if len(row.problems) > row.before:
         return None
     return Surface(curvature, diameter / 2, thickness, glass, conic, tuple(asphere), (x, y, z), (alpha, beta), form)
@@ -253,7 +262,8 @@ def table_of(lens: Prescription) -> dict[str, Any]:
     if lens.temperature != ROOM:
         data["temperature"] = format_quantity(lens.temperature, "temperature")
     data["surfaces"] = [_row(surface) for surface in lens.surfaces]
-    strange = (surface.glass for surface in lens.surfaces if not is_shipped(surface.glass))
+    glasses = (surface.glass for surface in lens.surfaces)
+    strange = (glass for glass in glasses if not is_shipped(glass) and not numbers_of(glass))
     own = {glass.name: replace(glass, offset=0.0, temperature=ROOM) for glass in strange}
     if own:
         data["glasses"] = {name: glass_table(glass) for name, glass in own.items()}
@@ -264,7 +274,7 @@ def _row(surface: Surface) -> dict[str, Any]:
     terms = {f"r{2 * i}": f"{a!r} mm^{1 - 2 * i}" for i, a in enumerate(surface.asphere, start=1) if a}
     row = {
         "thickness": format_quantity(surface.thickness, "length") if surface.thickness else None,
-        "glass": surface.glass.name if surface.glass != AIR else None,
+        "glass": numbers_of(surface.glass) or surface.glass.name if surface.glass != AIR else None,
         "index_offset": surface.glass.offset,
         "diameter": format_quantity(2 * surface.semi_diameter, "length"),
         "conic": surface.conic,
@@ -285,6 +295,13 @@ def _radius_text(curvature: float) -> dict[str, Any]:
         if abs(radius) <= FARTHEST["length"] and 1 / radius == curvature:
             return {"radius": format_quantity(radius, "length")}
     return {"curvature": f"{Decimal(repr(curvature))} mm^-1"}
+
+
+def numbers_of(glass: Glass) -> dict[str, float]:
+    """Index and Abbe number of a glass that was given by them; empty of one with a name of its own."""
+    if glass.formula not in ("constant", "abbe") or not glass.name.startswith("n ="):
+        return {}
+    return dict(zip(COEFFICIENTS[glass.formula], glass.coefficients, strict=True))
 
 
 def glass_table(glass: Glass) -> dict[str, Any]:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError, Problem
-from ..units import FARTHEST
+from ..units import FARTHEST, SHORTEST
 from .glass import AIR, ROOM, Glass, growth
 from .tracer import (
     ASPHERE,
@@ -293,6 +293,9 @@ def _surface_faults(surface: Surface) -> Iterator[tuple[str, str]]:
     semi = surface.semi_diameter
     if not 0 < semi < math.inf:
         yield "diameter", f"{2 * semi:g} mm must be a positive, finite clear diameter"
+        return
+    if 2 * semi < SHORTEST:
+        yield "diameter", f"{2 * semi:g} mm is too small for any lens"
         return
     if surface.thickness < 0:
         yield "thickness", f"{surface.thickness:g} mm must not be negative; order surfaces along the light"

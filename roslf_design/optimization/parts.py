@@ -24,7 +24,7 @@ from ..lenses.manufacture import D_LINE
 from ..lenses.prescription import LensError, Prescription
 from ..tolerancing.study import StrictTable
 from ..toml_files import nearest, problems_of, read_toml
-from ..units import Angle, Length, parse_quantity
+from ..units import Angle, Length, read_quantity
 from .lens_variables import with_glasses
 
 Kind = Literal["lenses", "microlens_arrays", "sensors", "windows"]
@@ -359,7 +359,7 @@ def parse_condition(text: str) -> tuple[str, str, float | str]:
     if key not in known:
         raise ValueError(f"'{key}' is no key of a part; {nearest(key, known)}")
     if key in LENGTHS or key == "acceptance":
-        return key, sign, parse_quantity(value, "length" if key in LENGTHS else "angle")
+        return key, sign, read_quantity(value, "length" if key in LENGTHS else "angle")
     if key == "pixels":
         try:
             return key, sign, float(value)

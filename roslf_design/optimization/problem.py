@@ -30,12 +30,14 @@ from ..theory.light import SensorField
 from ..theory.quantities import Quantity, quantity_named
 from ..theory.stop_images import MicrolensImages
 from ..theory.tube import housed
+from ..theory.vignetting import field_margins
 from ..tolerancing.draws import sobol_points
 from ..tolerancing.study import StrictTable
 from ..toml_files import nearest
 from ..units import AnyLength, Length, Temperature, format_quantity, in_file
+from ..words import number as in_digits
 from .lens_variables import BENDING, FOCAL, LensVariation, VariedLens, varies_lens
-from .search import FTOL
+from .search import BIG, FTOL
 from .traces import FieldTraces, clearances
 
 Side = Literal["min", "max", "equal"]
@@ -231,17 +233,28 @@ class _Asked(StrictTable):
             return self.quantity.over(camera, self.at, over)
         return (self.quantity.signed or self.quantity.of)(camera, self.at)
 
+    def judged(self, camera: Camera, traces: FieldTraces | None = None) -> Array:
+        """What designs are judged by: the quantity or, of what may have gone past infinity, the twin that goes on."""
+        beyond = self.quantity.past_infinity
+        return self.values(camera, traces) if beyond is None else beyond(self.warm(camera), self.at)
+
     def with_unit(self, number: float, digits: int = 6) -> str:
         """A value in words, e.g. ``1.5 mm``."""
-        return f"{number:.{digits}g} {self.quantity.unit}".rstrip()
+        text = f"{number:.{digits}g}" if math.isfinite(number) else in_digits(number)
+        return f"{text} {self.quantity.unit}".rstrip()
+
+
+UNDISTORTED = "undistorted_field_mm"
+LEAST_TAKEN = 1e-3
+"""Room that a millimetre of field takes at least, by which rows are scaled where it takes less or none."""
 
 
 class Constraint(_Asked):
     """A quantity held between limits; equal where both are the same."""
 
-    min: float | None = None
+    min: Annotated[float, Field(allow_inf_nan=True)] | None = None
     """Text with a unit for lengths, or a number in the unit that the quantity's name ends with."""
-    max: float | None = None
+    max: Annotated[float, Field(allow_inf_nan=True)] | None = None
     """The same."""
 
     @field_validator("min", "max", mode="before")
@@ -250,6 +263,8 @@ class Constraint(_Asked):
         quantity = info.data.get("quantity")
         if value is None or quantity is None:
             return None
+        if quantity.past_infinity is not None and value == math.inf and not in_file(info):
+            return math.inf
         return float(quantity.limit(value, from_file=in_file(info)))
 
     @model_validator(mode="after")
@@ -275,17 +290,31 @@ class Constraint(_Asked):
         return f"{self.label} {SIGNS[side]}"
 
     def measured(self, camera: Camera, traces: FieldTraces | None = None) -> Array:
-        """What its rows are made of: the quantity, of each rim where there are several, or a fill factor's inverse."""
+        """What its rows are made of: the quantity, of each rim where there are several, or what is finite in its place.
+
+        Of a fill factor the inverse, of the undistorted field `field_margins`.
+        """
         if self.quantity.name == "fill_factor":
             whole = self.field is None
             return np.abs(inverse_fill_factor(self.warm(camera)) if whole else 1 / self.values(camera, traces))
+        if self.quantity.name == UNDISTORTED:
+            return field_margins(self.warm(camera))
         alone = self.quantity.worst is None or self.field is not None
-        return self.values(camera, traces) if alone else self.each(camera)
+        return self.judged(camera, traces) if alone else self.each(camera)
 
     def row(self, limit: float, sign: float, spread: float) -> tuple[Callable[[Array], Array], float]:
         """From what is measured to a row, and how much the quantity changes where that changes by 1."""
         if self.quantity.name == "fill_factor":  # linear in the inverse, where the fill factor has poles
             return lambda inverse: sign * (1 - limit * inverse), limit
+        if self.quantity.name == UNDISTORTED:  # linear in the room, which is finite also where any field is whole
+            if sign > 0:
+                return lambda every: (every[:, 0].min(axis=0) - limit) / spread, spread
+            return lambda one: (limit * one[2] - one[1]) / (np.maximum(one[2], LEAST_TAKEN) * spread), spread
+        if self.quantity.past_infinity is not None:
+            # In units of the limit's own twin, unless that is less than the spread: relative, and never too steep.
+            edge = -1 / limit if limit > 0 else -math.inf
+            unit = max(spread, min(-edge, 1e300))
+            return lambda twin: sign * (twin - edge) / unit, unit * limit**2
         if self.quantity.positive and limit > 0:
             return lambda value: sign * np.log(value / limit), limit
         return lambda value: sign * (value - limit) / spread, spread
@@ -308,9 +337,17 @@ class Goal(_Asked):
         """1 where small is good."""
         return 1.0 if self.direction == "min" else -1.0
 
+    def worse(self, value: float, by: float) -> float:
+        """What is worse than a value by so much; infinity stays."""
+        return value if math.isinf(value) else value + self.sign * by
+
     def held(self, value: float) -> Constraint:
         """The limit that nothing worse than a value passes."""
         low, high = (None, value) if self.sign > 0 else (value, None)
+        return self.limited(low, high)
+
+    def limited(self, low: float | None, high: float | None) -> Constraint:
+        """Limits on its quantity; an infinite one is that it is infinite, or not beyond."""
         asked = {"at": self.at, "field": self.field, "temperature": self.temperature}
         return Constraint(quantity=self.quantity, **asked, min=low, max=high)
 
@@ -485,6 +522,11 @@ class DesignProblem:
         """Everything that must hold: no row above 0."""
         return (*self._always(), *(row for k, c in enumerate(self.constraints) for row in self._rows_of(k, c)))
 
+    @property
+    def always(self) -> int:
+        """How many of the first rows say what every camera must be."""
+        return sum(row.constraint < 0 for row in self.rows)
+
     def _always(self) -> Iterator[LimitRow]:
         """What every camera must be, whatever the limits."""
 
@@ -554,7 +596,8 @@ class DesignProblem:
                         label = f"{constraint.label}{rim} {words}"
                         yield LimitRow(index, side, label, size, _after(row, itemgetter(k)))
                 else:
-                    yield LimitRow(index, side, f"{constraint.label} {words}", size, _after(row, worst))
+                    whole = row if constraint.quantity.name == UNDISTORTED else _after(row, worst)
+                    yield LimitRow(index, side, f"{constraint.label} {words}", size, whole)
 
     @cached_property
     def _set_places(self) -> tuple[str, ...]:
@@ -569,8 +612,8 @@ class DesignProblem:
             units = sobol_units(self.n, 64, 0)
             cameras = self.cameras(units)
             traces = self.traces(cameras, self.varied_lens(units))
-            limited = tuple(_spread_of(constraint.values(cameras, traces)) for constraint in self.constraints)
-            return limited, tuple(_spread_of(goal.values(cameras, traces)) for goal in self.goals)
+            limited = tuple(_spread_of(constraint.judged(cameras, traces)) for constraint in self.constraints)
+            return limited, tuple(_spread_of(goal.judged(cameras, traces)) for goal in self.goals)
 
     def vector(self, units: Array) -> Array:
         """Merit and rows, shape (1 + rows, N), for units (N, n); not finite where there is no such number."""
@@ -598,9 +641,38 @@ class DesignProblem:
         """Weighted mean of the goals, small is good, 0 without goals; shape (N,)."""
         total: Array = np.zeros(())
         for goal, scale in zip(self.goals, self._spreads[1], strict=True):
-            value = goal.values(cameras, traces)
-            total = total + goal.weight * goal.sign * (np.log(value) if goal.quantity.positive else value / scale)
+            value = goal.judged(cameras, traces)
+            if goal in self._bent:
+                value = np.minimum(value, 0.0)  # infinite is infinite, however far beyond
+            counted = goal.sign * (np.log(value) if goal.quantity.positive else value / scale)
+            total = total + goal.weight * np.maximum(counted, -BIG)  # a field without end is the best, and a number
         return total / (sum(goal.weight for goal in self.goals) or 1.0)
+
+    @cached_property
+    def _bent(self) -> tuple[Goal, ...]:
+        """Goals that have a kink where they become infinite: no limit keeps them finite.
+
+        To a single goal that is to be small what lies beyond shows the way back.
+        """
+        finite = {constraint.label for constraint in self.constraints if constraint.max is not None}
+        alone = len(self.goals) == 1
+        return tuple(
+            goal
+            for goal in self.goals
+            if goal.quantity.past_infinity is not None and goal.label not in finite and not (alone and goal.sign > 0)
+        )
+
+    def sides(self) -> Iterator[DesignProblem]:
+        """Of each kink of the merit its two sides, both smooth: a goal kept finite, and infinite, where it is none."""
+        limited, wanted = self._spreads
+        for goal in self._bent if len(self.goals) > 1 else ():
+            k = self.goals.index(goal)
+            near, beyond = ((*self.constraints, goal.limited(*ends)) for ends in ((None, math.inf), (math.inf, None)))
+            scales, rest = (*limited, wanted[k]), (*wanted[:k], *wanted[k + 1 :])
+            yield replace(self, constraints=near, scales=(scales, wanted))
+            yield replace(
+                self, constraints=beyond, goals=(*self.goals[:k], *self.goals[k + 1 :]), scales=(scales, rest)
+            )
 
     def with_scales(self) -> DesignProblem:
         """The same problem with its scales written down, so that merits on other parts compare."""
@@ -612,7 +684,12 @@ class DesignProblem:
 
     def without(self, keep: frozenset[int]) -> DesignProblem:
         """The same problem with only some of its constraints."""
-        return replace(self, constraints=tuple(c for i, c in enumerate(self.constraints) if i in keep))
+        scales = self.scales and (tuple(s for i, s in enumerate(self.scales[0]) if i in keep), self.scales[1])
+        return replace(self, constraints=tuple(c for i, c in enumerate(self.constraints) if i in keep), scales=scales)
+
+    def without_goals(self) -> DesignProblem:
+        """The same problem with nothing but its limits."""
+        return replace(self, goals=(), scales=self.scales and (self.scales[0], ()))
 
 
 def _own(label: str, room: Callable[[PosedBuilds], Number]) -> LimitRow:

@@ -28,6 +28,7 @@ from ..design import PATHS, Design
 from ..errors import InputError, Problem
 from ..lenses.glass import Glass
 from ..lenses.prescription import Prescription
+from ..theory import chief_rays
 from ..theory.f_number import inverse_fill_factor
 from ..theory.light import SensorField, sensor_field
 from ..tolerancing.places import in_lens
@@ -55,7 +56,8 @@ from .parts import (
     rows,
 )
 from .problem import DERIVED, ROOM, Constraint, DesignProblem, Goal, promising_starts, sobol_units
-from .search import QUICK, Search, SearchBudget, search
+from .search import QUICK, Search, SearchBudget
+from .solve import Conflict, explain, searched
 
 FOCAL, _, DISTANCE = CONJUGATES
 
@@ -382,6 +384,8 @@ def prunable(problem: DesignProblem, part: Constraint | Goal) -> bool:
     chain = problem.base.chain
     if not chain.in_air and (chain.bends or any(name.startswith(REFRACTING) for name in names)):
         return False
+    if quantity.traced and chief_rays.traced(problem.base):
+        return False
     decentred = any(value for place, value in problem.base.numbers.items() if ".decentre." in place)
     if quantity.over is not None and decentred:
         return False  # how far off the axis the sensor sees has its least inside a box
@@ -550,6 +554,10 @@ class Ranking:
     open: int
     """Combinations neither ruled out nor optimised when the budget was spent; 0: the list is complete."""
     seconds: float
+    nearest: int | None = None
+    """Where none is feasible, the combination that comes nearest among those that were searched."""
+    conflict: Conflict | None = None
+    """What stands in its way; None where it makes no camera at all."""
 
 
 def rank(
@@ -569,6 +577,7 @@ def rank(
     n, count = combinations.problem.n, len(combinations)
     middle = sobol_units(n, 1, seed)[0]
     best: list[Ranked] = []
+    nearest: Ranked | None = None
     done = np.zeros(count, bool)
     boxes = Boxes(combinations, np.arange(count), np.zeros((count, n)), np.ones((count, n)))
     bound = np.zeros(count)
@@ -583,6 +592,7 @@ def rank(
         return boxes.where(left), bound[left]
 
     def optimise(number: int, low: Array, high: Array) -> None:
+        nonlocal nearest
         done[number] = True
         try:
             problem = combinations.problem_at(number)
@@ -591,13 +601,15 @@ def rank(
         begin = [(low + high) / 2, low + middle * (high - low)]
         results: list[Search] = []
         for start in promising_starts(problem, begin, starts if problem.traced else 2, seed):
-            result = search(problem.vector, start, budget, 80, max(QUICK, problem.finest))
-            results += [result] if result.feasible else []
-            if results and not problem.traced:
+            results.append(searched(problem, start, budget, 80, max(QUICK, problem.finest)))
+            if results[-1].feasible and not problem.traced:
                 break
-        if results:
-            ranked = Ranked(number, min(results, key=lambda result: result.merit))
+        designs = [result for result in results if result.feasible]
+        if designs:
+            ranked = Ranked(number, min(designs, key=lambda result: result.merit))
             best[:] = sorted([*best, ranked], key=_order)[: 3 * keep]
+        least = Ranked(number, min(results, key=lambda result: result.violation))
+        nearest = min(nearest or least, least, key=lambda one: one.search.violation)
 
     splitting, turn = True, 0
     while not budget.ended:
@@ -625,12 +637,29 @@ def rank(
     polished = []
     for ranked in [each for each in best if each.search.merit < threshold()]:
         problem = combinations.problem_at(ranked.number)
-        again = search(problem.vector, ranked.search.unit, budget.at_least(1000, 10.0), tolerance=problem.finest)
+        again = searched(problem, ranked.search.unit, budget.at_least(1000, 10.0), tolerance=problem.finest)
         better = again.feasible and again.merit < ranked.search.merit
         polished.append(Ranked(ranked.number, again) if better else ranked)
     best = sorted(polished, key=_order)[:keep]
     optimised, left = int(done.sum()), len(np.unique(alive()[0].owner))
-    return Ranking(combinations, tuple(best), count - optimised - left, optimised, left, time.monotonic() - began)
+    conflict = None
+    if not best:
+        # Where bounds ruled all out, nothing was searched: some, spread over the list, tell why.
+        for number in () if nearest else np.unique(np.linspace(0, count - 1, AT_ONCE).astype(int)).tolist():
+            optimise(number, np.zeros(n), np.ones(n))
+    if not best and nearest is not None:
+        tell("catalogue: finding what stands in the way")
+        conflict = explain(combinations.problem_at(nearest.number), [nearest.search.unit], budget, seed)
+    return Ranking(
+        combinations=combinations,
+        best=tuple(best),
+        ruled_out=count - optimised - left,
+        optimised=optimised,
+        open=left,
+        seconds=time.monotonic() - began,
+        nearest=None if nearest is None or best else nearest.number,
+        conflict=conflict,
+    )
 
 
 def _order(ranked: Ranked) -> tuple[float, int]:

@@ -24,7 +24,7 @@ from ..tolerancing.draws import Distribution, Draws, Perturbation
 from ..tolerancing.places import expand, nominal_values, tolerance_at
 from ..tolerancing.study import StrictTable
 from .problem import IDLE, DesignProblem
-from .search import FEASIBLE, SearchBudget, derivative_free
+from .search import BIG, FEASIBLE, SearchBudget, derivative_free
 
 SHARP = (0.3, 0.1, 0.03, 0.01)
 """Widths at which the yield's step is softened, one after the other, in units of a scaled row's spread."""
@@ -40,7 +40,7 @@ class PerturbTable(StrictTable):
     place: tuple[str, ...]
     tolerance: str | float
     distribution: Distribution = "normal"
-    truncate: Annotated[float, Field(gt=0)] = 2.0
+    truncate: Annotated[float, Field(ge=1e-3, le=1e3)] = 2.0
 
     @field_validator("place", mode="before")
     @classmethod
@@ -200,20 +200,23 @@ class _Aim:
     def cost(self, unit: Array, width: float) -> float:
         """Finite everywhere, small is good; the yield's steps softened by a width."""
         problem, table = self.problem, self.table
-        if not np.isfinite(problem.vector(unit[None])[0, 0]):
+        if np.isnan(problem.vector(unit[None])[0, 0]):
             return 1e6
         built = builds(problem, self.scatter, unit, self.scatter.deviations)
         rows = problem.rows_of(built, table.trials)
-        worst = np.clip(np.where(np.isfinite(rows), rows, 1e3).max(axis=0, initial=-1e3), -50.0, 50.0)
+        worst = np.clip(np.where(np.isnan(rows), 1e3, rows).max(axis=0, initial=-1e3), -50.0, 50.0)
         soft = float(np.mean(1 / (1 + np.exp(np.clip(worst / (0.1 * width), -50, 50)))))
         if table.maximise == "quantile":
             merit, _ = self._quantile(built, table.trials)
-            return merit + HARD * max(0.0, table.wanted_yield - soft) if np.isfinite(merit) else 1e6
+            return float(np.clip(merit, -BIG, BIG)) + HARD * max(0.0, table.wanted_yield - soft)
         # Far from any yield, the margin itself leads the way.
         total = 1e-3 * float(np.clip(worst, 0, 5).mean()) - soft
         if table.give_up is not None:
             goal, before = problem.goals[0], self.goal_at_nominal
-            lost = goal.sign * (problem.number(goal, unit) - before) / max(abs(before), 1e-300)
+            value = problem.number(goal, unit)
+            lost = goal.sign * (value - before) / max(abs(before), 1e-300)
+            if math.isinf(before):  # all of it, or nothing
+                lost = float(value != before)
             total += HARD * max(0.0, lost - table.give_up)
         return total
 
@@ -222,8 +225,8 @@ class _Aim:
         with np.errstate(all="ignore"):
             merit = np.broadcast_to(self.problem.merit(built), count)
             values = np.broadcast_to(self.problem.goals[0].values(built), count)
-        order = np.argsort(np.where(np.isfinite(merit), merit, np.inf))
-        at = order[min(count, math.ceil(self.table.quantile * count)) - 1]
+        merit = np.where(np.isnan(merit), np.inf, merit)
+        at = np.argsort(merit)[min(count, math.ceil(self.table.quantile * count)) - 1]
         return float(merit[at]), float(values[at])
 
     def statistics(self, unit: Array) -> BuildStatistics:

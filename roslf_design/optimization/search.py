@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array
 
@@ -24,7 +24,7 @@ Vector = Callable[[Array], Array]
 Global = Literal["crs2", "isres"]
 
 BIG = 1e6
-"""What stands for a value that is not finite: far beyond any merit or row of a camera."""
+"""What stands for infinity: far beyond any merit or row of a camera."""
 FEASIBLE = 1e-9
 """Largest violation of a scaled row that counts as none: 1e-9 of a limit."""
 XTOL, FTOL = 1e-11, 1e-14
@@ -43,14 +43,17 @@ STEP = 5e-4
 CENTRAL = (np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12)
 FORWARD = (np.array([1.0, 2.0, 3.0, 4.0]), np.array([48.0, -36.0, 16.0, -3.0]) / 12)
 """Offsets in steps, and weights; FORWARD also takes -25/12 of the middle."""
+FINER = (1.0, 1e-2, 1e-4)
+"""Shares of the step that are tried one-sided."""
 
 
-def value_and_jacobian(vector: Vector, unit: Array, step: float = STEP) -> tuple[Array, Array]:
+def value_and_jacobian(vector: Vector, unit: Array, step: float = STEP, always: int = 0) -> tuple[Array, Array]:
     """Rows (R,) of a vector function at a point (n,) of the unit box, and their derivatives (R, n); one call for all.
 
     By five-point differences: the closed forms are right to a few ulp, so that with a step of 1e-3 of the box the
     fourth-order formula is right to about 1e-12, better than the optimiser's own algebra. At a bound the points lie
-    inside the box, for beyond d_3 = 0 a design has a kink.
+    inside the box, for beyond d_3 = 0 a design has a kink; and where so many first rows say what `always` holds, inside
+    that: differences that reach beyond it tell nothing, and are made one-sided or finer.
     """
     n = len(unit)
     points = np.repeat(unit[None], 1 + 4 * n, axis=0)
@@ -62,8 +65,23 @@ def value_and_jacobian(vector: Vector, unit: Array, step: float = STEP) -> tuple
         points[1 + 4 * i : 5 + 4 * i, i] += offsets * step
     rows = vector(points)
     values, around = rows[:, 0], rows[:, 1:].reshape(len(rows), n, 4)
+    held = (values[1 : 1 + always] <= FEASIBLE).all()
+
+    def astray(some: Array) -> NDArray[np.bool_]:
+        """Along which variables points are none that tell anything, (n,) or (); `some` (R, ..., 4)."""
+        lost = np.isnan(some).any(axis=(0, -1))
+        return np.asarray(lost | (held & (some[1 : 1 + always] > FEASIBLE).any(axis=(0, -1))))
+
     with np.errstate(invalid="ignore"):
-        return values, (np.einsum("rnk,nk->rn", around, weights) + values[:, None] * middle) / step
+        jacobian = (np.einsum("rnk,nk->rn", around, weights) + values[:, None] * middle) / step
+        for i in np.flatnonzero(astray(around)).tolist() if always and not np.isnan(values).any() else ():
+            for reach in (sign * size * step for size in FINER for sign in (1.0, -1.0)):
+                ends = np.repeat(unit[None], 4, axis=0)
+                ends[:, i] += reach * FORWARD[0]
+                if 0 <= ends[-1, i] <= 1 and not astray(near := vector(ends)):
+                    jacobian[:, i] = (near @ FORWARD[1] - 25 / 12 * values) / reach
+                    break
+    return values, jacobian
 
 
 def gradient_error(vector: Vector, unit: Array) -> float:
@@ -107,10 +125,12 @@ class Guard:
 
     vector: Vector
     budget: SearchBudget = field(default_factory=SearchBudget)
+    always: int = 0
+    """How many of the first rows hold always, whatever is searched."""
     evaluations: int = 0
     """Points asked for by the optimiser; those for derivatives are not counted."""
     mapped: int = 0
-    """Evaluations with a value that was not finite."""
+    """Evaluations with a value that was undefined."""
     unit: Array | None = None
     """Best point so far: the best feasible or, before there is one, the least violating."""
     merit: float = float("inf")
@@ -127,15 +147,17 @@ class Guard:
         if self._last is None or (derivatives and self._last[2] is None):
             own, jacobian = _inside(unit), None  # a copy: nlopt reuses its memory
             if derivatives:
-                values, jacobian = value_and_jacobian(self.vector, own)
+                values, jacobian = value_and_jacobian(self.vector, own, always=self.always)
                 jacobian = np.where(np.isfinite(jacobian), np.clip(jacobian, -BIG, BIG), 0.0)
             else:
                 values = self.vector(own[None])[:, 0]
-            if np.isfinite(values).all():
-                self._remember(own, values)
-            else:
+            # Infinite numbers are numbers: a limit may be held, or a goal missed, by infinity.
+            values, undefined = np.clip(values, -BIG, BIG), np.isnan(values)
+            if undefined.any():
                 self.mapped += 1
-                values = np.where(np.isnan(values), BIG, np.clip(values, -BIG, BIG))
+                values = np.where(undefined, BIG, values)
+            else:
+                self._remember(own, values)
             self._last = (key, values, jacobian)
         _, values, jacobian = self._last
         return values, np.empty((0, 0)) if jacobian is None else jacobian
@@ -335,7 +357,7 @@ class Search:
     violation: float
     evaluations: int
     mapped: int
-    """Evaluations with a value that was not finite."""
+    """Evaluations with a value that was undefined."""
     clipped: bool
     """Whether the start lay outside the bounds and was moved onto them."""
 
@@ -351,6 +373,7 @@ def search(
     budget: SearchBudget | None = None,
     evaluations: int = 300,
     tolerance: float = FTOL,
+    always: int = 0,
 ) -> Search:
     """SLSQP from a start, by way of the least violation where it does not reach a feasible point, then polished.
 
@@ -367,9 +390,11 @@ def search(
     tolerance : float
         Change of the merit, absolute and relative, at which a search ends. The finest, `FTOL`, is polished: the run is
         repeated from its own end until nothing is gained.
+    always : int
+        How many of the first rows hold always: derivatives keep inside.
     """
     polish = tolerance <= FTOL
-    guard = Guard(vector, budget or SearchBudget())
+    guard = Guard(vector, budget or SearchBudget(), always)
     begin = _inside(np.nan_to_num(np.asarray(start, float), nan=0.5))
     slsqp(guard, begin, evaluations, tolerance)
     if not (guard.feasible or guard.budget.ended):

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
+from operator import itemgetter
 from typing import Annotated, Literal
 
 import numpy as np
@@ -18,9 +19,11 @@ from pydantic import Field
 
 from .._arrays import Array
 from ..accuracy.statement import Accuracy
+from ..theory.quantities import finite, from_finite
 from ..tolerancing.study import StrictTable
-from .problem import Constraint, DesignProblem, Goal, Side, promising_starts, sobol_units
+from .problem import ROOM, Constraint, DesignProblem, Goal, Side, promising_starts, sobol_units
 from .search import (
+    BIG,
     FEASIBLE,
     FTOL,
     GLOBAL_FTOL,
@@ -38,8 +41,11 @@ from .search import (
 
 AGREE = 1e-6
 """Difference of merit (1e-6: goals equal to 1e-4 %) within which two searches found the same."""
-RUNAWAY = 1e3
-"""Slope of the merit over the whole box from which a goal runs off: to a pole, or to infinity."""
+CLOSE = 1e-3
+"""Room that is left to what is no camera any more, within which a pole there draws a search on."""
+STEADY = 0.5
+"""Part of what a goal gained over a tenfold of that room that it gains again a hundredfold nearer: at a pole all of it
+or more, where it is finite next to nothing."""
 LOOSE = 0.01
 """Relative difference of a variable between equally good designs that is worth telling."""
 TOUCHING = 1e-6
@@ -49,6 +55,9 @@ FRESH = 6
 """Sobol points from which it is asked whether some of the limits can hold, and for the ends of a front."""
 HAIR = 1e-6
 """What an end of a front gives of its own goal, relatively, to be told apart from worse designs as good in it."""
+
+LARGEST = 1e300
+"""Where numbers are compared, what stands for infinity."""
 
 EXPLAINING = 10_000, 10.0
 """Evaluations, and seconds where there is a clock, that why nothing is feasible may take at least."""
@@ -133,12 +142,15 @@ class Active:
     """Of the limit."""
     multiplier: float
     """Change of the scaled merit per unit of the scaled row; 0 where the limit only happens to be touched."""
-    merit_gain_per_unit: float
-    """By how much the merit falls (0.01: the goals get 1 % better) where the limit is relaxed by one unit."""
+    merit_gain_per_unit: float | None
+    """By how much the merit falls (0.01: the goals get 1 % better) where the limit is relaxed by one unit; None where
+    it cannot be."""
     goal_gain_per_unit: float | None
     """The same for a single goal, in the goal's unit: how much better it gets."""
     bound: bool = False
-    """Whether it is a variable's bound, else a constraint's limit."""
+    """Whether it is a variable's bound, else a limit."""
+    always: bool = False
+    """Whether it is what every camera must be, which no study can relax."""
 
 
 @dataclass(frozen=True)
@@ -180,6 +192,20 @@ class Conflict:
     bounds: tuple[str, ...] = ()
     """Bounds of variables that the least-violating point touches: relaxing these may help too."""
     feasible_after_all: bool = False
+    always: tuple[str, ...] = ()
+    """What every camera must be and the least-violating point is not."""
+    undefined: tuple[str, ...] = ()
+    """Goals that are undefined where the limits hold."""
+
+    @property
+    def reason(self) -> str:
+        """Why nothing is feasible, in words."""
+        if self.undefined:
+            return f"where the limits hold, {' and '.join(self.undefined)} is undefined"
+        if not self.smallest:
+            return f"within the bounds stands no camera ({', '.join(self.always) or 'nothing can be built'})"
+        doubt = "" if self.complete else " (a smaller set was not excluded before the budget was spent)"
+        return f"within the bounds, these cannot hold together: {' and '.join(self.smallest)}{doubt}"
 
 
 @dataclass(frozen=True)
@@ -228,8 +254,7 @@ class Answer:
     @property
     def runs_off(self) -> bool:
         """Whether the goal has no optimum here, but a pole that the search ran up to."""
-        slope = np.linalg.norm(value_and_jacobian(self.problem.vector, self.unit)[1][0])
-        return not (slope < RUNAWAY and bool((_slopes(self.problem, self.unit) < RUNAWAY).all()))
+        return self.feasible and runs_off(self.problem, self.unit)
 
     def agrees(self, check: Check) -> bool:
         """Whether another solver's polished point is the answer, or no better."""
@@ -272,7 +297,7 @@ def solve(problem: DesignProblem, settings: Settings = USUAL, tell: Tell = lambd
         if not answer.feasible:
             break
         value = answer.number(goal)
-        held = goal.held(value + goal.sign * problem.slack * _goal_per_merit(current, answer.unit))
+        held = goal.held(goal.worse(value, problem.slack * _goal_per_merit(current, answer.unit)))
         stages.append(Stage(goal.label, value, "" if last else str(held)))
         starts = [answer.unit, *starts]
         if not last:
@@ -301,7 +326,7 @@ def _solve(
         if searches and budget.ended:
             break
         tell(f"start {number} of {len(starts)}")
-        searches.append(search(problem.vector, start, budget, settings.evaluations, tolerance))
+        searches.append(searched(problem, start, budget, settings.evaluations, tolerance))
     best = min(searches, key=lambda s: (not s.feasible, s.merit if s.feasible else s.violation))
     checks: list[Check] = []
     wanted: dict[Global, bool] = {"crs2": settings.check, "isres": settings.isres}
@@ -315,7 +340,7 @@ def _solve(
             best = other
     gained, conflict = 0.0, None
     if best.feasible:
-        polished = search(problem.vector, best.unit, budget, settings.evaluations, problem.finest)
+        polished = searched(problem, best.unit, budget, settings.evaluations, problem.finest)
         if polished.feasible and polished.merit < best.merit:
             gained, best = best.merit - polished.merit, polished
     else:
@@ -324,12 +349,12 @@ def _solve(
         conflict = explain(problem, points, budget, settings.seed)
         best = replace(best, unit=conflict.unit, violation=conflict.violation)
         if conflict.feasible_after_all:
-            again = search(problem.vector, conflict.unit, budget, settings.evaluations, problem.finest)
+            again = searched(problem, conflict.unit, budget, settings.evaluations, problem.finest)
             if again.feasible:
                 searches.append(again)
                 best, conflict = again, None
     feasible = best.feasible and conflict is None
-    active, residual = conditions(problem, best.unit) if feasible else ((), 0.0)
+    active, residual = _rests(problem, best.unit) if feasible else ((), 0.0)
     return Answer(
         problem=problem,
         asked=problem,
@@ -360,7 +385,7 @@ def _check(problem: DesignProblem, name: Global, settings: Settings, budget: Sea
     ftol, most = max(GLOBAL_FTOL, settings.tolerance), min(1500 * problem.n, 9000) // (5 if problem.summed else 1)
     unit = globally(guard, problem.n, name, 1.0 + 3.0 * steepest, most, settings.seed, ftol)
     tolerance = max(settings.tolerance, problem.finest)
-    polished = search(problem.vector, unit, budget, settings.evaluations, tolerance)
+    polished = searched(problem, unit, budget, settings.evaluations, tolerance)
     solver = {"crs2": "CRS2_LM with penalty", "isres": "ISRES"}[name]
     return Check(solver, guard.evaluations, guard.merit if guard.feasible else None, polished)
 
@@ -376,17 +401,56 @@ def _notes(searches: Sequence[Search], wanted: int, budget: SearchBudget, settin
         notes.append("a start lay outside the bounds and was moved onto them")
     mapped = sum(s.mapped for s in searches)
     if mapped:
-        notes.append(f"{mapped} evaluation{'s' * (mapped > 1)} met numbers that are not finite and counted as very bad")
+        notes.append(f"{mapped} evaluation{'s' * (mapped > 1)} met numbers that are undefined and counted as very bad")
     return notes
 
 
-def _slopes(problem: DesignProblem, unit: Array) -> Array:
-    """Size of the merit's slope along each variable, over a step of 1e-7 of the box: poles have two sides; (n,)."""
-    step = 1e-7
-    near = np.clip(unit + step * np.concatenate([np.eye(problem.n), -np.eye(problem.n)]), 0.0, 1.0)
-    merits = problem.vector(np.concatenate([unit[None], near]))[0]
-    with np.errstate(invalid="ignore"):
-        return np.asarray(np.abs((merits[1:] - merits[0]) / step).reshape(2, -1).max(axis=0))
+def searched(
+    problem: DesignProblem, start: Array, budget: SearchBudget, evaluations: int = 300, tolerance: float = FTOL
+) -> Search:
+    """A `search`; where goals have kinks, searched again on both sides of each, from its end."""
+    best = search(problem.vector, start, budget, evaluations, tolerance, problem.always)
+    for side in problem.sides() if best.feasible else ():
+        end = search(side.vector, best.unit, budget, evaluations, tolerance, side.always)
+        guard = Guard(problem.vector)
+        guard.rows(end.unit)
+        spent = replace(best, evaluations=best.evaluations + end.evaluations + guard.evaluations)
+        better = guard.feasible and guard.merit < best.merit
+        best = replace(spent, unit=end.unit, merit=guard.merit, violation=guard.violation) if better else spent
+    return best
+
+
+def runs_off(problem: DesignProblem, unit: Array) -> bool:
+    """Whether a goal grows without end at a point: it is infinite there, or has its pole where cameras end.
+
+    Cameras end a hair before their poles. Towards that end a goal goes on gaining as much with every tenfold at a pole,
+    and settles where it is finite, however steep it is.
+    """
+    values, jacobian = value_and_jacobian(problem.vector, unit, always=problem.always)
+    if values[0] <= -BIG:
+        return True
+    for row, value, slope in zip(problem.rows, values[1:], jacobian[1:], strict=True):
+        room, size = ROOM - value, float(slope @ slope)
+        if row.constraint >= 0 or not 0 < room < CLOSE or not 0 < size < math.inf:
+            continue
+        nearer = unit + (1 - 10.0 ** -np.arange(4)[:, None]) * room * slope / size
+        with np.errstate(all="ignore"):
+            cameras = problem.cameras(nearer)
+            traces = problem.traces(cameras, problem.varied_lens(nearer))
+            for goal in problem.goals:
+                reached = np.broadcast_to(goal.judged(cameras, traces), 4)
+                gains = -goal.sign * np.diff(reached)
+                if gains[0] > AGREE * abs(reached[0]) and gains[2] >= STEADY * gains[0]:
+                    return True
+    return False
+
+
+def _rests(problem: DesignProblem, unit: Array) -> tuple[tuple[Active, ...], float]:
+    """`conditions`, at a kink of the merit those of its finite side; that it is a kink is no limit."""
+    near = list(problem.sides())[::2]
+    active, residual = min((conditions(side, unit) for side in (problem, *near)), key=itemgetter(1))
+    kinks = {str(side.constraints[-1]) for side in near}
+    return tuple(one for one in active if one.limit not in kinks), residual
 
 
 def conditions(problem: DesignProblem, unit: Array) -> tuple[tuple[Active, ...], float]:
@@ -397,18 +461,23 @@ def conditions(problem: DesignProblem, unit: Array) -> tuple[tuple[Active, ...],
     """
     from scipy.optimize import nnls
 
-    values, jacobian = value_and_jacobian(problem.vector, unit)
-    within = (unit > TOUCHING) & (unit < 1 - TOUCHING)
-    if not (np.isfinite(jacobian[0]).all() and (_slopes(problem, unit) < RUNAWAY)[within].all()):
+    values, jacobian = value_and_jacobian(problem.vector, unit, always=problem.always)
+    ends = ~((unit >= TOUCHING) & (unit <= 1 - TOUCHING))
+    # Infinite at a bound, a goal is steeper towards it than anything.
+    steep = ends & ~np.isfinite(jacobian[0])
+    jacobian[0][steep] = np.where(unit > 0.5, -BIG, BIG)[steep]
+    if not np.isfinite(jacobian[0]).all() or (runs_off(problem, unit) and values[0] > -BIG):
         return (), math.inf
     columns: list[Array] = []
-    limits: list[tuple[str, str, float, bool]] = []
+    limits: list[tuple[str, str, float | None, bool]] = []
     for row, value, slope in zip(problem.rows, values[1:], jacobian[1:], strict=True):
-        if row.constraint >= 0 and value >= -TOUCHING and np.isfinite(slope).all():
+        if value >= -TOUCHING and np.isfinite(slope).all():
             columns.append(slope)
-            limits.append((row.label, problem.constraints[row.constraint].quantity.unit, row.size, False))
+            always = row.constraint < 0
+            kind = "" if always else problem.constraints[row.constraint].quantity.unit
+            limits.append((row.label, kind, None if always else row.size, False))
     for i, (name, variable) in enumerate(problem.variables.items()):
-        if variable.max > variable.min and not TOUCHING <= unit[i] <= 1 - TOUCHING:
+        if variable.max > variable.min and ends[i]:
             upper = unit[i] > 0.5
             columns.append((1.0 if upper else -1.0) * np.eye(problem.n)[i])
             limits.append((f"{name} {variable.end(upper)}", "mm", variable.rate(float(unit[i])), True))
@@ -419,18 +488,20 @@ def conditions(problem: DesignProblem, unit: Array) -> tuple[tuple[Active, ...],
     multipliers, residual = nnls(np.stack(columns, axis=1), -jacobian[0])
     merged: dict[str, Active] = {}
     for (label, kind, size, bound), multiplier in zip(limits, multipliers.tolist(), strict=True):
-        gain = multiplier / size
+        gain = None if size is None else multiplier / size
         if label not in merged or multiplier > merged[label].multiplier:
-            own = None if per_merit is None else gain * per_merit
-            merged[label] = Active(label, kind, multiplier, gain, own, bound)
+            own = None if per_merit is None or gain is None else gain * per_merit
+            merged[label] = Active(label, kind, multiplier, gain, own, bound, size is None)
     order = sorted(merged.values(), key=lambda a: -a.multiplier)
     return tuple(order), float(residual) / max(length, 1e-12)
 
 
 def _goal_per_merit(problem: DesignProblem, unit: Array) -> float:
     """How much a single goal changes where the merit changes by 1."""
-    goal = problem.goals[0]
-    return problem.number(goal, unit) if goal.quantity.positive else problem.goal_scale(0)
+    goal, value = problem.goals[0], problem.number(problem.goals[0], unit)
+    if goal.quantity.past_infinity is not None:
+        return value**2 * problem.goal_scale(0)
+    return value if goal.quantity.positive else problem.goal_scale(0)
 
 
 def optimum_accuracy(answer: Answer, seconds: float | None = None) -> Accuracy | None:
@@ -460,7 +531,8 @@ def explain(problem: DesignProblem, points: Sequence[Array], budget: SearchBudge
     unit, rows = pool.relaxed(frozenset(range(len(problem.constraints))))
     violation = violation_of(rows)
     if violation <= FEASIBLE:
-        return Conflict(unit, 0.0, feasible_after_all=True)
+        lost = tuple(goal.label for goal in problem.goals if math.isnan(problem.number(goal, unit)))
+        return Conflict(unit, 0.0, feasible_after_all=True, undefined=lost or tuple(g.label for g in problem.goals))
     smallest, complete = _smallest(pool, len(problem.constraints))
     clashing = sorted(smallest)
     missed = {
@@ -474,6 +546,8 @@ def explain(problem: DesignProblem, points: Sequence[Array], budget: SearchBudge
         if over > FEASIBLE and row.constraint >= 0
         for constraint in [problem.constraints[row.constraint]]
     }
+    over = zip(problem.rows, rows, strict=True)
+    missing = dict.fromkeys(row.label for row, by in over if row.constraint < 0 and by > FEASIBLE)
     return Conflict(
         unit=unit,
         violation=violation,
@@ -486,6 +560,7 @@ def explain(problem: DesignProblem, points: Sequence[Array], budget: SearchBudge
             for (name, variable), place in zip(problem.variables.items(), unit, strict=True)
             if variable.max > variable.min and not 1e-6 <= place <= 1 - 1e-6
         ),
+        always=tuple(missing),
     )
 
 
@@ -499,7 +574,7 @@ class _Pool:
         self.add(np.concatenate([np.stack(self.starts), sobol_units(problem.n, 2048, 5)]))
 
     def add(self, units: Array) -> None:
-        good = replace(self.problem, goals=()).vector(units)[1:] <= FEASIBLE
+        good = self.problem.without_goals().vector(units)[1:] <= FEASIBLE
         owner = np.array([row.constraint for row in self.problem.rows])
         each = np.stack([good[owner == index].all(axis=0) for index in range(-1, len(self.problem.constraints))])
         for column in np.unique(each[:, each[0]], axis=1).T:
@@ -507,7 +582,7 @@ class _Pool:
 
     def relaxed(self, keep: frozenset[int]) -> tuple[Array, Array]:
         """Least violation of some of the constraints; rows are those of the problem with only these."""
-        part = replace(self.problem.without(keep), goals=())
+        part = self.problem.without(keep).without_goals()
         guard = Guard(part.vector, self.budget)
         weights = [10.0 if row.constraint < 0 else 1.0 for row in part.rows]
         unit, rows = least_violation(guard, self.starts[: 2 * FRESH], weights)
@@ -529,7 +604,7 @@ class _Pool:
         """What one limit would have to be, all others kept."""
         constraint = self.problem.constraints[index]
         soft = np.array([row.constraint == index and row.side == side for row in self.problem.rows])
-        guard = Guard(replace(self.problem, goals=()).vector, self.budget)
+        guard = Guard(self.problem.without_goals().vector, self.budget)
         unit, rows = least_violation(guard, self.starts[: 2 * FRESH], np.where(soft, 1.0, np.inf).tolist())
         value = self.problem.number(constraint, unit)
         helps = violation_of(rows[~soft]) <= 1e-7 and np.isfinite(value)
@@ -539,7 +614,7 @@ class _Pool:
 
 def _smallest(pool: _Pool, count: int) -> tuple[frozenset[int], bool]:
     """By size: the first set that cannot hold. Points met on the way settle most sets without a search."""
-    for size in range(1, count + 1):
+    for size in range(count + 1):
         for keep in combinations(range(count), size):
             if pool.budget.ended:
                 return _by_deletion(pool, count), False
@@ -620,7 +695,7 @@ def pareto_front(
     def best_of(wanted: Goal, limits: Sequence[Constraint], starts: Sequence[Array]) -> Array | None:
         nonlocal spent
         posed = replace(problem, goals=(wanted,), constraints=(*problem.constraints, *limits))
-        results = [search(posed.vector, start, budget, tolerance=posed.finest) for start in starts]
+        results = [searched(posed, start, budget, tolerance=posed.finest) for start in starts]
         spent += sum(result.evaluations for result in results)
         feasible = [result for result in results if result.feasible]
         return min(feasible, key=lambda result: result.merit).unit if feasible else None
@@ -633,10 +708,10 @@ def pareto_front(
         end = best_of(goal, (), [*known, *sobol_units(problem.n, FRESH, seed)])
         if end is None:
             return Front(tuple(goals), evaluations=spent)
-        if number:
-            # Of designs equally good in this goal, the one that is best in the first.
-            value = problem.number(goal, end)
-            refined = best_of(goals[0], [goal.held(value + goal.sign * HAIR * abs(value))], [end])
+        value = problem.number(goal, end)
+        if number or math.isinf(value):
+            # Of designs equally good in this goal, the one that is best in the first, or that in the next.
+            refined = best_of(goals[0 if number else 1], [goal.held(goal.worse(value, HAIR * abs(value)))], [end])
             end = end if refined is None else refined
         met.append(end)
     ends, payoff = list(met), values(met)
@@ -663,14 +738,19 @@ def pareto_front(
     labels = [goal.label for goal in goals]
     front = tuple(
         FrontPoint(dict(zip(labels, reached[i].tolist(), strict=True)), problem.named(met[i]))
-        for i in _undominated(reached * [goal.sign for goal in goals])
+        for i in _undominated(np.clip(reached, -LARGEST, LARGEST) * [goal.sign for goal in goals])
     )
     return Front(tuple(goals), front, failed, len(met) - len(front), spent, complete)
 
 
 def _ladder(values: Array, goal: Goal, count: int) -> list[float]:
-    """Limits from the worst value at another goal's end to the best, in equal ratios where ratios count."""
+    """Limits from the worst value at another goal's end to the best: in equal ratios where ratios count.
+
+    In equal steps of the finite twin of what may be infinite.
+    """
     worst, best = (goal.sign * float(end) for end in ((goal.sign * values).max(), (goal.sign * values).min()))
+    if goal.quantity.infinite:
+        return [worst, *from_finite(np.linspace(finite(worst), finite(best), count)[1:-1]).tolist(), best]
     return list(map(float, (np.geomspace if goal.quantity.positive else np.linspace)(worst, best, count)))
 
 

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError, field_validator
 
+from .._arrays import ratio
 from ..bore.conjugates import CONJUGATES
 from ..camera import TIP, Camera
 from ..design import PATHS, Design
@@ -348,6 +349,7 @@ def to_dict(result: Result, *, timings: bool = True) -> dict[str, Any]:
         "base_design": answer.problem.design.name,
         "seed": result.study.settings.seed,
         "status": "optimal" if answer.feasible else "infeasible",
+        "runs_off": answer.runs_off,
         **_variables(answer.variables()),
         "following_mm": answer.followers(),
         "goals": [_part(answer, goal) | {"direction": goal.direction} for goal in answer.asked.goals],
@@ -374,7 +376,10 @@ def to_dict(result: Result, *, timings: bool = True) -> dict[str, Any]:
 
 
 def _part(answer: Answer, part: Constraint | Goal) -> dict[str, Any]:
-    own = {"quantity": part.quantity.name, "unit": part.quantity.unit, "value": answer.number(part)}
+    value = answer.number(part)
+    own = {"quantity": part.quantity.name, "unit": part.quantity.unit, "value": value}
+    if part.quantity.infinite:
+        own["inverse"] = float(ratio(1.0, value))
     asked = {"at_mm": part.at, "field_mm": part.field, "temperature_degc": part.temperature}
     return own | {key: value for key, value in asked.items() if value is not None}
 
@@ -408,6 +413,9 @@ def _conflict(conflict: Conflict) -> dict[str, Any]:
         "violations": conflict.violations,
         "cannot_hold_together": conflict.smallest,
         "smaller_sets_shown_feasible": conflict.complete,
+        "reason": conflict.reason,
+        "no_camera": conflict.always,
+        "goals_undefined": conflict.undefined,
         "relaxations": [
             {"limit": r.label, "from": r.limit, "to": r.needed, "unit": r.unit} for r in conflict.relaxations
         ],
@@ -464,6 +472,14 @@ def _variables(values: Mapping[str, Any]) -> dict[str, Any]:
     return {"variables_mm": lengths} | ({"shape_factor": values[BENDING]} if BENDING in values else {})
 
 
+def _nearest(ranking: Ranking) -> dict[str, Any]:
+    """Where no combination of parts is feasible: which comes nearest, and why it is not."""
+    assert ranking.nearest is not None
+    parts = [part.part for part in ranking.combinations.chosen(ranking.nearest)]
+    named = dict(zip(ranking.combinations.kinds, parts, strict=True))
+    return {"parts": named, **({} if ranking.conflict is None else _conflict(ranking.conflict))}
+
+
 def _ranking(ranking: Ranking, retraces: tuple[Retrace, ...], timings: bool) -> dict[str, Any]:
     rows = []
     for place, ranked in enumerate(ranking.best, 1):
@@ -485,5 +501,6 @@ def _ranking(ranking: Ranking, retraces: tuple[Retrace, ...], timings: bool) -> 
         "optimised": ranking.optimised,
         "open": ranking.open,
         "best": rows,
+        "nearest": None if ranking.nearest is None else _nearest(ranking),
     }
     return data | {"seconds": ranking.seconds} if timings else data

@@ -16,6 +16,7 @@ from .._jit import kernel
 from ..camera import Camera, Frame
 from ..camera.frames import frame
 from ..lenses.angles import stretch
+from ..theory.object_space import law_of
 
 Floats = NDArray[np.float64]
 
@@ -45,9 +46,6 @@ class Layout(NamedTuple):
     """Of an objective with a mapping (`..lenses.angles`); no rows where there is none."""
 
 
-NO_LAW = np.zeros((0, 5))
-
-
 def lay_out(camera: Camera) -> Layout:
     """One camera for the kernels of this module."""
     n = camera.numbers
@@ -72,11 +70,6 @@ def lay_out(camera: Camera) -> Layout:
     constants = [*ones, camera.D / 2, camera.d / 2]
     numbers, blocks, openings = (np.array(part, float) for part in (constants, maps, rims))
     return Layout(numbers, blocks, openings, scene_side(camera), law_of(camera))
-
-
-def law_of(camera: Camera) -> Floats:
-    """`Layout.law` of one camera."""
-    return NO_LAW if camera.law is None else np.array(camera.law, order="C")
 
 
 def scene_side(camera: Camera) -> Floats:

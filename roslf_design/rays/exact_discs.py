@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from ..camera import Camera, Rim
 from ..theory.exit_pupil import stop_angle
+from ..theory.object_space import FacesAhead
 from ..theory.stop_images import stop_discs
-from .object_space import FacesAhead
 
 Floats = NDArray[np.float64]
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -14,34 +13,12 @@ from ..camera import Camera, Rim, Vector
 from ..camera.frames import along, dot, minus, times
 from ..design.parts import PATHS
 from ..lenses.angles import stretch
+from ..theory.object_space import Status
 from ..theory.stop_images import Projected, lens_point, project
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Point = tuple[ArrayLike, ArrayLike]
-
-
-class Status(IntEnum):
-    """Fate of one ray; stored as one byte. ``APERTURE + k`` is rim k of `Camera.rims`, an element's face or a stop."""
-
-    KEPT = 0
-    """Passed everything; it landed in its own microlens's cell."""
-    MAIN_LENS = 1
-    """Clipped by the main lens's clear aperture."""
-    MICROLENS = 2
-    """Outside the clear aperture of its microlens."""
-    OFF_SENSOR = 3
-    """Missed the sensor."""
-    NEIGHBOUR = 4
-    """Landed on the sensor, outside its own microlens's cell."""
-    UNTRACEABLE = 5
-    """Meets some element from behind, along its plane or at infinity, or is not finite: no light travels there."""
-    REFLECTED = 6
-    """Totally reflected inside a window, prism, rod or lens before the main lens."""
-    ELEMENT = 7
-    """Outside a surface of a lens before the main lens that has no rim of its own in the design."""
-    APERTURE = 16
-    """Clipped by the flexible angular plane (FAP); behind it count the rims that follow the main lens's."""
 
 
 PASSED = (int(Status.KEPT), int(Status.NEIGHBOUR), int(Status.OFF_SENSOR))

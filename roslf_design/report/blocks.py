@@ -5,6 +5,8 @@ In all text, symbols written as ``d_3`` or ``D_F`` are set with a subscript.
 
 from __future__ import annotations
 
+import re
+import unicodedata
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
@@ -13,6 +15,7 @@ from ..tables import Table as Table
 if TYPE_CHECKING:
     from ..drawing.picture import Picture
 
+_GREEK = re.compile(r"GREEK SMALL LETTER (?:FINAL )?(\w+)")
 Tone = Literal["good", "bad", "caution", "plain"]
 """How a statement is meant; always shown by a sign and a word as well as by colour."""
 MARKS: dict[Tone, tuple[str, str]] = {
@@ -108,8 +111,17 @@ class Section:
 
 
 def slug(title: str) -> str:
-    """A title as links and names of files have it: letters, digits and hyphens."""
-    return "-".join("".join(c if c.isalnum() else " " for c in title.lower()).split())
+    """A title as links and names of files have it: plain letters, digits and hyphens; Greek letters by their names."""
+    return "-".join("".join(map(_plain, title.lower())).split())
+
+
+def _plain(letter: str) -> str:
+    """A letter as any file system can write it; by its number where nothing else is left of it."""
+    plain = unicodedata.normalize("NFKD", letter)
+    if greek := _GREEK.match(unicodedata.name(plain[0], "")):
+        return greek[1].lower()
+    plain = "".join(c for c in plain if c.isascii() and c.isalnum())
+    return plain or (f"u{ord(letter):x}" if letter.isalnum() else " ")
 
 
 class Finding(NamedTuple):

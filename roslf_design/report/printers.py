@@ -6,17 +6,19 @@ Content passes into the PDF's document as JSON and files, never as markup: no te
 from __future__ import annotations
 
 import base64
+import hashlib
 import io
 import json
 import re
 import tempfile
+from collections.abc import Iterable
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from ..drawing.picture import PAGE
-from ..drawing.solid import library
+from ..drawing.solid import library, viewer
 from ..tables import csv_bytes
 from ..words import spans, to_html
 from .blocks import MARKS, Block, Bullets, Code, Figure, Paragraph, Report, Statements, Table, slug
@@ -29,11 +31,31 @@ PAGES = {"a4": "a4", "letter": "us-letter"}
 """What typst calls them."""
 DOCUMENT = Path(__file__).with_name("templates") / "report.typ"
 
+SCRIPT = Path(__file__).with_name("templates") / "viewer.js"
+POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
+"""Of pages without scripts. Drawings and tables bring their own styles."""
+
 
 def render_html(report: Report) -> str:
     """The page as text; the same report gives the same text."""
-    turned = any(figure.scene for figure in report.figures)
-    return _environment().get_template("report.html.j2").render(report=report, viewer=library() if turned else "")
+    page = _environment().get_template("report.html.j2")
+    if not any(figure.scene for figure in report.figures):
+        return _letters(page.render(report=report, policy=_policy(()), viewer=""))
+    script = SCRIPT.read_text(encoding="utf-8")
+    policy = _policy((script, *re.findall(r"<script[^>]*>(.*?)</script>", viewer(), re.DOTALL)))
+    return _letters(page.render(report=report, policy=policy, viewer=library(), script=script))
+
+
+def _policy(scripts: Iterable[str]) -> str:
+    """What the page may do: show what is in it, and run these scripts of its own, whatever else got into it."""
+    hashes = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
+    allowed = " ".join(f"'sha256-{value}'" for value in hashes)
+    return POLICY + (f"; script-src {allowed}" if allowed else "")
+
+
+def _letters(text: str) -> str:
+    """Text with what of a file's name is no letter spelled out."""
+    return text.encode("utf-8", "backslashreplace").decode("utf-8")
 
 
 @cache
@@ -79,8 +101,9 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
             for section in report.sections
         ]
         head = {"title": report.title, "subtitle": spans(report.subtitle), "footer": report.footer}
-        (root / "content.json").write_text(json.dumps({**head, "paper": PAGES[paper], "sections": sections}))
-        (root / "main.typ").write_text(DOCUMENT.read_text())
+        content = {**head, "paper": PAGES[paper], "sections": sections}
+        (root / "content.json").write_bytes(json.dumps(content, ensure_ascii=False).encode("utf-8", "replace"))
+        (root / "main.typ").write_bytes(DOCUMENT.read_bytes())
         pdf: bytes = typst.compile(
             root / "main.typ",
             root=root,

@@ -22,7 +22,9 @@ from ..errors import InputError, Problem
 from ..input_files import check_file, read_pixels
 from ..units import Angle, AnyLength, Length
 
-Level = Annotated[float, Field(ge=0)]
+MOST_LIGHT = 1e12
+"""Radiance that nothing reaches: what is computed of it fits into single precision."""
+Level = Annotated[float, Field(ge=0, le=MOST_LIGHT)]
 
 
 class Uniform(Part):
@@ -91,6 +93,10 @@ class PictureTexture(Part):
 @functools.lru_cache(maxsize=8)  # reading a picture again for every tile would cost more than the rays
 def _loaded(file: str, changed: int, size: int) -> NDArray[np.float32]:
     values, _ = read_pixels(Path(file), file)
+    if values.dtype.kind not in "buif":
+        raise InputError((Problem("", f"holds no grey levels but {values.dtype} numbers; save it as greys"),), file)
+    if values.dtype.kind == "f" and not bool((np.abs(values) <= MOST_LIGHT).all()):
+        raise InputError((Problem("", f"holds values that are not finite, or above {MOST_LIGHT:g}; mend it"),), file)
     if values.dtype == np.bool_ or values.dtype.kind not in "uf":
         values = values.astype(np.float32)
         peak = 1.0 if values.max(initial=0) <= 1 else 255.0 if values.max() <= 255 else 65535.0
@@ -197,7 +203,7 @@ class Points(Part):
     kind: Literal["points"] = "points"
     positions: tuple[tuple[AnyLength, AnyLength, Length], ...] = Field(min_length=1, max_length=1000)
     """(x, y, Z) of each."""
-    flux: Annotated[float, Field(gt=0)] = 1.0
+    flux: Annotated[float, Field(gt=0, le=MOST_LIGHT)] = 1.0
     """Light of one that the FAP takes in: the sum over all pixels, where 1 is a fully lit one."""
 
 

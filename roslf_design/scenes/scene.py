@@ -18,11 +18,15 @@ from ..errors import InputError, Problem
 from ..theory.colours import filters
 from ..toml_files import parse_toml, problems_of, read_toml
 from ..units import Length
-from .objects import OBJECTS, Object, PictureTexture, Plane, Points, Sphere, Tube, White, depths, detail
+from .objects import OBJECTS, Level, Object, PictureTexture, Plane, Points, Sphere, Tube, White, depths, detail
 
 
 class SceneError(InputError):
     """A scene (or its file) that cannot be used."""
+
+
+LEAST_EXPOSURE = 1e-6
+"""Electrons in a fully lit pixel, below which noise in units of it fits no image."""
 
 
 class SceneLight(Part):
@@ -30,10 +34,17 @@ class SceneLight(Part):
 
     wavelengths: Annotated[tuple[Length, ...], Field(max_length=100)] = ()
     """Equal parts of light at each [mm]; none is the design's own, or white light for a sensor with colour filters."""
-    exposure: Annotated[float, Field(gt=0)] | None = None
+    exposure: Annotated[float, Field(gt=0, le=1e12)] | None = None
     """Electrons in a fully lit pixel; none asks for no noise."""
-    read_noise: Annotated[float, Field(ge=0)] = 0.0
+    read_noise: Annotated[float, Field(ge=0, le=1e6)] = 0.0
     """Rms read noise [electrons]."""
+
+    @field_validator("exposure")
+    @classmethod
+    def _shows_something(cls, exposure: float | None) -> float | None:
+        if exposure is not None and exposure < LEAST_EXPOSURE:
+            raise ValueError(f'"{exposure:g}" electrons show nothing; give {LEAST_EXPOSURE:g} or more, or leave it out')
+        return exposure
 
 
 class Scene(Part):
@@ -43,7 +54,7 @@ class Scene(Part):
     """What the scene is called."""
     objects: Annotated[tuple[Object, ...], Field(max_length=200)] = (White(),)
     """In any order."""
-    background: Annotated[float, Field(ge=0)] = 0.0
+    background: Level = 0.0
     """Radiance where no object is met."""
     light: SceneLight = SceneLight()
     """Colour and exposure."""

@@ -218,7 +218,7 @@ def rows_between(centres: Array, radii: Array, low: ArrayLike, high: ArrayLike, 
 
     Leading axes: centres (..., K, 2), radii (..., K), heights (...), and the chords (..., N).
     """
-    nodes, weights = _nodes(rows)
+    nodes, weights = gauss_legendre(rows)
     angle = nodes * (math.pi / 2)
     low, high = (np.asarray(v)[..., None] for v in (low, high))
     half = np.maximum(high - low, 0.0) / 2
@@ -249,8 +249,14 @@ def outline_chords(points: Array, rows: int, between: tuple[float, float] | None
 
 
 @functools.cache
-def _nodes(count: int) -> tuple[Array, Array]:
-    return np.polynomial.legendre.leggauss(count)
+def gauss_legendre(count: int) -> tuple[Array, Array]:
+    """Gauss-Legendre places within -1 and 1, and their weights, both shape (count,)."""
+    if count <= 128:
+        return np.polynomial.legendre.leggauss(count)
+    from scipy.special import roots_legendre  # in count^2 steps, not count^3
+
+    nodes, weights = roots_legendre(count)
+    return nodes, weights
 
 
 def checked(centres: ArrayLike, radii: ArrayLike) -> tuple[Array, Array]:

@@ -7,6 +7,8 @@ exit_pupil         Eq. 4; exit pupil, pitch, diameter and shift of the microlens
 f_number           Eqs. 7-9, and Eqs. 7 and 8 solved for one length
 vignetting         Eqs. 5-6, for any number of stops, decentred or not
 stop_images        where each stop's image lies on the sensor, with every part decentred and tilted
+object_space       exact rays through what stands before the main lens
+chief_rays         where chief rays go in the scene, traced past elements
 light_field        Eqs. 1, 2, 10 to 12; depth from disparity; Table 2: lengths from what a calibration finds
 light              diffraction, microlens defocus, sampling
 quantities         the registry: every number once, with its name, unit, words and equation

@@ -12,7 +12,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from .._arrays import Array, magnitude, product, ratio
-from ..camera import Camera, Number
+from ..camera import Camera
 from .light import diffraction_width
 
 Kind = Literal["view", "refocused"]
@@ -47,9 +47,7 @@ def depth_of_field(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> De
     blur : float
         Microlens pitches that a point may spread over.
     """
-    share = ratio(blur * c.d, product(pupil_part(c, kind), c.m))
-    # Behind a relay the FAP may be seen beyond the focal plane: nearer planes then lie at larger Z_F.
-    share = share * np.where(np.real(c.gap) < 0, -1.0, 1.0)
+    share = _share(c, kind, blur)
     near, far = (np.asarray(c.plane_seen_at(c.d_3 + ratio(c.gap, 1 + sign * share)) - c.tip, float) for sign in (1, -1))
     focus = np.asarray(c["main_lens.focal_plane"] - c.tip)
     # A plane that has gone past the tip, or past infinity, comes back on the other side.
@@ -58,31 +56,54 @@ def depth_of_field(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> De
     return DepthOfField(near[()], far[()])
 
 
-def hyperfocal(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Array:
-    """Nearest focal plane whose depth of field reaches infinity, the bore held [mm ahead of its tip]; nan where none.
+def past_infinity(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Array:
+    """-1 over the far end, 0 where that is at infinity and rising on beyond: smooth where the far end is none [1/mm].
 
     Parameters are those of `depth_of_field`.
     """
-    ahead, lens = _far(c) - c.d_3, c.f - c.d_3
-    # sigma = grow m - less for what is far, falling with m towards the m that is focused there; A = f + m lens.
-    grow, less = 1 - ratio(lens, ahead), ratio(c.f, ahead)
-    turn = np.where(np.real(grow) < 0, -1.0, 1.0)
-    by_all = ratio(ratio(blur * c.d, magnitude(c.D_F)) + turn * less, turn * grow)
+    inside = 1 - _share(c, kind, blur)
+    seen = c.d_3 * inside + c.gap
+    less, more = seen - c.tip * inside, inside
+    if c.chain.elements:
+        place, front = c.front
+        more = front.d * inside - front.c * seen
+        less = front.medium * (front.a * seen - front.b * inside) + (place - c.tip) * more
+    inverse = np.asarray(ratio(more, less), float)
+    return np.where(np.isinf(depth_of_field(c, kind, blur).far), np.abs(inverse), -inverse)[()]
+
+
+def _share(c: Camera, kind: Kind, blur: float) -> Array:
+    """By how much 1/Z_F changes from the focal plane to an end, over its own at the focal plane."""
+    share = ratio(blur * c.d, product(pupil_part(c, kind), c.m))
+    # Behind a relay the FAP may be seen beyond the focal plane: nearer planes then lie at larger Z_F.
+    return np.asarray(share * np.where(np.real(c.gap) < 0, -1.0, 1.0))
+
+
+def hyperfocal(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Array:
+    """Nearest focal plane whose depth of field reaches infinity, the bore held [mm ahead of its tip].
+
+    0 where that of every one ahead of the tip does, nan where none does.
+
+    Parameters are those of `depth_of_field`.
+    """
+    front, lens = c.front[1], c.f - c.d_3
+    # sigma = (grow m - less)/ahead for what is far, falling with m towards the m that is focused there; A = f + m lens.
+    # What is far is seen ahead/front.c before the FAP's image: 0 where object space is telecentric.
+    ahead = front.d - front.c * c.d_3
+    grow, less = np.asarray(ahead - lens * front.c, float), np.asarray(c.f * front.c, float)
+    turn, ahead = np.where(grow < 0, -1.0, 1.0), magnitude(ahead)
+    by_all = ratio(ratio(blur * c.d, magnitude(c.D_F)) * ahead + turn * less, turn * grow)
     m = np.asarray(by_all)
     if kind == "view":
         pixel = ratio(c.q + diffraction_width(c), c.d_2) * np.where(np.real(c.gap) < 0, -1.0, 1.0)
         a, b = turn * grow * lens, turn * (grow * c.f - less * lens)
-        rest = turn * less * c.f + ratio(blur * c.d, pixel)
+        rest = turn * less * c.f + ratio(blur * c.d, pixel) * ahead
         root = b * b + 4 * a * rest
         by_view = ratio(2 * rest, b + np.where(b < 0, -1.0, 1.0) * np.sqrt(np.maximum(root, 0.0)))
         narrow = magnitude(pixel * (c.f + by_view * lens)) < magnitude(c.D_F)
         m = np.where((root >= 0) & (by_view > 0) & narrow, by_view, by_all)
     held = np.where(m > 0, m, 1.0)
     there = np.asarray(c.plane_seen_at(c.f * (1 + 1 / held)) - c.tip, float)
-    return np.asarray(np.where((m > 0) & (there > 0), there, np.nan))[()]
-
-
-def _far(c: Camera) -> Number:
-    """Where the main lens sees what is far [mm]."""
-    front = c.front[1]
-    return ratio(np.asarray(front.d, float), np.asarray(front.c, float))
+    # With none ahead of the tip all focal planes there are alike, this camera's own among them.
+    alike = np.where(np.isinf(depth_of_field(c, kind, blur).far), 0.0, np.nan)
+    return np.asarray(np.where((m > 0) & (there > 0) & np.isfinite(there), there, alike))[()]

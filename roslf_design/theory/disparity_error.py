@@ -28,7 +28,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .._arrays import Array, magnitude, ratio
+from .._arrays import Array, Complex, magnitude, ratio
 from ..camera import Camera
 from ..shapes.discs import rows_between
 from .colours import filters
@@ -68,6 +68,8 @@ NESTED = np.array([0.0, 1.0, -1.0, -0.577, 0.659, -0.839])
 CLOSE, STEP = 0.02, 1e-5
 """Distance from the first image, in logarithms, within which fewer are taken from its tangents, to about the square of
 that; and the step of the differences that tangents are."""
+STEEPEST = 100.0
+"""Slope from which on tangents are not taken: where next to nothing is left of a texture, rounding makes them."""
 BLOCK = 128
 """Images at a time, for memory's sake."""
 
@@ -115,7 +117,6 @@ class Texture(NamedTuple):
         return Spectrum(x, y, power if self.lens_shape is None else power * _footprint(self.lens_shape, x, y) ** 2)
 
 
-Complex = NDArray[np.complexfloating[Any, Any]]
 Spectra = tuple[Complex, Complex, Complex]
 
 
@@ -186,16 +187,16 @@ def texture(c: Camera, plane: Seen) -> Texture:
     nodes, weights = _GAUSS
     shape = np.broadcast_shapes(np.shape(plane.disparity), np.shape(plane.scale), c.shape)
     contrast, period = c["depth.contrast"], c.numbers.get("depth.period")
-    finest = np.broadcast_to(ratio(c.d * plane.scale, period or c.numbers.get("depth.finest", 0.0)), shape)
+    finest = np.broadcast_to(ratio(magnitude(c.d * plane.scale), period or c.numbers.get("depth.finest", 0.0)), shape)
     strength = np.broadcast_to(np.square(contrast), shape)
     angle, turn = (nodes + 1) * (math.pi / 4), weights / 2
     if period is None:
         # The same contrast in each octave of k: its square over ln(2), per step of ln(k).
         at, radial = (nodes + 1) / 2, weights / (nodes + 1) / math.log(2)
-        fine = np.minimum(finest, limit)
     else:
         at = radial = np.ones(1)
-        fine, strength = finest, np.where(finest <= limit, strength, 0.0)
+        strength = np.where(finest <= limit, strength, 0.0)
+    fine = np.minimum(finest, limit)
     x, y, power = (
         np.outer(part, along).ravel() for part, along in ((at, np.cos(angle)), (at, np.sin(angle)), (radial, turn))
     )
@@ -249,7 +250,8 @@ def disparity_information(images: MicrolensImages, plane: Seen, waves: Spectrum 
     fill, whole = 2 * rows.radii[:, 0], rows.whole
     usable = np.isfinite(fill) & (fill < WIDEST) & (fill > 0) & np.isfinite(rows.light) & (rows.light > 0)
     usable &= rows.light <= np.broadcast_to(c["sensor.full_well"], shape).ravel()
-    usable &= np.isfinite(rows.texture.fine) & np.isfinite(rows.texture.strength)
+    # A texture too fine for single views has no strength, and tells nothing at whatever cost.
+    usable &= np.isfinite(rows.texture.fine) & np.isfinite(rows.texture.strength) & (rows.texture.strength > 0)
     level = np.where(usable, np.minimum(2 * np.ceil(rows.finest / 2), SHARPEST).clip(2, None), 0).astype(int)
     information = np.zeros(fill.size)
     level = np.where(usable & (rows.finest > SHARPEST), SHARPEST + 1, level)
@@ -317,9 +319,10 @@ def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
         nodes = np.repeat(about[:, :1], free.size + 1, axis=1)
         nodes[free, 1:] += STEP * np.eye(free.size)
         values = _series(c, level, whole, nodes.tobytes(), spectrum, lens_shape)
-        if not np.isfinite(values).all():
+        slopes = (values[1:] - values[0]) / STEP if np.isfinite(values).all() else np.inf
+        if not np.abs(slopes).max(initial=0.0) <= STEEPEST:
             return _each(images, c, level, whole)
-        return np.asarray(np.exp(values[0] + ((values[1:] - values[0]) / STEP) @ away) * scale)
+        return np.asarray(np.exp(values[0] + slopes @ away) * scale)
     spread = np.ptp(about, axis=1)[free]
     apart = spread.max(initial=0.0) > 2 * CELL
     wide = apart & (spread > CELL / 2)

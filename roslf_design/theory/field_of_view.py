@@ -1,7 +1,8 @@
 """Where the chief rays of the sensor's field go in the scene: angles of view, direction of view, distortion.
 
 Angles of view are those between chief rays, which cross in the entrance pupil (ISO 8600-3, method B: the FAP as the
-scene sees it), or those of the same field seen from the middle of the bore's tip, on a plane.
+scene sees it), or those of the same field seen from the middle of the bore's tip, on a plane. All of them, and what is
+told of the object's size and distortion, come from the same rays (`.chief_rays`).
 """
 
 from __future__ import annotations
@@ -12,13 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from .._arrays import Array, product, ratio
+from .._arrays import Array, ratio
 from ..camera import Camera, Number
 from ..design.parts import PATHS
-from ..lenses.angles import angle_in_air
-from .light import SensorField
+from .chief_rays import ChiefRays, Place, Places, chief_rays, traced
+from .light import SensorField, object_scale
 
-Place = tuple[Number, Number]
+NEAR = 0.002
+"""Part of a pitch to either side of a microlens, between whose chief rays its scale is taken."""
 
 
 class Across(NamedTuple):
@@ -27,56 +29,6 @@ class Across(NamedTuple):
     width: Array
     height: Array
     diagonal: Array
-
-
-def outer_slopes(c: Camera, place: Place) -> Place:
-    """Index times slope, to first order, of a microlens's chief ray in front of the bore, along x and y.
-
-    Parameters
-    ----------
-    c : Camera
-        Its tilts but those of elements are left out.
-    place : pair of float or ndarray
-        The microlens, from the main lens's axis [mm].
-    """
-    front = c.front[1]
-    out = []
-    for at, pupil, lean in zip(place, c.decentre("aperture"), front.lean, strict=True):
-        before = ratio(pupil + product(at, c.inverse_m), c.gap)
-        out.append(front.d * before - front.c * (pupil + before * c.d_3) + lean)
-    return out[0], out[1]
-
-
-def directions(c: Camera, place: Place) -> Array:
-    """Unit vectors of chief rays away from the bore, in the medium of the scene; shape (..., 3), the axis last.
-
-    By Snell's law, as for `light.field_angle`; parameters are those of `outer_slopes`.
-    """
-    x, y = outer_slopes(c, place)
-    steep = np.hypot(x, y)
-    in_air = np.arctan(steep) if c.law is None else angle_in_air(c.law, np.minimum(steep, c.law[0, 1]))
-    sine = np.sin(in_air) / c.front[1].medium
-    share = np.where(steep > 0, ratio(sine, np.asarray(steep)), 0.0)
-    along = np.broadcast_arrays(-share * x, -share * y, np.sqrt((1 - sine) * (1 + sine)))
-    return np.stack(along, axis=-1)
-
-
-def on_plane(c: Camera, place: Place, ahead: Number) -> Place:
-    """Where the chief ray of a microlens meets a plane `ahead` of the bore's tip, from the system's axis [mm]."""
-    z = c.tip + ahead
-    plane = c.plane(z)
-    slopes = outer_slopes(c, place)
-    steep = np.hypot(*slopes)
-    met = []
-    for axis, (at, pupil, aside, slope) in enumerate(
-        zip(place, c.decentre("aperture"), plane.aside, slopes, strict=True)
-    ):
-        before = ratio(pupil + product(at, c.inverse_m), c.gap)
-        x = plane.a * (pupil + before * c.d_3) - plane.b * before + aside + c[f"main_lens.decentre.{axis}"]
-        if c.law is not None:
-            x = x - slope / plane.medium * (c.stretch(steep) - 1) * (z - c.pupil_stands)
-        met.append(x)
-    return met[0], met[1]
 
 
 def between(first: Array, second: Array) -> Array:
@@ -98,9 +50,18 @@ def widest(values: Sequence[Array]) -> Across:
     return Across(width, height, np.maximum(up, down))
 
 
+def of_ends(c: Camera, field: SensorField) -> tuple[tuple[ChiefRays, ChiefRays], ...]:
+    """Chief rays of the field's `ends`, in that order."""
+    every = [place for pair in ends(field) for place in pair]
+    x, y = (np.stack(np.broadcast_arrays(*axis, np.empty(c.shape))[:-1]) for axis in zip(*every, strict=True))
+    rays = chief_rays(c, (x, y))
+    each = [ChiefRays(*((x[k], y[k]) for x, y in rays)) for k in range(len(every))]
+    return tuple(zip(each[::2], each[1::2], strict=True))
+
+
 def field_of_view(c: Camera, field: SensorField) -> Across:
     """Full angles between the chief rays of the field's ends, from the entrance pupil [degrees]."""
-    return widest([between(directions(c, a), directions(c, b)) for a, b in ends(field)])
+    return widest([between(a.directions, b.directions) for a, b in of_ends(c, field)])
 
 
 def tip_field_of_view(c: Camera, field: SensorField, ahead: Number | None) -> Across:
@@ -110,10 +71,23 @@ def tip_field_of_view(c: Camera, field: SensorField, ahead: Number | None) -> Ac
     """
     away = focus_ahead(c) if ahead is None else ahead
 
-    def direction(place: Place) -> Array:
-        return np.stack(np.broadcast_arrays(*on_plane(c, place, away), away), axis=-1)
+    def direction(rays: ChiefRays) -> Array:
+        return np.stack(np.broadcast_arrays(*rays.on_plane(c.tip + away), away), axis=-1)
 
-    return widest([between(direction(a), direction(b)) for a, b in ends(field)])
+    return widest([between(direction(a), direction(b)) for a, b in of_ends(c, field)])
+
+
+def object_field(c: Camera, field: SensorField, ahead: Number | None) -> Across:
+    """Width, height and diagonal of the field on a plane `ahead` of the tip, or the focal plane if None [mm]."""
+    z = c.tip + (focus_ahead(c) if ahead is None else ahead)
+    return widest([apart(a.on_plane(z), b.on_plane(z)) for a, b in of_ends(c, field)])
+
+
+def apart(one: Places, other: Places) -> Array:
+    """Distance between places on a plane [mm]."""
+    with np.errstate(invalid="ignore"):  # of rays along the plane, which meet it nowhere
+        away = [np.where(np.isinf(a) | np.isinf(b), np.inf, a - b) for a, b in zip(one, other, strict=True)]
+    return np.asarray(np.hypot(*away))
 
 
 def focus_ahead(c: Camera) -> Array:
@@ -129,14 +103,32 @@ def turn_of_prisms(c: Camera) -> float:
 def direction_of_view(c: Camera, field: SensorField) -> Array:
     """Angle between the tube's axis and the chief ray of the field's middle, prisms' turns included [degrees]."""
     (x0, y0), (x1, y1) = field
-    x, y, z = np.moveaxis(directions(c, ((x0 + x1) / 2, (y0 + y1) / 2)), -1, 0)
+    x, y, z = np.moveaxis(chief_rays(c, ((x0 + x1) / 2, (y0 + y1) / 2)).directions, -1, 0)
     turn = turn_of_prisms(c)
     cos, sin = math.cos(turn), math.sin(turn)
     y, z = y * cos + z * sin, z * cos - y * sin
     return np.asarray(np.rad2deg(np.arctan2(np.hypot(x, y), z)))
 
 
-def stretch_of(c: Camera, place: Place) -> tuple[Number, Number]:
-    """How much larger than on the axis the object field of a microlens is, along the field's radius and across it."""
-    p = np.hypot(*outer_slopes(c, place))
-    return c.stretch_along(p), c.stretch(p)
+def scales(c: Camera, place: Place, at: Number | None) -> tuple[Number, Number]:
+    """Millimetres on a plane per millimetre on the array about a microlens, along the field's radius and across it.
+
+    Parameters
+    ----------
+    c : Camera
+    place : pair of float or ndarray
+        The microlens, from the main lens's axis [mm].
+    at : float, ndarray or None
+        How far ahead of the tip the plane is [mm]; None is the focal plane.
+    """
+    if not traced(c):
+        axial = object_scale(c, at)
+        return axial, axial
+    x, y, step, _ = np.broadcast_arrays(*place, NEAR * c.d, np.empty(c.shape))
+    radius = np.hypot(x, y)
+    cos, sin = (np.where(radius > 0, ratio(part, radius), one) for part, one in ((x, 1.0), (y, 0.0)))
+    ways = ((cos, sin), (-cos, -sin), (-sin, cos), (sin, -cos))
+    rays = chief_rays(c, (np.stack([x + step * u for u, _ in ways]), np.stack([y + step * v for _, v in ways])))
+    met = rays.on_plane(c.tip + (focus_ahead(c) if at is None else at))
+    along, across = (apart(*((met[0][k], met[1][k]) for k in pair)) / (2 * step) for pair in ((0, 1), (2, 3)))
+    return along, across

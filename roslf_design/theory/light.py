@@ -73,9 +73,16 @@ def object_sample(c: Camera) -> Array:
     return product(c.d, object_scale(c))
 
 
-def object_scale(c: Camera) -> Array:
-    """Millimetres on the focal plane per millimetre on the array, ``d_f/d_1`` in air; inf at d_f = inf."""
-    return product(c.inverse_m, magnitude(c.focus.magnification))
+def object_scale(c: Camera, at: Number | None = None) -> Array:
+    """Millimetres on the focal plane per millimetre on the array, about the axis; ``d_f/d_1`` in air, inf at d_f = inf.
+
+    Or on a plane `at` ahead of the bore's tip [mm], along chief rays, which meet in the FAP.
+    """
+    if at is None:
+        return product(c.inverse_m, magnitude(c.focus.magnification))
+    plane = c.plane(at + c.tip)
+    # What a rod or a lens shows beyond infinity has depth and magnification both below 0.
+    return np.asarray(c.inverse_m * magnitude(np.asarray(plane.distance - c.d_3) / c.gap * plane.magnification))
 
 
 def chief_spread(c: Camera) -> Number:

@@ -69,19 +69,22 @@ def response(c: Camera, radius: Number) -> Array:
 
 
 def radiance(c: Camera) -> Array:
-    """Of the scene, on average [W/m^2/sr]: as given, or of a matt surface, ``E rho/(683 pi)``."""
+    """Radiance of the scene as air has it, on average [W/m^2/sr]: as given, or of a matt surface, ``E rho/(683 pi)``.
+
+    Both are those in the medium that the scene lies in; out of an index n light comes with 1/n^2 of it, whatever
+    windows it passes.
+    """
     given = c.numbers.get("light.radiance")
-    if given is not None:
-        return np.asarray(given)
-    return np.asarray(c["light.illuminance"] * c["light.reflectance"] / (math.pi * EFFICACY))
+    own = c["light.illuminance"] * c["light.reflectance"] / (math.pi * EFFICACY) if given is None else given
+    return np.asarray(own / c.front[1].medium ** 2)
 
 
 def electron_rate(c: Camera) -> Array:
     """Electrons per second in a pixel that its microlens lights fully, where the scene is as bright as on average.
 
-    ``L q^2 Omega tau QE lambda/(h c)``: the pixel, as it stands behind a relay, sees its microlens under the solid
-    angle ``Omega = (d/d_2)^2``, or pi/4 of that where lenses are round. All lengths are those at the array. Behind
-    colour filters it is a pixel of the brightest colour, in white light.
+    ``L q^2 Omega tau QE lambda/(h c)``, L as air has it: the pixel, as it stands behind a relay, sees its microlens
+    under the solid angle ``Omega = (d/d_2)^2``, or pi/4 of that where lenses are round. All lengths are those at the
+    array. Behind colour filters it is a pixel of the brightest colour, in white light.
     """
     solid = ratio(c.d, c.d_2) ** 2 * (math.pi / 4 if c.lens_shape == "circular" else 1.0)
     watts = product(radiance(c) * 1e-6 * c.q**2, solid) * c["light.transmission"]

@@ -14,12 +14,13 @@ from typing import Any, Literal
 
 import numpy as np
 
-from .._arrays import Array, magnitude, product, ratio
+from .._arrays import Array, product, ratio
 from ..bore.chain import ImagedPlane
 from ..camera import Camera, Number
 from ..design.parts import PATHS
-from ..units import parse_quantity
+from ..units import read_quantity
 from . import (
+    chief_rays,
     depth_of_field,
     exit_pupil,
     f_number,
@@ -68,8 +69,16 @@ class Quantity:
     numeric: bool = False
     """Whether it is summed or tabulated, and so has no derivative by complex numbers."""
     bent_in_f: bool = False
+    traced: bool = False
+    """Whether chief rays are traced for it where something stands before the main lens: it then neither has derivatives
+    by complex numbers nor its extremes at corners."""
     signed: Callable[[Camera, Depth], Array] | None = None
     """Of the magnitude of something of either sign: that something."""
+    infinite: bool = False
+    """Whether it is infinite for cameras that can be built: builds are then told apart by its `finite` twin."""
+    past_infinity: Callable[[Camera, Depth], Array] | None = None
+    """Of what may be infinite and is above 0: -1 over it, going on above 0 where it has gone past infinity. Smooth, so
+    that an optimiser finds its way into and out of infinity."""
     over: Callable[[Camera, Depth, SensorField], Array] | None = None
     """Of what hangs on how much of the array the sensor sees: the same for a rectangle that is given. `monotone` means
     this then, and the rectangle's ends are further lengths in which it rises or falls."""
@@ -124,11 +133,25 @@ class Quantity:
         """
         if self.length:
             in_name = self.name.endswith("_mm")
-            return parse_quantity(value, "length", unit_required=from_file and not in_name)
+            return read_quantity(value, "length", unit_required=from_file and not in_name)
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             unit = f" (in {self.unit})" if self.unit else ""
             raise ValueError(f"{self.name} is limited by a number{unit}, got {value!r}")
         return float(value)
+
+
+def finite(values: Array | float) -> Array:
+    """Finite twin of what may be infinite: itself less 2 up to 1, -1 over it beyond; it rises where that rises."""
+    values = np.asarray(values, float)
+    return np.where(values < 1, values - 2, -1 / np.where(values < 1, 1.0, values))
+
+
+def from_finite(twins: Array | float) -> Array:
+    """What has these finite twins."""
+    twins = np.asarray(twins, float)
+    with np.errstate(divide="ignore"):
+        beyond = np.where(twins < 0, -1 / np.where(twins < 0, twins, -1.0), np.inf)
+    return np.where(np.isnan(twins), np.nan, np.where(twins < -1, twins + 2, beyond))
 
 
 QUANTITIES: dict[str, Quantity] = {}
@@ -175,24 +198,10 @@ def _plane_at(c: Camera, at: Depth | Array) -> ImagedPlane:
     return c.focus if at is None else c.plane(at + c.tip)
 
 
-def _object_scale(c: Camera, at: Depth | Array) -> Array:
-    """Millimetres on a plane per millimetre on the array along chief rays, which meet in the FAP."""
-    if at is None:
-        return light.object_scale(c)
-    # What a rod or a lens shows beyond infinity has depth and magnification both below 0.
-    return np.asarray(c.inverse_m * magnitude(depth_at(c, at) / c.gap * _plane_at(c, at).magnification))
-
-
-def _on_object(c: Camera, at: Depth, place: Array) -> Array:
-    """From the axis to where the chief ray of a place on the array meets a plane [mm]."""
-    straight = place * _object_scale(c, at)
-    return straight if c.law is None else product(straight, c.stretch(light.outer_slope(c, place)))
-
-
 def seen_at(c: Camera, at: Depth | Array) -> Seen:
     """A plane `at` [mm] ahead of the bore's tip, or the focal plane."""
     focus = np.zeros(()) if at is None else light_field.rim_disparity(c, depth_at(c, at))
-    return Seen(focus, _object_scale(c, at))
+    return Seen(focus, light.object_scale(c, at))
 
 
 def depth_error(c: Camera, at: Depth | Array, sigma: Number | None = None) -> Array:
@@ -224,6 +233,24 @@ def _over_field(form: Callable[[Camera, Depth, SensorField], Array]) -> dict[str
     return {"of": lambda c, at: form(c, at, light.sensor_field(c)), "over": form}
 
 
+def _half_field(way: Literal["width", "height", "diagonal"]) -> Callable[[Camera, Depth, SensorField], Array]:
+    """Half of what the sensor sees of a plane, over its width, height or diagonal."""
+
+    def of(c: Camera, at: Depth, field: SensorField) -> Array:
+        if not chief_rays.traced(c):
+            half = field.half_diagonal if way == "diagonal" else field.half[way == "height"]
+            return product(half, light.object_scale(c, at))
+        return np.asarray(getattr(field_of_view.object_field(c, field, at), way) / 2)
+
+    return of
+
+
+def _half_angle(c: Camera, _: Depth, field: SensorField) -> Array:
+    if not chief_rays.traced(c):
+        return np.asarray(np.rad2deg(1.0) * light.field_angle(c, field.half[0]))
+    return field_of_view.field_of_view(c, field).width / 2
+
+
 def _least(values: Array) -> Array:
     return np.asarray(values.min(axis=0))
 
@@ -248,7 +275,7 @@ def _diameters(c: Camera, _: Depth) -> Array:
 def _resolved(level: float) -> Callable[[Camera, Depth], Array]:
     def of(c: Camera, at: Depth) -> Array:
         on_array = resolution.axial_limit(c, image_rate(c, at), level)
-        return ratio(on_array, _object_scale(c, at))
+        return ratio(on_array, light.object_scale(c, at))
 
     return of
 
@@ -285,15 +312,21 @@ def _sharpness(prefix: str, kind: depth_of_field.Kind, image: str) -> tuple[Quan
     def ends(k: int) -> Callable[[Camera, Depth], Array]:
         return lambda c, _: depth_of_field.depth_of_field(c, kind)[k]
 
+    beyond: dict[str, Any] = {"infinite": True, "past_infinity": lambda c, _: depth_of_field.past_infinity(c, kind)}
     sharp = f"end of the depth of field of {image}, ahead of the tip: a point spreads over one microlens pitch"
     far = f"nearest focal plane ahead of the tip with which {image} is sharp to infinity"
     more: dict[str, Any] = {"monotone": False, "numeric": True}
     return (
-        *(
-            Quantity(f"{prefix}depth_of_field_{end}_mm", "mm", f"{end} {sharp}", ends(k), positive=False, **more)
-            for k, end in enumerate(("near", "far"))
+        Quantity(f"{prefix}depth_of_field_near_mm", "mm", f"near {sharp}", ends(0), positive=False, **more),
+        Quantity(f"{prefix}depth_of_field_far_mm", "mm", f"far {sharp}", ends(1), positive=False, **more, **beyond),
+        Quantity(
+            f"{prefix}hyperfocal_mm",
+            "mm",
+            far,
+            lambda c, _: depth_of_field.hyperfocal(c, kind),
+            positive=False,
+            **more,
         ),
-        Quantity(f"{prefix}hyperfocal_mm", "mm", far, lambda c, _: depth_of_field.hyperfocal(c, kind), **more),
     )
 
 
@@ -366,12 +399,14 @@ register(
     Quantity(
         "undistorted_field_mm",
         "mm",
-        "largest undistorted object radius at the focal plane, in the worst direction",
-        lambda c, _: vignetting.on_focal_plane(c, vignetting.undistorted_radii(c, nearest=1e-12)),
+        "largest undistorted object radius at the focal plane, in the worst direction: of a traced chief ray, "
+        "what rims cut to first order; infinite where any field is",
+        lambda c, _: vignetting.on_focal_plane(c, vignetting.undistorted_radii(c)),
         equation="Eq. 6",
         positive=False,
         worst=_least,
         monotone=False,
+        infinite=True,
     ),
     Quantity(
         "centre_shift_px",
@@ -407,30 +442,35 @@ register(
     Quantity(
         "field_half_width_mm",
         "mm",
-        "half the width that the sensor sees, at a distance ahead of the tip or at the focal plane",
-        **_over_field(lambda c, at, field: _on_object(c, at, field.half[0])),
+        "half the width that the sensor sees, at a distance ahead of the tip or at the focal plane, of traced chief "
+        "rays",
+        **_over_field(_half_field("width")),
         at="optional",
+        traced=True,
     ),
     Quantity(
         "field_half_diagonal_mm",
         "mm",
         "the same to the corner",
-        **_over_field(lambda c, at, field: _on_object(c, at, field.half_diagonal)),
+        **_over_field(_half_field("diagonal")),
         at="optional",
+        traced=True,
     ),
     Quantity(
         "field_half_angle_deg",
         "deg",
         "half the angle of view along the width, from the entrance pupil, in the medium of the scene",
-        **_over_field(lambda c, _, field: np.rad2deg(1.0) * light.field_angle(c, field.half[0])),
+        **_over_field(_half_angle),
         monotone=False,
+        traced=True,
     ),
     Quantity(
         "field_half_height_mm",
         "mm",
         "half the height that the sensor sees, at a distance ahead of the tip or at the focal plane",
-        **_over_field(lambda c, at, field: _on_object(c, at, field.half[1])),
+        **_over_field(_half_field("height")),
         at="optional",
+        traced=True,
     ),
     *_angles("width_", "width"),
     *_angles("height_", "height"),
@@ -447,7 +487,8 @@ register(
     Quantity(
         "distortion_percent",
         "%",
-        "image height against that of a flat object drawn without distortion; below 0 is barrel-shaped",
+        "image height against that of a flat object drawn without distortion, of traced chief rays; below 0 is "
+        "barrel-shaped",
         None,
         lambda images: 100 * (ratio(1.0, np.asarray(images.stretch[1], float)) - 1),
         positive=False,
@@ -462,8 +503,8 @@ register(
     Quantity(
         "relative_illumination",
         "",
-        "light of a microlens against an uncut one on the axis: what stops leave, times cos^4 or what a mapping says; "
-        "traced behind a real lens",
+        "light of a microlens against an uncut one on the axis: what stops leave, times cos^4 or what a mapping says, "
+        "through elements to first order; traced behind a real lens",
         None,
         lambda images: images.illumination,
     ),
@@ -471,7 +512,7 @@ register(
         "object_magnification",
         "",
         "millimetres on the array per millimetre on a plane at a distance ahead of the tip, or the focal plane",
-        lambda c, at: ratio(1.0, _object_scale(c, at)),
+        lambda c, at: ratio(1.0, light.object_scale(c, at)),
         at="optional",
         monotone=False,
     ),
@@ -498,7 +539,7 @@ register(
         "fold_lp_per_mm",
         "lp/mm",
         "detail beyond which sampling once a microlens folds it back",
-        lambda c, at: ratio(resolution.fold(c), _object_scale(c, at)),
+        lambda c, at: ratio(resolution.fold(c), light.object_scale(c, at)),
         at="optional",
         monotone=False,
     ),
@@ -508,7 +549,7 @@ register(
         "object_sample_mm",
         "mm",
         "footprint of one microlens, at a distance ahead of the tip or at the focal plane",
-        lambda c, at: product(c.d, _object_scale(c, at)),
+        lambda c, at: product(c.d, light.object_scale(c, at)),
         at="optional",
     ),
     Quantity(
@@ -543,7 +584,8 @@ register(
     Quantity(
         "sigma_z_at_field_mm",
         "mm",
-        "standard error of depth at the focal plane, as the field's own microlens image is cut",
+        "standard error of depth at the focal plane, as the field's own microlens image is cut; through windows to "
+        "first order",
         None,
         _local_depth_sigma,
         numeric=True,

@@ -4,13 +4,20 @@ An object point's wave fills the FAP, shape P, and comes to the array about its 
 shows it to pixels behind. A view takes one pixel of every microlens. As a function of where the object point is, that
 pixel's light has the transfer, at the frequency nu on the array,
 
-    ``integral over P's overlap with itself, lambda d_2 nu apart, of exp(2 pi i nu rho p') K(p', lambda d_2 nu) dp'``,
+    ``integral over P's overlap with itself, s apart, of exp(2 pi i nu rho p') K(p', s) dp'``,  ``s = lambda d_2 nu``,
 
 with P as the sensor sees it, p the pixel, rho the way that a point out of focus moves on the array per way on the
-sensor, and K what the pixel adds up of ``g(p' + s/2) g*(p' - s/2)``, s the shift: g is the field that light from p' of
-the microlens image makes in the pixel, through its microlens, in focus or not (beta), and through its neighbours. The
-refocused image adds up all of a microlens's views, each moved by rho p: with ``t = lambda d_2 rho nu`` the MTF is then
-a product of what the pupil, the microlens and the pixel pass,
+sensor, and K what the pixel adds up of ``g(p' - s/2) g*(p' + s/2)``: g is the field that light from p' of the microlens
+image makes in the pixel, through its microlens, in focus or not (beta), and through all others. Those make K a wave in
+p' but for a factor that repeats itself with the images' pitch: by Poisson's formula the integral is a sum over the
+frequencies k of a lattice, of
+
+    ``P_s(nu rho + k) Q(k) exp(-2 pi i k p) A(k, nu)``,
+
+with P_s the Fourier transform of that overlap, Q that of the pixel, and A what a microlens, and pairs of them, pass
+(`..theory.transfer.pair_transfer`). Diffraction ends the sum; no light is left out where images overlap, and no phase
+that turns fast is sampled. The refocused image adds up all of a microlens's views, each moved by rho p: with
+``t = lambda d_2 rho nu`` the MTF is then a product of what the pupil, the microlens and the pixel pass,
 
     ``MTF(P, lambda d_2 nu) (1 - |t|/d) sinc((d - |t|) nu (1 - beta d_2 rho)) sinc(nu rho q)``.
 
@@ -25,32 +32,30 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._arrays import Array, magnitude, ratio
+from .._arrays import Array, Complex, magnitude, ratio
 from ..camera import Camera, Number
-from ..shapes.discs import Chords, chords
+from ..shapes.discs import chords
+from ..shapes.lattice import lattice_steps
 from .depth_of_field import Kind
-from .exit_pupil import microlens_image_diameter
-from .light import microlens_defocus
+from .exit_pupil import microlens_image_diameter, microlens_image_pitch
+from .light import diffraction_width, independent_views, microlens_defocus
+from .transfer import MicrolensTransfer, pair_transfer, pixel_box
 
 Direction = Literal["tangential", "sagittal"]
 
-ROWS, NODES = 24, 24
-"""Gauss-Legendre rows across a pupil's overlap, and places in each: transfers to 1e-3."""
-MOST = 96
-"""Of these where many blurs of the microlens lie in what a pixel's light comes from."""
-FINE = 48
-"""Places in the width of the microlens's blur at which K is tabulated."""
-TAILS = 8.0
-"""Widths of that blur about a pixel beyond which its light counts no more."""
-ROUND = math.sqrt(3) / 2
-"""Side of the square microlens that stands in for a round one in single views: its second moment over the diameter."""
-PIXEL, NEIGHBOURS = 3, 3
-"""Gauss-Legendre places along each side of a pixel; microlenses to each side whose light it gets as well."""
+ROWS = 32
+"""Gauss-Legendre rows across a pupil's overlap, and places in each, at least; one more a radian of phase."""
+TURNS = {"square": 64, "circular": 32}
+"""Periods across what blurs, the pupil's image, the pixel or a microlens out of focus, up to which its edges count; by
+the microlenses' shape."""
+INTERFERING = {"square": (64, 3), "circular": (8, 2)}
+"""Independent views across a pitch up to which light through two microlenses counts, and how many steps apart they lie
+at most: fields of round ones fall off faster."""
 HALVINGS = 40
 """Of the frequency at which a transfer reaches a level."""
 STEPS = 32
@@ -209,17 +214,15 @@ class FieldTransfer:
         scale, lens = self.scale(direction), self._lens
         if self.middle is None or not 0 < scale < math.inf:
             return [math.nan if self.middle is None else ratio(1.0, scale).item()] * len(levels)
-        reach = 2 * float(np.min(self.radii)) / float(lens.wavelength * lens.distance)
-        # A square microlens ends waves along its diagonal last.
-        end = 2 / float(lens.width) if kind == "view" else 2 * float(_end(lens, self.rate, reach))
-        end = min(end, reach)
-        top = min(end, self.softest)
+        reach = self._width / float(lens.wavelength * lens.distance)
+        end = reach if kind == "view" else min(reach, 2 * float(_end(lens, self.rate, reach)))
+        top = min(end, self.softest, 2 / self._spread if kind == "view" else math.inf)
         grid = np.linspace(0.0, top / scale, STEPS + 1)
         passed = self(grid, kind, direction)
         while passed.min() > min(levels) and top < end:
-            top = min(2 * top, end)
-            grid = np.linspace(0.0, top / scale, STEPS + 1)
-            passed = self(grid, kind, direction)
+            top, start = min(2 * top, end), top
+            more = np.linspace(start / scale, top / scale, STEPS + 1)[1:]
+            grid, passed = np.append(grid, more), np.append(passed, self(more, kind, direction))
         return [_falls(grid, passed, level) for level in levels]
 
     def fold(self, direction: Direction) -> float:
@@ -240,137 +243,145 @@ class FieldTransfer:
         """Direction of the detail."""
         return self.way if direction == "tangential" else (-self.way[1], self.way[0])
 
-    def _chords(self, axes: tuple[float, float], rows: int, between: tuple[float, float] | None = None) -> Chords:
-        """Rows along the detail across what is lit, between two places across it [mm]."""
-        return chords(self.centres @ turn(axes), self.radii, rows, between)
-
-    def _moved(self, x: Array, y: Array, axes: tuple[float, float], shift: Array) -> Array:
-        """Way on the array along the detail that light is moved by [mm].
-
-        Of light that goes to the sensor's places ``x -+ shift`` along the detail and y across it, on average between.
-        """
-        return np.asarray(self.rate * x)
-
     def _refocused(self, nu: Array, direction: Direction) -> Array:
         axes = self.axes(direction)
-        shift = float(self.camera.wavelength * self.camera.d_2) * nu[:, None]
         if self.round:
-            whole = circle_transfer(shift[:, 0] / (2 * self.radii[0]))
-            return np.asarray(np.abs(whole * self._lens.refocused(self.rate, nu, axes)))
-        _, weight, left, right = self._chords(axes, ROWS)
-        pupil = (weight * np.maximum(right - left - shift, 0.0)).sum(-1) / (weight * (right - left)).sum()
-        return np.asarray(np.abs(pupil * self._lens.refocused(self.rate, nu, axes)))
+            whole = circle_transfer(nu * float(self.camera.wavelength * self.camera.d_2) / self._width)
+        else:
+            zero, way = np.zeros(1), np.array(axes)
+            whole = np.array([self._spectrum(each, way, zero, zero, zero)[0, 0] for each in (0.0, *nu.tolist())])
+            whole = whole[1:] / whole[0]
+        return np.asarray(np.abs(whole * self._lens.refocused(self.rate, nu, axes)))
 
     def _view(self, frequencies: Array, direction: Direction) -> Array:
+        axes = np.array(self.axes(direction))
+        total = self._passed(0.0, axes)
+        return np.array([abs(self._passed(nu, axes) / total) for nu in frequencies.tolist()]).reshape(frequencies.shape)
+
+    def _passed(self, nu: float, axes: Array) -> complex:
+        """Light of the view's pixel where the scene is a wave of a frequency on the array [1/mm]."""
         assert self.middle is not None
-        nu, lens = np.append(0.0, frequencies), self._lens
-        axes = self.axes(direction)
-        shift = float(lens.wavelength * lens.distance) * nu[:, None] / 2
-        # Only what the pixel and its blur reach.
-        room = self._reach
-        along, across = np.array(self.middle) @ turn(axes)
-        # Fields turn once a blur width or so, also in the blur of defocus.
-        turns = 2 * min(room, float(self.radii[0])) * float(lens.width / (lens.wavelength * lens.distance))
-        more = min(MOST, math.ceil(2 * turns))
-        y, weight, left, right = self._chords(axes, max(ROWS, more), (across - room, across + room))
-        left, right = np.maximum(left + shift, along - room), np.minimum(right - shift, along + room)
-        half = np.maximum(right - left, 0.0) / 2
-        nodes, weights = np.polynomial.legendre.leggauss(max(NODES, more))
-        x = ((left + right) / 2)[..., None] + half[..., None] * nodes
-        light = (weight * half)[..., None] * weights
-        moved = self._moved(x, y[:, None], axes, shift[..., None])
-        if moved.any():
-            light = light * np.exp(2j * math.pi * nu[:, None, None] * moved)
-        if lens.circular:  # the square that stands in for it lies along the detail
-            axes, middle = (1.0, 0.0), (float(along), float(across))
-        else:
-            middle = self.middle
-        for k, (own, other, sign) in enumerate(((*axes, -1.0), (axes[1], axes[0], 1.0))):
-            places = (x * own if own else 0.0) + (sign * other * y[:, None] if other else 0.0)
-            light = light * self._seen(k, np.asarray(places) - middle[k], own * shift[..., None])
-        total = np.abs(light.sum((1, 2)))
-        return np.asarray(total[1:] / total[0])
+        along, up, steps, order = self._orders(nu, axes)
+        if not order.size:
+            return 0j
+        waves = np.stack(np.broadcast_arrays(along, up + steps[:, None]), -1)
+        at = waves - nu * self.rate * axes
+        soft = np.clip(2 * np.hypot(waves[..., 0], waves[..., 1]) * self._width / self._most - 1, 0.0, 1.0)
+        light = self._spectrum(nu, axes, along, up, steps) * np.cos(math.pi / 2 * soft) ** 2
+        light *= pixel_box(at, self.camera.q).prod(-1) * np.exp(-2j * math.pi * (at @ self.middle))
+        return complex((light * self._lenses(at, order, nu * axes)).sum())
 
-    def _seen(self, axis: int, places: Array, shift: Array) -> NDArray[np.complexfloating[Any, Any]]:
-        """K along an axis of the lattice, of places of the image, from the pixel, that are twice `shift` apart [mm]."""
-        at, table = self._fields[axis]
+    def _lenses(self, at: Array, order: NDArray[np.int64], detail: Array) -> Array:
+        """What microlenses pass at frequencies of the lattice (M, N, 2) and these orders, of detail on the array."""
+        if self._microlens.circular or self.camera.layout != "square":
+            return self._paired(at.reshape(-1, 2), order.reshape(-1, 2), detail, self._pairs).reshape(at.shape[:2])
+        lines = []
+        for axis, row in ((1, np.s_[:, :1]), (0, np.s_[:1, :])):
+            own = np.arange(2) == axis
+            pairs = [pair for pair in self._pairs if not pair[~own].any()]
+            line, orders = (np.where(own, part[row], 0).reshape(-1, 2) for part in (at, order))
+            lines.append(self._paired(line, orders, detail * own, pairs))
+        return np.multiply.outer(*lines)
 
-        def read(where: Array) -> NDArray[np.complexfloating[Any, Any]]:
-            index = np.clip((where - at[0]) / (at[1] - at[0]), 0, len(at) - 1.001)
-            low = index.astype(int)
-            part = (index - low)[None]
-            return np.asarray(table[:, low] * (1 - part) + table[:, low + 1] * part)
+    def _paired(self, at: Array, order: NDArray[np.int64], detail: Array, pairs: Sequence[NDArray[np.int64]]) -> Array:
+        lens, passed = self._microlens, np.zeros(len(at))
+        for pair in pairs:
+            apart = float(self.camera.d) * lattice_steps(self.camera.layout) @ pair
+            near = (np.abs(lens.wavelengths[0] * lens.sensor_distance * at - apart) < lens.width).all(-1)
+            part = pair_transfer(lens, at[near], apart, float(self.camera.vergence), detail)
+            passed[near] += np.where(order[near] @ pair % 2, -part, part)
+        return passed
 
-        if not np.any(shift):
-            field = read(places)
-            return np.asarray((field.real**2 + field.imag**2).sum(0))
-        return np.asarray((read(places - shift) * read(places + shift).conj()).sum(0))
+    def _orders(self, nu: float, axes: Array) -> tuple[Array, Array, Array, NDArray[np.int64]]:
+        """Frequencies at which the pupil's transform is asked for [1/mm], and their orders in the lattice.
 
-    @cached_property
-    def _fields(self) -> list[tuple[Array, NDArray[np.complexfloating[Any, Any]]]]:
-        """Along each axis: places of the image, from the pixel, and the field that light from there makes in the pixel.
-
-        At Gauss-Legendre places of the pixel, times the root of their weights; neighbours' fields with it where the
-        array is a square one of square microlenses.
+        Columns of the same frequency along x, shape (N,), where each begins along y, and steps from there, (M,); orders
+        (M, N, 2).
         """
-        assert self.middle is not None
-        lens, width = self._lens, float(self._lens.width) * (ROUND if self._lens.circular else 1.0)
-        wave, distance, vergence = float(lens.wavelength), float(lens.distance), float(self.camera.vergence)
-        alone = lens.circular or self.camera.layout == "hexagonal"
-        spread, pitch, pixel = wave * distance, float(self.camera.d), float(lens.pixel)
-        image_pitch = pitch * (1 + distance * vergence)
-        reaching = float(ratio(TAILS * spread / width, abs(image_pitch)))
-        farthest = 0 if alone else math.ceil(min(reaching, NEIGHBOURS))
-        steps = list(range(-farthest, farthest + 1))
-        reach = min(2 * float(self.radii[0]), self._reach)
-        count = math.ceil(reach * width / spread * FINE)
-        grid = np.linspace(-reach, reach, 2 * count + 1)
-        sides, share = np.polynomial.legendre.leggauss(PIXEL)
-        off = grid + (np.multiply(steps, image_pitch)[:, None, None] - sides[:, None] * pixel / 2)
-        waves = self._behind(off, width)
-        fields = []
-        for axis in (0, 1):
-            from_middle = self.middle[axis] - float(self.centres[0, axis])
-            table = np.zeros((PIXEL, len(grid)), complex)
-            for k, each in zip(steps, waves, strict=True):
-                at = from_middle + sides[:, None] * pixel / 2
-                away = at - k * pitch
-                phase = away * away / distance + (k * pitch) ** 2 * vergence
-                turn = 2 / spread * k * pitch * (grid + from_middle) + phase / wave
-                table += each * np.exp(1j * math.pi * turn) * np.sqrt(share / 2)[:, None]
-            fields.append((grid, table))
-        return fields
+        camera, lens, period = self.camera, self._microlens, self._period
+        moved, paired = nu * self.rate * axes, len(self._pairs) > 1
+        ends = [(-moved, self._most / self._width), (0.0 * axes, self._most / float(camera.q))]
+        reach = max(int(pair.max()) for pair in self._pairs) or 1
+        ends.append((0.0 * axes, reach * lens.width / (lens.wavelengths[0] * lens.sensor_distance)))
+        bend = lens.defocus * lens.sensor_distance
+        if bend != 0 and not paired:
+            ends.append((-nu * axes / bend, self._most / abs(lens.width * bend)))
+        # Detail on the array, as its microlenses' images repeat it.
+        first = nu * float(camera.d) / math.copysign(period, float(microlens_image_pitch(camera))) * axes
+        low = np.max([(middle - half - first) * period for middle, half in ends], axis=0)
+        high = np.min([(middle + half - first) * period for middle, half in ends], axis=0)
+        (_, slant), (_, rise) = lattice_steps(camera.layout)
+        columns = np.arange(math.ceil(low[0]), math.floor(high[0]) + 1)
+        rows = np.arange(math.ceil(low[1] * rise), math.floor(high[1] * rise) + 2)
+        start = np.floor(slant * columns).astype(int)
+        order = np.stack(np.broadcast_arrays(columns, start + rows[:, None]), -1)
+        begin = first + moved
+        up = begin[1] + (start - slant * columns) / (rise * period)
+        return begin[0] + columns / period, up, rows / (rise * period), order
 
-    def _behind(self, off: Array, width: float) -> NDArray[np.complexfloating[Any, Any]]:
-        """Field that a wave from the FAP makes behind a microlens, `off` the place where rays would meet the sensor."""
-        spread = float(self._lens.wavelength * self._lens.distance)
-        waves = math.pi * float(self._lens.defocus / self._lens.wavelength)
-        if abs(waves) * width * width < 1e-3:
-            return np.sinc(off * (width / spread)) + 0j
-        reach = float(np.abs(off).max())
-        at = np.linspace(-reach, reach, 2 * math.ceil(reach * width / spread * FINE) + 1)
-        nodes, weights = np.polynomial.legendre.leggauss(
-            24 + 2 * math.ceil(reach * width / spread + abs(waves) * width**2)
-        )
-        w = nodes * width / 2
-        table = np.exp(2j * math.pi / spread * at[:, None] * w) @ (np.exp(-1j * waves * w * w) * weights / 2)
-        return np.asarray(np.interp(off, at, table.real) + 1j * np.interp(off, at, table.imag))
+    def _spectrum(self, nu: float, axes: Array, along: Array, up: Array, steps: Array) -> Complex:
+        """Transform of the pupil's overlap with itself at such frequencies, shape (M, N)."""
+        apart = np.multiply.outer([-0.5, 0.5], nu * float(self.camera.wavelength * self.camera.d_2) * axes)
+        centres, radii = (self.centres + apart[:, None]).reshape(-1, 2), np.tile(self.radii, 2)
+        y, weight, left, right = chords(centres, radii, self._rows(up, steps))
+        half = (right - left) / 2
+        light = (2 * half * weight) * np.sinc(2 * along[:, None] * half)
+        light = light * np.exp(2j * math.pi * (along[:, None] * (left + right) / 2 + up[:, None] * y))
+        return np.asarray(np.exp(2j * math.pi * steps[:, None] * y) @ light.T)
+
+    def _rows(self, up: Array, steps: Array) -> int:
+        """So many as phases along y turn in radians, and more."""
+        turns = self._width * float(np.abs(up + steps[:, None]).max(initial=0.0))
+        return ROWS + math.ceil(math.pi * turns)
 
     @cached_property
-    def _reach(self) -> float:
-        """How far from a pixel the light of its image comes from, by diffraction and defocus [mm]."""
+    def _spread(self) -> float:
+        """How far apart on the array light of a point lies that a view sees, at most or so [mm]."""
+        lens, camera = self._microlens, self.camera
+        pitch = float(microlens_image_pitch(camera))
+        blur = float(camera.q + diffraction_width(camera)) + lens.width * lens.sensor_distance * abs(lens.defocus)
+        spread = lens.width + abs(self.rate) * min(blur, self._width)
+        if self._width > abs(pitch):  # of several microlenses
+            spread += self._width * abs(self.rate + float(ratio(camera.d, pitch)))
+        return spread
+
+    @property
+    def _most(self) -> int:
+        return TURNS[self.camera.lens_shape]
+
+    @cached_property
+    def _width(self) -> float:
+        """Of the pupil's image [mm]."""
+        return max(2 * float(self.radii.min()), 1e-9 * float(self.camera.d))
+
+    @cached_property
+    def _microlens(self) -> MicrolensTransfer:
         lens = self._lens
-        blurs = TAILS * lens.wavelength * lens.distance / lens.width + lens.width * np.abs(lens.defocus) * lens.distance
-        return float(lens.pixel + blurs)
+        return MicrolensTransfer(
+            float(lens.width), float(lens.distance), float(lens.defocus), (float(lens.wavelength),), lens.circular
+        )
+
+    @cached_property
+    def _pairs(self) -> list[NDArray[np.int64]]:
+        """Steps from one microlens to another whose light interferes with its own; of itself first."""
+        views, farthest = INTERFERING[self.camera.lens_shape]
+        reach = np.arange(-farthest, farthest + 1) if float(independent_views(self.camera)) < views else [0]
+        pairs = [np.array([i, j]) for i in reach for j in reach]
+        return sorted(pairs, key=lambda pair: float(np.abs(pair).sum()))
+
+    @cached_property
+    def _period(self) -> float:
+        """Of the images, or less where they stand alone and their light does not come so far [mm]."""
+        lens = self._microlens
+        apart = max(abs(float(microlens_image_pitch(self.camera))), 1e-6 * self._width)
+        if len(self._pairs) > 1:
+            return apart
+        blur = float(self.camera.q) + lens.width * lens.sensor_distance * abs(lens.defocus)
+        return min(apart, self._width + blur / 2 + 2 * float(diffraction_width(self.camera)))
 
     @cached_property
     def _lens(self) -> Lenslet:
         return Lenslet.of(self.camera)
-
-
-def turn(axes: tuple[float, float]) -> Array:
-    """Takes points, from the right, to their places along and across a direction, (2, 2)."""
-    return np.array([[axes[0], -axes[1]], [axes[1], axes[0]]])
 
 
 def _falls(at: Array, values: Array, level: float) -> float:

@@ -15,14 +15,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._arrays import Array, floats, magnitude, product
+from .._arrays import Array, floats, magnitude, product, ratio
 from ..camera import Camera, Frame, Number, Rim, Vector
 from ..camera.frames import cross, dot, minus, plus, times, total
 from ..shapes.discs import DiscIntersection, intersect
 from ..shapes.ellipses import intersect_ellipses
+from .chief_rays import ChiefRays, chief_rays, outer_slopes
 from .exit_pupil import stop_angle
-from .field_of_view import directions, on_plane, outer_slopes, stretch_of
-from .light import falloff
+from .field_of_view import scales
+from .light import falloff, object_scale
 
 Linear = tuple[Number, Number, Number]
 """Coefficients of 1, alpha and beta, the coordinates on a stop's plane [mm]."""
@@ -153,6 +154,28 @@ def _reach(pencil: Ellipse, off: Number) -> Number:
     return reach
 
 
+ROUNDING = 2.0**-49
+"""Share of a radius, or of a distance, that a few roundings make up."""
+
+
+def room_in_pupil(c: Camera, rim: Rim) -> Array:
+    """Room that a rim in the FAP's own plane leaves about it [mm, on that plane]; nan where it stands elsewhere.
+
+    The same at any field: such a rim, as the main lens is to a pupil at d_3 = 0, cuts all microlens images or none.
+    What rounding leaves of no room is none.
+    """
+    radius, distance, pupil = floats(rim.radius, rim.distance, c.fap.distance)
+    (x, y), (u, v) = c.decentre(rim.part), c.decentre("aperture")
+    room = settled(radius - c.fap.radius - np.hypot(x - u, y - v), radius)
+    beside = np.abs(distance - pupil) <= ROUNDING * np.maximum(c.f, np.abs(pupil))
+    return np.where(beside, room, np.nan)
+
+
+def settled(room: Array, size: Number) -> Array:
+    """Room beside a rim of a size, none where rounding alone tells it from none."""
+    return np.where(np.abs(room) <= ROUNDING * np.abs(size), 0.0, room)
+
+
 def stop_discs(c: Camera, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
     """Discs that the FAP and the rims cut out of the light behind pinhole microlenses.
 
@@ -181,14 +204,20 @@ def stop_discs(c: Camera, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
         centres[..., 0] = product(scale, at_x[..., None] * bend - aside[:, 0])
         centres[..., 1] = product(scale, at_y[..., None] * bend - aside[:, 1])
         radii[:] = np.array([rim.radius for rim in rims], float) * magnitude(scale)
-        return centres, radii
-    for k, rim in enumerate(rims):
+    for k, rim in enumerate(rims if c.shape else ()):
         scale = product(c.d_2, stop_angle(c, rim.distance))
         bend = (c.f - rim.distance) / c.f  # d_1/L_k over h: one factor for both terms, or they would be inf - inf
         e_x, e_y = c.decentre(rim.part)
         centres[..., k, 0] = product(scale, at_x * bend - e_x)
         centres[..., k, 1] = product(scale, at_y * bend - e_y)
         radii[..., k] = rim.radius * magnitude(scale)
+    for k, rim in enumerate(c.rims, 1):
+        whole = room_in_pupil(c, rim) >= 0
+        if np.any(whole):  # no rounding of centres may cut there
+            apart = np.hypot(*np.moveaxis(centres[..., k, :] - centres[..., 0, :], -1, 0))
+            same = (apart == 0) & (radii[..., k] == radii[..., 0])  # which cuts nothing either
+            around = np.maximum(radii[..., k], (radii[..., 0] + apart) * (1 + ROUNDING))
+            radii[..., k] = np.where(whole & ~same, around, radii[..., k])
     return centres, radii
 
 
@@ -248,16 +277,30 @@ class MicrolensImages:
     @cached_property
     def stretch(self) -> tuple[Number, Number]:
         """Of a microlens's part of the focal plane against that on the axis, along the field's radius and across it."""
-        return stretch_of(self.camera, (self.microlens[0], self.microlens[1]))
+        along, across = self.scales(None)
+        axial = object_scale(self.camera)
+        return ratio(along, axial), ratio(across, axial)
+
+    def scales(self, at: float | None) -> tuple[Number, Number]:
+        """Millimetres on a plane ahead of the tip per millimetre on the array, along the field's radius and across it.
+
+        None is the focal plane.
+        """
+        return scales(self.camera, (self.microlens[0], self.microlens[1]), at)
+
+    @cached_property
+    def chief_rays(self) -> ChiefRays:
+        """Rays through the middles of microlenses and the FAP, in front of the bore."""
+        return chief_rays(self.camera, (self.microlens[0], self.microlens[1]))
 
     @property
     def directions(self) -> Array:
         """Unit vectors of chief rays away from the bore, in the medium of the scene; shape (..., 3), the axis last."""
-        return directions(self.camera, (self.microlens[0], self.microlens[1]))
+        return self.chief_rays.directions
 
     def on_plane(self, ahead: Number) -> tuple[Number, Number]:
         """Where chief rays meet a plane `ahead` of the bore's tip, from the system's axis [mm]."""
-        return on_plane(self.camera, (self.microlens[0], self.microlens[1]), ahead)
+        return self.chief_rays.on_plane(self.camera.tip + ahead)
 
     @cached_property
     def level(self) -> Number:
@@ -317,7 +360,11 @@ class MicrolensImages:
             crossing = point if on_lens else project(point, self.microlens, bend, c.pose(rim.part))
             pencil = crossing.ellipse(c.fap.radius)
             off = np.hypot(pencil.x, pencil.y)
-            rooms.append(times(rim.scale, rim.radius - off - _reach(pencil, off)))
+            room = settled(rim.radius - off - _reach(pencil, off), rim.radius)
+            if not c.tilted:
+                anywhere = room_in_pupil(c, rim)
+                room = np.where(np.isnan(anywhere), room, anywhere)
+            rooms.append(times(rim.scale, room))
         return reduce(np.minimum, rooms)
 
     @cached_property

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from .._arrays import Array as Floats
 from ..camera import Camera, Number
+from ..shapes.discs import gauss_legendre
 from .light import microlens_defocus
 
 
@@ -22,8 +23,14 @@ class Switches(Protocol):
         """Whether an effect is on."""
 
 
-NODES = 64
-"""Gauss-Legendre nodes across a circular aperture's overlap, and four more for each cycle of defocus across it."""
+NODES, PER_CYCLE = 24, 2.5
+"""Gauss-Legendre nodes across a circular aperture's overlap, and more for each cycle of a phase across it: to 1e-12."""
+
+CYCLES = (0, 4, 8, 16, 32, 64, 128, 256, 512, 1024)
+"""Cycles up to which counts of nodes serve; less than 1e-5 is left beyond."""
+
+MOST_TERMS = 2**18
+"""Nodes of overlaps at a time, for memory's sake."""
 
 TABULATE_FROM = 20_000
 """Frequencies from which a circle's transfer is read from a table along the radius, to about 1e-7."""
@@ -64,18 +71,34 @@ def circle_overlap(offset: Floats, along: Floats, across: ArrayLike = 0.0) -> Fl
     along, across : array_like
         Turns that a phase takes over the unit length, along the offset and across it; of the same shape, or numbers.
     """
-    half = np.maximum(1.0 - offset, 0.0)[..., None] / 2
-    along, across = (np.asarray(cycles, float)[..., None] for cycles in (along, across))
-    cycles = max(float(np.abs(part).max(initial=0.0)) for part in (along, across))
-    nodes, weights = np.polynomial.legendre.leggauss(NODES + 4 * min(1000, math.ceil(cycles)))
+    offset, along, across = (np.asarray(part, float) for part in np.broadcast_arrays(offset, along, across))
+    turns = np.maximum(np.abs(along), np.abs(across))
+    total = np.zeros(offset.shape)
+    near = np.flatnonzero((offset < 1.0) & (turns <= CYCLES[-1]))
+    # Fast ones apart from slow ones, which need fewer nodes.
+    near = near[np.argsort(turns.flat[near], kind="stable")]
+    start = 0
+    while start < near.size:
+        most = next(cycles for cycles in CYCLES if cycles >= turns.flat[near[start]])
+        nodes, end = NODES + math.ceil(PER_CYCLE * most), int(np.count_nonzero(turns.flat[near] <= most))
+        part = near[start : min(end, start + MOST_TERMS // nodes)]
+        total.flat[part] = _overlap(offset.flat[part], along.flat[part], across.flat[part], nodes)
+        start += part.size
+    return total
+
+
+def _overlap(offset: Floats, along: Floats, across: Floats, count: int) -> Floats:
+    """`circle_overlap` from so many nodes; shape (N,)."""
+    half = (1.0 - offset)[:, None] / 2
+    nodes, weights = gauss_legendre(count)
     angle = (nodes + 1) * (math.pi / 4)
     # Column by column along the offset; x = L sin^2 removes the rim's square root.
     x = half * np.sin(angle) ** 2
-    chord = np.sqrt((half - x) * (half + x + offset[..., None]))
+    chord = np.sqrt((half - x) * (half + x + offset[:, None]))
     ramp = half * 2 * np.sin(angle) * np.cos(angle) * weights * (math.pi / 4)
-    turns = np.cos(2 * math.pi * along * x)
+    turns = np.cos(2 * math.pi * along[:, None] * x)
     if across.any():
-        turns = turns * np.sinc(2 * across * chord)
+        turns *= np.sinc(2 * across[:, None] * chord)
     return np.asarray((chord * turns * ramp).sum(-1) * 16 / math.pi)
 
 
@@ -153,3 +176,58 @@ class MicrolensTransfer:
     def _circle(self, frequency: Floats, wavelength: float) -> Floats:
         cycles = self.defocus * self.sensor_distance * self.width * frequency
         return circle_overlap(wavelength * self.sensor_distance * frequency / self.width, cycles)
+
+
+def pair_transfer(
+    transfer: MicrolensTransfer, frequency: Floats, apart: Floats, vergence: float, detail: ArrayLike = (0.0, 0.0)
+) -> Floats:
+    """What a microlens and another one, `apart` from it, pass together by interference; 1 for one alone at frequency 0.
+
+    Where both light the sensor, from an incoherent pupil, a frequency G comes of pairs of points ``a = lambda d_2 G``
+    apart: of the overlap of one aperture with the other, shifted by a. In the overlap, of offset ``a - apart`` and with
+    coordinates u about its middle, the two paths differ by ``u . (apart/f_ml - defocus a)``, which for one microlens is
+    its defocus. Squares and circles.
+
+    Parameters
+    ----------
+    transfer : MicrolensTransfer
+        With one wavelength or more; not `beyond_rays`.
+    frequency : ndarray, shape (M, 2)
+        G on the sensor [1/mm].
+    apart : ndarray, shape (2,)
+        [mm], along the same axes.
+    vergence : float
+        1/L [1/mm].
+    detail : array_like, shape (2,)
+        Frequency of a pattern over the array, seen through the overlap, along the same axes [1/mm].
+
+    Returns
+    -------
+    ndarray, shape (M,)
+        Without the sign ``exp(-i pi G . (apart P/d))``, 1 or -1 at frequencies of the lattice.
+    """
+    c, s, width = math.cos(transfer.rotation), math.sin(transfer.rotation), transfer.width
+    turn, detail = np.array([[c, -s], [s, c]]), np.asarray(detail, float)
+    power = 1 / transfer.sensor_distance + vergence + transfer.defocus  # 1/f_ml
+    total = np.zeros(len(frequency))
+    for wavelength in transfer.wavelengths:
+        pair = wavelength * transfer.sensor_distance * frequency @ turn
+        offset = np.abs(pair - apart @ turn)
+        cycles = (apart @ turn * power - transfer.defocus * pair) / wavelength - detail @ turn
+        if transfer.circular:
+            total += _circles((pair - apart @ turn) / width, cycles * width)
+            continue
+        overlap = np.maximum(width - offset, 0.0)
+        total += (overlap / width * np.sinc(cycles * overlap)).prod(-1)
+    return total / len(transfer.wavelengths)
+
+
+def _circles(shift: Floats, cycles: Floats) -> Floats:
+    """Overlap of two circles 1 wide, `shift` (M, 2) apart: phase turns along and across it."""
+    offset, total = np.hypot(*shift.T), np.zeros(len(shift))
+    near = offset < 1
+    offset, cycles = offset[near], cycles[near]
+    unit = np.where(offset > 0, shift[near].T / np.where(offset > 0, offset, 1.0), [[1.0], [0.0]])
+    aside = np.stack([-unit[1], unit[0]])
+    total[near] = circle_overlap(offset, *((cycles.T * axis).sum(0) for axis in (unit, aside)))
+    return total

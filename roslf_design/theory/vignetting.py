@@ -14,7 +14,10 @@ from numpy.typing import ArrayLike
 
 from .._arrays import Array, floats, magnitude, product, ratio
 from ..camera import Camera
-from .light import SensorField, outer_slope, sensor_field
+from ..design.parts import PATHS
+from .chief_rays import chief_rays, traced
+from .light import SensorField, sensor_field
+from .stop_images import room_in_pupil, settled
 
 
 class FieldBound(NamedTuple):
@@ -103,8 +106,10 @@ def room_at(c: Camera, object_radius: ArrayLike) -> Array:
         between = d_f - rim.distance
         offset = np.hypot(*(e * gap - o * between for e, o in zip(c.decentre(rim.part), pupil, strict=True)))
         axial = rim.radius * room - de * magnitude(between)
-        rooms.append(rim.scale * ((axial - 2 * offset - 2 * radius * np.abs(d_3 - rim.distance)) / room))
-    return np.stack(np.broadcast_arrays(*rooms))
+        here = settled((axial - 2 * offset - 2 * radius * np.abs(d_3 - rim.distance)) / room, rim.radius)
+        anywhere = room_in_pupil(c, rim)
+        rooms.append(rim.scale * np.where(np.isnan(anywhere), here, anywhere))
+    return np.stack(np.broadcast_arrays(*rooms, np.zeros(c.shape))[:-1])
 
 
 def corner_room(c: Camera, field: SensorField | None = None) -> Array:
@@ -112,7 +117,7 @@ def corner_room(c: Camera, field: SensorField | None = None) -> Array:
     return room_at(c, (field or sensor_field(c)).radius * c.inverse_m)
 
 
-def undistorted_radii(c: Camera, nearest: float = 0.0) -> Array:
+def undistorted_radii(c: Camera) -> Array:
     """Largest radius on the focal plane whose pencil each rim leaves whole, in the worst direction [mm].
 
     As the main lens sees it; the object's own is larger by the magnification of `Camera.focus`.
@@ -121,27 +126,58 @@ def undistorted_radii(c: Camera, nearest: float = 0.0) -> Array:
     ----------
     c : Camera
         Its tilts are left out.
-    nearest : float
-        Least distance, in units of d_f, that a rim is taken to stand from the FAP: where it is 0, a rim in the FAP's
-        own plane bounds no field (inf); an optimiser wants a finite number.
 
     Returns
     -------
     ndarray, shape (K, ...)
-        One row a rim of `Camera.rims`; below 0 where even the axis is cut, by as much as it is.
+        One row a rim of `Camera.rims`; below 0 where even the axis is cut, by as much as it is. A rim in the FAP's own
+        plane cuts all fields alike: inf where it leaves room, else its room.
     """
-    d_f, d_3, gap = *floats(c.d_f, c.d_3), magnitude(c.gap)
+    d_3, gap = *floats(c.d_3), magnitude(c.gap)
     radii = []
     for rim, room in zip(c.rims, room_at(c, 0.0), strict=True):
-        between = np.maximum(np.abs(d_3 - rim.distance), nearest * d_f)
-        radii.append(product(ratio(room / rim.scale, between), gap))
-    return np.stack(np.broadcast_arrays(*radii))
+        bound = product(ratio(room / rim.scale, np.abs(d_3 - rim.distance)), gap)
+        alike = np.where(room >= 0, np.inf, room)
+        radii.append(np.where(np.isnan(room_in_pupil(c, rim)), bound, alike))
+    return np.stack(np.broadcast_arrays(*radii, np.zeros(c.shape))[:-1])
 
 
 def on_focal_plane(c: Camera, radii: Array) -> Array:
-    """Radii on the focal plane as the main lens sees them, where they are [mm]."""
+    """Radii on the focal plane as the main lens sees them, where they are [mm]: along chief rays, of either sign."""
     straight = radii * magnitude(c.focus.magnification)
-    return straight if c.law is None else product(straight, c.stretch(outer_slope(c, np.abs(radii) / c.inverse_m)))
+    if not traced(c):
+        return straight
+    places = np.where(np.isfinite(radii), np.abs(radii), 0.0) / c.inverse_m
+    rays = chief_rays(c, (np.stack([places, np.zeros_like(places)]), np.zeros(())))
+    x, y = rays.on_plane(c[PATHS["d_f"]])
+    met = np.copysign(np.hypot(x[0] - x[1], y[0] - y[1]), radii)
+    return np.where(np.isfinite(radii), met, straight)
+
+
+def field_margins(c: Camera) -> Array:
+    """What limits on the undistorted field are judged by where no field may be too large.
+
+    Parameters
+    ----------
+    c : Camera
+        Its tilts are left out.
+
+    Returns
+    -------
+    ndarray, shape (K, 3, ...)
+        Of each rim of `Camera.rims` the undistorted radius r where it is [mm], the room on the axis a and what each
+        millimetre of radius takes of it b: all finite but r, and ``a - r b`` is 0.
+    """
+    radii, room = on_focal_plane(c, undistorted_radii(c)), room_at(c, 0.0)
+    d_3, gap, grown = *floats(c.d_3), magnitude(c.gap), magnitude(c.focus.magnification)
+    first_order = [
+        np.where(np.isnan(room_in_pupil(c, rim)), rim.scale * np.abs(d_3 - rim.distance) / (gap * grown), 0.0)
+        for rim in c.rims
+    ]
+    taken: Array = np.stack(np.broadcast_arrays(*first_order, np.zeros(c.shape))[:-1])
+    if traced(c):  # the radius is that of a traced ray
+        taken = np.where(np.isfinite(radii) & (radii != 0), ratio(room, radii), taken)
+    return np.stack([radii, *np.broadcast_arrays(room, taken)], axis=1)
 
 
 class FieldLimit(NamedTuple):

@@ -5,18 +5,22 @@ What is undefined is counted beside: it fails every limit and is never averaged 
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from bisect import bisect_left
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import takewhile
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._arrays import Array
 from ..camera import Camera
-from ..theory.quantities import QUANTITIES
+from ..theory import chief_rays
+from ..theory.quantities import QUANTITIES, finite, from_finite
 from .draws import Draws, sobol_points
 from .places import of_parts
 from .run import Tally, quantiles, rebin
@@ -42,6 +46,12 @@ LINEAR = 0.1
 """|RSS / Monte Carlo - 1| above which a response counts as not linear."""
 RESAMPLES = 256
 """Bootstrap samples of Sobol indices."""
+LOST = 8
+"""Builds that a wanted yield loses at least among those that a change is searched by: fewer tell it from no other."""
+FRESH, ROUNDS = 4, 6
+"""How many times as many builds a change is judged by as it was searched by, and how often it is searched anew."""
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -74,21 +84,66 @@ def curve_trials(plan: TolerancePlan) -> int:
 
 def yield_at(plan: TolerancePlan, scale: float, trials: int) -> Yield:
     """Yield with all tolerances times `scale`; the same draws at every scale."""
-    return Yield(sum(_passing(plan, scale, trials)), trials)
+    return Yield(sum(_passing(plan, scale, first_draws(plan.draws, trials))), trials)
 
 
-def _passing(plan: TolerancePlan, scale: float, trials: int) -> Iterator[int]:
+def _passing(plan: TolerancePlan, scale: float, deviations: Array) -> Iterator[int]:
     """How many builds hold all limits, block by block."""
-    deviations = first_draws(plan.draws, trials)
-    for at in range(0, trials, BLOCK):
+    for at in range(0, deviations.shape[1], BLOCK):
         block = measure_finally(plan, deviations[:, at : at + BLOCK], scale)
         yield int(plan.passes(block).all(axis=0).sum())
 
 
-@lru_cache(maxsize=2)
+@lru_cache(maxsize=4)
 def first_draws(draws: Draws, trials: int) -> Array:
     """Deviations of the first trials, which a curve's every point shares."""
     return draws.deviations(draws.uniforms(0, trials))
+
+
+def fresh(draws: Draws) -> Draws:
+    """The same builds drawn anew, none of them a run's: by these is judged what was tuned to the first."""
+    seed = np.random.SeedSequence(draws.seed, spawn_key=(2**32 + 1,)).generate_state(1, np.uint64)
+    return replace(draws, seed=int(seed[0]))
+
+
+def search_trials(trials: int, target: float) -> int:
+    """Trials that tell a wanted yield from a smaller one: so many, or more where it is near 1."""
+    return max(trials, math.ceil(LOST / (1 - target)))
+
+
+def least_passed(share: float, trials: int) -> int:
+    """Fewest trials that must pass for the interval of their yield to begin at a share; one too many where none do."""
+    return bisect_left(range(trials + 1), share, key=lambda passed: Yield(passed, trials).interval[0])
+
+
+def promised(
+    search: Callable[[float], T | None], judged: Callable[[T], Yield], target: float
+) -> tuple[T, Yield] | None:
+    """What a search comes up with whose yield is the target for sure, and that yield, on draws of its own.
+
+    Whatever was tuned until some builds hold a target holds it better on these than on others. So the search aims at
+    the lower end of the yield's interval, other builds judge, and where these fall short it aims higher by as much.
+
+    Parameters
+    ----------
+    search : callable
+        From the share that the interval's lower end is to reach, on its own builds, to the best that does; None where
+        nothing does.
+    judged : callable
+        Its yield on `fresh` draws.
+    target : float
+        Wanted yield.
+    """
+    aim = target
+    for _ in range(ROUNDS):
+        best = search(aim)
+        if best is None:
+            return None
+        result = judged(best)
+        if result.interval[0] >= target:
+            return best, result
+        aim += target - result.interval[0]
+    return None
 
 
 def yield_curve(plan: TolerancePlan, own: Yield | None = None) -> tuple[tuple[float, Yield], ...]:
@@ -102,7 +157,7 @@ def yield_curve(plan: TolerancePlan, own: Yield | None = None) -> tuple[tuple[fl
 def scale_for_yield(
     plan: TolerancePlan, target: float, curve: Sequence[tuple[float, Yield]] = ()
 ) -> tuple[float, Yield] | None:
-    """Largest common factor on all tolerances, up to 64, whose yield is still the target.
+    """Largest common factor on all tolerances, up to 64, whose yield is the target for sure.
 
     Parameters
     ----------
@@ -116,34 +171,41 @@ def scale_for_yield(
     -------
     (factor, yield) or None
         None where even a thousandth of the tolerances misses the target: the nominal design is at fault. The yield is
-        that of `curve_trials` trials with the same draws at every factor, so it falls in steps of one trial.
+        `promised`: that of other draws than the factor was found by, its interval not below the target.
     """
-    trials = curve_trials(plan)
-    loose, tight = 64.0, 1e-3
-    held = [scale for scale, _ in takewhile(lambda point: point[1].value >= target, curve)]
-    sure, lost = held[-1] if held else tight, curve[len(held)][0] if len(held) < len(curve) else math.inf
+    trials = search_trials(curve_trials(plan), target)
 
-    def reaches(scale: float) -> bool:
-        if scale >= lost or tight < scale <= sure:
-            return scale < lost
-        passed, left = 0, trials
-        for count in _passing(plan, scale, trials):  # until it is settled
-            passed, left = passed + count, max(left - BLOCK, 0)
-            if passed / trials >= target or (passed + left) / trials < target:
-                break
-        return passed / trials >= target
+    def largest(aim: float) -> float | None:
+        least, loose, tight = least_passed(aim, trials), 64.0, 1e-3
+        held = [scale for scale, _ in takewhile(lambda point: point[1].interval[0] >= aim, curve)]
+        sure, lost = held[-1] if held else tight, curve[len(held)][0] if len(held) < len(curve) else math.inf
 
-    if not reaches(tight):
-        return None
-    if reaches(loose):
-        return loose, yield_at(plan, loose, trials)
-    while loose / tight >= 1.001:
-        middle = float(np.sqrt(loose * tight))
-        if reaches(middle):
-            tight = middle
-        else:
-            loose = middle
-    return tight, yield_at(plan, tight, trials)
+        def reaches(scale: float) -> bool:
+            if scale >= lost or tight < scale <= sure:
+                return scale < lost
+            passed, left = 0, trials
+            for count in _passing(plan, scale, first_draws(plan.draws, trials)):  # until it is settled
+                passed, left = passed + count, max(left - BLOCK, 0)
+                if passed >= least or passed + left < least:
+                    break
+            return passed >= least
+
+        if not reaches(tight):
+            return None
+        if reaches(loose):
+            return loose
+        while loose / tight >= 1.001:
+            middle = float(np.sqrt(loose * tight))
+            if reaches(middle):
+                tight = middle
+            else:
+                loose = middle
+        return tight
+
+    def judged(scale: float) -> Yield:
+        return Yield(sum(_passing(plan, scale, first_draws(fresh(plan.draws), FRESH * trials))), FRESH * trials)
+
+    return promised(largest, judged, target)
 
 
 @dataclass(frozen=True)
@@ -161,12 +223,14 @@ class ColumnSummary:
     low: float
     high: float
     """Least and greatest defined value."""
+    infinite: int
+    """Trials in which it is infinite; quantiles may be, mean and standard deviation are not stated."""
     probabilities: tuple[float, ...]
     quantiles: tuple[float, ...]
     """Undefined trials rank as worst: beyond the limit on that side (infinite there), above all where there is none."""
     cuts: tuple[float, ...]
     histogram: tuple[float, ...]
-    """Defined trials between neighbouring cuts."""
+    """Defined trials between neighbouring cuts, infinite ones below the last."""
 
 
 @dataclass(frozen=True)
@@ -200,8 +264,10 @@ class Variant:
 
         def strength(limit: LimitYield) -> tuple[int, float]:
             column = columns[limit.label]
-            rooms = [abs(edge - column.nominal) for edge in (limit.low, limit.high) if np.isfinite(edge)]
-            return limit.result.passed, min(rooms) / max(column.high - column.low, 1e-300)
+            told = finite if math.isinf(column.high) or math.isinf(column.nominal) else np.asarray
+            here, low, high = (float(told(value)) for value in (column.nominal, column.low, column.high))
+            rooms = [abs(float(told(edge)) - here) for edge in (limit.low, limit.high) if np.isfinite(edge)]
+            return limit.result.passed, min(rooms) / max(high - low, 1e-300)
 
         return min(self.limits, key=strength)
 
@@ -237,29 +303,37 @@ def _summary(plan: TolerancePlan, tally: Tally, v: int, c: int) -> ColumnSummary
     nominal = float(plan.nominal[c])
     here = nominal if math.isfinite(nominal) else 0.0
     undefined, counts = int(tally.undefined[v, c] - tally.impossible[v]), tally.counts[v, c]
-    defined = tally.trials - int(tally.undefined[v, c])
+    infinite = int(tally.infinite[v, c])
+    defined = tally.trials - int(tally.undefined[v, c]) - infinite
     low, high = float(tally.low[v, c]), float(tally.high[v, c])
     limits = [limit for limit in plan.limits if limit.column == c]
     worst_is_low = any(np.isfinite(l.low) for l in limits) and not any(np.isfinite(l.high) for l in limits)
-    worse = {"below" if worst_is_low else "above": undefined}
+    # Infinite ones are above all finite ones.
+    beside = {"below": undefined, "above": infinite} if worst_is_low else {"above": undefined + infinite}
     mean = deviation = math.nan
-    if defined and not undefined:
-        shift = float(tally.total[v, c]) / defined
+    if defined and not undefined and not infinite:
+        total, square = tally.moments[v, c].tolist()
+        shift = total / defined
         mean = here + shift
-        deviation = math.sqrt(max(float(tally.square[v, c]) / defined - shift**2, 0.0))
-    places = np.linspace(low, high, HISTOGRAM_BINS + 1) if defined and high > low else np.empty(0)
+        deviation = math.sqrt(max(square / defined - shift**2, 0.0))
+    places, past = np.linspace(low, high, HISTOGRAM_BINS + 1) if defined and high > low else np.empty(0), 0
+    if infinite and defined:  # up to infinity in equal steps of the twin
+        places, past = from_finite(np.linspace(float(finite(here + low)), 0.0, HISTOGRAM_BINS + 1)) - here, infinite
+    histogram = rebin(counts, np.array([-np.inf, *places[1:-1], np.inf])) if len(places) else np.empty(0)
+    histogram[-1:] += past
     return ColumnSummary(
         label=plan.columns[c].label,
         nominal=nominal,
         undefined=undefined,
         mean=mean,
         deviation=deviation,
-        low=here + low if defined else math.nan,
-        high=here + high if defined else math.nan,
+        low=here + low if defined else math.inf if infinite else math.nan,
+        high=math.inf if infinite else here + high if defined else math.nan,
+        infinite=infinite,
         probabilities=plan.quantiles,
-        quantiles=tuple((here + quantiles(counts, plan.quantiles, low, high, **worse)).tolist()),
+        quantiles=tuple((here + quantiles(counts, plan.quantiles, low, high, **beside)).tolist()),
         cuts=tuple((here + places).tolist()),
-        histogram=tuple(rebin(counts, np.array([-np.inf, *places[1:-1], np.inf])).tolist()) if len(places) else (),
+        histogram=tuple(histogram.tolist()),
     )
 
 
@@ -285,22 +359,32 @@ class Sensitivity:
     plus: Array
     minus: Array
     """Change of the column at the two ends of the tolerance, as built and after adjustment, shape (V, C, P); NaN where
-    undefined."""
+    undefined, 0 from infinity to infinity."""
+    twin_derivatives: Array
+    twin_plus: Array
+    twin_minus: Array
+    """The same of the finite twin of what may be infinite; of all else the same."""
 
     @property
     def worst(self) -> Array:
-        """Larger of the two moves, shape (V, C, P); infinite where the column becomes undefined."""
-        size = np.maximum(np.abs(self.plus), np.abs(self.minus))
+        """Larger of the two moves of the twins, shape (V, C, P); infinite where the column becomes undefined."""
+        size = np.maximum(np.abs(self.twin_plus), np.abs(self.twin_minus))
         return np.where(np.isnan(size), np.inf, size)
 
 
 def sensitivity(plan: TolerancePlan) -> Sensitivity:
     """How each perturbation alone moves each column."""
     perturbations = plan.draws.perturbations
-    derivatives = differences(plan, [(p.place, STEP * p.tolerance) for p in perturbations])
-    one = np.eye(len(perturbations))
-    plus, minus = (measure(plan, sign * one).variants - plan.nominal[:, None] for sign in (1.0, -1.0))
-    return Sensitivity(derivatives, exact_derivatives(plan), plus, minus)
+    steps = [(p.place, STEP * p.tolerance) for p in perturbations]
+    derivatives = twins = differences(plan, steps)
+    one, here = np.eye(len(perturbations)), plan.nominal[:, None]
+    ends = [measure(plan, sign * one, settled=0.0).variants for sign in (1.0, -1.0)]
+    with np.errstate(invalid="ignore"):
+        plus, minus = moves = [np.where(np.isinf(end) & (end == here), 0.0, end - here) for end in ends]
+    if plan.infinite.any():
+        twins = differences(plan, steps, judged=True)
+        moves = [np.stack([plan.judged(variant) for variant in end]) - plan.judged(here) for end in ends]
+    return Sensitivity(derivatives, exact_derivatives(plan), plus, minus, twins, *moves)
 
 
 def exact_derivatives(plan: TolerancePlan) -> Array:
@@ -319,7 +403,7 @@ def exact_derivatives(plan: TolerancePlan) -> Array:
     posed = [any(word in p.place for word in ("decentre", "tilt", "rotation")) for p in perturbations]
     for row, column in enumerate(plan.columns):
         quantity = QUANTITIES.get(column.metric)
-        if quantity is not None and quantity.analytic:
+        if quantity is not None and quantity.analytic and not (quantity.traced and chief_rays.traced(camera)):
             exact[row] = np.broadcast_to(np.imag(quantity(camera)), steps.shape) / steps
             if column.field is not None:
                 exact[row, posed] = np.nan
@@ -353,7 +437,7 @@ def rss_rows(plan: TolerancePlan, moves: Sensitivity, as_built: Variant) -> Iter
     """Every column's root sum of squares beside its scatter."""
     for column, rss in zip(as_built.distributions, root_sum_square(plan, moves).tolist(), strict=True):
         spread, shift = column.deviation, column.mean - column.nominal
-        ratio = spread / rss if rss > 0 else math.inf if spread > 0 else 1.0
+        ratio = math.nan if math.isnan(rss) else spread / rss if rss > 0 else math.inf if spread > 0 else 1.0
         linear = abs(ratio - 1) <= LINEAR and abs(shift) <= LINEAR * max(rss, 1e-300)
         yield RssRow(column.label, rss, spread, ratio, shift, linear)
 
@@ -393,18 +477,19 @@ def inverse_sensitivity(plan: TolerancePlan, share: float) -> tuple[Allowed, ...
     rows, ends, parts = (part.ravel() for part in np.indices((len(perturbations), 2, 2)))
     cases = np.arange(rows.size)
     columns = np.array([limit.column for limit in limits])
-    here = plan.nominal[columns, None]
+    here = plan.judged(plan.nominal[columns, None], columns)
     room = np.where(parts == 0, 1.0, share)
     low, high = (
-        np.where(parts == 0, edge, here + room * (edge - here))
+        np.where(np.isfinite(edge), np.where(parts == 0, twin, here + room * (twin - here)), edge)
         for edge in np.array([(limit.low, limit.high) for limit in limits]).T[..., None]
+        for twin in [plan.judged(edge, columns)]
     )
     inside, outside = np.zeros(rows.size), np.full(rows.size, np.inf)
     trial, broken = np.ones(rows.size), np.zeros(rows.size, np.intp)
     for _ in range(HALVINGS):
         deviations = np.zeros((len(perturbations), rows.size))
         deviations[rows, cases] = np.where(ends == 0, trial, -trial)
-        value = measure_finally(plan, deviations)[columns]
+        value = plan.judged(measure_finally(plan, deviations, settled=0.0)[columns], columns)
         good = (value >= low) & (value <= high)
         held = good.all(axis=0)
         broken = np.where(held, broken, np.argmin(good, axis=0))
@@ -455,13 +540,15 @@ class SobolIndices:
 def sobol_indices(plan: TolerancePlan, samples: int) -> SobolIndices:
     """Sobol indices of every column, as finally adjusted: whose scatter its scatter comes from.
 
-    Of n = `samples` base samples on a scrambled Sobol sequence, n (F + 2) builds in all.
+    Of what may be infinite those of its finite twin. Of n = `samples` base samples on a scrambled Sobol sequence,
+    n (F + 2) builds in all.
     """
     factors = plan.draws.factors
     count = len(factors)
     a, b = np.split(sobol_points(2 * count, 0, samples, plan.draws.seed), 2)
-    mixed = [np.where(np.arange(count)[:, None] == index, b, a) for index in range(count)]
-    columns = np.stack([measure_finally(plan, plan.draws.deviations(uniforms)) for uniforms in (a, b, *mixed)])
+    mixed = (np.where(np.arange(count)[:, None] == index, b, a) for index in range(count))  # one at a time in memory
+    samples_of = (plan.draws.deviations(uniforms) for uniforms in itertools.chain((a, b), mixed))
+    columns = np.stack([plan.judged(measure_finally(plan, deviations)) for deviations in samples_of])
     undefined = np.isnan(columns).sum(axis=(0, 2))
     indices = saltelli_jansen(columns[0], columns[1], columns[2:], plan.draws.seed)
     for part in indices:

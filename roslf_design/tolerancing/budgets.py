@@ -2,7 +2,7 @@
 
 A change is one part to a better grade, one more adjustment, one part measured and sorted to what suffices, or, where no
 single one does, several grades or all tolerances together. Costs are the grades file's; the same draws serve every
-trial, so that changes differ by what they do and not by chance.
+trial, so that changes differ by what they do and not by chance. What they come to is told of draws of its own.
 """
 
 from __future__ import annotations
@@ -15,15 +15,18 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from .._arrays import Array
-from .analyses import Yield, curve_trials, first_draws
+from .analyses import FRESH, Yield, curve_trials, first_draws, fresh, least_passed, promised, search_trials
+from .draws import Draws
 from .places import GradeLine, Grades, expand, parse_tolerance, perturbable
 from .study import CALIBRATION, Adjuster, Study, TolerancePlan
 from .trials import measure_finally
 
+Steps = tuple[tuple[str, str, float], ...]
+"""Places, grades (empty where a step is to none of them), and half-widths, or an adjuster's reach [mm or rad]."""
 Kind = Literal["grade", "adjustment", "tightening", "several grades", "all tolerances"]
 
 MOST_TRIALS, STEPS_TRIALS = 4096, 1024
-"""Builds that a change is measured on, and those by which the next of several steps is chosen."""
+"""Builds that a change is searched by, and those by which the next of several steps is chosen."""
 HALVINGS = 12
 """Of a bisection for what suffices: to 1/4096 of the tolerance."""
 UNNOTICED = 0.002
@@ -75,11 +78,11 @@ class Change:
     """A change that reaches the wanted yield."""
 
     kind: Kind
-    steps: tuple[tuple[str, str, float], ...]
-    """Place, grade (empty where it is none of them), and half-width, or an adjuster's reach [mm or rad]."""
+    steps: Steps
     cost: float | None
     """More than now, in the grades file's unit; None where some cost is not known."""
     result: Yield
+    """Of builds of its own, whose interval is not below the wanted yield."""
 
 
 @dataclass(frozen=True)
@@ -128,18 +131,40 @@ class Builds(NamedTuple):
         factors[list(part.rows)] = tolerance / part.tolerance
         return self._replace(factors=factors)
 
-    def columns(self, trials: int) -> Array:
+    def columns(self, trials: int, draws: Draws | None = None) -> Array:
         """What is limited, of the first trials, (C, trials)."""
-        return measure_finally(self.plan, first_draws(self.plan.draws, trials) * self.factors[:, None])
+        return measure_finally(self.plan, first_draws(draws or self.plan.draws, trials) * self.factors[:, None])
 
-    def result(self, trials: int) -> Yield:
-        """Share that holds all limits."""
-        return Yield(int(self.plan.passes(self.columns(trials)).all(axis=0).sum()), trials)
+    def passed(self, trials: int, draws: Draws | None = None) -> int:
+        """How many of them hold all limits."""
+        return int(self.plan.passes(self.columns(trials, draws)).all(axis=0).sum())
+
+    def judged(self, trials: int) -> Yield:
+        """Yield on draws that no search has looked at."""
+        return Yield(self.passed(FRESH * trials, fresh(self.plan.draws)), FRESH * trials)
 
     def used(self, target: float, trials: int) -> float:
         """What the wanted share of builds uses of the limits' room at most: 1 is a yield on target."""
         worst = np.nan_to_num(self.plan.used_room(self.columns(trials)), posinf=1e9)
         return float(np.quantile(worst, target, method="higher"))
+
+
+class Aim(NamedTuple):
+    """What a search holds changes to."""
+
+    passed: int
+    """Builds that must hold all limits."""
+    trials: int
+    """Of so many."""
+
+    @classmethod
+    def at(cls, share: float, trials: int) -> Aim:
+        """A yield whose interval does not begin below a share."""
+        return cls(least_passed(share, trials), trials)
+
+    def held_by(self, builds: Builds) -> bool:
+        """Whether builds do."""
+        return self.passed <= self.trials and builds.passed(self.trials) >= self.passed
 
 
 def parts_of(plan: TolerancePlan, grades: Grades) -> tuple[CostedPart, ...]:
@@ -175,13 +200,13 @@ def budget(
     scaled : (factor, yield), optional
         The common factor on all tolerances that reaches it.
     """
-    target, trials = study.yield_target, min(curve_trials(plan), MOST_TRIALS)
+    target = study.yield_target
+    trials = search_trials(min(curve_trials(plan), MOST_TRIALS), target)
     parts, now = parts_of(plan, grades), Builds(plan, np.ones(len(plan.draws.perturbations)))
     start, changes = now, tuple[Change, ...]()
     reached = given.value >= target
     if not reached:
-        reaching = [*_single(now, parts, grades, target, trials)]
-        reaching += [change for change in (_several(now, parts, grades, target, trials),) if change is not None]
+        reaching = [*_single(now, parts, grades, target, trials), *_several(now, parts, grades, target, trials)]
         if scaled is not None:
             extras = [part.extra(scaled[0] * part.tolerance) for part in parts]
             steps = tuple((part.place, "", scaled[0] * part.tolerance) for part in parts)
@@ -193,33 +218,69 @@ def budget(
         changes = tuple(change for change, _ in reaching)
         if reaching:
             start, reached = reaching[0][1], True
-    floor = target if reached else given.value - UNNOTICED
     moved = {place for place, *_ in changes[0].steps} if changes else set()
-    looser, builds = _loosened(start, [part for part in parts if part.place not in moved], grades, floor, trials)
-    return ToleranceBudget(target, changes, looser, builds.result(trials) if looser or changes else given)
+    left = [part for part in parts if part.place not in moved]
+
+    def loosened(aim: Aim) -> tuple[tuple[Looser, ...], Builds] | None:
+        looser, builds = _loosened(start, left, grades, aim)
+        return (looser, builds) if looser else None
+
+    if reached:  # what loses no build of those that hold now is as good as they are
+        most, floor = start.passed(trials), min(target, start.judged(trials).interval[0])
+        best = promised(
+            lambda share: loosened(Aim(min(least_passed(share, trials), most), trials)),
+            lambda both: both[1].judged(trials),
+            floor,
+        )
+    else:
+        both = loosened(Aim(math.ceil(start.passed(trials) - UNNOTICED * trials), trials))
+        best = None if both is None else (both, both[1].judged(trials))
+    if best is None:
+        return ToleranceBudget(target, changes, (), changes[0].result if changes else given)
+    (looser, _), result = best
+    return ToleranceBudget(target, changes, looser, result)
 
 
 def _single(
     now: Builds, parts: Sequence[CostedPart], grades: Grades, target: float, trials: int
 ) -> Iterator[tuple[Change, Builds]]:
     """Changes of one thing alone that reach the target."""
+    aim = Aim.at(target, trials)
     for part in parts:
-        if now.with_part(part, 0.0).result(trials).value < target:
+        if not aim.held_by(now.with_part(part, 0.0)):
             continue  # not even a perfect one
         for name, width in zip(grades.names, part.widths, strict=True) if part.line else ():
             if width < part.tolerance:
-                better = now.with_part(part, width)
-                if (reached := better.result(trials)).value >= target:
-                    yield Change("grade", ((part.place, name, width),), part.extra(width), reached), better
-        low, high = 0.0, 1.0
-        for _ in range(HALVINGS):
-            middle = 0.5 * (low + high)
-            held = now.with_part(part, middle * part.tolerance).result(trials).value >= target
-            low, high = (middle, high) if held else (low, middle)
-        if low > 0:
-            width, better = low * part.tolerance, now.with_part(part, low * part.tolerance)
-            yield Change("tightening", ((part.place, "", width),), part.extra(width), better.result(trials)), better
+                step, better = (part.place, name, width), now.with_part(part, width)
+                yield from _sure("grade", step, part.extra(width), better, target, trials)
+        found = promised(
+            lambda share, part=part: _tightened(now, part, Aim.at(share, trials)),  # type: ignore[misc]
+            lambda width, part=part: now.with_part(part, width).judged(trials),  # type: ignore[misc]
+            target,
+        )
+        if found is not None:
+            width, result = found
+            change = Change("tightening", ((part.place, "", width),), part.extra(width), result)
+            yield change, now.with_part(part, width)
     yield from _adjusted(now, grades, target, trials)
+
+
+def _sure(
+    kind: Kind, step: tuple[str, str, float], cost: float | None, builds: Builds, target: float, trials: int
+) -> Iterator[tuple[Change, Builds]]:
+    """A change of one step, where its yield is the target for sure."""
+    if builds.passed(trials) >= target * trials and (result := builds.judged(trials)).interval[0] >= target:
+        yield Change(kind, (step,), cost, result), builds
+
+
+def _tightened(now: Builds, part: CostedPart, aim: Aim) -> float | None:
+    """Largest tolerance of a part alone that suffices; None where none does."""
+    low, high = 0.0, 1.0
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        held = aim.held_by(now.with_part(part, middle * part.tolerance))
+        low, high = (middle, high) if held else (low, middle)
+    return low * part.tolerance if low > 0 else None
 
 
 def _adjusted(now: Builds, grades: Grades, target: float, trials: int) -> Iterator[tuple[Change, Builds]]:
@@ -240,16 +301,31 @@ def _adjusted(now: Builds, grades: Grades, target: float, trials: int) -> Iterat
                 continue
             reach = parse_tolerance(line.range, kinds[places[0]], 1.0) if line.range else math.inf
             other = replace(plan, adjusters=(*plan.adjusters, *(Adjuster(place, reach) for place in places)))
-        better = now._replace(plan=other)
-        if (reached := better.result(trials)).value >= target:
-            yield Change("adjustment", ((line.place, "", reach),), line.cost, reached), better
+        step = line.place, "", reach
+        yield from _sure("adjustment", step, line.cost, now._replace(plan=other), target, trials)
 
 
 def _several(
     now: Builds, parts: Sequence[CostedPart], grades: Grades, target: float, trials: int
-) -> tuple[Change, Builds] | None:
-    """Parts taken to better grades one after the other, each time what helps most for its cost, until the target."""
-    few = min(trials, STEPS_TRIALS)
+) -> Iterator[tuple[Change, Builds]]:
+    """Parts taken to better grades one after the other, where their yield is the target for sure."""
+    found = promised(
+        lambda share: _stepped(now, parts, grades, target, Aim.at(share, trials)),
+        lambda both: both[1].judged(trials),
+        target,
+    )
+    if found is not None:
+        (steps, builds), result = found
+        named = {part.place: part for part in parts}
+        cost = sum(named[place].extra(width) or 0.0 for place, _, width in steps)
+        yield Change("several grades", steps, cost, result), builds
+
+
+def _stepped(
+    now: Builds, parts: Sequence[CostedPart], grades: Grades, target: float, aim: Aim
+) -> tuple[Steps, Builds] | None:
+    """Parts taken to better grades, each time what helps most for its cost, until the aim; None where none is left."""
+    few = min(aim.trials, STEPS_TRIALS)
     builds, left, used = now, {part.place: part for part in parts if part.line}, now.used(target, few)
     steps: dict[str, tuple[str, float]] = {}
     while left:
@@ -272,8 +348,8 @@ def _several(
         steps[part.place] = name, width
         if width <= min(part.widths):
             del left[part.place]
-        if used <= 1 and builds.result(trials).value >= target:
-            return _pruned(builds, {part.place: part for part in parts}, steps, grades, target, trials)
+        if used <= 1 and aim.held_by(builds):
+            return _pruned(builds, {part.place: part for part in parts}, steps, grades, aim)
     return None
 
 
@@ -282,10 +358,9 @@ def _pruned(
     parts: dict[str, CostedPart],
     steps: dict[str, tuple[str, float]],
     grades: Grades,
-    target: float,
-    trials: int,
-) -> tuple[Change, Builds] | None:
-    """Steps that reach the target without what they can do without; None where a single one is left."""
+    aim: Aim,
+) -> tuple[Steps, Builds] | None:
+    """Steps that reach the aim without what they can do without; None where a single one is left."""
     for place in sorted(steps, key=lambda place: -(parts[place].extra(steps[place][1]) or 0.0)):
         part, (_, least) = parts[place], steps[place]
         between = [
@@ -295,7 +370,7 @@ def _pruned(
         ]
         for width, name in [(part.tolerance, ""), *sorted(between, reverse=True)]:
             other = builds.with_part(part, width)
-            if other.result(trials).value >= target:
+            if aim.held_by(other):
                 builds = other
                 if name:
                     steps[place] = name, width
@@ -304,28 +379,25 @@ def _pruned(
                 break
     if len(steps) == 1:
         return None  # a single change, which is there already
-    cost = sum(parts[place].extra(width) or 0.0 for place, (_, width) in steps.items())
-    listed = tuple((place, name, width) for place, (name, width) in steps.items())
-    return Change("several grades", listed, cost, builds.result(trials)), builds
+    return tuple((place, name, width) for place, (name, width) in steps.items()), builds
 
 
 def _loosened(
-    start: Builds, parts: Sequence[CostedPart], grades: Grades, floor: float, trials: int
+    start: Builds, parts: Sequence[CostedPart], grades: Grades, aim: Aim
 ) -> tuple[tuple[Looser, ...], Builds]:
-    """Parts to looser grades, those that matter least first, as long as the yield stays."""
-    options = []
+    """Parts to looser grades, those that matter least first, as long as the aim is held."""
+    options, few = [], min(aim.trials, STEPS_TRIALS)
+    share = min(max(aim.passed / aim.trials, 0.01), 1.0)
     for part in (part for part in parts if part.line is not None):
         wider = [(width, name) for name, width in zip(grades.names, part.widths, strict=True) if width > part.tolerance]
         if wider:
             wider.sort(reverse=True)
-            options.append(
-                (start.with_part(part, wider[0][0]).used(max(floor, 0.01), min(trials, STEPS_TRIALS)), part, wider)
-            )
+            options.append((start.with_part(part, wider[0][0]).used(share, few), part, wider))
     builds, looser = start, []
     for _, part, wider in sorted(options, key=lambda option: option[0]):
         for width, name in wider:
             other = builds.with_part(part, width)
-            if other.result(trials).value >= floor:
+            if aim.held_by(other):
                 extra = part.extra(width)
                 looser.append(Looser(part.place, name, part.tolerance, width, None if extra is None else -extra))
                 builds = other

@@ -78,6 +78,11 @@ class Question:
             for field in ((None,) if METRICS[name].local is None else range(count))
         )
 
+    @property
+    def infinite(self) -> NDArray[np.bool_]:
+        """Which columns may be infinite, shape (columns,)."""
+        return np.array([METRICS[column.metric].infinite for column in self.columns], bool)
+
 
 def evaluate_builds(question: Question, values: Mapping[str, Array], trials: int, *, calibrated: bool = False) -> Array:
     """Every column of a question for many builds.
@@ -99,7 +104,7 @@ def evaluate_builds(question: Question, values: Mapping[str, Array], trials: int
     -------
     ndarray, shape (columns, trials)
         NaN marks what is undefined: every column of a build that is no camera (d_3 >= d_f, a size below zero), the
-        shape of a dark image, a depth at infinity.
+        shape of a dark image, a depth decoded at infinity. What may be infinite (`Quantity.infinite`) stays so.
     """
     if all(place in values for place in CONJUGATES):  # where a part is adjusted to d_f: f follows
         values = {place: numbers for place, numbers in values.items() if place != CONJUGATES[0]}
@@ -114,9 +119,10 @@ def evaluate_builds(question: Question, values: Mapping[str, Array], trials: int
             row += rows
     if not valid.all():
         results[:, ~valid] = np.nan
-    finite = np.isfinite(results)
-    if not finite.all():
-        results[~finite] = np.nan
+    told = np.isfinite(results)
+    if not told.all():
+        told |= question.infinite[:, None] & (results == np.inf)
+        results[~told] = np.nan
     return results
 
 

@@ -25,7 +25,7 @@ from ..lenses.glass import AIR
 from ..lenses.manufacture import lens_places, lens_values
 from ..lenses.tracer import MODES
 from ..toml_files import read_toml
-from ..units import FARTHEST, parse_quantity, within_reach
+from ..units import FARTHEST, read_quantity, within_reach
 
 Value = TypeVar("Value")
 
@@ -333,7 +333,7 @@ def parse_tolerance(text: object, kind: str, nominal: float) -> float:
         except (TypeError, ValueError):
             raise ValueError(f"{text!r} is not a {kind}; write e.g. {BARE[kind]}") from None
     else:
-        value = parse_quantity(text, "temperature difference" if kind == "temperature" else kind)
+        value = read_quantity(text, "temperature difference" if kind == "temperature" else kind)
     if not math.isfinite(value) or value < 0:
         raise ValueError(f'"{text}" must be a finite half-width that is not negative')
     return within_reach(value, kind, text) if kind in FARTHEST else value

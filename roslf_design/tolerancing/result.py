@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._arrays import Array
+from .._arrays import Array, ratio
 from ..accuracy.statement import Accuracy, check_accuracy
 from ..design import save
 from ..design.files import WRITTEN
@@ -20,6 +20,7 @@ from ..json_data import plain
 from .analyses import (
     CONFIDENCE,
     Allowed,
+    ColumnSummary,
     RssRow,
     Sensitivity,
     SobolIndices,
@@ -101,6 +102,18 @@ class Precision:
         return self.accuracy.to_dict(times) | {"standard_errors": plain(errors)}
 
 
+def _inverse(column: ColumnSummary) -> dict[str, Any]:
+    """1 over what may be infinite."""
+    return {
+        **{name: float(ratio(1.0, value)) for name, value in (("nominal", column.nominal), ("least", column.low))},
+        "greatest": float(ratio(1.0, column.high)),
+        "quantiles": {
+            f"{p:g}": float(ratio(1.0, q)) for p, q in zip(column.probabilities, column.quantiles, strict=True)
+        },
+        "cuts": [float(ratio(1.0, cut)) for cut in column.cuts],
+    }
+
+
 @dataclass(frozen=True)
 class StudyResult:
     """Results of a study."""
@@ -175,6 +188,14 @@ class StudyResult:
                 "variants": plan.variants,
                 "at_plus": moves.plus,
                 "at_minus": moves.minus,
+                "twins": {
+                    columns[row]: {
+                        "derivative": moves.twin_derivatives[row],
+                        "at_plus": moves.twin_plus[:, row],
+                        "at_minus": moves.twin_minus[:, row],
+                    }
+                    for row in np.flatnonzero(plan.infinite).tolist()
+                },
             },
             "rss": self.rss,
             "sobol": None if self.sobol is None else {"columns": columns, **plain(self.sobol)},
@@ -226,12 +247,14 @@ def _variant(variant: Variant) -> dict[str, Any]:
                 "column": column.label,
                 "nominal": column.nominal,
                 "undefined_trials": column.undefined,
+                "infinite_trials": column.infinite,
                 "mean": column.mean,
                 "standard_deviation": column.deviation,
                 "least": column.low,
                 "greatest": column.high,
                 "quantiles": {f"{p:g}": q for p, q in zip(column.probabilities, column.quantiles, strict=True)},
                 "histogram": {"cuts": column.cuts, "trials": column.histogram},
+                **({"inverse": _inverse(column)} if METRICS[column.label.partition("@")[0]].infinite else {}),
             }
             for column in variant.distributions
         ],

@@ -37,6 +37,7 @@ from .._jit import kernel
 from ..design.files import write_atomically
 from ..errors import InputError, Problem
 from ..input_files import read_json
+from ..theory.quantities import finite
 from .study import TolerancePlan
 from .trials import STRETCH, MeasuredTrials, measure_uniforms
 
@@ -76,7 +77,10 @@ _POSITIVE = ((np.arange(HALF + 1, dtype=np.int64) + _FIRST) << _SHIFT).view(np.f
 EDGES = np.concatenate([-_POSITIVE[::-1], _POSITIVE])
 """Of the bins, in deviation from nominal, shape (BINS + 1,); the middle bin is [-2^-50, 2^-50]."""
 
-SUMMED = ("trials", "passed", "held", "undefined", "impossible", "faults", "counts", "total", "square", "x", "xx", "xy")
+SUMMED = (
+    *("trials", "passed", "held", "undefined", "infinite", "impossible", "faults"),
+    *("counts", "moments", "total", "square", "x", "xx", "xy"),
+)
 """What adds up over chunks."""
 
 
@@ -123,6 +127,7 @@ def run_trials(
     """
     report = progress or (lambda done, total: None)
     digest, paths = plan.digest(), [folder / "chunks" / f"{index:06d}.npz" for index in range(plan.chunks)]
+    _check_processes(where)
     _claim(plan, digest, folder, resume)
     missing = [index for index, path in enumerate(paths) if not _is_whole(path, digest, index)]
     done = plan.trials - sum(plan.chunk_trials(index) for index in missing)
@@ -183,6 +188,18 @@ def tally_chunk(plan: TolerancePlan, index: int) -> Tally:
         return counted(plan, measure_uniforms(plan, drawn), first + start)
 
     return merged(stretch(start) for start in range(0, size, STRETCH))
+
+
+def _check_processes(where: Where) -> None:
+    """Refuse processes where the system has no room for what they share, as with a read-only /dev/shm."""
+    if where.workers < 2 and where.scheduler != "local":
+        return
+    try:
+        multiprocessing.get_context("spawn").Lock()
+    except OSError as error:
+        option = "--workers" if where.scheduler is None else "--scheduler"
+        message = f"no processes can be started here (/dev/shm: {error.strerror}); give --workers 1 alone"
+        raise InputError((Problem(option, message),)) from None
 
 
 def anywhere(work: Work, indices: Sequence[int], where: Where) -> Generator[tuple[int, bytes], None, None]:
@@ -249,6 +266,9 @@ def _finished(pool: ProcessPoolExecutor, running: Iterable[Future[bytes]]) -> It
 @contextlib.contextmanager
 def _ctrl_c_later() -> Iterator[None]:
     """Hold Ctrl-C back while workers start: they inherit that, and print no traceback from the midst of an import."""
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -259,7 +279,8 @@ def _ctrl_c_later() -> Iterator[None]:
 def _end_with_parent() -> None:
     """End this worker when its parent is killed (it would else wait for work for ever), and quietly on Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
-    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    if hasattr(signal, "pthread_sigmask"):
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
     parent = multiprocessing.parent_process()
     assert parent is not None
 
@@ -365,19 +386,23 @@ class Tally:
     """Trials that hold each limit, shape (V, limits)."""
     undefined: Counts
     """Trials in which a column is undefined, shape (V, C)."""
+    infinite: Counts
+    """Trials in which it is infinite, shape (V, C)."""
     impossible: Counts
     """Trials that are no cameras, shape (V,): in these every column is undefined."""
     faults: Counts
     """For which of the plan's reasons, shape (V, reasons); a trial may have several."""
     counts: Counts
-    """Bin counts of deviations from nominal, shape (V, C, BINS)."""
+    """Bin counts of finite deviations from nominal, from 0 where nominal is infinite; shape (V, C, BINS)."""
+    moments: Array
+    """Sums of these deviations and of their squares, shape (V, C, 2)."""
     total: Array
-    """Sum of defined deviations from nominal, shape (V, C)."""
+    """Sum of defined deviations from nominal, of what may be infinite those of its twin, shape (V, C)."""
     square: Array
     """Sum of their squares, shape (V, C)."""
     low: Array
     high: Array
-    """Least and greatest deviation, shape (V, C); inf and -inf where none is defined."""
+    """Least and greatest finite deviation, shape (V, C); inf and -inf where none is."""
     x: Array
     """Sum of the perturbations' deviations [tolerances] over trials where the column is defined, shape (C, P)."""
     xx: Array
@@ -400,12 +425,20 @@ def counted(plan: TolerancePlan, trials: MeasuredTrials, first: int) -> Tally:
     """Count consecutive trials, the first of which has the number `first`."""
     drawn, (variants, columns, size) = trials.deviations, trials.variants.shape
     passes = np.array([plan.passes(values) for values in trials.variants])
-    off = trials.variants - plan.nominal[:, None]
+    off, rows = trials.variants - np.where(np.isinf(plan.nominal), 0.0, plan.nominal)[:, None], plan.infinite
+    infinite = np.zeros((variants, columns), np.int64)
+    infinite[:, rows] = np.isinf(off[:, rows]).sum(axis=2)
+    off[:, rows] = np.where(np.isinf(off[:, rows]), np.nan, off[:, rows])
     counts = np.zeros((variants, columns, BINS), np.int64)
     total, square, low, high = np.zeros((4, variants, columns))
     undefined = np.zeros((variants, columns), np.int64)
     for sums in zip(off, counts, total, square, low, high, undefined, strict=True):
         add_up.compiled(sums[0], sums[0].view(np.int64), *sums[1:])
+    undefined -= infinite
+    moments = np.stack([total, square], axis=-1)
+    if rows.any():  # what goes with what is told of twins, which are finite
+        off[:, rows] = finite(trials.variants[:, rows]) - finite(plan.nominal[rows])[:, None]
+        total[:, rows], square[:, rows] = np.nansum(off[:, rows], axis=2), np.nansum(off[:, rows] ** 2, axis=2)
     x, xx, xy = np.zeros((3, columns, len(drawn)))
     for start in range(0, size, TILE):
         some, ends = drawn[:, start : start + TILE], off[-1, :, start : start + TILE]
@@ -431,9 +464,11 @@ def counted(plan: TolerancePlan, trials: MeasuredTrials, first: int) -> Tally:
         passed=passes.all(axis=1).sum(axis=1),
         held=passes.sum(axis=2),
         undefined=undefined,
+        infinite=infinite,
         impossible=impossible,
         faults=faults,
         counts=counts,
+        moments=moments,
         total=total,
         square=square,
         low=low,

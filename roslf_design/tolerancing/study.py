@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -36,8 +36,10 @@ from ..design import Design
 from ..design.files import expect_kind, studied
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
+from ..evaluation.fields import MOST_FIELDS
+from ..theory.quantities import finite
 from ..toml_files import nearest, problems_of, read_toml
-from ..units import Length, in_file, parse_quantity
+from ..units import Length, in_file, read_quantity
 from .draws import BITS, Distribution, Draws, Perturbation, Sampling
 from .ideal import bore_end
 from .metrics import METRICS, Column, Question, evaluate_builds, faults_of
@@ -46,11 +48,13 @@ from .places import LENSLETS, SHIPPED, Grades, expand, load_grades, nominal_valu
 CALIBRATION = "calibration"
 """Name of the compensator that teaches the decoder each build instead of moving a part."""
 MOST_TRIALS = 10**10
+MOST_MEMORY, SOBOL_ROWS = 1 << 30, 600
+"""Bytes that Sobol indices may take, and numbers a sample beside those of factors: weights of its resampling."""
 """Fifteen hours of a processor at best."""
 
 FIELD_NAMES = ("centre", "edge", "corner")
 """Fields of what the sensor sees, as `roslf evaluate` takes them."""
-FORMAT = 7
+FORMAT = 8
 """Raised when the same plan would give other bytes; part of the digest that guards a resumed run."""
 TIED = ": "
 """Between a group's name and the pose that its members share."""
@@ -96,7 +100,7 @@ def _field_place(value: Any, info: ValidationInfo) -> Any:
         raise ValueError(
             f'{value!r} is no field; write {", ".join(FIELD_NAMES)} or a place on the array ["2 mm", "0 mm"]'
         )
-    return tuple(parse_quantity(number, "length", unit_required=in_file(info)) for number in value)
+    return tuple(read_quantity(number, "length", unit_required=in_file(info)) for number in value)
 
 
 def _metric(name: str) -> str:
@@ -117,7 +121,7 @@ class Perturb(StrictTable):
     tolerance: str | float | None = None
     """Half-width: "0.05 mm", "3 mrad", "1 %"; the study's grade where left out."""
     distribution: Distribution | None = None
-    truncate: Annotated[float, Field(gt=0)] | None = None
+    truncate: Annotated[float, Field(ge=1e-3, le=1e3)] | None = None
     """Of "normal": the tolerance in sigmas."""
     group: str | None = None
     """Members of a group move together: decentres along x, decentres along y, each tilt, and all others as one."""
@@ -191,7 +195,7 @@ class Study(StrictTable):
     exclude: Annotated[tuple[str, ...], AfterValidator(_expanded)] = ()
     """Places that keep their nominal value though the grade covers them."""
     distribution: Distribution = "normal"
-    truncate: Annotated[float, Field(gt=0)] = 2.0
+    truncate: Annotated[float, Field(ge=1e-3, le=1e3)] = 2.0
     trials: Annotated[int, Field(gt=0)] = 100_000
     seed: Annotated[int, Field(ge=0)] = 0
     sampling: Sampling = "random"
@@ -319,6 +323,20 @@ class TolerancePlan:
         return evaluate_builds(self.question, {}, 1)[:, 0]
 
     @cached_property
+    def infinite(self) -> NDArray[np.bool_]:
+        """Which columns may be infinite, shape (columns,)."""
+        return self.question.infinite
+
+    def judged(self, values: Array, columns: Sequence[int] | NDArray[np.intp] | slice = slice(None)) -> Array:
+        """What builds are told apart by: values of some columns, shape (columns, ...), infinite ones by their twins."""
+        which = self.infinite[columns]
+        if not which.any():
+            return values
+        judged = np.array(values, float)
+        judged[which] = finite(judged[which])
+        return judged
+
+    @cached_property
     def faults(self) -> tuple[str, ...]:
         """Why a build can be no camera, in words."""
         return tuple(faults_of(self.question, {}, 1))
@@ -340,10 +358,11 @@ class TolerancePlan:
         """
         most = np.full(values.shape[1], -np.inf)
         for limit in self.limits:
-            value, here = values[limit.column], self.nominal[limit.column]
+            rows = [limit.column]
+            value, here = self.judged(values[rows], rows)[0], self.judged(self.nominal[rows], rows)[0]
             for edge, over in ((limit.high, value - here), (limit.low, here - value)):
                 if np.isfinite(edge):
-                    allowed = abs(edge - here)
+                    allowed = abs(self.judged(np.array([edge]), rows)[0] - here)
                     used = over / allowed if allowed > 0 else np.where(over > 0, 1 + over, over)
                     most = np.maximum(most, np.where(np.isnan(used), np.inf, used))
         return most
@@ -352,6 +371,12 @@ class TolerancePlan:
         """Fingerprint of all that decides the results' bytes."""
         text = json.dumps([FORMAT, repr(self), self.question.design.model_dump(mode="json")], sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
+
+
+def most_sobol_samples(factors: int, columns: int) -> int:
+    """Base samples, a power of two, of Sobol indices that a gigabyte of memory holds."""
+    each = SOBOL_ROWS + 4 * factors + columns * (4 * factors + 8)
+    return int(1 << int(math.log2(MOST_MEMORY / (8 * each))))
 
 
 def chunk_size(trials: int) -> int:
@@ -425,6 +450,8 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
         problems.append(Problem("trials", f"{study.trials} would take days and weeks; ask for {MOST_TRIALS} at most"))
     if study.sampling == "sobol" and study.trials > 2**BITS:
         problems.append(Problem("trials", f"a Sobol sequence has {2**BITS} points; ask for fewer, or sample at random"))
+    if len(study.fields) > MOST_FIELDS:
+        problems.append(Problem("fields", f"{len(study.fields)} are too many; ask for {MOST_FIELDS} at most"))
     named = dict(zip(FIELD_NAMES, default_fields(design), strict=True))
     fields = tuple(named[item] if isinstance(item, str) else (float(item[0]), float(item[1])) for item in study.fields)
     metrics = tuple(dict.fromkeys([*(goal.metric for goal in study.goals), *study.report]))
@@ -452,6 +479,21 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
             for number, column in enumerate(question.columns)
             if column.metric == goal.metric and (wanted is None or column.field in wanted)
         ]
+    draws = Draws(
+        perturbations,
+        tuple((name, declared.get(name.split(TIED)[0], 1.0)) for name in groups),
+        study.sampling,
+        study.seed,
+    )
+    most = most_sobol_samples(len(draws.factors), len(question.columns))
+    if study.sobol_samples > most:
+        problems.append(
+            Problem(
+                "sobol_samples",
+                f"{study.sobol_samples} of {len(draws.factors)} factors and"
+                f" {len(question.columns)} numbers take more than a gigabyte of memory; ask for {most} at most",
+            )
+        )
     if problems:
         raise InputError(tuple(problems), origin)
     reaches = {
@@ -463,12 +505,7 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
     return TolerancePlan(
         name=study.name,
         question=question,
-        draws=Draws(
-            perturbations,
-            tuple((name, declared.get(name.split(TIED)[0], 1.0)) for name in groups),
-            study.sampling,
-            study.seed,
-        ),
+        draws=draws,
         limits=tuple(limits),
         adjusters=tuple(Adjuster(place, reach) for place, reach in reaches.items()),
         calibrated=any(CALIBRATION in line.place for line in study.compensators),

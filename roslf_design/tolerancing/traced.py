@@ -26,8 +26,8 @@ from ..errors import InputError
 from ..lenses.manufacture import LensBuilds, as_made, lens_builds
 from ..lenses.prescription import first_order
 from ..lenses.tracer import BLOCK
-from ..rays.object_space import FacesAhead
 from ..theory.light import object_scale, on_array
+from ..theory.object_space import FacesAhead
 from ..theory.stop_images import lens_point
 from ..traced.builds import Aimed, Aims, Planes, aimed, aims, crossings, landings, received, spot_radii
 from ..traced.camera import Train, camera_of, microlenses, sensor_of_pupil

@@ -61,26 +61,26 @@ class MeasuredTrials(NamedTuple):
             yield {words: flags for words, flags in reasons.items() if flags.any()}
 
 
-def measure(plan: TolerancePlan, deviations: Array) -> MeasuredTrials:
-    """Measure trials given by their deviations [tolerances], shape (P, trials)."""
+def measure(plan: TolerancePlan, deviations: Array, settled: float = SETTLED) -> MeasuredTrials:
+    """Measure trials given by their deviations [tolerances], shape (P, trials); `settled` as in `Compensator`."""
     values, trials = plan.draws.values(deviations), deviations.shape[1]
     variants, moved = [_in_blocks(plan.question, values, trials)], np.empty((0, trials))
     if plan.adjusters:
-        moved, *adjusted = compensator_of(plan).adjusted(values, deviations)
+        moved, *adjusted = compensator_of(plan).adjusted(values, deviations, settled)
         variants += adjusted
     elif plan.calibrated:
         variants.append(_in_blocks(plan.question, values, trials, calibrated=True))
     return MeasuredTrials(deviations, np.stack(variants), moved)
 
 
-def measure_finally(plan: TolerancePlan, deviations: Array, scale: float = 1.0) -> Array:
+def measure_finally(plan: TolerancePlan, deviations: Array, scale: float = 1.0, settled: float = SETTLED) -> Array:
     """The last of `measure`'s variants alone, what an analysis looks at: shape (C, trials).
 
     All tolerances count `scale` times.
     """
     values = plan.draws.values(deviations, scale)
     if plan.adjusters:
-        return compensator_of(plan).adjusted(values, deviations * scale)[-1]
+        return compensator_of(plan).adjusted(values, deviations * scale, settled)[-1]
     return _in_blocks(plan.question, values, deviations.shape[1], calibrated=plan.calibrated)
 
 
@@ -168,11 +168,14 @@ class Compensator:
     def __init__(self, plan: TolerancePlan) -> None:
         self.plan, design = plan, plan.question.design
         self.nominal, kinds = nominal_values(design), perturbable(design)
-        aim = evaluate_builds(plan.question, {}, 1, calibrated=plan.calibrated)[:, 0]
+        aim = plan.judged(evaluate_builds(plan.question, {}, 1, calibrated=plan.calibrated))[:, 0]
         allowed: dict[int, float] = {}
         for limit in plan.limits:
             here = aim[limit.column]
-            room = [abs(edge - here) for edge in (limit.low, limit.high) if np.isfinite(edge) and edge != here]
+            ends = plan.judged(
+                np.array([[edge for edge in (limit.low, limit.high) if np.isfinite(edge)]]), [limit.column]
+            )
+            room = [abs(edge - here) for edge in ends[0].tolist() if edge != here]
             allowed[limit.column] = min([*room, allowed.get(limit.column, np.inf)])
         self.columns = np.array([column for column in allowed if np.isfinite(aim[column])], dtype=np.intp)
         widths = np.array([allowed[column] for column in self.columns])
@@ -192,7 +195,7 @@ class Compensator:
         plan, perturbations = self.plan, self.plan.draws.perturbations
         steps = [(p.place, 1e-3 * p.tolerance) for p in perturbations]
         steps += [(a.place, float(step)) for a, step in zip(plan.adjusters, self.steps, strict=True)]
-        slopes = differences(plan, steps, calibrated=plan.calibrated)[self.columns] * self.weights
+        slopes = differences(plan, steps, calibrated=plan.calibrated, judged=True)[self.columns] * self.weights
         slopes = np.where(np.isfinite(slopes), slopes, 0.0)
         count = len(perturbations)
         tolerances = np.array([p.tolerance for p in perturbations])
@@ -219,7 +222,9 @@ class Compensator:
         plan = self.plan
         return _in_blocks(plan.question, self.applied(values, moved), moved.shape[1], calibrated=plan.calibrated)
 
-    def adjusted(self, values: Mapping[str, Array], deviations: Array) -> tuple[Array, Array, Array]:
+    def adjusted(
+        self, values: Mapping[str, Array], deviations: Array, settled: float = SETTLED
+    ) -> tuple[Array, Array, Array]:
         """Adjustments that bring each trial's targets closest to nominal in the least-squares sense.
 
         Parameters
@@ -228,6 +233,9 @@ class Compensator:
             The builds' numbers, unadjusted.
         deviations : ndarray, shape (P, trials)
             The same as deviations [tolerances].
+        settled : float
+            Part of the limits' room up to which linear prediction is left as it is; 0 where less than all of the room
+            is looked at.
 
         Returns
         -------
@@ -236,13 +244,13 @@ class Compensator:
 
         Notes
         -----
-        The linear prediction is set on every build and measured exactly. A build that then uses no more than `SETTLED`
+        The linear prediction is set on every build and measured exactly. A build that then uses no more than `settled`
         of its limits' room is done; each other one goes on by Newton's steps (`refined`). All do where prediction is
         blind, as it is to the length of a vector about zero.
         """
         moved = self.linear(deviations)
         columns = start = self.measured(values, moved)
-        late = np.flatnonzero(self.plan.used_room(start) > (SETTLED if self.predicts else -np.inf))
+        late = np.flatnonzero(self.plan.used_room(start) > (settled if self.predicts else -np.inf))
         if late.size:
             some = {place: numbers[late] for place, numbers in values.items()}
             moved, columns = moved.copy(), start.copy()
@@ -314,11 +322,11 @@ class Compensator:
         """Residual of builds so adjusted."""
         trials, plan = moved.shape[1], self.plan
         columns = _in_blocks(self.limited, self.applied(values, moved), trials, calibrated=plan.calibrated)
-        return (columns[self.rows] - self.aim) * self.weights
+        return (plan.judged(columns[self.rows], self.columns) - self.aim) * self.weights
 
     def residual(self, columns: Array) -> Array:
         """How far the limited columns are from nominal, in units of what their limits allow."""
-        return (columns[self.columns] - self.aim) * self.weights
+        return (self.plan.judged(columns[self.columns], self.columns) - self.aim) * self.weights
 
 
 @lru_cache(maxsize=4)
@@ -327,7 +335,9 @@ def compensator_of(plan: TolerancePlan) -> Compensator:
     return Compensator(plan)
 
 
-def differences(plan: TolerancePlan, steps: list[tuple[str, float]], *, calibrated: bool = False) -> Array:
+def differences(
+    plan: TolerancePlan, steps: list[tuple[str, float]], *, calibrated: bool = False, judged: bool = False
+) -> Array:
     """Central differences of every column at the nominal design.
 
     Parameters
@@ -336,6 +346,10 @@ def differences(plan: TolerancePlan, steps: list[tuple[str, float]], *, calibrat
         Whose columns.
     steps : list of (place, step)
         A place may occur more than once. Steps of 0 give 0.
+    calibrated : bool
+        As for `evaluate_builds`.
+    judged : bool
+        Of what may be infinite the twin's.
 
     Returns
     -------
@@ -349,8 +363,10 @@ def differences(plan: TolerancePlan, steps: list[tuple[str, float]], *, calibrat
         numbers[index] += step
         numbers[count + index] -= step
     ends = evaluate_builds(plan.question, values, 2 * count, calibrated=calibrated)
+    ends = plan.judged(ends) if judged else ends
     widths = np.array([step for _, step in steps])
-    return (ends[:, :count] - ends[:, count:]) / np.where(widths == 0, 1.0, 2 * widths)
+    with np.errstate(invalid="ignore"):
+        return (ends[:, :count] - ends[:, count:]) / np.where(widths == 0, 1.0, 2 * widths)
 
 
 def _cost(residual: Array) -> Array:

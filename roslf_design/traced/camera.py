@@ -41,8 +41,7 @@ from ..lenses.tracer import (
     describe,
     pass_surfaces,
 )
-from ..rays.object_space import FacesAhead
-from ..rays.pupil import Status
+from ..theory.object_space import FacesAhead, Status
 
 Array = NDArray[np.float64]
 

@@ -16,12 +16,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._arrays import Complex
 from ..camera import Camera, Number
 from ..design import Design
-from ..shapes.discs import Chords, outline_chords
+from ..shapes.discs import gauss_legendre, outline_chords
 from ..theory.light import object_scale, solid_angle
 from ..theory.quantities import QUANTITIES, image_rate
-from ..theory.resolution import MOST, NODES, Direction, FieldTransfer, turn
+from ..theory.resolution import ROWS, FieldTransfer
 from ..theory.stop_images import MicrolensImages
 from .builds import received
 from .camera import SensorPoints, camera_of, microlenses, sensor_of_pupil
@@ -34,6 +35,10 @@ RINGS, SPOKES = 5, 12
 """Rays of an object point, over the FAP."""
 SOFT = 0.6
 """Frequencies times `Beam.spread` by which light so spread has lost its contrast, an even disc's by 0.31."""
+TRIALS = 9
+"""Places across an image between which light's phases are taken to turn one way."""
+MOST_TURNS = 64.0
+"""Periods by which a lens turns them, beyond which nothing is left of the contrast."""
 GAUSS = 1 / math.sqrt(3)
 """Two places so far from the middle of a stretch have its mean, of cubic polynomials."""
 
@@ -182,10 +187,10 @@ class Beam(NamedTuple):
     spread: float
     """Standard deviation of what no refocusing undoes of them, along the axis where it is larger [mm]."""
 
-    def along(self, x: Array, y: Array, axes: tuple[float, float]) -> Array:
+    def along(self, x: Array, y: Array, axes: ArrayLike) -> Array:
         """Way along a direction of light that goes to places of the sensor, of one shape [mm]."""
         u, v = (x - self.middle[0]) / self.size, (y - self.middle[1]) / self.size
-        terms, total = self.terms @ np.array(axes), np.zeros(np.broadcast_shapes(x.shape, y.shape))
+        terms, total = self.terms @ np.asarray(axes), np.zeros(np.broadcast_shapes(x.shape, y.shape))
         last = len(terms)
         for a in range(DEGREE, -1, -1):
             last -= DEGREE + 1 - a
@@ -212,31 +217,49 @@ class TracedTransfer(FieldTransfer):
         """Whether a quarter turn changes nothing but the scale."""
         return False
 
-    def _chords(self, axes: tuple[float, float], rows: int, between: tuple[float, float] | None = None) -> Chords:
-        return outline_chords(self.outline @ turn(axes), rows, between)
-
-    def _moved(self, x: Array, y: Array, axes: tuple[float, float], shift: Array) -> Array:
-        ends = (x - GAUSS * shift, x + GAUSS * shift)
-        ways = [self.beam.along(e * axes[0] - y * axes[1], e * axes[1] + y * axes[0], axes) for e in ends]
-        return np.asarray((ways[0] + ways[1]) / 2)
-
     @property
     def softest(self) -> float:
         """Frequency on the array beyond which a lens's aberrations may leave nothing [1/mm]: to be tried first."""
         return SOFT / self.beam.spread if self.beam.spread > 0 else math.inf
 
-    def _refocused(self, nu: Array, direction: Direction) -> Array:
-        axes = self.axes(direction)
-        shift = float(self.camera.wavelength * self.camera.d_2) * nu[:, None] / 2
-        count = min(MOST, NODES + math.ceil(4 * self.beam.spread * float(nu.max(initial=0.0))))
-        y, weight, left, right = self._chords(axes, count)
-        half = np.maximum((right - left) / 2 - shift, 0.0)
-        nodes, weights = np.polynomial.legendre.leggauss(count)
-        x = ((left + right) / 2)[:, None] + half[..., None] * nodes
-        moved = self._moved(x, y[:, None], axes, shift[..., None]) - self.rate * x
-        light = (weight * half)[..., None] * weights * np.exp(2j * math.pi * nu[:, None, None] * moved)
-        pupil = light.sum((1, 2)) / (weight * (right - left)).sum()
-        return np.asarray(np.abs(pupil * self._lens.refocused(self.rate, nu, axes)))
+    def _spectrum(self, nu: float, axes: Array, along: Array, up: Array, steps: Array) -> Complex:
+        shift = nu * float(self.camera.wavelength * self.camera.d_2) * axes / 2
+        low, high = (float(end) for end in (self.outline[:, 1].min(), self.outline[:, 1].max()))
+        between = low + abs(shift[1]), high - abs(shift[1])
+        rows = self._rows(up, steps) + math.ceil(math.pi * self._turns(nu, axes))
+        (y, weight, *one), other = (outline_chords(self.outline + sign * shift, rows, between) for sign in (-1, 1))
+        left, right = np.maximum(one[0], other.left), np.minimum(one[1], other.right)
+        half, middle = np.maximum(right - left, 0.0)[:, None] / 2, (left + right)[:, None] / 2
+        turns = np.abs(along).max(initial=0.0) * 2 * half.max(initial=0.0) + self._turns(nu, axes)
+        nodes, weights = gauss_legendre(ROWS + math.ceil(math.pi / 2 * turns))
+        x, y = middle + half * nodes, y[:, None]
+        astray = self._astray(x, np.broadcast_to(y, x.shape), axes, shift)
+        wave = weight[:, None] * half * weights * np.exp(2j * math.pi * (nu * astray + along[:1].sum() * x))
+        step = np.exp(2j * math.pi * (along[1:2].sum() - along[:1].sum()) * x)
+        light = np.empty((len(y), len(along)), complex)
+        for n in range(len(along)):  # evenly spaced
+            light[:, n] = wave.sum(1)
+            wave *= step
+        return np.asarray(np.exp(2j * math.pi * steps[:, None] * y.T) @ (light * np.exp(2j * math.pi * up * y)))
+
+    def _astray(self, x: Array, y: Array, axes: Array, shift: Array) -> Array:
+        """Way on the array along the detail by which light misses where an ideal lens brings it [mm].
+
+        Of light that goes to the sensor's places ``(x, y) -+ shift``, on average between.
+        """
+        ways = [self.beam.along(x + part * shift[0], y + part * shift[1], axes) for part in (-GAUSS, GAUSS)]
+        return np.asarray((ways[0] + ways[1]) / 2 - self.rate * (x * axes[0] + y * axes[1]))
+
+    def _turns(self, nu: float, axes: Array) -> float:
+        """Periods by which detail's phases turn over the image beyond an ideal lens's, at most."""
+        if nu == 0:
+            return 0.0
+        middle, half = (self.outline.max(0) + self.outline.min(0)) / 2, np.ptp(self.outline, axis=0) / 2
+        place = np.linspace(-1.0, 1.0, TRIALS)
+        x, y = np.broadcast_arrays(middle[0] + half[0] * place, middle[1] + half[1] * place[:, None])
+        astray = np.where(np.hypot(place, place[:, None]) <= 1, self._astray(x, y, axes, np.zeros(2)), np.nan)
+        turns = [np.nansum(np.abs(np.diff(astray, axis=axis)), axis=axis).max() for axis in (0, 1)]
+        return min(nu * float(max(turns)), MOST_TURNS)
 
 
 def uncut_light(light: Array, camera: Camera) -> Array:

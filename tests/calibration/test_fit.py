@@ -35,7 +35,7 @@ from roslf_design.theory.light_field import back_substitute, view_projection
 from tests.calibration.made import CAMERA, SHEET, captured, poses_of
 from tests.oracles.calibration import traced_view
 
-BENT = replace(CAMERA, k_1=0.4, k_2=-3.0)
+BENT = replace(CAMERA, k_1=0.4, k_2=-3.0, c_1=1.5, b_1=-0.7)
 VIEWS = np.array([[0.0, 0.0], [3.0, -2.0], [-5.0, 6.0]])
 NAMES = ("A", "m", "inverse_d_2", "x_0", "y_0")
 
@@ -100,11 +100,11 @@ def test_derivatives_agree_with_complex_steps(sloped):
     camera, step = BENT.vector(), 1e-200
     found = project_boards(camera, pose, points, views, share, derivatives=True)
     for column, derivative in itertools.chain(
-        ((np.eye(9)[k], found.by_globals[..., k]) for k in range(len(GLOBALS))),
+        ((np.eye(len(GLOBALS))[k], found.by_globals[..., k]) for k in range(len(GLOBALS))),
         ((np.eye(6)[k], found.by_pose[..., k]) for k in range(6)),
     ):
         nudge = 1j * step * column
-        moved = (camera + nudge, pose) if len(column) == 9 else (camera, pose + nudge)
+        moved = (camera + nudge, pose) if len(column) == len(GLOBALS) else (camera, pose + nudge)
         exact = project_boards(*moved, points, views, share).values.imag / step
         np.testing.assert_allclose(derivative, exact, rtol=1e-11, atol=1e-11 * np.abs(exact).max())
 

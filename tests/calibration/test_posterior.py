@@ -128,7 +128,7 @@ def test_distortion_is_sampled_where_asked():
     camera = replace(CAMERA, k_1=0.5, k_2=-5.0)
     fit = calibrate(captured(Captures(boards=6, views=3, offset=20.0), camera=camera), SHEET, distortion=2).fit
     posterior = sample_posterior(fit, SHEET, seed=1, chunk=100, most_steps=100)
-    assert posterior.names == ("A", "m", "inverse_d_2", "x_0", "y_0", "k_1", "k_2", "f")
+    assert posterior.names == ("A", "m", "inverse_d_2", "x_0", "y_0", "k_1", "k_2", "c_1", "b_1", "f")
     assert abs(posterior.draws("k_1").mean() - 0.5) < 4 * fit.covariance.sigma["k_1"]
 
 

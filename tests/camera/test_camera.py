@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.design import PATHS, DesignError
+from roslf_design.traced.camera import _faces, camera_of
+from roslf_design.traced.images import real_field
 
 PAPER = roslf.load("paper")
 NAMES = roslf.preset_names()
@@ -98,3 +100,50 @@ def test_a_real_lens_has_its_own_focal_length_for_every_colour():
     for f, colour in zip(camera.f, colours, strict=True):
         assert f == pytest.approx(design.replace(wavelength=float(colour)).f, rel=1e-14)
     np.testing.assert_allclose(1 / camera.d_f + 1 / camera.d_1, 1 / camera.f, rtol=1e-14)
+
+
+def in_liquid(abbe: float, **more):
+    """Behind a plate in a liquid whose index at the design's wavelength, the d line, no Abbe number changes."""
+    plate = {"kind": "plate", "distance": "125 mm", "thickness": "3 mm", "material": "N-BK7", "diameter": "40 mm"}
+    return roslf.load("paper-singlet").replace(
+        {
+            "light.wavelength": 587.5618e-6,
+            "elements": [plate],
+            "object_space": {"medium": {"index": 1.35, "abbe": abbe}},
+            **more,
+        }
+    )
+
+
+def kinds():
+    """Designs of which each pair differs in one thing that no number of a camera shows."""
+    yield in_liquid(20.0)
+    yield in_liquid(80.0)
+    yield in_liquid(20.0, environment={"temperature": 20.0})
+    yield in_liquid(20.0, environment={"temperature": 20.0, "housing": "aluminium"})
+    yield in_liquid(20.0, **{"sensor.colours": "RGGB"})
+    yield in_liquid(20.0, **{"microlens_array.lens_shape": "circular"})
+    yield in_liquid(20.0, **{"microlens_array.layout": "hexagonal"})
+
+
+def test_cameras_are_equal_only_where_all_of_them_is():
+    cameras = [Camera.of(design) for design in kinds()]
+    for k, camera in enumerate(cameras):
+        for other in cameras[:k]:
+            assert camera != other
+            assert hash(camera) != hash(other)
+        numbers = dict(reversed(camera.numbers.items()))  # equal whatever the order in which places were given
+        turned = Camera(numbers, *camera._kind)
+        for twin in (pickle.loads(pickle.dumps(camera)), camera.replace({}), turned):
+            assert twin == camera
+            assert hash(twin) == hash(camera)
+
+
+def test_dispersion_is_that_of_a_design_s_own_liquid_whatever_was_asked_before():
+    field, every = [(0.5, 0.0)], {}
+    for order in ((20.0, 80.0), (80.0, 20.0)):
+        for cached in (camera_of, _faces):
+            cached.cache_clear()  # what comes first is computed, as in a process of its own
+        every[order] = {abbe: real_field(in_liquid(abbe), field).lateral_colour[0] for abbe in order}
+    assert every[20.0, 80.0] == every[80.0, 20.0]
+    assert every[20.0, 80.0][20.0] != pytest.approx(every[20.0, 80.0][80.0], rel=0.1)

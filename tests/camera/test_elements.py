@@ -246,11 +246,16 @@ def test_water_moves_the_focal_plane_to_n_fold_its_distance_and_depth_errors_wit
     assert water.d_f - 118 == pytest.approx(1.333 * (air.d_f - 118), rel=1e-9)
     sigma_air, sigma_water = (quantity_named("sigma_z_mm")(Camera.of(design)) for design in (air, water))
     assert sigma_water == pytest.approx(1.333 * sigma_air, rel=1e-9)
-    same = "fill_factor", "image_diameter_mm", "object_sample_mm", "field_half_width_mm", "view_baseline_mm"
+    same = "fill_factor", "image_diameter_mm", "object_sample_mm", "view_baseline_mm"
     for name in same:
         assert quantity_named(name)(Camera.of(water)) == pytest.approx(
             float(quantity_named(name)(Camera.of(air))), rel=1e-9
         )
+    # What crosses the FAP's middle, 1 mm behind the window, is bent there by the sines of its angles.
+    across = float(quantity_named("field_half_width_mm")(Camera.of(air)))
+    sine = math.sin(math.atan(across / (air.d_f - air.d_3))) / 1.333
+    bent = (water.d_f - 118) * sine / math.sqrt(1 - sine**2) + (118 - air.d_3) * across / (air.d_f - air.d_3)
+    assert float(quantity_named("field_half_width_mm")(Camera.of(water))) == pytest.approx(bent, rel=1e-9)
 
 
 @pytest.mark.parametrize(("in_air", "in_water"), [(70, 50.972), (90, 64.073), (120, 81.035)])
@@ -343,8 +348,8 @@ def test_derivatives_behind_a_relay_that_inverts_are_those_of_differences():
     """Complex steps through every closed form, beside central differences, whose own error is some 1e-8."""
     design = roslf.load("cystoscope")
     camera = Camera.of(design)
-    names = [name for name, quantity in QUANTITIES.items() if quantity.analytic]
-    assert {"field_half_width_mm", "object_sample_mm", "field_half_angle_deg", "fill_factor"} <= set(names)
+    names = [name for name, quantity in QUANTITIES.items() if quantity.analytic and not quantity.traced]
+    assert {"object_sample_mm", "object_magnification", "image_diameter_mm", "fill_factor"} <= set(names)
     for place in ("elements.0.focal_length", "elements.5.distance", "elements.2.index", "object_space.index"):
         here, size = camera[place], 1e-6 * camera[place]
         step = camera.replace({place: np.array([here + 1e-30j])})

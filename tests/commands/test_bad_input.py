@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import json
 import os
+import re
 import time
 import warnings
+from pathlib import Path
 
 import numpy as np
 import pytest
 import tifffile
+from hypothesis import given
+from hypothesis import strategies as st
 
 from roslf_design.accuracy.table import current_table
+from roslf_design.calibration import Board, CalibrationError
 from roslf_design.cli import main
+from roslf_design.report.blocks import slug
+
+ROOT = Path(__file__).resolve().parents[2]
 
 DESIGN = {
     "main_lens.diameter": '"50.8 mm"',
@@ -137,6 +146,18 @@ STOP, WHITE = 'diameter = "3 mm"\ndistance = "10 mm"', 'kind = "white"'
 POINTS = '[[objects]]\nkind = "points"\npositions = [{}]'
 PARTS = '[story]\ntitle = "x"\ndesign = "paper"\n[[parts]]\ncalibration = {{ boards = {} }}\n'
 WHOLE = tables(DESIGN) + REST
+STUDY_OF = """
+name = "x"
+design = "paper"
+trials = 64
+{}
+[[goals]]
+metric = "fill_factor"
+max = 2
+[[perturb]]
+place = "main_lens.focal_length"
+tolerance = "1 %"
+"""
 RENDER = ["render", "paper", "--scene", "x.toml"]
 PLAN = ["calibrate", "--plan", "paper"]
 
@@ -159,6 +180,17 @@ PLAN = ["calibrate", "--plan", "paper"]
         ("", ["render", "paper", "--seed", str(2**64)], "--seed: is too large"),
         ("", ["optimize", "x.toml", "-o", "out", "--seed", str(2**64)], "--seed: is too large"),
         ("", ["explore", "paper", "--no-browser", "--host", "a" * 300], "--host: "),
+        ("", ["evaluate", "paper", *["--field", "1"] * 501], "--field: given 501 times; give 500 fields at most"),
+        (
+            STUDY_OF.format("sobol_samples = 4194304"),
+            ["tolerance", "x.toml", "-o", "out"],
+            "sobol_samples: 4194304 of 1 fact",
+        ),
+        (
+            STUDY_OF.format("fields = [" + "['1 mm', '0 mm'], " * 501 + "]"),
+            ["tolerance", "x.toml", "-o", "out"],
+            "fields: 501 are too many; ask for 500 at most",
+        ),
         ("", ["evaluate", "."], "is a folder"),
         ("", ["tolerance", "/dev/zero", "-o", "out"], "is a pipe or a device"),
         ("", ["catalogue", "--file", "/dev/urandom"], "is a pipe or a device"),
@@ -200,3 +232,172 @@ def test_a_damaged_picture_on_a_scene_or_in_a_capture_is_told(capsys, tmp_path):
     (tmp_path / "good.tif").rename(tmp_path / "captures" / "board.tif")
     (line,) = refused(capsys, ["calibrate", "captures", "--design", "paper", "--board", "4x5 6 mm", "-o", "out"])
     assert "white.tif cannot be read as an image (" in line
+
+
+OTHER_WAY = {
+    "[[sensor]]": (WHOLE.replace("sensor.", "x.") + '[[sensor]]\npixel = "4 um"\n', "sensor: must be a table"),
+    "[[microlens_array]]": (
+        WHOLE.replace("microlens_array.", "x.") + '[[microlens_array]]\npitch = "63 um"\n',
+        "microlens_array: must be a table",
+    ),
+    "a list": ('sensor = ["1 mm"]\n' + WHOLE.replace("sensor.", "x."), "sensor: must be a table"),
+    "a key without letters": ('"" = []\n' + WHOLE, '"": is not a known key'),
+}
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [(1j, "complex128 numbers"), (1e300, "not finite, or above"), (np.nan, "not finite, or above")],
+)
+def test_pictures_of_no_greys_are_told(values, said, capsys, tmp_path):
+    tifffile.imwrite("odd.tif", np.full((9, 9), values), photometric="minisblack")
+    texture = '{ kind = "image", file = "odd.tif", width = "5 mm" }'
+    (tmp_path / "x.toml").write_text(f"[[objects]]\n{tables(SCENE, {'texture': texture})}")
+    (line,) = refused(capsys, RENDER)
+    assert "odd.tif: holds" in line
+    assert said in line
+
+
+@pytest.mark.parametrize("kind", [np.uint8, np.float32])
+def test_a_black_picture_with_a_white_image_is_told(kind, capsys):
+    wave = 0.5 + 0.5 * np.cos(2 * np.pi * (np.arange(130) - 64.5) / 12.94)
+    tifffile.imwrite("white.tif", np.outer(wave, wave).astype(np.float32))
+    tifffile.imwrite("black.tif", np.zeros((130, 130), kind))
+    words = ["--white", "white.tif", "--design", "paper", "--region", "2000,1300,130,130", "-o", "out"]
+    (line,) = refused(capsys, ["depth", "black.tif", *words])
+    assert "black.tif: is black" in line
+
+
+@pytest.mark.parametrize("slip", OTHER_WAY)
+def test_slips_of_brackets_are_told(slip, capsys, tmp_path):
+    text, said = OTHER_WAY[slip]
+    (tmp_path / "x.toml").write_text(text)
+    assert any(said in line for line in refused(capsys, ["evaluate", "x.toml"]))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["evaluate", "paper", "--field", "1e308"], "--field: "),
+        (["evaluate", "paper", "--field", "0,-1e80"], "--field: "),
+        ([*PLAN, "--noise", "1e-300"], "--noise: "),
+        ([*PLAN, "--noise", "1e300"], "--noise: "),
+        ([*PLAN, "--tilt", "caf\udce9"], "is no UTF-8 text"),
+        ([*PLAN, "--d-sigma", "1e300 %"], "--d-sigma: "),
+        (["calibrate", "x", "--design", "paper", "--board", "4x3 1.3 mm", "-o", "out"], "4 x 4 cells"),
+        ([*PLAN, "--board", "3x3 1.3 mm"], "4 x 4 cells"),
+        (["evaluate", "/proc/self/mem"], "cannot be read"),
+        (["decode", "b/" * 3000, "--white", "x"], "name too long"),
+        (["evaluate", "paper", "-o", "a" * 300 + ".json"], "name too long"),
+    ],
+)
+def test_what_ended_in_tracebacks_or_as_a_failed_run_is_told(arguments, said, capsys):
+    (line,) = refused(capsys, arguments)
+    assert said in line
+
+
+@pytest.mark.parametrize("cells", [(4, 4), (3, 4)])
+def test_boards_are_those_that_opencv_looks_for(cells):
+    import cv2
+
+    inner = tuple(count - 1 for count in cells)
+    try:
+        cv2.findChessboardCornersSB(np.zeros((60, 60), np.uint8), inner)
+        known = True
+    except cv2.error:
+        known = False
+    if known:
+        Board(*cells, 1.0)
+    else:
+        with pytest.raises(CalibrationError, match="too few inner corners"):
+            Board(*cells, 1.0)
+
+
+WORK = {
+    "evaluate": (["evaluate", "paper"], ".csv"),
+    "export": (["export", "paper"], ".zmx"),
+    "datasheet": (["datasheet", "paper"], ".json"),
+    "sweep": (["sweep", "paper", "--set", "d_3=0..9 mm", "--quantity", "fill_factor"], ".csv"),
+    "render": (["render", "paper"], ".tif"),
+    "accuracy": (["accuracy", "calibrate"], ".json"),
+    "hard cases": (["accuracy", "hard-cases"], ""),
+    "report": (["report", "paper"], ""),
+    "decode": (["decode", "x.tif"], ""),
+    "depth": (["depth", "paper"], ""),
+    "tolerance": (["tolerance", "x.toml"], ""),
+    "optimize": (["optimize", "x.toml"], ""),
+    "calibrate": (["calibrate", "x", "--design", "paper", "--board", "4x5 1 mm"], ""),
+}
+
+
+@pytest.mark.parametrize("command", WORK)
+@pytest.mark.parametrize("place", ["/proc/x", "links/loop/x", "/dev/null"])
+def test_a_place_where_nothing_can_be_written_is_told_before_the_work(command, place, capsys):
+    """/proc is where root cannot write either; a link to itself leads nowhere."""
+    words, ending = WORK[command]
+    if place == "/dev/null" and command != "accuracy":
+        place = "/dev/null/x"
+    os.mkdir("links")
+    os.symlink("loop", "links/loop")
+    (line,) = refused(capsys, [*words, "-o", f"{place}{'' if place == '/dev/null' else ending}"])
+    assert line.startswith("roslf: -o: ")
+
+
+def test_names_with_what_steers_a_terminal_are_spelled_out(capsys, tmp_path):
+    assert main(["evaluate", "paper", "-o", "\x1b[31mred.csv"]) == 0
+    assert capsys.readouterr().out == "\\x1b[31mred.csv\n"
+    (tmp_path / "x.toml").write_text('name = "\\u202eabc\\u001b[31m"\n' + WHOLE)
+    assert main(["evaluate", "x.toml", "--json"]) == 0
+    out = capsys.readouterr().out
+    assert json.loads(out)["design"] == "\u202eabc\x1b[31m"
+    assert all(letter.isprintable() or letter in "\n\u202f" for letter in out)
+
+
+def test_pages_of_files_whose_names_are_no_letters(capsys):
+    name = os.fsdecode(b"caf\xe9.toml")
+    with open(name, "w") as file:
+        file.write('name = "x"\n' + WHOLE)
+    assert main(["datasheet", name, "-o", "out.html"]) == 0
+    with open("out.html", encoding="utf-8") as page:
+        assert "</html>" in page.read()
+
+
+@given(st.text(max_size=20))
+def test_names_of_tables_fit_every_file_system(title):
+    assert re.fullmatch(r"[a-z0-9]*(-[a-z0-9]+)*", slug(title))
+
+
+def test_greek_letters_in_names_of_tables_are_spelled_out():
+    assert slug("Depth spread σ_Z, ΔZ in µm") == "depth-spread-sigma-z-deltaz-in-mum"
+
+
+def test_a_plan_of_a_camera_that_may_be_focused_at_infinity_says_so(capsys):
+    """m = 0.0075 here, and a lens before the main lens that may be off by 20 %: some of such cameras have d_1 <= f."""
+    text = (ROOT / "designs" / "grin-needle.toml").read_text()
+    with open("x.toml", "w") as file:
+        file.write(text.replace('distance = "41 mm"', 'distance = "40.3 mm"'))
+    (line,) = refused(capsys, ["calibrate", "--plan", "x.toml", "--sigma", "elements.0.focal_length=20 %"])
+    assert "d_1 <= f" in line
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("[light]\nread_noise = 1e300\n[[objects]]\nkind = 'white'\n", "light.read_noise"),
+        ("[light]\nexposure = 1e308\n[[objects]]\nkind = 'white'\n", "light.exposure"),
+        ("[light]\nexposure = 1e-300\n[[objects]]\nkind = 'white'\n", "light.exposure"),
+        ("background = 1e308\n[[objects]]\nkind = 'white'\n", "background"),
+        ('[[objects]]\nkind = "white"\nlevel = 1e308\n', "objects.0.level"),
+    ],
+)
+def test_light_that_no_float_of_an_image_holds_is_told(text, said, capsys, tmp_path):
+    (tmp_path / "x.toml").write_text(text)
+    (line,) = refused(capsys, RENDER)
+    assert f"x.toml: {said}: " in line
+
+
+@pytest.mark.parametrize("truncate", ["1e308", "1e-300"])
+def test_cut_offs_that_no_distribution_has_are_told(truncate, capsys, tmp_path):
+    (tmp_path / "x.toml").write_text(f"truncate = {truncate}\n{STUDY}".replace('grades = "shop.toml"\n', ""))
+    lines = refused(capsys, ["tolerance", "x.toml", "-o", "out"])
+    assert any("truncate: " in line for line in lines)

@@ -300,11 +300,13 @@ def test_quantities_are_listed(capsys):
     assert run(capsys, "quantities")[0] == 0
 
 
-def test_a_file_that_cannot_be_written_is_called_by_its_name(capsys):
+def test_a_file_that_cannot_be_written_is_called_by_its_name_before_the_work(capsys, monkeypatch):
+    monkeypatch.setattr("roslf_design.commands.sweep.compute", None)  # which would fail
     place = "/proc/x.csv"  # where nobody may write, root neither
     code, _, err = run(capsys, "sweep", "paper", "--set", "d_3=0..9 mm", "--quantity", "fill_factor", "-o", place)
-    assert code == 1
-    assert err.startswith(f"roslf: {place}: cannot be written: ")
+    assert code == 2
+    assert err.startswith(f"roslf: -o: {place} cannot be written: ")
+    assert len(err.splitlines()) == 1
 
 
 def test_a_sweep_as_parquet(tmp_path, capsys):

@@ -220,6 +220,7 @@ def test_no_lattice_leaves_a_picture_of_what_was_seen(capsys, captured, tmp_path
         (["raw.tif", "--white", "."], "is a folder; name the file inside it"),
         (["raw.tif", "--white", "white.tif", "--focus", "300 mm"], "takes --design or --calibration"),
         (["raw.tif", "--white", "white.tif", "--focus", "nan"], "--focus"),
+        (["raw.tif", "--white", "white.tif", "--focus", "1," * 100 + "2"], "asks for 101 planes; give 100 at most"),
         (["raw.tif", "--white", "white.tif", "--focus", "1e9"], "more than the whole picture"),
         (["raw.tif", "--white", "white.tif", "--design", "paper", "--focus", "9 m/s"], "--focus"),
         (["raw.tif", "--white", "white.tif", "--design", "paper", "--focus", "100 mm"], "the camera sees nothing"),

@@ -69,9 +69,9 @@ def test_lenses_come_back_from_their_zmx(tmp_path):
 def test_what_cannot_be_exported_is_told(tmp_path, capsys):
     for arguments, said in (
         (["grin-needle", "-o", str(tmp_path / "a.zmx")], "gradient-index rod"),
-        (["paper", "-o", str(tmp_path / "a.txt")], "neither .zmx nor .json"),
+        (["paper", "-o", str(tmp_path / "a.txt")], "end it in .zmx or .json"),
         (["nothing", "-o", str(tmp_path / "a.zmx")], "nothing"),
-        (["paper", "-o", str(tmp_path)], "neither"),
+        (["paper", "-o", str(tmp_path)], "end it in"),
     ):
         assert main(["export", *arguments]) == 2
         assert said in capsys.readouterr().err

@@ -199,6 +199,16 @@ def hdf_matlab(place):
     return place / "a.mat", "Matlab 7.3 (HDF5); save it again"
 
 
+def bomb_matlab(place):
+    """Zeros that would unpack to 8 GB, named in the header alone."""
+    savemat(place / "a.mat", {"LF": np.zeros((3, 3, 20, 20))})
+    content = (place / "a.mat").read_bytes()
+    sizes = [np.array(shape, "<i4").tobytes() for shape in ((3, 3, 20, 20), (100, 100, 200, 500))]
+    assert content.count(sizes[0]) == 1
+    (place / "a.mat").write_bytes(content.replace(*sizes))
+    return place / "a.mat", r"LF of 100 x 100 x 200 x 500 double numbers is too large (7629 MB; at most 512 MB"
+
+
 def nan_matlab(place):
     savemat(place / "a.mat", {"LF": np.full((2, 2, 9, 9), np.nan)})
     return place / "a.mat", "not finite"
@@ -208,7 +218,7 @@ def nan_matlab(place):
     "spoilt",
     [
         no_views, other_names, two_sizes, one_twice, no_square, no_image, too_many, wrong_parameters, torn_parameters,
-        no_folder, other_matlab, text_in_matlab, cut_matlab, junk_matlab, hdf_matlab, nan_matlab,
+        no_folder, other_matlab, text_in_matlab, cut_matlab, junk_matlab, hdf_matlab, bomb_matlab, nan_matlab,
     ],
 )  # fmt: skip
 def test_what_is_no_light_field_is_refused_by_its_name(tmp_path, spoilt):
@@ -247,4 +257,21 @@ def test_disparity_maps_are_stored_from_the_bottom_row_in_either_order_of_bytes(
 def test_damaged_disparity_maps_are_refused(tmp_path, content, said):
     (tmp_path / "a.pfm").write_bytes(content)
     with pytest.raises(InputError, match=said):
+        read_pfm(tmp_path / "a.pfm")
+
+
+@pytest.mark.parametrize(
+    ("value", "said"), [(1j, "complex numbers"), (1e300, "larger than any"), (np.nan, "not finite")]
+)
+def test_light_fields_that_no_sensor_gives_are_told(tmp_path, value, said):
+    field = np.ones((3, 3, 9, 9), np.asarray(value).dtype)
+    field[1, 1, 4, 4] = value
+    savemat(tmp_path / "a.mat", {"LF": field})
+    with pytest.raises(InputError, match=said):
+        read_views(tmp_path / "a.mat")
+
+
+def test_disparities_that_no_picture_has_are_told(tmp_path):
+    (tmp_path / "a.pfm").write_bytes(pfm_bytes(np.array([[np.inf, 1.0], [3e38, np.nan]])))
+    with pytest.raises(InputError, match="beyond 1e"):
         read_pfm(tmp_path / "a.pfm")

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
+from roslf_design.camera import Camera
 from roslf_design.design import load
 from roslf_design.design.files import load_beside, preset_path
+from roslf_design.theory.light import sensor_field
 
 IN_THE_BORE = ("arthroscope", "cystoscope", "grin-needle", "video-otoscope")
 
@@ -74,7 +76,8 @@ def test_working_distance_and_field_are_those_of_their_kind(name, working_distan
     design = load(name)
     front = max(element.distance + element.length for element in design.elements)
     assert design.d_f - front == pytest.approx(working_distance, abs=0.1)
-    corner = roslf.evaluate(design).non_distortion.field_half_diagonal_mm
+    half = sensor_field(Camera.of(design)).half_diagonal
+    corner = float(half) * roslf.evaluate(design).sampling.object_sample_mm / design.d  # to first order
     _, at_fap = through(design)
     slope = -at_fap[0, 0] * corner / at_fap[0, 1]  # index times slope in the medium of what crosses the FAP's middle
     assert math.degrees(math.atan(abs(slope))) == pytest.approx(half_field_in_air, abs=2)

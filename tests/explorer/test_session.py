@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 
 from roslf_design.design import dumps, load, loads, preset_names
 from roslf_design.evaluation import evaluate
+from roslf_design.explorer import session as session_module
+from roslf_design.explorer.jobs import PAUSE
 from roslf_design.explorer.runs import Run
 from roslf_design.explorer.server import PAGE
 from roslf_design.explorer.session import DownloadError, Session
@@ -81,6 +83,111 @@ def test_every_view_of_every_preset_is_drawn(name):
     for picture in ("meridional", "microlens", "mla_map", "matching_plane", "depth", "effects"):
         assert page[f"picture_{picture}"].startswith("<svg")
     assert page["space"]["meshes"]
+
+
+def undrawn(page):
+    """Names of the pictures that a sentence stands for."""
+    return {name for name in DRAWINGS if 'data-testid="undrawn"' in page.get(f"picture_{name.replace('-', '_')}", "")}
+
+
+@pytest.mark.parametrize("pitch", ["24 mm", "40 mm", "1e15 mm"])
+def test_a_pitch_wider_than_the_array_leaves_the_page_and_says_so_where_no_microlens_is(pitch):
+    session = Session(PAPER)
+    page = played(session, ("write", "d", pitch))
+    assert undrawn(page) == {"microlens", "mla-map"}
+    for text in (page["message"], page["picture_microlens"], page["picture_mla_map"]):
+        assert "cannot be drawn" in text
+    assert "more than the microlens array is wide" in page["message"]
+    assert page["picture_meridional"].startswith("<svg")
+    assert page["lights"]
+    assert played(session, ("dismiss",))["message"] == ""
+    assert played(session, ("look", "tab", "depth"))["picture_depth_field"].startswith("<svg")
+    page = played(session, ("look", "tab", "camera"), ("write", "d", "63 um"))
+    assert (undrawn(page), page["message"]) == (set(), "")
+
+
+FAULTY = [
+    ZeroDivisionError("float division by zero"),
+    MemoryError(),
+    IndexError("7"),
+    RuntimeError("x"),
+    OverflowError(),
+]
+
+
+@pytest.mark.parametrize("part", ["inputs", "make"])
+@pytest.mark.parametrize("fault", FAULTY, ids=lambda fault: type(fault).__name__)
+def test_whatever_goes_wrong_in_one_picture_leaves_the_others(monkeypatch, part, fault):
+    def fail(*_):
+        raise fault
+
+    seen = [name for name, drawing in DRAWINGS.items() if drawing.tab == "camera"]
+    monkeypatch.setitem(DRAWINGS, "microlens", DRAWINGS["microlens"]._replace(**{part: fail}))
+    session = Session(PAPER)
+    page = played(session, ("slide", "D_F", 700, "a"))
+    assert undrawn(page) == {"microlens"}
+    assert all(page[f"picture_{name.replace('-', '_')}"].startswith("<svg") for name in seen)
+    assert "Image of a microlens cannot be drawn" in page["message"]
+    with pytest.raises(DownloadError):
+        asyncio.run(session.download("microlens.svg"))
+    assert asyncio.run(session.download("mla-map.svg")).content.startswith(b"<?xml")
+
+
+@pytest.mark.parametrize("preset", ["paper", "paper-singlet"])
+@pytest.mark.parametrize("fault", FAULTY, ids=lambda fault: type(fault).__name__)
+def test_a_design_that_cannot_be_evaluated_leaves_its_pictures_and_its_numbers(monkeypatch, preset, fault):
+    def fail(*_):
+        raise fault
+
+    for name in ("evaluate", "proposals", "scene"):
+        monkeypatch.setattr(session_module, name, fail)
+    session = Session(load(preset))
+
+    async def play():
+        session.opened("", "light", {})
+        page = session.page()
+        assert undrawn(page) == set()
+        assert page["lights"][0]["level"] == "fault"
+        assert "cannot be found" in page["lights"][0]["plain"]
+        await asyncio.sleep(2 * PAUSE)  # until all that waited for the design to stand still is done
+        assert [fix["label"] for fix in session.page()["fixes"]] == ["No proposals"]
+        session.ask("look", "tab", "depth")
+        page = session.page()
+        assert "Depth is unknown" in page["depth_known"]["text"]
+        assert undrawn(page) == {"effects"}
+        session.ask("look", "tab", "space")
+        assert "3D cannot be drawn" in session.page()["message"]
+        for request in (("fix", "match-d_2"), ("write", "D_F", "3.1 mm"), ("look", "tab", "camera")):
+            session.ask(*request)
+            session.page()
+        session.close()
+
+    asyncio.run(play())
+    assert session.design.D_F == 3.1
+
+
+def test_a_scene_that_cannot_be_drawn_leaves_nothing_of_the_one_before(monkeypatch):
+    session = Session(PAPER)
+
+    async def play():
+        session.opened("", "light", {})
+        session.look("tab", "space")
+        whole = session.page()["space"]
+        with monkeypatch.context() as patched:
+            patched.setattr(session_module, "scene", lambda *_: 1 / 0)
+            session.write("D_F", "3.5 mm")
+            empty = session.page()["space"]
+            assert session.page()["space"] == empty
+        session.write("D_F", "3.6 mm")
+        again = session.page()["space"]
+        session.close()
+        return whole, empty, again
+
+    whole, empty, again = asyncio.run(play())
+    assert empty["meshes"] == dict.fromkeys(whole["meshes"])
+    assert (empty["since"], empty["ground"]) == (whole["serial"], whole["ground"])
+    assert again["meshes"].keys() == whole["meshes"].keys()
+    assert None not in again["meshes"].values()
 
 
 def field_of(page, symbol):

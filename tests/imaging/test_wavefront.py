@@ -14,8 +14,8 @@ from roslf_design.imaging.camera import Region
 from roslf_design.imaging.points import PointSource, point_image
 from roslf_design.imaging.render import render
 from roslf_design.imaging.wavefront import Wavefront
-from roslf_design.rays.object_space import FacesAhead
 from roslf_design.scenes import Points, Scene
+from roslf_design.theory.object_space import FacesAhead
 from tests.oracles import coherent
 
 PAPER = load("paper")

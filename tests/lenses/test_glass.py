@@ -11,6 +11,7 @@ import pytest
 
 from roslf_design.errors import InputError
 from roslf_design.lenses.glass import AIR, find_glass, read_glass
+from roslf_design.lenses.glass_files import load_glass
 
 DATA = tomllib.loads(files("roslf_design.lenses").joinpath("glasses.toml").read_text())
 D_LINE, F_LINE, C_LINE = 587.5618e-6, 486.1327e-6, 656.2725e-6
@@ -153,3 +154,23 @@ def test_offset_adds_to_the_index_at_every_wavelength():
     waves = np.array([0.45, 0.55, 0.65]) * 1e-3
     np.testing.assert_allclose(glass.with_offset(5e-4).index(waves) - glass.index(waves), 5e-4, atol=4e-16)
     assert glass.with_offset(5e-4).with_offset(-5e-4) == glass
+
+
+@pytest.mark.parametrize("resonance", [0.55, 0.55 + 1e-9])
+def test_a_law_of_temperature_that_has_no_value_there_is_told(resonance):
+    law = {"d": [1.86e-6, 1.31e-8, -1.37e-11], "e": [4.34e-7, 6.27e-10], "lambda_tk": resonance}
+    glass, problems = read_glass("mine", {"formula": "constant", "index": 1.5, "dndt": law})
+    assert not problems
+    assert glass.index(550e-6) == 1.5
+    with pytest.raises(InputError, match="mine has no index at its temperature there: its dn/dT"):
+        glass.index(550e-6, 60.0)
+
+
+def test_a_page_without_coefficients_is_told(tmp_path):
+    page = tmp_path / "glass.yml"
+    for coefficients, said in (("", "holds no numbers"), ("1 2-3", "could not convert")):
+        page.write_text(
+            f"  - type: formula 1\n    wavelength_range: 0.3 2.5\n    coefficients: {coefficients}\nSPECS:\n"
+        )
+        with pytest.raises(InputError, match=said):
+            load_glass(page, "")

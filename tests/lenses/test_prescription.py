@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from hypothesis import strategies as st
 from roslf_design.lenses.glass import AIR, Glass, find_glass
 from roslf_design.lenses.lens_file import dumps_lens, load_lens, loads_lens, shipped_names
 from roslf_design.lenses.manufacture import as_made, lens_values
-from roslf_design.lenses.prescription import LensError, Prescription, Surface
+from roslf_design.lenses.prescription import LensError, Prescription, Surface, first_order
 from tests.lenses.vector_rays import Rays, trace
 from tests.oracles.lenses import incoming
 
@@ -292,3 +293,54 @@ def test_own_glass_in_a_lens_file():
     )
     assert lens.surfaces[0].glass.index(5e-4) == 1.49
     assert lens.surfaces[1].glass == AIR
+
+
+SINGLET = """
+[[surfaces]]
+radius = "20 mm"
+thickness = "3 mm"
+glass = {glass}
+diameter = "10 mm"
+[[surfaces]]
+radius = "-30 mm"
+diameter = "10 mm"
+"""
+
+
+@pytest.mark.parametrize(
+    ("glass", "more"),
+    [
+        ("{index = 1.5168, abbe = 64.17}", ""),
+        ('"melt"', "[glasses]\nmelt = {index = 1.5168, abbe = 64.17}"),
+    ],
+)
+def test_glasses_by_index_and_abbe_number(glass, more):
+    """Against the lensmaker's equation, and n_F - n_C = (n_d - 1)/V."""
+    lens = loads_lens(SINGLET.format(glass=glass) + more)
+    n, r_1, r_2, t = 1.5168, 20.0, -30.0, 3.0
+    power = (n - 1) * (1 / r_1 - 1 / r_2 + (n - 1) * t / (n * r_1 * r_2))
+    assert first_order(lens, 587.5618e-6).focal_length == pytest.approx(1 / power, rel=1e-12)
+    f_line, c_line = (float(lens.surfaces[0].glass.index(wave)) for wave in (486.1327e-6, 656.2725e-6))
+    assert f_line - c_line == pytest.approx((n - 1) / 64.17, rel=1e-12)
+    assert loads_lens(dumps_lens(lens)) == lens
+
+
+def test_glasses_whose_numbers_look_alike_stay_apart():
+    glasses = [f"{{index = {index!r}, abbe = 64.17}}" for index in (1.5168, 1.51680001)]
+    text = "".join(SINGLET.split("[[surfaces]]")[1].join(["[[surfaces]]", ""]).format(glass=glass) for glass in glasses)
+    lens = loads_lens(text + '[[surfaces]]\nradius = "inf"\ndiameter = "10 mm"\n')
+    assert loads_lens(dumps_lens(lens)) == lens
+
+
+@pytest.mark.parametrize(
+    ("glass", "said"),
+    [
+        ("{index = 0.5}", "surfaces.1.glass.index: an index must be a number from 1 to 5"),
+        ("{index = 1.5, abe = 60}", "surfaces.1.glass.abe: 'abe' is not known of a material"),
+        ("{formula = {a = 1}}", "surfaces.1.glass: a glass by its formula stands in [glasses]"),
+        ("[1]", "surfaces.1.glass: must be a glass's name or a table"),
+    ],
+)
+def test_glasses_of_surfaces_with_a_fault_say_which(glass, said):
+    with pytest.raises(LensError, match=re.escape(said)):
+        loads_lens(SINGLET.format(glass=glass))

@@ -86,3 +86,64 @@ def line_transfer(spread, places, frequency, axis):
     line = spread.sum(axis)
     wave = np.exp(-2j * np.pi * np.outer(frequency, places))
     return np.abs(wave @ line) / line.sum()
+
+
+def transfer(design, rate, pixel, discs, frequency, way, neighbours, samples=200, lens=80, pixels=3):
+    """Transfer of a square microlens's pixel for waves over the array, by plain sums over all that light goes through.
+
+    Parameters
+    ----------
+    design : Design
+        Of a square array of square microlenses, in air.
+    rate : float
+        As of `responses`.
+    pixel : pair of float
+        Its middle, against the image's middle [mm].
+    discs : sequence of ((x, y), radius)
+        Whose common part is lit [mm].
+    frequency : sequence of float
+        On the array, along the unit vector `way` [1/mm].
+    neighbours : int
+        Microlenses on each side whose light adds up with its own, field by field.
+    samples, lens, pixels : int
+        Of the lit image's width, of the microlens's and of the pixel's.
+
+    Returns
+    -------
+    ndarray of complex
+    """
+    wave, d, d_2, q = design.wavelength, design.d, design.d_2, design.q
+    gap = design.d_f - design.d_3
+    vergence = (design.f - design.d_3) * (design.d_f - design.f) / design.f**2 / gap
+    beta = 1 / design.f_ml - 1 / d_2 - vergence
+    (middle, radius), *_ = discs
+    edges = (np.arange(samples) + 0.5) / samples * 2 * radius - radius
+    w = (np.arange(lens) + 0.5) / lens * d - d / 2
+    curved = np.exp(-1j * np.pi * beta * w**2 / wave) / lens
+
+    def fields(place, seen):
+        """Of light from places of the image in places of the pixel, (pixels, places)."""
+        total = 0.0
+        for k in range(-neighbours, neighbours + 1):
+            off = place - seen[:, None] + k * d * (1 + d_2 * vergence)
+            at, back = np.unique(off.round(12), return_inverse=True)
+            each = np.exp(2j * np.pi / (wave * d_2) * np.outer(at, w)) @ curved
+            path = ((seen - k * d) ** 2 / d_2 + (k * d) ** 2 * vergence)[:, None] + 2 * k * d * place / d_2
+            total = total + each[back].reshape(off.shape) * np.exp(1j * np.pi / wave * path)
+        return total
+
+    sums = []
+    for nu in (0.0, *frequency):
+        apart = wave * d_2 * nu / 2 * np.asarray(way)
+        lit, parts = True, []
+        for axis in (0, 1):
+            place = middle[axis] + edges
+            seen = pixel[axis] + ((np.arange(pixels) + 0.5) / pixels - 0.5) * q
+            pair = fields(place - apart[axis], seen) * fields(place + apart[axis], seen).conj()
+            parts.append(pair.sum(0) * np.exp(2j * np.pi * nu * rate * way[axis] * place))
+        x, y = middle[0] + edges, middle[1] + edges[:, None]
+        for (u, v), r in discs:
+            for sign in (-1, 1):
+                lit = lit & (np.hypot(x - u + sign * apart[0], y - v + sign * apart[1]) <= r)
+        sums.append(parts[1] @ lit @ parts[0])
+    return np.array(sums[1:]) / sums[0]

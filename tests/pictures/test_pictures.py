@@ -16,7 +16,14 @@ from roslf_design.evaluation import default_fields, evaluate
 from roslf_design.evaluation.fields import field_discs
 from roslf_design.imaging.render import render
 from roslf_design.imaging.white import ALWAYS_ON, white_patch
-from roslf_design.report.design.curves import depth_comparison, depth_curve, depth_precision, matching_plane, plane_of
+from roslf_design.report.design.curves import (
+    depth_comparison,
+    depth_curve,
+    depth_over_field,
+    depth_precision,
+    matching_plane,
+    plane_of,
+)
 from roslf_design.report.design.effects import effects_budget
 from roslf_design.report.design.field import field_map, field_maps, mla_map
 from roslf_design.report.design.microlens import (
@@ -316,6 +323,17 @@ def test_the_region_of_eq_6_ends_where_the_margin_vanishes():
         # The margin bends a little with the image pitch where it is drawn straight; it falls by d_f per mm of D_F.
         hundredth_px = 0.01 * picture.mapping.y.high / picture.mapping.box[3]
         assert abs(float(nondistortion_margin(camera, x0, PAPER.d_f))) < hundredth_px * PAPER.d_f
+
+
+def test_depth_over_the_field_of_a_single_microlens_is_a_dot():
+    """With the stop just before the plane in focus the sensor sees no farther than the axis."""
+    design = roslf.load("cystoscope").replace(d_3=120.4)
+    assert default_fields(design) == ((0.0, 0.0),) * 3
+    picture = depth_over_field(design)
+    (dot,) = (mark for mark in picture.marks if mark.testid == "field-curve")
+    assert [*dot.x] == [0.0]
+    assert 0 < dot.y[0] < math.inf
+    assert picture.svg().count('data-testid="field-curve"') == 1
 
 
 def test_depth_curve_passes_through_the_evaluation_at_the_focal_plane():

@@ -13,7 +13,7 @@ from roslf_design.bore.elements import AnyElement
 from roslf_design.camera import Camera
 from roslf_design.lenses import tracer
 from roslf_design.rays import Status
-from roslf_design.rays.object_space import FacesAhead, carry
+from roslf_design.theory.object_space import FacesAhead, carry
 
 PAPER = roslf.load("paper").replace({"aperture.distance": 2.0, "aperture.diameter": 50.0})
 WATER = {"index": 1.333, "abbe": 55.8}

@@ -121,6 +121,7 @@ def without(key):
         (without("quantities"), "quantities: is missing"),
         (changed(sigma=None), "quantities.d_3.sigma: is missing"),
         (changed(sigma="x"), "quantities.d_3.sigma: "),
+        (changed(sigma="0.1"), "quantities.d_3.sigma: "),
         (changed(sigma=-1.0), "must not be negative"),
         (changed(interval_68=[1.0]), "quantities.d_3.interval_68.1: is missing"),
         (changed(variance_shares=[1.0]), "quantities.d_3.variance_shares: "),

@@ -1,13 +1,20 @@
 """The page that turns the 3D scene, in a real browser."""
 
+import base64
+import gzip
+import hashlib
 import io
+import re
 import shutil
+import zlib
 
 import numpy as np
 import pytest
 
 from roslf_design.design import load
-from roslf_design.report.blocks import Report, Section
+from roslf_design.drawing.solid import library
+from roslf_design.report.blocks import Figure, Report, Section
+from roslf_design.report.design.curves import depth_precision
 from roslf_design.report.design.figures import picture_sheet
 from roslf_design.report.printers import render_html
 
@@ -16,6 +23,9 @@ FLAGS = (
     *("--no-sandbox", "--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-sync"),
     *("--disable-component-update", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
 )
+
+DRAWING = depth_precision(load("paper")).svg()
+PICTURE = depth_precision(load("paper")).to_png(72)
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium; on Debian: apt-get install chromium")
@@ -58,6 +68,78 @@ def test_the_page_turns_the_scene_in_a_browser_without_a_network(tmp_path):
     assert differing(drawn, again) < 0.005
     assert complaints == []
     assert [url for url in asked if not url.startswith(("file:", "blob:", "data:", "about:"))] == []
+
+
+ATTACKS = (
+    '<script>document.title = "attacked";</script>',
+    '<img src="data:," onerror="document.title = &quot;attacked&quot;">',
+    '<img src="https://evil.example/a.png">',
+    '<iframe src="https://evil.example/"></iframe>',
+    '<link rel="stylesheet" href="https://evil.example/a.css">',
+    '<base href="https://evil.example/">',
+    '<object data="https://evil.example/a"></object>',
+)
+"""What could get into a page that anything slips into."""
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="no chromium; on Debian: apt-get install chromium")
+def test_the_page_runs_and_loads_nothing_but_its_own_whatever_got_into_it(tmp_path):
+    api = pytest.importorskip("playwright.sync_api", reason="the playwright package is not installed")
+    still = Report("still", "", (Section("Rays", (Figure("a", "A", "", PICTURE), Figure("b", "B", "", DRAWING))),))
+    turned = Report("turned", "", (Section("Rays", (picture_sheet(load("rigid-scope")),)),))
+    with api.sync_playwright() as driver:
+        browser = driver.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
+        for report in (still, turned):
+            text = render_html(report)
+            for attacks in ((), ATTACKS):
+                (tmp_path / "index.html").write_text(text.replace("<main>", f"<main>{''.join(attacks)}"))
+                page = browser.new_page()
+                asked, refused = [], []
+                page.on("request", lambda request, asked=asked: asked.append(request))
+                page.on("console", lambda message, refused=refused: refused.append(message.text))
+                page.goto((tmp_path / "index.html").as_uri())
+                # The policy refuses them before any network does.
+                assert {one.failure for one in asked if one.url.startswith("http")} <= {"csp"}
+                assert page.title() == report.title
+                assert len(refused) == len(attacks), refused
+                own = page.locator("figure svg, figure img")
+                assert all(one.bounding_box()["width"] > 10 for one in own.all())
+                assert page.evaluate("[...document.querySelectorAll('figure img')].every(one => one.naturalWidth > 0)")
+                page.close()
+        browser.close()
+
+
+def test_the_policy_allows_scripts_by_what_they_say_alone():
+    turned = render_html(Report("a", "", (Section("Rays", (picture_sheet(load("rigid-scope")),)),)))
+    still = render_html(Report("a", "", (Section("Rays", (Figure("a", "A", "", DRAWING),)),)))
+    policies = [re.search(r'Content-Security-Policy" content="([^"]*)"', text)[1] for text in (turned, still)]
+    for policy in policies:
+        assert policy.startswith("default-src 'none';")
+        assert "script-src 'unsafe" not in policy
+        assert "http" not in policy
+    assert "script-src" not in policies[1]
+    (own,) = re.findall(r"<script>(.*?)</script>", turned, re.DOTALL)
+    packed = re.search(r'id="viewer-library">([^<]*)<', turned)[1]
+    inner = re.findall(r"<script[^>]*>(.*?)</script>", gzip.decompress(base64.b64decode(packed)).decode(), re.DOTALL)
+    hashes = {base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in (own, *inner)}
+    assert set(re.findall(r"'sha256-([^']*)'", policies[0])) == hashes
+
+
+def test_the_packed_viewer_tells_neither_when_nor_where_it_was_packed(monkeypatch):
+    """Python 3.11 leaves the byte of the system to zlib, 3.13 writes 255: by RFC 1952, that it is unknown."""
+    packed = []
+    for system in (3, 11, 255):
+
+        def compress(data, level, *, mtime, system=system):
+            head = b"\x1f\x8b\x08\x00" + mtime.to_bytes(4, "little") + bytes([2, system])
+            body = zlib.compressobj(level, wbits=-15)
+            foot = zlib.crc32(data).to_bytes(4, "little") + len(data).to_bytes(4, "little")
+            return head + body.compress(data) + body.flush() + foot
+
+        monkeypatch.setattr(gzip, "compress", compress)
+        packed.append(library.__wrapped__())
+    assert len({*packed, library()}) == 1
+    assert base64.b64decode(packed[0])[4:10] == b"\0\0\0\0\x02\xff"
 
 
 def pixels(png):

@@ -1,5 +1,7 @@
 """Light, noise and texture against numbers by hand, textbook limits and differences of rendered pictures."""
 
+import math
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -7,6 +9,7 @@ from scipy.optimize import brentq
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
+from roslf_design.evaluation import default_fields
 from roslf_design.theory.disparity_error import (
     Seen,
     Spectrum,
@@ -43,6 +46,57 @@ def test_electrons_by_hand():
     assert float(electrons(Camera.of(design))) == pytest.approx(1.0e4, rel=0.01)
     direct = design.replace({"light.radiance": radiance})
     assert float(electrons(Camera.of(direct))) == pytest.approx(photons * 0.7, rel=1e-6)
+
+
+def submerged(index, **light):
+    """The paper's bench behind a window of sapphire, the scene in a medium; exposed for 1 ms."""
+    window = {"kind": "plate", "distance": 125.0, "thickness": 2.0, "material": "sapphire"}
+    seen = {"elements": [window], "object_space.medium": {"index": index}, "light.exposure": 1e-3}
+    return PAPER.replace({**seen, **{f"light.{name}": value for name, value in light.items()}})
+
+
+def electrons_of_rays(design, index, radiance):
+    """By the light that rays carry: radiance times area, solid angle and cosine on the scene, added up ray by ray.
+
+    A pixel's rays through its microlens, bent at both faces of the window; the etendue that their bundle has on the
+    scene, from differences of where they end there and of their sines, about the middle one.
+    """
+    glass, at_window, thick = 1.7708, 125.0, 2.0
+    d_1, f, d_2 = design.d_1, design.f, design.d_2
+
+    def on_scene(pixel, lens, z=300.0):
+        slope = (pixel - lens) / d_2
+        out = slope + (lens - slope * d_1) / f
+        sine = out / math.hypot(1, out)
+        inside, wet = sine / glass, sine / index
+        x = lens - slope * d_1 - out * at_window - thick * inside / math.sqrt(1 - inside**2)
+        return x - (z - at_window - thick) * wet / math.sqrt(1 - wet**2), wet
+
+    small = 1e-5
+    rows = [[a - b for a, b in zip(on_scene(*up), on_scene(*down), strict=True)] for up, down in (
+        ((small, 0.0), (-small, 0.0)), ((0.0, small), (0.0, -small)))]  # fmt: skip
+    across = abs(rows[0][0] * rows[1][1] - rows[0][1] * rows[1][0]) / (2 * small) ** 2
+    # Per area of pixel and microlens, in both directions.
+    etendue = (across * design.q * design.d) ** 2 * 1e-6
+    photons = radiance * etendue * 0.95 * 1e-3 * 550e-9 / (6.62607015e-34 * 299_792_458)
+    return photons * 0.7
+
+
+@pytest.mark.parametrize("index", [1.0, 1.3343, 1.52])
+def test_out_of_a_liquid_comes_what_rays_carry(index):
+    """Radiance over n^2 is what stays: of a lit surface, and of a radiance that is given in the liquid."""
+    radiance = 1e5 * 0.3 / np.pi / 683
+    for design in (submerged(index), submerged(index, radiance=radiance)):
+        by_rays = electrons_of_rays(design, index, radiance)
+        assert float(electrons(Camera.of(design))) == pytest.approx(by_rays, rel=1e-6)
+
+
+def test_the_cystoscope_in_water_has_the_electrons_of_water():
+    design = roslf.load("cystoscope")
+    in_air = design.replace({"object_space.medium": "air"})
+    both = [roslf.evaluate(d.replace({"light.exposure": 1 / 60})).depth for d in (design, in_air)]
+    assert both[0].assumes.electrons == pytest.approx(2846, abs=1)
+    assert both[1].assumes.electrons / both[0].assumes.electrons == pytest.approx(1.3343**2, rel=1e-4)
 
 
 def test_no_exposure_given_leaves_half_of_the_full_well_free():
@@ -243,3 +297,30 @@ def test_a_given_disparity_error_stands():
     assert np.isinf(
         disparity_sigma(MicrolensImages(Camera.of(CUT.replace({"depth.disparity_error": 0.1})), [(11.0, 0)]), free)
     )
+
+
+@pytest.mark.parametrize("period", [1e-2, 1e-6, 1e-9])
+def test_a_texture_too_fine_for_single_views_tells_nothing_at_no_cost(period):
+    """Seconds and gigabytes went into counting its waves."""
+    design = PAPER.replace({"depth.period": period, "main_lens.diameter": 20.0})
+    corner = default_fields(design)[-1]
+    assert information(design, corner) == information(design) == 0.0
+
+
+def test_where_next_to_nothing_is_left_fields_at_once_are_those_taken_one_by_one():
+    """Tangents there have slopes of 7e4, of rounding alone, and overflowed."""
+    design = roslf.load("paper-mismatched").replace({"sensor.distance": 10.0, "light.wavelength": 925e-6})
+    fields = default_fields(design)
+    camera = Camera.of(design)
+    together = disparity_information(MicrolensImages(camera, fields), seen_at(camera, None))[:, 0]
+    assert_allclose(together, [information(design, field) for field in fields], rtol=1e-12)
+
+
+@pytest.mark.parametrize("texture", [{}, {"depth.finest": 0.2}, {"depth.period": 0.5}])
+def test_a_plane_seen_upside_down_has_the_texture_of_one_seen_upright(texture):
+    """As where the lens lies within its focal length of the array: the scale's sign once was that of a frequency."""
+    camera = Camera.of(PAPER.replace(texture))
+    upright, inverted = (Seen(np.zeros(()), np.asarray(scale)) for scale in (2.5, -2.5))
+    assert_allclose(view_gradient(camera, inverted), view_gradient(camera, upright), rtol=1e-15)
+    fields = MicrolensImages(camera, [(0.0, 0.0)])
+    assert_allclose(disparity_information(fields, inverted), disparity_information(fields, upright), rtol=1e-15)

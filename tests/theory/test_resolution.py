@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.special import j1
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
@@ -16,6 +17,7 @@ from roslf_design.theory.light import view_baseline
 from roslf_design.theory.quantities import QUANTITIES, image_rate
 from roslf_design.theory.resolution import FieldTransfer
 from roslf_design.theory.stop_images import MicrolensImages
+from roslf_design.theory.transfer import circle_overlap
 from tests.oracles import view_psf
 
 PAPER = roslf.load("paper")
@@ -49,25 +51,100 @@ def opening(transfer):
         ({}, None, 4e-3),  # the sampled points end four pitches out
         ({"microlens_array.focal_length": 2.4}, 190.0, 4e-3),
         ({"stops": [{"diameter": 2.6, "distance": 110.0, "decentre": (0.9, 0.3)}]}, 215.0, 4e-3),
-        ({"microlens_array.lens_shape": "circular"}, None, 0.012),  # a square stands in for the disc
+        ({"microlens_array.lens_shape": "circular"}, None, 4e-3),
     ],
 )
 def test_a_view_is_what_a_pixel_sees_of_points(changes, at, tolerance):
-    """Waves sampled on FAP, microlens and pixel, in focus and out, whole and cut, along x, along y and aslant."""
+    """Waves sampled on FAP, microlens and pixel, in focus and out, whole and cut, along x, along y and aslant.
+
+    Round microlenses leave gaps, which scatter light from beyond the four pitches that are sampled: by Airy's pattern
+    2/(pi v) of it lies beyond v; fields of square ones put out each other there.
+    """
     design = PAPER.replace(changes)
     transfer, frequency = transfer_of(design, at), SHARES / design.d
     places = np.arange(-32, 32) * design.d / 8
-    neighbours = 3 if design.microlens_array.lens_shape == "square" else 0
-    (spread,) = view_psf.responses(
-        design, transfer.rate, places, [transfer.middle], opening(transfer), neighbours=neighbours
-    )
+    round_lens = design.microlens_array.lens_shape == "circular"
+    lost = 2 / math.pi**2 * design.wavelength * design.d_2 / (4 * design.d**2) if round_lens else 0.0
+    (spread,) = view_psf.responses(design, transfer.rate, places, [transfer.middle], opening(transfer), neighbours=3)
     for direction, axis in (("tangential", 0), ("sagittal", 1)):
         truth = view_psf.line_transfer(spread, places, frequency, axis)
-        np.testing.assert_allclose(transfer(frequency, "view", direction), truth, atol=tolerance)
+        np.testing.assert_allclose(transfer(frequency, "view", direction), truth * (1 - lost), atol=tolerance)
     aslant = transfer_of(design, at, (0.8, 0.6))
     wave = [np.exp(-2j * np.pi * np.outer(frequency * part, places)) for part in (0.8, 0.6)]
     truth = np.abs(np.einsum("fx,yx,fy->f", wave[0], spread, wave[1])) / spread.sum()
-    np.testing.assert_allclose(aslant(frequency, "view", "tangential"), truth, atol=tolerance)
+    np.testing.assert_allclose(aslant(frequency, "view", "tangential"), truth * (1 - lost), atol=tolerance)
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "at", "neighbours"),
+    [
+        ("ear-speculum", {}, 18.38161838, 4),
+        ("ear-speculum", {}, 21.93087008, 4),
+        (
+            "ear-speculum",
+            {"stops": [{"diameter": 3.0, "distance": 10.0, "decentre": (1.0, 0.4)}]},
+            18,
+            2,
+        ),
+        ("mismatched-borescope", {}, None, 3),
+        ("mismatched-borescope", {"f_ml": 0.9}, 28.46826127, 3),
+        ("paper", {"D_F": 9.0}, 215.0, 4),
+    ],
+)
+def test_limits_of_views_have_their_contrast(name, changes, at, neighbours):
+    """Where phases turn fast, images overlap or are cut: sums over pupil, microlenses and pixel."""
+    design = roslf.load(name)
+    design = design.replace(
+        {"stops": changes["stops"]} if "stops" in changes else {},
+        **{key: value for key, value in changes.items() if key != "stops"},
+    )
+    transfer = transfer_of(design, at)
+    fine = {"samples": 500, "lens": 120, "pixels": 4} if "stops" in changes else {}  # the cut goes through the grid
+    discs = list(zip(transfer.centres.tolist(), transfer.radii.tolist(), strict=True))
+    for direction, way in (("tangential", (1.0, 0.0)), ("sagittal", (0.0, 1.0))):
+        limits = transfer.limits([0.5, 0.1], "view", direction)
+        truth = view_psf.transfer(design, transfer.rate, transfer.middle, discs, limits, way, neighbours, **fine)
+        np.testing.assert_allclose(np.abs(truth), [0.5, 0.1], atol=0.01)
+    aslant, frequency = transfer_of(design, at, (0.8, 0.6)), SHARES[1::2] / design.d
+    truth = view_psf.transfer(design, transfer.rate, transfer.middle, discs, frequency, (0.8, 0.6), neighbours, **fine)
+    np.testing.assert_allclose(aslant(frequency, "view", "tangential"), np.abs(truth), atol=0.01)
+
+
+@pytest.mark.parametrize("changes", [{"d": 1.0, "f_ml": 2.1, "wavelength": 1e-5}, {"d": 12.0}, {"wavelength": 1e-6}])
+@pytest.mark.parametrize("shape", ["square", "circular"])
+def test_views_of_coarse_microlenses_follow_rays(changes, shape):
+    """Straight rays from the pixel through all of its microlens."""
+    design = PAPER.replace({"microlens_array.lens_shape": shape}, **changes)
+    transfer = transfer_of(design, 215.0)
+    beta = 1 / design.f_ml - 1 / design.d_2 - float(Camera.of(design).vergence)
+    rng = np.random.default_rng(1)
+    w = (rng.random((2, 400_000)) - 0.5) * design.d
+    seen = (rng.random((2, 400_000)) - 0.5) * design.q + w * beta * design.d_2
+    through = np.hypot(*seen) <= transfer.radii[0]
+    if shape == "circular":
+        through &= np.hypot(*w) <= design.d / 2
+    frequency = np.array([0.2, 0.5, 0.9]) / design.d
+    waves = np.exp(-2j * np.pi * np.outer(frequency, (w[0] - transfer.rate * seen[0])[through]))
+    truth = np.abs(waves.mean(1))
+    np.testing.assert_allclose(transfer(frequency, "view", "tangential"), truth, atol=0.01)
+
+
+def test_images_that_overlap_a_hundred_times_leave_the_fap_alone():
+    """A pixel's microlenses lie where rays through all of the FAP cross the array: a disc of them."""
+    design = PAPER.replace(D_F=290.0, D=600.0)
+    transfer = transfer_of(design, 215.0)
+    pitch = 1 + design.d_2 * float(Camera.of(design).vergence)
+    width = 2 * float(transfer.radii[0]) * abs(transfer.rate + 1 / pitch)
+    x = np.array([0.3, 0.7, 1.0]) * math.pi
+    truth = np.abs(2 * j1(x) / x)
+    np.testing.assert_allclose(transfer(x / math.pi / width, "view", "sagittal"), truth, atol=0.005)
+
+
+@pytest.mark.parametrize("cycles", [0.3, 40.0, 900.0, 2e4, 1e6])
+def test_the_overlap_of_circles_whose_phases_turn_fast(cycles):
+    """Of a circle with itself: the Airy pattern, however many nodes its phases would ask for."""
+    seen = circle_overlap(np.zeros(1), np.array([cycles]))
+    assert seen.item() == pytest.approx(2 * j1(math.pi * cycles) / (math.pi * cycles), abs=1e-5)
 
 
 def test_the_slanted_edge_of_the_wave_image():
@@ -182,6 +259,23 @@ def test_depth_of_field_ends_where_a_point_spreads_over_a_pitch(name):
             ends = [depth_of_field(camera.replace({"d_f": focus * s}), kind).far for s in (1 - 1e-6, 1 + 1e-6)]
             assert math.isfinite(float(ends[0]))
             assert math.isinf(float(ends[1]))
+
+
+@pytest.mark.parametrize("name", ["arthroscope", "cystoscope", "grin-needle", "video-otoscope"])
+@pytest.mark.parametrize("kind", ["refocused", "view"])
+def test_without_a_hyperfocal_plane_all_focal_planes_are_alike(name, kind):
+    """0 where all ahead of the tip are sharp to infinity, nan where none is: against focal planes all over."""
+    base = Camera.of(roslf.load(name).thin_twin)
+    rng = np.random.default_rng(5)
+    sizes = ["main_lens.focal_length", "aperture.diameter", "microlens_array.pitch", "sensor.distance"]
+    several = {place: base[place] * np.exp(rng.normal(0, 0.7, 400)) for place in sizes}
+    cameras = base.replace(several)
+    nearest = hyperfocal(cameras, kind)
+    for k in np.flatnonzero(cameras.valid & ~(nearest > 0)):
+        planes = {"main_lens.focal_plane": float(base.tip) + np.geomspace(1e-3, 1e5, 60)}
+        built = base.replace({place: np.full(60, values[k]) for place, values in several.items()} | planes)
+        far = depth_of_field(built, kind).far[built.valid]
+        assert np.isinf(far).all() if nearest[k] == 0 else np.isfinite(far).all()
 
 
 def test_plenoptisign_where_the_models_agree():

@@ -468,3 +468,20 @@ def test_ctrl_c_while_workers_start_is_one_line(tmp_path, delay):
 def test_help_shows_an_example(capsys):
     assert main(["tolerance", "--help"]) == 0
     assert "roslf tolerance studies/tolerance-paper/study.toml" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("options", [["--workers", "2"], ["--scheduler", "local"]])
+def test_processes_that_cannot_be_started_are_told_before_anything_is_written(options, tmp_path, capsys, monkeypatch):
+    """As where /dev/shm is read-only."""
+
+    def refuse(*_):
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr("_multiprocessing.SemLock", refuse)
+    (tmp_path / "study.toml").write_text(
+        'name = "x"\ndesign = "paper"\ngrade = "high"\ntrials = 8\n[[goals]]\nmetric = "fill_factor"\nmax = 2\n'
+    )
+    assert main(["tolerance", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out"), *options]) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"roslf: {options[0]}: no processes can be started here")
+    assert not (tmp_path / "out").exists()

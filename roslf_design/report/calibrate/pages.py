@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import re
 from collections.abc import Callable, Iterator, Mapping
@@ -48,6 +49,7 @@ from . import pictures
 
 if TYPE_CHECKING:
     from ...calibration.diffraction import DiffractionCheck
+    from ...calibration.distortion import Distortion
 
 FILE, CALIBRATED, SCHEMA = "calibration.json", "calibrated.toml", "roslf.calibration/"
 REMEDY = "name the folder that roslf calibrate wrote"
@@ -102,6 +104,10 @@ BEFORE_LENS = re.compile(
 """Places of numbers that a calibration takes as known, and may take as known but to an error."""
 
 
+LEAST_NOISE, MOST_NOISE = 1e-6, 1e3
+"""Between which any corner's standard error lies [microlens pitches]."""
+
+
 class CalibrationPart(StrictTable):
     """What one means to capture; what is left open is chosen to suit the design, or is what careful work reaches."""
 
@@ -115,7 +121,7 @@ class CalibrationPart(StrictTable):
     """Mean distance of the boards from the main lens [mm]."""
     range: Distance | None = None
     """Farthest minus nearest [mm]."""
-    noise: float = 0.06
+    noise: Annotated[float, Field(ge=LEAST_NOISE, le=MOST_NOISE)] = 0.06
     """Of a corner in one view [microlens pitches]."""
     f_sigma: str = "1 %"
     """How well f is known."""
@@ -145,6 +151,8 @@ class CalibrationPart(StrictTable):
             raise ValueError(f'"{text}" is not understood; give "1 %" or "0.5 mm"') from None
         if not 0 <= relative < math.inf:
             raise ValueError(f'"{text}" must not be negative')
+        if text is not None and text.strip().endswith("%") and relative > 1:
+            raise ValueError(f'"{text}" is more than all of it; give 100 % at most')
         return text
 
     @field_validator("white_pitch")
@@ -271,7 +279,7 @@ def read_calibration(place: Path) -> Calibrated:
     file = place / FILE if place.is_dir() else place
     try:
         data = read_json(file, str(file), REMEDY)
-        FoundTable.model_validate(data)
+        FoundTable.model_validate_json(json.dumps(data), strict=True)  # no text that reads as a number: data stays
         files = {name: file.with_name(f"{name}.svg") for name in FIGURES}
         drawings = {name: _drawing(path, name) for name, path in files.items() if path.exists()}
     except ValidationError as error:
@@ -389,6 +397,8 @@ def statements(result: Outcome) -> Iterator[Statement]:
         f"Residuals of places are {misfit.places:.2g}, of slopes {misfit.slopes:.2g}, of whole views {misfit.views:.2g}"
         " times what scatter from view to view explains (1 where the model holds).",
     )
+    if result.distortion.automatic and result.distortion.coefficients:
+        yield _distortion(result.distortion)
     yield Statement("plain", f"{lenses_used(result)}.")
     if result.combined.data:
         used = " and ".join(datum.what for datum in result.combined.data)
@@ -487,7 +497,7 @@ def shares_table(shares: Mapping[str, Mapping[str, float]]) -> Table:
     names = [name for name in QUANTITIES if name in shares]
     sources = [source for source in SOURCES if any(shares[name].get(source, 0.0) > 0 for name in names)]
     rows = tuple((name, *(f"{100 * shares[name].get(source, 0.0):.1f} %" for source in sources)) for name in names)
-    note = "Systematic: what inner and outer views disagree on, and what corrections leave open."
+    note = "Systematic: what inner and outer views disagree on, and what corrections and a real main lens leave open."
     heads = ("", *(SOURCES[source][0] for source in sources))
     caption = note if "systematic" in sources else ""
     return Table(rows, "l" + "r" * len(sources), heads, "Where the variance comes from", caption)
@@ -498,11 +508,13 @@ def design_table(result: Outcome) -> Table:
     rows = []
     for name, e in result.estimates.items():
         off = "" if e.off is None else f"{e.off:+.1f}"
-        values = (rounded(e.value, e.sigma), f"{e.design:.6g}", rounded(e.value - e.design, e.sigma), f"{e.sigma:.2g}")
-        rows.append((name, *values, UNITS[name], off))
+        values = (rounded(e.value, e.sigma), f"{e.design:.6g}", rounded(e.value - e.design, e.sigma))
+        rows.append((name, *values, f"{e.built_sigma:.2g}", UNITS[name], off))
     heads = ("", "calibrated", "design", "difference", "sigma", "", "in sigma")
     caption = (
-        f"Beyond {DISAGREE:g} sigma the camera was built otherwise, or a length that the calibration rests on is wrong."
+        "Sigma: of the calibration, and of what f, as well as the data sheet knows it, leaves open of a camera built as"
+        f" designed. Beyond {DISAGREE:g} sigma it was built otherwise, or a length that the calibration rests on is"
+        " wrong."
     )
     return Table(tuple(rows), "lrrrrlr", heads, "Calibrated against the design", caption)
 
@@ -548,8 +560,13 @@ def planned_lengths(design: Design, asked: CalibrationPart) -> LengthCovariance 
     return None if isinstance(plan, str) else plan.expected.lengths(data_sheet(design, plan.captures.board, asked))
 
 
-def calibration_plan(design: Design, asked: CalibrationPart, distortion: int = 0) -> CapturePlan | str:
-    """A plan of captures that suits a design and what is asked for; or why these cannot determine the camera."""
+def calibration_plan(design: Design, asked: CalibrationPart, distortion: int | None = None) -> CapturePlan | str:
+    """A plan of captures that suits a design and what is asked for; or why these cannot determine the camera.
+
+    Unless told, the calibration will fit as much distortion as it does behind the design's main lens.
+    """
+    if distortion is None:
+        distortion = 0 if design.lens is None else 1
     try:
         captures = captures_for(design, asked)
         sheet = data_sheet(design, captures.board, asked)
@@ -560,7 +577,7 @@ def calibration_plan(design: Design, asked: CalibrationPart, distortion: int = 0
         return planned(camera_of(design), sheet, captures, distortion=distortion, seed=asked.seed, white=white)
     except CalibrationError as error:
         text, why = " ".join(str(error).split()), reason(captures)
-        return text if why in text or "into the bore" in text else f"{text}: {why}"
+        return f"{text}: {why}" if "do not determine" in text and why not in text else text
 
 
 def data_sheet(design: Design, board: Board, asked: CalibrationPart) -> DataSheet:
@@ -629,6 +646,8 @@ def plan_blocks(design: Design, plan: CapturePlan, asked: CalibrationPart) -> tu
         f"to {asked.f_sigma}, {known}{white}{elements}. Standard deviations are from the Fisher matrix, medians over "
         "random sets of poses."
     )
+    if plan.distortion:
+        text += f" Distortion is fitted ({_terms(plan.distortion)})."
     if SceneSide.of(design) is not None:
         text += " Boards stand where a ruler says; d_3, H and the other lengths are as the main lens sees them."
     sigma = before.sigma
@@ -667,6 +686,19 @@ def _pair(data: Mapping[str, Any]) -> str:
     return f"{', '.join(values)} (standard deviations)"
 
 
+def _terms(radial: int) -> str:
+    coefficients = "1 radial coefficient" if radial == 1 else f"{radial} radial coefficients"
+    return f"{coefficients}, the field's curvature, the growth of the views' baseline"
+
+
+def _distortion(fitted: Distortion) -> Statement:
+    text = f"Distortion was fitted ({_terms(fitted.coefficients)}), {fitted.reason}."
+    if fitted.without is None:
+        return Statement("plain", text, "Without, these images give no camera.")
+    places, slopes = fitted.without.places, fitted.without.slopes
+    return Statement("plain", text, f"Without, residuals of places are {places:.2g}, of slopes {slopes:.2g} times.")
+
+
 def _diffraction(result: Outcome, check: DiffractionCheck) -> Statement:
     if not check.corrected:
         return Statement("plain", f"{check.reason}.")
@@ -690,7 +722,8 @@ def _method(result: Outcome) -> str:
         " corners in the views; Zhang's method on the central view; Eq. 12 over the epipolar slopes; a joint fit of all"
         f" corners. From data sheets: f = {sheet.f:.6g} ± {sheet.f_sigma:.2g} mm, q = {sheet.q * 1e3:.6g} um,"
         f" d = {sheet.d * 1e3:.6g} ± {sheet.d_sigma * 1e3:.2g} um, the board's cell to"
-        f" {100 * sheet.cell_sigma:.2g} %{elements}. Radial distortion coefficients fitted: {result.distortion}."
+        f" {100 * sheet.cell_sigma:.2g} %{elements}. Radial distortion coefficients fitted:"
+        f" {result.distortion.coefficients}, {result.distortion.reason}."
         + (f" Posterior sampled with seed {result.seed}." if result.posterior else f" Intervals: {LAPLACE}.")
     )
 

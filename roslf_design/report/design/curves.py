@@ -146,11 +146,14 @@ def depth_over_field(design: Design, size: Point = (560, 320)) -> Picture:
     place, sigma = field_curve(design)
     known = np.isfinite(sigma)
     best = float(np.min(sigma[known], initial=math.inf))
-    across = Scale(0.0, float(place[-1]))
+    across = Scale(0.0, float(place[-1]) or design.d / 2)
     # A cut image's error grows without bounds.
     up = Scale(0.0, min(1.15 * float(np.max(sigma[known], initial=0.0)), 20 * best) if known.any() else 1.0)
     shown = np.where(known, np.minimum(sigma, 2 * up.high), np.nan)
-    marks = (*_unknown(place, known, up), Line(place[known], shown[known], "blue", 2.2, testid="field-curve"))
+    drawn: Mark = Line(place[known], shown[known], "blue", 2.2, testid="field-curve")
+    if not place[-1] > 0:  # a single microlens sees all
+        drawn = Dots(place[known][:1], shown[known][:1], "blue", size=6, testid="field-curve")
+    marks = (*_unknown(place, known, up), drawn)
     labels = "microlens, from the field's centre to its corner [mm]", "depth precision σ_Z [mm]"
     keys = [line_key("σ_Z in the plane in focus", "blue", 2.2), *([] if known.all() else [UNKNOWN])]
     ends = [f"{short(float(value), 3)} mm" if math.isfinite(value) else "unknown" for value in sigma[[0, -1]]]

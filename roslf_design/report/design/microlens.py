@@ -299,10 +299,7 @@ def rays_and_waves(design: Design, width: float = PAGE, samples: int = 181) -> P
     half, lattice = 0.75 * pitch, ImageLattice.of(flat)
     axis = np.linspace(-half, half, samples)
     wave = harmonic_series(flat, MicrolensTransfer.of(flat, effects), pixel=False).at(axis, axis)
-    x, y = np.meshgrid(axis, axis)
-    ray: Array = np.zeros(wave.shape)
-    for a, b in lattice.image(lattice.indices(-half, half, -half, half)):
-        ray += (x - a) ** 2 + (y - b) ** 2 <= radius**2
+    ray = _discs_over(lattice, radius, np.stack(np.meshgrid(axis, axis), -1), half)
     light, top = encircled(camera), max(1.0, float(wave.max()))
     each, reach = width / 2, UM * half
     side = each - 56 - 68
@@ -330,6 +327,22 @@ def rays_and_waves(design: Design, width: float = PAGE, samples: int = 181) -> P
         Key("cell of one image pitch", (dark, Line((-11.0, 11.0), (0.0, 0.0), "#ffffff", 1.4, "5 3"))),
     ]
     return beside("waves", "One microlens image by rays and by waves", pictures, keys)
+
+
+def _discs_over(lattice: ImageLattice, radius: float, points: Array, half: float) -> Array:
+    """How many images of a radius cover points (N, N, 2) within `half` of the sensor's middle: row by row of images."""
+    index, (step, _) = lattice.indices(-half, half, -half, half), lattice.image_axes.T
+    length, total = np.linalg.norm(step), np.zeros(points.shape[:2])
+    along = step / length
+    for row in np.unique(index[:, 1]):
+        first, last = (end(index[index[:, 1] == row, 0]) for end in (np.min, np.max))
+        apart = points - lattice.image(np.array([0, row]))
+        aside = apart @ [-along[1], along[0]]
+        reach = np.sqrt(np.maximum(radius**2 - aside**2, 0.0)) / length
+        middle = apart @ along / length
+        count = np.minimum(np.floor(middle + reach), last) - np.maximum(np.ceil(middle - reach), first) + 1
+        total += np.where(np.abs(aside) <= radius, np.maximum(count, 0.0), 0.0)
+    return total
 
 
 def preview(image: RawImage) -> Picture:

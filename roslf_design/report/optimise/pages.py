@@ -12,6 +12,7 @@ from ..._version import __version__
 from ...drawing.picture import Picture
 from ...optimization.problem import NUMBERS, Constraint, Goal
 from ...optimization.ranking import Ranking
+from ...optimization.search import BIG
 from ...optimization.solve import Active, Answer, Front, optimum_accuracy
 from ...optimization.study import Result
 from ...optimization.traces import Retrace
@@ -111,6 +112,8 @@ def _statements(result: Result) -> Iterator[Statement]:
         )
         if ranking.best:
             text += f" {_best_parts(ranking)}"
+        else:
+            text += f" {_none_listed(ranking)}"
         if answer.asked.order == "lexicographic":
             text += " They are ranked by the weighted goals, not by their order."
         if result.part_retraces:
@@ -142,12 +145,17 @@ def _about_optimum(result: Result) -> Iterator[Statement]:
 def _optimum(answer: Answer, reached: str) -> Statement:
     """The best design, and whether it is best by itself or where a bound stops the goal."""
     pressed = [active for active in answer.active if active.multiplier > PRESSED]
-    met = [active.limit for active in pressed if active.bound]
-    bounds = f"the bound{'s' if len(met) > 1 else ''} {' and '.join(met)}" if met else ""
+    met, ends = ([a.limit for a in pressed if a.bound], [a.limit for a in pressed if a.always])
+    stops = [f"the bound{'s' if len(met) > 1 else ''} {' and '.join(met)}"] if met else []
+    stops += [f"what every camera must be ({', '.join(ends)})"] if ends else []
+    bounds = " and ".join(stops)
     if answer.runs_off:
         text = f"The goal runs off without end; {bounds or 'the search'} stopped it at {reached}, which is no optimum."
         return Statement("caution", text, "Limit the goal, or what drives it, by a constraint or narrower bounds.")
-    if bounds and all(active.bound for active in pressed):
+    if answer.merit >= BIG:
+        text = f"A design holds every limit, but a goal is infinite wherever it was looked for: {reached}."
+        return Statement("caution", text, "Widen the bounds, or ask for something else.")
+    if bounds and all(active.bound or active.always for active in pressed):
         text = f"A design holds every limit: {reached}; but nothing stops the goal there save {bounds}."
         return Statement("caution", text, "Where a bound is not meant so, limit what a better goal costs.")
     stopped = f" It rests on {bounds}, too." if bounds else ""
@@ -185,10 +193,7 @@ def _about_conflict(answer: Answer) -> Statement:
     remedy = f"{lead}: {'; '.join(ways)}." if ways else ""
     if conflict.bounds:
         remedy += f" The least-violating point touches the bounds {', '.join(conflict.bounds)}."
-    clash = " and ".join(conflict.smallest)
-    doubt = "" if conflict.complete else " (a smaller set was not excluded before the budget was spent)"
-    text = f"No design was found: within the bounds, these cannot hold together: {clash}{doubt}."
-    return Statement("bad", text, remedy.strip())
+    return Statement("bad", f"No design was found: {conflict.reason}.", remedy.strip())
 
 
 def _about_front(front: Front) -> Iterator[Statement]:
@@ -316,6 +321,8 @@ def _bought(active: Active, goals: tuple[Goal, ...]) -> str:
     """What relaxing a limit by a unit buys: of the one goal, else of the merit."""
     if active.multiplier < 1e-9:
         return "nothing: touched, not pressed"
+    if active.merit_gain_per_unit is None:
+        return "it cannot be: every camera holds it"
     fine = active.unit == "mm" and active.merit_gain_per_unit > 1
     per = "per um" if fine else f"per {active.unit.replace('pitches', 'pitch')}" if active.unit else "per unit"
     size = 1e-3 if fine else 1.0
@@ -331,6 +338,16 @@ def _best_parts(ranking: Ranking) -> str:
     parts = ", ".join(part.part for part in combinations.chosen(first.number))
     goals = (f"{goal.label} = {goal.with_unit(problem.number(goal, first.search.unit), 5)}" for goal in problem.goals)
     return f"Best of them: {parts} with {', '.join(goals)}."
+
+
+def _none_listed(ranking: Ranking) -> str:
+    """Why no combination is."""
+    if ranking.nearest is None or ranking.conflict is None:
+        return "None makes a camera within the bounds."
+    parts = ", ".join(part.part for part in ranking.combinations.chosen(ranking.nearest))
+    if ranking.conflict.feasible_after_all and not ranking.conflict.undefined:
+        return f"{parts} would do, but the budget was spent; give more."
+    return f"Nearest comes {parts}: {ranking.conflict.reason}."
 
 
 def _parts(ranking: Ranking) -> Table:

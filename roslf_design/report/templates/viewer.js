@@ -35,8 +35,6 @@
       start.disabled = true;
       hint.textContent = "Loading …";
       const page = await unpacked(library);
-      const load = `<script>function loadDataSet(){OfflineLocalView.load(document.body,{base64Str:"${scene.data}"});}<\/script>`;
-      const quiet = "<script>console.log=()=>{};<\/script>";
       const frame = document.createElement("iframe");
       const names = document.createElement("div");
       const size = still.getBoundingClientRect();
@@ -46,7 +44,8 @@
       names.className = "names";
       names.setAttribute("aria-hidden", "true");
       frame.title = figure.querySelector("h3").textContent;
-      frame.srcdoc = page.replace("<script>", () => quiet + load + "<script>");
+      frame.scene = scene.data;
+      frame.srcdoc = page;
       live.append(frame, names);
       still.after(live);
       still.style.display = "none";

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from ... import words
 from ...design import Design
 from ...drawing.picture import Picture
 from ...tables import Column
+from ...theory.quantities import finite
 from ...tolerancing.analyses import Variant, Yield
 from ...tolerancing.budgets import Change, ToleranceBudget
 from ...tolerancing.metrics import METRICS
@@ -139,7 +141,9 @@ def yield_statement(result: StudyResult, name: str = "", first_look: bool = Fals
         remedy = f"Tighten all tolerances to {result.scale_for_target[0]:.3g} of what they are, or the worst few."
         if result.budget is not None and result.budget.changes:
             best = result.budget.changes[0]
-            remedy = f"Cheapest: {change_words(result, best)} ({cost_words(best.cost)}); yield {_share(best.result)}."
+            remedy = (
+                f"Cheapest: {change_words(result, best)} ({cost_words(best.cost)}); yield {share_words(best.result)}."
+            )
     return Statement("bad", text, remedy)
 
 
@@ -245,6 +249,8 @@ def _quantiles(result: StudyResult, shown: set[str]) -> Table:
         caption += [
             "Undefined trials count as failures; quantiles rank them worst, mean and spread are then not stated."
         ]
+    if any(column.infinite for column in final):
+        caption += ["What is infinite ranks above all; mean and spread are then not stated."]
     quantiles = (f"{100 * probabilities[index]:.4g} %" for index in places)
     heads = ("metric@field", "nominal", "mean", "std. dev.", *quantiles, *(("undefined",) if undefined else ()))
     title = f"Distributions, {result.final.name}"
@@ -291,10 +297,12 @@ def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
             ("change", "l", lambda change: change_words(result, change)),
             ("cost", "d", lambda change: _cost(change.cost)),
             ("yield [%]", "d", lambda change: f"{100 * change.result.value:.2f}"),
+            ("95 % interval [%]", "r", lambda change: _interval(change.result)),
             ("of builds", "r", lambda change: f"{change.result.trials:,}"),
         )
         caption = (
-            f"What reaches {100 * budget.target:.4g} %, cheapest first. "
+            f"What reaches {100 * budget.target:.4g} % for sure, cheapest first: with all of the yield's interval, on "
+            "builds that it was not found by. "
             "Cost: more than now, in the unit of the grades' file (as shipped, 1 is the part in its loosest grade); a "
             "tolerance between two grades by its logarithm."
         )
@@ -309,7 +317,7 @@ def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
         )
         after = "after the cheapest change, " if budget.changes else ""
         caption = (
-            f"All together, {after}a yield of {100 * budget.result.value:.2f} % of {budget.result.trials:,} builds"
+            f"All together, {after}a yield of {share_words(budget.result)}"
             + ("" if budget.cost is None else f", for {_cost(budget.cost)} in all against now, changes and savings")
             + ". Saves: of the part's cost, in the unit of the grades' file (as shipped, 1 is its loosest grade)."
         )
@@ -338,8 +346,14 @@ def _width(design: Design, place: str, value: float) -> str:
     return display(value, kinds.get(place) or kinds[f"{place}.0"])
 
 
-def _share(measured: Yield) -> str:
-    return f"{100 * measured.value:.2f} % of {measured.trials:,} builds"
+def share_words(measured: Yield) -> str:
+    """A yield with its interval, and of how many builds."""
+    return f"{100 * measured.value:.2f} % ({_interval(measured)} %) of {measured.trials:,} builds"
+
+
+def _interval(measured: Yield) -> str:
+    low, high = measured.interval
+    return f"{100 * low:.2f} to {100 * high:.2f}"
 
 
 def cost_words(cost: float | None) -> str:
@@ -437,14 +451,19 @@ def tolerance_pictures(result: StudyResult) -> dict[str, Picture]:
     # As built and, where anything is adjusted, afterwards.
     variants = result.variants[:1] if len(result.variants) == 1 else (result.variants[0], result.final)
     columns = [variant.distributions[row] for variant in variants]
-    parts = [(v.name, np.array(c.cuts), np.array(c.histogram)) for v, c in zip(variants, columns, strict=True)]
-    nominal = columns[0].nominal if math.isfinite(columns[0].nominal) else 0.0
-    edges, label = (limit.low, limit.high), _metric(result, row)
-    span = columns[-1].low, columns[-1].high
+    # What is infinite somewhere is drawn by its twin.
+    twins = any(column.infinite or math.isinf(column.nominal) for column in columns)
+    told: Callable[[Any], Any] = finite if twins else np.asarray
+    parts = [(v.name, told(np.array(c.cuts)), np.array(c.histogram)) for v, c in zip(variants, columns, strict=True)]
+    nominal = float(told(columns[0].nominal)) if math.isfinite(told(columns[0].nominal)) else 0.0
+    edges = [float(told(edge)) if math.isfinite(edge) else edge for edge in (limit.low, limit.high)]
+    label = _metric(result, row) if not twins else f"-1 over {_metric(result, row, unit=False)} [1/mm]"
+    span = float(told(columns[-1].low)), float(told(columns[-1].high))
     drawn["spread"] = distributions(parts, nominal, [e for e in edges if math.isfinite(e)], span, label)
     moves = result.sensitivity
-    order = _largest(np.maximum(*(np.abs(np.nan_to_num(ends[-1, row])) for ends in (moves.plus, moves.minus))))
-    plus, minus = (np.nan_to_num(ends[-1, row, order]) for ends in (moves.plus, moves.minus))
+    both = (moves.twin_plus, moves.twin_minus) if twins else (moves.plus, moves.minus)
+    order = _largest(np.maximum(*(np.abs(np.nan_to_num(ends[-1, row])) for ends in both)))
+    plus, minus = (np.nan_to_num(ends[-1, row, order]) for ends in both)
     drawn["sensitivity"] = ranked_moves(_names(result, order), plus, minus, [e - nominal for e in edges], label)
     values, noise = result.correlations[row], 2 / math.sqrt(result.plan.trials)
     order = _largest(np.where(np.abs(values) > noise, np.abs(values), 0.0))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from enum import IntEnum
 from math import sqrt
 from typing import Any, NamedTuple
 
@@ -21,6 +22,7 @@ from ..bore.elements import element_name
 from ..bore.faces import KIND, LIMIT, OPEN, TURNED, Face, Surroundings, axes_of, plane_row, vertex_of
 from ..bore.part import PartNumbers
 from ..camera import Camera, Number
+from ..lenses.angles import LAW_COLUMNS
 from ..lenses.tracer import (
     BLOCK,
     CLIPPED,
@@ -37,10 +39,33 @@ from ..lenses.tracer import (
     pass_surfaces,
     pays,
 )
-from .backward import law_of
-from .pupil import Status
 
 Floats = NDArray[np.float64]
+
+NO_LAW = np.zeros((0, LAW_COLUMNS))
+
+
+class Status(IntEnum):
+    """Fate of one ray; stored as one byte. ``APERTURE + k`` is rim k of `Camera.rims`, an element's face or a stop."""
+
+    KEPT = 0
+    """Passed everything; it landed in its own microlens's cell."""
+    MAIN_LENS = 1
+    """Clipped by the main lens's clear aperture."""
+    MICROLENS = 2
+    """Outside the clear aperture of its microlens."""
+    OFF_SENSOR = 3
+    """Missed the sensor."""
+    NEIGHBOUR = 4
+    """Landed on the sensor, outside its own microlens's cell."""
+    UNTRACEABLE = 5
+    """Meets some element from behind, along its plane or at infinity, or is not finite: no light travels there."""
+    REFLECTED = 6
+    """Totally reflected inside a window, prism, rod or lens before the main lens."""
+    ELEMENT = 7
+    """Outside a surface of a lens before the main lens that has no rim of its own in the design."""
+    APERTURE = 16
+    """Clipped by the flexible angular plane (FAP); behind it count the rims that follow the main lens's."""
 
 
 class Outside(NamedTuple):
@@ -68,7 +93,7 @@ class FacesAhead:
     takers: NDArray[np.uint8]
     """What a ray that each clips is said to be stopped by: `Status`, (S,)."""
     law: Floats
-    """Of an objective with a mapping, as in `Layout`."""
+    """`law_of`."""
     names: tuple[str, ...] = ()
     """What each is called: "plate 1, back", "stop 2"."""
 
@@ -95,6 +120,14 @@ class FacesAhead:
         takers = [codes.get(face.opening, other) for face, other in zip(faces, others, strict=True)]
         return cls(table, media, np.array(takers, np.uint8), law_of(camera), tuple(face.name for face in faces))
 
+    @classmethod
+    def unclipped(cls, camera: Camera) -> FacesAhead:
+        """`of` a camera, past which clear apertures let every ray; told once of each."""
+        if cls not in camera.worked_out:
+            camera.worked_out[cls] = cls.of(camera, clip=False)
+        faces: FacesAhead = camera.worked_out[cls]
+        return faces
+
     @property
     def for_pixels(self) -> FacesAhead:
         """The same, with rays through rods to some millionths of their heights and slopes: ten times as fast."""
@@ -103,7 +136,7 @@ class FacesAhead:
         return replace(self, table=table)
 
     def rays(self, height: tuple[ArrayLike, ArrayLike], slope: tuple[ArrayLike, ArrayLike]) -> Outside:
-        """Carry rays outwards through one build.
+        """Carry rays outwards, through one build or each build's own: builds are the rays' last axes then.
 
         Parameters
         ----------
@@ -113,19 +146,40 @@ class FacesAhead:
             dx/dz and dy/dz just before it.
         """
         lines = np.stack(np.broadcast_arrays(*(np.asarray(part, float) for part in (*height, *slope))))
-        shape = lines.shape[1:]
-        rays = np.ascontiguousarray(lines.reshape(4, -1))
-        out, status = np.zeros_like(rays), np.zeros(rays.shape[1], np.uint8)
+        shape, count = lines.shape[1:], math.prod(self.table.shape[:-2])
+        table, media = (
+            np.ascontiguousarray(part.reshape(count, *part.shape[-2:])) for part in (self.table, self.media)
+        )
+        rays = np.ascontiguousarray(lines.reshape(4, -1, count).transpose(2, 0, 1))
+        out, status = np.zeros_like(rays), np.zeros((count, rays.shape[2]), np.uint8)
         room = np.empty(ROWS * BLOCK), np.empty(BLOCK)
         # Angles from sines come out of numpy and of the compiler a bit apart.
-        if len(self.law) or pays(carry, rays.shape[1] * len(self.table)):
-            carry.compiled(self.table, self.media, self.takers, self.law, *room, rays, out, status)
+        if len(self.law) or pays(carry_builds, status.size * table.shape[1]):
+            carry_builds.compiled(table, media, self.takers, self.law, *room, rays, out, status)
         else:
-            table, media = ([_plain(row) for row in part] for part in (self.table, self.media))
-            buffer, work, lines = (_plain(part) for part in (*room, rays))
-            carry.interpreted(table, media, self.takers, self.law, buffer, work, lines, out, status)
-        outside = out.reshape(4, *shape)
-        return Outside(outside[:2], outside[2:], status.reshape(shape))
+            buffer, work = (_plain(part) for part in room)
+            for k in range(count):
+                faces, indices = ([_plain(row) for row in part[k]] for part in (table, media))
+                carry.interpreted(
+                    faces, indices, self.takers, self.law, buffer, work, _plain(rays[k]), out[k], status[k]
+                )
+        outside = out.transpose(1, 2, 0).reshape(4, *shape)
+        return Outside(outside[:2], outside[2:], status.T.reshape(shape))
+
+    @property
+    def bending(self) -> tuple[FacesAhead, FacesAhead]:
+        """Only what bends rays: what stands between main lens and FAP, and what stands before the FAP."""
+        table, index = self.table, self.media
+        bends = (table[..., KIND] != SPHERE) | (table[..., 3] != 0) | (index[..., 0] != index[..., 1])
+        rows = np.flatnonzero(bends.reshape(-1, bends.shape[-1]).any(0))
+        fap = self.names.index("FAP")
+        return self._only(rows[rows < fap]), self._only(rows[rows > fap])
+
+    def _only(self, rows: NDArray[np.intp]) -> FacesAhead:
+        return replace(
+            self, table=self.table[..., rows, :], media=self.media[..., rows, :], takers=self.takers[rows],
+            names=tuple(self.names[row] for row in rows),
+        )  # fmt: skip
 
     def rays_at(
         self, distances: Sequence[float], height: tuple[ArrayLike, ArrayLike], slope: tuple[ArrayLike, ArrayLike]
@@ -158,6 +212,11 @@ class FacesAhead:
         return FacesAhead(
             self.table[some].copy(), self.media[some].copy(), self.takers[some], self.law, self.names[some]
         )
+
+
+def law_of(camera: Camera) -> Floats:
+    """Law of an objective with a mapping (`..lenses.angles`) as kernels take it; no rows where there is none."""
+    return NO_LAW if camera.law is None else np.array(camera.law, order="C")
 
 
 def _plain(array: Floats) -> Any:
@@ -276,3 +335,12 @@ def carry(
         out[0, i], out[1, i], out[2, i], out[3, i], status[i] = outwards(
             table, media, takers, law, buffer, work, hx, hy, ox, oy
         )
+
+
+@kernel()
+def carry_builds(
+    table: Any, media: Any, takers: Any, law: Any, buffer: Any, work: Any, rays: Any, out: Any, status: Any
+) -> None:
+    """`carry` through builds, the first axis of all but `takers` and `law`."""
+    for build in range(len(table)):
+        carry(table[build], media[build], takers, law, buffer, work, rays[build], out[build], status[build])
