@@ -236,6 +236,20 @@ class Chain:
             apparent[DISTANCE] = distance - self.before_array(values)
         return apparent
 
+    def forms_image(self, focal_length: Number, plane: Number, array: Number) -> Flags:
+        """True where an image of the focal plane forms on the array; all lengths as the main lens sees them [mm].
+
+        Behind what bends light in the bore, the main lens may as well see that plane at infinity or beyond.
+        """
+        if self.bends:
+            return np.greater(array, 0)
+        return np.greater(plane, focal_length) & np.greater(array, focal_length)
+
+    def plane_of_vergence(self, numbers: Mapping[str, Number], vergence: Number) -> Number:
+        """Which plane before the farthest element is seen at 1/distance before the main lens [mm]; 0 is infinity."""
+        far, last = self.front(numbers)
+        return far + ratio(last.medium * (last.a - last.b * vergence), last.d * vergence - last.c)
+
     def plane_seen_at(self, numbers: Mapping[str, Number], distance: Number) -> Number:
         """Which plane before the farthest element is seen at a distance before the main lens [mm]."""
         if not self.elements:
@@ -299,14 +313,14 @@ class Chain:
 
     def followed(self, numbers: Mapping[str, Number], key: str) -> Number:
         """The value of one of f, d_f and d_1 that the other two in `numbers` give [mm]."""
-        apparent = dict(numbers)
+        array = 0.0 if key == DISTANCE else numbers[DISTANCE] - self.before_array(numbers)
+        if key == PLANE and self.elements:  # in vergences: what is in focus may be seen at infinity and beyond
+            f = numbers[FOCAL]
+            return self.plane_of_vergence(numbers, (array - f) / (array * f))
+        apparent = {**numbers, DISTANCE: array}
         if key != PLANE:
             apparent[PLANE] = self.seen_plane(numbers)
-        if key != DISTANCE:
-            apparent[DISTANCE] = numbers[DISTANCE] - self.before_array(numbers)
         value = followed(apparent, key)
-        if key == PLANE:
-            return self.plane_seen_at(numbers, value)
         return value + self.before_array(numbers) if key == DISTANCE else value
 
 

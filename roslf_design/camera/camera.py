@@ -344,6 +344,10 @@ class Camera(Symbols[Number]):
         """Which plane in front of the farthest element the main lens sees at a distance [both mm before it]."""
         return self.chain.plane_seen_at(self._numbers, distance)
 
+    def plane_of_vergence(self, vergence: Number) -> Number:
+        """Which plane in front of the farthest element is seen at 1/distance [1/mm]; 0 is infinity [mm]."""
+        return self.chain.plane_of_vergence(self._numbers, vergence)
+
     @cached_property
     def front(self) -> tuple[Number, ImagedPlane]:
         """The farthest element's scene side: its distance before the main lens [mm], and the plane, all passed."""
@@ -449,7 +453,7 @@ class Camera(Symbols[Number]):
         """
         if self.chain.in_air:
             return self._numbers[PATHS["D_F"]]
-        return np.asarray(np.where(np.real(self.gap) < 0, -2.0, 2.0) * self.fap.radius)[()]
+        return np.asarray(np.where(np.real(self.inverse_H) < 0, -2.0, 2.0) * self.fap.radius)[()]
 
     @cached_property
     def d_1(self) -> Number:
@@ -744,8 +748,7 @@ class Camera(Symbols[Number]):
     def _images_well(self) -> Iterator[tuple[str, Any]]:
         yield "f is not above 0", np.asarray(self.f) > 0
         yield "f_ml is not above 0", np.asarray(self.f_ml) > 0
-        beyond = (np.asarray(self.d_f) > self.f) & (np.asarray(self.d_1) > self.f)
-        yield "no real image", beyond
+        yield "no real image", self.chain.forms_image(self.f, self.d_f, self.d_1)
         yield "d_2 is not above 0", np.asarray(self.d_2) > 0
 
     def _possible_numbers(self) -> Iterator[tuple[str, Any]]:

@@ -96,7 +96,7 @@ class Design(Part, Symbols[float]):
         except InputError as error:  # a glass that is not known at the design's wavelength
             faults = tuple(Problem(PATHS["wavelength"], problem.message) for problem in error.problems)
             raise PydanticCustomError(MISFIT, "parts do not fit", {"problems": faults}) from None
-        problems = cross_check(apparent, self.main_lens.prescription, turned=self.main_lens.reversed)
+        problems = cross_check(apparent, self.main_lens.prescription, turned=self.main_lens.reversed, bends=chain.bends)
         if not chain.in_air or self.object_space.medium != AIR:
             problems += about_elements(self, problems)
         mapped = None if problems else chain.mapped

@@ -534,7 +534,10 @@ class DesignProblem:
             return _own(label, lambda builds: room(builds.camera))
 
         plane, distance = (place in self._set_places for place in CONJUGATES[1:])
-        if not (plane and distance):
+        if self.base.chain.bends:
+            yield row("real image: d_1 above 0", lambda c: c.d_1 / c.f)
+            yield row("focal plane nearer than infinity", lambda c: c.tip / c[PATHS["d_f"]])
+        elif not (plane and distance):
             yield row("real image: d_f beyond f", lambda c: ((c.d_f if plane else c.d_1) - c.f) / c.f)
         rims = ("aperture", *(f"stops.{k}" for k in range(self.base.stops)))
         for place in (*(f"{rim}.distance" for rim in rims), *(place for place in self.given if place == TIP)):
