@@ -7,6 +7,7 @@ from scipy.optimize import brentq
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
+from roslf_design.depth.geometry import depth_of, disparity_of
 from roslf_design.design import DesignError
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.theory.stop_images import MicrolensImages
@@ -110,3 +111,13 @@ def test_builds_on_both_sides_are_builds(share):
     builds = Camera.of(scope, {"d_1": scope.d_1 + np.linspace(-0.02, 0.02, 9)})
     assert builds.valid.all()
     assert (np.diff(builds["main_lens.focal_plane"]) < 0).all()
+
+
+@pytest.mark.parametrize("share", SHARES)
+def test_depths_and_disparities_turn_back_into_each_other(share):
+    scope = collimated()
+    camera = Camera.of(scope, {"d_1": scope.f * (1 + share)})
+    z = np.array([97.0, 105.0, 118.0, 121.0, 130.0, 200.0])
+    # Disparities cancel near the plane in focus: to 1e-13 of those far from it.
+    np.testing.assert_allclose(depth_of(camera, disparity_of(camera, z)), z, rtol=1e-9)
+    assert np.isnan(depth_of(camera, disparity_of(camera, np.array(1e12)) - 1.0))  # beyond infinity

@@ -266,7 +266,8 @@ def epipolar(plane: EpipolarPlane, on_array: bool = True) -> Picture:
     length = min(STRETCH, steep.size)
     first = int(np.convolve(steep, np.ones(length), "valid").argmax())
     part = np.s_[first : first + STRETCH]
-    lit, where = plane.lit[:, part], plane.pupil[:, part]
+    where = plane.pupil[:, part]
+    lit = plane.lit[:, part] & np.isfinite(where)
     shown = lit.any(axis=1)
     heights = np.array([own[light].mean() for own, light in zip(where[shown], lit[shown], strict=True)])
     values = np.where(lit, plane.values[:, part], np.nan)[shown]
