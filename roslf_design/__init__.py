@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING
 
 import lazy_loader as lazy
 
+from ._version import __version__
+
 if TYPE_CHECKING:
     from .api import calibrate, capture_depth, decode, measure_depth, optimize, quantity, render, report, tolerance
     from .camera import Camera
@@ -20,11 +22,9 @@ if TYPE_CHECKING:
     from .errors import InputError
     from .evaluation import Evaluation, evaluate
     from .evaluation.specification import Specification, specification
-    from .reporting.printers import render_html, render_pdf
+    from .report.printers import render_html, render_pdf
     from .theory.quantities import QUANTITIES, Quantity
     from .theory.sweep import Sweep, sweep
-
-__version__ = "0.1.0"
 
 __all__ = [
     "QUANTITIES",
@@ -77,7 +77,7 @@ __getattr__, __dir__, _ = lazy.attach(
         "errors": ["InputError"],
         "evaluation": ["Evaluation", "evaluate"],
         "evaluation.specification": ["Specification", "specification"],
-        "reporting.printers": ["render_html", "render_pdf"],
+        "report.printers": ["render_html", "render_pdf"],
         "theory.quantities": ["QUANTITIES", "Quantity"],
         "theory.sweep": ["Sweep", "sweep"],
     },

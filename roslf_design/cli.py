@@ -13,7 +13,7 @@ import signal
 import sys
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from . import __version__
+from ._version import __version__
 from .errors import InputError, cause, one_line
 
 if TYPE_CHECKING:

@@ -18,8 +18,8 @@ settings.register_profile(
 settings.register_profile("explore", deadline=None, max_examples=2000)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
+from roslf_design.drawing.picture import Picture  # noqa: E402
 from roslf_design.imaging import transfer  # noqa: E402
-from roslf_design.pictures.picture import Picture  # noqa: E402
 from tests.depth.made import fewer_rays  # noqa: E402
 
 ROOT = Path(__file__).resolve().parent.parent

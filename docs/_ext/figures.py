@@ -10,13 +10,14 @@ from numpy.typing import ArrayLike
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
+from roslf_design.drawing.marks import Dots, Line, Mark, Point, Text, dot_key, line_key, stairs
+from roslf_design.drawing.panel import Panel, Scale
+from roslf_design.drawing.picture import PAGE, Picture, beside, one_panel
 from roslf_design.imaging.render import render
-from roslf_design.pictures.curves import depth_precision, matching_plane
-from roslf_design.pictures.effects import effects_budget
-from roslf_design.pictures.marks import Dots, Line, Mark, Point, Text, dot_key, line_key, stairs
-from roslf_design.pictures.microlens import microlens_images
-from roslf_design.pictures.picture import PAGE, Panel, Picture, Scale, beside, one_panel
-from roslf_design.pictures.rays import ray_diagrams
+from roslf_design.report.design.curves import depth_precision, matching_plane
+from roslf_design.report.design.effects import effects_budget
+from roslf_design.report.design.microlens import microlens_images
+from roslf_design.report.design.rays import ray_diagrams
 from roslf_design.theory.f_number import approximate_fill_factor, fill_factor
 from roslf_design.theory.light_field import epi_slope
 

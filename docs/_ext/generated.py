@@ -17,17 +17,21 @@ from sphinx.pycode import ModuleAnalyzer
 from tables import code, keys_table, markdown, plain, results_table
 
 import roslf_design as roslf
+from roslf_design.bore.elements import ObjectSpace
+from roslf_design.bore.group import LensGroup
+from roslf_design.bore.lens import FieldLens
+from roslf_design.bore.mapping import MappingTable
+from roslf_design.bore.plate import Plate, Prism
+from roslf_design.bore.rod import Grin
 from roslf_design.cli import COMMANDS, build_app
 from roslf_design.design import Design, Light, MainLens, MicrolensArray, Sensor, Stop
-from roslf_design.design.elements import FieldLens, Grin, LensGroup, ObjectSpace, Plate, Prism
 from roslf_design.design.environment import Environment
-from roslf_design.design.mapping import MappingTable
 from roslf_design.design.parts import Cover, DepthSettings, Substrate
 from roslf_design.effects import EFFECTS
 from roslf_design.evaluation import Evaluation
 from roslf_design.optimization import bore, robust
 from roslf_design.optimization import study as optimise
-from roslf_design.reporting import story
+from roslf_design.report import story
 from roslf_design.scenes.objects import OBJECTS, TEXTURES
 from roslf_design.scenes.scene import Scene, SceneLight
 from roslf_design.theory.quantities import QUANTITIES

@@ -18,9 +18,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..bore.chain import ImagedPlane
 from ..camera import Camera, Number
 from ..design import Design
-from ..design.chain import ImagedPlane
 from ..design.parts import PATHS
 from .frames import Array, CalibrationError
 
@@ -68,7 +68,7 @@ class SceneSide:
             the FAP at infinity.
         """
         c = Camera.of(design, changes)
-        if c.chain is None:
+        if c.chain.in_air:
             return None
         if c.chain.mapped is not None:
             place = f"elements.{c.chain.mapped}.mapping"
@@ -199,5 +199,4 @@ def used_in(calibrated: Design, medium: str, distances: Array) -> UsedIn:
     # Eq. 12: what slope a point there has, and which depth has it in the calibrated camera.
     slope = (used.m - used.A / (used.plane(planes).distance - used.d_3)) * used.A / used.d_2
     uncorrected = made.plane_seen_at(made.d_3 + made.A / (made.m - slope * made.d_2 / made.A))
-    assert used.chain is not None
     return UsedIn(there, planes, np.asarray(uncorrected), float(used.chain.end(used.numbers)))

@@ -1,6 +1,6 @@
 """The camera that everything computes with."""
 
-from ..design.parts import Number
+from ..bore.part import Number
 from .camera import SEEING, TIP, Camera, Rim
 from .frames import Frame, Vector
 

@@ -6,7 +6,6 @@ refused here: a camera that cannot be built keeps its numbers, and `Camera.valid
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property, lru_cache, partial
@@ -17,14 +16,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array, floats, magnitude, product, ratio
+from ..bore.chain import Chain, ChainStep, ImagedPlane
+from ..bore.conjugates import CONJUGATES, follower
+from ..bore.elements import element_name
+from ..bore.lens import IMAGE
+from ..bore.part import TEMPERATURE, Number
+from ..bore.real_lens import focal_length_at
+from ..bore.rod import SECTION_WORD
 from ..design import Design, DesignError, Problem
-from ..design.chain import Chain, ChainStep, ImagedPlane, chain_numbers, chain_of, materials_of
 from ..design.check import at
-from ..design.conjugates import CONJUGATES, followed, follower
-from ..design.elements import FieldLens, Grin
-from ..design.environment import TEMPERATURE, Growth
-from ..design.parts import PATHS, Colours, Layout, Number, Symbols
-from ..design.real_lens import focal_length_at
+from ..design.environment import Growth
+from ..design.light_path import chain_numbers, chain_of, materials_of
+from ..design.parts import PATHS, Colours, Layout, Symbols
 from ..lenses.angles import Law, first_order, stretch
 from .frames import Frame, Vector, along, cross, dot, frame, minus, plus, times, total
 
@@ -33,11 +36,12 @@ if TYPE_CHECKING:
     from ..lenses.prescription import Prescription
 
 FOCAL = PATHS["f"]
-IMAGE = ".image"
 IN_FOCUS = 1e-10
 """Share of d_f by which a stop is out of focus at least: it cuts whole microlens images then, or none of one."""
 STEEPEST = 1e15
 """Slope that is taken for infinite."""
+AIR_ALONE = Chain(())
+"""A chain of nothing."""
 PHOTOMETRIC = (
     *(f"light.{name}" for name in ("illuminance", "reflectance", "transmission")),
     *(f"sensor.{name}" for name in ("quantum_efficiency", "full_well", "read_noise", "bits")),
@@ -51,9 +55,6 @@ OPTIONAL = (
 """The same, of what need not be given."""
 SEEING = frozenset((*PHOTOMETRIC, *OPTIONAL))
 """All of these: what a camera is used with, not what it is built of."""
-SECTION, SECTION_WORD = np.pi / 12, " section "
-"""Phase of a gradient-index rod that one section of its barrel stands for: between two, rays swing farther by less than
-1 - cos(pi/24), 0.9 % of their swing. What its name goes on with."""
 TIP = "tip"
 """Beside the places of a design: where a bore ends that its own stops do not show [mm before the main lens]."""
 
@@ -109,8 +110,8 @@ class Camera(Symbols[Number]):
     layout, lens_shape : str
         Of the microlens array, as in a design file.
     chain : Chain, optional
-        What light meets beside the main lens; None is air only. The symbols d_3, D_F, d_f, d_1 and d_2 are then those
-        of the camera in air that sees the same, ``camera["aperture.distance"]`` and the like what a ruler says.
+        What light meets beside the main lens; air only where not given. The symbols d_3, D_F, d_f, d_1 and d_2 are
+        those of the camera in air that sees the same, ``camera["aperture.distance"]`` and the like what a ruler says.
     materials : mapping
         Place of an index to the material it is of, for other wavelengths.
     growth : Growth, optional
@@ -143,7 +144,7 @@ class Camera(Symbols[Number]):
         self.layout = layout
         self.lens_shape = lens_shape
         self.lens = lens
-        self.chain = chain
+        self.chain = chain or AIR_ALONE
         self.materials = materials or {}
         self.growth = growth
         self.colours = colours
@@ -217,7 +218,7 @@ class Camera(Symbols[Number]):
             numbers |= {place: _number(value) for place, value in moved.items()}
         key = follower(given)
         if key is not None:
-            numbers[key] = followed(numbers, key) if self.chain is None else self.chain.followed(numbers, key)
+            numbers[key] = self.chain.followed(numbers, key)
         camera = self._with(numbers)
         if in_focus:
             numbers[PATHS["f_ml"]] = camera.d_2 / (1 + camera.d_2 * camera.vergence)
@@ -305,13 +306,10 @@ class Camera(Symbols[Number]):
 
     def plane(self, z: Number) -> ImagedPlane:
         """The plane at z before the main lens [mm, with a ruler], as the main lens sees it."""
-        if self.chain is None:
-            return ImagedPlane(1.0, z, 0.0, 1.0, (0.0, 0.0), (0.0, 0.0), 1.0)
         return self.chain.plane(self._numbers, z, self._walk)
 
     @cached_property
     def _walk(self) -> tuple[ChainStep, ...]:
-        assert self.chain is not None
         return self.chain.walk(self._numbers)
 
     def see(
@@ -327,7 +325,7 @@ class Camera(Symbols[Number]):
             Through which point of the FAP, from its centre and as the main lens sees it [mm]: through an objective with
             a mapping each sees the point elsewhere.
         """
-        if self.chain is None:
+        if self.chain.in_air:
             return x, y, z
         if self.law is not None:
             (x, y), _ = self.straight_ray(x, y, z, pupil)
@@ -344,21 +342,21 @@ class Camera(Symbols[Number]):
 
     def plane_seen_at(self, distance: Number) -> Number:
         """Which plane in front of the farthest element the main lens sees at a distance [both mm before it]."""
-        return distance if self.chain is None else self.chain.plane_seen_at(self._numbers, distance)
+        return self.chain.plane_seen_at(self._numbers, distance)
+
+    def plane_of_vergence(self, vergence: Number) -> Number:
+        """Which plane in front of the farthest element is seen at 1/distance [1/mm]; 0 is infinity [mm]."""
+        return self.chain.plane_of_vergence(self._numbers, vergence)
 
     @cached_property
     def front(self) -> tuple[Number, ImagedPlane]:
         """The farthest element's scene side: its distance before the main lens [mm], and the plane, all passed."""
-        return (0.0, self.plane(0.0)) if self.chain is None else self.chain.front(self._numbers, self._walk)
+        return self.chain.front(self._numbers, self._walk)
 
     @cached_property
     def law(self) -> Law | None:
         """How the objective maps angles, where it is not f tan (`..lenses.angles`)."""
-        if self.chain is None or self.chain.mapped is None:
-            return None
-        lens = self.chain.elements[self.chain.mapped]
-        assert isinstance(lens, FieldLens)
-        return lens.law
+        return self.chain.law
 
     @cached_property
     def pupil_stands(self) -> Number:
@@ -453,21 +451,21 @@ class Camera(Symbols[Number]):
 
         Below 0 where it is seen beyond the focal plane, behind a relay: D_F H is the size of what every microlens sees.
         """
-        if self.chain is None:
+        if self.chain.in_air:
             return self._numbers[PATHS["D_F"]]
-        return np.asarray(np.where(np.real(self.gap) < 0, -2.0, 2.0) * self.fap.radius)[()]
+        return np.asarray(np.where(np.real(self.inverse_H) < 0, -2.0, 2.0) * self.fap.radius)[()]
 
     @cached_property
     def d_1(self) -> Number:
         """Main lens to microlens array, reduced to air [mm]."""
         geometric = self._numbers[PATHS["d_1"]]
-        return geometric if self.chain is None else geometric - self.chain.before_array(self._numbers)
+        return geometric - self.chain.before_array(self._numbers)
 
     @cached_property
     def d_2(self) -> Number:
         """Microlens array to sensor, reduced to air [mm]."""
         geometric = self._numbers[PATHS["d_2"]]
-        return geometric if self.chain is None else geometric - self.chain.behind_array(self._numbers)
+        return geometric - self.chain.behind_array(self._numbers)
 
     @cached_property
     def inverse_H(self) -> Array:
@@ -523,7 +521,7 @@ class Camera(Symbols[Number]):
     @cached_property
     def _mapped_image(self) -> tuple[Rim, ...]:
         """What an objective with a mapping images at all: a stop in its image of what is far, as wide as it goes."""
-        if self.law is None or self.chain is None:
+        if self.law is None:
             return ()
         plane, part = self.chain.mapped_image(self._numbers, self._walk), f"elements.{self.chain.mapped}"
         scale, stands = magnitude(plane.magnification), self._numbers[f"{part}.distance"]
@@ -534,27 +532,13 @@ class Camera(Symbols[Number]):
     @cached_property
     def _apertures(self) -> list[int]:
         """Elements that have a clear aperture."""
-        every = range(0 if self.chain is None else len(self.chain.elements))
-        return [k for k in every if f"elements.{k}.diameter" in self._numbers]
+        return [k for k in range(len(self.chain.elements)) if f"elements.{k}.diameter" in self._numbers]
 
     def _faces(self, k: int) -> Iterator[Rim]:
-        assert self.chain is not None
-        element, n, part = self.chain.elements[k], self._numbers, f"elements.{k}"
-        start, length = n[f"{part}.distance"], self.chain.length(n, k)
-        radius, name = n[f"{part}.diameter"] / 2, f"{element.kind} {k + 1}"
-        if np.ndim(length) == 0 and length == 0:
-            yield self._rim(name, f"{part}.0", start, radius)
-        else:
-            yield self._rim(f"{name}, back", f"{part}.0", start, radius)
-            yield self._rim(f"{name}, front", f"{part}.1", start + length, radius)
-        if isinstance(element, Grin):
-            swing = n[f"{part}.gradient"]
-            whole = np.real(np.asarray(swing * length)) < np.pi  # half a turn on, the same comes again
-            reach = np.where(whole, length, np.pi / swing)[()]
-            sections = max(1, math.ceil(min(float(element.gradient) * float(element.length), math.pi) / SECTION))
-            for k in range(sections):
-                deep = start + reach * ((k + 0.5) / sections)
-                yield self._rim(f"{name}, barrel{SECTION_WORD}{k + 1}", f"{part}.{k + 2}", deep, radius)
+        element, at = self.chain.elements[k], self.chain.at(self._numbers, k)
+        name = element_name(element, k + 1)
+        for number, (words, z) in enumerate(element.openings(at)):
+            yield self._rim(f"{name}{words}", f"{at.place}.{number}", z, at["diameter"] / 2)
 
     @cached_property
     def in_light_order(self) -> tuple[Rim, ...]:
@@ -574,7 +558,7 @@ class Camera(Symbols[Number]):
     def _rim(self, name: str, part: str, stands: Number | None = None, radius: Number | None = None) -> Rim:
         stands = self._numbers[f"{part}.distance"] if stands is None else stands
         radius = self._numbers[f"{part}.diameter"] / 2 if radius is None else radius
-        if self.chain is None:
+        if self.chain.in_air:
             return Rim(name, part, radius, stands, stands)
         plane = self.plane(stands)
         scale, distance = magnitude(plane.magnification), plane.distance
@@ -677,7 +661,7 @@ class Camera(Symbols[Number]):
         return self._placed(part, z, turn).seen_from(self._lens)
 
     def _placed(self, part: str, z: Number, roll: Number = 0.0) -> Frame:
-        if self.chain is None:
+        if self.chain.in_air:
             decentre = self._numbers[f"{part}.decentre.0"], self._numbers[f"{part}.decentre.1"]
         else:
             x, y = self.decentre(part)
@@ -727,7 +711,7 @@ class Camera(Symbols[Number]):
         farthest = np.maximum(self.fap.stands, self._numbers[TIP])
         for rim in self.rims[1:]:
             farthest = np.maximum(farthest, rim.stands)
-        return np.asarray(farthest if self.chain is None else np.maximum(farthest, self.chain.end(self._numbers)))
+        return np.asarray(np.maximum(farthest, self.chain.end(self._numbers)))
 
     @cached_property
     def valid(self) -> NDArray[np.bool_]:
@@ -764,8 +748,7 @@ class Camera(Symbols[Number]):
     def _images_well(self) -> Iterator[tuple[str, Any]]:
         yield "f is not above 0", np.asarray(self.f) > 0
         yield "f_ml is not above 0", np.asarray(self.f_ml) > 0
-        beyond = (np.asarray(self.d_f) > self.f) & (np.asarray(self.d_1) > self.f)
-        yield "no real image", beyond
+        yield "no real image", self.chain.forms_image(self.f, self.d_f, self.d_1)
         yield "d_2 is not above 0", np.asarray(self.d_2) > 0
 
     def _possible_numbers(self) -> Iterator[tuple[str, Any]]:
@@ -788,13 +771,12 @@ class Camera(Symbols[Number]):
 
     def _fits(self) -> Iterator[tuple[str, Any]]:
         plane = np.asarray(self._numbers[PATHS["d_f"]])
-        ahead: Any = True if self.chain is None else plane >= self.chain.end(self._numbers)
+        ahead: Any = plane >= self.chain.end(self._numbers)
         for rim in (self.fap, *self.rims[1:]):
             ahead = ahead & (np.asarray(rim.stands) < plane)
         yield "focal plane in the bore", ahead
-        if self.chain is not None:
-            stops = {rim.name: rim.stands for rim in (self.fap, *self.rims[1 : 1 + self.stops])}
-            yield from self.chain.apart(self._numbers, stops)
+        stops = {rim.name: rim.stands for rim in (self.fap, *self.rims[1 : 1 + self.stops])}
+        yield from self.chain.apart(self._numbers, stops)
 
 
 def _number(value: ArrayLike) -> Number:
@@ -822,9 +804,8 @@ def _nominal(design: Design) -> Camera:
     if design.environment is not None:
         places.append(TEMPERATURE)
     numbers, chain = {**{place: design[place] for place in places}, TIP: 0.0}, chain_of(design)
-    materials = {} if chain is None else materials_of(design)
+    materials = materials_of(design)
     growth = Growth.of(design, materials)
-    if chain is not None:
-        numbers |= chain_numbers(design)
+    numbers |= chain_numbers(design)
     kind = array.layout, array.lens_shape, design.lens, chain, materials, growth, design.sensor.colours
     return Camera(numbers, *kind)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._jit import Kernel, kernel
-from ..design.parts import Number
+from ..bore.part import Number
 
 Vector = tuple[Number, Number, Number]
 

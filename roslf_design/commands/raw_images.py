@@ -13,9 +13,9 @@ from ..calibration.lattice import amplitude_spectrum, lit_part
 from ..camera import Camera
 from ..depth.decoded import RawSource
 from ..design import Design
+from ..drawing.picture import Picture
 from ..errors import InputError, Problem
-from ..pictures.light_field import no_lattice
-from ..pictures.picture import Picture
+from ..report.decode.pictures import no_lattice
 from .terminal import picture_files, refusal, write_files
 
 OTHER_CAMERA = 0.02

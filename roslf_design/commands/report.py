@@ -13,17 +13,18 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from .. import __version__
+from .._version import __version__
 from ..design import load
 from ..design.files import KINDS
+from ..drawing.solid import NoPictureError, picture, vtp_bytes
+from ..drawing.svg import file_of
 from ..errors import InputError, Problem
 from ..evaluation.evaluate import check_evaluation_accuracy
-from ..pictures.solid import NoPictureError, picture, vtp_bytes
-from ..pictures.svg import file_of
-from ..reporting.calibration import read_calibration
-from ..reporting.compare import comparison_report
-from ..reporting.printers import render_html, render_pdf, render_tables
-from ..reporting.story import full_report, load_story_or_study, story_report, study_report
+from ..report.calibrate.pages import read_calibration
+from ..report.design.compare import comparison_report
+from ..report.design.instrument import instrument_scene
+from ..report.printers import render_html, render_pdf, render_tables
+from ..report.story import full_report, load_story_or_study, story_report, study_report
 from .terminal import (
     PAGE,
     Flag,
@@ -40,7 +41,7 @@ from .terminal import (
 )
 
 if TYPE_CHECKING:
-    from ..reporting.blocks import Report
+    from ..report.blocks import Report
 
 SOLID = {"model": "model.vtp", "3d": "3d.png"}
 """Name of a 3D file to its file name."""
@@ -124,11 +125,11 @@ def report(
         files[PAGE] = render_html(content).encode()
         files |= render_tables(content)
         if "model" in solid:
-            files[SOLID["model"]] = vtp_bytes(load(design))
+            files[SOLID["model"]] = vtp_bytes(instrument_scene(load(design)))
         if "3d" in solid:
             progress.tell("3D")
             try:
-                files[SOLID["3d"]] = picture(load(design))
+                files[SOLID["3d"]] = picture(instrument_scene(load(design)))
             except NoPictureError as error:
                 say(f"roslf: {SOLID['3d']} is left out: {error}", error=True)
         if pdf:

@@ -12,10 +12,10 @@ import numpy as np
 from cyclopts import Parameter
 
 from .._arrays import Array
+from ..bore.conjugates import CONJUGATES
 from ..design import PATHS, Design, load
-from ..design.conjugates import CONJUGATES
 from ..errors import InputError, one_line
-from ..pictures.sweep import sweep_picture
+from ..report.sweep import sweep_picture
 from ..tables import csv_bytes
 from ..theory.sweep import sweep as compute
 from ..theory.sweep import unit_of

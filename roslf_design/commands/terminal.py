@@ -16,15 +16,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import Parameter
 
 from ..design.files import in_the_way, write_atomically
+from ..drawing.svg import file_of
 from ..errors import InputError, Problem, printable
-from ..pictures.svg import file_of
-from ..reporting.blocks import MARKS, Block, Bullets, Paragraph, Statements, Table
+from ..report.blocks import MARKS, Block, Bullets, Paragraph, Statements, Table
 from ..tables import plain_text, print_table
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from ..pictures.picture import Picture
+    from ..drawing.picture import Picture
 
 Flag = Annotated[bool, Parameter(negative=())]
 """A switch that is off unless given."""

@@ -38,7 +38,7 @@ def first_order(design: Design) -> Camera:
         Its objective maps angles otherwise than f tan; behind colour filters, its real lens focuses colours apart.
     """
     camera = Camera.of(design.thin_twin)
-    if camera.chain is not None and camera.chain.mapped is not None:
+    if camera.chain.mapped is not None:
         message = "depth is computed for rays as f tan has them before the objective; drop the mapping for it"
         raise InputError((Problem(f"elements.{camera.chain.mapped}.mapping", message),), design.name)
     if design.lens is not None and (colours := tuple(one.wavelength for one in filters(design.sensor.colours))):
@@ -57,10 +57,13 @@ def depth_of(camera: Camera, disparity: Array) -> Array:
 
     The inverse of `rim_disparity`, ``Z_F = A/(m + B d/D_F)``.
     """
+    inverse = (camera.m + disparity * camera.d / camera.D_F) / camera.A
+    if camera.chain.bends:  # which may show a plane in front of it at infinity and beyond
+        z = np.asarray(camera.plane_of_vergence(inverse / (1 + camera.d_3 * inverse)), float)
+        return np.where(z > camera.chain.end(camera.numbers), z, np.nan)
     with np.errstate(invalid="ignore", divide="ignore"):
-        z_f = camera.A / (camera.m + disparity * camera.d / camera.D_F)
-        z = np.asarray(camera.plane_seen_at(z_f + camera.d_3), float)
-    return np.where(z_f > 0, z, np.nan)
+        z = np.asarray(camera.plane_seen_at(1 / inverse + camera.d_3), float)
+    return np.where(inverse > 0, z, np.nan)
 
 
 def disparity_of(camera: Camera, z: Array) -> Array:

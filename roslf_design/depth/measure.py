@@ -540,7 +540,7 @@ def _truth(camera: Camera, traced: TracedViews | None, scene: Scene, field: Ligh
     # Chief rays meet in the FAP; as the main lens sees them, and then with a ruler.
     slopes = [np.asarray(at * camera.inverse_m / camera.gap) for at in (x, y)]
     near, _ = camera.front
-    far = 2 * camera.d_f if camera.chain is None else camera["main_lens.focal_plane"] + 1.0
+    far = 2 * camera.d_f if camera.chain.in_air else camera["main_lens.focal_plane"] + 1.0
     points = []
     for z in (near, far):
         plane = camera.plane(z)

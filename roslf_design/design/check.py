@@ -10,13 +10,13 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from ..bore.conjugates import CONJUGATES, REFRACTING, conjugate_residual, followed
+from ..bore.real_lens import focal_length_at, own_diameter, read_prescription
 from ..errors import InputError, Problem
 from ..lenses.prescription import Prescription
 from ..toml_files import problems_of
 from ..units import format_quantity, read_quantity
-from .conjugates import CONJUGATES, REFRACTING, conjugate_residual, followed
 from .parts import PATHS, Light
-from .real_lens import focal_length_at, own_diameter, read_prescription
 
 FOCAL, PLANE, DISTANCE = CONJUGATES
 RESIDUAL_LIMIT = 1e-6
@@ -122,7 +122,9 @@ def _mended(data: Mapping[str, Any], problems: Sequence[Problem]) -> dict[str, A
     return mended
 
 
-def cross_check(values: Mapping[str, float | None], lens: Prescription | None, *, turned: bool) -> tuple[Problem, ...]:
+def cross_check(
+    values: Mapping[str, float | None], lens: Prescription | None, *, turned: bool, bends: bool = False
+) -> tuple[Problem, ...]:
     """Faults between values that are each right on their own.
 
     Parameters
@@ -133,6 +135,8 @@ def cross_check(values: Mapping[str, float | None], lens: Prescription | None, *
         The real main lens.
     turned : bool
         Whether it is to stand the other way round.
+    bends : bool
+        Whether anything before the main lens bends light, so that what is in focus may be seen at infinity and beyond.
     """
     problems = []
     if lens is None and turned:
@@ -143,7 +147,7 @@ def cross_check(values: Mapping[str, float | None], lens: Prescription | None, *
         known = PATHS["wavelength"] in values and not problems
         own = focal_length_at(lens, _wavelength(values)) if known else None
         values = {key: value for key, value in values.items() if key != FOCAL} | ({FOCAL: own} if known else {})
-    problems += _about_conjugates(values)
+    problems += _about_conjugates(values, bends)
     f, d_f, d_1 = (values.get(key) for key in CONJUGATES)
     if d_f is None and f is not None and d_1 is not None and d_1 > f:
         d_f = float(followed({FOCAL: f, DISTANCE: d_1}, PLANE))
@@ -153,7 +157,7 @@ def cross_check(values: Mapping[str, float | None], lens: Prescription | None, *
     return tuple(problems)
 
 
-def _about_conjugates(values: Mapping[str, float | None]) -> Iterator[Problem]:
+def _about_conjugates(values: Mapping[str, float | None], bends: bool) -> Iterator[Problem]:
     if any(key not in values for key in CONJUGATES):
         return
     given = {key: value for key in CONJUGATES if (value := values[key]) is not None}
@@ -161,16 +165,10 @@ def _about_conjugates(values: Mapping[str, float | None]) -> Iterator[Problem]:
     if len(missing) > 1:
         yield Problem(FOCAL, f"two of {', '.join(CONJUGATES)} are needed; give one of {' or '.join(missing)}")
     near = [key for key in given if FOCAL in given and key != FOCAL and given[key] <= given[FOCAL]]
+    if bends:  # only what is seen between the main lens and its focus has no image behind it
+        near = [key for key in near if key == PLANE and given[key] > 0]
     for key in near:
         focal = f"the focal length {shown(given[FOCAL])}"
-        if key == DISTANCE and given[key] == given[FOCAL]:
-            yield Problem(
-                key,
-                f"{shown(given[key])} is the focal length: what is in focus would be seen at infinity, as behind an "
-                "ocular in collimated light, and all that counts from there (H, m, d_f as seen) has no finite value; "
-                "make it a little longer",
-            )
-            continue
         yield Problem(key, f"{shown(given[key])} is not beyond {focal}, so no real image forms; make it longer")
     if not (missing or near) and abs(residual := float(conjugate_residual(*given.values()))) > RESIDUAL_LIMIT:
         ways = " or ".join(f"{key} (it would become {shown(float(followed(given, key)))})" for key in (DISTANCE, PLANE))

@@ -10,24 +10,26 @@ from typing import TYPE_CHECKING, Annotated, Any
 from pydantic import Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
+from ..bore.chain import MEDIUM
+from ..bore.conjugates import CONJUGATES, follower
+from ..bore.elements import AnyElement, ObjectSpace
+from ..bore.part import TEMPERATURE, Part
+from ..bore.real_lens import focal_length_at, mounted_lens, own_diameter
 from ..errors import InputError, Problem
 from ..lenses.glass import AIR
 from ..units import format_quantity
-from .chain import MEDIUM, chain_numbers, chain_of, materials_of
 from .check import DISTANCE, FOCAL, MISFIT, PLANE, DesignError, at, checked_places, cross_check, design_problems
-from .conjugates import CONJUGATES, followed, follower
-from .elements import AnyElement, ObjectSpace, about_elements
+from .check_bore import about_elements
 from .environment import (
     REFERENCE,
-    TEMPERATURE,
     Environment,
     Growth,
     about_environment,
     glasses_of,
     prescriptions_of,
 )
-from .parts import PATHS, DepthSettings, Housing, Light, MainLens, MicrolensArray, Part, Sensor, Stop, Symbols
-from .real_lens import focal_length_at, mounted_lens, own_diameter
+from .light_path import chain_numbers, chain_of, materials_of
+from .parts import PATHS, DepthSettings, Housing, Light, MainLens, MicrolensArray, Sensor, Stop, Symbols
 
 if TYPE_CHECKING:
     from ..lenses.prescription import Prescription
@@ -90,15 +92,15 @@ class Design(Part, Symbols[float]):
         values = {place: at(self, place) for place in checked_places(len(self.stops))}
         chain = chain_of(self)
         try:
-            apparent = values if chain is None else chain.seen({**chain_numbers(self), **values})
+            apparent = chain.seen({**chain_numbers(self), **values})
         except InputError as error:  # a glass that is not known at the design's wavelength
             faults = tuple(Problem(PATHS["wavelength"], problem.message) for problem in error.problems)
             raise PydanticCustomError(MISFIT, "parts do not fit", {"problems": faults}) from None
-        problems = cross_check(apparent, self.main_lens.prescription, turned=self.main_lens.reversed)
-        if chain is not None or self.object_space.medium != AIR:
+        problems = cross_check(apparent, self.main_lens.prescription, turned=self.main_lens.reversed, bends=chain.bends)
+        if not chain.in_air or self.object_space.medium != AIR:
             problems += about_elements(self, problems)
-        mapped = None if chain is None or problems else chain.mapped
-        if chain is not None and mapped is not None and chain.telecentric(chain_numbers(self), self.aperture.distance):
+        mapped = None if problems else chain.mapped
+        if mapped is not None and chain.telecentric(chain_numbers(self), self.aperture.distance):
             message = (
                 "the FAP stands in the focus of the objective, which then sees the scene from one angle only; move it, "
                 f"or drop the mapping of elements.{mapped}"
@@ -187,10 +189,7 @@ class Design(Part, Symbols[float]):
         # Where all three are given, f and d_1 are the hardware.
         if own is None or (place == PLANE and focal_known and self.microlens_array.distance is not None):
             others = {key: self[key] for key in CONJUGATES if key != place}
-            chain = chain_of(self)
-            if chain is None:
-                return float(followed(others, place))
-            return float(chain.followed({**chain_numbers(self), **others}, place))
+            return float(chain_of(self).followed({**chain_numbers(self), **others}, place))
         return float(own)
 
     @property

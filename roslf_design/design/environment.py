@@ -14,19 +14,20 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field, InstanceOf, PlainSerializer, field_validator
 
+from ..bore.elements import AnyElement, element_name
+from ..bore.lens import power_ratio
+from ..bore.part import Number, Part, PartNumbers
 from ..errors import InputError, Problem
 from ..lenses.glass import ROOM, Glass, growth
 from ..lenses.prescription import Prescription, lens_growth, warm_constants
 from ..lenses.solid import Solid, find_solid, solid_of, solids
 from ..units import Temperature
-from .elements import AnyElement, FieldLens, Grin, LensGroup
-from .mapping import MappingTable
-from .parts import PATHS, Number, Part
+from .parts import PATHS
 
 if TYPE_CHECKING:
     from .design import Design
 
-TEMPERATURE, REFERENCE = "environment.temperature", "environment.reference"
+REFERENCE = "environment.reference"
 
 
 def _solid(value: Any) -> Solid:
@@ -85,12 +86,10 @@ def glasses_of(design: Design) -> Iterator[tuple[str, Glass | None]]:
         yield "microlens_array.substrate.material", array.substrate.material
     if design.sensor.cover is not None:
         yield "sensor.cover.material", design.sensor.cover.material
+    if design.main_lens.prescription is not None:
+        yield from (("main_lens.prescription", surface.glass) for surface in design.main_lens.prescription.surfaces)
     for k, element in enumerate(design.elements):
-        if not isinstance(element, LensGroup) and "material" in type(element).model_fields:
-            yield f"elements.{k}.material", element.material  # type: ignore[union-attr]
-    for part, lens in prescriptions_of(design):
-        for surface in lens.surfaces:
-            yield f"{part}.prescription", surface.glass
+        yield from ((f"elements.{k}.{key}", glass) for key, glass in element.glasses)
 
 
 def prescriptions_of(design: Design) -> Iterator[tuple[str, Prescription]]:
@@ -98,8 +97,8 @@ def prescriptions_of(design: Design) -> Iterator[tuple[str, Prescription]]:
     if design.main_lens.prescription is not None:
         yield "main_lens", design.main_lens.prescription
     for k, element in enumerate(design.elements):
-        if isinstance(element, LensGroup) and element.prescription is not None:
-            yield f"elements.{k}", element.prescription
+        if element.prescribed is not None:
+            yield f"elements.{k}", element.prescribed
 
 
 def about_environment(design: Design) -> tuple[Problem, ...]:
@@ -133,9 +132,7 @@ def not_named(design: Design) -> tuple[str, ...]:
         "the main lens": lens.prescription is None and lens.material is None,
         "the microlenses": array.material is None and array.substrate is None,
     }
-    lenses = (k for k, part in enumerate(design.elements, 1) if isinstance(part, FieldLens) and part.material is None)
-    silent |= {f"lens {k}": True for k in lenses}
-    silent |= {f"grin {k}": True for k, part in enumerate(design.elements, 1) if isinstance(part, Grin)}
+    silent |= {element_name(element, k): not element.grows for k, element in enumerate(design.elements, 1)}
     return tuple(name for name, is_silent in silent.items() if is_silent)
 
 
@@ -221,14 +218,14 @@ class Growth:
             elif place in (PATHS["d"], PATHS["f_ml"]) or part == "microlens_array.size":
                 if self.array is not None:
                     grows = self.array.grown(before, after)
-                    weaker = _weaker(self.array, wavelength, before, after) if place == PATHS["f_ml"] else 1.0
+                    weaker = power_ratio(self.array, wavelength, before, after) if place == PATHS["f_ml"] else 1.0
                     result[place] = value * grows * weaker
             elif place == PATHS["q"] or part == "sensor.size":
                 result[place] = value * sensor
             elif place == PATHS["f"]:
                 if isinstance(self.lens, Glass):
                     result[place] = (
-                        value * self.lens.grown(before, after) * _weaker(self.lens, wavelength, before, after)
+                        value * self.lens.grown(before, after) * power_ratio(self.lens, wavelength, before, after)
                     )
                 elif self.lens is not None:
                     result[place] = warm_constants(self.lens, wavelength, after, self.housing).focal_length
@@ -236,12 +233,6 @@ class Growth:
                 result[place] = before_lens(value)
             elif name == "thickness":
                 result[place] = value * glasses[part].grown(before, after) if part in glasses else value
-            elif name == "focal_length" and kind == "elements":
-                element = self.elements[int(part.split(".")[1])]
-                glass_of = element.material if isinstance(element, FieldLens) else None
-                if glass_of is not None and not isinstance(element.mapping, MappingTable):  # type: ignore[union-attr]
-                    weaker = _weaker(glass_of, wavelength, before, after)
-                    result[place] = value * glass_of.grown(before, after) * weaker
             elif name == "index" and part in glasses:
                 glass_in = glasses[part]
                 result[place] = value + (glass_in.index(wavelength, after) - glass_in.index(wavelength, before))
@@ -249,6 +240,9 @@ class Growth:
                 result[place] = value * _wider(self.lens, before, after, self.housing)
             elif name == "diameter" or part.endswith("decentre") or kind in ("tube", "tip"):
                 result[place] = value * housing
+        for k, element in enumerate(self.elements):
+            at = PartNumbers(numbers, f"elements.{k}", self.housing)
+            result |= {f"{at.place}.{key}": value for key, value in element.moved(at, before, after).items()}
         return {place: value[()] if isinstance(value, np.ndarray) else value for place, value in result.items()}
 
     def _spans(
@@ -256,23 +250,9 @@ class Growth:
     ) -> Iterator[tuple[Number, Number, Number]]:
         """Elements: where each begins, its length, and how much more it grows than the housing."""
         for k, element in enumerate(self.elements):
-            part = f"elements.{k}"
-            glass = dict(self.glasses).get(f"{part}.index")
-            front = numbers.get(f"{part}.thickness", 0.0)
-            if isinstance(element, LensGroup):
-                lens, wavelength = element.lens, numbers[PATHS["wavelength"]]
-                front = warm_constants(lens, wavelength, before, self.housing).length
-                more = warm_constants(lens, wavelength, after, self.housing).length / front - housing
-            elif glass is None:
-                more = 1.0 - housing  # a rod of which nothing is known
-            else:
-                more = glass.grown(before, after) - housing
-            yield numbers[f"{part}.distance"], front, more
-
-
-def _weaker(glass: Glass, wavelength: Number, before: Number, after: Number) -> Number:
-    """Focal length of a thin lens after over before, for its index alone."""
-    return (glass.index(wavelength, before) - 1) / (glass.index(wavelength, after) - 1)
+            at = PartNumbers(numbers, f"elements.{k}", self.housing)
+            length, times = element.lengthened(at, before, after)
+            yield at["distance"], length, times - housing
 
 
 def _wider(lens: Glass | Prescription, before: Number, after: Number, housing: float) -> Number:

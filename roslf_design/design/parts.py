@@ -8,42 +8,25 @@ z by t_x about x, then by t_y about y.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Annotated, Any, Generic, Literal, TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, StrictBool, ValidationInfo, field_validator, model_validator
+from pydantic import Field, StrictBool, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
+from ..bore.material import Material
+from ..bore.part import Number, Offset, Part, Size, Tilt
+from ..bore.real_lens import Lens
 from ..lenses.glass import Glass
-from ..units import Angle, AnyLength, Distance, Illuminance, Length, Radiance, Time, format_quantity, read_quantity
-from .material import Material
-from .real_lens import Lens
+from ..units import Angle, Distance, Illuminance, Length, Radiance, Time, format_quantity, read_quantity
 
-Number = float | NDArray[np.float64]
-"""A float, or an array that broadcasts to whatever builds (and fields) there are."""
 N = TypeVar("N", float, Number)
 Layout = Literal["square", "hexagonal"]
 """How microlenses are packed; hexagonal rows run along the array's x axis."""
 Colours = Literal["mono", "RGGB", "GRBG", "GBRG", "BGGR"]
 """Filters on a sensor's pixels: none, or a Bayer pattern, the first two pixels of its first two rows."""
-Offset = tuple[AnyLength, AnyLength]
-Tilt = tuple[Angle, Angle]
-Size = tuple[Length, Length]
 MOST_PIXELS = 1_000_000
 """Along one side of a sensor."""
-
-
-class Part(BaseModel):
-    """Base of every part: frozen, comparable, hashable, picklable; unknown keys are errors."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-    def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
-        """What differs from the defaults."""
-        fields = type(self).model_fields
-        yield from ((name, value) for name, value in super().__repr_args__() if value != fields[str(name)].default)
 
 
 class MainLens(Part):

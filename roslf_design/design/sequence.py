@@ -8,15 +8,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
+from ..bore.elements import element_name
+from ..bore.export import SequenceRow, lens_surfaces
 from ..errors import InputError, Problem
 from ..lenses.glass import AIR, Glass
 from ..lenses.manufacture import abbe_number
 from ..lenses.prescription import Prescription, Surface, first_order
-from .elements import Block, FieldLens, Grin, LensGroup
 
 if TYPE_CHECKING:
     from .design import Design
@@ -24,20 +25,6 @@ if TYPE_CHECKING:
 SCHOTT = "SCHOTT glass catalogue"
 """How the sources of glasses begin that other programs know by these names."""
 D_LINE = 587.5618e-6
-
-
-@dataclass(frozen=True)
-class SequenceRow:
-    """One surface of a sequence."""
-
-    name: str
-    z: float
-    """Of its vertex, behind the main lens's reference plane [mm]."""
-    surface: Surface
-    """Its shape and the glass behind it."""
-    focal_length: float | None = None
-    """Of an ideal thin lens [mm]; None is a real surface."""
-    is_stop: bool = False
 
 
 def sequence_of(design: Design) -> tuple[SequenceRow, ...]:
@@ -55,7 +42,7 @@ def sequence_of(design: Design) -> tuple[SequenceRow, ...]:
     else:
         constants = first_order(lens, wavelength)
         front, rear = constants.front_principal, constants.rear_principal
-        body = _group("main lens", lens, 0.0)
+        body = lens_surfaces("main lens", lens, 0.0)
     medium = design.object_space.medium if design.elements else AIR
     widest = max(design.D, *(stop.diameter for stop in design.all_stops))
     rows = [SequenceRow("focal plane", front - design.d_f, Surface(0.0, widest, glass=medium)), *body]
@@ -65,29 +52,14 @@ def sequence_of(design: Design) -> tuple[SequenceRow, ...]:
     farthest = max(design.elements, key=lambda element: element.distance, default=None)
     for k, element in enumerate(design.elements):
         at, semi = front - element.distance, (element.diameter or widest) / 2
-        name = f"{element.kind} {k + 1}"
-        if isinstance(element, Grin) or (isinstance(element, FieldLens) and element.law is not None):
-            what = "a gradient-index rod" if isinstance(element, Grin) else "a lens with a mapping"
+        try:
+            rows += element.rows(element_name(element, k + 1), at, semi)
+        except ValueError as what:
             message = f"{what} has no surfaces that other programs take; drop it, or give it by a prescription"
-            raise InputError((Problem(f"elements.{k}", message),))
-        if isinstance(element, Block):
-            rows.append(
-                SequenceRow(f"{name}, front", at - element.thickness, Surface(0.0, semi, glass=element.material))
-            )
-            rows.append(SequenceRow(f"{name}, back", at, Surface(0.0, semi)))
-        elif isinstance(element, FieldLens):
-            rows.append(SequenceRow(name, at, Surface(0.0, semi), float(element.focal_length)))
-        else:
-            assert isinstance(element, LensGroup)
-            rows += _group(name, element.lens, at - element.lens.length)
-        if element is farthest and medium != AIR and not isinstance(element, Block):
+            raise InputError((Problem(f"elements.{k}", message),)) from None
+        if element is farthest and medium != AIR and not element.seals:
             rows.append(SequenceRow("end of the medium", rows[-1].z, Surface(0.0, semi)))
     return _ordered([*rows, *_behind(design, rear)], medium, front - (farthest.distance if farthest else 0.0))
-
-
-def _group(name: str, lens: Prescription, start: float) -> list[SequenceRow]:
-    pairs = enumerate(zip(lens.surfaces, lens.vertices, strict=True), 1)
-    return [SequenceRow(f"{name}, surface {k}", start + z, surface) for k, (surface, z) in pairs]
 
 
 def _behind(design: Design, rear: float) -> Iterator[SequenceRow]:
@@ -125,7 +97,7 @@ def lens_rows(lens: Prescription) -> tuple[SequenceRow, ...]:
     """A lens alone, between an object far away and its focal plane."""
     wavelength = lens.wavelength or D_LINE
     image = first_order(lens, wavelength)
-    rows = _group("", lens, 0.0)
+    rows = lens_surfaces("", lens, 0.0)
     last = replace(rows[-1].surface, thickness=image.back_focal_length)
     widest = 2 * max(surface.semi_diameter for surface in lens.surfaces)
     ends = Surface(0.0, widest, float("inf")), Surface(0.0, widest)

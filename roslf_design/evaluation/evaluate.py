@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 
 from .._arrays import ratio
 from ..accuracy.statement import Accuracy, check_accuracy
+from ..bore.elements import element_name, made_of
+from ..bore.lens import FieldLens
+from ..bore.material import material_told
+from ..bore.part import TEMPERATURE
 from ..camera import Camera
 from ..design import Design
-from ..design.elements import FieldLens, element_name, made_of
-from ..design.environment import TEMPERATURE, not_known, not_named
+from ..design.environment import not_known, not_named
 from ..design.files import as_design
-from ..design.material import material_told
 from ..design.parts import PATHS, Substrate
 from ..effects.plan import plan
 from ..lenses.angles import angle_in_air, image_height
@@ -153,7 +155,7 @@ def evaluate(
         warnings=tuple(warnings_of(design, images)),
         method=" ".join(method),
         real_lens=traced,
-        object_space=None if camera.chain is None else _looked_through(design, camera, axes, depth.sigma_z_mm),
+        object_space=None if camera.chain.in_air else _looked_through(design, camera, axes, depth.sigma_z_mm),
         temperature=_temperatures(design, camera),
     )
 
@@ -221,7 +223,7 @@ def _looked_through(design: Design, camera: Camera, axes: Sequence[tuple[float, 
 def _mapping(
     design: Design, camera: Camera, axes: Sequence[tuple[float, float]], sigma: float
 ) -> ObjectiveMapping | None:
-    if camera.law is None or camera.chain is None or camera.chain.mapped is None:
+    if camera.law is None or camera.chain.mapped is None:
         return None
     lens, largest = design.elements[camera.chain.mapped], float(camera.law[0, 1])
     assert isinstance(lens, FieldLens)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..design import PATHS, Design, DesignError
-from ..pictures.theme import short
+from ..drawing.theme import short
 from ..theory.exit_pupil import is_telecentric
 from ..theory.f_number import fill_factor, matched
 from ..theory.light import geometric_views, microlens_defocus_blur

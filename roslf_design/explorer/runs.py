@@ -15,15 +15,16 @@ import numpy as np
 from ..camera import Camera
 from ..depth.measure import Trial, region_about, share_done, simulate
 from ..design import Design
+from ..drawing.theme import short
 from ..errors import InputError, Problem
 from ..optimization.study import Result
-from ..pictures.studies import LimitSpread, Offender, SearchEnd, VariableMove, Yields, YieldShare, ends_of
-from ..pictures.theme import short
-from ..reporting.blocks import Statement
-from ..reporting.depth import statements as depth_statements
-from ..reporting.optimization import statements
-from ..reporting.story import CENTRE, DEPTH, FILL, KEPT, quick_study, run_optimisation
-from ..reporting.tolerance import impossible_words
+from ..report.blocks import Statement
+from ..report.depth.pages import statements as depth_statements
+from ..report.optimise.pages import statements
+from ..report.optimise.pictures import SearchEnd, VariableMove, ends_of
+from ..report.story import CENTRE, DEPTH, FILL, KEPT, quick_study, run_optimisation
+from ..report.tolerance.pages import impossible_words
+from ..report.tolerance.pictures import LimitSpread, Offender, Yields, YieldShare
 from ..theory.quantities import quantity_named
 from ..tolerancing.analyses import Variant, Yield, sensitivity, summarise, yield_at
 from ..tolerancing.places import perturbable, short_name

@@ -17,11 +17,12 @@ from pydantic import FiniteFloat, ValidationError, validate_call
 
 from ..design import Design, DesignError, dumps, load, loads, preset_names
 from ..design.files import WRITTEN, write_atomically
+from ..drawing.picture import Picture, notice
+from ..drawing.solid import BrowserMesh, changed
+from ..drawing.theme import ThemeName
 from ..errors import FAULTS, InputError, cause
 from ..evaluation import evaluate
-from ..pictures.picture import Picture, notice
-from ..pictures.solid import BrowserMesh, changed, scene
-from ..pictures.theme import ThemeName
+from ..report.design.instrument import scene
 from .fixes import Fix, proposals
 from .jobs import Later, Progress
 from .runs import KINDS, Options, Run, forms, summary

@@ -16,9 +16,10 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import AfterValidator, Field
 from pydantic.dataclasses import dataclass as checked_dataclass
 
+from ..bore.lens import FieldLens
+from ..bore.plate import Block, Plate
 from ..camera import Camera
 from ..design import PATHS, Design, DesignError, dumps, loads
-from ..design.elements import Block, FieldLens, Plate
 from ..design.parts import MOST_CONTRAST
 from ..errors import InputError, Problem
 from ..evaluation import default_fields

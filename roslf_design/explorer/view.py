@@ -8,22 +8,27 @@ from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
 
+import numpy as np
+
+from ..bore.mapping import NAMES
 from ..design import Design
-from ..design.mapping import NAMES
+from ..drawing.marks import Point
+from ..drawing.picture import Picture
+from ..drawing.theme import short
 from ..evaluation import Evaluation
 from ..evaluation.show import depth_facts
 from ..lenses.glass import Glass
-from ..pictures.curves import depth_over_field, depth_precision, field_curve, matching_plane
-from ..pictures.depth import normalised, profile
-from ..pictures.effects import effects_budget
-from ..pictures.field import mla_map
-from ..pictures.microlens import microlens_image, nearest_microlens
-from ..pictures.picture import Picture
-from ..pictures.rays import meridional
-from ..pictures.studies import change_bars, front, offender_bars, search_history, spread_bars, yield_bars, yield_curve
-from ..pictures.theme import short
+from ..report.depth.pictures import normalised, profile
+from ..report.design.curves import depth_over_field, depth_precision, field_curve, matching_plane
+from ..report.design.effects import effects_budget
+from ..report.design.field import mla_map
+from ..report.design.microlens import microlens_image, nearest_microlens
+from ..report.design.rays import meridional
+from ..report.optimise.pictures import change_bars, goal_front, search_history
+from ..report.tolerance.pictures import offender_bars, spread_bars, yield_bars, yield_curve
 from ..words import to_html
 from .fixes import Fix
+from .runs import OptimiseResult
 from .state import (
     BY_SYMBOL,
     FIELDS,
@@ -82,6 +87,24 @@ class PictureSource:
         """Of the microlens that is shown [mm]."""
         place = place_on_mla(self.design, self.look.place)
         return nearest_microlens(self.design, place, inward=isinstance(self.look.place, str))
+
+
+def front(run: OptimiseResult, size: Point = (420, 300)) -> Picture:
+    """Draw designs of which none is better in both goals of a run.
+
+    Raises
+    ------
+    ValueError
+        No second goal was asked for.
+    """
+    if run.against is None:
+        raise ValueError("no front: the run was asked for one goal alone")
+    goals = run.goal, run.against
+    labels = [f"{goal.words} [{goal.unit}]" if goal.unit else goal.words for goal in goals]
+    points = np.array(run.front, float).reshape(-1, 2)
+    words = "" if len(points) > 1 else "the goals do not compete" if len(points) else "no design holds every limit"
+    title = f"What {goals[0].label} costs of {goals[1].label}: {len(points)} designs"
+    return goal_front(points, labels, title=title, size=size, words=words, also=(run.after,))
 
 
 class Drawing(NamedTuple):

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..design import Design
-from ..design.elements import Block
 from ..effects import Plan
 from ..effects.geometry import tilt_shift
 from ..errors import InputError, Problem
@@ -38,17 +37,14 @@ def planned_camera(design: Design, plan: Plan) -> Camera:
 
 def straightened(design: Design, plan: Plan) -> Design:
     """The design without the misalignments that the plan leaves out; a real main lens stays."""
-    elements = [f"elements.{k}" for k in range(len(design.elements))]
     stops = [f"stops.{k}" for k in range(len(design.stops))]
     places = ("main_lens", "aperture", *stops, "microlens_array", "sensor")
     straight: dict[str, object] = {}
     if not plan.on("tilts"):
         straight |= {f"{place}.tilt": (0.0, 0.0) for place in places}
     if not plan.on("decentres"):  # what tilted and wedged elements do is shift what is seen through them
-        straight |= {f"{place}.decentre": (0.0, 0.0) for place in (*places, *elements)}
-        straight |= {f"{place}.tilt": (0.0, 0.0) for place in elements}
-        wedged = [place for place, element in zip(elements, design.elements, strict=True) if isinstance(element, Block)]
-        straight |= {f"{place}.wedge": (0.0, 0.0) for place in wedged}
+        straight |= {f"{place}.decentre": (0.0, 0.0) for place in places}
+        straight |= {f"elements.{k}.{pose}": (0.0, 0.0) for k, e in enumerate(design.elements) for pose in e.poses}
     if not plan.on("mla_rotation"):
         straight["microlens_array.rotation"] = 0.0
     return design.replace(straight)

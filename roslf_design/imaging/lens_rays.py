@@ -225,7 +225,7 @@ class RealLensTracer:
         lens_x, lens_y = (float(at) for at in camera.lens_centre)
         shade_rays.compiled(
             *surfaces, self.mouth, float(camera["aperture.distance"]), float(camera["main_lens.focal_plane"]),
-            self.in_focus, camera.chain is not None, self.sight, lens_x, lens_y,
+            self.in_focus, not camera.chain.in_air, self.sight, lens_x, lens_y,
             rays.x.reshape(-1), rays.y.reshape(-1), rays.slope_x.reshape(-1), rays.slope_y.reshape(-1),
             weight.reshape(-1), out,
         )  # fmt: skip

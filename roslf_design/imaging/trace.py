@@ -15,10 +15,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._jit import THREADS, kernel, prange
+from ..bore.part import Part
 from ..camera import Camera
 from ..camera.frames import frame
 from ..design import Design
-from ..design.parts import Part
 from ..effects import Plan, Subject
 from ..effects.elements import misses
 from ..lenses.angles import illumination
@@ -312,7 +312,7 @@ class Tracer:
             not plan.on("overlap"),
             kicked,
             camera.lens_shape == "circular",
-            camera.chain is not None and bool(camera.chain.elements),
+            bool(camera.chain.elements),
             exact,
         ]
         wavelengths = scene.light.wavelengths or (design.wavelength,)

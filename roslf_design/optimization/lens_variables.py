@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from .._arrays import Array
-from ..design.conjugates import CONJUGATES
+from ..bore.conjugates import CONJUGATES
 from ..lenses.glass import AIR, Glass
 from ..lenses.manufacture import HEIGHTS, as_made
 from ..lenses.prescription import Prescription, abcd, sag

@@ -14,9 +14,9 @@ from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 import numpy as np
 from pydantic import Field, InstanceOf, ValidationError, model_validator
 
-from ..design.material import Material
+from ..bore.material import Material
+from ..bore.real_lens import Lens, focal_length_at
 from ..design.parts import Colours
-from ..design.real_lens import Lens, focal_length_at
 from ..errors import InputError, Problem
 from ..lenses.glass import catalogue as glass_catalogue
 from ..lenses.glass import find_glass

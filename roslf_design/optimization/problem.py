@@ -20,10 +20,10 @@ import numpy as np
 from pydantic import BeforeValidator, Field, InstanceOf, ValidationInfo, field_validator, model_validator
 
 from .._arrays import Array
+from ..bore.conjugates import CONJUGATES, follower
+from ..bore.part import TEMPERATURE
 from ..camera import SEEING, TIP, Camera, Number
 from ..design import PATHS, Design
-from ..design.conjugates import CONJUGATES, follower
-from ..design.environment import TEMPERATURE
 from ..lenses.glass import Glass
 from ..theory.f_number import inverse_fill_factor
 from ..theory.light import SensorField
@@ -534,13 +534,16 @@ class DesignProblem:
             return _own(label, lambda builds: room(builds.camera))
 
         plane, distance = (place in self._set_places for place in CONJUGATES[1:])
-        if not (plane and distance):
+        if self.base.chain.bends:
+            yield row("real image: d_1 above 0", lambda c: c.d_1 / c.f)
+            yield row("focal plane nearer than infinity", lambda c: c.tip / c[PATHS["d_f"]])
+        elif not (plane and distance):
             yield row("real image: d_f beyond f", lambda c: ((c.d_f if plane else c.d_1) - c.f) / c.f)
         rims = ("aperture", *(f"stops.{k}" for k in range(self.base.stops)))
         for place in (*(f"{rim}.distance" for rim in rims), *(place for place in self.given if place == TIP)):
             yield row("focal plane in front of the bore", lambda c, place=place: 1 - c[place] / c[PATHS["d_f"]])  # type: ignore[misc]
-        if self.base.chain is not None and self.base.chain.elements:
-            yield row("focal plane in front of the bore", lambda c: 1 - c.chain.end(c.numbers) / c[PATHS["d_f"]])  # type: ignore[union-attr]
+        if self.base.chain.elements:
+            yield row("focal plane in front of the bore", lambda c: 1 - c.chain.end(c.numbers) / c[PATHS["d_f"]])
             for near, far, label in self._kept_apart():
                 yield row(label, lambda c, near=near, far=far: (far(c) - near(c)) / c.tip)  # type: ignore[misc]
         yield row("microlens images of positive pitch", lambda c: 1 + c.d_2 * c.vergence)
@@ -558,7 +561,6 @@ class DesignProblem:
     def _kept_apart(self) -> Iterator[tuple[End, End, str]]:
         """What must not come closer than to touch: elements, stops and elements, as they stand in the base design."""
         base, chain = self.base, self.base.chain
-        assert chain is not None
         named = [f"{element.kind} {k}" for k, element in enumerate(chain.elements, 1)]
 
         def ends(k: int) -> tuple[End, End]:
@@ -767,8 +769,7 @@ def spread(values: Mapping[str, Array], base: Camera) -> dict[str, Array]:
         tip = np.maximum(d_3, base[TIP])
         for stop in stops:
             tip = np.maximum(tip, result.get(f"{stop}.distance", base[f"{stop}.distance"]))
-        if base.chain is not None:
-            tip = np.maximum(tip, base.chain.end({**base.numbers, **result}))
+        tip = np.maximum(tip, base.chain.end({**base.numbers, **result}))
         result[CONJUGATES[1]] = tip + values["working_distance"]
     return result
 

@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
 from .._arrays import Array
+from ..bore.conjugates import CONJUGATES, REFRACTING
+from ..bore.real_lens import focal_length_at
 from ..camera import TIP, Camera, Number
 from ..design import PATHS, Design
-from ..design.conjugates import CONJUGATES, REFRACTING
-from ..design.real_lens import focal_length_at
 from ..errors import InputError, Problem
 from ..lenses.glass import Glass
 from ..lenses.prescription import Prescription
@@ -382,7 +382,7 @@ def prunable(problem: DesignProblem, part: Constraint | Goal) -> bool:
     if not monotone or (problem.in_focus and quantity.name in ("f_ml", "microlens_defocus_px")):
         return False
     chain = problem.base.chain
-    if chain is not None and (chain.bends or any(name.startswith(REFRACTING) for name in names)):
+    if not chain.in_air and (chain.bends or any(name.startswith(REFRACTING) for name in names)):
         return False
     if quantity.traced and chief_rays.traced(problem.base):
         return False
@@ -412,7 +412,7 @@ def _bound(combinations: Combinations, owner: NDArray[np.intp], low: Array, high
     numbers = {**combinations.values(owner), **problem.values(units)}
     focal, chain = numbers.get(CONJUGATES[0], problem.base.f), problem.base.chain
     least = focal * (1 + 2 * ROOM)
-    if chain is not None:
+    if not chain.in_air:
         glass = problem.base.replace({place: number for place, number in numbers.items() if place not in CONJUGATES})
         leasts = glass.plane_seen_at(least), least + chain.before_array(glass.numbers)
     else:

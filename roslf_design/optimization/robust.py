@@ -15,9 +15,9 @@ import numpy as np
 from pydantic import Field, field_validator
 
 from .._arrays import Array
+from ..bore.conjugates import CONJUGATES
 from ..camera import Camera
 from ..design import Design
-from ..design.conjugates import CONJUGATES
 from ..errors import InputError, Problem
 from ..tolerancing.analyses import Yield
 from ..tolerancing.draws import Distribution, Draws, Perturbation

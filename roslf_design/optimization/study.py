@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from pydantic import Field, ValidationError, field_validator
 
 from .._arrays import ratio
+from ..bore.conjugates import CONJUGATES
 from ..camera import TIP, Camera
 from ..design import PATHS, Design
-from ..design.conjugates import CONJUGATES
 from ..design.files import expect_kind, studied
 from ..design.parts import Stop
 from ..errors import InputError, Problem

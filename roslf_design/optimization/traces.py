@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._arrays import Array
+from ..bore.conjugates import CONJUGATES
+from ..bore.part import TEMPERATURE
 from ..camera import SEEING, TIP, Camera, Number
 from ..design import PATHS, Design
-from ..design.conjugates import CONJUGATES
-from ..design.environment import TEMPERATURE
 from ..lenses.prescription import first_order
 from ..theory.quantities import Quantity
 from ..tolerancing.ideal import IdealBuilds
@@ -127,7 +127,7 @@ def clearances(design: Design, moved: set[str]) -> Iterator[Clearance]:
     focal = float(Camera.of(design).f)
 
     def array(c: Camera, lens: VariedLens) -> Number:
-        before = 0.0 if c.chain is None else c.chain.before_array(c.numbers)
+        before = c.chain.before_array(c.numbers)
         return (c[CONJUGATES[2]] - before - (lens.rear - lens.rear_principal)) / focal
 
     def ahead(c: Camera, lens: VariedLens, place: str) -> Number:

@@ -15,7 +15,6 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from ..camera import Camera, Rim
-from ..design.elements import Grin, LensGroup
 from ..theory.exit_pupil import stop_angle
 from ..theory.object_space import FacesAhead
 from ..theory.stop_images import stop_discs
@@ -69,7 +68,7 @@ class ExactDiscs:
             None where a stop is more than one upright circle (tilts, wedges, real lenses, the barrels of rods), or
             where rays to its edge are lost.
         """
-        if camera.chain is None or camera.tilted or not _circles(camera):
+        if camera.chain.in_air or camera.tilted or not _circles(camera):
             return None
         middle, half = (low + high) / 2, np.maximum((high - low) / 2, 1e-9)
         nodes = chebyshev.chebpts1(NODES)
@@ -133,12 +132,8 @@ class _LostRayError(Exception):
 
 def _circles(camera: Camera) -> bool:
     """Whether every opening is an upright circle."""
-    assert camera.chain is not None
     wedged = any(np.any(value) for place, value in camera.numbers.items() if ".wedge." in place)
-    rods = [k for k, element in enumerate(camera.chain.elements) if isinstance(element, Grin)]
-    barrels = any(f"elements.{k}.diameter" in camera.numbers for k in rods)
-    groups = any(isinstance(element, LensGroup) for element in camera.chain.elements)
-    return not (wedged or barrels or groups)
+    return not wedged and all(element.round_when_seen for element in camera.chain.elements)
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ..bore.chain import COVER, SUBSTRATE
 from ..camera import Camera, Rim, Vector
 from ..camera.frames import along, dot, minus, times
-from ..design.chain import COVER, SUBSTRATE
 from ..design.parts import PATHS
 from ..lenses.angles import stretch
 from ..theory.object_space import Status
@@ -221,10 +221,6 @@ def _start(camera: Camera) -> float:
     return 1.5 * farthest if farthest > 0 else float(camera[PATHS["d_1"]])
 
 
-STEPS_IN_ROD = 24
-"""Stretches in which a ray's curve through a gradient rod is drawn."""
-
-
 def paths(camera: Camera, rays: PupilRays, microlens: Point, start: float) -> Floats:
     """Polylines of traced rays as a ruler finds them, bent at every face, in the system's axes.
 
@@ -276,12 +272,10 @@ def paths(camera: Camera, rays: PupilRays, microlens: Point, start: float) -> Fl
 
 def _planes(camera: Camera) -> list[float]:
     """Where rays bend before the main lens [mm], the farthest first."""
-    if camera.chain is None:
-        return []
     planes: list[float] = []
     for k in reversed(camera.chain.order):
         near, length = float(camera[f"elements.{k}.distance"]), float(camera.chain.length(camera.numbers, k))
-        steps = STEPS_IN_ROD if camera.chain.elements[k].kind == "grin" else 1
+        steps = camera.chain.elements[k].steps
         planes += [near + length * (steps - i) / steps for i in range(steps if length else 0)]
         planes.append(near)
     return planes
@@ -294,8 +288,6 @@ def glass_shares(camera: Camera) -> tuple[list[tuple[float, float]], list[tuple[
     """
     to_array: list[tuple[float, float]] = []
     to_sensor: list[tuple[float, float]] = []
-    if camera.chain is None:
-        return to_array, to_sensor
     numbers, (d_1, d_2) = camera.numbers, (float(camera[PATHS[symbol]]) for symbol in ("d_1", "d_2"))
     if (substrate := numbers.get(f"{SUBSTRATE}.thickness")) is not None:
         thick = float(substrate)
@@ -317,7 +309,7 @@ def _between(a: Vector, b: Vector, in_air: float, ruler: float) -> Vector:
 
 def _line_at(camera: Camera, rays: PupilRays, distance: float) -> tuple[Floats, Floats, Floats, Floats]:
     """The straight course of rays at a plane of object space, with a ruler: height where it meets z = 0, and slope."""
-    if camera.chain is None:
+    if camera.chain.in_air:
         return (*rays.height, *rays.slope)
     plane = camera.plane(distance)
     lines = []

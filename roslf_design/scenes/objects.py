@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 
-from ..design.parts import MOST_CONTRAST, Offset, Part, Size, Tilt
+from ..bore.part import Offset, Part, Size, Tilt
+from ..design.parts import MOST_CONTRAST
 from ..errors import InputError, Problem
 from ..input_files import check_file, read_pixels
 from ..units import Angle, AnyLength, Length

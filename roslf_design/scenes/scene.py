@@ -10,9 +10,9 @@ from typing import Annotated, Any
 
 from pydantic import Field, ValidationError, field_validator
 
+from ..bore.part import Part
 from ..camera import Camera
 from ..design import Design
-from ..design.parts import Part
 from ..effects import SceneBrief, Subject
 from ..errors import InputError, Problem
 from ..theory.colours import filters

@@ -54,7 +54,7 @@ class ChiefRays(NamedTuple):
 
 def traced(c: Camera) -> bool:
     """Whether chief rays are: something stands before the main lens."""
-    return c.chain is not None and bool(c.chain.elements)
+    return bool(c.chain.elements)
 
 
 def outer_slopes(c: Camera, place: Place) -> Place:

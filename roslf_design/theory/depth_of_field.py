@@ -64,7 +64,7 @@ def past_infinity(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Arr
     inside = 1 - _share(c, kind, blur)
     seen = c.d_3 * inside + c.gap
     less, more = seen - c.tip * inside, inside
-    if c.chain is not None and c.chain.elements:
+    if c.chain.elements:
         place, front = c.front
         more = front.d * inside - front.c * seen
         less = front.medium * (front.a * seen - front.b * inside) + (place - c.tip) * more
@@ -74,7 +74,7 @@ def past_infinity(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Arr
 
 def _share(c: Camera, kind: Kind, blur: float) -> Array:
     """By how much 1/Z_F changes from the focal plane to an end, over its own at the focal plane."""
-    share = ratio(blur * c.d, product(pupil_part(c, kind), c.m))
+    share = ratio(blur * c.d, product(pupil_part(c, kind), magnitude(c.m)))
     # Behind a relay the FAP may be seen beyond the focal plane: nearer planes then lie at larger Z_F.
     return np.asarray(share * np.where(np.real(c.gap) < 0, -1.0, 1.0))
 
@@ -93,17 +93,18 @@ def hyperfocal(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Array:
     grow, less = np.asarray(ahead - lens * front.c, float), np.asarray(c.f * front.c, float)
     turn, ahead = np.where(grow < 0, -1.0, 1.0), magnitude(ahead)
     by_all = ratio(ratio(blur * c.d, magnitude(c.D_F)) * ahead + turn * less, turn * grow)
-    m = np.asarray(by_all)
+    m, least = np.asarray(by_all), -1.0 if c.chain.bends else 0.0  # m at which d_1 is 0, and at which it is f
     if kind == "view":
-        pixel = ratio(c.q + diffraction_width(c), c.d_2) * np.where(np.real(c.gap) < 0, -1.0, 1.0)
+        pixel = ratio(c.q + diffraction_width(c), c.d_2) * np.where(np.real(c.inverse_H) < 0, -1.0, 1.0)
         a, b = turn * grow * lens, turn * (grow * c.f - less * lens)
         rest = turn * less * c.f + ratio(blur * c.d, pixel) * ahead
         root = b * b + 4 * a * rest
         by_view = ratio(2 * rest, b + np.where(b < 0, -1.0, 1.0) * np.sqrt(np.maximum(root, 0.0)))
         narrow = magnitude(pixel * (c.f + by_view * lens)) < magnitude(c.D_F)
-        m = np.where((root >= 0) & (by_view > 0) & narrow, by_view, by_all)
-    held = np.where(m > 0, m, 1.0)
-    there = np.asarray(c.plane_seen_at(c.f * (1 + 1 / held)) - c.tip, float)
+        m = np.where((root >= 0) & (by_view > least) & narrow, by_view, by_all)
+    imaged = m > least
+    vergence = np.where(imaged, m, 1.0) / (c.f * (1 + np.where(imaged, m, 1.0)))
+    there = np.asarray(c.plane_of_vergence(vergence) - c.tip, float)
     # With none ahead of the tip all focal planes there are alike, this camera's own among them.
     alike = np.where(np.isinf(depth_of_field(c, kind, blur).far), 0.0, np.nan)
-    return np.asarray(np.where((m > 0) & (there > 0) & np.isfinite(there), there, alike))[()]
+    return np.asarray(np.where(imaged & (there > 0) & np.isfinite(there), there, alike))[()]

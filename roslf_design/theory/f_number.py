@@ -104,7 +104,7 @@ def matched(c: Camera, symbol: Literal["d_2", "D_F", "d", "d_3"], *, exact: bool
             length = ratio(f - de * (d2 / d) * share, nearness)
             image = image & np.isfinite(df)
         exists = image & (length >= 0) & (length < df)
-        if c.chain is not None:
+        if not c.chain.in_air:
             # Behind a lens the FAP is seen in another size wherever it stands: no rule that is linear in d_3.
             stands = np.full(np.shape(length), np.nan) if c.chain.bends else c.chain.stands_at(c.numbers, length)
             length = np.asarray(stands)

@@ -15,7 +15,6 @@ import numpy as np
 
 from .._arrays import Array, ratio
 from ..camera import Camera, Number
-from ..design.elements import Prism
 from ..design.parts import PATHS
 from .chief_rays import ChiefRays, Place, Places, chief_rays, traced
 from .light import SensorField, object_scale
@@ -98,7 +97,7 @@ def focus_ahead(c: Camera) -> Array:
 
 def turn_of_prisms(c: Camera) -> float:
     """By how much prisms turn the axis, all in one plane [rad]."""
-    return sum(e.deviation for e in (() if c.chain is None else c.chain.elements) if isinstance(e, Prism))
+    return sum(element.turn for element in c.chain.elements)
 
 
 def direction_of_view(c: Camera, field: SensorField) -> Array:

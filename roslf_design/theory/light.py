@@ -79,10 +79,10 @@ def object_scale(c: Camera, at: Number | None = None) -> Array:
     Or on a plane `at` ahead of the bore's tip [mm], along chief rays, which meet in the FAP.
     """
     if at is None:
-        return product(c.inverse_m, magnitude(c.focus.magnification))
+        return magnitude(product(c.inverse_m, c.focus.magnification))
     plane = c.plane(at + c.tip)
     # What a rod or a lens shows beyond infinity has depth and magnification both below 0.
-    return np.asarray(c.inverse_m * magnitude(np.asarray(plane.distance - c.d_3) / c.gap * plane.magnification))
+    return magnitude(c.inverse_m * (np.asarray(plane.distance - c.d_3) / c.gap * plane.magnification))
 
 
 def chief_spread(c: Camera) -> Number:

@@ -17,13 +17,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._jit import kernel
+from ..bore.chain import MEDIUM
+from ..bore.elements import element_name
+from ..bore.faces import KIND, LIMIT, OPEN, TURNED, Face, Surroundings, axes_of, plane_row, vertex_of
+from ..bore.part import PartNumbers
 from ..camera import Camera, Number
-from ..camera.camera import IMAGE
-from ..design.elements import Block, FieldLens, Grin, LensGroup, element_name
-from ..design.environment import TEMPERATURE
-from ..design.parts import PATHS
 from ..lenses.angles import LAW_COLUMNS
-from ..lenses.prescription import grow_cells, lens_growth, rotation, surface_table
 from ..lenses.tracer import (
     BLOCK,
     CLIPPED,
@@ -36,7 +35,6 @@ from ..lenses.tracer import (
     ROD,
     ROWS,
     SPHERE,
-    THIN,
     bend_mapped,
     pass_surfaces,
     pays,
@@ -44,9 +42,6 @@ from ..lenses.tracer import (
 
 Floats = NDArray[np.float64]
 
-KIND, LIMIT, TURNED = 6, 5, 7
-OPEN = 1e300
-"""Square of a semi-diameter that lets everything through."""
 NO_LAW = np.zeros((0, LAW_COLUMNS))
 
 
@@ -115,12 +110,15 @@ class FacesAhead:
         faces = [face for _, unit in sorted(_units(camera), key=lambda unit: unit[0]) for face in unit]
         table = np.empty((*camera.shape, len(faces), COLUMNS))
         media = np.empty((*camera.shape, len(faces), 2))
-        for k, (row, scene, sensor, *_) in enumerate(faces):
-            table[..., k, :], media[..., k, 0], media[..., k, 1] = row, scene, sensor
+        for k, face in enumerate(faces):
+            table[..., k, :], media[..., k, 0], media[..., k, 1] = face.row, face.scene, face.sensor
         if not clip:
             table[..., LIMIT] = OPEN
-        takers, names = ([face[k] for face in faces] for k in (3, 4))
-        return cls(table, media, np.array(takers, np.uint8), law_of(camera), tuple(str(name) for name in names))
+        codes = {rim.part: int(Status.APERTURE) + k for k, rim in enumerate((camera.fap, *camera.rims[1:]))}
+        # Of a thin element both faces are one opening; one that no aperture takes rays at is lost in the element.
+        others = (codes.get(f"{face.opening.rpartition('.')[0]}.0", int(Status.ELEMENT)) for face in faces)
+        takers = [codes.get(face.opening, other) for face, other in zip(faces, others, strict=True)]
+        return cls(table, media, np.array(takers, np.uint8), law_of(camera), tuple(face.name for face in faces))
 
     @classmethod
     def unclipped(cls, camera: Camera) -> FacesAhead:
@@ -226,123 +224,27 @@ def _plain(array: Floats) -> Any:
     return memoryview(array)  # type: ignore[arg-type]
 
 
-Face = tuple[Floats, Number, Number, int, str]
-
-
 def _units(camera: Camera) -> Iterator[tuple[tuple[float, int], list[Face]]]:
     """Stops and elements, each with where it begins; a stop on an element's vertex comes before that."""
     n, chain = camera.numbers, camera.chain
-    codes = {rim.part: int(Status.APERTURE) + k for k, rim in enumerate((camera.fap, *camera.rims[1:]))}
-    medium_from: Number = math.inf if chain is None or not chain.elements else chain.end(n)
-    medium = n.get("object_space.index", 1.0)
+    medium_from = chain.end(n) if chain.elements else math.inf
+    medium = n.get(MEDIUM, 1.0)
 
     def around(z: Number) -> Number:
         return np.where(np.greater_equal(z, medium_from), medium, 1.0)
 
-    for number, part in enumerate(("aperture", *(f"stops.{k}" for k in range(camera.stops)))):
-        z = n[f"{part}.distance"]
-        row = _row(_centre(n, part, z), rotation(*_pair(n, f"{part}.tilt")), n[f"{part}.diameter"] / 2)
-        name = f"stop {number}" if number else "FAP"
-        yield (_first(z), 0), [(row, around(z), around(z), codes[part], name)]
-    if chain is None:
-        return
+    for number, place in enumerate(("aperture", *(f"stops.{k}" for k in range(camera.stops)))):
+        at, z = PartNumbers(n, place), n[f"{place}.distance"]
+        row = plane_row(vertex_of(at, z), axes_of(at), at["diameter"] / 2)
+        yield (_first(z), 0), [Face(row, around(z), around(z), place, f"stop {number}" if number else "FAP")]
     for k, element in enumerate(chain.elements):
-        part, name = f"elements.{k}", element_name(element, k + 1)
-        z = n[f"{part}.distance"]
-        radius = n[f"{part}.diameter"] / 2 if f"{part}.diameter" in n else math.inf
-        length = np.asarray(chain.length(n, k), float)
-        back, front = (codes.get(f"{part}.{side}", codes.get(f"{part}.0", int(Status.ELEMENT))) for side in (0, 1))
-        vertex, axes = _centre(n, part, z), rotation(*_pair(n, f"{part}.tilt"))
-        far_vertex, beyond = vertex - length[..., None] * axes[..., :, 2], around(z + length)
-        if isinstance(element, Block):
-            index = n[f"{part}.index"]
-            near = _row(vertex, axes @ rotation(*_pair(n, f"{part}.wedge")), radius)
-            faces: list[Face] = [
-                (near, index, 1.0, back, f"{name}, back"),
-                (_row(far_vertex, axes, radius), beyond, index, front, f"{name}, front"),
-            ]
-        elif isinstance(element, FieldLens):
-            focal_length = n[f"{part}.focal_length"]
-            row = _row(vertex, axes, radius, focal_length)
-            row[..., KIND], row[..., TURNED], row[..., 3] = THIN, 0.0, 1 / focal_length
-            faces = [(row, beyond, 1.0, back, name)]
-            if k == chain.mapped:
-                reach = camera.pupil_seen_before(np.nextafter(z, np.inf)) - z
-                image = np.abs(focal_length)
-                bent = _row(vertex, axes, image * float(law_of(camera)[0, 1]), reach)
-                bent[..., KIND], bent[..., LENGTH], bent[..., TURNED], bent[..., 4] = MAPPED, reach, 0.0, image
-                faces.append((bent, beyond, 1.0, codes[f"{part}{IMAGE}"], f"{name}, mapping"))
-        elif isinstance(element, Grin):
-            shown = [n[f"{part}.{name}"] for name in ("index", "gradient")]
-            row = _row(vertex, axes, radius, *shown, length)
-            row[..., KIND], row[..., LENGTH] = ROD, length
-            row[..., 3], row[..., 4] = shown
-            faces = [(row, beyond, 1.0, back, name)]
-        else:
-            assert isinstance(element, LensGroup)
-            warmth = n.get(TEMPERATURE), chain.housing
-            faces = _group(element, n[PATHS["wavelength"]], warmth, vertex, axes, radius, (back, front), name)
-            if np.any(np.not_equal(beyond, 1)):  # as in the closed forms: the liquid ends at a window of no thickness
-                faces.append((_row(far_vertex, axes, math.inf), beyond, 1.0, front, name))
-        yield (_first(z), 1), faces
-
-
-def _group(
-    element: LensGroup,
-    wavelength: Number,
-    warmth: tuple[Number | None, float],
-    vertex: Floats,
-    axes: Floats,
-    radius: Number,
-    takers: tuple[int, int],
-    name: str,
-) -> list[Face]:
-    lens = element.lens
-    media: list[Number] = [1.0, *(surface.glass.index(wavelength, warmth[0]) for surface in lens.surfaces)]
-    growths = lens_growth(lens, lens.temperature if warmth[0] is None else warmth[0], warmth[1])
-    places, at = [np.zeros(())], np.zeros(())
-    for surface, (_, gap) in zip(lens.surfaces, growths, strict=True):
-        at = at + surface.thickness * gap
-        places.append(at)
-    faces: list[Face] = []
-    rows = surface_table(lens).reshape(-1, COLUMNS)
-    shape = np.broadcast_shapes(vertex.shape[:-1], axes.shape[:-2], np.shape(radius), np.shape(at))
-    for k in reversed(range(len(rows))):
-        row = np.array(np.broadcast_to(rows[k], (*shape, COLUMNS)))
-        grow_cells(row, growths[k][0])
-        aside = np.zeros((*np.shape(at), 3)) + rows[k, :3]
-        aside[..., 2] += places[k] - lens.vertices[k] - places[-1]
-        row[..., :3] = vertex + (axes @ aside if aside.ndim == 1 else (axes @ aside[..., None])[..., 0])
-        turn = axes @ rows[k, 8:17].reshape(3, 3)
-        row[..., 8:17] = turn.reshape(*turn.shape[:-2], 9)
-        row[..., TURNED] = _turned(turn)
-        if element.diameter is not None:  # a wider one does not cut; without vignetting nothing does
-            limit = np.minimum(row[..., LIMIT], np.square(radius))
-            row[..., LIMIT] = np.where(np.isinf(radius), OPEN, limit)
-        faces.append((row, media[k], media[k + 1], takers[k == 0], name))
-    return faces
-
-
-def _row(vertex: Floats, axes: Floats, radius: Number, *others: Number) -> Floats:
-    """A plane face, with room for the builds of others of its numbers."""
-    shape = np.broadcast_shapes(vertex.shape[:-1], axes.shape[:-2], np.shape(radius), *map(np.shape, others))
-    row = np.zeros((*shape, COLUMNS))
-    row[..., :3], row[..., 4], row[..., LIMIT] = vertex, 1.0, np.minimum(np.square(radius), OPEN)
-    row[..., KIND], row[..., TURNED] = SPHERE, _turned(axes)
-    row[..., 8:17] = axes.reshape(*axes.shape[:-2], 9)
-    return row
-
-
-def _turned(axes: Floats) -> NDArray[np.bool_]:
-    return np.asarray(np.any(axes != np.eye(3), axis=(-2, -1)))
+        at = chain.at(n, k)
+        surroundings = Surroundings(around(at["distance"] + element.span(at)), camera.pupil_seen_before)
+        yield (_first(at["distance"]), 1), element.faces(at, element_name(element, k + 1), surroundings)
 
 
 def _first(value: Number) -> float:
     return float(np.ravel(value)[0])
-
-
-def _pair(numbers: Any, place: str) -> tuple[Number, Number]:
-    return numbers[f"{place}.0"], numbers[f"{place}.1"]
 
 
 @kernel()
@@ -382,10 +284,6 @@ def cross_flat(
         return x, y, z, dx, dy, dz, REFLECTED
     bend = -(sqrt(square) + mu * cosine)
     return x, y, z, mu * dx + bend * nx, mu * dy + bend * ny, mu * dz + bend * nz, 0
-
-
-def _centre(numbers: Any, part: str, z: Number) -> Floats:
-    return np.stack(np.broadcast_arrays(*_pair(numbers, f"{part}.decentre"), np.negative(z)), axis=-1)
 
 
 @kernel()

@@ -15,8 +15,8 @@ from typing import Any, Literal
 import numpy as np
 
 from .._arrays import Array, product, ratio
+from ..bore.chain import ImagedPlane
 from ..camera import Camera, Number
-from ..design.chain import ImagedPlane
 from ..design.parts import PATHS
 from ..units import read_quantity
 from . import (

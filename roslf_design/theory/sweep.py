@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array
+from ..bore.conjugates import follower
 from ..camera import Camera
 from ..design import PATHS, Design
-from ..design.conjugates import follower
 from ..design.files import as_design
 from ..errors import InputError
 from .quantities import quantity_named

@@ -7,9 +7,9 @@ from typing import NamedTuple
 import numpy as np
 
 from .._arrays import Array
+from ..bore.part import Number
 from ..camera import Camera
 from ..design import PATHS
-from ..design.parts import Number
 
 WALL, LENGTH, OUTER = "tube.wall", "tube.length", "tube.outer_diameter"
 
@@ -41,9 +41,9 @@ def housed(c: Camera) -> tuple[Housed, ...]:
 
     stops = [("FAP", "aperture"), *((f"stop {k + 1}", f"stops.{k}") for k in range(c.stops))]
     parts = [part(name, key, numbers[f"{key}.diameter"], numbers[f"{key}.distance"]) for name, key in stops]
-    for k, element in enumerate(() if c.chain is None else c.chain.elements):
+    for k, element in enumerate(c.chain.elements):
         key = f"elements.{k}"
-        if f"{key}.diameter" in numbers and c.chain is not None:
+        if f"{key}.diameter" in numbers:
             end = numbers[f"{key}.distance"] + c.chain.length(numbers, k)
             parts.append(part(f"{element.kind} {k + 1}", key, numbers[f"{key}.diameter"], end))
     array, d_2 = -numbers[PATHS["d_1"]], numbers[PATHS["d_2"]]

@@ -114,7 +114,7 @@ def room_at(c: Camera, object_radius: ArrayLike) -> Array:
 
 def corner_room(c: Camera, field: SensorField | None = None) -> Array:
     """`room_at` the corner of what the sensor sees (`field`, its own by default) that is farthest off the axis."""
-    return room_at(c, (field or sensor_field(c)).radius * c.inverse_m)
+    return room_at(c, (field or sensor_field(c)).radius * magnitude(c.inverse_m))
 
 
 def undistorted_radii(c: Camera) -> Array:
@@ -147,7 +147,7 @@ def on_focal_plane(c: Camera, radii: Array) -> Array:
     straight = radii * magnitude(c.focus.magnification)
     if not traced(c):
         return straight
-    places = np.where(np.isfinite(radii), np.abs(radii), 0.0) / c.inverse_m
+    places = np.where(np.isfinite(radii), np.abs(radii), 0.0) / magnitude(c.inverse_m)
     rays = chief_rays(c, (np.stack([places, np.zeros_like(places)]), np.zeros(())))
     x, y = rays.on_plane(c[PATHS["d_f"]])
     met = np.copysign(np.hypot(x[0] - x[1], y[0] - y[1]), radii)
@@ -205,5 +205,5 @@ def field_limit(c: Camera) -> FieldLimit:
     rooms = [float(room) for room in corner_room(c)]
     tightest = min(range(len(rooms)), key=lambda k: (bounds[k], rooms[k]))
     radius = bounds[tightest]
-    real, on_array = float(on_focal_plane(c, np.asarray(radius))), radius / float(c.inverse_m)
+    real, on_array = float(on_focal_plane(c, np.asarray(radius))), radius / abs(float(c.inverse_m))
     return FieldLimit(real, on_array, c.rims[tightest].opening, min(rooms))

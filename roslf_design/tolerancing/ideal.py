@@ -28,7 +28,7 @@ CALIBRATION_DEPTHS = (0.8, 1.0, 1.25)
 
 def bore_end(camera: Camera) -> float:
     """The FAP or the farthest element, whichever is farther out [mm from the main lens]; of one camera."""
-    end = 0.0 if camera.chain is None else camera.chain.end(camera.numbers)
+    end = camera.chain.end(camera.numbers)
     return max(float(camera["aperture.distance"]), float(end))
 
 

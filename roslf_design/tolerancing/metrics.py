@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._arrays import Array
+from ..bore.conjugates import CONJUGATES
 from ..camera import Camera, Number
 from ..design import PATHS, Design
-from ..design.conjugates import CONJUGATES
 from ..theory.quantities import QUANTITIES, Quantity
 from .ideal import IdealBuilds
 from .places import LENSLETS, of_parts

@@ -15,11 +15,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
+from ..bore.chain import MEDIUM
+from ..bore.conjugates import REFRACTING
+from ..bore.part import TEMPERATURE
 from ..camera import SEEING, TIP, Camera
 from ..design import PATHS, Design
-from ..design.chain import MEDIUM
-from ..design.conjugates import REFRACTING
-from ..design.environment import TEMPERATURE
 from ..errors import InputError, Problem
 from ..lenses.glass import AIR
 from ..lenses.manufacture import lens_places, lens_values

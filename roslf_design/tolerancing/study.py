@@ -30,9 +30,9 @@ from pydantic import (
 )
 
 from .._arrays import Array
+from ..bore.conjugates import CONJUGATES
 from ..camera import Camera
 from ..design import Design
-from ..design.conjugates import CONJUGATES
 from ..design.files import expect_kind, studied
 from ..errors import InputError, Problem
 from ..evaluation import default_fields

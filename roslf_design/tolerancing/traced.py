@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._arrays import Array
+from ..bore.conjugates import CONJUGATES
+from ..bore.part import TEMPERATURE
 from ..camera import TIP, Camera, Number
 from ..camera.frames import frame
 from ..design import Design
-from ..design.conjugates import CONJUGATES, followed
-from ..design.environment import TEMPERATURE
 from ..design.parts import PATHS
 from ..errors import InputError
 from ..lenses.manufacture import LensBuilds, as_made, lens_builds
@@ -111,7 +111,7 @@ def mounted(design: Design, values: Mapping[str, Array], trials: int) -> Mounted
     around, front = _around(design, values), camera.first_order.front_principal
     mla = camera.first_order.rear_principal + _mla_distance(around, values, number(DISTANCE))
     chain, known = around.chain, around.numbers
-    before, behind = (0.0, 0.0) if chain is None else (chain.before_array(known), chain.behind_array(known))
+    before, behind = chain.before_array(known), chain.behind_array(known)
     fronts = {stop: front - number(f"{stop}.distance") for stop in stops_of(design)}
     elements = {f"elements.{k}": front - number(f"elements.{k}.distance") for k in range(len(design.elements))}
     lens_x, lens_y = pair("main_lens.decentre")
@@ -159,7 +159,7 @@ def _mla_distance(around: Camera, values: Mapping[str, Any], given: Any) -> Any:
     if PLANE not in values:
         return given
     numbers = {**around.numbers, PLANE: values[PLANE]}
-    return followed(numbers, DISTANCE) if around.chain is None else around.chain.followed(numbers, DISTANCE)
+    return around.chain.followed(numbers, DISTANCE)
 
 
 def as_built(design: Design, values: Mapping[str, float]) -> Design:

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._jit import kernel
+from ..bore.faces import KIND
 from ..camera import Camera
 from ..design import Design, Stop
 from ..design.parts import MicrolensArray, Sensor
@@ -40,7 +41,7 @@ from ..lenses.tracer import (
     describe,
     pass_surfaces,
 )
-from ..theory.object_space import KIND, FacesAhead, Status
+from ..theory.object_space import FacesAhead, Status
 
 Array = NDArray[np.float64]
 

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 import roslf_design as roslf
+from roslf_design.bore import conjugates
 from roslf_design.camera import Camera
-from roslf_design.design import conjugates
 from roslf_design.theory import exit_pupil, f_number, light, light_field, vignetting
 from roslf_design.theory.light_field import back_substitute, back_substitution_jacobian
 from roslf_design.theory.stop_images import stop_discs

@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable, Iterator
 from typing import Any
 
+from roslf_design.bore.conjugates import mla_distance
 from roslf_design.design import Design
-from roslf_design.design.conjugates import mla_distance
 from roslf_design.theory.f_number import matched
 
 from .forms import CLOSED, camera_of

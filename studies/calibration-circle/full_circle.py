@@ -25,7 +25,7 @@ from roslf_design.camera import Camera
 from roslf_design.commands.calibrate import calibrated
 from roslf_design.design import Design, load
 from roslf_design.design.files import write_atomically
-from roslf_design.pictures.axes import drawing, to_png
+from roslf_design.drawing.axes import drawing, to_png
 
 BOARD = f"{CELLS[0]}x{CELLS[1]} {CELL:g} mm"
 PAPER_RMS = 0.06

@@ -13,7 +13,7 @@ from roslf_design.calibration import decode
 from roslf_design.calibration.frames import read_image
 from roslf_design.calibration.model import QUANTITIES
 from roslf_design.calibration.result import Outcome
-from roslf_design.pictures.axes import BLUE, GREY, INK, ORANGE, VERMILLION
+from roslf_design.drawing.axes import BLUE, GREY, INK, ORANGE, VERMILLION
 
 WAYS = ("by rays", "diffraction taken off", "diffraction left in")
 

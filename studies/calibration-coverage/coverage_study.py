@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.stats import binom
 
+from roslf_design.bore.conjugates import focal_plane_distance
 from roslf_design.calibration import (
     CalibrationError,
     Captures,
@@ -26,9 +27,8 @@ from roslf_design.calibration import (
     synthetic_observations,
 )
 from roslf_design.design import load
-from roslf_design.design.conjugates import focal_plane_distance
 from roslf_design.design.files import write_atomically
-from roslf_design.pictures.axes import BLUE, GREEN, GREY, INK, PALE, VERMILLION, drawing, to_png
+from roslf_design.drawing.axes import BLUE, GREEN, GREY, INK, PALE, VERMILLION, drawing, to_png
 
 Array = NDArray[np.float64]
 

@@ -22,12 +22,13 @@ from roslf_design.camera import Camera
 from roslf_design.depth.geometry import depth_of, disparity_of
 from roslf_design.depth.measure import Trial, Unexposed, assumed, simulate
 from roslf_design.design import Design, load
+from roslf_design.drawing.marks import Area, Dots, Line, Mark, box_key, dot_key
+from roslf_design.drawing.panel import Panel, Scale
+from roslf_design.drawing.picture import Picture, one_panel
 from roslf_design.imaging.camera import Region
 from roslf_design.json_data import plain
-from roslf_design.pictures.marks import Area, Dots, Line, Mark, box_key, dot_key
-from roslf_design.pictures.picture import Panel, Picture, Scale, one_panel
-from roslf_design.reporting.blocks import Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
-from roslf_design.reporting.printers import render_html
+from roslf_design.report.blocks import Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
+from roslf_design.report.printers import render_html
 from roslf_design.scenes import Noise, Plane, Scene
 from roslf_design.theory.disparity_error import view_gradient
 from roslf_design.theory.photometry import exposure

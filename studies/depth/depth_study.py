@@ -17,12 +17,12 @@ from numpy.typing import NDArray
 
 from roslf_design.depth.measure import Trial, assumed, default_scene, simulate
 from roslf_design.design import Design, load
+from roslf_design.drawing.marks import Area, Dots, Line, Mark, box_key, dot_key, line_key
+from roslf_design.drawing.panel import Panel, Scale
+from roslf_design.drawing.picture import PAGE, Picture, beside, one_panel
 from roslf_design.evaluation import evaluate
 from roslf_design.json_data import plain
-from roslf_design.pictures.depth import profile
-from roslf_design.pictures.marks import Area, Dots, Line, Mark, box_key, dot_key, line_key
-from roslf_design.pictures.picture import PAGE, Panel, Picture, Scale, beside, one_panel
-from roslf_design.reporting.blocks import (
+from roslf_design.report.blocks import (
     Block,
     Bullets,
     Code,
@@ -34,7 +34,8 @@ from roslf_design.reporting.blocks import (
     Statements,
     Table,
 )
-from roslf_design.reporting.printers import render_html
+from roslf_design.report.depth.pictures import profile
+from roslf_design.report.printers import render_html
 from roslf_design.scenes import Noise, Plane, Scene
 
 Floats = NDArray[np.float64]

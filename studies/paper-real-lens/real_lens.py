@@ -18,13 +18,13 @@ from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from roslf_design.design import Design, load
+from roslf_design.drawing.axes import draw, drawing
+from roslf_design.drawing.panel import Panel, Scale
+from roslf_design.drawing.theme import THEMES
 from roslf_design.evaluation import default_fields, evaluate
 from roslf_design.evaluation.result import Evaluation
 from roslf_design.lenses.manufacture import as_made, lens_values
-from roslf_design.pictures.axes import draw, drawing
-from roslf_design.pictures.field import LensCurves, lens_curves, lens_image
-from roslf_design.pictures.picture import Panel, Scale
-from roslf_design.pictures.theme import THEMES
+from roslf_design.report.design.field import LensCurves, lens_curves, lens_image
 from roslf_design.traced.camera import camera_of, microlenses
 from roslf_design.traced.images import real_images
 

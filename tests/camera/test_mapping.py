@@ -10,11 +10,11 @@ from numpy.testing import assert_allclose
 from scipy.optimize import root
 
 import roslf_design as roslf
+from roslf_design.bore.mapping import mapping_law
 from roslf_design.calibration.frames import CalibrationError
 from roslf_design.calibration.space import SceneSide
 from roslf_design.camera import Camera
 from roslf_design.design import DesignError, dumps, loads
-from roslf_design.design.mapping import mapping_law
 from roslf_design.effects.effect import Subject
 from roslf_design.effects.geometry import blur_on_mla, cos4
 from roslf_design.evaluation.fields import evaluate_fields

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from roslf_design.calibration import Captures, calibrate
-from roslf_design.pictures.calibration import residuals
-from roslf_design.pictures.marks import Area, Disc, Dots, Line
-from roslf_design.pictures.svg import redrawn
-from roslf_design.reporting.calibration import calibration_pictures
+from roslf_design.drawing.marks import Area, Disc, Dots, Line
+from roslf_design.drawing.svg import redrawn
+from roslf_design.report.calibrate.pages import calibration_pictures
+from roslf_design.report.calibrate.pictures import residuals
 from tests.calibration.made import SHEET, captured
 
 

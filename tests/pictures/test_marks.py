@@ -13,10 +13,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from PIL import Image as Pixels
 
-from roslf_design.pictures.marks import Area, Disc, Dots, Image, Line, Text, bars, line_key, where_above
-from roslf_design.pictures.picture import Panel, Picture, Scale, beside, log_ticks, one_panel, round_ticks
-from roslf_design.pictures.svg import px, tag, with_subscripts
-from roslf_design.pictures.theme import SMALL, THEMES, rows_of_names, short, text_width, theme_named, wrapped
+from roslf_design.drawing.marks import Area, Disc, Dots, Image, Line, Text, bars, line_key, where_above
+from roslf_design.drawing.panel import Panel, Scale, log_ticks, round_ticks
+from roslf_design.drawing.picture import Picture, beside, one_panel
+from roslf_design.drawing.svg import px, tag, with_subscripts
+from roslf_design.drawing.theme import SMALL, THEMES, rows_of_names, short, text_width, theme_named, wrapped
 
 length = st.floats(-1e4, 1e4)
 

@@ -3,9 +3,9 @@
 import numpy as np
 
 import roslf_design as roslf
-from roslf_design.pictures.marks import Image, Line
-from roslf_design.pictures.resolution import mtf_curves, resolution_map
-from roslf_design.reporting.datasheet import basis, datasheet_section
+from roslf_design.drawing.marks import Image, Line
+from roslf_design.report.sheet.lines import basis, datasheet_section
+from roslf_design.report.sheet.resolution import mtf_curves, resolution_map
 from roslf_design.theory.quantities import QUANTITIES
 
 SCOPE = roslf.load("rigid-scope")

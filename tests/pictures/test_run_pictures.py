@@ -8,22 +8,24 @@ import numpy as np
 import pytest
 
 from roslf_design.explorer.runs import GOALS, OptimiseResult, ToleranceResult
-from roslf_design.pictures.studies import (
-    LimitSpread,
-    Offender,
+from roslf_design.explorer.view import front
+from roslf_design.report.optimise.pictures import (
     SearchEnd,
     VariableMove,
-    YieldShare,
     bore_and_stop,
     change_bars,
-    distributions,
-    front,
     goal_front,
+    robust_yields,
+    search_history,
+)
+from roslf_design.report.tolerance.pictures import (
+    LimitSpread,
+    Offender,
+    YieldShare,
+    distributions,
     offender_bars,
     ranked_correlations,
     ranked_moves,
-    robust_yields,
-    search_history,
     spread_bars,
     yield_bars,
     yield_curve,

@@ -15,19 +15,8 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
-from roslf_design.pictures.solid import (
-    AROUND,
-    RAYS,
-    changed,
-    instrument_scene,
-    library,
-    outline,
-    outlines,
-    packed,
-    scene,
-    scene_data,
-    turned,
-)
+from roslf_design.drawing.solid import AROUND, changed, library, outline, outlines, packed, scene_data
+from roslf_design.report.design.instrument import RAYS, instrument_scene, scene, turned
 from tests.pictures import designs
 
 PAPER = roslf.load("paper")
@@ -113,7 +102,8 @@ def test_all_is_seen_from_where_the_camera_starts():
 
 def test_no_graphics_library_is_loaded():
     code = (
-        "import sys, roslf_design as r; from roslf_design.pictures.solid import scene; scene(r.load('paper'));"
+        "import sys, roslf_design as r; from roslf_design.report.design.instrument import scene\n"
+        "scene(r.load('paper'))\n"
         "sys.exit(any(name.split('.')[0] in ('vtk', 'vtkmodules', 'pyvista', 'matplotlib') for name in sys.modules))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

@@ -9,8 +9,8 @@ import pytest
 from pydantic import TypeAdapter
 
 import roslf_design as roslf
+from roslf_design.bore.elements import AnyElement
 from roslf_design.camera import Camera
-from roslf_design.design.elements import AnyElement
 from roslf_design.lenses import tracer
 from roslf_design.rays import Status
 from roslf_design.theory.object_space import FacesAhead, carry

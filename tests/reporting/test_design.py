@@ -12,17 +12,17 @@ from roslf_design import __version__
 from roslf_design.cli import main
 from roslf_design.commands import report as command
 from roslf_design.design import load
+from roslf_design.drawing import solid
 from roslf_design.errors import InputError
 from roslf_design.evaluation import evaluate
 from roslf_design.optimization.parts import Catalogue, load_catalogue
-from roslf_design.pictures import solid
-from roslf_design.reporting.blocks import Figure, Report, Section, Table
-from roslf_design.reporting.compare import comparison_report
-from roslf_design.reporting.design import design_report, key_figures
-from roslf_design.reporting.parts_list import catalogue_match, parts_section
-from roslf_design.reporting.printers import render_html
-from roslf_design.reporting.sheets import picture_sheet
-from roslf_design.reporting.story import full_report
+from roslf_design.report.blocks import Figure, Report, Section, Table
+from roslf_design.report.design.compare import comparison_report
+from roslf_design.report.design.figures import picture_sheet
+from roslf_design.report.design.pages import design_report, key_figures
+from roslf_design.report.design.parts_list import catalogue_match, parts_section
+from roslf_design.report.printers import render_html
+from roslf_design.report.story import full_report
 from tests.pictures.designs import DESIGNS, THROUGH
 
 SECTIONS = (

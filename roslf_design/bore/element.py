@@ -1,0 +1,189 @@
+"""The questions that every element before the main lens answers.
+
+An element's `distance` is that of its sensor-side vertex from the main lens, as measured with a ruler. Whoever walks
+the bore asks every element the same questions; a new kind of element is a class of its own that answers those whose
+answers here are not its own, and a line in `elements.AnyElement`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ..lenses.angles import Law
+from ..lenses.glass import Glass
+from ..lenses.prescription import Prescription
+from ..units import Distance, Length
+from .export import SequenceRow
+from .faces import Face, Surroundings
+from .part import Number, Offset, Part, PartNumbers, Tilt
+
+Matrix = tuple[Number, Number, Number, Number]
+"""A, B, C and D of light towards the sensor, its slopes times index."""
+Outline = NDArray[np.float64]
+"""Points (z, x) of a face in the plane x-z [mm], shape (N, 2)."""
+Flags = np.bool_ | NDArray[np.bool_]
+
+
+class Element(Part):
+    """Something transparent before the main lens."""
+
+    distance: Distance
+    """Main lens to the sensor-side vertex [mm]."""
+    diameter: Length | None = None
+    """Clear aperture, of both faces [mm]; None lets everything through."""
+    decentre: Offset = (0.0, 0.0)
+    """Offset from the axis [mm]."""
+    tilt: Tilt = (0.0, 0.0)
+    """About the sensor-side vertex [rad]."""
+
+    keys: ClassVar[tuple[str, ...]] = ("distance", "diameter")
+    """Its lengths and other numbers, as far as it has them."""
+    poses: ClassVar[tuple[str, ...]] = ("decentre", "tilt")
+    """Its pairs of numbers that are 0 where it stands straight."""
+    bends: ClassVar[bool] = True
+    """Whether it changes the size in which things are seen."""
+    seals: ClassVar[bool] = False
+    """Whether its last face is what a liquid before it ends at; else that is a window of no thickness."""
+    round_when_seen: ClassVar[bool] = True
+    """Whether each of its openings, looked at through it, is one upright circle."""
+    steps: ClassVar[int] = 1
+    """Straight pieces as which the course of a ray inside it is drawn."""
+    cores: ClassVar[tuple[float, ...]] = ()
+    """Shares of its radius within which it is denser."""
+    power_sign: ClassVar[int] = 0
+    """1 where a thin lens stands for it in a schematic drawing, -1 a diverging one, 0 a block."""
+    turn: ClassVar[float] = 0.0
+    """By how much it turns the axis [rad]."""
+    trade_name: ClassVar[str] = ""
+    """Name under which it is bought; its kind without."""
+
+    @property
+    def length(self) -> float:
+        """From its sensor-side vertex to the one that faces the scene [mm]."""
+        return float(getattr(self, "thickness", 0.0))
+
+    @property
+    def glass(self) -> Glass | None:
+        """Material of its index; None of one that has no index, or one that is a number."""
+        return None
+
+    @property
+    def glasses(self) -> tuple[tuple[str, Glass | None], ...]:
+        """Every material of it by its key."""
+        return ()
+
+    @property
+    def prescribed(self) -> Prescription | None:
+        """Lens that gives it by surfaces, as in the design file."""
+        return None
+
+    @property
+    def law(self) -> Law | None:
+        """How it maps angles, for kernels; None as to first order."""
+        return None
+
+    @property
+    def grows(self) -> bool:
+        """Whether it is known what temperature does to it."""
+        return True
+
+    @property
+    def half_height(self) -> float | None:
+        """Half of its height [mm]; None where it fills the bore."""
+        return None if self.diameter is None else self.diameter / 2
+
+    @property
+    def bought(self) -> str:
+        """Name of the product that it is; empty where it is made."""
+        return ""
+
+    def numbers(self) -> Iterator[tuple[str, float]]:
+        """Its numbers by their keys, the index apart."""
+        yield from ((key, float(value)) for key in self.keys if (value := getattr(self, key)) is not None)
+        yield from ((f"{pose}.{axis}", float(getattr(self, pose)[axis])) for pose in self.poses for axis in (0, 1))
+
+    def span(self, at: PartNumbers) -> Number:
+        """Length along the axis in the camera [mm]."""
+        return at.get("thickness", self.length)
+
+    def forward(self, at: PartNumbers, inside: Number, passed: Flags) -> Matrix:
+        """Matrix of the way through as much of it as lies `inside` [mm], of a thin one where it is `passed`."""
+        raise NotImplementedError
+
+    def openings(self, at: PartNumbers) -> Iterator[tuple[str, Number]]:
+        """Openings of its clear aperture: words after its name, and places before the main lens [mm]."""
+        start, length = at["distance"], self.span(at)
+        if np.ndim(length) == 0 and length == 0:
+            yield "", start
+        else:
+            yield ", back", start
+            yield ", front", start + length
+
+    def faces(self, at: PartNumbers, name: str, around: Surroundings) -> list[Face]:
+        """Faces that light meets, from the sensor's side on."""
+        raise NotImplementedError
+
+    def lengthened(self, at: PartNumbers, before: Number, after: Number) -> tuple[Number, Number]:
+        """Length at one temperature [mm], and how many times as long it is at another [degrees C]."""
+        return at.get("thickness", 0.0), 1.0 if self.glass is None else self.glass.grown(before, after)
+
+    def moved(self, at: PartNumbers, before: Number, after: Number) -> dict[str, Number]:
+        """Numbers beside lengths, poses and index that change between two temperatures, by their keys."""
+        return {}
+
+    def profile(self, ends: tuple[float, float], thick: float) -> list[tuple[Outline, Outline]]:
+        """Left and right faces of each of its pieces in the plane x-z, from the lower to the upper end.
+
+        Parameters
+        ----------
+        ends : (low, high)
+            Its rims [mm]; a prescription has its own.
+        thick : float
+            How thick an ideal lens, which has no thickness, is drawn [mm].
+        """
+        return [(face(ends, -self.distance - self.length), face(ends, -self.distance))]
+
+    def rows(self, name: str, at: float, semi: float) -> list[SequenceRow]:
+        """Surfaces as other programs take them.
+
+        Parameters
+        ----------
+        name : str
+        at : float
+            Its sensor-side vertex behind the main lens's reference plane [mm].
+        semi : float
+            Semi-diameter [mm].
+
+        Raises
+        ------
+        ValueError
+            No surface stands for it; says what it is.
+        """
+        raise NotImplementedError
+
+    def words(self) -> tuple[str, ...]:
+        """Description in a few words each: size and material, focal length, deviation."""
+        return ()
+
+    def reflects(self, wavelength: float, beyond: float) -> tuple[str, float] | None:
+        """Key and angle from the normal [degrees] of a face that totally reflects light along the axis; None without.
+
+        `beyond` is the index of what lies on its scene's side.
+        """
+        return None
+
+
+def face(ends: tuple[float, float], z: ArrayLike, half: float | None = None, points: int = 25) -> Outline:
+    """Points of a face between two rims, at heights z [mm]; `half` is its own half height."""
+    t, middle, radius = np.linspace(-1, 1, points), (ends[0] + ends[1]) / 2, (ends[1] - ends[0]) / 2
+    return np.stack([np.broadcast_to(z, t.shape), middle + (radius if half is None else half) * t], -1)
+
+
+def degrees(cosine: float) -> float:
+    """Angle of a cosine, rounding beyond 1 left out."""
+    return math.degrees(math.acos(max(-1.0, min(1.0, cosine))))

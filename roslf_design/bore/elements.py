@@ -1,0 +1,37 @@
+"""Kinds of elements that may stand before the main lens, and what lies before them."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from ..lenses.glass import AIR
+from ..words import length
+from .group import LensGroup
+from .lens import FieldLens
+from .material import Material
+from .part import Part
+from .plate import Plate, Prism
+from .rod import Grin
+
+AnyElement = Annotated[Plate | Prism | FieldLens | Grin | LensGroup, Field(discriminator="kind")]
+"""One of `[[elements]]`."""
+
+
+class ObjectSpace(Part):
+    """Medium that the scene lies in."""
+
+    medium: Material = AIR
+    """In front of the farthest element, which seals it off."""
+
+
+def element_name(element: AnyElement, number: int) -> str:
+    """Name of an element, "plate 1"; its rims are "plate 1, front" and "plate 1, back"."""
+    return f"{element.kind} {number}"
+
+
+def made_of(element: AnyElement) -> tuple[str, ...]:
+    """Description in a few words each: size and material, focal length, deviation, and the diameter."""
+    diameter = () if element.diameter is None else (f"diameter {length(element.diameter)}",)
+    return (*element.words(), *diameter)

@@ -1,0 +1,27 @@
+"""A surface of what other programs take as a sequence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ..lenses.prescription import Prescription, Surface
+
+
+@dataclass(frozen=True)
+class SequenceRow:
+    """One surface of a sequence."""
+
+    name: str
+    z: float
+    """Place of its vertex behind the main lens's reference plane [mm]."""
+    surface: Surface
+    """Its shape and the glass behind it."""
+    focal_length: float | None = None
+    """Focal length of an ideal thin lens [mm]; None is a real surface."""
+    is_stop: bool = False
+
+
+def lens_surfaces(name: str, lens: Prescription, start: float) -> list[SequenceRow]:
+    """Surfaces of a lens whose first vertex stands at `start` [mm]."""
+    pairs = enumerate(zip(lens.surfaces, lens.vertices, strict=True), 1)
+    return [SequenceRow(f"{name}, surface {k}", start + z, surface) for k, (surface, z) in pairs]

@@ -1,0 +1,66 @@
+"""Parts of a camera: each a frozen value of a design, and its numbers in a camera, each one or many."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import BaseModel, ConfigDict
+
+from ..units import Angle, AnyLength, Length
+
+Number = float | NDArray[np.float64]
+"""A float, or an array that broadcasts to whatever builds (and fields) there are."""
+Offset = tuple[AnyLength, AnyLength]
+Tilt = tuple[Angle, Angle]
+Size = tuple[Length, Length]
+
+WAVELENGTH, TEMPERATURE = "light.wavelength", "environment.temperature"
+"""Places of a design that every part may depend on."""
+
+
+class Part(BaseModel):
+    """Base of every part: frozen, comparable, hashable, picklable; unknown keys are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
+        """Fields that differ from their defaults."""
+        fields = type(self).model_fields
+        yield from ((name, value) for name, value in super().__repr_args__() if value != fields[str(name)].default)
+
+
+@dataclass(frozen=True, slots=True)
+class PartNumbers:
+    """Numbers of one part of a camera by the part's own keys, and what it stands in."""
+
+    numbers: Mapping[str, Number]
+    """All numbers of the camera by their places."""
+    place: str
+    """Place of the part: "elements.2"."""
+    housing: float = 0.0
+    """Expansion of what holds its pieces apart [1/K]."""
+
+    def __getitem__(self, key: str) -> Number:
+        return self.numbers[f"{self.place}.{key}"]
+
+    def get(self, key: str, default: Number) -> Number:
+        """Number at a key, `default` where the part has none."""
+        return self.numbers.get(f"{self.place}.{key}", default)
+
+    def pair(self, key: str) -> tuple[Number, Number]:
+        """Numbers along x and y."""
+        return self.numbers[f"{self.place}.{key}.0"], self.numbers[f"{self.place}.{key}.1"]
+
+    @property
+    def wavelength(self) -> Number:
+        """Wavelength of the light [mm]."""
+        return self.numbers[WAVELENGTH]
+
+    @property
+    def temperature(self) -> Number | None:
+        """Temperature [degrees C]; None of a camera without `[environment]`."""
+        return self.numbers.get(TEMPERATURE)

@@ -1,0 +1,110 @@
+"""Glass between two flat faces: windows, and prisms unfolded into blocks."""
+
+from __future__ import annotations
+
+import math
+from typing import ClassVar, Literal
+
+import numpy as np
+
+from ..lenses.glass import Glass
+from ..lenses.prescription import Surface, rotation
+from ..units import Angle, Length
+from ..words import length
+from .element import Element, Flags, Matrix, degrees
+from .export import SequenceRow
+from .faces import Face, Surroundings, axes_of, plane_row, vertex_of
+from .material import Material
+from .part import Number, PartNumbers, Tilt
+
+
+class Block(Element):
+    """Glass between two flat faces."""
+
+    thickness: Length
+    """Along the axis [mm]; of a prism the axis's whole way through the glass."""
+    material: Material
+    """Glass."""
+    wedge: Tilt = (0.0, 0.0)
+    """How far its sensor-side face is turned out of parallel [rad]."""
+
+    keys: ClassVar = (*Element.keys, "thickness")
+    poses: ClassVar = (*Element.poses, "wedge")
+    bends: ClassVar = False
+    seals: ClassVar = True
+
+    @property
+    def glass(self) -> Glass:
+        """Material of its index."""
+        return self.material
+
+    @property
+    def glasses(self) -> tuple[tuple[str, Glass | None], ...]:
+        """Every material of it by its key."""
+        return (("material", self.material),)
+
+    def forward(self, at: PartNumbers, inside: Number, passed: Flags) -> Matrix:
+        """Matrix of a reduced thickness."""
+        return 1.0, inside / at["index"], 0.0, 1.0
+
+    def faces(self, at: PartNumbers, name: str, around: Surroundings) -> list[Face]:
+        """Both faces; a wedge turns the one on the sensor's side."""
+        z, index, thick = at["distance"], at["index"], np.asarray(self.span(at), float)
+        radius, vertex, axes = at.get("diameter", math.inf) / 2, vertex_of(at, z), axes_of(at)
+        near = plane_row(vertex, axes @ rotation(*at.pair("wedge")), radius)
+        far = plane_row(vertex - thick[..., None] * axes[..., :, 2], axes, radius)
+        return [
+            Face(near, index, 1.0, f"{at.place}.0", f"{name}, back"),
+            Face(far, around.medium, index, f"{at.place}.1", f"{name}, front"),
+        ]
+
+    def rows(self, name: str, at: float, semi: float) -> list[SequenceRow]:
+        """Both faces."""
+        return [
+            SequenceRow(f"{name}, front", at - self.thickness, Surface(0.0, semi, glass=self.material)),
+            SequenceRow(f"{name}, back", at, Surface(0.0, semi)),
+        ]
+
+    def words(self) -> tuple[str, ...]:
+        """Thickness and material."""
+        return (f"{length(self.thickness)} of {self.material.name}",)
+
+    def reflects(self, wavelength: float, beyond: float) -> tuple[str, float] | None:
+        """Key and angle of the face that totally reflects light along the axis: turned too far for its glass."""
+        if not any((*self.tilt, *self.wedge)):
+            return None
+        glass, own = float(self.material.index(wavelength)), rotation(*self.tilt)
+        way = np.array([0.0, 0.0, -1.0])
+        for normal, before, behind in (((own @ rotation(*self.wedge))[:, 2], 1.0, glass), (own[:, 2], glass, beyond)):
+            ratio, cosine = before / behind, -float(way @ normal)
+            square = 1 - ratio**2 * (1 - cosine**2)
+            if cosine <= 0 or square < 0:
+                return "wedge" if any(self.wedge) else "tilt", degrees(cosine)
+            way = ratio * way + (ratio * cosine - math.sqrt(square)) * normal
+        return None
+
+
+class Plate(Block):
+    """A plane-parallel plate: a window."""
+
+    kind: Literal["plate"]
+
+    trade_name: ClassVar = "window"
+
+
+class Prism(Block):
+    """A prism, unfolded into a block."""
+
+    kind: Literal["prism"]
+    deviation: Angle = 0.0
+    """By how much it turns the axis, for the drawing and the direction of view [rad]."""
+
+    @property
+    def turn(self) -> float:  # type: ignore[override]
+        """By how much it turns the axis [rad]."""
+        return float(self.deviation)
+
+    def words(self) -> tuple[str, ...]:
+        """Thickness and material, and the deviation."""
+        turns = (f"turns by {math.degrees(self.deviation):.4g}°",) if self.deviation else ()
+        return (*super().words(), *turns)

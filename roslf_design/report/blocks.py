@@ -1,0 +1,150 @@
+"""What a report is made of: plain frozen data that HTML (and any later format) is written from.
+
+In all text, symbols written as ``d_3`` or ``D_F`` are set with a subscript.
+"""
+
+from __future__ import annotations
+
+import re
+import unicodedata
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+from ..tables import Table as Table
+
+if TYPE_CHECKING:
+    from ..drawing.picture import Picture
+
+_GREEK = re.compile(r"GREEK SMALL LETTER (?:FINAL )?(\w+)")
+Tone = Literal["good", "bad", "caution", "plain"]
+"""How a statement is meant; always shown by a sign and a word as well as by colour."""
+MARKS: dict[Tone, tuple[str, str]] = {
+    "good": ("✓", "yes"),
+    "bad": ("✗", "no"),
+    "caution": ("!", "mind"),
+    "plain": ("·", "note"),
+}
+"""Sign and word of each tone."""
+
+
+@dataclass(frozen=True)
+class Paragraph:
+    """Running text."""
+
+    text: str
+
+
+@dataclass(frozen=True)
+class Statement:
+    """One answer an engineer came for."""
+
+    tone: Tone
+    text: str
+    """The answer with its margin."""
+    remedy: str = ""
+    """What would mend it; empty where nothing needs mending."""
+
+
+@dataclass(frozen=True)
+class Statements:
+    """Answers, one below the other."""
+
+    items: tuple[Statement, ...]
+
+
+@dataclass(frozen=True)
+class Figure:
+    """A vector drawing, or a picture."""
+
+    name: str
+    """Short and unique on the page; the anchor is ``figure-`` and this."""
+    title: str
+    caption: str
+    """What to see, and what follows for the design."""
+    content: str | bytes
+    """SVG text, or the bytes of a PNG."""
+    description: str = ""
+    """For those who cannot see it."""
+    scene: str = ""
+    """JSON of `viewer.scene_data`: the same scene, to be turned on a page that can do it; empty for none."""
+    breaks: float = 0.0
+    """Share of its height after which it may go on another page; 0 for nowhere."""
+
+    @classmethod
+    def of(cls, name: str, title: str, caption: str, picture: Picture) -> Figure:
+        """A picture as a figure, described by its title and caption."""
+        svg = picture.svg(name=name)
+        return cls(name, title, caption, svg, f"{title}. {caption}", breaks=picture.breaks)
+
+
+@dataclass(frozen=True)
+class Bullets:
+    """A list."""
+
+    items: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Code:
+    """Text to be copied as it is."""
+
+    text: str
+    title: str = ""
+
+
+Block = Paragraph | Statements | Table | Figure | Bullets | Code
+
+
+@dataclass(frozen=True)
+class Section:
+    """A part of a report with its own heading."""
+
+    title: str
+    blocks: tuple[Block, ...]
+    name: str = ""
+    """Anchor; empty takes it from the title."""
+
+    @property
+    def anchor(self) -> str:
+        """Where links to this section lead."""
+        return self.name or slug(self.title)
+
+
+def slug(title: str) -> str:
+    """A title as links and names of files have it: plain letters, digits and hyphens; Greek letters by their names."""
+    return "-".join("".join(map(_plain, title.lower())).split())
+
+
+def _plain(letter: str) -> str:
+    """A letter as any file system can write it; by its number where nothing else is left of it."""
+    plain = unicodedata.normalize("NFKD", letter)
+    if greek := _GREEK.match(unicodedata.name(plain[0], "")):
+        return greek[1].lower()
+    plain = "".join(c for c in plain if c.isascii() and c.isalnum())
+    return plain or (f"u{ord(letter):x}" if letter.isalnum() else " ")
+
+
+class Finding(NamedTuple):
+    """What a study found of a design, for that design's report."""
+
+    section: Section
+    statement: Statement | None = None
+    """The answer, for the summary."""
+    seed: str = ""
+    """Of what chance had a part in, as a sentence."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """A whole report, before it is written in any format."""
+
+    title: str
+    subtitle: str
+    sections: tuple[Section, ...]
+    footer: str = "roslf_design"
+    """No version where the same input is to give the same bytes for years."""
+
+    @property
+    def figures(self) -> tuple[Figure, ...]:
+        """All figures, in their order."""
+        return tuple(b for section in self.sections for b in section.blocks if isinstance(b, Figure))

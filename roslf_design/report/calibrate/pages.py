@@ -1,0 +1,732 @@
+"""A calibration, the folder of one, or the plan of one: sentences, tables and pages that the terminal shares."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+
+from ..._version import __version__
+from ...calibration import (
+    Board,
+    CalibrationError,
+    CapturePlan,
+    Captures,
+    DataSheet,
+    Reason,
+    camera_of,
+    derived,
+    sheet_of,
+)
+from ...calibration import plan as planned
+from ...calibration.fit import VISIBLE
+from ...calibration.lengths import LengthCovariance
+from ...calibration.misfit import DISAGREE
+from ...calibration.model import QUANTITIES, UNITS, relative_sigma
+from ...calibration.planning import reason, too_large
+from ...calibration.result import LAPLACE, Outcome
+from ...calibration.space import SceneSide
+from ...camera import Camera
+from ...design import Design, load
+from ...drawing.picture import Picture
+from ...drawing.svg import redrawn
+from ...errors import InputError, Problem
+from ...input_files import read_bytes, read_json
+from ...tolerancing.places import nominal_values, parse_tolerance, perturbable
+from ...tolerancing.study import StrictTable
+from ...toml_files import nearest, problems_of
+from ...units import Angle, AnyLength, Distance, Length
+from ...words import length, rounded, sentence
+from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
+from . import pictures
+
+if TYPE_CHECKING:
+    from ...calibration.diffraction import DiffractionCheck
+    from ...calibration.distortion import Distortion
+
+FILE, CALIBRATED, SCHEMA = "calibration.json", "calibrated.toml", "roslf.calibration/"
+REMEDY = "name the folder that roslf calibrate wrote"
+SOURCES: dict[str, tuple[str, str, str]] = {
+    "images": ("images", "the images", "show more boards, tilted further and over more distances"),
+    "f": ("f", "the data sheet's f", "have the focal length measured"),
+    "q": ("pixel pitch", "the data sheet's pixel pitch", "have the pixel pitch measured"),
+    "d": ("microlens pitch", "the data sheet's microlens pitch", "have the microlens pitch measured"),
+    "board": ("board's scale", "the board's scale", "have the board's cells measured"),
+    "elements": ("elements", "what stands before the lens", "have its glass and thicknesses measured"),
+    "systematic": (
+        "systematic",
+        "systematic errors of the corners",
+        "show the boards nearer the focal plane, where corners hardly move from view to view",
+    ),
+    "white": ("white image", "the white image's pitch", "know it, and the microlens and pixel pitch, better"),
+    "distances": ("distances", "the boards' distances", "measure them better"),
+}
+"""Where variance comes from: at the head of a column, in a sentence, and what lessens it."""
+FIGURES: dict[str, tuple[str, str, Callable[[Outcome], Picture]]] = {
+    "residuals": (
+        "What the joint fit leaves over",
+        "A pattern that the boards share speaks of distortion that was not asked for; scatter alone is noise.",
+        pictures.residuals,
+    ),
+    "epi-lines": (
+        "Epipolar slopes against inverse depth",
+        "Slopes of all corners in the epipolar-plane images. The line's slope gives d_2, its zero the focal plane, m/A;"
+        " points far off it are corners badly placed or a board badly posed.",
+        pictures.epi_lines,
+    ),
+    "posterior": (
+        "How sure: the posterior",
+        "Dark and light regions hold 68 % and 95 %; dashed lines hold 68 %. A narrow ridge is a pair that the images"
+        " cannot tell apart: better knowledge of one is better knowledge of the other.",
+        lambda result: pictures.posterior(result, UNITS),
+    ),
+    "depth": (
+        "What it means for measured depths",
+        "Error that this calibration puts into every depth measured with it, the same in all images: averaging does not"
+        " take it away. Ticks mark the boards; beyond them the calibration extrapolates.",
+        pictures.depth_errors,
+    ),
+}
+"""Title, caption and what draws it, of each picture that a calibration leaves in its folder."""
+
+
+BEFORE_LENS = re.compile(
+    r"(elements\.\d+\.(distance|thickness|index|gradient|focal_length)|object_space\.index"
+    r"|(sensor\.cover|microlens_array\.substrate)\.(thickness|index))"
+)
+"""Places of numbers that a calibration takes as known, and may take as known but to an error."""
+
+
+LEAST_NOISE, MOST_NOISE = 1e-6, 1e3
+"""Between which any corner's standard error lies [microlens pitches]."""
+
+
+class CalibrationPart(StrictTable):
+    """What one means to capture; what is left open is chosen to suit the design, or is what careful work reaches."""
+
+    board: str | None = None
+    """Cells across, cells down, size of one."""
+    boards: Annotated[int, Field(le=200)] = 12
+    """Images of the board."""
+    tilt: Angle = math.radians(20)
+    """Largest tilt [rad]."""
+    distance: Length | None = None
+    """Mean distance of the boards from the main lens [mm]."""
+    range: Distance | None = None
+    """Farthest minus nearest [mm]."""
+    noise: Annotated[float, Field(ge=LEAST_NOISE, le=MOST_NOISE)] = 0.06
+    """Of a corner in one view [microlens pitches]."""
+    f_sigma: str = "1 %"
+    """How well f is known."""
+    d_sigma: str = "0.1 %"
+    """How well the microlens pitch is known."""
+    cell_sigma: str = "0.1 %"
+    """How well the board's cells are known."""
+    sigma: dict[str, str | float] = Field(default_factory=dict)
+    """How well lengths and indices of elements, media and glass about the array are known, by their places."""
+    white_pitch: str | None = None
+    """How well the white image's pitch is known, where it is used."""
+    seed: Annotated[int, Field(ge=0)] = 0
+
+    @field_validator("board")
+    @classmethod
+    def _readable(cls, text: str | None) -> str | None:
+        if text is not None:
+            Board.parse(text)
+        return text
+
+    @field_validator("f_sigma", "d_sigma", "cell_sigma", "white_pitch")
+    @classmethod
+    def _understood(cls, text: str | None) -> str | None:
+        try:
+            relative = 0.0 if text is None else relative_sigma(text, 1.0)
+        except ValueError:
+            raise ValueError(f'"{text}" is not understood; give "1 %" or "0.5 mm"') from None
+        if not 0 <= relative < math.inf:
+            raise ValueError(f'"{text}" must not be negative')
+        if text is not None and text.strip().endswith("%") and relative > 1:
+            raise ValueError(f'"{text}" is more than all of it; give 100 % at most')
+        return text
+
+    @field_validator("white_pitch")
+    @classmethod
+    def _positive_share(cls, text: str | None) -> str | None:
+        if text is not None and not (text.strip().endswith("%") and relative_sigma(text, 1.0) > 0):
+            raise ValueError(f'"{text}" is no share above zero; give "0.01 %"')
+        return text
+
+    @model_validator(mode="after")
+    def _possible(self) -> CalibrationPart:
+        Captures(boards=self.boards, tilt=self.tilt, noise=self.noise)
+        return self
+
+
+class LenientTable(BaseModel):
+    """Base of what a calibration.json must hold for a report; it may hold more."""
+
+    model_config = ConfigDict(frozen=True, allow_inf_nan=False)
+
+
+class FoundQuantity(LenientTable):
+    """What was found of one quantity."""
+
+    estimate: float
+    unit: str
+    sigma: Annotated[float, Field(ge=0)]
+    interval_68: tuple[float, float]
+    interval_95: tuple[float, float]
+    variance_shares: dict[str, float]
+    r_hat: float | None = None
+    ess: float | None = None
+
+
+class FoundPosterior(LenientTable):
+    """How its sampling ended."""
+
+    message: str
+
+
+class FoundCovariance(LenientTable):
+    """How sure its lengths are, together."""
+
+    places: Annotated[tuple[str, ...], Field(min_length=1)]
+    matrix: tuple[tuple[float, ...], ...]
+
+    @model_validator(mode="after")
+    def _square(self) -> FoundCovariance:
+        count = len(self.places)
+        if len(self.matrix) != count or any(len(row) != count for row in self.matrix):
+            raise ValueError(f"matrix is not {count} x {count}")
+        matrix = np.array(self.matrix)
+        lengths = np.sqrt(np.maximum(np.diag(matrix), 0))
+        unit = np.where(lengths > 0, lengths, 1)
+        scaled = matrix / unit / unit[:, None]
+        if (np.diag(matrix) < 0).any() or not np.allclose(scaled, scaled.T, atol=1e-6):
+            raise ValueError("matrix is no covariance: not symmetric, or below 0 on its diagonal")
+        if float(np.linalg.eigvalsh(scaled).min()) < -1e-6:
+            raise ValueError("matrix is no covariance: it has a negative variance")
+        return self
+
+
+class FoundTable(LenientTable):
+    """A whole calibration.json."""
+
+    schema_: Annotated[str, Field(alias="schema", pattern="^" + re.escape(SCHEMA))]
+    design: str
+    quantities: dict[str, FoundQuantity]
+    covariance: FoundCovariance | None = None
+    posterior: FoundPosterior | None = None
+    converged: bool | None = None
+    images_used: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _enough(self) -> FoundTable:
+        lacking = [name for name in ("H", "d_3") if name not in self.quantities]
+        if lacking:
+            raise ValueError(f"quantities lacks {', '.join(lacking)}")
+        bare = [name for name, row in self.quantities.items() if None in (row.r_hat, row.ess)]
+        if bare and self.posterior is not None:
+            raise ValueError(f"quantities.{bare[0]} lacks r_hat or ess, of its posterior")
+        return self
+
+
+class BoardDistances(StrictTable):
+    """A file that tells how far from the lens boards stood."""
+
+    sigma: Length
+    """Standard deviation of each [mm]."""
+    relative: bool = False
+    """Measured from any one place, as a rail shows them, instead of from the main lens."""
+    distances: Annotated[dict[str, AnyLength], Field(min_length=1)]
+    """Of each board's middle [mm], by the name of its image; growing away from the camera."""
+
+    @model_validator(mode="after")
+    def _before_the_lens(self) -> BoardDistances:
+        behind = [name for name, away in self.distances.items() if not self.relative and away <= 0]
+        if behind:
+            raise ValueError(
+                f"{behind[0]} stands {self.distances[behind[0]]:g} mm before the lens; say relative = true?"
+            )
+        return self
+
+
+@dataclass(frozen=True, eq=False)
+class Calibrated:
+    """What the folder of a calibration holds."""
+
+    data: Mapping[str, Any]
+    """Its calibration.json."""
+    drawings: Mapping[str, str]
+    """SVG text by name."""
+
+
+def read_calibration(place: Path) -> Calibrated:
+    """Read the folder of a calibration, or its calibration.json.
+
+    Raises
+    ------
+    InputError
+        It is not there, or is something else; a drawing in it holds what none of ours does, such as a script.
+    """
+    file = place / FILE if place.is_dir() else place
+    try:
+        data = read_json(file, str(file), REMEDY)
+        FoundTable.model_validate_json(json.dumps(data), strict=True)  # no text that reads as a number: data stays
+        files = {name: file.with_name(f"{name}.svg") for name in FIGURES}
+        drawings = {name: _drawing(path, name) for name, path in files.items() if path.exists()}
+    except ValidationError as error:
+        fault = problems_of(error, FoundTable)[0]
+        message = f"{file} is no calibration, or is damaged ({fault}); {REMEDY}"
+        raise InputError((Problem("calibration", message),)) from None
+    except InputError as error:
+        raise InputError((Problem("calibration", str(error)),)) from None
+    return Calibrated(data, drawings)
+
+
+def calibrated_camera(place: Path, named: Design | None = None) -> tuple[Design, LengthCovariance]:
+    """The camera of a calibration's folder, or of its calibration.json, and how sure its lengths are.
+
+    Raises
+    ------
+    InputError
+        As of `read_calibration`; the camera of another design than the one `named`; an older calibration, which does
+        not tell how its lengths err together; one whose files do not go together.
+    """
+    data = read_calibration(place).data
+    file = (place if place.is_dir() else place.parent) / CALIBRATED
+    camera = load(file)
+
+    def refused(message: str) -> InputError:
+        return InputError((Problem("--calibration", message),))
+
+    if named is not None and named.name not in (data["design"], camera.name):
+        raise refused(f'{place} is of "{data["design"]}", and the design is "{named.name}"; drop the wrong one')
+    together = data.get("covariance")
+    if together is None:
+        raise refused(f"{place} does not tell how its lengths err together, as an older one; calibrate again")
+    known = Camera.of(camera).numbers
+    if strange := [place for place in together["places"] if place not in known]:
+        raise refused(f"{strange[0]} is no length of {file}; calibrate again")
+    return camera, LengthCovariance(tuple(together["places"]), np.array(together["matrix"]))
+
+
+def _drawing(path: Path, name: str) -> str:
+    """A picture of the folder, refused where it is not as `calibration_pictures` draws it."""
+    text = read_bytes(path, str(path)).decode("utf-8", errors="replace")
+    try:
+        return redrawn(text[max(text.find("<svg"), 0) :].strip(), f"calibration-{name}")
+    except ValueError as error:
+        message = f"{error}, which roslf calibrate does not draw; delete the file, or calibrate again"
+        raise InputError((Problem("", message),), str(path)) from None
+
+
+def calibrated_finding(design: Design, calibrated: Calibrated) -> Finding:
+    """Estimates with their intervals, where their variance comes from, drawings and warnings."""
+    data = calibrated.data
+    warned = bool(data.get("warnings")) or data.get("converged") is False
+    text = f"Calibrated from {len(data.get('images_used', ()))} images: {_pair(data)}."
+    said = [Statement("caution" if warned else "good", text)]
+    if data.get("posterior"):
+        text = f"Posterior {data['posterior']['message']}."
+        said.append(Statement("good" if data.get("converged") else "bad", text))
+    if data["design"] not in (design.name, f"{design.name}, calibrated") and not design.name.startswith(data["design"]):
+        text = f"The calibration is of a camera built to another design: {data['design']}."
+        said.append(Statement("caution", text))
+    shares = {name: row["variance_shares"] for name, row in data["quantities"].items()}
+    blocks: list[Block] = [Statements(tuple(said)), quantities_table(data), shares_table(shares)]
+    blocks += _drawings(calibrated.drawings)
+    if data.get("warnings"):
+        blocks.append(Bullets(tuple(data["warnings"])))
+    return Finding(Section("Calibration", tuple(blocks)), said[0])
+
+
+def calibration_pictures(result: Outcome) -> dict[str, Picture]:
+    """Every picture that a calibration has."""
+    return {name: draw(result) for name, (_, _, draw) in FIGURES.items()}
+
+
+def calibration_report(result: Outcome, drawings: Mapping[str, str], command: str) -> Report:
+    """The page: answers, tables, figures (SVG text by name), how to run it again."""
+    board = result.board
+    answers: tuple[Block, ...] = (
+        Statements(tuple(statements(result))),
+        quantities_table(result.to_dict()),
+        *through_tables(result),
+    )
+    evidence: tuple[Block, ...] = (
+        *_drawings(drawings),
+        design_table(result),
+        boards_table(result),
+        ways_table(result),
+        shares_table(result.shares),
+    )
+    return Report(
+        f"Calibration of {result.design.name}",
+        f"from {len(result.calibration.observations.names)} images of a {board.columns} x {board.rows} board of "
+        f"{board.cell:g} mm cells",
+        (
+            Section("Answers", answers, "answers"),
+            Section("Evidence", evidence, "evidence"),
+            Section("How it was done", (Paragraph(_method(result)), Code(command, "Run again")), "how"),
+        ),
+        f"roslf_design {__version__}",
+    )
+
+
+def statements(result: Outcome) -> Iterator[Statement]:
+    """What an engineer came for."""
+    fitted = result.calibration
+    yield Statement("caution" if result.warnings else "good", f"{_pair(result.to_dict())}.")
+    images, total = len(fitted.observations.names), len(fitted.observations.names) + len(fitted.observations.missing)
+    yield Statement(
+        "plain",
+        f"{images} of {total} images used, {len(fitted.observations.views)} views; reprojection RMS"
+        f" {fitted.joint.rms:.3g} pitches, condition number {fitted.fit.covariance.condition:.3g}.",
+    )
+    misfit = result.misfit
+    yield Statement(
+        "good" if max(misfit.scale, misfit.views) <= VISIBLE else "caution",
+        f"Residuals of places are {misfit.places:.2g}, of slopes {misfit.slopes:.2g}, of whole views {misfit.views:.2g}"
+        " times what scatter from view to view explains (1 where the model holds).",
+    )
+    if result.distortion.automatic and result.distortion.coefficients:
+        yield _distortion(result.distortion)
+    yield Statement("plain", f"{lenses_used(result)}.")
+    if result.combined.data:
+        used = " and ".join(datum.what for datum in result.combined.data)
+        apart = ", ".join(f"{far:.1f}" for far in result.combined.apart.values())
+        f = result.combined.f
+        sigma = float(result.draws.draws("f").std(ddof=1))
+        yield Statement(
+            "caution" if result.combined.warnings else "good",
+            f"With {used} ({apart} sigma from the rest): f = {rounded(f, sigma)} ± {sigma:.2g} mm.",
+        )
+    if result.diffraction is not None:
+        yield _diffraction(result, result.diffraction)
+    parts = {source: result.shares["d_3"].get(source, 0.0) for source in SOURCES}
+    worst = max(parts, key=lambda source: parts[source])
+    _, source, advice = SOURCES[worst]
+    text = f"{100 * parts[worst]:.0f} % of d_3's variance comes from {source}."
+    yield Statement("plain", text, f"To do better, {advice}.")
+    if result.posterior is not None:
+        yield Statement("good" if result.posterior.converged else "bad", f"Posterior {result.posterior.message}.")
+    words = sentence(result.accuracy.sentence(times=False))
+    yield Statement("caution" if result.accuracy.kept is False else "plain", words)
+    there = result.used_in
+    if there is not None:
+        name, medium = there.name, result.design.object_space.medium.name.lower()
+        low, high = sorted(100 * there.relative[[0, -1]])
+        off = f"{low:+.1f} %" if high - low < 0.1 else f"{low:+.1f} to {high:+.1f} %"
+        yield Statement(
+            "caution",
+            f"Calibrated in {medium}, used in {name}: depths there would be off by {off}"
+            f" ({there.error[0]:+.3g} mm at {there.distances[0]:.4g} mm, {there.error[-1]:+.3g} mm at"
+            f" {there.distances[-1]:.4g} mm).",
+            f"calibrated.toml is the camera in {name}: depths by it are right.",
+        )
+    for warning in result.warnings:
+        yield Statement("caution", sentence(warning))
+
+
+def through_tables(result: Outcome) -> Iterator[Table]:
+    """Lengths with a ruler where elements make them others, and depths in another medium."""
+    if result.ruler:
+        rows = tuple(
+            (name, rounded(e.value, e.sigma), UNITS[name], f"{e.sigma:.2g}", f"{e.design:.6g}")
+            for name, e in result.ruler.items()
+        )
+        heads = ("", "estimate", "", "sigma", "design")
+        note = "The lengths above are those that the main lens sees through elements and glass, as if all were air."
+        yield Table(rows, "lrlrr", heads, "The same with a ruler", note)
+    used = result.used_in
+    if used is not None:
+        columns = zip(used.distances, used.uncorrected, used.error, 100 * used.relative, strict=True)
+        titles = ("true distance [mm]", "told uncorrected [mm]", "off [mm]", "off [%]")
+        depths = tuple(
+            (f"{z:.5g}", f"{decoded:.5g}", f"{off:+.3g}", f"{share:+.1f}") for z, decoded, off, share in columns
+        )
+        name = used.name
+        note = f"Distances before the main lens; shares of the way through {name}, which begins at {used.end:.5g} mm."
+        yield Table(depths, "rrrr", titles, f"Depths in {name}", note)
+
+
+def lenses_used(result: Outcome) -> str:
+    """Which microlenses spoke for the lattice, and why others did not."""
+    centres, radius = result.centres, result.undistorted_radius
+    counts = [f"{number} {text}" for text, number in centres.counts().items() if text != Reason.USED.text]
+    text = f"{int(centres.used.sum())} of {len(centres.indices)} microlenses used"
+    text += f" (left out: {', '.join(counts)})" if counts else ""
+    if radius is None:
+        return text
+    if math.isinf(radius):
+        return f"{text}; by Eq. 6 the design cuts none of them"
+    return f"{text}; by Eq. 6 the design cuts none within {radius:.0f} px of the axis"
+
+
+def quantities_table(data: Mapping[str, Any]) -> Table:
+    """Every quantity of a calibration's JSON with its intervals."""
+    sampled = bool(data.get("posterior"))
+    rows = []
+    for name, row in data["quantities"].items():
+        ends = [[rounded(end, row["sigma"]) for end in row[key]] for key in ("interval_68", "interval_95")]
+        chains = (f"{row['r_hat']:.4f}", f"{row['ess']:.0f}") if sampled else ()
+        intervals = (f"{low} to {high}" for low, high in ends)
+        rows.append(
+            (name, rounded(row["estimate"], row["sigma"]), row["unit"], f"{row['sigma']:.2g}", *intervals, *chains)
+        )
+    heads = ("", "estimate", "", "sigma", "68 % interval", "95 % interval", *(("R-hat", "ESS") if sampled else ()))
+    source = "posterior" if sampled else "Laplace's approximation"
+    return Table(
+        tuple(rows),
+        "lrlrrr" + "r" * (len(heads) - 6),
+        heads,
+        f"Calibrated, with intervals of {'the ' * sampled}{source}",
+    )
+
+
+def shares_table(shares: Mapping[str, Mapping[str, float]]) -> Table:
+    """Where each quantity's variance comes from; sources that add nothing to any are left out."""
+    names = [name for name in QUANTITIES if name in shares]
+    sources = [source for source in SOURCES if any(shares[name].get(source, 0.0) > 0 for name in names)]
+    rows = tuple((name, *(f"{100 * shares[name].get(source, 0.0):.1f} %" for source in sources)) for name in names)
+    note = "Systematic: what inner and outer views disagree on, and what corrections and a real main lens leave open."
+    heads = ("", *(SOURCES[source][0] for source in sources))
+    caption = note if "systematic" in sources else ""
+    return Table(rows, "l" + "r" * len(sources), heads, "Where the variance comes from", caption)
+
+
+def design_table(result: Outcome) -> Table:
+    """Every quantity beside the design's."""
+    rows = []
+    for name, e in result.estimates.items():
+        off = "" if e.off is None else f"{e.off:+.1f}"
+        values = (rounded(e.value, e.sigma), f"{e.design:.6g}", rounded(e.value - e.design, e.sigma))
+        rows.append((name, *values, f"{e.built_sigma:.2g}", UNITS[name], off))
+    heads = ("", "calibrated", "design", "difference", "sigma", "", "in sigma")
+    caption = (
+        "Sigma: of the calibration, and of what f, as well as the data sheet knows it, leaves open of a camera built as"
+        f" designed. Beyond {DISAGREE:g} sigma it was built otherwise, or a length that the calibration rests on is"
+        " wrong."
+    )
+    return Table(tuple(rows), "lrrrrlr", heads, "Calibrated against the design", caption)
+
+
+def boards_table(result: Outcome) -> Table:
+    """How each board fits."""
+    rows = tuple(
+        (
+            board.name,
+            str(board.corners),
+            f"{board.rms:.3g}",
+            *("" if math.isnan(scale) else f"{scale:.2g}" for scale in (board.places, board.slopes)),
+            str(board.strays or ""),
+        )
+        for board in result.misfit.boards
+    )
+    heads = ("image", "corners", "RMS [pitches]", "places", "slopes", "far off")
+    caption = (
+        "Places and slopes: residuals over what views of one corner scatter by. Far off: corners given little weight."
+    )
+    return Table(rows, "lrrrrr", heads, "Board by board", caption)
+
+
+def ways_table(result: Outcome) -> Table:
+    """The two steps beside the joint fit and, where diffraction was taken off, the joint fit without that."""
+    fitted, sheet = result.calibration, result.sheet
+    ways = {
+        "steps one and two": (fitted.second.camera, fitted.first.rms),
+        "joint fit": (fitted.joint.camera, fitted.joint.rms),
+    }
+    if result.diffraction is not None and result.diffraction.before is not None:
+        ways["diffraction left in"] = (result.diffraction.before, result.diffraction.rms_before)
+    lengths = [derived(camera.vector(), sheet) for camera, _ in ways.values()]
+    rows = [(name, *(f"{float(values[name]):.5g}" for values in lengths), UNITS[name]) for name in QUANTITIES]
+    rows.append(("reprojection RMS", *(f"{rms:.3g}" for _, rms in ways.values()), "pitches"))
+    caption = "Step one's error is that of the central view, the others' that of all views."
+    return Table(tuple(rows), "l" + "r" * len(ways) + "l", ("", *ways, ""), "By different ways", caption)
+
+
+def planned_lengths(design: Design, asked: CalibrationPart) -> LengthCovariance | None:
+    """How sure a camera's lengths will be after a calibration as planned; None where it cannot determine them."""
+    plan = calibration_plan(design, asked)
+    return None if isinstance(plan, str) else plan.expected.lengths(data_sheet(design, plan.captures.board, asked))
+
+
+def calibration_plan(design: Design, asked: CalibrationPart, distortion: int | None = None) -> CapturePlan | str:
+    """A plan of captures that suits a design and what is asked for; or why these cannot determine the camera.
+
+    Unless told, the calibration will fit as much distortion as it does behind the design's main lens.
+    """
+    if distortion is None:
+        distortion = 0 if design.lens is None else 1
+    try:
+        captures = captures_for(design, asked)
+        sheet = data_sheet(design, captures.board, asked)
+        white = None if asked.white_pitch is None else relative_sigma(asked.white_pitch, 1.0)
+    except CalibrationError as error:
+        return " ".join(str(error).split())
+    try:
+        return planned(camera_of(design), sheet, captures, distortion=distortion, seed=asked.seed, white=white)
+    except CalibrationError as error:
+        text, why = " ".join(str(error).split()), reason(captures)
+        return f"{text}: {why}" if "do not determine" in text and why not in text else text
+
+
+def data_sheet(design: Design, board: Board, asked: CalibrationPart) -> DataSheet:
+    """The data sheet of a design and a board, each known as well as its text says, as "1 %" or "0.5 mm".
+
+    Raises
+    ------
+    CalibrationError
+        A place that is nothing before the main lens or about the array; what is no standard deviation of it.
+    """
+    scales = zip((asked.f_sigma, asked.d_sigma, asked.cell_sigma), (design.f, design.d, board.cell), strict=True)
+    f, d, cell = (relative_sigma(text, scale) for text, scale in scales)
+    kinds = {place: kind for place, kind in perturbable(design).items() if BEFORE_LENS.fullmatch(place)}
+    nominal, sigmas = nominal_values(design), {}
+    for place, sigma in asked.sigma.items():
+        if place not in kinds:
+            known = nearest(place, kinds) if kinds else "this design has none"
+            raise CalibrationError(
+                f"sigma of {place}: is no number of what stands before the lens or about the array; {known}"
+            )
+        try:
+            sigmas[place] = parse_tolerance(sigma, kinds[place], nominal[place])
+        except ValueError as error:
+            raise CalibrationError(f"sigma of {place}: {error}") from None
+    return sheet_of(design, f, d, cell, sigmas)
+
+
+def captures_for(design: Design, asked: CalibrationPart) -> Captures:
+    """What to capture with a design: what is asked for, else what suits it."""
+    return Captures.for_design(
+        design,
+        board=None if asked.board is None else Board.parse(asked.board),
+        boards=asked.boards,
+        tilt=asked.tilt,
+        distance=asked.distance,
+        distance_range=asked.range,
+        noise=asked.noise,
+    )
+
+
+def plan_finding(design: Design, asked: CalibrationPart) -> Finding:
+    """A plan in a design's report; or why captures cannot determine the camera."""
+    plan = calibration_plan(design, asked)
+    seed = f"Seed of the calibration boards' poses: {asked.seed}."
+    if isinstance(plan, str):
+        none = Statements((Statement("caution", f"No plan: {plan}."),))
+        return Finding(Section("Calibration plan", (none,)), None, seed)
+    blocks = plan_blocks(design, plan, asked)
+    assert isinstance(blocks[1], Statements)
+    return Finding(Section("Calibration plan", blocks), blocks[1].items[0], seed)
+
+
+def plan_blocks(design: Design, plan: CapturePlan, asked: CalibrationPart) -> tuple[Block, ...]:
+    """A plan with its promise and its changes."""
+    c, before = plan.captures, plan.expected
+    known = f"microlens pitch to {asked.d_sigma} and board to {asked.cell_sigma}"
+    if asked.d_sigma == asked.cell_sigma:
+        known = f"microlens pitch and board to {asked.d_sigma}"
+    white = "" if asked.white_pitch is None else f", the white image's pitch to {asked.white_pitch}"
+    elements = "".join(f", {place} to {sigma}" for place, sigma in asked.sigma.items())
+    text = (
+        f"{c.boards} images of a {c.board.columns} x {c.board.rows} board of "
+        f"{length(c.board.cell)} cells, tilted by up to {math.degrees(c.tilt):.3g} degrees, "
+        f"{c.distance:.4g} ± {c.distance_range / 2:.3g} mm "
+        f"in front of the lens; corners found to {c.noise:g} pitches in {len(c.view_grid())} views; focal length known "
+        f"to {asked.f_sigma}, {known}{white}{elements}. Standard deviations are from the Fisher matrix, medians over "
+        "random sets of poses."
+    )
+    if plan.distortion:
+        text += f" Distortion is fitted ({_terms(plan.distortion)})."
+    if SceneSide.of(design) is not None:
+        text += " Boards stand where a ruler says; d_3, H and the other lengths are as the main lens sees them."
+    sigma = before.sigma
+    promise = (
+        f"Calibration as planned will know d_3 to {sigma['d_3']:.2g} mm, H to {sigma['H']:.2g} and d_2 to "
+        f"{1e3 * sigma['d_2']:.2g} um (one standard deviation)."
+    )
+    answers = [Statement("plain", promise, plan.advice)]
+    large = too_large(design, c)
+    if large:
+        answers.append(Statement("caution", sentence(large), "Choose a smaller board."))
+    sigmas = "".join(f' --sigma "{place}={sigma}"' for place, sigma in asked.sigma.items())
+    command = f'roslf calibrate CAPTURES --design design.toml --board "{c.board.text}"{sigmas} -o calibration'
+    rows = tuple((name, f"{sigma[name]:.3g}", UNITS[name]) for name in QUANTITIES)
+    changes = tuple(
+        (c.what, *(f"{c.expected.sigma[name]:.3g}" for name in ("d_3", "H", "d_2")), f"{c.gain(before):.2f}")
+        for c in plan.changes
+    )
+    return (
+        Paragraph(text),
+        Statements(tuple(answers)),
+        Table(rows, "lrl", ("", "expected sigma", ""), "What these captures promise"),
+        shares_table(before.shares),
+        Table(changes, "lrrrr", ("one change", "d_3 [mm]", "H", "d_2 [mm]", "gain"), "Expected sigma after one change"),
+        Code(command, "Once images are captured, with the design below as design.toml"),
+    )
+
+
+def _pair(data: Mapping[str, Any]) -> str:
+    """H and d_3 of a calibration's JSON with their standard deviations."""
+    rows = {name: data["quantities"][name] for name in ("H", "d_3")}
+    values = (
+        f"{name} = {rounded(row['estimate'], row['sigma'])} ± {row['sigma']:.2g} {row['unit']}".strip()
+        for name, row in rows.items()
+    )
+    return f"{', '.join(values)} (standard deviations)"
+
+
+def _terms(radial: int) -> str:
+    coefficients = "1 radial coefficient" if radial == 1 else f"{radial} radial coefficients"
+    return f"{coefficients}, the field's curvature, the growth of the views' baseline"
+
+
+def _distortion(fitted: Distortion) -> Statement:
+    text = f"Distortion was fitted ({_terms(fitted.coefficients)}), {fitted.reason}."
+    if fitted.without is None:
+        return Statement("plain", text, "Without, these images give no camera.")
+    places, slopes = fitted.without.places, fitted.without.slopes
+    return Statement("plain", text, f"Without, residuals of places are {places:.2g}, of slopes {slopes:.2g} times.")
+
+
+def _diffraction(result: Outcome, check: DiffractionCheck) -> Statement:
+    if not check.corrected:
+        return Statement("plain", f"{check.reason}.")
+    taken = f"{check.reason}: up to {check.largest:.2g} pitches from a corner."
+    if check.before is None:
+        return Statement("plain", taken, "Left in, it would leave no calibration at all.")
+    best = derived(check.before.vector(), result.sheet)
+    changes = ", ".join(
+        f"{name} {100 * (float(best[name]) / result.estimates[name].value - 1):+.2g} %"
+        for name in ("d_2", "m", "H", "d_3")
+    )
+    return Statement("plain", taken, f"Left in, it would change the results by {changes}.")
+
+
+def _method(result: Outcome) -> str:
+    lattice, sheet = result.centres.lattice, result.sheet
+    elements = "".join(f", {known.place} = {known.value:.6g} ± {known.sigma:.2g}" for known in sheet.elements)
+    return (
+        f"Microlens centres from the white image ({lattice.layout}, pitch {lattice.pitch:.4f} px,"
+        f" {result.centres.rms:.3g} px RMS about the lattice): {lenses_used(result)}. Decoded;"
+        " corners in the views; Zhang's method on the central view; Eq. 12 over the epipolar slopes; a joint fit of all"
+        f" corners. From data sheets: f = {sheet.f:.6g} ± {sheet.f_sigma:.2g} mm, q = {sheet.q * 1e3:.6g} um,"
+        f" d = {sheet.d * 1e3:.6g} ± {sheet.d_sigma * 1e3:.2g} um, the board's cell to"
+        f" {100 * sheet.cell_sigma:.2g} %{elements}. Radial distortion coefficients fitted:"
+        f" {result.distortion.coefficients}, {result.distortion.reason}."
+        + (f" Posterior sampled with seed {result.seed}." if result.posterior else f" Intervals: {LAPLACE}.")
+    )
+
+
+def _drawings(drawings: Mapping[str, str]) -> list[Figure]:
+    return [Figure(f"calibration-{name}", *FIGURES[name][:2], svg) for name, svg in drawings.items()]

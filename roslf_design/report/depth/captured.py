@@ -1,0 +1,172 @@
+"""Depth measured in a capture, as a page; the terminal shares its words."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from ...depth.captured import MeasuredCapture
+from ...depth.geometry import ArrayGeometry
+from ...drawing.picture import Picture
+from ...words import length, listed, number, sentence
+from ..blocks import Block, Bullets, Code, Figure, Report, Statement, Statements, Table
+from .pages import FIGURES, RIGHT, known, measurement_report, optics_notes
+
+CAPTIONS = {
+    "map": (
+        FIGURES["map"][0],
+        "Coloured places have no depth, for the reason that the legend gives; nothing is filled in there.",
+    ),
+    "profile": (
+        "Along the middle row",
+        "Above, what was measured, and the truth where there is one. Below, what it is off by against the errors told, "
+        "or, without a truth, the standard error told with each and where it comes from. Neighbours share a window and "
+        "err alike.",
+    ),
+    "errors": (
+        "Errors against those told",
+        "In units of the standard error told with each. Wider than the normal law: errors told are too small.",
+    ),
+    "epi": (
+        "Epipolar-plane image",
+        "One row of microlenses, or of pixels, through the views side by side. A point of the scene is a line; its"
+        " slope is the disparity. The stretch with the steepest lines is shown.",
+    ),
+}  # fmt: skip
+"""Title and caption of each picture."""
+NOISY = 2.0
+"""Chi-square of views about their picture from which their noise, or what they show, is not as believed."""
+
+
+def capture_report(measured: MeasuredCapture, pictures: dict[str, Picture], command: str) -> Report:
+    """The page: what was measured, how sure it is, what that rests on, how to run it again."""
+    rows, columns = measured.true.shape
+    return measurement_report(
+        f"Depth in {measured.source}",
+        f"{columns} x {rows} {_places(measured)}",
+        capture_answers(measured),
+        capture_basis(measured),
+        [Figure.of(f"depth-{name}", *CAPTIONS[name], picture) for name, picture in pictures.items()],
+        (Code(command, "Run again"),),
+    )
+
+
+def capture_answers(measured: MeasuredCapture) -> tuple[Block, ...]:
+    """What was measured, and how sure it is; the numbers behind it."""
+    return Statements(tuple(capture_statements(measured))), _numbers(measured)
+
+
+def capture_statements(measured: MeasuredCapture) -> Iterator[Statement]:
+    """A verdict for each question."""
+    run, summary = measured.first, measured.summary()
+    unit = run.geometry.unit
+    what = "Depths" if unit == "mm" else "Disparities"
+    yield known(measured, summary)
+    some = run.measured
+    if some.any():
+        values, sigma = run.depth[some], run.sigma[some]
+        near, middle, far = (float(at) for at in np.quantile(values, (0.01, 0.5, 0.99)))
+        side = " from the main lens" if run.geometry.place_unit == "mm" else ""
+        text = f"How far away? {what} from {near:.5g} to {far:.5g} {unit}{side}, half of them below"
+        yield Statement("plain", f"{text} {middle:.5g} {unit}.")
+        text = f"How sure is each? To {float(np.median(sigma)):.2g} {unit} (one standard error, of the middle one)"
+        if run.calibration_sigma is None:
+            yield Statement("plain", f"{text}, from its light, texture and matching.")
+        else:
+            noise, own = (float(np.median(part[some])) for part in (run.noise_sigma, run.calibration_sigma))
+            text += f": {noise:.2g} {unit} from its light, texture and matching, {own:.2g} {unit} from calibration."
+            yield Statement("plain", text, "Averaging lessens the former; the latter is the same in all pictures.")
+    if measured.known_to:
+        lengths = listed([f"{place} to {length(sigma)}" for place, sigma in measured.known_to.items()])
+        rest = "what calibration told and " if measured.calibration else ""
+        yield Statement("plain", f"Is the camera known? {lengths}, as given; but for {rest}these it is as designed.")
+    elif run.calibration_sigma is None and run.geometry.place_unit == "mm":
+        text = "Is the camera known? It is taken as designed, without error."
+        yield Statement("caution", text, "Calibrate it, and name the folder with --calibration.")
+    if unit == "px":
+        yield Statement(
+            "caution", "How far in mm? Unknown: nothing says how the cameras stood.",
+            "A parameters.cfg beside the views does; or name the camera with --design.",
+        )  # fmt: skip
+    if summary.bias_mm is not None and summary.inside_68 is not None:
+        text = (
+            f"Is it true? By {measured.truth} it is off by {summary.bias_mm:+.2g} {unit} on average and scatters by"
+            f" {summary.spread_mm:.2g} {unit}; {100 * summary.inside_68:.0f} % lie within the errors told, 68 % would"
+            " be right."
+        )
+        yield Statement("good" if summary.inside_68 >= RIGHT[0] else "caution", text)
+    flat = run.flatness()
+    if flat is not None:
+        text = (
+            f"Is it a plane? Off the best one by {flat.rms:.2g} {unit} rms; {100 * flat.inside_68:.0f} % lie within "
+            "the errors told for light and texture, 68 % would of a plane."
+        )
+        yield Statement("plain", text)
+    chi2 = run.disparities.chi2[some]
+    if chi2.size and float(np.median(chi2)) > NOISY:
+        text = f"Is the noise as believed? Views differ by {float(np.median(chi2)) ** 0.5:.2g} times as much."
+        yield Statement(
+            "caution", text, "Errors told are widened by it; say in [sensor] and [light] what the camera has."
+        )
+    for warning in measured.warnings:
+        yield Statement("caution", sentence(warning))
+
+
+def _numbers(measured: MeasuredCapture) -> Table:
+    run, summary, unit = measured.first, measured.summary(), measured.first.geometry.unit
+    some, flat = run.measured, run.flatness()
+    lines: list[tuple[str, str, str, str]] = []
+    if some.any():
+        lines.append(("standard error", f"{np.sqrt((run.sigma[some] ** 2).mean()):.3g}", unit, "rms, of all"))
+    if run.calibration_sigma is not None and some.any():
+        for name, part in (("of noise", run.noise_sigma), ("of calibration", run.calibration_sigma)):
+            lines.append((name, f"{np.sqrt((part[some] ** 2).mean()):.3g}", unit, "rms"))
+    if summary.bias_mm is not None and summary.spread_mm is not None and summary.inside_68 is not None:
+        lines.append(("bias", f"{summary.bias_mm:.3g}", unit, f"mean error by {measured.truth}"))
+        lines.append(("spread", f"{summary.spread_mm:.3g}", unit, "about it"))
+        lines.append(("within the error told", f"{100 * summary.inside_68:.1f}", "%", "68 where it is right"))
+    if flat is not None:
+        lines.append(("off a plane", f"{flat.rms:.3g}", unit, "rms about the best one"))
+    lines.append((f"{_places(measured)} with a {_quantity(measured)}", f"{100 * summary.measured:.1f}", "%", ""))
+    lines += [("unknown", f"{100 * share:.2g}", "%", reason) for reason, share in measured.unknown().items()]
+    return Table(tuple(lines), "lrll", ("", "", "", ""), "In numbers")
+
+
+def capture_basis(measured: MeasuredCapture) -> tuple[Block, ...]:
+    """What depths and errors rest on."""
+    run, noise = measured.first, measured.noise.pixel
+    low, high = run.disparities.search
+    camera = measured.camera or "nothing says: disparities only"
+    if measured.calibration:
+        camera += f", from {measured.calibration}"
+    light = f"{number(noise.electrons, 4)} electrons in a pixel as bright as most, {noise.read_noise:.3g} read noise"
+    light = f"{light}; from {measured.noise.source}" if measured.kind == "raw" else measured.noise.source
+    side = run.disparities.window
+    span = "pitches over the FAP" if run.geometry.place_unit == "mm" else "px over all views"
+    rows = [
+        ("camera", camera),
+        ("noise", light),
+        ("searched", f"disparities from {low:.3g} to {high:.3g} {span}"),
+        ("matched", f"{side} x {side} {_places(measured)}, depth taken as even within"),
+    ]  # fmt: skip
+    notes = [
+        "What shines, shadows that move, and glass in front show other disparities than the surface itself.",
+        "At depth steps a window sees two depths: there depth is unknown, or that of the better side.",
+    ]
+    if isinstance(run.geometry, ArrayGeometry):
+        if "aperture.diameter" not in measured.known_to:
+            notes.append(
+                "The FAP's diameter is taken as designed, without error: what neighbours shine into an image follows "
+                "from it. --sigma aperture.diameter=1% counts what that leaves open."
+            )
+        notes += optics_notes(run.geometry.design)
+    return Table(tuple(rows), "ll", ("", ""), "Camera, noise, matching"), Bullets(tuple(notes))
+
+
+def _quantity(measured: MeasuredCapture) -> str:
+    return "depth" if measured.first.geometry.unit == "mm" else "disparity"
+
+
+def _places(measured: MeasuredCapture) -> str:
+    return "microlenses" if measured.first.geometry.place_unit == "mm" else "pixels"

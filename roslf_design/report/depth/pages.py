@@ -1,0 +1,278 @@
+"""A measurement of depth, simulated or of a capture, as a page; the terminal shares its words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+
+from ...depth.estimate import epipolar_plane
+from ...depth.measure import REASONS, Measurement, Summary, Trial
+from ...design import Design
+from ...drawing.picture import Picture
+from ...words import length, listed, number
+from ..blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table, Tone
+from .pictures import depth_pictures
+
+RIGHT = (0.61, 0.75)
+"""Shares of errors within the standard error told, of right ones: 68 % in the long run."""
+NEAR = (0.9, 1.3)
+"""Spread over prediction where prediction holds."""
+ENOUGH = 30
+"""Windows from which bias and spread are told well."""
+FEW = 0.98
+"""Share of measured microlenses below which what is missing is a caution."""
+FIGURES = {
+    "map": (
+        "Depth and its standard error at every microlens",
+        "Of the first exposure. Coloured microlenses have no depth, for the reason that the legend gives; nothing is "
+        "filled in there.",
+    ),
+    "profile": (
+        "Along the middle row",
+        "Above, depth and the truth that the chief ray of each microlens meets. Below, the difference: most dots lie "
+        "in the band where the errors told are right; the dashed lines are what light, noise and texture allow. "
+        "Neighbours share a window and err alike, so dots wander together.",
+    ),
+    "errors": (
+        "Errors against prediction",
+        "Left: errors in units of the standard error told with each. Wider than the normal law: errors told are too "
+        "small. Right: rms error around places of the field over what was predicted there, bias included; in a small "
+        "part of the sensor each dot is only a few windows, and scatters.",
+    ),
+    "epi": (
+        "Epipolar-plane image",
+        "One row of microlenses, seen through the row of pixels behind the middle of each. A point of the scene is a "
+        "line; its slope is the disparity. The stretch with the steepest lines is shown.",
+    ),
+}
+"""Title and caption of each picture."""
+
+
+def measurement_pictures(trial: Measurement) -> dict[str, Picture]:
+    """Every picture of a measurement."""
+    run = trial.first
+    plane = epipolar_plane(run.field, run.pupil, run.disparities, trial.true.shape[0] // 2, run.aside)
+    return depth_pictures(trial, plane, REASONS)
+
+
+def depth_report(trial: Trial, pictures: dict[str, Picture], command: str) -> Report:
+    """The page: what was measured, how good it is, what that rests on, what is unknown and why, how to run it again."""
+    columns, rows = trial.true.shape[::-1]
+    return measurement_report(
+        f"Depth that {trial.raw.design.name} measures",
+        f"{trial.scene.name or 'a scene'}, seen by {columns} x {rows} microlenses; simulated with noise",
+        answers(trial),
+        basis(trial),
+        [Figure.of(f"depth-{name}", *FIGURES[name], picture) for name, picture in pictures.items()],
+        (Paragraph(_method(trial)), Code(command, "Run again")),
+    )
+
+
+def measurement_report(
+    title: str, about: str, said: Sequence[Block], rests_on: tuple[Block, ...], figures: list[Figure],
+    how: tuple[Block, ...],
+) -> Report:  # fmt: skip
+    """The page of a measurement, simulated or of a capture."""
+    return Report(
+        title,
+        about,
+        (
+            Section("Answers", (*said, *figures[:1]), "answers"),
+            Section("What it rests on", rests_on, "basis"),
+            Section("Evidence", tuple(figures[1:]), "evidence"),
+            Section("How it was done", how, "how"),
+        ),
+    )
+
+
+def answers(trial: Trial) -> tuple[Block, ...]:
+    """What was measured, the verdicts, the numbers behind them."""
+    return Paragraph(_what(trial)), Statements(tuple(statements(trial))), summary_table(trial)
+
+
+def _what(trial: Trial) -> str:
+    run, count = trial.first, len(trial.runs)
+    known = run.depth[run.measured]
+    between = f", between {known.min():.5g} and {known.max():.5g} mm from the main lens" if known.size else ""
+    wrong = trial.believed is not trial.raw.design
+    other = f" Depth is computed for another camera, {trial.believed.name}." if wrong else ""
+    times = "one exposure" if count == 1 else f"{count} exposures that differ by noise"
+    return (
+        f"The camera took {times} of {trial.scene.name or 'the scene'}; depth was measured in each, and compared with "
+        f"the truth{between}.{other}"
+    )
+
+
+def statements(trial: Trial) -> Iterator[Statement]:
+    """A verdict for each question."""
+    summary = trial.summary()
+    yield known(trial, summary)
+    if summary.bias_mm is None or summary.spread_mm is None or summary.told_mm is None or summary.inside_68 is None:
+        yield Statement("bad", "How good is it? Nothing to compare: no microlens has both a depth and a truth.")
+        return
+    bias, spread = summary.bias_mm, summary.spread_mm
+    windows = max(1.0, trial.compared.sum() * len(trial.runs) / trial.first.disparities.window**2)
+    if windows < ENOUGH:
+        text = f"Compared are few windows without common microlenses ({windows:.0f}): what is below may be chance."
+        yield Statement("caution", text, "Name a larger --region, or more --exposures.")
+    text = f"How far does it scatter? By {_mm(spread)} (one standard deviation of a single microlens's depth)."
+    yield Statement("plain", text)
+    small, chance = abs(bias) <= spread / 3, abs(bias) <= 2 * summary.told_mm / math.sqrt(windows)
+    text = f"Is it off on the whole? By {bias:+.2g} mm on average, {_share(abs(bias), spread)} the scatter."
+    remedy = "Averaging does not take this away: calibrate, and believe no depth to better than it."
+    yield _judged(text, windows, small, None if small or chance else ("bad", remedy))
+    if summary.predicted_mm is None:
+        text = "Is it as predicted? Nothing was predicted: neither light nor texture tells depth here."
+        yield Statement("caution", text, "Believe the errors told with each depth, where there is one.")
+    else:
+        ratio, room = spread / summary.predicted_mm, math.sqrt(2 / windows)
+        off = not NEAR[0] * (1 - room) <= ratio <= NEAR[1] * (1 + room)
+        text = f"Is it as predicted? Predicted were {_mm(summary.predicted_mm)}; it scatters by {ratio:.2f} times that."
+        yield _judged(text, windows, NEAR[0] <= ratio <= NEAR[1], ("caution", _believe(trial, ratio)) if off else None)
+    inside, room = summary.inside_68, 2 * math.sqrt(0.68 * 0.32 / windows)
+    text = (
+        f"Are the errors told with each depth right? {100 * inside:.0f} % of the depths lie within theirs, "
+        "68 % would be right."
+    )
+    wrong: tuple[Tone, str] | None = None
+    if inside < RIGHT[0] - room:
+        wrong = "caution", f"They are too small: for this scene believe {_mm(math.hypot(spread, bias))} instead."
+    elif inside > RIGHT[1] + room:
+        wrong = "caution", "They are larger than need be: depths are better than told."
+    yield _judged(text, windows, RIGHT[0] <= inside <= RIGHT[1], wrong)
+
+
+def _judged(text: str, windows: float, holds: bool, against: tuple[Tone, str] | None) -> Statement:
+    """A tick for what holds and would show if it did not; `against` where chance alone does not explain what fails."""
+    if against is not None:
+        return Statement(against[0], text, against[1])
+    if holds and windows >= ENOUGH:
+        return Statement("good", text)
+    count = f"{windows:.0f} window{'' if round(windows) == 1 else 's'} without common microlenses"
+    return Statement("plain", text, f"Cannot be judged here: {count}.")
+
+
+def known(trial: Measurement, summary: Summary) -> Statement:
+    """How much of the field has a depth, and why the rest has none."""
+    reasons = trial.unknown()
+    why = listed([f"{percent(share)} {reason}" for reason, share in reasons.items()]) if reasons else ""
+    text = f"How much of the field has a depth? {percent(summary.measured)} of the microlenses."
+    remedy = f"The rest is unknown, not guessed: {why}." if why else ""
+    tone: Tone = "good" if summary.measured >= FEW else "caution" if summary.measured > 0 else "bad"
+    return Statement(tone, text, remedy)
+
+
+def _believe(trial: Trial, ratio: float) -> str:
+    if trial.assumes()["texture"] != "the scene's":
+        return "The prediction is for the design's texture, not for that of this scene: believe what was measured."
+    if ratio < 1:
+        return "Believe the prediction for other places: this part of the scene has more texture, or luck."
+    return (
+        "Believe what was measured: the prediction is a bound, for texture that is alike everywhere and with nothing "
+        "lost in matching."
+    )
+
+
+def summary_table(trial: Trial) -> Table:
+    """The same in numbers."""
+    summary = trial.summary()
+    rows = [
+        ("bias", summary.bias_mm, "mean error"),
+        ("spread", summary.spread_mm, _spread_note(trial)),
+        ("predicted", summary.predicted_mm, "from light, noise and texture, over the field"),
+        ("told", summary.told_mm, "with each depth, from what its window shows"),
+    ]
+    lines = [(name, "-" if value is None else f"{value:.3g}", "mm", note) for name, value, note in rows]
+    inside = "-" if summary.inside_68 is None else f"{100 * summary.inside_68:.1f}"
+    lines.append(("within the error told", inside, "%", "68 where it is right"))
+    lines.append(("microlenses with a depth", f"{100 * summary.measured:.1f}", "%", ""))
+    lines += [("unknown", f"{100 * share:.2g}", "%", reason) for reason, share in trial.unknown().items()]
+    return Table(tuple(lines), "lrll", ("", "", "", ""), "In numbers")
+
+
+def _spread_note(trial: Trial) -> str:
+    if len(trial.runs) > 1:
+        return f"of {len(trial.runs)} exposures about each microlens's mean"
+    return "of one exposure, about the mean error"
+
+
+def basis(trial: Trial) -> tuple[Block, ...]:
+    """What the prediction, and the noise of the picture, assume."""
+    design, given = trial.raw.design, trial.assumes()
+    light, sensor = design.light, design.sensor
+    source = (
+        f"radiance {light.radiance:g} W/m^2/sr" if light.radiance is not None
+        else f"{light.illuminance:g} lx on a surface that reflects {light.reflectance:.0%}"
+    )  # fmt: skip
+    rows: list[tuple[str, str, str]] = [
+        ("light", source, f"{light.transmission:.0%} passes the optics, {1e6 * light.wavelength:.4g} nm"),
+        ("electrons a pixel", number(trial.electrons, 4), "fully lit, where the scene is as bright as on average"),
+        ("sensor", f"{sensor.quantum_efficiency:.0%} quantum efficiency", _noise_words(trial)),
+    ]
+    if "exposure_s" in given:
+        detail = "in each octave of detail" if given["period_mm"] is None else f"period {length(given['period_mm'])}"
+        rows += [
+            ("exposure", f"{1e3 * given['exposure_s']:.3g} ms", ""),
+            ("texture", f"{given['contrast']:.3g} rms contrast", f"{detail}; {given['texture']}"),
+            ("independent views", f"{given['views']:.3g}", "what diffraction leaves of the pixels"),
+        ]
+    else:
+        rows.append(("disparity error", f"{given['sigma_disparity_pitches']:g} pitches", "as the design gives it"))
+    rows.append(("microlenses matched", f"{given['window']} x {given['window']}", "depth is taken as even within"))
+    notes = [
+        "The scene's texture is alike everywhere and matt; real ones have shine, shadow and plain places.",
+        "The camera is known exactly; what a calibration leaves open comes on top (roslf calibrate --plan).",
+        "Away from depth steps: windows that see two depths are told as unknown, or take the better side.",
+    ]
+    notes += optics_notes(trial.believed)
+    if trial.believed is not trial.raw.design:
+        notes[1] = "Depth is computed for another camera than the one that took the pictures: what that costs is shown."
+    return Table(tuple(rows), "lll", ("", "", ""), "Light, sensor, texture, matching"), Bullets(tuple(notes))
+
+
+def optics_notes(design: Design) -> list[str]:
+    """How what bends light before the microlenses is taken; what colour filters take."""
+    notes = []
+    if design.sensor.colours != "mono":
+        notes.append(
+            f"Behind its {design.sensor.colours} filters the white image makes all colours equal, and pixels are "
+            "matched as grey ones: a scene with colours of its own scatters more than told."
+        )
+    through = [] if design.lens is None else ["the real lens"]
+    if design.elements:
+        through.append("what lies in the bore")
+    if through:
+        rest = "; colours and the blur of aberrations are left out"
+        notes.append(f"Views look where rays traced through {listed(through)} go{rest}.")
+    return notes
+
+
+def _noise_words(trial: Trial) -> str:
+    sensor = trial.raw.design.sensor
+    return f"{sensor.full_well:g} electrons full well, {sensor.read_noise:g} read noise, {sensor.bits} bits"
+
+
+def _method(trial: Trial) -> str:
+    low, high = trial.first.disparities.search
+    side = trial.first.disparities.window
+    return (
+        "The raw image was rendered with every effect that the scene calls for, given shot and read noise, decoded, "
+        f"and freed of neighbours' light. Disparity was sought between {low:.2g} and {high:.2g} pitches over all views "
+        f"at once and refined by least squares over {side} x {side} microlenses; its standard error is "
+        "that of the samples used. Errors are counted where every exposure gave a depth, half a window from the edge."
+    )
+
+
+def _mm(value: float) -> str:
+    return f"{value:.2g} mm"
+
+
+def _share(part: float, whole: float) -> str:
+    if not whole > 0:
+        return "no part of"
+    return f"{part / whole:.2g} times" if part > whole else f"{100 * part / whole:.0f} % of"
+
+
+def percent(share: float) -> str:
+    """A share in words: all and none are told apart from nearly so."""
+    return "100 %" if share == 1 else "none" if share == 0 else f"{min(max(100 * share, 0.1), 99.9):.3g} %"

@@ -1,0 +1,251 @@
+"""The figures of a design report: each a picture with a caption that says what to see and what follows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...camera import Camera
+from ...drawing.picture import PAGE
+from ...drawing.solid import NoViewerError, library, outlines, scene_data
+from ...evaluation import default_fields
+from ...evaluation.show import depth_basis
+from ...imaging.transfer import encircled
+from ...words import number, spaced
+from ..blocks import Figure
+from .curves import depth_precision, matching_plane
+from .effects import effects_budget
+from .field import field_map, field_maps, lens_images, lens_over_field
+from .instrument import instrument_scene
+from .microlens import microlens_images, rays_and_waves
+from .rays import cells, dimensions, is_centred, ray_diagrams
+
+if TYPE_CHECKING:
+    from ...design import Design
+    from ...evaluation.result import Evaluation
+
+PLACES = ("centre", "edge", "corner")
+"""The fields that a report looks at."""
+
+
+def _ray_sheet(design: Design, result: Evaluation) -> Figure:
+    field = result.non_distortion
+    room = number(abs(field.room_at_corner_mm), 3)
+    follow = (
+        f"Every pencil that fills the FAP passes the {field.limited_by} with {room} mm to spare at the corner."
+        if field.undistorted_in_field
+        else f"Outer pencils lose light, most at the {field.limited_by}: {room} mm of room are missing at the corner."
+    )
+    plane = (
+        "Each field lies in its own meridional plane, turned into the page."
+        if is_centred(design)
+        else "Drawn in the plane x-z, as decentres and tilts make the sides differ."
+    )
+    through = ""
+    if result.object_space is not None:
+        folds = any(element.turn for element in design.elements)
+        bend = "prisms unfolded" if folds else "rays bend at its faces"
+        through = f" Glass before the lens and about the array is light blue, where a ruler finds it; {bend}."
+    caption = (
+        "Solid rays reach the sensor; dashed orange rays are blocked and end, with a cross, at what stops them (the "
+        "outermost of each fan miss the FAP on purpose, to show it at work). The FAP is black, the main lens and its "
+        f"mount blue.{through}{_twin_told(design)} {follow} {plane}"
+    )
+    return Figure.of("rays", "Meridional ray diagram, to scale", caption, ray_diagrams(design))
+
+
+def _twin_told(design: Design) -> str:
+    """What pictures of rays show behind a real lens."""
+    if design.lens is None:
+        return ""
+    return f" Lens and rays are those of the thin twin; through {design.lens.name} they are traced further below."
+
+
+def _cells_sheet(design: Design, result: Evaluation) -> Figure:
+    f = result.f_number
+    touch = (
+        "Neighbouring cones just touch on the sensor: all pixels are used and none twice."
+        if result.verdicts[0].ok
+        else f"Neighbouring cones overlap by {number(f.mismatch_px, 3)} px: those pixels mix views of two microlenses."
+        if f.mismatch_px > 0
+        else f"Between neighbouring cones {number(-f.mismatch_px, 3)} px stay dark: sensor area is wasted."
+    )
+    drift = (
+        "The cones stay on their microlenses' axes over the whole array (image-space telecentric)."
+        if result.exit_pupil.telecentric
+        else f"At the edge the cones lean: images are {number(1e3 * abs(result.microlens_image.pitch_mm))} µm apart, "
+        "not the microlens pitch, and decoding has to use that pitch."
+    )
+    if any(field.status != "full" for field in result.fields[:2]):
+        drift += " Hatched cones never come: other rims block that light."
+    caption = "Light cones behind five neighbouring microlenses; boxes are pixels. Height and depth differ in scale."
+    (centre, _), (edge, _), _ = default_fields(design)
+    picture = cells(design, {PLACES[0]: centre, PLACES[1]: edge - 3 * design.d})
+    return Figure.of("cells", "Zoom on microlens array and sensor", f"{caption} {touch} {drift}", picture)
+
+
+def _image_sheet(design: Design, result: Evaluation) -> Figure:
+    fields = {label: (design, field.x_ml_mm) for label, field in zip(PLACES, result.fields, strict=True)}
+    picture, on_sensor = microlens_images(fields)
+    follow = (
+        "All three are full discs: every microlens sees the whole FAP."
+        if all(field.status == "full" for field in result.fields)
+        else "What the dashed discs of other rims cut away is light and views lost there: a cat's eye."
+    )
+    if on_sensor < 0.999:
+        follow += (
+            " Where it is hatched there is no sensor: of the outermost images only the share told as seen falls on "
+            "pixels."
+        )
+    caption = (
+        "Ray-optics images, exact: grey is the share of each pixel that the image covers, the solid line its outline, "
+        "dashed lines the discs of the single rims (those not seen lie outside the view), the green line its own "
+        f"cell, the cross its chief ray. {follow} Diffraction, which blurs them over "
+        f"{number(result.diffraction.airy_radius_px, 2)} px (Airy radius), is not drawn."
+    )
+    return Figure.of("images", "Microlens images on their pixels", caption, picture)
+
+
+def _wave_sheet(design: Design, _: Evaluation) -> Figure:
+    light = encircled(Camera.of(design))
+    caption = (
+        "Left by rays, right by waves: a uniform scene behind the microlens on the axis, before pixels integrate. Of "
+        f"one image's light, diffraction leaves {100 * light.disc:.1f} % in the geometric disc and "
+        f"{100 * light.cell:.1f} % in its cell; the rest lies on the neighbours."
+    )
+    return Figure.of("waves", "One microlens image by rays and by waves", caption, rays_and_waves(design))
+
+
+def _map_sheet(design: Design, result: Evaluation) -> Figure:
+    fields = field_map(design)
+    lost, dark = 1 - float(fields.kept.min()), float(np.mean(fields.kept == 0))
+    left = (
+        "Left: no microlens on the array loses any of the pupil."
+        if lost == 0
+        else f"Left: the pupil is cut outside the Eq. 6 circle; {100 * dark:.3g} % of the array gets no light at all."
+        if dark > 0
+        else f"Left: the pupil is cut outside the Eq. 6 circle; the worst microlens loses {100 * lost:.3g} %."
+    )
+    shift = result.microlens_image.centre_shift_px_per_microlens
+    caption = (
+        f"{left} Right: arrows show where each image's centroid lies from its microlens's axis, as decoding meets it. "
+        f"Against a camera whose pupil is the main lens, images move by {number(shift, 4)} px per microlens (Eq. 4), "
+        f"{number(shift * design.microlens_array.size[0] / 2 / design.d, 3)} px at the array's edge."
+    )
+    return Figure.of("maps", "Microlens images over the array", caption, field_maps(design, fields))
+
+
+def lens_sheets(design: Design, result: Evaluation) -> tuple[Figure, Figure]:
+    """Microlens images and aberrations of a real main lens over the field, and its images beside the thin lens's."""
+    lens = result.real_lens
+    assert lens is not None
+    edge = lens.fields[1]
+    moved = "The sensor's edge has no whole image."
+    if edge.shift_px is not None and edge.widening_percent is not None:
+        off, wider = number(abs(edge.shift_px[0]), 3), number(edge.widening_percent, 3)
+        moved = f"At the sensor's edge images lie {off} px off and are {wider} % wider."
+    over = (
+        f"Exact rays through {lens.lens}, from the axis to the distance of the sensor's corner. Left: microlens images "
+        "against those of an ideal lens of the same focal length (dashed); the shift counts outwards. "
+        f"{moved} Middle: how far an object point's light spreads over the array because the focal surfaces are bent "
+        "(negative: in front of the array) and colours part. Right: distortion of the object. Images are whole out to "
+        f"{number(lens.x_ml_max_mm, 4)} mm on the array; for the thin lens Eq. 6 says "
+        f"{number(lens.thin_x_ml_max_mm, 4)} mm."
+    )
+    beside = (
+        f"Outlines of microlens images through {lens.lens} (blue) and through its thin twin (dashed), in pixels from "
+        "the thin image's centre. Ray optics; diffraction is not drawn."
+    )
+    places = {label: field.x_ml_mm for label, field in zip(PLACES, result.fields, strict=True)}
+    return (
+        Figure.of("lens-field", "The real lens over the field", over, lens_over_field(design)),
+        Figure.of("lens-images", "Microlens images behind the real lens", beside, lens_images(design, places)),
+    )
+
+
+def _plane_sheet(design: Design, result: Evaluation) -> Figure:
+    matched, free = result.verdicts[0].ok, result.non_distortion.undistorted_in_field
+    where = {
+        (True, True): "on the curve and inside the green region: matched and undistorted",
+        (True, False): "on the curve but outside the green region: matched, yet its corners are clipped",
+        (False, True): "inside the green region but off the curve: undistorted, yet not matched",
+        (False, False): "off the curve and outside the green region",
+    }[matched, free]
+    aside = "" if is_centred(design) else " Decentres are left aside here."
+    caption = (
+        f"All else held, images just touch along the blue curve. The design lies {where}. Moving along the curve keeps "
+        f"the match; above it images overlap, below it pixels stay dark.{aside}"
+    )
+    return Figure.of("plane", "FAP diameter and distance", caption, matching_plane(design, (PAGE, 400)))
+
+
+def _depth_sheet(design: Design, result: Evaluation) -> Figure:
+    depth, basis = result.depth, depth_basis(result.depth.assumes)
+    caption = (
+        f"One standard deviation of depth: {number(depth.sigma_z_mm, 3)} mm at the focal plane, where the disparity "
+        f"between the FAP's rims is known to {number(depth.sigma_disparity_pitches, 3)} microlens pitches ({basis}). "
+        f"It grows with the square of the distance from the FAP (at Z = {design.d_3:.4g} mm), and further as views "
+        "blur. Errors of calibration come on top. The dashed curve tells how many microlenses an object "
+        "point spreads over: far from the focal plane views must be refocused before they are compared."
+    )
+    return Figure.of("depth", "Depth precision over distance", caption, depth_precision(design, (PAGE, 330)))
+
+
+def _effects_sheet(_: Design, result: Evaluation) -> Figure:
+    caption = "No effect exceeds its budget for a white scene at the focal plane."
+    on = [effect for effect in result.effects if effect.on and effect.estimate != 0 and effect.budget > 0]
+    if on:
+        largest = max(on, key=lambda effect: abs(effect.estimate) / effect.budget)
+        caption = (
+            "Bars reach from nothing to the estimate, in units of the budget (logarithmic); blue effects are "
+            "simulated, grey ones are small enough to be left out. Largest here: "
+            f"{spaced(largest.name)}, {abs(largest.estimate) / largest.budget:.3g} times its budget. For a "
+            "white scene at the focal plane."
+        )
+    return Figure.of(
+        "effects-budget", "Effects against their budgets", caption, effects_budget(result.effects, (PAGE, 0))
+    )
+
+
+def picture_sheet(design: Design, _: Evaluation | None = None) -> Figure:
+    """The 3D view, with the scene to turn where the library for that is installed."""
+    scene = instrument_scene(design)
+    caption = (
+        "Pencils of the centre, the edge and a corner of the sensor, cut off in front of the bore; the grey plate is "
+        "the FAP, the blue disc the main lens. Orange rays end at what blocks them. The tube wall is drawn for "
+        f"orientation and is not part of the design.{_twin_told(design)}"
+    )
+    sheet = Figure.of("view", "The instrument in three dimensions", caption, outlines(scene))
+    try:
+        library()
+    except NoViewerError as reason:
+        return replace(sheet, caption=f"{sheet.caption} It cannot be turned in this page: {reason}.")
+    return replace(sheet, scene=scene_data(scene))
+
+
+def dimensions_sheet(design: Design, _: Evaluation | None = None) -> Figure:
+    """The drawing with dimensions."""
+    caption = (
+        "Elements in their order along the axis. The numbers are the dimensions; the drawing is not to scale, the ray "
+        "diagram is. d_f, d_3 and further stops count from the main lens towards the object, d_1 from it to the "
+        "microlens array."
+    )
+    return Figure.of("dimensions", "Dimensions", caption, dimensions(design))
+
+
+SHEETS: dict[str, Callable[[Design, Evaluation], Figure]] = {
+    "dimensions": dimensions_sheet,
+    "rays": _ray_sheet,
+    "cells": _cells_sheet,
+    "view": picture_sheet,
+    "images": _image_sheet,
+    "waves": _wave_sheet,
+    "maps": _map_sheet,
+    "plane": _plane_sheet,
+    "depth": _depth_sheet,
+    "effects": _effects_sheet,
+}
+"""The figures of every design, by name."""

@@ -1,0 +1,166 @@
+"""The instrument in three dimensions: its parts as bodies, rays of three microlenses, names."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..._arrays import Array
+from ...bore.elements import element_name
+from ...camera import Camera
+from ...camera.frames import Frame, frame
+from ...design import Design
+from ...drawing.solid import AROUND, Body, BrowserScene, Instrument, Name, bands, browser_scene, view_of
+from ...drawing.theme import FIELDS, ThemeName, stop_colour
+from ...evaluation import default_fields
+from ...lenses.glass import AIR
+from ...rays import PASSED, paths, trace_pupil
+from .rays import name_of_drawn, reaches
+
+RINGS = 24
+"""Parallels of an ellipsoid from pole to pole."""
+RAYS = ("rays centre", "rays edge", "rays corner", "rays blocked")
+"""Parts that may be without rays."""
+
+
+def instrument_scene(design: Design) -> Instrument:
+    """The instrument from in front of the outermost stop to the sensor; the object plane lies beyond the left edge."""
+    end = design.d_1 + design.d_2
+    camera = Camera.of(design)
+    front = float(camera.tip)
+    start = -min(front + 0.22 * (front + end), design.d_f)
+    rays = _pencils(design, start)
+    inside = [float(np.hypot(*r.points[r.points[:, 2] >= -front, :2].T).max(initial=0.0)) for r in rays]
+    # A tube that all elements and rays fit into.
+    wall = max(
+        1.08 * max(*reaches(design), math.hypot(*design.microlens_array.size) / 2), 1.02 * max(inside, default=0.0)
+    )
+    tube = turned([(wall, -front), (wall, end)], np.linspace(0, 2 * math.pi, 24, endpoint=False))
+    in_air = design.object_space.medium == AIR
+    before = [[0.0, 0.0, start]] if in_air else turned([(wall, start), (wall, -front)])
+    view = view_of(np.append(tube, before, axis=0))
+    tops = [("FAP" if k == 0 else f"stop {k}", -stop.distance, wall) for k, stop in enumerate(design.all_stops)]
+    tops += [(name_of_drawn(e, k), -e.distance - e.length / 2, wall) for k, e in enumerate(design.elements, 1)]
+    tops += [("main lens", 0.0, wall), ("MLA and sensor", end, wall)]
+    tops.append((f"light comes from the object plane, {design.d_f:.4g} mm in front of the lens", start, 0.0))
+    names = tuple(Name(text, (0.0, y, z)) for text, z, y in sorted(tops, key=lambda top: top[1]))
+    parts = [*rays, *_elements(design, camera, wall, front), *_glass(design, camera, wall)]
+    if not in_air:
+        parts.append(Body("medium", "round", np.asarray(before), bands(2), "sky", 0.12))
+    return Instrument(tuple(parts), view, names)
+
+
+def _glass(design: Design, camera: Camera, wall: float) -> list[Body]:
+    """Elements before the main lens as bodies of revolution, and the plates about the array."""
+    parts: list[Body] = []
+    for number, element in enumerate(design.elements, 1):
+        radius, pose = element.half_height or wall, frame(element.decentre, -element.distance, element.tilt)
+        for piece, faces in enumerate(element.profile((-radius, radius), 0.18 * radius)):
+            # Upper halves of both faces, from the axis out on the left one and back on the right one.
+            (left, right) = (face[len(face) // 2 :] for face in faces)
+            rim = np.append(left, right[::-1], axis=0) + np.array([element.distance, 0.0])
+            name = element_name(element, number) + (f" piece {piece + 1}" if piece else "")
+            parts.append(Body(name, "round", turned(rim[:, ::-1], frame=pose), bands(len(rim)), "sky", 0.35))
+        parts.append(_lines(f"{element_name(element, number)} rim", [_circle(radius, 0.0, pose)], "sky", 2.0))
+    substrate, cover = design.microlens_array.substrate, design.sensor.cover
+    if substrate is not None:
+        depth = substrate.thickness * (1 if substrate.lenslets == "scene" else -1)
+        parts.append(_slab("substrate", camera.stands("microlens_array"), design.microlens_array.size, depth))
+    if cover is not None:
+        parts.append(_slab("cover", camera.stands("sensor"), design.sensor_size, -cover.thickness))
+    return parts
+
+
+def _elements(design: Design, camera: Camera, wall: float, front: float) -> list[Body]:
+    openings = ("aperture", *(f"stops.{k}" for k in range(len(design.stops))))
+    sensor, array, lens, *stops = map(camera.stands, ("sensor", "microlens_array", "main_lens", *openings))
+    end, radius = design.d_1 + design.d_2, design.D / 2
+    parts: list[Body] = []
+    for number, (stop, pose) in enumerate(zip(design.all_stops, stops, strict=True)):
+        name, colour = f"stop {number}" if number else "FAP", stop_colour(number)
+        plate = turned([(stop.diameter / 2, 0.0), (wall, 0.0)], frame=pose)
+        parts.append(Body(f"{name} plate", "ring", plate, bands(2), colour, 0.38))
+        parts.append(_lines(f"{name} rim", [_circle(stop.diameter / 2, 0.0, pose)], colour, 4.0))
+    angle = np.linspace(math.pi, 0.0, RINGS + 1)
+    glass = turned(np.stack([radius * np.sin(angle), 0.09 * design.D * np.cos(angle)], -1))
+    mount = turned([(radius, 0.0), (wall, 0.0)], frame=lens)
+    tube = turned([(wall, -front), (wall, end)])
+    return [
+        *parts,
+        Body("lens", "round", glass + np.asarray(lens.origin), bands(RINGS + 1), "sky", 0.35),
+        _lines("lens rim", [_circle(radius, 0.0, lens)], "blue", 3.0),
+        Body("lens mount", "ring", mount, bands(2), "blue", 0.16),
+        _plate("MLA", array, design.microlens_array.size, "sky", 0.55),
+        _plate("sensor", sensor, design.sensor_size, "ink", 0.9),
+        Body("tube", "round", tube, bands(2), "grey", 0.10),
+        _lines("tube ends", [_circle(wall, z) for z in (-front, end)], "grey", 1.5),
+    ]
+
+
+def _pencils(design: Design, start: float) -> list[Body]:
+    """Rays of the centre, the right edge and a lower corner, through rim and middle of the FAP."""
+    camera = Camera.of(design)
+    centre, edge, (x, y) = default_fields(design)
+    far_corner = (2 * centre[0] - x, 2 * centre[1] - y)
+    around = np.linspace(0, 2 * math.pi, 16, endpoint=False)
+    # Just inside the rim: a ray on the rim itself would be kept or not by rounding.
+    pupil = 0.999 * np.array([[0.0, *np.cos(around)], [0.0, *np.sin(around)]])
+    parts: list[Body] = []
+    blocked: list[Array] = []
+    for name, place, colour in zip(RAYS, (centre, edge, far_corner), FIELDS, strict=False):
+        rays = trace_pupil(camera, (pupil[0], pupil[1]), place)
+        kept: list[Array] = []
+        for status, course in zip(rays.status.tolist(), paths(camera, rays, place, -start), strict=True):
+            ended = np.flatnonzero((course != course[-1]).any(axis=1))[-1] + 2
+            (kept if status in PASSED else blocked).append(course[:ended])
+        if kept:
+            parts.append(_lines(name, kept, colour, 2.2))
+    return [*parts, _lines(RAYS[-1], blocked, "vermillion", 2.2)] if blocked else parts
+
+
+HOME = Frame((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+"""The scene's own axes."""
+TURN = np.linspace(0.0, 2 * math.pi, AROUND, endpoint=False)
+
+
+def turned(profile: ArrayLike, angles: Array = TURN, frame: Frame = HOME) -> Array:
+    """Points of a profile, K radii and heights, turned about a frame's axis: shape (K x angles, 3) [mm]."""
+    radius, height = np.asarray(profile, float).T[:, :, None]
+    local = np.stack(np.broadcast_arrays(radius * np.cos(angles), radius * np.sin(angles), height), -1)
+    return np.asarray(local.reshape(-1, 3) @ np.array([frame.x, frame.y, frame.z]) + np.asarray(frame.origin))
+
+
+def _circle(radius: float, height: float, frame: Frame = HOME) -> Array:
+    return turned([(radius, height)], np.linspace(0, 2 * math.pi, 97), frame)
+
+
+def _plate(name: str, frame: Frame, size: tuple[float, float], colour: str, opacity: float) -> Body:
+    corners = 0.5 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * size
+    points = corners @ np.array([frame.x, frame.y]) + np.asarray(frame.origin)
+    return Body(name, "plate", points, np.array([4, 0, 1, 2, 3]), colour, opacity)
+
+
+def _slab(name: str, frame: Frame, size: tuple[float, float], depth: float) -> Body:
+    """A plate from its frame's plane to `depth` along its normal [mm]."""
+    flat = 0.5 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * size
+    corners = np.concatenate([np.column_stack([flat, np.full(4, z)]) for z in (0.0, depth)])
+    points = corners @ np.array([frame.x, frame.y, frame.z]) + np.asarray(frame.origin)
+    sides = [(0, 1, 2, 3), (4, 5, 6, 7), *((k, (k + 1) % 4, 4 + (k + 1) % 4, 4 + k) for k in range(4))]
+    return Body(name, "plate", points, np.array([[4, *side] for side in sides]).ravel(), "sky", 0.3)
+
+
+def _lines(name: str, lines: Sequence[Array], colour: str, width: float) -> Body:
+    starts = itertools.accumulate(map(len, lines), initial=0)
+    cells = [
+        np.array([len(line), *range(start, start + len(line))]) for line, start in zip(lines, starts, strict=False)
+    ]
+    return Body(name, "lines", np.concatenate(lines), np.concatenate(cells), colour, width=width)
+
+
+def scene(design: Design, theme: ThemeName = "light") -> BrowserScene:
+    """Bore, stops, lens (a real one as its thin twin), array, sensor and rays of three microlenses, for vtk.js."""
+    return browser_scene(instrument_scene(design.thin_twin), theme, RAYS)

@@ -1,0 +1,379 @@
+"""A design's report: verdicts first, then tables and figures, what studies found of it, and what stands behind all."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from ...accuracy.table import QUANTITIES, choose, shipped_table
+from ...bore.elements import element_name
+from ...camera import Camera
+from ...design import dumps
+from ...design.files import WRITTEN
+from ...evaluation import evaluate
+from ...evaluation.evaluate import evaluation_accuracy
+from ...evaluation.show import (
+    WIDTHS,
+    absent_effects,
+    budget_table,
+    effects_table,
+    fact_tables,
+    field_table,
+    lens_table,
+    mapping_table,
+    seen_table,
+    temperature_table,
+)
+from ...evaluation.verdicts import near_cases
+from ...units import format_quantity
+from ...words import length, listed, number, sentence, spaced
+from ..blocks import (
+    Block,
+    Bullets,
+    Code,
+    Figure,
+    Finding,
+    Paragraph,
+    Report,
+    Section,
+    Statement,
+    Statements,
+    Table,
+    Tone,
+)
+from ..sheet.lines import basis, datasheet_section
+from . import figures as sheets
+from .parts_list import parts_section
+
+if TYPE_CHECKING:
+    from ...bore.elements import AnyElement
+    from ...design import Design, MainLens, MicrolensArray, Sensor, Stop
+    from ...evaluation.result import Evaluation
+
+TONES: dict[str, Tone] = {"good": "good", "limit": "caution", "fault": "bad"}
+"""How each level of verdict is shown."""
+WANTED = 1e-6
+"""Accuracy that the table of methods shows them for."""
+HARD_CASES = 5
+"""Listed, nearest first."""
+IDEAL = (
+    "The main lens is ideal and thin: no aberrations, distortion, field curvature or colour. Real lenses add theirs."
+)
+REAL = (
+    "The main lens is real. Its exact rays stand under Real main lens, in the verdicts and in a data sheet's fields "
+    "and resolution; all else, tables, ray diagrams, maps and design space, is its thin twin: an ideal lens of the "
+    "same focal length and clear diameter, with distances counted from the principal planes."
+)
+MODEL = (
+    "Microlenses are pinholes at the focal plane's image; their finite aperture, defocus and diffraction are sized "
+    "under Effects and not drawn.",
+    "Stops are thin circular openings; a tube counts by its rims. Walls neither reflect nor scatter.",
+    "Light is of one wavelength, the scene white and at the focal plane unless a figure says otherwise.",
+    "Geometry is paraxial in the closed forms; an ideal lens makes it exact at any field, so traced rays agree.",
+)
+"""True of every report."""
+
+
+WARMTH = (
+    "Lengths between parts grow as the housing, glass as glass, and the indices follow the temperature; the camera has "
+    "it all over, and nothing is refocused."
+)
+
+
+STUDIES = ("optimisation", "tolerances", "calibration")
+"""What a report may hold findings of, in their order."""
+
+
+def design_report(
+    design: Design,
+    *,
+    findings: Mapping[str, Finding] | None = None,
+    sheet: Section | None = None,
+    opening: tuple[Block, ...] = (),
+    title: str = "",
+    command: str = "",
+    stamp: tuple[str, ...] = (),
+    accuracy: float | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Report:
+    """Everything that closed forms, traced rays and studies say of a design, as sections of text, tables and figures.
+
+    Parameters
+    ----------
+    design : Design
+    findings : mapping, optional
+        What studies found of it, by `STUDIES`.
+    sheet : Section, optional
+        Its data sheet where a study knows tolerances; by default the nominal one.
+    opening : tuple of Block
+        Stands before the verdicts: what was asked.
+    title : str
+        Instead of the design's name.
+    command : str
+        What reproduces the report; empty leaves it out.
+    stamp : tuple of str
+        Lines on when and with what it was made; none by default, so that the same design gives the same bytes.
+    accuracy : float, optional
+        What shares of light may be off by, as for `evaluate`.
+    progress : callable
+        Told what is being made.
+
+    Raises
+    ------
+    InputError
+        A design that cannot be evaluated.
+    """
+    progress("evaluating")
+    studied = [findings[name] for name in STUDIES if name in findings] if findings else []
+    result = evaluate(design, accuracy=accuracy)
+    figures = design_figures(design, result, progress)
+    progress("sections")
+    answers = Statements((*verdicts(result).items, *(one.statement for one in studied if one.statement)))
+    twin = "" if result.real_lens is None else " of the thin twin"
+    parameters = Table(tuple(parameter_rows(design)), "lldl", ("symbol", "what", "value", ""))
+    progress("data sheet")
+    sections = (
+        sheet or datasheet_section(basis(design)),
+        Section("Summary", (*opening, answers, key_figures(design, result))),
+        Section("The design", (figures["dimensions"], parameters, *_seen(result), *_stops(design))),
+        parts_section(design),
+        Section("Evaluation", (*fact_tables(result), *_mapping(result), field_table(result), budget_table(result))),
+        *_temperature(result),
+        Section("Rays", (figures["rays"], figures["cells"], figures["view"])),
+        Section(f"Microlens images{twin}", (figures["images"], figures["waves"], figures["maps"])),
+        *_real_lens(design, result, progress),
+        Section(f"Design space{twin}", (figures["plane"], figures["depth"])),
+        Section("Effects", (figures["effects"], *_effects(result))),
+        *(one.section for one in studied),
+        accuracy_section(design, result, accuracy),
+        Section("Assumptions and what was left out", _assumptions(design, result)),
+        making(command, tuple(one.seed for one in studied if one.seed), stamp, design),
+    )
+    return Report(title or design.name, design.source, sections)
+
+
+def design_figures(design: Design, result: Evaluation, progress: Callable[[str], None]) -> dict[str, Figure]:
+    """The figures of every design, by name."""
+    figures = {}
+    for name, make in sheets.SHEETS.items():
+        progress(f"figure {name}")
+        figures[name] = make(design, result)
+    return figures
+
+
+def verdicts(result: Evaluation, prefix: str = "") -> Statements:
+    """The answers and warnings of an evaluation, each with `prefix` before it."""
+    items = [Statement(TONES[v.level], prefix + sentence(v.text), sentence(v.remedy)) for v in result.verdicts]
+    return Statements((*items, *(Statement("caution", prefix + sentence(text)) for text in result.warnings)))
+
+
+def key_figures(design: Design, result: Evaluation) -> Table:
+    """What the camera is and does, in a handful of numbers."""
+    field, sampled, depth = result.non_distortion, result.sampling, result.depth
+    front = max(0.0, float(Camera.of(design).tip))
+    openings = [part.diameter for part in (*design.all_stops, *design.elements) if part.diameter is not None]
+    widest = max(design.D, *openings, math.hypot(*design.microlens_array.size))
+    error = f"at the focal plane, for {number(depth.sigma_disparity_pitches, 3)} pitches of disparity error"
+    pixels = f"independent, of {number(sampled.views_geometric, 3)} pixels"
+    rows = (
+        ("working distance", length(design.d_f - front), "from the foremost part to the focal plane"),
+        ("field there, half width", f"{number(field.field_half_width_mm)} mm", "seen by the sensor's half width"),
+        ("room at the corner", f"{number(field.room_at_corner_mm)} mm", "0 is where a rim begins to cut (Eq. 6)"),
+        ("object sample", f"{number(sampled.object_sample_mm)} mm", f"{sampled.lateral_samples} microlenses across"),
+        ("depth spread σ_Z", f"{number(depth.sigma_z_mm)} mm", error),
+        ("views across", number(sampled.views_independent, 3), pixels),
+        ("length", length(front + design.d_1 + design.d_2), "foremost stop, element or lens to sensor"),
+        ("widest part", length(widest), "lens, openings, or diagonal of the microlens array; without walls"),
+    )
+    return Table(rows, "ldl", title="Key figures", widths=WIDTHS)
+
+
+def parameter_rows(design: Design) -> list[tuple[str, str, str, str]]:
+    """Symbol, meaning, value and remark of every length of a design."""
+    mla, relay = design.microlens_array, design.sensor.relay_magnification
+    width, height = design.pixels
+    lens = "" if design.lens is None else f"{design.lens.name}, at this wavelength"
+    rows = [
+        ("D", "main lens clear aperture", design.D, ""),
+        ("f", "main lens focal length", design.f, lens),
+        ("d_f", "focal plane in front of the lens", design.d_f, ""),
+        ("d_1", "main lens to microlens array", design.d_1, ""),
+        ("D_F", "FAP diameter", design.D_F, "flexible angular plane: the entrance pupil"),
+        ("d_3", "FAP in front of the lens", design.d_3, ""),
+        ("d", "microlens pitch", design.d, f"{mla.layout} array, {mla.lens_shape} lenses"),
+        ("f_ml", "microlens focal length", design.f_ml, ""),
+        ("d_2", "microlens array to sensor", design.d_2, ""),
+        ("q", "pixel pitch", design.q, f"{width} x {height} px"),
+        ("λ", "wavelength", design.wavelength, ""),
+    ]
+    notes = [] if relay == 1 else [f"behind a relay of magnification {relay:g}"]
+    notes += [] if design.sensor.colours == "mono" else [f"colour filters {design.sensor.colours}"]
+    sizes = [
+        ("", "microlens array", " x ".join(_length(side) for side in mla.size), ""),
+        ("", "sensor", " x ".join(_length(side) for side in design.sensor.size), ", ".join(notes)),
+    ]
+    return [*((symbol, name, _length(value), remark) for symbol, name, value, remark in rows), *sizes]
+
+
+def misalignments(design: Design) -> list[tuple[str, str]]:
+    """Parts that are decentred, tilted or turned, and by how much."""
+    parts: dict[str, MainLens | MicrolensArray | Sensor | Stop | AnyElement] = {
+        "main lens": design.main_lens,
+        "FAP": design.aperture,
+        "microlens array": design.microlens_array,
+        "sensor": design.sensor,
+        **{element_name(element, k): element for k, element in enumerate(design.elements, 1)},
+    }
+    moved = [(name, _pose(part)) for name, part in parts.items() if _pose(part) != "-"]
+    if design.microlens_array.rotation:
+        moved.append(("microlens array, rotation", format_quantity(design.microlens_array.rotation, "angle")))
+    return moved
+
+
+def accuracy_section(design: Design, result: Evaluation, asked: float | None = None) -> Section:
+    """How far the numbers can be trusted: the method behind each, its expected error, and hard cases near by.
+
+    `result` is of the design at its default fields, evaluated to the accuracy `asked`.
+    """
+    table = shipped_table()
+    rows = []
+    for quantity, meaning in QUANTITIES.items():
+        if not table.of(quantity) or (quantity == "real lens" and design.lens is None):
+            continue  # not measured yet, or not of this design
+        choice = choose(quantity, WANTED, table)
+        expected = "rounding, below 1e-12" if choice.expected_error < 1e-12 else f"{choice.expected_error:.1e}"
+        rows.append((quantity, choice.method, expected, meaning))
+    methods = Table(
+        tuple(rows),
+        "llll",
+        ("quantity", "method", "expected error", "what the error means"),
+        "Methods and their errors",
+        f"The cheapest method that keeps {WANTED:g} at the sensor's corner, by errors measured against slow, "
+        "independent references; an error of rounding means exact within the model. `roslf accuracy` "
+        "shows error against time.",
+    )
+    cases = near_cases(design)
+    distances = Table(
+        tuple((case.case, f"{case.distance:.2g}", "near" if case.near else "") for case in cases[:HARD_CASES]),
+        "ldl",
+        ("hard case", "relative distance", ""),
+        "Where textbook formulas would lose digits",
+        "Near means below 0.01. The forms used here hold up to the singular points: within 4 ulp times (1 + condition "
+        "number).",
+    )
+    own = evaluation_accuracy(design, result, asked)
+    closest = f"the closest is {cases[0].case}, at a relative distance of {cases[0].distance:.2g}"
+    said = [Statement("caution" if own.kept is False else "plain", sentence(own.sentence()))]
+    said += [
+        Statement("caution", f"Near a hard case, {case.case} (relative distance {case.distance:.2g}): {case.says}.")
+        for case in cases
+        if case.near
+    ] or [Statement("good", f"The design is near no hard case; {closest}.")]
+    return Section("Accuracy", (Paragraph(result.method), Statements(tuple(said)), methods, distances))
+
+
+def making(command: str, seeds: tuple[str, ...], stamp: tuple[str, ...], design: Design | None = None) -> Section:
+    """How a report was made, and how it is made again."""
+    blocks: list[Block] = [Bullets((*seeds, *stamp))] if seeds or stamp else []
+    if command:
+        blocks.append(Code(command, "The command that makes this report again"))
+    if design is not None:
+        blocks.append(Code(dumps(design, WRITTEN), "The design, as a file"))
+    return Section("How this report was made", tuple(blocks))
+
+
+def _length(value: float) -> str:
+    size, unit = format_quantity(value, "length").split()
+    if unit == "nm" and float(size) >= 1000:
+        size, unit = str(float(size) / 1000), "um"
+    return f"{float(size):.7g} {unit}"
+
+
+def _pose(part: MainLens | MicrolensArray | Sensor | Stop | AnyElement) -> str:
+    pairs = [
+        ", ".join(format_quantity(value, kind) for value in pair)
+        for kind, pair in (("length", part.decentre), ("angle", part.tilt))
+        if pair != (0.0, 0.0)
+    ]
+    return "; ".join(pairs) or "-"
+
+
+def _seen(result: Evaluation) -> tuple[Table, ...]:
+    table = seen_table(result)
+    return () if table is None else (table,)
+
+
+def _mapping(result: Evaluation) -> tuple[Table, ...]:
+    table = mapping_table(result)
+    return () if table is None else (table,)
+
+
+def _temperature(result: Evaluation) -> tuple[Section, ...]:
+    """The camera at temperatures it meets; nothing of a design that says nothing of them."""
+    table = temperature_table(result)
+    return () if table is None else (Section("Temperature", (Paragraph(WARMTH), replace(table, title=""))),)
+
+
+def _stops(design: Design) -> Iterator[Table]:
+    """Further stops and misalignments, where there are any."""
+    if design.stops:
+        rows = tuple(
+            (f"stop {k}", _length(stop.diameter), _length(stop.distance), _pose(stop))
+            for k, stop in enumerate(design.stops, 1)
+        )
+        headings = ("", "diameter", "in front of the lens", "decentre x, y; tilt")
+        yield Table(rows, "lddl", headings, "Further stops of the bore")
+    moved = misalignments(design)
+    if moved:
+        yield Table(tuple(moved), "ll", ("part", "decentre x, y; tilt"), "Misalignments")
+
+
+def _real_lens(design: Design, result: Evaluation, progress: Callable[[str], None]) -> tuple[Section, ...]:
+    """What the traced lens does, its thin twin beside it; nothing for an ideal one."""
+    if result.real_lens is None:
+        return ()
+    progress("real main lens")
+    return (Section("Real main lens", (*sheets.lens_sheets(design, result), lens_table(result.real_lens))),)
+
+
+def _effects(result: Evaluation) -> tuple[Block, ...]:
+    absent = absent_effects(result)
+    return replace(effects_table(result), title=""), *([Paragraph(absent)] if absent else [])
+
+
+def _assumptions(design: Design, result: Evaluation) -> tuple[Block, ...]:
+    """What the report takes for granted, and which effects it leaves out."""
+    items = [IDEAL if result.real_lens is None else REAL, *MODEL]
+    if design.sensor.colours != "mono":
+        items.append(
+            "Predicted depth errors and electrons are those behind the sensor's colour filters, in white light, a "
+            "third of its power in each colour; diffraction and resolution are told for the one wavelength."
+        )
+    if result.object_space is not None:
+        items.append(
+            "Liquid, elements before the main lens and glass about the array act by their first order in tables and "
+            "drawings: a plate as its thickness over its index."
+        )
+        if result.object_space.mapping is not None:
+            items.append(
+                "Before the objective rays go as its mapping says, from where the first order has them in the entrance "
+                "pupil, and windows and liquid bend them by Snell's law; behind it all is first order."
+            )
+    if design.sensor.relay_magnification != 1:
+        items.append("The relay to the sensor is ideal: it only scales the pixels.")
+    if not design.aligned:
+        items.append(
+            "Tilts are traced in the ray diagrams, the 3D view and the table of microlens images over the field; drawn "
+            "microlens images and maps are those of the untilted parts."
+        )
+    exceeded = [spaced(e.name) for e in result.effects if e.on and abs(e.estimate) > e.budget]
+    left = [spaced(e.name) for e in result.effects if not e.on and e.estimate != 0]
+    blocks: list[Block] = [Bullets(tuple(items))]
+    if exceeded:
+        text = f"Above their budgets, so that a simulation of this design must include them: {listed(exceeded)}."
+        blocks.append(Paragraph(text))
+    if left:
+        blocks.append(Paragraph(f"Of some size but below their budgets: {listed(left)}."))
+    return (*blocks, Paragraph(result.method))

@@ -1,0 +1,681 @@
+"""Sections of an instrument: rays in the meridional plane, light cones behind microlenses, drawing with dimensions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..._arrays import Array
+from ...bore.elements import AnyElement, element_name, made_of
+from ...bore.material import material_told
+from ...camera import Camera
+from ...drawing.marks import Area, Dots, Key, Line, Mark, Point, Text, bars, box_key, joined, line_key, parted, xy
+from ...drawing.panel import Panel, Scale
+from ...drawing.picture import PAGE, Picture, beside, legend_height, one_panel
+from ...drawing.theme import FIELDS, SMALL, rows_of_names, short, stop_colour, text_width
+from ...evaluation import default_fields
+from ...lenses.glass import AIR
+from ...rays import PASSED, fans, glass_shares, trace_pupil
+from ...words import length
+
+if TYPE_CHECKING:
+    from ...design import Design
+
+FILL = 1.5
+"""Width of a fan in FAP diameters: its outer rays meet the FAP's plate."""
+RAYS = 13
+"""Rays of a fan; with `FILL` above, every fourth of a radius."""
+NAME_ROW, DIMENSION_ROW = 16.0, 19.0
+"""Heights [px]."""
+EXAGGERATIONS = (1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0)
+"""How much larger than lengths heights may be drawn, times powers of ten."""
+SMALLEST_SHARE = 0.25
+"""Least share of the picture's length that the instrument has when all is shown without being asked for."""
+MOST_PIXELS = 200
+"""In a column of a drawing up to which they are drawn one by one; finer ones would be grey, and a large file."""
+BEYOND = 1.5
+"""How far beyond all else blocked rays are followed, in its half heights."""
+FLAT = 60.0
+"""Height of a section below which no diameters are told inside it [px]."""
+LOWEST, TALLEST = 90.0, 270.0
+"""Least height of a section, and greatest of one that is to scale [px]."""
+
+
+class LabelledFan(NamedTuple):
+    """Rays of one field."""
+
+    label: str
+    kept: NDArray[np.bool_]
+    """Shape (N,)."""
+    z: Array
+    """Corners of each ray [mm], light's way, shape (N, V); a blocked ray repeats the point where it ends."""
+    x: Array
+    """Heights there [mm]."""
+
+
+def labelled_fans(design: Design) -> list[LabelledFan]:
+    """Fans of centre, edge and corner; of both edges where decentres make the sides differ."""
+    (x, _), (edge, _), corner = default_fields(design)
+    if is_centred(design):
+        places = {"centre": 0.0, "edge": edge, "corner": math.hypot(*corner)}
+    else:
+        places = {"centre": x, "edge +x": edge, "edge -x": 2 * x - edge}
+    drawn = fans(Camera.of(design), list(places.values()), rays=RAYS, fill=FILL)
+    kept = np.isin(drawn.status, PASSED)
+    return [LabelledFan(label, kept[i], drawn.z[i], drawn.x[i]) for i, label in enumerate(places)]
+
+
+def medium_told(design: Design) -> str:
+    """What the scene lies in, with its index; nothing for air."""
+    medium = design.object_space.medium
+    return "" if medium == AIR else material_told(medium, design.wavelength)
+
+
+def is_centred(design: Design) -> bool:
+    """Whether all elements are round about one axis, so that every meridional plane is like every other."""
+    offsets = [design.main_lens.decentre, design.microlens_array.decentre, design.sensor.decentre]
+    offsets += [part.decentre for part in (*design.all_stops, *design.elements)]
+    turns = [turn for element in design.elements for turn in (element.tilt, getattr(element, "wedge", (0.0, 0.0)))]
+    offsets += turns
+    return design.aligned and all(offset == (0.0, 0.0) for offset in offsets)
+
+
+def meridional(
+    design: Design, size: Point = (900, 340), *, whole: bool | None = None, to_scale: bool = False, key: bool = True
+) -> Picture:
+    """Draw the section in which rays run.
+
+    Parameters
+    ----------
+    design : Design
+        A real lens is drawn as its thin twin.
+    size : (width, height)
+        [px].
+    whole : bool, optional
+        From the object plane on (True; never where that is at infinity), or from a little before the outermost stop
+        (False). None shows the way to the object unless the instrument would be small beside it.
+    to_scale : bool
+        Heights as lengths, with ticks on both axes; the picture is as high as that makes it. Else heights fill the
+        picture, larger than lengths by a round factor.
+    key : bool
+        Whether a legend is drawn.
+
+    Returns
+    -------
+    Picture
+        Its mapping takes pixels to z and height [mm].
+
+    Notes
+    -----
+    Each field lies in its own meridional plane, turned into the page; with decentres, the plane is x-z.
+    """
+    thin = design.thin_twin
+    whole = math.isfinite(design.d_f) and (_instrument_share(design) > SMALLEST_SHARE if whole is None else whole)
+    drawn = labelled_fans(thin)
+    keys = [
+        line_key(fan.label if fan.kept.any() else f"{fan.label} (dark)", colour, 1.9)
+        for fan, colour in zip(drawn, FIELDS, strict=True)
+    ]
+    blocked = sum(int((~fan.kept).sum()) for fan in drawn)
+    if blocked:
+        cross = Dots((0.0,), (0.0,), "vermillion", "x", 3.5, width=1.5)
+        keys.append(line_key("blocked, and where", "vermillion", 0.8, "4 3", cross))
+    if medium := medium_told(thin):
+        keys.append(box_key(f"medium: {medium}", *MEDIUM))
+    ruler = (Line((-11.0, 11.0), (0.0, 0.0), "grey", 1.2, ends="|"),)
+    # How many rows the legend takes must be known before the scale is, which it tells.
+    longest = Key(_scale_told(design, 100.0, whole), ruler)
+    foot = legend_height([*keys, longest], size[0] - 28) if key else 0.0
+    section = _section(thin, drawn, (size[0], size[1] - foot), whole, to_scale)
+    keys.append(Key(_scale_told(design, section.exaggeration, whole), ruler))
+    tip, half = -_front(thin), section.half
+    marks: list[Mark] = [_block(tip, thin.d_1 + thin.d_2, -half, half, "pale", 0.28)]
+    if medium:
+        marks.append(_block(section.panel.x.low, tip, -half, half, *MEDIUM, testid="medium"))
+    marks += _glass(thin, section)
+    for fan, colour in zip(drawn, FIELDS, strict=True):
+        marks += _fan(fan, colour, half)
+    marks += [*_elements(thin, section), *_names(section), *_openings(thin, section), *_lengths(thin, section)]
+    panel = section.panel.with_marks(*marks)
+    height = panel.bottom + 42 + foot if to_scale else size[1]
+    title = (
+        f"Meridional section of {design.name}: rays of {', '.join(fan.label for fan in drawn)}; "
+        f"{blocked} of {sum(fan.kept.size for fan in drawn)} drawn rays are blocked"
+    )
+    key_box = (16.0, height - foot - 3, size[0] - 28)
+    return Picture("meridional", title, (size[0], height), (panel,), tuple(keys) if key else (), key_box)
+
+
+def ray_diagrams(design: Design, width: float = PAGE) -> Picture:
+    """All of the section to scale and, where that is small in it, the instrument below."""
+    whole = math.isfinite(design.d_f)
+    views = [whole] if not whole or _instrument_share(design) >= 0.75 else [True, False]
+    pictures = [meridional(design, (width, 0), whole=view, to_scale=True, key=not n) for n, view in enumerate(views)]
+    return beside("rays", pictures[0].title, pictures, down=True)
+
+
+def _front(design: Design) -> float:
+    """Distance of the outermost stop or element from the lens [mm]."""
+    return float(Camera.of(design).tip)
+
+
+def _instrument_share(design: Design) -> float:
+    """Of the length from the object plane to the sensor."""
+    end = design.d_1 + design.d_2
+    return (end + _front(design)) / (end + design.d_f)
+
+
+def _scale_told(design: Design, exaggeration: float, whole: bool) -> str:
+    words = "to scale" if exaggeration == 1 else f"lengths to scale, heights ×{short(exaggeration)}"
+    return words if whole else f"{words}; object plane {short(design.d_f)} mm before the lens"
+
+
+class SectionLayout(NamedTuple):
+    """Where things are in the picture."""
+
+    panel: Panel
+    half: float
+    """Elements and rays reach this high [mm]."""
+    exaggeration: float
+    """Pixels per millimetre of height over those of length."""
+    sides: dict[str, int]
+    """Where each diameter is told: 1 behind its element, -1 before it, 0 with its name as there is no room."""
+    names: tuple[tuple[float, str], ...]
+    """Of elements, each with where it stands [mm]."""
+    rows: tuple[int, ...]
+    """Of the names."""
+    whole: bool
+    """Whether the object plane is in it."""
+
+
+def _section(design: Design, drawn: list[LabelledFan], size: Point, whole: bool, to_scale: bool) -> SectionLayout:
+    end, front = design.d_1 + design.d_2, _front(design)
+    length = end + (design.d_f if whole else front)
+    left = -design.d_f - 0.05 * length if whole else -front - 0.14 * length
+    right = end + 0.07 * length
+    solid = [*reaches(design), math.hypot(*design.sensor_size) / 2]
+    high = np.abs([np.where(fan.z >= left, fan.x, 0.0) for fan in drawn])
+    # Where all light passes, and where it starts; what is blocked may run to any height.
+    lit = max(*solid, high[..., 0].max(), np.where([fan.kept for fan in drawn], high.max(axis=-1), 0.0).max())
+    half = 1.08 * min(max(lit, high.max()), BEYOND * lit)
+    side = (52.0 if to_scale else 16.0), 18.0 + text_width(f"d_2 = {short(design.d_2)} mm", SMALL)
+    across = max(size[0] - sum(side), 50.0)
+    under = DIMENSION_ROW * (2 if whole or not to_scale else 1) + (6 if to_scale else 14)
+    rows, along, factor, over = [0], across / (right - left), 1.0, 0.0
+    sides: dict[str, int] = {}
+    names: list[tuple[float, str]] = []
+    for _ in range(3):  # fewer pixels per millimetre may want more rows of names, and these leave fewer
+        over = 8 + NAME_ROW * (1 + max(rows))
+        up = TALLEST / (2 * half) if to_scale else max(size[1] - over - under, LOWEST) / (2 * half)
+        along = min(across / (right - left), up)
+        factor = 1.0 if to_scale else up / along
+        margin = 0.0 if to_scale else side[0] + (across - along * (right - left)) / 2
+        sides = _sides(design, along, margin - along * (left + design.d_3), whole)
+        if 2 * half * along * factor < FLAT:
+            sides = dict.fromkeys(sides, 0)
+        names = _named(design, sides, whole)
+        widths = [(text_width(name, SMALL) + 8) / along for _, name in names]
+        rows = rows_of_names([z for z, _ in names], widths)
+    if not to_scale:
+        power = 10.0 ** math.floor(math.log10(factor))
+        factor = max(step * power for step in EXAGGERATIONS if step * power <= factor * (1 + 1e-9))
+    width, tall = along * (right - left), 2 * half * along * factor
+    x, y = side[0] + (across - width) / 2, over + (max(size[1] - over - under, LOWEST) - tall) / 2
+    panel = Panel((x, y, width, tall), Scale(left, right), Scale(-half, half), bare=True)
+    if to_scale:
+        heights = panel.ticks()[1]
+        panel = Panel(
+            (x, 6.0, width, tall + over + under), panel.x, Scale(-half - under / along, half + over / along), (),
+            "z [mm]", "height [mm]", grid="", equal=True, y_ticks=heights,
+        )  # fmt: skip
+    return SectionLayout(panel, half, factor, sides, tuple(names), tuple(rows), whole)
+
+
+def _sides(design: Design, along: float, before: float, whole: bool) -> dict[str, int]:
+    """Of `SectionLayout.sides`, with pixels per millimetre and before the FAP."""
+    spans = [(stop.distance, stop.distance) for stop in design.all_stops if stop.distance > 0]
+    spans += [(element.distance, element.distance + element.length) for element in design.elements]
+    inner = [near for near, _ in spans]
+    gaps = [design.d_3 - far for _, far in (*spans, (0.0, 0.0)) if far < design.d_3]
+    beyond = [design.d_f] * whole + [near for near, _ in spans if near > design.d_3]
+    before = min([before, *(along * (z - design.d_3) for z in beyond)])
+    lens = {1: along * design.d_1 - 34, -1: along * min(inner, default=design.d_f) - 34}
+    pupil = {-1: before - 20, 1: along * min(gaps, default=design.d_1) - 20}
+    return {
+        symbol: next((side for side, room in rooms.items() if room > text_width(_diameter(design, symbol), SMALL)), 0)
+        for symbol, rooms in (("D", lens), ("D_F", pupil))
+    }
+
+
+def _diameter(design: Design, symbol: str) -> str:
+    return f"{symbol} = {short(design.D if symbol == 'D' else design.D_F)} mm"
+
+
+def _named(design: Design, sides: Mapping[str, int], whole: bool) -> list[tuple[float, str]]:
+    """Names of elements where they stand, with the diameters that have no room elsewhere."""
+    openings = {symbol: "" if side else f", {_diameter(design, symbol)}" for symbol, side in sides.items()}
+    names = [(-stop.distance, f"stop {k}" if k else f"FAP{openings['D_F']}") for k, stop in enumerate(design.all_stops)]
+    names += [(-e.distance - e.length / 2, name_of_drawn(e, k)) for k, e in enumerate(design.elements, 1)]
+    names += [(0.0, f"main lens{openings['D']}"), (design.d_1 + design.d_2, "MLA, sensor")]
+    return sorted([*names, *([(-design.d_f, "object plane")] if whole else [])])
+
+
+def name_of_drawn(element: AnyElement, number: int) -> str:
+    """What an element is called in a picture; of a prism that it is drawn unfolded."""
+    unfolded = f", unfolded: turns by {math.degrees(element.turn):.3g}°" if element.turn else ""
+    return element_name(element, number) + unfolded
+
+
+def _cut(fan: LabelledFan, half: float) -> tuple[Array, Array]:
+    """Corners of the blocked rays, those that leave the picture as far as they are in it."""
+    z, x = fan.z[~fan.kept].copy(), fan.x[~fan.kept].copy()
+    for k in range(1, x.shape[1]):
+        step = x[:, k] - x[:, k - 1]
+        over = np.abs(x[:, k]) > half
+        share = np.where(over, (np.copysign(half, x[:, k]) - x[:, k - 1]) / np.where(step == 0, 1.0, step), 1.0)
+        z[:, k], x[:, k] = z[:, k - 1] + share * (z[:, k] - z[:, k - 1]), x[:, k - 1] + share * step
+    return z, x
+
+
+def _fan(fan: LabelledFan, colour: str, half: float) -> list[Mark]:
+    passed = np.flatnonzero(fan.kept)
+    marks: list[Mark] = []
+    for number in passed:
+        # Chief and marginal rays stand out.
+        width = 1.9 if number == len(fan.kept) // 2 else 1.4 if number in (passed[0], passed[-1]) else 0.6
+        marks.append(Line(fan.z[number], fan.x[number], colour, width, testid="ray"))
+    if not fan.kept.all():
+        z, x = _cut(fan, half)
+        inside = np.abs(x[:, -1]) < half
+        marks.append(Line(parted(z), parted(x), "vermillion", 0.8, "4 3", testid=f"blocked-{fan.label.split()[0]}"))
+        marks.append(Dots(z[inside, -1], x[inside, -1], "vermillion", "x", 3.5, width=1.5, clip=True))
+    return marks
+
+
+def _elements(design: Design, section: SectionLayout) -> list[Mark]:
+    half, (mm, _) = section.half, section.panel.per_px
+    end = design.d_1 + design.d_2
+    marks: list[Mark] = [Line([section.panel.x.low, end], [0.0, 0.0], "grey", 0.8, "10 3 2 3")]
+    for number, stop in enumerate(design.all_stops):
+        for sign in (-1, 1):
+            edge = stop.decentre[0] + sign * stop.diameter / 2
+            marks.append(Line([-stop.distance] * 2, [edge, sign * half], stop_colour(number), 3.2))
+    middle, radius = design.main_lens.decentre[0], design.D / 2
+    bulge = _thick(radius, section) / 2
+    t = np.linspace(-1, 1, 25)
+    z, x = bulge * (1 - t**2), middle + radius * t
+    marks.append(Area([*z, *-z[::-1]], [*x, *x[::-1]], "blue", 0.22, "blue", 1.2))
+    marks += [
+        Line([0.0, 0.0], [middle + sign * radius, sign * half], "blue", 3.2)
+        for sign in (-1, 1)
+        if half > radius + sign * middle
+    ]
+    centred, mla = is_centred(design), design.microlens_array
+    heights = [math.hypot(*box) if centred else box[0] for box in (mla.size, design.sensor_size)]
+    # Each is drawn on the outer side of its plane, so that d_2 between them stays true.
+    for z_at, centre, height, colour, shift in (
+        (design.d_1, mla.decentre[0], heights[0], "sky", -1.5),
+        (end, design.sensor.decentre[0], heights[1], "ink", 1.5),
+    ):
+        marks.append(Line([z_at + shift * mm] * 2, [centre - height / 2, centre + height / 2], colour, 3))
+    if section.whole:
+        marks.append(Line([-design.d_f] * 2, [-half, half], "grey", 1.6, "7 3"))
+    return marks
+
+
+GLASS, MEDIUM = ("sky", 0.3), ("sky", 0.13)
+"""Fillings of glass, and of what the scene lies in."""
+
+
+def _block(start: float, end: float, low: float, high: float, fill: str, opacity: float, **more: Any) -> Area:
+    return Area([start, end, end, start], [high, high, low, low], fill, opacity, **more)
+
+
+def reaches(design: Design) -> list[float]:
+    """How far from the axis the main lens, stops and elements with a rim of their own reach [mm]."""
+    rims = [design.D / 2 + math.hypot(*design.main_lens.decentre)]
+    rims += [stop.diameter / 2 + math.hypot(*stop.decentre) for stop in design.all_stops]
+    return rims + [(element.half_height or 0.0) + math.hypot(*element.decentre) for element in design.elements]
+
+
+def _glass(design: Design, section: SectionLayout) -> list[Mark]:
+    """Elements before the main lens with their mounts, and the plates about the array."""
+    half, marks = section.half, []  # type: float, list[Mark]
+    for number, element in enumerate(design.elements, 1):
+        near, far, middle = -element.distance, -element.distance - element.length, element.decentre[0]
+        radius = element.half_height or half
+        low, high = max(middle - radius, -half), min(middle + radius, half)
+        for edge, wall in ((high, half), (low, -half)):
+            if abs(edge) < half and element.length:
+                marks.append(_block(far, near, edge, wall, "grey", 0.25))
+            elif abs(edge) < half:
+                marks.append(Line([near, near], [edge, wall], "grey", 3.2))
+        outline = joined(
+            np.append(left, right[::-1], axis=0)
+            for left, right in element.profile((low, high), _thick(radius, section))
+        )
+        marks.append(Area(*xy(outline), *GLASS, "sky", 1.2, testid=f"element-{number}"))
+        if element.length > 2 * VIEW * section.panel.per_px[0]:
+            marks += _view(element.turn, (near, middle + 0.45 * radius), VIEW, section.panel.per_px)
+        # The denser, the darker.
+        marks += [_block(far, near, middle - k * radius, middle + k * radius, "sky", 0.2) for k in element.cores]
+    mla, plates = design.microlens_array, [(design.d_1 + a, design.d_1 + b) for a, b in _behind_array(design)]
+    if mla.substrate is not None and mla.substrate.lenslets == "sensor":
+        plates.append((design.d_1 - mla.substrate.thickness, design.d_1))
+    (x, _), height = mla.decentre, mla.size[0] / 2
+    return marks + [_block(*plate, x - height, x + height, *GLASS, edge="sky", width=0.8) for plate in plates]
+
+
+VIEW = 46.0
+"""Length of the arrow that shows where a prism looks, in the ray picture [px]."""
+
+
+def _view(angle: float, start: tuple[float, float], size: float, per_px: tuple[float, float]) -> list[Mark]:
+    """Where an element, drawn unfolded, really turns the view: the axis goes on, an arrow leaves it by the angle."""
+    if not angle:
+        return []
+    (mm, up), (z, x) = per_px, start
+    tip = z - size * math.cos(angle) * mm, x + size * math.sin(angle) * up
+    arc = np.linspace(0.0, angle, 20)
+    return [
+        Line([z, z - size * mm], [x, x], "grey", 0.8, "3 3"),
+        Line(z - 0.6 * size * np.cos(arc) * mm, x + 0.6 * size * np.sin(arc) * up, "grey", 0.8),
+        Line([z, tip[0]], [x, tip[1]], "ink", 1.4, ends=">", testid="view"),
+        Text(*tip, f"view {math.degrees(angle):.3g}°", "ink", SMALL, "middle", 0, -6 if angle > 0 else 14, plate=True),
+    ]
+
+
+def _thick(radius: float, section: SectionLayout) -> float:
+    """How thick an ideal lens is drawn, which has no thickness [mm]."""
+    mm, up = section.panel.per_px
+    return min(max(0.18 * radius / up, 4.0), 14.0) * mm
+
+
+def _names(section: SectionLayout) -> list[Mark]:
+    panel, leaders, names = section.panel, [], []  # type: Panel, list[Mark], list[Mark]
+    for (z, name), row in zip(section.names, section.rows, strict=True):
+        rise = 5 + NAME_ROW * row
+        if row:
+            ends = [section.half + (2 * panel.per_px[1]), section.half + (rise - 3) * panel.per_px[1]]
+            leaders.append(Line([z, z], ends, "grid", 1, clip=False))
+        # Names do not leave the picture, or cross its ordinate, on the left.
+        bound = 2.0 if panel.bare else panel.box[0] + 5
+        shift = max(0.0, text_width(name, SMALL) / 2 + bound - panel.at(z, 0.0)[0])
+        names.append(Text(z, section.half, name, "ink", SMALL, "middle", dx=shift, dy=-rise, plate=True))
+    return [*leaders, *names]
+
+
+def _openings(design: Design, section: SectionLayout) -> list[Mark]:
+    """Diameters of the FAP and the main lens as dimensions across."""
+    marks: list[Mark] = []
+    mm, up = section.panel.per_px
+    for symbol, z, middle, diameter, side in (
+        ("D_F", -design.d_3, design.aperture.decentre[0], design.D_F, section.sides["D_F"]),
+        ("D", 0.0, design.main_lens.decentre[0], design.D, section.sides["D"]),
+    ):
+        if not side:
+            continue
+        at, top, low = z + side * 16 * mm, middle + diameter / 2, middle - diameter / 2
+        marks.append(Line([at, at], [top, low], "grey", 1.0, ends="|", clip=False))
+        words, anchor = _diameter(design, symbol), "start" if side > 0 else "end"
+        # Fields are drawn on the upper side of the lens, so on the lower side of what lies before the FAP.
+        beside = low + 0.12 * diameter if diameter / up > 40 else low - 15 * up
+        y, dx, dy = (beside, 5.0 * side, 0.0) if symbol == "D" else (top, -2.0, -6.0) if side < 0 else (low, 0.0, 16.0)
+        marks.append(Text(at, y, words, "ink", SMALL, anchor, dx, dy, plate=True))
+    return marks
+
+
+def _lengths(design: Design, section: SectionLayout) -> list[Mark]:
+    """Distances as dimensions along."""
+    marks: list[Mark] = []
+    mm, up = section.panel.per_px
+    bottom, end = -section.half, design.d_1 + design.d_2
+    rows = [("d_3", -design.d_3, 0.0, 0), ("d_1", 0.0, design.d_1, 0)]
+    if section.whole:
+        rows.append(("d_f", -design.d_f, 0.0, 1))
+    below = 0.0
+    for symbol, start, stop, row in rows:
+        level = bottom - (13 + DIMENSION_ROW * row) * up
+        if (stop - start) / mm < 1:
+            continue
+        words = f"{symbol} = {short(stop - start)} mm"
+        marks += [Line([z, z], [bottom - 2 * up, level - 4 * up], "grid", clip=False) for z in (start, stop)]
+        marks.append(Line([start, stop], [level, level], "grey", 1.0, ends="|", clip=False))
+        if (stop - start) / mm > text_width(words, SMALL) + 24:
+            marks.append(Text((start + stop) / 2, level, words, "ink", SMALL, "middle", dy=4, plate=True))
+        elif symbol == "d_1":
+            below = DIMENSION_ROW  # d_1 stands beside its own line
+            marks.append(Text(stop, level, words, "ink", SMALL, dx=8, dy=4))
+        else:
+            marks.append(Text(start, level, words, "ink", SMALL, "end", dx=-8, dy=4))
+    marks.append(Text(end, bottom, f"d_2 = {short(design.d_2)} mm", "ink", SMALL, dx=8, dy=17 + below))
+    return marks
+
+
+def cells(design: Design, places: Mapping[str, float]) -> Picture:
+    """Draw five neighbouring microlenses along x with their light cones and the pixels behind them; scales differ.
+
+    `places` are x of the middle microlens on the MLA [mm] by what to call it.
+    """
+    offsets, share, t = design.d * np.arange(-2, 3), np.linspace(-1, 1, 129), np.linspace(-1, 1, 31)
+    depth, axes, pitch = 1e3 * design.d_2, 1e3 * offsets, 1e3 * design.d
+    labels = "distance behind the MLA [µm]", "height from this microlens's axis [µm]"
+    pictures, behind = [], glass_shares(Camera.of(design))[1]
+    for label, place in places.items():
+        rays = trace_pupil(Camera.of(design), (share, 0.0), (place + offsets[:, None], 0.0))
+        origin = place + design.microlens_array.decentre[0] - design.sensor.decentre[0]
+        landing, passed = 1e3 * (rays.sensor[0] - origin), np.isin(rays.status, PASSED)
+        bends = [(1e3 * ruler * design.d_2, in_air) for in_air, ruler in behind]
+        marks: list[Mark] = []
+        for k, (axis, ends, lit) in enumerate(zip(axes, landing, passed, strict=True)):
+            # Stretches of equal fate share their ends.
+            cuts = [0, *(np.flatnonzero(np.diff(lit)) + 1).tolist(), len(lit) - 1]
+            for start, stop in pairwise(cuts):
+                kept, a, b = lit[start], ends[start], ends[stop]
+                edge = ("sky" if k % 2 else "blue") if kept else "vermillion"
+                zs = [depth, *(at for at, _ in bends[::-1]), 0.0, *(at for at, _ in bends), depth]
+                xs = [a, *(axis + in_air * (a - axis) for _, in_air in bends[::-1])]
+                xs += [axis, *(axis + in_air * (b - axis) for _, in_air in bends), b]
+                marks.append(Area(zs, xs, edge, 0.4 if kept else 1.0, hatch=not kept))
+                marks.append(Line(zs, xs, edge, 0.9))
+        bulge = 0.03 * depth * (1 - t**2)
+        for axis in axes:
+            y = axis + pitch / 2 * np.concatenate([t, t[::-1]])
+            marks.append(Area([*-bulge, *bulge[::-1]], y, "pale", 1.0, "grey", 0.9))
+        low = min(float(axes[0] - 0.6 * pitch), float(landing.min()))
+        high = max(float(axes[-1] + 0.6 * pitch), float(landing.max()))
+        for near, far in _behind_array(design):
+            marks.insert(0, _block(1e3 * near, 1e3 * far, low, high, *GLASS, edge="sky", width=0.8, testid="glass"))
+        marks += _pixel_row(design, 1e3 * origin, low, high, depth)
+        x, title = Scale(-0.16 * depth, 1.16 * depth), f"{label}, x = {short(place)} mm"
+        panel = Panel((0, 0, 1, 1), x, Scale(low, high), tuple(marks), *labels, title, grid="")
+        size = PAGE / len(places), 310.0
+        pictures.append(one_panel(f"cells-{label}", label, size, panel, left=62, top=26, right=12))
+    return beside("cells", f"Light cones behind 5 microlenses of {design.name}", pictures)
+
+
+def _behind_array(design: Design) -> list[tuple[float, float]]:
+    """Where plates between array and sensor start and end [mm behind the array]; a cover lies on the sensor."""
+    plates, substrate, cover = [], design.microlens_array.substrate, design.sensor.cover
+    if substrate is not None and substrate.lenslets == "scene":
+        plates.append((0.0, substrate.thickness))
+    return plates if cover is None else [*plates, (design.d_2 - cover.thickness, design.d_2)]
+
+
+def _pixel_row(design: Design, origin: float, low: float, high: float, depth: float) -> list[Mark]:
+    size = 1e3 * design.q
+    # The sensor's first pixel starts at its edge.
+    edge = -500 * design.pixels[0] * design.q - origin
+    first, last = max(math.floor((low - edge) / size), 0), min(math.ceil((high - edge) / size), design.pixels[0])
+    left, right = depth, 1.06 * depth
+    fine = last - first > MOST_PIXELS
+    dark = edge + size * np.arange(first + (first + 1) % 2, first if fine else last, 2)
+    marks: list[Mark] = [bars(left, right, dark + size / 2, size, fill="pale")] if len(dark) else []
+    if first < last:
+        middle = edge + size * (first + last) / 2
+        marks.append(
+            bars(left, right, middle, size * (last - first), fill="pale" if fine else "none", edge="grey", width=0.6)
+        )
+    return [*marks, Line([depth, depth], [low, high], "ink", 1.6)]
+
+
+ROOM = 0.35
+"""Exponent that brings distances of all sizes into one drawing; 1 would be to scale."""
+THICK = 0.09
+"""Half the width in which an element before the main lens is drawn."""
+WALL = 1.12
+"""Where mounts end, in half heights of the tallest element."""
+
+
+class SchematicPart(NamedTuple):
+    """Something on the axis."""
+
+    name: str
+    z: float
+    """In front of the lens below 0 [mm]."""
+    diameter: float
+    """Or height [mm]; 0 where it has none."""
+    says: tuple[str, ...]
+    """Lines that are written above it."""
+    glass: AnyElement | None = None
+    """What it is, of those that stand before the main lens."""
+
+
+def dimensions(design: Design) -> Picture:
+    """Draw the elements in their order along the axis with dimension lines; not to scale, the numbers are."""
+    elements = _all_elements(design)
+    gaps = [b.z - a.z for a, b in pairwise(elements)]
+    spread = np.cumsum([0.0, *(max(0.28, (gap / max(gaps)) ** ROOM) for gap in gaps)])
+    # From 0 at the object plane to 8 at the sensor.
+    place = dict(zip((e.name for e in elements), (8 * spread / spread[-1]).tolist(), strict=True))
+    tallest = max(element.diameter for element in elements)
+    high = {e.name: max(0.16, math.sqrt(e.diameter / tallest)) if e.diameter else 0.8 for e in elements}
+    x = Scale(-0.45, 8.75)
+    unit = PAGE / (x.high - x.low)
+    up = 1 / (0.86 * unit)
+    marks: list[Mark] = [Line([-0.1, 8.25], [0.0, 0.0], "grey", 0.9, "12 4 3 4")]
+    for element in elements:
+        marks += _drawn(element, place[element.name], high[element.name])
+    # An element's distance is that of its sensor side; the whole ends at the other.
+    thick = {e.name: THICK if e.glass is not None and e.glass.length else 0.0 for e in elements}
+    near, far = ({name: at + side * thick[name] for name, at in place.items()} for side in (1, -1))
+    # What each element is stands above it, higher where its neighbour's words would touch.
+    widths = [(max(text_width(line, SMALL) for line in element.says) + 6) / unit for element in elements]
+    highest, words = WALL, []  # type: float, list[Mark]
+    for element, row in zip(elements, rows_of_names(list(place.values()), widths), strict=True):
+        at, bottom = place[element.name], WALL + (10 + 44 * row) * up
+        stop = element.name == "FAP" or element.name.startswith("stop")
+        top = WALL if stop else high[element.name]
+        marks.append(Line([at, at], [top + 0.03, bottom - 2 * up], "grey", 0.7))
+        for k, line in enumerate(reversed(element.says)):
+            words.append(Text(at, bottom + 13 * k * up, line, "ink", SMALL, "middle", dy=-2, plate=True))
+        highest = max(highest, bottom + (13 * len(element.says) + 6) * up)
+        if element.glass is not None:
+            marks += _view(element.glass.turn, (at - THICK, 0.0), 62.0, (1 / unit, up))
+    marks += words  # over the leaders of their neighbours
+    level = -WALL - 0.25
+    aside: list[Mark] = []
+    lines = [
+        (text, start, stop, far[start] if text.startswith("overall") else near[start], near[stop])
+        for text, start, stop in _dimension_lines(design)
+    ]
+    for k, (text, start, stop_at, a, b) in enumerate(lines):
+        for at, top in ((a, -high[start]), (b, -high[stop_at])):
+            marks.append(Line([at, at], [top - 0.04, level - 0.05], "grey", 0.5))
+        wide = (text_width(text, SMALL) + 8) / unit
+        below = {at for *_, one, other in lines[k + 1 :] for at in (one, other)}
+        middle = _clear_middle(a, b, below, wide, 8 / unit)
+        if middle is None:
+            marks.append(Line([a, b], [level, level], "ink", 0.9, ends="<>"))
+            aside.append(Text(a, level, text, "ink", SMALL, "end", -7.0, 4, plate=True))
+        else:  # the line stops before its words
+            for end, side in ((a, -1), (b, 1)):
+                marks.append(Line([middle + side * wide / 2, end], [level, level], "ink", 0.9, ends=">"))
+            marks.append(Text(middle, level, text, "ink", SMALL, "middle", 0.0, 4))
+        level -= 0.36
+    marks += aside  # over the leaders of longer ones
+    y = Scale(level + 0.05, highest)
+    size = PAGE, 0.86 * unit * (y.high - y.low)
+    panel = Panel((0.0, 0.0, *size), x, y, tuple(marks), bare=True)
+    return Picture("dimensions", f"Elements of {design.name} and their dimensions", size, (panel,))
+
+
+def _clear_middle(start: float, end: float, crossing: Iterable[float], wide: float, head: float) -> float | None:
+    """Where words so wide stand on a dimension line: near its middle, between the leaders that cross it, off its heads.
+
+    None where there is no room on it.
+    """
+    cuts = sorted({start, end, *(at for at in crossing if start < at < end)})
+    rooms = [(a + (head if a == start else 0.0), b - (head if b == end else 0.0)) for a, b in pairwise(cuts)]
+    middle = (start + end) / 2
+    places = [min(max(middle, a + wide / 2), b - wide / 2) for a, b in rooms if b - a >= wide]
+    return min(places, key=lambda place: abs(place - middle), default=None)
+
+
+def _all_elements(design: Design) -> list[SchematicPart]:
+    """Everything on the axis, from the object to the sensor."""
+    mla, (wide, tall), say = design.microlens_array, design.sensor_size, length
+    elements = [
+        SchematicPart("object plane", -design.d_f, 0.0, ("object plane",)),
+        SchematicPart("FAP", -design.d_3, design.D_F, ("FAP", f"D_F = {say(design.D_F)}")),
+        SchematicPart("main lens", 0.0, design.D, (f"main lens, D = {say(design.D)}", f"f = {say(design.f)}")),
+        SchematicPart("MLA", design.d_1, mla.size[1], ("MLA", f"d = {say(design.d)}", f"f_ml = {say(design.f_ml)}")),
+        SchematicPart(
+            "sensor", design.d_1 + design.d_2, tall, ("sensor", f"q = {say(design.q)}", f"{wide:.4g} × {tall:.4g} mm")
+        ),
+    ]
+    for number, stop in enumerate(design.stops, 1):
+        elements.append(
+            SchematicPart(f"stop {number}", -stop.distance, stop.diameter, (f"stop {number}", say(stop.diameter)))
+        )
+    for number, part in enumerate(design.elements, 1):
+        name, tall = element_name(part, number), 2 * (part.half_height or 0.0)
+        elements.append(SchematicPart(name, -part.distance - part.length / 2, tall, (name, *made_of(part)), part))
+    return sorted(elements, key=lambda element: element.z)
+
+
+def _dimension_lines(design: Design) -> list[tuple[str, str, str]]:
+    """What each dimension line says, and the elements it runs between."""
+    stops = {"FAP" if k == 0 else f"stop {k}": stop.distance for k, stop in enumerate(design.all_stops)}
+    stops |= {element_name(element, k): element.distance for k, element in enumerate(design.elements, 1)}
+    ends = stops | {element_name(e, k): e.distance + e.length for k, e in enumerate(design.elements, 1)}
+    front = max(ends, key=lambda name: ends[name])
+    front = front if ends[front] > 0 else "main lens"
+    overall = max(ends.get(front, 0.0), 0.0) + design.d_1 + design.d_2
+    return [
+        (f"d_2 = {length(design.d_2)}", "MLA", "sensor"),
+        (f"d_1 = {length(design.d_1)}", "main lens", "MLA"),
+        *(
+            (f"d_3 = {length(distance)}" if name == "FAP" else f"{name}: {length(distance)}", name, "main lens")
+            for name, distance in sorted(stops.items(), key=lambda stop: stop[1])
+        ),
+        (f"d_f = {length(design.d_f)}", "object plane", "main lens"),
+        (f"overall {length(overall)}", front, "sensor"),
+    ]
+
+
+def _drawn(element: SchematicPart, x: float, half: float) -> list[Mark]:
+    if element.name == "object plane":
+        return [Line([x, x], [-half, half], "ink", 1.3, "5 4")]
+    if element.name == "sensor":
+        return [Area([x, x + 0.09, x + 0.09, x], [-half, -half, half, half], "ink")]
+    power = 1 if element.glass is None else element.glass.power_sign
+    if not power:
+        return [_block(x - THICK, x + THICK, -half, half, *GLASS, edge="sky", width=1.2)]
+    if element.name in ("main lens", "MLA") or element.glass is not None:
+        count, wide = (11, 0.05) if element.name == "MLA" else (1, 0.13)
+        if power < 0:
+            up = np.linspace(-half, half, 25)
+            edge = 0.04 + 0.1 * (up / half) ** 2
+            return [Area([*(x - edge), *(x + edge)[::-1]], [*up, *up[::-1]], "sky", 0.6, "blue", 1.0)]
+        turn = np.linspace(0, 2 * np.pi, 40, endpoint=False)
+        middles = (2 * np.arange(count)[:, None] + 1 - count) * half / count
+        xs, ys = np.tile(x + wide * np.cos(turn), (count, 1)), middles + half / count * np.sin(turn)
+        return [Area(parted(xs), parted(ys), "sky", 0.6, "blue", 1.0 if count == 1 else 0.7)]
+    colour = stop_colour(0 if element.name == "FAP" else int(element.name.split()[1]))
+    return [Line([x, x], [sign * half, sign * WALL], colour, 4) for sign in (-1, 1)]

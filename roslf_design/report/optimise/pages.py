@@ -1,0 +1,410 @@
+"""An optimisation as a page and as a section of a design's report; the terminal shares its words and pictures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from ..._version import __version__
+from ...drawing.picture import Picture
+from ...optimization.problem import NUMBERS, Constraint, Goal
+from ...optimization.ranking import Ranking
+from ...optimization.search import BIG
+from ...optimization.solve import Active, Answer, Front, optimum_accuracy
+from ...optimization.study import Result
+from ...optimization.traces import Retrace
+from ...tables import Column
+from ...words import in_words, number, sentence
+from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
+from .pictures import bore_and_stop, ends_of, goal_front, robust_yields, search_history
+
+TITLES = {
+    "bore": ("One stop for the bore", "The field where the two lines part is where the model of one stop misleads."),
+    "front": ("What one goal costs of another", "Every point is a design; none is better in every goal."),
+    "robust": ("What builds hold", "On fresh deviations, which neither design was chosen for."),
+}
+
+PRESSED = 1e-6
+"""Multiplier from which a limit stops the goals, and is not only touched."""
+AGREED = 1e-3
+"""Difference between an optimum as searched and as traced again from which a page warns."""
+HISTORY = (
+    "Each dot is a local search from a Sobol point: how much worse its goals are than the answer's, over the "
+    "evaluations spent by then. Dots on the lower edge ended at the answer; a diamond there is another solver "
+    "that found none better."
+)
+
+
+def optimization_report(result: Result, command: str) -> Report:
+    """A study as a page of its own."""
+    answer = result.answer
+    section = optimization_section(result, command)
+    return Report(answer.asked.name, f"from {answer.problem.design.name}", (section,), f"roslf_design {__version__}")
+
+
+def optimization_section(result: Result, command: str = "") -> Section:
+    """A study as a section of a report; the command that reruns it is printed where given."""
+    asked, notes = result.answer.asked, result.answer.notes
+    blocks: list[Block] = [Paragraph(asked.question)] if asked.question else []
+    blocks.append(Statements(tuple(statements(result))))
+    for table in _tables(result):
+        rows = tuple(tuple(in_words(cell) for cell in row) for row in table.rows)
+        blocks.append(replace(table, rows=rows, headings=tuple(in_words(heading) for heading in table.headings)))
+    for name, picture in optimisation_pictures(result).items():
+        blocks.append(Figure.of(f"optimize-{name}", *TITLES[name], picture))
+    if notes:
+        blocks.append(Bullets(notes))
+    if command:
+        blocks.append(Code(command, "Run again"))
+    return Section(f"Optimisation: {asked.name}", tuple(blocks), "optimisation")
+
+
+def optimization_finding(result: Result) -> Finding:
+    """A study in a design's report, with how its searches went."""
+    answer, (first, *_) = result.answer, statements(result)
+    said = replace(first, text=f"Optimisation: {first.text[:1].lower()}{first.text[1:]}")
+    history = search_history(ends_of(answer), (576, 290))
+    blocks = optimization_section(result).blocks
+    if answer.feasible:
+        blocks = (*blocks, Figure.of("history", "What every start came to", HISTORY, history))
+    seed = f"Seed of the optimisation's starts: {result.study.settings.seed}."
+    return Finding(Section("Optimisation", blocks, "optimisation"), said, seed)
+
+
+# --- answers ----------------------------------------------------------------------------------------------------------
+
+
+def statements(result: Result) -> Iterator[Statement]:
+    """The answer in sentences."""
+    for statement in _statements(result):
+        yield replace(statement, text=in_words(statement.text), remedy=in_words(statement.remedy))
+
+
+def _statements(result: Result) -> Iterator[Statement]:
+    answer = result.answer
+    if answer.feasible:
+        yield from _about_optimum(result)
+    elif answer.conflict is not None:
+        yield _about_conflict(answer)
+    if result.bore is not None:
+        yield _about_bore(result)
+    if result.robust is not None:
+        robust, problem = result.robust, answer.problem
+        costs = [
+            f"{goal.label} {number(answer.number(goal), 4)} → {goal.with_unit(problem.number(goal, robust.unit), 4)}"
+            for goal in answer.asked.goals
+        ]
+        text = (
+            f"Of builds, {100 * robust.nominal.yield_.value:.1f} % of the nominal optimum's hold every limit, "
+            f"{100 * robust.robust.yield_.value:.1f} % of the robust design's; the price: {', '.join(costs)}."
+        )
+        yield Statement("plain", text)
+    if result.front is not None:
+        yield from _about_front(result.front)
+    if result.ranking is not None:
+        ranking = result.ranking
+        text = (
+            f"Of {len(ranking.combinations)} combinations of parts, bounds ruled out {ranking.ruled_out} and "
+            f"{ranking.optimised} were optimised; {len(ranking.best)} of the best that hold every limit are listed."
+        )
+        if ranking.best:
+            text += f" {_best_parts(ranking)}"
+        else:
+            text += f" {_none_listed(ranking)}"
+        if answer.asked.order == "lexicographic":
+            text += " They are ranked by the weighted goals, not by their order."
+        if result.part_retraces:
+            worst = max(max(again.moved, *again.check.largest.values()) for again in result.part_retraces)
+            text += f" Each of these was traced again on its own: goals, limits and images differ by up to {worst:.1g}."
+        late = f"{ranking.open} more were not settled before the budget was spent; give more." if ranking.open else ""
+        yield Statement("caution" if ranking.open or not ranking.best else "plain", text, late)
+
+
+def _about_optimum(result: Result) -> Iterator[Statement]:
+    answer = result.answer
+    reached = ", ".join(f"{goal.label} = {goal.with_unit(answer.number(goal), 5)}" for goal in answer.asked.goals)
+    yield _optimum(answer, reached)
+    yield _agreement(answer)
+    if result.retrace is not None:
+        yield _about_trace(result.retrace)
+    accuracy = optimum_accuracy(answer)
+    if accuracy is not None and accuracy.asked is not None:
+        yield Statement("plain" if accuracy.kept else "caution", sentence(accuracy.sentence()))
+    loose = ", ".join(
+        f"{name} {low:.4g} to {high:.4g} {answer.problem.variables[name].measured_in}".rstrip()
+        for name, (low, high) in answer.loose().items()
+    )
+    if loose:
+        remedy = "Add a goal or a limit to decide between them."
+        yield Statement("caution", f"Equally good designs were met at different variables: {loose}.", remedy)
+
+
+def _optimum(answer: Answer, reached: str) -> Statement:
+    """The best design, and whether it is best by itself or where a bound stops the goal."""
+    pressed = [active for active in answer.active if active.multiplier > PRESSED]
+    met, ends = ([a.limit for a in pressed if a.bound], [a.limit for a in pressed if a.always])
+    stops = [f"the bound{'s' if len(met) > 1 else ''} {' and '.join(met)}"] if met else []
+    stops += [f"what every camera must be ({', '.join(ends)})"] if ends else []
+    bounds = " and ".join(stops)
+    if answer.runs_off:
+        text = f"The goal runs off without end; {bounds or 'the search'} stopped it at {reached}, which is no optimum."
+        return Statement("caution", text, "Limit the goal, or what drives it, by a constraint or narrower bounds.")
+    if answer.merit >= BIG:
+        text = f"A design holds every limit, but a goal is infinite wherever it was looked for: {reached}."
+        return Statement("caution", text, "Widen the bounds, or ask for something else.")
+    if bounds and all(active.bound or active.always for active in pressed):
+        text = f"A design holds every limit: {reached}; but nothing stops the goal there save {bounds}."
+        return Statement("caution", text, "Where a bound is not meant so, limit what a better goal costs.")
+    stopped = f" It rests on {bounds}, too." if bounds else ""
+    return Statement("good", f"A design holds every limit; best found: {reached}.{stopped}")
+
+
+def _about_trace(retrace: Retrace) -> Statement:
+    """What was traced behind a real lens, and how well the optimum's own trace agrees."""
+    folded = ", ".join(f"{x:g}, {y:g} mm" for x, y in retrace.check.folded)
+    text = (
+        f"Behind the real lens ({retrace.lens}) what is asked at a field was traced at every design tried, the rest "
+        "follows from the lens's focal length and principal planes. "
+        f"Traced again on its own, the optimum's goals and limits differ by up to {retrace.moved:.1g}"
+    )
+    if folded:
+        remedy = "Ask non_distortion_room_mm there to be at least 0, or leave the field out."
+        return Statement("caution", f"{text}; the image at {folded} is folded: its shape is undefined.", remedy)
+    centre, diameter, kept = retrace.check.largest.values()
+    text += f", images by {centre:.1g} px in place, {diameter:.1g} of their diameter and {kept:.1g} of what is kept."
+    good = max(retrace.moved, diameter, kept) <= AGREED
+    return Statement(
+        "plain" if good else "caution", text, "" if good else "See `roslf evaluate` with the design found."
+    )
+
+
+def _about_conflict(answer: Answer) -> Statement:
+    conflict = answer.conflict
+    assert conflict is not None
+    ways = [
+        f"{r.label} {number(r.needed)} instead of {number(r.limit)}{f' {r.unit}' if r.unit else ''}"
+        for r in conflict.relaxations
+        if r.needed is not None
+    ]
+    lead = "This alone would do" if len(ways) == 1 else "Any one of these would do"
+    remedy = f"{lead}: {'; '.join(ways)}." if ways else ""
+    if conflict.bounds:
+        remedy += f" The least-violating point touches the bounds {', '.join(conflict.bounds)}."
+    return Statement("bad", f"No design was found: {conflict.reason}.", remedy.strip())
+
+
+def _about_front(front: Front) -> Iterator[Statement]:
+    names = [goal.label for goal in front.goals]
+    if not front.points:
+        yield Statement("caution", f"No front: {names[0]} could not be optimised alone in the time given.")
+    elif len(front.points) == 1:
+        yield Statement("plain", f"{' and '.join(names)} do not compete: one design is best in all of them.")
+    if front.points and not front.complete:
+        yield Statement("caution", "The front is not complete: its budget was spent.", "Give a larger budget.")
+
+
+def _agreement(answer: Answer) -> Statement:
+    same = len(answer.equals)
+    text = (
+        f"{same} of {len(answer.searches)} starts ended at this design ({answer.reached} at a feasible one); "
+        f"{answer.evaluations} evaluations"
+    )
+    doubts = [check.solver for check in answer.checks if not answer.agrees(check)]
+    if answer.checks and not doubts:
+        text += f"; {' and '.join(check.solver for check in answer.checks)} found none better"
+    if same > 1 and answer.residual < 1e-4 and not doubts:
+        return Statement("good", f"{text}.")
+    remedy = "Give more starts." if same <= 1 else ""
+    if 1e-4 <= answer.residual < math.inf:
+        only = f"{answer.residual:.1g}: the goals have a kink here, or a bound is missed"
+        remedy += f" First-order conditions hold only to {only}."
+    return Statement("caution", f"{text}.", remedy.strip())
+
+
+def _about_bore(result: Result) -> Statement:
+    pupil = result.bore
+    assert pupil is not None
+    text = (
+        f"The bore acts as one stop of {pupil.stop[0]:.4g} mm at {pupil.stop[1]:.4g} mm; over the field kept fractions "
+        f"differ by up to {pupil.worst_kept_difference:.2g}, and up to {pupil.worst_misplaced:.2g} of the light is on "
+        "the wrong side of its rim"
+    )
+    good = pupil.worst_misplaced <= 0.05
+    remedy = "" if good else "Check the result with every rim as a stop of the design."
+    if not pupil.settled:
+        remedy += " The stop that suits an optimum best changes with it, without end: of those tried this misled least."
+    return Statement("plain" if good and pupil.settled else "caution", f"{text}.", remedy.strip())
+
+
+# --- tables -----------------------------------------------------------------------------------------------------------
+
+
+def _tables(result: Result) -> Iterator[Table]:
+    answer, robust = result.answer, result.robust
+    problem, follows = answer.problem, answer.followers()
+    values = answer.variables() | follows
+    moved = {} if robust is None else problem.named(robust.unit) | problem.following(robust.unit)
+
+    def called(name: str) -> str:
+        return f"{name}, follows" if name in follows else name
+
+    columns: tuple[Column, ...] = (
+        ("variable", "l", called),
+        ("from", "d", lambda name: "" if name in follows else f"{problem.variables[name].min:.5g}"),
+        ("value", "d", lambda name: f"{values[name]:.5g}"),
+        ("to", "d", lambda name: "" if name in follows else f"{problem.variables[name].max:.5g}"),
+        ("unit", "l", lambda name: "" if name in NUMBERS else "mm"),
+        ("robust", "d", lambda name: f"{moved[name]:.5g}"),
+    )
+    title = "The design" if answer.feasible else "The least-violating point"
+    yield Table.of(values, columns if moved else columns[:-1], title)
+    yield _held(answer)
+    if answer.active:
+        single = len(answer.problem.goals) == 1
+        of = answer.problem.goals[0].label if single else "the goals together"
+        columns = (
+            ("limit", "l", lambda active: active.limit),
+            ("multiplier", "d", lambda active: f"{active.multiplier:.4g}"),
+            (f"relaxing it buys, of {of}", "l", lambda active: _bought(active, answer.problem.goals)),
+        )
+        caption = (
+            "Multiplier: what the merit, the weighted mean of the goals' logarithms, gives for the limit, both scaled. "
+            "Relaxing, for small steps: a limit that gives way by one unit makes "
+        )
+        caption += "the goal so much better." if single else "the goals together so many percent better."
+        yield Table.of(answer.active, columns, "Limits that the optimum rests on", caption)
+    if answer.stages:
+        rows = tuple((s.goal, f"{s.value:.6g}", s.held) for s in answer.stages)
+        yield Table(rows, "ldl", ("goal, in order", "best", "held for the later ones"), "Lexicographic order")
+    if answer.conflict is not None:
+        missed = {violation.limit: f"{violation.value:.6g}" for violation in answer.conflict.violations}
+        columns = (
+            ("limit", "l", lambda way: way.label),
+            ("asked", "r", lambda way: f"{way.limit:.6g}"),
+            ("at the least-violating point", "r", lambda way: missed.get(way.label, "")),
+            (
+                "moved alone, feasible from",
+                "r",
+                lambda way: "does not help alone" if way.needed is None else f"{way.needed:.6g}",
+            ),
+            ("unit", "l", lambda way: way.unit),
+        )
+        yield Table.of(answer.conflict.relaxations, columns, "What stands in the way")
+    if result.ranking is not None and result.ranking.best:
+        yield _parts(result.ranking)
+
+
+def _held(answer: Answer) -> Table:
+    wanted = {goal.label: "least" if goal.direction == "min" else "most" for goal in answer.asked.goals}
+    limited = {constraint.label for constraint in answer.asked.constraints}
+    goals = [goal for goal in answer.asked.goals if goal.label not in limited]
+
+    def limit(part: Goal | Constraint, side: str) -> str:
+        value = getattr(part, side, None)
+        return "" if value is None else f"{value:.6g}"
+
+    columns: tuple[Column, ...] = (
+        ("quantity", "l", lambda part: part.label),
+        ("min", "d", lambda part: limit(part, "min")),
+        ("value", "d", lambda part: number(answer.number(part), zero=1e-9)),
+        ("max", "d", lambda part: limit(part, "max")),
+        ("unit", "l", lambda part: part.quantity.unit),
+        ("goal", "l", lambda part: wanted.get(part.label, "")),
+    )
+    return Table.of((*goals, *answer.asked.constraints), columns, "Goals and limits")
+
+
+def _bought(active: Active, goals: tuple[Goal, ...]) -> str:
+    """What relaxing a limit by a unit buys: of the one goal, else of the merit."""
+    if active.multiplier < 1e-9:
+        return "nothing: touched, not pressed"
+    if active.merit_gain_per_unit is None:
+        return "it cannot be: every camera holds it"
+    fine = active.unit == "mm" and active.merit_gain_per_unit > 1
+    per = "per um" if fine else f"per {active.unit.replace('pitches', 'pitch')}" if active.unit else "per unit"
+    size = 1e-3 if fine else 1.0
+    if len(goals) == 1 and active.goal_gain_per_unit is not None:
+        return f"{goals[0].with_unit(size * active.goal_gain_per_unit, 4)} {per}"
+    return f"{100 * size * active.merit_gain_per_unit:.4g} % {per}"
+
+
+def _best_parts(ranking: Ranking) -> str:
+    """The first of the list in words."""
+    first, combinations = ranking.best[0], ranking.combinations
+    problem = combinations.problem_at(first.number)
+    parts = ", ".join(part.part for part in combinations.chosen(first.number))
+    goals = (f"{goal.label} = {goal.with_unit(problem.number(goal, first.search.unit), 5)}" for goal in problem.goals)
+    return f"Best of them: {parts} with {', '.join(goals)}."
+
+
+def _none_listed(ranking: Ranking) -> str:
+    """Why no combination is."""
+    if ranking.nearest is None or ranking.conflict is None:
+        return "None makes a camera within the bounds."
+    parts = ", ".join(part.part for part in ranking.combinations.chosen(ranking.nearest))
+    if ranking.conflict.feasible_after_all and not ranking.conflict.undefined:
+        return f"{parts} would do, but the budget was spent; give more."
+    return f"Nearest comes {parts}: {ranking.conflict.reason}."
+
+
+def _parts(ranking: Ranking) -> Table:
+    problem = ranking.combinations.problem
+    rows = []
+    for place, ranked in enumerate(ranking.best, 1):
+        own = ranking.combinations.problem_at(ranked.number)
+        values = own.named(ranked.search.unit)
+        goals = [f"{own.number(goal, ranked.search.unit):.4g}" for goal in own.goals]
+        names = [part.part for part in ranking.combinations.chosen(ranked.number)]
+        rows.append((str(place), *names, *goals, *(f"{value:.5g}" for value in values.values())))
+    kinds = [
+        kind.replace("_", " ").removesuffix("s").replace("lense", "lens").replace("glasse", "glass")
+        for kind in ranking.combinations.kinds
+    ]
+    goals = [goal.label + _unit(goal) for goal in problem.goals]
+    heads = ("", *kinds, *goals, *(name if name in NUMBERS else f"{name} [mm]" for name in problem.variables))
+    align = "r" + "l" * len(kinds) + "d" * (len(goals) + problem.n)
+    return Table(tuple(rows), align, heads, "Parts")
+
+
+def _unit(goal: Goal) -> str:
+    return f" [{goal.quantity.unit}]" if goal.quantity.unit else ""
+
+
+# --- pictures ---------------------------------------------------------------------------------------------------------
+
+
+def optimisation_pictures(result: Result) -> dict[str, Picture]:
+    """Name to picture; empty where an optimisation has nothing to draw."""
+    drawn = {}
+    if result.bore is not None:
+        pupil = result.bore
+        drawn["bore"] = bore_and_stop(pupil.fields_mm, pupil.kept_bore, pupil.kept_pupil, pupil.misplaced)
+    if result.front is not None and len(result.front.points) > 1:
+        drawn["front"] = _front(result.front, result.answer)
+    if result.robust is not None:
+        robust = result.robust
+        together = ("all together", robust.nominal.yield_.value, robust.robust.yield_.value)
+        rows = [*robust.constraint_yields, together]
+        drawn["robust"] = robust_yields([(in_words(str(row[0])), float(row[1]), float(row[2])) for row in rows])
+    return drawn
+
+
+def _front(front: Front, answer: Answer) -> Picture:
+    """The first goal over the second; the third, where there is one, by shade."""
+    order = [1, 0, *range(2, len(front.goals))][: min(len(front.goals), 3)]
+    values = np.array([list(point.goals.values()) for point in front.points])[:, order]
+    goals = [front.goals[k] for k in order]
+    log = [
+        goal.quantity.positive and bool(column.max() > 3 * column.min() > 0)
+        for goal, column in zip(goals, values.T, strict=True)
+    ]
+    axes = [
+        f"{in_words(goal.label)}{_unit(goal)} ({'less' if goal.direction == 'min' else 'more'} is better)"
+        for goal in goals
+    ]
+    x, y = (answer.number(goal) for goal in goals[:2])
+    title = f"{in_words(goals[1].label)} against {in_words(goals[0].label)}, designs of which none is better in all"
+    return goal_front(values, axes, log=log, title=title, answer=(x, y))

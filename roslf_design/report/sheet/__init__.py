@@ -1,0 +1,1 @@
+"""The data sheet: its lines and what is drawn on it."""

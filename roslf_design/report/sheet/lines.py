@@ -1,0 +1,481 @@
+"""The page an engineer signs: a camera in the endoscope standards' terms, each line with what it may miss."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from ..._arrays import Array
+from ...camera import Camera
+from ...evaluation.show import depth_basis
+from ...evaluation.specification import (
+    CRITERION,
+    Colour,
+    Place,
+    Resolved,
+    Specification,
+    corner,
+    resolved,
+    specification,
+)
+from ...tables import csv_bytes
+from ...theory.colours import GREEN
+from ...theory.field_of_view import focus_ahead
+from ...theory.photometry import behind
+from ...theory.quantities import QUANTITIES, Quantity
+from ...theory.stop_images import MicrolensImages
+from ...tolerancing.trials import first_builds
+from ...words import number
+from ..blocks import Block, Figure, Paragraph, Report, Section, Table
+from ..tolerance.pages import impossible_words
+from .resolution import mtf_curves, resolution_map
+
+if TYPE_CHECKING:
+    from ...calibration.lengths import LengthCovariance
+    from ...design import Design
+    from ...tolerancing.analyses import Variant
+    from ...tolerancing.study import TolerancePlan
+
+SCHEMA = "roslf.datasheet/1"
+SIGMAS = 2.0
+FEW = 48
+"""Builds that tell the scatter of lines at a distance or a field, to a tenth; a view's MTF takes 10 ms of each."""
+MANY = 1024
+"""The same of quantities that the study does not report, to some two in a hundred."""
+REAL = (
+    "The main lens is real: angles and widths of view, resolution, distortion and light over the field are what rays "
+    "through it tell. Distances of sharpness, magnification on the axis and spreads of what builds have as a whole are "
+    "those of its thin twin."
+)
+USABLE = (
+    "Finest detail that shows as what it is: the coarser of what still has half its contrast (MTF 50 %) and of half a "
+    "period a microlens, beyond which detail folds back."
+)
+DEPTH = "Depth accuracy, 1 σ"
+SHARP = f"Sharp: {CRITERION}."
+PARTS = "parts"
+NOMINAL = "Nominal values: no tolerance study is at hand."
+TILTED = "Parts are tilted; the data sheet is of the straight ones."
+
+
+class SheetLine(NamedTuple):
+    """A line of the data sheet."""
+
+    subject: str
+    name: str
+    value: float | None
+    """None: text alone, or nothing that is finite."""
+    unit: str
+    remark: str = ""
+    quantity: str = ""
+    """The quantity that a tolerance study tells the scatter of."""
+    text: str = ""
+    """Instead of a number."""
+    of: Callable[[Camera], float] | None = None
+    """Of what is no quantity of a whole camera, but at a distance or a field: its value for one build."""
+
+    @property
+    def key(self) -> str:
+        """What its scatter goes by."""
+        return self.quantity or f"{self.subject}: {self.name}"
+
+    def values(self, builds: Camera, most: int | None = None) -> Array:
+        """Of builds one after the other, `most` of them where that is given; NaN where there is none."""
+        assert self.of is not None
+        return np.array([self.of(builds.build(k)) for k in range(builds.shape[0])[:most]])
+
+
+class AsBuilt(NamedTuple):
+    """What a tolerance study's builds tell."""
+
+    plan: TolerancePlan
+    final: Variant
+    """After adjustment, where anything is adjusted."""
+
+    def deviations(self, rows: Iterable[SheetLine]) -> dict[str, float]:
+        """Standard deviations by a line's key: over all builds where the study has it, or over the first of them."""
+        deviations = {column.label: column.deviation for column in self.final.distributions}
+        builds, good = first_builds(self.plan, MANY)
+        images: dict[tuple[Place, Place], MicrolensImages] = {}
+        for line in rows:
+            if line.key in deviations or not (line.quantity or line.of):
+                continue
+            with np.errstate(all="ignore"):  # of builds that are no cameras
+                if line.quantity:
+                    values = np.broadcast_to(QUANTITIES[line.quantity](builds.camera), good.shape)
+                elif isinstance(line.of, Corner):
+                    if line.of.ends not in images:
+                        images[line.of.ends] = first_builds(self.plan, FEW, line.of.ends)[0]
+                    values = line.of.over(images[line.of.ends])
+                else:
+                    values = line.values(builds.camera, FEW)
+            values = values[good[: values.size]]
+            if values.size > 1 and np.isfinite(values).all():  # an end at infinity, or none, has no spread
+                deviations[line.key] = float(np.std(values, ddof=1))
+        return {key: deviation for key, deviation in deviations.items() if math.isfinite(deviation)}
+
+
+class Known(NamedTuple):
+    """What a calibration tells of one instrument, or will."""
+
+    words: str
+    """What it is, as "as planned"."""
+    design: Design
+    """That it knows the lengths of."""
+    covariance: LengthCovariance
+
+
+class Basis(NamedTuple):
+    """What the lines' tolerances come from."""
+
+    sentences: tuple[str, ...]
+    sigma: Mapping[str, float]
+    """Standard deviation over builds, by a line's key."""
+    calibrated: Mapping[str, float]
+    """Standard deviation that a calibration leaves, by a line's key."""
+    sheet: Specification
+    design: Design
+
+    @property
+    def words(self) -> str:
+        """In sentences."""
+        return " ".join(self.sentences)
+
+
+def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
+    """Every line, in the order of the page."""
+    traced = design.lens is not None  # whose builds are cameras of thin twins
+    pupil, *tips = sheet.field_of_view_deg
+    names = (("full (diagonal)", "diagonal", ""), ("horizontal", "width", "width_"), ("vertical", "height", "height_"))
+    for words, key, part in names:
+        yield SheetLine(
+            "Field of view", f"from the entrance pupil, {words}", getattr(pupil, key), "deg",
+            "ISO 8600-3, method B: the FAP, as the scene sees it" if key == "diagonal" else "",
+            f"field_of_view_{part}deg",
+        )  # fmt: skip
+    for words, key, part in names:
+        yield SheetLine(
+            "Field of view", f"from the distal tip, {words}", getattr(tips[1], key), "deg",
+            f"of what is seen {number(tips[1].at_mm or 0.0, 4)} mm ahead of it" if key == "diagonal" else "",
+            f"tip_field_of_view_{part}deg",
+        )  # fmt: skip
+    yield SheetLine(
+        "Field of view", "direction of view", sheet.direction_of_view_deg, "deg", "0 is straight ahead",
+        "direction_of_view_deg",
+    )  # fmt: skip
+    near, far = sheet.working_range_mm
+    yield SheetLine(
+        "Distances", "working distance", sheet.working_distance_mm, "mm", "tip to focal plane", "working_distance_mm"
+    )
+    for name, ends, prefix, remark in (
+        ("working range", (near, far), "view_", "views sharp"),
+        ("depth of field, refocused", sheet.depth_of_field_mm.refocused, "", "sharp with the focal plane"),
+    ):
+        yield SheetLine("Distances", f"{name}, near", ends[0], "mm", remark, f"{prefix}depth_of_field_near_mm")
+        yield SheetLine("Distances", f"{name}, far", ends[1], "mm", "", f"{prefix}depth_of_field_far_mm")
+    for name, value, quantity in (
+        ("hyperfocal distance", sheet.hyperfocal_mm, "hyperfocal_mm"),
+        ("hyperfocal distance of a view", sheet.view_hyperfocal_mm, "view_hyperfocal_mm"),
+    ):
+        text = "none" if value is None else ""
+        yield SheetLine("Distances", name, value, "mm", "nearest focus that is sharp to infinity", quantity, text)
+    yield from _depth_lines(sheet, traced)
+    for k, field in enumerate(sheet.object_field):
+        at = f"at {number(field.at_mm, 4)} mm ({field.plane})"
+        focal = k == 1
+        for name, value, unit, remark, quantity, twice in (
+            ("width", field.width_mm, "mm", f"height {number(field.height_mm, 4)} mm", "field_half_width_mm", 2.0),
+            ("magnification", field.magnification, "", "array over object", "object_magnification", 1.0),
+            ("object sample", field.object_sample_mm, "mm", "one microlens", "object_sample_mm", 1.0),
+        ):
+            own = quantity if focal and twice == 1 else ""
+            there = None if own else partial(_at_distance, QUANTITIES[quantity], None if focal else field.at_mm, twice)
+            yield SheetLine("Object field", f"{name} {at}", value, unit, remark, own, of=there)
+    for row in sheet.resolution:
+        focal = row.at_mm == sheet.working_distance_mm
+        centre = row.x_ml_mm == sheet.field[0].x_ml_mm
+        if not (centre or focal):
+            continue
+        what = "refocused" if row.image == "refocused" else "a view"
+        away = "beyond the lens's sight" if row.x0_mm is None else f"{number(row.x0_mm, 4)} mm off axis"
+        aside = "axis" if centre else away
+        at = f"{what}, {number(row.at_mm, 4)} mm ahead, {aside}"
+        dark = "" if row.usable_lp_per_mm is not None else "dark or folded" if traced else "dark"
+        axial = focal and centre and row.image == "refocused"
+        of = None if axial or dark or traced else partial(_resolution, row, focal)
+        half, tenth, fold = (
+            number(value or 0.0, 4) for value in (row.mtf50_lp_per_mm, row.mtf10_lp_per_mm, row.fold_lp_per_mm)
+        )
+        remark = f"sampling; MTF 50 % at {half}, 10 % at {tenth}"
+        if row.limited_by == "contrast":
+            remark = f"MTF 50 %; 10 % at {tenth}, folds at {fold}"
+        limit = "mtf50_lp_per_mm" if row.limited_by == "contrast" else "fold_lp_per_mm"
+        yield SheetLine(
+            "Resolution", at, row.usable_lp_per_mm, "lp/mm", "" if dark else remark, limit if axial else "", dark, of
+        )
+    outermost, middle = corner(sheet.field), sheet.field[0]
+    at = "in the corner" if outermost.angle_deg is None else f"at {number(outermost.angle_deg, 4)} deg off axis"
+    scale = None
+    if outermost.local_magnification is not None and middle.local_magnification is not None:
+        scale = outermost.local_magnification / middle.local_magnification if middle.local_magnification else 0.0
+    lost = "not seen" if outermost.distortion_percent is None or scale is None else ""
+    places = (middle.x_ml_mm, outermost.x_ml_mm)
+    bent, shaded = Corner("distortion_percent", places), Corner("relative_illumination", places, 100.0)
+    stretched = Corner("local_magnification", places, against=True)
+    barrel = "below 0 is barrel-shaped"
+    yield SheetLine("Over the field", f"distortion {at}", outermost.distortion_percent, "%", barrel, text=lost, of=bent)
+    against = "against the middle, along the field's radius"
+    yield SheetLine("Over the field", f"local magnification {at}", scale, "", against, text=lost, of=stretched)
+    light = 100 * outermost.relative_illumination
+    yield SheetLine("Over the field", f"relative illumination {at}", light, "%", "against the middle", of=shaded)
+    width, height = sheet.pixels
+    yield SheetLine("Sampling", "pixels", None, "", "", text=f"{width} x {height}")
+    views = f"pixels across a microlens image; {number(sheet.independent_views_across, 3)} of them independent"
+    yield SheetLine("Sampling", "views across", sheet.views_across, "", views, "views_geometric")
+    across, up = sheet.object_samples
+    yield SheetLine("Sampling", "object samples", None, "", "microlenses that the sensor sees", text=f"{across} x {up}")
+    if sheet.colours:
+        yield from _colour_lines(design, sheet.colours)
+    turned = any(element.turn for element in design.elements)
+    unfolded = ", unfolded along the light: the housing turns with the prism" if turned else ""
+    around = "of the narrowest tube about clear apertures and sensor" + (", unfolded" if turned else "")
+    around += "; mounts come on top" if design.tube is None else "; mounts within its wall"
+    yield SheetLine("Body", "outer diameter", sheet.outer_diameter_mm, "mm", around, "outer_diameter_mm")
+    yield SheetLine("Body", "length", sheet.length_mm, "mm", f"tip to sensor{unfolded}", "total_length_mm")
+    parts = ", ".join(f"{part.name} of {number(part.diameter_mm, 4)} mm" for part in sheet.parts)
+    yield SheetLine("Body", PARTS, None, "", parts, text=str(len(sheet.parts)))
+
+
+def _depth_lines(sheet: Specification, traced: bool) -> Iterator[SheetLine]:
+    """How well depth is known, at both ends of the working range and over the field in focus."""
+    names = ("axis", "axis", "axis", "edge of the field", "corner of the field")
+    for spread, name in zip(sheet.depth_precision.spreads, names, strict=True):
+        focal, axial = spread.plane == "focal plane", name == "axis"
+        of = None
+        if not axial:
+            of = None if traced else partial(_at_field, QUANTITIES["sigma_z_at_field_mm"], spread.x_ml_mm)
+        elif not focal:
+            of = partial(_at_distance, QUANTITIES["sigma_z_mm"], spread.at_mm, 1.0)
+        yield SheetLine(
+            DEPTH, f"at {number(spread.at_mm, 4)} mm ({spread.plane}), {name}", spread.sigma_z_mm, "mm", "",
+            "sigma_z_mm" if focal and axial else "", "" if math.isfinite(spread.sigma_z_mm) else "none", of,
+        )  # fmt: skip
+
+
+def _at_field(quantity: Quantity, place: Place, camera: Camera) -> float:
+    return float(np.ravel(quantity.at_fields(MicrolensImages(camera, [place])))[0])
+
+
+def _at_distance(quantity: Quantity, at: float | None, factor: float, camera: Camera) -> float:
+    return factor * float(quantity(camera, at))
+
+
+def _resolution(row: Resolved, focal: bool, camera: Camera) -> float:
+    """At the row's distance, or on the build's own focal plane."""
+    at = float(focus_ahead(camera)) if focal else row.at_mm
+    value = resolved(MicrolensImages(camera, [row.x_ml_mm]), 0, at, row.image).usable_lp_per_mm
+    return math.nan if value is None else value
+
+
+@dataclass(frozen=True)
+class Corner:
+    """A quantity of the field's corner, `against` that of its middle."""
+
+    name: str
+    ends: tuple[Place, Place]
+    """Middle and corner [mm]."""
+    factor: float = 1.0
+    against: bool = False
+
+    def over(self, images: MicrolensImages) -> Array:
+        """Of builds at those ends, (T,)."""
+        values = np.asarray(QUANTITIES[self.name].at_fields(images), float)
+        middle, corner = np.broadcast_to(values, (2, *(images.camera.shape or (1,))))
+        return np.asarray(self.factor * corner / (middle if self.against else 1.0))
+
+    def __call__(self, camera: Camera) -> float:
+        """Of one build behind an ideal lens."""
+        return float(self.over(MicrolensImages(camera, self.ends))[0])
+
+
+def _colour_lines(design: Design, colours: tuple[Colour, ...]) -> Iterator[SheetLine]:
+    """What a Bayer pattern makes of pixels, light and depth: by green, the others beside."""
+    (green,), others = ([one for one in colours if (one.name == "green") is wanted] for wanted in (True, False))
+    subject = f"Colours, {design.sensor.colours}"
+
+    def beside(value: Callable[[Colour], float], digits: int = 3) -> str:
+        return ", ".join(f"{one.name} {number(value(one), digits)}" for one in others)
+
+    apart = f"{number(green.spacing_px, 3)} px apart; {beside(lambda one: one.views_across)}, 2 px apart"
+    across = partial(_in_green, "image_diameter_px", 1 / GREEN.spacing)
+    yield SheetLine(subject, "green pixels across a microlens image", green.views_across, "", apart, of=across)
+    folds = partial(_in_green, "fold_lp_per_mm", math.sqrt(GREEN.share))
+    detail = f"one pixel of each microlens, half of them green; {beside(lambda one: one.view_fold_lp_per_mm)}"
+    yield SheetLine(subject, "a view of green alone folds at", green.view_fold_lp_per_mm, "lp/mm", detail, of=folds)
+    sharp = f"refocused, axis, {number(green.wavelength_nm, 3)} nm; {beside(lambda one: one.mtf50_lp_per_mm)}"
+    yield SheetLine(
+        subject,
+        "MTF 50 % in green",
+        green.mtf50_lp_per_mm,
+        "lp/mm",
+        sharp,
+        of=partial(_in_green, "mtf50_lp_per_mm", 1.0),
+    )
+    white = f"in white light; {beside(lambda one: one.electrons, 4)}"
+    yield SheetLine(subject, "electrons in a green pixel", green.electrons, "", white, "pixel_electrons")
+    every = float(QUANTITIES["sigma_z_mm"](Camera.of(design)))
+    alone = f"scene without colours; green alone {number(green.sigma_z_mm, 3)}, {beside(lambda one: one.sigma_z_mm)}"
+    yield SheetLine(subject, "depth spread, focal plane, all colours", every, "mm", alone, "sigma_z_mm")
+
+
+def _in_green(name: str, factor: float, camera: Camera) -> float:
+    return factor * float(QUANTITIES[name](behind(camera, GREEN)))
+
+
+def basis(design: Design, built: AsBuilt | None = None, calibration: Known | None = None) -> Basis:
+    """A design's sheet, with what a tolerance study and a calibration know of it."""
+    sheet, sentences = specification(design), []
+    rows = list(lines(design, sheet))
+    if built is not None:
+        share, (low, high) = 100 * built.final.result.value, built.final.result.interval
+        sentences.append(
+            f"Tolerances are two standard deviations over {built.plan.trials} builds of the study {built.plan.name}; "
+            f"yield {share:.2f} % (95 % interval {100 * low:.2f} to {100 * high:.2f} %). "
+            + (f"{lost} Tolerances are of the others. " if (lost := impossible_words(built.final)) else "")
+            + "Lines that the study does not "
+            f"report go by the first {MANY} builds, those at a distance or a field by {FEW}."
+        )
+    if calibration is not None:
+        names = ", ".join(calibration.covariance.places)
+        sentences.append(
+            f"Uncertainty of one instrument after its calibration, {calibration.words}, is two standard deviations, by "
+            f"each line's derivatives over {names}."
+        )
+        if design is calibration.design:
+            sentences.append("Values are those of that instrument.")
+    sentences.append("Lines without one (–) are nominal." if sentences else NOMINAL)
+    return Basis(
+        tuple(sentences),
+        {} if built is None else built.deviations(rows),
+        {} if calibration is None else uncertain(calibration, rows),
+        sheet,
+        design,
+    )
+
+
+def uncertain(calibration: Known, rows: Iterable[SheetLine]) -> dict[str, float]:
+    """Standard deviation that a calibration leaves in the lines, by their keys, to first order."""
+    design, covariance = calibration.design, calibration.covariance
+    left = {
+        line.key: float(covariance.carried(design, QUANTITIES[line.quantity] if line.quantity else line.values))
+        for line in rows
+        if line.quantity or not (line.of is None or (design.lens is not None and isinstance(line.of, Corner)))
+    }
+    return {name: sigma for name, sigma in left.items() if math.isfinite(sigma)}
+
+
+def _value(line: SheetLine) -> str:
+    if line.text:
+        return line.text
+    assert line.value is not None
+    return f"{number(line.value, 4)} {line.unit}".strip() if math.isfinite(line.value) else number(line.value)
+
+
+def _spread(line: SheetLine, sigma: Mapping[str, float]) -> str:
+    if line.key not in sigma:
+        return "–"
+    # A millionth of the value is what derivatives' steps leave.
+    return f"±\N{NO-BREAK SPACE}{number(SIGMAS * sigma[line.key], 2, 1e-6 * abs(line.value or 0.0))}"
+
+
+def datasheet_section(grounds: Basis) -> Section:
+    """The page."""
+    columns = (("± 2σ, builds", grounds.sigma), ("± 2σ, calibrated", grounds.calibrated))
+    spreads = [column for column in columns if column[1]]
+    tables: dict[str, list[tuple[str, ...]]] = {}
+    captions = {
+        "Distances": SHARP,
+        DEPTH: f"One standard deviation of one measurement, {depth_basis(grounds.sheet.depth_precision.assumes)}; "
+        "what a calibration leaves comes on top.",
+        "Object field": "Ends are those of the working range.",
+        "Resolution": USABLE,
+    }
+    for line in lines(grounds.design, grounds.sheet):
+        if line.name == PARTS:  # too long for a cell
+            captions[line.subject] = f"{line.text} parts: {line.remark}."
+            continue
+        rows = tables.setdefault(line.subject, [])
+        cells = (_spread(line, sigma) for _, sigma in spreads)
+        rows.append((line.name, _value(line), *cells, line.remark))
+    widths, align = (24, 10, *(8 for _ in spreads), 0), f"ld{'l' * len(spreads)}l"
+    headings = ("", "value", *(heading for heading, _ in spreads), "")
+    blocks: list[Block] = [Paragraph(grounds.words)]
+    if grounds.design.lens is not None:
+        blocks.append(Paragraph(REAL))
+    if not grounds.design.aligned:
+        blocks.append(Paragraph(TILTED))
+    for title, rows in tables.items():
+        first = title == next(iter(tables))
+        blocks.append(
+            Table(
+                tuple(rows), align, headings if first else (), title, captions.get(title, ""),
+                widths=widths, dense=True,
+            )
+        )  # fmt: skip
+    curves = (
+        "Contrast of detail at the focal plane, tangential (along the field's radius) and sagittal: diffraction at the "
+        "pupil as the stops cut it, at microlenses, their width, the pixel, defocus. Detail beyond the dashed line is "
+        "sampled less than twice a period and folds back."
+    )
+    if grounds.design.lens is not None:
+        curves += (
+            " Rays through the real lens tell what it does to the light of a point: a view has of its aberrations what "
+            "its part of the FAP sees, the image refocused by one shift for all of it has them all."
+        )
+    mapped = (
+        "Detail that the image refocused to each distance shows with half its contrast; the lower of tangential and "
+        "sagittal. Lines join equal resolution."
+    )
+    blocks += [
+        Figure.of("mtf", "MTF", curves, mtf_curves(grounds.design)),
+        Figure.of("resolution-map", "Resolution over distance and field", mapped, resolution_map(grounds.design)),
+    ]
+    return Section("Data sheet", tuple(blocks))
+
+
+def datasheet_report(grounds: Basis) -> Report:
+    """The page alone."""
+    return Report(grounds.design.name, grounds.design.source, (datasheet_section(grounds),))
+
+
+def datasheet_json(grounds: Basis) -> dict[str, Any]:
+    """The lines with their tolerances, and the specification."""
+    rows = [
+        {
+            "subject": line.subject,
+            "name": line.name,
+            "value": line.value if line.value is not None and math.isfinite(line.value) else None,
+            "text": _value(line),
+            "unit": line.unit,
+            "two_sigma": None if line.key not in grounds.sigma else SIGMAS * grounds.sigma[line.key],
+            "calibration_two_sigma": (
+                None if line.key not in grounds.calibrated else SIGMAS * grounds.calibrated[line.key]
+            ),
+            "quantity": line.quantity or None,
+            "remark": line.remark,
+        }
+        for line in lines(grounds.design, grounds.sheet)
+    ]
+    head = {"schema": SCHEMA, "design": grounds.design.name, "basis": grounds.words}
+    return {**head, "lines": rows, "specification": grounds.sheet.to_dict()}
+
+
+def datasheet_csv(grounds: Basis) -> bytes:
+    """The lines as a table that spreadsheets read."""
+    keys = ("subject", "name", "value", "unit", "two_sigma", "calibration_two_sigma", "text", "remark")
+    return csv_bytes([keys, *([line[key] for key in keys] for line in datasheet_json(grounds)["lines"])])

@@ -1,0 +1,111 @@
+"""MTF over detail at some fields; a map of the detail that is resolved, over distance and field."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ...camera import Camera
+from ...drawing.marks import Image, Key, Line, Mark, Text, line_key
+from ...drawing.panel import Panel, Scale, colour_bar, round_ticks
+from ...drawing.picture import PAGE, Picture, beside, one_panel
+from ...drawing.theme import SMALL
+from ...evaluation.fields import default_fields
+from ...evaluation.specification import BEYOND, planes, transfer_at
+from ...theory.light import on_array, sensor_field
+from ...traced.fields import images_of
+
+if TYPE_CHECKING:
+    from ...design import Design
+
+COLOURS = ("blue", "orange", "green")
+WIDTHS = (4.6, 2.8, 1.2)
+"""Of the lines: where they lie on each other, each shows beside the next."""
+PLACES = ("centre", "edge", "corner")
+COLUMNS, ROWS = 15, 13
+"""Fields and distances of the map."""
+
+
+def mtf_curves(design: Design) -> Picture:
+    """MTF at the focal plane of the centre, the edge and the corner: of the refocused image, and of its middle view."""
+    images = images_of(design, default_fields(design))
+    transfers = [transfer_at(images, k, None) for k in range(len(PLACES))]
+    fold = min(transfer.fold("tangential") for transfer in transfers)
+    detail = np.linspace(0.0, 2.4 * fold, 73)
+    pictures = []
+    for kind, title in (("refocused", "refocused image"), ("view", "a single view")):
+        marks: list[Mark] = [Line([0.0, detail[-1]], [level, level], "grey", 1.0, "2 3") for level in (0.5, 0.1)]
+        marks += [
+            Line([fold, fold], [0.0, 1.0], "grey", 1.2, "6 3"),
+            Text(fold, 0.97, "folds beyond", "ink", SMALL, "start", 5, 4, halo=True),
+        ]
+        for transfer, colour, width in zip(transfers, COLOURS, WIDTHS, strict=True):
+            if transfer.middle is None:
+                continue
+            marks.append(Line(detail, transfer(detail, kind, "tangential"), colour, width))  # type: ignore[arg-type]
+            marks.append(Line(detail, transfer(detail, kind, "sagittal"), colour, width, "6 4"))  # type: ignore[arg-type]
+        panel = Panel(
+            (0, 0, 1, 1), Scale(0.0, float(detail[-1])), Scale(0.0, 1.0), tuple(marks),
+            "detail at the focal plane [lp/mm]", "MTF", title=title,
+        )  # fmt: skip
+        pictures.append(one_panel(f"mtf-{kind}", title, (PAGE / 2, 236), panel, top=26))
+    dark = "dark" if design.lens is None else "dark or folded"
+    keys: list[Key] = [
+        line_key(name if transfer.middle is not None else f"{name}: {dark}", colour, width)
+        for name, transfer, colour, width in zip(PLACES, transfers, COLOURS, WIDTHS, strict=True)
+    ]
+    keys += [line_key("tangential", "ink", 2.0), line_key("sagittal", "ink", 1.6, "6 4")]
+    return beside("mtf", f"MTF of {design.name} at its focal plane, over detail in lp/mm", pictures, keys)
+
+
+def resolution_map(design: Design) -> Picture:
+    """Detail at MTF 50 % of the refocused image, over distance ahead of the tip and field towards the corner."""
+    camera = Camera.of(design)
+    low, high = (np.array([float(v) for v in end]) for end in sensor_field(camera))
+    share = np.linspace(1e-6, 1.0, COLUMNS)  # the middle, too, has the diagonal for its radius
+    middle = (low + high) / 2
+    places = on_array(camera, middle + share[:, None] * (high - middle))
+    images = images_of(design, places)
+    near, focus, far = planes(camera).values()
+    distances = np.linspace(near, min(far, BEYOND * focus), ROWS)  # farther out hardly anything changes
+    values = np.full((ROWS, COLUMNS), math.nan)
+    for row, at in enumerate(distances):
+        for column in range(COLUMNS):
+            transfer = transfer_at(images, column, float(at))
+            values[row, column] = min(
+                transfer.limits((0.5,), "refocused", way)[0] for way in ("tangential", "sagittal")
+            )
+    known = values[np.isfinite(values)]
+    top = float(known.max(initial=0.0)) or 1.0
+    x, y = Scale(0.0, 100.0), Scale(float(distances[0]), float(distances[-1]))
+    half_x, half_y = 50 / (COLUMNS - 1), (y.high - y.low) / (ROWS - 1) / 2
+    shades = Image(np.nan_to_num(values), (-half_x, 100 + half_x, y.low - half_y, y.high + half_y), "blue", 0.0, top)
+    marks: list[Mark] = [shades]
+    if known.size == values.size:
+        marks += _lines(share * 100, distances, values)
+    else:
+        marks.append(Text(50.0, (y.low + y.high) / 2, "dark where nothing is drawn", "ink", SMALL, "middle", halo=True))
+    panel = Panel(
+        (0, 0, 1, 1), x, y, tuple(marks), "field, from the middle to the corner [%]", "ahead of the tip [mm]", grid=""
+    )
+    picture = one_panel("resolution-map", f"Detail that {design.name} resolves", (PAGE, 250), panel, left=64, right=110)
+    return picture.with_panels(colour_bar(picture.panels[0], 0.0, top, "blue", "MTF 50 % at [lp/mm]"))
+
+
+def _lines(x: np.ndarray, y: np.ndarray, values: np.ndarray) -> list[Mark]:
+    """Lines of equal resolution, named."""
+    from contourpy import contour_generator
+
+    marks: list[Mark] = []
+    generator = contour_generator(x, y, values)
+    for level in round_ticks(float(values.min()), float(values.max()), 5):
+        for points in generator.lines(level):
+            line = np.asarray(points)
+            if len(line) < 2:
+                continue
+            marks.append(Line(line[:, 0], line[:, 1], "ink", 1.1))
+            at = line[len(line) // 2]
+            marks.append(Text(float(at[0]), float(at[1]), f"{level:g}", "ink", SMALL, "middle", dy=4, halo=True))
+    return marks

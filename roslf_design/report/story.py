@@ -1,0 +1,521 @@
+"""Reports made whole: a design with a first look at tolerances and calibration, a study, or a story of several.
+
+A story (docs/reference/story-file.md) carries a design through optimisation, tolerances and a calibration plan. Parts
+run in their order. The first gets the story's design, each later one what the part before it passes on: an optimisation
+what it found, the others what they were given. A `design` in a study's own file counts only where that study runs
+alone. What `calibration` leaves out is chosen to suit the design; instead of a plan, `calibrated = "FOLDER"` takes what
+`roslf calibrate` found.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple
+
+from pydantic import Field, field_validator, model_validator
+
+from ..design import Design, load, preset_names
+from ..design.files import Kind, kind_of, load_beside
+from ..errors import InputError, Problem
+from ..evaluation import default_fields
+from ..optimization.solve import Tell
+from ..optimization.study import Result, designs, run
+from ..optimization.study import read_study as read_optimisation
+from ..tolerancing.analyses import summarise
+from ..tolerancing.result import StudyResult, analyse
+from ..tolerancing.run import Tally, run_trials
+from ..tolerancing.study import StrictTable, TolerancePlan, tolerance_plan
+from ..toml_files import read_toml, validated
+from .blocks import Block, Bullets, Finding, Paragraph, Report, Section, Statements
+from .calibrate.pages import (
+    Calibrated,
+    CalibrationPart,
+    calibrated_camera,
+    calibrated_finding,
+    plan_finding,
+    planned_lengths,
+    read_calibration,
+)
+from .design.pages import design_report, making
+from .optimise.pages import optimization_finding, statements
+from .sheet.lines import AsBuilt, Basis, Known, basis, datasheet_section
+from .tolerance.pages import tolerance_finding
+
+TAKES = re.compile(r"best|robust|parts-\d\d")
+STUDIES = ("optimize", "tolerance", "calibration", "calibrated")
+"""What a part may be."""
+
+
+class Opening(StrictTable):
+    """`[story]`."""
+
+    title: str
+    question: str = ""
+    design: str
+    """Design file, relative to the story, or the name of a preset."""
+
+
+class StoryPart(StrictTable):
+    """One of `[[parts]]`: exactly one study."""
+
+    optimize: str | None = None
+    tolerance: str | None = None
+    calibration: CalibrationPart | None = None
+    calibrated: str | None = None
+    """Folder of a calibration that was made, relative to the story."""
+    take: str = "best"
+    """Of an optimisation: which of its designs goes on."""
+
+    @field_validator("take")
+    @classmethod
+    def _known(cls, name: str) -> str:
+        if not TAKES.fullmatch(name):
+            raise ValueError(f"'{name}' is nothing to take; write best, robust, or parts-01 and so on")
+        return name
+
+    @model_validator(mode="after")
+    def _one(self) -> StoryPart:
+        given = [key for key in STUDIES if getattr(self, key) is not None]
+        if len(given) != 1:
+            has = " and ".join(given) or "nothing"
+            raise ValueError(f"has {has}; give each part one of optimize, tolerance, calibration or calibrated")
+        if "take" in self.model_fields_set and self.optimize is None:
+            raise ValueError("take goes with optimize only; leave it out")
+        return self
+
+    @property
+    def kind(self) -> str:
+        """Which study."""
+        return next(key for key in STUDIES if getattr(self, key) is not None)
+
+    @property
+    def file(self) -> str | None:
+        """The study's file."""
+        return self.optimize or self.tolerance
+
+
+class StoryTable(StrictTable):
+    """A whole file."""
+
+    story: Opening
+    parts: Annotated[tuple[StoryPart, ...], Field(min_length=1, max_length=20)]
+
+
+@dataclass(frozen=True)
+class Story:
+    """A story ready to run."""
+
+    table: StoryTable
+    design: Design
+    studies: Mapping[int, Mapping[str, Any]]
+    """What a part's file says, by the part's index; so for calibrations."""
+    folder: Path
+    origin: str
+    calibrations: Mapping[int, Calibrated]
+
+
+def load_story_or_study(path: Path) -> tuple[Kind, Story | None]:
+    """What kind of file a path (or a preset's name) names, and the story where it is one; errors as of `read_story`."""
+    if not path.exists() and (str(path) in preset_names() or not path.suffix):  # what is no preset, `load` tells
+        return "design", None
+    data = read_toml(path, str(path))
+    kind = kind_of(data, str(path))
+    return kind, read_story(data, path.parent, str(path)) if kind == "story" else None
+
+
+def read_story(data: Mapping[str, Any], folder: Path = Path(), origin: str = "") -> Story:
+    """A story from nested values, with its design and its studies; `folder` is for the files they name.
+
+    Raises
+    ------
+    InputError
+        Names the file and every fault in it and in these.
+    """
+    table = validated(StoryTable, data, origin)
+    faults: list[Problem] = []
+    studies: dict[int, Mapping[str, Any]] = {}
+    calibrations: dict[int, Calibrated] = {}
+    design = None
+    try:
+        design = load_beside(table.story.design, folder)
+    except InputError as error:
+        faults += [Problem("story.design", str(fault)) for fault in error.problems]
+    for index, part in enumerate(table.parts):
+        place = f"parts.{index}.{part.kind}"
+        try:
+            if part.file is not None:
+                studies[index] = read_toml(folder / part.file, part.file)
+            elif part.calibrated is not None:
+                calibrations[index] = read_calibration(folder / part.calibrated)
+        except InputError as error:
+            texts = [f"{part.file}: {fault}" if part.file else fault.message for fault in error.problems]
+            faults += [Problem(place, text) for text in texts]
+    if faults or design is None:
+        raise InputError(tuple(faults), origin)
+    return Story(table, design, studies, folder, origin, calibrations)
+
+
+# --- studies ----------------------------------------------------------------------------------------------------------
+
+TRIALS = 16384
+GRADE = "precision"
+FILL, KEPT, CENTRE, DEPTH = 0.1, 0.01, 1.0, 0.1
+"""Limits: change of the fill factor, light lost, image centres off [px], growth of the depth spread."""
+QUESTION = (
+    f"A first look, with limits that this report sets itself: {TRIALS} builds to the grade '{GRADE}' (engineering "
+    "judgement, as the table of grades says), the decoder calibrated on each. A build is good where its fill factor "
+    f"stays within {100 * FILL:g} % of the nominal, its depth spread grows by no more than {100 * DEPTH:g} %, no field "
+    f"loses more than {100 * KEPT:g} % of the light that it nominally gets, and the decoder finds image centres to "
+    f"{CENTRE:g} px. Tolerances and limits of your own make a study: roslf tolerance."
+)
+
+
+def run_tolerances(
+    data: Mapping[str, Any],
+    design: Design | None = None,
+    folder: Path = Path(),
+    origin: str = "",
+    progress: Callable[[int, int], None] | None = None,
+    seed: int | None = None,
+    budgets: bool = True,
+) -> StudyResult:
+    """Run a tolerance study with all its analyses, in this process; nothing of it stays on the disk.
+
+    As `tolerance_plan`; `progress` is told (trials done, trials in all), `seed` replaces the study's; `budgets`: what
+    reaches the wanted yield, too.
+    """
+    plan, study, grades = tolerance_plan(_seeded(data, seed), design, folder, origin)
+    return analyse(plan, study, grades, _tally(plan, progress), budgets=budgets)
+
+
+def _seeded(data: Mapping[str, Any], seed: int | None) -> Mapping[str, Any]:
+    return data if seed is None else {**data, "seed": seed}
+
+
+def _tally(plan: TolerancePlan, progress: Callable[[int, int], None] | None) -> Tally:
+    with tempfile.TemporaryDirectory() as scratch:
+        return run_trials(plan, Path(scratch), progress=progress)
+
+
+def builds_alone(
+    data: Mapping[str, Any],
+    design: Design | None = None,
+    folder: Path = Path(),
+    origin: str = "",
+    progress: Callable[[int, int], None] | None = None,
+    seed: int | None = None,
+) -> AsBuilt:
+    """The trials of a tolerance study without its analyses; arguments as of `run_tolerances`."""
+    plan, *_ = tolerance_plan(_seeded(data, seed), design, folder, origin)
+    return AsBuilt(plan, summarise(plan, _tally(plan, progress))[-1])
+
+
+def run_optimisation(
+    data: Mapping[str, Any],
+    design: Design | None = None,
+    folder: Path = Path(),
+    origin: str = "",
+    tell: Tell = lambda _: None,
+    seed: int | None = None,
+) -> Result:
+    """Run an optimisation study: as `tolerance_plan`; `tell` hears what is being done, `seed` replaces the study's."""
+    study = read_optimisation(data, folder, origin, seed, design)
+    try:
+        return run(study, tell)
+    except InputError as error:
+        raise error if error.origin else InputError(error.problems, origin) from None
+
+
+def quick_tolerances(
+    design: Design, seed: int = 0, progress: Callable[[int, int], None] | None = None, trials: int = TRIALS
+) -> StudyResult:
+    """The first look; behind a real main lens, builds are what `roslf tolerance` makes of them."""
+    # What nobody asked for needs no budget.
+    return run_tolerances(quick_study(design, seed) | {"trials": trials}, design, progress=progress, budgets=False)
+
+
+def quick_study(design: Design, seed: int = 0) -> dict[str, Any]:
+    """The first look as its file would say it, without the design: limits relative to the nominal."""
+    data: dict[str, Any] = {
+        "name": f"first look, {GRADE} grade",
+        "question": QUESTION,
+        "grade": GRADE,
+        "seed": seed,
+        "fields": [[f"{x!r} mm", f"{y!r} mm"] for x, y in default_fields(design)],
+        "report": ["fill_factor", "kept_fraction", "sigma_z_mm"],
+        "goals": [{"metric": "centre_error_px", "max": CENTRE}],
+        "compensators": [{"place": "calibration"}],
+        "sobol_samples": 0,
+        "keep_worst": 0,
+        "keep_trials": 0,
+    }
+    plan, *_ = tolerance_plan(data, design)
+    goals: list[dict[str, Any]] = []
+    for column, nominal in zip(plan.columns, plan.nominal.tolist(), strict=True):
+        if not math.isfinite(nominal):
+            continue  # a field without light
+        low, high = sorted(((1 - FILL) * nominal, (1 + FILL) * nominal))
+        limits = {
+            "centre_error_px": {"max": CENTRE},
+            "fill_factor": {"min": low, "max": high},
+            "kept_fraction": {"min": max(0.0, nominal - KEPT)},
+            "sigma_z_mm": {"max": (1 + DEPTH) * abs(nominal)},
+        }
+        at = {} if column.field is None else {"fields": [column.field]}
+        goals.append({"metric": column.metric, **limits[column.metric], **at})
+    return data | {"goals": goals, "report": []}
+
+
+# --- reports ----------------------------------------------------------------------------------------------------------
+
+
+def full_report(
+    design: Design,
+    *,
+    seed: int = 0,
+    calibrated: Calibrated | None = None,
+    calibration: Path | None = None,
+    progress: Tell = lambda _: None,
+    **options: Any,
+) -> Report:
+    """A design's report with a first look at tolerances and a calibration plan, or what was `calibrated` instead.
+
+    `calibration` is the latter's folder: the data sheet is then of the instrument, with what is left uncertain of it,
+    where its lengths' covariance is known and is of this design. `seed` is of builds and boards' poses, `progress` is
+    told what is being made; options as `design_report` takes them.
+    """
+    known = {} if calibrated is None else {"calibration": calibrated_finding(design, calibrated)}
+    findings = _first_look(design, seed, progress, known)
+    instrument = None if calibration is None else _known_if_told(calibration, design)
+    sheet = None if instrument is None else datasheet_section(basis(instrument.design, None, instrument))
+    return design_report(design, findings=findings, sheet=sheet, progress=progress, **options)
+
+
+def study_report(
+    kind: Kind, path: Path, *, seed: int | None = None, progress: Tell = lambda _: None, **options: Any
+) -> Report:
+    """A study's report: the design it is about, with what the study found and all else that a design's report has.
+
+    `kind` is "optimize" or "tolerance", `path` the study's file, `seed` counts instead of the study's; the rest as for
+    `full_report`. Every fault of the file is told by an InputError.
+    """
+    data, origin = read_toml(path, str(path)), str(path)
+    sheet = None
+    if kind == "optimize":
+        result = run_optimisation(data, None, path.parent, origin, _prefixed(progress, "optimisation"), seed)
+        best = _taken(result, "best")
+        if best is None:
+            return _without_design(result, **options)
+        design, findings = best, {"optimisation": optimization_finding(result)}
+    else:
+        tolerances = run_tolerances(data, None, path.parent, origin, _counted(progress, "tolerances"), seed)
+        design, findings = tolerances.plan.question.design, {"tolerances": tolerance_finding(tolerances)}
+        sheet = datasheet_section(basis(design, AsBuilt(tolerances.plan, tolerances.final)))
+    findings = _first_look(design, seed or 0, progress, findings)
+    title = str(data.get("name", design.name))
+    return design_report(design, findings=findings, sheet=sheet, title=title, progress=progress, **options)
+
+
+def story_report(story: Story, *, seed: int | None = None, progress: Tell = lambda _: None, **options: Any) -> Report:
+    """Run a story, part by part, and report on the design it ends with; `seed` is of all parts, instead of their own.
+
+    The rest as for `full_report`.
+
+    Raises
+    ------
+    InputError
+        A fault of a part's study, or a part that has nothing to pass on.
+    """
+    steps: list[str] = []
+    findings: dict[str, Finding] = {}
+    parts = []
+    for part in _walked(story, seed, progress):
+        parts.append(part)
+        design = part.design
+        match part.outcome:
+            case CalibrationPart() as asked:
+                findings["calibration"] = plan_finding(design, asked)
+                steps.append(f"Calibration plan, for {design.name}.")
+            case Calibrated() as calibrated:
+                findings["calibration"] = calibrated_finding(design, calibrated)
+                steps.append(f"Calibration of a camera built to {calibrated.data['design']}.")
+            case StudyResult() as tolerances:
+                findings["tolerances"] = tolerance_finding(tolerances)
+                steps.append(f"Tolerances ({part.name}), of {design.name}.")
+            case Result() as result:
+                findings["optimisation"] = optimization_finding(result)
+                onwards = _chosen(part.take, design)
+                steps.append(f"Optimisation ({part.name}), from {part.before.name}; what goes on: {onwards}.")
+    opening: tuple[Block, ...] = (Bullets(tuple(steps)),)
+    if story.table.story.question:
+        opening = (Paragraph(story.table.story.question), *opening)
+    title, sheet = story.table.story.title, datasheet_section(_basis_of(story, parts))
+    return design_report(
+        design, findings=findings, sheet=sheet, opening=opening, title=title, progress=progress, **options
+    )
+
+
+class Walked(NamedTuple):
+    """A part of a story that has run."""
+
+    outcome: Result | StudyResult | AsBuilt | CalibrationPart | Calibrated
+    """What it found; of a plan what is asked for."""
+    before: Design
+    design: Design
+    """That goes on."""
+    name: str
+    """Of its study."""
+    take: str
+
+
+def _walked(
+    story: Story, seed: int | None, progress: Tell, tolerances: Callable[..., StudyResult | AsBuilt] = run_tolerances
+) -> Iterator[Walked]:
+    """Run a story's parts, tolerance studies by `tolerances`."""
+    design = story.design
+    for index, part in enumerate(story.table.parts):
+        where, before = f"part {index + 1} of {len(story.table.parts)}", design
+        file, data = story.folder / (part.file or ""), story.studies.get(index, {})
+        outcome: Result | StudyResult | AsBuilt | CalibrationPart | Calibrated
+        if part.kind == "optimize":
+            tell = _prefixed(progress, f"{where}, optimisation")
+            outcome = run_optimisation(data, design, file.parent, str(file), tell, seed)
+            taken = _taken(outcome, part.take)
+            if taken is None:
+                raise InputError((Problem(f"parts.{index}", _nothing(outcome, part.take)),), story.origin)
+            design = taken
+        elif part.kind == "tolerance":
+            counted = _counted(progress, f"{where}, tolerances")
+            outcome = tolerances(data, design, file.parent, str(file), counted, seed)
+        elif part.calibration is not None:
+            progress(f"{where}, calibration plan")
+            plan = part.calibration
+            outcome = plan if seed is None else plan.model_copy(update={"seed": seed})
+        else:
+            outcome = story.calibrations[index]
+        yield Walked(outcome, before, design, str(data.get("name", "")), part.take)
+
+
+def datasheet_of(
+    path: Path, seed: int | None = None, progress: Tell = lambda _: None, calibration: Path | None = None
+) -> Basis:
+    """A design's data sheet, or that of a study's design with the scatter of its builds.
+
+    Of a story it is the sheet of the design that it ends with, its tolerances and its calibration those of the last
+    parts which are about that design. `calibration`: folder of one, which tells how sure the lines are of the
+    instrument that was calibrated; the sheet of a single design is then of that instrument.
+
+    Raises
+    ------
+    InputError
+        What cannot be read; a study that finds no design; a calibration of another design.
+    """
+    kind, story = load_story_or_study(path)
+    if story is not None:
+        if calibration is not None:
+            remedy = 'name it in the story, as calibrated = "FOLDER"'
+            raise InputError((Problem("--calibration", f"goes with a design or a study; {remedy}"),))
+        return _basis_of(story, list(_walked(story, seed, progress, builds_alone)))
+    if kind == "design":
+        design = load(str(path))
+        known = None if calibration is None else _known(calibration, design)
+        return basis(design if known is None else known.design, None, known)
+    data, origin = read_toml(path, str(path)), str(path)
+    if kind == "tolerance":
+        design = tolerance_plan(data, None, path.parent, origin)[0].question.design
+        known = None if calibration is None else _known(calibration, design)
+        built = builds_alone(data, None, path.parent, origin, _counted(progress, "tolerances"), seed)
+        return basis(design, built, known)
+    result = run_optimisation(data, None, path.parent, origin, _prefixed(progress, "optimisation"), seed)
+    best = _taken(result, "best")
+    if best is None:
+        raise InputError((Problem("", _nothing(result, "best")),), origin)
+    return basis(best, None, None if calibration is None else _known(calibration, best))
+
+
+def _basis_of(story: Story, parts: Sequence[Walked]) -> Basis:
+    """What the parts of a story tell of the design that it ends with."""
+    design = parts[-1].design
+    built: AsBuilt | None = None
+    known: Known | None = None
+    for index, part in enumerate(parts):
+        if part.design != design:
+            continue
+        match part.outcome:
+            case AsBuilt() as tolerances:
+                built = tolerances
+            case StudyResult() as result:
+                built = AsBuilt(result.plan, result.final)
+            case CalibrationPart() as asked:
+                covariance = planned_lengths(design, asked)
+                known = None if covariance is None else Known("as planned", design, covariance)
+            case Calibrated():
+                known = _known_if_told(story.folder / (story.table.parts[index].calibrated or ""), design) or known
+    return basis(design, built, known)
+
+
+def _known(calibration: Path, named: Design) -> Known:
+    return Known(f"as in {calibration.name}", *calibrated_camera(calibration, named))
+
+
+def _known_if_told(calibration: Path, named: Design) -> Known | None:
+    """None of another design's, or an older one: a report's section on it says so, and lines go without."""
+    with suppress(InputError):
+        return _known(calibration, named)
+    return None
+
+
+def _first_look(design: Design, seed: int, progress: Tell, known: Mapping[str, Finding]) -> dict[str, Finding]:
+    """What is known of a design, with a first look at tolerances and a calibration plan where these are not."""
+    findings = dict(known)
+    if "tolerances" not in known:
+        look = quick_tolerances(design, seed, _counted(progress, "tolerances"))
+        findings["tolerances"] = tolerance_finding(look, first_look=True)
+    if "calibration" not in known:
+        progress("calibration plan")
+        findings["calibration"] = plan_finding(design, CalibrationPart(seed=seed))
+    return findings
+
+
+def _taken(result: Result, name: str) -> Design | None:
+    return dict(designs(result)).get(f"{name}.toml")
+
+
+def _chosen(take: str, design: Design) -> str:
+    if take == "best":
+        return "its optimum"
+    if take == "robust":
+        return "the robust design, moved off the edges of the optimum's limits"
+    return f"number {int(take.removeprefix('parts-'))} of its parts lists ({design.source.removeprefix('catalogue: ')})"
+
+
+def _nothing(result: Result, name: str) -> str:
+    """Why an optimisation has no design of that name."""
+    if not result.answer.feasible:
+        conflict = result.answer.conflict
+        clash = " and ".join(conflict.smallest) if conflict is not None else "its limits"
+        return f"no design was found to go on with: {clash} cannot hold together; roslf optimize tells the ways out"
+    known = ", ".join(file.removesuffix(".toml") for file, _ in designs(result))
+    return f"found no '{name}' to take; it has {known}"
+
+
+def _without_design(result: Result, *, command: str = "", stamp: tuple[str, ...] = ()) -> Report:
+    """Of an optimisation that found no design: what stands in the way."""
+    asked, finding = result.answer.asked, optimization_finding(result)
+    summary = Section("Summary", (Statements(tuple(statements(result))),))
+    sections = (summary, finding.section, making(command, (finding.seed,), stamp))
+    return Report(asked.name, f"from {result.answer.problem.design.name}", sections)
+
+
+def _prefixed(progress: Tell, what: str) -> Tell:
+    return lambda said: progress(f"{what}: {said}")
+
+
+def _counted(progress: Tell, what: str) -> Callable[[int, int], None]:
+    return lambda done, total: progress(f"{what}: {done} of {total} builds")

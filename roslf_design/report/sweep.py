@@ -1,0 +1,71 @@
+"""Quantities over one number of a design as curves, over two as maps."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..drawing.marks import Area, Dots, Image, Line, Mark, box_key, parted
+from ..drawing.panel import Panel, Scale, colour_bar
+from ..drawing.picture import PAGE, Picture, beside, one_panel
+from ..theory.sweep import Sweep
+from ..words import in_words
+
+TALL = 230.0
+"""Of each panel [px]."""
+
+
+def sweep_picture(swept: Sweep, design: str) -> Picture:
+    """A panel a quantity, one below the other, as far as there are values; gaps and grey where some are missing."""
+    shown = _known_part(swept)
+    pictures = [_panel(shown, name) for name in shown.values]
+    title = f"{', '.join(map(in_words, swept.values))} of {design} over {' and '.join(swept.places)}"
+    return beside("sweep", title, pictures, down=True)
+
+
+def _known_part(swept: Sweep) -> Sweep:
+    """Without the margins where nothing has a finite value; all of it where nothing has one."""
+    known = np.any([np.isfinite(values) for values in swept.values.values()], axis=0)
+    if not known.any():
+        return swept
+    part = tuple(slice(at.min(), at.max() + 1) for at in np.nonzero(known))
+    places = {place: axis[own] for (place, axis), own in zip(swept.places.items(), part, strict=True)}
+    values = {name: each[part] for name, each in swept.values.items()}
+    return replace(swept, places=places, values=values, valid=swept.valid[part])
+
+
+def _label(name: str, unit: str) -> str:
+    return f"{in_words(name)} [{unit}]" if unit else in_words(name)
+
+
+def _panel(swept: Sweep, name: str) -> Picture:
+    values, unit = swept.values[name], swept.units[name]
+    known = values[np.isfinite(values)]
+    (place, x), *second = swept.places.items()
+    across = Scale(float(x.min()), float(x.max())) if np.ptp(x) > 0 else Scale.around(x)
+    label = _label(place, swept.units[place])
+    if not second:
+        shown = np.where(np.isfinite(values), values, np.nan)
+        there = np.pad(np.isfinite(shown), 1)
+        lone = there[1:-1] & ~there[:-2] & ~there[2:]  # no line goes to a neighbour
+        drawn = (Line(x, shown, "blue", 2.0), Dots(x[lone], shown[lone], "blue", size=3.0))
+        panel = Panel((0, 0, 1, 1), across, Scale.around(known), drawn, label, _label(name, unit))
+        return one_panel(f"sweep-{name}", name, (PAGE, TALL), panel, left=72)
+    other, y = second[0]
+    low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    high = high if high > low else low + 1.0
+    up = Scale(float(y.min()), float(y.max())) if np.ptp(y) > 0 else Scale.around(y)
+    steps = [(scale.high - scale.low) / max(1, len(v) - 1) / 2 for scale, v in ((across, x), (up, y))]
+    box = across.low - steps[0], across.high + steps[0], up.low - steps[1], up.high + steps[1]
+    shades = Image(np.where(np.isfinite(values), values, low).T, box, "blue", low, high)
+    marks: list[Mark] = [shades]
+    keys = [box_key("no camera, or no finite value", "grey", 0.9)] if not np.isfinite(values).all() else []
+    none = np.argwhere(~np.isfinite(values))
+    if none.size:
+        middle = np.stack([x[none[:, 0]], y[none[:, 1]]], -1)
+        corners = middle[:, None] + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * steps
+        marks.append(Area(parted(corners[..., 0]), parted(corners[..., 1]), "grey", 0.9))
+    panel = Panel((0, 0, 1, 1), across, up, tuple(marks), label, _label(other, swept.units[other]), grid="")
+    picture = one_panel(f"sweep-{name}", name, (PAGE, TALL + 60), panel, keys, left=72, right=110)
+    return picture.with_panels(colour_bar(picture.panels[0], low, high, "blue", _label(name, unit)))

@@ -1,0 +1,508 @@
+"""A tolerance study as a page and as a section of a design's report; the terminal shares its words and pictures."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ... import words
+from ...design import Design
+from ...drawing.picture import Picture
+from ...tables import Column
+from ...theory.quantities import finite
+from ...tolerancing.analyses import Variant, Yield
+from ...tolerancing.budgets import Change, ToleranceBudget
+from ...tolerancing.metrics import METRICS
+from ...tolerancing.places import display, perturbable, short_name
+from ...tolerancing.result import StudyResult
+from ...tolerancing.study import CALIBRATION
+from ...words import in_words
+from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
+from .pictures import Yields, YieldShare, distributions, ranked_correlations, ranked_moves, yield_bars, yield_curve
+
+TOP = 12
+"""Rows of a ranking."""
+MOST = 14
+"""Bars that a ranking shows."""
+MOST_FAULTS = 4
+"""Reasons why builds cannot be put together that a sentence names."""
+MOST_CHANGES = 8
+"""Changes that a table shows."""
+QUANTILES = 5
+"""Columns of quantiles that fit on a page; the rest is in the results' file."""
+MOST_RATIO = 1e3
+"""Above it the root sum of squares is noise of rounding."""
+FIGURES = {
+    "yield": (
+        "Yield over tolerance",
+        "Share of builds that hold all limits, over a common factor on all tolerances; same draws.",
+    ),
+    "grades": (
+        "What a grade buys",
+        "The same study with every graded tolerance at each grade; bars show 95 % intervals.",
+    ),
+    "spread": (
+        "Spread of the weakest metric",
+        "The {weakest}: as built, and after adjustment where anything is adjusted. Dashed: nominal.",
+    ),
+    "sensitivity": (
+        "What moves the weakest metric",
+        "One miss at a time: change of {weakest} at both ends of its tolerance, after adjustment.",
+    ),
+    "correlation": (
+        "What goes with the weakest metric",
+        "Over all trials, finally: {weakest}. Grey: what chance alone gives in 95 % of cases.",
+    ),
+}
+"""Title and caption of each picture."""
+number = partial(words.number, digits=4, zero=1e-9)
+
+
+def tolerance_report(result: StudyResult, command: str) -> Report:
+    """A study as a page of its own."""
+    plan = result.plan
+    return Report(f"Tolerances of {plan.question.design.name}", plan.name, (tolerance_section(result, command),))
+
+
+def tolerance_section(result: StudyResult, command: str = "", *, first_look: bool = False) -> Section:
+    """A study as a section of a report; the command that reruns it is printed where given."""
+    blocks: list[Block] = [Paragraph(result.study.question)] if result.study.question else []
+    blocks.append(Statements(tuple(_statements(result, first_look))))
+    weakest = in_words(result.final.weakest.label)
+    for name, picture in tolerance_pictures(result).items():
+        title, caption = FIGURES[name]
+        if name == "sensitivity" and (lost := _ends_lost(result)):
+            caption += f" No bar at an end where the build has no such number: {', '.join(lost)}."
+        blocks.append(Figure.of(f"tolerance-{name}", title, caption.format(weakest=weakest), picture))
+    blocks += [_worded(table) for table in tables(result)]
+    if result.warnings:
+        blocks.append(Bullets(tuple(in_words(warning) for warning in result.warnings)))
+    if command:
+        blocks.append(Code(command, "Run again"))
+    return Section(f"Tolerances: {result.plan.name}", tuple(blocks), f"tolerance-{result.plan.name}".replace(" ", "-"))
+
+
+def tolerance_finding(result: StudyResult, *, first_look: bool = False) -> Finding:
+    """A study in a design's report; of a first look, whose limits nobody asked for, no verdict in the summary."""
+    plan = result.plan
+    title = "A first look at tolerances, by default limits" if first_look else "Tolerances and yield"
+    section = Section(title, tolerance_section(result, first_look=first_look).blocks, "tolerances")
+    said = None if first_look else yield_statement(result, plan.name)
+    return Finding(section, said, f"Seed of the {plan.trials} builds: {plan.draws.seed}.")
+
+
+def headline(result: StudyResult) -> str:
+    """One sentence: the yield and its interval."""
+    low, high = result.final.result.interval
+    plan = result.plan
+    adjusted = "" if len(result.variants) == 1 else f" ({100 * result.variants[0].result.value:.2f} % as built)"
+    return (
+        f"Yield {100 * result.final.result.value:.2f} %{adjusted}, "
+        f"95 % interval {100 * low:.2f} to {100 * high:.2f} %, {plan.trials} trials, seed {plan.draws.seed}"
+    )
+
+
+def impossible_words(variant: Variant) -> str:
+    """How many builds are no cameras, and why; empty where all are."""
+    if not variant.impossible:
+        return ""
+
+    def percent(count: int) -> str:
+        return f"{100 * count / variant.result.trials:.3g} %"
+
+    more = len(variant.faults) - MOST_FAULTS
+    reasons = [f"{words} in {percent(count)}" for words, count in variant.faults[:MOST_FAULTS]]
+    reasons += [f"{more} more reasons"] if more > 0 else []
+    return f"{percent(variant.impossible)} of the builds cannot be put together: {', '.join(reasons)}."
+
+
+def yield_statement(result: StudyResult, name: str = "", first_look: bool = False) -> Statement:
+    """The yield as an answer, with what would mend it; neither good nor bad by limits of a first look."""
+    target = result.study.yield_target
+    if first_look:
+        ours = f"by limits that this report sets itself{f' ({name})' if name else ''}"
+        return Statement("plain", f"{headline(result)}, {ours}.")
+    text = f"{headline(result)}; wanted {100 * target:.4g} %{f' ({name})' if name else ''}."
+    misses = result.plan.nominal_misses()
+    if result.final.result.value >= target:
+        return Statement("good", text)
+    if misses:
+        named = ", ".join(in_words(label) for label in misses)
+        remedy = f"The nominal design itself misses its limits ({named}): change the design or the limits."
+    elif result.scale_for_target is None:
+        remedy = "No tolerance is tight enough: change the nominal design or the limits."
+    else:
+        remedy = f"Tighten all tolerances to {result.scale_for_target[0]:.3g} of what they are, or the worst few."
+        if result.budget is not None and result.budget.changes:
+            best = result.budget.changes[0]
+            remedy = (
+                f"Cheapest: {change_words(result, best)} ({cost_words(best.cost)}); yield {share_words(best.result)}."
+            )
+    return Statement("bad", text, remedy)
+
+
+def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
+    if lost := impossible_words(result.final):
+        yield Statement("caution", lost, "Change nominal distances or their tolerances so that these parts keep clear.")
+    yield yield_statement(result, first_look=first_look)
+    if result.precision is not None:
+        accuracy = result.precision.accuracy
+        yield Statement("caution" if accuracy.kept is False else "plain", words.sentence(accuracy.sentence(False)))
+    weakest = result.final.weakest
+    share = 100 * weakest.result.value
+    yield Statement(
+        "plain" if share == 100 else "caution",
+        f"The weakest limit is that on {in_words(weakest.label)}: {share:.2f} % {_of_those(result)}hold it.",
+    )
+    ranked = ranking(result)
+    if ranked and ranked[0][1] > 0.05:
+        place, part = ranked[0]
+        yield Statement(
+            "plain",
+            f"{short_name(place, result.plan.question.design)} goes with it most: {100 * part:.0f} % of its variance.",
+        )
+
+
+def _of_those(result: StudyResult) -> str:
+    """Which builds limits' yields count, where these are not all."""
+    return "of those that can be put together " if any(variant.impossible for variant in result.variants) else ""
+
+
+def ranking(result: StudyResult) -> list[tuple[str, float]]:
+    """Perturbations and the squares of their correlations with the weakest metric, largest first.
+
+    For independent perturbations and a nearly linear response: their shares of its variance, after adjustment.
+    """
+    parts = result.correlations[_weakest_row(result)] ** 2
+    order = np.argsort(-parts, kind="stable")
+    return [(result.plan.draws.perturbations[index].place, float(parts[index])) for index in order]
+
+
+def _weakest_row(result: StudyResult) -> int:
+    return [column.label for column in result.plan.columns].index(result.final.weakest.label)
+
+
+# --- tables -----------------------------------------------------------------------------------------------------------
+
+
+def tables(result: StudyResult, brief: bool = False) -> list[Table]:
+    """The tables of a study; `brief`: of each metric the field that fails most often, and no sources."""
+    shown = _shown(result, brief)
+    made = [_limits(result, shown), _quantiles(result, shown), _tolerances(result, brief)]
+    if result.budget is not None:
+        made += _budget(result, result.budget)
+    made.append(_rss(result, shown))
+    return made if result.sobol is None else [*made, _sobol(result)]
+
+
+def _limits(result: StudyResult, shown: set[str]) -> Table:
+    """Yield of each limit alone, for every variant."""
+    limits = [
+        (
+            limit.label,
+            *("" if math.isinf(edge) else number(edge) for edge in (limit.low, limit.high)),
+            *(f"{100 * variant.limits[index].result.value:.2f}" for variant in result.variants),
+        )
+        for index, limit in enumerate(result.final.limits)
+        if limit.label in shown
+    ]
+    together = "all together" + (", of all builds" if _of_those(result) else "")
+    every = (together, "", "", *(f"{100 * variant.result.value:.2f}" for variant in result.variants))
+    heads = ("metric@field", "min", "max", *(f"{variant.name} [%]" for variant in result.variants))
+    trials = result.plan.trials
+    count = f"Of {trials:,} builds."
+    if any(variant.impossible for variant in result.variants):
+        possible = (f"{100 * (1 - variant.impossible / trials):.2f}" for variant in result.variants)
+        limits.insert(0, ("can be put together", "", "", *possible))
+        count += " Each limit by itself: of those that can be put together."
+    places = ", ".join(f"{index} ({words.place(x_ml, 3)})" for index, x_ml in enumerate(result.plan.question.fields))
+    caption = f"{count} Fields, by the position of their microlens [mm]: {places}." if places else count
+    return Table((*limits, every), "l" + "d" * (len(heads) - 1), heads, "Limits", caption)
+
+
+def _quantiles(result: StudyResult, shown: set[str]) -> Table:
+    """Nominal value, mean, spread and quantiles of every metric, finally."""
+    final = result.final.distributions
+    probabilities = final[0].probabilities
+    # The outer ones, the middle, and evenly between.
+    steps = range(QUANTILES) if len(probabilities) else ()
+    places = sorted({round(i * (len(probabilities) - 1) / (QUANTILES - 1)) for i in steps})
+    undefined = any(column.undefined for column in final)
+    rows = tuple(
+        (
+            column.label,
+            *(number(value) for value in (column.nominal, column.mean, column.deviation)),
+            *(number(column.quantiles[index]) for index in places),
+            *((str(column.undefined),) if undefined else ()),
+        )
+        for column in final
+        if column.label in shown
+    )
+    caption = ["Of the builds that can be put together."] if _of_those(result) else []
+    if undefined:
+        caption += [
+            "Undefined trials count as failures; quantiles rank them worst, mean and spread are then not stated."
+        ]
+    if any(column.infinite for column in final):
+        caption += ["What is infinite ranks above all; mean and spread are then not stated."]
+    quantiles = (f"{100 * probabilities[index]:.4g} %" for index in places)
+    heads = ("metric@field", "nominal", "mean", "std. dev.", *quantiles, *(("undefined",) if undefined else ()))
+    title = f"Distributions, {result.final.name}"
+    return Table(rows, "l" + "r" * (len(heads) - 1), heads, title, " ".join(caption))
+
+
+def _tolerances(result: StudyResult, brief: bool) -> Table:
+    """Every perturbation: its tolerance, what it may be alone, what the wanted yield asks, where it comes from."""
+    design = result.plan.question.design
+    kinds = perturbable(design)
+    allowed = {a.place: a for a in result.allowed}
+    scale = None if result.scale_for_target is None else result.scale_for_target[0]
+    shares = dict(ranking(result))
+
+    def own(value: str, place: str) -> str:
+        return display(getattr(allowed[place], value), kinds[place]) if place in allowed else ""
+
+    source: Column = ("source", "l", lambda p: p.source.split(";")[0])
+    columns: tuple[Column, ...] = (
+        ("parameter", "l", lambda p: short_name(p.place, design)),
+        ("± tolerance", "r", lambda p: display(p.tolerance, kinds[p.place])),
+        ("r² [%]", "d", lambda p: f"{100 * shares.get(p.place, 0.0):.1f}"),
+        ("alone up to", "r", lambda p: own("alone", p.place)),
+        ("until it fails", "l", lambda p: allowed[p.place].alone_limited_by if p.place in allowed else ""),
+        ("shared budget", "r", lambda p: own("tolerance", p.place)),
+        ("for the wanted yield", "r", lambda p: "" if scale is None else display(p.tolerance * scale, kinds[p.place])),
+    )
+    share = "1/sqrt(n)" if result.study.share == "rss" else "1/n"
+    caption = (
+        "r²: squared correlation with the weakest metric. Alone up to: where, all else nominal, the first goal fails, "
+        "or the build cannot be put together. "
+        f"Shared budget: what uses {share} of every limit's room, n = {len(shares)} parameters. For the wanted yield: "
+        "all tolerances scaled by one factor."
+    )
+    ranked = sorted(result.plan.draws.perturbations, key=lambda p: -shares.get(p.place, 0.0))
+    return Table.of(ranked, columns if brief else (*columns, source), "Tolerances", caption)
+
+
+def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
+    """What reaches the wanted yield, cheapest first, and what may be looser."""
+    design = result.plan.question.design
+    if budget.changes:
+        columns: tuple[Column, ...] = (
+            ("change", "l", lambda change: change_words(result, change)),
+            ("cost", "d", lambda change: _cost(change.cost)),
+            ("yield [%]", "d", lambda change: f"{100 * change.result.value:.2f}"),
+            ("95 % interval [%]", "r", lambda change: _interval(change.result)),
+            ("of builds", "r", lambda change: f"{change.result.trials:,}"),
+        )
+        caption = (
+            f"What reaches {100 * budget.target:.4g} % for sure, cheapest first: with all of the yield's interval, on "
+            "builds that it was not found by. "
+            "Cost: more than now, in the unit of the grades' file (as shipped, 1 is the part in its loosest grade); a "
+            "tolerance between two grades by its logarithm."
+        )
+        yield Table.of(budget.changes[:MOST_CHANGES], columns, "What reaches the wanted yield", caption)
+    if budget.looser:
+        shown: tuple[Column, ...] = (
+            ("parameter", "l", lambda part: short_name(part.place, design)),
+            ("± now", "r", lambda part: _width(design, part.place, part.given)),
+            ("may be ±", "r", lambda part: _width(design, part.place, part.tolerance)),
+            ("grade", "l", lambda part: part.grade),
+            ("saves", "d", lambda part: "not known" if part.saved is None else f"{part.saved:.2f}"),
+        )
+        after = "after the cheapest change, " if budget.changes else ""
+        caption = (
+            f"All together, {after}a yield of {share_words(budget.result)}"
+            + ("" if budget.cost is None else f", for {_cost(budget.cost)} in all against now, changes and savings")
+            + ". Saves: of the part's cost, in the unit of the grades' file (as shipped, 1 is its loosest grade)."
+        )
+        yield Table.of(budget.looser, shown, "What may be looser", caption)
+
+
+def change_words(result: StudyResult, change: Change) -> str:
+    """A change as one would ask a shop for it."""
+    design = result.plan.question.design
+    if change.kind == "all tolerances":
+        assert result.scale_for_target is not None
+        return f"all tolerances times {result.scale_for_target[0]:.3g}"
+    said = []
+    for place, grade, to in change.steps:
+        name = "calibration of each build" if place == CALIBRATION else short_name(place, design)
+        if change.kind == "adjustment":
+            said.append(f"adjust: {name}" + (f", ± {_width(design, place, to)}" if math.isfinite(to) else ""))
+        else:
+            said.append(f"{name} to ± {_width(design, place, to)}" + (f" ({grade})" if grade else ""))
+    return "; ".join(said)
+
+
+def _width(design: Design, place: str, value: float) -> str:
+    """A half-width at a place, which may lack its axis."""
+    kinds = perturbable(design)
+    return display(value, kinds.get(place) or kinds[f"{place}.0"])
+
+
+def share_words(measured: Yield) -> str:
+    """A yield with its interval, and of how many builds."""
+    return f"{100 * measured.value:.2f} % ({_interval(measured)} %) of {measured.trials:,} builds"
+
+
+def _interval(measured: Yield) -> str:
+    low, high = measured.interval
+    return f"{100 * low:.2f} to {100 * high:.2f}"
+
+
+def cost_words(cost: float | None) -> str:
+    """A change of cost in words."""
+    if cost is None:
+        return "cost not known"
+    return f"costs {abs(cost):.2f} {'less' if cost < 0 else 'more'} than now, in the unit of the grades' file"
+
+
+def _cost(cost: float | None) -> str:
+    return "not known" if cost is None else f"{cost:+.2f}"
+
+
+def _rss(result: StudyResult, shown: set[str]) -> Table:
+    """Root sum of squares beside Monte Carlo."""
+    columns: tuple[Column, ...] = (
+        ("metric@field", "l", lambda row: row.column),
+        ("RSS", "d", lambda row: number(row.rss)),
+        ("Monte Carlo", "d", lambda row: number(row.monte_carlo)),
+        # A spread that is no first-order effect has no ratio worth its digits.
+        ("ratio", "d", lambda row: number(row.ratio) if row.ratio <= MOST_RATIO else "none"),
+        ("mean shift", "d", lambda row: number(row.mean_shift)),
+        ("linear", "l", lambda row: "yes" if row.linear else "no: use Monte Carlo"),
+    )
+    title = "Standard deviations as built: RSS beside Monte Carlo"
+    return Table.of((row for row in result.rss if row.column in shown), columns, title)
+
+
+def _sobol(result: StudyResult) -> Table:
+    """Sobol indices of the weakest metric, ranked by total index."""
+    indices = result.sobol
+    assert indices is not None
+    row = _weakest_row(result)
+    rows: list[tuple[str, ...]] = []
+    if indices.undefined_evaluations[row]:
+        rows.append(
+            (f"undefined in {indices.undefined_evaluations[row]} of {indices.evaluations} builds: no indices", "", "")
+        )
+    else:
+        shares = (indices.first, indices.first_interval_95), (indices.total, indices.total_interval_95)
+        for k in np.argsort(-indices.total[row], kind="stable")[:TOP]:
+            numbers = [[words.fixed(one, 3) for one in (value[row, k], *ends[row, k])] for value, ends in shares]
+            cells = [f"{index} ({low} to {high})" for index, low, high in numbers]
+            rows.append((_factor(indices.factors[k], result.plan.question.design), *cells))
+    heads = ("parameter", "first order (95 %)", "total (95 %)")
+    title = f"Sobol indices of {result.final.weakest.label}, {result.final.name}"
+    return Table(tuple(rows), "lrr", heads, title)
+
+
+def _factor(name: str, design: Design) -> str:
+    if name.startswith("group "):
+        return name
+    place = name.removesuffix(" (own part)")
+    return short_name(place, design) + ("" if place == name else ", own part")
+
+
+def _shown(result: StudyResult, brief: bool) -> set[str]:
+    """Labels of all columns; `brief`: of each metric the one that fails most often, else the one that scatters most."""
+    if not brief:
+        return {column.label for column in result.plan.columns}
+    held = {limit.label: limit.result.passed for limit in result.final.limits}
+    spread = {column.label: np.nan_to_num(column.high - column.low) for column in result.final.distributions}
+    worst: dict[str, str] = {}
+    for column in sorted(result.plan.columns, key=lambda column: (held.get(column.label, 0), -spread[column.label])):
+        worst.setdefault(column.metric, column.label)
+    return set(worst.values())
+
+
+def _worded(table: Table) -> Table:
+    """For a page, where there is room: metrics in words, with their units."""
+    rows = tuple((_label(first), *(in_words(cell) for cell in rest)) for first, *rest in table.rows)
+    heads = tuple(heading.replace("metric@field", "metric") for heading in table.headings)
+    return replace(table, rows=rows, headings=heads, title=in_words(table.title))
+
+
+def _label(cell: str) -> str:
+    metric = METRICS.get(cell.partition("@")[0])
+    return in_words(cell) + (f" [{metric.unit}]" if metric is not None and metric.unit else "")
+
+
+# --- pictures ---------------------------------------------------------------------------------------------------------
+
+
+def tolerance_pictures(result: StudyResult) -> dict[str, Picture]:
+    """Every picture that a tolerance study has something for.
+
+    Over the yield, the numbers of one metric: that whose limit is the weakest.
+    """
+    limit, row = result.final.weakest, _weakest_row(result)
+    yields, target = _yields(result), result.study.yield_target
+    reached = None if result.scale_for_target is None else result.scale_for_target[0]
+    drawn = {"yield": yield_curve(yields, (500, 320), target, reached)}
+    if result.grades:
+        drawn["grades"] = yield_bars(yields, (500, 0), target)
+    # As built and, where anything is adjusted, afterwards.
+    variants = result.variants[:1] if len(result.variants) == 1 else (result.variants[0], result.final)
+    columns = [variant.distributions[row] for variant in variants]
+    # What is infinite somewhere is drawn by its twin.
+    twins = any(column.infinite or math.isinf(column.nominal) for column in columns)
+    told: Callable[[Any], Any] = finite if twins else np.asarray
+    parts = [(v.name, told(np.array(c.cuts)), np.array(c.histogram)) for v, c in zip(variants, columns, strict=True)]
+    nominal = float(told(columns[0].nominal)) if math.isfinite(told(columns[0].nominal)) else 0.0
+    edges = [float(told(edge)) if math.isfinite(edge) else edge for edge in (limit.low, limit.high)]
+    label = _metric(result, row) if not twins else f"-1 over {_metric(result, row, unit=False)} [1/mm]"
+    span = float(told(columns[-1].low)), float(told(columns[-1].high))
+    drawn["spread"] = distributions(parts, nominal, [e for e in edges if math.isfinite(e)], span, label)
+    moves = result.sensitivity
+    both = (moves.twin_plus, moves.twin_minus) if twins else (moves.plus, moves.minus)
+    order = _largest(np.maximum(*(np.abs(np.nan_to_num(ends[-1, row])) for ends in both)))
+    plus, minus = (np.nan_to_num(ends[-1, row, order]) for ends in both)
+    drawn["sensitivity"] = ranked_moves(_names(result, order), plus, minus, [e - nominal for e in edges], label)
+    values, noise = result.correlations[row], 2 / math.sqrt(result.plan.trials)
+    order = _largest(np.where(np.abs(values) > noise, np.abs(values), 0.0))
+    bare = _metric(result, row, unit=False)
+    drawn["correlation"] = ranked_correlations(_names(result, order), values[order], noise, bare)
+    return drawn
+
+
+def _yields(result: StudyResult) -> Yields:
+    def share(measured: Yield) -> YieldShare:
+        return YieldShare(measured.value, *measured.interval, measured.trials)
+
+    grades = tuple((grade.grade, share(grade.result)) for grade in result.grades)
+    own = dict(grades).get(result.study.grade or "", share(result.final.result))
+    return Yields(result.study.grade or "", own, grades, tuple((scale, share(at)) for scale, at in result.yield_curve))
+
+
+def _names(result: StudyResult, order: NDArray[np.intp]) -> list[str]:
+    plan = result.plan
+    return [short_name(plan.draws.perturbations[index].place, plan.question.design) for index in order]
+
+
+def _largest(sizes: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Where the largest are, in order; without those too small to be seen."""
+    order = np.argsort(-sizes, kind="stable")[:MOST]
+    large = order[sizes[order] > 2e-3 * sizes[order[0]]]
+    return large if len(large) else order[:1]
+
+
+def _ends_lost(result: StudyResult) -> list[str]:
+    """What at an end of its tolerance alone leaves the weakest metric undefined."""
+    lost = np.flatnonzero(np.isinf(result.sensitivity.worst[-1, _weakest_row(result)]))
+    return _names(result, lost)
+
+
+def _metric(result: StudyResult, row: int, unit: bool = True) -> str:
+    """A column's metric and field for an axis."""
+    column = result.plan.columns[row]
+    metric = METRICS[column.metric]
+    fields = result.plan.question.fields
+    place = "" if column.field is None else f" at ({words.place(fields[column.field], 3)}) mm"
+    return in_words(metric.name) + (f" [{metric.unit}]" if unit and metric.unit else "") + place

@@ -1,0 +1,123 @@
+"""Relays: behind power in the bore nothing happens where d_1 passes through f; the main lens then sees what is in
+focus at infinity and beyond."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import roslf_design as roslf
+from roslf_design.camera import Camera
+from roslf_design.depth.geometry import depth_of, disparity_of
+from roslf_design.design import DesignError
+from roslf_design.theory.quantities import QUANTITIES
+from roslf_design.theory.stop_images import MicrolensImages
+
+SCOPE = roslf.load("cystoscope")
+PLANE = 121.0
+SHARES = np.array([1e-3, 1e-5, 1e-7, 0.0, -1e-7, -1e-5, -1e-3])
+
+
+def collimated(plane=PLANE):
+    """The cystoscope with an ocular behind which the main lens sees a plane at infinity."""
+
+    def power_left(focal_length):
+        return float(Camera.of(SCOPE, {"elements.0.focal_length": focal_length}).plane(plane).a)
+
+    return SCOPE.replace({"elements.0.focal_length": brentq(power_left, 15.0, 16.9, xtol=1e-13)})
+
+
+def focused_by_matrices(design, d_1):
+    """Plane in focus [mm before the main lens], by ray matrices from the array outwards."""
+
+    def gap(length, index=1.0):
+        return np.array([[1.0, length / index], [0.0, 1.0]])
+
+    def lens(f):
+        return np.array([[1.0, 0.0], [-1.0 / f, 1.0]])
+
+    way, here = lens(design.f) @ gap(d_1), 0.0
+    for element in sorted(design.elements, key=lambda element: element.distance):
+        way, here = gap(element.distance - here) @ way, element.distance + element.length
+        if element.kind == "lens":
+            way = lens(element.focal_length) @ way
+        else:
+            way = gap(element.thickness, float(element.material.index(design.wavelength))) @ way
+    water = float(design.object_space.medium.index(design.wavelength))
+    # All rays of a point of the array meet again where the way's upper right element is 0.
+    return here - water * way[0, 1] / way[1, 1]
+
+
+@pytest.mark.parametrize("share", SHARES)
+def test_the_plane_in_focus_is_that_of_ray_matrices(share):
+    scope = collimated()
+    d_1 = scope.f * (1 + share)
+    design = scope.replace(d_1=d_1)
+    # The plane moves by 2.7 m a unit of the share; rounding of the matrices by some 1e-13 of that.
+    assert design.d_f == pytest.approx(focused_by_matrices(scope, d_1), abs=1e-9)
+    assert Camera.of(scope, {"d_1": d_1})["main_lens.focal_plane"] == pytest.approx(design.d_f, abs=1e-9)
+
+
+def test_every_quantity_goes_on_as_if_nothing_happened():
+    camera = Camera.of(collimated()).replace({"d_1": SCOPE.f * (1 + SHARES)})
+    assert camera.valid.all()
+    counted = 0
+    for name, quantity in QUANTITIES.items():
+        if quantity.at == "needed":
+            continue
+        if quantity.of is not None:
+            values = np.broadcast_to(np.asarray(quantity(camera), float), SHARES.shape)
+        else:
+            fields = [(1.2, 0.7)]
+            values = np.array(
+                [quantity.at_fields(MicrolensImages(camera.build(k), fields)).item() for k in range(len(SHARES))]
+            )
+        if not np.isfinite(values).any():  # the far end of the depth of field
+            assert (values == values[0]).all() or np.isnan(values).all(), name
+            continue
+        counted += 1
+        # The plane moves by 2.7 m a unit of the share, 2.7 mm at the ends, over 25 mm from the tip: values change by
+        # up to a quarter between the ends, by 1e-4 of that between the inner ones, and bend by some hundredths.
+        size = np.abs(values).max()
+        assert abs(values[2] - values[4]) <= 3e-4 * size, (name, values)
+        assert abs(values[3] - (values[2] + values[4]) / 2) <= 1e-8 * size, (name, values)
+        assert abs(values[0] - 2 * values[3] + values[6]) <= 1e-1 * size, (name, values)
+    assert counted > 60
+
+
+def test_what_is_seen_at_infinity_can_be_asked_for():
+    design = collimated().replace(d_f=PLANE)
+    assert design.d_1 == pytest.approx(SCOPE.f, rel=1e-12)
+    assert roslf.specification(design).working_distance_mm == pytest.approx(25.0, abs=1e-9)
+
+
+def test_only_what_is_imaged_nowhere_is_refused():
+    scope, taken = collimated(), []
+    tip = float(Camera.of(scope).tip)
+    for d_1 in scope.f * np.append(np.linspace(0.98, 1.02, 20), np.linspace(1.1, 3.0, 11)):
+        if focused_by_matrices(scope, d_1) > tip:
+            taken.append(scope.replace(d_1=float(d_1)).d_1)
+        else:  # beyond infinity, or in the bore
+            with pytest.raises(DesignError):
+                scope.replace(d_1=float(d_1))
+    assert 0 < len(taken) < 31
+    assert min(taken) < scope.f < max(taken)
+    with pytest.raises(DesignError, match="no real image"):
+        roslf.load("paper").replace(f=100.0, d_1=100.0)
+
+
+@pytest.mark.parametrize("share", [2e-3, 0.0, -2e-3])
+def test_builds_on_both_sides_are_builds(share):
+    scope = collimated().replace(d_1=SCOPE.f * (1 + share))
+    builds = Camera.of(scope, {"d_1": scope.d_1 + np.linspace(-0.02, 0.02, 9)})
+    assert builds.valid.all()
+    assert (np.diff(builds["main_lens.focal_plane"]) < 0).all()
+
+
+@pytest.mark.parametrize("share", SHARES)
+def test_depths_and_disparities_turn_back_into_each_other(share):
+    scope = collimated()
+    camera = Camera.of(scope, {"d_1": scope.f * (1 + share)})
+    z = np.array([97.0, 105.0, 118.0, 121.0, 130.0, 200.0])
+    # Disparities cancel near the plane in focus: to 1e-13 of those far from it.
+    np.testing.assert_allclose(depth_of(camera, disparity_of(camera, z)), z, rtol=1e-9)
+    assert np.isnan(depth_of(camera, disparity_of(camera, np.array(1e12)) - 1.0))  # beyond infinity
