@@ -110,6 +110,15 @@ def test_limits_of_views_have_their_contrast(name, changes, at, neighbours):
     np.testing.assert_allclose(aslant(frequency, "view", "tangential"), np.abs(truth), atol=0.01)
 
 
+@pytest.mark.parametrize("kind", ["view", "refocused"])
+def test_limits_are_where_the_transfer_first_falls(kind):
+    """Grazing dips are not passed over: a view of the borescope falls to 0.093 before it rises and falls for good."""
+    transfer = transfer_of(roslf.load("mismatched-borescope"), 150.0)
+    for level, limit in zip([0.5, 0.1], transfer.limits([0.5, 0.1], kind, "sagittal"), strict=True):
+        assert transfer([limit], kind, "sagittal").item() == pytest.approx(level, abs=1e-4)
+        assert (transfer(np.linspace(0, 0.999 * limit, 150), kind, "sagittal") > level).all()
+
+
 @pytest.mark.parametrize("changes", [{"d": 1.0, "f_ml": 2.1, "wavelength": 1e-5}, {"d": 12.0}, {"wavelength": 1e-6}])
 @pytest.mark.parametrize("shape", ["square", "circular"])
 def test_views_of_coarse_microlenses_follow_rays(changes, shape):
