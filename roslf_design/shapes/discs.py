@@ -218,34 +218,59 @@ def rows_between(centres: Array, radii: Array, low: ArrayLike, high: ArrayLike, 
 
     Leading axes: centres (..., K, 2), radii (..., K), heights (...), and the chords (..., N).
     """
-    nodes, weights = gauss_legendre(rows)
-    angle = nodes * (math.pi / 2)
-    low, high = (np.asarray(v)[..., None] for v in (low, high))
-    half = np.maximum(high - low, 0.0) / 2
-    y = (low + high) / 2 + half * np.sin(angle)
+    y, weight = heights(low, high, rows)
     off = y[..., None, :] - centres[..., 1, None]
     reach = np.sqrt(np.maximum((radii[..., None] - off) * (radii[..., None] + off), 0.0))
     left = (centres[..., :1] - reach).max(-2)
     right = np.maximum((centres[..., :1] + reach).min(-2), left)
-    return Chords(y, half * np.cos(angle) * weights * (math.pi / 2), left, right)
+    return Chords(y, weight, left, right)
 
 
-def outline_chords(points: Array, rows: int, between: tuple[float, float] | None = None) -> Chords:
-    """Rows as of `chords` across what a closed line through points (K, 2) [mm] encloses, from first edge to last.
+def heights(low: ArrayLike, high: ArrayLike, rows: int) -> tuple[Array, Array]:
+    """Gauss-Legendre rows between two heights (...) [mm], and their weights: both (..., N), as of `chords`."""
+    nodes, weights = gauss_legendre(rows)
+    angle = nodes * (math.pi / 2)
+    low, high = (np.asarray(v)[..., None] for v in (low, high))
+    half = np.maximum(high - low, 0.0) / 2
+    return (low + high) / 2 + half * np.sin(angle), half * np.cos(angle) * weights * (math.pi / 2)
 
-    Parameters are those of `chords`.
-    """
-    low, high = float(points[:, 1].min()), float(points[:, 1].max())
-    if between is not None:
-        low, high = max(low, between[0]), min(high, between[1])
-    if not high > low:
-        return Chords(*(np.zeros(0) for _ in range(4)))
-    y, weight, *_ = rows_between(np.zeros((1, 2)), np.zeros(1), low, high, rows)
-    (x0, y0), (x1, y1) = points.T[..., None], np.roll(points, -1, axis=0).T[..., None]
-    crossed = (y0 <= y) != (y1 <= y)
-    at = x0 + (x1 - x0) * np.divide(y - y0, y1 - y0, out=np.zeros(crossed.shape), where=crossed)
-    left, right = at.min(0, where=crossed, initial=np.inf), at.max(0, where=crossed, initial=-np.inf)
-    return Chords(y, weight, left, np.maximum(left, right))
+
+class Outline(NamedTuple):
+    """What a closed line through points encloses, from its first edge to its last; straight between points' heights."""
+
+    steps: Array
+    """Heights of the points, rising, shape (K,) [mm]."""
+    first: Array
+    """Where the first edges begin and end along x, shape (K - 1, 2) [mm]."""
+    last: Array
+
+    @classmethod
+    def of(cls, points: Array) -> Outline:
+        """Of points (K, 2) [mm] whose line does not cross itself."""
+        steps = np.unique(points[:, 1])
+        (x0, y0), (x1, y1) = points.T[..., None, None], np.roll(points, -1, axis=0).T[..., None, None]
+        between = np.stack([steps[:-1], steps[1:]], axis=-1)
+        middle = between.mean(-1, keepdims=True)
+        crossed = (y0 <= middle) != (y1 <= middle)
+        share = np.divide(between - y0, y1 - y0, out=np.zeros((len(points), *between.shape)), where=crossed)
+        at, centre = x0 + (x1 - x0) * share, (x0 + (x1 - x0) * share.mean(-1, keepdims=True))[..., 0]
+        crossed = crossed[..., 0]
+        first = np.where(crossed, centre, np.inf).argmin(0)
+        last = np.where(crossed, centre, -np.inf).argmax(0)
+        row = np.arange(len(between))
+        return cls(steps, at[first, row], at[last, row])
+
+    @property
+    def between(self) -> tuple[float, float]:
+        """Lowest and highest place [mm]."""
+        return float(self.steps[0]), float(self.steps[-1])
+
+    def ends(self, y: Array) -> Array:
+        """First and last edge along x at heights within, shape (2, N) [mm]."""
+        y = np.clip(y, *self.between)
+        k = np.clip(np.searchsorted(self.steps, y) - 1, 0, len(self.steps) - 2)
+        share = (y - self.steps[k]) / (self.steps[k + 1] - self.steps[k])
+        return np.stack([edge[k, 0] + share * (edge[k, 1] - edge[k, 0]) for edge in (self.first, self.last)])
 
 
 @functools.cache

@@ -44,7 +44,7 @@ from ..shapes.lattice import lattice_steps
 from .depth_of_field import Kind
 from .exit_pupil import microlens_image_diameter, microlens_image_pitch
 from .light import diffraction_width, independent_views, microlens_defocus
-from .transfer import MicrolensTransfer, pair_transfer, pixel_box
+from .transfer import MicrolensTransfer, pair_line, pair_transfer, pixel_box
 
 Direction = Literal["tangential", "sagittal"]
 
@@ -58,8 +58,18 @@ INTERFERING = {"square": (64, 3), "circular": (8, 2)}
 at most: fields of round ones fall off faster."""
 HALVINGS = 40
 """Of the frequency at which a transfer reaches a level."""
-STEPS = 32
-"""Steps of frequency between which a transfer is taken to bend little."""
+STEPS = 12
+"""Steps of frequency, over which a transfer's waves turn once or twice: cubics between four of them are like it."""
+PARTS = 8
+"""Of a step, so that none is passed over in which the transfer falls and rises."""
+AT_ONCE = 2
+"""Steps taken before looking whether the least level is reached."""
+CLOSE = 1e-4
+"""To a level, from where on a cubic's place of it is right."""
+GRAZING = 0.01
+"""How far cubics over whole steps may be from the transfer, where it comes near to a level."""
+MOST_CLOSER = 6
+"""Places tried so, at most."""
 
 
 def fold(c: Camera) -> Array:
@@ -68,6 +78,11 @@ def fold(c: Camera) -> Array:
     Of a hexagonal array the least over all directions, ``1/(sqrt(3) d)``.
     """
     return np.asarray(ratio(1 / math.sqrt(3) if c.layout == "hexagonal" else 0.5, c.d))
+
+
+def sparse(count: int) -> int:
+    """As many nodes or some more, of few kinds: sets of nodes are made once."""
+    return -(-count // 8) * 8 if count < 128 else -(-count // 64) * 64
 
 
 def circle_transfer(shift: ArrayLike) -> Array:
@@ -203,6 +218,10 @@ class FieldTransfer:
         nu = np.asarray(frequency, float) * self.scale(direction)
         if self.middle is None:
             return np.full(nu.shape, np.nan)
+        return np.abs(self._complex(nu, kind, direction))
+
+    def _complex(self, nu: Array, kind: Kind, direction: Direction) -> Complex:
+        """Transfer at frequencies on the array [1/mm], shape (N,)."""
         return self._refocused(nu, direction) if kind == "refocused" else self._view(nu, direction)
 
     def scale(self, direction: Direction) -> float:
@@ -217,13 +236,31 @@ class FieldTransfer:
         reach = self._width / float(lens.wavelength * lens.distance)
         end = reach if kind == "view" else min(reach, 2 * float(_end(lens, self.rate, reach)))
         top = min(end, self.softest, 2 / self._spread if kind == "view" else math.inf)
-        grid = np.linspace(0.0, top / scale, STEPS + 1)
-        passed = self(grid, kind, direction)
-        while passed.min() > min(levels) and top < end:
-            top, start = min(2 * top, end), top
-            more = np.linspace(start / scale, top / scale, STEPS + 1)[1:]
-            grid, passed = np.append(grid, more), np.append(passed, self(more, kind, direction))
-        return [_falls(grid, passed, level) for level in levels]
+        grid, passed = np.linspace(0.0, top / scale, STEPS + 1), np.zeros(0, complex)
+        while not len(passed) or np.abs(passed).min() > min(levels):
+            if len(passed) == len(grid):
+                if top >= end:
+                    break
+                first, top = top, min(2 * top, end)
+                grid = np.append(grid, np.linspace(first / scale, top / scale, STEPS + 1)[1:])
+            more = grid[len(passed) : len(passed) + AT_ONCE]
+            passed = np.append(passed, self._complex(more * scale, kind, direction))
+        grid = grid[: len(passed)]
+        return [self._fall(grid, passed, level, kind, direction) for level in levels]
+
+    def _fall(self, grid: Array, passed: Complex, level: float, kind: Kind, direction: Direction) -> float:
+        """Object frequency at which the transfer, known on a grid, first falls to a level [lp/mm]."""
+        for _ in range(MOST_CLOSER):
+            limit, dip = _falls(grid, passed, level)
+            tried = limit if math.isnan(dip) else dip
+            value = self._complex(np.array([tried * self.scale(direction)]), kind, direction)
+            if tried in grid:
+                break
+            k = int(np.searchsorted(grid, tried))
+            grid, passed = np.insert(grid, k, tried), np.insert(passed, k, value)
+            if tried == limit and abs(abs(value.item()) - level) < CLOSE:
+                break
+        return _falls(grid, passed, level)[0]
 
     def fold(self, direction: Direction) -> float:
         """Object frequency beyond which detail folds back [lp/mm]."""
@@ -243,7 +280,7 @@ class FieldTransfer:
         """Direction of the detail."""
         return self.way if direction == "tangential" else (-self.way[1], self.way[0])
 
-    def _refocused(self, nu: Array, direction: Direction) -> Array:
+    def _refocused(self, nu: Array, direction: Direction) -> Complex:
         axes = self.axes(direction)
         if self.round:
             whole = circle_transfer(nu * float(self.camera.wavelength * self.camera.d_2) / self._width)
@@ -251,12 +288,17 @@ class FieldTransfer:
             zero, way = np.zeros(1), np.array(axes)
             whole = np.array([self._spectrum(each, way, zero, zero, zero)[0, 0] for each in (0.0, *nu.tolist())])
             whole = whole[1:] / whole[0]
-        return np.asarray(np.abs(whole * self._lens.refocused(self.rate, nu, axes)))
+        return np.asarray(whole * self._lens.refocused(self.rate, nu, axes))
 
-    def _view(self, frequencies: Array, direction: Direction) -> Array:
+    def _view(self, frequencies: Array, direction: Direction) -> Complex:
         axes = np.array(self.axes(direction))
-        total = self._passed(0.0, axes)
-        return np.array([abs(self._passed(nu, axes) / total) for nu in frequencies.tolist()]).reshape(frequencies.shape)
+        passed = [self._passed(nu, axes) / self._total for nu in frequencies.tolist()]
+        return np.array(passed, complex).reshape(frequencies.shape)
+
+    @cached_property
+    def _total(self) -> complex:
+        """Light of the view's pixel where the scene is even."""
+        return self._passed(0.0, np.array(self.way))
 
     def _passed(self, nu: float, axes: Array) -> complex:
         """Light of the view's pixel where the scene is a wave of a frequency on the array [1/mm]."""
@@ -275,13 +317,14 @@ class FieldTransfer:
         """What microlenses pass at frequencies of the lattice (M, N, 2) and these orders, of detail on the array."""
         if self._microlens.circular or self.camera.layout != "square":
             return self._paired(at.reshape(-1, 2), order.reshape(-1, 2), detail, self._pairs).reshape(at.shape[:2])
+        lens, (_, farthest) = self._microlens, INTERFERING["square"]
+        steps = np.arange(-farthest, farthest + 1) if len(self._pairs) > 1 else np.arange(1)
         lines = []
-        for axis, row in ((1, np.s_[:, :1]), (0, np.s_[:1, :])):
-            own = np.arange(2) == axis
-            pairs = [pair for pair in self._pairs if not pair[~own].any()]
-            line, orders = (np.where(own, part[row], 0).reshape(-1, 2) for part in (at, order))
-            lines.append(self._paired(line, orders, detail * own, pairs))
-        return np.multiply.outer(*lines)
+        for axis, row in ((1, np.s_[:, 0]), (0, np.s_[0, :])):
+            apart, vergence = np.asarray(float(self.camera.d) * steps[:, None], float), float(self.camera.vergence)
+            part = pair_line(lens, lens.wavelengths[0], at[row][:, axis], apart, vergence, detail[axis])
+            lines.append(np.where(order[row][:, axis] * steps[:, None] % 2, -part, part).sum(0))
+        return np.asarray(np.multiply.outer(*lines))
 
     def _paired(self, at: Array, order: NDArray[np.int64], detail: Array, pairs: Sequence[NDArray[np.int64]]) -> Array:
         lens, passed = self._microlens, np.zeros(len(at))
@@ -323,7 +366,7 @@ class FieldTransfer:
         """Transform of the pupil's overlap with itself at such frequencies, shape (M, N)."""
         apart = np.multiply.outer([-0.5, 0.5], nu * float(self.camera.wavelength * self.camera.d_2) * axes)
         centres, radii = (self.centres + apart[:, None]).reshape(-1, 2), np.tile(self.radii, 2)
-        y, weight, left, right = chords(centres, radii, self._rows(up, steps))
+        y, weight, left, right = chords(centres, radii, sparse(self._rows(up, steps)))
         half = (right - left) / 2
         light = (2 * half * weight) * np.sinc(2 * along[:, None] * half)
         light = light * np.exp(2j * math.pi * (along[:, None] * (left + right) / 2 + up[:, None] * y))
@@ -384,15 +427,38 @@ class FieldTransfer:
         return Lenslet.of(self.camera)
 
 
-def _falls(at: Array, values: Array, level: float) -> float:
-    """Where values, 1 at first, first fall to a level: along a parabola through three of them."""
-    k = int(np.argmax(values <= level)) or len(values) - 1
-    first = max(k - 2, 0)
-    near, heights = at[first : first + 3], values[first : first + 3]
-    bend, slope, base = np.polyfit(near - near[-1], heights, 2)
-    roots = np.roots([bend, slope, base - level])
-    inside = [x.real + near[-1] for x in roots if abs(x.imag) < 1e-12 and at[k - 1] <= x.real + near[-1] <= at[k]]
-    if inside:
-        return float(inside[0])
-    share = (values[k - 1] - level) / (values[k - 1] - values[k])
-    return float(at[k - 1] + share * (at[k] - at[k - 1]))
+def _falls(at: Array, values: Complex, level: float) -> tuple[float, float]:
+    """Where values, 1 at first, first fall to a size: along cubics through four of them; the last where they do not.
+
+    Also where, before, they come so near to it that they may do so there; else nan.
+    """
+    below = np.flatnonzero(np.abs(values) <= level)
+    last = int(below[0]) if below.size else len(at) - 1
+    k = np.arange(last)[:, None]
+    four = np.clip(k - 1, 0, max(len(at) - 4, 0)) + np.arange(min(len(at), 4))
+    fine = at[k] + (at[k + 1] - at[k]) * np.arange(PARTS + 1) / PARTS
+    size = np.abs(_between(at[four][:, None], values[four][:, None], fine))
+    size[:, -1] = np.abs(values[1 : last + 1])  # rounding apart
+    fallen = np.flatnonzero(size.ravel() <= level)
+    row, part = divmod(int(fallen[0]) if fallen.size else size.size - 1, PARTS + 1)
+    path = size[: row + 1, :-1].ravel()
+    dips = np.flatnonzero((path[1:-1] < path[:-2]) & (path[1:-1] < path[2:]) & (path[1:-1] < level + GRAZING)) + 1
+    dips = dips[(dips % PARTS > 0) & (dips < row * PARTS + part)]
+    dip = float(fine[:, :-1].ravel()[dips[0]]) if dips.size else math.nan
+    if not fallen.size:
+        return float(at[-1]), dip
+    finer = np.linspace(fine[row, max(part - 1, 0)], fine[row, part], PARTS**2 + 1)
+    size = np.abs(_between(at[four[row]], values[four[row]], finer))
+    n = int(np.argmax(size <= level)) if size.min() <= level else len(finer) - 1
+    share = (size[n - 1] - level) / (size[n - 1] - size[n]) if n and size[n] < size[n - 1] else 1.0
+    return float(finer[max(n - 1, 0)] + min(share, 1.0) * (finer[n] - finer[max(n - 1, 0)])), dip
+
+
+def _between(at: Array, values: Complex, place: Array) -> Complex:
+    """Polynomials through values (..., K) at places along x, at other places (..., N)."""
+    rows = [values[..., n] for n in range(at.shape[-1])]
+    for step in range(1, len(rows)):
+        for n in range(len(rows) - step):
+            one, other = at[..., n], at[..., n + step]
+            rows[n] = ((place - one) * rows[n + 1] - (place - other) * rows[n]) / (other - one)
+    return np.asarray(rows[0])

@@ -208,18 +208,33 @@ def pair_transfer(
     """
     c, s, width = math.cos(transfer.rotation), math.sin(transfer.rotation), transfer.width
     turn, detail = np.array([[c, -s], [s, c]]), np.asarray(detail, float)
-    power = 1 / transfer.sensor_distance + vergence + transfer.defocus  # 1/f_ml
+    frequency, apart, detail = frequency @ turn, apart @ turn, detail @ turn
     total = np.zeros(len(frequency))
     for wavelength in transfer.wavelengths:
-        pair = wavelength * transfer.sensor_distance * frequency @ turn
-        offset = np.abs(pair - apart @ turn)
-        cycles = (apart @ turn * power - transfer.defocus * pair) / wavelength - detail @ turn
         if transfer.circular:
-            total += _circles((pair - apart @ turn) / width, cycles * width)
-            continue
-        overlap = np.maximum(width - offset, 0.0)
-        total += (overlap / width * np.sinc(cycles * overlap)).prod(-1)
+            shift, cycles = _paths(transfer, wavelength, frequency, apart, vergence, detail)
+            total += _circles(shift / width, cycles * width)
+        else:
+            total += pair_line(transfer, wavelength, frequency, apart, vergence, detail).prod(-1)
     return total / len(transfer.wavelengths)
+
+
+def pair_line(
+    transfer: MicrolensTransfer, wavelength: float, frequency: Floats, apart: Floats, vergence: float, detail: ArrayLike
+) -> Floats:
+    """What two square microlenses pass together along one of their sides, as `pair_transfer`; all broadcast."""
+    shift, cycles = _paths(transfer, wavelength, frequency, apart, vergence, detail)
+    overlap = np.maximum(transfer.width - np.abs(shift), 0.0)
+    return np.asarray(overlap / transfer.width * np.sinc(cycles * overlap))
+
+
+def _paths(
+    transfer: MicrolensTransfer, wavelength: float, frequency: Floats, apart: Floats, vergence: float, detail: ArrayLike
+) -> tuple[Floats, Floats]:
+    """How far two microlenses' openings lie apart where they overlap [mm], and how phases turn there [1/mm]."""
+    power = 1 / transfer.sensor_distance + vergence + transfer.defocus  # 1/f_ml
+    pair = wavelength * transfer.sensor_distance * frequency
+    return pair - apart, (apart * power - transfer.defocus * pair) / wavelength - np.asarray(detail)
 
 
 def _circles(shift: Floats, cycles: Floats) -> Floats:

@@ -19,10 +19,10 @@ from numpy.typing import ArrayLike, NDArray
 from .._arrays import Complex
 from ..camera import Camera, Number
 from ..design import Design
-from ..shapes.discs import gauss_legendre, outline_chords
+from ..shapes.discs import Outline, gauss_legendre, heights
 from ..theory.light import object_scale, solid_angle
 from ..theory.quantities import QUANTITIES, image_rate
-from ..theory.resolution import ROWS, FieldTransfer
+from ..theory.resolution import FieldTransfer, sparse
 from ..theory.stop_images import MicrolensImages
 from .builds import received
 from .camera import SensorPoints, camera_of, microlenses, sensor_of_pupil
@@ -35,6 +35,8 @@ RINGS, SPOKES = 5, 12
 """Rays of an object point, over the FAP."""
 SOFT = 0.6
 """Frequencies times `Beam.spread` by which light so spread has lost its contrast, an even disc's by 0.31."""
+NODES = 12
+"""Gauss-Legendre places along a row, at least."""
 TRIALS = 9
 """Places across an image between which light's phases are taken to turn one way."""
 MOST_TURNS = 64.0
@@ -224,23 +226,28 @@ class TracedTransfer(FieldTransfer):
 
     def _spectrum(self, nu: float, axes: Array, along: Array, up: Array, steps: Array) -> Complex:
         shift = nu * float(self.camera.wavelength * self.camera.d_2) * axes / 2
-        low, high = (float(end) for end in (self.outline[:, 1].min(), self.outline[:, 1].max()))
-        between = low + abs(shift[1]), high - abs(shift[1])
-        rows = self._rows(up, steps) + math.ceil(math.pi * self._turns(nu, axes))
-        (y, weight, *one), other = (outline_chords(self.outline + sign * shift, rows, between) for sign in (-1, 1))
-        left, right = np.maximum(one[0], other.left), np.minimum(one[1], other.right)
+        turns = self._turns(nu, axes)
+        rows = sparse(self._rows(up, steps) + math.ceil(math.pi * turns))
+        (low, high), edge = self._outline.between, abs(float(shift[1]))
+        y, weight = heights(low + edge, high - edge, rows)
+        (left, right), other = (self._outline.ends(y - sign * shift[1]) + sign * shift[0] for sign in (-1, 1))
+        left, right = np.maximum(left, other[0]), np.minimum(right, other[1])
         half, middle = np.maximum(right - left, 0.0)[:, None] / 2, (left + right)[:, None] / 2
-        turns = np.abs(along).max(initial=0.0) * 2 * half.max(initial=0.0) + self._turns(nu, axes)
-        nodes, weights = gauss_legendre(ROWS + math.ceil(math.pi / 2 * turns))
+        turns += np.abs(along).max(initial=0.0) * 2 * half.max(initial=0.0)
+        nodes, weights = gauss_legendre(sparse(NODES + math.ceil(math.pi / 2 * turns)))
         x, y = middle + half * nodes, y[:, None]
         astray = self._astray(x, np.broadcast_to(y, x.shape), axes, shift)
         wave = weight[:, None] * half * weights * np.exp(2j * math.pi * (nu * astray + along[:1].sum() * x))
-        step = np.exp(2j * math.pi * (along[1:2].sum() - along[:1].sum()) * x)
         light = np.empty((len(y), len(along)), complex)
+        step = np.exp(2j * math.pi * (along[1] - along[0]) * x) if len(along) > 1 else np.ones(1)
         for n in range(len(along)):  # evenly spaced
             light[:, n] = wave.sum(1)
             wave *= step
         return np.asarray(np.exp(2j * math.pi * steps[:, None] * y.T) @ (light * np.exp(2j * math.pi * up * y)))
+
+    @cached_property
+    def _outline(self) -> Outline:
+        return Outline.of(self.outline)
 
     def _astray(self, x: Array, y: Array, axes: Array, shift: Array) -> Array:
         """Way on the array along the detail by which light misses where an ideal lens brings it [mm].
@@ -252,14 +259,17 @@ class TracedTransfer(FieldTransfer):
 
     def _turns(self, nu: float, axes: Array) -> float:
         """Periods by which detail's phases turn over the image beyond an ideal lens's, at most."""
-        if nu == 0:
-            return 0.0
+        return min(nu * max(float(np.nansum(np.abs(steps @ axes), axis=0).max()) for steps in self._strays), MOST_TURNS)
+
+    @cached_property
+    def _strays(self) -> tuple[Array, Array]:
+        """Steps of the ways astray along x and y, between places along the image's width and height, (8, 9, 2) [mm]."""
         middle, half = (self.outline.max(0) + self.outline.min(0)) / 2, np.ptp(self.outline, axis=0) / 2
         place = np.linspace(-1.0, 1.0, TRIALS)
         x, y = np.broadcast_arrays(middle[0] + half[0] * place, middle[1] + half[1] * place[:, None])
-        astray = np.where(np.hypot(place, place[:, None]) <= 1, self._astray(x, y, axes, np.zeros(2)), np.nan)
-        turns = [np.nansum(np.abs(np.diff(astray, axis=axis)), axis=axis).max() for axis in (0, 1)]
-        return min(nu * float(max(turns)), MOST_TURNS)
+        ways = np.stack([self._astray(x, y, axis, np.zeros(2)) for axis in np.eye(2)], axis=-1)
+        ways[np.hypot(place, place[:, None]) > 1] = np.nan
+        return np.diff(ways, axis=0), np.diff(ways.swapaxes(0, 1), axis=0)
 
 
 def uncut_light(light: Array, camera: Camera) -> Array:

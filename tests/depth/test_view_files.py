@@ -200,13 +200,13 @@ def hdf_matlab(place):
 
 
 def bomb_matlab(place):
-    """Zeros that would unpack to 8 GB, named in the header alone."""
+    """150 million doubles, fewer than the samples that any file may hold, named in the header alone."""
     savemat(place / "a.mat", {"LF": np.zeros((3, 3, 20, 20))})
     content = (place / "a.mat").read_bytes()
-    sizes = [np.array(shape, "<i4").tobytes() for shape in ((3, 3, 20, 20), (100, 100, 200, 500))]
+    sizes = [np.array(shape, "<i4").tobytes() for shape in ((3, 3, 20, 20), (10, 10, 1000, 1500))]
     assert content.count(sizes[0]) == 1
     (place / "a.mat").write_bytes(content.replace(*sizes))
-    return place / "a.mat", r"LF of 100 x 100 x 200 x 500 double numbers is too large (7629 MB; at most 512 MB"
+    return place / "a.mat", r"LF of 10 x 10 x 1000 x 1500 double numbers is too large (1144 MB; at most 512 MB"
 
 
 def nan_matlab(place):
