@@ -282,13 +282,22 @@ class FieldTransfer:
 
     def _refocused(self, nu: Array, direction: Direction) -> Complex:
         axes = self.axes(direction)
+        whole: Array | Complex
         if self.round:
             whole = circle_transfer(nu * float(self.camera.wavelength * self.camera.d_2) / self._width)
         else:
-            zero, way = np.zeros(1), np.array(axes)
-            whole = np.array([self._spectrum(each, way, zero, zero, zero)[0, 0] for each in (0.0, *nu.tolist())])
-            whole = whole[1:] / whole[0]
+            whole = np.array([self._overlap(each, np.array(axes)) for each in nu.tolist()]) / self._area
         return np.asarray(whole * self._lens.refocused(self.rate, nu, axes))
+
+    def _overlap(self, nu: float, axes: Array) -> complex:
+        """Integral over the pupil's overlap with itself [mm^2]."""
+        zero = np.zeros(1)
+        return complex(self._spectrum(nu, axes, zero, zero, zero)[0, 0])
+
+    @cached_property
+    def _area(self) -> complex:
+        """Of the pupil [mm^2]."""
+        return self._overlap(0.0, np.array(self.way))
 
     def _view(self, frequencies: Array, direction: Direction) -> Complex:
         axes = np.array(self.axes(direction))
