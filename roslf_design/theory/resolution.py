@@ -57,11 +57,11 @@ INTERFERING = {"square": (64, 3), "circular": (8, 2)}
 """Independent views across a pitch up to which light through two microlenses counts, and how many steps apart they lie
 at most: fields of round ones fall off faster."""
 HALVINGS = 40
-"""Of the frequency at which a transfer reaches a level."""
+"""Halvings of the stretch in which a transfer reaches a level."""
 STEPS = 12
 """Steps of frequency, over which a transfer's waves turn once or twice: cubics between four of them are like it."""
 PARTS = 8
-"""Of a step, so that none is passed over in which the transfer falls and rises."""
+"""Parts of a step that are looked at, so that none is passed over in which the transfer falls and rises."""
 AT_ONCE = 2
 """Steps taken before looking whether the least level is reached."""
 CLOSE = 1e-4
@@ -92,7 +92,7 @@ def circle_transfer(shift: ArrayLike) -> Array:
 
 
 class Lenslet(NamedTuple):
-    """What a microlens and a pixel pass beside the pupil; numbers of one or of many builds."""
+    """Transfer of a microlens and a pixel beside the pupil; numbers of one or of many builds."""
 
     width: Number
     distance: Number
@@ -190,7 +190,7 @@ class FieldTransfer:
     camera: Camera
     """One build; its tilts and the array's rotation are left out."""
     centres: Array
-    """Of the discs that stops cut out of the microlens image, shape (K, 2) [mm]."""
+    """Centres of the discs that stops cut out of the microlens image, shape (K, 2) [mm]."""
     radii: Array
     """Shape (K,) [mm]."""
     middle: tuple[float, float] | None
@@ -296,7 +296,7 @@ class FieldTransfer:
 
     @cached_property
     def _area(self) -> complex:
-        """Of the pupil [mm^2]."""
+        """Area of the pupil [mm^2]."""
         return self._overlap(0.0, np.array(self.way))
 
     def _view(self, frequencies: Array, direction: Direction) -> Complex:
@@ -323,7 +323,7 @@ class FieldTransfer:
         return complex((light * self._lenses(at, order, nu * axes)).sum())
 
     def _lenses(self, at: Array, order: NDArray[np.int64], detail: Array) -> Array:
-        """What microlenses pass at frequencies of the lattice (M, N, 2) and these orders, of detail on the array."""
+        """Transfer of microlenses at frequencies of the lattice (M, N, 2) and these orders, of detail on the array."""
         if self._microlens.circular or self.camera.layout != "square":
             return self._paired(at.reshape(-1, 2), order.reshape(-1, 2), detail, self._pairs).reshape(at.shape[:2])
         lens, (_, farthest) = self._microlens, INTERFERING["square"]
@@ -403,7 +403,7 @@ class FieldTransfer:
 
     @cached_property
     def _width(self) -> float:
-        """Of the pupil's image [mm]."""
+        """Width of the pupil's image [mm]."""
         return max(2 * float(self.radii.min()), 1e-9 * float(self.camera.d))
 
     @cached_property
