@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from .errors import InputError
     from .evaluation import Evaluation, evaluate
     from .evaluation.specification import Specification, specification
-    from .report.printers import render_html, render_pdf
+    from .reporting.printers import render_html, render_pdf
     from .theory.quantities import QUANTITIES, Quantity
     from .theory.sweep import Sweep, sweep
 
@@ -77,7 +77,7 @@ __getattr__, __dir__, _ = lazy.attach(
         "errors": ["InputError"],
         "evaluation": ["Evaluation", "evaluate"],
         "evaluation.specification": ["Specification", "specification"],
-        "report.printers": ["render_html", "render_pdf"],
+        "reporting.printers": ["render_html", "render_pdf"],
         "theory.quantities": ["QUANTITIES", "Quantity"],
         "theory.sweep": ["Sweep", "sweep"],
     },

@@ -22,8 +22,8 @@ from .imaging.render import RawImage
 from .imaging.render import render as render_image
 from .optimization.study import Result, load_study
 from .optimization.study import run as run_study
-from .report.blocks import Report
-from .report.design.pages import design_report
+from .reporting.blocks import Report
+from .reporting.design.pages import design_report
 from .scenes import Scene, load_scene
 from .theory.quantities import Quantity, quantity_named
 from .tolerancing.result import StudyResult, analyse

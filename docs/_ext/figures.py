@@ -14,10 +14,10 @@ from roslf_design.drawing.marks import Dots, Line, Mark, Point, Text, dot_key, l
 from roslf_design.drawing.panel import Panel, Scale
 from roslf_design.drawing.picture import PAGE, Picture, beside, one_panel
 from roslf_design.imaging.render import render
-from roslf_design.report.design.curves import depth_precision, matching_plane
-from roslf_design.report.design.effects import effects_budget
-from roslf_design.report.design.microlens import microlens_images
-from roslf_design.report.design.rays import ray_diagrams
+from roslf_design.reporting.design.curves import depth_precision, matching_plane
+from roslf_design.reporting.design.effects import effects_budget
+from roslf_design.reporting.design.microlens import microlens_images
+from roslf_design.reporting.design.rays import ray_diagrams
 from roslf_design.theory.f_number import approximate_fill_factor, fill_factor
 from roslf_design.theory.light_field import epi_slope
 

@@ -31,7 +31,7 @@ from roslf_design.effects import EFFECTS
 from roslf_design.evaluation import Evaluation
 from roslf_design.optimization import bore, robust
 from roslf_design.optimization import study as optimise
-from roslf_design.report import story
+from roslf_design.reporting import story
 from roslf_design.scenes.objects import OBJECTS, TEXTURES
 from roslf_design.scenes.scene import Scene, SceneLight
 from roslf_design.theory.quantities import QUANTITIES

@@ -41,7 +41,7 @@ class Element(Part):
     tilt: Tilt = (0.0, 0.0)
     """About the sensor-side vertex [rad]."""
 
-    keys: ClassVar[tuple[str, ...]] = ("distance", "diameter")
+    number_keys: ClassVar[tuple[str, ...]] = ("distance", "diameter")
     """Its lengths and other numbers, as far as it has them."""
     poses: ClassVar[tuple[str, ...]] = ("decentre", "tilt")
     """Its pairs of numbers that are 0 where it stands straight."""
@@ -104,7 +104,7 @@ class Element(Part):
 
     def numbers(self) -> Iterator[tuple[str, float]]:
         """Its numbers by their keys, the index apart."""
-        yield from ((key, float(value)) for key in self.keys if (value := getattr(self, key)) is not None)
+        yield from ((key, float(value)) for key in self.number_keys if (value := getattr(self, key)) is not None)
         yield from ((f"{pose}.{axis}", float(getattr(self, pose)[axis])) for pose in self.poses for axis in (0, 1))
 
     def span(self, at: PartNumbers) -> Number:

@@ -36,7 +36,7 @@ class FieldLens(Element):
     material: Material | None = None
     """Material, as far as temperature goes; None leaves its focal length as it is."""
 
-    keys: ClassVar = (*Element.keys, "focal_length")
+    number_keys: ClassVar = (*Element.number_keys, "focal_length")
 
     @field_validator("focal_length", mode="after")
     @classmethod

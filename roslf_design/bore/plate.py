@@ -28,7 +28,7 @@ class Block(Element):
     wedge: Tilt = (0.0, 0.0)
     """How far its sensor-side face is turned out of parallel [rad]."""
 
-    keys: ClassVar = (*Element.keys, "thickness")
+    number_keys: ClassVar = (*Element.number_keys, "thickness")
     poses: ClassVar = (*Element.poses, "wedge")
     bends: ClassVar = False
     seals: ClassVar = True

@@ -33,7 +33,7 @@ class Grin(Element):
     gradient: Gradient
     """g [1/mm]."""
 
-    keys: ClassVar = (*Element.keys, "thickness", "index", "gradient")
+    number_keys: ClassVar = (*Element.number_keys, "thickness", "index", "gradient")
     steps: ClassVar = 24
     cores: ClassVar = (0.35, 0.7)
     trade_name: ClassVar = "gradient-index rod"

@@ -19,7 +19,7 @@ from ..accuracy.statement import check_accuracy
 from ..accuracy.table import QUANTITIES, cache_file, check_quantity, current_table
 from ..design import load
 from ..errors import InputError, Problem
-from ..report.printers import page_files
+from ..reporting.printers import page_files
 from ..scenes import load_scene
 from ..tables import Table, print_table
 from .evaluate import parse_field
@@ -38,7 +38,7 @@ from .terminal import (
 )
 
 if TYPE_CHECKING:
-    from ..report.blocks import Report
+    from ..reporting.blocks import Report
 
 MOST_JOBS = 10_000
 _PACKAGE = Path(__file__).resolve().parent.parent

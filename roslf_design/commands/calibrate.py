@@ -31,9 +31,9 @@ from ..calibration.space import in_medium
 from ..design import Design, DesignError, dumps, load
 from ..design.files import WRITTEN
 from ..errors import InputError, Problem
-from ..report.calibrate import pages
-from ..report.calibrate.pictures import what_was_seen
-from ..report.printers import page_files
+from ..reporting.calibrate import pages
+from ..reporting.calibrate.pictures import what_was_seen
+from ..reporting.printers import page_files
 from ..toml_files import nearest, read_toml, validated
 from .raw_images import UnfinishedError, refused, what_there_was
 from .terminal import (

@@ -31,7 +31,7 @@ from ..depth.view_files import MATLAB, read_pfm, read_views
 from ..design import Design, load
 from ..errors import InputError, Problem
 from ..imaging.camera import Region
-from ..report.calibrate.pages import calibrated_camera
+from ..reporting.calibrate.pages import calibrated_camera
 from ..units import read_quantity
 from .raw_images import OTHER_CAMERA, RawDecoded, UnfinishedError, from_raw, refused
 from .terminal import refusal

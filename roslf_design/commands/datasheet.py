@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Literal
 
-from ..report.printers import Paper, render_html, render_pdf
-from ..report.sheet.lines import Basis, datasheet_csv, datasheet_json, datasheet_report
-from ..report.story import datasheet_of
+from ..reporting.printers import Paper, render_html, render_pdf
+from ..reporting.sheet.lines import Basis, datasheet_csv, datasheet_json, datasheet_report
+from ..reporting.story import datasheet_of
 from .report import folder_name
 from .terminal import OptionalOutput, StatusLine, check_options, check_target, check_typst, json_text, say, write_files
 

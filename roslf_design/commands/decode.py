@@ -21,10 +21,10 @@ from ..depth.decoded import Decoded, RawSource, textured_row
 from ..depth.view_files import MATLAB, read_views, view_files
 from ..design import Design, load
 from ..errors import InputError, Problem
-from ..report.calibrate.pages import CALIBRATED, read_calibration
-from ..report.decode import pages
-from ..report.decode.pictures import contrast
-from ..report.printers import render_html, render_tables
+from ..reporting.calibrate.pages import CALIBRATED, read_calibration
+from ..reporting.decode import pages
+from ..reporting.decode.pictures import contrast
+from ..reporting.printers import render_html, render_tables
 from ..units import read_quantity
 from .raw_images import OTHER_CAMERA, UnfinishedError, from_raw, refused
 from .terminal import (

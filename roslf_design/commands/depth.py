@@ -15,9 +15,9 @@ from ..depth.measure import REASONS, Measurement, Trial, share_done, simulate
 from ..depth.view_files import MATLAB
 from ..design import load, preset_names
 from ..errors import Problem
-from ..report.depth.captured import capture_answers, capture_basis, capture_report
-from ..report.depth.pages import answers, basis, depth_report, measurement_pictures
-from ..report.printers import page_files
+from ..reporting.depth.captured import capture_answers, capture_basis, capture_report
+from ..reporting.depth.pages import answers, basis, depth_report, measurement_pictures
+from ..reporting.printers import page_files
 from ..scenes import load_scene
 from .captures import captured
 from .render import parse_region

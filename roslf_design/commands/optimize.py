@@ -10,8 +10,8 @@ from ..design.files import WRITTEN
 from ..errors import InputError
 from ..optimization.search import QUICK
 from ..optimization.study import designs, load_study, run, to_dict
-from ..report.optimise.pages import optimisation_pictures, optimization_report
-from ..report.printers import page_files
+from ..reporting.optimise.pages import optimisation_pictures, optimization_report
+from ..reporting.printers import page_files
 from .terminal import Flag, Output, StatusLine, check_options, json_text, listed, print_titled, say, typed, write_files
 
 

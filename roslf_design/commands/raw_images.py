@@ -15,7 +15,7 @@ from ..depth.decoded import RawSource
 from ..design import Design
 from ..drawing.picture import Picture
 from ..errors import InputError, Problem
-from ..report.decode.pictures import no_lattice
+from ..reporting.decode.pictures import no_lattice
 from .terminal import picture_files, refusal, write_files
 
 OTHER_CAMERA = 0.02

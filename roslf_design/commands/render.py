@@ -17,7 +17,7 @@ from ..effects import Budget, Plan, plan
 from ..errors import InputError, Problem
 from ..imaging.files import check_target, write_image
 from ..imaging.render import render as compute
-from ..report.design.microlens import preview as zooms
+from ..reporting.design.microlens import preview as zooms
 from ..scenes import WHITE_FIELD, load_scene
 from ..tables import Table, print_table
 from .terminal import Flag, OptionalOutput, StatusLine, bar, check_options, json_text, refusal, say

@@ -20,11 +20,11 @@ from ..drawing.solid import NoPictureError, picture, vtp_bytes
 from ..drawing.svg import file_of
 from ..errors import InputError, Problem
 from ..evaluation.evaluate import check_evaluation_accuracy
-from ..report.calibrate.pages import read_calibration
-from ..report.design.compare import comparison_report
-from ..report.design.instrument import instrument_scene
-from ..report.printers import render_html, render_pdf, render_tables
-from ..report.story import full_report, load_story_or_study, story_report, study_report
+from ..reporting.calibrate.pages import read_calibration
+from ..reporting.design.compare import comparison_report
+from ..reporting.design.instrument import instrument_scene
+from ..reporting.printers import render_html, render_pdf, render_tables
+from ..reporting.story import full_report, load_story_or_study, story_report, study_report
 from .terminal import (
     PAGE,
     Flag,
@@ -41,7 +41,7 @@ from .terminal import (
 )
 
 if TYPE_CHECKING:
-    from ..report.blocks import Report
+    from ..reporting.blocks import Report
 
 SOLID = {"model": "model.vtp", "3d": "3d.png"}
 """Name of a 3D file to its file name."""

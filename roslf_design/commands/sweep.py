@@ -15,7 +15,7 @@ from .._arrays import Array
 from ..bore.conjugates import CONJUGATES
 from ..design import PATHS, Design, load
 from ..errors import InputError, one_line
-from ..report.sweep import sweep_picture
+from ..reporting.sweep import sweep_picture
 from ..tables import csv_bytes
 from ..theory.sweep import sweep as compute
 from ..theory.sweep import unit_of

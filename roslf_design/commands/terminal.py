@@ -18,7 +18,7 @@ from cyclopts import Parameter
 from ..design.files import in_the_way, write_atomically
 from ..drawing.svg import file_of
 from ..errors import InputError, Problem, printable
-from ..report.blocks import MARKS, Block, Bullets, Paragraph, Statements, Table
+from ..reporting.blocks import MARKS, Block, Bullets, Paragraph, Statements, Table
 from ..tables import plain_text, print_table
 
 if TYPE_CHECKING:

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from ..errors import Problem
-from ..report.blocks import Block, Paragraph
-from ..report.printers import page_files
-from ..report.tolerance.pages import (
+from ..reporting.blocks import Block, Paragraph
+from ..reporting.printers import page_files
+from ..reporting.tolerance.pages import (
     cost_words,
     headline,
     impossible_words,

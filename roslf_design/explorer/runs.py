@@ -18,13 +18,13 @@ from ..design import Design
 from ..drawing.theme import short
 from ..errors import InputError, Problem
 from ..optimization.study import Result
-from ..report.blocks import Statement
-from ..report.depth.pages import statements as depth_statements
-from ..report.optimise.pages import statements
-from ..report.optimise.pictures import SearchEnd, VariableMove, ends_of
-from ..report.story import CENTRE, DEPTH, FILL, KEPT, quick_study, run_optimisation
-from ..report.tolerance.pages import impossible_words
-from ..report.tolerance.pictures import LimitSpread, Offender, Yields, YieldShare
+from ..reporting.blocks import Statement
+from ..reporting.depth.pages import statements as depth_statements
+from ..reporting.optimise.pages import statements
+from ..reporting.optimise.pictures import SearchEnd, VariableMove, ends_of
+from ..reporting.story import CENTRE, DEPTH, FILL, KEPT, quick_study, run_optimisation
+from ..reporting.tolerance.pages import impossible_words
+from ..reporting.tolerance.pictures import LimitSpread, Offender, Yields, YieldShare
 from ..theory.quantities import quantity_named
 from ..tolerancing.analyses import Variant, Yield, sensitivity, summarise, yield_at
 from ..tolerancing.places import perturbable, short_name

@@ -22,7 +22,7 @@ from ..drawing.solid import BrowserMesh, changed
 from ..drawing.theme import ThemeName
 from ..errors import FAULTS, InputError, cause
 from ..evaluation import evaluate
-from ..report.design.instrument import scene
+from ..reporting.design.instrument import scene
 from .fixes import Fix, proposals
 from .jobs import Later, Progress
 from .runs import KINDS, Options, Run, forms, summary

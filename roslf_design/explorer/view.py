@@ -18,14 +18,14 @@ from ..drawing.theme import short
 from ..evaluation import Evaluation
 from ..evaluation.show import depth_facts
 from ..lenses.glass import Glass
-from ..report.depth.pictures import normalised, profile
-from ..report.design.curves import depth_over_field, depth_precision, field_curve, matching_plane
-from ..report.design.effects import effects_budget
-from ..report.design.field import mla_map
-from ..report.design.microlens import microlens_image, nearest_microlens
-from ..report.design.rays import meridional
-from ..report.optimise.pictures import change_bars, goal_front, search_history
-from ..report.tolerance.pictures import offender_bars, spread_bars, yield_bars, yield_curve
+from ..reporting.depth.pictures import normalised, profile
+from ..reporting.design.curves import depth_over_field, depth_precision, field_curve, matching_plane
+from ..reporting.design.effects import effects_budget
+from ..reporting.design.field import mla_map
+from ..reporting.design.microlens import microlens_image, nearest_microlens
+from ..reporting.design.rays import meridional
+from ..reporting.optimise.pictures import change_bars, goal_front, search_history
+from ..reporting.tolerance.pictures import offender_bars, spread_bars, yield_bars, yield_curve
 from ..words import to_html
 from .fixes import Fix
 from .runs import OptimiseResult

@@ -7,7 +7,17 @@ import math
 from roslf_design.drawing.marks import Dots
 from roslf_design.drawing.panel import Panel, Scale
 from roslf_design.drawing.picture import PAGE, Picture, beside, one_panel
-from roslf_design.report.blocks import Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
+from roslf_design.reporting.blocks import (
+    Bullets,
+    Code,
+    Figure,
+    Paragraph,
+    Report,
+    Section,
+    Statement,
+    Statements,
+    Table,
+)
 
 from .hard_cases import CaseResult, HardCases, run_trial
 from .hard_shapes import ISSUE_RADII, SHAPES, tangent_trial

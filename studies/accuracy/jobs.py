@@ -186,7 +186,7 @@ def unfit(design: Design, quantity: str, axis: tuple[float, float] | None = None
     axis : (x, y), optional
         Microlens on the array [mm]; None is the panels.
     """
-    if Camera.of(design).chain is not None:
+    if not Camera.of(design).chain.in_air:
         return "it is computed of cameras in air only, and this design has glass or a liquid beside its lens"
     array = design.microlens_array
     if quantity in (WAVES, CUT):

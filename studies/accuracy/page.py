@@ -12,7 +12,7 @@ from roslf_design.accuracy.table import AccuracyTable as Measured
 from roslf_design.drawing.marks import Dots, Key, Line, Mark, joined, line_key, xy
 from roslf_design.drawing.panel import Panel, Scale
 from roslf_design.drawing.picture import PAGE, Picture, beside, one_panel
-from roslf_design.report.blocks import (
+from roslf_design.reporting.blocks import (
     Bullets,
     Code,
     Figure,

@@ -27,8 +27,8 @@ from roslf_design.drawing.panel import Panel, Scale
 from roslf_design.drawing.picture import Picture, one_panel
 from roslf_design.imaging.camera import Region
 from roslf_design.json_data import plain
-from roslf_design.report.blocks import Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
-from roslf_design.report.printers import render_html
+from roslf_design.reporting.blocks import Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
+from roslf_design.reporting.printers import render_html
 from roslf_design.scenes import Noise, Plane, Scene
 from roslf_design.theory.disparity_error import view_gradient
 from roslf_design.theory.photometry import exposure

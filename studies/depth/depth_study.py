@@ -22,7 +22,7 @@ from roslf_design.drawing.panel import Panel, Scale
 from roslf_design.drawing.picture import PAGE, Picture, beside, one_panel
 from roslf_design.evaluation import evaluate
 from roslf_design.json_data import plain
-from roslf_design.report.blocks import (
+from roslf_design.reporting.blocks import (
     Block,
     Bullets,
     Code,
@@ -34,8 +34,8 @@ from roslf_design.report.blocks import (
     Statements,
     Table,
 )
-from roslf_design.report.depth.pictures import profile
-from roslf_design.report.printers import render_html
+from roslf_design.reporting.depth.pictures import profile
+from roslf_design.reporting.printers import render_html
 from roslf_design.scenes import Noise, Plane, Scene
 
 Floats = NDArray[np.float64]

@@ -16,7 +16,7 @@ from roslf_design.camera import Camera
 from roslf_design.design import Design, load
 from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import RaySampling
-from roslf_design.report.design.microlens import rays_and_waves
+from roslf_design.reporting.design.microlens import rays_and_waves
 from roslf_design.scenes import Plane, Scene
 from roslf_design.theory.exit_pupil import centre_shift_per_microlens, microlens_image_pitch
 from roslf_design.theory.light_field import epi_slope

@@ -24,7 +24,7 @@ from roslf_design.drawing.theme import THEMES
 from roslf_design.evaluation import default_fields, evaluate
 from roslf_design.evaluation.result import Evaluation
 from roslf_design.lenses.manufacture import as_made, lens_values
-from roslf_design.report.design.field import LensCurves, lens_curves, lens_image
+from roslf_design.reporting.design.field import LensCurves, lens_curves, lens_image
 from roslf_design.traced.camera import camera_of, microlenses
 from roslf_design.traced.images import real_images
 

@@ -9,7 +9,7 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.evaluation.verdicts import near_cases
-from roslf_design.report.printers import render_html
+from roslf_design.reporting.printers import render_html
 from studies.accuracy.hard_cases import Budget, HardCase, Trial, run_hard_cases
 from studies.accuracy.hard_page import hard_cases_report, tangency_table
 from studies.accuracy.hard_rows import all_cases

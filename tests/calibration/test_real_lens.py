@@ -29,7 +29,7 @@ from roslf_design.calibration.planning import pupil_of
 from roslf_design.calibration.result import _built_sigma, _pulled
 from roslf_design.calibration.sidedata import combine
 from roslf_design.design import load
-from roslf_design.report.calibrate.pages import CalibrationPart, calibration_plan, plan_blocks
+from roslf_design.reporting.calibrate.pages import CalibrationPart, calibration_plan, plan_blocks
 from tests.calibration.made import CAMERA, SHEET, captured, traced_corners
 
 CAPTURES = Captures(boards=8, views=3, board=Board(4, 5, 5.0), offset=6.0)

@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from roslf_design.accuracy.table import current_table
 from roslf_design.calibration import Board, CalibrationError
 from roslf_design.cli import main
-from roslf_design.report.blocks import slug
+from roslf_design.reporting.blocks import slug
 
 ROOT = Path(__file__).resolve().parents[2]
 

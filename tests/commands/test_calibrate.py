@@ -401,7 +401,7 @@ def test_spoilt_captures_are_one_line_exit_2_and_no_result_written(capsys, captu
         (["--plan", "paper", "--tilt", "95 deg"], "stay below 90"),
         (["--plan", "paper", "--boards", "1"], "one image of the board"),
         (["--plan", "paper", "--distance", "100 mm"], "reach into the bore"),
-        (["--plan", "paper", "--noise=-1"], "noise must be positive"),
+        (["--plan", "paper", "--noise=-1"], "must be at least 1e-06"),
         (["--plan", "paper", "--range=-1 mm"], '--range: "-1 mm" must not be negative'),
         (["--plan", "none.toml"], "none.toml: no such file"),
         (["--plan", "paper", "--sigma", "elements.0.thickness=1 um"], "elements.0.thickness: is no number of what"),

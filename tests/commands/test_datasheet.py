@@ -8,10 +8,10 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.drawing.marks import Dots
-from roslf_design.report import story
-from roslf_design.report.blocks import Report
-from roslf_design.report.sheet import lines as datasheet
-from roslf_design.report.sweep import sweep_picture
+from roslf_design.reporting import story
+from roslf_design.reporting.blocks import Report
+from roslf_design.reporting.sheet import lines as datasheet
+from roslf_design.reporting.sweep import sweep_picture
 from tests.commands.test_cli import run
 
 STUDY = """

@@ -11,8 +11,8 @@ import pytest
 from roslf_design.calibration import Captures, calibrate
 from roslf_design.drawing.marks import Area, Disc, Dots, Line
 from roslf_design.drawing.svg import redrawn
-from roslf_design.report.calibrate.pages import calibration_pictures
-from roslf_design.report.calibrate.pictures import residuals
+from roslf_design.reporting.calibrate.pages import calibration_pictures
+from roslf_design.reporting.calibrate.pictures import residuals
 from tests.calibration.made import SHEET, captured
 
 

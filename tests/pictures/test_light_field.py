@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from roslf_design.report.decode.pictures import contrast
+from roslf_design.reporting.decode.pictures import contrast
 
 
 def test_an_even_picture_is_not_stretched_from_noise_to_black():

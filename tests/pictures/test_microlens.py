@@ -6,7 +6,7 @@ import pytest
 import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.imaging.camera import ImageLattice
-from roslf_design.report.design.microlens import _discs_over
+from roslf_design.reporting.design.microlens import _discs_over
 from roslf_design.theory.exit_pupil import microlens_image_diameter
 
 

@@ -16,7 +16,7 @@ from roslf_design.evaluation import default_fields, evaluate
 from roslf_design.evaluation.fields import field_discs
 from roslf_design.imaging.render import render
 from roslf_design.imaging.white import ALWAYS_ON, white_patch
-from roslf_design.report.design.curves import (
+from roslf_design.reporting.design.curves import (
     depth_comparison,
     depth_curve,
     depth_over_field,
@@ -24,9 +24,9 @@ from roslf_design.report.design.curves import (
     matching_plane,
     plane_of,
 )
-from roslf_design.report.design.effects import effects_budget
-from roslf_design.report.design.field import field_map, field_maps, mla_map
-from roslf_design.report.design.microlens import (
+from roslf_design.reporting.design.effects import effects_budget
+from roslf_design.reporting.design.field import field_map, field_maps, mla_map
+from roslf_design.reporting.design.microlens import (
     image_view,
     microlens_image,
     microlens_images,
@@ -34,7 +34,7 @@ from roslf_design.report.design.microlens import (
     preview,
     rays_and_waves,
 )
-from roslf_design.report.design.rays import cells, dimensions, labelled_fans, meridional, ray_diagrams
+from roslf_design.reporting.design.rays import cells, dimensions, labelled_fans, meridional, ray_diagrams
 from roslf_design.shapes.discs import intersect
 from roslf_design.theory.vignetting import nondistortion_margin
 from tests.pictures.designs import DESIGNS, EXTREMES, PAPER, THROUGH

@@ -4,8 +4,8 @@ import numpy as np
 
 import roslf_design as roslf
 from roslf_design.drawing.marks import Image, Line
-from roslf_design.report.sheet.lines import basis, datasheet_section
-from roslf_design.report.sheet.resolution import mtf_curves, resolution_map
+from roslf_design.reporting.sheet.lines import basis, datasheet_section
+from roslf_design.reporting.sheet.resolution import mtf_curves, resolution_map
 from roslf_design.theory.quantities import QUANTITIES
 
 SCOPE = roslf.load("rigid-scope")

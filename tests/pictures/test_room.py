@@ -11,11 +11,11 @@ from PIL import ImageFont
 from roslf_design.drawing.marks import Area, Disc, Dots, Line, Text
 from roslf_design.drawing.svg import redrawn
 from roslf_design.drawing.theme import SMALL, text_width, theme_named
-from roslf_design.report.design.curves import matching_plane
-from roslf_design.report.design.field import field_map, field_maps, mla_map
-from roslf_design.report.design.microlens import ON_PICTURE, microlens_image
-from roslf_design.report.design.rays import cells, dimensions, meridional, ray_diagrams
-from roslf_design.report.tolerance.pictures import Yields, YieldShare, yield_bars
+from roslf_design.reporting.design.curves import matching_plane
+from roslf_design.reporting.design.field import field_map, field_maps, mla_map
+from roslf_design.reporting.design.microlens import ON_PICTURE, microlens_image
+from roslf_design.reporting.design.rays import cells, dimensions, meridional, ray_diagrams
+from roslf_design.reporting.tolerance.pictures import Yields, YieldShare, yield_bars
 from tests.pictures.designs import DESIGNS, PAPER, THROUGH
 
 LOOKING = THROUGH | {name: design for name, design in DESIGNS.items() if design.elements}

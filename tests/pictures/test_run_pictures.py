@@ -9,7 +9,7 @@ import pytest
 
 from roslf_design.explorer.runs import GOALS, OptimiseResult, ToleranceResult
 from roslf_design.explorer.view import front
-from roslf_design.report.optimise.pictures import (
+from roslf_design.reporting.optimise.pictures import (
     SearchEnd,
     VariableMove,
     bore_and_stop,
@@ -18,7 +18,7 @@ from roslf_design.report.optimise.pictures import (
     robust_yields,
     search_history,
 )
-from roslf_design.report.tolerance.pictures import (
+from roslf_design.reporting.tolerance.pictures import (
     LimitSpread,
     Offender,
     YieldShare,

@@ -16,7 +16,7 @@ import pytest
 import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.drawing.solid import AROUND, changed, library, outline, outlines, packed, scene_data
-from roslf_design.report.design.instrument import RAYS, instrument_scene, scene, turned
+from roslf_design.reporting.design.instrument import RAYS, instrument_scene, scene, turned
 from tests.pictures import designs
 
 PAPER = roslf.load("paper")
@@ -102,7 +102,7 @@ def test_all_is_seen_from_where_the_camera_starts():
 
 def test_no_graphics_library_is_loaded():
     code = (
-        "import sys, roslf_design as r; from roslf_design.report.design.instrument import scene\n"
+        "import sys, roslf_design as r; from roslf_design.reporting.design.instrument import scene\n"
         "scene(r.load('paper'))\n"
         "sys.exit(any(name.split('.')[0] in ('vtk', 'vtkmodules', 'pyvista', 'matplotlib') for name in sys.modules))"
     )

@@ -2,8 +2,8 @@
 
 import pytest
 
-from roslf_design.report.blocks import Figure
-from roslf_design.report.design import pages as design
+from roslf_design.reporting.blocks import Figure
+from roslf_design.reporting.design import pages as design
 from tests.reporting import made
 
 NAMES = ("dimensions", "rays", "cells", "view", "images", "waves", "maps", "plane", "depth", "effects")

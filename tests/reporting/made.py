@@ -1,7 +1,7 @@
 """What makes reports quick where a test looks at neither figures nor yields."""
 
-from roslf_design.report import story
-from roslf_design.report.sheet import lines as datasheet
+from roslf_design.reporting import story
+from roslf_design.reporting.sheet import lines as datasheet
 from roslf_design.tolerancing import result
 
 

@@ -10,16 +10,16 @@ from roslf_design.cli import main
 from roslf_design.design import load
 from roslf_design.drawing.svg import file_of
 from roslf_design.errors import InputError
-from roslf_design.report.blocks import Report
-from roslf_design.report.calibrate.pages import (
+from roslf_design.reporting.blocks import Report
+from roslf_design.reporting.calibrate.pages import (
     CalibrationPart,
     calibrated_finding,
     calibration_plan,
     plan_finding,
     read_calibration,
 )
-from roslf_design.report.printers import render_html
-from roslf_design.report.story import read_story
+from roslf_design.reporting.printers import render_html
+from roslf_design.reporting.story import read_story
 
 SHARES = {"images": 0.25, "f": 0.7, "q": 0.0, "d": 0.0, "board": 0.0, "systematic": 0.05}
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="9pt" height="9pt">\n<text>ridge</text>\n</svg>'

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from roslf_design.depth.measure import Summary
-from roslf_design.report.depth.pages import statements
+from roslf_design.reporting.depth.pages import statements
 
 
 def said(windows, spread=0.010, inside=0.68, bias=0.0):

@@ -16,13 +16,13 @@ from roslf_design.drawing import solid
 from roslf_design.errors import InputError
 from roslf_design.evaluation import evaluate
 from roslf_design.optimization.parts import Catalogue, load_catalogue
-from roslf_design.report.blocks import Figure, Report, Section, Table
-from roslf_design.report.design.compare import comparison_report
-from roslf_design.report.design.figures import picture_sheet
-from roslf_design.report.design.pages import design_report, key_figures
-from roslf_design.report.design.parts_list import catalogue_match, parts_section
-from roslf_design.report.printers import render_html
-from roslf_design.report.story import full_report
+from roslf_design.reporting.blocks import Figure, Report, Section, Table
+from roslf_design.reporting.design.compare import comparison_report
+from roslf_design.reporting.design.figures import picture_sheet
+from roslf_design.reporting.design.pages import design_report, key_figures
+from roslf_design.reporting.design.parts_list import catalogue_match, parts_section
+from roslf_design.reporting.printers import render_html
+from roslf_design.reporting.story import full_report
 from tests.pictures.designs import DESIGNS, THROUGH
 
 SECTIONS = (

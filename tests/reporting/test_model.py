@@ -14,7 +14,7 @@ from roslf_design.design import load
 from roslf_design.drawing import solid
 from roslf_design.drawing.solid import model, vtp_bytes
 from roslf_design.drawing.theme import THEMES, rgb
-from roslf_design.report.design.instrument import instrument_scene
+from roslf_design.reporting.design.instrument import instrument_scene
 
 PAPER = instrument_scene(load("paper"))
 

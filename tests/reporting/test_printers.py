@@ -10,9 +10,19 @@ from rich.console import Console
 
 from roslf_design.commands.terminal import print_blocks
 from roslf_design.design import PATHS, load
-from roslf_design.report.blocks import Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
-from roslf_design.report.design.figures import dimensions_sheet
-from roslf_design.report.printers import render_pdf
+from roslf_design.reporting.blocks import (
+    Bullets,
+    Code,
+    Figure,
+    Paragraph,
+    Report,
+    Section,
+    Statement,
+    Statements,
+    Table,
+)
+from roslf_design.reporting.design.figures import dimensions_sheet
+from roslf_design.reporting.printers import render_pdf
 from roslf_design.tables import print_table
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing.metrics import METRICS

@@ -7,8 +7,8 @@ import pytest
 
 from roslf_design.design import load
 from roslf_design.evaluation import evaluate
-from roslf_design.report.design import figures as sheets
-from roslf_design.report.design.field import lens_curves, lens_image, lens_over_field
+from roslf_design.reporting.design import figures as sheets
+from roslf_design.reporting.design.field import lens_curves, lens_image, lens_over_field
 from roslf_design.traced.images import real_field
 
 SINGLET = load("paper-singlet")

@@ -10,9 +10,9 @@ from roslf_design.commands import report as command
 from roslf_design.design import load
 from roslf_design.errors import InputError
 from roslf_design.evaluation import evaluate
-from roslf_design.report.blocks import Bullets, Code, Report, Statements, Table
-from roslf_design.report.printers import render_html, render_pdf
-from roslf_design.report.story import (
+from roslf_design.reporting.blocks import Bullets, Code, Report, Statements, Table
+from roslf_design.reporting.printers import render_html, render_pdf
+from roslf_design.reporting.story import (
     CENTRE,
     FILL,
     load_story_or_study,

@@ -4,8 +4,14 @@ import numpy as np
 import pytest
 
 from roslf_design.commands.tolerance import summary
-from roslf_design.report.blocks import Figure, Statements, Table
-from roslf_design.report.tolerance.pages import ranking, tables, tolerance_pictures, tolerance_section, yield_statement
+from roslf_design.reporting.blocks import Figure, Statements, Table
+from roslf_design.reporting.tolerance.pages import (
+    ranking,
+    tables,
+    tolerance_pictures,
+    tolerance_section,
+    yield_statement,
+)
 from roslf_design.tolerancing.result import analyse, save_worst
 from roslf_design.tolerancing.run import tally_chunk
 from roslf_design.tolerancing.study import make_plan, read_study

@@ -13,10 +13,10 @@ import pytest
 
 from roslf_design.design import load
 from roslf_design.drawing.solid import library
-from roslf_design.report.blocks import Figure, Report, Section
-from roslf_design.report.design.curves import depth_precision
-from roslf_design.report.design.figures import picture_sheet
-from roslf_design.report.printers import render_html
+from roslf_design.reporting.blocks import Figure, Report, Section
+from roslf_design.reporting.design.curves import depth_precision
+from roslf_design.reporting.design.figures import picture_sheet
+from roslf_design.reporting.printers import render_html
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 FLAGS = (

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from roslf_design.evaluation import evaluate
-from roslf_design.report.design.field import lens_curves
+from roslf_design.reporting.design.field import lens_curves
 from roslf_design.traced.camera import camera_of, views
 
 FOLDER = Path(__file__).parents[2] / "studies" / "paper-real-lens"

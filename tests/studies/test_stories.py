@@ -5,7 +5,7 @@ import math
 import pytest
 
 from roslf_design.optimization.study import read_study as read_optimisation
-from roslf_design.report.story import load_story_or_study
+from roslf_design.reporting.story import load_story_or_study
 from roslf_design.tolerancing.study import read_study as read_tolerances
 
 STORIES = ("arthroscope", "borescope", "otoscope")

@@ -8,7 +8,7 @@ import pytest
 
 from roslf_design.camera import Camera
 from roslf_design.optimization.study import read_study, run, to_dict
-from roslf_design.report.tolerance.pages import tables, tolerance_pictures
+from roslf_design.reporting.tolerance.pages import tables, tolerance_pictures
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing.analyses import sobol_indices
 from roslf_design.tolerancing.result import analyse

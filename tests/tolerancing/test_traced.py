@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from roslf_design._arrays import sunflower
 from roslf_design.design import load
 from roslf_design.lenses.prescription import first_order
-from roslf_design.report.story import run_tolerances
+from roslf_design.reporting.story import run_tolerances
 from roslf_design.tolerancing.metrics import METRICS, Question, builds_of, evaluate_builds, faults_of
 from roslf_design.tolerancing.places import LENS, LENSLETS, load_grades, nominal_values, perturbable
 from roslf_design.tolerancing.result import trace_check

@@ -64,7 +64,7 @@ def _environment() -> Environment:
     from markupsafe import Markup
 
     environment = Environment(
-        loader=PackageLoader("roslf_design.report"),
+        loader=PackageLoader("roslf_design.reporting"),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
