@@ -49,7 +49,7 @@ def twin_in_air(design: Design) -> Design:
     """The camera in air that sees the same through the same openings."""
     c = Camera.of(design)
     stops = [{"diameter": 2 * float(rim.radius), "distance": float(rim.distance)} for rim in c.rims[1:]]
-    apparent = {"aperture.distance": float(c.d_3), "aperture.diameter": float(c.D_F)}
+    apparent = {"aperture.distance": float(c.seen.d_3), "aperture.diameter": float(c.seen.D_F)}
     apparent["microlens_array.distance"] = design.d_1
     return design.replace({"elements": [], "object_space.medium": "air", "stops": stops, **apparent})
 

@@ -274,7 +274,7 @@ def here_geometry(inputs):
         for _ in range(20):
             c = Camera.of(paper, changes)
             baseline = light.view_baseline(c)
-        state.update(refocus=c.A / (c.m + c.d / baseline), baseline=baseline, entrance_pupil=c.d_3)
+        state.update(refocus=c.seen.A / (c.seen.m + c.d / baseline), baseline=baseline, entrance_pupil=c.seen.d_3)
 
     return run, lambda: state
 

@@ -153,7 +153,7 @@ def calibrate_corrected(
     camera, lengths = result.fit.camera, derived(result.joint.camera.vector(), sheet)
     # The pupil image that D_F, lambda and the calibrated d_2 and A make.
     d_2 = float(lengths["d_2"])
-    radius = abs(float(Camera.of(design).D_F)) / 2 * d_2 / (abs(float(lengths["A"])) * design.q)
+    radius = abs(float(Camera.of(design).seen.D_F)) / 2 * d_2 / (abs(float(lengths["A"])) * design.q)
     predicted = replace(check.image, radius=radius, blur=design.wavelength * d_2 / (design.d * design.q))
     others = (
         replace(straight, uv=straight.uv + _SHARE * shifts),

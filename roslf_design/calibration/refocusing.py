@@ -50,13 +50,13 @@ class CameraDistances:
         depth = float(depth_of_slope(c, slope))
         if not depth > 0:
             return math.nan
-        place = float(np.asarray(c.plane_seen_at(float(c.d_3) + depth)))
+        place = float(np.asarray(c.plane_seen_at(float(c.seen.d_3) + depth)))
         return place if place > float(np.asarray(c.front[0])) else math.nan
 
     def slope(self, distance: float) -> float:
         """Microlens pitches a pixel; Eq. 12."""
         c = self.camera
-        return float(epi_slope(c, c.plane(distance).distance - c.d_3))
+        return float(epi_slope(c, c.plane(distance).distance - c.seen.d_3))
 
 
 @dataclass(frozen=True, eq=False)

@@ -84,7 +84,9 @@ class SceneSide:
         end = c.chain.end(numbers)
         far = c.plane(np.nextafter(end, np.inf))
         before, behind = (part(numbers) for part in (c.chain.before_array, c.chain.behind_array))
-        return cls(design, far, end, c.plane(design.d_3), design.d_3, before, behind, np.sign(far.d - c.d_f * far.c))
+        return cls(
+            design, far, end, c.plane(design.d_3), design.d_3, before, behind, np.sign(far.d - c.seen.d_f * far.c)
+        )
 
     def shown(self, A: Array, m: Array, d_2: Array, d_3: Array, d_f: Array) -> Shown:
         """The camera that is seen, as the boards' medium has it."""
@@ -197,6 +199,6 @@ def used_in(calibrated: Design, medium: str, distances: Array) -> UsedIn:
     made, used = Camera.of(calibrated), Camera.of(there)
     planes = np.asarray(used.plane_seen_at(made.plane(distances).distance))
     # Eq. 12: what slope a point there has, and which depth has it in the calibrated camera.
-    slope = (used.m - used.A / (used.plane(planes).distance - used.d_3)) * used.A / used.d_2
-    uncorrected = made.plane_seen_at(made.d_3 + made.A / (made.m - slope * made.d_2 / made.A))
+    slope = (used.seen.m - used.seen.A / (used.plane(planes).distance - used.seen.d_3)) * used.seen.A / used.seen.d_2
+    uncorrected = made.plane_seen_at(made.seen.d_3 + made.seen.A / (made.seen.m - slope * made.seen.d_2 / made.seen.A))
     return UsedIn(there, planes, np.asarray(uncorrected), float(used.chain.end(used.numbers)))

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._arrays import Array, floats, magnitude, product, ratio
+from .._arrays import Array, magnitude
 from ..bore.chain import Chain, ChainStep, ImagedPlane
 from ..bore.conjugates import CONJUGATES, follower
 from ..bore.elements import element_name
@@ -30,6 +30,7 @@ from ..design.light_path import chain_numbers, chain_of, materials_of
 from ..design.parts import PATHS, Colours, Layout, Symbols
 from ..lenses.angles import Law, first_order, stretch
 from .frames import Frame, Vector, along, cross, dot, frame, minus, plus, times, total
+from .lengths import ApparentLengths, RulerLengths
 
 if TYPE_CHECKING:
     from ..lenses.glass import Glass
@@ -55,6 +56,8 @@ OPTIONAL = (
 """The same, of what need not be given."""
 SEEING = frozenset((*PHOTOMETRIC, *OPTIONAL))
 """All of these: what a camera is used with, not what it is built of."""
+APPARENT = ("d_f", "d_1", "d_2", "d_3", "D_F", "H", "inverse_H", "A", "m", "inverse_m", "gap", "vergence")
+"""Lengths, and what follows from them, that the main lens may see otherwise than a ruler."""
 TIP = "tip"
 """Beside the places of a design: where a bore ends that its own stops do not show [mm before the main lens]."""
 
@@ -100,8 +103,10 @@ def place_of(part: str) -> str:
 class Camera(Symbols[Number]):
     """A light-field camera that looks through a restricted object space, as numbers.
 
-    The paper's symbols are attributes (``f``, ``d_f``, ``d_1``, ``d_2``, ``d_3``, ``D``, ``D_F``, ``d``, ``q``, ``H``,
-    ``m``, ``A``), all lengths in mm; every one is a float or an array, and all broadcast together to `shape`.
+    The paper's symbols are attributes, all lengths in mm; every one is a float or an array, and all broadcast together
+    to `shape`. ``f``, ``D``, ``d``, ``q`` have one meaning. ``d_f``, ``d_1``, ``d_2``, ``d_3``, ``D_F`` stand under
+    `ruler` as a ruler finds them and under `seen` as the main lens sees them, with ``H``, ``m`` and ``A``; on the
+    camera itself where both agree, as in air (else `AttributeError` names both).
 
     Parameters
     ----------
@@ -110,8 +115,7 @@ class Camera(Symbols[Number]):
     layout, lens_shape : str
         Of the microlens array, as in a design file.
     chain : Chain, optional
-        What light meets beside the main lens; air only where not given. The symbols d_3, D_F, d_f, d_1 and d_2 are
-        those of the camera in air that sees the same, ``camera["aperture.distance"]`` and the like what a ruler says.
+        What light meets beside the main lens; air only where not given.
     materials : mapping
         Place of an index to the material it is of, for other wavelengths.
     growth : Growth, optional
@@ -221,7 +225,7 @@ class Camera(Symbols[Number]):
             numbers[key] = self.chain.followed(numbers, key)
         camera = self._with(numbers)
         if in_focus:
-            numbers[PATHS["f_ml"]] = camera.d_2 / (1 + camera.d_2 * camera.vergence)
+            numbers[PATHS["f_ml"]] = camera.seen.d_2 / (1 + camera.seen.d_2 * camera.seen.vergence)
         return camera
 
     @property
@@ -240,6 +244,20 @@ class Camera(Symbols[Number]):
         """
         return Camera({**self._numbers, **numbers}, *self._kind[:6])
 
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            if name not in APPARENT:
+                raise AttributeError(f"'Camera' object has no attribute '{name}'")
+            seen = getattr(self.seen, name)
+            ruler = getattr(self.ruler, name, None)
+            if self.chain.in_air or (ruler is not None and np.array_equal(ruler, seen)):
+                return seen
+            by_ruler = "" if ruler is None else f"{_shown(ruler)} by a ruler (camera.ruler.{name}) and "
+            raise AttributeError(
+                f"{name} is {by_ruler}{_shown(seen)} as the main lens sees it (camera.seen.{name}); say which"
+            )
+
     def __getitem__(self, place: str) -> Number:
         """The number at a dotted place [mm, rad; the relay's magnification without unit]."""
         return self._numbers[place]
@@ -247,7 +265,7 @@ class Camera(Symbols[Number]):
     @property
     def numbers(self) -> Mapping[str, Number]:
         """Every place and its number."""
-        return MappingProxyType(dict(self._numbers))
+        return MappingProxyType(self._numbers)
 
     @cached_property
     def shape(self) -> tuple[int, ...]:
@@ -299,8 +317,8 @@ class Camera(Symbols[Number]):
     def __repr__(self) -> str:
         shown = ", ".join(
             f"{symbol}={value:.6g}" if np.ndim(value) == 0 else f"{symbol}=array{np.shape(value)}"
-            for symbol in PATHS
-            for value in [getattr(self, symbol)]
+            for symbol, place in PATHS.items()
+            for value in [self.q if symbol == "q" else self[place]]
         )
         return f"Camera({shown})"
 
@@ -361,12 +379,12 @@ class Camera(Symbols[Number]):
     @cached_property
     def pupil_stands(self) -> Number:
         """Where the scene sees the entrance pupil, the FAP through all that stands before it [mm, with a ruler]."""
-        return self.plane_seen_at(self.d_3)
+        return self.plane_seen_at(self.seen.d_3)
 
     def pupil_seen_before(self, distance: Number) -> Number:
         """Where the FAP's image stands for what lies at a distance, in the medium there [both mm before the lens]."""
         plane = self.plane(distance)
-        return distance + plane.medium * ((self.d_3 * plane.a - plane.b) / (plane.d - self.d_3 * plane.c))
+        return distance + plane.medium * ((self.seen.d_3 * plane.a - plane.b) / (plane.d - self.seen.d_3 * plane.c))
 
     def stretch(self, p: Number) -> Number:
         """Slope of a ray before the farthest element over that of the first order: 1 but behind a mapped objective.
@@ -415,7 +433,7 @@ class Camera(Symbols[Number]):
         """
         assert self.law is not None
         (end, front), at = self.front, self.pupil_stands
-        apart, wide = at - end, 1 / (front.d - front.c * self.d_3)
+        apart, wide = at - end, 1 / (front.d - front.c * self.seen.d_3)
         middles = [
             off + wide * (point + aside) + shift - apart / front.medium * lean
             for off, point, aside, shift, lean in zip(
@@ -436,75 +454,19 @@ class Camera(Symbols[Number]):
         return self.plane(self._numbers[PATHS["d_f"]])
 
     @cached_property
-    def d_f(self) -> Number:
-        """Focal plane before the main lens, as that sees it [mm]."""
-        return self.focus.distance
+    def apparent(self) -> dict[str, Any]:
+        """Apparent lengths as far as they were asked for."""
+        return {}
 
-    @cached_property
-    def d_3(self) -> Number:
-        """FAP before the main lens, as that sees it [mm]."""
-        return self.fap.distance
+    @property
+    def seen(self) -> ApparentLengths:
+        """Lengths as the main lens sees them, through what stands before it and about the array; H, m and A."""
+        return ApparentLengths(self)
 
-    @cached_property
-    def D_F(self) -> Number:
-        """FAP diameter, as the main lens sees it [mm].
-
-        Below 0 where it is seen beyond the focal plane, behind a relay: D_F H is the size of what every microlens sees.
-        """
-        if self.chain.in_air:
-            return self._numbers[PATHS["D_F"]]
-        return np.asarray(np.where(np.real(self.inverse_H) < 0, -2.0, 2.0) * self.fap.radius)[()]
-
-    @cached_property
-    def d_1(self) -> Number:
-        """Main lens to microlens array, reduced to air [mm]."""
-        geometric = self._numbers[PATHS["d_1"]]
-        return geometric - self.chain.before_array(self._numbers)
-
-    @cached_property
-    def d_2(self) -> Number:
-        """Microlens array to sensor, reduced to air [mm]."""
-        geometric = self._numbers[PATHS["d_2"]]
-        return geometric - self.chain.behind_array(self._numbers)
-
-    @cached_property
-    def inverse_H(self) -> Array:
-        """Inverse aperture constant ``1/H = (d_f - d_3)/d_f``: 0 at d_3 = d_f, 1 at d_3 = 0, never infinite. Eq. 3."""
-        return ratio(self.gap, self.d_f)
-
-    @cached_property
-    def H(self) -> Array:
-        """Aperture constant ``H = d_f/(d_f - d_3)``; inf at d_3 = d_f, negative beyond. Eq. 3."""
-        return ratio(self.d_f, self.gap)
-
-    @cached_property
-    def A(self) -> Array:
-        """Effective image distance ``A = d_1/H = f (d_f - d_3)/(d_f - f)`` [mm]; A/D_F is the pupil's f-number."""
-        return self.f * ratio(self.gap, self.d_f - self.f)
-
-    @cached_property
-    def m(self) -> Array:
-        """Image-side magnification ``m = d_1/d_f = f/(d_f - f)``; 0 at d_f = inf, inf at d_f = f."""
-        return ratio(self.f, self.d_f - self.f)
-
-    @cached_property
-    def inverse_m(self) -> Array:
-        """Object-side millimetres per millimetre on the array, ``d_f/d_1 = (d_f - f)/f``."""
-        return ratio(self.d_f - self.f, self.f)
-
-    @cached_property
-    def gap(self) -> Array:
-        """Depth ``g = d_f - d_3`` of the focal plane measured from the FAP [mm]."""
-        df, d3 = floats(self.d_f, self.d_3)
-        return df - d3
-
-    @cached_property
-    def vergence(self) -> Array:
-        """Vergence 1/L of the exit pupil at the array, ``(f - d_3)(d_f - f)/(f^2 (d_f - d_3))`` [1/mm].
-
-        Exactly 0 at d_3 = f (telecentric), 1/d_1 at d_3 = 0, positive for a pupil before the array, inf at d_3 = d_f.
-        """
-        return product((self.f - self.d_3) / self.f, ratio(self.d_f - self.f, self.gap)) / self.f
+    @property
+    def ruler(self) -> RulerLengths:
+        """Lengths by a ruler."""
+        return RulerLengths(self._numbers)
 
     @cached_property
     def fap(self) -> Rim:
@@ -563,8 +525,8 @@ class Camera(Symbols[Number]):
         plane = self.plane(stands)
         scale, distance = magnitude(plane.magnification), plane.distance
         if part != "aperture":  # of a stop in an image of the focal plane no disc is left, but its limit
-            near = np.abs(distance - self.d_f) < IN_FOCUS * np.abs(self.d_f)
-            distance = np.where(near, self.d_f * (1 - IN_FOCUS), distance)[()] if np.any(near) else distance
+            near = np.abs(distance - self.seen.d_f) < IN_FOCUS * np.abs(self.seen.d_f)
+            distance = np.where(near, self.seen.d_f * (1 - IN_FOCUS), distance)[()] if np.any(near) else distance
         return Rim(name, part, radius / scale, distance, stands, scale, plane)
 
     @cached_property
@@ -655,9 +617,9 @@ class Camera(Symbols[Number]):
     def _own_pose(self, part: str) -> Frame:
         turn: Number = 0.0
         if part == "microlens_array":
-            z, turn = self.d_1, self._numbers["microlens_array.rotation"]
+            z, turn = self.seen.d_1, self._numbers["microlens_array.rotation"]
         else:
-            z = self.d_1 + self.d_2 if part == "sensor" else -self._rim_of[part].distance  # as seen
+            z = self.seen.d_1 + self.seen.d_2 if part == "sensor" else -self._rim_of[part].distance  # as seen
         return self._placed(part, z, turn).seen_from(self._lens)
 
     def _placed(self, part: str, z: Number, roll: Number = 0.0) -> Frame:
@@ -748,8 +710,8 @@ class Camera(Symbols[Number]):
     def _images_well(self) -> Iterator[tuple[str, Any]]:
         yield "f is not above 0", np.asarray(self.f) > 0
         yield "f_ml is not above 0", np.asarray(self.f_ml) > 0
-        yield "no real image", self.chain.forms_image(self.f, self.d_f, self.d_1)
-        yield "d_2 is not above 0", np.asarray(self.d_2) > 0
+        yield "no real image", self.chain.forms_image(self.f, self.seen.d_f, self.seen.d_1)
+        yield "d_2 is not above 0", np.asarray(self.seen.d_2) > 0
 
     def _possible_numbers(self) -> Iterator[tuple[str, Any]]:
         for place, value in self._numbers.items():
@@ -777,6 +739,10 @@ class Camera(Symbols[Number]):
         yield "focal plane in the bore", ahead
         stops = {rim.name: rim.stands for rim in (self.fap, *self.rims[1 : 1 + self.stops])}
         yield from self.chain.apart(self._numbers, stops)
+
+
+def _shown(value: Number) -> str:
+    return f"{value:.6g}" if np.ndim(value) == 0 else f"an array {np.shape(value)}"
 
 
 def _number(value: ArrayLike) -> Number:

@@ -57,25 +57,25 @@ def depth_of(camera: Camera, disparity: Array) -> Array:
 
     The inverse of `rim_disparity`, ``Z_F = A/(m + B d/D_F)``.
     """
-    inverse = (camera.m + disparity * camera.d / camera.D_F) / camera.A
+    inverse = (camera.seen.m + disparity * camera.d / camera.seen.D_F) / camera.seen.A
     if camera.chain.bends:  # which may show a plane in front of it at infinity and beyond
-        z = np.asarray(camera.plane_of_vergence(inverse / (1 + camera.d_3 * inverse)), float)
+        z = np.asarray(camera.plane_of_vergence(inverse / (1 + camera.seen.d_3 * inverse)), float)
         return np.where(z > camera.chain.end(camera.numbers), z, np.nan)
     with np.errstate(invalid="ignore", divide="ignore"):
-        z = np.asarray(camera.plane_seen_at(1 / inverse + camera.d_3), float)
+        z = np.asarray(camera.plane_seen_at(1 / inverse + camera.seen.d_3), float)
     return np.where(inverse > 0, z, np.nan)
 
 
 def disparity_of(camera: Camera, z: Array) -> Array:
     """Disparity between the FAP's rims of what stands at Z from the main lens [pitches]."""
-    return np.asarray(rim_disparity(camera, camera.plane(z).distance - camera.d_3))
+    return np.asarray(rim_disparity(camera, camera.plane(z).distance - camera.seen.d_3))
 
 
 def sigma_of(camera: Camera, z: Array, disparity_error: Array) -> Array:
     """Standard error of depth at Z from the main lens for that of the disparity [mm]."""
     plane = camera.plane(z)
     with np.errstate(invalid="ignore"):
-        return np.abs(depth_sigma(camera, plane.distance - camera.d_3, disparity_error) * plane.depth)
+        return np.abs(depth_sigma(camera, plane.distance - camera.seen.d_3, disparity_error) * plane.depth)
 
 
 def calibration_sigma(design: Design, covariance: LengthCovariance, z: Array) -> Array:
@@ -93,11 +93,11 @@ def calibration_sigma(design: Design, covariance: LengthCovariance, z: Array) ->
         From the main lens [mm], shape (n,).
     """
     camera = Camera.of(design)
-    slope = np.asarray(epi_slope(camera, camera.plane(z).distance - camera.d_3))
+    slope = np.asarray(epi_slope(camera, camera.plane(z).distance - camera.seen.d_3))
 
     def depths(many: Camera) -> Array:
         builds = many.spread(1)
-        return np.asarray(builds.plane_seen_at(builds.d_3 + depth_of_slope(builds, slope)))
+        return np.asarray(builds.plane_seen_at(builds.seen.d_3 + depth_of_slope(builds, slope)))
 
     return covariance.carried(design, depths)
 

@@ -538,13 +538,13 @@ def _truth(camera: Camera, traced: TracedViews | None, scene: Scene, field: Ligh
         return np.where(np.isfinite(met), met, np.nan).reshape(len(field.v), len(field.u))
     x, y = MicrolensImages(camera, places).from_lens.T
     # Chief rays meet in the FAP; as the main lens sees them, and then with a ruler.
-    slopes = [np.asarray(at * camera.inverse_m / camera.gap) for at in (x, y)]
+    slopes = [np.asarray(at * camera.seen.inverse_m / camera.seen.gap) for at in (x, y)]
     near, _ = camera.front
-    far = 2 * camera.d_f if camera.chain.in_air else camera["main_lens.focal_plane"] + 1.0
+    far = 2 * camera.seen.d_f if camera.chain.in_air else camera["main_lens.focal_plane"] + 1.0
     points = []
     for z in (near, far):
         plane = camera.plane(z)
-        offsets = [-slope * (plane.distance - camera.d_3) for slope in slopes]
+        offsets = [-slope * (plane.distance - camera.seen.d_3) for slope in slopes]
         lens = zip(offsets, camera.lens_centre, plane.aside, strict=True)
         points.append([at * plane.magnification + off + aside for at, off, aside in lens])
     along = [(a - b) / (far - near) for a, b in zip(*points, strict=True)]
@@ -590,7 +590,7 @@ def predict(
     for n, (place, z) in enumerate(zip(places, true[row, column], strict=True)):
         if math.isfinite(z):
             b, plane = disparity_of(camera, z), camera.plane(z)
-            ahead = np.abs(product(camera.inverse_m, ratio(plane.distance - camera.d_3, camera.gap)))
+            ahead = np.abs(product(camera.seen.inverse_m, ratio(plane.distance - camera.seen.d_3, camera.seen.gap)))
             plane_seen = Seen(b, np.asarray(ahead * np.abs(plane.magnification)))
             disparity[n] = float(disparity_sigma(MicrolensImages(camera, [place]), plane_seen)[0, 0]) / wider[n]
             depth[n] = float(sigma_of(camera, z, disparity[n]))

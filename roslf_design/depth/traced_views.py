@@ -109,7 +109,7 @@ class TracedViews:
         turned = _turned(self.design)
         c, fap = microlenses(self.design, nodes), mounted.fap
         # Points are those of the FAP as the lens sees it, which a relay turns round.
-        side = math.copysign(1.0, float(camera.A) * float(camera.D_F) * mounted.sight[1])
+        side = math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F) * mounted.sight[1])
         offsets = side * fap.diameter * points @ turned
 
         def through(places: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -122,7 +122,7 @@ class TracedViews:
         middle = sensor_of_pupil(mounted, c, fap.centre)
         first, comes = through(np.broadcast_to(c[:, None], (len(c), len(points), 2)))
         good = middle.ok & comes.all(-1)
-        infinity = abs(float(rim_disparity(camera, camera.plane(AWAY).distance - camera.d_3)))
+        infinity = abs(float(rim_disparity(camera, camera.plane(AWAY).distance - camera.seen.d_3)))
         step = min(STEP, 0.25 * infinity)
         shown = []
         for z in self.depth(np.array([-step, 0.0, step])):
@@ -170,13 +170,13 @@ class TracedViews:
         at = (np.arange(FINE) - FINE // 2) * (WIDE / FINE)
         grid = np.stack(np.meshgrid(at, at))
         # The microlens turns the FAP round.
-        side = -math.copysign(1.0, float(camera.A) * float(camera.D_F))
+        side = -math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
         own = side * grid / (2 * radius)
         inside = np.clip((radius - np.hypot(*grid)) / (WIDE / FINE) + 0.5, 0, 1)
         frequency = np.fft.fftfreq(FINE, WIDE / FINE)
         fx, fy = np.meshgrid(frequency, frequency)
         lens = MicrolensTransfer(
-            float(camera.d), float(camera.d_2), float(-microlens_defocus(camera) / camera.d_2),
+            float(camera.d), float(camera.seen.d_2), float(-microlens_defocus(camera) / camera.seen.d_2),
             (float(mixed(camera).wavelength),), camera.lens_shape == "circular",
         )  # fmt: skip
         pixel = abs(float(camera.q) / pitch)

@@ -119,7 +119,7 @@ def unmixed(camera: Camera, field: LightField) -> OwnLight:
         values[usable] = _freed(np.asarray(lenses.values[usable], np.float32), gain, ways, maps, start)
         weight[usable] = np.where(gain > 0, light * share**2, 0)
     over_view = _Map.of(rows, columns, (height, width), (height, width))
-    side = math.copysign(1.0, float(camera.A) * float(camera.D_F))
+    side = math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
     pupil = np.float32(side) * np.stack([over_view(np.moveaxis(axis[own], 0, -1)) for axis in (parts.x, parts.y)])
     aside = over_view(_aside(camera, field, rows, columns, parts.light[own]))
     if rows.size == 1:
@@ -207,7 +207,9 @@ def _parts_at(camera: Camera, places: NDArray[np.float64], field: LightField) ->
         some = np.append(np.flatnonzero(whole)[:1], some)
     back = np.where(whole, 0, np.searchsorted(some[1:], np.arange(len(places))) + 1) if whole.any() else some
     s, t = field.s / field.pitch, field.t / field.pitch
-    finest = min(float(abs(microlens_image_pitch(camera)) * camera.d / (camera.wavelength * camera.d_2)), FINEST_PLACES)
+    finest = min(
+        float(abs(microlens_image_pitch(camera)) * camera.d / (camera.wavelength * camera.seen.d_2)), FINEST_PLACES
+    )
     block = max(1, int(BLOCK * min(1.0, (COMMON / finest) ** 2)))
     pieces = [
         image_parts(MicrolensImages(camera, places[some[at : at + block]]), s, t) for at in range(0, some.size, block)

@@ -29,7 +29,7 @@ from .environment import (
     prescriptions_of,
 )
 from .light_path import chain_numbers, chain_of, materials_of
-from .parts import PATHS, DepthSettings, Housing, Light, MainLens, MicrolensArray, Sensor, Stop, Symbols
+from .parts import PATHS, DepthSettings, Housing, Light, MainLens, MicrolensArray, RulerSymbols, Sensor, Stop
 
 if TYPE_CHECKING:
     from ..lenses.prescription import Prescription
@@ -39,7 +39,7 @@ MOST_STOPS = 50
 """Further stops, or elements, of a design at most: each is met by every ray, and no bore has as many rims."""
 
 
-class Design(Part, Symbols[float]):
+class Design(Part, RulerSymbols[float]):
     """A whole camera. Values in, values out: `replace` gives a new one.
 
     Any two of f, d_f and d_1 give the third. Where all three are given, f and d_1 are the hardware and d_f follows to

@@ -283,7 +283,7 @@ PATHS: dict[str, str] = {
 
 
 class Symbols(Generic[N]):
-    """The paper's symbols of what has a number at every dotted place of a design."""
+    """The paper's symbols that are the same by a ruler and as the main lens sees them."""
 
     def __getitem__(self, place: str) -> N:
         raise NotImplementedError
@@ -294,34 +294,9 @@ class Symbols(Generic[N]):
         return self[PATHS["f"]]
 
     @property
-    def d_f(self) -> N:
-        """Focal plane before the main lens [mm]."""
-        return self[PATHS["d_f"]]
-
-    @property
-    def d_1(self) -> N:
-        """Main lens to microlens array (MLA) [mm]."""
-        return self[PATHS["d_1"]]
-
-    @property
-    def d_2(self) -> N:
-        """Microlens array to sensor [mm]."""
-        return self[PATHS["d_2"]]
-
-    @property
-    def d_3(self) -> N:
-        """Flexible angular plane (FAP) before the main lens [mm]."""
-        return self[PATHS["d_3"]]
-
-    @property
     def D(self) -> N:
         """Main lens clear aperture [mm]."""
         return self[PATHS["D"]]
-
-    @property
-    def D_F(self) -> N:
-        """FAP diameter [mm]."""
-        return self[PATHS["D_F"]]
 
     @property
     def d(self) -> N:
@@ -355,3 +330,32 @@ class Symbols(Generic[N]):
         width, height = (float(self[f"sensor.size.{axis}"] / self[PATHS["q"]]) for axis in (0, 1))
         # Printed sizes are rounded: 22.3 mm / 4.847826 um is 4599.9999.
         return int(width + 1e-3), int(height + 1e-3)
+
+
+class RulerSymbols(Symbols[N]):
+    """Symbols of lengths as a ruler tells them."""
+
+    @property
+    def d_f(self) -> N:
+        """Focal plane before the main lens [mm]."""
+        return self[PATHS["d_f"]]
+
+    @property
+    def d_1(self) -> N:
+        """Main lens to microlens array (MLA) [mm]."""
+        return self[PATHS["d_1"]]
+
+    @property
+    def d_2(self) -> N:
+        """Microlens array to sensor [mm]."""
+        return self[PATHS["d_2"]]
+
+    @property
+    def d_3(self) -> N:
+        """Flexible angular plane (FAP) before the main lens [mm]."""
+        return self[PATHS["d_3"]]
+
+    @property
+    def D_F(self) -> N:
+        """FAP diameter [mm]."""
+        return self[PATHS["D_F"]]

@@ -89,7 +89,7 @@ class Subject:
 
     def scale(self, distance: float) -> float:
         """How much a length on a stop at `distance` is scaled on the sensor, h d_2/d_1."""
-        return float(self.camera.d_2 * stop_angle(self.camera, distance))
+        return float(self.camera.seen.d_2 * stop_angle(self.camera, distance))
 
     @cached_property
     def x_ml(self) -> float:

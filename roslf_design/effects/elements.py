@@ -110,17 +110,17 @@ def _rays(camera: Camera, radius: float) -> tuple[Floats, Floats, Floats, Floats
     fields = np.array([[r * np.cos(way), r * np.sin(way)] for r in RADII for way in ways]) * radius
     aside = np.array(camera.decentre("aperture"))
     rim = np.concatenate([[[0.0, 0.0]], np.stack([np.cos(turn), np.sin(turn)], -1)])
-    pupil, points = aside + float(camera.fap.radius) * rim, -fields[:, None] * float(camera.inverse_m)
-    slope = (pupil - points) / float(camera.gap)
-    height = points + slope * float(camera.d_f)
+    pupil, points = aside + float(camera.fap.radius) * rim, -fields[:, None] * float(camera.seen.inverse_m)
+    slope = (pupil - points) / float(camera.seen.gap)
+    height = points + slope * float(camera.seen.d_f)
     return height[..., 0], height[..., 1], slope[..., 0], slope[..., 1]
 
 
 def _on_array(camera: Camera, distance: float) -> float:
     """Millimetres on the array per millimetre at a distance, along chief rays."""
     plane = camera.plane(distance)
-    reach = float((plane.distance - camera.d_3) * camera.inverse_m * np.abs(plane.magnification))
-    return abs(float(camera.gap) / reach) if reach else 0.0
+    reach = float((plane.distance - camera.seen.d_3) * camera.seen.inverse_m * np.abs(plane.magnification))
+    return abs(float(camera.seen.gap) / reach) if reach else 0.0
 
 
 def _clipping(

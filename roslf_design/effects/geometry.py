@@ -18,7 +18,7 @@ from .effect import Effect, Estimate, Subject
 
 def pupil_geometry(s: Subject) -> Estimate:
     """Centre shift X_ml d_2/L at the field's rim [px], signed: negative towards the axis (Eqs. 2-4)."""
-    shift = s.x_ml * float(s.camera.d_2 * s.camera.vergence) / s.design.q
+    shift = s.x_ml * float(s.camera.seen.d_2 * s.camera.seen.vergence) / s.design.q
     return Estimate(shift, f"image centre {shift:.3g} px from the microlens axis {s.at}")
 
 
@@ -72,7 +72,7 @@ def blur_on_mla(c: Camera, distance: float, place: float = 0.0) -> float:
         fault = f"{distance:g} mm is not beyond the aperture at d_3 = {bore:g} mm; move the object out"
         raise InputError((Problem("object distance", fault),))
     apparent = c.plane(distance).distance
-    middle = float(np.abs(c.D_F * c.d_1 / c.d_f * (c.d_f - apparent) / (apparent - c.d_3)))
+    middle = float(np.abs(c.seen.D_F * c.seen.d_1 / c.seen.d_f * (c.seen.d_f - apparent) / (apparent - c.seen.d_3)))
     return middle if c.law is None or place == 0 else max(middle, *(abs(b) for b in mapped_blur(c, distance, place)))
 
 
@@ -83,9 +83,9 @@ def mapped_blur(c: Camera, distance: float, place: float) -> tuple[float, float]
     much less as the mapping stretches slopes there.
     """
     _, front = c.front
-    wide = front.d - front.c * c.d_3
+    wide = front.d - front.c * c.seen.d_3
     p, pupil = outer_slope(c, place), c.pupil_stands
-    spread = 2 * front.medium * c.fap.radius * c.gap / (c.inverse_m * wide * wide)
+    spread = 2 * front.medium * c.fap.radius * c.seen.gap / (c.seen.inverse_m * wide * wide)
     away, focus = distance - pupil, c[PATHS["d_f"]] - pupil
     along, across = (float(spread * (1 / (away * grown) - 1 / focus)) for grown in (c.stretch_along(p), c.stretch(p)))
     return along, across
@@ -147,18 +147,18 @@ def tilt_shift(camera: Camera, x_ml: float) -> float:
         return math.hypot(*map(float, camera.tilt(part)))
 
     def scale(distance: Number) -> float:
-        return float(camera.d_2 * stop_angle(camera, distance))
+        return float(camera.seen.d_2 * stop_angle(camera, distance))
 
-    slope = abs(x_ml * float(camera.vergence))
-    cone = float((microlens_image_diameter(camera) + camera.d) / (2 * camera.d_2))
+    slope = abs(x_ml * float(camera.seen.vergence))
+    cone = float((microlens_image_diameter(camera) + camera.d) / (2 * camera.seen.d_2))
     array, sensor = tilt("microlens_array"), tilt("sensor")
     moved = x_ml * (array + sensor) * (slope + cone)
     moved += x_ml * (2 * math.sin(array / 2) ** 2 + 2 * math.sin(sensor / 2) ** 2)
-    angle = x_ml * float(camera.inverse_m) / float(camera.gap)
+    angle = x_ml * float(camera.seen.inverse_m) / float(camera.seen.gap)
     for rim in (camera.fap, *camera.rims[1:]):
         moved += float(rim.radius) * tilt(rim.part) * angle * scale(rim.distance)
-    height = x_ml * float(camera.d_3 / camera.A)
-    return moved + height**2 / float(camera.f) * tilt("main_lens") * scale(camera.d_3)
+    height = x_ml * float(camera.seen.d_3 / camera.seen.A)
+    return moved + height**2 / float(camera.f) * tilt("main_lens") * scale(camera.seen.d_3)
 
 
 def tilts(s: Subject) -> Estimate:
@@ -177,15 +177,15 @@ def decentres(s: Subject) -> Estimate:
     """
     design, c = s.design, s.camera
     lens, array = (math.hypot(*part.decentre) for part in (design.main_lens, design.microlens_array))
-    images = lens * abs(s.scale(float(c.d_3))) * float(c.d_3) / design.f + array * abs(s.pitch) / design.d
+    images = lens * abs(s.scale(float(c.seen.d_3))) * float(c.seen.d_3) / design.f + array * abs(s.pitch) / design.d
     images += math.hypot(*design.sensor.decentre)
     for rim in (c.fap, *c.rims[1:]):
         # As seen: decentres, tilts and wedges of elements count.
         x, y = (float(a) + b for a, b in zip(c.decentre(rim.part), design.main_lens.decentre, strict=True))
         images += math.hypot(x, y) * abs(s.scale(float(rim.distance)))
-    picture = 0.0 if s.brief.white else lens * (1 + float(c.m)) + array
+    picture = 0.0 if s.brief.white else lens * (1 + float(c.seen.m)) + array
     if not s.brief.white:
-        picture += float(np.hypot(*c.focus.aside) * c.m / np.abs(c.focus.magnification))
+        picture += float(np.hypot(*c.focus.aside) * c.seen.m / np.abs(c.focus.magnification))
     images, picture = images / design.q, picture / design.q
     if images == picture == 0:
         return Estimate(0.0, "nothing is decentred")

@@ -74,7 +74,7 @@ def faults(design: Design, x_ml: float) -> Faults:
 def _cone(design: Design) -> float:
     """Diameter of the light's cone per unit of distance from its focus on the array."""
     camera = Camera.of(design)
-    return float(np.abs(camera.D_F / camera.A))
+    return float(np.abs(camera.seen.D_F / camera.seen.A))
 
 
 def colour_spread(design: Design, wavelengths: tuple[float, ...], x_ml: float) -> float:

@@ -93,8 +93,8 @@ def footprint(c: Camera, distance: float) -> float:
 
     At the focal plane this is d d_f/d_1 whatever the microlens's own focus.
     """
-    bend = 1 / c.f_ml - 1 / c.d_2
-    on_lens = 1 - c.d_1 * bend
+    bend = 1 / c.f_ml - 1 / c.seen.d_2
+    on_lens = 1 - c.seen.d_1 * bend
     slope, plane = bend + on_lens / c.f, c.plane(distance)
     return float(c.d * np.abs(on_lens * plane.a - slope * plane.b))
 

@@ -195,7 +195,7 @@ def _looked_through(design: Design, camera: Camera, axes: Sequence[tuple[float, 
             "" if medium == AIR else f"in {material_told(medium, design.wavelength)}",
             float(camera[PATHS["d_f"]]),
             None,
-            float(camera.d_f),
+            float(camera.seen.d_f),
             None,
         )
     ]
@@ -209,7 +209,7 @@ def _looked_through(design: Design, camera: Camera, axes: Sequence[tuple[float, 
         parts.append(SeenPart(rim.name, "opening", float(rim.stands), across * float(rim.scale), at, across))
     parts.sort(key=lambda part: -part.distance_mm)
     glass = {"MLA": design.microlens_array.substrate, "sensor": design.sensor.cover}
-    for name, ruler, apparent in (("MLA", design.d_1, camera.d_1), ("sensor", design.d_2, camera.d_2)):
+    for name, ruler, apparent in (("MLA", design.d_1, camera.seen.d_1), ("sensor", design.d_2, camera.seen.d_2)):
         plate = glass[name]
         kind = "cover" if name == "sensor" else "substrate"
         what = "" if plate is None else f"{kind} {length(plate.thickness)} of {plate.material.name}"

@@ -299,7 +299,7 @@ def _traced_fields(design: Design, axes: Sequence[Place]) -> tuple[RealLensField
     traced = real_field(design, axes)
     images, maps, diameter = traced.images, traced.maps, traced.thin_diameter
     twin = Camera.of(design)
-    cone = float(twin.D_F / twin.A) / design.d
+    cone = float(twin.seen.D_F / twin.seen.A) / design.d
     kept = maps.status == KEPT
     columns = {
         "diameter_mm": diameter * (1 + traced.widening),

@@ -262,7 +262,7 @@ class Near(NamedTuple):
 def near_cases(design: Design) -> tuple[Near, ...]:
     """Distance from every place where a textbook formula loses digits, closest first."""
     camera = Camera.of(design)
-    f, d_f, d_3, D_F = (float(length) for length in (camera.f, camera.d_f, camera.d_3, camera.D_F))
+    f, d_f, d_3, D_F = (float(length) for length in (camera.f, camera.seen.d_f, camera.seen.d_3, camera.seen.D_F))
     fill = float(fill_factor(camera))
     # The pupil at the lens has no distance to scale by: a little in front of it the images touch at about the same D_F.
     near = camera if d_3 else camera.replace({"d_3": 0.01 * f})

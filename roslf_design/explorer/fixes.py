@@ -197,7 +197,7 @@ def _in_focus(design: Design, changed: Design) -> float | None:
     before, after = Camera.of(design.thin_twin), Camera.of(changed.thin_twin)
     if microlens_defocus_blur(after) <= max(float(microlens_defocus_blur(before)), BLUR_PX * design.q):
         return None
-    power = float(1 / after.d_2 + after.vergence)
+    power = float(1 / after.seen.d_2 + after.seen.vergence)
     return 1 / power if power > 0 else None
 
 

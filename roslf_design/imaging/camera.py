@@ -126,7 +126,7 @@ def pixel_response(camera: Camera, region: Region) -> Image | None:
     points = np.stack(np.meshgrid(*pixel_centres(camera, region)), -1)
     index = lattice.nearest(np.linalg.solve(lattice.image_axes, (points - lattice.image_origin)[..., None])[..., 0])
     away = points + np.array(camera.decentre("sensor")) - lattice.microlens(index)
-    slope = np.hypot(away[..., 0], away[..., 1]) / float(camera.d_2 * camera["sensor.relay_magnification"])
+    slope = np.hypot(away[..., 0], away[..., 1]) / float(camera.seen.d_2 * camera["sensor.relay_magnification"])
     return accepted(np.arctan(slope), half).astype(np.float32)
 
 
@@ -166,7 +166,7 @@ class ImageLattice:
             axes,
             turn @ axes,
             offset,
-            float(1 + camera.d_2 * camera.vergence),
+            float(1 + camera.seen.d_2 * camera.seen.vergence),
             offset + centres[0] - np.array(camera.decentre("sensor")),
             (np.array(camera.array_size) - [camera.d, axes[1, 1]]) / 2 + 1e-9,
             # A stop cannot widen an image, but a microlens out of focus can, and a finite one moves it.

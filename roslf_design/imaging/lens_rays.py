@@ -138,7 +138,7 @@ class RealLensTracer:
         blur = float(microlens_defocus_blur(camera)) * math.sqrt(0.5) + design.d * design.d_2 / design.d_1
         forced = not plan.on("vignetting") and plan["vignetting"].estimate > plan["vignetting"].budget
         focus = camera.focus
-        sight = [focus.a, *focus.aside, camera.d_3, focus.distance, *lay_out(camera).front]
+        sight = [focus.a, *focus.aside, camera.seen.d_3, focus.distance, *lay_out(camera).front]
         return cls(
             camera,
             places,
@@ -205,7 +205,7 @@ class RealLensTracer:
         x = np.broadcast_to(p[0][:, None, :], shape).reshape(n, -1)
         y = np.broadcast_to(p[1][:, :, None], shape).reshape(n, -1)
         at_x, at_y = c[:, 0, None] + w[0], c[:, 1, None] + w[1]
-        leg_x, leg_y = (x - at_x) / self.camera.d_2, (y - at_y) / self.camera.d_2
+        leg_x, leg_y = (x - at_x) / self.camera.seen.d_2, (y - at_y) / self.camera.seen.d_2
         rays = way(at_x, at_y, leg_x + w[0] / self.camera.f_ml, leg_y + w[1] / self.camera.f_ml)
         room = np.maximum(rays.room, -1.0).reshape(shape)
         if self.finite:

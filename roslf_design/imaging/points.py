@@ -86,17 +86,17 @@ class PointSource:
     @property
     def reach(self) -> float:
         """Distance from the FAP, R = Z - d_3 [mm]."""
-        return float(self.distance - self.camera.d_3)
+        return float(self.distance - self.camera.seen.d_3)
 
     @property
     def throw(self) -> float:
         """B of the ray matrix from the FAP to the array, A = d_1/H [mm]."""
-        return float(self.camera.A)
+        return float(self.camera.seen.A)
 
     @property
     def defocus(self) -> float:
         """Curvature of the wave on the FAP that the main lens does not undo, 1/R - 1/(d_f - d_3) [1/mm]."""
-        return float((self.camera.d_f - self.distance) / (self.reach * self.camera.gap))
+        return float((self.camera.seen.d_f - self.distance) / (self.reach * self.camera.seen.gap))
 
     @property
     def spot(self) -> Floats:
@@ -156,7 +156,7 @@ def _by_waves(
     source: PointSource, region: Region, lattice: ImageLattice, wavelength: float, tolerance: float
 ) -> Floats:
     camera = source.camera
-    d, d_2, f_ml, D_F = (float(length) for length in (camera.d, camera.d_2, camera.f_ml, camera.D_F))
+    d, d_2, f_ml, D_F = (float(length) for length in (camera.d, camera.seen.d_2, camera.f_ml, camera.seen.D_F))
     image = np.zeros((region.rows, region.columns))
     # The Airy pattern has 2/(pi x) of its light beyond x = pi r D_F/(lambda B).
     beyond = 2 / (math.pi * max(tolerance, LEAST_TOLERANCE)) * wavelength * source.throw / (math.pi * D_F)
@@ -281,7 +281,7 @@ def _traced_field(front: Wavefront, wavelength: float, beyond: float) -> RoundFi
 def _on_array(source: PointSource, axis: Floats, v: Floats, wavelength: float, arriving: RoundField) -> Field:
     """Field on one microlens's square, shape (v.size, v.size); its squared size integrates to the light there."""
     field = arriving(*(at + v - spot for at, spot in zip(axis, source.spot, strict=True)))
-    vergence = float(source.camera.vergence)
+    vergence = float(source.camera.seen.vergence)
     bent = [np.exp(1j * math.pi / wavelength * vergence * (at + v) ** 2) for at in axis]
     return np.asarray(field * bent[1][:, None] * bent[0] / (wavelength * source.throw))
 
@@ -300,15 +300,15 @@ def _by_rays(source: PointSource, region: Region, lattice: ImageLattice) -> Imag
         if front is None:
             return np.zeros((region.rows, region.columns), np.float32)
         kept, slope = front.lit(a), slope + front.slopes(a)
-    height = a + slope * camera.d_3
+    height = a + slope * camera.seen.d_3
     after = slope - height / camera.f
-    hit = height + after * camera.d_1
+    hit = height + after * camera.seen.d_1
     index = lattice.nearest(np.linalg.solve(lattice.turned, (hit - lattice.offset).T).T)
     offset = hit - lattice.microlens(index)
     kept &= lattice.holds(index)
     if camera.lens_shape == "circular":
         kept &= np.hypot(*offset.T) <= camera.d / 2
-    land = hit + (after - offset / camera.f_ml) * camera.d_2 - np.array(camera.decentre("sensor"))
+    land = hit + (after - offset / camera.f_ml) * camera.seen.d_2 - np.array(camera.decentre("sensor"))
     pixel = np.floor(land / camera.q + np.array(camera.pixels) / 2).astype(int) - region[:2]
     kept &= ((pixel >= 0) & (pixel < region[2:])).all(-1)
     image = np.zeros((region.rows, region.columns), np.float32)

@@ -313,7 +313,7 @@ class _Job:
                     light *= share
                 x, y, distance = (float(number) for number in apparent)
                 if self.plan.on("cos4") and camera.law is None:
-                    away = (distance - camera.d_3) / chief_spread(camera)
+                    away = (distance - camera.seen.d_3) / chief_spread(camera)
                     light *= float((1 + (x * x + y * y) / away**2) ** -2.0)
                 if light == 0:  # outside what the objective images
                     continue

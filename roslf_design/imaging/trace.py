@@ -322,7 +322,7 @@ class Tracer:
             layout,
             np.array(flags),
             encode(scene, design.d_f),
-            _airy_kicks(abs(float(camera.D_F)), wavelengths) if kicked else np.zeros((1, 3)),
+            _airy_kicks(abs(float(camera.seen.D_F)), wavelengths) if kicked else np.zeros((1, 3)),
             float(chief_slope(camera)) if plan.on("cos4") else 0.0,
             float(Camera.of(design).tip),
             tuple(FacesAhead.of(camera.replace({"wavelength": w})).for_pixels for w in wavelengths)
@@ -370,7 +370,7 @@ class Tracer:
                     x, y, float(camera.q) / fine, lattice.axes, lattice.image_axes, np.linalg.inv(lattice.image_axes),
                     lattice.image_origin, lattice.half_size, lattice.reach, lattice.neighbours, self.flags,
                     *self.layout, space.table, space.media, space.takers, *self.surfaces, self.kicks, self.falloff,
-                    self.mouth, float(camera.d_3), float(camera.d_f), points, counts,
+                    self.mouth, float(camera.seen.d_3), float(camera.seen.d_f), points, counts,
                     sampling.tolerance * fine, place, image, used,
                 )  # fmt: skip
         return images[0] if len(images) == 1 else images.mean(0), int(spent.sum())

@@ -59,7 +59,7 @@ def encircled(camera: Camera) -> Encircled:
     which ends where the transfer function does: a finite integral of a smooth function.
     """
     wave, circular = float(camera.wavelength), camera.lens_shape == "circular"
-    transfer = MicrolensTransfer(float(camera.d), float(camera.d_2), 0.0, (wave,), circular)
+    transfer = MicrolensTransfer(float(camera.d), float(camera.seen.d_2), 0.0, (wave,), circular)
     radius, pitch = float(microlens_image_diameter(camera)) / 2, abs(float(microlens_image_pitch(camera)))
     panels = math.ceil(2 * transfer.cutoff * max(2 * radius, pitch)) + 1
     nodes, weights = np.polynomial.legendre.leggauss(PANEL)

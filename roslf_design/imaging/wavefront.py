@@ -84,7 +84,7 @@ class Wavefront:
         """Whether light comes through places (..., 2) of the FAP: past every rim, face by face, and the main lens."""
         camera = self.source.camera
         slope = self.source.slope(pupil) + self.slopes(pupil)
-        height = pupil + slope * float(camera.d_3)
+        height = pupil + slope * float(camera.seen.d_3)
         met = _carried(self.faces, height + self.source.lens, slope)
         return np.asarray((met.status == 0) & (np.hypot(*np.moveaxis(height, -1, 0)) <= float(camera.D) / 2))
 
@@ -154,7 +154,7 @@ def _extra_slopes(source: PointSource, faces: FacesAhead, pupil: Floats) -> tupl
     assert source.place is not None
     camera, (x, y, z) = source.camera, source.place
     plane = camera.plane(z)
-    rate, ideal = float(plane.a * camera.d_3 - plane.b), source.slope(pupil)
+    rate, ideal = float(plane.a * camera.seen.d_3 - plane.b), source.slope(pupil)
     extra, near = np.zeros_like(pupil), NEAR * (1 + abs(z) / 100)
     comes = np.zeros(len(pupil), np.bool_)
     along, across = 1.0, 1.0
@@ -163,7 +163,7 @@ def _extra_slopes(source: PointSource, faces: FacesAhead, pupil: Floats) -> tupl
         along, across = float(camera.stretch_along(p)), float(camera.stretch(p))
     for _ in range(STEPS):
         slope = ideal + extra
-        height = pupil + slope * float(camera.d_3) + source.lens
+        height = pupil + slope * float(camera.seen.d_3) + source.lens
         out = _carried(faces, height, slope)
         miss = np.moveaxis(out.height - out.slope * z, 0, -1) - [x, y]
         alive = out.status == 0

@@ -284,7 +284,7 @@ def interference_series(
     index, frequencies = _orders(lattice, (reach + 1) * transfer.cutoff)
     passed = np.zeros(len(frequencies))
     for pair in pairs:
-        part = pair_transfer(transfer, frequencies, lattice.turned @ pair, float(camera.vergence))
+        part = pair_transfer(transfer, frequencies, lattice.turned @ pair, float(camera.seen.vergence))
         passed += np.where(index @ pair % 2, -part, part)
     weight = _uncut(camera, lattice, frequencies) * passed * (_pixels(camera, frequencies) if pixel else 1.0)
     return HarmonicSeries(frequencies, weight, lattice.image_origin)

@@ -506,7 +506,7 @@ class DesignProblem:
             changes |= self._lens_at(unit)
             changes.pop(FOCAL, None)
             if not changes.keys() & CONJUGATES[1:]:
-                changes[CONJUGATES[2]] = float(np.ravel(camera.d_1)[0])
+                changes[CONJUGATES[2]] = float(np.ravel(camera.seen.d_1)[0])
         return self.design.replace({**given, **changes, "name": name or titled(self.name, "optimised")})
 
     def _lens_at(self, unit: Array) -> dict[str, Any]:
@@ -535,10 +535,10 @@ class DesignProblem:
 
         plane, distance = (place in self._set_places for place in CONJUGATES[1:])
         if self.base.chain.bends:
-            yield row("real image: d_1 above 0", lambda c: c.d_1 / c.f)
+            yield row("real image: d_1 above 0", lambda c: c.seen.d_1 / c.f)
             yield row("focal plane nearer than infinity", lambda c: c.tip / c[PATHS["d_f"]])
         elif not (plane and distance):
-            yield row("real image: d_f beyond f", lambda c: ((c.d_f if plane else c.d_1) - c.f) / c.f)
+            yield row("real image: d_f beyond f", lambda c: ((c.seen.d_f if plane else c.seen.d_1) - c.f) / c.f)
         rims = ("aperture", *(f"stops.{k}" for k in range(self.base.stops)))
         for place in (*(f"{rim}.distance" for rim in rims), *(place for place in self.given if place == TIP)):
             yield row("focal plane in front of the bore", lambda c, place=place: 1 - c[place] / c[PATHS["d_f"]])  # type: ignore[misc]
@@ -546,7 +546,7 @@ class DesignProblem:
             yield row("focal plane in front of the bore", lambda c: 1 - c.chain.end(c.numbers) / c[PATHS["d_f"]])
             for near, far, label in self._kept_apart():
                 yield row(label, lambda c, near=near, far=far: (far(c) - near(c)) / c.tip)  # type: ignore[misc]
-        yield row("microlens images of positive pitch", lambda c: 1 + c.d_2 * c.vergence)
+        yield row("microlens images of positive pitch", lambda c: 1 + c.seen.d_2 * c.seen.vergence)
         if self.design.lens is not None:
             standing = self.base.numbers if self.shapes_lens else {*self._set_places, *self.given}
             for clearance in clearances(self.design, set(standing)):

@@ -424,7 +424,7 @@ def _bound(combinations: Combinations, owner: NDArray[np.intp], low: Array, high
     with np.errstate(all="ignore"):
         cameras = problem.base.replace(numbers, in_focus=problem.in_focus)
         shape = units.shape[:2]
-        image = np.broadcast_to(cameras.d_f > cameras.f * (1 + ROOM), shape)
+        image = np.broadcast_to(cameras.seen.d_f > cameras.f * (1 + ROOM), shape)
         ahead = np.broadcast_to(cameras[CONJUGATES[1]] * (1 - ROOM) > cameras.tip, shape)
         certain = image.all(axis=0)
         # d_f > f and d_f > tip hold somewhere in the box only if they do at a corner: both are monotone.
@@ -508,7 +508,10 @@ def _sensor_fields(cameras: Camera, ahead: Flags) -> tuple[SensorField, SensorFi
         every = np.broadcast_to(values, ahead.shape)
         return every.min(axis=0), every.max(axis=0)
 
-    bend, angle = ends(1 - cameras.d_3 / cameras.f), ends(cameras.d_2 * cameras.inverse_m / cameras.gap)
+    bend, angle = (
+        ends(1 - cameras.seen.d_3 / cameras.f),
+        ends(cameras.seen.d_2 * cameras.seen.inverse_m / cameras.seen.gap),
+    )
     grows = [1 + a * b for a in bend for b in angle]
     least, most = np.minimum.reduce(grows), np.maximum.reduce(grows)
     known = ahead.all(axis=0) & (angle[0] > 0) & (least * most > 0)

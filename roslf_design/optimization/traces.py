@@ -107,7 +107,7 @@ class FieldTraces:
             trials = len(next(iter(numbers.values())))
             if temperature is not None:
                 numbers[TEMPERATURE] = np.full(trials, temperature)
-            question = Question(self.design, (), self.fields, float(Camera.of(self.design).d_f))
+            question = Question(self.design, (), self.fields, float(Camera.of(self.design).seen.d_f))
             with np.errstate(all="ignore"):
                 self._builds[temperature] = builds_of(question, numbers, trials, afresh=not self.own)
         return self._builds[temperature]

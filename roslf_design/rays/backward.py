@@ -54,7 +54,15 @@ def lay_out(camera: Camera) -> Layout:
         return np.array([n[f"{part}.decentre.0"], n[f"{part}.decentre.1"]], float)
 
     sensor, array, lens = (decentre(part) for part in ("sensor", "microlens_array", "main_lens"))
-    ones = [camera.d_1, 1 / camera.d_2, 1 / camera.f_ml, 1 / camera.f, *(sensor - array), *(array - lens), *lens]
+    ones = [
+        camera.seen.d_1,
+        1 / camera.seen.d_2,
+        1 / camera.f_ml,
+        1 / camera.f,
+        *(sensor - array),
+        *(array - lens),
+        *lens,
+    ]
     stops = (camera.fap, *camera.rims[1:])
     own = frame((0.0, 0.0), 0.0, (0.0, 0.0))
     to_array = camera.pose("sensor").seen_from(camera.pose("microlens_array"))
@@ -65,7 +73,7 @@ def lay_out(camera: Camera) -> Layout:
         *(_map(own.seen_from(camera.pose(stop.part))) for stop in stops),
     ]
     if not camera.tilted:
-        maps[0][2, 3] = camera.d_2  # better than a difference of (d_1 + d_2) and d_1
+        maps[0][2, 3] = camera.seen.d_2  # better than a difference of (d_1 + d_2) and d_1
     rims = [[*(-offset for offset in camera.decentre(stop.part)), stop.distance, stop.radius] for stop in stops]
     constants = [*ones, camera.D / 2, camera.d / 2]
     numbers, blocks, openings = (np.array(part, float) for part in (constants, maps, rims))

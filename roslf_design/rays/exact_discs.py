@@ -178,8 +178,8 @@ class _Outlines:
     def met(self, k: int, x: Floats, y: Floats, points: Floats) -> Floats:
         """Where rays from points on the sensor, relative to their microlenses' axes, meet a stop, from its centre."""
         c, z = self.camera, float(self.stops[k].stands)
-        slope = points / float(c.d_2)
-        height = np.stack([x, y])[..., None] - slope * float(c.d_1)
+        slope = points / float(c.seen.d_2)
+        height = np.stack([x, y])[..., None] - slope * float(c.seen.d_1)
         outside = slope + height / float(c.f)
         start = height + np.array(c.lens_centre)[:, None, None]
         there = next(self.space.rays_at([z], (start[0], start[1]), (outside[0], outside[1])))
@@ -198,7 +198,7 @@ class _Outlines:
             return np.asarray(outline)
         # To first order, what the stop's own lengths are on the sensor.
         plane = rim.plane or c.plane(rim.stands)
-        scale = -float(c.d_2 * stop_angle(c, rim.distance)) / float(plane.magnification)
+        scale = -float(c.seen.d_2 * stop_angle(c, rim.distance)) / float(plane.magnification)
         own = self.own_radius(k)
         for _ in range(STEPS):
             place = self.met(k, x, y, outline)

@@ -292,13 +292,13 @@ def glass_shares(camera: Camera) -> tuple[list[tuple[float, float]], list[tuple[
     if (substrate := numbers.get(f"{SUBSTRATE}.thickness")) is not None:
         thick = float(substrate)
         if camera.chain.lenslets == "sensor":
-            to_array.append(((d_1 - thick) / float(camera.d_1), (d_1 - thick) / d_1))
+            to_array.append(((d_1 - thick) / float(camera.seen.d_1), (d_1 - thick) / d_1))
         else:
             reduced = thick / float(numbers[f"{SUBSTRATE}.index"])
-            to_sensor.append((reduced / float(camera.d_2), thick / d_2))
+            to_sensor.append((reduced / float(camera.seen.d_2), thick / d_2))
     if (cover := numbers.get(f"{COVER}.thickness")) is not None:
         reduced = float(cover) / float(numbers[f"{COVER}.index"])
-        to_sensor.append((1 - reduced / float(camera.d_2), 1 - float(cover) / d_2))
+        to_sensor.append((1 - reduced / float(camera.seen.d_2), 1 - float(cover) / d_2))
     return to_array, to_sensor
 
 

@@ -132,12 +132,12 @@ WHITE_FIELD = Scene(name="white field")
 def _view(design: Design) -> tuple[float, float]:
     """How far off the axis chief rays go, ``slope Z + height``: slope, height [mm]."""
     camera = Camera.of(design)
-    slope = Subject(design).x_ml * float(camera.inverse_m) / float(camera.gap)
+    slope = Subject(design).x_ml * float(camera.seen.inverse_m) / float(camera.seen.gap)
     end, plane = camera.front
     if end == 0:
         return slope, 0.0
-    outside = slope * float((plane.d - plane.c * camera.d_3) / plane.medium)
-    height = slope * float(plane.b - plane.a * camera.d_3) - outside * float(end)
+    outside = slope * float((plane.d - plane.c * camera.seen.d_3) / plane.medium)
+    height = slope * float(plane.b - plane.a * camera.seen.d_3) - outside * float(end)
     if camera.law is not None:  # steeper, through the same point of the entrance pupil
         steeper = outside * float(camera.stretch(abs(outside) * plane.medium))
         height, outside = height + (outside - steeper) * float(camera.pupil_stands), steeper

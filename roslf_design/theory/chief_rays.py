@@ -110,8 +110,11 @@ def chief_rays(c: Camera, place: Place) -> ChiefRays:
 
 def _at_main_lens(c: Camera, place: Place) -> tuple[Place, Place]:
     """Heights from the main lens's centre and slopes just before it, to first order."""
-    slopes = [ratio(e + product(at, c.inverse_m), c.gap) for at, e in zip(place, c.decentre("aperture"), strict=True)]
-    heights = [e + slope * c.d_3 for slope, e in zip(slopes, c.decentre("aperture"), strict=True)]
+    slopes = [
+        ratio(e + product(at, c.seen.inverse_m), c.seen.gap)
+        for at, e in zip(place, c.decentre("aperture"), strict=True)
+    ]
+    heights = [e + slope * c.seen.d_3 for slope, e in zip(slopes, c.decentre("aperture"), strict=True)]
     return (heights[0], heights[1]), (slopes[0], slopes[1])
 
 
@@ -152,14 +155,14 @@ def _past_elements(c: Camera, at: Array) -> Array:
 
     def to_fap(height: Array) -> tuple[Array, Array, Array]:
         """Rays of the microlens there, and by how much they miss the FAP's centre."""
-        met, slope = passed(near, height + lens, ratio(at, c.d_1) + ratio(height, c.d_f))
+        met, slope = passed(near, height + lens, ratio(at, c.seen.d_1) + ratio(height, c.seen.d_f))
         return met, slope, met - slope * c["aperture.distance"] - fap
 
     met, slope, miss = to_fap(height)
     if len(near.names):
         plane, size = c.plane(c["aperture.distance"]), c.fap.radius * c.fap.scale
         # dh/dx of rays through the microlens, x where they meet the FAP: to first order, then by Broyden's method.
-        rate = np.zeros((2, *at.shape)) + ratio(1.0, plane.a - plane.b / c.d_f)
+        rate = np.zeros((2, *at.shape)) + ratio(1.0, plane.a - plane.b / c.seen.d_f)
         rate[0, 1], rate[1, 0] = 0.0, 0.0
         for _ in range(STEPS):
             away = np.hypot(*miss) > SETTLED * size

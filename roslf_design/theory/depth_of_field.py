@@ -29,10 +29,10 @@ class DepthOfField(NamedTuple):
 
 def pupil_part(c: Camera, kind: Kind) -> Array:
     """Width e of the FAP that a point's light counts through, as the main lens sees it [mm]."""
-    whole = magnitude(c.D_F)
+    whole = magnitude(c.seen.D_F)
     if kind == "refocused":
         return whole
-    by_view = product(c.q + diffraction_width(c), magnitude(ratio(c.A, c.d_2)))
+    by_view = product(c.q + diffraction_width(c), magnitude(ratio(c.seen.A, c.seen.d_2)))
     return np.asarray(np.where(np.real(by_view) < np.real(whole), by_view, whole))[()]
 
 
@@ -48,7 +48,9 @@ def depth_of_field(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> De
         Microlens pitches that a point may spread over.
     """
     share = _share(c, kind, blur)
-    near, far = (np.asarray(c.plane_seen_at(c.d_3 + ratio(c.gap, 1 + sign * share)) - c.tip, float) for sign in (1, -1))
+    near, far = (
+        np.asarray(c.plane_seen_at(c.seen.d_3 + ratio(c.seen.gap, 1 + sign * share)) - c.tip, float) for sign in (1, -1)
+    )
     focus = np.asarray(c["main_lens.focal_plane"] - c.tip)
     # A plane that has gone past the tip, or past infinity, comes back on the other side.
     near = np.where((near >= 0) & (near <= focus), near, 0.0)
@@ -62,7 +64,7 @@ def past_infinity(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Arr
     Parameters are those of `depth_of_field`.
     """
     inside = 1 - _share(c, kind, blur)
-    seen = c.d_3 * inside + c.gap
+    seen = c.seen.d_3 * inside + c.seen.gap
     less, more = seen - c.tip * inside, inside
     if c.chain.elements:
         place, front = c.front
@@ -74,9 +76,9 @@ def past_infinity(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Arr
 
 def _share(c: Camera, kind: Kind, blur: float) -> Array:
     """By how much 1/Z_F changes from the focal plane to an end, over its own at the focal plane."""
-    share = ratio(blur * c.d, product(pupil_part(c, kind), magnitude(c.m)))
+    share = ratio(blur * c.d, product(pupil_part(c, kind), magnitude(c.seen.m)))
     # Behind a relay the FAP may be seen beyond the focal plane: nearer planes then lie at larger Z_F.
-    return np.asarray(share * np.where(np.real(c.gap) < 0, -1.0, 1.0))
+    return np.asarray(share * np.where(np.real(c.seen.gap) < 0, -1.0, 1.0))
 
 
 def hyperfocal(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Array:
@@ -86,21 +88,21 @@ def hyperfocal(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Array:
 
     Parameters are those of `depth_of_field`.
     """
-    front, lens = c.front[1], c.f - c.d_3
+    front, lens = c.front[1], c.f - c.seen.d_3
     # sigma = (grow m - less)/ahead for what is far, falling with m towards the m that is focused there; A = f + m lens.
     # What is far is seen ahead/front.c before the FAP's image: 0 where object space is telecentric.
-    ahead = front.d - front.c * c.d_3
+    ahead = front.d - front.c * c.seen.d_3
     grow, less = np.asarray(ahead - lens * front.c, float), np.asarray(c.f * front.c, float)
     turn, ahead = np.where(grow < 0, -1.0, 1.0), magnitude(ahead)
-    by_all = ratio(ratio(blur * c.d, magnitude(c.D_F)) * ahead + turn * less, turn * grow)
+    by_all = ratio(ratio(blur * c.d, magnitude(c.seen.D_F)) * ahead + turn * less, turn * grow)
     m, least = np.asarray(by_all), -1.0 if c.chain.bends else 0.0  # m at which d_1 is 0, and at which it is f
     if kind == "view":
-        pixel = ratio(c.q + diffraction_width(c), c.d_2) * np.where(np.real(c.inverse_H) < 0, -1.0, 1.0)
+        pixel = ratio(c.q + diffraction_width(c), c.seen.d_2) * np.where(np.real(c.seen.inverse_H) < 0, -1.0, 1.0)
         a, b = turn * grow * lens, turn * (grow * c.f - less * lens)
         rest = turn * less * c.f + ratio(blur * c.d, pixel) * ahead
         root = b * b + 4 * a * rest
         by_view = ratio(2 * rest, b + np.where(b < 0, -1.0, 1.0) * np.sqrt(np.maximum(root, 0.0)))
-        narrow = magnitude(pixel * (c.f + by_view * lens)) < magnitude(c.D_F)
+        narrow = magnitude(pixel * (c.f + by_view * lens)) < magnitude(c.seen.D_F)
         m = np.where((root >= 0) & (by_view > least) & narrow, by_view, by_all)
     imaged = m > least
     vergence = np.where(imaged, m, 1.0) / (c.f * (1 + np.where(imaged, m, 1.0)))

@@ -274,9 +274,9 @@ def _rows_of(images: MicrolensImages, plane: Seen, texture: Texture) -> _Images:
     shape, stops = (radii.shape[0], *builds), radii.shape[-1]
     pitch = magnitude(microlens_image_pitch(c))
     bend = ratio(plane.disparity * pitch, magnitude(microlens_image_diameter(c)))
-    defocus = -microlens_defocus(c) / c.d_2
+    defocus = -microlens_defocus(c) / c.seen.d_2
     light = electrons(c) * images.level * response(c, np.hypot(*images.microlens[:2]))
-    optics = (c.d, c.d_2, c.wavelength, defocus, c.q, light, dark_variance(c), pitch, bend)
+    optics = (c.d, c.seen.d_2, c.wavelength, defocus, c.q, light, dark_variance(c), pitch, bend)
     per_pitch = np.broadcast_to(ratio(1.0, pitch), builds)
     turn = np.asarray(c["microlens_array.rotation"])[..., None]
     apart = centres - centres[..., :1, :]

@@ -19,22 +19,22 @@ def exit_pupil_distance(c: Camera) -> Array:
 
     Negative (virtual, object side) for ``d_3 < f``, inf at ``d_3 = f`` (finite twin: `Camera.vergence`, 0 there).
     """
-    return c.f * ratio(c.d_3, c.d_3 - c.f)
+    return c.f * ratio(c.seen.d_3, c.seen.d_3 - c.f)
 
 
 def exit_pupil_diameter(c: Camera) -> Array:
     """Diameter ``D_F f/|d_3 - f|`` of the exit pupil [mm]; inf at ``d_3 = f`` unless D_F is 0."""
-    return product(c.D_F, ratio(c.f, np.abs(c.d_3 - c.f)))
+    return product(c.seen.D_F, ratio(c.f, np.abs(c.seen.d_3 - c.f)))
 
 
 def is_telecentric(c: Camera) -> NDArray[np.bool_]:
     """Whether the exit pupil is at infinity: ``|d_3 - f|`` at most 1e-9 of f."""
-    return np.asarray(np.abs(c.d_3 - c.f) <= 1e-9 * c.f)
+    return np.asarray(np.abs(c.seen.d_3 - c.f) <= 1e-9 * c.f)
 
 
 def pupil_angle(c: Camera) -> Array:
     """Angular diameter of the pupil as every microlens sees it, D_F H/d_1 = D_F/A [rad, paraxial]; inf at d_3 = d_f."""
-    return stop_angle(c, c.d_3, c.D_F)
+    return stop_angle(c, c.seen.d_3, c.seen.D_F)
 
 
 def stop_angle(c: Camera, distance: ArrayLike, length: ArrayLike = 1.0) -> Array:
@@ -44,12 +44,12 @@ def stop_angle(c: Camera, distance: ArrayLike, length: ArrayLike = 1.0) -> Array
     length is imaged d_2 times as large. inf at ``z = d_f``, where the length is in focus on the array.
     """
     size, z = floats(length, distance)
-    return product(size / c.f, ratio(c.d_f - c.f, c.d_f - z))
+    return product(size / c.f, ratio(c.seen.d_f - c.f, c.seen.d_f - z))
 
 
 def microlens_image_diameter(c: Camera) -> Array:
     """Diameter ``D_F H d_2/d_1`` of an uncut, geometric microlens image [mm]; inf at d_3 = d_f."""
-    return product(c.d_2, pupil_angle(c))
+    return product(c.seen.d_2, pupil_angle(c))
 
 
 def microlens_image_pitch(c: Camera) -> Array:
@@ -58,7 +58,7 @@ def microlens_image_pitch(c: Camera) -> Array:
     Exactly d at ``d_3 = f``, ``d (1 + d_2/d_1)`` at ``d_3 = 0``; negative where the exit pupil lies between array and
     sensor (images in reversed order); -inf at ``d_3 = d_f``.
     """
-    return c.d * (1 + product(c.d_2, c.vergence))
+    return c.d * (1 + product(c.seen.d_2, c.seen.vergence))
 
 
 def centre_shift_per_microlens(c: Camera) -> Array:
@@ -68,8 +68,8 @@ def centre_shift_per_microlens(c: Camera) -> Array:
     index a photosensor coordinate, which is off by q/d. inf at ``d_3 = d_f``.
     """
     # H/d_1^2 = (d_f - f)^2 / (f^2 d_f (d_f - d_3)): no d_1, which runs off at d_f = f.
-    reach = ratio(c.d_f - c.f, c.gap)
-    return product(c.d * c.d_2 * c.d_3 / (c.q * c.f * c.f), ratio(c.d_f - c.f, c.d_f) * reach)
+    reach = ratio(c.seen.d_f - c.f, c.seen.gap)
+    return product(c.d * c.seen.d_2 * c.seen.d_3 / (c.q * c.f * c.f), ratio(c.seen.d_f - c.f, c.seen.d_f) * reach)
 
 
 def centre_deviation(c: Camera, index: ArrayLike) -> Array:

@@ -21,17 +21,17 @@ from .exit_pupil import microlens_image_diameter, microlens_image_pitch
 
 def microlens_f_number(c: Camera) -> Array:
     """Working f-number ``d_2/d`` of a microlens, the left side of Eqs. 8 and 9."""
-    return ratio(c.d_2, c.d)
+    return ratio(c.seen.d_2, c.d)
 
 
 def pupil_f_number(c: Camera) -> Array:
     """Working f-number ``d_1/(D_F H) = A/D_F`` of the FAP at the array, the right side of Eq. 8; inf at D_F = 0."""
-    return ratio(c.A, c.D_F)
+    return ratio(c.seen.A, c.seen.D_F)
 
 
 def main_lens_f_number(c: Camera) -> Array:
     """Working f-number ``d_1/D`` of the whole main lens, the right side of Eq. 9; inf at d_1 = inf."""
-    return ratio(c.d_1, c.D)
+    return ratio(c.seen.d_1, c.D)
 
 
 def inverse_fill_factor(c: Camera) -> Array:
@@ -39,7 +39,7 @@ def inverse_fill_factor(c: Camera) -> Array:
 
     Below 0 where images lie in reversed order.
     """
-    return c.d * (ratio(c.A, c.d_2) + (c.f - c.d_3) / c.f) / c.D_F
+    return c.d * (ratio(c.seen.A, c.seen.d_2) + (c.f - c.seen.d_3) / c.f) / c.seen.D_F
 
 
 def fill_factor(c: Camera) -> Array:
@@ -47,7 +47,7 @@ def fill_factor(c: Camera) -> Array:
 
     ``D_F d_2 / (d |A + d_2 (f - d_3)/f|)``; inf where the images have no pitch.
     """
-    return magnitude(ratio(c.D_F * c.d_2, c.d * (c.A + c.d_2 * ((c.f - c.d_3) / c.f))))
+    return magnitude(ratio(c.seen.D_F * c.seen.d_2, c.d * (c.seen.A + c.seen.d_2 * ((c.f - c.seen.d_3) / c.f))))
 
 
 def approximate_fill_factor(c: Camera) -> Array:
@@ -57,15 +57,15 @@ def approximate_fill_factor(c: Camera) -> Array:
 
 def traditional_fill_factor(c: Camera) -> Array:
     """The same with the main lens for a pupil, ``D d_2/(d_1 d)``: 1 where Eq. 9 holds."""
-    return ratio(c.D, c.d_1) * ratio(c.d_2, c.d)
+    return ratio(c.D, c.seen.d_1) * ratio(c.seen.d_2, c.d)
 
 
 def mismatch_px(c: Camera) -> Array:
     """Microlens-image diameter minus the pitch's magnitude [px]: overlap above 0, gap below; +-inf at d_3 = d_f."""
     order = np.where(np.real(microlens_image_pitch(c)) < 0, -1.0, 1.0)
     # Diameter and pitch run off together at d_3 = d_f: what runs off is their difference.
-    apart = c.D_F - order * c.d * ((c.f - c.d_3) / c.f)
-    return (product(c.d_2 * apart / c.f, ratio(c.d_f - c.f, c.gap)) - order * c.d) / c.q
+    apart = c.seen.D_F - order * c.d * ((c.f - c.seen.d_3) / c.f)
+    return (product(c.seen.d_2 * apart / c.f, ratio(c.seen.d_f - c.f, c.seen.gap)) - order * c.d) / c.q
 
 
 class Matched(NamedTuple):
@@ -93,7 +93,9 @@ def matched(c: Camera, symbol: Literal["d_2", "D_F", "d", "d_3"], *, exact: bool
         infinite, or put the FAP behind the lens or beyond the focal plane, the value is inf and `exists` False. D_F and
         d match images in the order in which they lie, d_2 and d_3 those in direct order.
     """
-    de, d, d2, f, df, d3 = floats(c.D_F, c.d, c.d_2, c.f, c.d_f, c.d_3)  # as the main lens sees them
+    de, d, d2, f, df, d3 = floats(
+        c.seen.D_F, c.d, c.seen.d_2, c.f, c.seen.d_f, c.seen.d_3
+    )  # as the main lens sees them
     image: NDArray[np.bool_] | bool = True
     if symbol == "d_3":
         share, nearness = ratio(df - f, df), f / df
@@ -112,10 +114,10 @@ def matched(c: Camera, symbol: Literal["d_2", "D_F", "d", "d_3"], *, exact: bool
         return Matched(np.where(exists, length, np.inf)[()], exists)
     bend = (f - d3) / f if exact else np.zeros(())
     if symbol == "d_2":
-        length, image = ratio(c.A, de / d - bend) + (c[PATHS["d_2"]] - c.d_2), de > 0
+        length, image = ratio(c.seen.A, de / d - bend) + (c[PATHS["d_2"]] - c.seen.d_2), de > 0
     elif symbol == "D_F":
-        length = d * magnitude(ratio(c.A, d2) + bend) * c.fap.scale
+        length = d * magnitude(ratio(c.seen.A, d2) + bend) * c.fap.scale
     else:
-        length = ratio(de * d2, magnitude(c.A + product(d2, bend)))
+        length = ratio(de * d2, magnitude(c.seen.A + product(d2, bend)))
     exists = image & (length > 0) & np.isfinite(length)
     return Matched(np.where(exists, length, np.inf)[()], exists)

@@ -22,7 +22,7 @@ AIRY = 1.22
 
 def fresnel_number(c: Camera) -> Array:
     """Fresnel number of a microlens seen from the sensor, ``d^2/(4 lambda d_2)``; inf at d_2 = 0."""
-    return ratio(c.d, c.wavelength) * ratio(c.d, 4 * c.d_2)
+    return ratio(c.d, c.wavelength) * ratio(c.d, 4 * c.seen.d_2)
 
 
 def independent_views(c: Camera) -> Array:
@@ -37,7 +37,7 @@ def geometric_views(c: Camera) -> Array:
 
 def diffraction_width(c: Camera) -> Array:
     """Width ``lambda d_2/d`` of the blur that a microlens's own aperture makes on the sensor [mm]."""
-    return c.wavelength * ratio(c.d_2, c.d)
+    return c.wavelength * ratio(c.seen.d_2, c.d)
 
 
 def airy_radius(c: Camera) -> Array:
@@ -47,12 +47,12 @@ def airy_radius(c: Camera) -> Array:
 
 def pupil_airy_radius(c: Camera) -> Array:
     """Airy radius on the microlens array of the FAP's own aperture, ``1.22 lambda A/D_F`` [mm]; inf at D_F = 0."""
-    return AIRY * c.wavelength * ratio(c.A, c.D_F)
+    return AIRY * c.wavelength * ratio(c.seen.A, c.seen.D_F)
 
 
 def microlens_defocus(c: Camera) -> Array:
     """``1 - d_2/f_ml + d_2/L``, signed: 0 where the microlenses image the exit pupil onto the sensor."""
-    return ratio(c.f_ml - c.d_2, c.f_ml) + product(c.d_2, c.vergence)
+    return ratio(c.f_ml - c.seen.d_2, c.f_ml) + product(c.seen.d_2, c.seen.vergence)
 
 
 def microlens_defocus_blur(c: Camera) -> Array:
@@ -65,7 +65,7 @@ def microlens_defocus_waves(c: Camera) -> Array:
 
     ``(d^2/8 lambda) |1/f_ml - 1/d_2 - 1/L|``; inf at d_2 = 0 and at d_3 = d_f.
     """
-    return ratio(np.abs(microlens_defocus(c)), c.d_2) * (c.d / c.wavelength * (c.d / 8))
+    return ratio(np.abs(microlens_defocus(c)), c.seen.d_2) * (c.d / c.wavelength * (c.d / 8))
 
 
 def object_sample(c: Camera) -> Array:
@@ -79,10 +79,10 @@ def object_scale(c: Camera, at: Number | None = None) -> Array:
     Or on a plane `at` ahead of the bore's tip [mm], along chief rays, which meet in the FAP.
     """
     if at is None:
-        return magnitude(product(c.inverse_m, c.focus.magnification))
+        return magnitude(product(c.seen.inverse_m, c.focus.magnification))
     plane = c.plane(at + c.tip)
     # What a rod or a lens shows beyond infinity has depth and magnification both below 0.
-    return magnitude(c.inverse_m * (np.asarray(plane.distance - c.d_3) / c.gap * plane.magnification))
+    return magnitude(c.seen.inverse_m * (np.asarray(plane.distance - c.seen.d_3) / c.seen.gap * plane.magnification))
 
 
 def chief_spread(c: Camera) -> Number:
@@ -92,12 +92,12 @@ def chief_spread(c: Camera) -> Number:
     Lambertian surface through its image, the entrance pupil, wherever that lies.
     """
     _, front = c.front
-    return magnitude(front.d - front.c * c.d_3)
+    return magnitude(front.d - front.c * c.seen.d_3)
 
 
 def chief_slope(c: Camera) -> Array:
     """That slope for a microlens a millimetre off the axis [1/mm]."""
-    return ratio(c.inverse_m * chief_spread(c), c.gap)
+    return ratio(c.seen.inverse_m * chief_spread(c), c.seen.gap)
 
 
 def outer_slope(c: Camera, place: ArrayLike) -> Array:
@@ -209,9 +209,9 @@ def sensor_field(c: Camera, margin: ArrayLike = 0.0) -> SensorField:
     margin : array_like, optional
         How far beyond the sensor's edge image centres may lie [mm]; below 0 they lie inside.
     """
-    grow = 1 + product(c.d_2, c.vergence)
+    grow = 1 + product(c.seen.d_2, c.seen.vergence)
     backward = np.real(grow) < 0
-    spread = product(c.d_2, stop_angle(c, c.d_3))
+    spread = product(c.seen.d_2, stop_angle(c, c.seen.d_3))
     lows, highs = [], []
     for pupil, array, sensor, wide, size in zip(
         *(c.decentre(part) for part in ("aperture", "microlens_array", "sensor")),
@@ -229,9 +229,9 @@ def sensor_field(c: Camera, margin: ArrayLike = 0.0) -> SensorField:
 
 def view_baseline(c: Camera) -> Array:
     """Distance on the FAP between neighbouring pixels' views, ``q A/d_2 = q d_1/(H d_2)`` [mm]; inf at d_2 = 0."""
-    return ratio(c.q * c.A, c.d_2) * c.fap.scale
+    return ratio(c.q * c.seen.A, c.seen.d_2) * c.fap.scale
 
 
 def solid_angle(c: Camera) -> Array:
     """Solid angle of the pupil seen from the array, ``pi/4 (D_F/A)^2`` [sr]: the light a pixel gets."""
-    return np.pi / 4 * ratio(c.D_F, c.A) ** 2
+    return np.pi / 4 * ratio(c.seen.D_F, c.seen.A) ** 2

@@ -37,13 +37,13 @@ from ..camera import Camera
 def pixel_to_pupil(c: Camera, pixel: ArrayLike) -> Array:
     """Coordinate S' [mm] on the FAP that the pixel s' looks at, ``-(q A/d_2) s'``; inf at d_2 = 0. Eqs. 1, 2."""
     (s,) = floats(pixel)
-    return ratio(-product(s, c.q * c.A), c.d_2)
+    return ratio(-product(s, c.q * c.seen.A), c.seen.d_2)
 
 
 def pupil_to_pixel(c: Camera, coordinate: ArrayLike) -> Array:
     """Pixel s' that looks at the coordinate S' [mm] of the FAP, ``-S' d_2/(q A)``; inf at d_3 = d_f."""
     (at,) = floats(coordinate)
-    return -ratio(c.d_2 * at, c.q * c.A)
+    return -ratio(c.seen.d_2 * at, c.q * c.seen.A)
 
 
 def view_projection(c: Camera, view: ArrayLike) -> Array:
@@ -64,9 +64,9 @@ def view_projection(c: Camera, view: ArrayLike) -> Array:
     pupil = pixel_to_pupil(c.spread(1) if c.shape else c, view)
     shape = np.broadcast_shapes(pupil.shape[:-1], c.shape)
     matrix = np.zeros((*shape, 3, 4))
-    matrix[..., 0, 0] = matrix[..., 1, 1] = -c.A / c.d
-    matrix[..., :2, 2] = -(c.m / c.d)[..., None] * pupil
-    matrix[..., :2, 3] = (c.A / c.d)[..., None] * pupil
+    matrix[..., 0, 0] = matrix[..., 1, 1] = -c.seen.A / c.d
+    matrix[..., :2, 2] = -(c.seen.m / c.d)[..., None] * pupil
+    matrix[..., :2, 3] = (c.seen.A / c.d)[..., None] * pupil
     matrix[..., 2, 2] = 1.0
     return matrix
 
@@ -85,18 +85,18 @@ def pupil_shear(c: Camera, depth: ArrayLike) -> Array:
     ndarray
         ``m (Z_F - g)/Z_F = m - A/Z_F``, broadcast; exactly 0 at the focal plane, m at ``Z_F = inf``.
     """
-    z, df = floats(depth, c.d_f)
+    z, df = floats(depth, c.seen.d_f)
     with np.errstate(invalid="ignore"):
-        shear = product(ratio(z - c.gap, z), c.m)
+        shear = product(ratio(z - c.seen.gap, z), c.seen.m)
     focused_at_infinity = np.isinf(df)
     if focused_at_infinity.any():  # m = 0, and an infinite gap no longer tells A
-        shear = np.where(focused_at_infinity, -ratio(c.A, z), shear)[()]
+        shear = np.where(focused_at_infinity, -ratio(c.seen.A, z), shear)[()]
     return shear
 
 
 def epi_slope(c: Camera, depth: ArrayLike) -> Array:
     """Microlenses that a point at Z_F = `depth` [mm] moves by from view to view, Du/Ds'. Eq. 12; inf at 0."""
-    return product(pupil_shear(c, depth), ratio(c.q / c.d * c.A, c.d_2))
+    return product(pupil_shear(c, depth), ratio(c.q / c.d * c.seen.A, c.seen.d_2))
 
 
 def depth_of_slope(c: Camera, slope: ArrayLike) -> Array:
@@ -105,18 +105,18 @@ def depth_of_slope(c: Camera, slope: ArrayLike) -> Array:
     Inf for what is infinitely far; below 0, where no point is, for larger slopes still.
     """
     (k,) = floats(slope)
-    return ratio(c.A, c.m - product(k, ratio(c.d_2 * c.d, c.q * c.A)))
+    return ratio(c.seen.A, c.seen.m - product(k, ratio(c.seen.d_2 * c.d, c.q * c.seen.A)))
 
 
 def rim_disparity(c: Camera, depth: ArrayLike) -> Array:
     """Disparity of a point at Z_F = `depth` [mm] between the FAP's opposite rims [pitches]; inf at 0."""
-    return product(-c.D_F / c.d, pupil_shear(c, depth))
+    return product(-c.seen.D_F / c.d, pupil_shear(c, depth))
 
 
 def disparity_rate(c: Camera, depth: ArrayLike) -> Array:
     """Change of the rim disparity per millimetre of depth, ``D_F A/(d Z_F^2)`` [pitches per mm], inf at Z_F = 0."""
     (z,) = floats(depth)
-    return product(c.D_F / c.d, ratio(ratio(c.A, z), z))
+    return product(c.seen.D_F / c.d, ratio(ratio(c.seen.A, z), z))
 
 
 def depth_sigma(c: Camera, depth: ArrayLike, disparity_sigma: ArrayLike) -> Array:
@@ -136,7 +136,7 @@ def depth_sigma(c: Camera, depth: ArrayLike, disparity_sigma: ArrayLike) -> Arra
         ``Z_F^2 d sigma_B/(D_F A)`` [mm], broadcast; inf at D_F = 0.
     """
     sigma, z = floats(disparity_sigma, depth)
-    return product(ratio(product(sigma * c.d, z), product(c.D_F, c.A)), z)
+    return product(ratio(product(sigma * c.d, z), product(c.seen.D_F, c.seen.A)), z)
 
 
 class BackSubstituted(NamedTuple):

@@ -35,7 +35,7 @@ def sensor_slope(c: Camera, radius: Number) -> Array:
     radius : float or ndarray
         Of the microlens from the main lens's axis [mm].
     """
-    steep = np.abs(product(radius, c.vergence)) + ratio(microlens_image_diameter(c), 2 * c.d_2)
+    steep = np.abs(product(radius, c.seen.vergence)) + ratio(microlens_image_diameter(c), 2 * c.seen.d_2)
     return np.asarray(magnitude(steep) / c["sensor.relay_magnification"])
 
 
@@ -58,7 +58,7 @@ def response(c: Camera, radius: Number) -> Array:
     half = c.numbers.get("sensor.acceptance")
     if half is None:
         return np.ones(())
-    chief, across = product(radius, c.vergence), ratio(magnitude(microlens_image_diameter(c)), 2 * c.d_2)
+    chief, across = product(radius, c.seen.vergence), ratio(magnitude(microlens_image_diameter(c)), 2 * c.seen.d_2)
     total = np.zeros(np.broadcast_shapes(np.shape(chief), np.shape(across), np.shape(half)))
     for out, weight in zip(*np.polynomial.legendre.leggauss(RINGS), strict=True):
         for turn in (np.arange(SPOKES) + 0.5) * (math.pi / SPOKES):
@@ -86,7 +86,7 @@ def electron_rate(c: Camera) -> Array:
     under the solid angle ``Omega = (d/d_2)^2``, or pi/4 of that where lenses are round. All lengths are those at the
     array. Behind colour filters it is a pixel of the brightest colour, in white light.
     """
-    solid = ratio(c.d, c.d_2) ** 2 * (math.pi / 4 if c.lens_shape == "circular" else 1.0)
+    solid = ratio(c.d, c.seen.d_2) ** 2 * (math.pi / 4 if c.lens_shape == "circular" else 1.0)
     watts = product(radiance(c) * 1e-6 * c.q**2, solid) * c["light.transmission"]
     wavelength = c.wavelength if c.colours == "mono" else BRIGHTEST
     return np.asarray(watts * c["sensor.quantum_efficiency"] * wavelength / (PLANCK * LIGHT_SPEED))

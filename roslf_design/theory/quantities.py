@@ -191,7 +191,7 @@ def quantity_named(name: str) -> Quantity:
 
 def depth_at(c: Camera, at: Depth | Array) -> Array:
     """Z_F of a point `at` [mm] ahead of the bore's tip, or of the focal plane, as the main lens sees it [mm]."""
-    return c.gap if at is None else np.asarray(_plane_at(c, at).distance - c.d_3)
+    return c.seen.gap if at is None else np.asarray(_plane_at(c, at).distance - c.seen.d_3)
 
 
 def _plane_at(c: Camera, at: Depth | Array) -> ImagedPlane:
@@ -215,7 +215,7 @@ def depth_error(c: Camera, at: Depth | Array, sigma: Number | None = None) -> Ar
 
 def _local_depth_sigma(images: MicrolensImages) -> Number:
     c = images.camera
-    sigma = light_field.depth_sigma(c, c.gap, disparity_sigma(images, seen_at(c, None))) * c.focus.depth
+    sigma = light_field.depth_sigma(c, c.seen.gap, disparity_sigma(images, seen_at(c, None))) * c.focus.depth
     if c.law is None:
         return sigma
     # Views set apart along the field's radius and across it tell of depth as much less as a mapping stretches slopes.
@@ -284,7 +284,7 @@ def image_rate(c: Camera, at: Depth | Array) -> Array:
     """Way on the array per way on the sensor that a point `at` a distance moves from view to view."""
     if at is None:
         return np.zeros(c.shape)[()]
-    return np.asarray(light_field.pupil_shear(c, depth_at(c, at)) * ratio(c.A, c.d_2))
+    return np.asarray(light_field.pupil_shear(c, depth_at(c, at)) * ratio(c.seen.A, c.seen.d_2))
 
 
 def _angles(part: str, way: Literal["width", "height", "diagonal"]) -> tuple[Quantity, Quantity]:
@@ -656,18 +656,22 @@ register(
     ),
     Quantity("f_number_pupil", "", "d_1/(D_F H)", _whole(f_number.pupil_f_number), equation="Eq. 8"),
     Quantity("f_number_main_lens", "", "d_1/D", _whole(f_number.main_lens_f_number), equation="Eq. 9"),
-    Quantity("aperture_constant", "", "H", _whole(lambda c: c.H), equation="Eq. 3", monotone=False),
-    Quantity("inverse_aperture_constant", "", "1/H", _whole(lambda c: c.inverse_H), equation="Eq. 3"),
+    Quantity("aperture_constant", "", "H", _whole(lambda c: c.seen.H), equation="Eq. 3", monotone=False),
+    Quantity("inverse_aperture_constant", "", "1/H", _whole(lambda c: c.seen.inverse_H), equation="Eq. 3"),
     Quantity(
         "vergence_at_mla_per_mm",
         "1/mm",
         "1/L of the exit pupil: 0 where telecentric",
-        _whole(lambda c: c.vergence),
+        _whole(lambda c: c.seen.vergence),
         positive=False,
         bent_in_f=True,
     ),
     Quantity(
-        "telecentric_offset_mm", "mm", "d_3 - f: 0 where telecentric", _whole(lambda c: c.d_3 - c.f), positive=False
+        "telecentric_offset_mm",
+        "mm",
+        "d_3 - f: 0 where telecentric",
+        _whole(lambda c: c.seen.d_3 - c.f),
+        positive=False,
     ),
     Quantity(
         "microlens_defocus_px",
@@ -678,7 +682,7 @@ register(
         bent_in_f=True,
         signed=_defocus_px,
     ),
-    Quantity("magnification", "", "m = d_1/d_f", _whole(lambda c: c.m)),
+    Quantity("magnification", "", "m = d_1/d_f", _whole(lambda c: c.seen.m)),
     Quantity(
         "working_distance_mm",
         "mm",

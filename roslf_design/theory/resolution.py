@@ -106,7 +106,7 @@ class Lenslet(NamedTuple):
     def of(cls, c: Camera) -> Lenslet:
         """A camera's."""
         round_lens = c.lens_shape == "circular"
-        return cls(c.d, c.d_2, c.wavelength, -microlens_defocus(c) / c.d_2, c.q, round_lens)
+        return cls(c.d, c.seen.d_2, c.wavelength, -microlens_defocus(c) / c.seen.d_2, c.q, round_lens)
 
     def refocused(self, rate: Number, frequency: ArrayLike, axes: tuple[float, float] = (1.0, 0.0)) -> Array:
         """Its part of the refocused image's transfer, which all broadcasts.
@@ -160,7 +160,7 @@ def axial_limit(c: Camera, rate: Number, level: float) -> Array:
     lens = Lenslet.of(c)
     diameter = magnitude(microlens_image_diameter(c))
     shape = np.broadcast_shapes(c.shape, np.shape(rate))
-    reach = ratio(1.0, c.wavelength * c.d_2 / diameter)
+    reach = ratio(1.0, c.wavelength * c.seen.d_2 / diameter)
     low, high = np.zeros(shape), np.broadcast_to(_end(lens, rate, reach), shape)
     for _ in range(HALVINGS):
         middle = (low + high) / 2
@@ -284,7 +284,7 @@ class FieldTransfer:
         axes = self.axes(direction)
         whole: Array | Complex
         if self.round:
-            whole = circle_transfer(nu * float(self.camera.wavelength * self.camera.d_2) / self._width)
+            whole = circle_transfer(nu * float(self.camera.wavelength * self.camera.seen.d_2) / self._width)
         else:
             whole = np.array([self._overlap(each, np.array(axes)) for each in nu.tolist()]) / self._area
         return np.asarray(whole * self._lens.refocused(self.rate, nu, axes))
@@ -330,7 +330,7 @@ class FieldTransfer:
         steps = np.arange(-farthest, farthest + 1) if len(self._pairs) > 1 else np.arange(1)
         lines = []
         for axis, row in ((1, np.s_[:, 0]), (0, np.s_[0, :])):
-            apart, vergence = np.asarray(float(self.camera.d) * steps[:, None], float), float(self.camera.vergence)
+            apart, vergence = np.asarray(float(self.camera.d) * steps[:, None], float), float(self.camera.seen.vergence)
             part = pair_line(lens, lens.wavelengths[0], at[row][:, axis], apart, vergence, detail[axis])
             lines.append(np.where(order[row][:, axis] * steps[:, None] % 2, -part, part).sum(0))
         return np.asarray(np.multiply.outer(*lines))
@@ -340,7 +340,7 @@ class FieldTransfer:
         for pair in pairs:
             apart = float(self.camera.d) * lattice_steps(self.camera.layout) @ pair
             near = (np.abs(lens.wavelengths[0] * lens.sensor_distance * at - apart) < lens.width).all(-1)
-            part = pair_transfer(lens, at[near], apart, float(self.camera.vergence), detail)
+            part = pair_transfer(lens, at[near], apart, float(self.camera.seen.vergence), detail)
             passed[near] += np.where(order[near] @ pair % 2, -part, part)
         return passed
 
@@ -373,7 +373,7 @@ class FieldTransfer:
 
     def _spectrum(self, nu: float, axes: Array, along: Array, up: Array, steps: Array) -> Complex:
         """Transform of the pupil's overlap with itself at such frequencies, shape (M, N)."""
-        apart = np.multiply.outer([-0.5, 0.5], nu * float(self.camera.wavelength * self.camera.d_2) * axes)
+        apart = np.multiply.outer([-0.5, 0.5], nu * float(self.camera.wavelength * self.camera.seen.d_2) * axes)
         centres, radii = (self.centres + apart[:, None]).reshape(-1, 2), np.tile(self.radii, 2)
         y, weight, left, right = chords(centres, radii, sparse(self._rows(up, steps)))
         half = (right - left) / 2

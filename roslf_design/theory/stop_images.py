@@ -198,14 +198,14 @@ def stop_discs(c: Camera, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
     centres, radii = np.empty((*shape, 2)), np.empty(shape)
     if not c.shape:  # all of one camera at once
         distance = np.array([rim.distance for rim in rims], float)
-        scale = product(c.d_2, stop_angle(c, distance))
+        scale = product(c.seen.d_2, stop_angle(c, distance))
         bend = (c.f - distance) / c.f
         aside = np.array([c.decentre(rim.part) for rim in rims], float)
         centres[..., 0] = product(scale, at_x[..., None] * bend - aside[:, 0])
         centres[..., 1] = product(scale, at_y[..., None] * bend - aside[:, 1])
         radii[:] = np.array([rim.radius for rim in rims], float) * magnitude(scale)
     for k, rim in enumerate(rims if c.shape else ()):
-        scale = product(c.d_2, stop_angle(c, rim.distance))
+        scale = product(c.seen.d_2, stop_angle(c, rim.distance))
         bend = (c.f - rim.distance) / c.f  # d_1/L_k over h: one factor for both terms, or they would be inf - inf
         e_x, e_y = c.decentre(rim.part)
         centres[..., k, 0] = product(scale, at_x * bend - e_x)
@@ -223,7 +223,7 @@ def stop_discs(c: Camera, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
 
 def _disc(c: Camera, rim: Rim) -> tuple[Number, tuple[Number, Number], Number]:
     """One of `stop_discs`: how far its centre lies aside per millimetre of the microlens, and on the axis; radius."""
-    scale = product(c.d_2, stop_angle(c, rim.distance))
+    scale = product(c.seen.d_2, stop_angle(c, rim.distance))
     e_x, e_y = c.decentre(rim.part)
     return scale * ((c.f - rim.distance) / c.f), (scale * e_x, scale * e_y), rim.radius * np.abs(scale)
 

@@ -126,8 +126,8 @@ class MicrolensTransfer:
         """As a plan has it; no `wavelengths` [mm] are the camera's own."""
         return cls(
             float(camera.d),
-            float(camera.d_2),
-            -float(microlens_defocus(camera) / camera.d_2) if plan.on("microlens_defocus") else 0.0,
+            float(camera.seen.d_2),
+            -float(microlens_defocus(camera) / camera.seen.d_2) if plan.on("microlens_defocus") else 0.0,
             (tuple(wavelengths) or (float(camera.wavelength),)) if plan.on("microlens_diffraction") else (),
             camera.lens_shape == "circular",
             float(camera["microlens_array.rotation"]) if plan.on("mla_rotation") else 0.0,

@@ -51,7 +51,7 @@ def nondistortion_margin(c: Camera, radius: ArrayLike, distance: ArrayLike) -> A
     ValueError
         `distance` is not finite.
     """
-    lens, de, d3, z, x = floats(c.D, c.D_F, c.d_3, distance, radius)
+    lens, de, d3, z, x = floats(c.D, c.seen.D_F, c.seen.d_3, distance, radius)
     if not np.isfinite(z).all():
         raise ValueError(f"distance must be finite, got {float(np.ravel(z[~np.isfinite(z)])[0])}")
     margin: Array = (lens - de) * z - (lens + 2 * np.abs(x)) * d3
@@ -73,13 +73,13 @@ def nondistortion_bound(c: Camera, distance: ArrayLike | None = None) -> FieldBo
         ``|X| = (D (Z - d_3) - D_F Z) / (2 d_3)`` and ``|A X / (Z - d_3)|`` [mm], broadcast. Both inf at ``d_3 = 0``
         with ``D >= D_F``; the first inf at ``Z = inf`` (finite twin: the second).
     """
-    lens, de, d3, z = floats(c.D, c.D_F, c.d_3, c.d_f if distance is None else distance)
+    lens, de, d3, z = floats(c.D, c.seen.D_F, c.seen.d_3, c.seen.d_f if distance is None else distance)
     depth = z - d3
     axial = lens * ratio(depth, z) - de
     clear = axial >= 0
     slope = np.where(clear, ratio(axial, 2 * d3), 0.0)
     slope = np.where(clear & (d3 == 0), np.inf, slope)
-    return FieldBound(product(slope, z), product(slope, np.abs(c.A * ratio(z, depth))))
+    return FieldBound(product(slope, z), product(slope, np.abs(c.seen.A * ratio(z, depth))))
 
 
 def room_at(c: Camera, object_radius: ArrayLike) -> Array:
@@ -98,7 +98,7 @@ def room_at(c: Camera, object_radius: ArrayLike) -> Array:
         One row a rim of `Camera.rims`; negative where that rim cuts the pencil. With decentres the worst direction
         counts: the field's offset adds to that of the decentres.
     """
-    d_f, d_3, de, radius, gap = *floats(c.d_f, c.d_3, 2 * c.fap.radius, object_radius), c.gap
+    d_f, d_3, de, radius, gap = *floats(c.seen.d_f, c.seen.d_3, 2 * c.fap.radius, object_radius), c.seen.gap
     room = 2 * magnitude(gap)
     pupil = c.decentre("aperture")
     rooms = []
@@ -114,7 +114,7 @@ def room_at(c: Camera, object_radius: ArrayLike) -> Array:
 
 def corner_room(c: Camera, field: SensorField | None = None) -> Array:
     """`room_at` the corner of what the sensor sees (`field`, its own by default) that is farthest off the axis."""
-    return room_at(c, (field or sensor_field(c)).radius * magnitude(c.inverse_m))
+    return room_at(c, (field or sensor_field(c)).radius * magnitude(c.seen.inverse_m))
 
 
 def undistorted_radii(c: Camera) -> Array:
@@ -133,7 +133,7 @@ def undistorted_radii(c: Camera) -> Array:
         One row a rim of `Camera.rims`; below 0 where even the axis is cut, by as much as it is. A rim in the FAP's own
         plane cuts all fields alike: inf where it leaves room, else its room.
     """
-    d_3, gap = *floats(c.d_3), magnitude(c.gap)
+    d_3, gap = *floats(c.seen.d_3), magnitude(c.seen.gap)
     radii = []
     for rim, room in zip(c.rims, room_at(c, 0.0), strict=True):
         bound = product(ratio(room / rim.scale, np.abs(d_3 - rim.distance)), gap)
@@ -147,7 +147,7 @@ def on_focal_plane(c: Camera, radii: Array) -> Array:
     straight = radii * magnitude(c.focus.magnification)
     if not traced(c):
         return straight
-    places = np.where(np.isfinite(radii), np.abs(radii), 0.0) / magnitude(c.inverse_m)
+    places = np.where(np.isfinite(radii), np.abs(radii), 0.0) / magnitude(c.seen.inverse_m)
     rays = chief_rays(c, (np.stack([places, np.zeros_like(places)]), np.zeros(())))
     x, y = rays.on_plane(c[PATHS["d_f"]])
     met = np.copysign(np.hypot(x[0] - x[1], y[0] - y[1]), radii)
@@ -169,7 +169,7 @@ def field_margins(c: Camera) -> Array:
         millimetre of radius takes of it b: all finite but r, and ``a - r b`` is 0.
     """
     radii, room = on_focal_plane(c, undistorted_radii(c)), room_at(c, 0.0)
-    d_3, gap, grown = *floats(c.d_3), magnitude(c.gap), magnitude(c.focus.magnification)
+    d_3, gap, grown = *floats(c.seen.d_3), magnitude(c.seen.gap), magnitude(c.focus.magnification)
     first_order = [
         np.where(np.isnan(room_in_pupil(c, rim)), rim.scale * np.abs(d_3 - rim.distance) / (gap * grown), 0.0)
         for rim in c.rims
@@ -205,5 +205,5 @@ def field_limit(c: Camera) -> FieldLimit:
     rooms = [float(room) for room in corner_room(c)]
     tightest = min(range(len(rooms)), key=lambda k: (bounds[k], rooms[k]))
     radius = bounds[tightest]
-    real, on_array = float(on_focal_plane(c, np.asarray(radius))), radius / abs(float(c.inverse_m))
+    real, on_array = float(on_focal_plane(c, np.asarray(radius))), radius / abs(float(c.seen.inverse_m))
     return FieldLimit(real, on_array, c.rims[tightest].opening, min(rooms))

@@ -78,8 +78,8 @@ class IdealBuilds(MicrolensImages):
         """Where the object points that the decoder looks at stand beside the axis [mm], (fields, 1)."""
         n, plane = self.nominal, self.nominal.plane(self.object_distance)
         # Chief ray, per unit of c: on the lens at l = H d_3/d_1, slope (c - l)/d_1 behind the lens and l/f more before.
-        height = n.d_3 * n.d_f / ((n.d_f - n.d_3) * n.d_1)
-        slope = (1 - height) / n.d_1 + height / n.f
+        height = n.seen.d_3 * n.seen.d_f / ((n.seen.d_f - n.seen.d_3) * n.seen.d_1)
+        slope = (1 - height) / n.seen.d_1 + height / n.f
         stretch = plane.a * height - plane.b * slope
         if n.law is not None:
             stretch = stretch * n.stretch(outer_slope(n, np.hypot(self.x, self.y)))
@@ -138,8 +138,8 @@ class IdealBuilds(MicrolensImages):
         slope, n = self._slope(*self.targets, self.object_distance, self.azimuth), self.nominal
         depth: Number
         if not self.calibrated:  # Eq. 12, solved for the depth
-            m, reach = n.d_1 / n.d_f, n.d_1 * (n.d_f - n.d_3) / n.d_f
-            depth = n.plane_seen_at(1 / ((m * reach - slope * (n.d * n.d_2 / n.q)) / (reach * reach)) + n.d_3)
+            m, reach = n.seen.d_1 / n.seen.d_f, n.seen.d_1 * (n.seen.d_f - n.seen.d_3) / n.seen.d_f
+            depth = n.plane_seen_at(1 / ((m * reach - slope * (n.d * n.seen.d_2 / n.q)) / (reach * reach)) + n.seen.d_3)
         else:
             zero, one = np.zeros((1, 1)), np.ones((1, 1))
             known = [self._slope(zero, zero, z, (one, zero)) for z in self.calibration_depths]

@@ -326,7 +326,7 @@ def thin_aims(camera: Camera, nominal: Aims) -> Aims:
 
     def slopes(aside: Array) -> Array:
         x, y = point.at(aside[..., 0], aside[..., 1])
-        ways = ((c - l) / camera.d_1 for c, l in zip(microlens[:2], (x, y), strict=True))
+        ways = ((c - l) / camera.seen.d_1 for c, l in zip(microlens[:2], (x, y), strict=True))
         return np.asarray(np.stack(np.broadcast_arrays(*ways), axis=-1) + 0 * there)
 
     start = slopes(there)
@@ -521,7 +521,9 @@ class TracedBuilds(IdealBuilds):
                 known = [Aimed(*(part[out] for part in rays)) for rays in (parts[0], inner)]
                 base = np.asarray(self.fields, float)[field[out]]
                 # All that the lens's aperture can light behind a microlens.
-                ends = np.broadcast_to(np.asarray(self.camera.d_2 / self.camera.d_1), (self.trials,))[trial[out]]
+                ends = np.broadcast_to(np.asarray(self.camera.seen.d_2 / self.camera.seen.d_1), (self.trials,))[
+                    trial[out]
+                ]
                 about, wide = base * (1 + ends)[:, None], 0.6 * float(self.nominal.D) * np.abs(ends)
                 shapes = seen_shapes(
                     self.mount.train, self.mount.planes, base, trial[out], known[0], known[1], about, wide

@@ -249,12 +249,12 @@ class LensCamera:
     @property
     def d_f(self) -> float:
         """Focal plane to object-side principal plane, as the lens sees it [mm]."""
-        return self.first_order.front_principal - self.focal_plane if self.ahead is None else float(self.ahead.d_f)
+        return self.first_order.front_principal - self.focal_plane if self.ahead is None else float(self.ahead.seen.d_f)
 
     @property
     def d_3(self) -> float:
         """FAP to object-side principal plane, as the lens sees it [mm]."""
-        return self.first_order.front_principal - self.fap.z if self.ahead is None else float(self.ahead.d_3)
+        return self.first_order.front_principal - self.fap.z if self.ahead is None else float(self.ahead.seen.d_3)
 
     @property
     def focus(self) -> tuple[float, Array]:
@@ -434,9 +434,9 @@ def camera_of(design: Design) -> LensCamera:
         return TracedPlane(z, float(x), float(y), part.tilt, diameter)
 
     seen = Camera.of(design)
-    mla = rear + float(seen.d_1)
+    mla = rear + float(seen.seen.d_1)
     rims = tuple(stands(stop, front - stop.distance, stop.diameter) for stop in design.all_stops)
-    array, detector = stands(design.microlens_array, mla), stands(design.sensor, mla + float(seen.d_2))
+    array, detector = stands(design.microlens_array, mla), stands(design.sensor, mla + float(seen.seen.d_2))
     parts = lens, design.wavelength, rims[: 1 if design.elements else None], front - design.d_f, array, detector
     return LensCamera(*parts, seen if design.elements else None)
 

@@ -225,7 +225,7 @@ class TracedTransfer(FieldTransfer):
         return SOFT / self.beam.spread if self.beam.spread > 0 else math.inf
 
     def _spectrum(self, nu: float, axes: Array, along: Array, up: Array, steps: Array) -> Complex:
-        shift = nu * float(self.camera.wavelength * self.camera.d_2) * axes / 2
+        shift = nu * float(self.camera.wavelength * self.camera.seen.d_2) * axes / 2
         turns = self._turns(nu, axes)
         rows = sparse(self._rows(up, steps) + math.ceil(math.pi * turns))
         (low, high), edge = self._outline.between, abs(float(shift[1]))

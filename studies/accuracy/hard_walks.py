@@ -27,7 +27,7 @@ def arguments_of(design: Design) -> dict[str, Any]:
     camera = Camera.of(design)
     d_3 = design.d_3 or 0.01 * design.f
     x = design.sensor_size[0] / 2
-    magnification = float(camera.m)
+    magnification = float(camera.seen.m)
     field = x / magnification
     stop = design.stops[0] if design.stops else None
     return {
@@ -43,7 +43,7 @@ def arguments_of(design: Design) -> dict[str, Any]:
         "wavelength": design.wavelength,
         "microlens_focal_length": design.f_ml,
         "magnification": magnification,
-        "effective_image_distance": float(camera.A),
+        "effective_image_distance": float(camera.seen.A),
         "index": 150.0,
         "pixel": 3.3,
         "coordinate": 0.3 * design.D_F,

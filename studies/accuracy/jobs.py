@@ -117,7 +117,7 @@ class Job:
         """Microlens diffraction in pixels: its width lambda d_2/d; image pitch; defocus 1/f_ml - 1/d_2 - 1/L [1/mm]."""
         c = self.design
         pitch = abs(float(microlens_image_pitch(Camera.of(c))))
-        bend = 1 / c.f_ml - 1 / c.d_2 - float(Camera.of(c).vergence)
+        bend = 1 / c.f_ml - 1 / c.d_2 - float(Camera.of(c).seen.vergence)
         return c.wavelength * c.d_2 / c.d / c.q, pitch / c.q, bend
 
     @property

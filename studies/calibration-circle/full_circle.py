@@ -34,7 +34,7 @@ PAPER_RMS = 0.06
 
 def truth_of(design: Design) -> dict[str, float]:
     """The lengths that the images were rendered with."""
-    A = float(Camera.of(design).A)
+    A = float(Camera.of(design).seen.A)
     lengths = {"H": design.d_1 / A, "d_3": design.d_3, "d_1": design.d_1, "d_f": design.d_f, "d_2": design.d_2}
     return {**lengths, "A": A, "m": design.d_1 / design.d_f}
 

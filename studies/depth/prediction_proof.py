@@ -92,8 +92,8 @@ def rendered_information(
     the FAP, so that views from its middle stay as they are.
     """
     camera = Camera.of(design)
-    lattice, q, gap = ImageLattice.of(camera), float(camera.q), float(camera.gap)
-    period = float(camera.inverse_m * camera.d) / periods
+    lattice, q, gap = ImageLattice.of(camera), float(camera.q), float(camera.seen.gap)
+    period = float(camera.seen.inverse_m * camera.d) / periods
     lenses = round(1 / periods) if periods < 0.5 else 4
     centre = lattice.image(np.round(np.linalg.solve(lattice.axes, np.array(field))))
     half = lenses / 2 * abs(lattice.grow) * float(camera.d)
@@ -105,11 +105,13 @@ def rendered_information(
     sampling = RaySampling(least=rays, most=rays, tolerance=1e-9)
 
     def at(b: float) -> float:
-        d_3 = float(camera.d_3)
-        return float(brentq(lambda z: float(rim_disparity(camera, z - d_3)) - b, d_3 * 1.0001, 50 * float(camera.d_f)))
+        d_3 = float(camera.seen.d_3)
+        return float(
+            brentq(lambda z: float(rim_disparity(camera, z - d_3)) - b, d_3 * 1.0001, 50 * float(camera.seen.d_f))
+        )
 
     def picture(z: float, phase: float = 0.0) -> NDArray[np.float64]:
-        wide = period * (z - float(camera.d_3)) / gap
+        wide = period * (z - float(camera.seen.d_3)) / gap
         look = Sinusoid(period=wide, angle=direction, contrast=contrast)
         aside = (phase * wide * np.cos(direction), phase * wide * np.sin(direction))
         scene = Scene(objects=(Plane(distance=z, centre=aside, texture=look),))

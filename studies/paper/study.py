@@ -106,7 +106,7 @@ def _matching() -> Iterator[Row]:
 
 def _field() -> Iterator[Row]:
     camera = bench()
-    half = float(camera.array_size[0] / 2 * camera.inverse_m)
+    half = float(camera.array_size[0] / 2 * camera.seen.inverse_m)
     corner = math.hypot(half, half)
     reach = float(vignetting.nondistortion_bound(camera).object_radius)
     inside = corner <= reach

@@ -233,7 +233,7 @@ def _margin(camera: Camera) -> Array:
     """Linear in D_F and in d_3, unlike the room itself."""
     before = [place for place in camera.numbers if not place.startswith(("microlens_array.", "sensor."))]
     centred = camera.replace({place: 0.0 for place in before if ".decentre." in place})
-    return np.asarray(2 * np.abs(camera.gap) * corner_room(centred).min(axis=0))
+    return np.asarray(2 * np.abs(camera.seen.gap) * corner_room(centred).min(axis=0))
 
 
 def _telecentric(camera: Camera) -> float:
