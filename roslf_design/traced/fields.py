@@ -230,7 +230,7 @@ class TracedTransfer(FieldTransfer):
         (y, weight, *one), other = (outline_chords(self.outline + sign * shift, rows, between) for sign in (-1, 1))
         left, right = np.maximum(one[0], other.left), np.minimum(one[1], other.right)
         half, middle = np.maximum(right - left, 0.0)[:, None] / 2, (left + right)[:, None] / 2
-        turns = np.abs(along).max(initial=0.0) * 2 * half.max(initial=0.0) + self._turns(nu, axes)
+        turns = min(np.abs(along).max(initial=0.0) * 2 * half.max(initial=0.0), self._most) + self._turns(nu, axes)
         nodes, weights = gauss_legendre(ROWS + math.ceil(math.pi / 2 * turns))
         x, y = middle + half * nodes, y[:, None]
         astray = self._astray(x, np.broadcast_to(y, x.shape), axes, shift)
