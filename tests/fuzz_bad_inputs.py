@@ -4,7 +4,8 @@ What ships (designs, studies) and what is made here (lenses, scenes, stories, pi
 spoiled and given to every command, whose options get bad values, too. Held to: no traceback, no warning, exit code 2
 with lines that begin with "roslf: " and nothing written, or 0 where the input came out good; under 20 s of processor
 time and 2 GB. A case is told by its seed and number: `--first 17 --count 1 --keep FOLDER` makes it again. The seed
-"every" goes through each key and each option with each extreme value instead, `--count 30000` of them.
+"every" goes through each key and each option with each extreme value instead, `--count 30000` of them; "scaled" through
+designs of which one length is a million times another, and holds those that come out good to the time, too.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import io
 import json
 import os
 import random
+import re
 import resource
 import shutil
 import signal
@@ -30,7 +32,9 @@ import warnings
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, field
+from functools import reduce
 from itertools import islice
+from operator import getitem
 from pathlib import Path
 from typing import Any
 
@@ -45,6 +49,8 @@ ROOT = Path(__file__).resolve().parent.parent
 PRESETS = sorted(path.stem for path in (ROOT / "designs").glob("*.toml"))
 EVERY = "every"
 """The seed of all that `every` lists."""
+SCALED = "scaled"
+"""That of all that `scaled` lists."""
 SECONDS, BYTES, PATIENCE = 20.0, 2 << 30, 180.0
 """Processor time and memory that a bad input may take; and after how long it is given up."""
 
@@ -1525,6 +1531,62 @@ def every() -> Iterator[tuple[str, Case]]:
             )
 
 
+FACTORS = (1e-6, 1e-3, 1e3, 1e6)
+MATTER = ("main_lens", "aperture", "microlens_array", "sensor", "light")
+"""Parts of a design of which `scaled` takes lengths."""
+
+
+def lengths(data: dict[str, Any]) -> list[tuple[Any, ...]]:
+    """Where lengths stand in the parts of a design's nested values that every camera has."""
+    given = [place for place in paths({key: data[key] for key in MATTER}) if len(place) > 1]
+    texts = ((place, reduce(getitem, place, data)) for place in given)
+    return [place for place, text in texts if isinstance(text, str) and re.fullmatch(r"[-\d.e]+ [a-z]+", text)]
+
+
+def scaled_by(data: dict[str, Any], place: tuple[Any, ...], factor: float) -> dict[str, Any]:
+    """Nested values of which one length is a factor longer."""
+    data = copy.deepcopy(data)
+    parent = reduce(getitem, place[:-1], data)
+    number, unit = parent[place[-1]].split()
+    parent[place[-1]] = f"{float(number) * factor:.9g} {unit}"
+    return data
+
+
+def scaled() -> Iterator[tuple[str, Case]]:
+    """Each length of three designs a factor longer or shorter, to each command that computes with a design alone."""
+    tolerance = {
+        "design": "x.toml",
+        "perturb": [{"place": "aperture.diameter", "tolerance": "1 um"}],
+        "goals": [{"metric": "fill_factor", "min": 0.9}],
+    }
+    commands = [
+        ["evaluate", "x.toml", "--json"],
+        ["datasheet", "x.toml", "-o", "out.json"],
+        ["render", "x.toml", "--plan-only"],
+        [
+            "sweep",
+            "x.toml",
+            "--set",
+            "aperture.diameter=1..4 mm",
+            "--quantity",
+            "fill_factor,sigma_z_mm",
+            "-o",
+            "o.csv",
+        ],
+        ["tolerance", "study.toml", "-o", "out", "--trials", "64", "--json"],
+        ["depth", "x.toml", "--json"],
+        ["report", "x.toml", "-o", "out"],
+    ]
+    for words in commands:
+        for name in ("paper", "cystoscope", "paper-singlet"):
+            data = tomllib.loads((ROOT / "designs" / f"{name}.toml").read_text())
+            for place in lengths(data):
+                for factor in FACTORS:
+                    files = {"x.toml": scaled_by(data, place, factor), "study.toml": tolerance}
+                    what = f"{name} {'.'.join(map(str, place))} x {factor:g}"
+                    yield what, Case(words, {key: tomli_w.dumps(value).encode() for key, value in files.items()})
+
+
 MAKERS: dict[Maker, int] = {
     bad_design: 26,
     bad_lens: 9,
@@ -1542,6 +1604,7 @@ MAKERS: dict[Maker, int] = {
     bad_target: 4,
 }
 """Kinds of cases, and how many of each in a hundred or so."""
+LISTS = {EVERY: every, SCALED: scaled}
 QUICK = (bad_design, bad_lens, bad_glass, bad_option, bad_place, bad_catalogue)
 
 
@@ -1614,7 +1677,7 @@ def worker(seed: str) -> None:
     size = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (size + BYTES + (BYTES >> 1),) * 2)
     home = os.getcwd()
-    listed = list(every()) if seed == EVERY else []
+    listed = list(LISTS[seed]()) if seed in LISTS else []
     for line in sys.stdin:
         kind, one = listed[int(line)] if listed else case(seed, int(line))
         with tempfile.TemporaryDirectory(prefix="fuzz") as folder:
@@ -1674,11 +1737,12 @@ def fuzz(seed: str, numbers: range, log: Path) -> int:
                 process.kill()
                 process.wait()
                 process = start(seed)
-                kind, one = next(islice(every(), number, None)) if seed == EVERY else case(seed, number)
+                kind, one = next(islice(LISTS[seed](), number, None)) if seed in LISTS else case(seed, number)
                 answer = {"number": number, "kind": kind, "arguments": one.arguments, **asdict(Result(None))}
                 told = ["killed"]
             else:
-                told = faults(Result(**{key: answer[key] for key in Result.__dataclass_fields__}))
+                result = Result(**{key: answer[key] for key in Result.__dataclass_fields__})
+                told = faults(result) + ["slow"] * (seed == SCALED and result.seconds > SECONDS and result.code == 0)
             counts[f"exit {answer['code']}"] += 1
             wrong.update(told)
             if told:
@@ -1715,13 +1779,14 @@ def command() -> int:
         shutil.rmtree(given.keep, ignore_errors=True)
         given.keep.mkdir(parents=True)
         os.chdir(given.keep)
-        _, one = next(islice(every(), given.first, None)) if given.seed == EVERY else case(given.seed, given.first)
+        every_one = islice(LISTS[given.seed](), given.first, None) if given.seed in LISTS else iter(())
+        _, one = next(every_one, None) or case(given.seed, given.first)
         lay_out(one)
         print(one.arguments)
         result = run(one.arguments)
         print(result.trace or result.err, result.warnings, f"exit {result.code}, {result.seconds:.1f} s", sep="\n")
         return 1 if faults(result) else 0
-    most = sum(1 for _ in every()) if given.seed == EVERY else given.first + given.count
+    most = sum(1 for _ in LISTS[given.seed]()) if given.seed in LISTS else given.first + given.count
     return 1 if fuzz(given.seed, range(given.first, min(given.first + given.count, most)), given.log) else 0
 
 

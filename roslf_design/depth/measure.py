@@ -460,15 +460,21 @@ def simulate(
     Raises
     ------
     InputError
-        A scene that the design cannot see; a region without microlenses; an objective with a mapping.
+        A scene that the design cannot see; a region without microlenses, or too large; microlens images narrower
+        than a pixel; an objective with a mapping.
     """
     believed = design if believed is None else believed
     geometry, actual = ArrayGeometry(believed), ArrayGeometry(design)
     camera = actual.camera
     scene = default_scene(design) if scene is None else scene
     part = default_region(design) if region is None else Region.checked(Camera.of(design), region)
-    wide = _with_margin(camera, part)
+    wide = _with_margin(camera, part).drawn()
     lattice = lattice_of(camera, wide)
+    if lattice.pitch < 1:
+        message = (
+            f"microlens images {lattice.pitch:.3g} pixels apart tell no depth; give a coarser pitch or finer pixels"
+        )
+        raise InputError((Problem("microlens_array.pitch", message),))
     if actual.traced is not None:
         lattice = actual.traced.lattice(lattice, lattice.inside((wide.rows, wide.columns)), float(camera.q))
     origin = lattice.origin[0] + wide.column - part.column, lattice.origin[1] + wide.row - part.row

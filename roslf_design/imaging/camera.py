@@ -14,6 +14,7 @@ from ..design import Design
 from ..effects import Plan
 from ..effects.geometry import tilt_shift
 from ..errors import InputError, Problem
+from ..input_files import MOST_SAMPLES
 from ..shapes.lattice import lattice_steps
 from ..theory.light import microlens_defocus_blur
 from ..theory.photometry import accepted
@@ -89,6 +90,22 @@ class Region(NamedTuple):
             message = f"{tuple(piece)} is no part of the sensor; give column, row, columns, rows within"
             raise InputError((Problem("region", f"{message} {width} x {height}"),))
         return piece
+
+    def drawn(self) -> Region:
+        """Itself, where a picture of it can be.
+
+        Raises
+        ------
+        InputError
+            More pixels than a picture that is read may have.
+        """
+        if self.columns * self.rows > MOST_SAMPLES:
+            message = (
+                f"{self.columns} x {self.rows} pixels are more than the {MOST_SAMPLES / 1e6:.0f} million of a picture; "
+                "name a smaller part of the sensor, or give it fewer pixels (sensor.pixel, sensor.size)"
+            )
+            raise InputError((Problem("region", message),))
+        return self
 
 
 def pixel_centres(camera: Camera, region: Region, fine: int = 1) -> tuple[Floats, Floats]:

@@ -110,7 +110,7 @@ def render(
     Raises
     ------
     InputError
-        A scene that the design cannot see, an effect that is unknown, a region outside the sensor.
+        A scene that the design cannot see, an effect that is unknown, a region outside the sensor, or too large.
     """
     start = time.perf_counter()
     scene = WHITE_FIELD if scene is None else scene
@@ -122,7 +122,7 @@ def render(
         raise InputError((Problem("seed", f"{seed} is negative; give a whole number from 0 on"),))
     if sampling is None:
         sampling = RaySampling(tolerance=max(budget.intensity, 1e-4), seed=seed)
-    piece = Region.checked(Camera.of(design), region)
+    piece = Region.checked(Camera.of(design), region).drawn()
     core = None if inner is None else Region.checked(Camera.of(design), inner)
     jobs = _jobs(design, scene, effects, budget, sampling, threads or os.cpu_count() or 1, core)
     pixels = np.zeros((piece.rows, piece.columns), np.float32)

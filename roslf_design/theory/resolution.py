@@ -382,9 +382,9 @@ class FieldTransfer:
         return np.asarray(np.exp(2j * math.pi * steps[:, None] * y) @ light.T)
 
     def _rows(self, up: Array, steps: Array) -> int:
-        """So many as phases along y turn in radians, and more."""
+        """So many as phases along y turn in radians, and more; faster ones than `_passed` counts need none."""
         turns = self._width * float(np.abs(up + steps[:, None]).max(initial=0.0))
-        return ROWS + math.ceil(math.pi * turns)
+        return ROWS + math.ceil(math.pi * min(turns, self._most))
 
     @cached_property
     def _spread(self) -> float:

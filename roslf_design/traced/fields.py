@@ -233,7 +233,7 @@ class TracedTransfer(FieldTransfer):
         (left, right), other = (self._outline.ends(y - sign * shift[1]) + sign * shift[0] for sign in (-1, 1))
         left, right = np.maximum(left, other[0]), np.minimum(right, other[1])
         half, middle = np.maximum(right - left, 0.0)[:, None] / 2, (left + right)[:, None] / 2
-        turns += np.abs(along).max(initial=0.0) * 2 * half.max(initial=0.0)
+        turns += min(np.abs(along).max(initial=0.0) * 2 * half.max(initial=0.0), self._most)
         nodes, weights = gauss_legendre(sparse(NODES + math.ceil(math.pi / 2 * turns)))
         x, y = middle + half * nodes, y[:, None]
         astray = self._astray(x, np.broadcast_to(y, x.shape), axes, shift)

@@ -160,6 +160,22 @@ def test_images_that_overlap_a_hundred_times_leave_the_fap_alone():
     np.testing.assert_allclose(transfer(x / math.pi / width, "view", "sagittal"), truth, atol=0.005)
 
 
+def test_the_finest_microlenses_take_no_more_rows_of_the_pupil():
+    """Faster phases than count need none: as with thousands of rows, and at a millionth of the pitch as many."""
+
+    class ManyRows(FieldTransfer):
+        def _rows(self, up, steps):
+            return 6000
+
+    fine = transfer_of(PAPER.replace(d=63e-6), 215.0)
+    nu = np.array([0.01, 0.1, 0.3, 0.6]) / fine._width
+    truth = ManyRows(**{key: getattr(fine, key) for key in fine.__dataclass_fields__})(nu, "view", "sagittal")
+    np.testing.assert_allclose(fine(nu, "view", "sagittal"), truth, atol=1e-9)
+    finest = transfer_of(PAPER.replace(d=63e-9), 215.0)
+    up, steps = finest._orders(0.0, np.array([0.0, 1.0]))[1:3]
+    assert finest._rows(up, steps) < 300
+
+
 @pytest.mark.parametrize("cycles", [0.3, 40.0, 900.0, 2e4, 1e6])
 def test_the_overlap_of_circles_whose_phases_turn_fast(cycles):
     """Of a circle with itself: the Airy pattern, however many nodes its phases would ask for."""
