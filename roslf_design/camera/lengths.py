@@ -26,7 +26,7 @@ class _Distant(Protocol):
         """Distance before the main lens, as that sees it [mm]."""
 
 
-class _Opening(Distant, Protocol):
+class _Opening(_Distant, Protocol):
     """An opening at a distance before the main lens, both as that sees them."""
 
     @property
