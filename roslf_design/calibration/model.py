@@ -546,14 +546,16 @@ def derived(camera: Array, sheet: DataSheet, drawn: Sequence[ArrayLike] | Array 
     elements = dict(zip((known.place for known in sheet.elements), others, strict=True))
     A, m = A * (d / sheet.d), m * (d / sheet.d) / board
     d_2 = (q / sheet.q) * (d / sheet.d) / (inverse_d_2 * board)
-    if (space := sheet.space_at(elements)) is not None:
-        A, m, d_2 = space.seen(f, A, m, d_2)
+    space = sheet.space_at(elements)
     try:
-        d_1, d_f, H, d_3 = back_substitute(f, A, m)[:4]
+        if space is not None:
+            lengths = space.seen(f, A, m, d_2)
+        else:
+            d_1, d_f, H, d_3 = back_substitute(f, A, m)[:4]
+            lengths = dict(zip(QUANTITIES, (H, d_3, d_1, d_f, d_2, A, m), strict=True))
     except ValueError:
         raise CalibrationError(
-            "within what is known of it the camera may be focused at infinity or beyond (d_1 <= f), where d_3 and d_f"
-            " have no value: focus it nearer, or know it better"
+            "within what is known of it the camera may be focused at infinity or beyond, where d_3 and d_f have no"
+            " value: focus it nearer, or know it better"
         ) from None
-    lengths = zip(QUANTITIES, (H, d_3, d_1, d_f, d_2, A, m), strict=True)
-    return {name: np.asarray(value) for name, value in lengths} | {"q": q, "d": d} | elements
+    return {name: np.asarray(value) for name, value in lengths.items()} | {"q": q, "d": d} | elements

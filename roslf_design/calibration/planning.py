@@ -143,7 +143,7 @@ def _shown(design: Design, f: float | None = None) -> Shown:
     c = Camera.of(design)
     if f is not None:
         c = Camera.of(design, {"f": f, "d_1": c.seen.d_1})
-    lengths = {name: np.asarray(getattr(c.seen, name), float) for name in ("A", "m", "d_2", "d_3", "d_f")}
+    lengths = {name: np.asarray(getattr(c.seen, name), float) for name in ("A", "m", "d_2", "d_3", "d_1")}
     return as_shown(lengths, SceneSide.of(design))
 
 

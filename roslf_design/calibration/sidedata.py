@@ -40,8 +40,8 @@ class SideDatum:
 def white_pitch(fit: StatisticsFit, sheet: DataSheet, pitch: float, sigma: float) -> SideDatum:
     """The pitch of the microlens images in the white image [px], known to the relative standard deviation `sigma`.
 
-    Image pitch/q = (d/q) (1 + d_2/L) with the exit pupil's vergence 1/L = (1/f - 1/A)/m (from d_1 = f (1 + m) and
-    d_3 = f + (f - A)/m): with A, m and d_2 from the images it ties f.
+    Image pitch/q = (d/q) (1 + d_2/L) with the exit pupil's vergence 1/L = (f - d_3)/(f A): with A, d_3 and d_2 from
+    the images it ties f.
     """
     if not 0 < sigma < math.inf:
         raise CalibrationError(f"the white image's pitch needs a standard deviation above zero, got {sigma}")
@@ -57,7 +57,7 @@ def image_pitch(camera: Array, sheet: DataSheet, drawn: Array | None = None) -> 
     """Pitch of the microlens images [px]; arguments as of `derived`."""
     f, q, d, *_ = sheet.mean if drawn is None else drawn
     lengths = derived(camera, sheet, drawn)
-    return np.asarray(d / q * (1 + lengths["d_2"] / lengths["m"] * (1 / f - 1 / lengths["A"])))
+    return np.asarray(d / q * (1 + lengths["d_2"] * (f - lengths["d_3"]) / (f * lengths["A"])))
 
 
 def board_distances(

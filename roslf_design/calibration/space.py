@@ -85,24 +85,46 @@ class SceneSide:
         far = c.plane(np.nextafter(end, np.inf))
         before, behind = (part(numbers) for part in (c.chain.before_array, c.chain.behind_array))
         return cls(
-            design, far, end, c.plane(design.d_3), design.d_3, before, behind, np.sign(far.d - c.seen.d_f * far.c)
+            design,
+            far,
+            end,
+            c.plane(design.d_3),
+            design.d_3,
+            before,
+            behind,
+            np.sign(c.seen.m * far.d - c.seen.d_1 * far.c),
         )
 
-    def shown(self, A: Array, m: Array, d_2: Array, d_3: Array, d_f: Array) -> Shown:
-        """The camera that is seen, as the boards' medium has it."""
+    def shown(self, A: Array, m: Array, d_2: Array, d_3: Array, d_1: Array) -> Shown:
+        """Camera of these lengths as the main lens sees them, as the boards' medium has it."""
         n, grown = self.far.medium, 1 / (self.far.d - d_3 * self.far.c)
         sign = self.upright
+        # d_1 is m d_f also where the main lens sees the plane in focus at infinity, m = 0.
         return Shown(
-            sign * n * grown * A, sign * m * (self.far.d - d_f * self.far.c), n * d_2, _stands(self.far, self.end, d_3)
+            sign * n * grown * A, sign * (m * self.far.d - d_1 * self.far.c), n * d_2, _stands(self.far, self.end, d_3)
         )
 
-    def seen(self, f: Array, A: Array, m: Array, d_2: Array) -> tuple[Array, Array, Array]:
-        """The other way: A, m and d_2 that the main lens of focal length f sees."""
-        n, c = self.far.medium, self.far.c
+    def seen(self, f: Array, A: Array, m: Array, d_2: Array) -> dict[str, Array]:
+        """Lengths H, d_3, d_1, d_f, d_2, A and m as a main lens of focal length f sees them; the other way.
+
+        Behind a relay m passes through 0, where d_f is infinite and nothing else.
+
+        Raises
+        ------
+        ValueError
+            f or m of the boards' medium is not positive.
+        """
+        n, c, d = self.far.medium, self.far.c, self.far.d
+        if not (np.all(f > 0) and np.all(m > 0)):
+            raise ValueError("focused at infinity or beyond")
         A, m = self.upright * A, self.upright * m
-        m = (m + c * f) / (self.far.d - c * f)
-        A = A * (self.far.d - c * f * (1 + m) / m) / (n - A * c / m)
-        return A, m, d_2 / n
+        m = (m + c * f) / (d - c * f)
+        d_1 = f * (1 + m)
+        scale = n * m - A * c
+        d_3, A = (n * d_1 - A * d) / scale, A * (d * m - c * d_1) / scale
+        with np.errstate(divide="ignore"):
+            d_f, H = d_1 / m, d_1 / A
+        return {"H": H, "d_3": d_3, "d_1": d_1, "d_f": d_f, "d_2": d_2 / n, "A": A, "m": m}
 
     def ruler(self, lengths: Mapping[str, Array]) -> dict[str, Array]:
         """d_3, d_1, d_f and d_2 as a ruler has them, and H of these, where `lengths` are seen [mm]."""
@@ -114,13 +136,15 @@ class SceneSide:
 
 def _stands(plane: ImagedPlane, at: Number, apparent: Array) -> Array:
     """Where a plane stands that is seen at a distance, in the space about a plane `at` [mm]."""
-    return np.asarray(at + plane.medium * (apparent * plane.a - plane.b) / (plane.d - apparent * plane.c))
+    far = np.abs(apparent) > 1  # at infinity even, where a relay shows it there
+    z, w = np.where(far, 1.0, apparent), 1 / np.where(far, apparent, 1.0)
+    return np.asarray(at + plane.medium * (z * plane.a - w * plane.b) / (w * plane.d - z * plane.c))
 
 
 def as_shown(lengths: Mapping[str, Array], space: SceneSide | None) -> Shown:
     """The camera of `derived` lengths, as the boards' medium has it."""
-    A, m, d_2, d_3, d_f = (lengths[name] for name in ("A", "m", "d_2", "d_3", "d_f"))
-    return Shown(A, m, d_2, d_3) if space is None else space.shown(A, m, d_2, d_3, d_f)
+    A, m, d_2, d_3, d_1 = (lengths[name] for name in ("A", "m", "d_2", "d_3", "d_1"))
+    return Shown(A, m, d_2, d_3) if space is None else space.shown(A, m, d_2, d_3, d_1)
 
 
 # --- calibrated in one medium, used in another ------------------------------------------------------------------------

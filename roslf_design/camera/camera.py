@@ -253,10 +253,10 @@ class Camera(Symbols[Number]):
             ruler = getattr(self.ruler, name, None)
             if self.chain.in_air or (ruler is not None and np.array_equal(ruler, seen)):
                 return seen
-            by_ruler = "" if ruler is None else f"{_shown(ruler)} by a ruler (camera.ruler.{name}) and "
-            raise AttributeError(
-                f"{name} is {by_ruler}{_shown(seen)} as the main lens sees it (camera.seen.{name}); say which"
-            )
+            where = f"{_shown(seen)} as the main lens sees it (camera.seen.{name})"
+            if ruler is None:
+                raise AttributeError(f"{name} is {where}, which is not what a ruler finds: ask camera.seen.{name}")
+            raise AttributeError(f"{name} is {_shown(ruler)} by a ruler (camera.ruler.{name}) and {where}: say which")
 
     def __getitem__(self, place: str) -> Number:
         """The number at a dotted place [mm, rad; the relay's magnification without unit]."""
@@ -720,7 +720,7 @@ class Camera(Symbols[Number]):
                 yield f"{place} is 90 degrees or more", np.abs(value) < np.pi / 2
                 continue
             yield f"{place} is not finite", np.isfinite(value)
-            if place == TEMPERATURE:
+            if place in (TEMPERATURE, PATHS["d_f"]):
                 continue
             if place == TIP or (name.endswith("distance") and part in ("aperture", "stops", "elements")):
                 yield f"{place} is below 0", np.asarray(value) >= 0
@@ -733,10 +733,11 @@ class Camera(Symbols[Number]):
 
     def _fits(self) -> Iterator[tuple[str, Any]]:
         plane = np.asarray(self._numbers[PATHS["d_f"]])
+        yield "in focus beyond infinity", plane > 0
         ahead: Any = plane >= self.chain.end(self._numbers)
         for rim in (self.fap, *self.rims[1:]):
             ahead = ahead & (np.asarray(rim.stands) < plane)
-        yield "focal plane in the bore", ahead
+        yield "focal plane in the bore", ahead | (plane <= 0)
         stops = {rim.name: rim.stands for rim in (self.fap, *self.rims[1 : 1 + self.stops])}
         yield from self.chain.apart(self._numbers, stops)
 

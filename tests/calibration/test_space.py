@@ -113,7 +113,7 @@ def test_a_calibration_through_elements_gives_the_camera_back(looking):
     found = calibrate(observations, sheet, guess=camera_of(design).A)
     lengths = derived(found.joint.camera.vector(), sheet)
     for name in ("H", "d_3", "d_1", "d_f", "d_2", "A", "m"):
-        assert lengths[name] == pytest.approx(float(getattr(c, name)), rel=1e-6), name
+        assert lengths[name] == pytest.approx(float(getattr(c.seen, name)), rel=1e-6), name
     ruler = sheet.space.ruler(lengths)
     for name in ("d_3", "d_1", "d_f", "d_2"):
         assert ruler[name] == pytest.approx(getattr(design, name), rel=1e-6), name
@@ -141,7 +141,7 @@ def test_scopes_that_ship_go_to_their_boards_medium_and_back(name):
     assert pupil_of(design) + camera.A / camera.m == pytest.approx(design.d_f, rel=1e-9)
     lengths = derived(camera.vector(), sheet)
     for symbol in ("H", "d_3", "d_1", "d_f", "d_2", "A", "m"):
-        assert lengths[symbol] == pytest.approx(float(getattr(c, symbol)), rel=1e-9), symbol
+        assert lengths[symbol] == pytest.approx(float(getattr(c.seen, symbol)), rel=1e-9), symbol
     ruler = sheet.space.ruler(lengths)
     for symbol in ("d_3", "d_1", "d_f", "d_2"):
         assert ruler[symbol] == pytest.approx(getattr(design, symbol), rel=1e-9), symbol

@@ -147,3 +147,18 @@ def test_dispersion_is_that_of_a_design_s_own_liquid_whatever_was_asked_before()
         every[order] = {abbe: real_field(in_liquid(abbe), field).lateral_colour[0] for abbe in order}
     assert every[20.0, 80.0] == every[80.0, 20.0]
     assert every[20.0, 80.0][20.0] != pytest.approx(every[20.0, 80.0][80.0], rel=0.1)
+
+
+def test_a_symbol_alone_answers_only_where_ruler_and_lens_agree():
+    air, behind = Camera.of(roslf.load("paper")), Camera.of(roslf.load("cystoscope"))
+    for symbol in ("d_f", "d_1", "d_2", "d_3", "D_F"):
+        assert getattr(air, symbol) == getattr(air.seen, symbol) == getattr(air.ruler, symbol)
+    assert behind.ruler.d_3 == 62.84
+    assert behind.seen.d_3 == pytest.approx(0.0052, abs=5e-5)
+    with pytest.raises(AttributeError, match=r"62\.84 by a ruler \(camera\.ruler\.d_3\).*camera\.seen\.d_3"):
+        _ = behind.d_3
+    with pytest.raises(AttributeError, match=r"camera\.seen\.H"):
+        _ = behind.H
+    assert behind.d_2 == behind.seen.d_2  # no glass between array and sensor
+    with pytest.raises(AttributeError, match="no attribute 'd_4'"):
+        _ = behind.d_4

@@ -155,7 +155,7 @@ def test_an_object_on_the_windows_face_is_the_limit_of_objects_in_front_of_it():
     here, there = Camera.of(on), Camera.of(near)
     with mp.workdps(40):
         ((seen,),) = traced(on, [(0, 1)], [119.0])
-    assert float(here.d_f) == pytest.approx(-float(seen), rel=1e-15)
+    assert float(here.seen.d_f) == pytest.approx(-float(seen), rel=1e-15)
     for name in ("sigma_z_mm", "object_sample_mm", "field_half_width_mm", "fill_factor", "field_half_angle_deg"):
         value = float(quantity_named(name)(here))
         assert math.isfinite(value), name
@@ -284,12 +284,12 @@ def test_glass_about_the_array_is_reduced():
     """Cover and substrate behind the lenslets take t (1 - 1/n) off d_2; a substrate before them off d_1."""
     cover, plate = {"thickness": 0.4, "material": {"index": 1.5}}, {"thickness": 1.2, "material": {"index": 1.6}}
     behind = Camera.of(PAPER.replace({"sensor.cover": cover, "microlens_array.substrate": plate}))
-    assert behind.d_2 == pytest.approx(2 - 0.4 * (1 - 1 / 1.5) - 1.2 * (1 - 1 / 1.6), rel=1e-14)
+    assert behind.seen.d_2 == pytest.approx(2 - 0.4 * (1 - 1 / 1.5) - 1.2 * (1 - 1 / 1.6), rel=1e-14)
     assert behind.d_1 == 140
     before = Camera.of(PAPER.replace({"microlens_array.substrate": {**plate, "lenslets": "sensor"}}))
-    assert before.d_1 == pytest.approx(140 - 1.2 * (1 - 1 / 1.6), rel=1e-14)
+    assert before.seen.d_1 == pytest.approx(140 - 1.2 * (1 - 1 / 1.6), rel=1e-14)
     assert before.d_2 == 2
-    assert 1 / before.d_f + 1 / before.d_1 == pytest.approx(1 / 100, rel=1e-12)
+    assert 1 / before.d_f + 1 / before.seen.d_1 == pytest.approx(1 / 100, rel=1e-12)
 
 
 def test_a_pupil_in_the_focus_of_an_objective_is_finite():
@@ -321,7 +321,9 @@ def test_barrels_of_rods_cut_as_rays_swinging_inside_them_say():
     kept = MicrolensImages(camera, fields).shapes.kept_fraction[:, 0]
     for field, closed in zip(fields, kept, strict=True):
         # Every ray of a microlens passes its image on the plane in focus; the FAP stands before all elements, in air.
-        slope = (pupil + np.array(field)[:, None] * float(camera.inverse_m)) / (float(camera.d_f) - design.d_3)
+        slope = (pupil + np.array(field)[:, None] * float(camera.seen.inverse_m)) / (
+            float(camera.seen.d_f) - design.d_3
+        )
         x, at, good = pupil + slope * design.d_3, 0.0, np.ones(5_000, bool)
         for element in design.elements:
             x, at = x - slope * (element.distance - at), element.distance

@@ -250,7 +250,7 @@ def test_closed_forms_are_those_rays_without_a_window(name, fap):
     """Before an objective in air nothing is left out: kernels, drawn rays, field widths."""
     design = simple(name, fap)
     camera = Camera.of(design)
-    field = float(np.ravel(np.asarray(camera.sensor_size))[0]) / 2 / float(1 + camera.d_2 * camera.vergence)
+    field = float(np.ravel(np.asarray(camera.sensor_size))[0]) / 2 / float(1 + camera.d_2 * camera.seen.vergence)
     x = np.array([0.0, 0.5 * field, field])
     rays = trace_pupil(camera, (np.array([[0.0], [-0.8]]), 0.0), (x, 0.0))
     layout, distance = lay_out(camera), 60.0

@@ -6,6 +6,7 @@ import pytest
 from scipy.optimize import brentq
 
 import roslf_design as roslf
+from roslf_design.calibration import camera_of, derived, sheet_of
 from roslf_design.camera import Camera
 from roslf_design.depth.geometry import depth_of, disparity_of
 from roslf_design.design import DesignError
@@ -121,3 +122,17 @@ def test_depths_and_disparities_turn_back_into_each_other(share):
     # Disparities cancel near the plane in focus: to 1e-13 of those far from it.
     np.testing.assert_allclose(depth_of(camera, disparity_of(camera, z)), z, rtol=1e-9)
     assert np.isnan(depth_of(camera, disparity_of(camera, np.array(1e12)) - 1.0))  # beyond infinity
+
+
+@pytest.mark.parametrize("share", SHARES)
+def test_a_calibration_tells_the_lengths_from_what_boards_show(share):
+    scope = collimated()
+    design = scope.replace(d_1=scope.f * (1 + share))
+    camera, sheet = Camera.of(design), sheet_of(design)
+    lengths = derived(camera_of(design).vector(), sheet)
+    for name in ("d_1", "d_2", "d_3", "A", "H", "m"):
+        # m is a difference of the boards' and the bore's, some 1e-13 of them off.
+        assert lengths[name] == pytest.approx(float(getattr(camera.seen, name)), rel=1e-9, abs=1e-11), name
+    by_ruler = sheet.space_at(lengths).ruler(lengths)
+    for name in ("d_1", "d_2", "d_3", "d_f"):
+        assert by_ruler[name] == pytest.approx(float(getattr(camera.ruler, name)), rel=1e-9), name

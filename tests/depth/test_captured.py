@@ -197,12 +197,12 @@ def test_calibration_error_against_eq_12_solved_for_each_draw(design, changes):
     z = np.array([camera.d_f - 60, camera.d_f - 10, camera.d_f + 25])
     told = ArrayGeometry(camera, LengthCovariance(places, covariance)).calibration_sigma(z)
     best = Camera.of(camera)
-    slope = (best.m - best.A / (best.plane(z).distance - best.d_3)) * best.A / best.d_2
+    slope = (best.seen.m - best.seen.A / (best.plane(z).distance - best.d_3)) * best.seen.A / best.d_2
     draws = rng.multivariate_normal([float(best[place]) for place in places], covariance, 4000)
     depths = []
     for draw in draws[:800]:
         one = Camera.of(camera, dict(zip(places, draw, strict=True)))
-        seen = one.A / (one.m - slope * one.d_2 / one.A) + one.d_3
+        seen = one.seen.A / (one.seen.m - slope * one.d_2 / one.seen.A) + one.d_3
         depths.append([float(one.plane_seen_at(at)) for at in seen])
     # 800 draws tell a standard deviation to 2.5 %; three of those, and what is not of first order.
     np.testing.assert_allclose(told, np.std(depths, axis=0), rtol=0.09)

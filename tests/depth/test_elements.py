@@ -66,7 +66,7 @@ def test_views_look_where_exact_rays_meet_the_scene(design, fields):
     step = min(STEP, 0.25 * abs(float(disparity_of(camera, 1e9))))
     near, focal, far = (float(z) for z in geometry.depth(np.array([step, 0.0, -step])))
     for sample in (0.45, -0.3):
-        own = sample * math.copysign(1.0, float(camera.A * camera.D_F * camera.fap.plane.magnification))
+        own = sample * math.copysign(1.0, float(camera.seen.A * camera.seen.D_F * camera.fap.plane.magnification))
         looks, good = geometry.traced.looks(np.array([(x, 0.0) for x in fields]), np.array([[sample, 0.0]]))
         assert good.all()
         for field, pupil, aside in zip(fields, looks[0, :, 0, 0], looks[1, :, 0, 0], strict=True):
@@ -96,7 +96,9 @@ def test_a_wall_stands_where_it_is(name, disparity, aside, finest, least, around
     z = float(depth_of(camera, np.asarray(disparity)))
     seen = camera.plane(z)
     # A microlens's footprint there.
-    sample = float(camera.d * camera.inverse_m * abs(seen.magnification) * (seen.distance - camera.d_3) / camera.gap)
+    sample = float(
+        camera.d * camera.seen.inverse_m * abs(seen.magnification) * (seen.distance - camera.seen.d_3) / camera.seen.gap
+    )
     scene = Scene(objects=(Plane(distance=z, texture=Noise(finest=finest * sample, contrast=0.2, seed=1)),))
     width, height = camera.pixels
     region = (width // 2 - 60 + aside, height // 2 - 60, 120, 120)

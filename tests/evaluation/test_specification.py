@@ -58,7 +58,7 @@ def cameras(count, seed=18):
             )
         except roslf.DesignError:
             continue
-        if Camera.of(design).valid and float(Camera.of(design).gap) > 0:
+        if Camera.of(design).valid and float(Camera.of(design).seen.gap) > 0:
             made.append(design)
     return made
 
@@ -161,7 +161,7 @@ def test_every_line_is_what_exact_rays_say(sheets):
         assert sheet.length_mm == pytest.approx(tip + design.d_1 + design.d_2)
         assert sheet.pixels == design.pixels
         assert sheet.views_across * design.q == pytest.approx(
-            design.d_2 * 2 * float(camera.fap.radius) / float(camera.A)
+            design.d_2 * 2 * float(camera.fap.radius) / float(camera.seen.A)
         )
 
 
@@ -197,7 +197,7 @@ def test_focused_at_the_hyperfocal_distance_rays_a_pitch_apart_run_on_side_by_si
             camera, radius = focused.camera, design.D_F / 2
             if name.startswith("view"):
                 blurred = float(camera.q + camera.wavelength * camera.d_2 / camera.d)
-                radius = min(radius, blurred * float(camera.A / camera.d_2) * float(camera.fap.scale) / 2)
+                radius = min(radius, blurred * float(camera.seen.A / camera.d_2) * float(camera.fap.scale) / 2)
             turned = []
             for sign in (-1, 1):
                 aim = decentre[:, None] + np.array([[sign * radius, -sign * radius], [0.0, 0.0]])

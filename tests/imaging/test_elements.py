@@ -111,7 +111,7 @@ def test_a_point_behind_elements_is_where_rays_say(design):
     straight = design.replace({f"elements.{k}.decentre": (0.0, 0.0) for k in range(len(design.elements))})
     for a in (-0.5, 0.8):
         slope = (a - source.x) / source.reach
-        height = a + slope * float(camera.d_3)
+        height = a + slope * float(camera.seen.d_3)
         elements = [
             ("lens", e.distance, e.focal_length, 0.0)
             if e.kind == "lens"

@@ -63,7 +63,7 @@ def test_a_wave_through_a_leaning_slab_against_optical_paths_through_the_whole_c
 
     region, seen = central(design, 52), Camera.of(design)
     edges = (np.arange(53) - 26) * design.q
-    air = PAPER.replace({"main_lens.focal_plane": float(seen.d_f)})
+    air = PAPER.replace({"main_lens.focal_plane": float(seen.seen.d_f)})
     truth = coherent.pixel_sums(*coherent.sensor_intensity(air, (0.0, 0.0, 340.0), path=path), edges)
     image = point_image(source_at(design, place), region, (design.wavelength,), 4e-3)
     error = image - truth
