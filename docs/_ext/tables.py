@@ -103,7 +103,10 @@ def results_table(example: Any, own: Mapping[str, str]) -> str:
     own : mapping
         What to say of paths that the code leaves undescribed.
     """
-    rows = [(key, shape, _as_json(about or own.get(key, ""))) for key, shape, about in _result_rows(type(example), "", example)]
+    rows = [
+        (key, shape, _as_json(about or own.get(key, "")))
+        for key, shape, about in _result_rows(type(example), "", example)
+    ]
     blank = [key for key, _, about in rows if not about]
     if blank:
         raise UndescribedError(f"described neither in the code nor on the page: {', '.join(blank)}")
