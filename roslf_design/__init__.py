@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from .evaluation import Evaluation, evaluate
     from .evaluation.specification import Specification, specification
     from .reporting.printers import render_html, render_pdf
-    from .theory.quantities import QUANTITIES, Quantity
+    from .theory.quantities import QUANTITIES
+    from .theory.quantity import Quantity
     from .theory.sweep import Sweep, sweep
 
 __all__ = [
@@ -78,7 +79,8 @@ __getattr__, __dir__, _ = lazy.attach(
         "evaluation": ["Evaluation", "evaluate"],
         "evaluation.specification": ["Specification", "specification"],
         "reporting.printers": ["render_html", "render_pdf"],
-        "theory.quantities": ["QUANTITIES", "Quantity"],
+        "theory.quantities": ["QUANTITIES"],
+        "theory.quantity": ["Quantity"],
         "theory.sweep": ["Sweep", "sweep"],
     },
 )

@@ -25,7 +25,8 @@ from .optimization.study import run as run_study
 from .reporting.blocks import Report
 from .reporting.design.pages import design_report
 from .scenes import Scene, load_scene
-from .theory.quantities import Quantity, quantity_named
+from .theory.quantities import quantity_named
+from .theory.quantity import Quantity
 from .tolerancing.result import StudyResult, analyse
 from .tolerancing.run import merged, tally_chunk
 from .tolerancing.study import load_plan

@@ -26,13 +26,13 @@ def plain(value: Any, *, undefined: bool = True) -> Any:
     ArithmeticError
         Something is not a number, and `undefined` is false.
     """
+    if isinstance(value, Mapping):
+        return {key: plain(inner, undefined=undefined) for key, inner in value.items()}
     if is_dataclass(value):
         # Python's own words end in _: `from_`.
         return {
             field.name.rstrip("_"): plain(getattr(value, field.name), undefined=undefined) for field in fields(value)
         }
-    if isinstance(value, Mapping):
-        return {key: plain(inner, undefined=undefined) for key, inner in value.items()}
     if isinstance(value, np.ndarray):
         return plain(value.tolist(), undefined=undefined)
     if isinstance(value, (list, tuple)):

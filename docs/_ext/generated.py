@@ -28,7 +28,6 @@ from roslf_design.design import Design, Light, MainLens, MicrolensArray, Sensor,
 from roslf_design.design.environment import Environment
 from roslf_design.design.parts import Cover, DepthSettings, Substrate
 from roslf_design.effects import EFFECTS
-from roslf_design.evaluation import Evaluation
 from roslf_design.optimization import bore, robust
 from roslf_design.optimization import study as optimise
 from roslf_design.reporting import story
@@ -127,7 +126,7 @@ def quantities() -> str:
 
 def evaluation_json() -> str:
     """The JSON of `roslf evaluate`."""
-    return results_table(Evaluation, KEYS["evaluation"])
+    return results_table(roslf.evaluate("rigid-scope"), KEYS["evaluation"])
 
 
 def effects() -> str:

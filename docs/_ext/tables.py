@@ -15,8 +15,10 @@ from sphinx.pycode import ModuleAnalyzer
 
 from roslf_design.bore.material import Material
 from roslf_design.bore.real_lens import Lens
+from roslf_design.evaluation.result import Numbers
 from roslf_design.lenses.glass import Glass
 from roslf_design.lenses.solid import Solid
+from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing.study import FieldPlace
 from roslf_design.units import (
     Angle,
@@ -30,6 +32,7 @@ from roslf_design.units import (
     Time,
     format_quantity,
 )
+from roslf_design.words import sentence
 
 LENGTHS = ((Length, "length\u00a0>\u00a00"), (Distance, "length\u00a0≥\u00a00"), (AnyLength, "length"))
 OTHERS = (
@@ -90,17 +93,20 @@ def keys_table(model: type[BaseModel], own: Mapping[str, str] = {}) -> str:
     return markdown(("key", "takes", "default", "meaning"), rows)
 
 
-def results_table(kind: type, own: Mapping[str, str]) -> str:
+def results_table(example: Any, own: Mapping[str, str]) -> str:
     """A result's JSON keys, nested ones under their path.
 
     Parameters
     ----------
-    kind : type
-        The dataclass that becomes the JSON object.
+    example : any
+        Of the dataclass that becomes the JSON object; groups of numbers have the quantities that they have there.
     own : mapping
         What to say of paths that the code leaves undescribed.
     """
-    rows = [(key, shape, _as_json(about or own.get(key, ""))) for key, shape, about in _result_rows(kind, "")]
+    rows = [
+        (key, shape, _as_json(about or own.get(key, "")))
+        for key, shape, about in _result_rows(type(example), "", example)
+    ]
     blank = [key for key, _, about in rows if not about]
     if blank:
         raise UndescribedError(f"described neither in the code nor on the page: {', '.join(blank)}")
@@ -112,14 +118,17 @@ def _as_json(text: str) -> str:
     return re.sub(r"\b([Ii])nfinite\b", lambda m: ("Null" if m[1] == "I" else "null") + " (infinite)", text)
 
 
-def _result_rows(kind: type, prefix: str) -> Iterator[tuple[str, str, str]]:
+def _result_rows(kind: type, prefix: str, example: Any = None) -> Iterator[tuple[str, str, str]]:
     told = descriptions(kind)
     hints = get_type_hints(kind)
     for field in fields(kind):
         hint = hints[field.name]
         inner, many, optional = _unwrapped(hint)
         about = told.get(field.name, "")
-        if is_dataclass(inner):
+        if inner is Numbers:
+            yield prefix + field.name, "object", about
+            yield from _number_rows(field.name, getattr(example, field.name))
+        elif is_dataclass(inner):
             summary = _first_paragraph(inner)
             about = f"{about} {summary}".strip() if about != summary else about
             shape = "list of objects" if many else "object"
@@ -127,6 +136,18 @@ def _result_rows(kind: type, prefix: str) -> Iterator[tuple[str, str, str]]:
             yield from _result_rows(inner, f"{prefix}{field.name}{'[]' if many else ''}.")
         else:
             yield prefix + field.name, _json_type(hint), about
+
+
+def _number_rows(group: str, numbers: Numbers) -> Iterator[tuple[str, str, str]]:
+    listed = [q for q in QUANTITIES.values() if q.evaluated is not None and q.evaluated.under == group]
+    words = {q.evaluated.key or q.name: f"{q.words}{f' ({q.equation})' if q.equation else ''}" for q in listed}
+    for key, value in numbers.items():
+        place, about = f"{group}.{key}", sentence(words.get(key, ""))
+        if is_dataclass(value):
+            yield place, "object or null", _first_paragraph(type(value))
+            yield from _result_rows(type(value), f"{place}.")
+        else:
+            yield place, _json_type(type(value)), about
 
 
 def _first_paragraph(kind: type) -> str:

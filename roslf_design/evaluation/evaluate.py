@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,24 +32,16 @@ from ..words import length
 from .fields import default_fields, evaluate_fields, rays_for, trace_lens
 from .result import (
     AtTemperature,
-    Depth,
-    Diffraction,
     Evaluation,
-    ExitPupil,
-    FNumber,
     LookedThrough,
     MappedField,
-    MicrolensImage,
-    NonDistortion,
+    Numbers,
     ObjectiveMapping,
-    Sampling,
     SeenPart,
     Temperatures,
 )
 from .specification import depth_assumptions
 from .verdicts import verdicts_of, warnings_of
-
-Group = TypeVar("Group")
 
 METHOD = (
     "Closed forms and exact disc areas for pinhole microlenses in focus behind an ideal thin lens; rounding errors are "
@@ -112,18 +103,14 @@ def evaluate(
     axes = default_fields(design) if fields is None else _axes(fields)
     camera = Camera.of(design)
     limit = field_limit(camera)
-    f_number = _numbers(FNumber, camera, "f_number_")
-    non_distortion = _numbers(
-        NonDistortion,
-        camera,
-        x0_max_mm=limit.radius,
-        x_ml_max_mm=limit.mla_radius,
-        room_at_corner_mm=limit.room,
-        limited_by=limit.rim,
-        undistorted_in_field=limit.room >= 0,
-    )
-    whole = math.floor(float(QUANTITIES["lateral_samples"](camera)) + 1e-9)
-    sampling = _numbers(Sampling, camera, lateral_samples=whole)
+    f_number, sampling = Numbers.of(camera, "f_number"), Numbers.of(camera, "sampling")
+    bounds = {
+        "x0_max_mm": limit.radius,
+        "x_ml_max_mm": limit.mla_radius,
+        "room_at_corner_mm": limit.room,
+        "limited_by": limit.rim,
+    }
+    non_distortion = Numbers.of(camera, "non_distortion", bounds, undistorted_in_field=limit.room >= 0)
     images = evaluate_fields(design, axes, rays)
     traced = trace_lens(design, axes, non_distortion)
     depth = _depth(design, camera)
@@ -132,24 +119,23 @@ def evaluate(
         method.append(COUNTED.format(rays=rays, error=COUNTED_ERROR if accuracy is None else accuracy))
     if traced is not None:
         method.append(TRACED)
-    return _numbers(
-        Evaluation,
-        camera,
+    return Evaluation(
         design=design.name,
-        exit_pupil=_numbers(
-            ExitPupil,
+        **Numbers.of(camera, ""),
+        exit_pupil=Numbers.of(
             camera,
-            distance_from_lens_mm=float(exit_pupil.exit_pupil_distance(camera)),
+            "exit_pupil",
+            {"distance_from_lens_mm": float(exit_pupil.exit_pupil_distance(camera))},
             diameter_mm=float(exit_pupil.exit_pupil_diameter(camera)),
             telecentric=bool(exit_pupil.is_telecentric(camera)),
         ),
         f_number=f_number,
         non_distortion=non_distortion,
-        microlens_image=_numbers(MicrolensImage, camera, "image_"),
+        microlens_image=Numbers.of(camera, "microlens_image"),
         fields=images,
         sampling=sampling,
         depth=depth,
-        diffraction=_numbers(Diffraction, camera),
+        diffraction=Numbers.of(camera, "diffraction"),
         effects=tuple(plan(design)),
         verdicts=verdicts_of(camera, f_number, non_distortion, sampling, traced),
         warnings=tuple(warnings_of(design, images)),
@@ -181,10 +167,10 @@ def _temperatures(design: Design, camera: Camera) -> Temperatures | None:
     return Temperatures(float(environment.temperature), *named)
 
 
-def _depth(design: Design, camera: Camera) -> Depth:
+def _depth(design: Design, camera: Camera) -> Numbers:
     error = float(QUANTITIES["sigma_disparity_pitches"](camera))
     depth, assumed = float(depth_error(camera, None, error)), depth_assumptions(design, camera, error)
-    return _numbers(Depth, camera, assumes=assumed, sigma_disparity_pitches=error, sigma_z_mm=depth)
+    return Numbers.of(camera, "depth", sigma_z_mm=depth, sigma_disparity_pitches=error, assumes=assumed)
 
 
 def _looked_through(design: Design, camera: Camera, axes: Sequence[tuple[float, float]], sigma: float) -> LookedThrough:
@@ -244,13 +230,6 @@ def _mapping(
     name = lens.mapping if isinstance(lens.mapping, str) else "table"
     at = element_name(lens, camera.chain.mapped + 1)
     return ObjectiveMapping(name, at, math.degrees(float(angle_in_air(camera.law, largest))), rows)
-
-
-def _numbers(kind: Callable[..., Group], camera: Camera, prefix: str = "", **own: Any) -> Group:
-    """A group of numbers: from the registry, under the group's prefix or none, all that are not its own."""
-    names = [field.name for field in dataclasses.fields(kind) if field.name not in own]  # type: ignore[arg-type]
-    quantities = [QUANTITIES.get(prefix + name) or QUANTITIES[name] for name in names]
-    return kind(**own, **{name: float(of(camera)) for name, of in zip(names, quantities, strict=True)})
 
 
 def _axes(fields: Any) -> tuple[tuple[float, float], ...]:

@@ -25,7 +25,7 @@ from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages, stop_discs
 from ..traced.camera import camera_of
 from ..traced.images import measured_bound, real_field
-from .result import Field, NonDistortion, RayBudget, RealLens, RealLensField, Share
+from .result import Field, Numbers, RayBudget, RealLens, RealLensField, Share
 
 Place = tuple[float, float]
 Shares = tuple[Array, Array, float, float]
@@ -239,7 +239,7 @@ def _counted_shares(camera: Camera, axis: Place, points: Array) -> Shares:
     return kept, past, float(on_sensor.mean()), float(own.mean())
 
 
-def trace_lens(design: Design, axes: Sequence[Place], thin: NonDistortion) -> RealLens | None:
+def trace_lens(design: Design, axes: Sequence[Place], thin: Numbers) -> RealLens | None:
     """Trace a design's main lens.
 
     Parameters
@@ -247,7 +247,7 @@ def trace_lens(design: Design, axes: Sequence[Place], thin: NonDistortion) -> Re
     design : Design
     axes : sequence of (x, y)
         Microlens axes, on the MLA [mm].
-    thin : NonDistortion
+    thin : Numbers
         Eq. 6 for the thin twin.
 
     Returns

@@ -2,77 +2,69 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from ..camera import Camera
 from ..effects.plan import PlannedEffect
 from ..json_data import plain
+from ..theory.quantities import QUANTITIES
 from .show import as_html, as_text
 
 SCHEMA = "roslf.evaluation/1"
 
 
 @dataclass(frozen=True)
-class ExitPupil:
-    """The image of the FAP by the main lens."""
+class Numbers(Mapping[str, Any]):
+    """Numbers of a group, by their names in the JSON; attributes too: ``result.sampling.view_baseline_mm``."""
 
-    distance_from_lens_mm: float
-    """z_x = f d_3/(d_3 - f), positive beyond the lens; infinite where telecentric."""
-    vergence_at_mla_per_mm: float
-    """1/L, its finite twin."""
-    diameter_mm: float
-    """Infinite where telecentric."""
-    telecentric: bool
-    """Whether d_3 = f to rounding."""
+    pairs: tuple[tuple[str, Any], ...]
+    """Each with its name, in order."""
 
+    @classmethod
+    def of(cls, camera: Camera, group: str, first: Mapping[str, Any] | None = None, **own: Any) -> Numbers:
+        """All quantities that are `evaluated` under a group.
 
-@dataclass(frozen=True)
-class FNumber:
-    """Whether microlens images fill their cells."""
+        Parameters
+        ----------
+        camera : Camera
+            One build.
+        group : str
+        first : mapping, optional
+            Numbers that stand before them, quantities among them or not.
+        **own : any
+            Values that are known already, and others of the group, which follow.
+        """
+        numbers = dict(first or {})
+        for quantity in QUANTITIES.values():
+            if (listed := quantity.evaluated) is None or listed.under != group:
+                continue
+            key = listed.key or quantity.name
+            if key not in numbers:
+                numbers[key] = own.pop(key) if key in own else listed.value(quantity(camera))
+        return cls((*numbers.items(), *own.items()))
 
-    microlens: float
-    """d_2/d."""
-    pupil: float
-    """d_1/(D_F H), Eq. 8."""
-    main_lens: float
-    """d_1/D, Eq. 9."""
-    fill_factor: float
-    """Microlens-image diameter over pitch, exact (Eq. 7)."""
-    mismatch_px: float
-    """Diameter less pitch [px]: overlap where positive, gap where negative."""
+    def __getitem__(self, name: str) -> Any:
+        return dict(self.pairs)[name]
 
+    def __iter__(self) -> Iterator[str]:
+        return iter(dict(self.pairs))
 
-@dataclass(frozen=True)
-class NonDistortion:
-    """Where microlens images are full discs (Eqs. 5-6); every length is a half-field."""
+    def __len__(self) -> int:
+        return len(self.pairs)
 
-    x0_max_mm: float
-    """Largest undistorted object radius at d_f; infinite where no field is too large."""
-    x_ml_max_mm: float
-    """The same on the MLA."""
-    room_at_corner_mm: float
-    """Room between the corner field's pencil and the nearest rim, on that rim's plane: the finite twin."""
-    limited_by: str
-    """Which element's rim that is."""
-    field_half_width_mm: float
-    """Half the object field that the sensor sees, along x."""
-    field_half_diagonal_mm: float
-    """To its corner."""
-    undistorted_in_field: bool
-    """Whether the whole sensor sees full discs."""
+    def __getattr__(self, name: str) -> Any:
+        numbers = dict(self.__dict__.get("pairs", ()))  # not there yet while it is unpickled
+        if name not in numbers:
+            raise AttributeError(f"there is no {name} among {', '.join(numbers)}")
+        return numbers[name]
 
+    def __dir__(self) -> list[str]:
+        return [*super().__dir__(), *self]
 
-@dataclass(frozen=True)
-class MicrolensImage:
-    """Size and place of undistorted microlens images."""
-
-    diameter_mm: float
-    """D_F H d_2/d_1."""
-    diameter_px: float
-    pitch_mm: float
-    """d (1 + d_2/L)."""
-    centre_shift_px_per_microlens: float
-    """Against the traditional light field (Eq. 4)."""
+    def __repr__(self) -> str:
+        return f"Numbers({', '.join(f'{key}={value!r}' for key, value in self.pairs)})"
 
 
 @dataclass(frozen=True)
@@ -136,22 +128,6 @@ class Field:
 
 
 @dataclass(frozen=True)
-class Sampling:
-    """How finely space and angle are sampled."""
-
-    views_geometric: float
-    """Pixels across a microlens image."""
-    views_independent: float
-    """4 N_F: what diffraction leaves of them, per axis."""
-    lateral_samples: int
-    """Whole microlenses across the width that the sensor sees."""
-    object_sample_mm: float
-    """d d_f/d_1."""
-    view_baseline_mm: float
-    """q d_1/(H d_2), on the FAP."""
-
-
-@dataclass(frozen=True)
 class DepthAssumptions:
     """Light, texture and matching that a disparity error is predicted for."""
 
@@ -169,28 +145,6 @@ class DepthAssumptions:
     window: float
     """Microlenses along each side of the square in which disparity is taken to be the same."""
     sigma_disparity_pitches: float
-
-
-@dataclass(frozen=True)
-class Depth:
-    """Depth precision at the focal plane."""
-
-    disparity_pitches_per_mm: float
-    sigma_z_mm: float
-    """On the axis; infinite where neither light nor texture tells anything."""
-    sigma_disparity_pitches: float
-    """The disparity error that sigma_z comes of."""
-    assumes: DepthAssumptions | None
-    """What that comes of; None where the design gives it."""
-
-
-@dataclass(frozen=True)
-class Diffraction:
-    """What diffraction at one microlens does."""
-
-    fresnel_number: float
-    """N_F = d^2/(4 lambda d_2)."""
-    airy_radius_px: float
 
 
 @dataclass(frozen=True)
@@ -383,14 +337,21 @@ class Evaluation:
     """H, Eq. 3."""
     inverse_aperture_constant: float
     """1/H, which stays finite as d_3 -> d_f."""
-    exit_pupil: ExitPupil
-    f_number: FNumber
-    non_distortion: NonDistortion
-    microlens_image: MicrolensImage
+    exit_pupil: Numbers
+    """The image of the FAP by the main lens."""
+    f_number: Numbers
+    """Whether microlens images fill their cells."""
+    non_distortion: Numbers
+    """Where microlens images are full discs (Eqs. 5-6); every length is a half-field."""
+    microlens_image: Numbers
+    """Size and place of undistorted microlens images."""
     fields: tuple[Field, ...]
-    sampling: Sampling
-    depth: Depth
-    diffraction: Diffraction
+    sampling: Numbers
+    """How finely space and angle are sampled."""
+    depth: Numbers
+    """Depth precision at the focal plane."""
+    diffraction: Numbers
+    """Diffraction at one microlens."""
     effects: tuple[PlannedEffect, ...]
     verdicts: tuple[Verdict, ...]
     warnings: tuple[str, ...]

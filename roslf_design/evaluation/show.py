@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING
 
 from ..effects.lens import EFFECTS
 from ..tables import Table, plain_text, print_table
+from ..theory.quantities import QUANTITIES
 from ..words import fixed, length, number, place, spaced
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from ..effects.plan import PlannedEffect
-    from .result import Depth, DepthAssumptions, Evaluation, RealLens, SeenPart
+    from .result import DepthAssumptions, Evaluation, RealLens, SeenPart
 
 MARKS = {"good": "✓", "limit": "~", "fault": "✗"}
 """Sign of each level of verdict."""
@@ -27,66 +28,43 @@ LEAST = (30, 14, 0)
 """The same on a terminal [characters]."""
 
 
+def facts(result: Evaluation, *groups: str) -> list[tuple[str, str, str]]:
+    """Quantities of groups: label, value with unit, remark."""
+    rows = []
+    for quantity in QUANTITIES.values():
+        if (listed := quantity.evaluated) is not None and listed.under in groups and listed.label is not None:
+            numbers = getattr(result, listed.under) if listed.under else result
+            value = quantity.text(getattr(numbers, listed.key or quantity.name))
+            rows.append((listed.label or quantity.label, value, listed.remark_on(numbers)))
+    return rows
+
+
 def fact_tables(result: Evaluation) -> list[Table]:
     """Quantity, value with unit and remark, by subject."""
-    pupil, f, field, image = result.exit_pupil, result.f_number, result.non_distortion, result.microlens_image
-    sampling, depth, wave = result.sampling, result.depth, result.diffraction
-    exit_pupil = "image-space telecentric" if pupil.telecentric else f"diameter {number(pupil.diameter_mm)} mm"
-    rim = f"pencil to the rim of the {field.limited_by}"
-    facts = {
+    pupil, field = result.exit_pupil, result.non_distortion
+    across = "image-space telecentric" if pupil.telecentric else f"diameter {number(pupil.diameter_mm)} mm"
+    tables = {
         "Pupils": [
-            ("aperture constant H", number(result.aperture_constant), "Eq. 3: d_f/(d_f - d_3)"),
-            ("exit pupil behind the lens", f"{number(pupil.distance_from_lens_mm)} mm", exit_pupil),
-            ("its vergence at the MLA, 1/L", f"{number(pupil.vergence_at_mla_per_mm)} /mm", "0 where telecentric"),
+            *facts(result, ""),
+            ("exit pupil behind the lens", f"{number(pupil.distance_from_lens_mm)} mm", across),
+            *facts(result, "exit_pupil"),
         ],
-        "f-number": [
-            ("microlens d_2/d", number(f.microlens), ""),
-            ("pupil d_1/(D_F H)", number(f.pupil), "Eq. 8: should equal the microlens's"),
-            ("main lens alone d_1/D", number(f.main_lens), "Eq. 9: the traditional match, wrong behind a bore"),
-            ("fill factor", number(f.fill_factor, 6), "Eq. 7, exact: image diameter over image pitch"),
-            ("mismatch", f"{number(f.mismatch_px)} px", "positive: neighbours overlap"),
-        ],
-        "Field": [
-            ("undistorted object radius", f"{number(field.x0_max_mm)} mm", "Eq. 6, a half-field"),
-            ("the same on the MLA", f"{number(field.x_ml_max_mm)} mm", ""),
-            ("sensor sees, half width", f"{number(field.field_half_width_mm)} mm", "on the focal plane"),
-            ("sensor sees, half diagonal", f"{number(field.field_half_diagonal_mm)} mm", ""),
-            ("room at the corner", f"{number(field.room_at_corner_mm)} mm", rim),
-        ],
-        "Microlens images": [
-            ("diameter", f"{number(image.diameter_mm * 1e3)} um", f"{number(image.diameter_px)} px"),
-            ("pitch", f"{number(image.pitch_mm * 1e3)} um", "images in reversed order" if image.pitch_mm < 0 else ""),
-            ("centre shift", f"{number(image.centre_shift_px_per_microlens)} px per microlens", "Eq. 4"),
-        ],
-        "Sampling and diffraction": [
-            ("views across a microlens image", number(sampling.views_geometric, 4), "pixels"),
-            ("independent views per axis", number(sampling.views_independent, 3), "4 N_F: what diffraction leaves"),
-            ("Fresnel number of a microlens", number(wave.fresnel_number, 3), "d²/(4 λ d_2)"),
-            ("Airy radius on the sensor", f"{number(wave.airy_radius_px, 4)} px", ""),
-            ("microlenses across the sensor", str(sampling.lateral_samples), ""),
-            ("object sample", f"{number(sampling.object_sample_mm)} mm", "one microlens at the focal plane"),
-            ("view baseline", f"{number(sampling.view_baseline_mm)} mm", "one pixel, on the FAP"),
-        ],
-        "Depth at the focal plane": depth_facts(depth),
-    }  # fmt: skip
+        "f-number": facts(result, "f_number"),
+        "Field": facts(result, "non_distortion"),
+        "Microlens images": facts(result, "microlens_image"),
+        "Sampling and diffraction": facts(result, "sampling", "diffraction"),
+        "Depth at the focal plane": depth_facts(result),
+    }
+    tables["Field"].insert(1, ("the same on the MLA", f"{number(field.x_ml_max_mm)} mm", ""))
     if result.real_lens is not None:
-        facts["Real main lens, traced"] = _lens_facts(result.real_lens)
-    return [Table(tuple(rows), "ldl", title=title, widths=WIDTHS) for title, rows in facts.items()]
+        tables["Real main lens, traced"] = _lens_facts(result.real_lens)
+    return [Table(tuple(rows), "ldl", title=title, widths=WIDTHS) for title, rows in tables.items()]
 
 
-def depth_facts(depth: Depth) -> list[tuple[str, str, str]]:
+def depth_facts(result: Evaluation) -> list[tuple[str, str, str]]:
     """Depth precision and what it is told for: name, value, remark."""
-    return [
-        ("disparity", f"{number(depth.disparity_pitches_per_mm)} pitches/mm", "between the FAP's rims"),
-        ("depth precision", f"{number(depth.sigma_z_mm)} mm", depth_remark(depth)),
-        *(() if depth.assumes is None else _light_facts(depth.assumes)),
-    ]
-
-
-def depth_remark(depth: Depth) -> str:
-    """What a depth precision is told for."""
-    error = f"1 sigma, for {number(depth.sigma_disparity_pitches, 3)} pitch of disparity error"
-    return error + (", as the design gives it" if depth.assumes is None else ", predicted from:")
+    assumed = result.depth.assumes
+    return [*facts(result, "depth"), *(() if assumed is None else _light_facts(assumed))]
 
 
 def depth_basis(assumed: DepthAssumptions | None) -> str:

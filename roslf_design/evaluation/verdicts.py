@@ -21,7 +21,7 @@ from ..theory.photometry import accepted, response
 from ..theory.quantities import QUANTITIES
 from ..words import listed, place
 from .fields import default_fields, field_discs
-from .result import Field, FNumber, NonDistortion, RealLens, Sampling, Verdict
+from .result import Field, Numbers, RealLens, Verdict
 
 SLACK_PX = 0.5
 """Overlap or gap of neighbouring microlens images that still counts as matched [px]."""
@@ -41,9 +41,9 @@ NEAR = 1e-2
 
 def verdicts_of(
     camera: Camera,
-    f_number: FNumber,
-    non_distortion: NonDistortion,
-    sampling: Sampling,
+    f_number: Numbers,
+    non_distortion: Numbers,
+    sampling: Numbers,
     lens: RealLens | None = None,
 ) -> tuple[Verdict, ...]:
     """Answer whether the f-number is matched, the field undistorted, the pixels worth having, the tube wide enough.
@@ -60,7 +60,7 @@ def _answer(name: str, text: str, remedy: str = "") -> Verdict:
     return Verdict(name, not remedy, "fault" if remedy else "good", text, remedy)
 
 
-def _matched(camera: Camera, f: FNumber) -> Verdict:
+def _matched(camera: Camera, f: Numbers) -> Verdict:
     kind = "overlap by" if f.mismatch_px > 0 else "leave gaps of"
     images = f"images {kind} {abs(f.mismatch_px):.3g} px" if abs(f.mismatch_px) >= TOUCHING_PX else "images just touch"
     half_a_pixel = abs(f.mismatch_px) <= SLACK_PX and float(geometric_views(camera)) >= LEAST_VIEWS
@@ -77,7 +77,7 @@ def _matched(camera: Camera, f: FNumber) -> Verdict:
     return _answer("f_number_matched", text, remedy if lengths else none)
 
 
-def _undistorted(camera: Camera, thin: NonDistortion, lens: RealLens | None) -> Verdict:
+def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdict:
     """By Eq. 6; behind a real lens by its traced images, Eq. 6's bound beside it."""
     sees = (
         f"the sensor sees {thin.field_half_width_mm:.4g} mm (half width), {thin.field_half_diagonal_mm:.4g} mm (corner)"
@@ -127,7 +127,7 @@ def _fits(camera: Camera) -> Verdict:
     return _answer("fits_tube", text, f"smaller ones, or a tube of {needed} mm outside")
 
 
-def _field_remedy(camera: Camera, field: NonDistortion) -> str:
+def _field_remedy(camera: Camera, field: Numbers) -> str:
     grow = 2 * abs(field.room_at_corner_mm)
     if field.limited_by == "main lens":
         return (
@@ -146,7 +146,7 @@ def _rounded_up(length: float) -> str:
     return f"{math.ceil(length / step) * step:.4g}"
 
 
-def _resolved(camera: Camera, sampling: Sampling) -> Verdict:
+def _resolved(camera: Camera, sampling: Numbers) -> Verdict:
     """By pixels; behind a Bayer pattern by green ones, which lie farther apart."""
     views, independent = sampling.views_geometric, sampling.views_independent
     kind = "pixels"
@@ -180,7 +180,7 @@ def _resolved(camera: Camera, sampling: Sampling) -> Verdict:
     )
 
 
-def _thin(f: FNumber, lens: RealLens) -> Verdict:
+def _thin(f: Numbers, lens: RealLens) -> Verdict:
     """Whether microlens images lie where the thin lens puts them, and are as large."""
     name, other = "thin_lens_holds", "calibrate image centres rather than compute them, or take a better corrected lens"
     if not lens.fields:

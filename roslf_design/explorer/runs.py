@@ -25,13 +25,13 @@ from ..reporting.optimise.pictures import SearchEnd, VariableMove, ends_of
 from ..reporting.story import CENTRE, DEPTH, FILL, KEPT, quick_study, run_optimisation
 from ..reporting.tolerance.pages import impossible_words
 from ..reporting.tolerance.pictures import LimitSpread, Offender, Yields, YieldShare
-from ..theory.quantities import quantity_named
+from ..theory.quantities import in_words, quantity_named
 from ..tolerancing.analyses import Variant, Yield, sensitivity, summarise, yield_at
 from ..tolerancing.places import perturbable, short_name
 from ..tolerancing.run import merged, tally_chunk
 from ..tolerancing.study import TolerancePlan, make_plan, tolerance_plan
 from ..units import format_quantity
-from ..words import in_words, to_html
+from ..words import to_html
 from .jobs import Done, Failure, ProcessJob, Progress, Tell
 from .state import BY_SYMBOL, CONJUGATE, PLACES, State, kept, read, show
 

@@ -347,7 +347,7 @@ def depth_known(source: PictureSource) -> dict[str, Any]:
     """How well depth is known, where and why not; and what light, texture and matching that is for."""
     depth, curve = source.evaluation.depth, field_curve(source.design)
     design, assumed = source.design, depth.assumes
-    sigma = depth.sigma_z_mm
+    sigma, rows = depth.sigma_z_mm, _assumed_rows(source.evaluation)
     if not math.isfinite(sigma):
         full = assumed is not None and assumed.electrons > design.sensor.full_well
         why = "No texture that single views can show tells depth."
@@ -356,7 +356,7 @@ def depth_known(source: PictureSource) -> dict[str, Any]:
             why, remedy = "Pixels hold fewer electrons than so much light makes.", "a shorter exposure, or less light"
         elif assumed is not None and not assumed.electrons > 0:
             why, remedy = "There is no light.", "a longer exposure"
-        return {"tone": "bad", "text": f"Depth is unknown. {why}", "remedy": remedy, "rows": _assumed_rows(depth)}
+        return {"tone": "bad", "text": f"Depth is unknown. {why}", "remedy": remedy, "rows": rows}
     known = curve.sigma[0] * KNOWN_ALIKE
     alike, last = curve.sigma <= known, curve.place[-1]
     share = f"{100 * sigma / design.d_f:.2g} % of Z"
@@ -373,13 +373,13 @@ def depth_known(source: PictureSource) -> dict[str, Any]:
         text += " Twice the contrast halves it; " + (
             "twice the light nearly does too: read noise rules." if dark > 1 else "so does four times the light."
         )
-    return {"tone": tone, "text": text, "remedy": remedy, "rows": _assumed_rows(depth)}
+    return {"tone": tone, "text": text, "remedy": remedy, "rows": rows}
 
 
-def _assumed_rows(depth: Any) -> list[dict[str, str]]:
+def _assumed_rows(evaluation: Evaluation) -> list[dict[str, str]]:
     return [
         {"label": to_html(label), "value": " ".join(part for part in (value, note) if part)}
-        for label, value, note in depth_facts(depth)
+        for label, value, note in depth_facts(evaluation)
     ]
 
 

@@ -6,7 +6,8 @@ does everything that a study file asks for: reduce a bore to one stop, trace a f
 choose parts.
 """
 
-from ..theory.quantities import QUANTITIES, Quantity, quantity_named
+from ..theory.quantities import QUANTITIES, quantity_named
+from ..theory.quantity import Quantity
 from .bore import EquivalentPupil, reduce_bore
 from .parts import Catalogue, load_catalogue
 from .problem import Constraint, DesignProblem, Goal, Variable

@@ -27,7 +27,8 @@ from ..design import PATHS, Design
 from ..lenses.glass import Glass
 from ..theory.f_number import inverse_fill_factor
 from ..theory.light import SensorField
-from ..theory.quantities import Quantity, quantity_named
+from ..theory.quantities import quantity_named
+from ..theory.quantity import Quantity
 from ..theory.stop_images import MicrolensImages
 from ..theory.tube import housed
 from ..theory.vignetting import field_margins

@@ -19,7 +19,7 @@ from pydantic import Field
 
 from .._arrays import Array
 from ..accuracy.statement import Accuracy
-from ..theory.quantities import finite, from_finite
+from ..theory.quantity import finite, from_finite
 from ..tolerancing.study import StrictTable
 from .problem import ROOM, Constraint, DesignProblem, Goal, Side, promising_starts, sobol_units
 from .search import (

@@ -19,7 +19,7 @@ from ..bore.part import TEMPERATURE
 from ..camera import SEEING, TIP, Camera, Number
 from ..design import PATHS, Design
 from ..lenses.prescription import first_order
-from ..theory.quantities import Quantity
+from ..theory.quantity import Quantity
 from ..tolerancing.ideal import IdealBuilds
 from ..tolerancing.metrics import Question, builds_of
 from ..tolerancing.places import LENS

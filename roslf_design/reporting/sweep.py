@@ -9,8 +9,8 @@ import numpy as np
 from ..drawing.marks import Area, Dots, Image, Line, Mark, box_key, parted
 from ..drawing.panel import Panel, Scale, colour_bar
 from ..drawing.picture import PAGE, Picture, beside, one_panel
+from ..theory.quantities import in_words
 from ..theory.sweep import Sweep
-from ..words import in_words
 
 TALL = 230.0
 """Of each panel [px]."""

@@ -11,7 +11,8 @@ object_space       exact rays through what stands before the main lens
 chief_rays         where chief rays go in the scene, traced past elements
 light_field        Eqs. 1, 2, 10 to 12; depth from disparity; Table 2: lengths from what a calibration finds
 light              diffraction, microlens defocus, sampling
-quantities         the registry: every number once, with its name, unit, words and equation
+quantity           a number of a camera: name, unit, words, function, and where it is told
+quantities         the registry: every number once
 =================  ====================================================================================================
 
 Eq. 3 and the lengths behind it (H, A, m, 1/L) are attributes of `Camera`. No number of a camera that can be built gives

@@ -8,8 +8,10 @@ knows it.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable
-from dataclasses import dataclass
+import math
+import re
+from collections.abc import Callable, Iterator
+from operator import attrgetter
 from typing import Any, Literal
 
 import numpy as np
@@ -18,7 +20,7 @@ from .._arrays import Array, product, ratio
 from ..bore.chain import ImagedPlane
 from ..camera import Camera, Number
 from ..design.parts import PATHS
-from ..units import read_quantity
+from ..words import number
 from . import (
     chief_rays,
     depth_of_field,
@@ -34,125 +36,8 @@ from . import (
 )
 from .disparity_error import Seen, axial_disparity_sigma, disparity_sigma
 from .light import SensorField
+from .quantity import Depth, Listed, Quantity
 from .stop_images import MicrolensImages
-
-Depth = float | None
-"""Distance ahead of the bore's tip at which a number is asked for [mm]; None is the focal plane."""
-
-
-@dataclass(frozen=True)
-class Quantity:
-    """A number of a camera."""
-
-    name: str
-    unit: str
-    words: str
-    """What it is, in a line."""
-    of: Callable[[Camera, Depth], Array] | None = None
-    """Of straight cameras (tilts left out), at a distance where `at` allows one: shape of the builds, or (K, ...) where
-    `worst` is set. None: it exists only per field."""
-    local: Callable[[MicrolensImages], Number] | None = None
-    """At the fields of misaligned builds, shape (fields, builds); None: the camera has it only as a whole."""
-    equation: str = ""
-    """In the paper."""
-    positive: bool = True
-    """Whether every camera that can be built has it above zero: then ratios count, not differences."""
-    at: Literal["never", "optional", "needed"] = "never"
-    """Whether it is asked for at a distance."""
-    worst: Callable[[Array], Array] | None = None
-    """Of several values (one a rim) the one that counts."""
-    monotone: bool = True
-    """Whether `of` rises or falls in each single design length throughout, also beyond d_3 = d_f, the others held, f
-    excepted where `bent_in_f`: its extremes over a box then lie at corners."""
-    monotone_with: str = ""
-    """A place of a design: where something stands there the quantity is monotone all the same."""
-    numeric: bool = False
-    """Whether it is summed or tabulated, and so has no derivative by complex numbers."""
-    bent_in_f: bool = False
-    traced: bool = False
-    """Whether chief rays are traced for it where something stands before the main lens: it then neither has derivatives
-    by complex numbers nor its extremes at corners."""
-    signed: Callable[[Camera, Depth], Array] | None = None
-    """Of the magnitude of something of either sign: that something."""
-    infinite: bool = False
-    """Whether it is infinite for cameras that can be built: builds are then told apart by its `finite` twin."""
-    past_infinity: Callable[[Camera, Depth], Array] | None = None
-    """Of what may be infinite and is above 0: -1 over it, going on above 0 where it has gone past infinity. Smooth, so
-    that an optimiser finds its way into and out of infinity."""
-    over: Callable[[Camera, Depth, SensorField], Array] | None = None
-    """Of what hangs on how much of the array the sensor sees: the same for a rectangle that is given. `monotone` means
-    this then, and the rectangle's ends are further lengths in which it rises or falls."""
-
-    def __call__(self, camera: Camera, at: Depth = None) -> Array:
-        """Its value for every build; of several values the one that counts; NaN behind the tip, where nothing can be.
-
-        Raises
-        ------
-        ValueError
-            It exists only per field.
-        """
-        if self.of is None:
-            raise ValueError(f"{self.name} belongs to a field; take it from MicrolensImages")
-        behind = np.asarray(np.less(0.0 if at is None or self.at == "never" else at, 0))
-        if np.all(behind):
-            return np.full(np.broadcast_shapes(camera.shape, behind.shape), np.nan)
-        values = self.of(camera, at)
-        values = values if self.worst is None else self.worst(values)
-        return np.where(behind, np.nan, values) if np.any(behind) else values
-
-    def at_fields(self, images: MicrolensImages) -> Number:
-        """Its values at the fields of builds, shape (fields, builds).
-
-        Raises
-        ------
-        ValueError
-            It belongs to the whole camera.
-        """
-        if self.local is None:
-            raise ValueError(f"{self.name} belongs to a whole camera")
-        return self.local(images)
-
-    @property
-    def analytic(self) -> bool:
-        """Whether complex numbers in a camera give its derivatives: no absolute value, no worst of several."""
-        closed = self.signed is None and self.worst is None and not self.numeric
-        return self.of is not None and closed and self.at != "needed"
-
-    @property
-    def length(self) -> bool:
-        """Whether limits are lengths."""
-        return self.unit == "mm"
-
-    def limit(self, value: Any, *, from_file: bool = True) -> float:
-        """A limit on it as a study writes it: a length with its unit, or a number in the unit that its name tells.
-
-        Raises
-        ------
-        ValueError
-            Neither; a number where nothing tells the unit.
-        """
-        if self.length:
-            in_name = self.name.endswith("_mm")
-            return read_quantity(value, "length", unit_required=from_file and not in_name)
-        if isinstance(value, bool) or not isinstance(value, (int, float)):
-            unit = f" (in {self.unit})" if self.unit else ""
-            raise ValueError(f"{self.name} is limited by a number{unit}, got {value!r}")
-        return float(value)
-
-
-def finite(values: Array | float) -> Array:
-    """Finite twin of what may be infinite: itself less 2 up to 1, -1 over it beyond; it rises where that rises."""
-    values = np.asarray(values, float)
-    return np.where(values < 1, values - 2, -1 / np.where(values < 1, 1.0, values))
-
-
-def from_finite(twins: Array | float) -> Array:
-    """What has these finite twins."""
-    twins = np.asarray(twins, float)
-    with np.errstate(divide="ignore"):
-        beyond = np.where(twins < 0, -1 / np.where(twins < 0, twins, -1.0), np.inf)
-    return np.where(np.isnan(twins), np.nan, np.where(twins < -1, twins + 2, beyond))
-
 
 QUANTITIES: dict[str, Quantity] = {}
 """Every quantity by its name; the paper's symbols too."""
@@ -228,6 +113,15 @@ def _whole(form: Callable[[Camera], Number]) -> Callable[[Camera, Depth], Array]
     return lambda c, _: np.asarray(form(c))
 
 
+def _whole_number(value: Array) -> int:
+    """Whole number of things that rounding does not make one fewer."""
+    return math.floor(float(value) + 1e-9)
+
+
+def _um(value: float) -> str:
+    return f"{number(1e3 * value)} um"
+
+
 def _over_field(form: Callable[[Camera, Depth, SensorField], Array]) -> dict[str, Any]:
     """`Quantity.of` and `Quantity.over` of what hangs on how much of the array the sensor sees."""
     return {"of": lambda c, at: form(c, at, light.sensor_field(c)), "over": form}
@@ -287,47 +181,93 @@ def image_rate(c: Camera, at: Depth | Array) -> Array:
     return np.asarray(light_field.pupil_shear(c, depth_at(c, at)) * ratio(c.seen.A, c.seen.d_2))
 
 
-def _angles(part: str, way: Literal["width", "height", "diagonal"]) -> tuple[Quantity, Quantity]:
-    """Angle of view from the entrance pupil, and from the tip."""
-
-    def from_pupil(c: Camera, _: Depth, field: SensorField) -> Array:
-        return np.asarray(getattr(field_of_view.field_of_view(c, field), way))
-
-    def from_tip(c: Camera, at: Depth, field: SensorField) -> Array:
-        return np.asarray(getattr(field_of_view.tip_field_of_view(c, field, at), way))
-
-    words, name = f"full angle of view over the field's {way}", f"field_of_view_{part}deg"
-    more: dict[str, Any] = {"positive": False, "monotone": False, "numeric": True}
-    pupil = f"{words}, from the entrance pupil, in the medium of the scene"
-    tip = f"{words}, from the tip, at a distance ahead of it or at the focal plane"
-    return (
-        Quantity(name, "deg", pupil, **_over_field(from_pupil), **more),
-        Quantity(f"tip_{name}", "deg", tip, **_over_field(from_tip), **more, at="optional"),
-    )
-
-
-def _sharpness(prefix: str, kind: depth_of_field.Kind, image: str) -> tuple[Quantity, ...]:
-    """Depth of field of an image, and its hyperfocal distance."""
-
-    def ends(k: int) -> Callable[[Camera, Depth], Array]:
-        return lambda c, _: depth_of_field.depth_of_field(c, kind)[k]
-
-    beyond: dict[str, Any] = {"infinite": True, "past_infinity": lambda c, _: depth_of_field.past_infinity(c, kind)}
-    sharp = f"end of the depth of field of {image}, ahead of the tip: a point spreads over one microlens pitch"
-    far = f"nearest focal plane ahead of the tip with which {image} is sharp to infinity"
-    more: dict[str, Any] = {"monotone": False, "numeric": True}
-    return (
-        Quantity(f"{prefix}depth_of_field_near_mm", "mm", f"near {sharp}", ends(0), positive=False, **more),
-        Quantity(f"{prefix}depth_of_field_far_mm", "mm", f"far {sharp}", ends(1), positive=False, **more, **beyond),
-        Quantity(
-            f"{prefix}hyperfocal_mm",
-            "mm",
-            far,
-            lambda c, _: depth_of_field.hyperfocal(c, kind),
+def _angles(start: Literal["entrance pupil", "tip"]) -> Iterator[Quantity]:
+    """Angles of view over the field's diagonal, width and height."""
+    from_tip = start == "tip"
+    of = field_of_view.tip_field_of_view if from_tip else _from_pupil
+    medium = "at a distance ahead of it or at the focal plane" if from_tip else "in the medium of the scene"
+    for part, way, label, seen in (
+        ("", "diagonal", "full", "full (diagonal)"),
+        ("width_", "width", "horizontal", "horizontal"),
+        ("height_", "height", "vertical", "vertical"),
+    ):
+        yield Quantity(
+            f"{'tip_' if from_tip else ''}field_of_view_{part}deg",
+            "deg",
+            f"full angle of view over the field's {way}, from the {start}, {medium}",
+            **_over_field(lambda c, at, field, way=way: np.asarray(getattr(of(c, field, at), way))),  # type: ignore[misc]
+            label=f"field of view{' from the tip' if from_tip else ''}, {label}",
+            sheet=Listed(
+                "Field of view",
+                f"from the {'distal ' if from_tip else ''}{start}, {seen}",
+                "" if part else _ahead_of_tip if from_tip else "ISO 8600-3, method B: the FAP, as the scene sees it",
+            ),
             positive=False,
-            **more,
-        ),
+            monotone=False,
+            numeric=True,
+            at="optional" if from_tip else "never",
+        )
+
+
+def _from_pupil(c: Camera, field: SensorField, _: Depth) -> field_of_view.Across:
+    return field_of_view.field_of_view(c, field)
+
+
+def _ahead_of_tip(c: Camera) -> str:
+    return f"of what is seen {number(float(field_of_view.focus_ahead(c)), 4)} mm ahead of it"
+
+
+_SHARP: dict[str, Any] = {"positive": False, "monotone": False, "numeric": True}
+
+
+def _depth_of_field(prefix: str, kind: depth_of_field.Kind, image: str, row: str, remark: str) -> Iterator[Quantity]:
+    """Both ends of the depth of field of an image."""
+    beyond: dict[str, Any] = {"infinite": True, "past_infinity": lambda c, _: depth_of_field.past_infinity(c, kind)}
+    for k, end in enumerate(("near", "far")):
+        yield Quantity(
+            f"{prefix}depth_of_field_{end}_mm",
+            "mm",
+            f"{end} end of the depth of field of {image}, ahead of the tip: a point spreads over one microlens pitch",
+            lambda c, _, k=k: depth_of_field.depth_of_field(c, kind)[k],  # type: ignore[misc]
+            label=f"depth of field{' of a view' if prefix else ''}, {end}",
+            sheet=Listed("Distances", f"{row}, {end}", "" if k else remark),
+            **_SHARP,
+            **(beyond if k else {}),
+        )
+
+
+def _hyperfocal(prefix: str, kind: depth_of_field.Kind, image: str) -> Quantity:
+    """Hyperfocal distance of an image."""
+    return Quantity(
+        f"{prefix}hyperfocal_mm",
+        "mm",
+        f"nearest focal plane ahead of the tip with which {image} is sharp to infinity",
+        lambda c, _: depth_of_field.hyperfocal(c, kind),
+        label=f"hyperfocal distance{' of a view' if prefix else ''}",
+        sheet=Listed("Distances", remark="nearest focus that is sharp to infinity"),
+        **_SHARP,
     )
+
+
+def _depth_remark(depth: Any) -> str:
+    """Disparity error that a depth precision is told for."""
+    error = f"1 sigma, for {number(depth.sigma_disparity_pitches, 3)} pitch of disparity error"
+    return error + (", as the design gives it" if depth.assumes is None else ", predicted from:")
+
+
+def _views_remark(c: Camera) -> str:
+    return f"pixels across a microlens image; {number(float(light.independent_views(c)), 3)} of them independent"
+
+
+def _tube_remark(c: Camera) -> str:
+    unfolded = ", unfolded" if field_of_view.turn_of_prisms(c) else ""
+    mounts = "within its wall" if tube.OUTER in c.numbers else "come on top"
+    return f"of the narrowest tube about clear apertures and sensor{unfolded}; mounts {mounts}"
+
+
+def _length_remark(c: Camera) -> str:
+    turned = ", unfolded along the light: the housing turns with the prism" if field_of_view.turn_of_prisms(c) else ""
+    return f"tip to sensor{turned}"
 
 
 def _centre_shift(images: MicrolensImages) -> Number:
@@ -346,6 +286,86 @@ def _axis_ratio(images: MicrolensImages) -> Number:
 
 
 register(
+    # Pupils.
+    Quantity(
+        "aperture_constant",
+        "",
+        "H",
+        _whole(lambda c: c.seen.H),
+        equation="Eq. 3",
+        monotone=False,
+        label="aperture constant H",
+        evaluated=Listed("", remark="Eq. 3: d_f/(d_f - d_3)"),
+    ),
+    Quantity(
+        "inverse_aperture_constant",
+        "",
+        "1/H",
+        _whole(lambda c: c.seen.inverse_H),
+        equation="Eq. 3",
+        label="1/H",
+        evaluated=Listed("", None),
+    ),
+    Quantity(
+        "vergence_at_mla_per_mm",
+        "1/mm",
+        "1/L of the exit pupil: 0 where telecentric",
+        _whole(lambda c: c.seen.vergence),
+        positive=False,
+        bent_in_f=True,
+        label="exit-pupil vergence 1/L",
+        evaluated=Listed(
+            "exit_pupil",
+            "its vergence at the MLA, 1/L",
+            "0 where telecentric",
+            text=lambda value: f"{number(value)} /mm",
+        ),
+    ),
+    Quantity(
+        "telecentric_offset_mm",
+        "mm",
+        "d_3 - f: 0 where telecentric",
+        _whole(lambda c: c.seen.d_3 - c.f),
+        positive=False,
+        label="distance from telecentric, d_3 - f",
+    ),
+    # f-numbers.
+    Quantity(
+        "f_number_microlens",
+        "",
+        "working f-number of a microlens, d_2/d",
+        _whole(f_number.microlens_f_number),
+        label="microlens f-number d_2/d",
+        evaluated=Listed("f_number", "microlens d_2/d", key="microlens"),
+    ),
+    Quantity(
+        "f_number_microlens_lens",
+        "",
+        "a microlens's own f-number, f_ml/d",
+        lambda c, _: np.asarray(c.f_ml / c.d),
+        monotone=False,
+        label="microlens f-number f_ml/d",
+    ),
+    Quantity(
+        "f_number_pupil",
+        "",
+        "d_1/(D_F H)",
+        _whole(f_number.pupil_f_number),
+        equation="Eq. 8",
+        label="pupil f-number",
+        evaluated=Listed("f_number", "pupil d_1/(D_F H)", "Eq. 8: should equal the microlens's", key="pupil"),
+    ),
+    Quantity(
+        "f_number_main_lens",
+        "",
+        "d_1/D",
+        _whole(f_number.main_lens_f_number),
+        equation="Eq. 9",
+        label="main-lens f-number",
+        evaluated=Listed(
+            "f_number", "main lens alone d_1/D", "Eq. 9: the traditional match, wrong behind a bore", key="main_lens"
+        ),
+    ),
     Quantity(
         "fill_factor",
         "",
@@ -353,6 +373,9 @@ register(
         _whole(f_number.fill_factor),
         lambda images: images.diameter / images.pitch,
         equation="Eq. 7",
+        label="fill factor",
+        digits=6,
+        evaluated=Listed("f_number", remark="Eq. 7, exact: image diameter over image pitch"),
     ),
     Quantity(
         "mismatch_px",
@@ -362,40 +385,10 @@ register(
         lambda images: (images.diameter - images.pitch) / images.camera.q,
         positive=False,
         monotone=False,
+        label="f-number mismatch",
+        evaluated=Listed("f_number", "mismatch", "positive: neighbours overlap"),
     ),
-    Quantity(
-        "image_diameter_mm",
-        "mm",
-        "diameter of the disc as large as the uncut microlens image",
-        _whole(exit_pupil.microlens_image_diameter),
-        lambda images: images.diameter,
-    ),
-    Quantity(
-        "image_diameter_px",
-        "px",
-        "the same in pixels: geometric views",
-        _whole(light.geometric_views),
-        lambda images: images.diameter / images.camera.q,
-    ),
-    Quantity(
-        "image_pitch_mm",
-        "mm",
-        "distance between neighbouring microlens images, below 0 where their order is reversed",
-        _whole(exit_pupil.microlens_image_pitch),
-        lambda images: images.pitch,
-        positive=False,
-        monotone=False,
-    ),
-    Quantity(
-        "non_distortion_room_mm",
-        "mm",
-        "room between the pencil and the nearest rim, below 0 where it is cut; in `optimize` at the field's corner",
-        **_over_field(lambda c, _, field: vignetting.corner_room(c, field)),
-        local=lambda images: images.room,
-        equation="Eqs. 5-6",
-        positive=False,
-        worst=_least,
-    ),
+    # Field.
     Quantity(
         "undistorted_field_mm",
         "mm",
@@ -407,37 +400,8 @@ register(
         worst=_least,
         monotone=False,
         infinite=True,
-    ),
-    Quantity(
-        "centre_shift_px",
-        "px",
-        "how far the image centre lies inside that through the lens's centre",
-        None,
-        _centre_shift,
-        equation="Eq. 4",
-    ),
-    Quantity(
-        "centre_shift_px_per_microlens",
-        "px",
-        "the same per microlens off axis",
-        _whole(exit_pupil.centre_shift_per_microlens),
-        equation="Eq. 4",
-        positive=False,
-    ),
-    Quantity(
-        "kept_fraction",
-        "",
-        "area of the microlens image over that of the uncut FAP",
-        None,
-        lambda images: images.shapes.kept_fraction,
-    ),
-    Quantity("image_area_mm2", "mm^2", "area of the microlens image", None, lambda images: images.shapes.area),
-    Quantity(
-        "axis_ratio",
-        "",
-        "minor over major axis of the microlens image's second moments; undefined where dark",
-        None,
-        _axis_ratio,
+        label="undistorted field radius",
+        evaluated=Listed("non_distortion", "undistorted object radius", "Eq. 6, a half-field", key="x0_max_mm"),
     ),
     Quantity(
         "field_half_width_mm",
@@ -447,22 +411,8 @@ register(
         **_over_field(_half_field("width")),
         at="optional",
         traced=True,
-    ),
-    Quantity(
-        "field_half_diagonal_mm",
-        "mm",
-        "the same to the corner",
-        **_over_field(_half_field("diagonal")),
-        at="optional",
-        traced=True,
-    ),
-    Quantity(
-        "field_half_angle_deg",
-        "deg",
-        "half the angle of view along the width, from the entrance pupil, in the medium of the scene",
-        **_over_field(_half_angle),
-        monotone=False,
-        traced=True,
+        label="field half width",
+        evaluated=Listed("non_distortion", "sensor sees, half width", "on the focal plane"),
     ),
     Quantity(
         "field_half_height_mm",
@@ -471,10 +421,46 @@ register(
         **_over_field(_half_field("height")),
         at="optional",
         traced=True,
+        label="field half height",
     ),
-    *_angles("width_", "width"),
-    *_angles("height_", "height"),
-    *_angles("", "diagonal"),
+    Quantity(
+        "field_half_diagonal_mm",
+        "mm",
+        "the same to the corner",
+        **_over_field(_half_field("diagonal")),
+        at="optional",
+        traced=True,
+        label="field half diagonal",
+        evaluated=Listed("non_distortion", "sensor sees, half diagonal"),
+    ),
+    Quantity(
+        "non_distortion_room_mm",
+        "mm",
+        "room between the pencil and the nearest rim, below 0 where it is cut; in `optimize` at the field's corner",
+        **_over_field(lambda c, _, field: vignetting.corner_room(c, field)),
+        local=lambda images: images.room,
+        equation="Eqs. 5-6",
+        positive=False,
+        worst=_least,
+        label="undistorted-field margin",
+        evaluated=Listed(
+            "non_distortion",
+            "room at the corner",
+            lambda field: f"pencil to the rim of the {field.limited_by}",
+            key="room_at_corner_mm",
+        ),
+    ),
+    *_angles("entrance pupil"),
+    *_angles("tip"),
+    Quantity(
+        "field_half_angle_deg",
+        "deg",
+        "half the angle of view along the width, from the entrance pupil, in the medium of the scene",
+        **_over_field(_half_angle),
+        monotone=False,
+        traced=True,
+        label="half angle of view",
+    ),
     Quantity(
         "direction_of_view_deg",
         "deg",
@@ -483,6 +469,109 @@ register(
         positive=False,
         monotone=False,
         numeric=True,
+        label="direction of view",
+        sheet=Listed("Field of view", remark="0 is straight ahead"),
+    ),
+    Quantity(
+        "object_magnification",
+        "",
+        "millimetres on the array per millimetre on a plane at a distance ahead of the tip, or the focal plane",
+        lambda c, at: ratio(1.0, light.object_scale(c, at)),
+        at="optional",
+        monotone=False,
+        label="magnification, array to object",
+        sheet=Listed("Object field", "magnification", "array over object"),
+    ),
+    Quantity(
+        "magnification",
+        "",
+        "m = d_1/d_f",
+        _whole(lambda c: c.seen.m),
+        label="magnification",
+    ),
+    # Microlens images.
+    Quantity(
+        "image_diameter_mm",
+        "mm",
+        "diameter of the disc as large as the uncut microlens image",
+        _whole(exit_pupil.microlens_image_diameter),
+        lambda images: images.diameter,
+        label="microlens-image diameter",
+        evaluated=Listed(
+            "microlens_image", "diameter", lambda image: f"{number(image.diameter_px)} px", key="diameter_mm", text=_um
+        ),
+    ),
+    Quantity(
+        "image_diameter_px",
+        "px",
+        "the same in pixels: geometric views",
+        _whole(light.geometric_views),
+        lambda images: images.diameter / images.camera.q,
+        label="microlens-image diameter",
+        evaluated=Listed("microlens_image", None, key="diameter_px"),
+    ),
+    Quantity(
+        "image_pitch_mm",
+        "mm",
+        "distance between neighbouring microlens images, below 0 where their order is reversed",
+        _whole(exit_pupil.microlens_image_pitch),
+        lambda images: images.pitch,
+        positive=False,
+        monotone=False,
+        label="microlens-image pitch",
+        evaluated=Listed(
+            "microlens_image",
+            "pitch",
+            lambda image: "images in reversed order" if image.pitch_mm < 0 else "",
+            key="pitch_mm",
+            text=_um,
+        ),
+    ),
+    Quantity(
+        "centre_shift_px_per_microlens",
+        "px",
+        "how far the image centre lies inside that through the lens's centre, per microlens off axis",
+        _whole(exit_pupil.centre_shift_per_microlens),
+        equation="Eq. 4",
+        positive=False,
+        label="image-centre shift per microlens",
+        evaluated=Listed(
+            "microlens_image", "centre shift", "Eq. 4", text=lambda value: f"{number(value)} px per microlens"
+        ),
+    ),
+    # Microlens images over the field.
+    Quantity(
+        "centre_shift_px",
+        "px",
+        "how far the image centre lies inside that through the lens's centre",
+        None,
+        _centre_shift,
+        equation="Eq. 4",
+        label="image-centre shift",
+    ),
+    Quantity(
+        "kept_fraction",
+        "",
+        "area of the microlens image over that of the uncut FAP",
+        None,
+        lambda images: images.shapes.kept_fraction,
+        label="kept fraction",
+    ),
+    Quantity(
+        "image_area_mm2",
+        "mm^2",
+        "area of the microlens image",
+        None,
+        lambda images: images.shapes.area,
+        label="microlens-image area",
+    ),
+    Quantity(
+        "axis_ratio",
+        "",
+        "minor over major axis of the microlens image's second moments; undefined where dark",
+        None,
+        _axis_ratio,
+        label="axis ratio",
     ),
     Quantity(
         "distortion_percent",
@@ -492,6 +581,7 @@ register(
         None,
         lambda images: 100 * (ratio(1.0, np.asarray(images.stretch[1], float)) - 1),
         positive=False,
+        label="distortion",
     ),
     Quantity(
         "local_magnification",
@@ -499,6 +589,7 @@ register(
         "millimetres on the array per millimetre at the focal plane, along the field's radius",
         None,
         lambda images: ratio(1.0, light.object_scale(images.camera) * np.asarray(images.stretch[0], float)),
+        label="local magnification",
     ),
     Quantity(
         "relative_illumination",
@@ -507,15 +598,94 @@ register(
         "through elements to first order; traced behind a real lens",
         None,
         lambda images: images.illumination,
+        label="relative illumination",
     ),
     Quantity(
-        "object_magnification",
-        "",
-        "millimetres on the array per millimetre on a plane at a distance ahead of the tip, or the focal plane",
-        lambda c, at: ratio(1.0, light.object_scale(c, at)),
-        at="optional",
-        monotone=False,
+        "spot_pitches",
+        "pitches",
+        "rms radius on the array of the light of the point in focus that the chief ray comes from; of rays alone, none "
+        "behind an ideal lens",
+        None,
+        lambda images: images.spot_pitches,
+        positive=False,
+        label="blur of the lens",
     ),
+    # Sampling and diffraction.
+    Quantity(
+        "views_geometric",
+        "",
+        "pixels across a microlens image",
+        _whole(light.geometric_views),
+        label="pixels across a microlens image",
+        digits=4,
+        evaluated=Listed("sampling", "views across a microlens image", "pixels"),
+        sheet=Listed("Sampling", "views across", _views_remark),
+    ),
+    Quantity(
+        "views_independent",
+        "",
+        "4 N_F: views per axis that diffraction leaves",
+        _whole(light.independent_views),
+        label="independent views",
+        digits=3,
+        evaluated=Listed("sampling", "independent views per axis", "4 N_F: what diffraction leaves"),
+    ),
+    Quantity(
+        "fresnel_number",
+        "",
+        "N_F = d^2/(4 lambda d_2)",
+        _whole(light.fresnel_number),
+        label="Fresnel number",
+        digits=3,
+        evaluated=Listed("diffraction", "Fresnel number of a microlens", "d²/(4 λ d_2)"),
+    ),
+    Quantity(
+        "airy_radius_px",
+        "px",
+        "1.22 lambda d_2/d on the sensor",
+        lambda c, _: light.airy_radius(c) / c.q,
+        label="Airy radius",
+        digits=4,
+        evaluated=Listed("diffraction", "Airy radius on the sensor"),
+    ),
+    Quantity(
+        "lateral_samples",
+        "",
+        "microlenses across the width that the sensor sees",
+        **_over_field(lambda c, _, field: ratio(2 * field.half[0], c.d)),
+        label="microlenses across",
+        evaluated=Listed("sampling", "microlenses across the sensor", value=_whole_number, text=str),
+    ),
+    Quantity(
+        "object_sample_mm",
+        "mm",
+        "footprint of one microlens, at a distance ahead of the tip or at the focal plane",
+        lambda c, at: product(c.d, light.object_scale(c, at)),
+        at="optional",
+        label="object sample",
+        evaluated=Listed("sampling", remark="one microlens at the focal plane"),
+        sheet=Listed("Object field", remark="one microlens"),
+    ),
+    Quantity(
+        "view_baseline_mm",
+        "mm",
+        "distance on the FAP between neighbouring pixels' views, q d_1/(H d_2)",
+        _whole(light.view_baseline),
+        equation="Eq. 2",
+        label="view baseline",
+        evaluated=Listed("sampling", remark="one pixel, on the FAP"),
+    ),
+    Quantity(
+        "microlens_defocus_px",
+        "px",
+        "ray blur of microlens defocus, d d_2 |1/f_ml - 1/d_2 - 1/L|",
+        lambda c, at: np.abs(_defocus_px(c, at)),
+        positive=False,
+        bent_in_f=True,
+        signed=_defocus_px,
+        label="microlens defocus",
+    ),
+    # Sharpness over depth.
     Quantity(
         "mtf50_lp_per_mm",
         "lp/mm",
@@ -525,6 +695,7 @@ register(
         at="optional",
         monotone=False,
         numeric=True,
+        label="resolution, MTF 50 %",
     ),
     Quantity(
         "mtf10_lp_per_mm",
@@ -534,6 +705,7 @@ register(
         at="optional",
         monotone=False,
         numeric=True,
+        label="resolution, MTF 10 %",
     ),
     Quantity(
         "fold_lp_per_mm",
@@ -542,16 +714,33 @@ register(
         lambda c, at: ratio(resolution.fold(c), light.object_scale(c, at)),
         at="optional",
         monotone=False,
+        label="folding frequency",
     ),
-    *_sharpness("", "refocused", "the image"),
-    *_sharpness("view_", "view", "a single view"),
     Quantity(
-        "object_sample_mm",
-        "mm",
-        "footprint of one microlens, at a distance ahead of the tip or at the focal plane",
-        lambda c, at: product(c.d, light.object_scale(c, at)),
-        at="optional",
+        "blur_pitches",
+        "pitches",
+        "spread over the array of a point at a distance ahead of the tip",
+        lambda c, at: np.abs(light_field.rim_disparity(c, depth_at(c, at))),
+        positive=False,
+        at="needed",
+        signed=lambda c, at: light_field.rim_disparity(c, depth_at(c, at)),
+        label="defocus blur",
     ),
+    # Distances.
+    Quantity(
+        "working_distance_mm",
+        "mm",
+        "from the bore's tip to the focal plane",
+        _whole(field_of_view.focus_ahead),
+        positive=False,
+        label="working distance",
+        sheet=Listed("Distances", remark="tip to focal plane"),
+    ),
+    *_depth_of_field("view_", "view", "a single view", "working range", "views sharp"),
+    *_depth_of_field("", "refocused", "the image", "depth of field, refocused", "sharp with the focal plane"),
+    _hyperfocal("", "refocused", "the image"),
+    _hyperfocal("view_", "view", "a single view"),
+    # Depth.
     Quantity(
         "disparity_pitches_per_mm",
         "pitches/mm",
@@ -559,6 +748,8 @@ register(
         lambda c, at: light_field.disparity_rate(c, depth_at(c, at)) / _plane_at(c, at).depth,
         at="optional",
         monotone=False,
+        label="disparity per depth",
+        evaluated=Listed("depth", "disparity", "between the FAP's rims"),
     ),
     Quantity(
         "sigma_z_mm",
@@ -570,6 +761,8 @@ register(
         monotone=False,
         monotone_with="depth.disparity_error",
         numeric=True,
+        label="depth spread σ_Z",
+        evaluated=Listed("depth", "depth precision", _depth_remark),
     ),
     Quantity(
         "sigma_disparity_pitches",
@@ -580,6 +773,8 @@ register(
         monotone=False,
         monotone_with="depth.disparity_error",
         numeric=True,
+        label="disparity error",
+        evaluated=Listed("depth", None),
     ),
     Quantity(
         "sigma_z_at_field_mm",
@@ -589,13 +784,16 @@ register(
         None,
         _local_depth_sigma,
         numeric=True,
+        label="depth spread σ_Z at the field",
     ),
+    # Light.
     Quantity(
         "pixel_electrons",
         "e-",
         "electrons in a pixel that its microlens lights fully, where the scene is as bright as on average",
         _whole(photometry.electrons),
         monotone=False,
+        label="electrons a pixel",
     ),
     Quantity(
         "sensor_angle_deg",
@@ -604,111 +802,16 @@ register(
         **_over_field(lambda c, _, field: np.rad2deg(np.arctan(photometry.sensor_slope(c, field.radius)))),
         monotone=False,
         numeric=True,
-    ),
-    Quantity(
-        "blur_pitches",
-        "pitches",
-        "spread over the array of a point at a distance ahead of the tip",
-        lambda c, at: np.abs(light_field.rim_disparity(c, depth_at(c, at))),
-        positive=False,
-        at="needed",
-        signed=lambda c, at: light_field.rim_disparity(c, depth_at(c, at)),
-    ),
-    Quantity(
-        "spot_pitches",
-        "pitches",
-        "rms radius on the array of the light of the point in focus that the chief ray comes from; of rays alone, none "
-        "behind an ideal lens",
-        None,
-        lambda images: images.spot_pitches,
-        positive=False,
-    ),
-    Quantity(
-        "lateral_samples",
-        "",
-        "microlenses across the width that the sensor sees",
-        **_over_field(lambda c, _, field: ratio(2 * field.half[0], c.d)),
-    ),
-    Quantity("views_geometric", "", "pixels across a microlens image", _whole(light.geometric_views)),
-    Quantity("views_independent", "", "4 N_F: views per axis that diffraction leaves", _whole(light.independent_views)),
-    Quantity("fresnel_number", "", "N_F = d^2/(4 lambda d_2)", _whole(light.fresnel_number)),
-    Quantity("airy_radius_px", "px", "1.22 lambda d_2/d on the sensor", lambda c, _: light.airy_radius(c) / c.q),
-    Quantity(
-        "view_baseline_mm",
-        "mm",
-        "distance on the FAP between neighbouring pixels' views, q d_1/(H d_2)",
-        _whole(light.view_baseline),
-        equation="Eq. 2",
+        label="steepest ray at the sensor",
     ),
     Quantity(
         "light_sr",
         "sr",
         "solid angle of the pupil seen from the array, pi/4 (D_F/A)^2: the light a pixel gets",
         _whole(light.solid_angle),
+        label="light a pixel gets",
     ),
-    Quantity("f_number_microlens", "", "working f-number of a microlens, d_2/d", _whole(f_number.microlens_f_number)),
-    Quantity(
-        "f_number_microlens_lens",
-        "",
-        "a microlens's own f-number, f_ml/d",
-        lambda c, _: np.asarray(c.f_ml / c.d),
-        monotone=False,
-    ),
-    Quantity("f_number_pupil", "", "d_1/(D_F H)", _whole(f_number.pupil_f_number), equation="Eq. 8"),
-    Quantity("f_number_main_lens", "", "d_1/D", _whole(f_number.main_lens_f_number), equation="Eq. 9"),
-    Quantity("aperture_constant", "", "H", _whole(lambda c: c.seen.H), equation="Eq. 3", monotone=False),
-    Quantity("inverse_aperture_constant", "", "1/H", _whole(lambda c: c.seen.inverse_H), equation="Eq. 3"),
-    Quantity(
-        "vergence_at_mla_per_mm",
-        "1/mm",
-        "1/L of the exit pupil: 0 where telecentric",
-        _whole(lambda c: c.seen.vergence),
-        positive=False,
-        bent_in_f=True,
-    ),
-    Quantity(
-        "telecentric_offset_mm",
-        "mm",
-        "d_3 - f: 0 where telecentric",
-        _whole(lambda c: c.seen.d_3 - c.f),
-        positive=False,
-    ),
-    Quantity(
-        "microlens_defocus_px",
-        "px",
-        "ray blur of microlens defocus, d d_2 |1/f_ml - 1/d_2 - 1/L|",
-        lambda c, at: np.abs(_defocus_px(c, at)),
-        positive=False,
-        bent_in_f=True,
-        signed=_defocus_px,
-    ),
-    Quantity("magnification", "", "m = d_1/d_f", _whole(lambda c: c.seen.m)),
-    Quantity(
-        "working_distance_mm",
-        "mm",
-        "from the bore's tip to the focal plane",
-        _whole(lambda c: c[PATHS["d_f"]] - c.tip),
-        positive=False,
-    ),
-    Quantity(
-        "total_length_mm",
-        "mm",
-        "from the bore's tip to the sensor",
-        _whole(lambda c: c.tip + _behind_lens(c)),
-    ),
-    Quantity(
-        "camera_length_mm",
-        "mm",
-        "from the main lens to the sensor",
-        _whole(_behind_lens),
-    ),
-    Quantity(
-        "largest_diameter_mm",
-        "mm",
-        "the widest of lens, FAP and stops",
-        _diameters,
-        worst=_greatest,
-    ),
+    # Body.
     Quantity(
         "outer_diameter_mm",
         "mm",
@@ -716,6 +819,31 @@ register(
         lambda c, _: tube.outer_diameters(c),
         worst=_greatest,
         monotone=False,
+        label="outer diameter",
+        sheet=Listed("Body", remark=_tube_remark),
+    ),
+    Quantity(
+        "largest_diameter_mm",
+        "mm",
+        "the widest of lens, FAP and stops",
+        _diameters,
+        worst=_greatest,
+        label="largest diameter",
+    ),
+    Quantity(
+        "total_length_mm",
+        "mm",
+        "from the bore's tip to the sensor",
+        _whole(lambda c: c.tip + _behind_lens(c)),
+        label="length from tip to sensor",
+        sheet=Listed("Body", "length", _length_remark),
+    ),
+    Quantity(
+        "camera_length_mm",
+        "mm",
+        "from the main lens to the sensor",
+        _whole(_behind_lens),
+        label="length from lens to sensor",
     ),
     # d_3 alone may be 0.
     *(
@@ -729,3 +857,64 @@ register(
         for symbol, place in PATHS.items()
     ),
 )
+
+_centre_error = attrgetter("centre_error")
+DECODED = {
+    metric.name: metric
+    for metric in (
+        Quantity(
+            "blur_pitches",
+            "pitches",
+            "rms radius on the array of an object point's light, in microlens pitches; of rays alone",
+            local=attrgetter("blur_pitches"),
+            label=QUANTITIES["blur_pitches"].label,
+        ),
+        Quantity(
+            "centre_error_px",
+            "px",
+            "distance of the image centre from where the decoder believes it",
+            local=lambda builds: np.hypot(*_centre_error(builds)),
+            label="image-centre error",
+        ),
+        Quantity(
+            "centre_error_x_px",
+            "px",
+            "the same along x",
+            local=lambda builds: _centre_error(builds)[0],
+            label="image-centre error along x",
+        ),
+        Quantity(
+            "centre_error_y_px",
+            "px",
+            "the same along y",
+            local=lambda builds: _centre_error(builds)[1],
+            label="image-centre error along y",
+        ),
+        Quantity(
+            "depth_error_mm",
+            "mm",
+            "decoded depth less true depth of a point on the field's chief ray",
+            local=attrgetter("depth_error_mm"),
+            label="depth error",
+        ),
+    )
+}
+"""Metrics of tolerance studies alone: errors of a decoder that takes a build for another."""
+_VARIABLES = {"main_lens.bending": "bending of the lens", "working_distance": "working distance"}
+_NAME = re.compile(r"(?<![\w.])([A-Za-z]\w*(?:\.\w+)*)(?:@(\d+))?(?![\w@])")
+
+
+def label_of(name: str) -> str:
+    """Plain words for the name of a quantity, of a metric, or of a variable that is no symbol; empty where none."""
+    known = QUANTITIES.get(name) or DECODED.get(name)
+    return _VARIABLES.get(name, "") if known is None else known.label
+
+
+def in_words(text: str) -> str:
+    """A sentence or a label with names put into words: ``sigma_z_mm at 40 mm``, ``fill_factor@2``."""
+
+    def worded(match: re.Match[str]) -> str:
+        words = label_of(match[1])
+        return words + (f" at field {match[2]}" if match[2] else "") if words else match[0]
+
+    return _NAME.sub(worded, text).replace(" >= ", " ≥ ").replace(" <= ", " ≤ ")

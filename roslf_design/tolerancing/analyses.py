@@ -20,7 +20,8 @@ from numpy.typing import NDArray
 from .._arrays import Array
 from ..camera import Camera
 from ..theory import chief_rays
-from ..theory.quantities import QUANTITIES, finite, from_finite
+from ..theory.quantities import QUANTITIES
+from ..theory.quantity import finite, from_finite
 from .draws import Draws, sobol_points
 from .places import of_parts
 from .run import Tally, quantiles, rebin

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from operator import attrgetter
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,32 +12,16 @@ from .._arrays import Array
 from ..bore.conjugates import CONJUGATES
 from ..camera import Camera, Number
 from ..design import PATHS, Design
-from ..theory.quantities import QUANTITIES, Quantity
+from ..theory.quantities import DECODED, QUANTITIES
 from .ideal import IdealBuilds
 from .places import LENSLETS, of_parts
 from .traced import Mounted, TracedBuilds, mounted
 
-_OF_DECODERS: dict[str, tuple[str, Callable[[Any], Number]]] = {
-    "blur_pitches": (
-        "rms radius on the array of an object point's light, in microlens pitches; of rays alone",
-        attrgetter("blur_pitches"),
-    ),
-    "centre_error_px": (
-        "distance of the image centre from where the decoder believes it",
-        lambda builds: np.hypot(*builds.centre_error),
-    ),
-    "centre_error_x_px": ("the same along x", lambda builds: builds.centre_error[0]),
-    "centre_error_y_px": ("the same along y", lambda builds: builds.centre_error[1]),
-    "depth_error_mm": (
-        "decoded depth less true depth of a point on the field's chief ray",
-        attrgetter("depth_error_mm"),
-    ),
-}
 METRICS = {
     name: quantity
     for name, quantity in QUANTITIES.items()
     if name not in PATHS and (quantity.local is not None or quantity.at != "needed")
-} | {name: Quantity(name, name.rpartition("_")[2], words, local=value) for name, (words, value) in _OF_DECODERS.items()}
+} | DECODED
 """Every metric by its name: what has a value at fields has one at each, the rest one for the whole camera. Names and
 values follow `roslf evaluate --json` where it has them."""
 

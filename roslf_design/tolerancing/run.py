@@ -37,7 +37,7 @@ from .._jit import kernel
 from ..design.files import write_atomically
 from ..errors import InputError, Problem
 from ..input_files import read_json
-from ..theory.quantities import finite
+from ..theory.quantity import finite
 from .study import TolerancePlan
 from .trials import STRETCH, MeasuredTrials, measure_uniforms
 

@@ -37,7 +37,7 @@ from ..design.files import expect_kind, studied
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
 from ..evaluation.fields import MOST_FIELDS
-from ..theory.quantities import finite
+from ..theory.quantity import finite
 from ..toml_files import nearest, problems_of, read_toml
 from ..units import Length, in_file, read_quantity
 from .draws import BITS, Distribution, Draws, Perturbation, Sampling

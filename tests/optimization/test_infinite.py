@@ -16,7 +16,8 @@ from roslf_design.optimization.search import SearchBudget
 from roslf_design.optimization.solve import Settings, pareto_front, solve
 from roslf_design.optimization.study import read_study, run, to_dict
 from roslf_design.reporting.optimise.pages import statements
-from roslf_design.theory.quantities import QUANTITIES, finite, from_finite
+from roslf_design.theory.quantities import QUANTITIES
+from roslf_design.theory.quantity import finite, from_finite
 from tests.optimization.posing import PAPER, goal, limit, posed
 from tests.oracles.optimize import brute_force
 

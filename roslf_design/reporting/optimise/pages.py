@@ -17,7 +17,8 @@ from ...optimization.solve import Active, Answer, Front, optimum_accuracy
 from ...optimization.study import Result
 from ...optimization.traces import Retrace
 from ...tables import Column
-from ...words import in_words, number, sentence
+from ...theory.quantities import in_words
+from ...words import number, sentence
 from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
 from .pictures import bore_and_stop, ends_of, goal_front, robust_yields, search_history
 

@@ -27,7 +27,8 @@ from ...tables import csv_bytes
 from ...theory.colours import GREEN
 from ...theory.field_of_view import focus_ahead
 from ...theory.photometry import behind
-from ...theory.quantities import QUANTITIES, Quantity
+from ...theory.quantities import QUANTITIES
+from ...theory.quantity import Listed, Quantity
 from ...theory.stop_images import MicrolensImages
 from ...tolerancing.trials import first_builds
 from ...words import number
@@ -149,53 +150,27 @@ class Basis(NamedTuple):
 
 def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
     """Every line, in the order of the page."""
+    camera = Camera.of(design)
     traced = design.lens is not None  # whose builds are cameras of thin twins
-    pupil, *tips = sheet.field_of_view_deg
-    names = (("full (diagonal)", "diagonal", ""), ("horizontal", "width", "width_"), ("vertical", "height", "height_"))
-    for words, key, part in names:
-        yield SheetLine(
-            "Field of view", f"from the entrance pupil, {words}", getattr(pupil, key), "deg",
-            "ISO 8600-3, method B: the FAP, as the scene sees it" if key == "diagonal" else "",
-            f"field_of_view_{part}deg",
-        )  # fmt: skip
-    for words, key, part in names:
-        yield SheetLine(
-            "Field of view", f"from the distal tip, {words}", getattr(tips[1], key), "deg",
-            f"of what is seen {number(tips[1].at_mm or 0.0, 4)} mm ahead of it" if key == "diagonal" else "",
-            f"tip_field_of_view_{part}deg",
-        )  # fmt: skip
-    yield SheetLine(
-        "Field of view", "direction of view", sheet.direction_of_view_deg, "deg", "0 is straight ahead",
-        "direction_of_view_deg",
-    )  # fmt: skip
-    near, far = sheet.working_range_mm
-    yield SheetLine(
-        "Distances", "working distance", sheet.working_distance_mm, "mm", "tip to focal plane", "working_distance_mm"
-    )
-    for name, ends, prefix, remark in (
-        ("working range", (near, far), "view_", "views sharp"),
-        ("depth of field, refocused", sheet.depth_of_field_mm.refocused, "", "sharp with the focal plane"),
-    ):
-        yield SheetLine("Distances", f"{name}, near", ends[0], "mm", remark, f"{prefix}depth_of_field_near_mm")
-        yield SheetLine("Distances", f"{name}, far", ends[1], "mm", "", f"{prefix}depth_of_field_far_mm")
-    for name, value, quantity in (
-        ("hyperfocal distance", sheet.hyperfocal_mm, "hyperfocal_mm"),
-        ("hyperfocal distance of a view", sheet.view_hyperfocal_mm, "view_hyperfocal_mm"),
-    ):
-        text = "none" if value is None else ""
-        yield SheetLine("Distances", name, value, "mm", "nearest focus that is sharp to infinity", quantity, text)
+    pupil, _, tip, _ = sheet.field_of_view_deg  # of the rays that a real lens lets through
+    ways = {"": "diagonal", "width_": "width", "height_": "height"}
+    angles = {f"field_of_view_{part}deg": getattr(pupil, way) for part, way in ways.items()}
+    angles |= {f"tip_field_of_view_{part}deg": getattr(tip, way) for part, way in ways.items()}
+    yield from _whole_camera("Field of view", camera, angles)
+    yield from _whole_camera("Distances", camera, {})
     yield from _depth_lines(sheet, traced)
-    for k, field in enumerate(sheet.object_field):
+    for field in sheet.object_field:
         at = f"at {number(field.at_mm, 4)} mm ({field.plane})"
-        focal = k == 1
-        for name, value, unit, remark, quantity, twice in (
-            ("width", field.width_mm, "mm", f"height {number(field.height_mm, 4)} mm", "field_half_width_mm", 2.0),
-            ("magnification", field.magnification, "", "array over object", "object_magnification", 1.0),
-            ("object sample", field.object_sample_mm, "mm", "one microlens", "object_sample_mm", 1.0),
-        ):
-            own = quantity if focal and twice == 1 else ""
-            there = None if own else partial(_at_distance, QUANTITIES[quantity], None if focal else field.at_mm, twice)
-            yield SheetLine("Object field", f"{name} {at}", value, unit, remark, own, of=there)
+        focal = field.at_mm == sheet.working_distance_mm
+        plane = None if focal else field.at_mm
+        up = f"height {number(field.height_mm, 4)} mm"
+        across = partial(_at_distance, QUANTITIES["field_half_width_mm"], plane, 2.0)
+        yield SheetLine("Object field", f"width {at}", field.width_mm, "mm", up, of=across)
+        for quantity, line in _listed("Object field"):
+            there = partial(_at_distance, quantity, plane, 1.0)
+            name, value = f"{line.label or quantity.label} {at}", float(quantity(camera, field.at_mm))
+            own, of = (quantity.name, None) if focal else ("", there)
+            yield SheetLine("Object field", name, value, quantity.unit, line.remark_on(camera), own, of=of)
     for row in sheet.resolution:
         focal = row.at_mm == sheet.working_distance_mm
         centre = row.x_ml_mm == sheet.field[0].x_ml_mm
@@ -235,20 +210,31 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
     yield SheetLine("Over the field", f"relative illumination {at}", light, "%", "against the middle", of=shaded)
     width, height = sheet.pixels
     yield SheetLine("Sampling", "pixels", None, "", "", text=f"{width} x {height}")
-    views = f"pixels across a microlens image; {number(sheet.independent_views_across, 3)} of them independent"
-    yield SheetLine("Sampling", "views across", sheet.views_across, "", views, "views_geometric")
-    across, up = sheet.object_samples
-    yield SheetLine("Sampling", "object samples", None, "", "microlenses that the sensor sees", text=f"{across} x {up}")
+    yield from _whole_camera("Sampling", camera, {})
+    samples = "{} x {}".format(*sheet.object_samples)
+    yield SheetLine("Sampling", "object samples", None, "", "microlenses that the sensor sees", text=samples)
     if sheet.colours:
         yield from _colour_lines(design, sheet.colours)
-    turned = any(element.turn for element in design.elements)
-    unfolded = ", unfolded along the light: the housing turns with the prism" if turned else ""
-    around = "of the narrowest tube about clear apertures and sensor" + (", unfolded" if turned else "")
-    around += "; mounts come on top" if design.tube is None else "; mounts within its wall"
-    yield SheetLine("Body", "outer diameter", sheet.outer_diameter_mm, "mm", around, "outer_diameter_mm")
-    yield SheetLine("Body", "length", sheet.length_mm, "mm", f"tip to sensor{unfolded}", "total_length_mm")
+    yield from _whole_camera("Body", camera, {})
     parts = ", ".join(f"{part.name} of {number(part.diameter_mm, 4)} mm" for part in sheet.parts)
     yield SheetLine("Body", PARTS, None, "", parts, text=str(len(sheet.parts)))
+
+
+def _listed(subject: str) -> Iterator[tuple[Quantity, Listed]]:
+    for quantity in QUANTITIES.values():
+        if quantity.sheet is not None and quantity.sheet.under == subject:
+            yield quantity, quantity.sheet
+
+
+def _whole_camera(subject: str, camera: Camera, known: Mapping[str, float]) -> Iterator[SheetLine]:
+    """Lines of the quantities that are listed under a subject; `known` has values by their names."""
+    for quantity, line in _listed(subject):
+        value = known[quantity.name] if quantity.name in known else float(quantity(camera))
+        missing = math.isnan(value)
+        yield SheetLine(
+            subject, line.label or quantity.label, None if missing else value, quantity.unit, line.remark_on(camera),
+            quantity.name, "none" if missing else "",
+        )  # fmt: skip
 
 
 def _depth_lines(sheet: Specification, traced: bool) -> Iterator[SheetLine]:

@@ -1,0 +1,169 @@
+"""A number of a camera: its name, unit, words, function, and where it is told."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from .._arrays import Array
+from ..camera import Camera, Number
+from ..units import read_quantity
+from ..words import number
+from .light import SensorField
+from .stop_images import MicrolensImages
+
+Depth = float | None
+"""Distance ahead of the bore's tip at which a number is asked for [mm]; None is the focal plane."""
+
+
+@dataclass(frozen=True)
+class Listed:
+    """Line that a quantity has in a result."""
+
+    under: str
+    """Group of `roslf evaluate`, as "sampling"; subject of the data sheet, as "Distances"."""
+    label: str | None = ""
+    """Text before the number; empty: the quantity's own label; None: no line, it stands in the JSON alone."""
+    remark: str | Callable[[Any], str] = ""
+    """Text behind it, or a function of the group's numbers (evaluate) or of the camera (data sheet) that makes it."""
+    key: str = ""
+    """In the group's JSON; the quantity's name where empty."""
+    value: Callable[[Array], Any] = float
+    """Value in the JSON."""
+    text: Callable[[Any], str] | None = None
+    """Number with its unit, where that is not in the quantity's own."""
+
+    def remark_on(self, numbers: Any) -> str:
+        """Remark on a group's numbers, or on a camera."""
+        return self.remark if isinstance(self.remark, str) else self.remark(numbers)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A number of a camera."""
+
+    name: str
+    unit: str
+    words: str
+    """Meaning, in a line."""
+    of: Callable[[Camera, Depth], Array] | None = None
+    """Of straight cameras (tilts left out), at a distance where `at` allows one: shape of the builds, or (K, ...) where
+    `worst` is set. None: it exists only per field."""
+    local: Callable[[MicrolensImages], Number] | None = None
+    """At the fields of misaligned builds, shape (fields, builds); None: the camera has it only as a whole."""
+    equation: str = ""
+    """In the paper."""
+    label: str = ""
+    """Name in plain words, on pages and in pictures, where it is no symbol; the unit goes beside."""
+    digits: int = 5
+    """Significant ones in tables."""
+    evaluated: Listed | None = None
+    """Where `roslf evaluate` has it."""
+    sheet: Listed | None = None
+    """Where the data sheet has it: a line that is asked for at a distance, one for each plane of the working range."""
+    positive: bool = True
+    """Whether every camera that can be built has it above zero: then ratios count, not differences."""
+    at: Literal["never", "optional", "needed"] = "never"
+    """Whether it is asked for at a distance."""
+    worst: Callable[[Array], Array] | None = None
+    """The one that counts of several values, as one a rim."""
+    monotone: bool = True
+    """Whether `of` rises or falls in each single design length throughout, also beyond d_3 = d_f, the others held, f
+    excepted where `bent_in_f`: its extremes over a box then lie at corners."""
+    monotone_with: str = ""
+    """A place of a design: where something stands there the quantity is monotone all the same."""
+    numeric: bool = False
+    """Whether it is summed or tabulated, and so has no derivative by complex numbers."""
+    bent_in_f: bool = False
+    traced: bool = False
+    """Whether chief rays are traced for it where something stands before the main lens: it then neither has derivatives
+    by complex numbers nor its extremes at corners."""
+    signed: Callable[[Camera, Depth], Array] | None = None
+    """Signed value behind one that is a magnitude."""
+    infinite: bool = False
+    """Whether it is infinite for cameras that can be built: builds are then told apart by its `finite` twin."""
+    past_infinity: Callable[[Camera, Depth], Array] | None = None
+    """Of what may be infinite and is above 0: -1 over it, going on above 0 where it has gone past infinity. Smooth, so
+    that an optimiser finds its way into and out of infinity."""
+    over: Callable[[Camera, Depth, SensorField], Array] | None = None
+    """Of what hangs on how much of the array the sensor sees: the same for a rectangle that is given. `monotone` means
+    this then, and the rectangle's ends are further lengths in which it rises or falls."""
+
+    def __call__(self, camera: Camera, at: Depth = None) -> Array:
+        """Its value for every build; of several values the one that counts; NaN behind the tip, where nothing can be.
+
+        Raises
+        ------
+        ValueError
+            It exists only per field.
+        """
+        if self.of is None:
+            raise ValueError(f"{self.name} belongs to a field; take it from MicrolensImages")
+        behind = np.asarray(np.less(0.0 if at is None or self.at == "never" else at, 0))
+        if np.all(behind):
+            return np.full(np.broadcast_shapes(camera.shape, behind.shape), np.nan)
+        values = self.of(camera, at)
+        values = values if self.worst is None else self.worst(values)
+        return np.where(behind, np.nan, values) if np.any(behind) else values
+
+    def at_fields(self, images: MicrolensImages) -> Number:
+        """Its values at the fields of builds, shape (fields, builds).
+
+        Raises
+        ------
+        ValueError
+            It belongs to the whole camera.
+        """
+        if self.local is None:
+            raise ValueError(f"{self.name} belongs to a whole camera")
+        return self.local(images)
+
+    def text(self, value: Any) -> str:
+        """A value with its unit, as tables of `roslf evaluate` have it."""
+        if self.evaluated is not None and self.evaluated.text is not None:
+            return self.evaluated.text(value)
+        return f"{number(value, self.digits)} {self.unit}".rstrip()
+
+    @property
+    def analytic(self) -> bool:
+        """Whether complex numbers in a camera give its derivatives: no absolute value, no worst of several."""
+        closed = self.signed is None and self.worst is None and not self.numeric
+        return self.of is not None and closed and self.at != "needed"
+
+    @property
+    def length(self) -> bool:
+        """Whether limits are lengths."""
+        return self.unit == "mm"
+
+    def limit(self, value: Any, *, from_file: bool = True) -> float:
+        """A limit on it as a study writes it: a length with its unit, or a number in the unit that its name tells.
+
+        Raises
+        ------
+        ValueError
+            Neither; a number where nothing tells the unit.
+        """
+        if self.length:
+            in_name = self.name.endswith("_mm")
+            return read_quantity(value, "length", unit_required=from_file and not in_name)
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            unit = f" (in {self.unit})" if self.unit else ""
+            raise ValueError(f"{self.name} is limited by a number{unit}, got {value!r}")
+        return float(value)
+
+
+def finite(values: Array | float) -> Array:
+    """Finite twin of what may be infinite: itself less 2 up to 1, -1 over it beyond; it rises where that rises."""
+    values = np.asarray(values, float)
+    return np.where(values < 1, values - 2, -1 / np.where(values < 1, 1.0, values))
+
+
+def from_finite(twins: Array | float) -> Array:
+    """Values that have these finite twins."""
+    twins = np.asarray(twins, float)
+    with np.errstate(divide="ignore"):
+        beyond = np.where(twins < 0, -1 / np.where(twins < 0, twins, -1.0), np.inf)
+    return np.where(np.isnan(twins), np.nan, np.where(twins < -1, twins + 2, beyond))
