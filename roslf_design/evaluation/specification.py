@@ -15,6 +15,7 @@ from ..camera import Camera
 from ..design import Design
 from ..design.files import as_design
 from ..json_data import plain
+from ..shapes.lattice import PACKINGS
 from ..theory import field_of_view, light, tube
 from ..theory.colours import ColourFilter, filters
 from ..theory.depth_of_field import Kind, depth_of_field
@@ -419,7 +420,7 @@ def _colour(camera: Camera, one: ColourFilter) -> Colour:
 
 def _samples(camera: Camera) -> tuple[int, int]:
     """Whole microlenses across the width and the height."""
-    rows = math.sqrt(3) / 2 if camera.layout == "hexagonal" else 1.0
+    rows = PACKINGS[camera.layout].rise
     across, up = (2 * float(half) / float(camera.d) for half in light.sensor_field(camera).half)
     return math.floor(across + 1e-9), math.floor(up / rows + 1e-9)
 

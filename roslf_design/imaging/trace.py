@@ -43,6 +43,7 @@ from ..rays.backward import (
 )
 from ..scenes import Checkerboard, Noise, PictureTexture, Plane, Scene, Sinusoid, Sphere, Uniform, White
 from ..theory.exit_pupil import microlens_image_diameter
+from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import chief_slope
 from ..theory.object_space import NO_LAW, FacesAhead, outwards
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres, planned_camera
@@ -311,7 +312,7 @@ class Tracer:
             not plan.on("object_defocus"),
             not plan.on("overlap"),
             kicked,
-            camera.lens_shape == "circular",
+            LENS_SHAPES[camera.lens_shape].round,
             bool(camera.chain.elements),
             exact,
         ]

@@ -238,7 +238,7 @@ def harmonic_series(camera: Camera, transfer: MicrolensTransfer, pixel: bool = T
         Relative intensities: 1 inside a geometric image.
     """
     lattice = ImageLattice.of(camera)
-    _, frequencies = _orders(lattice, transfer.cutoff * (1.0 if transfer.circular else math.sqrt(2)))
+    _, frequencies = _orders(lattice, transfer.cutoff * transfer.shape.diagonal)
     weight = _uncut(camera, lattice, frequencies) * transfer(*frequencies.T)
     if pixel:
         weight = weight * _pixels(camera, frequencies)
@@ -297,7 +297,7 @@ def neighbour_interference(camera: Camera, transfer: MicrolensTransfer) -> float
     """
     least = transfer.width**2 / (MOST_INTERFERING * transfer.sensor_distance)
     limited = replace(transfer, wavelengths=tuple(max(wavelength, least) for wavelength in transfer.wavelengths))
-    reach = INTERFERING - 1 if transfer.circular else INTERFERING  # fields of circles fall off faster
+    reach = transfer.shape.neighbours
     series, lattice = interference_series(camera, limited, reach=reach), ImageLattice.of(camera)
     sides = np.abs(lattice.image_axes).sum(1)
     at = np.linspace(0, 1, 8 * math.ceil((reach + 1) * limited.cutoff * sides.max()))

@@ -118,7 +118,7 @@ class Scene(Part):
             Every object inside the lens or the bore, every texture that cannot be read.
         """
         problems = [*_misplaced(self, design), *_unreadable(self)]
-        if self.light.wavelengths and design.sensor.colours != "mono":
+        if self.light.wavelengths and filters(design.sensor.colours):
             message = "a sensor with colour filters is rendered in white light; drop it, or use sensor.colours = mono"
             problems.append(Problem("light.wavelengths", message))
         if problems:
