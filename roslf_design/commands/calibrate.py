@@ -289,8 +289,7 @@ def calibrated(
             def plain(corrected: calibration.Corrected) -> Calibration:
                 return calibration.calibrate(corrected.calibration.observations, sheet, guess=guess)
 
-            lens = None if loaded.lens is None else loaded.lens.name
-            (fitted, waves), bent = calibration.with_distortion(fit, plain, lens, distortion)
+            (fitted, waves), bent = calibration.with_distortion(fit, plain, loaded.main_lens.kind, distortion)
             data = []
             if white is not None:
                 data.append(calibration.white_pitch(fitted.fit, sheet, centres.lattice.pitch, white))

@@ -292,7 +292,7 @@ def specification(design: Design | str | Path) -> Specification:
     view, refocused = _sharp(camera, "view"), _sharp(camera, "refocused")
     rows = [resolved(images, k, at, "refocused") for at in distances for k in range(len(axes))]
     rows += [resolved(images, 0, at, "view") for at in distances]
-    if design.lens is not None:  # whose views, too, are less sharp off the axis
+    if design.main_lens.kind.faults:  # views, too, are less sharp off the axis
         rows += [resolved(images, k, distances[1], "view") for k in range(1, len(axes))]
     points = _points(images, distances[1])
     farthest = corner(points)

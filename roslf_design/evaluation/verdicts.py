@@ -11,7 +11,6 @@ import numpy as np
 from ..camera import Camera
 from ..design import Design
 from ..design.environment import not_known, not_named
-from ..lenses.angles import angle_in_air
 from ..lenses.glass import ROOM
 from ..shapes.lattice import PACKINGS
 from ..theory import tube
@@ -136,8 +135,8 @@ def _field_remedy(camera: Camera, field: NonDistortion) -> str:
             f"a main lens of {_rounded_up(float(camera.D) + grow)} mm clear aperture frees the whole field; "
             "a smaller FAP, a FAP closer to the lens or a smaller sensor helps too"
         )
-    if camera.law is not None and field.limited_by.endswith("mapping"):
-        largest = math.degrees(float(angle_in_air(camera.law, camera.law[0, 1])))
+    if field.limited_by.endswith("mapping"):
+        largest = math.degrees(camera.mapping.widest)
         return f"the objective images no farther than {largest:.4g} degrees in air; use a smaller sensor or FAP"
     return f"widen the {field.limited_by} by {_rounded_up(grow)} mm, or use a smaller FAP or a smaller sensor"
 

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from ..camera import Camera
 from ..design import Design
 from ..effects import Plan, plan
-from ..lenses.angles import illumination
 from ..rays.exact_discs import ExactDiscs
 from ..shapes.coverage import LARGEST_PART, coverage, coverage_bands, coverage_image
 from ..shapes.discs import shapes
@@ -160,11 +159,7 @@ def add_falloff(image: Image, camera: Camera, x: Floats, y: Floats) -> Image:
     across = ((x / lattice.grow + shift[0]) * scale).astype(np.float32) ** 2
     along = ((y / lattice.grow + shift[1]) * scale).astype(np.float32) ** 2
     for row in range(image.shape[0]):
-        if camera.law is not None:
-            image[row] *= illumination(camera.law, np.sqrt(along[row] + across, dtype=np.float64))
-            continue
-        slope = 1 + along[row] + across
-        image[row] /= slope * slope
+        camera.mapping.dim(image[row], along[row] + across)
     return image
 
 

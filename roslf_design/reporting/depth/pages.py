@@ -239,10 +239,7 @@ def optics_notes(design: Design) -> list[str]:
             f"Behind its {colours} filters the white image makes all colours equal, and pixels are matched as grey "
             "ones: a scene with colours of its own scatters more than told."
         )
-    through = [] if design.lens is None else ["the real lens"]
-    if design.elements:
-        through.append("what lies in the bore")
-    if through:
+    if through := list(design.traced_through):
         rest = "; colours and the blur of aberrations are left out"
         notes.append(f"Views look where rays traced through {listed(through)} go{rest}.")
     return notes
