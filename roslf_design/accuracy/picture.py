@@ -193,7 +193,7 @@ class _Job:
         spread = chosen.on("microlens_diffraction") or chosen.on("microlens_defocus")
         self.convolved = spread and self.method in ("rays", "convolution")
         faulty = any(chosen.on(name) for name in LENS_EFFECTS)
-        self.real = self.method == "rays" and design.lens is not None and faulty
+        self.real = self.method == "rays" and faulty
 
     @property
     def ladder(self) -> tuple[tuple[RaySampling, ...], ...]:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._arrays import ratio
-from ..lenses.angles import Law
+from ..lenses.angles import F_TAN, AngleLaw, AngleMap, Law
 from .conjugates import CONJUGATES, followed
 from .element import Matrix
 from .elements import AnyElement, element_name
@@ -121,6 +121,11 @@ class Chain:
     def law(self) -> Law | None:
         """How the objective maps angles, where it is not f tan (`..lenses.angles`)."""
         return None if self.mapped is None else self.elements[self.mapped].law
+
+    @cached_property
+    def mapping(self) -> AngleMap:
+        """Mapping of angles by the objective, f tan where it has none of its own."""
+        return F_TAN if self.law is None else AngleLaw(self.law)
 
     def at(self, numbers: Mapping[str, Number], k: int) -> PartNumbers:
         """Numbers of an element."""

@@ -41,10 +41,10 @@ def aberration_error(
     Returns
     -------
     ndarray
-        As one independent standard deviation, shape (1, 3); (0, 3) where the lens is ideal, or its corners give no
+        As one independent standard deviation, shape (1, 3); (0, 3) where the lens has none, or its corners give no
         camera.
     """
-    if design.lens is None:
+    if not design.main_lens.kind.faults:
         return np.zeros((0, 3))
     model = camera_of(design)
     try:

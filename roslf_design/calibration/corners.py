@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._jit import kernel
+from ..theory.lens_shapes import LENS_SHAPES
 from .decoding import LightField
 from .frames import Array, CalibrationError
 from .model import Board, Markers, Observations
@@ -120,7 +121,7 @@ def observe(
     board: Board,
     most_views: int = _MOST_VIEWS,
     *,
-    circular: bool = False,
+    lens_shape: str = "square",
 ) -> Observations:
     """Corners of one board in the views of several light fields.
 
@@ -133,7 +134,7 @@ def observe(
     board : Board
     most_views : int
         Views used: the central one and those evenly spread around it.
-    circular : bool
+    lens_shape : str
         Whether microlenses are round.
 
     Returns
@@ -162,7 +163,7 @@ def observe(
             missing.append(name)
         else:
             names.append(name)
-            places = _followed(field, board, central, chosen, views, circular)
+            places = _followed(field, board, central, chosen, views, lens_shape)
             uv.append(np.stack(field.position(places[..., 0], places[..., 1]), axis=-1))
         del field  # before the next is decoded
     if shape is None:
@@ -226,11 +227,11 @@ def _followed(
     central: FoundCorners,
     chosen: list[tuple[int, int]],
     views: Array,
-    circular: bool,
+    lens_shape: str,
 ) -> Array:
     """Columns and rows of the corners in each chosen view, shape (v, n, 2); NaN where not placed."""
     start, step, rows = _completed(central.corners, board), field.u[1] - field.u[0], field.hexagonal
-    foot = footprint(1 / step, circular)
+    foot = LENS_SHAPES[lens_shape].rule(1 / step)
     grid = None if rows is None else RowGrid((rows.starts - field.u[0]) / step, 1 / step)
     values, weight = (field.values, field.weight) if rows is None else rows[:2]
     places = np.full((len(chosen), len(start), 2), np.nan)
@@ -420,8 +421,6 @@ def _contrast(cells: Array) -> float | None:
 _ROUNDS = 30
 _BLUR = (0.15, 4.0)
 """Least and most blur (standard deviation) of an edge, besides the sample's own width [px]."""
-_NODES = ((-math.sqrt(0.6) / 2, 5 / 18), (0.0, 8 / 18), (math.sqrt(0.6) / 2, 5 / 18))
-"""Gauss's three points across a sample, with weights."""
 
 
 class RowGrid(NamedTuple):
@@ -431,17 +430,6 @@ class RowGrid(NamedTuple):
     """Column of each row's first sample [view px], shape (rows,)."""
     spacing: float
     """From sample to sample [view px]."""
-
-
-def footprint(width: float, circular: bool) -> Array:
-    """Points and weights that average over a microlens `width` view pixels wide, rows (x, y, weight), shape (n, 3).
-
-    Gauss's three points a side of a square; a rule of fifth order, six points about the middle, of a disc.
-    """
-    if circular:
-        ring = math.sqrt(2 / 3) * width / 2 * np.exp(1j * np.pi / 3 * np.arange(6))
-        return np.vstack([[0.0, 0.0, 0.25], np.column_stack([ring.real, ring.imag, np.full(6, 0.125)])])
-    return np.array([(width * x, width * y, across * down) for y, down in _NODES for x, across in _NODES])
 
 
 class Saddles(NamedTuple):
@@ -468,10 +456,10 @@ def fit_saddles(
 ) -> Saddles:
     """Fit ``level + slopes + contrast erf(a/w) erf(b/w)`` around each corner, a and b distances from two edges.
 
-    Nine parameters by Levenberg-Marquardt. Each sample is the mean of the model over its `footprint` (by default its
-    square), as a microlens averages what its aperture sees; a model taken at the sample's middle is off by up to 0.1 px
-    where edges are sharp and run along the rows. On drawn views of a board with 1 % noise this errs by 0.007 px RMS,
-    OpenCV's detector by 0.092, its cornerSubPix by 0.045.
+    Nine parameters by Levenberg-Marquardt. Each sample is the mean of the model over `foot` (by default its square), as
+    a microlens averages what its aperture sees; a model taken at the sample's middle is off by up to 0.1 px where edges
+    are sharp and run along the rows. On drawn views of a board with 1 % noise this errs by 0.007 px RMS, OpenCV's
+    detector by 0.092, its cornerSubPix by 0.045.
 
     `known` (rows, columns) are the pixels to fit; `corners` (n, 2) columns and rows to start from, within about a
     pixel; `edges` (n, 2) the directions of the two edges [rad]. Windows reach `half` pixels to each side, weighted by a
@@ -481,7 +469,7 @@ def fit_saddles(
     out = np.zeros((len(corners), 5))
     picture, corners, edges = (np.ascontiguousarray(part, float) for part in (picture, corners, edges))
     starts, spacing = (np.zeros(len(picture)), 1.0) if rows is None else rows
-    foot = footprint(1.0, False) if foot is None else foot
+    foot = LENS_SHAPES["square"].rule(1.0) if foot is None else foot
     _fit.compiled(picture, np.ascontiguousarray(known), starts, spacing, foot, corners, edges, half, out)
     return Saddles(out[:, :2], out[:, 2], out[:, 3], out[:, 4] > 0)
 

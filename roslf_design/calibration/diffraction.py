@@ -20,8 +20,9 @@ from .._arrays import sunflower
 from .._jit import THREADS, kernel, prange
 from ..camera import Camera
 from ..design import Design
-from ..shapes.lattice import lattice_steps
+from ..shapes.lattice import PACKINGS
 from ..theory.exit_pupil import microlens_image_diameter
+from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import diffraction_width
 from ..theory.transfer import MicrolensTransfer, disc_spectrum
 from .aberrations import aberration_error
@@ -185,8 +186,8 @@ def _looked_at(
         return DiffractionCheck(
             False, f"The design's microlens diffraction, {expected:.2g} px, is too small to matter", expected
         )
-    radius, circular = float(microlens_image_diameter(c) / (2 * c.q)), c.lens_shape == "circular"
-    start = PupilImage(radius, max(expected, _SMALL), lattice.pitch, lattice.layout, circular)
+    radius = float(microlens_image_diameter(c) / (2 * c.q))
+    start = PupilImage(radius, max(expected, _SMALL), lattice.pitch, lattice.layout, c.lens_shape)
     cell = white_cell(white, lattice, dark)
     waves, rays = fit_cell(cell, start, blurred=True), fit_cell(cell, start, blurred=False)
     blurred = waves.image.blur > max(_SMALL, _FAINT * expected) and waves.misfit < rays.misfit
@@ -216,7 +217,7 @@ def _straightened(
     weights = view_weights(image, observations.views)
     slopes = fit_lines(observations if start is None else start).slope
     central = fit_lines(observations).central
-    tables = [_shifts_of_board(weights, *one, board, image.circular) for one in zip(slopes, central, strict=True)]
+    tables = [_shifts_of_board(weights, *one, board, image.lens_shape) for one in zip(slopes, central, strict=True)]
     for _ in range(_ROUNDS):
         shift = np.stack([table.at(own) for table, own in zip(tables, slopes, strict=True)])
         straight = replace(observations, uv=observations.uv - shift)
@@ -243,13 +244,13 @@ class ShiftTable(NamedTuple):
         return np.asarray((1 - part) * self.shifts[:, before] + part * self.shifts[:, before + 1])
 
 
-def _shifts_of_board(weights: ViewWeights, slopes: Array, central: Array, board: Board, circular: bool) -> ShiftTable:
+def _shifts_of_board(weights: ViewWeights, slopes: Array, central: Array, board: Board, lens_shape: str) -> ShiftTable:
     """Displacements over the range of a board's slopes and a little beyond, as taking them off changes slopes."""
     low, high = float(np.nanmin(slopes)), float(np.nanmax(slopes))
     middle, half = 0.5 * (low + high), max(0.55 * (high - low), 5e-3)
     at = middle + half * np.linspace(-1.0, 1.0, _SLOPES)
     edges, window = fit_window(central, board)
-    return ShiftTable(at, apparent_shifts(weights, at, edges, window, circular))
+    return ShiftTable(at, apparent_shifts(weights, at, edges, window, lens_shape))
 
 
 # --- the pupil's image behind a microlens, and what the white image says of it ----------------------------------------
@@ -266,13 +267,13 @@ class PupilImage:
     pitch: float
     """Of the microlens images [px]."""
     layout: Layout = "square"
-    circular: bool = False
+    lens_shape: str = "square"
     """Shape of the microlenses."""
 
     @property
     def axes(self) -> Array:
         """Steps of the lattice as columns [pitches]: u along the rows, v square to them."""
-        return lattice_steps(self.layout)
+        return PACKINGS[self.layout].steps
 
     def transfer(self, x: Array, y: Array) -> Array:
         """Of everything between the pupil's geometric image and a decoded sample, at frequencies [1/px].
@@ -286,7 +287,7 @@ class PupilImage:
     @property
     def lens(self) -> MicrolensTransfer:
         """Of the microlens's diffraction alone, at frequencies [1/px]."""
-        return MicrolensTransfer(1.0, self.blur, 0.0, (1.0,) if self.blur > 0 else (), self.circular)
+        return MicrolensTransfer(1.0, self.blur, 0.0, (1.0,) if self.blur > 0 else (), self.lens_shape)
 
     def neighbours(self) -> Array:
         """Microlenses around one, itself first [pitches], shape (m, 2)."""
@@ -447,7 +448,7 @@ def fit_cell(cell: WhiteCell, start: PupilImage, *, blurred: bool) -> CellFit:
 
 
 def apparent_shifts(
-    weights: ViewWeights, slopes: Array, edges: tuple[float, float], half: int, circular: bool = False
+    weights: ViewWeights, slopes: Array, edges: tuple[float, float], half: int, lens_shape: str = "square"
 ) -> Array:
     """Displacement of fitted corners against where their views should have them [pitches], shape (v, k, 2).
 
@@ -457,13 +458,13 @@ def apparent_shifts(
     mean of the displacements would be twice as large, as a far neighbour's light moves the mean but not the fit.
 
     `slopes` are Du/Ds' of corners [pitches/px], shape (k,); `edges` the directions of a corner's two edges in the view
-    [rad]; the window that it is fitted in reaches `half` pitches; microlenses are round where `circular`. NaN where no
+    [rad]; the window that it is fitted in reaches `half` pitches; `lens_shape` is that of the microlenses. NaN where no
     corner could be fitted.
     """
     views, count = len(weights.shares), len(slopes)
     size = 2 * half + 3
     normals = np.array([[-math.sin(a), math.cos(a)] for a in edges])
-    aperture = 0.5 * sunflower(_PARTS**2, 0.5).T if circular else _whole_numbers(_PARTS // 2) / _PARTS
+    aperture = LENS_SHAPES[lens_shape].sample(_PARTS)
     # Of one layout: kernels are compiled once more for another.
     aperture = np.ascontiguousarray(aperture - aperture.mean(axis=0))
     alike = ViewWeights(*map(np.ascontiguousarray, weights))

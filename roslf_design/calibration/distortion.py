@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple
 
+from ..bore.main_lens import MainLensKind
 from .diffraction import Corrected
 from .fit import VISIBLE, Calibration
 from .frames import CalibrationError
@@ -27,7 +28,7 @@ class Distortion(NamedTuple):
 
 
 def with_distortion(
-    fit: Callable[[int], Corrected], plain: Callable[[Corrected], Calibration], lens: str | None, asked: int | None
+    fit: Callable[[int], Corrected], plain: Callable[[Corrected], Calibration], lens: MainLensKind, asked: int | None
 ) -> tuple[Corrected, Distortion]:
     """A calibration with as much distortion as is called for.
 
@@ -37,8 +38,8 @@ def with_distortion(
         The calibration with so many radial coefficients.
     plain : callable
         The fit of the same corners without distortion.
-    lens : str, optional
-        What the design's main lens is called; None where it is ideal.
+    lens : MainLensKind
+        The design's main lens.
     asked : int, optional
         Radial coefficients, whatever residuals say; None leaves the choice to lens and residuals.
 
@@ -49,9 +50,8 @@ def with_distortion(
     """
     if asked is not None:
         return fit(asked), Distortion(asked, "as asked for", automatic=False)
-    count, reason, without = 0, "as residuals ask for it", None
-    if lens is not None:
-        count, reason = 1, f"as the design's main lens is real ({lens})"
+    count, without = lens.radial, None
+    reason = f"as the design's main lens is {lens.words}" if count else "as residuals ask for it"
     try:
         found = fit(count)
     except CalibrationError as error:
@@ -76,7 +76,7 @@ def with_distortion(
             break
         found, count, misfit = other, more, left
     if count == 0:
-        return found, Distortion(0, "as the design's main lens is ideal and residuals do not ask for it")
+        return found, Distortion(0, f"as the design's main lens is {lens.words} and residuals do not ask for it")
     return found, Distortion(count, reason, without=without)
 
 

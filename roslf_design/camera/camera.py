@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property, lru_cache, partial
+from functools import cached_property, lru_cache
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -20,27 +20,24 @@ from ..bore.chain import Chain, ChainStep, ImagedPlane
 from ..bore.conjugates import CONJUGATES, follower
 from ..bore.elements import element_name
 from ..bore.lens import IMAGE
+from ..bore.main_lens import IdealMainLens, MainLensKind
 from ..bore.part import TEMPERATURE, Number
-from ..bore.real_lens import focal_length_at
 from ..bore.rod import SECTION_WORD
 from ..design import Design, DesignError, Problem
 from ..design.check import at
 from ..design.environment import Growth
 from ..design.light_path import chain_numbers, chain_of, materials_of
 from ..design.parts import PATHS, Colours, Layout, Symbols
-from ..lenses.angles import Law, first_order, stretch
+from ..lenses.angles import AngleMap, Law
 from .frames import Frame, Vector, along, cross, dot, frame, minus, plus, times, total
 from .lengths import ApparentLengths, RulerLengths
 
 if TYPE_CHECKING:
     from ..lenses.glass import Glass
-    from ..lenses.prescription import Prescription
 
 FOCAL = PATHS["f"]
 IN_FOCUS = 1e-10
 """Share of d_f by which a stop is out of focus at least: it cuts whole microlens images then, or none of one."""
-STEEPEST = 1e15
-"""Slope that is taken for infinite."""
 AIR_ALONE = Chain(())
 """A chain of nothing."""
 PHOTOMETRIC = (
@@ -120,8 +117,8 @@ class Camera(Symbols[Number]):
         Place of an index to the material it is of, for other wavelengths.
     growth : Growth, optional
         What temperature does to the numbers; None of a design without `[environment]`.
-    lens : Prescription, optional
-        The real main lens as it stands in the camera; None is the ideal one.
+    lens : MainLensKind, optional
+        The main lens; ideal where not given.
     colours : str
         Of the filters on the sensor's pixels, as in a design file.
 
@@ -138,7 +135,7 @@ class Camera(Symbols[Number]):
         numbers: Mapping[str, Number],
         layout: Layout = "square",
         lens_shape: str = "square",
-        lens: Prescription | None = None,
+        lens: MainLensKind | None = None,
         chain: Chain | None = None,
         materials: Mapping[str, Glass] | None = None,
         growth: Growth | None = None,
@@ -147,7 +144,7 @@ class Camera(Symbols[Number]):
         self._numbers = numbers
         self.layout = layout
         self.lens_shape = lens_shape
-        self.lens = lens
+        self.lens = lens or IdealMainLens()
         self.chain = chain or AIR_ALONE
         self.materials = materials or {}
         self.growth = growth
@@ -208,11 +205,10 @@ class Camera(Symbols[Number]):
             if place not in numbers:
                 raise DesignError((Problem(place, "is not a number of this design"),))
             numbers[place] = _number(value)
-        if self.lens is not None and PATHS["wavelength"] in given and FOCAL not in given:
-            colours = np.vectorize(partial(focal_length_at, self.lens), otypes=[np.float64])(given[PATHS["wavelength"]])
-            given = {**given, FOCAL: colours}
-            numbers[FOCAL] = _number(colours)
         if PATHS["wavelength"] in given:
+            if unknown := self.lens.follows - given.keys():
+                given |= self.lens.in_light(given[PATHS["wavelength"]])
+                numbers |= {place: _number(given[place]) for place in unknown}
             for place in self.materials.keys() - given.keys():
                 index = np.vectorize(self.materials[place].index, otypes=[np.float64])
                 moved = index(given[PATHS["wavelength"]]) - index(self[PATHS["wavelength"]])
@@ -345,8 +341,7 @@ class Camera(Symbols[Number]):
         """
         if self.chain.in_air:
             return x, y, z
-        if self.law is not None:
-            (x, y), _ = self.straight_ray(x, y, z, pupil)
+        x, y = self.mapping.straight((x, y), lambda: self.straight_ray(x, y, z, pupil)[0])
         return self.first_order_image(x, y, z)
 
     def first_order_image(self, x: Number, y: Number, z: Number) -> tuple[Number, Number, Number]:
@@ -376,6 +371,11 @@ class Camera(Symbols[Number]):
         """How the objective maps angles, where it is not f tan (`..lenses.angles`)."""
         return self.chain.law
 
+    @property
+    def mapping(self) -> AngleMap:
+        """Mapping of angles by what stands before the main lens."""
+        return self.chain.mapping
+
     @cached_property
     def pupil_stands(self) -> Number:
         """Where the scene sees the entrance pupil, the FAP through all that stands before it [mm, with a ruler]."""
@@ -394,18 +394,12 @@ class Camera(Symbols[Number]):
         p : float or ndarray
             Index times slope there, to first order; beyond what is imaged, the end of that is taken.
         """
-        if self.law is None:
-            return 1.0
-        grown = stretch(self.law, p, self.front[1].medium)
-        return np.where(np.real(grown) < STEEPEST, grown, np.inf)[()]  # at 90 degrees
+        grown: Number = self.mapping.stretch(p, self.front[1].medium)
+        return grown
 
     def stretch_along(self, p: Number) -> Number:
         """Derivative of the slope by that of the first order: `stretch` for small steps along the field's radius."""
-        if self.law is None:
-            return 1.0
-        index, step = self.front[1].medium, 1e-30
-        held = np.minimum(p, self.law[0, 1] * (1 - 1e-12)) + 1j * step
-        along: Number = np.imag(held * stretch(self.law, held, index))[()] / step
+        along: Number = self.mapping.stretch_along(p, self.front[1].medium)
         return along
 
     def straight_ray(
@@ -431,7 +425,6 @@ class Camera(Symbols[Number]):
             Where it is there, from the system's axis [mm]; index times its slope, that of the edge where the objective
             does not image the point.
         """
-        assert self.law is not None
         (end, front), at = self.front, self.pupil_stands
         apart, wide = at - end, 1 / (front.d - front.c * self.seen.d_3)
         middles = [
@@ -442,7 +435,7 @@ class Camera(Symbols[Number]):
         ]
         slopes = [(middle - place) / (z - at) for middle, place in zip(middles, (x, y), strict=True)]
         steepness = np.hypot(slopes[0], slopes[1])
-        p = first_order(self.law, steepness, front.medium)
+        p = self.mapping.first_order(steepness, front.medium)
         shrunk = np.where(steepness > 0, p / front.medium / np.where(steepness > 0, steepness, 1.0), 1.0)
         reach = (z if plane is None else plane) - at
         u, v = (middle - shrunk * slope * reach for middle, slope in zip(middles, slopes, strict=True))
@@ -774,5 +767,5 @@ def _nominal(design: Design) -> Camera:
     materials = materials_of(design)
     growth = Growth.of(design, materials)
     numbers |= chain_numbers(design)
-    kind = array.layout, array.lens_shape, design.lens, chain, materials, growth, design.sensor.colours
+    kind = array.layout, array.lens_shape, design.main_lens.kind, chain, materials, growth, design.sensor.colours
     return Camera(numbers, *kind)

@@ -34,6 +34,7 @@ from ..errors import InputError, Problem
 from ..reporting.calibrate import pages
 from ..reporting.calibrate.pictures import what_was_seen
 from ..reporting.printers import page_files
+from ..theory.colours import filters
 from ..toml_files import nearest, read_toml, validated
 from .raw_images import UnfinishedError, refused, what_there_was
 from .terminal import (
@@ -248,7 +249,7 @@ def calibrated(
         except DesignError as error:
             said = "; ".join(problem.message for problem in error.problems)
             raise refusal("--use-in", f"{use_in}: {said}") from None
-    circular = loaded.microlens_array.lens_shape == "circular"
+    lens_shape = loaded.microlens_array.lens_shape
     sigmas = {"f_sigma": f_sigma, "d_sigma": d_sigma, "cell_sigma": cell_sigma, "white_pitch": white_pitch}
     sheet, white = _known(loaded, checkerboard, {**sigmas, "sigma": dict(sigma or {})})
     stood = None
@@ -257,7 +258,7 @@ def calibrated(
     with StatusLine("calibrate") as status:
         status.tell("reading the white image")
         capture = calibration.read_capture(folder)
-        if loaded.sensor.colours != "mono":
+        if filters(loaded.sensor.colours):
             capture = capture.balanced()
         status.tell("finding microlens centres")
         radius = calibration.undistorted_radius(loaded) or None
@@ -272,7 +273,9 @@ def calibrated(
     views: dict[str, Samples] = {}
     try:
         with bar("boards", len(capture.boards)) as done:
-            observations = calibration.observe(_decoded(capture, centres, views, done), checkerboard, circular=circular)
+            observations = calibration.observe(
+                _decoded(capture, centres, views, done), checkerboard, lens_shape=lens_shape
+            )
         with StatusLine("calibrate") as status:
             status.tell("fitting")
             guess = calibration.camera_of(loaded).A
@@ -286,8 +289,7 @@ def calibrated(
             def plain(corrected: calibration.Corrected) -> Calibration:
                 return calibration.calibrate(corrected.calibration.observations, sheet, guess=guess)
 
-            lens = None if loaded.lens is None else loaded.lens.name
-            (fitted, waves), bent = calibration.with_distortion(fit, plain, lens, distortion)
+            (fitted, waves), bent = calibration.with_distortion(fit, plain, loaded.main_lens.kind, distortion)
             data = []
             if white is not None:
                 data.append(calibration.white_pitch(fitted.fit, sheet, centres.lattice.pitch, white))

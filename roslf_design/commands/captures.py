@@ -32,6 +32,7 @@ from ..design import Design, load
 from ..errors import InputError, Problem
 from ..imaging.camera import Region
 from ..reporting.calibrate.pages import calibrated_camera
+from ..shapes.lattice import PACKINGS
 from ..units import read_quantity
 from .raw_images import OTHER_CAMERA, RawDecoded, UnfinishedError, from_raw, refused
 from .terminal import refusal
@@ -204,8 +205,8 @@ def _views(
     if design is None:
         geometry, camera, wide = grid, "parameters.cfg" if files.grid else "", float(across)
     else:
-        if design.microlens_array.layout == "hexagonal":
-            message = "has a hexagonal array, and nothing says how its views were made square; give the raw image"
+        if PACKINGS[layout := design.microlens_array.layout].slant:
+            message = f"has a {layout} array, and nothing says how its views were made square; give the raw image"
             raise refusal("--design", message)
         geometry, camera, wide = ArrayGeometry(design, covariance, window), design.name, 0.0
         field = replace(field, pitch=image_pitch(design))

@@ -16,6 +16,7 @@ from ..design import Design
 from ..drawing.picture import Picture
 from ..errors import InputError, Problem
 from ..reporting.decode.pictures import no_lattice
+from ..theory.colours import filters
 from .terminal import picture_files, refusal, write_files
 
 OTHER_CAMERA = 0.02
@@ -96,7 +97,7 @@ def from_raw(
 def _filtered(design: Design | None, notes: Mapping[str, Any]) -> bool:
     """Whether there were colour filters: as the design says, or what `roslf` noted in the file."""
     if design is not None:
-        return design.sensor.colours != "mono"
+        return bool(filters(design.sensor.colours))
     noted = notes.get("design")
     sensor = noted.get("sensor") if isinstance(noted, dict) else None
     return isinstance(sensor, dict) and sensor.get("colours", "mono") != "mono"

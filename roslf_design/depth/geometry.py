@@ -41,12 +41,14 @@ def first_order(design: Design) -> Camera:
     if camera.chain.mapped is not None:
         message = "depth is computed for rays as f tan has them before the objective; drop the mapping for it"
         raise InputError((Problem(f"elements.{camera.chain.mapped}.mapping", message),), design.name)
-    if design.lens is not None and (colours := tuple(one.wavelength for one in filters(design.sensor.colours))):
+    colours = tuple(one.wavelength for one in filters(design.sensor.colours))
+    if colours and "lens_colour" in design.main_lens.kind.faults:
         apart = colour_spread(design, colours, 0.0) / design.d
         if apart > COLOURS_APART:
+            name = design.main_lens.kind.name
             message = (
-                f"{design.lens.name} focuses the colours of the filters {apart:.2g} pitches apart on the axis, which "
-                "depth does not take off; use an achromatic lens, or mono"
+                f"{name} focuses the colours of the filters {apart:.2g} pitches apart on the axis, which depth does "
+                "not take off; use an achromatic lens, or mono"
             )
             raise InputError((Problem("sensor.colours", message),), design.name)
     return camera
@@ -169,7 +171,7 @@ class ArrayGeometry:
     @cached_property
     def traced(self) -> TracedViews | None:
         """What is not exact by first order: a real main lens, and elements before any; None of an ideal lens in air."""
-        if self.design.lens is None and not self.design.elements:
+        if not self.design.traced_through:
             return None
         return TracedViews(self.design, self.camera, self.depth)
 

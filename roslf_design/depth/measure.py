@@ -27,7 +27,8 @@ from ..imaging.render import RawImage, render
 from ..imaging.trace import RaySampling, seen_distances
 from ..json_data import plain
 from ..scenes import Noise, Plane, Scene
-from ..shapes.lattice import lattice_steps
+from ..shapes.lattice import PACKINGS
+from ..theory.colours import filters
 from ..theory.disparity_error import Seen, disparity_sigma
 from ..theory.photometry import dark_variance, electrons
 from ..theory.quantities import QUANTITIES
@@ -399,7 +400,7 @@ def region_about(design: Design, place: tuple[float, float], across: int) -> Reg
     camera = Camera.of(design.thin_twin)
     width, height = camera.pixels
     lattice = lattice_of(camera, Region(0, 0, width, height))
-    i, j = np.linalg.solve(lattice_steps(lattice.layout), np.array(place) / float(camera.d))
+    i, j = np.linalg.solve(PACKINGS[lattice.layout].steps, np.array(place) / float(camera.d))
     column, row = lattice.nodes(i, j)
     side = math.ceil(across * lattice.pitch)
     columns, rows = min(side, width), min(side, height)
@@ -493,7 +494,7 @@ def simulate(
         raise InputError((Problem("", "no light of the scene reaches this part of the sensor"),))
     full, dark = mean / level, math.sqrt(float(dark_variance(camera)))
     saturation = float(camera["sensor.full_well"])
-    balance = None if design.sensor.colours == "mono" else ColourBalance.of(white.pixels)
+    balance = ColourBalance.of(white.pixels) if filters(design.sensor.colours) else None
     flat = white.pixels if balance is None else balance(white.pixels)
     decoder = Decoder.of(lattice, picture.pixels.shape, white=flat)
     even = decoder(flat)

@@ -23,7 +23,7 @@ from ..calibration.lattice import CentreLattice
 from ..camera import Camera
 from ..design import Design
 from ..lenses.tracer import KEPT
-from ..shapes.lattice import lattice_steps
+from ..shapes.lattice import PACKINGS
 from ..theory.colours import mixed
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 from ..theory.light import microlens_defocus
@@ -177,7 +177,7 @@ class TracedViews:
         fx, fy = np.meshgrid(frequency, frequency)
         lens = MicrolensTransfer(
             float(camera.d), float(camera.seen.d_2), float(-microlens_defocus(camera) / camera.seen.d_2),
-            (float(mixed(camera).wavelength),), camera.lens_shape == "circular",
+            (float(mixed(camera).wavelength),), camera.lens_shape,
         )  # fmt: skip
         pixel = abs(float(camera.q) / pitch)
         passed = lens(fx / abs(pitch), fy / abs(pitch)) * pixel_box(fx, pixel) * pixel_box(fy, pixel)
@@ -218,7 +218,7 @@ class TracedViews:
         """
         mounted, camera = self.mounted, self.camera
         some = indices[:: max(1, len(indices) // 200)]
-        places = some @ lattice_steps(lattice.layout).T * float(camera.d)
+        places = some @ PACKINGS[lattice.layout].steps.T * float(camera.d)
         c = microlenses(self.design, places)
         middle = sensor_of_pupil(mounted, c, mounted.fap.centre)
         first = c + mounted.d_2 * chief_slope(mounted, c, mounted.fap.centre)

@@ -20,6 +20,7 @@ from ..camera import Camera
 from ..theory.colours import mixed
 from ..theory.disparity_error import FINEST_PLACES, ImageParts, image_parts
 from ..theory.exit_pupil import microlens_image_pitch
+from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import microlens_defocus
 from ..theory.stop_images import MicrolensImages
 
@@ -136,7 +137,7 @@ def _aside(
     of a microlens: a sample at the cut sees more of the scene behind the side that is cut less. The FAP's rim moves by
     the microlenses' defocus on the way over one of them, other rims move as they do from microlens to microlens.
     """
-    variance = 1 / 16 if camera.lens_shape == "circular" else 1 / 12
+    variance = LENS_SHAPES[camera.lens_shape].variance
     even = light.reshape(rows.size, columns.size, *light.shape[1:])
     blur = -float(microlens_defocus(camera) * camera.d / microlens_image_pitch(camera))
     slopes = np.stack(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,9 +10,9 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from ..bore.conjugates import CONJUGATES, REFRACTING, conjugate_residual, followed
-from ..bore.real_lens import focal_length_at, own_diameter, read_prescription
+from ..bore.main_lens import IdealMainLens, MainLensKind, main_lens_kind
+from ..bore.real_lens import read_prescription
 from ..errors import InputError, Problem
-from ..lenses.prescription import Prescription
 from ..toml_files import problems_of
 from ..units import format_quantity, read_quantity
 from .parts import PATHS, Light
@@ -25,7 +24,6 @@ MISFIT = "misfit"
 """Type of the error of a design whose values are each right on their own and do not fit each other."""
 WIDTHS = ("diameter", "pitch", "pixel")
 """Keys of lengths across the axis, on which no image's place hangs."""
-AGREEMENT = 1e-6
 """Largest relative difference between a given focal length and the lens's own that counts as rounding."""
 
 
@@ -98,9 +96,10 @@ def design_problems(
     }
     if not readable("main_lens.prescription"):
         values.pop(FOCAL, None)
-        return (*problems, *cross_check(values, None, turned=False))
-    lens = read_prescription(at(data, "main_lens.prescription"), folder)
-    return (*problems, *cross_check(values, lens, turned=at(data, "main_lens.reversed") is True))
+        return (*problems, *cross_check(values, IdealMainLens(), turned=False))
+    turned = at(data, "main_lens.reversed") is True
+    lens = main_lens_kind(read_prescription(at(data, "main_lens.prescription"), folder), turned)
+    return (*problems, *cross_check(values, lens, turned=turned))
 
 
 def _refracts(data: Mapping[str, Any]) -> bool:
@@ -123,7 +122,7 @@ def _mended(data: Mapping[str, Any], problems: Sequence[Problem]) -> dict[str, A
 
 
 def cross_check(
-    values: Mapping[str, float | None], lens: Prescription | None, *, turned: bool, bends: bool = False
+    values: Mapping[str, float | None], lens: MainLensKind, *, turned: bool, bends: bool = False
 ) -> tuple[Problem, ...]:
     """Faults between values that are each right on their own.
 
@@ -131,22 +130,17 @@ def cross_check(
     ----------
     values : mapping
         Those of `checked_places` to length [mm]; None where a key is not given, absent where it could not be read.
-    lens : Prescription, optional
-        The real main lens.
+    lens : MainLensKind
+        The main lens.
     turned : bool
         Whether it is to stand the other way round.
     bends : bool
         Whether anything before the main lens bends light, so that what is in focus may be seen at infinity and beyond.
     """
-    problems = []
-    if lens is None and turned:
-        message = "an ideal lens looks the same from both sides; drop it, or give main_lens.prescription"
-        problems.append(Problem("main_lens.reversed", message))
-    elif lens is not None:
-        problems += _about_lens(lens, values)
-        known = PATHS["wavelength"] in values and not problems
-        own = focal_length_at(lens, _wavelength(values)) if known else None
-        values = {key: value for key, value in values.items() if key != FOCAL} | ({FOCAL: own} if known else {})
+    known = PATHS["wavelength"] in values
+    wavelength = (values[PATHS["wavelength"]] or Light().wavelength) if known else None
+    problems = list(lens.about(values, turned, wavelength))
+    values = lens.settled(values, None if problems else wavelength)
     problems += _about_conjugates(values, bends)
     f, d_f, d_1 = (values.get(key) for key in CONJUGATES)
     if d_f is None and f is not None and d_1 is not None and d_1 > f:
@@ -174,39 +168,6 @@ def _about_conjugates(values: Mapping[str, float | None], bends: bool) -> Iterat
         ways = " or ".join(f"{key} (it would become {shown(float(followed(given, key)))})" for key in (DISTANCE, PLANE))
         message = f"f, d_f and d_1 contradict each other: f/d_f + f/d_1 - 1 = {residual:.4g}, not 0; drop {ways}"
         yield Problem(DISTANCE, message)
-
-
-def _about_lens(lens: Prescription, values: Mapping[str, float | None]) -> Iterator[Problem]:
-    """What a main lens's keys contradict: the lens's own focal length and diameter, its glasses' wavelengths."""
-    if PATHS["wavelength"] not in values:
-        return
-    wavelength = _wavelength(values)
-    try:
-        focal = focal_length_at(lens, wavelength)
-    except InputError as error:
-        for problem in error.problems:
-            yield Problem(PATHS["wavelength"], f"{lens.name}: {problem.message}")
-        return
-    given, diameter = values.get(FOCAL), values.get(PATHS["D"])
-    if not (0 < focal < math.inf):
-        yield Problem("main_lens.prescription", f"{lens.name} does not converge light; it forms no real image")
-    elif given is not None and abs(given / focal - 1) > AGREEMENT:
-        yield Problem(
-            FOCAL,
-            f"{shown(given)} contradicts the prescription: {lens.name} has f = {focal:.7g} mm at {shown(wavelength)} "
-            f"(residual {given - focal:+.4g} mm); drop {FOCAL}",
-        )
-    widest = own_diameter(lens)
-    if diameter is not None and diameter > widest * (1 + AGREEMENT):
-        yield Problem(
-            PATHS["D"],
-            f"{shown(diameter)} is wider than {lens.name}, whose clear diameter is {widest:.6g} mm; drop it, or give "
-            "a smaller one for a stop at the lens",
-        )
-
-
-def _wavelength(values: Mapping[str, float | None]) -> float:
-    return values[PATHS["wavelength"]] or Light().wavelength
 
 
 def shown(value: float) -> str:

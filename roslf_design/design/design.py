@@ -14,7 +14,6 @@ from ..bore.chain import MEDIUM
 from ..bore.conjugates import CONJUGATES, follower
 from ..bore.elements import AnyElement, ObjectSpace
 from ..bore.part import TEMPERATURE, Part
-from ..bore.real_lens import focal_length_at, mounted_lens, own_diameter
 from ..errors import InputError, Problem
 from ..lenses.glass import AIR
 from ..units import format_quantity
@@ -96,7 +95,7 @@ class Design(Part, RulerSymbols[float]):
         except InputError as error:  # a glass that is not known at the design's wavelength
             faults = tuple(Problem(PATHS["wavelength"], problem.message) for problem in error.problems)
             raise PydanticCustomError(MISFIT, "parts do not fit", {"problems": faults}) from None
-        problems = cross_check(apparent, self.main_lens.prescription, turned=self.main_lens.reversed, bends=chain.bends)
+        problems = cross_check(apparent, self.main_lens.kind, turned=self.main_lens.reversed, bends=chain.bends)
         if not chain.in_air or self.object_space.medium != AIR:
             problems += about_elements(self, problems)
         mapped = None if problems else chain.mapped
@@ -180,14 +179,12 @@ class Design(Part, RulerSymbols[float]):
 
     def __getitem__(self, place: str) -> float:
         """The number at a dotted place [mm, rad]; of f, d_f, d_1 and D also what others give."""
-        lens, own = self.main_lens, at(self, place)
-        focal_known = lens.focal_length is not None or lens.prescription is not None
-        if place == FOCAL and lens.prescription is not None:
-            return focal_length_at(lens.prescription, self.wavelength)
-        if place == PATHS["D"] and lens.prescription is not None and own is None:
-            return own_diameter(lens.prescription)
+        lens = self.main_lens.kind
+        own = lens.given(place, at(self, place), self.light.wavelength)
         # Where all three are given, f and d_1 are the hardware.
-        if own is None or (place == PLANE and focal_known and self.microlens_array.distance is not None):
+        if place == PLANE and self.microlens_array.distance is not None:
+            own = own if lens.given(FOCAL, self.main_lens.focal_length, self.light.wavelength) is None else None
+        if own is None:
             others = {key: self[key] for key in CONJUGATES if key != place}
             return float(chain_of(self).followed({**chain_numbers(self), **others}, place))
         return float(own)
@@ -195,16 +192,17 @@ class Design(Part, RulerSymbols[float]):
     @property
     def lens(self) -> Prescription | None:
         """The real main lens as it stands in the camera: turned round, cut down; None for the ideal lens."""
-        lens = self.main_lens
-        return None if lens.prescription is None else mounted_lens(lens.prescription, lens.reversed, lens.diameter)
+        return self.main_lens.kind.lens
 
     @property
     def thin_twin(self) -> Design:
         """The same camera with an ideal lens of the same focal length and clear aperture; itself where it has one."""
-        if self.main_lens.prescription is None:
-            return self
-        ideal = {"prescription": None, "reversed": False, "focal_length": self.f, "diameter": self.D}
-        return self.model_copy(update={"main_lens": self.main_lens.model_copy(update=ideal)})
+        return self.main_lens.kind.thin_twin(self)
+
+    @property
+    def traced_through(self) -> tuple[str, ...]:
+        """Words for what rays go through otherwise than to first order; nothing behind an ideal lens in air."""
+        return (*self.main_lens.kind.looks_through, *(("what lies in the bore",) if self.elements else ()))
 
     @property
     def all_stops(self) -> tuple[Stop, ...]:
@@ -249,8 +247,7 @@ def _settled(design: Design) -> Design:
     moved = growth.moved(numbers, before, after).items()
     changes: dict[str, Any] = {place: float(value) for place, value in moved if not place.endswith(".index")}
     changes |= {PLANE: None, REFERENCE: after}
-    if drawn.main_lens.prescription is not None:
-        changes |= {FOCAL: None}
+    changes |= dict.fromkeys(drawn.main_lens.kind.follows)
     return _with_materials(_changed(drawn, changes), after)
 
 

@@ -16,10 +16,11 @@ from pydantic import BeforeValidator, Field, InstanceOf, PlainSerializer, field_
 
 from ..bore.elements import AnyElement, element_name
 from ..bore.lens import power_ratio
+from ..bore.main_lens import MainLensKind
 from ..bore.part import Number, Part, PartNumbers
 from ..errors import InputError, Problem
 from ..lenses.glass import ROOM, Glass, growth
-from ..lenses.prescription import Prescription, lens_growth, warm_constants
+from ..lenses.prescription import Prescription
 from ..lenses.solid import Solid, find_solid, solid_of, solids
 from ..units import Temperature
 from .parts import PATHS
@@ -79,23 +80,20 @@ class Environment(Part):
 def glasses_of(design: Design) -> Iterator[tuple[str, Glass | None]]:
     """Every material of a design by its place; of lenses by prescription each glass."""
     array = design.microlens_array
-    yield "main_lens.material", design.main_lens.material
     yield "object_space.medium", design.object_space.medium
     yield "microlens_array.material", array.material
     if array.substrate is not None:
         yield "microlens_array.substrate.material", array.substrate.material
     if design.sensor.cover is not None:
         yield "sensor.cover.material", design.sensor.cover.material
-    if design.main_lens.prescription is not None:
-        yield from (("main_lens.prescription", surface.glass) for surface in design.main_lens.prescription.surfaces)
+    yield from design.main_lens.kind.glasses
     for k, element in enumerate(design.elements):
         yield from ((f"elements.{k}.{key}", glass) for key, glass in element.glasses)
 
 
 def prescriptions_of(design: Design) -> Iterator[tuple[str, Prescription]]:
     """Every lens of a design that is given by its surfaces, by its part."""
-    if design.main_lens.prescription is not None:
-        yield "main_lens", design.main_lens.prescription
+    yield from (("main_lens", lens) for lens in design.main_lens.kind.prescribed)
     for k, element in enumerate(design.elements):
         if element.prescribed is not None:
             yield f"elements.{k}", element.prescribed
@@ -126,10 +124,10 @@ def not_known(design: Design) -> tuple[str, ...]:
 
 def not_named(design: Design) -> tuple[str, ...]:
     """What of a design stays as it is at any temperature, because nothing says what it is made of."""
-    environment, array, lens = design.environment, design.microlens_array, design.main_lens
+    environment, array = design.environment, design.microlens_array
     silent = {
         "the housing": environment is None or environment.housing is None,
-        "the main lens": lens.prescription is None and lens.material is None,
+        "the main lens": not design.main_lens.kind.grows,
         "the microlenses": array.material is None and array.substrate is None,
     }
     silent |= {element_name(element, k): not element.grows for k, element in enumerate(design.elements, 1)}
@@ -144,8 +142,8 @@ class Growth:
     """Its expansion [1/K]."""
     sensor: float
     """Of what pixels are made on [1/K]."""
-    lens: Glass | Prescription | None
-    """The main lens: what an ideal one is made of, or its surfaces."""
+    lens: MainLensKind
+    """Main lens."""
     array: Glass | None
     """What microlenses are made of."""
     elements: tuple[AnyElement, ...]
@@ -163,7 +161,7 @@ class Growth:
         return cls(
             environment.expansion,
             environment.sensor.expansion,
-            design.main_lens.material if design.lens is None else design.lens,
+            design.main_lens.kind,
             array,
             design.elements,
             "scene" if substrate is None else substrate.lenslets,
@@ -185,7 +183,7 @@ class Growth:
             Whether distances go on counting from the principal planes that a real lens had before.
         """
         wavelength, housing = numbers[PATHS["wavelength"]], growth(self.housing, before, after)
-        front, rear = _principal_shifts(self.lens, wavelength, before, after, self.housing)
+        front, rear = self.lens.principal_shifts(wavelength, before, after, self.housing)
         spans = list(self._spans(numbers, before, after, housing))
 
         def stretched(z: Number) -> Number:
@@ -223,12 +221,7 @@ class Growth:
             elif place == PATHS["q"] or part == "sensor.size":
                 result[place] = value * sensor
             elif place == PATHS["f"]:
-                if isinstance(self.lens, Glass):
-                    result[place] = (
-                        value * self.lens.grown(before, after) * power_ratio(self.lens, wavelength, before, after)
-                    )
-                elif self.lens is not None:
-                    result[place] = warm_constants(self.lens, wavelength, after, self.housing).focal_length
+                result |= self.lens.moved(numbers, before, after, wavelength, self.housing)
             elif name == "distance" and kind in ("aperture", "stops", "elements"):
                 result[place] = before_lens(value)
             elif name == "thickness":
@@ -236,8 +229,8 @@ class Growth:
             elif name == "index" and part in glasses:
                 glass_in = glasses[part]
                 result[place] = value + (glass_in.index(wavelength, after) - glass_in.index(wavelength, before))
-            elif place == PATHS["D"] and self.lens is not None:
-                result[place] = value * _wider(self.lens, before, after, self.housing)
+            elif place == PATHS["D"]:
+                result[place] = value * self.lens.wider(before, after, self.housing, housing)
             elif name == "diameter" or part.endswith("decentre") or kind in ("tube", "tip"):
                 result[place] = value * housing
         for k, element in enumerate(self.elements):
@@ -253,27 +246,3 @@ class Growth:
             at = PartNumbers(numbers, f"elements.{k}", self.housing)
             length, times = element.lengthened(at, before, after)
             yield at["distance"], length, times - housing
-
-
-def _wider(lens: Glass | Prescription, before: Number, after: Number, housing: float) -> Number:
-    """Clear diameter of a lens after over before: of one by its surfaces, that of the narrowest."""
-    if isinstance(lens, Glass):
-        return lens.grown(before, after)
-    k = min(range(len(lens.surfaces)), key=lambda k: lens.surfaces[k].semi_diameter)
-    old, new = (lens_growth(lens, at, housing)[k][0] for at in (before, after))
-    return new / old
-
-
-def _principal_shifts(
-    lens: Glass | Prescription | None, wavelength: Number, before: Number, after: Number, housing: float
-) -> tuple[tuple[Number, Number], tuple[Number, Number, Number]]:
-    """Where a lens's principal planes stand, before and after.
-
-    The front one behind the first vertex, the rear one before the last; then by how much less the rear one stands
-    behind the first.
-    """
-    if not isinstance(lens, Prescription):
-        return (0.0, 0.0), (0.0, 0.0, 0.0)
-    a, b = (warm_constants(lens, wavelength, at, housing) for at in (before, after))
-    rear = a.length - a.rear_principal, b.length - b.rear_principal
-    return (a.front_principal, b.front_principal), (*rear, a.rear_principal - b.rear_principal)

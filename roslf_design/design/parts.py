@@ -14,6 +14,7 @@ from typing import Annotated, Any, Generic, Literal, TypeVar
 from pydantic import Field, StrictBool, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
+from ..bore.main_lens import MainLensKind, main_lens_kind
 from ..bore.material import Material
 from ..bore.part import Number, Offset, Part, Size, Tilt
 from ..bore.real_lens import Lens
@@ -52,6 +53,11 @@ class MainLens(Part):
     """Offset from the axis [mm]."""
     tilt: Tilt = (0.0, 0.0)
     """[rad]."""
+
+    @property
+    def kind(self) -> MainLensKind:
+        """Main lens that answers for itself."""
+        return main_lens_kind(self.prescription, self.reversed, self.diameter, self.material)
 
     @field_validator("diameter", mode="after")
     @classmethod

@@ -35,14 +35,8 @@ def sequence_of(design: Design) -> tuple[SequenceRow, ...]:
     InputError
         A gradient-index rod, or an objective with a mapping: no surface stands for those.
     """
-    lens, wavelength = design.lens, design.wavelength
-    if lens is None:
-        front = rear = 0.0
-        body = [SequenceRow("main lens", 0.0, Surface(0.0, design.D / 2), design.f)]
-    else:
-        constants = first_order(lens, wavelength)
-        front, rear = constants.front_principal, constants.rear_principal
-        body = lens_surfaces("main lens", lens, 0.0)
+    front, rear = design.main_lens.kind.planes(design.wavelength)
+    body = design.main_lens.kind.rows(design.f, design.D)
     medium = design.object_space.medium if design.elements else AIR
     widest = max(design.D, *(stop.diameter for stop in design.all_stops))
     rows = [SequenceRow("focal plane", front - design.d_f, Surface(0.0, widest, glass=medium)), *body]

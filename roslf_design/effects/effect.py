@@ -144,5 +144,7 @@ class Effect:
     """Effects that spread light in a way that makes this one matter whatever its own size."""
     available: Callable[[Design], bool] = lambda design: True
     """False where the design's model holds no such physics."""
+    absent: str = ""
+    """Why it has none there, in words."""
     needs: str = "a traced main lens, and this design's is ideal"
     """What a design must have for that, in words."""

@@ -166,8 +166,6 @@ def plate_aberration(s: Subject) -> Estimate:
     A pixel looks through a whole microlens: an edge of the scene that moves by a share of a pitch over the array
     changes it by as much as an image's edge that moves by that share of a pixel, and counts for so much.
     """
-    if not s.design.elements:
-        return Estimate(0.0, "nothing stands before the main lens")
     distances = (float(s.camera[PATHS["d_f"]]),) if s.brief.distances is None else s.brief.distances
     missed = misses(s.design, s.lens_field, distances, s.brief.wavelengths)
     size, at = missed.image / s.design.q, f"to X_ml = {s.lens_field:.4g} mm"
@@ -188,5 +186,6 @@ PLATE_ABERRATION = Effect(
     plate_aberration,
     cost_per_pixel=32 * 0.2e-6,
     available=lambda design: bool(design.elements),
+    absent="nothing stands before the main lens",
     needs="something before the main lens ([[elements]])",
 )

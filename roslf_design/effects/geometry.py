@@ -9,8 +9,9 @@ import numpy as np
 from ..camera import Camera, Number
 from ..design.parts import PATHS
 from ..errors import InputError, Problem
+from ..lenses.angles import F_TAN
 from ..theory.exit_pupil import microlens_image_diameter, stop_angle
-from ..theory.light import chief_slope, falloff, outer_slope
+from ..theory.light import chief_slope, outer_slope
 from ..theory.stop_images import settled, stop_discs
 from . import lens
 from .effect import Effect, Estimate, Subject
@@ -38,10 +39,10 @@ def cut_depth(s: Subject) -> float:
 def vignetting(s: Subject) -> Estimate:
     """Depth of the deepest cut [px]."""
     depth, at = cut_depth(s) / s.design.q, f"at X_ml = {s.lens_field:.4g} mm"
-    if s.design.lens is not None:
-        traced = lens.faults(s.design, s.lens_field).cut / s.design.q
-        if traced > depth:
-            return Estimate(traced, f"{s.design.lens.name}, traced, cuts {traced:.3g} px off microlens images {at}")
+    traced = lens.faults(s.design, s.lens_field).cut / s.design.q
+    if traced > depth:
+        name = s.design.main_lens.kind.name
+        return Estimate(traced, f"{name}, traced, cuts {traced:.3g} px off microlens images {at}")
     if depth <= 0:
         return Estimate(0.0, f"the FAP's disc lies inside all others {at}: nothing is clipped")
     return Estimate(depth, f"other rims cut {depth:.3g} px into the FAP's disc {at}")
@@ -73,7 +74,9 @@ def blur_on_mla(c: Camera, distance: float, place: float = 0.0) -> float:
         raise InputError((Problem("object distance", fault),))
     apparent = c.plane(distance).distance
     middle = float(np.abs(c.seen.D_F * c.seen.d_1 / c.seen.d_f * (c.seen.d_f - apparent) / (apparent - c.seen.d_3)))
-    return middle if c.law is None or place == 0 else max(middle, *(abs(b) for b in mapped_blur(c, distance, place)))
+    return (
+        middle if place == 0 or not c.mapping.bends else max(middle, *(abs(b) for b in mapped_blur(c, distance, place)))
+    )
 
 
 def mapped_blur(c: Camera, distance: float, place: float) -> tuple[float, float]:
@@ -109,20 +112,11 @@ def cos4(s: Subject) -> Estimate:
     Behind a real lens it is that of the rays behind the array: what obliqueness costs in front of the lens shows in
     the size of the microlens images there, which are traced (etendue is conserved).
     """
-    if s.design.lens is not None:
-        loss = _loss(lens.faults(s.design, s.lens_field).steepest)
+    if s.design.main_lens.kind.faults:
+        loss = F_TAN.loss(lens.faults(s.design, s.lens_field).steepest)
         return Estimate(loss, f"{loss:.2%} darker at X_ml = {s.lens_field:.4g} mm, behind the array (traced)")
-    slope = s.x_ml * float(chief_slope(s.camera))
-    if s.camera.law is None:
-        loss = _loss(slope)
-        return Estimate(loss, f"{loss:.2%} darker {s.at}")
-    loss = 1 - float(falloff(s.camera, slope))
-    return Estimate(loss, f"{loss:.2%} darker {s.at}, by the objective's mapping")
-
-
-def _loss(slope: float) -> float:
-    """1 - cos^4 of the angle of a slope; -expm1 keeps small angles exact."""
-    return float(-np.expm1(-2 * np.log1p(slope**2)))
+    loss = s.camera.mapping.loss(s.x_ml * float(chief_slope(s.camera)))
+    return Estimate(loss, f"{loss:.2%} darker {s.at}{s.camera.mapping.words}")
 
 
 def mla_rotation(s: Subject) -> Estimate:

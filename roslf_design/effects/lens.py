@@ -9,6 +9,8 @@ wavelength takes its own way.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -20,7 +22,7 @@ from ..lenses.prescription import first_order
 from ..lenses.tracer import KEPT
 from ..traced.camera import camera_of
 from ..traced.images import field_map, real_field
-from .effect import Effect, Estimate, Subject
+from .effect import Effect, Estimate, Subject, Unit
 
 RADII = (0.4, 0.6, 0.8, 1.0)
 """Parts of the field's radius at which the lens is looked at."""
@@ -46,9 +48,16 @@ class Faults(NamedTuple):
     """Steepest ray behind the array that makes a microlens image: dx/dz."""
 
 
-@lru_cache(maxsize=256)
+FAULTLESS = Faults(0.0, 0.0, 0.0, 0.0, 0.0, math.inf, 0.0)
+
+
 def faults(design: Design, x_ml: float) -> Faults:
-    """Trace a design's main lens out to the microlens radius `x_ml` [mm]."""
+    """Faults of a design's main lens out to the microlens radius `x_ml` [mm]."""
+    return _traced_faults(design, x_ml) if design.main_lens.kind.faults else FAULTLESS
+
+
+@lru_cache(maxsize=256)
+def _traced_faults(design: Design, x_ml: float) -> Faults:
     axes = [(share * x_ml, 0.0) for share in RADII]
     # The array's own frame is turned and shifted; the lens is asked along its own radius.
     upright = ("main_lens", "aperture", "microlens_array", "sensor", *(f"stops.{i}" for i in range(len(design.stops))))
@@ -93,14 +102,11 @@ def colour_spread(design: Design, wavelengths: tuple[float, ...], x_ml: float) -
 
 
 def _traced(s: Subject) -> str:
-    assert s.design.lens is not None
-    return f"{s.design.lens.name}, traced to X_ml = {s.lens_field:.4g} mm"
+    return f"{s.design.main_lens.kind.name}, traced to X_ml = {s.lens_field:.4g} mm"
 
 
 def distortion(s: Subject) -> Estimate:
     """Displacement of microlens images' rims against the thin lens [px]."""
-    if s.design.lens is None:
-        return IDEAL
     traced = faults(s.design, s.lens_field)
     size = traced.displaced / s.design.q
     ends = "" if traced.whole_to == s.lens_field else f"; images are not whole beyond {traced.whole_to:.4g} mm"
@@ -115,16 +121,12 @@ def _blur(s: Subject, spread: float, words: str) -> Estimate:
 
 def aberrations(s: Subject) -> Estimate:
     """Extent on the array of an object point's light [pitches]; zero for a uniform scene."""
-    if s.design.lens is None:
-        return IDEAL
     spread = faults(s.design, s.lens_field).spread / s.design.d
     return _blur(s, spread, f"object points spread over {spread:.3g} pitches")
 
 
 def curvature(s: Subject) -> Estimate:
     """Blur on the array from field curvature and astigmatism [pitches]; zero for a uniform scene."""
-    if s.design.lens is None:
-        return IDEAL
     lens_faults = faults(s.design, s.lens_field)
     spread, left = lens_faults.curvature / s.design.d, lens_faults.refocused / s.design.d
     words = (
@@ -135,8 +137,6 @@ def curvature(s: Subject) -> Estimate:
 
 def colour(s: Subject) -> Estimate:
     """Lateral and axial colour between the scene's wavelengths and the design's [pitches]."""
-    if s.design.lens is None:
-        return IDEAL
     others = tuple(wave for wave in s.brief.wavelengths if wave != s.design.wavelength)
     if not others:
         return Estimate(0.0, "the scene is lit in the design's wavelength")
@@ -144,16 +144,15 @@ def colour(s: Subject) -> Estimate:
     return Estimate(spread, f"{_traced(s)}: colours part by {spread:.3g} pitches")
 
 
-def has_real_lens(design: Design) -> bool:
-    """Whether the main lens is traced."""
-    return design.lens is not None
+def _of_lens(name: str, title: str, unit: Unit, estimate: Callable[[Subject], Estimate]) -> Effect:
+    return Effect(
+        name, title, unit, estimate, available=lambda design: name in design.main_lens.kind.faults, absent="ideal lens"
+    )
 
-
-IDEAL = Estimate(0.0, "ideal lens")
 
 EFFECTS = (
-    Effect("lens_aberrations", "Main-lens aberrations", "pitch", aberrations, available=has_real_lens),
-    Effect("lens_distortion", "Main-lens distortion", "px", distortion, available=has_real_lens),
-    Effect("field_curvature", "Field curvature", "pitch", curvature, available=has_real_lens),
-    Effect("lens_colour", "Main-lens colour", "pitch", colour, available=has_real_lens),
+    _of_lens("lens_aberrations", "Main-lens aberrations", "pitch", aberrations),
+    _of_lens("lens_distortion", "Main-lens distortion", "px", distortion),
+    _of_lens("field_curvature", "Field curvature", "pitch", curvature),
+    _of_lens("lens_colour", "Main-lens colour", "pitch", colour),
 )

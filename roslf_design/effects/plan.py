@@ -11,7 +11,7 @@ from typing import Any, Protocol, Self
 from ..design import Design
 from ..errors import InputError, Problem
 from . import elements, geometry, lens, waves
-from .effect import WHITE, Effect, SceneBrief, Subject, Unit
+from .effect import WHITE, Effect, Estimate, SceneBrief, Subject, Unit
 
 EFFECTS: tuple[Effect, ...] = (
     geometry.PUPIL_GEOMETRY,
@@ -165,12 +165,12 @@ def plan(
     width, height = design.pixels
     lines: dict[str, PlannedEffect] = {}
     for effect in sorted(EFFECTS, key=lambda effect: bool(effect.required_by)):
-        size = effect.estimate(subject)
+        there = effect.available(design)
+        size = effect.estimate(subject) if there else Estimate(0.0, effect.absent)
         if not math.isfinite(size.value):
             raise PlanError.about(effect.name, f"its estimate is {size.value}; this design's values are too extreme")
         limit = budget.of(effect.unit)
         user = [name for name in effect.required_by if lines[name].on]
-        there = effect.available(design)
         on, why = _decide(effect, abs(size.value), limit, user) if there else (False, "")
         if there and not effect.always and effect.name in wanted:
             on, why = wanted[effect.name], "switched on by hand" if wanted[effect.name] else "switched off by hand"

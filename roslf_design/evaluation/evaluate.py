@@ -22,7 +22,7 @@ from ..design.environment import not_known, not_named
 from ..design.files import as_design
 from ..design.parts import PATHS, Substrate
 from ..effects.plan import plan
-from ..lenses.angles import angle_in_air, image_height
+from ..lenses.angles import image_height
 from ..lenses.glass import AIR, ROOM
 from ..theory import exit_pupil
 from ..theory.quantities import QUANTITIES, depth_error
@@ -211,7 +211,7 @@ def _mapping(
 ) -> ObjectiveMapping | None:
     if camera.law is None or camera.chain.mapped is None:
         return None
-    lens, largest = design.elements[camera.chain.mapped], float(camera.law[0, 1])
+    lens = design.elements[camera.chain.mapped]
     assert isinstance(lens, FieldLens)
     sample = float(QUANTITIES["object_sample_mm"](camera))
     images = MicrolensImages(camera, axes)
@@ -229,7 +229,7 @@ def _mapping(
     )
     name = lens.mapping if isinstance(lens.mapping, str) else "table"
     at = element_name(lens, camera.chain.mapped + 1)
-    return ObjectiveMapping(name, at, math.degrees(float(angle_in_air(camera.law, largest))), rows)
+    return ObjectiveMapping(name, at, math.degrees(camera.mapping.widest), rows)
 
 
 def _axes(fields: Any) -> tuple[tuple[float, float], ...]:

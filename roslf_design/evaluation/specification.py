@@ -15,6 +15,7 @@ from ..camera import Camera
 from ..design import Design
 from ..design.files import as_design
 from ..json_data import plain
+from ..shapes.lattice import PACKINGS
 from ..theory import field_of_view, light, tube
 from ..theory.colours import ColourFilter, filters
 from ..theory.depth_of_field import Kind, depth_of_field
@@ -291,7 +292,7 @@ def specification(design: Design | str | Path) -> Specification:
     view, refocused = _sharp(camera, "view"), _sharp(camera, "refocused")
     rows = [resolved(images, k, at, "refocused") for at in distances for k in range(len(axes))]
     rows += [resolved(images, 0, at, "view") for at in distances]
-    if design.lens is not None:  # whose views, too, are less sharp off the axis
+    if design.main_lens.kind.faults:  # views, too, are less sharp off the axis
         rows += [resolved(images, k, distances[1], "view") for k in range(1, len(axes))]
     points = _points(images, distances[1])
     farthest = corner(points)
@@ -419,7 +420,7 @@ def _colour(camera: Camera, one: ColourFilter) -> Colour:
 
 def _samples(camera: Camera) -> tuple[int, int]:
     """Whole microlenses across the width and the height."""
-    rows = math.sqrt(3) / 2 if camera.layout == "hexagonal" else 1.0
+    rows = PACKINGS[camera.layout].rise
     across, up = (2 * float(half) / float(camera.d) for half in light.sensor_field(camera).half)
     return math.floor(across + 1e-9), math.floor(up / rows + 1e-9)
 

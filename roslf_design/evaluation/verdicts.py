@@ -11,11 +11,12 @@ import numpy as np
 from ..camera import Camera
 from ..design import Design
 from ..design.environment import not_known, not_named
-from ..lenses.angles import angle_in_air
 from ..lenses.glass import ROOM
+from ..shapes.lattice import PACKINGS
 from ..theory import tube
-from ..theory.colours import GREEN
+from ..theory.colours import PIXEL_FILTERS
 from ..theory.f_number import fill_factor, matched
+from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import geometric_views, sensor_field
 from ..theory.photometry import accepted, response
 from ..theory.quantities import QUANTITIES
@@ -134,8 +135,8 @@ def _field_remedy(camera: Camera, field: Numbers) -> str:
             f"a main lens of {_rounded_up(float(camera.D) + grow)} mm clear aperture frees the whole field; "
             "a smaller FAP, a FAP closer to the lens or a smaller sensor helps too"
         )
-    if camera.law is not None and field.limited_by.endswith("mapping"):
-        largest = math.degrees(float(angle_in_air(camera.law, camera.law[0, 1])))
+    if field.limited_by.endswith("mapping"):
+        largest = math.degrees(camera.mapping.widest)
         return f"the objective images no farther than {largest:.4g} degrees in air; use a smaller sensor or FAP"
     return f"widen the {field.limited_by} by {_rounded_up(grow)} mm, or use a smaller FAP or a smaller sensor"
 
@@ -149,9 +150,8 @@ def _rounded_up(length: float) -> str:
 def _resolved(camera: Camera, sampling: Numbers) -> Verdict:
     """By pixels; behind a Bayer pattern by green ones, which lie farther apart."""
     views, independent = sampling.views_geometric, sampling.views_independent
-    kind = "pixels"
-    if camera.colours != "mono":
-        views, kind = views / GREEN.spacing, f"green pixels ({GREEN.spacing:.3g} px apart)"
+    filters = PIXEL_FILTERS[camera.colours]
+    views, kind = views / filters.spacing, filters.pixels
     if views < LEAST_VIEWS:
         pixel = 1e3 * float(camera.q)
         return _answer(
@@ -212,7 +212,7 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
                 f"the sensor is {sensor:.5g} mm {side} (seen at the MLA) but the MLA only {mla:.5g} mm: "
                 "its margin stays dark, and fields are counted to the MLA's edge"
             )
-    if array.layout == "hexagonal" and array.lens_shape == "square":
+    if LENS_SHAPES[array.lens_shape].area > PACKINGS[array.layout].rise:
         yield (
             "square microlenses as wide as the pitch overlap in a hexagonal layout, whose rows are 0.866 pitch apart; "
             'lens_shape = "circular" fits'

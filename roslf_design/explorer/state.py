@@ -237,7 +237,7 @@ def new_window(design: Design) -> dict[str, Any]:
     share = (start + thick - design.d_3) / beyond
     pencil = float(QUANTITIES["field_half_diagonal_mm"](camera)) * share + design.D_F / 2
     # A rim before an objective with a mapping would cut rays whose first order does not tell where they are.
-    wide = {"diameter": float(f"{2.2 * pencil:.3g}")} if math.isfinite(pencil) and camera.law is None else {}
+    wide = {"diameter": float(f"{2.2 * pencil:.3g}")} if math.isfinite(pencil) and not camera.mapping.bends else {}
     return {"kind": "plate", "distance": start, "thickness": thick, "material": GLASSES[0], **wide}
 
 
@@ -273,7 +273,7 @@ class State:
         """The state of a design just loaded; by default what its file leaves open follows."""
         if follows is None:
             lens = design.main_lens
-            given = lens.focal_length is not None or lens.prescription is not None
+            given = lens.kind.given(PATHS["f"], lens.focal_length, design.wavelength) is not None
             follows = "d_1" if design.microlens_array.distance is None else "d_f" if given else "f"
         state = cls(design, design)
         return replace(state, follows=follows if follows in state.followers else "d_f")
@@ -281,7 +281,7 @@ class State:
     @property
     def followers(self) -> tuple[Follower, ...]:
         """Which of f, d_1 and d_f can follow: behind a real lens its focal length is its own."""
-        return CONJUGATE if self.design.main_lens.prescription is None else ("d_1", "d_f")
+        return self.design.main_lens.kind.open_conjugates
 
     def changeable(self, symbol: str) -> bool:
         """Whether a number can be set by hand."""
@@ -366,8 +366,7 @@ class State:
                     elements[objective] = elements[objective].model_copy(update={"mapping": text})
             elif k is not None:
                 elements[k] = elements[k].model_copy(update={"material": _material(text)})
-            held = [s for s in self.followers if s != self.follows]
-            held = [] if design.main_lens.prescription is not None else held
+            held = [s for s in design.main_lens.kind.kept_conjugates if s != self.follows]
             changes = {PATHS[s]: getattr(design, s) for s in held}
             changes |= {"elements": tuple(elements), "object_space.medium": medium if elements else AIR}
             left = tuple(
@@ -389,8 +388,7 @@ class State:
         fixed = kept(self.follows, changes)
         if any(symbol.startswith("window_") for symbol in changes):  # glass moves the focus
             fixed = tuple(s for s in CONJUGATE if s != self.follows and s not in changes)
-        if self.design.main_lens.prescription is not None:
-            fixed = ()
+        fixed = tuple(s for s in fixed if s in self.design.main_lens.kind.kept_conjugates)
         return self.design.replace({PATHS[s]: getattr(self.design, s) for s in fixed} | places)
 
     def _put(self, symbol: str, value: float | None, text: str) -> State:

@@ -195,7 +195,7 @@ def header(history: History) -> dict[str, Any]:
         "message": history.present.message,
         "can_undo": bool(history.past),
         "can_redo": bool(history.future),
-        "lens_name": "" if design.lens is None else (design.lens.name or "a real lens"),
+        "lens_name": design.main_lens.kind.name,
     }
 
 

@@ -15,7 +15,7 @@ from ..effects import Plan
 from ..effects.geometry import tilt_shift
 from ..errors import InputError, Problem
 from ..input_files import MOST_SAMPLES
-from ..shapes.lattice import lattice_steps
+from ..shapes.lattice import PACKINGS
 from ..theory.light import microlens_defocus_blur
 from ..theory.photometry import accepted
 from ..theory.stop_images import stop_discs
@@ -173,7 +173,7 @@ class ImageLattice:
     @classmethod
     def of(cls, camera: Camera) -> ImageLattice:
         """The lattice of one camera; tilts widen `reach`, everything else is exact."""
-        axes = camera.d * lattice_steps(camera.layout)
+        axes = camera.d * PACKINGS[camera.layout].steps
         angle = float(camera["microlens_array.rotation"])
         turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
         offset = np.array(camera.decentre("microlens_array"))

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..shapes.discs import chords
+from ..theory.lens_shapes import LENS_SHAPES
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres
 from .trace import sobol_points
 from .wavefront import Wavefront
@@ -178,10 +179,7 @@ def _by_waves(
     samples = 24 + 2 * math.ceil(cycles)
     nodes, weights = np.polynomial.legendre.leggauss(samples)
     v, dv = nodes * d / 2, weights * d / 2
-    window = np.ones((samples, samples))
-    if camera.lens_shape == "circular":
-        # Columns of the disc, each with its own chord, keep the quadrature smooth: here as fractional rows.
-        window = np.clip((d / 2 - np.hypot(v[:, None], v)) / (d / samples) + 0.5, 0, 1)
+    window = LENS_SHAPES[camera.lens_shape].window(v, d)
     bend = np.exp(-1j * math.pi / (wavelength * f_ml) * v**2) * dv
     reach = beyond + 3 * d
     arriving = _arriving(source, wavelength, reach) if front is None else _traced_field(front, wavelength, reach)
@@ -306,8 +304,7 @@ def _by_rays(source: PointSource, region: Region, lattice: ImageLattice) -> Imag
     index = lattice.nearest(np.linalg.solve(lattice.turned, (hit - lattice.offset).T).T)
     offset = hit - lattice.microlens(index)
     kept &= lattice.holds(index)
-    if camera.lens_shape == "circular":
-        kept &= np.hypot(*offset.T) <= camera.d / 2
+    kept &= LENS_SHAPES[camera.lens_shape].holds(offset[:, 0], offset[:, 1], float(camera.d))
     land = hit + (after - offset / camera.f_ml) * camera.seen.d_2 - np.array(camera.decentre("sensor"))
     pixel = np.floor(land / camera.q + np.array(camera.pixels) / 2).astype(int) - region[:2]
     kept &= ((pixel >= 0) & (pixel < region[2:])).all(-1)

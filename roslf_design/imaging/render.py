@@ -307,18 +307,23 @@ class _Job:
         lens_x, lens_y = camera.lens_centre
         for thing in self.scene.points:
             for position in thing.positions:
-                light, apparent = thing.flux, camera.see(*position)
-                if camera.law is not None:
-                    share, apparent = self._mapped(*position)
-                    light *= share
+                share, apparent = (self._mapped if camera.mapping.bends else self._straight)(*position)
+                light = thing.flux * share
                 x, y, distance = (float(number) for number in apparent)
-                if self.plan.on("cos4") and camera.law is None:
-                    away = (distance - camera.seen.d_3) / chief_spread(camera)
-                    light *= float((1 + (x * x + y * y) / away**2) ** -2.0)
                 if light == 0:  # outside what the objective images
                     continue
                 place = (float(position[0]), float(position[1]), float(position[2])) if exact else None
                 yield np.float32(light), PointSource(camera, float(x - lens_x), float(y - lens_y), distance, place)
+
+    def _straight(self, x: float, y: float, z: float) -> tuple[float, tuple[Number, Number, Number]]:
+        """Light of a point, and where the main lens sees it."""
+        camera = self.camera
+        apparent = camera.see(x, y, z)
+        if not self.plan.on("cos4"):
+            return 1.0, apparent
+        u, v, distance = (float(number) for number in apparent)
+        away = (distance - camera.seen.d_3) / chief_spread(camera)
+        return float((1 + (u * u + v * v) / away**2) ** -2.0), apparent
 
     def _mapped(self, x: float, y: float, z: float) -> tuple[float, tuple[Number, Number, Number]]:
         """Light of a point before an objective with a mapping, and where the main lens sees it.
@@ -332,10 +337,8 @@ class _Job:
             These are so far apart that one focus does not stand for both.
         """
         camera = self.camera
-        law = camera.law
-        assert law is not None
         _, p = camera.straight_ray(x, y, z)
-        if p >= law[0, 1]:
+        if p >= camera.mapping.kernel[0, 1]:
             return 0.0, camera.see(x, y, z)
         along, across = float(camera.stretch_along(p)), float(camera.stretch(p))
         place = float(p / outer_slope(camera, 1.0))

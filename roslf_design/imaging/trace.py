@@ -21,7 +21,7 @@ from ..camera.frames import frame
 from ..design import Design
 from ..effects import Plan, Subject
 from ..effects.elements import misses
-from ..lenses.angles import illumination
+from ..lenses.angles import NO_LAW, illumination
 from ..lenses.tracer import BLOCK, COLUMNS, ROWS
 from ..rays.backward import (
     ARRAY_X,
@@ -43,8 +43,9 @@ from ..rays.backward import (
 )
 from ..scenes import Checkerboard, Noise, PictureTexture, Plane, Scene, Sinusoid, Sphere, Uniform, White
 from ..theory.exit_pupil import microlens_image_diameter
+from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import chief_slope
-from ..theory.object_space import NO_LAW, FacesAhead, outwards
+from ..theory.object_space import FacesAhead, outwards
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres, planned_camera
 
 PLANE, SPHERE, TUBE = 0, 1, 2
@@ -311,7 +312,7 @@ class Tracer:
             not plan.on("object_defocus"),
             not plan.on("overlap"),
             kicked,
-            camera.lens_shape == "circular",
+            LENS_SHAPES[camera.lens_shape].round,
             bool(camera.chain.elements),
             exact,
         ]

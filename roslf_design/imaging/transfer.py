@@ -22,10 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..camera import Camera
-from ..design.parts import Layout
+from ..shapes.lattice import PACKINGS
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 from ..theory.transfer import MicrolensTransfer, disc_spectrum
-from .camera import Floats, Image, Region
+from .camera import Image, Region
 
 PANEL = 16
 """Gauss-Legendre nodes for each oscillation of a product of spectra."""
@@ -58,8 +58,8 @@ def encircled(camera: Camera) -> Encircled:
     By Parseval, the light of the image ``P * K`` inside a shape S is the integral of the three spectra's product,
     which ends where the transfer function does: a finite integral of a smooth function.
     """
-    wave, circular = float(camera.wavelength), camera.lens_shape == "circular"
-    transfer = MicrolensTransfer(float(camera.d), float(camera.seen.d_2), 0.0, (wave,), circular)
+    lengths = float(camera.d), float(camera.seen.d_2)
+    transfer = MicrolensTransfer(*lengths, 0.0, (float(camera.wavelength),), camera.lens_shape)
     radius, pitch = float(microlens_image_diameter(camera)) / 2, abs(float(microlens_image_pitch(camera)))
     panels = math.ceil(2 * transfer.cutoff * max(2 * radius, pitch)) + 1
     nodes, weights = np.polynomial.legendre.leggauss(PANEL)
@@ -68,36 +68,9 @@ def encircled(camera: Camera) -> Encircled:
     weight = np.tile(weights * step / 2, panels)
     spectrum = disc_spectrum(radius, np.hypot(frequency[:, None], frequency))
     passed = spectrum * transfer(frequency[:, None], frequency) * (4 * weight[:, None] * weight)
-    cell = cell_spectrum(camera.layout, pitch, frequency)
+    cell = PACKINGS[camera.layout].cell_spectrum(pitch, frequency)
     area = math.pi * radius**2
     return Encircled(float((passed * spectrum).sum() / area), float((passed * cell).sum() / area))
-
-
-def cell_spectrum(layout: Layout, pitch: float, frequency: Floats) -> Floats:
-    """Fourier transform of a lattice's cell about the origin, at all pairs of frequencies along y and x.
-
-    Parameters
-    ----------
-    layout : {"square", "hexagonal"}
-    pitch : float
-        Of the images [mm]; neighbours lie along x.
-    frequency : ndarray, shape (N,)
-        Above 0 [1/mm].
-
-    Returns
-    -------
-    ndarray, shape (N, N)
-        [mm^2]; rows are frequencies along y.
-    """
-    box = pitch * np.sinc(frequency * pitch)
-    if layout == "square":
-        return np.asarray(box[:, None] * box)
-    # A hexagon, row by row: as wide as the pitch up to half its height, from there on narrowing to a corner.
-    half = pitch / (2 * math.sqrt(3))
-    across, up = math.pi * pitch * frequency, 2 * math.pi * half * frequency[:, None]
-    one = np.sin((across + 3 * up) / 2) * np.sinc((up - across) / (2 * math.pi))
-    other = np.sin((across - 3 * up) / 2) * np.sinc((up + across) / (2 * math.pi))
-    return np.asarray(2 * half * np.sinc(2 * half * frequency)[:, None] * box + half * pitch * (one + other) / across)
 
 
 def fineness(transfer: MicrolensTransfer, pixel: float) -> int:

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from ..camera import Camera
 from ..design import Design
 from ..effects import Plan, plan
-from ..lenses.angles import illumination
 from ..rays.exact_discs import ExactDiscs
 from ..shapes.coverage import LARGEST_PART, coverage, coverage_bands, coverage_image
 from ..shapes.discs import shapes
@@ -160,11 +159,7 @@ def add_falloff(image: Image, camera: Camera, x: Floats, y: Floats) -> Image:
     across = ((x / lattice.grow + shift[0]) * scale).astype(np.float32) ** 2
     along = ((y / lattice.grow + shift[1]) * scale).astype(np.float32) ** 2
     for row in range(image.shape[0]):
-        if camera.law is not None:
-            image[row] *= illumination(camera.law, np.sqrt(along[row] + across, dtype=np.float64))
-            continue
-        slope = 1 + along[row] + across
-        image[row] /= slope * slope
+        camera.mapping.dim(image[row], along[row] + across)
     return image
 
 
@@ -238,7 +233,7 @@ def harmonic_series(camera: Camera, transfer: MicrolensTransfer, pixel: bool = T
         Relative intensities: 1 inside a geometric image.
     """
     lattice = ImageLattice.of(camera)
-    _, frequencies = _orders(lattice, transfer.cutoff * (1.0 if transfer.circular else math.sqrt(2)))
+    _, frequencies = _orders(lattice, transfer.cutoff * transfer.shape.diagonal)
     weight = _uncut(camera, lattice, frequencies) * transfer(*frequencies.T)
     if pixel:
         weight = weight * _pixels(camera, frequencies)
@@ -297,7 +292,7 @@ def neighbour_interference(camera: Camera, transfer: MicrolensTransfer) -> float
     """
     least = transfer.width**2 / (MOST_INTERFERING * transfer.sensor_distance)
     limited = replace(transfer, wavelengths=tuple(max(wavelength, least) for wavelength in transfer.wavelengths))
-    reach = INTERFERING - 1 if transfer.circular else INTERFERING  # fields of circles fall off faster
+    reach = transfer.shape.neighbours
     series, lattice = interference_series(camera, limited, reach=reach), ImageLattice.of(camera)
     sides = np.abs(lattice.image_axes).sum(1)
     at = np.linspace(0, 1, 8 * math.ceil((reach + 1) * limited.cutoff * sides.max()))

@@ -5,7 +5,9 @@ A law is an array: a row of kind and largest p; of a table also a row an interva
 
 from __future__ import annotations
 
-from typing import Any
+import math
+from collections.abc import Callable
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,3 +103,112 @@ def image_height(law: Any, angle: Any) -> Any:
 def first_order(law: Any, slope: Any, n: Any) -> Any:
     """Inverse of p/n times `stretch`: p, of a slope in a medium of index n."""
     return image_height(law, np.arcsin(np.minimum(n * np.sin(np.arctan(slope)), 1.0)))
+
+
+NO_LAW = np.zeros((0, LAW_COLUMNS))
+"""Law of f tan, for kernels."""
+STEEPEST = 1e15
+"""Slope that is taken for infinite."""
+
+
+class AngleMap:
+    """f tan: angles as the first order has them."""
+
+    bends: ClassVar[bool] = False
+    """True where it bends the plane in focus, and draws what lies off the axis smaller."""
+    words: ClassVar[str] = ""
+    """Words for why light falls off otherwise than by cos^4."""
+    kernel: Law = NO_LAW
+    """As kernels take it; no rows of f tan."""
+
+    @property
+    def widest(self) -> float:
+        """Largest angle in air that it images [rad]."""
+        return math.pi / 2
+
+    def angle(self, slope: Any) -> Any:
+        """Angle in air [rad] of a slope times index to first order."""
+        return np.arctan(slope)
+
+    def light(self, slope: Any) -> Any:
+        """Light off the axis against the middle, at a slope times index to first order: cos^4."""
+        return (1 + slope * slope) ** -2.0
+
+    def loss(self, slope: float) -> float:
+        """Share of light that is lost there, small ones exactly."""
+        return float(-np.expm1(-2 * np.log1p(slope**2)))
+
+    def dim(self, row: Any, squares: Any) -> None:
+        """Darken places in place by the light at slopes of these squares."""
+        slope = 1 + squares
+        row /= slope * slope
+
+    def stretch(self, p: Any, medium: Any) -> Any:
+        """Slope in a medium over that of the first order, p over its index."""
+        return 1.0
+
+    def stretch_along(self, p: Any, medium: Any) -> Any:
+        """Derivative of that slope by the first order's."""
+        return 1.0
+
+    def first_order(self, slope: Any, medium: Any) -> Any:
+        """Slope times index to first order, of a slope in a medium."""
+        return slope * medium
+
+    def straight(self, at: Any, drawn: Callable[[], Any]) -> Any:
+        """Point of the first order's object space that stands for one; `drawn` finds it along a straight ray."""
+        return at
+
+
+class AngleLaw(AngleMap):
+    """Objective that maps angles by a law of its own."""
+
+    bends = True
+    words = ", by the objective's mapping"
+
+    def __init__(self, law: Law) -> None:
+        self.kernel, self.end = np.array(law, order="C"), law[0, 1]
+
+    @property
+    def widest(self) -> float:
+        """Angle of the law's largest p."""
+        return float(angle_in_air(self.kernel, self.end))
+
+    def angle(self, slope: Any) -> Any:
+        """Angle by the law; beyond what is imaged, the largest."""
+        return angle_in_air(self.kernel, np.minimum(slope, self.end))
+
+    def light(self, slope: Any) -> Any:
+        """Light by `illumination`."""
+        return illumination(self.kernel, slope)
+
+    def loss(self, slope: float) -> float:
+        """Share by `illumination`."""
+        return 1 - float(self.light(np.abs(slope)))
+
+    def dim(self, row: Any, squares: Any) -> None:
+        """Darken by `illumination`."""
+        row *= illumination(self.kernel, np.sqrt(squares, dtype=np.float64))
+
+    def stretch(self, p: Any, medium: Any) -> Any:
+        """Stretch by the law, infinite at 90 degrees."""
+        grown = stretch(self.kernel, p, medium)
+        return np.where(np.real(grown) < STEEPEST, grown, np.inf)[()]
+
+    def stretch_along(self, p: Any, medium: Any) -> Any:
+        """Derivative by a complex step."""
+        held = np.minimum(p, self.end * (1 - 1e-12)) + 1j * STEP
+        return np.imag(held * stretch(self.kernel, held, medium))[()] / STEP
+
+    def first_order(self, slope: Any, medium: Any) -> Any:
+        """Inverse of the law."""
+        return first_order(self.kernel, slope, medium)
+
+    def straight(self, at: Any, drawn: Callable[[], Any]) -> Any:
+        """Point drawn along a straight ray."""
+        return drawn()
+
+
+F_TAN = AngleMap()
+STEP = 1e-30
+"""Size of complex steps of derivatives."""

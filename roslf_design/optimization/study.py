@@ -96,7 +96,7 @@ class StudyTable(StrictTable):
     def faults(self, design: Design) -> Iterator[Problem]:
         """What does not go together, in a study of a design."""
         names, numbers = tuple(self.variables), Camera.of(design).numbers
-        own = () if design.lens is None else places_that_vary(design.lens)
+        own = [place for lens in design.main_lens.kind.mounted for place in places_that_vary(lens)]
         yield from (Problem("variables", words) for words in name_faults(names, numbers, own))
         for name, variable in self.variables.items():
             if name in NUMBERS:
@@ -118,16 +118,17 @@ class StudyTable(StrictTable):
                 if part.field is not None and any(abs(x) > most for x, most in zip(part.field, half, strict=True)):
                     words = f"lies beyond the array, which reaches {half[0]:g} and {half[1]:g} mm from its middle"
                     yield Problem(f"{key}.{number}.field", words)
-        if design.lens is not None:
-            yield from self._faults_behind(design, design.lens)
+        for lens in design.main_lens.kind.mounted:
+            yield from self._faults_behind(design, lens)
         goals = [goal.quantity.name for goal in self.goals]
         for name in self.pareto.goals if self.pareto is not None else ():
             if name not in goals:
                 hint = nearest(name, goals, f"goals are {', '.join(goals)}")
                 yield Problem("pareto.goals", f"'{name}' is not among [[goals]]; {hint}")
         if self.catalogue is not None:
-            of_lens = sorted({"orientations", "glasses"} & {*self.catalogue.kinds})
-            if of_lens and design.lens is None:
+            if of_lens := sorted(
+                {"orientations", "glasses"} & {*self.catalogue.kinds} - {*design.main_lens.kind.parts}
+            ):
                 words = f"{of_lens[0]} are of a real main lens and this design's is ideal; leave the kind out"
                 yield Problem("catalogue.kinds", words)
             varied = {PATHS.get(name, name) for name in names}

@@ -13,6 +13,7 @@ from ..camera import Camera, Rim, Vector
 from ..camera.frames import along, dot, minus, times
 from ..design.parts import PATHS
 from ..lenses.angles import stretch
+from ..shapes.lattice import PACKINGS
 from ..theory.object_space import Status
 from ..theory.stop_images import Projected, lens_point, project
 
@@ -162,10 +163,7 @@ def _own_cell(camera: Camera, x: Floats, y: Floats, landing: Projected, px: Floa
     area = xx * yy - xy * yx
     x0, y0 = landing.centre
     u, v = (yy * (px - x0) - xy * (py - y0)) / area, (xx * (py - y0) - yx * (px - x0)) / area
-    if camera.layout == "square":
-        return np.asarray((np.abs(u) <= 0.5) & (np.abs(v) <= 0.5))
-    slant = np.sqrt(0.75) * v
-    return np.asarray((np.abs(u / 2 + slant) <= 0.5) & (np.abs(u / 2 - slant) <= 0.5) & (np.abs(u) <= 0.5))
+    return PACKINGS[camera.layout].in_cell(u, v)
 
 
 class Fan(NamedTuple):

@@ -99,7 +99,7 @@ class Scene(Part):
         details = [detail(thing) for thing in self.objects]
         reach = [z for thing in self.objects for z in depths(thing, design.d_f, *_view(design))]
         in_focus = all(abs(z - design.d_f) <= 1e-9 * design.d_f for z in reach)
-        in_focus &= not (reach and Camera.of(design).law is not None)  # which bends the plane in focus
+        in_focus &= not (reach and Camera.of(design).mapping.bends)
         return SceneBrief(
             smallest_period=min(period for period, _ in details),
             hard_edges=any(jumps for _, jumps in details),
@@ -118,7 +118,7 @@ class Scene(Part):
             Every object inside the lens or the bore, every texture that cannot be read.
         """
         problems = [*_misplaced(self, design), *_unreadable(self)]
-        if self.light.wavelengths and design.sensor.colours != "mono":
+        if self.light.wavelengths and filters(design.sensor.colours):
             message = "a sensor with colour filters is rendered in white light; drop it, or use sensor.colours = mono"
             problems.append(Problem("light.wavelengths", message))
         if problems:

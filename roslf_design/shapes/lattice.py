@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,8 +13,101 @@ from numpy.typing import ArrayLike, NDArray
 from ..design.parts import Layout
 
 Array = NDArray[np.float64]
+Floats = NDArray[np.floating]
 
-LAYOUTS = ("square", "hexagonal")
+
+class Packing:
+    """Layout of microlenses that are one pitch apart along their rows."""
+
+    corners: ClassVar[int]
+    """Corners of a cell."""
+    slant: ClassVar[float]
+    """Shift of every other row [pitches]."""
+    rise: ClassVar[float]
+    """Distance between rows, and area of a cell [pitches]."""
+    fold: ClassVar[float]
+    """Frequency beyond which detail folds back, the least over all directions [1/pitch]."""
+    orders: ClassVar[float]
+    """Orders of the lattice's frequencies along an axis of theirs, over their reach in periods per pitch, at most."""
+
+    @property
+    def steps(self) -> Array:
+        """Columns: steps of two indices in the array's frame [pitches]; the second leads to the next row."""
+        return np.array([[1.0, self.slant], [0.0, self.rise]])
+
+    def wave_up(self, first: Floats, second: Floats) -> Array:
+        """Frequency square to the rows of a wave with so many periods along each of the two steps [1/pitch]."""
+        raise NotImplementedError
+
+    def in_cell(self, x: Array, y: Array) -> NDArray[np.bool_]:
+        """True where a place is nearer to the lens at the origin than to others [pitches]."""
+        raise NotImplementedError
+
+    def cell_spectrum(self, pitch: float, frequency: Array) -> Array:
+        """Fourier transform of a cell about the origin, at all pairs of frequencies along y and x.
+
+        Parameters
+        ----------
+        pitch : float
+            Of the images [mm]; neighbours lie along x.
+        frequency : ndarray, shape (N,)
+            Above 0 [1/mm].
+
+        Returns
+        -------
+        ndarray, shape (N, N)
+            [mm^2]; rows are frequencies along y.
+        """
+        raise NotImplementedError
+
+
+class _Square(Packing):
+    """Rows one pitch apart, one lens above the other."""
+
+    corners, slant, rise, fold, orders = 4, 0.0, 1.0, 0.5, 1.0
+
+    def wave_up(self, first: Floats, second: Floats) -> Array:
+        """Frequency along the second step, which is square to the rows."""
+        return second + 0 * first
+
+    def in_cell(self, x: Array, y: Array) -> NDArray[np.bool_]:
+        """True within half a pitch along and across."""
+        return np.asarray((np.abs(x) <= 0.5) & (np.abs(y) <= 0.5))
+
+    def cell_spectrum(self, pitch: float, frequency: Array) -> Array:
+        """One factor along each side."""
+        box = pitch * np.sinc(frequency * pitch)
+        return np.asarray(box[:, None] * box)
+
+
+class _Hexagonal(Packing):
+    """Rows along x, each half a pitch further than the last."""
+
+    corners, slant, rise, fold, orders = 6, 0.5, math.sqrt(3) / 2, 1 / math.sqrt(3), 1.4
+
+    def wave_up(self, first: Floats, second: Floats) -> Array:
+        """Frequency from both steps, 60 degrees apart."""
+        return np.asarray((2 * second - first) / math.sqrt(3))
+
+    def in_cell(self, x: Array, y: Array) -> NDArray[np.bool_]:
+        """True within half a pitch along three directions."""
+        slant = np.sqrt(0.75) * y
+        return np.asarray((np.abs(x / 2 + slant) <= 0.5) & (np.abs(x / 2 - slant) <= 0.5) & (np.abs(x) <= 0.5))
+
+    def cell_spectrum(self, pitch: float, frequency: Array) -> Array:
+        """Integral over a hexagon, row by row: as wide as the pitch up to half its height, then narrowing."""
+        box = pitch * np.sinc(frequency * pitch)
+        half = pitch / (2 * math.sqrt(3))
+        across, up = math.pi * pitch * frequency, 2 * math.pi * half * frequency[:, None]
+        one = np.sin((across + 3 * up) / 2) * np.sinc((up - across) / (2 * math.pi))
+        other = np.sin((across - 3 * up) / 2) * np.sinc((up + across) / (2 * math.pi))
+        return np.asarray(
+            2 * half * np.sinc(2 * half * frequency)[:, None] * box + half * pitch * (one + other) / across
+        )
+
+
+PACKINGS: Mapping[str, Packing] = MappingProxyType({"square": _Square(), "hexagonal": _Hexagonal()})
+"""Layouts by their names in a design file."""
 
 
 class Lattice(NamedTuple):
@@ -32,15 +127,10 @@ class Lattice(NamedTuple):
     decentre: tuple[float, float] = (0.0, 0.0)
     """Where its centre is [mm]."""
 
-
-def lattice_steps(layout: Layout) -> Array:
-    """Columns: steps of two indices in the array's frame [pitches]; the second leads to the next row."""
-    return np.array([[1.0, 0.5], [0.0, math.sqrt(3) / 2]]) if layout == "hexagonal" else np.eye(2)
-
-
-def row_spacing(lattice: Lattice) -> float:
-    """Distance between rows [mm]."""
-    return lattice.pitch * (math.sqrt(3) / 2 if lattice.layout == "hexagonal" else 1.0)
+    @property
+    def row_spacing(self) -> float:
+        """Distance between rows [mm]."""
+        return self.pitch * PACKINGS[self.layout].rise
 
 
 def lens_indices(lattice: Lattice) -> NDArray[np.int64]:
@@ -57,7 +147,7 @@ def lens_centres(lattice: Lattice, indices: ArrayLike | None = None) -> Array:
     index = lens_indices(lattice) if indices is None else np.asarray(indices)
     _check(lattice)
     x = lattice.pitch * (index[..., 0] + _offset(lattice, index[..., 1]))
-    return _turned(np.stack([x, row_spacing(lattice) * index[..., 1]], -1), lattice.rotation) + lattice.decentre
+    return _turned(np.stack([x, lattice.row_spacing * index[..., 1]], -1), lattice.rotation) + lattice.decentre
 
 
 def nearest_lens(lattice: Lattice, points: ArrayLike) -> NDArray[np.int64]:
@@ -67,7 +157,7 @@ def nearest_lens(lattice: Lattice, points: ArrayLike) -> NDArray[np.int64]:
     """
     _check(lattice)
     point = _turned(np.asarray(points, float) - lattice.decentre, -lattice.rotation)
-    spacing, last = row_spacing(lattice), _rows(lattice)
+    spacing, last = lattice.row_spacing, _rows(lattice)
     middle = np.clip(np.rint(point[..., 1] / spacing), -last, last)
     # In a hexagonal array a neighbouring row may hold the nearest lens; one beyond those never does.
     row = np.clip(np.stack([middle + step for step in (-1, 0, 1)], -1), -last, last).astype(np.int64)
@@ -95,17 +185,17 @@ def cell_polygon(layout: Layout, pitch: ArrayLike, rotation: ArrayLike = 0.0) ->
     ndarray
         Corners [mm], counterclockwise, shape (..., 4, 2) or (..., 6, 2).
     """
-    if layout not in LAYOUTS:
-        raise ValueError(f"layout must be one of {', '.join(LAYOUTS)}, not {layout!r}")
-    corners = 4 if layout == "square" else 6
+    if layout not in PACKINGS:
+        raise ValueError(f"layout must be one of {', '.join(PACKINGS)}, not {layout!r}")
+    corners = PACKINGS[layout].corners
     angle = np.asarray(rotation, float)[..., None] + np.pi * (2 * np.arange(corners) + 1) / corners
     radius = np.asarray(pitch, float)[..., None] / (2 * math.cos(math.pi / corners))
     return np.stack([radius * np.cos(angle), radius * np.sin(angle)], -1)
 
 
 def _check(lattice: Lattice) -> None:
-    if lattice.layout not in LAYOUTS:
-        raise ValueError(f"layout must be one of {', '.join(LAYOUTS)}, not {lattice.layout!r}")
+    if lattice.layout not in PACKINGS:
+        raise ValueError(f"layout must be one of {', '.join(PACKINGS)}, not {lattice.layout!r}")
     if not (lattice.pitch > 0 and math.isfinite(lattice.pitch)):
         raise ValueError(f"pitch must be above 0 mm, not {lattice.pitch}")
     if not all(side >= lattice.pitch * (1 - 1e-9) and math.isfinite(side) for side in lattice.size):
@@ -114,7 +204,7 @@ def _check(lattice: Lattice) -> None:
 
 def _rows(lattice: Lattice) -> int:
     """Rows on either side of the central one."""
-    return _fitting(lattice.size[1] / row_spacing(lattice))
+    return _fitting(lattice.size[1] / lattice.row_spacing)
 
 
 def _fitting(widths: float) -> int:
@@ -124,13 +214,13 @@ def _fitting(widths: float) -> int:
 
 def _offset(lattice: Lattice, row: NDArray[np.integer]) -> Array:
     """Shift of a row in pitches."""
-    return np.asarray((row % 2) * 0.5 if lattice.layout == "hexagonal" else np.zeros(np.shape(row)))
+    return np.asarray((row % 2) * PACKINGS[lattice.layout].slant)
 
 
 def _span(lattice: Lattice, row: NDArray[np.integer]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """First and last index along each row."""
     side = _fitting(lattice.size[0] / lattice.pitch)
-    odd = (row % 2 == 1) & (lattice.layout == "hexagonal")
+    odd = (row % 2) * PACKINGS[lattice.layout].slant > 0
     # An odd row's lenses sit at i + 1/2: as many to the left (i = -1, ...) as to the right (i = 0, ...).
     half = math.floor(lattice.size[0] / lattice.pitch / 2 + 1e-9)
     low, high = np.where(odd, -half, -side), np.where(odd, half - 1, side)

@@ -13,7 +13,7 @@ import numpy as np
 
 from .._arrays import Array, product, ratio
 from ..camera import Camera, Number
-from ..camera.camera import STEEPEST
+from ..lenses.angles import STEEPEST
 from .object_space import FacesAhead
 
 Place = tuple[Number, Number]

@@ -7,12 +7,14 @@ and blue every fourth. What pixels of all colours tell of a scene without colour
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..camera import Camera
+from ..camera import Camera, Number
 from ..design.parts import PATHS, Colours
 
 Letter = Literal["R", "G", "B"]
@@ -47,11 +49,6 @@ FILTERS = (
 GREEN = FILTERS[1]
 
 
-def filters(colours: Colours) -> tuple[ColourFilter, ...]:
-    """Filters of a sensor; none of a monochrome one."""
-    return () if colours == "mono" else FILTERS
-
-
 def per_watt(one: ColourFilter) -> float:
     """Electrons per watt of white light in a pixel of a colour, as those of bare pixels go with the wavelength [mm]."""
     return one.taken * one.wavelength / BANDS
@@ -61,11 +58,57 @@ BRIGHTEST = max(map(per_watt, FILTERS))
 """Of the brightest colour."""
 
 
+class PixelFilters:
+    """Filters on a sensor's pixels: none."""
+
+    kinds: tuple[ColourFilter, ...] = ()
+    spacing = 1.0
+    """Between pixels of the colour that has most [pixels]."""
+    pixels = "pixels"
+    """Words for those."""
+    name = "none"
+    words = "monochrome"
+
+    def mixed(self, c: Camera) -> Camera:
+        """A camera as pixels of all colours see it on average, once these are made equal."""
+        return c
+
+    def brightest(self, wavelength: Number) -> Number:
+        """Wavelength [mm] times electrons per photon of white light, over a bare pixel's, where that is most."""
+        return wavelength
+
+
+class _Bayer(PixelFilters):
+    """A Bayer pattern."""
+
+    kinds, spacing, pixels = FILTERS, GREEN.spacing, f"green pixels ({GREEN.spacing:.3g} px apart)"
+
+    def __init__(self, pattern: Colours) -> None:
+        self.name, self.words = pattern, f"colour filters {pattern}"
+
+    def mixed(self, c: Camera) -> Camera:
+        """A camera at the mean wavelength of all pixels."""
+        return c.behind_filter({PATHS["wavelength"]: sum(one.share * one.wavelength for one in FILTERS)})
+
+    def brightest(self, wavelength: Number) -> Number:
+        """`BRIGHTEST`, whatever the design's wavelength."""
+        return BRIGHTEST
+
+
+PIXEL_FILTERS: Mapping[Colours, PixelFilters] = MappingProxyType(
+    {"mono": PixelFilters(), **{pattern: _Bayer(pattern) for pattern in get_args(Colours) if pattern != "mono"}}
+)
+"""Filters by their names in a design file."""
+
+
+def filters(colours: Colours) -> tuple[ColourFilter, ...]:
+    """Filters of a sensor; none of a monochrome one."""
+    return PIXEL_FILTERS[colours].kinds
+
+
 def mixed(c: Camera) -> Camera:
     """A camera as pixels of all colours see it on average, once these are made equal; itself without filters."""
-    if c.colours == "mono":
-        return c
-    return c.behind_filter({PATHS["wavelength"]: sum(one.share * one.wavelength for one in FILTERS)})
+    return PIXEL_FILTERS[c.colours].mixed(c)
 
 
 def mosaic(colours: Colours, column: int, row: int, columns: int, rows: int) -> NDArray[np.intp]:

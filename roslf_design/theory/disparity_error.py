@@ -31,12 +31,14 @@ from numpy.typing import NDArray
 from .._arrays import Array, Complex, magnitude, ratio
 from ..camera import Camera
 from ..shapes.discs import rows_between
+from ..shapes.lattice import PACKINGS
 from .colours import filters
 from .exit_pupil import microlens_image_diameter, microlens_image_pitch
+from .lens_shapes import LENS_SHAPES
 from .light import microlens_defocus
 from .photometry import behind, dark_variance, electrons, response
 from .stop_images import MicrolensImages
-from .transfer import MicrolensTransfer, line_transfer, pixel_box
+from .transfer import pixel_box
 
 ROWS = 64
 """Gauss-Legendre rows across a cut microlens image, at least: fine detail and far defocus take one more a radian."""
@@ -114,7 +116,9 @@ class Texture(NamedTuple):
         """As single views show it, shape (..., W)."""
         x, y = (self.fine[..., None] * part for part in self.waves[:2])
         power = self.strength[..., None] * self.waves.power
-        return Spectrum(x, y, power if self.lens_shape is None else power * _footprint(self.lens_shape, x, y) ** 2)
+        return Spectrum(
+            x, y, power if self.lens_shape is None else power * LENS_SHAPES[self.lens_shape].blur(x, y) ** 2
+        )
 
 
 Spectra = tuple[Complex, Complex, Complex]
@@ -183,7 +187,7 @@ def texture(c: Camera, plane: Seen) -> Texture:
         In a quarter of all directions, for their mirror images in x too. Leading axes are those of builds and of the
         plane.
     """
-    limit = 1 / math.sqrt(3) if c.layout == "hexagonal" else 0.5
+    limit = PACKINGS[c.layout].fold
     nodes, weights = _GAUSS
     shape = np.broadcast_shapes(np.shape(plane.disparity), np.shape(plane.scale), c.shape)
     contrast, period = c["depth.contrast"], c.numbers.get("depth.period")
@@ -209,17 +213,6 @@ def view_gradient(c: Camera, plane: Seen) -> Array:
     return np.asarray(2 * math.pi * np.sqrt(((waves.x**2 + waves.y**2) * waves.power).sum(-1)))
 
 
-def _footprint(lens_shape: str, x: Array, y: Array) -> Array:
-    """What the microlens's own width passes of detail of so many periods per pitch."""
-    if lens_shape == "square":
-        return np.asarray(np.sinc(x) * np.sinc(y))
-    from scipy.special import j1
-
-    k = math.pi * np.hypot(x, y)
-    safe = np.where(k > 0, k, 1.0)
-    return np.asarray(np.where(k > 0, 2 * j1(safe) / safe, 1.0))
-
-
 def disparity_information(images: MicrolensImages, plane: Seen, waves: Spectrum | None = None) -> Array:
     """Fisher information that one exposure of one microlens image has of B [1/pitch^2].
 
@@ -239,8 +232,7 @@ def disparity_information(images: MicrolensImages, plane: Seen, waves: Spectrum 
         colour filters of a texture without colour, in white light: what the pixels of each colour tell, added up.
     """
     c = images.camera
-    if c.colours != "mono":
-        parts = [(one.share, type(images)(behind(c, one), images.fields)) for one in filters(c.colours)]
+    if parts := [(one.share, type(images)(behind(c, one), images.fields)) for one in filters(c.colours)]:
         return np.asarray(sum(share * disparity_information(part, plane, waves) for share, part in parts))
     one = np.ones(())
     rows = _rows_of(images, plane, texture(c, plane) if waves is None else Texture(one, one, waves))
@@ -456,11 +448,10 @@ def _orders(c: _Array, finest: float) -> tuple[Array, Array, float]:
 
     Along x and y, shape (S, S), in the order of a Fourier transform over the lattice's directions [periods per pitch].
     """
-    hexagonal = c.layout == "hexagonal"
-    side = 2 * math.ceil((1.4 if hexagonal else 1.0) * finest) + 2
+    packing = PACKINGS[c.layout]
+    side = 2 * math.ceil(packing.orders * finest) + 2
     n = np.fft.fftfreq(side, 1 / side)
-    down = (2 * n - n[:, None]) / math.sqrt(3) if hexagonal else n + 0 * n[:, None]
-    return n[:, None] + 0 * n, down, math.sqrt(3) / 2 if hexagonal else 1.0
+    return n[:, None] + 0 * n, packing.wave_up(n[:, None], n), packing.rise
 
 
 def _whole(images: _Images, fx: Array, fy: Array) -> Spectra:
@@ -508,16 +499,9 @@ def _transfer(images: _Images, c: _Array, fx: Array, fy: Array) -> Array:
     box = images.pixel[:, None, None, None] * per_mm
     pixel = pixel_box(fx, box) * pixel_box(fy, box)
     own = (images.width, images.distance, images.defocus, images.wavelength)
-    if c.lens_shape == "circular":
-        parts = []
-        for n, scale in enumerate(per_mm):
-            width, distance, defocus, wavelength = (float(v[n]) for v in own)
-            lens = MicrolensTransfer(width, distance, defocus, (wavelength,), True)
-            parts.append(lens(fx[n] * scale, fy[n] * scale))
-        return np.asarray(pixel * np.stack(parts))
     wide, far, blurred, wave = (value[:, None, None, None] for value in own)
-    x, y = (line_transfer(wide, far, blurred, wave, f * per_mm) for f in (fx, fy))
-    return np.asarray(pixel * x * y)
+    lenses = LENS_SHAPES[c.lens_shape].factors(wide, far, blurred, wave, fx * per_mm, fy * per_mm)
+    return math.prod(lenses, start=pixel)
 
 
 class ImageParts(NamedTuple):
@@ -553,7 +537,7 @@ def image_parts(images: MicrolensImages, x: Array, y: Array) -> ImageParts:
     # Two waves more, which farther lenses show with a quarter of a period's delay.
     slow, count = 1 / (4 * FAR), first.size
     first, second = np.append(first, [slow, 0.0]), np.append(second, [0.0, slow])
-    kx, ky = first, (2 * second - first) / math.sqrt(3) if array.layout == "hexagonal" else second
+    kx, ky = first, PACKINGS[array.layout].wave_up(first, second)
     none, one = np.zeros(1), np.ones(())
     rows = _rows_of(images, Seen(np.zeros(()), np.ones(())), Texture(one, one, Spectrum(none, none, none)))
     sharp = rows.finest > FINEST_PLACES

@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike
 
 from .._arrays import Array, magnitude, product, ratio
 from ..camera import Camera, Number
-from ..lenses.angles import angle_in_air, illumination
 from .exit_pupil import microlens_image_diameter, stop_angle
 
 AIRY = 1.22
@@ -125,8 +124,7 @@ def field_angle(c: Camera, place: ArrayLike) -> Array:
     place : array_like
         Of the microlens, from the main lens's axis [mm].
     """
-    slope, law = outer_slope(c, place), c.law
-    angle = np.arctan(slope) if law is None else angle_in_air(law, np.minimum(slope, law[0, 1]))
+    angle = c.mapping.angle(outer_slope(c, place))
     return np.asarray(np.arcsin(np.sin(angle) / c.front[1].medium))
 
 
@@ -143,8 +141,7 @@ def falloff(c: Camera, slope: ArrayLike) -> Array:
     slope : array_like
         Index times slope of the chief ray to first order, as `chief_slope` gives it.
     """
-    slope = np.abs(slope)
-    return np.asarray((1 + slope * slope) ** -2.0 if c.law is None else illumination(c.law, slope))
+    return np.asarray(c.mapping.light(np.abs(slope)))
 
 
 class SensorField(NamedTuple):

@@ -22,7 +22,6 @@ from ..bore.elements import element_name
 from ..bore.faces import KIND, LIMIT, OPEN, TURNED, Face, Surroundings, axes_of, plane_row, vertex_of
 from ..bore.part import PartNumbers
 from ..camera import Camera, Number
-from ..lenses.angles import LAW_COLUMNS
 from ..lenses.tracer import (
     BLOCK,
     CLIPPED,
@@ -41,8 +40,6 @@ from ..lenses.tracer import (
 )
 
 Floats = NDArray[np.float64]
-
-NO_LAW = np.zeros((0, LAW_COLUMNS))
 
 
 class Status(IntEnum):
@@ -216,7 +213,7 @@ class FacesAhead:
 
 def law_of(camera: Camera) -> Floats:
     """Law of an objective with a mapping (`..lenses.angles`) as kernels take it; no rows where there is none."""
-    return NO_LAW if camera.law is None else np.array(camera.law, order="C")
+    return camera.mapping.kernel
 
 
 def _plain(array: Floats) -> Any:

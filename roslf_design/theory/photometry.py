@@ -9,8 +9,9 @@ import numpy as np
 from .._arrays import Array, magnitude, product, ratio
 from ..camera import Camera, Number
 from ..design.parts import PATHS
-from .colours import BANDS, BRIGHTEST, ColourFilter
+from .colours import BANDS, PIXEL_FILTERS, ColourFilter
 from .exit_pupil import microlens_image_diameter
+from .lens_shapes import LENS_SHAPES
 
 PLANCK = 6.62607015e-34
 """[J s]; exact by the SI."""
@@ -86,9 +87,9 @@ def electron_rate(c: Camera) -> Array:
     under the solid angle ``Omega = (d/d_2)^2``, or pi/4 of that where lenses are round. All lengths are those at the
     array. Behind colour filters it is a pixel of the brightest colour, in white light.
     """
-    solid = ratio(c.d, c.seen.d_2) ** 2 * (math.pi / 4 if c.lens_shape == "circular" else 1.0)
+    solid = ratio(c.d, c.seen.d_2) ** 2 * LENS_SHAPES[c.lens_shape].area
     watts = product(radiance(c) * 1e-6 * c.q**2, solid) * c["light.transmission"]
-    wavelength = c.wavelength if c.colours == "mono" else BRIGHTEST
+    wavelength = PIXEL_FILTERS[c.colours].brightest(c.wavelength)
     return np.asarray(watts * c["sensor.quantum_efficiency"] * wavelength / (PLANCK * LIGHT_SPEED))
 
 

@@ -101,8 +101,6 @@ def depth_error(c: Camera, at: Depth | Array, sigma: Number | None = None) -> Ar
 def _local_depth_sigma(images: MicrolensImages) -> Number:
     c = images.camera
     sigma = light_field.depth_sigma(c, c.seen.gap, disparity_sigma(images, seen_at(c, None))) * c.focus.depth
-    if c.law is None:
-        return sigma
     # Views set apart along the field's radius and across it tell of depth as much less as a mapping stretches slopes.
     p = light.outer_slope(c, np.hypot(images.microlens[0], images.microlens[1]))
     depth_kept = c.stretch_along(p) ** -2.0 + c.stretch(p) ** -2.0

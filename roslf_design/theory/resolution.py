@@ -40,9 +40,10 @@ from numpy.typing import ArrayLike, NDArray
 from .._arrays import Array, Complex, magnitude, ratio
 from ..camera import Camera, Number
 from ..shapes.discs import chords
-from ..shapes.lattice import lattice_steps
+from ..shapes.lattice import PACKINGS
 from .depth_of_field import Kind
 from .exit_pupil import microlens_image_diameter, microlens_image_pitch
+from .lens_shapes import LENS_SHAPES, LensShape
 from .light import diffraction_width, independent_views, microlens_defocus
 from .transfer import MicrolensTransfer, pair_line, pair_transfer, pixel_box
 
@@ -77,7 +78,7 @@ def fold(c: Camera) -> Array:
 
     Of a hexagonal array the least over all directions, ``1/(sqrt(3) d)``.
     """
-    return np.asarray(ratio(1 / math.sqrt(3) if c.layout == "hexagonal" else 0.5, c.d))
+    return np.asarray(ratio(PACKINGS[c.layout].fold, c.d))
 
 
 def sparse(count: int) -> int:
@@ -100,13 +101,13 @@ class Lenslet(NamedTuple):
     defocus: Number
     """beta [1/mm]."""
     pixel: Number
-    circular: bool
+    shape: LensShape
 
     @classmethod
     def of(cls, c: Camera) -> Lenslet:
         """A camera's."""
-        round_lens = c.lens_shape == "circular"
-        return cls(c.d, c.seen.d_2, c.wavelength, -microlens_defocus(c) / c.seen.d_2, c.q, round_lens)
+        shape = LENS_SHAPES[c.lens_shape]
+        return cls(c.d, c.seen.d_2, c.wavelength, -microlens_defocus(c) / c.seen.d_2, c.q, shape)
 
     def refocused(self, rate: Number, frequency: ArrayLike, axes: tuple[float, float] = (1.0, 0.0)) -> Array:
         """Its part of the refocused image's transfer, which all broadcasts.
@@ -123,26 +124,10 @@ class Lenslet(NamedTuple):
         nu = np.asarray(frequency)
         t = np.minimum(np.abs(self.wavelength * self.distance * rate * nu), self.width)
         bent = nu * (1 - self.defocus * self.distance * rate)
-        if self.circular:
-            return np.asarray(self._round(t, bent) * self._pixels(rate * nu, axes))
-        parts = []
-        for share in map(abs, axes):
-            left = self.width - share * t
-            parts.append(left / self.width * np.sinc(left * share * bent))
-        return np.asarray(parts[0] * parts[1] * self._pixels(rate * nu, axes))
+        return np.asarray(self.shape.overlap(self.width, t, bent, axes) * self._pixels(rate * nu, axes))
 
     def _pixels(self, frequency: Array, axes: tuple[float, float]) -> Array:
         return np.asarray(np.sinc(frequency * self.pixel * axes[0]) * np.sinc(frequency * self.pixel * axes[1]))
-
-    def _round(self, t: Array, frequency: Array) -> Array:
-        """Two discs t apart: what their common part passes, column by column."""
-        nodes, weights = np.polynomial.legendre.leggauss(24)
-        half = (self.width - t)[..., None] / 2
-        angle = (nodes + 1) * (math.pi / 4)
-        x = half * np.sin(angle)
-        chord = np.sqrt(np.maximum((half - x) * (half + x + t[..., None]), 0.0))
-        light = chord * half * np.cos(angle) * np.cos(2 * math.pi * frequency[..., None] * x)
-        return np.asarray((light * weights).sum(-1) * math.pi / (math.pi / 4 * np.square(self.width)))
 
 
 def axial_limit(c: Camera, rate: Number, level: float) -> Array:
@@ -175,7 +160,7 @@ def _end(lens: Lenslet, rate: Number, reach: Number) -> Array:
     bent = np.abs(1 - lens.defocus * lens.distance * rate)
     # Where (d - t) nu reaches the first zero, t growing with nu; nowhere where the overlap is gone before.
     shrink = np.abs(rate) * lens.wavelength * lens.distance
-    zero = ratio(np.full(np.shape(bent), 1.22 if lens.circular else 1.0), bent)
+    zero = ratio(np.full(np.shape(bent), lens.shape.dark), bent)
     root = np.square(lens.width) - 4 * shrink * zero
     wide = np.where(root >= 0, ratio(2 * zero, lens.width + np.sqrt(np.maximum(root, 0.0))), np.inf)
     pixel, overlap = (ratio(1.0, np.abs(rate) * far) for far in (lens.pixel, lens.wavelength * lens.distance))
@@ -324,7 +309,7 @@ class FieldTransfer:
 
     def _lenses(self, at: Array, order: NDArray[np.int64], detail: Array) -> Array:
         """Transfer of microlenses at frequencies of the lattice (M, N, 2) and these orders, of detail on the array."""
-        if self._microlens.circular or self.camera.layout != "square":
+        if self._microlens.shape.round or PACKINGS[self.camera.layout].slant:
             return self._paired(at.reshape(-1, 2), order.reshape(-1, 2), detail, self._pairs).reshape(at.shape[:2])
         lens, (_, farthest) = self._microlens, INTERFERING["square"]
         steps = np.arange(-farthest, farthest + 1) if len(self._pairs) > 1 else np.arange(1)
@@ -338,7 +323,7 @@ class FieldTransfer:
     def _paired(self, at: Array, order: NDArray[np.int64], detail: Array, pairs: Sequence[NDArray[np.int64]]) -> Array:
         lens, passed = self._microlens, np.zeros(len(at))
         for pair in pairs:
-            apart = float(self.camera.d) * lattice_steps(self.camera.layout) @ pair
+            apart = float(self.camera.d) * PACKINGS[self.camera.layout].steps @ pair
             near = (np.abs(lens.wavelengths[0] * lens.sensor_distance * at - apart) < lens.width).all(-1)
             part = pair_transfer(lens, at[near], apart, float(self.camera.seen.vergence), detail)
             passed[near] += np.where(order[near] @ pair % 2, -part, part)
@@ -362,7 +347,8 @@ class FieldTransfer:
         first = nu * float(camera.d) / math.copysign(period, float(microlens_image_pitch(camera))) * axes
         low = np.max([(middle - half - first) * period for middle, half in ends], axis=0)
         high = np.min([(middle + half - first) * period for middle, half in ends], axis=0)
-        (_, slant), (_, rise) = lattice_steps(camera.layout)
+        packing = PACKINGS[camera.layout]
+        slant, rise = packing.slant, packing.rise
         columns = np.arange(math.ceil(low[0]), math.floor(high[0]) + 1)
         rows = np.arange(math.ceil(low[1] * rise), math.floor(high[1] * rise) + 2)
         start = np.floor(slant * columns).astype(int)
@@ -409,9 +395,8 @@ class FieldTransfer:
     @cached_property
     def _microlens(self) -> MicrolensTransfer:
         lens = self._lens
-        return MicrolensTransfer(
-            float(lens.width), float(lens.distance), float(lens.defocus), (float(lens.wavelength),), lens.circular
-        )
+        width, distance, defocus = float(lens.width), float(lens.distance), float(lens.defocus)
+        return MicrolensTransfer(width, distance, defocus, (float(lens.wavelength),), self.camera.lens_shape)
 
     @cached_property
     def _pairs(self) -> list[NDArray[np.int64]]:

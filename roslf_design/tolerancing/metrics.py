@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 
 from .._arrays import Array
 from ..bore.conjugates import CONJUGATES
+from ..bore.main_lens import IdealMainLens, RealMainLens
 from ..camera import Camera, Number
 from ..design import PATHS, Design
 from ..theory.quantities import DECODED, QUANTITIES
 from .ideal import IdealBuilds
 from .places import LENSLETS, of_parts
-from .traced import Mounted, TracedBuilds, mounted
+from .traced import TracedBuilds, mounted
 
 METRICS = {
     name: quantity
@@ -123,6 +124,53 @@ def strays(question: Question, values: Mapping[str, Array]) -> tuple[Number, Num
     return (x[:, None] if x.ndim == 1 else x), (y[:, None] if y.ndim == 1 else y)
 
 
+_Asked = tuple[tuple[tuple[float, float], ...], float, bool, tuple[Number, Number] | None]
+"""Fields, object distance, whether calibrated, and lenslets' offsets, as builds take them."""
+
+
+class _IdealMount:
+    """Builds of a design behind an ideal lens: cameras with other numbers."""
+
+    def __init__(self, design: Design, values: Mapping[str, Array], trials: int) -> None:
+        self.design, self.nominal, self.changes = design, Camera.of(design.thin_twin), values
+        self.sound = np.ones(trials, np.bool_)
+
+    @property
+    def faults(self) -> dict[str, NDArray[np.bool_]]:
+        """Why builds cannot be put together, beside what their cameras tell."""
+        return {}
+
+    def builds(self, camera: Camera, rest: _Asked, afresh: bool) -> IdealBuilds:
+        """Builds whose cameras, or their thin twins, are known; `rest` as `IdealBuilds` takes it."""
+        return IdealBuilds(camera, self.nominal, *rest)
+
+
+class _RealMount(_IdealMount):
+    """Builds of a design behind a real lens, whose parts keep the places that the nominal lens gave them."""
+
+    def __init__(self, design: Design, values: Mapping[str, Array], trials: int) -> None:
+        super().__init__(design, values, trials)
+        self.mount = mounted(design, values, trials)
+        self.nominal, self.changes, self.sound = self.nominal.as_measured, self.mount.twins, self.mount.sound
+
+    @property
+    def faults(self) -> dict[str, NDArray[np.bool_]]:
+        """Lenses that cannot be made, or that something touches."""
+        return {"main lens impossible as made, or touched": ~self.sound}
+
+    def builds(self, camera: Camera, rest: _Asked, afresh: bool) -> IdealBuilds:
+        """Builds with everything of a field traced."""
+        return TracedBuilds(self.design, self.mount, camera, *rest, afresh=afresh)
+
+
+_MOUNTS = {IdealMainLens: _IdealMount, RealMainLens: _RealMount}
+
+
+def _mount(design: Design, values: Mapping[str, Array], trials: int) -> _IdealMount:
+    """Builds of a design at numbers of its places, behind its own kind of main lens."""
+    return _MOUNTS[type(design.main_lens.kind)](design, of_parts(design, values), trials)
+
+
 def builds_of(
     question: Question, values: Mapping[str, Array], trials: int, *, calibrated: bool = False, afresh: bool = False
 ) -> tuple[IdealBuilds, NDArray[np.bool_]]:
@@ -131,20 +179,14 @@ def builds_of(
     The others have nominal numbers, which mean nothing. `afresh` is for builds behind a real lens that are far from the
     nominal design: each one's rays are found from its own thin twin.
     """
-    design, rest = question.design, (question.fields, question.object_distance, calibrated, strays(question, values))
-    values = of_parts(design, values)
-    mount: Mounted | None = None
-    nominal, changes = Camera.of(design.thin_twin), values
-    if design.lens is not None:
-        mount = mounted(design, values, trials)
-        nominal, changes = nominal.as_measured, mount.twins
+    rest = question.fields, question.object_distance, calibrated, strays(question, values)
+    mount = _mount(question.design, values, trials)
+    nominal, changes = mount.nominal, mount.changes
     camera = nominal.replace(changes)
     valid = np.broadcast_to(camera.valid, (trials,))
     if not valid.all():
         camera = nominal.replace({place: np.where(valid, value, nominal[place]) for place, value in changes.items()})
-    if mount is None:
-        return IdealBuilds(camera, nominal, *rest), valid
-    return TracedBuilds(design, mount, camera, *rest, afresh=afresh), valid & mount.sound
+    return mount.builds(camera, rest, afresh), valid & mount.sound
 
 
 def faults_of(question: Question, values: Mapping[str, Array], trials: int) -> dict[str, NDArray[np.bool_]]:
@@ -155,12 +197,7 @@ def faults_of(question: Question, values: Mapping[str, Array], trials: int) -> d
     design = question.design
     if all(place in values for place in CONJUGATES):
         values = {place: numbers for place, numbers in values.items() if place != CONJUGATES[0]}
-    values, nominal = of_parts(design, values), Camera.of(design.thin_twin)
     with np.errstate(all="ignore"):
-        if design.lens is None:
-            faults = nominal.replace(values).faults()
-        else:
-            mount = mounted(design, values, trials)
-            unsound = {"main lens impossible as made, or touched": ~mount.sound}
-            faults = nominal.as_measured.replace(mount.twins).faults() | unsound
+        mount = _mount(design, values, trials)
+        faults = mount.nominal.replace(mount.changes).faults() | mount.faults
     return {words: np.broadcast_to(flags, (trials,)) for words, flags in faults.items()}

@@ -22,7 +22,6 @@ from ..camera import SEEING, TIP, Camera
 from ..design import PATHS, Design
 from ..errors import InputError, Problem
 from ..lenses.glass import AIR
-from ..lenses.manufacture import lens_places, lens_values
 from ..lenses.tracer import MODES
 from ..toml_files import read_toml
 from ..units import FARTHEST, read_quantity, within_reach
@@ -70,10 +69,9 @@ def perturbable(design: Design) -> dict[str, str]:
     kinds = {place: _kind(place) for place in built if ".size." not in place}
     lenslets = [f"{LENSLETS}{field}.decentre.{axis}" for field in range(MOST_LENSLETS) for axis in (0, 1)]
     kinds |= dict.fromkeys([*lenslets, *([SAG] if lenslet_sag(design) else [])], "length")
-    if design.lens is not None:
-        del kinds[FOCAL_LENGTH]
-        kinds |= {LENS + place: kind for place, kind in lens_places(design.lens).items()}
-    return kinds
+    lens = design.main_lens.kind
+    kinds = {place: kind for place, kind in kinds.items() if place not in lens.follows}
+    return kinds | {LENS + place: kind for place, kind in lens.places.items()}
 
 
 def _kind(place: str) -> str:
@@ -91,8 +89,8 @@ def nominal_values(design: Design) -> Mapping[str, float]:
     """The design's own number at every perturbable place; f, d_f and d_1 all resolved."""
     numbers = {place: float(number) for place, number in Camera.of(design).numbers.items()}
     numbers |= {SAG: lenslet_sag(design)}
-    if design.lens is not None:
-        numbers |= {LENS + place: value for place, value in lens_values(design.lens, design.wavelength).items()}
+    own = design.main_lens.kind.values(design.wavelength)
+    numbers |= {LENS + place: value for place, value in own.items()}
     return {place: numbers.get(place, 0.0) for place in perturbable(design)}
 
 
@@ -149,16 +147,16 @@ def expand(design: Design, name: str) -> tuple[str, ...]:
     if places or (name.startswith("stops.*.") and not design.stops):
         return places
     if "*" in name and in_lens(name):
-        if design.lens is None or name.rpartition("*.")[2] in ("radius", "conic", "abbe", "wedge"):
-            return ()  # not every lens has them
         parts = sorted({re.sub(r"\.\d$", "", p.split(".", 3)[3]) for p in known if in_lens(p)})
+        if not parts or name.rpartition("*.")[2] in ("radius", "conic", "abbe", "wedge"):
+            return ()  # not every lens has them
         raise ValueError(f"'{name}' is nothing that a lens's making can miss; there are {', '.join(parts)}")
     if name == FOCAL_LENGTH:
         raise ValueError(
             "'main_lens.focal_length' follows from the real lens's surfaces; perturb main_lens.surfaces.*.radius, "
             ".thickness and .index instead"
         )
-    if in_lens(name) and design.lens is None:
+    if in_lens(name) and not design.main_lens.kind.places:
         raise ValueError(f"'{name}' is of a real lens and this design's is ideal; perturb main_lens.focal_length")
     if name == TEMPERATURE:
         raise ValueError("the design says nothing of what grows; add [environment] to it, with temperature and housing")
@@ -287,8 +285,8 @@ def tolerance_at(design: Design, place: str, text: object) -> float:
         return width / math.sqrt(MODES) if kind == "form" else width
     if kind == "form":
         half_width = iso.mode(int(place.rpartition(".")[2]))
-    elif kind == "curvature" and design.lens is not None:
-        reach = design.lens.surfaces[int(place.split(".")[2]) - 1].semi_diameter
+    elif kind == "curvature":
+        reach = design.main_lens.kind.semi_diameters[int(place.split(".")[2]) - 1]
         half_width = None if iso.power is None else 2 * iso.power * FRINGE / reach**2
     else:
         raise ValueError(f'"{text}" is of a surface\'s form; {place} is none: write e.g. "1 %"')
@@ -409,7 +407,8 @@ def _covered(design: Design, place: str) -> tuple[str, ...]:
     """Places of a design that a line speaks of; a real lens's focal length and air's index are none of its own."""
     if place.startswith(REFRACTING):
         return () if place == MEDIUM and design.object_space.medium == AIR else _matching(perturbable(design), place)
-    idle = place == FOCAL_LENGTH if design.lens is not None else in_lens(place)
+    lens = design.main_lens.kind
+    idle = place in lens.follows or (in_lens(place) and not lens.places)
     return () if idle else expand(design, place)
 
 

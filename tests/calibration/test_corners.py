@@ -22,9 +22,10 @@ from roslf_design.calibration import (
     observe_pictures,
     random_poses,
 )
-from roslf_design.calibration.corners import RowGrid, checked_grid, fit_saddles, footprint
+from roslf_design.calibration.corners import RowGrid, checked_grid, fit_saddles
 from roslf_design.calibration.fit import fit_lines, step_one
 from roslf_design.calibration.model import project_boards, rotation_matrix
+from roslf_design.theory.lens_shapes import LENS_SHAPES
 from tests.oracles.calibration import board_view
 
 BOARD = Board(4, 5, 6.0)
@@ -161,7 +162,7 @@ def test_saddles_of_round_microlenses_in_a_hexagonal_array():
         start = 14 + at[None] / step + rng.normal(0, 0.2, (1, 2))
         edges, grid = np.array([[first, second]]), RowGrid(starts / step + 14, 1 / step)
         known = np.ones(picture.shape, bool)
-        found = fit_saddles(picture, known, start, edges, 4, footprint(1 / step, circular=True), grid)
+        found = fit_saddles(picture, known, start, edges, 4, LENS_SHAPES["circular"].rule(1 / step), grid)
         assert found.settled.all()
         off.append((found.corners[0] - 14) * step - at)
     assert np.std(off) < 0.009

@@ -41,7 +41,7 @@ IMAGE = PupilImage(6.5, 3.6, 12.94)
 def pupil_of(design):
     c, array = Camera.of(design), design.microlens_array
     lengths = microlens_image_diameter(c) / 2, diffraction_width(c), microlens_image_pitch(c)
-    return PupilImage(*(float(x / c.q) for x in lengths), array.layout, array.lens_shape == "circular")
+    return PupilImage(*(float(x / c.q) for x in lengths), array.layout, array.lens_shape)
 
 
 @pytest.mark.parametrize(
@@ -55,7 +55,7 @@ def test_a_rendered_white_image_gives_its_pupil_and_its_blur(layout, shape, slow
     pixels = render(design, region=(2100, 1340, 400, 400)).pixels
     lattice = find_centres(pixels, layout=layout).lattice
     cell, true = white_cell(pixels, lattice), pupil_of(design)
-    start = PupilImage(1.1 * true.radius, 0.8 * true.blur, lattice.pitch, layout, shape == "circular")
+    start = PupilImage(1.1 * true.radius, 0.8 * true.blur, lattice.pitch, layout, shape)
     found = fit_cell(cell, start, blurred=True)
     # The render is exact to its budget of 1 %; cubic interpolation and 30 microlenses across leave a few thousandths.
     assert found.image.radius == pytest.approx(true.radius, rel=5e-3)
@@ -117,7 +117,7 @@ def test_views_look_from_further_inside_as_a_sum_over_the_pupil_has_it():
 
 
 EDGES = (0.15, 0.15 + math.pi / 2)
-LARGE = PupilImage(32.6, 2.35, 65.3, "hexagonal", True)
+LARGE = PupilImage(32.6, 2.35, 65.3, "hexagonal", "circular")
 """A 100 um microlens on pixels of 1.55 um."""
 
 
@@ -125,8 +125,8 @@ LARGE = PupilImage(32.6, 2.35, 65.3, "hexagonal", True)
 def test_views_of_a_large_pupil_look_from_where_they_are(s):
     """400 places on it, 2.9 px apart, put views up to 0.5 px beside: either way, by the slope's sign."""
     at = np.array([[s, 0.0], [-s, 0.0], [0.0, s]])
-    true = brute_baseline(s, replace(LARGE, circular=False))
-    found = baseline(view_weights(replace(LARGE, circular=False), at))
+    true = brute_baseline(s, replace(LARGE, lens_shape="square"))
+    found = baseline(view_weights(replace(LARGE, lens_shape="square"), at))
     np.testing.assert_allclose(found, true / s * at, atol=0.06)
 
 
@@ -134,12 +134,12 @@ def test_shifts_are_smooth_in_the_slope_and_those_of_a_smaller_pupil_with_finer_
     """Nothing about a view depends on pixels but their own width, here a tenth of the blur's effect."""
     slopes = np.array([-0.12, -0.11, -0.1, 0.1, 0.11, 0.12])
     views = np.array([[0.0, 0.0], [14.0, 0.0], [26.0, 0.0]])
-    shifts = apparent_shifts(view_weights(LARGE, views), slopes, EDGES, 4, circular=True)
+    shifts = apparent_shifts(view_weights(LARGE, views), slopes, EDGES, 4, lens_shape="circular")
     np.testing.assert_allclose(shifts[0], 0, atol=2e-3)  # the middle view is what it is by symmetry
     assert np.abs(np.diff(shifts[:, :3], axis=1)).max() < 4e-3
     assert np.abs(np.diff(shifts[:, 3:], axis=1)).max() < 4e-3
-    finer = PupilImage(2 * LARGE.radius, 2 * LARGE.blur, 2 * LARGE.pitch, "hexagonal", True)
-    same = apparent_shifts(view_weights(finer, 2 * views), slopes / 2, EDGES, 4, circular=True)
+    finer = PupilImage(2 * LARGE.radius, 2 * LARGE.blur, 2 * LARGE.pitch, "hexagonal", "circular")
+    same = apparent_shifts(view_weights(finer, 2 * views), slopes / 2, EDGES, 4, lens_shape="circular")
     np.testing.assert_allclose(same, shifts, atol=3e-3)
 
 

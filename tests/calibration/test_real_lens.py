@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from roslf_design.bore.main_lens import IdealMainLens, RealMainLens
 from roslf_design.calibration import (
     Board,
     CalibrationError,
@@ -29,6 +30,7 @@ from roslf_design.calibration.planning import pupil_of
 from roslf_design.calibration.result import _built_sigma, _pulled
 from roslf_design.calibration.sidedata import combine
 from roslf_design.design import load
+from roslf_design.lenses.lens_file import load_lens
 from roslf_design.reporting.calibrate.pages import CalibrationPart, calibration_plan, plan_blocks
 from tests.calibration.made import CAMERA, SHEET, captured, traced_corners
 
@@ -107,7 +109,7 @@ def fitted(observations, sheet):
 def test_a_prescription_asks_for_distortion():
     design, corners = behind("achromat")
     fit, plain, tries = fitted(noisy(corners), sheet_of(design))
-    (found, _), bent = with_distortion(fit, plain, "AC508-100-A", None)
+    (found, _), bent = with_distortion(fit, plain, RealMainLens(load_lens("AC508-100-A")), None)
     assert tries == [1]
     assert (bent.coefficients, bent.automatic) == (1, True)
     assert "main lens is real (AC508-100-A)" in bent.reason
@@ -119,25 +121,25 @@ def test_residuals_ask_for_distortion_and_an_ideal_lens_does_not():
     straight = captured(Captures(boards=8, noise=0.02, offset=15.0), 3)
     bent = captured(Captures(boards=8, noise=0.02, offset=15.0), 3, camera=replace(CAMERA, k_1=1.0, c_1=2.0, b_1=2.0))
     fit, plain, tries = fitted(bent, SHEET)
-    (found, _), said = with_distortion(fit, plain, None, None)
+    (found, _), said = with_distortion(fit, plain, IdealMainLens(), None)
     assert tries == [0, 1]
     assert said.coefficients == 1
     assert said.reason == "as residuals ask for it"
     assert said.without.scale > 3
     assert misfit_of(found).scale < 1.3
     fit, plain, tries = fitted(straight, SHEET)
-    assert with_distortion(fit, plain, None, None)[1].coefficients == 0
+    assert with_distortion(fit, plain, IdealMainLens(), None)[1].coefficients == 0
     assert tries == [0]
     for asked in (0, 1):  # what is asked for is obeyed, whatever residuals say
         fit, plain, tries = fitted(bent, SHEET)
-        said = with_distortion(fit, plain, "a lens", asked)[1]
+        said = with_distortion(fit, plain, RealMainLens(load_lens("LA1050-A")), asked)[1]
         assert (said.coefficients, said.automatic, tries) == (asked, False, [asked])
 
 
 def test_boards_that_are_parallel_stay_refused():
     fit, plain, tries = fitted(captured(Captures(tilt=0.0), 1), SHEET)
     with pytest.raises(CalibrationError, match="all parallel"):
-        with_distortion(fit, plain, None, None)
+        with_distortion(fit, plain, IdealMainLens(), None)
     assert tries == [0, 1]
 
 

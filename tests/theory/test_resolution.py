@@ -13,11 +13,11 @@ from roslf_design.imaging.camera import Region
 from roslf_design.imaging.points import PointSource, point_image
 from roslf_design.theory import light_field, resolution
 from roslf_design.theory.depth_of_field import depth_of_field, hyperfocal, pupil_part
+from roslf_design.theory.lens_shapes import LENS_SHAPES
 from roslf_design.theory.light import view_baseline
 from roslf_design.theory.quantities import QUANTITIES, image_rate
 from roslf_design.theory.resolution import FieldTransfer
 from roslf_design.theory.stop_images import MicrolensImages
-from roslf_design.theory.transfer import circle_overlap
 from tests.oracles import view_psf
 
 PAPER = roslf.load("paper")
@@ -179,7 +179,7 @@ def test_the_finest_microlenses_take_no_more_rows_of_the_pupil():
 @pytest.mark.parametrize("cycles", [0.3, 40.0, 900.0, 2e4, 1e6])
 def test_the_overlap_of_circles_whose_phases_turn_fast(cycles):
     """Of a circle with itself: the Airy pattern, however many nodes its phases would ask for."""
-    seen = circle_overlap(np.zeros(1), np.array([cycles]))
+    seen = LENS_SHAPES["circular"].shared(1.0, np.zeros((1, 2)), np.array([[cycles, 0.0]]))
     assert seen.item() == pytest.approx(2 * j1(math.pi * cycles) / (math.pi * cycles), abs=1e-5)
 
 

@@ -566,7 +566,7 @@ def calibration_plan(design: Design, asked: CalibrationPart, distortion: int | N
     Unless told, the calibration will fit as much distortion as it does behind the design's main lens.
     """
     if distortion is None:
-        distortion = 0 if design.lens is None else 1
+        distortion = design.main_lens.kind.radial
     try:
         captures = captures_for(design, asked)
         sheet = data_sheet(design, captures.board, asked)

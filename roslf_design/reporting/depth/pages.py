@@ -9,6 +9,7 @@ from ...depth.estimate import epipolar_plane
 from ...depth.measure import REASONS, Measurement, Summary, Trial
 from ...design import Design
 from ...drawing.picture import Picture
+from ...theory.colours import filters
 from ...words import length, listed, number
 from ..blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table, Tone
 from .pictures import depth_pictures
@@ -233,15 +234,12 @@ def basis(trial: Trial) -> tuple[Block, ...]:
 def optics_notes(design: Design) -> list[str]:
     """How what bends light before the microlenses is taken; what colour filters take."""
     notes = []
-    if design.sensor.colours != "mono":
+    if filters(colours := design.sensor.colours):
         notes.append(
-            f"Behind its {design.sensor.colours} filters the white image makes all colours equal, and pixels are "
-            "matched as grey ones: a scene with colours of its own scatters more than told."
+            f"Behind its {colours} filters the white image makes all colours equal, and pixels are matched as grey "
+            "ones: a scene with colours of its own scatters more than told."
         )
-    through = [] if design.lens is None else ["the real lens"]
-    if design.elements:
-        through.append("what lies in the bore")
-    if through:
+    if through := list(design.traced_through):
         rest = "; colours and the blur of aberrations are left out"
         notes.append(f"Views look where rays traced through {listed(through)} go{rest}.")
     return notes

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from ...evaluation import evaluate
 from ...evaluation.show import effects_table, fact_tables, field_table
+from ...theory.colours import PIXEL_FILTERS
 from ...words import length
 from ..blocks import Figure, Report, Section, Table
 from .curves import depth_comparison
@@ -91,7 +92,7 @@ def _parameters(designs: Sequence[Design]) -> Table:
         column |= {
             "array": f"{mla.layout}, {mla.lens_shape} lenses",
             "pixels": "{} x {}".format(*design.pixels),
-            "colour filters": "none" if design.sensor.colours == "mono" else design.sensor.colours,
+            "colour filters": PIXEL_FILTERS[design.sensor.colours].name,
             "main lens": "ideal" if design.lens is None else design.lens.name,
             "further stops": str(len(design.stops)),
         }

@@ -27,6 +27,7 @@ from ...evaluation.show import (
     temperature_table,
 )
 from ...evaluation.verdicts import near_cases
+from ...theory.colours import PIXEL_FILTERS
 from ...units import format_quantity
 from ...words import length, listed, number, sentence, spaced
 from ..blocks import (
@@ -209,7 +210,7 @@ def parameter_rows(design: Design) -> list[tuple[str, str, str, str]]:
         ("λ", "wavelength", design.wavelength, ""),
     ]
     notes = [] if relay == 1 else [f"behind a relay of magnification {relay:g}"]
-    notes += [] if design.sensor.colours == "mono" else [f"colour filters {design.sensor.colours}"]
+    notes += [own.words] if (own := PIXEL_FILTERS[design.sensor.colours]).kinds else []
     sizes = [
         ("", "microlens array", " x ".join(_length(side) for side in mla.size), ""),
         ("", "sensor", " x ".join(_length(side) for side in design.sensor.size), ", ".join(notes)),
@@ -346,7 +347,7 @@ def _effects(result: Evaluation) -> tuple[Block, ...]:
 def _assumptions(design: Design, result: Evaluation) -> tuple[Block, ...]:
     """What the report takes for granted, and which effects it leaves out."""
     items = [IDEAL if result.real_lens is None else REAL, *MODEL]
-    if design.sensor.colours != "mono":
+    if PIXEL_FILTERS[design.sensor.colours].kinds:
         items.append(
             "Predicted depth errors and electrons are those behind the sensor's colour filters, in white light, a "
             "third of its power in each colour; diffraction and resolution are told for the one wavelength."

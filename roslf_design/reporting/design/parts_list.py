@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from ...bore.elements import element_name, made_of
 from ...bore.plate import Plate
 from ...optimization.parts import ArrayPart, Catalogue, Entry, Kind, LensPart, SensorPart, WindowPart, load_catalogue
+from ...theory.colours import PIXEL_FILTERS
 from ...words import length
 from ..blocks import Bullets, Section, Table
 
@@ -48,7 +49,7 @@ def parts_section(design: Design) -> Section:
     for name, plate in (("cover glass of the sensor", design.sensor.cover), ("MLA substrate", mla.substrate)):
         if plate is not None:
             rows.append((name, f"{length(plate.thickness)} of {plate.material.name}", "comes with its part"))
-    filters = "" if design.sensor.colours == "mono" else f", colour filters {design.sensor.colours}"
+    filters = f", {own.words}" if (own := PIXEL_FILTERS[design.sensor.colours]).kinds else ""
     rows += [
         ("microlens array", f"{microlenses}, {' x '.join(map(length, mla.size))}", array),
         ("image sensor", f"pixel {length(design.sensor.pixel)}, {across} x {up} px{filters}", sensor),
@@ -122,8 +123,8 @@ def _unlike(design: Design, part: Entry, window: Plate | None) -> tuple[list[str
             short = sum(max(0.0, math.log(n / have)) for have, n in zip(part.pixels, design.pixels, strict=True))
             if short:
                 lacks.append(f"only {part.pixels[0]} x {part.pixels[1]} px")
-            if part.colours not in (None, design.sensor.colours):
-                lacks.append("monochrome" if part.colours == "mono" else f"colour filters {part.colours}")
+            if part.colours is not None and part.colours != design.sensor.colours:
+                lacks.append(PIXEL_FILTERS[part.colours].words)
         case WindowPart():
             assert window is not None
             lengths = (("thickness", part.thickness, window.thickness),)

@@ -1,0 +1,326 @@
+"""The main lens as it stands in the camera: ideal and thin, or a real one. Both answer the same questions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Literal, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import InputError, Problem
+from ..lenses.glass import Glass
+from ..lenses.manufacture import lens_places, lens_values
+from ..lenses.prescription import Prescription, Surface, first_order, lens_growth, warm_constants
+from ..units import format_quantity
+from .conjugates import CONJUGATES
+from .export import SequenceRow, lens_surfaces
+from .lens import power_ratio
+from .part import Number
+from .real_lens import focal_length_at, mounted_lens, own_diameter
+
+FOCAL, DIAMETER = CONJUGATES[0], "main_lens.diameter"
+AGREEMENT = 1e-6
+"""Relative difference from the lens's own numbers, beyond which others contradict them."""
+Conjugate = Literal["f", "d_1", "d_f"]
+ThinDesign = TypeVar("ThinDesign", bound=Any)
+
+
+class MainLensKind:
+    """Main lens of a camera."""
+
+    name: str = ""
+    """Name of the product or file; empty of an ideal lens."""
+    words: str = "ideal"
+    """Which lens it is, in a few words."""
+    lens: Prescription | None = None
+    """Its surfaces as they stand in the camera."""
+    radial: ClassVar[int] = 0
+    """Coefficients of radial distortion that a calibration fits behind it."""
+    faults: ClassVar[tuple[str, ...]] = ()
+    """Effects of a rendering that are its own."""
+    looks_through: ClassVar[tuple[str, ...]] = ()
+    """Words for it where rays through it are not what first order says."""
+    open_conjugates: ClassVar[tuple[Conjugate, ...]] = ("f", "d_1", "d_f")
+    """Which of f, d_1 and d_f can follow from the others."""
+    kept_conjugates: ClassVar[tuple[Conjugate, ...]] = open_conjugates
+    """Which of them a change of something else can be told to leave as they are."""
+    follows: ClassVar[frozenset[str]] = frozenset()
+    """Places whose numbers follow from what it is made of."""
+    parts: ClassVar[tuple[str, ...]] = ()
+    """Kinds of a catalogue that are parts of it."""
+
+    @property
+    def grows(self) -> bool:
+        """True where it is known what temperature does to it."""
+        raise NotImplementedError
+
+    @property
+    def glasses(self) -> tuple[tuple[str, Glass | None], ...]:
+        """Every material of it by its place."""
+        raise NotImplementedError
+
+    @property
+    def prescribed(self) -> tuple[Prescription, ...]:
+        """Prescription as in the design file."""
+        return ()
+
+    @property
+    def mounted(self) -> tuple[Prescription, ...]:
+        """Prescription as it stands in the camera."""
+        return ()
+
+    @property
+    def semi_diameters(self) -> tuple[float, ...]:
+        """Half of each surface's clear diameter [mm]."""
+        return tuple(surface.semi_diameter for lens in self.mounted for surface in lens.surfaces)
+
+    @property
+    def places(self) -> Mapping[str, str]:
+        """Places in which it can be made otherwise, to what they measure."""
+        return {}
+
+    def values(self, wavelength: float) -> Mapping[str, float]:
+        """Its own numbers at those places."""
+        return {}
+
+    def given(self, place: str, value: float | None, wavelength: float) -> float | None:
+        """The number at a place where a design gives `value`, or the lens's own [mm]."""
+        return value
+
+    def about(self, values: Mapping[str, float | None], turned: bool, wavelength: float | None) -> Iterator[Problem]:
+        """Values of a design that contradict it; a wavelength that could not be read is None."""
+        raise NotImplementedError
+
+    def settled(self, values: Mapping[str, float | None], wavelength: float | None) -> Mapping[str, float | None]:
+        """Values of a design with its own in place of others; without a wavelength these are not known."""
+        return values
+
+    def in_light(self, wavelength: ArrayLike) -> dict[str, ArrayLike]:
+        """Numbers of a camera that change with the wavelength [mm], by their places."""
+        return {}
+
+    def moved(
+        self, numbers: Mapping[str, Number], before: Number, after: Number, wavelength: Number, housing: float
+    ) -> dict[str, Number]:
+        """Focal length at another temperature [degrees C], by its place, where that changes it."""
+        raise NotImplementedError
+
+    def wider(self, before: Number, after: Number, housing: float, held: Number) -> Number:
+        """Clear diameter after over before; `held` is how much a housing of expansion `housing` [1/K] grows."""
+        raise NotImplementedError
+
+    def principal_shifts(
+        self, wavelength: Number, before: Number, after: Number, housing: float
+    ) -> tuple[tuple[Number, Number], tuple[Number, Number, Number]]:
+        """Where its principal planes stand, before and after [mm].
+
+        The front one behind the first vertex, the rear one before the last; then by how much less the rear one stands
+        behind the first.
+        """
+        return (0.0, 0.0), (0.0, 0.0, 0.0)
+
+    def planes(self, wavelength: float) -> tuple[float, float]:
+        """Front and rear principal plane, along z from the first vertex [mm]."""
+        return 0.0, 0.0
+
+    def rows(self, focal_length: float, diameter: float) -> list[SequenceRow]:
+        """Surfaces as other programs take them."""
+        raise NotImplementedError
+
+    def thin_twin(self, design: ThinDesign) -> ThinDesign:
+        """A design of it with an ideal lens of the same focal length and clear aperture."""
+        return design
+
+
+@dataclass(frozen=True)
+class IdealMainLens(MainLensKind):
+    """A thin lens without aberrations."""
+
+    material: Glass | None = None
+    """Material, as far as temperature goes."""
+
+    @property
+    def grows(self) -> bool:
+        """Whether its material is known."""
+        return self.material is not None
+
+    @property
+    def glasses(self) -> tuple[tuple[str, Glass | None], ...]:
+        """Its material."""
+        return (("main_lens.material", self.material),)
+
+    def about(self, values: Mapping[str, float | None], turned: bool, wavelength: float | None) -> Iterator[Problem]:
+        """Being turned round, which says nothing."""
+        if turned:
+            message = "an ideal lens looks the same from both sides; drop it, or give main_lens.prescription"
+            yield Problem("main_lens.reversed", message)
+
+    def moved(
+        self, numbers: Mapping[str, Number], before: Number, after: Number, wavelength: Number, housing: float
+    ) -> dict[str, Number]:
+        """Focal length, which grows with the glass and with what its index loses."""
+        if self.material is None:
+            return {}
+        weaker = power_ratio(self.material, wavelength, before, after)
+        return {FOCAL: numbers[FOCAL] * self.material.grown(before, after) * weaker}
+
+    def wider(self, before: Number, after: Number, housing: float, held: Number) -> Number:
+        """Growth of its material, or of what holds it."""
+        return held if self.material is None else self.material.grown(before, after)
+
+    def rows(self, focal_length: float, diameter: float) -> list[SequenceRow]:
+        """A paraxial surface."""
+        return [SequenceRow("main lens", 0.0, Surface(0.0, diameter / 2), focal_length)]
+
+
+@dataclass(frozen=True)
+class RealMainLens(MainLensKind):
+    """A lens by its surfaces."""
+
+    prescription: Prescription
+    """As in the design file."""
+    turned: bool = False
+    """Whether it stands the other way round."""
+    diameter: float | None = None
+    """Clear diameter that it is cut down to [mm]."""
+
+    radial: ClassVar[int] = 1
+    faults: ClassVar[tuple[str, ...]] = ("lens_aberrations", "lens_distortion", "field_curvature", "lens_colour")
+    looks_through: ClassVar[tuple[str, ...]] = ("the real lens",)
+    open_conjugates: ClassVar[tuple[Conjugate, ...]] = ("d_1", "d_f")
+    kept_conjugates: ClassVar[tuple[Conjugate, ...]] = ()
+    follows: ClassVar[frozenset[str]] = frozenset({FOCAL})
+    parts: ClassVar[tuple[str, ...]] = ("glasses", "orientations")
+
+    @property
+    def lens(self) -> Prescription:  # type: ignore[override]
+        """Its surfaces, turned round and cut down."""
+        return mounted_lens(self.prescription, self.turned, self.diameter)
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """Name of the lens as it stands."""
+        return self.lens.name or "a real lens"
+
+    @property
+    def words(self) -> str:  # type: ignore[override]
+        """That it is real, and its name."""
+        return f"real ({self.name})"
+
+    @property
+    def grows(self) -> bool:
+        """True: its glasses are known."""
+        return True
+
+    @property
+    def glasses(self) -> tuple[tuple[str, Glass | None], ...]:
+        """Glass of each surface."""
+        return tuple(("main_lens.prescription", surface.glass) for surface in self.prescription.surfaces)
+
+    @property
+    def prescribed(self) -> tuple[Prescription, ...]:
+        """Its own."""
+        return (self.prescription,)
+
+    @property
+    def mounted(self) -> tuple[Prescription, ...]:
+        """Its surfaces, turned round and cut down."""
+        return (self.lens,)
+
+    @property
+    def places(self) -> Mapping[str, str]:
+        """Places of its surfaces and elements."""
+        return lens_places(self.lens)
+
+    def values(self, wavelength: float) -> Mapping[str, float]:
+        """Numbers of its surfaces and elements."""
+        return lens_values(self.lens, wavelength)
+
+    def given(self, place: str, value: float | None, wavelength: float) -> float | None:
+        """Focal length of its own, and clear diameter where none is given."""
+        if place == FOCAL:
+            return focal_length_at(self.prescription, wavelength)
+        return own_diameter(self.prescription) if place == DIAMETER and value is None else value
+
+    def about(self, values: Mapping[str, float | None], turned: bool, wavelength: float | None) -> Iterator[Problem]:
+        """Focal length, diameter and wavelength, where they are not the lens's own."""
+        if wavelength is None:
+            return
+        name = self.prescription.name
+        try:
+            focal = focal_length_at(self.prescription, wavelength)
+        except InputError as error:
+            for problem in error.problems:
+                yield Problem("light.wavelength", f"{name}: {problem.message}")
+            return
+        focal_length, diameter = values.get(FOCAL), values.get(DIAMETER)
+        if not (0 < focal < math.inf):
+            yield Problem("main_lens.prescription", f"{name} does not converge light; it forms no real image")
+        elif focal_length is not None and abs(focal_length / focal - 1) > AGREEMENT:
+            told, at = (format_quantity(value, "length", 8) for value in (focal_length, wavelength))
+            yield Problem(
+                FOCAL,
+                f"{told} contradicts the prescription: {name} has f = {focal:.7g} mm at {at} "
+                f"(residual {focal_length - focal:+.4g} mm); drop {FOCAL}",
+            )
+        widest = own_diameter(self.prescription)
+        if diameter is not None and diameter > widest * (1 + AGREEMENT):
+            yield Problem(
+                DIAMETER,
+                f"{format_quantity(diameter, 'length', 8)} is wider than {name}, whose clear diameter is "
+                f"{widest:.6g} mm; drop it, or give a smaller one for a stop at the lens",
+            )
+
+    def settled(self, values: Mapping[str, float | None], wavelength: float | None) -> Mapping[str, float | None]:
+        """Values with its own focal length."""
+        others = {place: value for place, value in values.items() if place != FOCAL}
+        return others if wavelength is None else {**others, FOCAL: focal_length_at(self.prescription, wavelength)}
+
+    def in_light(self, wavelength: ArrayLike) -> dict[str, ArrayLike]:
+        """Focal length at each wavelength."""
+        return {FOCAL: np.vectorize(lambda each: focal_length_at(self.lens, each), otypes=[np.float64])(wavelength)}
+
+    def moved(
+        self, numbers: Mapping[str, Number], before: Number, after: Number, wavelength: Number, housing: float
+    ) -> dict[str, Number]:
+        """Focal length of its surfaces as they are then."""
+        return {FOCAL: warm_constants(self.lens, wavelength, after, housing).focal_length}
+
+    def wider(self, before: Number, after: Number, housing: float, held: Number) -> Number:
+        """Growth of its narrowest surface."""
+        k = min(range(len(self.lens.surfaces)), key=lambda k: self.lens.surfaces[k].semi_diameter)
+        old, new = (lens_growth(self.lens, at, housing)[k][0] for at in (before, after))
+        return new / old
+
+    def principal_shifts(
+        self, wavelength: Number, before: Number, after: Number, housing: float
+    ) -> tuple[tuple[Number, Number], tuple[Number, Number, Number]]:
+        """Both planes at both temperatures."""
+        a, b = (warm_constants(self.lens, wavelength, at, housing) for at in (before, after))
+        rear = a.length - a.rear_principal, b.length - b.rear_principal
+        return (a.front_principal, b.front_principal), (*rear, a.rear_principal - b.rear_principal)
+
+    def planes(self, wavelength: float) -> tuple[float, float]:
+        """Both planes."""
+        constants = first_order(self.lens, wavelength)
+        return constants.front_principal, constants.rear_principal
+
+    def rows(self, focal_length: float, diameter: float) -> list[SequenceRow]:
+        """Each surface."""
+        return lens_surfaces("main lens", self.lens, 0.0)
+
+    def thin_twin(self, design: ThinDesign) -> ThinDesign:
+        """Focal length at the design's wavelength and clear diameter, as those of an ideal lens."""
+        ideal = {"prescription": None, "reversed": False, "focal_length": design.f, "diameter": design.D}
+        twin: ThinDesign = design.model_copy(update={"main_lens": design.main_lens.model_copy(update=ideal)})
+        return twin
+
+
+def main_lens_kind(
+    prescription: Prescription | None, turned: bool, diameter: float | None = None, material: Glass | None = None
+) -> MainLensKind:
+    """Main lens that a design file describes."""
+    return IdealMainLens(material) if prescription is None else RealMainLens(prescription, turned, diameter)
