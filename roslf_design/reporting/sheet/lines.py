@@ -241,8 +241,8 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
     yield SheetLine("Sampling", "object samples", None, "", "microlenses that the sensor sees", text=f"{across} x {up}")
     if sheet.colours:
         yield from _colour_lines(design, sheet.colours)
-    turned = any(element.turn for element in design.elements)
-    unfolded = ", unfolded along the light: the housing turns with the prism" if turned else ""
+    turned = " and ".join(dict.fromkeys(part.kind for part in Camera.of(design).chain.folding))
+    unfolded = f", unfolded along the light: the housing turns with the {turned}" if turned else ""
     around = "of the narrowest tube about clear apertures and sensor" + (", unfolded" if turned else "")
     around += "; mounts come on top" if design.tube is None else "; mounts within its wall"
     yield SheetLine("Body", "outer diameter", sheet.outer_diameter_mm, "mm", around, "outer_diameter_mm")
