@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
 from itertools import pairwise, product
 from typing import Any, NamedTuple
 
@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 from .._arrays import ratio
 from ..lenses.angles import F_TAN, AngleLaw, AngleMap, Law
 from .conjugates import CONJUGATES, followed
-from .element import Matrix
 from .elements import AnyElement, element_name
+from .fold import fold_of
 from .part import Number, PartNumbers
 
 Flags = np.bool_ | NDArray[np.bool_]
@@ -113,6 +113,35 @@ class Chain:
         return tuple(sorted(range(len(self.elements)), key=lambda k: self.elements[k].distance))
 
     @cached_property
+    def folding(self) -> tuple[AnyElement, ...]:
+        """Elements that turn the axis or reverse pictures, from the main lens outwards."""
+        return tuple(element for element in map(self.elements.__getitem__, self.order) if element.turn or element.reverses)
+
+    @property
+    def leans(self) -> bool:
+        """Whether a clear aperture leans by design."""
+        return any(part.leans for part in self.folding)
+
+    @cached_property
+    def signed(self) -> frozenset[str]:
+        """Places of numbers that may have either sign."""
+        return frozenset(f"elements.{k}.{key}" for k in self.order for key in self.elements[k].signed)
+
+    @cached_property
+    def fold(self) -> NDArray[np.float64]:
+        """True directions in front of all elements by those of the unfolded axis, (3, 3)."""
+        return reduce(np.matmul, [fold_of(part.turn, part.towards, part.reverses) for part in self.folding], np.eye(3))
+
+    @cached_property
+    def mirrored(self) -> NDArray[np.float64]:
+        """Direction across the axis along which the scene is seen reversed, of unit length; 0 where it is not.
+
+        An odd number of reflections does that: along the direction into which the last of them turns the view.
+        """
+        odd = [part.towards for part in self.folding if part.reverses]
+        return np.array([math.cos(odd[-1]), math.sin(odd[-1])]) if len(odd) % 2 else np.zeros(2)
+
+    @cached_property
     def mapped(self) -> int | None:
         """Which element is an objective with a mapping of its own; None where light goes on as to first order."""
         return next((k for k, element in enumerate(self.elements) if element.law is not None), None)
@@ -178,34 +207,13 @@ class Chain:
         self, numbers: Mapping[str, Number], k: int, step: ChainStep, inside: Number, passed: Flags
     ) -> ChainStep:
         """Light past as much of an element."""
-        p, q, r, s = forward = self.elements[k].forward(self.at(numbers, k), inside, passed)
+        element, at = self.elements[k], self.at(numbers, k)
+        p, q, r, s = forward = element.forward(at, inside, passed)
         a, b, c, d = step.matrix
         matrix = s * a + q * c, s * b + q * d, r * a + p * c, r * b + p * d
-        x, y = (self._shifted(numbers, k, axis, forward, inside, *step.shifts[axis]) for axis in (0, 1))
-        return ChainStep(matrix, (x, y), step.place)
-
-    def _shifted(
-        self,
-        numbers: Mapping[str, Number],
-        k: int,
-        axis: int,
-        forward: Matrix,
-        inside: Number,
-        e: Number,
-        f: Number,
-    ) -> tuple[Number, Number]:
-        """Where the main lens's axis comes out of a decentred, tilted or wedged element, and with what slope."""
-        (p, q, r, s), part = forward, f"elements.{k}"
-        off = numbers[f"{part}.decentre.{axis}"] - numbers[f"main_lens.decentre.{axis}"]
-        # The normal of a part tilted by (t_x, t_y) leans by t_y along x and by -t_x along y.
-        lean = np.tan(numbers[f"{part}.tilt.{1 - axis}"]) * (1 if axis == 0 else -1)
-        wedge = numbers.get(f"{part}.wedge.{1 - axis}", 0.0) * (1 if axis == 0 else -1)
-        e, f = e - off, f - lean
-        if np.any(wedge):
-            f = f + (numbers[f"{part}.index"] - 1) * wedge * (inside > 0)
-        # A leaning face between air and liquid bends the axis.
         beyond = numbers.get(MEDIUM, 1.0) if k == self.order[-1] else 1.0
-        return s * e - q * f + off - lean * inside, -r * e + p * f + lean * beyond
+        x, y = (element.shifted(at, axis, forward, inside, step.shifts[axis], beyond) for axis in (0, 1))
+        return ChainStep(matrix, (x, y), step.place)
 
     def mapped_image(self, numbers: Mapping[str, Number], walk: tuple[ChainStep, ...]) -> ImagedPlane:
         """Where the objective with a mapping images what is far: its heights there are focal length times p."""
@@ -283,7 +291,7 @@ class Chain:
             start, length = numbers[f"elements.{k}.distance"], self.length(numbers, k)
             before = np.greater_equal(distance, reduced) & np.less_equal(distance, reduced + (start - place))
             stands = np.where(before, place + (distance - reduced), stands)
-            reduced = reduced + (start - place) + length / numbers[f"elements.{k}.index"]
+            reduced = reduced + (start - place) + self.elements[k].forward(self.at(numbers, k), length, np.True_)[1]
             place = start + length
         medium = numbers.get(MEDIUM, 1.0)
         return np.where(np.greater_equal(distance, reduced), place + medium * (distance - reduced), stands)[()]

@@ -27,6 +27,8 @@ Matrix = tuple[Number, Number, Number, Number]
 Outline = NDArray[np.float64]
 """Points (z, x) of a face in the plane x-z [mm], shape (N, 2)."""
 Flags = np.bool_ | NDArray[np.bool_]
+Shift = tuple[Number, Number]
+"""Along one axis, where the main lens's axis is [mm], and index times its slope."""
 
 
 class Element(Part):
@@ -59,6 +61,18 @@ class Element(Part):
     """1 where a thin lens stands for it in a schematic drawing, -1 a diverging one, 0 a block."""
     turn: ClassVar[float] = 0.0
     """By how much it turns the axis [rad]."""
+    towards: ClassVar[float] = math.pi / 2
+    """Direction into which it turns the view, across the axis from x towards y [rad]."""
+    reverses: ClassVar[bool] = False
+    """Whether pictures are reversed by it: it reflects an odd number of times."""
+    folds: ClassVar[bool] = False
+    """Whether what stands before it is drawn folded in 3D; else the axis goes straight on."""
+    leans: ClassVar[bool] = False
+    """Whether its clear aperture leans where it stands straight."""
+    signed: ClassVar[tuple[str, ...]] = ()
+    """Keys of its numbers that may have either sign."""
+    sealable: ClassVar[bool] = True
+    """Whether a liquid before it may end at it."""
     trade_name: ClassVar[str] = ""
     """Name under which it is bought; its kind without."""
 
@@ -114,6 +128,44 @@ class Element(Part):
     def forward(self, at: PartNumbers, inside: Number, passed: Flags) -> Matrix:
         """Matrix of the way through as much of it as lies `inside` [mm], of a thin one where it is `passed`."""
         raise NotImplementedError
+
+    def lean(self, at: PartNumbers) -> tuple[Number, Number]:
+        """Tilt of its openings [rad]."""
+        return at.pair("tilt")
+
+    def kick(self, at: PartNumbers, axis: int) -> Number:
+        """Index times slope that its own shape adds to light along the axis."""
+        return 0.0
+
+    def shifted(
+        self, at: PartNumbers, axis: int, forward: Matrix, inside: Number, shift: Shift, beyond: Number
+    ) -> Shift:
+        """Main lens's axis as it comes out of it, decentred and tilted as it is.
+
+        Parameters
+        ----------
+        at : PartNumbers
+        axis : int
+            0 along x, 1 along y.
+        forward : Matrix
+            What `forward` says of as much of it.
+        inside : float or ndarray
+            How much of it light has passed [mm].
+        shift : Shift
+            Where that axis goes in.
+        beyond : float or ndarray
+            Index of what lies on its scene's side.
+        """
+        (p, q, r, s), (e, f) = forward, shift
+        off = at.pair("decentre")[axis] - at.numbers[f"main_lens.decentre.{axis}"]
+        # The normal of a part tilted by (t_x, t_y) leans by t_y along x and by -t_x along y.
+        lean = np.tan(at.pair("tilt")[1 - axis]) * (1 if axis == 0 else -1)
+        e, f = e - off, f - lean
+        kick = self.kick(at, axis)
+        if np.any(kick):
+            f = f + kick * (inside > 0)
+        # A leaning face between air and liquid bends the axis.
+        return s * e - q * f + off - lean * inside, -r * e + p * f + lean * beyond
 
     def openings(self, at: PartNumbers) -> Iterator[tuple[str, Number]]:
         """Openings of its clear aperture: words after its name, and places before the main lens [mm]."""

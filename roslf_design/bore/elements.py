@@ -11,11 +11,12 @@ from ..words import length
 from .group import LensGroup
 from .lens import FieldLens
 from .material import Material
+from .mirror import Mirror
 from .part import Part
 from .plate import Plate, Prism
 from .rod import Grin
 
-AnyElement = Annotated[Plate | Prism | FieldLens | Grin | LensGroup, Field(discriminator="kind")]
+AnyElement = Annotated[Plate | Prism | Mirror | FieldLens | Grin | LensGroup, Field(discriminator="kind")]
 """One of `[[elements]]`."""
 
 

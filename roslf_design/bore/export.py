@@ -19,6 +19,8 @@ class SequenceRow:
     focal_length: float | None = None
     """Focal length of an ideal thin lens [mm]; None is a real surface."""
     is_stop: bool = False
+    mirror: tuple[float, float] | None = None
+    """Angle between the axis and a mirror's surface, and the azimuth into which that turns the view [rad]."""
 
 
 def lens_surfaces(name: str, lens: Prescription, start: float) -> list[SequenceRow]:

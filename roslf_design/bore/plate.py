@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
+from pydantic import Field
 
 from ..lenses.glass import Glass
 from ..lenses.prescription import Surface, rotation
@@ -46,6 +47,10 @@ class Block(Element):
     def forward(self, at: PartNumbers, inside: Number, passed: Flags) -> Matrix:
         """Matrix of a reduced thickness."""
         return 1.0, inside / at["index"], 0.0, 1.0
+
+    def kick(self, at: PartNumbers, axis: int) -> Number:
+        """Index times slope that a wedge adds."""
+        return (at["index"] - 1) * at.pair("wedge")[1 - axis] * (1 if axis == 0 else -1)
 
     def faces(self, at: PartNumbers, name: str, around: Surroundings) -> list[Face]:
         """Both faces; a wedge turns the one on the sensor's side."""
@@ -98,11 +103,25 @@ class Prism(Block):
     kind: Literal["prism"]
     deviation: Angle = 0.0
     """By how much it turns the axis, for the drawing and the direction of view [rad]."""
+    azimuth: Angle = math.pi / 2
+    """Direction across the axis into which it turns the view, from x towards y [rad]."""
+    reflections: Annotated[int, Field(strict=True, ge=0)] = 0
+    """How often light is reflected in it; an odd number reverses pictures."""
 
     @property
     def turn(self) -> float:  # type: ignore[override]
         """By how much it turns the axis [rad]."""
         return float(self.deviation)
+
+    @property
+    def towards(self) -> float:  # type: ignore[override]
+        """Direction into which it turns the view, across the axis from x towards y [rad]."""
+        return float(self.azimuth)
+
+    @property
+    def reverses(self) -> bool:  # type: ignore[override]
+        """Whether pictures are reversed by it: it reflects an odd number of times."""
+        return self.reflections % 2 == 1
 
     def words(self) -> tuple[str, ...]:
         """Thickness and material, and the deviation."""

@@ -7,7 +7,7 @@ refused here: a camera that cannot be built keeps its numbers, and `Camera.valid
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -78,6 +78,8 @@ class Rim:
     """Its own lengths over those that the main lens sees."""
     plane: ImagedPlane | None = None
     """Where it stands; None in air."""
+    leans: bool = False
+    """True where it leans by design, as that of a mirror."""
 
     @property
     def opening(self) -> str:
@@ -493,7 +495,8 @@ class Camera(Symbols[Number]):
         element, at = self.chain.elements[k], self.chain.at(self._numbers, k)
         name = element_name(element, k + 1)
         for number, (words, z) in enumerate(element.openings(at)):
-            yield self._rim(f"{name}{words}", f"{at.place}.{number}", z, at["diameter"] / 2)
+            rim = self._rim(f"{name}{words}", f"{at.place}.{number}", z, at["diameter"] / 2)
+            yield replace(rim, leans=True) if element.leans else rim
 
     @cached_property
     def in_light_order(self) -> tuple[Rim, ...]:
@@ -555,19 +558,32 @@ class Camera(Symbols[Number]):
         """Tilt of a part [rad]; of a stop as the main lens sees it."""
         if part.endswith(IMAGE):
             return 0.0, 0.0
-        place = place_of(part)
-        tilt = self._numbers[f"{place}.tilt.0"], self._numbers[f"{place}.tilt.1"]
-        rim = self._rim_of.get(part)
+        tilt, rim = self._own_tilt(part), self._rim_of.get(part)
         if rim is None or rim.plane is None or not any(np.any(angle) for angle in tilt):
             return tilt
         bend = rim.plane.medium * rim.plane.magnification
         x, y = (np.arctan(np.tan(angle) / bend) for angle in tilt)
         return x, y
 
+    def _own_tilt(self, part: str) -> tuple[Number, Number]:
+        """Tilt of a part with a ruler [rad]; of an element's opening that of the opening."""
+        place = place_of(part)
+        if place.startswith("elements."):
+            k = int(place.removeprefix("elements."))
+            return self.chain.elements[k].lean(self.chain.at(self._numbers, k))
+        return self._numbers[f"{place}.tilt.0"], self._numbers[f"{place}.tilt.1"]
+
     @cached_property
     def tilted(self) -> bool:
-        """Whether any part is tilted in any build: the stops' images are then not exactly discs."""
-        return self.largest_tilt != 0
+        """Whether any part is tilted in any build, or leans and may cut: stops' images are then not exactly discs."""
+        return self.largest_tilt != 0 or bool(self.leaning)
+
+    @cached_property
+    def leaning(self) -> tuple[int, ...]:
+        """Which of `rims` lean by design and may cut."""
+        if not self.chain.leans:
+            return ()
+        return tuple(k for k, rim in enumerate(self.rims) if rim.leans and np.any(np.isfinite(rim.radius)))
 
     @cached_property
     def largest_tilt(self) -> float:
@@ -587,7 +603,8 @@ class Camera(Symbols[Number]):
         d_1, d_2 = (self._numbers[PATHS[symbol]] for symbol in ("d_1", "d_2"))
         z = {"main_lens": 0.0, "microlens_array": d_1, "sensor": plus(d_1, d_2)}
         decentre, tilt = (
-            (self._numbers[f"{place}.{pose}.0"], self._numbers[f"{place}.{pose}.1"]) for pose in ("decentre", "tilt")
+            (self._numbers[f"{place}.decentre.0"], self._numbers[f"{place}.decentre.1"]),
+            self._own_tilt(part),
         )
         at = z[part] if part in z else minus(0.0, self._rim_of[part].stands)
         turn = self._numbers["microlens_array.rotation"] if part == "microlens_array" else 0.0
@@ -707,6 +724,7 @@ class Camera(Symbols[Number]):
         yield "d_2 is not above 0", np.asarray(self.seen.d_2) > 0
 
     def _possible_numbers(self) -> Iterator[tuple[str, Any]]:
+        signed = self.chain.signed
         for place, value in self._numbers.items():
             part, _, name = place.partition(".")
             if ".tilt." in place or ".wedge." in place:
@@ -721,7 +739,12 @@ class Camera(Symbols[Number]):
                 yield f"{place} is below 1", np.asarray(value) >= 1
             elif name == "read_noise":
                 yield f"{place} is below 0", np.asarray(value) >= 0
-            elif ".decentre." not in place and name != "rotation" and not place.endswith(".focal_length"):
+            elif (
+                place not in signed
+                and ".decentre." not in place
+                and name != "rotation"
+                and not place.endswith(".focal_length")
+            ):
                 yield f"{place} is not above 0", np.asarray(value) > 0
 
     def _fits(self) -> Iterator[tuple[str, Any]]:

@@ -211,13 +211,18 @@ class Design(Part, RulerSymbols[float]):
 
     @property
     def aligned(self) -> bool:
-        """True where nothing is tilted: every stop's image on the sensor is then a disc.
+        """True where nothing is tilted.
 
         Tilts of elements before the lens move the images of stops, which stay discs.
         """
         tilts = [self.main_lens.tilt, self.microlens_array.tilt, self.sensor.tilt]
         tilts += [stop.tilt for stop in self.all_stops]
         return all(tilt == (0.0, 0.0) for tilt in tilts)
+
+    @property
+    def sees_discs(self) -> bool:
+        """True where every stop's image on the sensor is a disc: nothing is tilted, and no mirror's rim leans."""
+        return self.aligned and not chain_of(self).leans
 
 
 def build(data: Mapping[str, Any], *, from_file: bool, origin: str = "", folder: str | Path | None = "") -> Design:

@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from .._arrays import magnitude
 from ..camera import Camera, Number
 from ..design.parts import PATHS
 from ..errors import InputError, Problem
@@ -13,6 +14,7 @@ from ..lenses.angles import F_TAN
 from ..theory.exit_pupil import microlens_image_diameter, stop_angle
 from ..theory.light import chief_slope, outer_slope
 from ..theory.stop_images import settled, stop_discs
+from ..theory.vignetting import room_at
 from . import lens
 from .effect import Effect, Estimate, Subject
 
@@ -32,7 +34,13 @@ def cut_depth(s: Subject) -> float:
     (middle, aside), (radii, _) = stop_discs(s.camera, np.array([0.0, s.lens_field]), 0.0)
     moved = aside - middle
     apart = np.hypot(*(middle[1:] - middle[0]).T) + np.hypot(*(moved[1:] - moved[0]).T)
-    depth = settled(np.max(apart + radii[0] - radii[1:]), max(radii[0], np.abs(aside).max(initial=0.0)))
+    depths = apart + radii[0] - radii[1:]
+    if s.camera.leaning:
+        room = room_at(s.camera, s.lens_field * magnitude(s.camera.seen.inverse_m))
+        for k in s.camera.leaning:
+            rim = s.camera.rims[k]
+            depths[k] = -room[k] / (rim.scale * rim.radius) * radii[k + 1]
+    depth = settled(np.max(depths), max(radii[0], np.abs(aside).max(initial=0.0)))
     return float(np.clip(depth, 0.0, 2 * radii[0]))
 
 
@@ -150,14 +158,14 @@ def tilt_shift(camera: Camera, x_ml: float) -> float:
     moved += x_ml * (2 * math.sin(array / 2) ** 2 + 2 * math.sin(sensor / 2) ** 2)
     angle = x_ml * float(camera.seen.inverse_m) / float(camera.seen.gap)
     for rim in (camera.fap, *camera.rims[1:]):
-        moved += float(rim.radius) * tilt(rim.part) * angle * scale(rim.distance)
+        moved += 0.0 if rim.leans else float(rim.radius) * tilt(rim.part) * angle * scale(rim.distance)
     height = x_ml * float(camera.seen.d_3 / camera.seen.A)
     return moved + height**2 / float(camera.f) * tilt("main_lens") * scale(camera.seen.d_3)
 
 
 def tilts(s: Subject) -> Estimate:
     """Shift [px] at the field's rim."""
-    if not s.camera.tilted:
+    if s.camera.largest_tilt == 0:
         return Estimate(0.0, "nothing is tilted")
     moved = tilt_shift(s.camera, s.x_ml) / s.design.q
     return Estimate(moved, f"tilts move microlens images by {moved:.3g} px {s.at}")

@@ -99,7 +99,7 @@ def evaluate(
     1.00506
     """
     design = as_design(design)
-    rays = rays_for(None if design.aligned else accuracy)
+    rays = rays_for(None if design.sees_discs else accuracy)
     axes = default_fields(design) if fields is None else _axes(fields)
     camera = Camera.of(design)
     limit = field_limit(camera)
@@ -115,7 +115,7 @@ def evaluate(
     traced = trace_lens(design, axes, non_distortion)
     depth = _depth(design, camera)
     method = [METHOD]
-    if not design.aligned:
+    if not design.sees_discs:
         method.append(COUNTED.format(rays=rays, error=COUNTED_ERROR if accuracy is None else accuracy))
     if traced is not None:
         method.append(TRACED)
@@ -259,7 +259,7 @@ def check_evaluation_accuracy(design: Design, accuracy: float | None) -> None:
     """
     if accuracy is not None:
         check_accuracy(accuracy)
-        rays_for(None if design.aligned else accuracy)
+        rays_for(None if design.sees_discs else accuracy)
 
 
 def evaluation_accuracy(
@@ -276,7 +276,7 @@ def evaluation_accuracy(
     seconds : float, optional
         That it took.
     """
-    if design.aligned:
+    if design.sees_discs:
         method = "closed forms and exact disc areas"
         return Accuracy("every number, relative", method, ROUNDING, asked=asked, seconds=seconds)
     rays = rays_for(asked)

@@ -115,7 +115,7 @@ def evaluate_fields(design: Design, axes: Sequence[Place], rays: int = RAYS) -> 
     camera = Camera.of(design)
     images = MicrolensImages(camera, axes)
     shape, offset = images.shapes, np.zeros((len(axes), 2))
-    if design.aligned:
+    if design.sees_discs:
         shares = _exact_shares(images)
     else:
         points = sunflower(rays)
@@ -136,7 +136,7 @@ def evaluate_fields(design: Design, axes: Sequence[Place], rays: int = RAYS) -> 
             axis_ratio=float(ratio[i]) if lit[i] else None,
             ray_budget=_budget(camera, *shares[i]),
             sigma_z_mm=float(depth_error[i]) if np.isfinite(depth_error[i]) else None,
-            rays=None if design.aligned else rays,
+            rays=None if design.sees_discs else rays,
         )
         for i, axis in enumerate(axes)
     )

@@ -42,11 +42,12 @@ REASONS = {
 }
 
 SPHERE, CONIC, ASPHERE, IRREGULAR = 1, 2, 3, 4
-THIN, ROD, MAPPED = 11, 12, 13
+THIN, ROD, MAPPED, MIRROR = 11, 12, 13, 14
 """Rows beside surfaces: an ideal lens, 1/f in place of the curvature; a rod from its sensor's side, with n_0 and g in
 the places of curvature and conic, and its length in that of the first aspheric term; what a mapping makes of rays that
 an ideal lens beside it has bent, with its focal length in the place of the conic, the way to the entrance pupil in that
-of a rod's length, and the largest height that it images, f p, in that of the semi-diameter."""
+of a rod's length, and the largest height that it images, f p, in that of the semi-diameter; a flat mirror in unfolded
+space, whose tilt and shift move rays on its scene's side as `MOVED` says."""
 COLUMNS = 34
 """Of a surface: vertex x y z, c, 1 + k, semi-diameter squared, kind, turned?, rotation (9), asphere (8), sag bound,
 irregularity (7), one over its normalising radius."""
@@ -54,6 +55,8 @@ MODES, FORM = 7, 26
 """Zernike modes of an irregularity, Noll's 5 to 11, and where their coefficients stand."""
 LENGTH, COARSE = 17, 18
 """Where a rod's length stands, and whether rays through it are only for pixels."""
+MOVED = 17
+"""Where a mirror's turn (9) and then its shift (3) of rays stand, from the sensor's side to the scene's."""
 TERMS = 16
 """Of a rod's series."""
 STEP, LONGEST = 0.1, 0.7
@@ -481,6 +484,60 @@ def meet_mapped(
 
 
 @kernel()
+def moved(table: Any, first: int, x: float, y: float, z: float) -> Any:
+    """Turn a vector as a mirror turns rays."""
+    a, b, c = first + MOVED, first + MOVED + 3, first + MOVED + 6
+    return (
+        table[a] * x + table[a + 1] * y + table[a + 2] * z,
+        table[b] * x + table[b + 1] * y + table[b + 2] * z,
+        table[c] * x + table[c + 1] * y + table[c + 2] * z,
+    )
+
+
+@kernel()
+def moved_back(table: Any, first: int, x: float, y: float, z: float) -> Any:
+    """Turn a vector back."""
+    a, b, c = first + MOVED, first + MOVED + 3, first + MOVED + 6
+    return (
+        table[a] * x + table[b] * y + table[c] * z,
+        table[a + 1] * x + table[b + 1] * y + table[c + 1] * z,
+        table[a + 2] * x + table[b + 2] * y + table[c + 2] * z,
+    )
+
+
+@kernel()
+def meet_mirror(buffer: Any, squares: Any, m: int, table: Any, first: int, limit: float, s: float, code: float) -> None:
+    """Clip a block at a flat mirror, and move it from one side's unfolded space to the other's."""
+    vx, vy, vz = table[first], table[first + 1], table[first + 2]
+    nx, ny, nz = table[first + 10], table[first + 13], table[first + 16]
+    tx, ty, tz = table[first + MOVED + 9], table[first + MOVED + 10], table[first + MOVED + 11]
+    for i in range(m):
+        squares[i] = -1.0
+        if buffer[6 * BLOCK + i] != 0.0:
+            continue
+        x, y, z = buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i]
+        dx, dy, dz = buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i]
+        if s > 0.0:
+            x, y, z = moved_back(table, first, x - tx, y - ty, z - tz)
+            dx, dy, dz = moved_back(table, first, dx, dy, dz)
+        cosine = dx * nx + dy * ny + dz * nz
+        if not cosine * s > 0.0:
+            buffer[6 * BLOCK + i] = code + MISSED
+            continue
+        t = -((x - vx) * nx + (y - vy) * ny + (z - vz) * nz) / cosine
+        x, y, z = x + t * dx, y + t * dy, z + t * dz
+        squares[i] = (x - vx) ** 2 + (y - vy) ** 2 + (z - vz) ** 2
+        if squares[i] > limit:
+            buffer[6 * BLOCK + i] = code + CLIPPED
+        elif s < 0.0:
+            x, y, z = moved(table, first, x, y, z)
+            x, y, z = x + tx, y + ty, z + tz
+            dx, dy, dz = moved(table, first, dx, dy, dz)
+        buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i] = x, y, z
+        buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i] = dx, dy, dz
+
+
+@kernel()
 def rod_step(work: Any, x: float, y: float, u: float, v: float, pull: float, g2: float) -> Any:
     """Solve x'' = -pull (1 - g^2 r^2/2) x, and so for y, over a unit of length, by Taylor series.
 
@@ -650,6 +707,8 @@ def pass_surfaces(
             meet_rod(buffer, mine, m, table, first, limit, before, after, s, code)
         elif kind == MAPPED:
             meet_mapped(buffer, mine, m, table, first, count * COLUMNS, limit, after if backward else before, s, code)
+        elif kind == MIRROR:
+            meet_mirror(buffer, mine, m, table, first, limit, s, code)
         elif kind == IRREGULAR:
             meet_irregular(buffer, mine, m, table, first, limit, mu, s, code)
         else:

@@ -7,7 +7,6 @@ told of the object's size and distortion, come from the same rays (`.chief_rays`
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -95,19 +94,14 @@ def focus_ahead(c: Camera) -> Array:
     return np.asarray(c[PATHS["d_f"]] - c.tip)
 
 
-def turn_of_prisms(c: Camera) -> float:
-    """By how much prisms turn the axis, all in one plane [rad]."""
-    return sum(element.turn for element in c.chain.elements)
-
-
 def direction_of_view(c: Camera, field: SensorField) -> Array:
-    """Angle between the tube's axis and the chief ray of the field's middle, prisms' turns included [degrees]."""
+    """Angle between the tube's axis and the chief ray of the field's middle, folds of the axis included [degrees]."""
     (x0, y0), (x1, y1) = field
-    x, y, z = np.moveaxis(chief_rays(c, ((x0 + x1) / 2, (y0 + y1) / 2)).directions, -1, 0)
-    turn = turn_of_prisms(c)
-    cos, sin = math.cos(turn), math.sin(turn)
-    y, z = y * cos + z * sin, z * cos - y * sin
-    return np.asarray(np.rad2deg(np.arctan2(np.hypot(x, y), z)))
+    # Away from the bore the axis counts up, in the system's axes down.
+    x, y, z = np.moveaxis(
+        (chief_rays(c, ((x0 + x1) / 2, (y0 + y1) / 2)).directions * [1, 1, -1]) @ c.chain.fold.T, -1, 0
+    )
+    return np.asarray(np.rad2deg(np.arctan2(np.hypot(x, y), -z)))
 
 
 def scales(c: Camera, place: Place, at: Number | None) -> tuple[Number, Number]:

@@ -258,14 +258,15 @@ def _views_remark(c: Camera) -> str:
 
 
 def _tube_remark(c: Camera) -> str:
-    unfolded = ", unfolded" if field_of_view.turn_of_prisms(c) else ""
+    unfolded = ", unfolded" if c.chain.folding else ""
     mounts = "within its wall" if tube.OUTER in c.numbers else "come on top"
     return f"of the narrowest tube about clear apertures and sensor{unfolded}; mounts {mounts}"
 
 
 def _length_remark(c: Camera) -> str:
-    turned = ", unfolded along the light: the housing turns with the prism" if field_of_view.turn_of_prisms(c) else ""
-    return f"tip to sensor{turned}"
+    turning = " and ".join(dict.fromkeys(part.kind for part in c.chain.folding))
+    unfolded = f", unfolded along the light: the housing turns with the {turning}" if turning else ""
+    return f"tip to sensor{unfolded}"
 
 
 def _centre_shift(images: MicrolensImages) -> Number:

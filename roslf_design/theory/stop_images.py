@@ -23,6 +23,7 @@ from ..shapes.ellipses import intersect_ellipses
 from .chief_rays import ChiefRays, chief_rays, outer_slopes
 from .exit_pupil import stop_angle
 from .field_of_view import scales
+from .leaning import least_of_angles
 from .light import falloff, object_scale
 
 Linear = tuple[Number, Number, Number]
@@ -152,6 +153,15 @@ def _reach(pencil: Ellipse, off: Number) -> Number:
     b = pencil.y / away
     reach: Number = np.sqrt(a * a * pencil.xx + 2 * a * b * pencil.xy + b * b * pencil.yy)
     return reach
+
+
+def _farthest(pencil: Projected, radius: Number, shape: tuple[int, ...]) -> Number:
+    """Largest distance from the middle of a stop's plane at which a pencil that fills the FAP meets it [mm]."""
+
+    def nearness(_: Array, around: Array) -> Array:
+        return -np.hypot(*pencil.at(np.asarray(radius * np.cos(around)), np.asarray(radius * np.sin(around))))
+
+    return -least_of_angles(nearness, shape)
 
 
 ROUNDING = 2.0**-49
@@ -360,7 +370,8 @@ class MicrolensImages:
             crossing = point if on_lens else project(point, self.microlens, bend, c.pose(rim.part))
             pencil = crossing.ellipse(c.fap.radius)
             off = np.hypot(pencil.x, pencil.y)
-            room = settled(rim.radius - off - _reach(pencil, off), rim.radius)
+            reach = _farthest(crossing, c.fap.radius, np.shape(off)) if rim.leans else off + _reach(pencil, off)
+            room = settled(np.asarray(rim.radius - reach), rim.radius)
             if not c.tilted:
                 anywhere = room_in_pupil(c, rim)
                 room = np.where(np.isnan(anywhere), room, anywhere)
@@ -385,8 +396,8 @@ class MicrolensImages:
         reach = np.max(np.hypot(self.x, self.y)) + np.hypot(e_x, e_y)
         (bend, (x, y), radius), *others = (_disc(c, rim) for rim in (c.fap, *c.rims))
         return tuple(
-            bool(np.all(reach * np.abs(b - bend) + np.hypot(u - x, v - y) + radius <= room * r))
-            for b, (u, v), r in others
+            k not in c.leaning and bool(np.all(reach * np.abs(b - bend) + np.hypot(u - x, v - y) + radius <= room * r))
+            for k, (b, (u, v), r) in enumerate(others)
         )
 
     @cached_property

@@ -16,6 +16,7 @@ from .._arrays import Array, floats, magnitude, product, ratio
 from ..camera import Camera
 from ..design.parts import PATHS
 from .chief_rays import chief_rays, traced
+from .leaning import leaning_radius, leaning_room
 from .light import SensorField, sensor_field
 from .stop_images import room_in_pupil, settled
 
@@ -103,6 +104,9 @@ def room_at(c: Camera, object_radius: ArrayLike) -> Array:
     pupil = c.decentre("aperture")
     rooms = []
     for rim in c.rims:
+        if rim.leans:
+            rooms.append(rim.scale * leaning_room(c, rim, radius))
+            continue
         between = d_f - rim.distance
         offset = np.hypot(*(e * gap - o * between for e, o in zip(c.decentre(rim.part), pupil, strict=True)))
         axial = rim.radius * room - de * magnitude(between)
@@ -136,6 +140,9 @@ def undistorted_radii(c: Camera) -> Array:
     d_3, gap = *floats(c.seen.d_3), magnitude(c.seen.gap)
     radii = []
     for rim, room in zip(c.rims, room_at(c, 0.0), strict=True):
+        if rim.leans:
+            radii.append(np.where(room >= 0, leaning_radius(c, rim), room))
+            continue
         bound = product(ratio(room / rim.scale, np.abs(d_3 - rim.distance)), gap)
         alike = np.where(room >= 0, np.inf, room)
         radii.append(np.where(np.isnan(room_in_pupil(c, rim)), bound, alike))

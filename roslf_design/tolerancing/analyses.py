@@ -396,7 +396,7 @@ def exact_derivatives(plan: TolerancePlan) -> Array:
     """
     perturbations, design = plan.draws.perturbations, plan.question.design
     exact = np.full((len(plan.columns), len(perturbations)), np.nan)
-    if not design.aligned or design.lens is not None:
+    if not design.sees_discs or design.lens is not None:
         return exact
     steps = IMAGINARY * np.array([abs(p.nominal) or 1.0 for p in perturbations])
     at = {p.place: p.nominal + 1j * row for p, row in zip(perturbations, np.diag(steps), strict=True)}

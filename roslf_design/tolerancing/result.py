@@ -468,6 +468,6 @@ def shapes_text(plan: TolerancePlan) -> str:
         return "each by exact rays through its own lens, shapes by series along the pupil's rim"
     if not any(name in SHAPES for name in plan.question.metrics):
         return "each by closed forms"
-    tilted = not plan.question.design.aligned or any(".tilt." in p.place for p in plan.draws.perturbations)
+    tilted = not plan.question.design.sees_discs or any(".tilt." in p.place for p in plan.draws.perturbations)
     rims = "ellipses (to 1e-13)" if tilted else "discs (to 1e-15)"
     return f"each by closed forms, shapes as common parts of {rims}"

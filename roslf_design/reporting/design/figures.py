@@ -46,8 +46,8 @@ def _ray_sheet(design: Design, result: Evaluation) -> Figure:
     )
     through = ""
     if result.object_space is not None:
-        folds = any(element.turn for element in design.elements)
-        bend = "prisms unfolded" if folds else "rays bend at its faces"
+        folds = " and ".join(dict.fromkeys(f"{part.kind}s" for part in Camera.of(design).chain.folding))
+        bend = f"{folds} unfolded" if folds else "rays bend at its faces"
         through = f" Glass before the lens and about the array is light blue, where a ruler finds it; {bend}."
     caption = (
         "Solid rays reach the sensor; dashed orange rays are blocked and end, with a cross, at what stops them (the "

@@ -1,0 +1,249 @@
+"""Fold mirrors against rays that are really reflected, in real folded space."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.testing import assert_allclose
+
+import roslf_design as roslf
+from roslf_design.camera import Camera
+from roslf_design.theory.chief_rays import chief_rays
+from roslf_design.theory.light import sensor_field
+from roslf_design.theory.object_space import FacesAhead
+from tests.bore.folded import Folded, from_sensor
+
+PAPER = roslf.load("paper")
+MIRROR = {"kind": "mirror", "distance": 60.0, "angle": math.pi / 4, "diameter": 60.0}
+
+
+def share(low, high):
+    return st.floats(low, high, allow_nan=False)
+
+
+@st.composite
+def folded(draw):
+    """Cameras with mirrors, windows and lenses before them, the FAP anywhere between, all a little out of place."""
+
+    def pair(size):
+        return draw(share(-size, size)), draw(share(-size, size))
+
+    place, elements, gaps = draw(share(15, 30)), [], [5.0]
+    for number in range(draw(st.integers(1, 4))):
+        kind = "mirror" if number == 0 else draw(st.sampled_from(("mirror", "plate", "lens")))
+        part = {"kind": kind, "distance": place, "decentre": pair(0.5), "tilt": pair(0.03)}
+        if kind == "mirror":
+            part |= {"angle": draw(share(0.3, 1.4)), "azimuth": draw(share(-math.pi, math.pi))}
+            part |= {"diameter": draw(share(8, 40)), "piston": draw(share(-0.4, 0.4))}
+        elif kind == "plate":
+            thick = draw(share(0.5, 4))
+            part |= {"thickness": thick, "material": {"index": draw(share(1.3, 1.9))}, "wedge": pair(0.01)}
+            place += thick
+        else:
+            part |= {"focal_length": draw(share(60, 300)), "tilt": (0.0, 0.0)}
+        elements.append(part)
+        place += draw(share(12, 25))
+        gaps.append(place - 6)
+    fap = {
+        "diameter": draw(share(2, 9)),
+        "distance": draw(st.sampled_from(gaps)),
+        "decentre": pair(0.3),
+        "tilt": pair(0.02),
+    }
+    try:
+        return PAPER.replace({"elements": elements, "aperture": fap, "main_lens.focal_plane": place + 100.0})
+    except roslf.InputError:
+        return None
+
+
+@given(folded(), st.integers(0, 10**6))
+@settings(max_examples=150)
+def test_rays_in_unfolded_space_are_those_reflected_in_real_space(design, seed):
+    if design is None:
+        return
+    rng = np.random.default_rng(seed)
+    points, ways = from_sensor(design, rng.uniform(-6, 6, (200, 2)), rng.uniform(-0.05, 0.05, (200, 2)))
+    real = Folded(design)
+    points_there, ways_there, took, _ = real.outwards(points, ways)
+    places, ways_there = real.unfolded(points_there, ways_there)
+    space = FacesAhead.of(Camera.of(design))
+    out = space.rays((points[:, 0], points[:, 1]), (ways[:, 0] / ways[:, 2], ways[:, 1] / ways[:, 2]))
+    names = dict(zip(space.takers.tolist(), space.names, strict=True))
+    assert [names.get(int(code), "nobody").split(",")[0] for code in out.status] == [real.name(k) for k in took]
+    good = took < 0
+    slope = ways_there[good, :2] / ways_there[good, 2:]
+    height = places[good, :2] - slope * places[good, 2:]
+    assert_allclose(out.slope.T[good], slope, rtol=0, atol=1e-12)
+    assert_allclose(out.height.T[good], height, rtol=0, atol=1e-10)
+
+
+SMALL = PAPER.replace({"main_lens.diameter": 30.0, "aperture.distance": 120.0})
+"""Few things cut here but the mirror."""
+
+
+def with_mirror(design=SMALL, other=(), **changes):
+    return design.replace({"elements": (MIRROR | changes, *other)})
+
+
+def kept_by_rays(design, microlens, count=2000):
+    """Share of the FAP's image behind a microlens that light reaches, by the rim of both as rays find it."""
+    real, turn = Folded(design), np.linspace(0, 2 * math.pi, count, endpoint=False)
+    fap = next(k for k, part in enumerate(real.parts) if part["part"] is design.aperture)
+
+    def passes(spots, only_fap):
+        points, ways = from_sensor(design, np.broadcast_to(microlens, spots.shape), spots)
+        _, _, took, where = real.outwards(points, ways)
+        inside = np.linalg.norm(where[fap] - real.parts[fap]["centre"], axis=-1) <= design.D_F / 2
+        if only_fap:
+            return inside
+        return (took < 0) & inside & (np.hypot(*points[:, :2].T) <= design.D / 2)
+
+    def outline(middle, only_fap):
+        low, high = np.zeros(count), np.full(count, 0.1)
+        for _ in range(40):
+            half = (low + high) / 2
+            good = passes(middle + half[:, None] * np.stack([np.cos(turn), np.sin(turn)], -1), only_fap)
+            low, high = np.where(good, half, low), np.where(good, high, half)
+        return (low**2).sum() * math.pi / count
+
+    side = np.linspace(-0.06, 0.06, 121)
+    spots = np.stack(np.meshgrid(side, side), -1).reshape(-1, 2)
+    lit, whole = passes(spots, False), passes(spots, True)
+    if not lit.any():
+        return 0.0, None
+    area = outline(spots[lit].mean(0), False)
+    return area / outline(spots[whole].mean(0), True), spots[lit].mean(0)
+
+
+@pytest.mark.parametrize(("angle", "azimuth"), [(20.0, 90.0), (45.0, 200.0), (70.0, 0.0)])
+def test_what_a_mirror_cuts_against_rays(angle, azimuth):
+    """An ellipse along the axis whose ends lie nearer to and farther from the lens: exact in air."""
+    design = with_mirror(
+        angle=math.radians(angle), azimuth=math.radians(azimuth), diameter=7.0 / math.sin(math.radians(angle)),
+        decentre=(0.6, -0.4),
+    )  # fmt: skip
+    fields = [(0.0, 0.0), (4.0, 0.0), (-3.0, -4.0), (0.0, 5.0), (-5.0, 0.0), (-7.0, 0.5), (2.0, 2.0)]
+    images = roslf.evaluate(design, fields).fields
+    for (x, y), image in zip(fields, images, strict=True):
+        assert_allclose(image.kept_fraction, kept_by_rays(design, (x, y))[0], rtol=0, atol=2e-5)
+    assert any(0 < image.kept_fraction < 0.9 for image in images)
+
+
+@pytest.mark.parametrize(
+    ("angle", "diameter", "decentre"), [(20.0, 30.0, (0.0, 0.0)), (45.0, 12.0, (1.0, 0.5)), (80.0, 12.0, (0.0, 0.0))]
+)
+def test_the_undistorted_field_and_the_room_against_rays_of_the_pencils_rim(angle, diameter, decentre):
+    design = with_mirror(angle=math.radians(angle), diameter=diameter, decentre=decentre, azimuth=0.7)
+    bound = roslf.evaluate(design).non_distortion
+    real, turn = Folded(design), np.linspace(0, 2 * math.pi, 361)
+
+    def farthest(radius):
+        """Of rays from the focal plane through the FAP's rim, from the middle of the mirror."""
+        ways = np.stack(np.meshgrid(turn, turn), -1).reshape(-1, 2)
+        point = radius * np.stack([np.cos(ways[:, 0]), np.sin(ways[:, 0])], -1)
+        pupil = design.D_F / 2 * np.stack([np.cos(ways[:, 1]), np.sin(ways[:, 1])], -1)
+        slope = (pupil - point) / (design.d_f - design.aperture.distance)
+        height = point + slope * design.d_f
+        mirror = real.parts[0]
+        start = np.column_stack([height, np.zeros(len(height))])
+        end = real.outwards(start, -np.column_stack([slope, np.ones(len(slope))]))[3][0]
+        return np.linalg.norm(end - mirror["centre"], axis=-1).max()
+
+    assert bound.limited_by == "mirror 1"
+    assert_allclose(farthest(bound.x0_max_mm), diameter / 2, rtol=0, atol=1e-3)
+    corner = bound.field_half_diagonal_mm
+    assert_allclose(bound.room_at_corner_mm, diameter / 2 - farthest(corner), rtol=0, atol=1e-3)
+
+
+def chief_ray(design, microlens):
+    """The ray through a microlens's middle and the FAP's, by Newton's method: where on the sensor, unfolded outside."""
+    real = Folded(design)
+    fap = next(k for k, part in enumerate(real.parts) if part["part"] is design.aperture)
+
+    def miss(spots):
+        points, ways = from_sensor(design, np.broadcast_to(microlens, spots.shape), spots)
+        points, ways, _, where = real.outwards(points, ways)
+        return where[fap] - real.parts[fap]["centre"], real.unfolded(points, ways)
+
+    spot, step = np.zeros(2), 1e-5
+    for _ in range(8):
+        near = spot + step * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]])
+        off, _ = miss(near)
+        slopes = np.stack([(off[1] - off[2]) / (2 * step), (off[3] - off[4]) / (2 * step)], -1)
+        spot = spot - np.linalg.lstsq(slopes, off[0], rcond=None)[0]
+    points, ways = miss(spot[None])[1]
+    return spot, points[0], ways[0]
+
+
+PLATE = {"kind": "plate", "distance": 130.0, "thickness": 3.0, "material": {"index": 1.5}}
+TWO = (MIRROR | {"distance": 95.0, "angle": 0.5, "azimuth": 0.3}, PLATE)
+POSES = {
+    "tilt across": {"tilt": (1e-3, 0.0)},
+    "tilt along": {"tilt": (0.0, 1e-3)},
+    "piston": {"piston": 0.05},
+    "all": {"tilt": (-2e-3, 1e-3), "piston": -0.1, "decentre": (1.0, 2.0)},
+}
+
+
+@pytest.mark.parametrize("pose", POSES.values(), ids=POSES)
+@pytest.mark.parametrize("other", [(), TWO], ids=["one", "two and a plate"])
+def test_a_mirror_out_of_place_against_chief_rays_in_real_space(pose, other):
+    """Where images lie on the sensor and where their chief rays go: traced to rounding, closed forms to first order."""
+    design = with_mirror(other=other, **pose)
+    camera, straight = Camera.of(design), Camera.of(with_mirror(other=other))
+    size = max(abs(x) for x in (*pose.get("tilt", (0,)), pose.get("piston", 0) / 60))
+    for microlens in [(0.0, 0.0), (5.0, 0.0), (-3.0, 6.0)]:
+        spot, point, way = chief_ray(design, microlens)
+        rays = chief_rays(camera, microlens)
+        slope = way[:2] / way[2]
+        assert_allclose(rays.slope, slope, rtol=0, atol=1e-10)
+        assert_allclose(rays.height, point[:2] - slope * point[2], rtol=0, atol=1e-8)
+        told = np.array(camera.chief_point(*microlens)) - np.array(straight.chief_point(*microlens))
+        true = spot - chief_ray(with_mirror(other=other), microlens)[0]
+        assert_allclose(told, true, rtol=0, atol=2 * design.d_2 * (size**2 + 0.02 * size))
+        assert np.hypot(*true) > 20 * np.hypot(*(told - true)) or np.hypot(*true) < 1e-5
+
+
+@pytest.mark.parametrize("angle", [30.0, 45.0, 60.0])
+@pytest.mark.parametrize("turned", [0, 1])
+def test_a_tilt_turns_the_view_by_twice_as_much_and_a_piston_shifts_the_plane_in_focus(angle, turned):
+    """About the line across the plane of the fold by 2 t, about that in both planes by 2 t sin(angle)."""
+    base = with_mirror(SMALL.replace({"aperture.distance": 20.0}), angle=math.radians(angle))
+    fold = math.radians(angle)
+    tilt, camera = 1e-4, Camera.of(base)
+    moved = camera.replace({f"elements.0.tilt.{turned}": tilt, "elements.0.piston": 0.2})
+    slopes = np.array(chief_rays(moved, (0.0, 0.0)).slope) - np.array(chief_rays(camera, (0.0, 0.0)).slope)
+    assert_allclose(np.hypot(*slopes), 2 * tilt * (math.sin(fold) if turned else 1), rtol=1e-6)
+    view = roslf.quantity("direction_of_view_deg")
+    if not turned:  # a larger angle between axis and surface
+        assert_allclose(view(moved), 2 * angle + math.degrees(2 * tilt), rtol=1e-9)
+    assert_allclose(view(camera), 2 * angle, rtol=1e-12)
+    shifted = with_mirror(angle=fold, piston=0.2)
+    real = Folded(shifted)
+    points, ways = from_sensor(shifted, np.zeros((2, 2)), np.array([[0.0, 0.0], [0.02, 0.0]]))
+    (a, b), (u, v) = real.unfolded(*real.outwards(points, ways)[:2])
+    along = np.linalg.lstsq(np.stack([u, -v], -1), b - a, rcond=None)[0]  # where both cross
+    assert_allclose(b + along[1] * v, a + along[0] * u, rtol=0, atol=1e-9)
+    pushed = Camera.of(with_mirror(angle=fold)).replace({"elements.0.piston": 0.2})
+    assert_allclose(pushed["main_lens.focal_plane"], -(a + along[0] * u)[2], rtol=1e-12)
+
+
+@pytest.mark.parametrize("azimuths", [(90.0,), (0.0, 90.0), (30.0, 200.0), (0.0, 90.0, 45.0)])
+def test_the_direction_of_view_against_where_rays_really_go(azimuths):
+    """Any number of mirrors, each its own way, with the sensor off the axis, so that the view's middle is off it too."""
+    mirrors = [
+        MIRROR
+        | {"distance": 15.0 + 30 * k, "angle": 0.4 + 0.2 * k, "azimuth": math.radians(azimuth), "tilt": (0.01, 0.02)}
+        for k, azimuth in enumerate(azimuths)
+    ]
+    design = PAPER.replace({"elements": mirrors, "sensor.decentre": (1.0, -3.0), "aperture.distance": 120.0})
+    (x0, y0), (x1, y1) = sensor_field(Camera.of(design))
+    spot = chief_ray(design, ((x0 + x1) / 2, (y0 + y1) / 2))[0]
+    points, ways = from_sensor(design, np.array([[(x0 + x1) / 2, (y0 + y1) / 2]]), spot[None])
+    way = Folded(design).outwards(points, ways)[1][0]
+    true = math.degrees(math.acos(-way[2]))
+    assert_allclose(roslf.quantity("direction_of_view_deg")(Camera.of(design)), true, rtol=0, atol=1e-8)
+    turned = Folded(design).unfolded(np.zeros((1, 3)), np.eye(3))[1]  # real axes, unfolded
+    assert_allclose(Camera.of(design).chain.fold @ turned.T, np.eye(3), rtol=0, atol=1e-12)
