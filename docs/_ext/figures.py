@@ -18,7 +18,7 @@ from roslf_design.reporting.design.curves import depth_precision, matching_plane
 from roslf_design.reporting.design.effects import effects_budget
 from roslf_design.reporting.design.microlens import microlens_images
 from roslf_design.reporting.design.rays import ray_diagrams
-from roslf_design.theory.f_number import approximate_fill_factor, fill_factor
+from roslf_design.theory.f_number import fill_factor, microlens_f_number, pupil_f_number
 from roslf_design.theory.light_field import epi_slope
 
 HALF = PAGE / 2, 290.0
@@ -72,7 +72,7 @@ def aperture_constant() -> Picture:
     labels = "d_3 [mm]", "aperture constant", "Eq. 3"
     left = _curves(HALF, Scale(0, 360), Scale(0, 10), curves, labels, *focus)
     many = bench.replace({"d_3": np.linspace(0.0, 240.0, 200)})
-    exact, approximate = fill_factor(many), approximate_fill_factor(many)
+    exact, approximate = fill_factor(many), microlens_f_number(many) / pupil_f_number(many)
     curves = [("Eq. 7, exact", "blue", "", many.d_3, exact), ("Eq. 8", "orange", "7 4", many.d_3, approximate)]
     here = Dots([float(bench.d_3)], [float(fill_factor(bench))], "vermillion")
     one = Line([0.0, 240.0], [1.0, 1.0], "grey", 1.0)

@@ -70,21 +70,3 @@ def centre_shift_per_microlens(c: Camera) -> Array:
     # H/d_1^2 = (d_f - f)^2 / (f^2 d_f (d_f - d_3)): no d_1, which runs off at d_f = f.
     reach = ratio(c.seen.d_f - c.f, c.seen.gap)
     return product(c.d * c.seen.d_2 * c.seen.d_3 / (c.q * c.f * c.f), ratio(c.seen.d_f - c.f, c.seen.d_f) * reach)
-
-
-def centre_deviation(c: Camera, index: ArrayLike) -> Array:
-    """Deviation of a microlens image's centre from where a traditional light field has it [px]; Eq. 4.
-
-    Parameters
-    ----------
-    c : Camera
-    index : array_like
-        Microlens index ``x - x_0``, counted from the axis.
-
-    Returns
-    -------
-    ndarray
-        Broadcast; inf at ``d_3 = d_f``.
-    """
-    (x,) = floats(index)
-    return product(x, centre_shift_per_microlens(c))

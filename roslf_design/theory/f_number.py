@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from .._arrays import Array, floats, magnitude, product, ratio
 from ..camera import Camera
 from ..design import PATHS
-from .exit_pupil import microlens_image_diameter, microlens_image_pitch
+from .exit_pupil import microlens_image_pitch
 
 
 def microlens_f_number(c: Camera) -> Array:
@@ -48,16 +48,6 @@ def fill_factor(c: Camera) -> Array:
     ``D_F d_2 / (d |A + d_2 (f - d_3)/f|)``; inf where the images have no pitch.
     """
     return magnitude(ratio(c.seen.D_F * c.seen.d_2, c.d * (c.seen.A + c.seen.d_2 * ((c.f - c.seen.d_3) / c.f))))
-
-
-def approximate_fill_factor(c: Camera) -> Array:
-    """Microlens-image diameter over the microlens's own pitch: 1 where Eq. 8 holds; inf at d_3 = d_f."""
-    return microlens_image_diameter(c) / c.d
-
-
-def traditional_fill_factor(c: Camera) -> Array:
-    """The same with the main lens for a pupil, ``D d_2/(d_1 d)``: 1 where Eq. 9 holds."""
-    return ratio(c.D, c.seen.d_1) * ratio(c.seen.d_2, c.d)
 
 
 def mismatch_px(c: Camera) -> Array:

@@ -40,12 +40,6 @@ def pixel_to_pupil(c: Camera, pixel: ArrayLike) -> Array:
     return ratio(-product(s, c.q * c.seen.A), c.seen.d_2)
 
 
-def pupil_to_pixel(c: Camera, coordinate: ArrayLike) -> Array:
-    """Pixel s' that looks at the coordinate S' [mm] of the FAP, ``-S' d_2/(q A)``; inf at d_3 = d_f."""
-    (at,) = floats(coordinate)
-    return -ratio(c.seen.d_2 * at, c.q * c.seen.A)
-
-
 def view_projection(c: Camera, view: ArrayLike) -> Array:
     """Camera matrix of one view: the picture made of pixel (s', t') of every microlens. Eq. 10; Eq. 11 at d_3 = 0.
 
@@ -140,7 +134,7 @@ def depth_sigma(c: Camera, depth: ArrayLike, disparity_sigma: ArrayLike) -> Arra
 
 
 class BackSubstituted(NamedTuple):
-    """Lengths of the camera from a calibration; the order of rows in the Jacobian is d_1, d_f, H, d_3."""
+    """Lengths of the camera from a calibration."""
 
     mla_distance: Array
     """d_1 = f (1 + m) [mm]."""
@@ -178,55 +172,14 @@ def back_substitute(
     -----
     Table 2 of the paper is f = 100 mm, A = 91.09 mm, m = 0.42.
     """
-    f, reach, m = _determined(focal_length, effective_image_distance, magnification)
-    d1 = f * (1 + m)
-    with np.errstate(divide="ignore"):
-        constant = d1 / reach
-    return BackSubstituted(d1, d1 / m, constant, f + (f - reach) / m, reach / d1)
-
-
-def back_substitution_jacobian(
-    focal_length: ArrayLike, effective_image_distance: ArrayLike, magnification: ArrayLike
-) -> Array:
-    """Derivatives of (d_1, d_f, H, d_3) by (f, A, m).
-
-    Parameters
-    ----------
-    focal_length, effective_image_distance, magnification : array_like, shape (...)
-        f, A [mm] and m; A not 0.
-
-    Returns
-    -------
-    ndarray, shape (..., 4, 3)
-        Rows d_1, d_f, H, d_3; columns f, A, m. Its element (3, 0) is ``1 + 1/m``: 3.4 in the paper's system, where an f
-        wrong by 1 % moves d_3 by 3.4 mm.
-
-    Raises
-    ------
-    ValueError
-        As `back_substitute`, and where A is 0.
-    """
-    f, reach, m = _determined(focal_length, effective_image_distance, magnification)
-    if (reach == 0).any():
-        raise ValueError("effective_image_distance is 0, where H is infinite: use the inverse aperture constant")
-    grown = 1 + m
-    f, reach, m, grown = np.broadcast_arrays(f, reach, m, grown)
-    jacobian = np.zeros((*m.shape, 4, 3))
-    jacobian[..., 0, 0], jacobian[..., 0, 2] = grown, f
-    jacobian[..., 1, 0], jacobian[..., 1, 2] = grown / m, -f / (m * m)
-    jacobian[..., 2, 0] = grown / reach
-    jacobian[..., 2, 1], jacobian[..., 2, 2] = -f * grown / (reach * reach), f / reach
-    jacobian[..., 3, 0], jacobian[..., 3, 1] = grown / m, -1 / m
-    jacobian[..., 3, 2] = (reach - f) / (m * m)
-    return jacobian
-
-
-def _determined(f: ArrayLike, reach: ArrayLike, m: ArrayLike) -> tuple[Array, ...]:
-    values = floats(f, reach, m)
-    for name, value in zip(("focal_length", "magnification"), (values[0], values[2]), strict=True):
+    f, reach, m = floats(focal_length, effective_image_distance, magnification)
+    for name, value in (("focal_length", f), ("magnification", m)):
         if not (value > 0).all():
             raise ValueError(
                 f"{name} must be positive, got {float(np.ravel(value[~(value > 0)])[0])}: "
                 "without it the pupil distance is not determined"
             )
-    return values
+    d1 = f * (1 + m)
+    with np.errstate(divide="ignore"):
+        constant = d1 / reach
+    return BackSubstituted(d1, d1 / m, constant, f + (f - reach) / m, reach / d1)

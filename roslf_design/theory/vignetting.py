@@ -21,68 +21,6 @@ from .light import SensorField, sensor_field
 from .stop_images import room_in_pupil, settled
 
 
-class FieldBound(NamedTuple):
-    """Largest undistorted field radius, object side and microlens-array side."""
-
-    object_radius: Array
-    """Radius on the plane at `distance` [mm]; inf where no field is too large, 0 where even the axis is clipped."""
-    mla_radius: Array
-    """Where its chief ray meets the microlens array [mm]; finite also for an infinite `distance`."""
-
-
-def nondistortion_margin(c: Camera, radius: ArrayLike, distance: ArrayLike) -> Array:
-    """Signed room left inside the main lens for the whole pencil of a field point. Eqs. 5-6.
-
-    Parameters
-    ----------
-    c : Camera
-    radius : array_like
-        X, distance of the field point from the axis [mm], of either sign. A half-field, not a full one.
-    distance : array_like
-        Z, object plane to main lens [mm]; ``Z > d_3``, finite; d_f in the paper.
-
-    Returns
-    -------
-    ndarray
-        ``D (Z - d_3) - D_F Z - 2 |X| d_3`` [mm^2], broadcast; exact at ``d_3 = 0`` where Eq. 6 divides by zero. The
-        microlens image is undistorted where it is >= 0.
-
-    Raises
-    ------
-    ValueError
-        `distance` is not finite.
-    """
-    lens, de, d3, z, x = floats(c.D, c.seen.D_F, c.seen.d_3, distance, radius)
-    if not np.isfinite(z).all():
-        raise ValueError(f"distance must be finite, got {float(np.ravel(z[~np.isfinite(z)])[0])}")
-    margin: Array = (lens - de) * z - (lens + 2 * np.abs(x)) * d3
-    return margin
-
-
-def nondistortion_bound(c: Camera, distance: ArrayLike | None = None) -> FieldBound:
-    """Field radius at which `nondistortion_margin` reaches zero. Eq. 6.
-
-    Parameters
-    ----------
-    c : Camera
-    distance : array_like, optional
-        Z [mm]; ``Z > d_3``, may be inf; d_f where none is given.
-
-    Returns
-    -------
-    FieldBound
-        ``|X| = (D (Z - d_3) - D_F Z) / (2 d_3)`` and ``|A X / (Z - d_3)|`` [mm], broadcast. Both inf at ``d_3 = 0``
-        with ``D >= D_F``; the first inf at ``Z = inf`` (finite twin: the second).
-    """
-    lens, de, d3, z = floats(c.D, c.seen.D_F, c.seen.d_3, c.seen.d_f if distance is None else distance)
-    depth = z - d3
-    axial = lens * ratio(depth, z) - de
-    clear = axial >= 0
-    slope = np.where(clear, ratio(axial, 2 * d3), 0.0)
-    slope = np.where(clear & (d3 == 0), np.inf, slope)
-    return FieldBound(product(slope, z), product(slope, np.abs(c.seen.A * ratio(z, depth))))
-
-
 def room_at(c: Camera, object_radius: ArrayLike) -> Array:
     """Room between the pencil of the worst field point at a radius and each rim, on that rim's plane [mm].
 
@@ -96,8 +34,8 @@ def room_at(c: Camera, object_radius: ArrayLike) -> Array:
     Returns
     -------
     ndarray, shape (K, ...)
-        One row a rim of `Camera.rims`; negative where that rim cuts the pencil. With decentres the worst direction
-        counts: the field's offset adds to that of the decentres.
+        One row a rim of `Camera.rims`; negative where that rim cuts the pencil, -inf at d_3 = d_f. With decentres the
+        worst direction counts: the field's offset adds to that of the decentres.
     """
     d_f, d_3, de, radius, gap = *floats(c.seen.d_f, c.seen.d_3, 2 * c.fap.radius, object_radius), c.seen.gap
     room = 2 * magnitude(gap)
@@ -110,7 +48,7 @@ def room_at(c: Camera, object_radius: ArrayLike) -> Array:
         between = d_f - rim.distance
         offset = np.hypot(*(e * gap - o * between for e, o in zip(c.decentre(rim.part), pupil, strict=True)))
         axial = rim.radius * room - de * magnitude(between)
-        here = settled((axial - 2 * offset - 2 * radius * np.abs(d_3 - rim.distance)) / room, rim.radius)
+        here = settled(ratio(axial - 2 * offset - 2 * radius * np.abs(d_3 - rim.distance), room), rim.radius)
         anywhere = room_in_pupil(c, rim)
         rooms.append(rim.scale * np.where(np.isnan(anywhere), here, anywhere))
     return np.stack(np.broadcast_arrays(*rooms, np.zeros(c.shape))[:-1])

@@ -24,7 +24,7 @@ from ..camera import Camera
 from ..design import Design
 from ..errors import InputError
 from ..lenses.tracer import KEPT, MISSED
-from ..theory.vignetting import FieldBound, nondistortion_bound
+from ..theory.vignetting import undistorted_radii
 from .camera import LensCamera, TracedPlane, camera_of, chief_slope, microlenses, sensor_of_pupil, views
 
 Array = NDArray[np.float64]
@@ -340,8 +340,10 @@ def _spot(camera: LensCamera, point: Array, along: Array, across: Array) -> tupl
 
 def thin_twin(camera: LensCamera) -> Camera:
     """The straight camera with an ideal lens of the same focal length and clear aperture, as far as Eq. 6 takes it."""
+    centred = {f"{part}.decentre.{axis}": 0.0 for part in ("main_lens", "aperture") for axis in (0, 1)}
     return Camera(
         {
+            **centred,
             "main_lens.focal_length": camera.first_order.focal_length,
             "main_lens.focal_plane": camera.d_f,
             "main_lens.diameter": camera.lens.clear_diameter,
@@ -349,6 +351,15 @@ def thin_twin(camera: LensCamera) -> Camera:
             "aperture.diameter": camera.fap.diameter / abs(camera.sight[1]),
         }
     )
+
+
+class FieldBound(NamedTuple):
+    """Largest undistorted field radius, object side and microlens-array side."""
+
+    object_radius: Array
+    """Radius on the focal plane [mm]; 0 where even the axis is clipped."""
+    mla_radius: Array
+    """Where its chief ray meets the microlens array [mm]."""
 
 
 def undistorted_field(camera: LensCamera, angle: float = 0.0) -> FieldBound:
@@ -376,9 +387,10 @@ def undistorted_field(camera: LensCamera, angle: float = 0.0) -> FieldBound:
         bend = left - 2 * least + right
         return least - (right - left) ** 2 / (8 * bend) if bend > 0 else least
 
-    thin = nondistortion_bound(thin_twin(camera))
+    twin = thin_twin(camera)
+    thin = float(undistorted_radii(twin)[0] * twin.seen.m)
     widest = camera.lens.clear_diameter
-    low, high = 0.0, min(float(thin.mla_radius), widest)
+    low, high = 0.0, min(thin, widest)
     high = high if high > 0 else widest / 8
     inside, outside = room(low), room(high)
     if inside < 0:

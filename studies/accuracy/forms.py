@@ -1,16 +1,23 @@
-"""The package's closed forms by name and keywords, one for every oracle: lengths in, through a `Camera`, numbers."""
+"""What commands compute of a camera, by name and keywords, one for every oracle: lengths in, through a `Camera`.
+
+Quantities are the registry's own, which evaluate, tolerance and optimize call; the others are what stands behind them.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
+
+import numpy as np
 
 import roslf_design as roslf
 from roslf_design.bore import conjugates
 from roslf_design.camera import Camera
 from roslf_design.theory import exit_pupil, f_number, light, light_field, vignetting
-from roslf_design.theory.light_field import back_substitute, back_substitution_jacobian
-from roslf_design.theory.stop_images import stop_discs
+from roslf_design.theory.light_field import back_substitute
+from roslf_design.theory.quantities import QUANTITIES
+from roslf_design.theory.stop_images import ROUNDING, stop_discs
 
 SYMBOLS = {
     "focal_length": "f",
@@ -36,19 +43,17 @@ def camera_of(given: Mapping[str, Any]) -> Camera:
     return _ANY.replace({SYMBOLS[key]: value for key, value in given.items() if key in SYMBOLS})
 
 
-def _of(form: Callable[..., Any], *more: str) -> Callable[..., Any]:
-    """A function of a camera and of further keywords, in that order, as one of keywords alone."""
+def _of(form: Callable[..., Any], *more: str, infinite: str = "") -> Callable[..., Any]:
+    """A function of a camera and of further keywords, in that order, as one of keywords alone.
+
+    `infinite` says where it is infinite; without it, its own documentation does.
+    """
 
     def by_keyword(**given: Any) -> Any:
         return form(camera_of(given), *(given[key] for key in more))
 
-    by_keyword.__doc__ = form.__doc__
+    by_keyword.__doc__ = infinite or form.__doc__
     return by_keyword
-
-
-def _said(words: str, form: Callable[[Camera], Any]) -> Callable[..., Any]:
-    form.__doc__ = words
-    return _of(form)
 
 
 def _matched(symbol: Any) -> Callable[..., Any]:
@@ -57,6 +62,16 @@ def _matched(symbol: Any) -> Callable[..., Any]:
 
     solved.__doc__ = f_number.matched.__doc__
     return _of(solved, "exact")
+
+
+def room(c: Camera, radius: Any) -> Any:
+    """Room that the main lens's rim leaves the pencil of a field point at a radius [mm]; -inf at d_3 = d_f."""
+    return vignetting.room_at(c, np.abs(radius))[0]
+
+
+def undistorted_field(c: Camera) -> Any:
+    """Half-field that evaluate tells [mm]: none where even the axis is cut; inf at d_3 = 0."""
+    return np.maximum(QUANTITIES["undistorted_field_mm"](c), 0.0)
 
 
 def stop_disc(**given: Any) -> tuple[Any, Any]:
@@ -76,57 +91,69 @@ def stop_disc(**given: Any) -> tuple[Any, Any]:
     return radii[..., 2], (centres[..., 2, 0] + x, centres[..., 2, 1] + y)
 
 
+AT_FOCUS = "inf at d_3 = d_f"
+REGISTERED = {
+    "aperture_constant": AT_FOCUS,
+    "inverse_aperture_constant": "",
+    "magnification": "inf at d_f = f",
+    "vergence_at_mla_per_mm": AT_FOCUS,
+    "image_pitch_mm": AT_FOCUS,
+    "image_diameter_mm": AT_FOCUS,
+    "views_geometric": AT_FOCUS,
+    "centre_shift_px_per_microlens": AT_FOCUS,
+    "fill_factor": "inf where images have no pitch",
+    "mismatch_px": AT_FOCUS,
+    "f_number_microlens": "",
+    "f_number_pupil": "inf at D_F = 0",
+    "f_number_main_lens": "inf at d_1 = inf",
+    "view_baseline_mm": "inf at d_2 = 0",
+    "views_independent": "inf at d_2 = 0",
+    "fresnel_number": "inf at d_2 = 0",
+    "airy_radius_px": "",
+    "object_sample_mm": "inf at d_f = inf",
+}
+"""Quantities of the registry that follow from lengths alone, and where they are infinite."""
+
 CLOSED: dict[str, Callable[..., Any]] = {
+    **{name: _of(QUANTITIES[name], infinite=infinite or "finite") for name, infinite in REGISTERED.items()},
     "mla_distance": conjugates.mla_distance,
     "focal_plane_distance": conjugates.focal_plane_distance,
     "focal_length": conjugates.focal_length,
     "conjugate_residual": conjugates.conjugate_residual,
-    "magnification": _said("inf at d_f = f", lambda c: c.seen.m),
-    "inverse_magnification": _said("inf at d_f = inf", lambda c: c.seen.inverse_m),
-    "gap": _said("inf at d_f = inf", lambda c: c.seen.gap),
-    "aperture_constant": _said("inf at d_3 = d_f", lambda c: c.seen.H),
-    "inverse_aperture_constant": _said("finite", lambda c: c.seen.inverse_H),
-    "effective_image_distance": _said("inf at d_f = f", lambda c: c.seen.A),
-    "exit_pupil_vergence": _said("inf at d_3 = d_f", lambda c: c.seen.vergence),
+    "inverse_magnification": _of(lambda c: c.seen.inverse_m, infinite="inf at d_f = inf"),
+    "gap": _of(lambda c: c.seen.gap, infinite="inf at d_f = inf"),
+    "effective_image_distance": _of(lambda c: c.seen.A, infinite="inf at d_f = f"),
     "pupil_angle": _of(exit_pupil.pupil_angle),
     "exit_pupil_distance": _of(exit_pupil.exit_pupil_distance),
     "exit_pupil_diameter": _of(exit_pupil.exit_pupil_diameter),
-    "microlens_image_pitch": _of(exit_pupil.microlens_image_pitch),
-    "microlens_image_diameter": _of(exit_pupil.microlens_image_diameter),
-    "centre_shift_per_microlens": _of(exit_pupil.centre_shift_per_microlens),
-    "centre_deviation": _of(exit_pupil.centre_deviation, "index"),
-    "microlens_f_number": _of(f_number.microlens_f_number),
-    "pupil_f_number": _of(f_number.pupil_f_number),
-    "main_lens_f_number": _of(f_number.main_lens_f_number),
-    "fill_factor": _of(f_number.fill_factor),
-    "approximate_fill_factor": _of(f_number.approximate_fill_factor),
-    "traditional_fill_factor": _of(f_number.traditional_fill_factor),
-    "matching_mismatch": _of(f_number.mismatch_px),
     "matched_sensor_distance": _matched("d_2"),
     "matched_pupil_diameter": _matched("D_F"),
     "matched_microlens_pitch": _matched("d"),
     "matched_pupil_distance": _matched("d_3"),
-    "nondistortion_margin": _of(vignetting.nondistortion_margin, "radius", "distance"),
-    "nondistortion_bound": _of(vignetting.nondistortion_bound, "distance"),
+    "non_distortion_room": _of(room, "radius"),
+    "undistorted_field": _of(undistorted_field),
     "stop_disc": stop_disc,
-    "pixel_to_pupil": _of(light_field.pixel_to_pupil, "pixel"),
-    "pupil_to_pixel": _of(light_field.pupil_to_pixel, "coordinate"),
-    "view_baseline": _of(light.view_baseline),
     "pupil_shear": _of(light_field.pupil_shear, "depth"),
     "epi_slope": _of(light_field.epi_slope, "depth"),
     "rim_disparity": _of(light_field.rim_disparity, "depth"),
     "disparity_rate": _of(light_field.disparity_rate, "depth"),
     "depth_sigma": _of(light_field.depth_sigma, "depth", "disparity_sigma"),
-    "geometric_views": _of(light.geometric_views),
-    "object_sample": _of(light.object_sample),
-    "fresnel_number": _of(light.fresnel_number),
-    "independent_views": _of(light.independent_views),
     "diffraction_width": _of(light.diffraction_width),
-    "airy_radius": _of(light.airy_radius),
     "pupil_airy_radius": _of(light.pupil_airy_radius),
     "microlens_defocus_waves": _of(light.microlens_defocus_waves),
     "microlens_defocus_blur": _of(light.microlens_defocus_blur),
     "back_substitute": back_substitute,
-    "back_substitution_jacobian": back_substitution_jacobian,
 }
-"""Closed form of each name in `oracles.closed_forms.ORACLES`, by the same keywords."""
+"""What commands call, under each name in `oracles.closed_forms.ORACLES`, by the same keywords."""
+
+
+def left_out(name: str, given: Mapping[str, Any]) -> bool:
+    """True where what the main lens's rim cuts is another question than at the same lengths nearby.
+
+    Nothing is where a design cannot be focused, at infinity; and a FAP nearer the main lens than rounding tells apart
+    counts as in its plane, as at d_3 = 0.
+    """
+    if name not in ("non_distortion_room", "undistorted_field"):
+        return False
+    in_plane = 0 < given["pupil_distance"] <= ROUNDING * given["focal_length"]
+    return in_plane or math.isinf(given["focal_plane_distance"])

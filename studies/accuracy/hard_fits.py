@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 
 from roslf_design.calibration.fit import EpiLines, StepOne, fit_lines, step_two
-from roslf_design.calibration.model import Intrinsics, Observations, Poses
+from roslf_design.calibration.model import Intrinsics, Observations, Poses, project_boards
 from roslf_design.design import Design
-from roslf_design.theory.light_field import back_substitute, view_projection
+from roslf_design.theory.light_field import back_substitute
 
-from .forms import camera_of
 from .hard_cases import Budget, HardCase, Trial
 from .hard_walks import (
     Rng,
@@ -20,19 +19,11 @@ from .hard_walks import (
     gaps,
     jittered,
 )
-from .oracles.closed_forms import ORACLES
+from .oracles.closed_forms import ORACLES, microlens_of
 from .oracles.judging import traced
 from .oracles.textbook import TEXTBOOK
 
 CAMERA = ("effective_image_distance", "magnification", "microlens_pitch", "pixel_pitch", "sensor_distance")
-LENGTHS = (
-    "focal_length",
-    "focal_plane_distance",
-    "pupil_distance",
-    "microlens_pitch",
-    "pixel_pitch",
-    "sensor_distance",
-)
 VIEWS = 9
 """Views in a row."""
 FAR_PIXEL = 2000.0
@@ -40,17 +31,20 @@ FAR_PIXEL = 2000.0
 DEPTHS = 5
 
 
-def _seen(X: float, Z_F: float, S: float, **lengths: float) -> Any:
-    u, _, w = view_projection(camera_of(lengths), (S, 0.0)) @ (X, 0.0, Z_F, 1.0)
-    return u / w
+def _corner(
+    X: float, Z_F: float, pixel: float, centre: float, A: float, m: float, d: float, q: float, d_2: float, u_0: float
+) -> Any:
+    """Microlens where `project_boards` has a corner that lies alone on its board."""
+    camera = Intrinsics(A, m, 1 / d_2, u_0, 0.0, q=q, d=d).vector()
+    pose, view = np.array([[0.0, 0.0, 0.0, X, 0.0, Z_F]]), np.array([[pixel - centre, 0.0]])
+    return project_boards(camera, pose, np.zeros((1, 3)), view).values[0, 0, 0, 0]
 
 
-def _seen_textbook(X: Any, Z_F: Any, S: Any, **lengths: Any) -> Any:
+def _corner_textbook(
+    X: Any, Z_F: Any, pixel: Any, centre: Any, A: Any, m: Any, d: Any, q: Any, d_2: Any, u_0: Any
+) -> Any:
     """Chief ray and Eq. 12, each divided by the depth."""
-    f, d_f, d_3, d, q, d_2 = (lengths[key] for key in LENGTHS)
-    m, A = f / (d_f - f), f * (d_f - d_3) / (d_f - f)
-    pupil = -(q * A / d_2) * S
-    return (-A * X / Z_F - (m - A / Z_F) * pupil) / d
+    return u_0 - (A * X / Z_F - (m - A / Z_F) * (q * A / d_2) * (pixel - centre)) / d
 
 
 def far_points(design: Design, rng: Rng, count: int) -> Iterator[Trial]:
@@ -58,11 +52,12 @@ def far_points(design: Design, rng: Rng, count: int) -> Iterator[Trial]:
     base = arguments_of(design)
     for gap in gaps(rng, count, 1e-30):
         numbers = jittered(base, rng)
+        A, m, d, q, d_2 = (numbers[key] for key in CAMERA)
         given = {
-            "X": 0.3 * numbers["depth"] / gap, "Z_F": numbers["depth"] / gap, "S": 5 * float(rng.normal()),
-            **{key: numbers[key] for key in LENGTHS},
+            "X": 0.3 * numbers["depth"] / gap, "Z_F": numbers["depth"] / gap, "pixel": 5 * float(rng.normal()),
+            "centre": 0.0, "A": A, "m": m, "d": d, "q": q, "d_2": d_2, "u_0": 0.0,
         }  # fmt: skip
-        yield Trial("view_projection", gap, given, _seen, traced(_seen_textbook), _seen_textbook)
+        yield Trial("project_boards", gap, given, _corner, microlens_of, _corner_textbook)
 
 
 def _line(s: tuple[float, ...], u: tuple[float, ...]) -> Any:
@@ -148,7 +143,7 @@ def far_focus(design: Design, rng: Rng, count: int) -> Iterator[Trial]:
 
 FITS = (
     HardCase(
-        "points at infinity", "coordinates overflow", "homogeneous coordinates", far_points, "view_projection",
+        "points at infinity", "coordinates overflow", "slopes before coordinates", far_points, "project_boards",
         gap_means="inverse distance, in depths",
     ),
     HardCase(

@@ -10,7 +10,7 @@ from roslf_design.bore.conjugates import mla_distance
 from roslf_design.design import Design
 from roslf_design.theory.f_number import matched
 
-from .forms import CLOSED, camera_of
+from .forms import CLOSED, camera_of, left_out
 from .hard_cases import HardCase, Trial, Trials
 from .hard_walks import (
     Numbers,
@@ -30,8 +30,10 @@ def _names(key: str, only: tuple[str, ...]) -> tuple[str, ...]:
     return only or tuple(name for name in sorted(ORACLES) if key in keywords(name))
 
 
-def _on_the_verge(given: dict[str, Any]) -> bool:
-    """Whether the pupil distance found is d_f but for rounding: there is none then, and either answer is right."""
+def _on_the_verge(name: str, given: dict[str, Any]) -> bool:
+    """True where either answer is right: the matched pupil distance is d_f but for rounding, or d_3 counts as 0."""
+    if name != "matched_pupil_distance":
+        return left_out(name, given)
     d_f, image = given["focal_plane_distance"], given["pupil_diameter"] * given["sensor_distance"]
     return bool(image <= 1e-14 * given["microlens_pitch"] * mla_distance(given["focal_length"], d_f))
 
@@ -41,7 +43,7 @@ def _form_trials(walk: Walk, *names: str) -> Trials:
         for step in walk(arguments_of(design), rng, count):
             for name in names:
                 given = {key: step.numbers[key] for key in keywords(name)}
-                if name != "matched_pupil_distance" or not _on_the_verge(given):
+                if not _on_the_verge(name, given):
                     yield Trial(name, step.gap, given, CLOSED[name], ORACLES[name], TEXTBOOK[name])
 
     return trials
@@ -60,7 +62,9 @@ def _form(
             numbers["pupil_distance"] = 0.2 * numbers["focal_length"]
         numbers[key] = at(numbers)
         for form in _names(key, only):
-            yield form, {other: numbers[other] for other in keywords(form)}
+            given = {other: numbers[other] for other in keywords(form)}
+            if not left_out(form, given):
+                yield form, given
 
     trials = _form_trials(walk, *_names(key, only))
     return HardCase(name, breaks, holds, trials, shown, point=point if at else None, **more)
@@ -91,7 +95,7 @@ def _infinity(n: Numbers) -> float:
     return math.inf
 
 
-TOUCH = ("fill_factor", "matching_mismatch")
+TOUCH = ("fill_factor", "mismatch_px")
 SLOPES = ("pupil_shear", "epi_slope", "rim_disparity")
 SCALED = ("microlens_pitch", "focal_length", "depth", "pupil_distance", "sensor_distance")
 
@@ -102,12 +106,12 @@ FORMS = (
         "pupil_distance", towards("pupil_distance", _d_f), "inverse_aperture_constant", at=_d_f,
     ),
     _form(
-        "d_3 → 0", "Eq. 6 divides by d_3", "the margin D g - D_F d_f - 2|X_0| d_3",
-        "pupil_distance", scaling("pupil_distance", 1), "nondistortion_margin", at=_zero,
+        "d_3 → 0", "Eq. 6 divides by d_3", "the room on the main lens, (D g - D_F d_f - 2|X_0| d_3)/2g",
+        "pupil_distance", scaling("pupil_distance", 1), "non_distortion_room", at=_zero,
     ),
     _form(
         "d_3 → f", "the exit pupil runs to infinity: L = d_1 - z_x is inf - inf", "its vergence 1/L",
-        "pupil_distance", towards("pupil_distance", _f), "exit_pupil_vergence", at=_f,
+        "pupil_distance", towards("pupil_distance", _f), "vergence_at_mla_per_mm", at=_f,
     ),
     _form(
         "d_f → f", "d_1 runs to infinity, 1/f - 1/d_f cancels",
@@ -129,13 +133,13 @@ FORMS = (
     ),
     _form(
         "d_2 → 0", "Fresnel number and views grow without bound", "the angle d/d_2, the width lambda d_2/d",
-        "sensor_distance", scaling("sensor_distance", 1), "microlens_image_pitch", at=_zero,
+        "sensor_distance", scaling("sensor_distance", 1), "image_pitch_mm", at=_zero,
         gap_means="d_2 over the one at hand",
     ),
     _form(
         "images just touch", "image diameter less image pitch cancels",
         "one numerator of exact differences over g d_1",
-        "pupil_diameter", towards("pupil_diameter", _touching), "matching_mismatch", TOUCH, _touching,
+        "pupil_diameter", towards("pupil_diameter", _touching), "mismatch_px", TOUCH, _touching,
     ),
     _form(
         "Z_F → focal plane", "Eq. 12: m - A/Z_F cancels", "m (Z_F - A/m)/Z_F with Z_F - g taken first",
@@ -147,7 +151,7 @@ FORMS = (
     ),
     _form(
         "scale 1e-6 to 1e6", "squares of lengths leave the range, absolute thresholds misjudge",
-        "products of ratios, no absolute threshold", "", rescaled, "centre_deviation",
+        "products of ratios, no absolute threshold", "", rescaled, "centre_shift_px_per_microlens",
         tuple(name for name in sorted(ORACLES) if set(SCALED) & set(keywords(name))),
         gap_means="size over the camera at hand",
     ),

@@ -1,13 +1,13 @@
-"""The rows of the hard cases: closed forms, shapes, waves and fits."""
+"""The rows of the hard cases: closed forms, shapes and fits."""
 
 from __future__ import annotations
 
 from .hard_cases import HardCase
 from .hard_fits import FITS
 from .hard_forms import FORMS
-from .hard_shapes import SHAPES, WAVES
+from .hard_shapes import SHAPES
 
 
 def all_cases() -> tuple[HardCase, ...]:
     """Every row."""
-    return (*FORMS, *SHAPES, *WAVES, *FITS)
+    return (*FORMS, *SHAPES, *FITS)

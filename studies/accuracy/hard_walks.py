@@ -18,7 +18,7 @@ Rng = np.random.Generator
 JITTER = 1e-3
 """Relative spread by which all other arguments are moved at every step of a walk, so that no round number helps."""
 
-NUMBERS_WITHOUT_LENGTH = frozenset({"magnification", "index", "pixel", "centre", "slope", "disparity_sigma", "exact"})
+NUMBERS_WITHOUT_LENGTH = frozenset({"magnification", "disparity_sigma", "exact"})
 """Keywords that do not scale with the camera."""
 
 
@@ -28,7 +28,6 @@ def arguments_of(design: Design) -> dict[str, Any]:
     d_3 = design.d_3 or 0.01 * design.f
     x = design.sensor_size[0] / 2
     magnification = float(camera.seen.m)
-    field = x / magnification
     stop = design.stops[0] if design.stops else None
     return {
         "focal_length": design.f,
@@ -44,22 +43,12 @@ def arguments_of(design: Design) -> dict[str, Any]:
         "microlens_focal_length": design.f_ml,
         "magnification": magnification,
         "effective_image_distance": float(camera.seen.A),
-        "index": 150.0,
-        "pixel": 3.3,
-        "coordinate": 0.3 * design.D_F,
-        "centre": 0.21,
-        "slope": 0.013,
         "depth": 0.8 * (design.d_f - design.d_3),
         "disparity_sigma": 0.1,
-        "width": design.sensor_size[0],
-        "field_radius": field,
-        "distance": 1.5 * design.d_f,
-        "radius": 0.7 * field,
+        "radius": 0.7 * x / magnification,
         "stop_diameter": stop.diameter if stop else 1.4 * design.D_F,
         "stop_distance": stop.distance if stop else 0.4 * d_3,
-        "point": (0.6 * field, -0.3 * field),
         "stop_decentre": (0.02 * design.D_F, -0.01 * design.D_F),
-        "pupil_decentre": (-0.015 * design.D_F, 0.03 * design.D_F),
         "microlens_centre": (0.7 * x, 0.4 * x),
         "exact": True,
     }

@@ -123,8 +123,8 @@ def alike_series(job: Job) -> Floats:
     """Fourier series of microlens images all alike, of 50 digits."""
     c = job.design
     lens = {"focal_length": c.f, "focal_plane_distance": c.d_f, "pupil_distance": c.d_3}
-    image_pitch = ORACLES["microlens_image_pitch"](microlens_pitch=c.d, sensor_distance=c.d_2, **lens)
-    vergence = ORACLES["exit_pupil_vergence"](**lens)
+    image_pitch = ORACLES["image_pitch_mm"](microlens_pitch=c.d, sensor_distance=c.d_2, **lens)
+    vergence = ORACLES["vergence_at_mla_per_mm"](**lens)
     with mp.workdps(WAVE_DIGITS):
         d, d_2, q = mp.mpf(c.d), mp.mpf(c.d_2), mp.mpf(c.q)
         width, pitch = mp.mpf(c.wavelength) * d_2 / d / q, abs(image_pitch) / q

@@ -29,9 +29,6 @@ FARTHEST = 4
 """Neighbours on each side whose images reach into one period, up to which an FFT is of use."""
 HALO = 24
 """Pixels around the patch at the coarsest level of a cut image's FFT; they double with it."""
-SLIVER = 0.02
-"""Part of its smallest disc below which a shape is integrated over its inside: along its outline, it would be a
-difference of two sides. Wider shapes go along the outline, on which nothing is singular where rims nearly touch."""
 BLOCK = 4096
 """Points whose lines are computed at once."""
 
@@ -291,39 +288,6 @@ def _cut_fft(job: Job, level: int, seed: int) -> Floats:
 def _nodes(job: Job) -> float:
     """Frequencies times columns and rows: what a point of the pupil costs."""
     return float(2 * job.box[1] * (math.pi * (2 * job.radius + 2) / job.blur[0] + 16))
-
-
-def light_at(centres: Floats, radii: Floats, width: float, at: tuple[float, float], nodes: int = 24) -> float:
-    """Light that a cut pupil sends to one point of the sensor, through a square microlens in focus.
-
-    Parameters
-    ----------
-    centres, radii : ndarray
-        Rims' discs on the sensor, shapes (K, 2) and (K,).
-    width : float
-        Blur width w, in the same unit.
-    at : (x, y)
-        The point.
-    nodes : int
-        Along each quarter turn or panel, beyond those that follow the waves.
-
-    Returns
-    -------
-    float
-        Integral of ``sinc^2(x/w) sinc^2(y/w)/w^2`` about the point over the common part: 1 would be a wide open pupil.
-    """
-    r = float(radii.min())
-    if intersect(centres, radii).area < SLIVER * math.pi * r * r:
-        points, weights = pupil_nodes(centres, radii, nodes + math.ceil(r / width))
-        lobes = np.sinc((points - at) / width) ** 2
-        return float((weights * lobes[:, 0]) @ lobes[:, 1]) / width**2
-    from scipy.special import sici
-
-    points, steps = outline_nodes(centres, radii, nodes + math.ceil(4 * r / width))
-    t, u = math.pi * (points[:, 0] - at[0]) / width, (points[:, 1] - at[1]) / width
-    # Integral of sinc^2 along x, Si(2 t) - sin^2 t/t over pi.
-    along = (sici(2 * t)[0] - np.sin(t) * np.sinc(t / math.pi)) / math.pi
-    return float((along * np.sinc(u) ** 2) @ steps) / width
 
 
 METHODS = (

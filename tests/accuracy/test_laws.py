@@ -20,10 +20,9 @@ from roslf_design.shapes.coverage import coverage_image
 from roslf_design.shapes.discs import intersect
 from studies.accuracy.forms import CLOSED
 from studies.accuracy.hard_forms import FORMS
-from studies.accuracy.jobs import CUT, Job, panel_jobs, random_job
+from studies.accuracy.jobs import CUT, Job, random_job
 from studies.accuracy.oracles.closed_forms import ORACLES
 from studies.accuracy.promises import methods
-from studies.accuracy.waves import light_at
 from tests.theory.designs import arguments, random_designs
 from tests.theory.test_closed_forms import numbers
 
@@ -122,17 +121,6 @@ def test_pictures_of_a_straight_camera_are_their_own_mirror_image():
         pixels = render(design, region=region, overrides=overrides).pixels
         assert np.abs(pixels - pixels[:, ::-1]).max() < 2e-6
         assert np.abs(pixels - pixels[::-1]).max() < 2e-6
-
-
-def test_waves_of_a_mirrored_cats_eye_are_mirrored():
-    for name, job in panel_jobs(PAPER, CUT).items():
-        if name.endswith("24"):
-            continue
-        centres, radii = job.discs
-        for at in ((0.7, 0.2), (-2.1, 1.4)):
-            one = light_at(centres, radii, job.blur[0], at)
-            other = light_at(centres * [-1, 1], radii, job.blur[0], (-at[0], at[1]))
-            assert other == pytest.approx(one, rel=1e-11, abs=1e-14), name
 
 
 # --- scale --------------------------------------------------------------------------------------------------------
@@ -298,16 +286,3 @@ def test_shapes_are_continuous_where_discs_touch(seed):
         for one, other in pairwise(values):
             # Pixels are right to 1e-15 of the larger radius, of up to 50 pixels; areas to less.
             assert np.abs(np.subtract(one, other)).max() < 3e-13
-
-
-@given(SEEDS)
-@settings(max_examples=15, deadline=None)
-def test_waves_are_continuous_where_rims_touch(seed):
-    rng = np.random.default_rng(seed)
-    r, R, w = 1.0, float(rng.uniform(1.1, 6)), float(rng.uniform(0.2, 2))
-    for touch in (r + R, R - r):
-        values = [
-            light_at(np.array([[0.0, 0.0], [d, 0.0]]), np.array([r, R]), w, (0.9, 0.0))
-            for d in (math.nextafter(touch, 0), touch, math.nextafter(touch, 99))
-        ]
-        assert max(values) - min(values) < 1e-13

@@ -36,7 +36,7 @@ from roslf_design.reporting.design.microlens import (
 )
 from roslf_design.reporting.design.rays import cells, dimensions, labelled_fans, meridional, ray_diagrams
 from roslf_design.shapes.discs import intersect
-from roslf_design.theory.vignetting import nondistortion_margin
+from roslf_design.theory.vignetting import room_at
 from tests.pictures.designs import DESIGNS, EXTREMES, PAPER, THROUGH
 
 SVG = "{http://www.w3.org/2000/svg}"
@@ -320,9 +320,9 @@ def test_the_region_of_eq_6_ends_where_the_margin_vanishes():
     for d_3, D_F in corners:
         camera = Camera.of(PAPER, {"d_3": d_3, "D_F": D_F})
         x0 = np.hypot(*PAPER.sensor_size) / 2 / (1 + PAPER.d_2 * camera.vergence) * PAPER.d_f / PAPER.d_1
-        # The margin bends a little with the image pitch where it is drawn straight; it falls by d_f per mm of D_F.
+        # The room bends a little with the image pitch where it is drawn straight; it falls by d_f/2g per mm of D_F.
         hundredth_px = 0.01 * picture.mapping.y.high / picture.mapping.box[3]
-        assert abs(float(nondistortion_margin(camera, x0, PAPER.d_f))) < hundredth_px * PAPER.d_f
+        assert abs(2 * camera.gap * float(room_at(camera, x0)[0])) < hundredth_px * PAPER.d_f
 
 
 def test_depth_over_the_field_of_a_single_microlens_is_a_dot():

@@ -50,7 +50,6 @@ def fill_in(rng: np.random.Generator, f: float, d_f: float, d_3: float) -> dict[
     gap = d_f - d_3
     depth = (spread(-2, 4), abs(gap) * (1 + spread(-15, -6)), abs(gap) * spread(-1, 1))[depth_sense]
     stop_distance = float(rng.uniform(0, d_3))
-    distance = max(d_3, stop_distance) * (1 + spread(-6, 2)) + f * spread(-3, 0)
     m = spread(-2, 1)
     return {
         "focal_length": f,
@@ -66,13 +65,8 @@ def fill_in(rng: np.random.Generator, f: float, d_f: float, d_3: float) -> dict[
         "microlens_focal_length": spread(-2, 1),
         "magnification": m,
         "effective_image_distance": spread(-1, 3),
-        "index": float(rng.integers(-300, 300)),
-        "pixel": float(rng.uniform(-10, 10)),
-        "coordinate": float(rng.normal()),
         "depth": depth,
         "disparity_sigma": spread(-3, 0),
-        "field_radius": spread(-2, 3),
-        "distance": distance,
         "radius": float(rng.normal()) * spread(-2, 3),
         "stop_diameter": spread(-1, 2.5),
         "stop_distance": stop_distance,

@@ -16,7 +16,7 @@ from roslf_design.camera import Camera
 from roslf_design.optimization.problem import Constraint
 from roslf_design.theory import exit_pupil, f_number, light, light_field, vignetting
 from roslf_design.theory.quantities import QUANTITIES
-from studies.accuracy.forms import CLOSED
+from studies.accuracy.forms import CLOSED, left_out
 from studies.accuracy.oracles.closed_forms import ORACLES, flat, judge, keywords, microlens_of
 from tests.theory.designs import P1, arguments, random_designs
 from tests.theory.walks import WALKS, walk
@@ -25,7 +25,7 @@ BUDGET = 4.0
 """Ulps per (1 + condition number): a chain of up to a dozen roundings, each counted in its own argument's condition."""
 DESIGNS = tuple(random_designs(120))
 BASE: dict[str, Any] = DESIGNS[0] | P1 | {"stop_diameter": 5.0, "stop_distance": 50.0, "exact": True}
-BASE |= {"distance": 1000.0, "depth": 90.0, "mla_distance": 140.0}
+BASE |= {"depth": 90.0, "mla_distance": 140.0}
 PAPER = roslf.load("paper")
 
 
@@ -58,7 +58,7 @@ def test_budget_holds_up_to_the_last_ulp_before_the_singular_point(kind):
         seen = set()
         for design in walk(kind):
             given_ = arguments(name, design)
-            if tuple(given_.items()) in seen:
+            if tuple(given_.items()) in seen or left_out(name, given_):
                 continue
             seen.add(tuple(given_.items()))
             for judged in judge(ORACLES[name], numbers(CLOSED[name](**given_)), given_, BUDGET):
@@ -67,9 +67,9 @@ def test_budget_holds_up_to_the_last_ulp_before_the_singular_point(kind):
 
 FACTORED = (
     *("gap", "aperture_constant", "inverse_aperture_constant", "effective_image_distance", "pupil_angle"),
-    *("pupil_f_number", "mla_distance", "magnification", "inverse_magnification", "focal_plane_distance"),
-    *("exit_pupil_distance", "exit_pupil_vergence", "exit_pupil_diameter", "microlens_image_diameter"),
-    *("centre_shift_per_microlens", "approximate_fill_factor", "geometric_views", "object_sample"),
+    *("f_number_pupil", "mla_distance", "magnification", "inverse_magnification", "focal_plane_distance"),
+    *("exit_pupil_distance", "vergence_at_mla_per_mm", "exit_pupil_diameter", "image_diameter_mm"),
+    *("centre_shift_px_per_microlens", "views_geometric", "object_sample_mm"),
 )
 
 
@@ -110,6 +110,8 @@ def test_value_at_a_singular_point_is_the_limit_there(limit):
         if key not in keywords(name) or (name.startswith("matched") and limit in {"D_F = 0", "d_2 = 0"}):
             continue
         given_ = arguments(name, base)
+        if left_out(name, given_ | {key: point}):
+            continue
         values = numbers(CLOSED[name](**given_ | {key: point}))
         for neighbour in neighbours:
             for value, nearby in zip(values, flat(ORACLES[name](**given_ | {key: neighbour})), strict=True):
@@ -141,17 +143,17 @@ SPECIAL: dict[str, list[Any]] = {
     "microlens_focal_length": [2.0, np.inf],
     "exact": [True, False],
     "disparity_sigma": [0.0, 0.1],
-    "field_radius": [0.0, 27.0, np.inf],
-    "distance": [1000.0, 1e300],
 }
 
 
-@pytest.mark.parametrize("name", sorted(set(ORACLES) - {"back_substitute", "back_substitution_jacobian"}))
+@pytest.mark.parametrize("name", sorted(set(ORACLES) - {"back_substitute"}))
 def test_never_nan_and_inf_only_where_documented(name):
     """Every combination of singular points, and no warning from numpy either (warnings are errors here)."""
     keys = keywords(name)
     for combination in itertools.product(*[SPECIAL.get(key, [BASE[key]]) for key in keys]):
         given_ = dict(zip(keys, combination, strict=True))
+        if left_out(name, given_):
+            continue
         values = np.array(numbers(CLOSED[name](**given_)), dtype=float)
         assert not np.isnan(values).any(), given_
         if np.isinf(values).any():
@@ -170,18 +172,18 @@ def test_builds_are_their_single_cameras_to_the_last_bit(name):
 
 
 LENGTHS = """
-nondistortion_bound matched_sensor_distance matched_pupil_diameter matched_microlens_pitch matched_pupil_distance
+non_distortion_room undistorted_field
+matched_sensor_distance matched_pupil_diameter matched_microlens_pitch matched_pupil_distance
 mla_distance focal_plane_distance focal_length gap effective_image_distance exit_pupil_distance exit_pupil_diameter
-microlens_image_pitch microlens_image_diameter pixel_to_pupil view_baseline depth_sigma object_sample diffraction_width
-airy_radius pupil_airy_radius microlens_defocus_blur stop_disc
+image_pitch_mm image_diameter_mm view_baseline_mm depth_sigma object_sample_mm diffraction_width pupil_airy_radius
+microlens_defocus_blur stop_disc
 """
-DIMENSION = dict.fromkeys(LENGTHS.split(), 1) | {"exit_pupil_vergence": -1, "disparity_rate": -1}
-DIMENSION |= {"nondistortion_margin": 2}
+DIMENSION = dict.fromkeys(LENGTHS.split(), 1) | {"vergence_at_mla_per_mm": -1, "disparity_rate": -1}
 """Power of length; 0 for all others."""
-NO_LENGTHS = {"index", "pixel", "disparity_sigma", "exact"}
+NO_LENGTHS = {"disparity_sigma", "exact"}
 
 
-@pytest.mark.parametrize("name", sorted(set(ORACLES) - {"back_substitute", "back_substitution_jacobian"}))
+@pytest.mark.parametrize("name", sorted(set(ORACLES) - {"back_substitute"}))
 def test_all_lengths_doubled_scale_the_result_to_the_last_bit(name):
     for design in random_designs(20, seed=3):
         given_ = arguments(name, design)
@@ -206,7 +208,7 @@ def test_oracle_traces_the_papers_camera():
         "mla_distance": (140, 1),
         "aperture_constant": (35, 23),
         "exit_pupil_distance": (600, 1),
-        "exit_pupil_vergence": (-1, 460),
+        "vergence_at_mla_per_mm": (-1, 460),
         "effective_image_distance": (92, 1),
     }
     with mp.workdps(60):
@@ -241,8 +243,8 @@ PRINTED = {
     "f-number, pupil at 20 mm": (f_number.pupil_f_number(paper(d_3=20.0)), "45.517"),
     "fill factor": (f_number.fill_factor(paper()), "1.00506"),
     "mismatch": (f_number.mismatch_px(paper()), "0.0655"),
-    "x0_max": (vignetting.nondistortion_bound(paper()).object_radius, "44.4542"),
-    "x_ml_max": (vignetting.nondistortion_bound(paper()).mla_radius, "17.7817"),
+    "x0_max": (vignetting.field_limit(paper()).radius, "44.4542"),
+    "x_ml_max": (vignetting.field_limit(paper()).mla_radius, "17.7817"),
     "image diameter": (exit_pupil.microlens_image_diameter(paper()), "0.0630435"),
     "image diameter in pixels": (light.geometric_views(paper()), "13.0045"),
     "image pitch": (exit_pupil.microlens_image_pitch(paper()), "0.0627261"),
@@ -275,9 +277,9 @@ def test_equations_as_printed():
     H = d_f / (d_f - d_3)
     A, m = d_1 / H, d_1 / d_f
     assert light_field.pixel_to_pupil(paper(), 3.0) == pytest.approx(-(1 / H) * (q * d_1 / d_2) * 3, rel=1e-14)
-    printed = d * d_2 * d_3 * d_f / (q * d_1**2 * (d_f - d_3)) * 10  # ten microlenses off axis
-    assert exit_pupil.centre_deviation(paper(), 10) == pytest.approx(printed, rel=1e-14)
-    bound = vignetting.nondistortion_bound(paper()).object_radius
+    printed = d * d_2 * d_3 * d_f / (q * d_1**2 * (d_f - d_3))
+    assert exit_pupil.centre_shift_per_microlens(paper()) == pytest.approx(printed, rel=1e-14)
+    bound = vignetting.field_limit(paper()).radius
     assert bound / d_f == pytest.approx(((D - D_F) / d_3 - D / d_f) / 2, rel=1e-14)
     slope = q * A / (d * d_2) * (m - A / 80.0)
     assert light_field.epi_slope(paper(), 80.0) == pytest.approx(slope, rel=1e-13)
@@ -296,8 +298,6 @@ def test_a_view_shows_a_scene_point_where_a_traced_ray_arrives():
             X=X, Z_F=Z_F, pixel=pixel, centre=0.0, u_0=0.0, **{k: float(v) for k, v in lengths.items()}
         )
         assert float(exact) == pytest.approx(u / w, rel=1e-12)
-        there = light_field.pixel_to_pupil(camera, pixel)
-        assert light_field.pupil_to_pixel(camera, there) == pytest.approx(pixel, rel=1e-14)
 
 
 lengths = st.floats(1e-2, 1e3)
@@ -312,16 +312,18 @@ def test_pupil_at_the_lens_is_the_traditional_light_field(f, reduced, D_F, d, d_
     assert exit_pupil.exit_pupil_distance(camera) == exit_pupil.centre_shift_per_microlens(camera) == 0
     assert exit_pupil.microlens_image_pitch(camera) == pytest.approx(d * (1 + d_2 / camera.d_1), rel=1e-14)
     assert f_number.pupil_f_number(camera) == pytest.approx(f_number.main_lens_f_number(camera), rel=1e-14)
-    assert f_number.approximate_fill_factor(camera) == pytest.approx(
-        f_number.traditional_fill_factor(camera), rel=1e-14
-    )
+
+
+def eq_8(camera):
+    """Microlens-image diameter over the microlens's own pitch."""
+    return f_number.microlens_f_number(camera) / f_number.pupil_f_number(camera)
 
 
 @given(lengths, st.floats(1.01, 50), st.floats(0.0, 0.95), lengths, lengths, lengths)
 def test_a_matched_length_matches(f, reduced, where, D_F, d, d_2):
     camera = paper(f=f, d_f=f * reduced, d_3=where * f * reduced, D_F=D_F, d=d, d_2=d_2)
     for symbol in ("d_2", "D_F", "d", "d_3"):
-        for exact, fill in ((True, f_number.fill_factor), (False, f_number.approximate_fill_factor)):
+        for exact, fill in ((True, f_number.fill_factor), (False, eq_8)):
             matched = f_number.matched(camera, symbol, exact=exact)
             if matched.exists:
                 # A matched d_3 near d_f, or a pitch of images near 0, magnifies its own rounding.
@@ -330,17 +332,6 @@ def test_a_matched_length_matches(f, reduced, where, D_F, d, d_2):
                 assert fill(changed) == pytest.approx(1, abs=1e-12 / max(float(near), 1e-10))
             else:
                 assert matched.value == np.inf
-
-
-def test_margin_vanishes_at_its_bound_for_any_object_distance():
-    for Z in (130.0, 350.0, 1e4):
-        radius = vignetting.nondistortion_bound(paper(), Z).object_radius
-        assert abs(vignetting.nondistortion_margin(paper(), radius, Z)) <= 1e-14 * 50.8 * Z
-    far = vignetting.nondistortion_bound(paper(), np.inf)
-    assert far.object_radius == np.inf
-    assert far.mla_radius == pytest.approx(92.0 * (50.8 - 2.9) / 240.0, rel=1e-14)
-    with pytest.raises(ValueError, match="must be finite"):
-        vignetting.nondistortion_margin(paper(), 0.15, np.inf)
 
 
 @pytest.mark.parametrize("D_F", [0.02, 0.06], ids=["gap", "overlap"])

@@ -31,7 +31,7 @@ def walk(kind: str, seed: int = 5) -> Iterator[dict[str, Any]]:
     """Designs on the way to one singular point; the point itself is left to the tests of limits."""
     rng = np.random.default_rng(seed)
     f, d_f, d_3 = 100.0, 350.0, 120.0
-    base = fill_in(rng, f, d_f, d_3) | {"distance": 1000.0}
+    base = fill_in(rng, f, d_f, d_3)
     if kind == "d_3 -> d_f":
         yield from (base | {"pupil_distance": v} for v in approach(d_f))
     elif kind == "d_3 -> f":
@@ -49,7 +49,7 @@ def walk(kind: str, seed: int = 5) -> Iterator[dict[str, Any]]:
     elif kind == "Z_F -> g":
         yield from (base | {"depth": v} for v in approach(d_f - d_3))
     elif kind == "Z -> inf":
-        yield from (base | {"depth": 1 / v, "distance": 1000 / v} for v in vanish())
+        yield from (base | {"depth": 1 / v} for v in vanish())
     elif kind == "d_f -> inf":
         yield from (base | {"focal_plane_distance": f / v} for v in vanish() if v < 1)
     elif kind == "scale":
@@ -57,7 +57,7 @@ def walk(kind: str, seed: int = 5) -> Iterator[dict[str, Any]]:
             scale = 10.0**k
             yield fill_in(rng, f * scale, d_f * scale, d_3 * scale)
             lens = {"focal_length": f * scale, "focal_plane_distance": d_f * scale, "pupil_distance": d_3 * scale}
-            yield base | lens | {"distance": 1000.0 * scale, "stop_distance": 60.0 * scale}
+            yield base | lens | {"stop_distance": 60.0 * scale}
     elif kind == "matched":
         # Pupil at which the images just touch, and its neighbours: differences of equal terms.
         touch = base["microlens_pitch"] / base["sensor_distance"] * 92.0

@@ -25,10 +25,9 @@ SYMBOLS = {
     "f": "focal_length", "d_f": "focal_plane_distance", "d_1": "mla_distance", "d_3": "pupil_distance",
     "D_F": "pupil_diameter", "D": "lens_diameter", "d_2": "sensor_distance", "d": "microlens_pitch",
     "q": "pixel_pitch", "wave": "wavelength", "f_ml": "microlens_focal_length",
-    "m": "magnification", "A": "effective_image_distance", "i": "index", "s": "pixel", "S": "coordinate",
-    "Z_F": "depth", "sigma": "disparity_sigma", "W": "width",
-    "X_0": "field_radius", "Z": "distance", "X": "radius", "D_k": "stop_diameter", "z_k": "stop_distance",
-    "at": "point", "e_k": "stop_decentre", "e_F": "pupil_decentre", "c": "microlens_centre", "exact": "exact",
+    "m": "magnification", "A": "effective_image_distance", "Z_F": "depth", "sigma": "disparity_sigma",
+    "X": "radius", "D_k": "stop_diameter", "z_k": "stop_distance", "e_k": "stop_decentre", "c": "microlens_centre",
+    "exact": "exact",
 }  # fmt: skip
 """Keyword of each symbol."""
 
@@ -138,24 +137,16 @@ def _disparity_per_inverse_depth(D_F: Any, d: Any, f: Any, d_f: Any, d_3: Any) -
     return (camera.move(d_3, 1 / mp.mpf(2), D_F) - camera.move(d_3, mp.mpf(1), D_F)) / d
 
 
-def _nondistortion_margin(D: Any, D_F: Any, d_3: Any, Z: Any, X: Any) -> Any:
-    """Room between the pencil's outermost ray and the lens's rim, in diameter, times Z - d_3."""
-    edge, x = -D_F / 2, abs(X)  # the far edge of the pupil makes the outer ray of a point at a positive height
-    return (D - 2 * abs(x + (edge - x) / (Z - d_3) * Z)) * (Z - d_3)
+def _outermost(X: Any, D_F: Any, d_3: Any, d_f: Any) -> Any:
+    """Height on the main lens of the outermost ray of a field point's pencil: from the far edge of the pupil."""
+    return abs(X + (-D_F / 2 - X) / (d_f - d_3) * d_f)
 
 
-def _nondistortion_bound(D: Any, D_F: Any, d_3: Any, Z: Any, f: Any, d_f: Any) -> Any:
-    """Field point whose pencil's outermost ray meets the rim, and where its chief ray meets the array."""
-
-    def outermost(x: Any) -> Any:
-        return (D_F / 2 + x) / (Z - d_3) * Z - x
-
-    if outermost(mp.mpf(0)) > D / 2:
-        return mp.mpf(0), mp.mpf(0)
-    if d_3 == 0:  # the pencil covers the same disc whatever the field point
-        return mp.inf, mp.inf
-    radius = affine_root(outermost, D / 2)
-    return radius, abs(_at(f, d_f).seen(radius, Z - d_3, d_3, 0))
+def _undistorted_field(D: Any, D_F: Any, d_3: Any, f: Any, d_f: Any) -> Any:
+    """Field point whose pencil's outermost ray meets the rim."""
+    if _outermost(mp.mpf(0), D_F, d_3, d_f) > D / 2:
+        return mp.mpf(0)
+    return affine_root(lambda X: _outermost(X, D_F, d_3, d_f), D / 2)  # inf: the same disc whatever the field point
 
 
 def _stop_disc(D_k: Any, z_k: Any, c: Any, d_2: Any, f: Any, d_f: Any, e_k: Any) -> Any:
@@ -186,15 +177,6 @@ def _back_substitute(f: Any, A: Any, m: Any) -> Any:
     return d_1, d_f, d_f / (d_f - d_3), d_3, (d_f - d_3) / d_f
 
 
-def _jacobian(f: Any, A: Any, m: Any) -> Any:
-    step, base = mp.mpf(10) ** -25, {"f": f, "A": A, "m": m}
-    columns = []
-    for name, value in base.items():
-        up, down = (_back_substitute(**(base | {name: value * (1 + side * step)}))[:4] for side in (1, -1))
-        columns.append([(u - v) / (2 * step * value) for u, v in zip(up, down, strict=True)])
-    return tuple(tuple(column[row] for column in columns) for row in range(4))
-
-
 TRACED: dict[str, Form] = {
     # main lens and pupils
     "mla_distance": lambda f, d_f: _at(f, d_f).d_1,
@@ -212,22 +194,18 @@ TRACED: dict[str, Form] = {
     "exit_pupil_distance": lambda f, d_3: _exit_pupil(f, d_3)[0],
     "exit_pupil_diameter": lambda D_F, f, d_3: abs(_exit_pupil(f, d_3)[1]) * D_F,
     # Slope of a chief ray on the array over its height there.
-    "exit_pupil_vergence": lambda f, d_f, d_3: _at(f, d_f).landing(1, 1, d_3, 0) - 1,
-    "microlens_image_pitch": lambda d, d_2, f, d_f, d_3: _at(f, d_f).pitch(d, d_2, d_3),
-    "microlens_image_diameter": lambda D_F, d_2, f, d_f, d_3: _at(f, d_f).diameter(D_F, d_2, d_3),
-    "centre_shift_per_microlens": lambda d, q, d_2, f, d_f, d_3: _at(f, d_f).shift(d, q, d_2, d_3),
-    "centre_deviation": lambda i, d, q, d_2, f, d_f, d_3: _at(f, d_f).shift(i * d, q, d_2, d_3),
+    "vergence_at_mla_per_mm": lambda f, d_f, d_3: _at(f, d_f).landing(1, 1, d_3, 0) - 1,
+    "image_pitch_mm": lambda d, d_2, f, d_f, d_3: _at(f, d_f).pitch(d, d_2, d_3),
+    "image_diameter_mm": lambda D_F, d_2, f, d_f, d_3: _at(f, d_f).diameter(D_F, d_2, d_3),
+    "centre_shift_px_per_microlens": lambda d, q, d_2, f, d_f, d_3: _at(f, d_f).shift(d, q, d_2, d_3),
     # matching
-    "microlens_f_number": lambda d_2, d: d_2 / d,
-    "pupil_f_number": lambda D_F, f, d_f, d_3: _at(f, d_f).reach(d_3) / D_F,
-    "main_lens_f_number": lambda D, d_1: d_1 / D,
+    "f_number_microlens": lambda d_2, d: d_2 / d,
+    "f_number_pupil": lambda D_F, f, d_f, d_3: _at(f, d_f).reach(d_3) / D_F,
+    "f_number_main_lens": lambda D, d_1: d_1 / D,
     "fill_factor": lambda D_F, d, d_2, f, d_f, d_3: abs(
         _at(f, d_f).diameter(D_F, d_2, d_3) / _at(f, d_f).pitch(d, d_2, d_3)
     ),
-    "approximate_fill_factor": lambda D_F, d, d_2, f, d_f, d_3: _at(f, d_f).diameter(D_F, d_2, d_3) / d,
-    # Any focal length: the pupil is at the lens.
-    "traditional_fill_factor": lambda D, d, d_2, d_1: Planes(d_1, d_1).diameter(D, d_2, 0) / d,
-    "matching_mismatch": lambda D_F, d, q, d_2, f, d_f, d_3: (
+    "mismatch_px": lambda D_F, d, q, d_2, f, d_f, d_3: (
         (_at(f, d_f).diameter(D_F, d_2, d_3) - abs(_at(f, d_f).pitch(d, d_2, d_3))) / q
     ),
     "matched_sensor_distance": lambda D_F, d, f, d_f, d_3, exact=True: _matched(
@@ -241,13 +219,11 @@ TRACED: dict[str, Form] = {
     ),
     "matched_pupil_distance": _matched_pupil_distance,
     # field and stops
-    "nondistortion_margin": _nondistortion_margin,
-    "nondistortion_bound": _nondistortion_bound,
+    "non_distortion_room": lambda D, D_F, d_3, f, d_f, X: D / 2 - _outermost(abs(X), D_F, d_3, d_f),
+    "undistorted_field": _undistorted_field,
     "stop_disc": _stop_disc,
-    # decoding and epipolar-plane images
-    "pixel_to_pupil": lambda s, q, d_2, f, d_f, d_3: _at(f, d_f).height(q * s, 0, d_2, d_3),
-    "pupil_to_pixel": lambda S, q, d_2, f, d_f, d_3: _at(f, d_f).landing(0, d_2, d_3, S) / q,
-    "view_baseline": lambda q, d_2, f, d_f, d_3: -_at(f, d_f).height(q, 0, d_2, d_3),
+    # epipolar-plane images
+    "view_baseline_mm": lambda q, d_2, f, d_f, d_3: -_at(f, d_f).height(q, 0, d_2, d_3),
     "pupil_shear": lambda Z_F, f, d_f, d_3: -_at(f, d_f).move(d_3, Z_F, 1),
     "epi_slope": lambda Z_F, d, q, d_2, f, d_f, d_3: _at(f, d_f).move(d_3, Z_F, _at(f, d_f).height(q, 0, d_2, d_3)) / d,
     # depth: disparity from rim to rim
@@ -257,19 +233,18 @@ TRACED: dict[str, Form] = {
         sigma * Z_F**2 / _disparity_per_inverse_depth(D_F, d, f, d_f, d_3)
     ),
     # sampling and diffraction
-    "geometric_views": lambda D_F, q, d_2, f, d_f, d_3: _at(f, d_f).diameter(D_F, d_2, d_3) / q,
-    "object_sample": lambda d, f, d_f: d * d_f / _at(f, d_f).d_1,
+    "views_geometric": lambda D_F, q, d_2, f, d_f, d_3: _at(f, d_f).diameter(D_F, d_2, d_3) / q,
+    "object_sample_mm": lambda d, f, d_f: d * d_f / _at(f, d_f).d_1,
     # Half waves of path (paraxial) by which the aperture's edge is farther from the sensor's centre.
     "fresnel_number": lambda d, d_2, wave: 2 * ((d / 2) ** 2 / (2 * d_2)) / wave,
-    "independent_views": lambda d, d_2, wave: d / (d_2 * (wave / d)),
+    "views_independent": lambda d, d_2, wave: d / (d_2 * (wave / d)),
     "diffraction_width": lambda d, d_2, wave: d_2 * (wave / d),
-    "airy_radius": lambda d, d_2, wave: mp.mpf(122) / 100 * d_2 * (wave / d),
+    "airy_radius_px": lambda d, d_2, q, wave: mp.mpf(122) / 100 * d_2 * (wave / d) / q,
     "pupil_airy_radius": lambda D_F, wave, f, d_f, d_3: mp.mpf(122) / 100 * _at(f, d_f).reach(d_3) * (wave / D_F),
     "microlens_defocus_waves": _defocus_waves,
     "microlens_defocus_blur": _defocus_blur,
     # calibration
     "back_substitute": _back_substitute,
-    "back_substitution_jacobian": _jacobian,
 }
 
 ORACLES: dict[str, Form] = {name: traced(by_keyword(form)) for name, form in TRACED.items()}

@@ -88,22 +88,8 @@ def _matched_pupil_distance(D_F: Any, d: Any, d_2: Any, f: Any, d_f: Any, exact:
     return (value, True) if 0 <= float(value) < float(d_f) else (math.inf, False)
 
 
-def _eq6(D: Any, D_F: Any, d_3: Any, Z: Any) -> Any:
-    return Z * ((D - D_F) / d_3 - D / Z) / 2
-
-
-def _nondistortion_bound(D: Any, D_F: Any, d_3: Any, Z: Any, f: Any, d_f: Any) -> Any:
-    radius = _eq6(D, D_F, d_3, Z)
-    if radius < 0:
-        return radius * 0, radius * 0
-    return radius, abs(radius * (_d_1(f, d_f) / _h(d_f, d_3)) / (Z - d_3))
-
-
-def _stop_margin(D_k: Any, z_k: Any, D_F: Any, d_3: Any, Z: Any, at: Any, e_k: Any, e_F: Any) -> Any:
-    """Room at the stop, by the ratio of distances from the field point, times Z - d_3."""
-    share = (Z - z_k) / (Z - d_3)
-    off = [x * (1 - share) + e_f * share - e for x, e, e_f in zip(at, e_k, e_F, strict=True)]
-    return (D_k - D_F * share - 2 * _library(Z).hypot(*off)) * (Z - d_3)
+def _eq6(D: Any, D_F: Any, d_3: Any, d_f: Any) -> Any:
+    return d_f * ((D - D_F) / d_3 - D / d_f) / 2
 
 
 def _stop_disc(D_k: Any, z_k: Any, c: Any, d_2: Any, f: Any, d_f: Any, e_k: Any) -> Any:
@@ -133,17 +119,6 @@ def _back_substitute(f: Any, A: Any, m: Any) -> Any:
     return d_1, d_f, h, d_f - d_f / h, 1 / h
 
 
-def _jacobian(f: Any, A: Any, m: Any) -> Any:
-    """Derivatives of d_1, d_f, H, d_3 by f, A, m, term by term."""
-    zero = 0 * f
-    return (
-        (1 + m, zero, f),
-        (1 + 1 / m, zero, -f / m**2),
-        ((1 + m) / A, -f * (1 + m) / A**2, f / A),
-        (1 + 1 / m, -1 / m, -f / m**2 + A / m**2),
-    )
-
-
 FORMULAS: dict[str, Form] = {
     "mla_distance": _d_1,
     "focal_plane_distance": lambda f, d_1: _d_1(f, d_1),
@@ -158,48 +133,42 @@ FORMULAS: dict[str, Form] = {
     "pupil_angle": lambda D_F, f, d_f, d_3: D_F * _h(d_f, d_3) / _d_1(f, d_f),
     "exit_pupil_distance": _z_x,
     "exit_pupil_diameter": lambda D_F, f, d_3: D_F * f / abs(d_3 - f),
-    "exit_pupil_vergence": _per_l,
-    "microlens_image_pitch": _pitch,
-    "microlens_image_diameter": _diameter,
-    "centre_shift_per_microlens": _shift,
-    "centre_deviation": lambda i, d, q, d_2, f, d_f, d_3: i * _shift(d, q, d_2, f, d_f, d_3),
-    "microlens_f_number": lambda d_2, d: d_2 / d,
-    "pupil_f_number": lambda D_F, f, d_f, d_3: _d_1(f, d_f) / (D_F * _h(d_f, d_3)),
-    "main_lens_f_number": lambda D, d_1: d_1 / D,
+    "vergence_at_mla_per_mm": _per_l,
+    "image_pitch_mm": _pitch,
+    "image_diameter_mm": _diameter,
+    "centre_shift_px_per_microlens": _shift,
+    "f_number_microlens": lambda d_2, d: d_2 / d,
+    "f_number_pupil": lambda D_F, f, d_f, d_3: _d_1(f, d_f) / (D_F * _h(d_f, d_3)),
+    "f_number_main_lens": lambda D, d_1: d_1 / D,
     "fill_factor": lambda D_F, d, d_2, f, d_f, d_3: abs(_diameter(D_F, d_2, f, d_f, d_3) / _pitch(d, d_2, f, d_f, d_3)),
-    "approximate_fill_factor": lambda D_F, d, d_2, f, d_f, d_3: _diameter(D_F, d_2, f, d_f, d_3) / d,
-    "traditional_fill_factor": lambda D, d, d_2, d_1: D * d_2 / d_1 / d,
-    "matching_mismatch": lambda D_F, d, q, d_2, f, d_f, d_3: (
+    "mismatch_px": lambda D_F, d, q, d_2, f, d_f, d_3: (
         (_diameter(D_F, d_2, f, d_f, d_3) - abs(_pitch(d, d_2, f, d_f, d_3))) / q
     ),
     "matched_sensor_distance": _matched_sensor_distance,
     "matched_pupil_diameter": _matched_pupil_diameter,
     "matched_microlens_pitch": _matched_microlens_pitch,
     "matched_pupil_distance": _matched_pupil_distance,
-    "nondistortion_margin": lambda D, D_F, d_3, Z, X: 2 * d_3 * (_eq6(D, D_F, d_3, Z) - abs(X)),
-    "nondistortion_bound": _nondistortion_bound,
+    "non_distortion_room": lambda D, D_F, d_3, f, d_f, X: d_3 / abs(d_f - d_3) * (_eq6(D, D_F, d_3, d_f) - abs(X)),
+    "undistorted_field": lambda D, D_F, d_3, f, d_f: max(_eq6(D, D_F, d_3, d_f), 0 * d_f),
     "stop_disc": _stop_disc,
-    "pixel_to_pupil": lambda s, q, d_2, f, d_f, d_3: -(q * _d_1(f, d_f) / (_h(d_f, d_3) * d_2)) * s,
-    "pupil_to_pixel": lambda S, q, d_2, f, d_f, d_3: -S / (q * _d_1(f, d_f) / (_h(d_f, d_3) * d_2)),
-    "view_baseline": lambda q, d_2, f, d_f, d_3: q * _d_1(f, d_f) / (_h(d_f, d_3) * d_2),
+    "view_baseline_mm": lambda q, d_2, f, d_f, d_3: q * _d_1(f, d_f) / (_h(d_f, d_3) * d_2),
     "pupil_shear": _shear,
     "epi_slope": _epi_slope,
     "rim_disparity": _disparity,
     "disparity_rate": lambda Z_F, D_F, d, f, d_f, d_3: D_F * _d_1(f, d_f) / (d * _h(d_f, d_3) * Z_F**2),
     "depth_sigma": lambda sigma, Z_F, D_F, d, f, d_f, d_3: Z_F**2 * d * _h(d_f, d_3) * sigma / (D_F * _d_1(f, d_f)),
-    "geometric_views": lambda D_F, q, d_2, f, d_f, d_3: _diameter(D_F, d_2, f, d_f, d_3) / q,
-    "object_sample": lambda d, f, d_f: d * d_f / _d_1(f, d_f),
+    "views_geometric": lambda D_F, q, d_2, f, d_f, d_3: _diameter(D_F, d_2, f, d_f, d_3) / q,
+    "object_sample_mm": lambda d, f, d_f: d * d_f / _d_1(f, d_f),
     "fresnel_number": lambda d, d_2, wave: d**2 / (4 * wave * d_2),
-    "independent_views": lambda d, d_2, wave: d**2 / (wave * d_2),
+    "views_independent": lambda d, d_2, wave: d**2 / (wave * d_2),
     "diffraction_width": lambda d, d_2, wave: wave * d_2 / d,
-    "airy_radius": lambda d, d_2, wave: 122 * wave * d_2 / (100 * d),
+    "airy_radius_px": lambda d, d_2, q, wave: 122 * wave * d_2 / (100 * d * q),
     "pupil_airy_radius": lambda D_F, wave, f, d_f, d_3: 122 * wave * _d_1(f, d_f) / (100 * D_F * _h(d_f, d_3)),
     "microlens_defocus_waves": lambda f_ml, d_2, d, wave, f, d_f, d_3: (
         d**2 / (8 * wave) * abs(1 / f_ml - 1 / d_2 - _per_l(f, d_f, d_3))
     ),
     "microlens_defocus_blur": lambda f_ml, d_2, d, f, d_f, d_3: d * d_2 * abs(1 / f_ml - 1 / d_2 - _per_l(f, d_f, d_3)),
     "back_substitute": _back_substitute,
-    "back_substitution_jacobian": _jacobian,
 }
 
 TEXTBOOK: dict[str, Form] = {name: by_keyword(form) for name, form in FORMULAS.items()}
