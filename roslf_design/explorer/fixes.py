@@ -59,6 +59,19 @@ class Facts(NamedTuple):
     views: float
     """Pixels across a microlens image."""
 
+    @classmethod
+    def of(cls, design: Design) -> Facts:
+        """What of a design the proposals change."""
+        camera = Camera.of(design.thin_twin)
+        limit = field_limit(camera)
+        return cls(
+            fill_factor=float(fill_factor(camera)),
+            undistorted_mm=limit.radius,
+            room_mm=limit.room,
+            sigma_mm=float(QUANTITIES["sigma_z_mm"](camera)),
+            views=float(geometric_views(camera)),
+        )
+
 
 def proposals(design: Design) -> tuple[Fix, ...]:
     """Everything that one number could mend, always in the same order.
@@ -75,7 +88,7 @@ def proposals(design: Design) -> tuple[Fix, ...]:
         undistorted field by d_3; image-space telecentricity. `changes` applied to the design do what the label says;
         those that cannot, or have nothing to do, say why.
     """
-    camera, now = Camera.of(design.thin_twin), facts(design)
+    camera, now = Camera.of(design.thin_twin), Facts.of(design)
     telecentric = "it is image-space telecentric already" if is_telecentric(camera) else float(camera.f)
     every = (
         *((f"match-{symbol}", f"Match f-number by {symbol}", symbol, way) for symbol, way in _matching(camera, now)),
@@ -84,19 +97,6 @@ def proposals(design: Design) -> tuple[Fix, ...]:
         ("telecentric", "Go telecentric (d_3 = f)", "d_3", telecentric),
     )
     return tuple(_with_consequences(design, now, *proposal) for proposal in every)
-
-
-def facts(design: Design) -> Facts:
-    """What of a design the proposals change."""
-    camera = Camera.of(design.thin_twin)
-    limit = field_limit(camera)
-    return Facts(
-        fill_factor=float(fill_factor(camera)),
-        undistorted_mm=limit.radius,
-        room_mm=limit.room,
-        sigma_mm=float(QUANTITIES["sigma_z_mm"](camera)),
-        views=float(geometric_views(camera)),
-    )
 
 
 def _matching(camera: Camera, now: Facts) -> Iterator[tuple[str, Change]]:
@@ -189,7 +189,7 @@ def _with_consequences(design: Design, now: Facts, key: str, label: str, symbol:
             changed = design.replace(**changes)
     except DesignError as error:
         return Fix(key, label, why_not=error.problems[0].message)
-    return Fix(key, label, changes, _outcome(changes, now, facts(changed)))
+    return Fix(key, label, changes, _outcome(changes, now, Facts.of(changed)))
 
 
 def _in_focus(design: Design, changed: Design) -> float | None:

@@ -130,6 +130,16 @@ class Known(NamedTuple):
     """That it knows the lengths of."""
     covariance: LengthCovariance
 
+    def deviations(self, rows: Iterable[SheetLine]) -> dict[str, float]:
+        """Standard deviation that a calibration leaves in the lines, by their keys, to first order."""
+        design, covariance = self.design, self.covariance
+        left = {
+            line.key: float(covariance.carried(design, QUANTITIES[line.quantity] if line.quantity else line.values))
+            for line in rows
+            if line.quantity or not (line.of is None or (design.lens is not None and isinstance(line.of, Corner)))
+        }
+        return {name: sigma for name, sigma in left.items() if math.isfinite(sigma)}
+
 
 class Basis(NamedTuple):
     """What the lines' tolerances come from."""
@@ -348,21 +358,10 @@ def basis(design: Design, built: AsBuilt | None = None, calibration: Known | Non
     return Basis(
         tuple(sentences),
         {} if built is None else built.deviations(rows),
-        {} if calibration is None else uncertain(calibration, rows),
+        {} if calibration is None else calibration.deviations(rows),
         sheet,
         design,
     )
-
-
-def uncertain(calibration: Known, rows: Iterable[SheetLine]) -> dict[str, float]:
-    """Standard deviation that a calibration leaves in the lines, by their keys, to first order."""
-    design, covariance = calibration.design, calibration.covariance
-    left = {
-        line.key: float(covariance.carried(design, QUANTITIES[line.quantity] if line.quantity else line.values))
-        for line in rows
-        if line.quantity or not (line.of is None or (design.lens is not None and isinstance(line.of, Corner)))
-    }
-    return {name: sigma for name, sigma in left.items() if math.isfinite(sigma)}
 
 
 def _value(line: SheetLine) -> str:
