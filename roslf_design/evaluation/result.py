@@ -11,6 +11,7 @@ from ..camera import Camera
 from ..effects.plan import PlannedEffect
 from ..json_data import plain
 from ..theory.quantities import QUANTITIES
+from ..theory.quantity import Quantity
 from ..words import decimals, fixed, length, number, place
 from .show import as_html, as_text
 
@@ -467,6 +468,15 @@ class Evaluation:
     """None where all is air."""
     temperature: Temperatures | None = None
     """None of a design without `[environment]`."""
+
+    def group(self, name: str) -> Any:
+        """Numbers of a group; the evaluation itself where it has no name."""
+        return getattr(self, name) if name else self
+
+    def value(self, quantity: Quantity) -> Any:
+        """Value of a quantity that is `evaluated`."""
+        assert quantity.evaluated is not None
+        return getattr(self.group(quantity.evaluated.under), quantity.evaluated.key or quantity.name)
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON object of `roslf evaluate --json`; infinite values are None, what all is air has no object space."""

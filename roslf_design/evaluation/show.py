@@ -32,9 +32,8 @@ def facts(result: Evaluation, *groups: str) -> list[tuple[str, str, str]]:
     rows = []
     for quantity in QUANTITIES.values():
         if (listed := quantity.evaluated) is not None and listed.under in groups and listed.label is not None:
-            numbers = getattr(result, listed.under) if listed.under else result
-            value = quantity.text(getattr(numbers, listed.key or quantity.name))
-            rows.append((listed.label or quantity.label, value, listed.remark_on(numbers)))
+            remark = listed.remark_on(result.group(listed.under))
+            rows.append((listed.label or quantity.label, quantity.text(result.value(quantity)), remark))
     return rows
 
 
