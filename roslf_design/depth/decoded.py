@@ -88,14 +88,7 @@ class Decoded:
                 "step_pitches": math.sqrt(3) / 2 if spread else 1.0,
             },
             "distances_from": self.distances_from or None,
-            "focus": [
-                {
-                    "distance_mm": plane.distance,
-                    "disparity_pitches": plane.disparity,
-                    "slope_pitches_per_px": plane.slope,
-                }
-                for plane in self.stack
-            ],
+            "focus": [plane.to_dict() for plane in self.stack],
             "epi": {"row": self.row, "v_pitches": float(field.v[self.row])},
             "warnings": list(self.warnings),
         }

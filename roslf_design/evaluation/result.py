@@ -360,6 +360,10 @@ class ObjectiveMapping:
     """That it images, in air."""
     fields: tuple[MappedField, ...]
 
+    def __str__(self) -> str:
+        name = "a measured table" if self.mapping == "table" else self.mapping
+        return f"{self.element}, images by {name} up to {self.largest_angle_deg:.4g} degrees in air"
+
 
 @dataclass(frozen=True)
 class LookedThrough:
@@ -373,6 +377,11 @@ class LookedThrough:
     """In the order of light, from the focal plane on."""
     mapping: ObjectiveMapping | None = None
     """None of f tan."""
+
+    @property
+    def around(self) -> str:
+        """Medium of the scene, as a sentence."""
+        return f"The scene lies in {self.medium}" + ("." if self.index == 1 else f", index {self.index:.5g}.")
 
 
 @dataclass(frozen=True)

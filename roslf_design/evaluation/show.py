@@ -75,10 +75,10 @@ def seen_table(result: Evaluation) -> Table | None:
     if (through := result.object_space) is None:
         return None
     rows = tuple(part.cells for part in through.parts)
-    medium = f"The scene lies in {through.medium}" + ("." if through.index == 1 else f", index {through.index:.5g}.")
     caption = (
-        f"{medium} Distances are a ruler's, before the main lens, of an element to its sensor side; of the MLA behind "
-        "the lens, of the sensor behind the MLA. In formulas d_f, d_3, D_F, d_1 and d_2 are as the main lens sees them."
+        f"{through.around} Distances are a ruler's, before the main lens, of an element to its sensor side; of the MLA "
+        "behind the lens, of the sensor behind the MLA. In formulas d_f, d_3, D_F, d_1 and d_2 are as the main lens "
+        "sees them."
     )
     headings = ("", "what", "distance", "diameter", "as the main lens sees it")
     return Table(rows, "llddl", headings, "Beside the main lens, in the order of light", caption)
@@ -102,11 +102,9 @@ def mapping_table(result: Evaluation) -> Table | None:
     if result.object_space is None or (objective := result.object_space.mapping) is None or not objective.fields:
         return None
     rows = tuple(field.cells for field in objective.fields)
-    name = "a measured table" if objective.mapping == "table" else objective.mapping
     caption = (
-        f"The objective, {objective.element}, images by {name} up to {objective.largest_angle_deg:.4g} degrees in air. "
-        "Samples and depth spread are those on the focal plane, along the field's radius and across it; angles are "
-        "those in the medium of the scene."
+        f"The objective, {objective}. Samples and depth spread are those on the focal plane, along the field's radius "
+        "and across it; angles are those in the medium of the scene."
     )
     headings = ("microlens x, y [mm]", "angle [deg]", "height against f tan [%]", "object sample [mm]", "σ_Z [mm]")
     return Table(rows, "lrrrr", headings, "The objective's mapping over the field", caption)

@@ -25,6 +25,7 @@ from ..theory.quantities import QUANTITIES, depth_error, image_rate, seen_at
 from ..theory.resolution import FieldTransfer
 from ..theory.stop_images import MicrolensImages
 from ..traced.fields import LensImages, images_of
+from ..words import number
 from .fields import default_fields
 from .result import DepthAssumptions
 
@@ -98,6 +99,15 @@ class Resolved:
     usable_lp_per_mm: float | None
     """The lower of both: finest detail that shows, with half its contrast or more, as what it is."""
     limited_by: Literal["contrast", "sampling"]
+
+    @property
+    def remark(self) -> str:
+        """What limits it, and the other limits."""
+        limits = (self.mtf50_lp_per_mm, self.mtf10_lp_per_mm, self.fold_lp_per_mm)
+        half, tenth, fold = (number(limit or 0.0, 4) for limit in limits)
+        if self.limited_by == "contrast":
+            return f"MTF 50 %; 10 % at {tenth}, folds at {fold}"
+        return f"sampling; MTF 50 % at {half}, 10 % at {tenth}"
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from ..theory.f_number import fill_factor, matched
 from ..theory.light import geometric_views, microlens_defocus_blur
 from ..theory.quantities import QUANTITIES
 from ..theory.vignetting import corner_room, field_limit, undistorted_radii
+from ..words import to_html
 
 Floats = NDArray[np.float64]
 Change = float | str
@@ -44,6 +45,12 @@ class Fix:
     """What it brings and what it costs."""
     why_not: str = ""
     """Why it cannot be done, or need not be; "" where it can."""
+
+    def page(self, settled: bool) -> dict[str, str]:
+        """What the page shows of it; nothing is promised of a design that is still being changed."""
+        promised = {"outcome": self.outcome, "why_not": self.why_not}
+        told = {name: to_html(text) if settled else "" for name, text in promised.items()}
+        return {"key": self.key, "label": to_html(self.label), **told}
 
 
 class Facts(NamedTuple):

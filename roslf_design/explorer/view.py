@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -28,7 +28,6 @@ from ..reporting.optimise.pictures import change_bars, goal_front, search_histor
 from ..reporting.tolerance.pictures import offender_bars, spread_bars, yield_bars, yield_curve
 from ..theory.quantities import QUANTITIES
 from ..words import to_html
-from .fixes import Fix
 from .runs import OptimiseResult
 from .state import (
     BY_SYMBOL,
@@ -400,19 +399,6 @@ def glance(evaluation: Evaluation) -> list[dict[str, str]]:
         if landed or share > 0:
             rows[f"light at the corner {landed or f'lost at the {name}'}"] = f"{share:.1%}"
     return [{"label": to_html(label), "value": value} for label, value in rows.items()]
-
-
-def proposed(fixes: Iterable[Fix], settled: bool) -> list[dict[str, str]]:
-    """What would mend the design, in words; nothing is promised of one that is still being changed."""
-    return [
-        {
-            "key": fix.key,
-            "label": to_html(fix.label),
-            "outcome": to_html(fix.outcome) if settled else "",
-            "why_not": to_html(fix.why_not) if settled else "",
-        }
-        for fix in fixes
-    ]
 
 
 def looked_at(state: State, look: Look) -> dict[str, Any]:

@@ -28,14 +28,23 @@ from ..tolerancing.study import StrictTable
 from ..toml_files import nearest, problems_of, read_toml
 from ..units import Length
 from .bore import BoreTable, EquivalentPupil, solve_through
-from .lens_variables import BENDING, lens_faults, places_that_vary, varies_lens
+from .lens_variables import lens_faults, places_that_vary, varies_lens
 from .parts import given_by, load_catalogue
-from .problem import NUMBERS, Constraint, DesignProblem, Goal, NumberVariable, Variable, name_faults, titled
+from .problem import (
+    NUMBERS,
+    Constraint,
+    DesignProblem,
+    Goal,
+    NumberVariable,
+    Variable,
+    lengths_and_numbers,
+    name_faults,
+    titled,
+)
 from .ranking import CatalogueTable, Combinations, Ranking, rank
 from .robust import Robust, RobustTable, maximise_robustness, scatter_of, tolerances
 from .solve import (
     Answer,
-    Conflict,
     Front,
     ParetoTable,
     Settings,
@@ -294,7 +303,7 @@ class Result:
             "seed": self.study.settings.seed,
             "status": "optimal" if answer.feasible else "infeasible",
             "runs_off": answer.runs_off,
-            **_variables(answer.variables()),
+            **lengths_and_numbers(answer.variables()),
             "following_mm": answer.followers(),
             "goals": [_part(answer, goal) | {"direction": goal.direction} for goal in answer.asked.goals],
             "constraints": [_part(answer, c) | {"min": c.min, "max": c.max} for c in answer.asked.constraints],
@@ -303,11 +312,11 @@ class Result:
             "active": answer.active if answer.feasible else None,
             "trust": _trust(answer),
             "stages": answer.stages,
-            "infeasible": None if answer.conflict is None else _conflict(answer.conflict),
+            "infeasible": None if answer.conflict is None else answer.conflict.to_dict(),
             "bore": self.bore,
-            "front": None if self.front is None else _front(self.front),
+            "front": None if self.front is None else self.front.to_dict(),
             "robust": _robust(self),
-            "catalogue": None if self.ranking is None else _ranking(self.ranking, self.part_retraces, timings),
+            "catalogue": None if self.ranking is None else self.ranking.to_dict(self.part_retraces, timings),
             "loose_variables_mm": {name: ends for name, ends in answer.loose().items() if name not in NUMBERS},
             "notes": answer.notes,
         }
@@ -406,27 +415,6 @@ def _trust(answer: Answer) -> dict[str, Any]:
     }
 
 
-def _conflict(conflict: Conflict) -> dict[str, Any]:
-    return {
-        "violations": conflict.violations,
-        "cannot_hold_together": conflict.smallest,
-        "smaller_sets_shown_feasible": conflict.complete,
-        "reason": conflict.reason,
-        "no_camera": conflict.always,
-        "goals_undefined": conflict.undefined,
-        "relaxations": [
-            {"limit": r.label, "from": r.limit, "to": r.needed, "unit": r.unit} for r in conflict.relaxations
-        ],
-        "bounds_touched": conflict.bounds,
-    }
-
-
-def _front(front: Front) -> dict[str, Any]:
-    goals = [{"goal": g.label, "direction": g.direction, "unit": g.quantity.unit} for g in front.goals]
-    points = [{"goals": point.goals, **_variables(point.variables_mm)} for point in front.points]
-    return {**plain(front), "goals": goals, "points": plain(points)}
-
-
 def _robust(result: Result) -> dict[str, Any] | None:
     robust, table = result.robust, result.study.table.robust
     if robust is None or table is None:
@@ -454,43 +442,3 @@ def _robust(result: Result) -> dict[str, Any] | None:
         "trials": robust.trials,
         "evaluations": robust.evaluations,
     }
-
-
-def _variables(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Lengths, and beside them a lens's shape factor where it varies."""
-    lengths = {name: value for name, value in values.items() if name not in NUMBERS}
-    return {"variables_mm": lengths} | ({"shape_factor": values[BENDING]} if BENDING in values else {})
-
-
-def _nearest(ranking: Ranking) -> dict[str, Any]:
-    """Where no combination of parts is feasible: which comes nearest, and why it is not."""
-    assert ranking.nearest is not None
-    parts = [part.part for part in ranking.combinations.chosen(ranking.nearest)]
-    named = dict(zip(ranking.combinations.kinds, parts, strict=True))
-    return {"parts": named, **({} if ranking.conflict is None else _conflict(ranking.conflict))}
-
-
-def _ranking(ranking: Ranking, retraces: tuple[Retrace, ...], timings: bool) -> dict[str, Any]:
-    rows = []
-    for place, ranked in enumerate(ranking.best, 1):
-        problem, unit = ranking.combinations.problem_at(ranked.number), ranked.search.unit
-        parts = [part.part for part in ranking.combinations.chosen(ranked.number)]
-        rows.append(
-            {
-                "rank": place,
-                "parts": dict(zip(ranking.combinations.kinds, parts, strict=True)),
-                "goals": {goal.label: problem.number(goal, unit) for goal in problem.goals},
-                **_variables(problem.named(unit)),
-                "file": f"parts-{place:02d}.toml",
-                **({"traced": retraces[place - 1].to_dict()} if retraces else {}),
-            }
-        )
-    data = {
-        "combinations": len(ranking.combinations),
-        "ruled_out_by_bounds": ranking.ruled_out,
-        "optimised": ranking.optimised,
-        "open": ranking.open,
-        "best": rows,
-        "nearest": None if ranking.nearest is None else _nearest(ranking),
-    }
-    return data | {"seconds": ranking.seconds} if timings else data

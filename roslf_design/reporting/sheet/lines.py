@@ -193,15 +193,16 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
         dark = "" if row.usable_lp_per_mm is not None else "dark or folded" if traced else "dark"
         axial = focal and centre and row.image == "refocused"
         of = None if axial or dark or traced else partial(_resolution, row, focal)
-        half, tenth, fold = (
-            number(value or 0.0, 4) for value in (row.mtf50_lp_per_mm, row.mtf10_lp_per_mm, row.fold_lp_per_mm)
-        )
-        remark = f"sampling; MTF 50 % at {half}, 10 % at {tenth}"
-        if row.limited_by == "contrast":
-            remark = f"MTF 50 %; 10 % at {tenth}, folds at {fold}"
         limit = "mtf50_lp_per_mm" if row.limited_by == "contrast" else "fold_lp_per_mm"
         yield SheetLine(
-            "Resolution", at, row.usable_lp_per_mm, "lp/mm", "" if dark else remark, limit if axial else "", dark, of
+            "Resolution",
+            at,
+            row.usable_lp_per_mm,
+            "lp/mm",
+            "" if dark else row.remark,
+            limit if axial else "",
+            dark,
+            of,
         )
     outermost, middle = corner(sheet.field), sheet.field[0]
     at = "in the corner" if outermost.angle_deg is None else f"at {number(outermost.angle_deg, 4)} deg off axis"
