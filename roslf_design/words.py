@@ -72,6 +72,11 @@ def fixed(value: float, decimals: int, sign: str = "") -> str:
     return f"{round(float(value), decimals) + 0.0:{sign}.{decimals}f}"
 
 
+def decimals(value: float | None, count: int, sign: str = "") -> str:
+    """A number to so many decimals, as `fixed`; a dash where there is none."""
+    return "-" if value is None else fixed(value, count, sign)
+
+
 def place(position: tuple[float, float], digits: int = 6) -> str:
     """A position [mm] as text: "11.15, 0"."""
     return ", ".join(number(value, digits) for value in position)

@@ -74,6 +74,11 @@ class FocusPlane:
     weight: Samples
     """Sum of the views' weights, of the same shape."""
 
+    def to_dict(self) -> dict[str, float | None]:
+        """As results have it."""
+        names = {"distance_mm": self.distance, "disparity_pitches": self.disparity}
+        return names | {"slope_pitches_per_px": self.slope}
+
 
 def focus_stack(
     field: LightField, disparities: Array | None = None, distances: Distances | None = None

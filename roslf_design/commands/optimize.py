@@ -9,7 +9,7 @@ from ..design import dumps
 from ..design.files import WRITTEN
 from ..errors import InputError
 from ..optimization.search import QUICK
-from ..optimization.study import designs, load_study, run, to_dict
+from ..optimization.study import load_study, run
 from ..reporting.optimise.pages import optimisation_pictures, optimization_report
 from ..reporting.printers import page_files
 from .terminal import Flag, Output, StatusLine, check_options, json_text, listed, print_titled, say, typed, write_files
@@ -51,14 +51,14 @@ def optimize(
             raise error if error.origin else InputError(error.problems, str(study)) from None
     report = optimization_report(result, typed("optimize", study, output=output, seed=seed, accuracy=accuracy))
     files = {
-        "results.json": f"{json_text(to_dict(result, timings=False))}\n".encode(),
-        **{name: dumps(design, WRITTEN).encode() for name, design in designs(result)},
+        "results.json": f"{json_text(result.to_dict(timings=False))}\n".encode(),
+        **{name: dumps(design, WRITTEN).encode() for name, design in result.designs()},
         **{f"{name}.png": picture.to_png() for name, picture in optimisation_pictures(result).items()},
         **page_files(report),
     }
     write_files(output, files)
     if json:
-        print(json_text(to_dict(result)))
+        print(json_text(result.to_dict()))
         return
     print_titled(report.title, report.sections[0].blocks)
     say(f"\n{result.seconds:.1f} s; written to {output}: {', '.join(listed(files))}")

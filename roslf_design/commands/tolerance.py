@@ -147,8 +147,8 @@ def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
     if result.scale_for_target is not None:
         scale, reached = result.scale_for_target
         yield Paragraph(f"All tolerances times {scale:.3g} give a yield of {share_words(reached)}")
-    for grade in result.grades:
-        yield Paragraph(f"Grade {grade.grade}: yield {share_words(grade.result)}")
+    for grade, at_grade in result.grades:
+        yield Paragraph(f"Grade {grade}: yield {share_words(at_grade)}")
     if result.budget is not None and result.budget.looser:
         saved = "" if result.budget.cost is None else f", {cost_words(result.budget.cost)}"
         first = "with the cheapest change and all" if result.budget.changes else "with all"

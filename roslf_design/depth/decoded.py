@@ -26,6 +26,22 @@ class RawSource:
     white: bool
     """Whether a white image told the centres; else the scene itself."""
 
+    def to_dict(self) -> dict[str, Any]:
+        """The lattice as JSON's types."""
+        lattice = self.centres.lattice
+        return {
+            "from": "white image" if self.white else "raw image",
+            "layout": lattice.layout,
+            "pitch_px": lattice.pitch,
+            "rotation_mrad": 1e3 * lattice.rotation,
+            "origin_px": list(lattice.origin),
+            "first_px": list(lattice.first),
+            "second_px": list(lattice.second),
+            "bent": lattice.bend is not None,
+            "rms_px": self.centres.rms,
+            "microlenses": self.centres.counts(),
+        }
+
 
 @dataclass(frozen=True, eq=False)
 class Decoded:
@@ -62,7 +78,7 @@ class Decoded:
             "schema": SCHEMA,
             "source": self.source,
             "kind": self.kind,
-            "lattice": None if self.raw is None else _lattice(self.raw),
+            "lattice": None if self.raw is None else self.raw.to_dict(),
             "views": {
                 "columns": len(field.s),
                 "rows": len(field.t),
@@ -72,33 +88,10 @@ class Decoded:
                 "step_pitches": math.sqrt(3) / 2 if spread else 1.0,
             },
             "distances_from": self.distances_from or None,
-            "focus": [
-                {
-                    "distance_mm": plane.distance,
-                    "disparity_pitches": plane.disparity,
-                    "slope_pitches_per_px": plane.slope,
-                }
-                for plane in self.stack
-            ],
+            "focus": [plane.to_dict() for plane in self.stack],
             "epi": {"row": self.row, "v_pitches": float(field.v[self.row])},
             "warnings": list(self.warnings),
         }
-
-
-def _lattice(raw: RawSource) -> dict[str, Any]:
-    lattice = raw.centres.lattice
-    return {
-        "from": "white image" if raw.white else "raw image",
-        "layout": lattice.layout,
-        "pitch_px": lattice.pitch,
-        "rotation_mrad": 1e3 * lattice.rotation,
-        "origin_px": list(lattice.origin),
-        "first_px": list(lattice.first),
-        "second_px": list(lattice.second),
-        "bent": lattice.bend is not None,
-        "rms_px": raw.centres.rms,
-        "microlenses": raw.centres.counts(),
-    }
 
 
 def textured_row(field: LightField) -> int:

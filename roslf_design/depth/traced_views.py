@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,15 +49,6 @@ ENOUGH = 1.5
 """Places traced for each coefficient of a polynomial over the array."""
 
 
-class Sight(NamedTuple):
-    """How views look, in place of pupil coordinates s; shape (2, t, s, v, u)."""
-
-    pupil: NDArray[np.float32]
-    """P [pupil diameters]; NaN where no light comes through."""
-    aside: NDArray[np.float32]
-    """E [pitches]"""
-
-
 @dataclass(frozen=True, eq=False)
 class TracedViews:
     """A camera's lens and elements as they are traced, and the first order that disparities are told for."""
@@ -73,7 +64,7 @@ class TracedViews:
         """As it is traced."""
         return camera_of(self.design)
 
-    def sight(self, field: LightField, pupil: NDArray[np.floating]) -> Sight:
+    def sight(self, field: LightField, pupil: NDArray[np.floating]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """How the views of a decoded light field look.
 
         Parameters
@@ -81,6 +72,12 @@ class TracedViews:
         field : LightField
         pupil : ndarray
             Where on the FAP, by first order, each view looks through [diameters], shape (2, t, s) or (2, t, s, v, u).
+
+        Returns
+        -------
+        (pupil, aside)
+            P [pupil diameters], NaN where no light comes through, and E [pitches], in place of pupil coordinates s;
+            shape (2, t, s, v, u).
         """
         x, y = (axis * float(self.camera.d) for axis in (field.u, field.v))
         along, down = (_nodes(axis) for axis in (x, y))
@@ -101,7 +98,7 @@ class TracedViews:
         powers = self._powers(field, np.asarray(pupil))
         places, aside = (_spread(part.astype(np.float32), powers) for part in coefficients)
         places[..., dark], aside[..., dark] = np.nan, 0.0
-        return Sight(places, aside)
+        return places, aside
 
     def looks(self, nodes: Array, points: Array) -> tuple[Array, NDArray[np.bool_]]:
         """P and E of microlenses and pupil points, shape (2, node, point, 2), and where all rays came through."""

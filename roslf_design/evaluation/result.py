@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -10,9 +11,13 @@ from ..camera import Camera
 from ..effects.plan import PlannedEffect
 from ..json_data import plain
 from ..theory.quantities import QUANTITIES
+from ..theory.quantity import Quantity
+from ..words import decimals, fixed, length, number, place
 from .show import as_html, as_text
 
 SCHEMA = "roslf.evaluation/1"
+FAR = 1e9
+"""Lengths that are told as infinite: of what stands in a focus, rounding leaves some 1e13 [mm]."""
 
 
 @dataclass(frozen=True)
@@ -126,6 +131,18 @@ class Field:
     rays: int | None
     """Rays that these numbers were counted from, where something is tilted; None for exact areas."""
 
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Row of the table over the field."""
+        return (
+            place(self.x_ml_mm),
+            self.status,
+            f"{100 * self.kept_fraction:.4g} %",
+            "-" if self.centroid_mm is None else " ".join(decimals(1e3 * v, 2, "+") for v in self.centroid_mm),
+            "-" if self.axis_ratio is None else f"{self.axis_ratio:.4f}",
+            f"{fixed(100 * self.ray_budget.own_cell, 2)} %",
+        )
+
 
 @dataclass(frozen=True)
 class DepthAssumptions:
@@ -145,6 +162,30 @@ class DepthAssumptions:
     window: float
     """Microlenses along each side of the square in which disparity is taken to be the same."""
     sigma_disparity_pitches: float
+
+    @property
+    def detail(self) -> str:
+        """Detail that the texture has."""
+        if self.period_mm is None:
+            return "in each octave of detail"
+        return f"with a period of {length(self.period_mm)}"
+
+    def __str__(self) -> str:
+        return (
+            f"for {number(self.electrons, 4)} electrons a pixel in {number(1e3 * self.exposure_s, 3)} ms, a texture of "
+            f"{100 * self.contrast:.3g} % rms contrast {self.detail}, and {self.window:g} x {self.window:g} "
+            "microlenses matched"
+        )
+
+    @property
+    def facts(self) -> list[tuple[str, str, str]]:
+        """Name, value, remark."""
+        lenses, light = f"{self.window:g} x {self.window:g}", f"a pixel, in {number(1e3 * self.exposure_s, 3)} ms"
+        return [
+            ("light", f"{number(self.electrons, 4)} e-", light),
+            ("texture, rms contrast", f"{self.contrast:.3g}", self.detail),
+            ("microlenses matched", lenses, f"of {self.views:.0f} independent views"),
+        ]
 
 
 @dataclass(frozen=True)
@@ -198,6 +239,20 @@ class RealLensField:
     lateral_colour_pitches: float | None
     """Between the F and the C line, on the array; None outside the glasses' range."""
 
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Row of the table through the real lens."""
+        return (
+            place(self.x_ml_mm),
+            self.status if self.chief_ray == "kept" else f"{self.status} ({self.chief_ray})",
+            f"{100 * self.kept_fraction:.4g} %",
+            "-" if self.shift_px is None else " ".join(decimals(value, 2, "+") for value in self.shift_px),
+            decimals(self.widening_percent, 1),
+            f"{decimals(self.tangential_focus_pitches, 1, '+')} {decimals(self.sagittal_focus_pitches, 1, '+')}",
+            decimals(self.distortion_percent, 2, "+"),
+            decimals(self.lateral_colour_pitches, 2),
+        )
+
 
 @dataclass(frozen=True)
 class RealLens:
@@ -227,6 +282,19 @@ class RealLens:
     """Whether images are whole, and not folded, at every field told here and at the four corners."""
     fields: tuple[RealLensField, ...]
 
+    @property
+    def facts(self) -> list[tuple[str, str, str]]:
+        """Name, value, remark."""
+        thin = f"on the MLA; thin lens, Eq. 6: {number(self.thin_x_ml_max_mm)} mm"
+        focal = f"{number(self.focal_length_mm)} mm", f"back focal {number(self.back_focal_length_mm)} mm"
+        return [
+            ("lens", self.lens, ""),
+            ("focal length", *focal),
+            ("first vertex to the FAP", f"{number(self.first_vertex_to_fap_mm)} mm", "for a ruler; d_3 is to H"),
+            ("last vertex to the MLA", f"{number(self.last_vertex_to_mla_mm)} mm", "for a ruler; d_1 is from H'"),
+            ("undistorted, measured", f"{number(self.x_ml_max_mm)} mm", thin),
+        ]
+
 
 @dataclass(frozen=True)
 class SeenPart:
@@ -246,6 +314,18 @@ class SeenPart:
     """Infinite where it is seen there."""
     seen_diameter_mm: float | None
 
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Row of the table of what is beside the main lens; how it is seen as far as that differs."""
+        pairs = (("", self.distance_mm, self.seen_distance_mm), ("diameter ", self.diameter_mm, self.seen_diameter_mm))
+        apart = [
+            f"{name}{number(apparent)} mm" if abs(apparent) < FAR else f"{name}∞"
+            for name, own, apparent in pairs
+            if own is not None and apparent is not None and not math.isclose(own, apparent, rel_tol=1e-6)
+        ]
+        across = "" if self.diameter_mm is None else f"{number(self.diameter_mm)} mm"
+        return self.name, self.what, f"{number(self.distance_mm)} mm", across, ", ".join(apart)
+
 
 @dataclass(frozen=True)
 class MappedField:
@@ -262,6 +342,12 @@ class MappedField:
     sigma_z_mm: tuple[float, float]
     """Depth spread there, of views set apart along and across."""
 
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Row of the table over the field."""
+        pairs = [" ".join(map(number, pair)) for pair in (self.object_sample_mm, self.sigma_z_mm)]
+        return place(self.x_ml_mm), f"{self.angle_deg:.2f}", fixed(self.distortion_percent, 1, "+"), *pairs
+
 
 @dataclass(frozen=True)
 class ObjectiveMapping:
@@ -273,6 +359,10 @@ class ObjectiveMapping:
     largest_angle_deg: float
     """That it images, in air."""
     fields: tuple[MappedField, ...]
+
+    def __str__(self) -> str:
+        name = "a measured table" if self.mapping == "table" else self.mapping
+        return f"{self.element}, images by {name} up to {self.largest_angle_deg:.4g} degrees in air"
 
 
 @dataclass(frozen=True)
@@ -287,6 +377,11 @@ class LookedThrough:
     """In the order of light, from the focal plane on."""
     mapping: ObjectiveMapping | None = None
     """None of f tan."""
+
+    @property
+    def around(self) -> str:
+        """Medium of the scene, as a sentence."""
+        return f"The scene lies in {self.medium}" + ("." if self.index == 1 else f", index {self.index:.5g}.")
 
 
 @dataclass(frozen=True)
@@ -308,6 +403,18 @@ class AtTemperature:
     fits: bool
     """Whether it is a camera still: a real image, no part in another."""
 
+    def cells(self, here: float) -> tuple[str, ...]:
+        """Row of the table of temperatures, `here` that of all other numbers."""
+        return (
+            f"{self.temperature_degc:g} °C" + (" (here)" if self.temperature_degc == here else ""),
+            f"{self.focal_length_mm:.7g} mm",
+            f"{self.mla_distance_mm:.7g} mm",
+            f"{self.focal_plane_mm:.6g} mm",
+            decimals(self.focus_shift_pitches, 3, "+"),
+            f"{self.fill_factor:.5f}",
+            "yes" if self.fits else "no",
+        )
+
 
 @dataclass(frozen=True)
 class Temperatures:
@@ -325,6 +432,13 @@ class Temperatures:
     """Materials whose index is taken not to change."""
     not_named: tuple[str, ...]
     """Parts that do not change, because nothing says what they are made of."""
+
+    @property
+    def held(self) -> str:
+        """Housing in words."""
+        if not self.housing:
+            return "rigid housing"
+        return f"housing of {self.housing}, {1e6 * self.expansion_per_k:.3g}e-6 /K"
 
 
 @dataclass(frozen=True)
@@ -363,6 +477,15 @@ class Evaluation:
     """None where all is air."""
     temperature: Temperatures | None = None
     """None of a design without `[environment]`."""
+
+    def group(self, name: str) -> Any:
+        """Numbers of a group; the evaluation itself where it has no name."""
+        return getattr(self, name) if name else self
+
+    def value(self, quantity: Quantity) -> Any:
+        """Value of a quantity that is `evaluated`."""
+        assert quantity.evaluated is not None
+        return getattr(self.group(quantity.evaluated.under), quantity.evaluated.key or quantity.name)
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON object of `roslf evaluate --json`; infinite values are None, what all is air has no object space."""

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import io
-import math
 from html import escape
 from typing import TYPE_CHECKING
 
 from ..effects.lens import EFFECTS
 from ..tables import Table, plain_text, print_table
 from ..theory.quantities import QUANTITIES
-from ..words import fixed, length, number, place, spaced
+from ..words import fixed, number, place, spaced
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from ..effects.plan import PlannedEffect
-    from .result import DepthAssumptions, Evaluation, RealLens, SeenPart
+    from .result import DepthAssumptions, Evaluation, RealLens
 
 MARKS = {"good": "✓", "limit": "~", "fault": "✗"}
 """Sign of each level of verdict."""
@@ -33,9 +32,8 @@ def facts(result: Evaluation, *groups: str) -> list[tuple[str, str, str]]:
     rows = []
     for quantity in QUANTITIES.values():
         if (listed := quantity.evaluated) is not None and listed.under in groups and listed.label is not None:
-            numbers = getattr(result, listed.under) if listed.under else result
-            value = quantity.text(getattr(numbers, listed.key or quantity.name))
-            rows.append((listed.label or quantity.label, value, listed.remark_on(numbers)))
+            remark = listed.remark_on(result.group(listed.under))
+            rows.append((listed.label or quantity.label, quantity.text(result.value(quantity)), remark))
     return rows
 
 
@@ -57,115 +55,43 @@ def fact_tables(result: Evaluation) -> list[Table]:
     }
     tables["Field"].insert(1, ("the same on the MLA", f"{number(field.x_ml_max_mm)} mm", ""))
     if result.real_lens is not None:
-        tables["Real main lens, traced"] = _lens_facts(result.real_lens)
+        tables["Real main lens, traced"] = result.real_lens.facts
     return [Table(tuple(rows), "ldl", title=title, widths=WIDTHS) for title, rows in tables.items()]
 
 
 def depth_facts(result: Evaluation) -> list[tuple[str, str, str]]:
     """Depth precision and what it is told for: name, value, remark."""
     assumed = result.depth.assumes
-    return [*facts(result, "depth"), *(() if assumed is None else _light_facts(assumed))]
+    return [*facts(result, "depth"), *(() if assumed is None else assumed.facts)]
 
 
 def depth_basis(assumed: DepthAssumptions | None) -> str:
     """Light, texture and matching that a depth precision is told for, in words."""
-    if assumed is None:
-        return "as the design gives it"
-    texture = f"a texture of {100 * assumed.contrast:.3g} % rms contrast "
-    texture += (
-        "in each octave of detail" if assumed.period_mm is None else f"with a period of {length(assumed.period_mm)}"
-    )
-    return (
-        f"for {number(assumed.electrons, 4)} electrons a pixel in {number(1e3 * assumed.exposure_s, 3)} ms, {texture}, "
-        f"and {assumed.window:g} x {assumed.window:g} microlenses matched"
-    )
-
-
-def _light_facts(assumed: DepthAssumptions) -> list[tuple[str, str, str]]:
-    detail = (
-        "in each octave of detail" if assumed.period_mm is None else f"with a period of {length(assumed.period_mm)}"
-    )
-    lenses = f"{assumed.window:g} x {assumed.window:g}"
-    return [
-        (
-            "light",
-            f"{number(assumed.electrons, 4)} e-",
-            f"a pixel, in {number(1e3 * assumed.exposure_s, 3)} ms",
-        ),
-        ("texture, rms contrast", f"{assumed.contrast:.3g}", detail),
-        ("microlenses matched", lenses, f"of {assumed.views:.0f} independent views"),
-    ]
-
-
-def _lens_facts(lens: RealLens) -> list[tuple[str, str, str]]:
-    thin = f"on the MLA; thin lens, Eq. 6: {number(lens.thin_x_ml_max_mm)} mm"
-    return [
-        ("lens", lens.lens, ""),
-        ("focal length", f"{number(lens.focal_length_mm)} mm", f"back focal {number(lens.back_focal_length_mm)} mm"),
-        ("first vertex to the FAP", f"{number(lens.first_vertex_to_fap_mm)} mm", "for a ruler; d_3 is to H"),
-        ("last vertex to the MLA", f"{number(lens.last_vertex_to_mla_mm)} mm", "for a ruler; d_1 is from H'"),
-        ("undistorted, measured", f"{number(lens.x_ml_max_mm)} mm", thin),
-    ]
-
-
-FAR = 1e9
-"""Lengths that are told as infinite: of what stands in a focus, rounding leaves some 1e13 [mm]."""
+    return "as the design gives it" if assumed is None else str(assumed)
 
 
 def seen_table(result: Evaluation) -> Table | None:
     """What light meets beside the main lens; nothing where all is air."""
     if (through := result.object_space) is None:
         return None
-    rows = tuple(
-        (
-            part.name,
-            part.what,
-            f"{number(part.distance_mm)} mm",
-            "" if part.diameter_mm is None else f"{number(part.diameter_mm)} mm",
-            _seen(part),
-        )
-        for part in through.parts
-    )
-    medium = f"The scene lies in {through.medium}" + ("." if through.index == 1 else f", index {through.index:.5g}.")
+    rows = tuple(part.cells for part in through.parts)
     caption = (
-        f"{medium} Distances are a ruler's, before the main lens, of an element to its sensor side; of the MLA behind "
-        "the lens, of the sensor behind the MLA. In formulas d_f, d_3, D_F, d_1 and d_2 are as the main lens sees them."
+        f"{through.around} Distances are a ruler's, before the main lens, of an element to its sensor side; of the MLA "
+        "behind the lens, of the sensor behind the MLA. In formulas d_f, d_3, D_F, d_1 and d_2 are as the main lens "
+        "sees them."
     )
     headings = ("", "what", "distance", "diameter", "as the main lens sees it")
     return Table(rows, "llddl", headings, "Beside the main lens, in the order of light", caption)
-
-
-def _seen(part: SeenPart) -> str:
-    """How it is seen, as far as that differs."""
-    pairs = (("", part.distance_mm, part.seen_distance_mm), ("diameter ", part.diameter_mm, part.seen_diameter_mm))
-    words = [
-        f"{name}{number(apparent)} mm" if abs(apparent) < FAR else f"{name}∞"
-        for name, own, apparent in pairs
-        if own is not None and apparent is not None and not math.isclose(own, apparent, rel_tol=1e-6)
-    ]
-    return ", ".join(words)
 
 
 def temperature_table(result: Evaluation) -> Table | None:
     """The camera at temperatures it meets; nothing of a design that says nothing of them."""
     if (warm := result.temperature) is None:
         return None
-    rows = tuple(
-        (
-            f"{row.temperature_degc:g} °C" + (" (here)" if row.temperature_degc == warm.temperature_degc else ""),
-            f"{row.focal_length_mm:.7g} mm",
-            f"{row.mla_distance_mm:.7g} mm",
-            f"{row.focal_plane_mm:.6g} mm",
-            "-" if row.focus_shift_pitches is None else _cell(row.focus_shift_pitches, 3, "+"),
-            f"{row.fill_factor:.5f}",
-            "yes" if row.fits else "no",
-        )
-        for row in warm.at
-    )
-    held = f"housing of {warm.housing}, {1e6 * warm.expansion_per_k:.3g}e-6 /K" if warm.housing else "rigid housing"
+    rows = tuple(row.cells(warm.temperature_degc) for row in warm.at)
     caption = (
-        f"The camera as it is focused, in a {held}; disparity between the FAP's rims is that of what is in focus at "
-        f"{warm.temperature_degc:g} °C."
+        f"The camera as it is focused, in a {warm.held}; disparity between the FAP's rims is that of what is in focus "
+        f"at {warm.temperature_degc:g} °C."
     )
     headings = ("temperature", "f", "d_1", "d_f", "disparity [pitches]", "fill factor", "parts fit")
     return Table(rows, "lrrrrrl", headings, "Temperature", caption)
@@ -175,41 +101,20 @@ def mapping_table(result: Evaluation) -> Table | None:
     """What the objective's mapping makes of each field; nothing where it is f tan."""
     if result.object_space is None or (objective := result.object_space.mapping) is None or not objective.fields:
         return None
-    rows = tuple(
-        (
-            place(field.x_ml_mm),
-            f"{field.angle_deg:.2f}",
-            fixed(field.distortion_percent, 1, "+"),
-            " ".join(number(value) for value in field.object_sample_mm),
-            " ".join(number(value) for value in field.sigma_z_mm),
-        )
-        for field in objective.fields
+    rows = tuple(field.cells for field in objective.fields)
+    caption = (
+        f"The objective, {objective}. Samples and depth spread are those on the focal plane, along the field's radius "
+        "and across it; angles are those in the medium of the scene."
     )
     headings = ("microlens x, y [mm]", "angle [deg]", "height against f tan [%]", "object sample [mm]", "σ_Z [mm]")
-    name = "a measured table" if objective.mapping == "table" else objective.mapping
-    caption = (
-        f"The objective, {objective.element}, images by {name} up to {objective.largest_angle_deg:.4g} degrees in air. "
-        "Samples and depth spread are those on the focal plane, along the field's radius and across it; angles are "
-        "those in the medium of the scene."
-    )
     return Table(rows, "lrrrr", headings, "The objective's mapping over the field", caption)
 
 
 def field_table(result: Evaluation) -> Table:
     """The image behind each microlens asked for."""
-    rows = (
-        (
-            place(field.x_ml_mm),
-            field.status,
-            f"{100 * field.kept_fraction:.4g} %",
-            "-" if field.centroid_mm is None else " ".join(_cell(1e3 * v, 2, "+") for v in field.centroid_mm),
-            "-" if field.axis_ratio is None else f"{field.axis_ratio:.4f}",
-            f"{fixed(100 * field.ray_budget.own_cell, 2)} %",
-        )
-        for field in result.fields
-    )
+    rows = tuple(field.cells for field in result.fields)
     headings = ("microlens x, y [mm]", "image", "kept", "centroid [um]", "axis ratio", "in own cell")
-    return Table(tuple(rows), "llrrrr", headings, "Microlens images over the field")
+    return Table(rows, "llrrrr", headings, "Microlens images over the field")
 
 
 def budget_table(result: Evaluation) -> Table:
@@ -233,25 +138,13 @@ def budget_table(result: Evaluation) -> Table:
 
 def lens_table(lens: RealLens) -> Table:
     """The image behind each microlens asked for, through the real lens."""
-    rows = (
-        (
-            place(field.x_ml_mm),
-            field.status if field.chief_ray == "kept" else f"{field.status} ({field.chief_ray})",
-            f"{100 * field.kept_fraction:.4g} %",
-            "-" if field.shift_px is None else " ".join(_cell(value, 2, "+") for value in field.shift_px),
-            _cell(field.widening_percent, 1),
-            f"{_cell(field.tangential_focus_pitches, 1, '+')} {_cell(field.sagittal_focus_pitches, 1, '+')}",
-            _cell(field.distortion_percent, 2, "+"),
-            _cell(field.lateral_colour_pitches, 2),
-        )
-        for field in lens.fields
-    )
+    rows = tuple(field.cells for field in lens.fields)
+    title = "Microlens images through the real lens, against its thin twin"
     headings = (
         *("microlens x, y [mm]", "image", "kept", "shift x, y [px]", "wider [%]"),
         *("focus tan, sag [pitches]", "distortion [%]", "colour [pitches]"),
     )
-    title = "Microlens images through the real lens, against its thin twin"
-    return Table(tuple(rows), "llrrrrrr", headings, title)
+    return Table(rows, "llrrrrrr", headings, title)
 
 
 def effects_table(result: Evaluation) -> Table:
@@ -282,10 +175,6 @@ def _told(effect: PlannedEffect, result: Evaluation) -> bool:
     """Whether an effect has a line: it has a size, or a real lens has it and the scene alone hides it."""
     of_lens = result.real_lens is not None and effect.name in LENS_EFFECTS
     return effect.estimate != 0 or effect.on or of_lens
-
-
-def _cell(value: float | None, decimals: int, sign: str = "") -> str:
-    return "-" if value is None else fixed(value, decimals, sign)
 
 
 def _tables(result: Evaluation) -> list[Table]:

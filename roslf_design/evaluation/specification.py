@@ -26,6 +26,7 @@ from ..theory.quantities import QUANTITIES, depth_error, image_rate, seen_at
 from ..theory.resolution import FieldTransfer
 from ..theory.stop_images import MicrolensImages
 from ..traced.fields import LensImages, images_of
+from ..words import number
 from .fields import default_fields
 from .result import DepthAssumptions
 
@@ -67,6 +68,18 @@ class ObjectField:
     object_sample_mm: float
     """Footprint of a microlens."""
 
+    @classmethod
+    def of(cls, ends: MicrolensImages, at: float, plane: str) -> ObjectField:
+        """Field that is seen between the field's ends."""
+        camera = ends.camera
+        halves = [f"field_half_{side}_mm" for side in ("width", "height", "diagonal")]
+        magnification, sample = (float(QUANTITIES[n](camera, at)) for n in ("object_magnification", "object_sample_mm"))
+        met = np.stack(ends.on_plane(at), axis=-1)
+        sides = _across(
+            met, lambda a, b: np.linalg.norm(a - b, axis=-1), lambda k: 2 * QUANTITIES[halves[k]](camera, at)
+        )
+        return cls(at, plane, *sides, magnification, sample)
+
 
 @dataclass(frozen=True)
 class Resolved:
@@ -87,6 +100,15 @@ class Resolved:
     usable_lp_per_mm: float | None
     """The lower of both: finest detail that shows, with half its contrast or more, as what it is."""
     limited_by: Literal["contrast", "sampling"]
+
+    @property
+    def remark(self) -> str:
+        """What limits it, and the other limits."""
+        limits = (self.mtf50_lp_per_mm, self.mtf10_lp_per_mm, self.fold_lp_per_mm)
+        half, tenth, fold = (number(limit or 0.0, 4) for limit in limits)
+        if self.limited_by == "contrast":
+            return f"MTF 50 %; 10 % at {tenth}, folds at {fold}"
+        return f"sampling; MTF 50 % at {half}, 10 % at {tenth}"
 
 
 @dataclass(frozen=True)
@@ -135,6 +157,23 @@ class DepthPrecision:
     assumes: DepthAssumptions | None
     """Light, texture and matching; None where the design gives the disparity's error."""
 
+    @classmethod
+    def of(cls, design: Design, images: MicrolensImages, stations: Mapping[str, float]) -> DepthPrecision:
+        """Precision at planes by their names."""
+        camera, (axis, *off) = images.camera, [(x, y) for x, y in images.fields.tolist()]
+        rows = [
+            DepthSpread(
+                at, plane, axis, float(QUANTITIES["sigma_z_mm"](camera, None if plane == "focal plane" else at))
+            )
+            for plane, at in stations.items()
+        ]
+        local = np.broadcast_to(QUANTITIES["sigma_z_at_field_mm"].at_fields(images), (1 + len(off), 1))[1:, 0].tolist()
+        focus = stations["focal plane"]
+        known = (sigma if math.isfinite(sigma) else math.inf for sigma in local)
+        rows += [DepthSpread(focus, "focal plane", at, sigma) for at, sigma in zip(off, known, strict=True)]
+        error = float(QUANTITIES["sigma_disparity_pitches"](camera))
+        return cls(tuple(rows), error, depth_assumptions(design, camera, error))
+
 
 @dataclass(frozen=True)
 class ListedPart:
@@ -165,6 +204,18 @@ class Colour:
     """In a fully lit pixel, where the scene is as bright as on average."""
     sigma_z_mm: float
     """On the axis at the focal plane."""
+
+    @classmethod
+    def of(cls, camera: Camera, one: ColourFilter) -> Colour:
+        """Pixels behind a filter."""
+        own = behind(camera, one)
+        names = ("image_diameter_px", "fold_lp_per_mm", "mtf50_lp_per_mm", "pixel_electrons", "sigma_disparity_pitches")
+        across, fold, sharp, charge, alone = (float(QUANTITIES[name](own)) for name in names)
+        given = "depth.disparity_error" in camera.numbers  # whatever light, and however many pixels
+        spread = float(depth_error(own, None, alone if given else alone / math.sqrt(one.share)))
+        apart = one.spacing
+        views = across / apart, fold * math.sqrt(one.share)
+        return cls(one.name, 1e6 * one.wavelength, one.share, apart, *views, sharp, charge, spread)
 
 
 @dataclass(frozen=True)
@@ -307,8 +358,8 @@ def specification(design: Design | str | Path) -> Specification:
         working_distance_mm=distances[1],
         hyperfocal_mm=_known(value["hyperfocal_mm"]),
         view_hyperfocal_mm=_known(value["view_hyperfocal_mm"]),
-        object_field=tuple(_object_field(ends, at, plane) for plane, at in stations.items()),
-        depth_precision=_depth_precision(design, images, stations),
+        object_field=tuple(ObjectField.of(ends, at, plane) for plane, at in stations.items()),
+        depth_precision=DepthPrecision.of(design, images, stations),
         resolution=tuple(rows),
         depth_of_field_mm=Ends(view, refocused),
         field=points,
@@ -318,7 +369,7 @@ def specification(design: Design | str | Path) -> Specification:
         views_across=value["views_geometric"],
         independent_views_across=value["views_independent"],
         object_samples=_samples(camera),
-        colours=tuple(_colour(camera, one) for one in filters(camera.colours)),
+        colours=tuple(Colour.of(camera, one) for one in filters(camera.colours)),
         outer_diameter_mm=value["outer_diameter_mm"],
         length_mm=value["total_length_mm"],
         parts=tuple(ListedPart(part.name, float(part.width)) for part in tube.housed(camera)),
@@ -352,20 +403,6 @@ def _angles(ends: MicrolensImages, at: float | None) -> tuple[float, float, floa
     return _across(ways, field_of_view.between, lambda k: QUANTITIES[names[k]](ends.camera, at))
 
 
-def _depth_precision(design: Design, images: MicrolensImages, stations: Mapping[str, float]) -> DepthPrecision:
-    camera, (axis, *off) = images.camera, [(x, y) for x, y in images.fields.tolist()]
-    rows = [
-        DepthSpread(at, plane, axis, float(QUANTITIES["sigma_z_mm"](camera, None if plane == "focal plane" else at)))
-        for plane, at in stations.items()
-    ]
-    local = np.broadcast_to(QUANTITIES["sigma_z_at_field_mm"].at_fields(images), (1 + len(off), 1))[1:, 0].tolist()
-    focus = stations["focal plane"]
-    known = (sigma if math.isfinite(sigma) else math.inf for sigma in local)
-    rows += [DepthSpread(focus, "focal plane", at, sigma) for at, sigma in zip(off, known, strict=True)]
-    error = float(QUANTITIES["sigma_disparity_pitches"](camera))
-    return DepthPrecision(tuple(rows), error, depth_assumptions(design, camera, error))
-
-
 def depth_assumptions(design: Design, camera: Camera, error: float) -> DepthAssumptions | None:
     """What a predicted disparity error comes of."""
     if design.depth.disparity_error is not None:
@@ -383,15 +420,6 @@ def depth_assumptions(design: Design, camera: Camera, error: float) -> DepthAssu
     )
 
 
-def _object_field(ends: MicrolensImages, at: float, plane: str) -> ObjectField:
-    camera = ends.camera
-    halves = [f"field_half_{side}_mm" for side in ("width", "height", "diagonal")]
-    magnification, sample = (float(QUANTITIES[n](camera, at)) for n in ("object_magnification", "object_sample_mm"))
-    met = np.stack(ends.on_plane(at), axis=-1)
-    sides = _across(met, lambda a, b: np.linalg.norm(a - b, axis=-1), lambda k: 2 * QUANTITIES[halves[k]](camera, at))
-    return ObjectField(at, plane, *sides, magnification, sample)
-
-
 def _across(
     rays: Array, between: Callable[[Array, Array], Array], thin: Callable[[int], Array]
 ) -> tuple[float, float, float]:
@@ -403,19 +431,6 @@ def _across(
     sizes = field_of_view.widest(list(between(one, other)))
     width, height, diagonal = (float(thin(k) if np.isnan(size) else size) for k, size in enumerate(sizes))
     return width, height, diagonal
-
-
-def _colour(camera: Camera, one: ColourFilter) -> Colour:
-    own = behind(camera, one)
-    names = ("image_diameter_px", "fold_lp_per_mm", "mtf50_lp_per_mm", "pixel_electrons", "sigma_disparity_pitches")
-    across, fold, sharp, charge, alone = (float(QUANTITIES[name](own)) for name in names)
-    given = "depth.disparity_error" in camera.numbers  # whatever light, and however many pixels
-    spread = float(depth_error(own, None, alone if given else alone / math.sqrt(one.share)))
-    apart = one.spacing
-    return Colour(
-        one.name, 1e6 * one.wavelength, one.share, apart, across / apart, fold * math.sqrt(one.share), sharp, charge,
-        spread,
-    )  # fmt: skip
 
 
 def _samples(camera: Camera) -> tuple[int, int]:

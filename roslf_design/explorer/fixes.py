@@ -18,6 +18,7 @@ from ..theory.f_number import fill_factor, matched
 from ..theory.light import geometric_views, microlens_defocus_blur
 from ..theory.quantities import QUANTITIES
 from ..theory.vignetting import corner_room, field_limit, undistorted_radii
+from ..words import to_html
 
 Floats = NDArray[np.float64]
 Change = float | str
@@ -47,6 +48,12 @@ class Fix:
     why_not: str = ""
     """Why it cannot be done, or need not be; "" where it can."""
 
+    def page(self, settled: bool) -> dict[str, str]:
+        """What the page shows of it; nothing is promised of a design that is still being changed."""
+        promised = {"outcome": self.outcome, "why_not": self.why_not}
+        told = {name: to_html(text) if settled else "" for name, text in promised.items()}
+        return {"key": self.key, "label": to_html(self.label), **told}
+
 
 class Facts(NamedTuple):
     """What a change is judged by; of the thin lens."""
@@ -60,6 +67,19 @@ class Facts(NamedTuple):
     """Depth precision at the focal plane."""
     views: float
     """Pixels across a microlens image."""
+
+    @classmethod
+    def of(cls, design: Design) -> Facts:
+        """What of a design the proposals change."""
+        camera = Camera.of(design.thin_twin)
+        limit = field_limit(camera)
+        return cls(
+            fill_factor=float(fill_factor(camera)),
+            undistorted_mm=limit.radius,
+            room_mm=limit.room,
+            sigma_mm=float(QUANTITIES["sigma_z_mm"](camera)),
+            views=float(geometric_views(camera)),
+        )
 
 
 def proposals(design: Design) -> tuple[Fix, ...]:
@@ -77,7 +97,7 @@ def proposals(design: Design) -> tuple[Fix, ...]:
         undistorted field by d_3; image-space telecentricity. `changes` applied to the design do what the label says;
         those that cannot, or have nothing to do, say why.
     """
-    camera, now = Camera.of(design.thin_twin), facts(design)
+    camera, now = Camera.of(design.thin_twin), Facts.of(design)
     every = (
         *((f"match-{symbol}", f"Match f-number by {symbol}", symbol, way) for symbol, way in _matching(camera, now)),
         ("undistort-d_3", "Free the whole sensor by d_3", "d_3", _undistorting(camera)),
@@ -85,19 +105,6 @@ def proposals(design: Design) -> tuple[Fix, ...]:
         ("telecentric", "Go telecentric (d_3 = f)", "d_3", _telecentric(camera)),
     )
     return tuple(_with_consequences(design, now, *proposal) for proposal in every)
-
-
-def facts(design: Design) -> Facts:
-    """What of a design the proposals change."""
-    camera = Camera.of(design.thin_twin)
-    limit = field_limit(camera)
-    return Facts(
-        fill_factor=float(fill_factor(camera)),
-        undistorted_mm=limit.radius,
-        room_mm=limit.room,
-        sigma_mm=float(QUANTITIES["sigma_z_mm"](camera)),
-        views=float(geometric_views(camera)),
-    )
 
 
 def _matching(camera: Camera, now: Facts) -> Iterator[tuple[str, Change]]:
@@ -223,7 +230,7 @@ def _with_consequences(design: Design, now: Facts, key: str, label: str, symbol:
             changed = design.replace(**changes)
     except DesignError as error:
         return Fix(key, label, why_not=error.problems[0].message)
-    return Fix(key, label, changes, _outcome(changes, now, facts(changed)))
+    return Fix(key, label, changes, _outcome(changes, now, Facts.of(changed)))
 
 
 def _in_focus(design: Design, changed: Design) -> float | None:

@@ -24,7 +24,7 @@ from ..reporting.optimise.pages import statements
 from ..reporting.optimise.pictures import SearchEnd, VariableMove, ends_of
 from ..reporting.story import CENTRE, DEPTH, FILL, KEPT, quick_study, run_optimisation
 from ..reporting.tolerance.pages import impossible_words
-from ..reporting.tolerance.pictures import LimitSpread, Offender, Yields, YieldShare
+from ..reporting.tolerance.pictures import LimitSpread, Offender, Yields
 from ..theory.quantities import in_words, quantity_named
 from ..tolerancing.analyses import Variant, Yield, sensitivity, summarise, yield_at
 from ..tolerancing.places import perturbable, short_name
@@ -125,13 +125,26 @@ class ToleranceRequest:
 class ToleranceResult(Yields):
     """What a tolerance run found."""
 
-    limits: tuple[tuple[str, YieldShare], ...]
+    limits: tuple[tuple[str, Yield], ...]
     """Each limit alone."""
     offenders: tuple[Offender, ...]
     """Worst first."""
     spreads: tuple[LimitSpread, ...]
     question: str
     """The limits in words."""
+
+    def page(self) -> dict[str, Any]:
+        """What the page shows of it."""
+        share, (low, high) = self.share, self.share.interval
+        return {
+            "headline": f"{_percent(share.value)} of the builds hold every limit "
+            f"(95 % interval {_percent(low)} to {_percent(high)}; {share.trials} builds)",
+            "question": to_html(self.question),
+            "rows": [
+                {"label": to_html(label), "share": _percent(share.value)}
+                for label, share in sorted(self.limits, key=lambda limit: limit[1].value)
+            ],
+        }
 
 
 @dataclass(frozen=True)
@@ -156,6 +169,11 @@ class OptimiseRequest:
     """Another goal: what the goal costs of it is found out as well."""
     seed: int = field(default=0, metadata=SEED)
 
+    @property
+    def all_bounds(self) -> dict[str, tuple[float, float]]:
+        """Least and greatest value of every variable [mm]."""
+        return {s: self.bounds.get(s) or bounds_of(self.design, s) for s in self.variables}
+
 
 @dataclass(frozen=True)
 class OptimiseResult:
@@ -176,6 +194,28 @@ class OptimiseResult:
     """The other goal."""
     front: tuple[tuple[float, float], ...]
     """Goal and what it is against, of designs of which none is better in both."""
+
+    def page(self) -> dict[str, Any]:
+        """What the page shows of it."""
+        headline = "Nothing within the bounds holds all that was asked"
+        if self.design is not None:
+            after = f"{short(self.after, 4)} {self.goal.unit}".strip()
+            headline = f"{to_html(self.goal.words)}: {short(self.before, 4)} → {after}"
+        return {
+            "headline": headline,
+            "rows": [
+                *({"label": to_html(change.symbol), "share": _moved(change)} for change in self.changes),
+                *(
+                    {"label": to_html(symbol), "share": f"{_from_to(symbol, before, after)} (follows)"}
+                    for symbol, before, after in self.followers
+                ),
+            ],
+            "sentences": [
+                {"tone": s.tone, "text": to_html(s.text), "remedy": to_html(s.remedy)} for s in self.sentences
+            ],
+            "can_apply": self.design is not None,
+            "front": bool(self.front),
+        }
 
 
 @dataclass(frozen=True)
@@ -311,39 +351,6 @@ def summary(run: Run | None, design: Design, wrong: str = "") -> dict[str, Any]:
     return shown | {"state": "done", "seconds": f"{state.seconds:.1f} s", **show_result(state.result)}
 
 
-def _tolerances(result: ToleranceResult) -> dict[str, Any]:
-    share = result.share
-    return {
-        "headline": f"{_percent(share.value)} of the builds hold every limit "
-        f"(95 % interval {_percent(share.low)} to {_percent(share.high)}; {share.builds} builds)",
-        "question": to_html(result.question),
-        "rows": [
-            {"label": to_html(label), "share": _percent(share.value)}
-            for label, share in sorted(result.limits, key=lambda limit: limit[1].value)
-        ],
-    }
-
-
-def _optimum(result: OptimiseResult) -> dict[str, Any]:
-    headline = "Nothing within the bounds holds all that was asked"
-    if result.design is not None:
-        after = f"{short(result.after, 4)} {result.goal.unit}".strip()
-        headline = f"{to_html(result.goal.words)}: {short(result.before, 4)} → {after}"
-    return {
-        "headline": headline,
-        "rows": [
-            *({"label": to_html(change.symbol), "share": _moved(change)} for change in result.changes),
-            *(
-                {"label": to_html(symbol), "share": f"{_from_to(symbol, before, after)} (follows)"}
-                for symbol, before, after in result.followers
-            ),
-        ],
-        "sentences": [{"tone": s.tone, "text": to_html(s.text), "remedy": to_html(s.remedy)} for s in result.sentences],
-        "can_apply": result.design is not None,
-        "front": bool(result.front),
-    }
-
-
 def _moved(change: VariableMove) -> str:
     bound = " (at its bound)" if change.at_bound else ""
     return f"{_from_to(change.symbol, change.before, change.after)}{bound}"
@@ -388,14 +395,14 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
     tell(done / total, "one tolerance after the other")
     offenders = sorted(_offenders(plan), key=lambda row: -row.used)
 
-    def few_builds(text: str, asked: TolerancePlan, scale: float) -> YieldShare:
+    def few_builds(text: str, asked: TolerancePlan, scale: float) -> Yield:
         nonlocal done
         done += few
         tell(done / total, text)
-        return _share(yield_at(asked, scale, few))
+        return yield_at(asked, scale, few)
 
     graded = {name: make_plan(study.model_copy(update={"grade": name}), design, grades) for name in grades.names}
-    own = _share(variant.result)
+    own = variant.result
     by_grade = [
         (name, own if name == request.grade else few_builds(f"grade {name}", other, 1.0))
         for name, other in graded.items()
@@ -407,7 +414,7 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
     return ToleranceResult(
         grade=request.grade,
         share=own,
-        limits=tuple((_label(limit.label), _share(limit.result)) for limit in variant.limits),
+        limits=tuple((_label(limit.label), limit.result) for limit in variant.limits),
         offenders=tuple(offenders),
         spreads=tuple(_spreads(variant)),
         grades=tuple(by_grade),
@@ -417,10 +424,6 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
         f"field loses more than {100 * KEPT:g} % of its light, and image centres are found to {CENTRE:g} px. "
         f"{impossible_words(variant)}".rstrip(),
     )
-
-
-def _share(result: Yield) -> YieldShare:
-    return YieldShare(result.value, *result.interval, result.trials)
 
 
 def _label(column: str) -> str:
@@ -457,7 +460,7 @@ def _spreads(variant: Variant) -> Iterator[LimitSpread]:
         column = columns[limit.label]
         at = dict(zip(column.probabilities, column.quantiles, strict=True))
         label = _label(limit.label)
-        yield LimitSpread(label, column.nominal, column.deviation, at[0.05], at[0.95], limit.low, limit.high)
+        yield LimitSpread(label, column.nominal, at[0.05], at[0.95], limit.low, limit.high)
 
 
 # The optimisation run.
@@ -488,7 +491,7 @@ def run_optimise(request: OptimiseRequest, tell: Tell = lambda share, text: None
         after=answer.number(answer.asked.goals[0]),
         changes=tuple(
             VariableMove(symbol, float(getattr(design, symbol)), values[symbol], *ends)
-            for symbol, ends in _all_bounds(request).items()
+            for symbol, ends in request.all_bounds.items()
         ),
         followers=tuple(
             (symbol, float(getattr(design, symbol)), after) for symbol, after in answer.followers().items()
@@ -505,7 +508,7 @@ def optimise_study(request: OptimiseRequest) -> dict[str, Any]:
     """The run as a study file would say it, but for the design."""
     label, quantity, direction = GOALS[request.goal]
     goals: list[dict[str, Any]] = [{"quantity": quantity, "direction": direction}]
-    bounds = _all_bounds(request)
+    bounds = request.all_bounds
     bounds |= {symbol: 2 * (getattr(request.design, symbol),) for symbol in kept(request.follows, bounds)}
     data: dict[str, Any] = {
         "name": f"{request.design.name}: {label}",
@@ -531,10 +534,6 @@ def optimise_study(request: OptimiseRequest) -> dict[str, Any]:
         goals.append({"quantity": other, "direction": way, "weight": 1e-6})
         data["pareto"] = {"goals": [quantity, other], "points": FRONT_POINTS}
     return data | {"goals": goals, "constraints": limits}
-
-
-def _all_bounds(request: OptimiseRequest) -> dict[str, tuple[float, float]]:
-    return {s: request.bounds.get(s) or bounds_of(request.design, s) for s in request.variables}
 
 
 def bounds_of(design: Design, symbol: str) -> tuple[float, float]:
@@ -608,8 +607,8 @@ def _measured(trial: Trial) -> dict[str, Any]:
 
 Work = Callable[[Any, Tell], Any]
 KINDS: dict[str, tuple[type[Any], Work, Callable[[Any], dict[str, Any]]]] = {
-    "tolerance": (ToleranceRequest, run_tolerance, _tolerances),
-    "optimise": (OptimiseRequest, run_optimise, _optimum),
+    "tolerance": (ToleranceRequest, run_tolerance, ToleranceResult.page),
+    "optimise": (OptimiseRequest, run_optimise, OptimiseResult.page),
     "measure": (MeasureRequest, run_measure, _measured),
 }
 """Of each kind of run: what it asks for, what does it, and what the page shows of its result."""

@@ -55,7 +55,6 @@ from .view import (
     header,
     lights,
     looked_at,
-    proposed,
     unknown,
 )
 
@@ -388,7 +387,7 @@ class Session:
     def _fixes(self) -> list[dict[str, str]]:
         """What would mend the design; with nothing promised while it is still being changed."""
         fixes, settled = self._after_a_pause(_proposals)
-        return proposed(settled or fixes or (), settled is not None)
+        return [fix.page(settled is not None) for fix in settled or fixes or ()]
 
     def _after_a_pause(self, find: Callable[[Design], Known]) -> tuple[Known | None, Known | None]:
         """What takes about a picture's time: as it was found last, and of the design once that has stood still."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -26,8 +26,8 @@ from ..reporting.design.microlens import microlens_image, nearest_microlens
 from ..reporting.design.rays import meridional
 from ..reporting.optimise.pictures import change_bars, goal_front, search_history
 from ..reporting.tolerance.pictures import offender_bars, spread_bars, yield_bars, yield_curve
+from ..theory.quantities import QUANTITIES
 from ..words import to_html
-from .fixes import Fix
 from .runs import OptimiseResult
 from .state import (
     BY_SYMBOL,
@@ -53,6 +53,13 @@ from .state import (
 )
 
 Size = tuple[int, int]
+
+GLANCE = (
+    *("aperture_constant", "f_number_microlens", "f_number_pupil", "fill_factor", "undistorted_field_mm"),
+    *("field_half_width_mm", "image_diameter_px", "views_geometric", "views_independent", "object_sample_mm"),
+    *("sigma_z_mm", "airy_radius_px"),
+)
+"""Quantities that one asks for first."""
 
 LIGHT_GROUPS = tuple(dict.fromkeys(field.group for field in LIGHT))
 
@@ -385,39 +392,13 @@ def _assumed_rows(evaluation: Evaluation) -> list[dict[str, str]]:
 
 def glance(evaluation: Evaluation) -> list[dict[str, str]]:
     """What one asks of a camera first, in numbers."""
-    number, field, image = evaluation.f_number, evaluation.non_distortion, evaluation.microlens_image
-    sampling, depth, light = evaluation.sampling, evaluation.depth, evaluation.diffraction
-    views = f"{short(sampling.views_geometric, 3)}, {short(sampling.views_independent, 3)}"
-    rows = {
-        "aperture constant H": short(evaluation.aperture_constant),
-        "f-number of microlens and pupil": f"{short(number.microlens)}, {short(number.pupil)}",
-        "fill factor": short(number.fill_factor, 5),
-        "object radius undistorted": f"{short(field.x0_max_mm)} mm",
-        "object half width seen": f"{short(field.field_half_width_mm)} mm",
-        "microlens image across": f"{short(image.diameter_px)} px",
-        "views across: pixels, independent": views,
-        "object sample": f"{short(sampling.object_sample_mm)} mm",
-        "depth precision in focus": f"{short(depth.sigma_z_mm)} mm",
-        "Airy radius of a microlens": f"{short(light.airy_radius_px, 3)} px",
-    }
+    first = [QUANTITIES[name] for name in GLANCE]
+    rows = {quantity.label: quantity.text(evaluation.value(quantity)) for quantity in first}
     for name, share in evaluation.fields[-1].ray_budget.taken():
         landed = {"own cell": "in its own cell", "neighbours": "in its neighbours"}.get(name)
         if landed or share > 0:
             rows[f"light at the corner {landed or f'lost at the {name}'}"] = f"{share:.1%}"
     return [{"label": to_html(label), "value": value} for label, value in rows.items()]
-
-
-def proposed(fixes: Iterable[Fix], settled: bool) -> list[dict[str, str]]:
-    """What would mend the design, in words; nothing is promised of one that is still being changed."""
-    return [
-        {
-            "key": fix.key,
-            "label": to_html(fix.label),
-            "outcome": to_html(fix.outcome) if settled else "",
-            "why_not": to_html(fix.why_not) if settled else "",
-        }
-        for fix in fixes
-    ]
 
 
 def looked_at(state: State, look: Look) -> dict[str, Any]:

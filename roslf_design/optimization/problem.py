@@ -157,6 +157,12 @@ NUMBERS = (BENDING,)
 """Variables without a unit."""
 
 
+def lengths_and_numbers(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Lengths, and beside them a lens's shape factor where it varies."""
+    lengths = {name: value for name, value in values.items() if name not in NUMBERS}
+    return {"variables_mm": lengths} | ({"shape_factor": values[BENDING]} if BENDING in values else {})
+
+
 def titled(title: str, kind: str) -> str:
     """A design's name after what was done to it, told once."""
     return title if title.lower().endswith(f", {kind}") else f"{title}, {kind}"

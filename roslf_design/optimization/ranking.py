@@ -55,9 +55,19 @@ from .parts import (
     read_condition,
     rows,
 )
-from .problem import DERIVED, ROOM, Constraint, DesignProblem, Goal, promising_starts, sobol_units
+from .problem import (
+    DERIVED,
+    ROOM,
+    Constraint,
+    DesignProblem,
+    Goal,
+    lengths_and_numbers,
+    promising_starts,
+    sobol_units,
+)
 from .search import QUICK, Search, SearchBudget
 from .solve import Conflict, explain, searched
+from .traces import Retrace
 
 FOCAL, _, DISTANCE = CONJUGATES
 
@@ -561,6 +571,38 @@ class Ranking:
     """Where none is feasible, the combination that comes nearest among those that were searched."""
     conflict: Conflict | None = None
     """What stands in its way; None where it makes no camera at all."""
+
+    def to_dict(self, retraces: tuple[Retrace, ...], timings: bool) -> dict[str, Any]:
+        """As results have it; `retraces` of the best behind a real lens."""
+        rows = []
+        for place, ranked in enumerate(self.best, 1):
+            problem, unit = self.combinations.problem_at(ranked.number), ranked.search.unit
+            parts = [part.part for part in self.combinations.chosen(ranked.number)]
+            rows.append(
+                {
+                    "rank": place,
+                    "parts": dict(zip(self.combinations.kinds, parts, strict=True)),
+                    "goals": {goal.label: problem.number(goal, unit) for goal in problem.goals},
+                    **lengths_and_numbers(problem.named(unit)),
+                    "file": f"parts-{place:02d}.toml",
+                    **({"traced": retraces[place - 1].to_dict()} if retraces else {}),
+                }
+            )
+        data = {
+            "combinations": len(self.combinations),
+            "ruled_out_by_bounds": self.ruled_out,
+            "optimised": self.optimised,
+            "open": self.open,
+            "best": rows,
+            "nearest": None if self.nearest is None else self._nearest(self.nearest),
+        }
+        return data | {"seconds": self.seconds} if timings else data
+
+    def _nearest(self, number: int) -> dict[str, Any]:
+        """Where no combination of parts is feasible: which comes nearest, and why it is not."""
+        parts = [part.part for part in self.combinations.chosen(number)]
+        named = dict(zip(self.combinations.kinds, parts, strict=True))
+        return {"parts": named, **({} if self.conflict is None else self.conflict.to_dict())}
 
 
 def rank(

@@ -86,6 +86,11 @@ class BuildStatistics:
     each: tuple[float, ...]
     """Share of builds that hold each constraint."""
 
+    def to_dict(self) -> dict[str, Any]:
+        """As results have it."""
+        share = {"yield": self.yield_.value, "interval_95": self.yield_.interval}
+        return share | {"goal": self.goal_nominal, "goal_quantile": self.goal_quantile}
+
 
 @dataclass(frozen=True)
 class Robust:

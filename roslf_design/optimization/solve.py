@@ -12,16 +12,26 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 from operator import itemgetter
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field
 
 from .._arrays import Array
 from ..accuracy.statement import Accuracy
+from ..json_data import plain
 from ..theory.quantity import finite, from_finite
 from ..tolerancing.study import StrictTable
-from .problem import ROOM, Constraint, DesignProblem, Goal, Side, promising_starts, sobol_units
+from .problem import (
+    ROOM,
+    Constraint,
+    DesignProblem,
+    Goal,
+    Side,
+    lengths_and_numbers,
+    promising_starts,
+    sobol_units,
+)
 from .search import (
     BIG,
     FEASIBLE,
@@ -206,6 +216,21 @@ class Conflict:
             return f"within the bounds stands no camera ({', '.join(self.always) or 'nothing can be built'})"
         doubt = "" if self.complete else " (a smaller set was not excluded before the budget was spent)"
         return f"within the bounds, these cannot hold together: {' and '.join(self.smallest)}{doubt}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As results have it."""
+        return {
+            "violations": self.violations,
+            "cannot_hold_together": self.smallest,
+            "smaller_sets_shown_feasible": self.complete,
+            "reason": self.reason,
+            "no_camera": self.always,
+            "goals_undefined": self.undefined,
+            "relaxations": [
+                {"limit": r.label, "from": r.limit, "to": r.needed, "unit": r.unit} for r in self.relaxations
+            ],
+            "bounds_touched": self.bounds,
+        }
 
 
 @dataclass(frozen=True)
@@ -650,6 +675,10 @@ class FrontPoint:
     """Label to value, in the order of the front's goals."""
     variables_mm: dict[str, float]
 
+    def to_dict(self) -> dict[str, Any]:
+        """As results have it."""
+        return {"goals": self.goals, **lengths_and_numbers(self.variables_mm)}
+
 
 @dataclass(frozen=True)
 class Front:
@@ -664,6 +693,11 @@ class Front:
     evaluations: int = 0
     complete: bool = False
     """Whether all limits were tried before the budget was spent."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """As results have it."""
+        goals = [{"goal": g.label, "direction": g.direction, "unit": g.quantity.unit} for g in self.goals]
+        return {**plain(self), "goals": goals, "points": [plain(point.to_dict()) for point in self.points]}
 
 
 def pareto_front(

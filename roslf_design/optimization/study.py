@@ -28,14 +28,23 @@ from ..tolerancing.study import StrictTable
 from ..toml_files import nearest, problems_of, read_toml
 from ..units import Length
 from .bore import BoreTable, EquivalentPupil, solve_through
-from .lens_variables import BENDING, lens_faults, places_that_vary, varies_lens
+from .lens_variables import lens_faults, places_that_vary, varies_lens
 from .parts import given_by, load_catalogue
-from .problem import NUMBERS, Constraint, DesignProblem, Goal, NumberVariable, Variable, name_faults, titled
+from .problem import (
+    NUMBERS,
+    Constraint,
+    DesignProblem,
+    Goal,
+    NumberVariable,
+    Variable,
+    lengths_and_numbers,
+    name_faults,
+    titled,
+)
 from .ranking import CatalogueTable, Combinations, Ranking, rank
-from .robust import BuildStatistics, Robust, RobustTable, maximise_robustness, scatter_of, tolerances
+from .robust import Robust, RobustTable, maximise_robustness, scatter_of, tolerances
 from .solve import (
     Answer,
-    Conflict,
     Front,
     ParetoTable,
     Settings,
@@ -263,6 +272,62 @@ class Result:
     """The same of the best combinations of parts, in their order."""
     seconds: float
 
+    def designs(self) -> Iterator[tuple[str, Design]]:
+        """File name and design of everything worth keeping; a point that is no design has none."""
+        answer = self.answer
+        title, source = answer.asked.name, f"roslf optimize, from {answer.problem.design.name}"
+        name, kind = ("best.toml", "optimised") if answer.feasible else ("least-violating.toml", "least-violating")
+        try:
+            yield name, answer.problem.design_at(answer.unit, titled(title, kind)).replace({"source": source})
+        except InputError:
+            if answer.feasible:
+                raise
+        if self.robust is not None:
+            robust = answer.problem.design_at(self.robust.unit, titled(title, "robust"))
+            yield "robust.toml", robust.replace({"source": source})
+        if self.ranking is not None:
+            combinations = self.ranking.combinations
+            for place, ranked in enumerate(self.ranking.best, 1):
+                problem = combinations.problem_at(ranked.number)
+                design = problem.design_at(ranked.search.unit, f"{title}, parts {place}")
+                parts = ", ".join(part.part for part in combinations.chosen(ranked.number))
+                yield f"parts-{place:02d}.toml", design.replace({"source": f"catalogue: {parts}"})
+
+    def to_dict(self, *, timings: bool = True) -> dict[str, Any]:
+        """One JSON object, what is not finite null; without timings the same bytes every time."""
+        answer = self.answer
+        accuracy = optimum_accuracy(answer, self.seconds)
+        data: dict[str, Any] = {
+            "schema": SCHEMA,
+            "study": answer.asked.name,
+            "base_design": answer.problem.design.name,
+            "seed": self.study.settings.seed,
+            "status": "optimal" if answer.feasible else "infeasible",
+            "runs_off": answer.runs_off,
+            **lengths_and_numbers(answer.variables()),
+            "following_mm": answer.followers(),
+            "goals": [_part(answer, goal) | {"direction": goal.direction} for goal in answer.asked.goals],
+            "constraints": [_part(answer, c) | {"min": c.min, "max": c.max} for c in answer.asked.constraints],
+            "violation": answer.violation,
+            "accuracy": None if accuracy is None else accuracy.to_dict(timings),
+            "active": answer.active if answer.feasible else None,
+            "trust": _trust(answer),
+            "stages": answer.stages,
+            "infeasible": None if answer.conflict is None else answer.conflict.to_dict(),
+            "bore": self.bore,
+            "front": None if self.front is None else self.front.to_dict(),
+            "robust": _robust(self),
+            "catalogue": None if self.ranking is None else self.ranking.to_dict(self.part_retraces, timings),
+            "loose_variables_mm": {name: ends for name, ends in answer.loose().items() if name not in NUMBERS},
+            "notes": answer.notes,
+        }
+        if self.retrace is not None:
+            data["traced"] = self.retrace.to_dict()
+        if timings:
+            data["seconds"] = {"solve": answer.seconds, "all": self.seconds}
+        finite: dict[str, Any] = plain(data)
+        return finite
+
 
 def run(study: OptimizeStudy, tell: Tell = lambda _: None) -> Result:
     """Run a study; `tell` is told what is being done.
@@ -318,64 +383,6 @@ def _retraced(problem: DesignProblem, asked: Sequence[Constraint | Goal], unit: 
     return retraced(problem.design_at(unit), at_fields)
 
 
-def designs(result: Result) -> Iterator[tuple[str, Design]]:
-    """File name and design of everything worth keeping; a point that is no design has none."""
-    answer = result.answer
-    title, source = answer.asked.name, f"roslf optimize, from {answer.problem.design.name}"
-    name, kind = ("best.toml", "optimised") if answer.feasible else ("least-violating.toml", "least-violating")
-    try:
-        yield name, answer.problem.design_at(answer.unit, titled(title, kind)).replace({"source": source})
-    except InputError:
-        if answer.feasible:
-            raise
-    if result.robust is not None:
-        robust = answer.problem.design_at(result.robust.unit, titled(title, "robust"))
-        yield "robust.toml", robust.replace({"source": source})
-    if result.ranking is not None:
-        combinations = result.ranking.combinations
-        for place, ranked in enumerate(result.ranking.best, 1):
-            problem = combinations.problem_at(ranked.number)
-            design = problem.design_at(ranked.search.unit, f"{title}, parts {place}")
-            parts = ", ".join(part.part for part in combinations.chosen(ranked.number))
-            yield f"parts-{place:02d}.toml", design.replace({"source": f"catalogue: {parts}"})
-
-
-def to_dict(result: Result, *, timings: bool = True) -> dict[str, Any]:
-    """The study's results as one JSON object, what is not finite null; without timings the same bytes every time."""
-    answer = result.answer
-    accuracy = optimum_accuracy(answer, result.seconds)
-    data: dict[str, Any] = {
-        "schema": SCHEMA,
-        "study": answer.asked.name,
-        "base_design": answer.problem.design.name,
-        "seed": result.study.settings.seed,
-        "status": "optimal" if answer.feasible else "infeasible",
-        "runs_off": answer.runs_off,
-        **_variables(answer.variables()),
-        "following_mm": answer.followers(),
-        "goals": [_part(answer, goal) | {"direction": goal.direction} for goal in answer.asked.goals],
-        "constraints": [_part(answer, c) | {"min": c.min, "max": c.max} for c in answer.asked.constraints],
-        "violation": answer.violation,
-        "accuracy": None if accuracy is None else accuracy.to_dict(timings),
-        "active": answer.active if answer.feasible else None,
-        "trust": _trust(answer),
-        "stages": answer.stages,
-        "infeasible": None if answer.conflict is None else _conflict(answer.conflict),
-        "bore": result.bore,
-        "front": None if result.front is None else _front(result.front),
-        "robust": _robust(result),
-        "catalogue": None if result.ranking is None else _ranking(result.ranking, result.part_retraces, timings),
-        "loose_variables_mm": {name: ends for name, ends in answer.loose().items() if name not in NUMBERS},
-        "notes": answer.notes,
-    }
-    if result.retrace is not None:
-        data["traced"] = result.retrace.to_dict()
-    if timings:
-        data["seconds"] = {"solve": answer.seconds, "all": result.seconds}
-    finite: dict[str, Any] = plain(data)
-    return finite
-
-
 def _part(answer: Answer, part: Constraint | Goal) -> dict[str, Any]:
     value = answer.number(part)
     own = {"quantity": part.quantity.name, "unit": part.quantity.unit, "value": value}
@@ -409,41 +416,12 @@ def _trust(answer: Answer) -> dict[str, Any]:
     }
 
 
-def _conflict(conflict: Conflict) -> dict[str, Any]:
-    return {
-        "violations": conflict.violations,
-        "cannot_hold_together": conflict.smallest,
-        "smaller_sets_shown_feasible": conflict.complete,
-        "reason": conflict.reason,
-        "no_camera": conflict.always,
-        "goals_undefined": conflict.undefined,
-        "relaxations": [
-            {"limit": r.label, "from": r.limit, "to": r.needed, "unit": r.unit} for r in conflict.relaxations
-        ],
-        "bounds_touched": conflict.bounds,
-    }
-
-
-def _front(front: Front) -> dict[str, Any]:
-    goals = [{"goal": g.label, "direction": g.direction, "unit": g.quantity.unit} for g in front.goals]
-    points = [{"goals": point.goals, **_variables(point.variables_mm)} for point in front.points]
-    return {**plain(front), "goals": goals, "points": plain(points)}
-
-
 def _robust(result: Result) -> dict[str, Any] | None:
     robust, table = result.robust, result.study.table.robust
     if robust is None or table is None:
         return None
 
     applied, before = (tolerances(result.answer.problem, robust.scatter, u) for u in (robust.unit, result.answer.unit))
-
-    def of_builds(builds: BuildStatistics) -> dict[str, Any]:
-        return {
-            "yield": builds.yield_.value,
-            "interval_95": builds.yield_.interval,
-            "goal": builds.goal_nominal,
-            "goal_quantile": builds.goal_quantile,
-        }
 
     return {
         "maximised": table.maximise,
@@ -457,51 +435,11 @@ def _robust(result: Result) -> dict[str, Any] | None:
             }
             for p in robust.scatter.perturbations
         ],
-        "nominal": of_builds(robust.nominal),
-        "robust": of_builds(robust.robust),
+        "nominal": robust.nominal.to_dict(),
+        "robust": robust.robust.to_dict(),
         "robust_variables_mm": result.answer.problem.named(robust.unit),
         "price": robust.robust.goal_nominal / robust.nominal.goal_nominal - 1 if robust.nominal.goal_nominal else None,
         "constraints": [{"constraint": name, "nominal": a, "robust": b} for name, a, b in robust.constraint_yields],
         "trials": robust.trials,
         "evaluations": robust.evaluations,
     }
-
-
-def _variables(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Lengths, and beside them a lens's shape factor where it varies."""
-    lengths = {name: value for name, value in values.items() if name not in NUMBERS}
-    return {"variables_mm": lengths} | ({"shape_factor": values[BENDING]} if BENDING in values else {})
-
-
-def _nearest(ranking: Ranking) -> dict[str, Any]:
-    """Where no combination of parts is feasible: which comes nearest, and why it is not."""
-    assert ranking.nearest is not None
-    parts = [part.part for part in ranking.combinations.chosen(ranking.nearest)]
-    named = dict(zip(ranking.combinations.kinds, parts, strict=True))
-    return {"parts": named, **({} if ranking.conflict is None else _conflict(ranking.conflict))}
-
-
-def _ranking(ranking: Ranking, retraces: tuple[Retrace, ...], timings: bool) -> dict[str, Any]:
-    rows = []
-    for place, ranked in enumerate(ranking.best, 1):
-        problem, unit = ranking.combinations.problem_at(ranked.number), ranked.search.unit
-        parts = [part.part for part in ranking.combinations.chosen(ranked.number)]
-        rows.append(
-            {
-                "rank": place,
-                "parts": dict(zip(ranking.combinations.kinds, parts, strict=True)),
-                "goals": {goal.label: problem.number(goal, unit) for goal in problem.goals},
-                **_variables(problem.named(unit)),
-                "file": f"parts-{place:02d}.toml",
-                **({"traced": retraces[place - 1].to_dict()} if retraces else {}),
-            }
-        )
-    data = {
-        "combinations": len(ranking.combinations),
-        "ruled_out_by_bounds": ranking.ruled_out,
-        "optimised": ranking.optimised,
-        "open": ranking.open,
-        "best": rows,
-        "nearest": None if ranking.nearest is None else _nearest(ranking),
-    }
-    return data | {"seconds": ranking.seconds} if timings else data

@@ -25,7 +25,7 @@ from ..design.files import Kind, kind_of, load_beside
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
 from ..optimization.solve import Tell
-from ..optimization.study import Result, designs, run
+from ..optimization.study import Result, run
 from ..optimization.study import read_study as read_optimisation
 from ..tolerancing.analyses import summarise
 from ..tolerancing.result import StudyResult, analyse
@@ -484,7 +484,7 @@ def _first_look(design: Design, seed: int, progress: Tell, known: Mapping[str, F
 
 
 def _taken(result: Result, name: str) -> Design | None:
-    return dict(designs(result)).get(f"{name}.toml")
+    return dict(result.designs()).get(f"{name}.toml")
 
 
 def _chosen(take: str, design: Design) -> str:
@@ -501,7 +501,7 @@ def _nothing(result: Result, name: str) -> str:
         conflict = result.answer.conflict
         clash = " and ".join(conflict.smallest) if conflict is not None else "its limits"
         return f"no design was found to go on with: {clash} cannot hold together; roslf optimize tells the ways out"
-    known = ", ".join(file.removesuffix(".toml") for file, _ in designs(result))
+    known = ", ".join(file.removesuffix(".toml") for file, _ in result.designs())
     return f"found no '{name}' to take; it has {known}"
 
 

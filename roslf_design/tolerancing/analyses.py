@@ -12,17 +12,18 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import takewhile
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .._arrays import Array
+from .._arrays import Array, ratio
 from ..camera import Camera
 from ..theory import chief_rays
 from ..theory.quantities import QUANTITIES
 from ..theory.quantity import finite, from_finite
 from .draws import Draws, sobol_points
+from .metrics import METRICS
 from .places import of_parts
 from .run import Tally, quantiles, rebin
 from .study import TolerancePlan
@@ -76,6 +77,10 @@ class Yield:
         low = float(betaincinv(self.passed, failed + 1, tail)) if self.passed else 0.0
         high = float(betaincinv(self.passed + 1, failed, 1 - tail)) if failed else 1.0
         return low, high
+
+    def to_dict(self) -> dict[str, Any]:
+        """As results have it."""
+        return {"yield": self.value, "interval_95": self.interval, "trials": self.trials}
 
 
 def curve_trials(plan: TolerancePlan) -> int:
@@ -233,6 +238,28 @@ class ColumnSummary:
     histogram: tuple[float, ...]
     """Defined trials between neighbouring cuts, infinite ones below the last."""
 
+    def to_dict(self) -> dict[str, Any]:
+        """As results have it, 1 over it beside what may be infinite."""
+        ranks = [f"{p:g}" for p in self.probabilities]
+        data = {
+            "column": self.label,
+            "nominal": self.nominal,
+            "undefined_trials": self.undefined,
+            "infinite_trials": self.infinite,
+            "mean": self.mean,
+            "standard_deviation": self.deviation,
+            "least": self.low,
+            "greatest": self.high,
+            "quantiles": dict(zip(ranks, self.quantiles, strict=True)),
+            "histogram": {"cuts": self.cuts, "trials": self.histogram},
+        }
+        if not METRICS[self.label.partition("@")[0]].infinite:
+            return data
+        nominal, least, greatest = (float(ratio(1.0, value)) for value in (self.nominal, self.low, self.high))
+        quantiles, cuts = (ratio(1.0, np.array(values)).tolist() for values in (self.quantiles, self.cuts))
+        inverse = {"nominal": nominal, "least": least, "greatest": greatest}
+        return data | {"inverse": inverse | {"quantiles": dict(zip(ranks, quantiles, strict=True)), "cuts": cuts}}
+
 
 @dataclass(frozen=True)
 class LimitYield:
@@ -242,6 +269,10 @@ class LimitYield:
     low: float
     high: float
     result: Yield
+
+    def to_dict(self) -> dict[str, Any]:
+        """As results have it."""
+        return {"column": self.label, "min": self.low, "max": self.high, **self.result.to_dict()}
 
 
 @dataclass(frozen=True)
@@ -271,6 +302,16 @@ class Variant:
             return limit.result.passed, min(rooms) / max(high - low, 1e-300)
 
         return min(self.limits, key=strength)
+
+    def to_dict(self) -> dict[str, Any]:
+        """As results have it."""
+        return {
+            "name": self.name,
+            **self.result.to_dict(),
+            "impossible": {"trials": self.impossible, "reasons": dict(self.faults)},
+            "limits": [limit.to_dict() for limit in self.limits],
+            "distributions": [column.to_dict() for column in self.distributions],
+        }
 
 
 def summarise(plan: TolerancePlan, tally: Tally) -> tuple[Variant, ...]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -84,6 +84,11 @@ class Change:
     result: Yield
     """Of builds of its own, whose interval is not below the wanted yield."""
 
+    def to_dict(self) -> dict[str, Any]:
+        """As results have it."""
+        steps = [{"place": place, "grade": grade, "to": to} for place, grade, to in self.steps]
+        return {"kind": self.kind, "steps": steps, "cost": self.cost, **self.result.to_dict()}
+
 
 @dataclass(frozen=True)
 class Looser:
@@ -116,6 +121,15 @@ class ToleranceBudget:
         if None in spent or None in saved:
             return None
         return sum(filter(None, spent)) - sum(filter(None, saved))
+
+    def to_dict(self) -> dict[str, Any]:
+        """As results have it."""
+        return {
+            "target": self.target,
+            "changes": [change.to_dict() for change in self.changes],
+            "looser": self.looser,
+            "together": {"cost": self.cost, **self.result.to_dict()},
+        }
 
 
 class Builds(NamedTuple):

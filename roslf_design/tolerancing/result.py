@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._arrays import Array, ratio
+from .._arrays import Array
 from ..accuracy.statement import Accuracy, check_accuracy
 from ..design import save
 from ..design.files import WRITTEN
@@ -20,7 +20,6 @@ from ..json_data import plain
 from .analyses import (
     CONFIDENCE,
     Allowed,
-    ColumnSummary,
     RssRow,
     Sensitivity,
     SobolIndices,
@@ -54,14 +53,6 @@ PARTS, LEAST = 20, 10
 """Parts of the kept trials whose scatter is measured, and trials of each at least."""
 SHAPES = ("kept_fraction", "image_area_mm2", "axis_ratio")
 """Metrics that take common parts of the stops' images."""
-
-
-@dataclass(frozen=True)
-class GradeYield:
-    """The study with another grade."""
-
-    grade: str
-    result: Yield
 
 
 @dataclass(frozen=True)
@@ -102,18 +93,6 @@ class Precision:
         return self.accuracy.to_dict(times) | {"standard_errors": plain(errors)}
 
 
-def _inverse(column: ColumnSummary) -> dict[str, Any]:
-    """1 over what may be infinite."""
-    return {
-        **{name: float(ratio(1.0, value)) for name, value in (("nominal", column.nominal), ("least", column.low))},
-        "greatest": float(ratio(1.0, column.high)),
-        "quantiles": {
-            f"{p:g}": float(ratio(1.0, q)) for p, q in zip(column.probabilities, column.quantiles, strict=True)
-        },
-        "cuts": [float(ratio(1.0, cut)) for cut in column.cuts],
-    }
-
-
 @dataclass(frozen=True)
 class StudyResult:
     """Results of a study."""
@@ -133,7 +112,8 @@ class StudyResult:
     budget: ToleranceBudget | None
     """What reaches the wanted yield, by cost, and what may be looser; None where the nominal design misses a limit, or
     nobody asked."""
-    grades: tuple[GradeYield, ...]
+    grades: tuple[tuple[str, Yield], ...]
+    """The study with each grade."""
     correlations: Array
     """Columns with perturbations, shape (C, P)."""
     worst: tuple[WorstTrial, ...]
@@ -158,7 +138,12 @@ class StudyResult:
         if self.scale_for_target is not None:
             scale, reached = self.scale_for_target
             tolerances = {p.place: p.tolerance * scale for p in draws.perturbations}
-            by_yield = {"target": self.study.yield_target, "scale": scale, **_yield(reached), "tolerances": tolerances}
+            by_yield = {
+                "target": self.study.yield_target,
+                "scale": scale,
+                **reached.to_dict(),
+                "tolerances": tolerances,
+            }
         data = {
             "schema": SCHEMA,
             "study": plan.name,
@@ -179,7 +164,7 @@ class StudyResult:
             },
             "perturbations": [{name: getattr(p, name) for name in missed} for p in draws.perturbations],
             "groups": [{"group": name, "correlation": rho} for name, rho in draws.correlations],
-            "variants": [_variant(variant) for variant in self.variants],
+            "variants": [variant.to_dict() for variant in self.variants],
             "sensitivity": {
                 "columns": columns,
                 "places": places,
@@ -200,65 +185,16 @@ class StudyResult:
             "rss": self.rss,
             "sobol": None if self.sobol is None else {"columns": columns, **plain(self.sobol)},
             "inverse_sensitivity": self.allowed,
-            "yield_curve": [{"scale": scale, **_yield(result)} for scale, result in self.yield_curve],
+            "yield_curve": [{"scale": scale, **result.to_dict()} for scale, result in self.yield_curve],
             "inverse_by_yield": by_yield,
-            "budget": None if self.budget is None else _budget(self.budget),
-            "grades": [{"grade": grade.grade, **_yield(grade.result)} for grade in self.grades],
+            "budget": None if self.budget is None else self.budget.to_dict(),
+            "grades": [{"grade": grade, **result.to_dict()} for grade, result in self.grades],
             "correlations": {"columns": columns, "places": places, "values": self.correlations},
             "worst": [{"trial": w.number, "score": w.score, "file": w.file, "faults": w.faults} for w in self.worst],
             "warnings": self.warnings,
         }
         finite: dict[str, Any] = plain(data)
         return finite
-
-
-def _yield(result: Yield) -> dict[str, Any]:
-    return {"yield": result.value, "interval_95": result.interval, "trials": result.trials}
-
-
-def _budget(budget: ToleranceBudget) -> dict[str, Any]:
-    return {
-        "target": budget.target,
-        "changes": [
-            {
-                "kind": change.kind,
-                "steps": [{"place": place, "grade": grade, "to": to} for place, grade, to in change.steps],
-                "cost": change.cost,
-                **_yield(change.result),
-            }
-            for change in budget.changes
-        ],
-        "looser": budget.looser,
-        "together": {"cost": budget.cost, **_yield(budget.result)},
-    }
-
-
-def _variant(variant: Variant) -> dict[str, Any]:
-    return {
-        "name": variant.name,
-        **_yield(variant.result),
-        "impossible": {"trials": variant.impossible, "reasons": dict(variant.faults)},
-        "limits": [
-            {"column": limit.label, "min": limit.low, "max": limit.high, **_yield(limit.result)}
-            for limit in variant.limits
-        ],
-        "distributions": [
-            {
-                "column": column.label,
-                "nominal": column.nominal,
-                "undefined_trials": column.undefined,
-                "infinite_trials": column.infinite,
-                "mean": column.mean,
-                "standard_deviation": column.deviation,
-                "least": column.low,
-                "greatest": column.high,
-                "quantiles": {f"{p:g}": q for p, q in zip(column.probabilities, column.quantiles, strict=True)},
-                "histogram": {"cuts": column.cuts, "trials": column.histogram},
-                **({"inverse": _inverse(column)} if METRICS[column.label.partition("@")[0]].infinite else {}),
-            }
-            for column in variant.distributions
-        ],
-    }
 
 
 def analyse(
@@ -310,7 +246,7 @@ def trace_check(plan: TolerancePlan) -> TraceCheck | None:
     return check_traced(design, builds, values)
 
 
-def _grades(plan: TolerancePlan, study: Study, grades: Grades, given: Yield) -> tuple[GradeYield, ...]:
+def _grades(plan: TolerancePlan, study: Study, grades: Grades, given: Yield) -> tuple[tuple[str, Yield], ...]:
     """The study at each grade; at its own the run has it."""
 
     def yield_of(name: str) -> Yield:
@@ -319,7 +255,7 @@ def _grades(plan: TolerancePlan, study: Study, grades: Grades, given: Yield) -> 
         other = make_plan(study.model_copy(update={"grade": name}), plan.question.design, grades)
         return yield_at(other, 1.0, curve_trials(plan))
 
-    return tuple(GradeYield(name, yield_of(name)) for name in (grades.names if study.grade else ()))
+    return tuple((name, yield_of(name)) for name in (grades.names if study.grade else ()))
 
 
 def _warnings(

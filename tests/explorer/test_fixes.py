@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
-from roslf_design.explorer.fixes import facts, proposals
+from roslf_design.explorer.fixes import Facts, proposals
 from roslf_design.theory.exit_pupil import is_telecentric, microlens_image_pitch
 from roslf_design.theory.f_number import mismatch_px
 from roslf_design.theory.light import sensor_field
@@ -68,13 +68,13 @@ def test_fixes_do_what_they_say(design):
             assert set(fix.changes) - {"f_ml"} == {fix.key.removeprefix("match-")}
             # The solved length is right to rounding; near d_3 = d_f or an exit pupil near the sensor the fill factor
             # turns a last bit of it into many more.
-            assert facts(changed).fill_factor == pytest.approx(1, rel=1e-6)
+            assert Facts.of(changed).fill_factor == pytest.approx(1, rel=1e-6)
             assert roslf.evaluate(changed).verdicts[0].ok
         elif fix.key == "undistort-d_3":
             assert room(changed) >= 0
             assert room(design) < 0
         elif fix.key == "widest-field-d_3":
-            assert facts(changed).undistorted_mm > facts(design).undistorted_mm
+            assert Facts.of(changed).undistorted_mm > Facts.of(design).undistorted_mm
         else:
             assert is_telecentric(Camera.of(changed))
 
@@ -85,13 +85,13 @@ def test_no_distance_tried_at_random_beats_the_widest_field_or_frees_more_cheapl
     fixes = {fix.key: fix for fix in proposals(design)}
     tries = np.random.default_rng(seed).uniform(0, 0.999, 40) * design.d_f
     best = design.replace(**fixes["widest-field-d_3"].changes)
-    top = facts(best).undistorted_mm
+    top = Facts.of(best).undistorted_mm
     free = fixes["undistort-d_3"]
     now = room(design) >= 0
     moved = abs(design.replace(**free.changes).d_3 - design.d_3) if free.changes else math.inf
     for d_3 in tries:
         other = design.replace(d_3=float(d_3))
-        assert facts(other).undistorted_mm <= top * (1 + 1e-6) + 1e-9
+        assert Facts.of(other).undistorted_mm <= top * (1 + 1e-6) + 1e-9
         if not now and room(other) >= 0:
             assert free.changes
             assert abs(d_3 - design.d_3) >= moved - 1e-6 * design.d_f
@@ -101,7 +101,7 @@ def test_no_distance_tried_at_random_beats_the_widest_field_or_frees_more_cheapl
 @settings(max_examples=40)
 def test_refused_matches_have_no_solution(design):
     """Brute force over the length: the fill factor never crosses 1."""
-    assume(abs(facts(design).fill_factor - 1) > 1e-6)
+    assume(abs(Facts.of(design).fill_factor - 1) > 1e-6)
     for fix in proposals(design)[:3]:
         symbol = fix.key.removeprefix("match-")
         if fix.changes:

@@ -14,7 +14,7 @@ from roslf_design.optimization.parts import load_catalogue
 from roslf_design.optimization.ranking import Combinations, rank
 from roslf_design.optimization.search import SearchBudget
 from roslf_design.optimization.solve import Settings, pareto_front, solve
-from roslf_design.optimization.study import read_study, run, to_dict
+from roslf_design.optimization.study import read_study, run
 from roslf_design.reporting.optimise.pages import statements
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.theory.quantity import finite, from_finite
@@ -161,7 +161,7 @@ ASKED = {
 
 
 def test_results_tell_infinity_by_its_twin_and_whether_a_goal_runs_off():
-    data = to_dict(study(ASKED), timings=False)
+    data = study(ASKED).to_dict(timings=False)
     assert json.loads(json.dumps(data, allow_nan=False)) == data
     assert data["status"] == "optimal"
     assert data["runs_off"] is False
@@ -170,7 +170,7 @@ def test_results_tell_infinity_by_its_twin_and_whether_a_goal_runs_off():
     pole = {"variables": {"d_2": ["0.1 mm", "1000 mm"]}, "constraints": [], "design": "paper"}
     pole["goals"] = [{"quantity": "fill_factor", "direction": "max"}]
     result = study(ASKED, *pole.items())
-    assert to_dict(result)["runs_off"] is True
+    assert result.to_dict()["runs_off"] is True
     assert "runs off without end" in next(statements(result)).text
 
 

@@ -15,7 +15,8 @@ from roslf_design.reporting.design.curves import matching_plane
 from roslf_design.reporting.design.field import field_map, field_maps, mla_map
 from roslf_design.reporting.design.microlens import ON_PICTURE, microlens_image
 from roslf_design.reporting.design.rays import cells, dimensions, meridional, ray_diagrams
-from roslf_design.reporting.tolerance.pictures import Yields, YieldShare, yield_bars
+from roslf_design.reporting.tolerance.pictures import Yields, yield_bars
+from roslf_design.tolerancing.analyses import Yield
 from tests.pictures.designs import DESIGNS, PAPER, THROUGH
 
 LOOKING = THROUGH | {name: design for name, design in DESIGNS.items() if design.elements}
@@ -65,7 +66,7 @@ def test_labels_of_a_small_plane_stay_inside(d_3, D_F):
 
 
 def test_no_target_line_runs_through_a_yield():
-    share = YieldShare(0.904, 0.89, 0.91, 4096)
+    share = Yield(3702, 4096)
     panel = yield_bars(Yields("precision", share, (("precision", share),), ()), target=0.95).panels[0]
     line = next(mark for mark in panel.marks if isinstance(mark, Line) and mark.colour == "orange")
     words = next(mark for mark in panel.marks if isinstance(mark, Text) and mark.text == "90.4 %")

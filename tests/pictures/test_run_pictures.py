@@ -21,7 +21,6 @@ from roslf_design.reporting.optimise.pictures import (
 from roslf_design.reporting.tolerance.pictures import (
     LimitSpread,
     Offender,
-    YieldShare,
     distributions,
     offender_bars,
     ranked_correlations,
@@ -30,9 +29,10 @@ from roslf_design.reporting.tolerance.pictures import (
     yield_bars,
     yield_curve,
 )
+from roslf_design.tolerancing.analyses import Yield
 
 SVG = "{http://www.w3.org/2000/svg}"
-HALF, MOST = YieldShare(0.5, 0.45, 0.55, 4096), YieldShare(0.9, 0.88, 0.92, 4096)
+HALF, MOST = Yield(2000, 4000), Yield(3600, 4000)
 TOLERANCE = ToleranceResult(
     grade="precision",
     share=HALF,
@@ -44,16 +44,16 @@ TOLERANCE = ToleranceResult(
         Offender("aperture tilt x", "3 mrad", 1e-9, "fill factor, edge"),
     ),
     spreads=(
-        LimitSpread("fill factor, edge", 1.0, 0.03, 0.95, 1.05, 0.9, 1.1),
-        LimitSpread("kept fraction, corner", 1.0, math.nan, -math.inf, 1.0, 0.99, math.inf),
-        LimitSpread("image-centre error, edge", 0.0, 0.0, 0.0, 0.0, -math.inf, 1.0),
+        LimitSpread("fill factor, edge", 1.0, 0.95, 1.05, 0.9, 1.1),
+        LimitSpread("kept fraction, corner", 1.0, -math.inf, 1.0, 0.99, math.inf),
+        LimitSpread("image-centre error, edge", 0.0, 0.0, 0.0, -math.inf, 1.0),
     ),
     grades=(
-        ("commercial", YieldShare(0.1, 0.08, 0.12, 4096)),
-        ("precision", YieldShare(0.48, 0.4, 0.56, 4096)),
+        ("commercial", Yield(400, 4000)),
+        ("precision", Yield(1920, 4000)),
         ("high", MOST),
     ),
-    curve=((0.5, MOST), (1.0, HALF), (2.0, YieldShare(0.0, 0.0, 0.01, 4096))),
+    curve=((0.5, MOST), (1.0, HALF), (2.0, Yield(0, 4000))),
     question="",
 )
 OPTIMUM = OptimiseResult(

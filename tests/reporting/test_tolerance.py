@@ -68,7 +68,7 @@ def test_a_nominal_that_misses_is_told_and_of_every_metric_the_weakest_field_is_
 
 
 def test_grades_are_ordered_and_the_summary_is_plain_text(result):
-    yields = [grade.result.value for grade in result.grades]
+    yields = [at_grade.value for _, at_grade in result.grades]
     assert yields == sorted(yields)
     text = summary(result)
     assert "\x1b" not in text

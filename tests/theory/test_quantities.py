@@ -1,11 +1,19 @@
 """The registry of quantities: what evaluate, tolerance studies and the optimiser share."""
 
+import copy
+import dataclasses
+import pickle
+import re
+
 import numpy as np
 import pytest
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
-from roslf_design.theory.quantities import QUANTITIES, Quantity, quantity_named, register
+from roslf_design.reporting.sheet.lines import lines
+from roslf_design.theory.field_of_view import focus_ahead
+from roslf_design.theory.quantities import QUANTITIES, in_words, quantity_named, register
+from roslf_design.theory.quantity import Listed, Quantity
 from roslf_design.theory.stop_images import MicrolensImages
 from roslf_design.theory.vignetting import field_limit
 
@@ -69,6 +77,41 @@ def test_behind_the_tip_nothing_has_a_value():
         assert np.isfinite(QUANTITIES[name](camera, 200.0)).all()
 
 
-def test_a_new_quantity_is_one_entry():
-    new = Quantity("f_over_d_mm", "", "f over the pitch", lambda c, _: np.asarray(c.f / c.d))
-    assert float(new(Camera.of(PAPER))) == pytest.approx(100 / 0.063)
+def test_one_entry_is_seen_in_evaluate_and_on_the_data_sheet(monkeypatch):
+    entry = Quantity(
+        "twice_the_distance_mm",
+        "mm",
+        "twice the way from the tip to a plane",
+        lambda c, at: np.asarray(2 * (focus_ahead(c) if at is None else at)),
+        at="optional",
+        label="twice the distance",
+        digits=3,
+        evaluated=Listed("sampling", remark="of the focal plane"),
+        sheet=Listed("Object field", remark="for nothing"),
+    )
+    monkeypatch.setitem(QUANTITIES, entry.name, entry)
+    design = roslf.load("paper")
+    ahead = design.d_f - design.d_3
+    result = roslf.evaluate(design)
+    assert result.sampling.twice_the_distance_mm == 2 * ahead
+    assert result.to_dict()["sampling"]["twice_the_distance_mm"] == 2 * ahead
+    assert re.search(r"twice the distance +460 mm +of the focal plane", str(result))
+    rows = [line for line in lines(design, roslf.specification(design)) if line.name.startswith("twice the distance")]
+    places = [float(line.name.split()[4]) for line in rows]
+    assert [line.value for line in rows] == pytest.approx([2 * place for place in places], rel=1e-3)
+    assert [line.quantity for line in rows] == ["", entry.name, ""]
+    assert in_words("twice_the_distance_mm@1") == "twice the distance at field 1"
+
+
+def test_numbers_of_a_group_are_values():
+    numbers = roslf.evaluate("paper").f_number
+    assert numbers == roslf.evaluate("paper").f_number
+    assert numbers != roslf.evaluate("paper-mismatched").f_number
+    assert pickle.loads(pickle.dumps(numbers)) == copy.deepcopy(numbers) == numbers
+    assert hash(numbers) == hash(copy.copy(numbers))
+    assert eval(repr(numbers).replace("Numbers", "dict")) == dict(numbers)
+    assert numbers["pupil"] == numbers.pupil
+    with pytest.raises(AttributeError, match="there is no pupils among microlens, pupil"):
+        _ = numbers.pupils
+    with pytest.raises(dataclasses.FrozenInstanceError):
+        numbers.pupil = 1.0

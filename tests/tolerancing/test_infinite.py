@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from roslf_design.camera import Camera
-from roslf_design.optimization.study import read_study, run, to_dict
+from roslf_design.optimization.study import read_study, run
 from roslf_design.reporting.tolerance.pages import tables, tolerance_pictures
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing.analyses import sobol_indices
@@ -134,10 +134,10 @@ def test_robust_designs_hold_limits_by_infinity():
         "solver": {"starts": 1, "check": False},
         "robust": {"trials": 32, "perturb": [{"place": "d_1", "tolerance": "5 um"}]},
     }
-    robust = to_dict(run(read_study(data)))["robust"]
+    robust = run(read_study(data)).to_dict()["robust"]
     assert robust["nominal"]["yield"] == robust["robust"]["yield"] == 1
     goal = {"quantity": FAR, "direction": "max"}
     several = {**data["robust"], "maximise": "quantile"}
-    robust = to_dict(run(read_study({**data, "constraints": [], "goals": [goal], "robust": several})))["robust"]
+    robust = run(read_study({**data, "constraints": [], "goals": [goal], "robust": several})).to_dict()["robust"]
     assert robust["nominal"]["goal"] is None
     assert robust["robust"]["goal_quantile"] is None

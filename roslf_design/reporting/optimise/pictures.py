@@ -35,6 +35,11 @@ class SearchEnd(NamedTuple):
     solver: str = ""
     """Of a check."""
 
+    @property
+    def percent(self) -> float:
+        """Loss as it is drawn [%]."""
+        return 100 * max(self.loss, FLOOR)
+
 
 @dataclass(frozen=True)
 class VariableMove:
@@ -109,13 +114,11 @@ def search_history(ends: Sequence[SearchEnd], size: Point = (420, 260)) -> Pictu
     marks: list[Mark] = []
     for kind, (_, sign) in SEARCHES.items():
         own = [end for end in ends if end.kind == kind]
-        losses = [top if kind == "bad" else 100 * max(end.loss, FLOOR) for end in own]
+        losses = [top if kind == "bad" else end.percent for end in own]
         if own:
             marks.append(replace(sign, x=[end.spent for end in own], y=losses))
-        for end in own:
-            if end.solver:
-                loss = 100 * max(end.loss, FLOOR)
-                marks.append(Text(end.spent, loss, end.solver, "grey", SMALL, "end", dy=-9, halo=True))
+        named = [end for end in own if end.solver]
+        marks += [Text(end.spent, end.percent, end.solver, "grey", SMALL, "end", dy=-9, halo=True) for end in named]
     keys = [Key(words, (replace(sign, x=(0.0,), y=(0.0,), testid=""),)) for words, sign in
             (SEARCHES[kind] for kind in ("start", "check", "bad"))]  # fmt: skip
     across = Scale(0.0, 1.05 * max((end.spent for end in ends), default=1))

@@ -130,6 +130,16 @@ class Known(NamedTuple):
     """That it knows the lengths of."""
     covariance: LengthCovariance
 
+    def deviations(self, rows: Iterable[SheetLine]) -> dict[str, float]:
+        """Standard deviation that a calibration leaves in the lines, by their keys, to first order."""
+        design, covariance = self.design, self.covariance
+        left = {
+            line.key: float(covariance.carried(design, QUANTITIES[line.quantity] if line.quantity else line.values))
+            for line in rows
+            if line.quantity or not (line.of is None or (design.lens is not None and isinstance(line.of, Corner)))
+        }
+        return {name: sigma for name, sigma in left.items() if math.isfinite(sigma)}
+
 
 class Basis(NamedTuple):
     """What the lines' tolerances come from."""
@@ -183,15 +193,16 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
         dark = "" if row.usable_lp_per_mm is not None else "dark or folded" if traced else "dark"
         axial = focal and centre and row.image == "refocused"
         of = None if axial or dark or traced else partial(_resolution, row, focal)
-        half, tenth, fold = (
-            number(value or 0.0, 4) for value in (row.mtf50_lp_per_mm, row.mtf10_lp_per_mm, row.fold_lp_per_mm)
-        )
-        remark = f"sampling; MTF 50 % at {half}, 10 % at {tenth}"
-        if row.limited_by == "contrast":
-            remark = f"MTF 50 %; 10 % at {tenth}, folds at {fold}"
         limit = "mtf50_lp_per_mm" if row.limited_by == "contrast" else "fold_lp_per_mm"
         yield SheetLine(
-            "Resolution", at, row.usable_lp_per_mm, "lp/mm", "" if dark else remark, limit if axial else "", dark, of
+            "Resolution",
+            at,
+            row.usable_lp_per_mm,
+            "lp/mm",
+            "" if dark else row.remark,
+            limit if axial else "",
+            dark,
+            of,
         )
     outermost, middle = corner(sheet.field), sheet.field[0]
     at = "in the corner" if outermost.angle_deg is None else f"at {number(outermost.angle_deg, 4)} deg off axis"
@@ -348,21 +359,10 @@ def basis(design: Design, built: AsBuilt | None = None, calibration: Known | Non
     return Basis(
         tuple(sentences),
         {} if built is None else built.deviations(rows),
-        {} if calibration is None else uncertain(calibration, rows),
+        {} if calibration is None else calibration.deviations(rows),
         sheet,
         design,
     )
-
-
-def uncertain(calibration: Known, rows: Iterable[SheetLine]) -> dict[str, float]:
-    """Standard deviation that a calibration leaves in the lines, by their keys, to first order."""
-    design, covariance = calibration.design, calibration.covariance
-    left = {
-        line.key: float(covariance.carried(design, QUANTITIES[line.quantity] if line.quantity else line.values))
-        for line in rows
-        if line.quantity or not (line.of is None or (design.lens is not None and isinstance(line.of, Corner)))
-    }
-    return {name: sigma for name, sigma in left.items() if math.isfinite(sigma)}
 
 
 def _value(line: SheetLine) -> str:

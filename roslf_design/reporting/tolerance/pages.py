@@ -24,7 +24,7 @@ from ...tolerancing.places import display, perturbable, short_name
 from ...tolerancing.result import StudyResult
 from ...tolerancing.study import CALIBRATION
 from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
-from .pictures import Yields, YieldShare, distributions, ranked_correlations, ranked_moves, yield_bars, yield_curve
+from .pictures import Yields, distributions, ranked_correlations, ranked_moves, yield_bars, yield_curve
 
 TOP = 12
 """Rows of a ranking."""
@@ -473,12 +473,8 @@ def tolerance_pictures(result: StudyResult) -> dict[str, Picture]:
 
 
 def _yields(result: StudyResult) -> Yields:
-    def share(measured: Yield) -> YieldShare:
-        return YieldShare(measured.value, *measured.interval, measured.trials)
-
-    grades = tuple((grade.grade, share(grade.result)) for grade in result.grades)
-    own = dict(grades).get(result.study.grade or "", share(result.final.result))
-    return Yields(result.study.grade or "", own, grades, tuple((scale, share(at)) for scale, at in result.yield_curve))
+    own = dict(result.grades).get(result.study.grade or "", result.final.result)
+    return Yields(result.study.grade or "", own, result.grades, result.yield_curve)
 
 
 def _names(result: StudyResult, order: NDArray[np.intp]) -> list[str]:

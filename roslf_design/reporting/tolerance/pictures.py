@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from ...drawing.marks import Area, Dots, Key, Line, Mark, Point, Text, bars, box
 from ...drawing.panel import Panel, Scale, named_ticks, names_width, rows_panel, threshold
 from ...drawing.picture import Picture, as_tall, one_panel
 from ...drawing.theme import PLAIN, SMALL, short, text_width
+from ...tolerancing.analyses import Yield
 
 ROW = 24.0
 """Height of a bar's row, its text beside it [px]."""
@@ -27,24 +27,15 @@ LARGEST = 3.0
 """Times the way to the limit beyond which bars are cut off."""
 
 
-class YieldShare(NamedTuple):
-    """A measured yield, 0 to 1, with the ends of its 95 % interval, and of how many builds."""
-
-    value: float
-    low: float
-    high: float
-    builds: int
-
-
 @dataclass(frozen=True)
 class Yields:
     """Yields of a run."""
 
     grade: str
-    share: YieldShare
+    share: Yield
     """Of the run itself."""
-    grades: tuple[tuple[str, YieldShare], ...]
-    curve: tuple[tuple[float, YieldShare], ...]
+    grades: tuple[tuple[str, Yield], ...]
+    curve: tuple[tuple[float, Yield], ...]
     """Over a common factor on all tolerances."""
 
 
@@ -61,6 +52,15 @@ class Offender:
     loses a number that is limited."""
     limited_by: str
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What it uses of which limit, from long to short."""
+        label = self.limited_by.split(",")[0]
+        if math.isinf(self.used):
+            return f"{self.limited_by} undefined", f"{label} undefined", "undefined"
+        part = f"{short(100 * self.used, 2)} %"
+        return f"{part}: {self.limited_by}", f"{part}: {label}", part
+
 
 @dataclass(frozen=True)
 class LimitSpread:
@@ -68,13 +68,25 @@ class LimitSpread:
 
     label: str
     nominal: float
-    deviation: float
-    """Standard deviation; NaN where some builds lack the number."""
     low: float
     high: float
     """5th and 95th percentile."""
     limit_low: float
     limit_high: float
+
+    @property
+    def ways(self) -> tuple[float, float]:
+        """Percentiles as shares of the way to the limit on their side; of the other limit's where there is none."""
+        above, below = self.limit_high - self.nominal, self.nominal - self.limit_low
+
+        def share(value: float) -> float:
+            way = value - self.nominal
+            room = (above if math.isfinite(above) else below) if way > 0 else (below if math.isfinite(below) else above)
+            if way == 0 or math.isnan(way):
+                return 0.0
+            return way / room if room > 0 else math.copysign(math.inf, way)
+
+        return share(self.low), share(self.high)
 
 
 def yield_bars(result: Yields, size: Point = (420, 170), target: float | None = None) -> Picture:
@@ -88,7 +100,7 @@ def yield_bars(result: Yields, size: Point = (420, 170), target: float | None = 
     for k, ((name, _), share) in enumerate(zip(result.grades, shares, strict=True)):
         at, own = ROW * (k + 0.5), name == result.grade
         marks.append(bars(0.0, 100 * share.value, at, ROW - 8, fill="blue" if own else "pale", testid=f"yield-{name}"))
-        marks.append(Line([100 * share.low, 100 * share.high], [at, at], "ink", 1.4, ends="|"))
+        marks.append(Line([100 * end for end in share.interval], [at, at], "ink", 1.4, ends="|"))
         percent = f"{100 * share.value:.1f} %"
         # Right of the axis, where no target's line runs.
         marks.append(Text(100.0, at, percent, "ink", SMALL, dx=8, dy=4, bold=own))
@@ -103,9 +115,9 @@ def yield_bars(result: Yields, size: Point = (420, 170), target: float | None = 
     return as_tall("yield", f"Yield by grade: {', '.join(words)}", panel, size=size)
 
 
-def _builds(shares: Sequence[YieldShare]) -> str:
+def _builds(shares: Sequence[Yield]) -> str:
     """How many builds lie behind shares, fewest and most."""
-    counts = sorted({share.builds for share in shares})
+    counts = sorted({share.trials for share in shares})
     return " to ".join(f"{count:,}" for count in dict.fromkeys((counts[0], counts[-1])))
 
 
@@ -114,7 +126,7 @@ def yield_curve(
 ) -> Picture:
     """Draw the yield over a common factor on all tolerances, with its interval, the target and what factor meets it."""
     scales = np.array([scale for scale, _ in result.curve])
-    value, low, high = 100 * np.array([share[:3] for _, share in result.curve]).T
+    value, low, high = 100 * np.array([(share.value, *share.interval) for _, share in result.curve]).T
     least, most = float(scales.min()), float(scales.max())
     marks: list[Mark] = [
         Area(np.append(scales, scales[::-1]), np.append(high, low[::-1]), "blue", 0.22),
@@ -161,7 +173,7 @@ def offender_bars(offenders: Sequence[Offender], size: Point = (560, 300), *, mo
         if row.used > high:  # cut off
             slant = end - 100 * high / width * np.array([11.0, 17.0, 13.0, 7.0])
             marks.append(Area(slant, y + np.array([18.0, 32.0, 32.0, 18.0]), "ground"))
-        name, notes = f"{row.place} ±{row.tolerance}", _used(row)
+        name, notes = f"{row.place} ±{row.tolerance}", row.notes
         note = next((note for note in notes if text_width(f"{name} {note}", SMALL) + 12 < width), notes[-1])
         words.append(Text(0.0, y + 14, name, plate=True))
         words.append(Text(100 * high, y + 14, note, anchor="end", plate=True))
@@ -174,21 +186,12 @@ def offender_bars(offenders: Sequence[Offender], size: Point = (560, 300), *, mo
     return as_tall("offenders", f"Worst offenders: {'; '.join(descriptions)}", panel, size=size)
 
 
-def _used(row: Offender) -> tuple[str, ...]:
-    """What it uses of which limit, from long to short."""
-    label = row.limited_by.split(",")[0]
-    if math.isinf(row.used):
-        return f"{row.limited_by} undefined", f"{label} undefined", "undefined"
-    part = f"{short(100 * row.used, 2)} %"
-    return f"{part}: {row.limited_by}", f"{part}: {label}", part
-
-
 def spread_bars(spreads: Sequence[LimitSpread], size: Point = (560, 300)) -> Picture:
     """Draw how limited numbers scatter: 5th to 95th percentile on the way from nominal (0) to the limits (100 %).
 
     `size` [px] is the least: rows stay legible.
     """
-    names, ways = [row.label for row in spreads], [_ways(row) for row in spreads]
+    names, ways = [row.label for row in spreads], [row.ways for row in spreads]
     reach = max([1.15, *(abs(end) for ends in ways for end in ends if math.isfinite(end))])
     reach = 100 * min(reach * 1.05, LARGEST)
     left = 14 + names_width(names)
@@ -212,20 +215,6 @@ def spread_bars(spreads: Sequence[LimitSpread], size: Point = (560, 300)) -> Pic
         f"Scatter of {len(names)} limited numbers over the builds, as shares of the way from nominal to their limits"
     )
     return as_tall("spread", title, panel, size=size)
-
-
-def _ways(row: LimitSpread) -> tuple[float, float]:
-    """Percentiles as shares of the way to the limit on their side; of the other limit's where there is none."""
-    above, below = row.limit_high - row.nominal, row.nominal - row.limit_low
-
-    def share(value: float) -> float:
-        way = value - row.nominal
-        room = (above if math.isfinite(above) else below) if way > 0 else (below if math.isfinite(below) else above)
-        if way == 0 or math.isnan(way):
-            return 0.0
-        return way / room if room > 0 else math.copysign(math.inf, way)
-
-    return share(row.low), share(row.high)
 
 
 def ranked_moves(names: Sequence[str], plus: Array, minus: Array, limits: Sequence[float], label: str) -> Picture:
