@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, field_validator
 
-from .._arrays import Array
+from .._arrays import Array, by_value
 from ..bore.conjugates import CONJUGATES
 from ..camera import Camera
 from ..design import Design
@@ -62,6 +62,7 @@ class RobustTable(StrictTable):
     perturb: Annotated[tuple[PerturbTable, ...], Field(min_length=1)]
 
 
+@by_value
 @dataclass(frozen=True)
 class Scatter:
     """What builds miss, and their deviations."""
@@ -87,6 +88,7 @@ class BuildStatistics:
     """Share of builds that hold each constraint."""
 
 
+@by_value
 @dataclass(frozen=True)
 class Robust:
     """The robust design beside the nominal one."""
@@ -187,6 +189,7 @@ def maximise_robustness(
     return Robust(scatter, best, before, after, yields, scatter.fresh.shape[1], spent)
 
 
+@by_value
 @dataclass(frozen=True)
 class _Aim:
     """What is made of the builds."""

@@ -17,7 +17,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from .._arrays import Array
+from .._arrays import Array, by_value
 from ..accuracy.statement import Accuracy
 from ..theory.quantities import finite, from_finite
 from ..tolerancing.study import StrictTable
@@ -110,6 +110,7 @@ class Settings(SolverTable):
 USUAL = Settings()
 
 
+@by_value
 @dataclass(frozen=True)
 class Check:
     """What another solver found."""
@@ -176,6 +177,7 @@ class Relaxation:
     unit: str
 
 
+@by_value
 @dataclass(frozen=True)
 class Conflict:
     """What stands in the way."""
@@ -208,6 +210,7 @@ class Conflict:
         return f"within the bounds, these cannot hold together: {' and '.join(self.smallest)}{doubt}"
 
 
+@by_value
 @dataclass(frozen=True)
 class Answer:
     """What was found."""

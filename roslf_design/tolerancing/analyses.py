@@ -17,7 +17,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .._arrays import Array
+from .._arrays import Array, by_value
 from ..camera import Camera
 from ..theory import chief_rays
 from ..theory.quantities import QUANTITIES, finite, from_finite
@@ -348,6 +348,7 @@ def correlations(tally: Tally) -> Array:
     return np.where(np.isfinite(r), r, 0.0)
 
 
+@by_value
 @dataclass(frozen=True)
 class Sensitivity:
     """Derivatives and finite moves of every column. V variants, C columns, P perturbations."""
@@ -519,6 +520,7 @@ def inverse_sensitivity(plan: TolerancePlan, share: float) -> tuple[Allowed, ...
     return tuple(allowed)
 
 
+@by_value
 @dataclass(frozen=True)
 class SobolIndices:
     """Indices of C columns for F independent factors, with bootstrap intervals. NaN rows where a column has none."""

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._arrays import Array, ratio
+from .._arrays import Array, by_value, ratio
 from ..accuracy.statement import Accuracy, check_accuracy
 from ..design import save
 from ..design.files import WRITTEN
@@ -114,6 +114,7 @@ def _inverse(column: ColumnSummary) -> dict[str, Any]:
     }
 
 
+@by_value
 @dataclass(frozen=True)
 class StudyResult:
     """Results of a study."""
