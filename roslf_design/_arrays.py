@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -50,6 +52,37 @@ def magnitude(value: Array | float) -> Array:
     """Size of something of either sign; of complex numbers (for derivatives), by their real part."""
     size: Array = np.where(np.asarray(value).real < 0, np.negative(value), value)[()]
     return size
+
+
+def same(a: Any, b: Any) -> bool:
+    """True where two values are alike: arrays element by element, in tuples, lists and mappings; NaN is like NaN."""
+    if a is b:
+        return True
+    if isinstance(a, np.ndarray) or isinstance(b, np.ndarray):
+        numbers = all(np.asarray(value).dtype.kind in "fc" for value in (a, b))
+        return np.array_equal(a, b, equal_nan=numbers)
+    for kind in (tuple, list):
+        if isinstance(a, kind) and isinstance(b, kind):
+            return len(a) == len(b) and all(map(same, a, b))
+    if isinstance(a, Mapping) and isinstance(b, Mapping):
+        return a.keys() == b.keys() and all(same(value, b[key]) for key, value in a.items())
+    return bool(a == b or (a != a and b != b))
+
+
+Class = TypeVar("Class", bound=type)
+
+
+def by_value(cls: Class) -> Class:
+    """Decorator of frozen dataclasses that hold arrays: equal where all fields are the `same`."""
+    names = [field.name for field in fields(cls)]
+
+    def __eq__(self: Any, other: object) -> bool:  # noqa: N807
+        if other.__class__ is not self.__class__:
+            return NotImplemented
+        return all(same(getattr(self, name), getattr(other, name)) for name in names)
+
+    cls.__eq__ = __eq__  # type: ignore[assignment]
+    return cls
 
 
 GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))

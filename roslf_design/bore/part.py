@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
+from .._arrays import by_value
 from ..units import Angle, AnyLength, Length
 
 Number = float | NDArray[np.float64]
@@ -33,6 +34,7 @@ class Part(BaseModel):
         yield from ((name, value) for name, value in super().__repr_args__() if value != fields[str(name)].default)
 
 
+@by_value
 @dataclass(frozen=True, slots=True)
 class PartNumbers:
     """Numbers of one part of a camera by the part's own keys, and what it stands in."""

@@ -16,7 +16,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._arrays import sunflower
+from .._arrays import by_value, sunflower
 from .._jit import THREADS, kernel, prange
 from ..camera import Camera
 from ..design import Design
@@ -256,6 +256,7 @@ def _shifts_of_board(weights: ViewWeights, slopes: Array, central: Array, board:
 # --- the pupil's image behind a microlens, and what the white image says of it ----------------------------------------
 
 
+@by_value
 @dataclass(frozen=True)
 class PupilImage:
     """What one microlens makes of the evenly lit pupil: a disc, blurred by the microlens's own aperture."""

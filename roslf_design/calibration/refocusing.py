@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from .._arrays import by_value
 from ..camera import Camera
 from ..theory.light_field import depth_of_slope, epi_slope
 from .decoding import LightField, Samples
@@ -38,6 +39,7 @@ class Distances(Protocol):
         """Du/Ds of a point at a distance."""
 
 
+@by_value
 @dataclass(frozen=True)
 class CameraDistances:
     """Distances before the main lens, with a ruler, of the camera that a raw image is from."""

@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from .._arrays import by_value
 from ..bore.chain import ImagedPlane
 from ..camera import Camera, Number
 from ..design import Design
@@ -37,7 +38,8 @@ class Shown(NamedTuple):
     """Where the medium has the FAP: before the main lens with a ruler [mm]."""
 
 
-@dataclass(frozen=True, eq=False)
+@by_value
+@dataclass(frozen=True)
 class SceneSide:
     """What a design has before its main lens and about its array, to first order; numbers, or arrays over draws."""
 

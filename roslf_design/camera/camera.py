@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._arrays import Array, magnitude
+from .._arrays import Array, by_value, magnitude, same
 from ..bore.chain import Chain, ChainStep, ImagedPlane
 from ..bore.conjugates import CONJUGATES, follower
 from ..bore.elements import element_name
@@ -59,6 +59,7 @@ TIP = "tip"
 """Beside the places of a design: where a bore ends that its own stops do not show [mm before the main lens]."""
 
 
+@by_value
 @dataclass(frozen=True)
 class Rim:
     """A circular opening that light must pass: the flexible angular plane (FAP), the main lens, a further stop."""
@@ -297,11 +298,7 @@ class Camera(Symbols[Number]):
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Camera):
             return NotImplemented
-        return (
-            self._kind == other._kind
-            and self._numbers.keys() == other._numbers.keys()
-            and all(np.array_equal(value, other._numbers[place]) for place, value in self._numbers.items())
-        )
+        return same(self._kind, other._kind) and same(self._numbers, other._numbers)
 
     def __hash__(self) -> int:
         # Adding 0 makes -0 and 0, which are equal, hash alike; as do a complex number and its real part.

@@ -10,6 +10,7 @@ from typing import Literal, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arrays import by_value
 from ..calibration.decoding import LightField
 from ..calibration.lengths import LengthCovariance
 from ..camera import Camera
@@ -146,6 +147,7 @@ class ViewGeometry(Protocol):
         """Standard error that calibration leaves in a depth; None where it is taken as exact."""
 
 
+@by_value
 @dataclass(frozen=True)
 class ArrayGeometry:
     """Of a camera with a microlens array; depths from its main lens [mm]."""

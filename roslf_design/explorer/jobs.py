@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from typing import Any, Generic, TypeVar
 
+from .._arrays import by_value
 from ..errors import FAULTS, InputError
 
 Result = TypeVar("Result")
@@ -46,6 +47,7 @@ class Failure:
     """Why: what the input lacks, or that it was cancelled."""
 
 
+@by_value
 @dataclass(frozen=True)
 class Done(Generic[Result]):
     """A run that is over."""

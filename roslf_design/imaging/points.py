@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .._arrays import by_value
 from ..camera import Camera
 from ..shapes.discs import chords
 from ..theory.lens_shapes import LENS_SHAPES
@@ -58,6 +59,7 @@ class PointOpening(NamedTuple):
         return chords(self.centres, self.radii, rows)
 
 
+@by_value
 @dataclass(frozen=True)
 class PointSource:
     """One point as a camera sees it; positions against the main lens's axis."""

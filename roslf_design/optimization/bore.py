@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from pydantic import model_validator
 
-from .._arrays import Array
+from .._arrays import Array, by_value
 from ..camera import Camera
 from ..design import Design, Stop
 from ..errors import InputError, Problem
@@ -68,6 +68,7 @@ class BoreTable(StrictTable):
         return tuple(Stop(diameter=self.tube.diameter, distance=end) for end in ends)
 
 
+@by_value
 @dataclass(frozen=True)
 class EquivalentPupil:
     """One stop in place of a bore."""

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import AfterValidator, Field
 
-from .._arrays import Array
+from .._arrays import Array, by_value
 from ..bore.conjugates import CONJUGATES, REFRACTING
 from ..bore.real_lens import focal_length_at
 from ..camera import TIP, Camera, Number
@@ -546,6 +546,7 @@ def _near_the_bore(part: Constraint | Goal, base: Camera) -> Nearby:
     return "zero" if part.quantity.positive and nearer < near / 30 else "smooth"
 
 
+@by_value
 @dataclass(frozen=True)
 class Ranked:
     """One combination, optimised."""
@@ -554,6 +555,7 @@ class Ranked:
     search: Search
 
 
+@by_value
 @dataclass(frozen=True)
 class Ranking:
     """The best combinations."""

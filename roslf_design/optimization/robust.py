@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, field_validator
 
-from .._arrays import Array
+from .._arrays import Array, by_value
 from ..bore.conjugates import CONJUGATES
 from ..camera import Camera
 from ..design import Design
@@ -62,6 +62,7 @@ class RobustTable(StrictTable):
     perturb: Annotated[tuple[PerturbTable, ...], Field(min_length=1)]
 
 
+@by_value
 @dataclass(frozen=True)
 class Scatter:
     """What builds miss, and their deviations."""
@@ -92,6 +93,7 @@ class BuildStatistics:
         return share | {"goal": self.goal_nominal, "goal_quantile": self.goal_quantile}
 
 
+@by_value
 @dataclass(frozen=True)
 class Robust:
     """The robust design beside the nominal one."""
@@ -192,6 +194,7 @@ def maximise_robustness(
     return Robust(scatter, best, before, after, yields, scatter.fresh.shape[1], spent)
 
 
+@by_value
 @dataclass(frozen=True)
 class _Aim:
     """What is made of the builds."""

@@ -16,7 +16,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .._arrays import Array
+from .._arrays import Array, by_value
 
 Vector = Callable[[Array], Array]
 """What is searched: merit and rows that must not be above 0, shape (1 + rows, N), at points (N, n) of the unit box."""
@@ -347,6 +347,7 @@ def least_violation(
     return best[2], best[3]
 
 
+@by_value
 @dataclass(frozen=True)
 class Search:
     """What one search found."""

@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from .._arrays import Array
+from .._arrays import Array, by_value
 from ..accuracy.statement import Accuracy
 from ..json_data import plain
 from ..theory.quantity import finite, from_finite
@@ -120,6 +120,7 @@ class Settings(SolverTable):
 USUAL = Settings()
 
 
+@by_value
 @dataclass(frozen=True)
 class Check:
     """What another solver found."""
@@ -186,6 +187,7 @@ class Relaxation:
     unit: str
 
 
+@by_value
 @dataclass(frozen=True)
 class Conflict:
     """What stands in the way."""
@@ -233,6 +235,7 @@ class Conflict:
         }
 
 
+@by_value
 @dataclass(frozen=True)
 class Answer:
     """What was found."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, ValidationError, field_validator
 
-from .._arrays import ratio
+from .._arrays import by_value, ratio
 from ..bore.conjugates import CONJUGATES
 from ..camera import TIP, Camera
 from ..design import PATHS, Design
@@ -256,6 +256,7 @@ def read_study(
     return OptimizeStudy(table.posed(design), settings, table, folder)
 
 
+@by_value
 @dataclass(frozen=True)
 class Result:
     """Everything that a study found."""

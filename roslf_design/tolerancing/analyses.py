@@ -17,7 +17,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from .._arrays import Array, ratio
+from .._arrays import Array, by_value, ratio
 from ..camera import Camera
 from ..theory import chief_rays
 from ..theory.quantities import QUANTITIES
@@ -390,6 +390,7 @@ def correlations(tally: Tally) -> Array:
     return np.where(np.isfinite(r), r, 0.0)
 
 
+@by_value
 @dataclass(frozen=True)
 class Sensitivity:
     """Derivatives and finite moves of every column. V variants, C columns, P perturbations."""
@@ -561,6 +562,7 @@ def inverse_sensitivity(plan: TolerancePlan, share: float) -> tuple[Allowed, ...
     return tuple(allowed)
 
 
+@by_value
 @dataclass(frozen=True)
 class SobolIndices:
     """Indices of C columns for F independent factors, with bootstrap intervals. NaN rows where a column has none."""

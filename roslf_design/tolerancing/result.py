@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._arrays import Array
+from .._arrays import Array, by_value
 from ..accuracy.statement import Accuracy, check_accuracy
 from ..design import save
 from ..design.files import WRITTEN
@@ -93,6 +93,7 @@ class Precision:
         return self.accuracy.to_dict(times) | {"standard_errors": plain(errors)}
 
 
+@by_value
 @dataclass(frozen=True)
 class StudyResult:
     """Results of a study."""

@@ -32,7 +32,7 @@ from uuid import uuid4
 import numpy as np
 from numpy.typing import NDArray
 
-from .._arrays import Array
+from .._arrays import Array, by_value
 from .._jit import kernel
 from ..design.files import write_atomically
 from ..errors import InputError, Problem
@@ -375,6 +375,7 @@ def _ask(address: str) -> None:
         raise InputError((Problem("--scheduler", message),))
 
 
+@by_value
 @dataclass(frozen=True)
 class Tally:
     """Results of a run of trials. V variants (as built; linearly adjusted; adjusted), C columns, P perturbations."""

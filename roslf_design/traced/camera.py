@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .._arrays import by_value
 from .._jit import kernel
 from ..bore.faces import KIND
 from ..camera import Camera
@@ -159,6 +160,7 @@ def _faces(ahead: Camera, wavelength: float) -> FacesAhead:
     return FacesAhead.of(ahead.replace({"wavelength": wavelength}))
 
 
+@by_value
 @dataclass(frozen=True)
 class LensCamera:
     """A main lens and what stands before and behind it.

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
 
+from ..._arrays import by_value
 from ..._version import __version__
 from ...calibration import (
     Board,
@@ -258,7 +259,8 @@ class BoardDistances(StrictTable):
         return self
 
 
-@dataclass(frozen=True, eq=False)
+@by_value
+@dataclass(frozen=True)
 class Calibrated:
     """What the folder of a calibration holds."""
 
