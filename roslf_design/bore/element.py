@@ -184,6 +184,10 @@ class Element(Part):
         """Length at one temperature [mm], and how many times as long it is at another [degrees C]."""
         return at.get("thickness", 0.0), 1.0 if self.glass is None else self.glass.grown(before, after)
 
+    def reach(self, diameter: Number, height: Number) -> Number:
+        """How far along the axis it sticks out of its length within a height [mm], where its clear aperture is that."""
+        return 0.0
+
     def moved(self, at: PartNumbers, before: Number, after: Number) -> dict[str, Number]:
         """Numbers beside lengths, poses and index that change between two temperatures, by their keys."""
         return {}

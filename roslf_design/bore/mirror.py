@@ -97,6 +97,10 @@ class Mirror(Element):
         x, y, z = self._turned(at)
         return np.arctan(-y / np.sqrt(x * x + z * z)), np.arctan(x / z)
 
+    def reach(self, diameter: Number, height: Number) -> Number:
+        """How far to both sides of its vertex its surface goes within a height [mm]."""
+        return np.minimum(diameter / 2 * math.cos(self.angle), height / math.tan(self.angle))
+
     def _depth(self, at: PartNumbers) -> Number:
         """How far before its vertex the middle of its clear aperture lies [mm]: that moves along its surface."""
         (x, y, z), (off_x, off_y) = self._turned(at), at.pair("decentre")

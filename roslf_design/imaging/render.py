@@ -306,7 +306,7 @@ class _Job:
         camera = self.camera
         lens_x, lens_y = camera.lens_centre
         for thing in self.scene.points:
-            for position in thing.positions:
+            for position in camera.chain.unfolded(thing.positions):
                 light, apparent = thing.flux, camera.see(*position)
                 if camera.law is not None:
                     share, apparent = self._mapped(*position)
