@@ -22,7 +22,7 @@ from .._arrays import ratio
 from ..lenses.angles import Law
 from .conjugates import CONJUGATES, followed
 from .elements import AnyElement, element_name
-from .fold import fold_of
+from .fold import Reflection, fold_of
 from .part import Number, PartNumbers
 
 Flags = np.bool_ | NDArray[np.bool_]
@@ -118,6 +118,11 @@ class Chain:
         return tuple(
             element for element in map(self.elements.__getitem__, self.order) if element.turn or element.reverses
         )
+
+    @cached_property
+    def reflections(self) -> tuple[Reflection, ...]:
+        """Mirrors at which drawings are folded, from the main lens outwards."""
+        return tuple(Reflection.of(part) for part in self.folding if part.folds)
 
     @property
     def leans(self) -> bool:

@@ -33,6 +33,48 @@ def fold_of(turn: float, towards: float, reverses: bool) -> Floats:
     return np.asarray(roll @ own @ roll.T)
 
 
+class Reflection(NamedTuple):
+    """A flat mirror where it should be, in unfolded space."""
+
+    distance: float
+    """Where the axis meets it before the main lens [mm]."""
+    normal: Floats
+    """On the sensor's side, (3,)."""
+
+    @classmethod
+    def of(cls, part: Element) -> Reflection:
+        """Mirror that an element is."""
+        across = math.cos(part.turn / 2)
+        way = across * math.cos(part.towards), across * math.sin(part.towards), math.sin(part.turn / 2)
+        return cls(part.distance, np.array(way))
+
+    def height(self, points: Floats) -> Floats:
+        """Heights of points above it, below 0 beyond it [mm]."""
+        return np.asarray((points + np.array([0.0, 0.0, self.distance])) @ self.normal)
+
+
+def folded(reflections: Sequence[Reflection], points: Floats) -> Floats:
+    """Points of one part, or of none, from unfolded space to where they really are: as their middle is, all are."""
+    distance, real = -float(points[:, 2].mean()), points
+    for mirror in reversed(reflections):
+        if distance > mirror.distance * (1 + 1e-12):
+            real = real - 2 * mirror.height(real)[:, None] * mirror.normal
+    return real
+
+
+def folded_line(reflections: Sequence[Reflection], line: Floats) -> Floats:
+    """A polyline likewise, (N, 3), with a corner at each mirror that it goes through."""
+    for mirror in reflections:
+        height = mirror.height(line)
+        cut = np.flatnonzero(height[1:] * height[:-1] < 0)
+        share = (height[cut] / (height[cut] - height[cut + 1]))[:, None]
+        line = np.insert(line, cut + 1, line[cut] + share * (line[cut + 1] - line[cut]), axis=0)
+    real, beyond = line, [mirror.height(line) < -1e-9 for mirror in reflections]
+    for mirror, away in zip(reversed(reflections), reversed(beyond), strict=True):
+        real = np.where(away[:, None], real - 2 * mirror.height(real)[:, None] * mirror.normal, real)
+    return np.asarray(real)
+
+
 class PartOutline(NamedTuple):
     """A part of known height about the unfolded axis."""
 

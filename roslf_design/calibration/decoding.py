@@ -80,8 +80,8 @@ class LightField:
         hexagonal = self.hexagonal
         if hexagonal is not None:
             starts = hexagonal.starts[::-1] if along else 1 - hexagonal.starts - hexagonal.values.shape[3]
-            turned = (np.flip(part, (views, lenses)) for part in (hexagonal.values, hexagonal.weight))
-            hexagonal = HexagonalRows(*turned, starts)
+            samples, light = (np.flip(part, (views, lenses)) for part in (hexagonal.values, hexagonal.weight))
+            hexagonal = HexagonalRows(samples, light, starts)
         values, weight = (np.ascontiguousarray(np.flip(part, (views, lenses))) for part in (self.values, self.weight))
         axes = {name: -getattr(self, name)[::-1] for name in ("su" if along == 0 else "tv")}
         return replace(self, values=values, weight=weight, hexagonal=hexagonal, **axes)
