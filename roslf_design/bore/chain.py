@@ -9,7 +9,7 @@ only, hold for what is seen. Paraxial; a plate is its reduced thickness t/n.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, reduce
 from itertools import pairwise, product
@@ -22,7 +22,7 @@ from .._arrays import ratio
 from ..lenses.angles import F_TAN, AngleLaw, AngleMap, Law
 from .conjugates import CONJUGATES, followed
 from .elements import AnyElement, element_name
-from .fold import fold_of
+from .fold import Reflection, fold_of
 from .part import Number, PartNumbers
 
 Flags = np.bool_ | NDArray[np.bool_]
@@ -115,7 +115,14 @@ class Chain:
     @cached_property
     def folding(self) -> tuple[AnyElement, ...]:
         """Elements that turn the axis or reverse pictures, from the main lens outwards."""
-        return tuple(element for element in map(self.elements.__getitem__, self.order) if element.turn or element.reverses)
+        return tuple(
+            element for element in map(self.elements.__getitem__, self.order) if element.turn or element.reverses
+        )
+
+    @cached_property
+    def reflections(self) -> tuple[Reflection, ...]:
+        """Mirrors at which drawings are folded, from the main lens outwards."""
+        return tuple(Reflection.of(part) for part in self.folding if part.folds)
 
     @property
     def leans(self) -> bool:
@@ -140,6 +147,13 @@ class Chain:
         """
         odd = [part.towards for part in self.folding if part.reverses]
         return np.array([math.cos(odd[-1]), math.sin(odd[-1])]) if len(odd) % 2 else np.zeros(2)
+
+    def unfolded(self, points: Sequence[tuple[float, float, float]]) -> list[tuple[float, float, float]]:
+        """Points of the scene, x, y and distance, where the unfolded system has them."""
+        away = self.mirrored
+        return [
+            (x - 2 * (along := away[0] * x + away[1] * y) * away[0], y - 2 * along * away[1], z) for x, y, z in points
+        ]
 
     @cached_property
     def mapped(self) -> int | None:
@@ -312,7 +326,9 @@ class Chain:
             yield f"{name} and {names[k]} collide", clear
         for k, farther in pairwise(self.order):
             ends = numbers[f"elements.{k}.distance"] + self.length(numbers, k)
-            clear = np.less_equal(ends, numbers[f"elements.{farther}.distance"])
+            wide, tall = (numbers.get(f"elements.{part}.diameter", math.inf) for part in (k, farther))
+            between = self.elements[k].reach(wide, tall / 2) + self.elements[farther].reach(tall, wide / 2)
+            clear = np.less_equal(ends + between, numbers[f"elements.{farther}.distance"])
             yield f"{names[k]} and {names[farther]} collide", clear
 
     def before_array(self, numbers: Mapping[str, Number]) -> Number:

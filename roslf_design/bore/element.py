@@ -61,7 +61,7 @@ class Element(Part):
     """1 where a thin lens stands for it in a schematic drawing, -1 a diverging one, 0 a block."""
     turn: ClassVar[float] = 0.0
     """By how much it turns the axis [rad]."""
-    towards: ClassVar[float] = math.pi / 2
+    towards: ClassVar[float] = 0.0
     """Direction into which it turns the view, across the axis from x towards y [rad]."""
     reverses: ClassVar[bool] = False
     """Whether pictures are reversed by it: it reflects an odd number of times."""
@@ -184,6 +184,10 @@ class Element(Part):
         """Length at one temperature [mm], and how many times as long it is at another [degrees C]."""
         return at.get("thickness", 0.0), 1.0 if self.glass is None else self.glass.grown(before, after)
 
+    def reach(self, diameter: Number, height: Number) -> Number:
+        """How far along the axis it sticks out of its length within a height [mm], where its clear aperture is that."""
+        return 0.0
+
     def moved(self, at: PartNumbers, before: Number, after: Number) -> dict[str, Number]:
         """Numbers beside lengths, poses and index that change between two temperatures, by their keys."""
         return {}
@@ -199,6 +203,10 @@ class Element(Part):
             How thick an ideal lens, which has no thickness, is drawn [mm].
         """
         return [(face(ends, -self.distance - self.length), face(ends, -self.distance))]
+
+    def body(self, half: float, thick: float) -> list[tuple[Outline, Outline]]:
+        """Left and right faces in its own plane x-z, as far as `half` from its middle [mm]; see `profile`."""
+        return self.profile((-half, half), thick)
 
     def rows(self, name: str, at: float, semi: float) -> list[SequenceRow]:
         """Surfaces as other programs take them.

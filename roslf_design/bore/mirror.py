@@ -17,7 +17,7 @@ from pydantic import field_validator
 from ..lenses.prescription import Surface, rotation
 from ..lenses.tracer import MIRROR, MOVED
 from ..units import Angle, AnyLength, Length
-from .element import Element, Flags, Matrix, Outline, Shift
+from .element import Element, Flags, Matrix, Outline, Shift, face
 from .export import SequenceRow
 from .faces import KIND, TURNED, Face, Surroundings, plane_row
 from .part import Number, PartNumbers
@@ -31,7 +31,7 @@ class Mirror(Element):
     kind: Literal["mirror"]
     angle: Angle
     """Between the axis and its surface, between 0 and 90 degrees; the axis turns by twice as much [rad]."""
-    azimuth: Angle = math.pi / 2
+    azimuth: Angle = 0.0
     """Direction across the axis into which it turns the view, from x towards y [rad]."""
     diameter: Length
     """Clear aperture, in its surface [mm]."""
@@ -97,6 +97,10 @@ class Mirror(Element):
         x, y, z = self._turned(at)
         return np.arctan(-y / np.sqrt(x * x + z * z)), np.arctan(x / z)
 
+    def reach(self, diameter: Number, height: Number) -> Number:
+        """How far to both sides of its vertex its surface goes within a height [mm]."""
+        return np.minimum(diameter / 2 * math.cos(self.angle), height / math.tan(self.angle))
+
     def _depth(self, at: PartNumbers) -> Number:
         """How far before its vertex the middle of its clear aperture lies [mm]: that moves along its surface."""
         (x, y, z), (off_x, off_y) = self._turned(at), at.pair("decentre")
@@ -133,11 +137,17 @@ class Mirror(Element):
         return [Face(row, 1.0, 1.0, f"{at.place}.0", name)]
 
     def profile(self, ends: tuple[float, float], thick: float) -> list[tuple[Outline, Outline]]:
-        """Its surface."""
-        height = np.linspace(ends[0], ends[1], 25)
-        along = math.cos(self.azimuth) * (height - (ends[0] + ends[1]) / 2)
-        surface = np.stack([-self.distance - along / math.tan(self.angle), height], -1)
-        return [(surface, surface + np.array([thick / 6, 0.0]))]
+        """Its surface, and a back as a mirror has one."""
+        x, _, z = self._normal
+        middle, size = (ends[0] + ends[1]) / 2, math.hypot(x, z)
+        along = np.linspace(ends[0] - middle, ends[1] - middle, 25)
+        surface = np.stack([-self.distance - along * x / size, middle + along * z / size], -1)
+        return [(surface - thick / 4 * np.array([z, x]) / size, surface)]
+
+    def body(self, half: float, thick: float) -> list[tuple[Outline, Outline]]:
+        """Its surface, and a back as a mirror has one."""
+        ends = -half, half
+        return [(face(ends, -self.distance - thick / 4), face(ends, -self.distance))]
 
     def rows(self, name: str, at: float, semi: float) -> list[SequenceRow]:
         """Surface that reflects."""

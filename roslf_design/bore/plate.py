@@ -103,7 +103,7 @@ class Prism(Block):
     kind: Literal["prism"]
     deviation: Angle = 0.0
     """By how much it turns the axis, for the drawing and the direction of view [rad]."""
-    azimuth: Angle = math.pi / 2
+    azimuth: Angle = 0.0
     """Direction across the axis into which it turns the view, from x towards y [rad]."""
     reflections: Annotated[int, Field(strict=True, ge=0)] = 0
     """How often light is reflected in it; an odd number reverses pictures."""

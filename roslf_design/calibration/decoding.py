@@ -74,6 +74,18 @@ class LightField:
         """Weight of `view`, shape (v, u)."""
         return np.asarray(self.weight[np.abs(self.t - t).argmin(), np.abs(self.s - s).argmin()])
 
+    def turned_over(self, along: int) -> LightField:
+        """The light field with its pictures reversed along u (0) or v (1), and its views with them."""
+        views, lenses = (1, 3) if along == 0 else (0, 2)
+        hexagonal = self.hexagonal
+        if hexagonal is not None:
+            starts = hexagonal.starts[::-1] if along else 1 - hexagonal.starts - hexagonal.values.shape[3]
+            samples, light = (np.flip(part, (views, lenses)) for part in (hexagonal.values, hexagonal.weight))
+            hexagonal = HexagonalRows(samples, light, starts)
+        values, weight = (np.ascontiguousarray(np.flip(part, (views, lenses))) for part in (self.values, self.weight))
+        axes = {name: -getattr(self, name)[::-1] for name in ("su" if along == 0 else "tv")}
+        return replace(self, values=values, weight=weight, hexagonal=hexagonal, **axes)
+
     def position(self, column: Any, row: Any) -> tuple[Array, Array]:
         """Microlens coordinates (u, v) [pitches] of fractional columns and rows of a view."""
         du, dv = self._steps

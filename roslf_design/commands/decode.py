@@ -157,6 +157,7 @@ def decoded(
     warnings: list[str] = []
     raw: RawSource | None = None
     distances: Distances | None = None
+    turned_over = ""
     if is_views:
         progress("reading views")
         files = read_views(image)
@@ -170,6 +171,9 @@ def decoded(
             distances = CameraDistances(Camera.of(camera))
         field, raw = from_raw(image, white, dark, camera, progress)[:2]
         warnings += raw.centres.warnings
+        if camera is not None and (reversed_along := Camera.of(camera).chain.mirrored).any():
+            turned_over = "uv"[(along := int(abs(reversed_along[1]) > abs(reversed_along[0])))]
+            field = field.turned_over(along)
         designed = None if camera is None else calibration.image_pitch(camera)
         if designed is not None and abs(field.pitch / designed - 1) > OTHER_CAMERA:
             warnings.append(
@@ -182,7 +186,9 @@ def decoded(
     progress("refocusing")
     stack = focus_stack(field, chosen, distances)
     at = textured_row(field) if row is None else row
-    return Decoded(image.name, kind, field, stack, at, raw, source if distances is not None else "", tuple(warnings))
+    return Decoded(
+        image.name, kind, field, stack, at, raw, source if distances is not None else "", tuple(warnings), turned_over
+    )
 
 
 def _camera(design: str | None, calibrated: Path | None) -> tuple[Design | None, str]:

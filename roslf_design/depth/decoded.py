@@ -59,6 +59,8 @@ class Decoded:
     distances_from: str = ""
     """What names planes in mm: a design, a calibration, the cameras of a folder; empty where nothing does."""
     warnings: tuple[str, ...] = ()
+    turned_over: str = ""
+    """Which of u and v was reversed, as the camera sees the scene in an odd number of mirrors."""
 
     @property
     def units(self) -> tuple[str, str]:
@@ -87,6 +89,7 @@ class Decoded:
                 "height": len(field.v),
                 "step_pitches": math.sqrt(3) / 2 if spread else 1.0,
             },
+            "turned_over": self.turned_over or None,
             "distances_from": self.distances_from or None,
             "focus": [plane.to_dict() for plane in self.stack],
             "epi": {"row": self.row, "v_pitches": float(field.v[self.row])},

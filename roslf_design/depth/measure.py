@@ -541,7 +541,7 @@ def _truth(camera: Camera, traced: TracedViews | None, scene: Scene, field: Ligh
     places = places_on_array(camera, field).reshape(-1, 2)
     if traced is not None:
         chief = traced.chief_rays(places)
-        met = seen_distances(scene, float(camera["main_lens.focal_plane"]), float(camera.tip), chief)
+        met = seen_distances(scene, camera, chief)
         return np.where(np.isfinite(met), met, np.nan).reshape(len(field.v), len(field.u))
     x, y = MicrolensImages(camera, places).from_lens.T
     # Chief rays meet in the FAP; as the main lens sees them, and then with a ruler.
@@ -557,7 +557,7 @@ def _truth(camera: Camera, traced: TracedViews | None, scene: Scene, field: Ligh
     along = [(a - b) / (far - near) for a, b in zip(*points, strict=True)]
     heights = [a + slope * near for a, slope in zip(points[0], along, strict=True)]
     rays = np.stack([*heights, *along], -1)
-    z = seen_distances(scene, float(camera["main_lens.focal_plane"]), float(camera.tip), rays)
+    z = seen_distances(scene, camera, rays)
     return np.where(np.isfinite(z), z, np.nan).reshape(len(field.v), len(field.u))
 
 

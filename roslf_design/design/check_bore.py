@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from ..bore.elements import element_name
+from ..bore.fold import PartOutline, collisions, outlines_of
 from ..errors import Problem
 from ..lenses.glass import AIR
 from .check import shown, stop_beyond_focus
@@ -40,6 +41,14 @@ def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, .
                 span = f"{element}, from {shown(near)} to {shown(far)}"
                 problems.append(Problem(f"{place}.distance", f"{shown(stop.distance)} lies inside {span}; move it out"))
     problems += [*([] if known else _about_reflection(design)), *_about_mapping(design)]
+    farthest = max(range(len(spans)), key=lambda k: spans[k][1:], default=None)
+    if farthest is not None and design.object_space.medium != AIR and not design.elements[farthest].sealable:
+        message = (
+            f"nothing keeps {design.object_space.medium.name} off {spans[farthest][0]} "
+            f"({design.elements[farthest].kind}); add the window that seals it off before it"
+        )
+        problems.append(Problem("object_space.medium", message))
+    problems += [] if problems or known else _about_folds(design)
     if problems or known:
         return tuple(problems)
     substrate, behind = design.microlens_array.substrate, design.sensor.cover
@@ -79,6 +88,17 @@ def _about_reflection(design: Design) -> list[Problem]:
             )
             problems.append(Problem(f"elements.{number}.{key}", message))
     return problems
+
+
+def _about_folds(design: Design) -> list[Problem]:
+    """Parts that stand in each other where the axis is folded."""
+    outlines = [
+        PartOutline("sensor", -design.d_1 - design.d_2, -design.d_1, math.hypot(*design.sensor_size) / 2),
+        PartOutline("main_lens", 0.0, 0.0, design.D / 2),
+        *outlines_of(design.elements),
+    ]
+    message = "it stands in {}, as the axis is folded; move one of them, or take it smaller"
+    return [Problem(place, message.format(other)) for place, other in collisions(outlines)]
 
 
 def _about_mapping(design: Design) -> list[Problem]:

@@ -7,6 +7,7 @@ one microlens, on the axis, as a paraxial surface with the array's pitch as its 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Iterator
 from dataclasses import replace
 from itertools import pairwise
@@ -113,9 +114,35 @@ def zmx(rows: tuple[SequenceRow, ...], name: str, wavelength: float, temperature
     lines += [f"{key} {' '.join(repr(part) for part in parts)}" for key, parts in
               (("XFLN", (0.0,) * len(heights)), ("YFLN", heights))]  # fmt: skip
     lines += [f"WAVM 1 {1e3 * wavelength!r} 1", "PWAV 1"]
-    for number, row in enumerate(rows):
-        lines += [f"SURF {number}", *(f"  {line}" for line in _zmx_surface(row))]
+    for number, surface in enumerate(_zmx_surfaces(rows)):
+        lines += [f"SURF {number}", *(f"  {line}" for line in surface)]
     return "\n".join(lines) + "\n"
+
+
+def _zmx_surfaces(rows: tuple[SequenceRow, ...]) -> Iterator[list[str]]:
+    """Every surface; mirrors between breaks of the coordinates, behind an odd number of them all is reversed in z."""
+    way = 1.0
+    for row in rows:
+        part = row.surface
+        terms = tuple(way * term for term in part.asphere)
+        if row.mirror is None:
+            turned = replace(part, curvature=way * part.curvature + 0.0, thickness=way * part.thickness, asphere=terms)
+            yield list(_zmx_surface(replace(row, surface=turned)))
+            continue
+        angle, azimuth = (math.degrees(part) for part in row.mirror)
+        yield _zmx_break(f"{row.name}, azimuth", 5, azimuth - 90)
+        yield _zmx_break(f"{row.name}, tilt", 3, way * (angle - 90))
+        flat = list(_zmx_surface(replace(row, surface=replace(part, thickness=0.0))))
+        yield [*flat[:-2], "GLAS MIRROR 0 0 1.5 40", *flat[-2:]]
+        yield _zmx_break(f"{row.name}, tilt back", 3, way * (angle - 90))
+        way = -way
+        yield _zmx_break(f"{row.name}, azimuth back", 5, 90 - azimuth, way * part.thickness)
+
+
+def _zmx_break(name: str, parameter: int, degrees: float, thickness: float = 0.0) -> list[str]:
+    return [
+        "TYPE COORDBRK", 'CURV 0.0 0 0 0 0 ""', f"COMM {name}", f"PARM {parameter} {degrees!r}", f"DISZ {thickness!r}"
+    ]  # fmt: skip
 
 
 def _zmx_surface(row: SequenceRow) -> Iterator[str]:
@@ -152,6 +179,9 @@ def optiland(rows: tuple[SequenceRow, ...], name: str, wavelength: float, wide: 
 
     `wide` is the half-width of the field [mm], or 0 for the axis alone.
     """
+    if mirror := next((row for row in rows if row.mirror is not None), None):
+        message = f"{mirror.name} folds the axis, and Optiland's file is written straight only; write a .zmx file"
+        raise InputError((Problem("-o", message),), name)
     far = rows[0].surface.thickness == float("inf")
     stop = next((row for row in rows if row.is_stop), rows[0])
     fields = [{"x": 0.0, "y": y, "vx": 0.0, "vy": 0.0, "weight": 1.0} for y in ((0.0, wide) if wide else (0.0,))]

@@ -145,7 +145,7 @@ class RealLensTracer:
             _boxes(mounted, places, waves, blur if finite else 0.0),
             tuple(_way(mounted, wave, forced) for wave in waves),
             np.array(sight, float),
-            encode(scene, design.d_f) if level is None else None,
+            encode(scene, design.d_f, camera.chain.mirrored) if level is None else None,
             0.0 if level is None else level,
             finite,
             not plan.on("object_defocus") and camera.law is None,  # which bends the plane in focus
@@ -317,8 +317,9 @@ def deposit(total: Any, rows: Any, columns: Any, light: Any) -> None:
 
 @kernel()
 def shade_rays(
-    rows: Any, pictures: Any, beyond: float, mouth: float, d_3: float, d_f: float, in_focus: bool, through: bool,
-    sight: Any, lens_x: float, lens_y: float, x: Any, y: Any, slope_x: Any, slope_y: Any, weight: Any, out: Any,
+    rows: Any, pictures: Any, beyond: float, mirrored: Any, mouth: float, d_3: float, d_f: float, in_focus: bool,
+    through: bool, sight: Any, lens_x: float, lens_y: float, x: Any, y: Any, slope_x: Any, slope_y: Any, weight: Any,
+    out: Any,
 ) -> None:  # fmt: skip
     """Radiance that object-side rays (points on the FAP's plane and slopes) meet, where their weight is above 0."""
     for n in range(out.shape[0]):
@@ -333,4 +334,4 @@ def shade_rays(
             hx, hy, ox, oy = behind_elements(sight[5:], lens_x, lens_y, hx, hy, ox, oy)
         elif in_focus:
             hx, hy, ox, oy = refocused(d_3, d_f, hx, hy, ox, oy)
-        out[n] = radiance(rows, pictures, beyond, mouth, hx, hy, ox, oy)
+        out[n] = radiance(rows, pictures, beyond, mirrored, mouth, hx, hy, ox, oy)

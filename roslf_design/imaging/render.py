@@ -306,7 +306,7 @@ class _Job:
         camera = self.camera
         lens_x, lens_y = camera.lens_centre
         for thing in self.scene.points:
-            for position in thing.positions:
+            for position in camera.chain.unfolded(thing.positions):
                 share, apparent = (self._mapped if camera.mapping.bends else self._straight)(*position)
                 light = thing.flux * share
                 x, y, distance = (float(number) for number in apparent)

@@ -90,6 +90,9 @@ class RaySampling:
     """Behind a real main lens: samples along a pixel's side, instead of rays; 0 is a few."""
 
 
+NOWHERE = np.zeros(2)
+
+
 class Surfaces(NamedTuple):
     """What rays may meet."""
 
@@ -99,9 +102,11 @@ class Surfaces(NamedTuple):
     """Pixels of all pictures, one after the other."""
     beyond: float
     """Radiance where nothing is met."""
+    mirrored: Floats
+    """Direction across the axis along which the scene is seen reversed, (2,); 0 where it is not."""
 
 
-def encode(scene: Scene, focal_plane: float) -> Surfaces:
+def encode(scene: Scene, focal_plane: float, mirrored: Floats = NOWHERE) -> Surfaces:
     """Lay a scene out for the kernels; planes that give no distance lie at `focal_plane`, d_f [mm]."""
     rows: list[Floats] = []
     pictures: list[Image] = [np.zeros(1, np.float32)]
@@ -127,7 +132,7 @@ def encode(scene: Scene, focal_plane: float) -> Surfaces:
         look, levels = _texture(thing.texture, pictures)
         row[LOOK], row[LEVELS : LEVELS + len(levels)] = look, levels
         rows.append(row)
-    return Surfaces(np.array(rows).reshape(-1, WIDTH), np.concatenate(pictures), beyond)
+    return Surfaces(np.array(rows).reshape(-1, WIDTH), np.concatenate(pictures), beyond, mirrored)
 
 
 def _texture(texture: Part, pictures: list[Image]) -> tuple[int, tuple[float, ...]]:
@@ -200,12 +205,21 @@ def distance(s: Any, hx: float, hy: float, ox: float, oy: float) -> float:
 
 
 @kernel()
-def first_hit(rows: Any, mouth: float, hx: float, hy: float, ox: float, oy: float) -> Any:
+def reversed_along(way: Any, x: float, y: float) -> Any:
+    """A point or slope reversed along a direction of unit length; as it is along none."""
+    along = 2.0 * (way[0] * x + way[1] * y)
+    return x - along * way[0], y - along * way[1]
+
+
+@kernel()
+def first_hit(rows: Any, mirrored: Any, mouth: float, hx: float, hy: float, ox: float, oy: float) -> Any:
     """What the ray (hx - ox Z, hy - oy Z) meets first beyond the bore's mouth: Z, which surface, and (u, v) on it.
 
     FAR and -1 where it meets nothing.
     """
     nearest, hit, at_u, at_v = FAR, -1, 0.0, 0.0
+    hx, hy = reversed_along(mirrored, hx, hy)
+    ox, oy = reversed_along(mirrored, ox, oy)
     for n in range(rows.shape[0]):
         s = rows[n]
         z = distance(s, hx, hy, ox, oy)
@@ -229,28 +243,27 @@ def first_hit(rows: Any, mouth: float, hx: float, hy: float, ox: float, oy: floa
 
 @kernel()
 def radiance(
-    rows: Any, pictures: Any, beyond: float, mouth: float, hx: float, hy: float, ox: float, oy: float
+    rows: Any, pictures: Any, beyond: float, mirrored: Any, mouth: float, hx: float, hy: float, ox: float, oy: float
 ) -> float:
     """Radiance of what the ray (hx - ox Z, hy - oy Z) meets first beyond the bore's mouth."""
-    _, hit, u, v = first_hit(rows, mouth, hx, hy, ox, oy)
+    _, hit, u, v = first_hit(rows, mirrored, mouth, hx, hy, ox, oy)
     return float(beyond if hit < 0 else shade(rows[hit], u, v, pictures))
 
 
-def seen_distances(scene: Scene, focal_plane: float, mouth: float, rays: Floats) -> Floats:
+def seen_distances(scene: Scene, camera: Camera, rays: Floats) -> Floats:
     """Distances Z of what rays meet first beyond the bore's mouth [mm]; inf where they meet nothing.
 
     Parameters
     ----------
     scene : Scene
-    focal_plane : float
-        Of planes that give no distance [mm].
-    mouth : float
-        Z of the bore's mouth [mm].
+    camera : Camera
     rays : ndarray, shape (N, 4)
         (h_x, h_y, o_x, o_y) of rays at ``h - o Z``.
     """
-    surfaces = encode(scene, focal_plane)
-    distances = np.array([first_hit.compiled(surfaces.rows, mouth, *map(float, ray))[0] for ray in rays])
+    plane, mouth = float(camera["main_lens.focal_plane"]), float(camera.tip)
+    surfaces = encode(scene, plane, camera.chain.mirrored)
+    hits = (first_hit.compiled(surfaces.rows, surfaces.mirrored, mouth, *map(float, ray)) for ray in rays)
+    distances = np.array([distance for distance, *_ in hits])
     return np.where(distances < FAR, distances, np.inf)
 
 
@@ -322,7 +335,7 @@ class Tracer:
             lattice,
             layout,
             np.array(flags),
-            encode(scene, design.d_f),
+            encode(scene, design.d_f, camera.chain.mirrored),
             _airy_kicks(abs(float(camera.seen.D_F)), wavelengths) if kicked else np.zeros((1, 3)),
             float(chief_slope(camera)) if plan.on("cos4") else 0.0,
             float(Camera.of(design).tip),
@@ -437,7 +450,7 @@ def share_of_light(law: Any, slope: float) -> float:
 def _trace(
     x: Any, y: Any, pixel: float, axes: Any, image_axes: Any, inverse: Any, origin: Any, half_size: Any, reach: float,
     neighbours: int, flags: Any, k: Any, maps: Any, rims: Any, front: Any, law: Any, table: Any, media: Any,
-    takers: Any, rows: Any, pictures: Any, beyond: float, kicks: Any, falloff: float,
+    takers: Any, rows: Any, pictures: Any, beyond: float, mirrored: Any, kicks: Any, falloff: float,
     mouth: float, d_3: float, d_f: float, points: Any, counts: Any, tolerance: float, place: Any, image: Any,
     spent: Any,
 ) -> None:  # fmt: skip
@@ -553,7 +566,7 @@ def _trace(
                         )  # fmt: skip
                         if not kept:
                             continue
-                        batch += radiance(rows, pictures, beyond, mouth, hx, hy, ox, oy)
+                        batch += radiance(rows, pictures, beyond, mirrored, mouth, hx, hy, ox, oy)
                 batch /= counts[2]
                 done += counts[2]
                 used += counts[2]

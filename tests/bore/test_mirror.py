@@ -1,5 +1,6 @@
 """Fold mirrors against rays that are really reflected, in real folded space."""
 
+import itertools
 import math
 
 import numpy as np
@@ -9,14 +10,21 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import roslf_design as roslf
+from roslf_design.calibration.decoding import HexagonalRows, LightField
 from roslf_design.camera import Camera
+from roslf_design.cli import main
+from roslf_design.design.files import save
+from roslf_design.effects import plan
+from roslf_design.imaging.camera import Region
+from roslf_design.imaging.trace import RaySampling, Tracer
+from roslf_design.scenes import Scene
 from roslf_design.theory.chief_rays import chief_rays
 from roslf_design.theory.light import sensor_field
 from roslf_design.theory.object_space import FacesAhead
-from tests.bore.folded import Folded, from_sensor
+from tests.bore.folded import Folded, from_sensor, turned_towards
 
 PAPER = roslf.load("paper")
-MIRROR = {"kind": "mirror", "distance": 60.0, "angle": math.pi / 4, "diameter": 60.0}
+MIRROR = {"kind": "mirror", "distance": 60.0, "angle": math.pi / 4, "azimuth": math.pi / 2, "diameter": 60.0}
 
 
 def share(low, high):
@@ -232,10 +240,11 @@ def test_a_tilt_turns_the_view_by_twice_as_much_and_a_piston_shifts_the_plane_in
 
 @pytest.mark.parametrize("azimuths", [(90.0,), (0.0, 90.0), (30.0, 200.0), (0.0, 90.0, 45.0)])
 def test_the_direction_of_view_against_where_rays_really_go(azimuths):
-    """Any number of mirrors, each its own way, with the sensor off the axis, so that the view's middle is off it too."""
+    """Any number of mirrors, each its own way, with sensor and view's middle off the axis."""
     mirrors = [
         MIRROR
-        | {"distance": 15.0 + 30 * k, "angle": 0.4 + 0.2 * k, "azimuth": math.radians(azimuth), "tilt": (0.01, 0.02)}
+        | {"distance": 15.0 + 30 * k, "angle": 0.4 + 0.2 * k, "azimuth": math.radians(azimuth)}
+        | {"tilt": (0.01, 0.02), "diameter": 20.0}
         for k, azimuth in enumerate(azimuths)
     ]
     design = PAPER.replace({"elements": mirrors, "sensor.decentre": (1.0, -3.0), "aperture.distance": 120.0})
@@ -247,3 +256,135 @@ def test_the_direction_of_view_against_where_rays_really_go(azimuths):
     assert_allclose(roslf.quantity("direction_of_view_deg")(Camera.of(design)), true, rtol=0, atol=1e-8)
     turned = Folded(design).unfolded(np.zeros((1, 3)), np.eye(3))[1]  # real axes, unfolded
     assert_allclose(Camera.of(design).chain.fold @ turned.T, np.eye(3), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("azimuth", [90.0, 0.0, 30.0])
+def test_points_of_the_scene_are_given_in_axes_that_turn_with_the_view(azimuth):
+    """Those axes are right-handed as those of the camera, so that its pictures show the scene reversed."""
+    turn, towards = 2 * math.radians(35), math.radians(azimuth)
+    design = with_mirror(angle=turn / 2, azimuth=towards)
+    points = np.array([[3.0, 1.0, 300.0], [-2.0, 5.0, 200.0], [0.0, 0.0, 150.0]])
+    # z towards the sensor; turning the view towards the azimuth turns that axis away from it
+    axes = turned_towards(-turn, towards)
+    vertex = np.array([0.0, 0.0, -60.0])
+    real = vertex + (points * [1, 1, -1] - vertex) @ axes.T
+    unfolded = Folded(design).unfolded(real, np.eye(3))[0]
+    assert_allclose(Camera.of(design).chain.unfolded(points.tolist()), unfolded * [1, 1, -1], rtol=0, atol=1e-10)
+
+
+def rendered(design, centre):
+    thing = {"kind": "plane", "distance": 350.0, "centre": centre, "size": (2.0, 1.0), "texture": {"kind": "uniform"}}
+    scene = Scene.model_validate({"objects": [thing]})
+    lines = plan(design, scene, overrides=["-microlens_diffraction", "-fap_diffraction", "-plate_aberration"])
+    return Tracer.of(design, lines, scene).image(Region(2240, 1480, 120, 120), RaySampling(64, 64, 0.0, 1))[0]
+
+
+def test_pictures_show_the_scene_reversed_behind_one_mirror_and_not_behind_two():
+    straight = rendered(SMALL, (0.5, -1.0))
+    assert straight.std() > 0.2
+    for azimuths, centre in (((90.0,), (0.5, 1.0)), ((0.0,), (-0.5, -1.0)), ((90.0, 0.0), (0.5, -1.0))):
+        mirrors = [
+            MIRROR | {"distance": 20.0 + 30 * k, "azimuth": math.radians(azimuth), "diameter": 75.0}
+            for k, azimuth in enumerate(azimuths)
+        ]
+        picture = rendered(SMALL.replace({"elements": mirrors}), centre)
+        assert np.abs(picture - straight).mean() < 1e-3
+
+
+def test_prisms_reverse_pictures_where_they_reflect_an_odd_number_of_times():
+    prism = {"kind": "prism", "distance": 50.0, "thickness": 10.0, "material": {"index": 1.5}, "deviation": math.pi / 2}
+    for count in range(4):
+        camera = Camera.of(SMALL.replace({"elements": [prism | {"reflections": count}]}))
+        assert camera.chain.mirrored.tolist() == pytest.approx([float(count % 2), 0.0])
+        assert np.linalg.det(camera.chain.fold) == pytest.approx((-1) ** count)
+
+
+@pytest.mark.parametrize("layout", ["square", "hexagonal"])
+@pytest.mark.parametrize("along", [0, 1])
+def test_a_light_field_turned_over_shows_every_point_reversed_at_the_same_slope(layout, along):
+    """A point's light lies along u = u_0 + slope s: at -u_0 with that slope afterwards."""
+    rng = np.random.default_rng(3)
+    shape, rows = (3, 5, 4, 7), None
+    values, weight = (rng.uniform(0.5, 1, shape).astype(np.float32) for _ in range(2))
+    if layout == "hexagonal":
+        rows = HexagonalRows(values, weight, np.array([-3.0, -2.5, -3.0, -2.5]))
+    axes = (np.arange(-2.0, 3), np.arange(-1.0, 2), np.arange(-3.0, 4), np.arange(-1.0, 3))
+    field = LightField(values, weight, *axes, 13.0, rows)
+    turned = field.turned_over(along)
+    signs = (-1, 1) if along == 0 else (1, -1)
+    for t, s, v, u in np.ndindex(*shape):
+        at = [np.flatnonzero(axis == sign * here)[0] for axis, sign, here in (
+            (turned.t, signs[1], field.t[t]), (turned.s, signs[0], field.s[s]),
+            (turned.v, signs[1], field.v[v]), (turned.u, signs[0], field.u[u]),
+        )]  # fmt: skip
+        assert turned.values[tuple(at)] == values[t, s, v, u]
+        if rows is not None and turned.hexagonal is not None:
+            k = 6 - u if along == 0 else u
+            assert turned.hexagonal.values[at[0], at[1], at[2], k] == values[t, s, v, u]
+            assert turned.hexagonal.starts[at[2]] + k == signs[0] * (rows.starts[v] + u)
+
+
+def vertices_in_space(text):
+    """Where a .zmx file's surfaces stand: coordinate breaks turn the axes, thicknesses go along z."""
+    axes, at, places = np.eye(3), np.zeros(3), {}
+    for surface in text.split("SURF ")[1:]:
+        words = {line.split()[0]: line.split()[1:] for line in surface.splitlines()[1:]}
+        if words["TYPE"] == ["COORDBRK"]:
+            parameter, degrees = words["PARM"]
+            c, s = math.cos(math.radians(float(degrees))), math.sin(math.radians(float(degrees)))
+            about_x, about_z = [[1, 0, 0], [0, c, -s], [0, s, c]], [[c, -s, 0], [s, c, 0], [0, 0, 1]]
+            axes = axes @ np.array({"3": about_x, "5": about_z}[parameter])
+        else:
+            places[" ".join(words["COMM"])] = at
+        at = at + float(words["DISZ"][0]) * axes[:, 2] if words["DISZ"][0] != "INFINITY" else at
+    return places
+
+
+def test_an_exported_file_stands_where_the_instrument_really_does(tmp_path, capsys):
+    """All distances between surfaces in space; which way round chirality goes they do not tell."""
+    far = {"kind": "mirror", "distance": 100.0, "angle": 0.5, "azimuth": 2.0, "diameter": 60.0}
+    design = with_mirror(
+        SMALL.replace({"aperture.distance": 140.0}), other=(far, PLATE | {"distance": 150.0}), azimuth=0.4
+    )
+    save(design, tmp_path / "folded.toml")
+    assert main(["export", str(tmp_path / "folded.toml"), "-o", str(tmp_path / "folded.zmx")]) == 0
+    places = vertices_in_space((tmp_path / "folded.zmx").read_text())
+    real = Folded(design)
+    true = {"main lens": np.zeros(3), "sensor": np.array([0.0, 0.0, design.d_1 + design.d_2])}
+    true |= dict(zip(["mirror 1", "mirror 2", "FAP", "plate 3, back", "plate 3, front"],
+                     [part["centre"] for part in real.parts], strict=True))  # fmt: skip
+    for one, other in itertools.combinations(true, 2):
+        apart = np.linalg.norm(places[one] - places[other])
+        assert_allclose(apart, np.linalg.norm(true[one] - true[other]), rtol=0, atol=1e-9)
+    assert main(["export", str(tmp_path / "folded.toml"), "-o", str(tmp_path / "folded.json")]) == 2
+    assert "write a .zmx file" in capsys.readouterr().err
+
+
+BAD = {
+    "along the axis": ({"angle": 0.0}, "elements.0.angle: 0 deg is no fold"),
+    "straight back": ({"angle": math.pi / 2}, "elements.0.angle: 90 deg is no fold"),
+    "without a size": ({"diameter": None}, "elements.0.diameter"),
+}
+
+
+@pytest.mark.parametrize(("changes", "told"), BAD.values(), ids=BAD)
+def test_what_is_no_mirror_is_told(changes, told):
+    with pytest.raises(roslf.InputError, match=told):
+        with_mirror(**changes)
+
+
+def test_parts_that_stand_in_each_other_where_the_axis_is_folded_are_told():
+    window = {"kind": "plate", "thickness": 2.0, "material": {"index": 1.5}}
+    with pytest.raises(
+        roslf.InputError, match=r"stands in elements\.1, as the axis is folded"
+    ):  # the mirror's own edge
+        with_mirror(other=[window | {"distance": 75.0, "diameter": 40.0}])
+    with_mirror(other=[window | {"distance": 82.0, "diameter": 40.0}])
+    # turned by 160 degrees the light comes back beside the main lens
+    back = {"angle": math.radians(80), "diameter": 20.0}
+    with pytest.raises(roslf.InputError, match=r"main_lens: it stands in elements\.1"):
+        with_mirror(other=[window | {"distance": 120.0, "diameter": 20.0}], **back)
+    with_mirror(other=[window | {"distance": 120.0, "diameter": 8.0}], **back)
+    water = {"object_space.medium": "water"}
+    with pytest.raises(roslf.InputError, match=r"nothing keeps water off elements.0 \(mirror\)"):
+        with_mirror().replace(water)

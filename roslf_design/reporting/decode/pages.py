@@ -77,6 +77,9 @@ def statements(result: Decoded) -> Iterator[Statement]:
         f"{result.views_with_light} of {wide} x {tall} views have light, each of {len(field.u)} x {len(field.v)}"
         f" {samples}{step}.",
     )
+    if result.turned_over:
+        ways = {"u": "left for right", "v": "up for down"}[result.turned_over]
+        yield Statement("plain", f"Turned over, {ways}: the design's mirrors show the scene reversed.")
     if result.stack:
         ends = result.stack[0], result.stack[-1]
         span = " to ".join(f"{plane.disparity:+.3g}" for plane in ends)

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from ..._arrays import Array
 from ...bore.elements import element_name
+from ...bore.fold import Reflection, folded, folded_line
 from ...camera import Camera
 from ...camera.frames import Frame, frame
 from ...design import Design
@@ -27,39 +28,64 @@ RAYS = ("rays centre", "rays edge", "rays corner", "rays blocked")
 """Parts that may be without rays."""
 
 
-def instrument_scene(design: Design) -> Instrument:
-    """The instrument from in front of the outermost stop to the sensor; the object plane lies beyond the left edge."""
+def instrument_scene(design: Design, fold: bool = True) -> Instrument:
+    """The instrument from in front of the outermost stop to the sensor; the object plane lies beyond the left edge.
+
+    With `fold` it is drawn as mirrors fold it, else along the unfolded axis; prisms are always drawn unfolded.
+    """
     end = design.d_1 + design.d_2
     camera = Camera.of(design)
     front = float(camera.tip)
     start = -min(front + 0.22 * (front + end), design.d_f)
+    mirrors = camera.chain.reflections if fold else ()
     rays = _pencils(design, start)
-    inside = [float(np.hypot(*r.points[r.points[:, 2] >= -front, :2].T).max(initial=0.0)) for r in rays]
+    inside = [np.concatenate(courses) for _, courses, _ in rays]
+    reach = [float(np.hypot(*points[points[:, 2] >= -front, :2].T).max(initial=0.0)) for points in inside]
     # A tube that all elements and rays fit into.
     wall = max(
-        1.08 * max(*reaches(design), math.hypot(*design.microlens_array.size) / 2), 1.02 * max(inside, default=0.0)
+        1.08 * max(*reaches(design), math.hypot(*design.microlens_array.size) / 2), 1.02 * max(reach, default=0.0)
     )
-    tube = turned([(wall, -front), (wall, end)], np.linspace(0, 2 * math.pi, 24, endpoint=False))
     in_air = design.object_space.medium == AIR
-    before = [[0.0, 0.0, start]] if in_air else turned([(wall, start), (wall, -front)])
-    view = view_of(np.append(tube, before, axis=0))
+    before = np.array([[0.0, 0.0, start]]) if in_air else turned([(wall, start), (wall, -front)])
     tops = [("FAP" if k == 0 else f"stop {k}", -stop.distance, wall) for k, stop in enumerate(design.all_stops)]
-    tops += [(name_of_drawn(e, k), -e.distance - e.length / 2, wall) for k, e in enumerate(design.elements, 1)]
+    tops += [(name_of_drawn(e, k, fold), -e.distance - e.length / 2, wall) for k, e in enumerate(design.elements, 1)]
     tops += [("main lens", 0.0, wall), ("MLA and sensor", end, wall)]
     tops.append((f"light comes from the object plane, {design.d_f:.4g} mm in front of the lens", start, 0.0))
-    names = tuple(Name(text, (0.0, y, z)) for text, z, y in sorted(tops, key=lambda top: top[1]))
-    parts = [*rays, *_elements(design, camera, wall, front), *_glass(design, camera, wall)]
+    named = [(text, folded(mirrors, np.array([[0.0, y, z]]))[0]) for text, z, y in sorted(tops, key=lambda top: top[1])]
+    parts = [*_elements(design, camera, wall), *_glass(design, camera, wall)]
     if not in_air:
-        parts.append(Body("medium", "round", np.asarray(before), bands(2), "sky", 0.12))
-    return Instrument(tuple(parts), view, names)
+        parts.append(Body("medium", "round", before, bands(2), "sky", 0.12))
+    drawn = [part._replace(points=folded(mirrors, part.points)) for part in parts]
+    tube = _tube(mirrors, wall, -front, end)
+    lines = [_lines(name, [folded_line(mirrors, course) for course in courses], *look) for name, courses, look in rays]
+    view = view_of(np.concatenate([*(part.points for part in tube), folded(mirrors, before)]))
+    return Instrument((*lines, *drawn, *tube), view, tuple(Name(text, tuple(at.tolist())) for text, at in named))
+
+
+def _tube(mirrors: Sequence[Reflection], wall: float, front: float, end: float) -> list[Body]:
+    """The tube, mitred where the axis is folded."""
+    joints = [turned([(wall, end)])]
+    for mirror in mirrors:
+        joint = turned([(wall, -mirror.distance)])
+        joint[:, 2] -= joint[:, :2] @ mirror.normal[:2] / mirror.normal[2]
+        joints.append(np.clip(joint, [-np.inf, -np.inf, front], [np.inf, np.inf, end]))
+    joints.append(turned([(wall, front)]))
+    tubes = []
+    for k, (nearer, farther) in enumerate(itertools.pairwise(joints)):
+        points = np.append(farther, nearer, axis=0)
+        for mirror in reversed(mirrors[:k]):
+            points = points - 2 * mirror.height(points)[:, None] * mirror.normal
+        tubes.append(Body("tube" if k == 0 else f"tube {k + 1}", "round", points, bands(2), "grey", 0.10))
+    ends = [folded(mirrors, _circle(wall, z)) for z in (front, end)]
+    return [*tubes, _lines("tube ends", ends, "grey", 1.5)]
 
 
 def _glass(design: Design, camera: Camera, wall: float) -> list[Body]:
     """Elements before the main lens as bodies of revolution, and the plates about the array."""
     parts: list[Body] = []
     for number, element in enumerate(design.elements, 1):
-        radius, pose = element.half_height or wall, frame(element.decentre, -element.distance, element.tilt)
-        for piece, faces in enumerate(element.profile((-radius, radius), 0.18 * radius)):
+        radius, pose = element.half_height or wall, _pose(camera, number - 1)
+        for piece, faces in enumerate(element.body(radius, 0.18 * radius)):
             # Upper halves of both faces, from the axis out on the left one and back on the right one.
             (left, right) = (face[len(face) // 2 :] for face in faces)
             rim = np.append(left, right[::-1], axis=0) + np.array([element.distance, 0.0])
@@ -75,10 +101,17 @@ def _glass(design: Design, camera: Camera, wall: float) -> list[Body]:
     return parts
 
 
-def _elements(design: Design, camera: Camera, wall: float, front: float) -> list[Body]:
+def _pose(camera: Camera, k: int) -> Frame:
+    """Vertex and axes of an element, which its openings share."""
+    at, element = camera.chain.at(camera.numbers, k), camera.chain.elements[k]
+    (_, place), *_ = element.openings(at)
+    return frame(at.pair("decentre"), -place, element.lean(at))
+
+
+def _elements(design: Design, camera: Camera, wall: float) -> list[Body]:
     openings = ("aperture", *(f"stops.{k}" for k in range(len(design.stops))))
     sensor, array, lens, *stops = map(camera.stands, ("sensor", "microlens_array", "main_lens", *openings))
-    end, radius = design.d_1 + design.d_2, design.D / 2
+    radius = design.D / 2
     parts: list[Body] = []
     for number, (stop, pose) in enumerate(zip(design.all_stops, stops, strict=True)):
         name, colour = f"stop {number}" if number else "FAP", stop_colour(number)
@@ -88,7 +121,6 @@ def _elements(design: Design, camera: Camera, wall: float, front: float) -> list
     angle = np.linspace(math.pi, 0.0, RINGS + 1)
     glass = turned(np.stack([radius * np.sin(angle), 0.09 * design.D * np.cos(angle)], -1))
     mount = turned([(radius, 0.0), (wall, 0.0)], frame=lens)
-    tube = turned([(wall, -front), (wall, end)])
     return [
         *parts,
         Body("lens", "round", glass + np.asarray(lens.origin), bands(RINGS + 1), "sky", 0.35),
@@ -96,12 +128,10 @@ def _elements(design: Design, camera: Camera, wall: float, front: float) -> list
         Body("lens mount", "ring", mount, bands(2), "blue", 0.16),
         _plate("MLA", array, design.microlens_array.size, "sky", 0.55),
         _plate("sensor", sensor, design.sensor_size, "ink", 0.9),
-        Body("tube", "round", tube, bands(2), "grey", 0.10),
-        _lines("tube ends", [_circle(wall, z) for z in (-front, end)], "grey", 1.5),
     ]
 
 
-def _pencils(design: Design, start: float) -> list[Body]:
+def _pencils(design: Design, start: float) -> list[tuple[str, list[Array], tuple[str, float]]]:
     """Rays of the centre, the right edge and a lower corner, through rim and middle of the FAP."""
     camera = Camera.of(design)
     centre, edge, (x, y) = default_fields(design)
@@ -109,7 +139,7 @@ def _pencils(design: Design, start: float) -> list[Body]:
     around = np.linspace(0, 2 * math.pi, 16, endpoint=False)
     # Just inside the rim: a ray on the rim itself would be kept or not by rounding.
     pupil = 0.999 * np.array([[0.0, *np.cos(around)], [0.0, *np.sin(around)]])
-    parts: list[Body] = []
+    parts: list[tuple[str, list[Array], tuple[str, float]]] = []
     blocked: list[Array] = []
     for name, place, colour in zip(RAYS, (centre, edge, far_corner), FIELDS, strict=False):
         rays = trace_pupil(camera, (pupil[0], pupil[1]), place)
@@ -118,8 +148,8 @@ def _pencils(design: Design, start: float) -> list[Body]:
             ended = np.flatnonzero((course != course[-1]).any(axis=1))[-1] + 2
             (kept if status in PASSED else blocked).append(course[:ended])
         if kept:
-            parts.append(_lines(name, kept, colour, 2.2))
-    return [*parts, _lines(RAYS[-1], blocked, "vermillion", 2.2)] if blocked else parts
+            parts.append((name, kept, (colour, 2.2)))
+    return [*parts, (RAYS[-1], blocked, ("vermillion", 2.2))] if blocked else parts
 
 
 HOME = Frame((0.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

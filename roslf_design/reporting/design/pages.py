@@ -369,6 +369,11 @@ def _assumptions(design: Design, result: Evaluation) -> tuple[Block, ...]:
             "Tilts are traced in the ray diagrams, the 3D view and the table of microlens images over the field; drawn "
             "microlens images and maps are those of the untilted parts."
         )
+    elif not design.sees_discs:
+        items.append(
+            "Rims of mirrors lean in the verdicts, the ray diagrams, the 3D view and the table of microlens images "
+            "over the field; drawn microlens images and maps take them as upright."
+        )
     exceeded = [spaced(e.name) for e in result.effects if e.on and abs(e.estimate) > e.budget]
     left = [spaced(e.name) for e in result.effects if not e.on and e.estimate != 0]
     blocks: list[Block] = [Bullets(tuple(items))]

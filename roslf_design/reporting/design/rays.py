@@ -82,7 +82,7 @@ def is_centred(design: Design) -> bool:
     offsets += [part.decentre for part in (*design.all_stops, *design.elements)]
     turns = [turn for element in design.elements for turn in (element.tilt, getattr(element, "wedge", (0.0, 0.0)))]
     offsets += turns
-    return design.aligned and all(offset == (0.0, 0.0) for offset in offsets)
+    return design.sees_discs and all(offset == (0.0, 0.0) for offset in offsets)
 
 
 def meridional(
@@ -265,10 +265,11 @@ def _named(design: Design, sides: Mapping[str, int], whole: bool) -> list[tuple[
     return sorted([*names, *([(-design.d_f, "object plane")] if whole else [])])
 
 
-def name_of_drawn(element: AnyElement, number: int) -> str:
-    """What an element is called in a picture; of a prism that it is drawn unfolded."""
-    unfolded = f", unfolded: turns by {math.degrees(element.turn):.3g}°" if element.turn else ""
-    return element_name(element, number) + unfolded
+def name_of_drawn(element: AnyElement, number: int, fold: bool = False) -> str:
+    """Name of an element in a picture; of one that turns the axis by how much, and whether it is drawn unfolded."""
+    drawn = "" if fold and element.folds else "unfolded: "
+    turn = f", {drawn}turns by {math.degrees(element.turn):.3g}°" if element.turn else ""
+    return element_name(element, number) + turn
 
 
 def _cut(fan: LabelledFan, half: float) -> tuple[Array, Array]:
@@ -353,7 +354,7 @@ def _glass(design: Design, section: SectionLayout) -> list[Mark]:
         for edge, wall in ((high, half), (low, -half)):
             if abs(edge) < half and element.length:
                 marks.append(_block(far, near, edge, wall, "grey", 0.25))
-            elif abs(edge) < half:
+            elif abs(edge) < half and not element.leans:
                 marks.append(Line([near, near], [edge, wall], "grey", 3.2))
         outline = joined(
             np.append(left, right[::-1], axis=0)
