@@ -122,7 +122,7 @@ def main(arguments: list[str] | None = None) -> int:
         result = _run(sys.argv[1:] if arguments is None else arguments)
         sys.stdout.flush()
     except InputError as error:
-        return _complain(str(error), 2)
+        return _complain(str(error.in_shell()), 2)
     except BrokenPipeError:
         # The reader (head, less) has what it wanted; keep the interpreter from complaining when it flushes.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -279,7 +279,7 @@ def outcome_of(
     expected, shown = image_pitch(design), centres.lattice.pitch
     if abs(shown / expected - 1) >= 0.02:
         notes.append(
-            f"the microlens images are {shown:.3f} px apart, and the design says {expected:.3f} px: are --design, its"
+            f"the microlens images are {shown:.3f} px apart, and the design says {expected:.3f} px: are the design, its"
             " pixel and its microlens pitch those of this camera?"
         )
     elif away := _off_design(estimates, board):

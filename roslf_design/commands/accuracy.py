@@ -18,7 +18,7 @@ from cyclopts import App, Parameter
 from ..accuracy.statement import check_accuracy
 from ..accuracy.table import QUANTITIES, cache_file, check_quantity, current_table
 from ..design import load
-from ..errors import InputError, Problem
+from ..errors import Argument, InputError, Problem
 from ..reporting.printers import page_files
 from ..scenes import load_scene
 from ..tables import Table, print_table
@@ -30,7 +30,6 @@ from .terminal import (
     StatusLine,
     check_options,
     check_target,
-    refusal,
     say,
     spelled,
     typed,
@@ -92,7 +91,7 @@ def diagrams(
     """
     check_accuracy(accuracy)
     of_jobs = f"{jobs} is out of range; give a whole number from 0 to {MOST_JOBS}, a second or so each"
-    check_options(seed, output, *([] if 0 <= jobs <= MOST_JOBS else [Problem("--jobs", of_jobs)]))
+    check_options(seed, output, *([] if 0 <= jobs <= MOST_JOBS else [Argument("jobs", of_jobs)]))
     if quantity is not None:
         check_quantity(quantity)
     loaded = load(design)
@@ -101,7 +100,7 @@ def diagrams(
     wanted = [quantity] if quantity else [] if scene else list(QUANTITIES)
     unfit = {name: why for name in wanted if (why := promises.unfit(loaded, name, axis))}
     if quantity in unfit:
-        raise InputError((Problem("--quantity", f'"{quantity}" cannot be had: {unfit[quantity]}'),), design)
+        raise InputError((Argument("quantity", f'"{quantity}" cannot be had: {unfit[quantity]}'),), design)
     if wanted and len(unfit) == len(wanted):
         raise InputError((Problem("", f"nothing can be had of it: {next(iter(unfit.values()))}"),), design)
     left_out = [f"{name[0].upper()}{name[1:]} is left out: {why}." for name, why in unfit.items()]
@@ -230,7 +229,7 @@ def study(name: str) -> Any:
         if error.name != "mpmath":
             raise
         message = "references at 60 digits need mpmath; install it with: pip install mpmath"
-        raise refusal("accuracy", message) from None
+        raise InputError((Problem("accuracy", message),)) from None
 
 
 def finish(

@@ -30,7 +30,7 @@ from ..calibration.result import LAPLACE_DRAWS
 from ..calibration.space import in_medium
 from ..design import Design, DesignError, dumps, load
 from ..design.files import WRITTEN
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, refusal
 from ..reporting.calibrate import pages
 from ..reporting.calibrate.pictures import what_was_seen
 from ..reporting.printers import page_files
@@ -48,7 +48,6 @@ from .terminal import (
     parse_sigmas,
     picture_files,
     print_titled,
-    refusal,
     say,
     typed,
     write_files,
@@ -240,14 +239,14 @@ def calibrated(
     try:
         checkerboard = Board.parse(board)
     except CalibrationError as error:
-        raise refusal("--board", str(error)) from None
+        raise refusal("board", str(error)) from None
     loaded = load(design)
     if use_in is not None:
         try:
             in_medium(loaded, use_in)
         except DesignError as error:
             said = "; ".join(problem.message for problem in error.problems)
-            raise refusal("--use-in", f"{use_in}: {said}") from None
+            raise refusal("use_in", f"{use_in}: {said}") from None
     circular = loaded.microlens_array.lens_shape == "circular"
     sigmas = {"f_sigma": f_sigma, "d_sigma": d_sigma, "cell_sigma": cell_sigma, "white_pitch": white_pitch}
     sheet, white = _known(loaded, checkerboard, {**sigmas, "sigma": dict(sigma or {})})
@@ -336,7 +335,7 @@ def _known(design: Design, board: Board, sigmas: Mapping[str, Any]) -> tuple[cal
     try:
         sheet = pages.data_sheet(design, board, asked)
     except CalibrationError as error:
-        raise refusal("--sigma", str(error).removeprefix("sigma of ")) from None
+        raise refusal("sigma", str(error).removeprefix("sigma of ")) from None
     return sheet, None if asked.white_pitch is None else relative_sigma(asked.white_pitch, 1.0)
 
 
@@ -376,7 +375,7 @@ def print_plan(design: str, options: Mapping[str, Any], distortion: int | None, 
         status.tell("planning")
         plan = pages.calibration_plan(loaded, asked, distortion)
     if isinstance(plan, str):
-        raise refusal("--plan", plan)
+        raise refusal("plan", plan)
     if json:
         large = too_large(loaded, plan.captures)
         notes = [f"{large}: choose a smaller --board"] if large else []

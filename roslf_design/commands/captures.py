@@ -29,12 +29,11 @@ from ..depth.measure import LEAST, measure
 from ..depth.unmixing import evened
 from ..depth.view_files import MATLAB, read_pfm, read_views
 from ..design import Design, load
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, refusal
 from ..imaging.camera import Region
 from ..reporting.calibrate.pages import calibrated_camera
 from ..units import read_quantity
 from .raw_images import OTHER_CAMERA, RawDecoded, UnfinishedError, from_raw, refused
-from .terminal import refusal
 
 VIEWS_WINDOW, WIDEST = 7, 99
 """Pixels of views that are matched together along each side, unless told otherwise, and the most."""
@@ -66,7 +65,7 @@ def captured(
         What cannot be read, or does not go together.
     """
     if window is not None and not (3 <= window <= WIDEST and window % 2):
-        raise refusal("--window", f"{window} is no window; give an odd number from 3 to {WIDEST}")
+        raise refusal("window", f"{window} is no window; give an odd number from 3 to {WIDEST}")
     is_views = image.is_dir() or image.suffix.lower() == MATLAB
     camera, covariance = _camera(image, design, calibrated, needed=not is_views)
     known_to = _known_to(camera, covariance, sigma or {})
@@ -84,20 +83,18 @@ def _known_to(
     known: dict[str, float] = {}
     for place, text in sigmas.items():
         if design is None:
-            raise refusal("--sigma", "is of a camera's length; name the camera with --design")
+            raise refusal("sigma", "is of a camera's length; name the camera with --design")
         if covariance is not None and place in covariance.places:
-            raise refusal("--sigma", f"{place} is in the calibration, with its error; leave it out")
+            raise refusal("sigma", f"{place} is in the calibration, with its error; leave it out")
         try:
             value = float(Camera.of(design.thin_twin)[place])
             relative = relative_sigma(text, value)
         except (KeyError, TypeError, AttributeError):
-            raise refusal(
-                "--sigma", f'{place} is no length of {design.name}; give one as "aperture.diameter"'
-            ) from None
+            raise refusal("sigma", f'{place} is no length of {design.name}; give one as "aperture.diameter"') from None
         except ValueError as error:
-            raise refusal("--sigma", f"{place}: {error}") from None
+            raise refusal("sigma", f"{place}: {error}") from None
         if not 0 < relative <= LEAST_KNOWN:
-            raise refusal("--sigma", f"{place}={text} is out of range; give more than 0 and {LEAST_KNOWN:.0%} at most")
+            raise refusal("sigma", f"{place}={text} is out of range; give more than 0 and {LEAST_KNOWN:.0%} at most")
         known[place] = relative * value
     return known
 
@@ -110,7 +107,7 @@ def _camera(
     if calibrated is None:
         if named is None and needed:
             message = f"is missing; name the camera that took {image.name}, or its --calibration"
-            raise refusal("--design", message)
+            raise refusal("design", message)
         return named, None
     return calibrated_camera(calibrated, named)
 
@@ -122,7 +119,7 @@ def _raw(
 ) -> MeasuredCapture:  # fmt: skip
     assert design is not None
     if truth is not None:
-        raise refusal("--truth", "goes with decoded views; leave it out")
+        raise refusal("truth", "goes with decoded views; leave it out")
     geometry = ArrayGeometry(design, covariance, window)
     camera = geometry.camera
     search = None if between is None else _between(between, geometry)
@@ -206,7 +203,7 @@ def _views(
     else:
         if design.microlens_array.layout == "hexagonal":
             message = "has a hexagonal array, and nothing says how its views were made square; give the raw image"
-            raise refusal("--design", message)
+            raise refusal("design", message)
         geometry, camera, wide = ArrayGeometry(design, covariance, window), design.name, 0.0
         field = replace(field, pitch=image_pitch(design))
         wide = image_width(geometry.camera)
@@ -219,7 +216,7 @@ def _views(
     file = truth if truth is not None else beside if image.is_dir() and beside.exists() and design is None else None
     if file is not None:
         if design is not None:
-            raise refusal("--truth", "goes with views that no --design describes; drop one")
+            raise refusal("truth", "goes with views that no --design describes; drop one")
         true, of = _truth(file, grid, shape), file.name
     search = searched(field, wide) if between is None else _between(between, geometry)
     noise = measured_noise(geometry, field, search, progress)
@@ -251,18 +248,18 @@ def _truth(file: Path, grid: GridGeometry, shape: tuple[int, ...]) -> NDArray[np
 def _between(text: str, geometry: ViewGeometry) -> tuple[float, float]:
     """Disparities of two distances."""
     if geometry.unit != "mm":
-        raise refusal("--between", "are distances, which take a camera; name it with --design")
+        raise refusal("between", "are distances, which take a camera; name it with --design")
     try:
         ends = np.array([read_quantity(part.strip(), "length") for part in text.split(",")])
     except ValueError as error:
-        raise refusal("--between", f'{error}; give two distances, as "300 mm, 400 mm"') from None
+        raise refusal("between", f'{error}; give two distances, as "300 mm, 400 mm"') from None
     if ends.size != 2 or not 0 < ends.min() < ends.max():
-        raise refusal("--between", f'"{text}" is no pair of distances; give two, as "300 mm, 400 mm"')
+        raise refusal("between", f'"{text}" is no pair of distances; give two, as "300 mm, 400 mm"')
     with np.errstate(divide="ignore", invalid="ignore"):
         disparities = geometry.disparity(ends)
         in_view = np.isclose(geometry.depth(disparities), ends, rtol=1e-6)
     if not in_view.all():
         raise refusal(
-            "--between", f"{ends[~in_view][0]:g} mm lies where the camera sees nothing; give one in front of it"
+            "between", f"{ends[~in_view][0]:g} mm lies where the camera sees nothing; give one in front of it"
         )
     return float(disparities.min()), float(disparities.max())

@@ -20,7 +20,7 @@ from ..camera import Camera
 from ..depth.decoded import Decoded, RawSource, textured_row
 from ..depth.view_files import MATLAB, read_views, view_files
 from ..design import Design, load
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, refusal
 from ..reporting.calibrate.pages import CALIBRATED, read_calibration
 from ..reporting.decode import pages
 from ..reporting.decode.pictures import contrast
@@ -35,7 +35,6 @@ from .terminal import (
     json_text,
     picture_files,
     print_titled,
-    refusal,
     say,
     typed,
     write_files,
@@ -178,7 +177,7 @@ def decoded(
             )
     chosen = None if focus is None else _disparities(focus, field, distances)
     if row is not None and not 0 <= row < len(field.v):
-        raise refusal("--row", f"{row} is none of the views' rows; give 0 to {len(field.v) - 1}")
+        raise refusal("row", f"{row} is none of the views' rows; give 0 to {len(field.v) - 1}")
     progress("refocusing")
     stack = focus_stack(field, chosen, distances)
     at = textured_row(field) if row is None else row
@@ -188,7 +187,7 @@ def decoded(
 def _camera(design: str | None, calibrated: Path | None) -> tuple[Design | None, str]:
     """The camera that was named, and what to call it."""
     if design is not None and calibrated is not None:
-        raise refusal("--calibration", "is a camera as well as --design; drop one")
+        raise refusal("calibration", "is a camera as well as --design; drop one")
     if calibrated is not None:
         read_calibration(calibrated)
         folder = calibrated if calibrated.is_dir() else calibrated.parent
@@ -201,27 +200,27 @@ def _disparities(focus: list[str], field: LightField, distances: Distances | Non
     disparities = []
     texts = [part.strip() for each in focus for part in each.split(",")]
     if len(texts) > MOST_PLANES:
-        raise refusal("--focus", f"asks for {len(texts)} planes; give {MOST_PLANES} at most, the others in another run")
+        raise refusal("focus", f"asks for {len(texts)} planes; give {MOST_PLANES} at most, the others in another run")
     for text in texts:
         try:
             value = float(text)
         except ValueError:
             if distances is None:
                 message = f'"{text}" is a distance, which takes --design or --calibration; or give a disparity, as 1.5'
-                raise refusal("--focus", message) from None
+                raise refusal("focus", message) from None
             try:
                 away = read_quantity(text, "length")
             except ValueError as error:
-                raise refusal("--focus", f'{error}; give "320 mm", or a disparity, as 1.5') from None
+                raise refusal("focus", f'{error}; give "320 mm", or a disparity, as 1.5') from None
             slope = distances.slope(away) if away > 0 else math.nan
             if not math.isclose(distances.distance(slope), away, rel_tol=1e-6):
                 raise refusal(
-                    "--focus", f'"{text}" lies where the camera sees nothing; give one in front of it'
+                    "focus", f'"{text}" lies where the camera sees nothing; give one in front of it'
                 ) from None
             value = -slope * field.pitch
         reach = max(len(field.u), len(field.v))
         if not abs(value) <= reach:
-            raise refusal("--focus", f'"{text}" is a disparity of more than the whole picture, {reach}')
+            raise refusal("focus", f'"{text}" is a disparity of more than the whole picture, {reach}')
         disparities.append(value)
     return np.array(sorted(disparities))
 

@@ -14,7 +14,7 @@ from ..depth.captured import MeasuredCapture
 from ..depth.measure import REASONS, Measurement, Trial, share_done, simulate
 from ..depth.view_files import MATLAB
 from ..design import load, preset_names
-from ..errors import Problem
+from ..errors import Argument, Problem
 from ..reporting.depth.captured import capture_answers, capture_basis, capture_report
 from ..reporting.depth.pages import answers, basis, depth_report, measurement_pictures
 from ..reporting.printers import page_files
@@ -119,7 +119,7 @@ def depth(
         for key, value in simulated.items() if capture and value is not None
     ]  # fmt: skip
     if exposures is not None and exposures < 1 and not capture:
-        wrong.append(Problem("--exposures", f"{exposures} is none; give 1 or more"))
+        wrong.append(Argument("exposures", f"{exposures} is none; give 1 or more"))
     check_options(seed, output, *wrong)
     piece = None if region is None else parse_region(region)
     command = typed(

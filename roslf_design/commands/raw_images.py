@@ -14,9 +14,9 @@ from ..camera import Camera
 from ..depth.decoded import RawSource
 from ..design import Design
 from ..drawing.picture import Picture
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, refusal
 from ..reporting.decode.pictures import no_lattice
-from .terminal import picture_files, refusal, write_files
+from .terminal import picture_files, write_files
 
 OTHER_CAMERA = 0.02
 """Share by which the pitch of the microlens images may be off the design's: beyond, it is another camera's."""
@@ -50,7 +50,7 @@ def from_raw(
     progress("reading")
     if white is None and design is None:
         raise refusal(
-            "--white",
+            "white",
             "is missing: give a white image; or name the camera by --design, and the microlens images are looked for in"
             " the image itself",
         )

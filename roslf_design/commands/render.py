@@ -14,13 +14,13 @@ from ..accuracy.picture import settle, stated
 from ..design import load
 from ..design.files import in_the_way, write_atomically
 from ..effects import Budget, Plan, plan
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, refusal
 from ..imaging.files import check_target, write_image
 from ..imaging.render import render as compute
 from ..reporting.design.microlens import preview as zooms
 from ..scenes import WHITE_FIELD, load_scene
 from ..tables import Table, print_table
-from .terminal import Flag, OptionalOutput, StatusLine, bar, check_options, json_text, refusal, say
+from .terminal import Flag, OptionalOutput, StatusLine, bar, check_options, json_text, say
 
 
 def render(
@@ -80,8 +80,8 @@ def render(
     loaded = load(design)
     scenes = [load_scene(path) for path in scene or []] or [WHITE_FIELD]
     if accuracy is not None and (budget_px is not None or budget_intensity is not None):
-        raise refusal("--accuracy", "sets the budgets; drop --budget-px and --budget-intensity, or it")
-    px, intensity = _number("--budget-px", budget_px or "0.1"), _number("--budget-intensity", budget_intensity or "1%")
+        raise refusal("accuracy", "sets the budgets; drop --budget-px and --budget-intensity, or it")
+    px, intensity = _number("budget_px", budget_px or "0.1"), _number("budget_intensity", budget_intensity or "1%")
     budget = Budget(px=px, intensity=intensity, pitch=px)
     overrides = [part.strip() for text in effects or [] for part in text.split(",") if part.strip()]
     piece = None if region is None else parse_region(region)
@@ -90,7 +90,7 @@ def render(
     for target in targets:
         check_target(target)
         if preview and (blocked := in_the_way(_preview_of(target))):
-            raise refusal("-o", blocked)
+            raise refusal("output", blocked)
     began = time.perf_counter()
     with StatusLine("render") as status:
         settled = [
@@ -155,7 +155,7 @@ def parse_region(text: str) -> tuple[int, int, int, int]:
         column, row, columns, rows = (int(part) for part in text.split(","))
     except ValueError:
         message = f'cannot read "{text}"; write column,row,columns,rows, as 0,0,512,512'
-        raise refusal("--region", message) from None
+        raise refusal("region", message) from None
     return column, row, columns, rows
 
 
@@ -168,7 +168,7 @@ def _targets(output: Path | None, names: list[str]) -> list[Path]:
             return [folder]
         raise InputError((Problem("", "several scenes make several images; name a folder with -o"),), str(folder))
     if len(set(names)) < len(names):
-        raise refusal("--scene", f"two scenes are called alike ({', '.join(names)}); rename a file")
+        raise refusal("scene", f"two scenes are called alike ({', '.join(names)}); rename a file")
     return [folder / f"{name}.tif" for name in names]
 
 

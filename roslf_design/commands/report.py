@@ -18,7 +18,7 @@ from ..design import load
 from ..design.files import KINDS
 from ..drawing.solid import NoPictureError, picture, vtp_bytes
 from ..drawing.svg import file_of
-from ..errors import InputError, Problem
+from ..errors import Argument, InputError, Problem, refusal
 from ..evaluation.evaluate import check_evaluation_accuracy
 from ..reporting.calibrate.pages import read_calibration
 from ..reporting.design.compare import comparison_report
@@ -34,7 +34,6 @@ from .terminal import (
     check_options,
     check_typst,
     listed,
-    refusal,
     say,
     typed,
     write_files,
@@ -108,11 +107,11 @@ def report(
     make = maker(names, compare, seed, accuracy, calibration)
     solid = [name for name in wanted if name in SOLID]
     if solid and (len(names) > 1 or load_story_or_study(Path(design))[0] != "design"):
-        raise refusal("--figure", "3d and model are of one design; name its file alone")
+        raise refusal("figure", "3d and model are of one design; name its file alone")
     folder = Path("report-" + "-".join(map(folder_name, names))) if output is None else output
     check_options(seed, folder)
     if pdf:
-        check_typst("--pdf")
+        check_typst("pdf")
     command = typed(
         "report", *names, compare=compare, output=folder, pdf=pdf, paper=paper if pdf else None, figure=wanted,
         calibration=calibration, seed=seed, accuracy=accuracy, stamp=stamp,
@@ -157,13 +156,13 @@ def maker(
         accuracy that is none.
     """
     if compare and len(names) not in (2, 3):
-        raise refusal("--compare", f"{len(names)} given; name two or three designs")
+        raise refusal("compare", f"{len(names)} given; name two or three designs")
     if len(names) > 1 and not compare:
-        raise refusal("report", "one design at a time; add --compare to set several side by side")
+        raise InputError((Problem("report", "one design at a time; add --compare to set several side by side"),))
     check_options(seed)
     kind, story = ("design", None) if compare else load_story_or_study(Path(names[0]))
     if calibration is not None and (compare or kind != "design"):
-        raise refusal("--calibration", "goes with the report of one design; leave it out, or name it in the story")
+        raise refusal("calibration", "goes with the report of one design; leave it out, or name it in the story")
     if kind == "design":
         designs = [load(name) for name in names]
         for each in designs:
@@ -175,7 +174,7 @@ def maker(
         return partial(make, calibrated=known, calibration=calibration)
     if accuracy is not None:
         remedy = "leave it out" if kind == "story" else f"ask it of roslf {kind}"
-        raise refusal("--accuracy", f"goes with designs, and {names[0]} is {KINDS[kind].called}; {remedy}")
+        raise refusal("accuracy", f"goes with designs, and {names[0]} is {KINDS[kind].called}; {remedy}")
     if story is not None:
         return partial(story_report, story, seed=seed)
     return partial(study_report, kind, Path(names[0]), seed=seed)
@@ -192,7 +191,7 @@ def figure_files(content: Report, wanted: Sequence[str]) -> dict[str, bytes]:
     unknown = [name for name in wanted if name not in known and name != "all"]
     if unknown:
         there = f"there are all, {', '.join((*known, *SOLID))}"
-        raise InputError(tuple(Problem("--figure", f"'{name}' is not here; {there}") for name in unknown))
+        raise InputError(tuple(Argument("figure", f"'{name}' is not here; {there}") for name in unknown))
     return {
         f"{name}.{'svg' if isinstance(figure.content, str) else 'png'}": file_of(figure.content)
         for name, figure in known.items()
@@ -206,9 +205,8 @@ def _date() -> datetime:
     try:
         return datetime.fromtimestamp(int(epoch), UTC) if epoch else datetime.now().astimezone()
     except (ValueError, OverflowError, OSError):
-        raise refusal(
-            "SOURCE_DATE_EPOCH", f'"{epoch}" is no date; give whole seconds since 1970, or unset it'
-        ) from None
+        message = f'"{epoch}" is no date; give whole seconds since 1970, or unset it'
+        raise InputError((Problem("SOURCE_DATE_EPOCH", message),)) from None
 
 
 def stamp_lines(made: datetime) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from cyclopts import Parameter
 
 from ..design.files import in_the_way, write_atomically
 from ..drawing.svg import file_of
-from ..errors import InputError, Problem, printable
+from ..errors import Argument, InputError, Problem, printable, refusal
 from ..reporting.blocks import MARKS, Block, Bullets, Paragraph, Statements, Table
 from ..tables import plain_text, print_table
 
@@ -184,11 +184,6 @@ def typed(*words: object, **options: object) -> str:
     return printable(shlex.join(parts))
 
 
-def refusal(key: str, message: str) -> InputError:
-    """An option that cannot be had."""
-    return InputError((Problem(key, message),))
-
-
 def check_options(seed: int | None = None, folder: Path | None = None, *others: Problem) -> None:
     """Refuse, before any work, options that cannot be had.
 
@@ -199,11 +194,11 @@ def check_options(seed: int | None = None, folder: Path | None = None, *others: 
     """
     faults = list(others)
     if seed is not None and seed < 0:
-        faults.append(Problem("--seed", f"{seed} is negative; give a whole number from 0"))
+        faults.append(Argument("seed", f"{seed} is negative; give a whole number from 0"))
     if seed is not None and seed >= SEEDS:
-        faults.append(Problem("--seed", "is too large; give a whole number below 2^63"))
+        faults.append(Argument("seed", "is too large; give a whole number below 2^63"))
     if folder is not None and (blocked := in_the_way(folder / PAGE)):
-        faults.append(Problem("-o", blocked))
+        faults.append(Argument("output", blocked))
     if faults:
         raise InputError(tuple(faults))
 
@@ -213,9 +208,9 @@ def check_target(target: Path, kinds: Sequence[str] = ()) -> str:
     kind = target.suffix.lower()
     if kinds and kind not in kinds:
         ends = " or ".join(kinds) if len(kinds) == 2 else ", ".join(kinds)
-        raise refusal("-o", f"{target.name} is of no kind that is written here; end it in {ends}")
+        raise refusal("output", f"{target.name} is of no kind that is written here; end it in {ends}")
     if blocked := in_the_way(target):
-        raise refusal("-o", blocked)
+        raise refusal("output", blocked)
     return kind
 
 
@@ -231,10 +226,8 @@ def parse_sigmas(texts: list[str] | None) -> dict[str, str]:
     for text in texts or ():
         place, between, sigma = (part.strip() for part in text.partition("="))
         if not (place and between and sigma):
-            raise refusal(
-                "--sigma", f'cannot read "{text}"; write a place and its sigma, as "elements.0.thickness=5 um"'
-            )
+            raise refusal("sigma", f'cannot read "{text}"; write a place and its sigma, as "elements.0.thickness=5 um"')
         if place in sigmas:
-            raise refusal("--sigma", f"{place} is given twice; drop one")
+            raise refusal("sigma", f"{place} is given twice; drop one")
         sigmas[place] = sigma
     return sigmas

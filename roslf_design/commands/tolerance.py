@@ -11,7 +11,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from ..errors import Problem
+from ..errors import Argument, refusal, with_options
 from ..reporting.blocks import Block, Paragraph
 from ..reporting.printers import page_files
 from ..reporting.tolerance.pages import (
@@ -35,7 +35,6 @@ from .terminal import (
     check_options,
     picture_files,
     print_blocks,
-    refusal,
     say,
     spelled,
     typed,
@@ -88,15 +87,15 @@ def tolerance(
     resume
         Go on with a run that was stopped.
     """
-    counts = {"--trials": (trials, MOST_TRIALS), "--workers": (workers, MOST_WORKERS)}
+    counts = {"trials": (trials, MOST_TRIALS), "workers": (workers, MOST_WORKERS)}
     wrong = [
-        Problem(option, f"{count} is out of range; give a whole number from 1 to {most}")
+        Argument(option, f"{count} is out of range; give a whole number from 1 to {most}")
         for option, (count, most) in counts.items()
         if count is not None and not 1 <= count <= most
     ]
     check_options(seed, output, *wrong)
     if accuracy is not None and trials is not None:
-        raise refusal("--accuracy", "says how many trials there are, as does --trials; give one of them")
+        raise refusal("accuracy", "says how many trials there are, as does --trials; give one of them")
     started = time.perf_counter()
     plan, description, grades = load_plan(study, trials=trials, seed=seed)
     if accuracy is not None:
@@ -107,7 +106,7 @@ def tolerance(
         try:
             tally = run_trials(plan, output, where, resume=resume, progress=lambda done, _: tell(done))
         except ChunkLostError as error:
-            say(f"roslf: {error}", error=True)
+            say(f"roslf: {with_options(str(error))}", error=True)
             raise SystemExit(1) from None
     result = analyse(plan, description, grades, tally, save_worst(plan, tally, output))
     seconds = time.perf_counter() - started

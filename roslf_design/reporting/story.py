@@ -22,7 +22,7 @@ from pydantic import Field, field_validator, model_validator
 
 from ..design import Design, load, preset_names
 from ..design.files import Kind, kind_of, load_beside
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, refusal
 from ..evaluation import default_fields
 from ..optimization.solve import Tell
 from ..optimization.study import Result, designs, run
@@ -420,7 +420,7 @@ def datasheet_of(
     if story is not None:
         if calibration is not None:
             remedy = 'name it in the story, as calibrated = "FOLDER"'
-            raise InputError((Problem("--calibration", f"goes with a design or a study; {remedy}"),))
+            raise refusal("calibration", f"goes with a design or a study; {remedy}")
         return _basis_of(story, list(_walked(story, seed, progress, builds_alone)))
     if kind == "design":
         design = load(str(path))

@@ -37,7 +37,7 @@ from ...camera import Camera
 from ...design import Design, load
 from ...drawing.picture import Picture
 from ...drawing.svg import redrawn
-from ...errors import InputError, Problem
+from ...errors import InputError, Problem, refusal
 from ...input_files import read_bytes, read_json
 from ...tolerancing.places import nominal_values, parse_tolerance, perturbable
 from ...tolerancing.study import StrictTable
@@ -304,17 +304,18 @@ def calibrated_camera(place: Path, named: Design | None = None) -> tuple[Design,
     file = (place if place.is_dir() else place.parent) / CALIBRATED
     camera = load(file)
 
-    def refused(message: str) -> InputError:
-        return InputError((Problem("--calibration", message),))
-
     if named is not None and named.name not in (data["design"], camera.name):
-        raise refused(f'{place} is of "{data["design"]}", and the design is "{named.name}"; drop the wrong one')
+        raise refusal(
+            "calibration", f'{place} is of "{data["design"]}", and the design is "{named.name}"; drop the wrong one'
+        )
     together = data.get("covariance")
     if together is None:
-        raise refused(f"{place} does not tell how its lengths err together, as an older one; calibrate again")
+        raise refusal(
+            "calibration", f"{place} does not tell how its lengths err together, as an older one; calibrate again"
+        )
     known = Camera.of(camera).numbers
     if strange := [place for place in together["places"] if place not in known]:
-        raise refused(f"{strange[0]} is no length of {file}; calibrate again")
+        raise refusal("calibration", f"{strange[0]} is no length of {file}; calibrate again")
     return camera, LengthCovariance(tuple(together["places"]), np.array(together["matrix"]))
 
 
