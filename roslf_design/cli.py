@@ -149,6 +149,9 @@ def _run(arguments: list[str]) -> Any:
     try:
         return build_app()(arguments, exit_on_error=False, print_error=False, result_action="return_value")
     except CycloptsError as error:
+        options = getattr(getattr(error, "argument", None), "hint", None)
+        if refused := getattr(options, "refused", None):  # a job's options, which tell every fault
+            raise refused(error.__cause__) from None
         return _complain(" ".join(str(error).split()) + " See `roslf --help`.", 2)
 
 

@@ -9,7 +9,7 @@ import shlex
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -32,6 +32,10 @@ Output = Annotated[Path, Parameter(name=["--output", "-o"])]
 OptionalOutput = Annotated[Path | None, Parameter(name=["--output", "-o"])]
 Repeated = Annotated[list[str] | None, Parameter(negative=())]
 """Texts, of an option that may be given several times."""
+Flat = Parameter(name="*")
+"""For a job's options: each field is an option of the shell, its text its help."""
+Unread = Parameter(parse=False)
+"""For a field that the shell has another form for."""
 
 SEEDS = 2**63
 """Below which seeds lie: what files, generators and compiled kernels hold alike."""
@@ -63,9 +67,13 @@ class StatusLine:
         if self._shown:
             print(f"\r\x1b[2K{self._command}: {printable(what)} ...", end="", file=sys.stderr, flush=True)
 
-    def __exit__(self, *_: object) -> None:
+    def clear(self) -> None:
+        """Take the line away."""
         if self._shown:
             print("\r\x1b[2K", end="", file=sys.stderr, flush=True)
+
+    def __exit__(self, *_: object) -> None:
+        self.clear()
 
 
 @contextmanager
@@ -99,6 +107,32 @@ def bar(name: str, total: float = 1.0) -> Iterator[Callable[[float], None]]:
         yield tell
     finally:
         shown.stop()
+
+
+@contextmanager
+def status_and_bars(command: str) -> Iterator[Callable[..., None]]:
+    """A status line that gives way to a bar where things are counted.
+
+    Yields
+    ------
+    callable
+        Takes what is being done; of counted things also how many are done, and how many there are.
+    """
+    with ExitStack() as stack, StatusLine(command) as status:
+        counting: list[Callable[[float], None]] = []
+
+        def tell(what: str, done: float = 0.0, total: float = 0.0) -> None:
+            if not total:
+                stack.close()
+                counting.clear()
+                status.tell(what)
+                return
+            if not counting:
+                status.clear()
+                counting.append(stack.enter_context(bar(what, total)))
+            counting[0](done)
+
+        yield tell
 
 
 def print_blocks(blocks: Iterable[Block], console: Console) -> None:
