@@ -28,7 +28,7 @@ from .scenes import Scene, load_scene
 from .theory.quantities import Quantity, quantity_named
 from .tolerancing.result import StudyResult, analyse
 from .tolerancing.run import merged, tally_chunk
-from .tolerancing.study import load_plan
+from .tolerancing.study import RunOptions
 
 
 def _scene(scene: Scene | str | Path | None) -> Scene | None:
@@ -196,7 +196,7 @@ def tolerance(study: str | Path, *, trials: int | None = None, seed: int | None 
     >>> result = roslf.tolerance("studies/tolerance-scope/study.toml", trials=1024)  # doctest: +SKIP
     >>> result.final.result.value  # doctest: +SKIP
     """
-    plan, description, grades = load_plan(study, trials=trials, seed=seed)
+    plan, description, grades = RunOptions.of(trials=trials, seed=seed).plan(study)
     return analyse(plan, description, grades, merged(tally_chunk(plan, index) for index in range(plan.chunks)))
 
 

@@ -6,13 +6,47 @@ import os
 from collections.abc import Iterable
 from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
 
 from .errors import Argument, InputError
 from .toml_files import problems_of
 
 FileName = Annotated[str, BeforeValidator(lambda name: os.fspath(name) if isinstance(name, os.PathLike) else name)]
 """Name of a file, or of a preset."""
+
+
+SEEDS = 2**63
+"""Below which seeds lie: what files, generators and compiled kernels hold alike."""
+
+
+def usable_seed(seed: int) -> int:
+    """Seed as it is.
+
+    Raises
+    ------
+    ValueError
+        Out of range.
+    """
+    if seed < 0:
+        raise ValueError(f"{seed} is negative; give a whole number from 0")
+    if seed >= SEEDS:
+        raise ValueError("is too large; give a whole number below 2^63")
+    return seed
+
+
+Seed = Annotated[int, AfterValidator(usable_seed)]
+"""Seed of random numbers."""
+
+
+def up_to(most: int) -> AfterValidator:
+    """Validator of counts from 1 on."""
+
+    def check(count: int) -> int:
+        if not 1 <= count <= most:
+            raise ValueError(f"{count} is out of range; give a whole number from 1 to {most}")
+        return count
+
+    return AfterValidator(check)
 
 
 class Options(BaseModel):

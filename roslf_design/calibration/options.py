@@ -11,7 +11,7 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from ..design import Design
 from ..errors import refusal
-from ..options import Options
+from ..options import Options, Seed
 from ..tolerancing.places import nominal_values, parse_tolerance, perturbable
 from ..tolerancing.study import StrictTable
 from ..toml_files import nearest
@@ -43,7 +43,7 @@ class SheetOptions(Options):
     board: str | None = None
     """The checkerboard: cells across, cells down, size of one, as "4x5 6 mm". Of a ChArUco board, which need not be
     seen whole, its markers' size and dictionary too, as "charuco 8x6 6 mm 4.5 mm DICT_4X4_50"."""
-    seed: Annotated[int, Field(ge=0)] = 0
+    seed: Seed = 0
     """Seed of the posterior, or of a plan's random poses; the same seed gives the same bytes."""
     f_sigma: str = "1 %"
     """Standard deviation of the data sheet's focal length, as "1 mm" or "1%"."""

@@ -48,6 +48,8 @@ LIKE = {"design": "paper", "board": '"4x5 6 mm"', "output": "out/calibration"}
 class _Options(CalibrateOptions):
     """Options but those that the shell has another form for."""
 
+    design: str | None = None
+    """The design that the camera was built to: a file or a preset. Gives f, pixel and microlens pitch."""
     sigma: Annotated[dict[str, str | float], Unread] = Field(default_factory=dict)
     posterior: Annotated[bool, Unread] = True
 
@@ -76,7 +78,6 @@ def calibrate(
     folder: Path | None = None,
     /,
     *,
-    design: str | None = None,
     output: OptionalOutput = None,
     json: Flag = False,
     options: Annotated[_Options, Flat] = OPTIONS,
@@ -95,8 +96,6 @@ def calibrate(
     ----------
     folder
         Raw images: white.tif (or .png), perhaps dark.tif, and images of the board by any other name.
-    design
-        The design that the camera was built to: a file or a preset. Gives f, pixel and microlens pitch.
     output
         Folder for calibration.json, calibrated.toml, figures and index.html.
     json
@@ -110,7 +109,7 @@ def calibrate(
     plan
         Instead of a folder: a design whose calibration is to be planned, before anyone captures an image.
     """
-    given = {"design": design, "board": options.board, "output": output}
+    design, given = options.design, {"design": options.design, "board": options.board, "output": output}
     wrong: dict[str, str] = {}
     if plan is not None:
         idle = {"design": design, "output": output, "distances": options.distances, "use_in": options.use_in}
@@ -142,9 +141,7 @@ def calibrate(
     except CalibrationError as error:
         raise refused(error, folder, output) from None
     typed_options = options.model_dump(exclude={"sigma", "posterior"})
-    command = typed(
-        "calibrate", folder, design=design, output=output, **typed_options, sigma=sigma, no_posterior=no_posterior
-    )
+    command = typed("calibrate", folder, output=output, **typed_options, sigma=sigma, no_posterior=no_posterior)
     _write_outcome(result, output, command, json, time.perf_counter() - began)
 
 

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from ..calibration.frames import SUFFIXES
-from ..calibration.raw import NoLatticeError
 from ..depth.captured import MeasuredCapture
 from ..depth.from_files import CaptureOptions, captured
 from ..depth.measure import REASONS, Measurement, PictureOptions, Trial, share_done, simulate
@@ -21,12 +20,12 @@ from ..depth.view_files import MATLAB
 from ..design import load, preset_names
 from ..drawing.picture import Picture
 from ..errors import Argument
+from ..options import Options
 from ..reporting.blocks import Block, Report
 from ..reporting.depth.captured import capture_answers, capture_basis, capture_report
 from ..reporting.depth.pages import answers, basis, depth_report, measurement_pictures
 from ..reporting.printers import page_files
 from ..scenes import load_scene
-from .refused import refused
 from .render import parse_region
 from .terminal import (
     Flag,
@@ -59,19 +58,37 @@ class _Options(CaptureOptions):
         return self.model_copy(update={"region": region, "sigma": sigma})
 
 
-OPTIONS = _Options()
+class _Simulation(Options):
+    """Pictures that are simulated, of a design."""
+
+    scene: Path | None = None
+    """With a design: a scene file. Default: a slanted wall with texture at the focal plane."""
+    exposures: int | None = None
+    """With a design: pictures that differ by noise alone; with several, spread is told apart from what stays."""
+    believed: str | None = None
+    """With a design: compute depth for this one instead, as with a wrong calibration."""
+    seed: int | None = None
+    """With a design: of noise and sampling; the same seed gives the same bytes."""
+
+    def faults(self, capture: bool) -> list[Argument]:
+        """Options that cannot be had: none of them goes with a capture."""
+        if capture:
+            given = [name for name, value in dict(self).items() if value is not None]
+            return [Argument(name, "goes with a design, and this is a capture; leave it out") for name in given]
+        none = self.exposures is not None and self.exposures < 1
+        return [Argument("exposures", f"{self.exposures} is none; give 1 or more")] if none else []
+
+
+OPTIONS, SIMULATION = _Options(), _Simulation()
 
 
 def depth(
     subject: str,
     /,
     *,
-    scene: Path | None = None,
+    simulation: Annotated[_Simulation, Flat] = SIMULATION,
     output: OptionalOutput = None,
     region: str | None = None,
-    exposures: int | None = None,
-    believed: str | None = None,
-    seed: int | None = None,
     options: Annotated[_Options, Flat] = OPTIONS,
     sigma: Repeated = None,
     json: Flag = False,
@@ -87,8 +104,6 @@ def depth(
     subject
         A design file, or the name of a preset (see `roslf presets`): its pictures are simulated. Or a raw image (.tif,
         .png); or decoded views: a folder of pictures named by row and column, or a .mat file of LFToolbox.
-    scene
-        With a design: a scene file. Default: a slanted wall with texture at the focal plane.
     output
         Folder for index.html, depth.json, pictures, tables/ (CSV) and maps, made if needed: depth.tif (Z from the main
         lens in mm, 0 where unknown), sigma.tif (its standard error), status.tif (0 where measured, else why not:
@@ -96,12 +111,6 @@ def depth(
     region
         Only a part of the sensor, as column,row,columns,rows in pixels. Default: a strip across its middle. Of a raw
         image: which part of the sensor it shows, where that is not all.
-    exposures
-        With a design: pictures that differ by noise alone; with several, spread is told apart from what stays.
-    believed
-        With a design: compute depth for this one instead, as with a wrong calibration.
-    seed
-        With a design: of noise and sampling; the same seed gives the same bytes.
     sigma
         How surely a length of the camera is known that no calibration tells, as aperture.diameter=1% or
         aperture.diameter="20 um"; may be repeated. What that leaves open counts in the errors. Default: as designed.
@@ -109,33 +118,20 @@ def depth(
         Print the JSON object instead of text.
     """
     capture = _is_capture(subject) or bool(options.model_fields_set) or sigma is not None
-    simulated = {"scene": scene, "exposures": exposures, "believed": believed, "seed": seed}
-    wrong = [
-        Argument(key, "goes with a design, and this is a capture; leave it out")
-        for key, value in simulated.items() if capture and value is not None
-    ]  # fmt: skip
-    if exposures is not None and exposures < 1 and not capture:
-        wrong.append(Argument("exposures", f"{exposures} is none; give 1 or more"))
-    check_options(seed, output, *wrong)
+    check_options(simulation.seed, output, *simulation.faults(capture))
     piece = None if region is None else parse_region(region)
-    command = typed(
-        "depth", subject, scene=scene, region=region, exposures=exposures if exposures != 1 else None,
-        believed=believed, seed=seed or None, **options.model_dump(exclude={"region", "sigma"}), sigma=sigma,
-        output=output,
-    )  # fmt: skip
+    chosen = dict(simulation) | options.model_dump(exclude={"region", "sigma"})
+    command = typed("depth", subject, region=region, **chosen, sigma=sigma, output=output)
     if capture:
         taken = options.complete(piece, parse_sigmas(sigma))
         with StatusLine("depth") as status:
-            try:
-                result = captured(Path(subject), taken, status.tell)
-            except NoLatticeError as error:
-                raise refused(error, Path(subject)) from None
+            result = captured(Path(subject), taken, status.tell)
         blocks = (*capture_answers(result), *capture_basis(result))
         finish(result, f"Depth in {result.source}", blocks, partial(capture_report, result), command, output, json)
         return
-    design, look = load(subject), None if scene is None else load_scene(scene)
-    other = None if believed is None else load(believed)
-    pictures = PictureOptions(region=piece, seed=seed or 0, exposures=exposures or 1)
+    design, look = load(subject), None if simulation.scene is None else load_scene(simulation.scene)
+    other = None if simulation.believed is None else load(simulation.believed)
+    pictures = PictureOptions(region=piece, seed=simulation.seed or 0, exposures=simulation.exposures or 1)
     with bar("depth") as tell:
         trial = simulate(
             design, look, pictures, believed=other, progress=lambda what, share: tell(share_done(what, share))

@@ -18,6 +18,7 @@ from cyclopts import Parameter
 from ..design.files import in_the_way, write_atomically
 from ..drawing.svg import file_of
 from ..errors import Argument, InputError, Problem, printable, refusal
+from ..options import usable_seed
 from ..reporting.blocks import MARKS, Block, Bullets, Paragraph, Statements, Table
 from ..tables import plain_text, print_table
 
@@ -37,8 +38,6 @@ Flat = Parameter(name="*")
 Unread = Parameter(parse=False)
 """For a field that the shell has another form for."""
 
-SEEDS = 2**63
-"""Below which seeds lie: what files, generators and compiled kernels hold alike."""
 PATIENCE = 2.0
 """Seconds before a bar appears: shorter work needs none."""
 PAGE = "index.html"
@@ -227,10 +226,11 @@ def check_options(seed: int | None = None, folder: Path | None = None, *others: 
         A seed out of range, a place where no page can be written, what else is wrong: all told.
     """
     faults = list(others)
-    if seed is not None and seed < 0:
-        faults.append(Argument("seed", f"{seed} is negative; give a whole number from 0"))
-    if seed is not None and seed >= SEEDS:
-        faults.append(Argument("seed", "is too large; give a whole number below 2^63"))
+    if seed is not None:
+        try:
+            usable_seed(seed)
+        except ValueError as error:
+            faults.append(Argument("seed", str(error)))
     if folder is not None and (blocked := in_the_way(folder / PAGE)):
         faults.append(Argument("output", blocked))
     if faults:

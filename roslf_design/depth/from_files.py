@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from ..calibration.decoding import LightField
+from ..calibration.frames import CalibrationError
 from ..calibration.lengths import LengthCovariance
 from ..calibration.model import relative_sigma
 from ..calibration.raw import OTHER_CAMERA, RawDecoded, from_raw
@@ -111,9 +112,7 @@ def captured(image: Path, options: CaptureOptions, progress: Callable[[str], Non
     Raises
     ------
     InputError
-        What cannot be read, or does not go together.
-    NoLatticeError
-        No microlens images are found in a raw image.
+        What cannot be read, or does not go together; no microlens images in a raw image.
     """
     window, views = options.window, is_views(image)
     if window is not None and not (3 <= window <= WIDEST and window % 2):
@@ -156,7 +155,10 @@ def _raw(capture: _Capture, progress: Callable[[str], None]) -> MeasuredCapture:
     geometry = ArrayGeometry(design, capture.covariance, options.window)
     camera = geometry.camera
     search = None if options.between is None else _between(options.between, geometry)
-    raw = from_raw(image, options.white, options.dark, design, progress)
+    try:
+        raw = from_raw(image, options.white, options.dark, design, progress)
+    except CalibrationError as error:
+        raise capture.refused(" ".join(str(error).split())) from None
     lattice, pitch = raw.source.centres.lattice, image_pitch(design)
     if abs(lattice.pitch / pitch - 1) > OTHER_CAMERA:
         name = "design" if options.calibration is None else "calibration"

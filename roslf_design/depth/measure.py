@@ -27,7 +27,7 @@ from ..imaging.camera import ImageLattice, Region
 from ..imaging.render import RawImage, render
 from ..imaging.trace import RaySampling, seen_distances
 from ..json_data import plain
-from ..options import Options
+from ..options import Options, Seed
 from ..scenes import Noise, Plane, Scene
 from ..shapes.lattice import lattice_steps
 from ..theory.disparity_error import Seen, disparity_sigma
@@ -341,7 +341,7 @@ class PictureOptions(Options):
 
     region: tuple[int, int, int, int] | None = None
     """Column, row, columns and rows of the sensor. Default: a strip across its middle."""
-    seed: int = 0
+    seed: Seed = 0
     """Seed of the noise; the same seed gives the same bytes."""
     exposures: Annotated[int, Field(ge=1)] = 1
     """Pictures, which differ by noise alone."""
