@@ -5,17 +5,17 @@ Each takes a design, the name of a preset or the path of a file, prints nothing 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from .calibration import Outcome
-from .commands.calibrate import calibrated
-from .commands.captures import captured
-from .commands.decode import decoded
+from .calibration.options import CalibrateOptions
+from .calibration.outcome import calibrated
 from .depth.captured import MeasuredCapture
-from .depth.decoded import Decoded
-from .depth.measure import Trial, simulate
+from .depth.decoded import Decoded, DecodeOptions, decoded
+from .depth.from_files import CaptureOptions, captured
+from .depth.measure import PictureOptions, Trial, simulate
 from .design import Design
 from .design.files import as_design
 from .imaging.render import RawImage
@@ -29,15 +29,11 @@ from .theory.quantities import quantity_named
 from .theory.quantity import Quantity
 from .tolerancing.result import StudyResult, analyse
 from .tolerancing.run import merged, tally_chunk
-from .tolerancing.study import load_plan
+from .tolerancing.study import RunOptions
 
 
 def _scene(scene: Scene | str | Path | None) -> Scene | None:
     return load_scene(scene) if isinstance(scene, (str, Path)) else scene
-
-
-def _path(path: str | Path | None) -> Path | None:
-    return None if path is None else Path(path)
 
 
 def quantity(name: str) -> Quantity:
@@ -107,7 +103,8 @@ def measure_depth(
     scene: Scene | str | Path | None = None,
     *,
     believed: Design | str | Path | None = None,
-    **more: Any,
+    progress: Callable[[str, float], None] = lambda what, share: None,
+    **options: Any,
 ) -> Trial:
     """What depth a camera measures of a scene, simulated with noise, beside the truth and the error predicted.
 
@@ -119,8 +116,10 @@ def measure_depth(
         What is looked at; None is a slanted wall with texture at the focal plane.
     believed : Design, str or Path, optional
         The camera that depth is computed for, where that is another.
-    **more
-        As `roslf_design.depth.measure.simulate` takes them: region, seed, exposures, rays, progress.
+    progress : callable
+        Told what is being done, and how much of it is done.
+    **options
+        As `roslf_design.depth.measure.PictureOptions` has them: region, seed, exposures, rays.
 
     Returns
     -------
@@ -139,45 +138,19 @@ def measure_depth(
     >>> trial.summary().spread_mm  # doctest: +SKIP
     """
     other = None if believed is None else as_design(believed)
-    return simulate(as_design(design), _scene(scene), believed=other, **more)
+    return simulate(as_design(design), _scene(scene), PictureOptions.of(**options), believed=other, progress=progress)
 
 
-def capture_depth(
-    image: str | Path,
-    *,
-    design: str | Path | None = None,
-    white: str | Path | None = None,
-    dark: str | Path | None = None,
-    calibration: str | Path | None = None,
-    truth: str | Path | None = None,
-    region: tuple[int, int, int, int] | None = None,
-    between: str | None = None,
-    window: int | None = None,
-    sigma: Mapping[str, str] | None = None,
-) -> MeasuredCapture:
+def capture_depth(image: str | Path, **options: Any) -> MeasuredCapture:
     """Depth in a raw image that a camera took, or in decoded views, with its standard error.
 
     Parameters
     ----------
     image : str or Path
         A raw image; or decoded views: a folder of pictures, a .mat file of LFToolbox.
-    design : str or Path, optional
-        The camera that took it.
-    white, dark : str or Path, optional
-        White image and frame without light.
-    calibration : str or Path, optional
-        Folder that `roslf calibrate` wrote: its lengths and their errors.
-    truth : str or Path, optional
-        Of views: a .pfm file of disparities from view to view [px].
-    region : (column, row, columns, rows), optional
-        Of the sensor, that a raw image shows, where that is not all.
-    between : str, optional
-        Distances to look between, as "300 mm, 400 mm".
-    window : int, optional
-        Microlenses, or pixels of views, that are matched together along each side.
-    sigma : dict, optional
-        How surely lengths of the camera are known that no calibration tells, by their places:
-        ``{"aperture.diameter": "1%"}``.
+    **options
+        As `roslf_design.depth.from_files.CaptureOptions` has them: design, white, dark, calibration, truth, region,
+        between, window; sigma as ``{"aperture.diameter": "1%"}``.
 
     Returns
     -------
@@ -195,11 +168,7 @@ def capture_depth(
     >>> found = roslf.capture_depth("raw.tif", white="white.tif", design="paper")  # doctest: +SKIP
     >>> found.first.depth  # doctest: +SKIP
     """
-    camera = None if design is None else str(design)
-    return captured(
-        Path(image), camera, _path(white), _path(dark), _path(calibration),
-        region=region, between=between, window=window, truth=_path(truth), sigma=sigma,
-    )  # fmt: skip
+    return captured(Path(image), CaptureOptions.of(**options))
 
 
 def tolerance(study: str | Path, *, trials: int | None = None, seed: int | None = None) -> StudyResult:
@@ -228,7 +197,7 @@ def tolerance(study: str | Path, *, trials: int | None = None, seed: int | None 
     >>> result = roslf.tolerance("studies/tolerance-scope/study.toml", trials=1024)  # doctest: +SKIP
     >>> result.final.result.value  # doctest: +SKIP
     """
-    plan, description, grades = load_plan(study, trials=trials, seed=seed)
+    plan, description, grades = RunOptions.of(trials=trials, seed=seed).plan(study)
     return analyse(plan, description, grades, merged(tally_chunk(plan, index) for index in range(plan.chunks)))
 
 
@@ -258,53 +227,21 @@ def optimize(study: str | Path) -> Result:
     return run_study(load_study(study))
 
 
-def calibrate(
-    folder: str | Path,
-    design: str | Path,
-    board: str,
-    *,
-    f_sigma: str = "1%",
-    seed: int = 0,
-    posterior: bool = True,
-    distortion: Literal[0, 1, 2] | None = None,
-    diffraction: Literal["auto", "on", "off"] = "auto",
-    d_sigma: str = "0.1%",
-    cell_sigma: str = "0.1%",
-    white_pitch: str | None = None,
-    distances: str | Path | None = None,
-    use_in: str | None = None,
-    sigma: Mapping[str, str] | None = None,
-) -> Outcome:
+def calibrate(folder: str | Path, design: Design | str | Path, board: str, **options: Any) -> Outcome:
     """H, d_3 and the rest from images of a checkerboard, with how sure they are.
 
     Parameters
     ----------
     folder : str or Path
         Holds a white image and images of the board, as `roslf calibrate` reads them.
-    design : str or Path
+    design : Design, str or Path
         The camera as designed.
     board : str
         Such as "4x5 6 mm" or, partly seen, "charuco 8x6 6 mm 4.5 mm DICT_4X4_50".
-    f_sigma : str
-        How well the focal length is known.
-    seed : int
-        Of the posterior's walkers.
-    posterior : bool
-        Sample the posterior; else the spread of the fit is taken as normal.
-    distortion : int, optional
-        Radial terms to fit; by default 1 behind a main lens with a prescription, else as many as residuals ask for.
-    diffraction : {"auto", "on", "off"}
-        Whether microlens diffraction is taken off the corners.
-    d_sigma, cell_sigma : str
-        How well the microlens pitch and the board's cells are known.
-    white_pitch : str, optional
-        How well the white image's pitch is known, as "0.01%", where it is to be used.
-    distances : str or Path, optional
-        A TOML file of how far the boards stood.
-    use_in : str, optional
-        The medium that the camera will look into where that is not the boards': `Outcome.used_in`.
-    sigma : mapping, optional
-        How well numbers of what stands before the lens are known, by place: ``{"elements.1.thickness": "0.02 mm"}``.
+    **options
+        As `roslf_design.calibration.options.CalibrateOptions` has them: seed, f_sigma, d_sigma, cell_sigma,
+        white_pitch, distances, distortion, posterior, accuracy, diffraction, use_in; sigma as
+        ``{"elements.1.thickness": "0.02 mm"}``.
 
     Raises
     ------
@@ -316,35 +253,20 @@ def calibrate(
     >>> import roslf_design as roslf
     >>> outcome = roslf.calibrate("captures", "paper", "4x5 6 mm")  # doctest: +SKIP
     """
-    return calibrated(
-        Path(folder), str(design), board, f_sigma, distortion, seed, not posterior, diffraction,
-        d_sigma=d_sigma, cell_sigma=cell_sigma, white_pitch=white_pitch,
-        distances=_path(distances), use_in=use_in, sigma=sigma,
-    )  # fmt: skip
+    return calibrated(Path(folder), as_design(design), CalibrateOptions.of(board=board, **options))
 
 
-def decode(
-    image: str | Path,
-    white: str | Path | None = None,
-    *,
-    dark: str | Path | None = None,
-    design: str | Path | None = None,
-    calibration: str | Path | None = None,
-    focus: Iterable[str] | None = None,
-) -> Decoded:
+def decode(image: str | Path, white: str | Path | None = None, **options: Any) -> Decoded:
     """A light field with its refocus stack, from a raw image or from files of views.
 
     Parameters
     ----------
     image : str or Path
         A raw image; or decoded views: a folder of pictures, a .mat file of LFToolbox.
-    white, dark : str or Path, optional
-        White image and frame without light.
-    design : str or Path, optional
-        The camera; `calibration` instead is the folder that `roslf calibrate` wrote.
-    calibration : str or Path, optional
-    focus : iterable of str, optional
-        Distances ("320 mm") or disparities across the views ("1.5") to refocus to.
+    white : str or Path, optional
+        White image of the same camera setting.
+    **options
+        As `roslf_design.depth.decoded.DecodeOptions` has them: dark, design, calibration, focus, row.
 
     Returns
     -------
@@ -361,8 +283,7 @@ def decode(
     >>> import roslf_design as roslf
     >>> roslf.decode("raw.tif", "white.tif", design="paper").field  # doctest: +SKIP
     """
-    camera, wanted = None if design is None else str(design), None if focus is None else list(focus)
-    return decoded(Path(image), _path(white), _path(dark), camera, _path(calibration), focus=wanted)
+    return decoded(Path(image), DecodeOptions.of(white=white, **options))
 
 
 def report(design: Design | str | Path) -> Report:

@@ -122,7 +122,7 @@ def main(arguments: list[str] | None = None) -> int:
         result = _run(sys.argv[1:] if arguments is None else arguments)
         sys.stdout.flush()
     except InputError as error:
-        return _complain(str(error), 2)
+        return _complain(str(error.in_shell()), 2)
     except BrokenPipeError:
         # The reader (head, less) has what it wanted; keep the interpreter from complaining when it flushes.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
@@ -149,6 +149,9 @@ def _run(arguments: list[str]) -> Any:
     try:
         return build_app()(arguments, exit_on_error=False, print_error=False, result_action="return_value")
     except CycloptsError as error:
+        options = getattr(getattr(error, "argument", None), "hint", None)
+        if refused := getattr(options, "refused", None):  # a job's options, which tell every fault
+            raise refused(error.__cause__) from None
         return _complain(" ".join(str(error).split()) + " See `roslf --help`.", 2)
 
 

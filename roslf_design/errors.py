@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import unicodedata
 from dataclasses import dataclass
 
@@ -46,6 +47,32 @@ class Problem:
     def __str__(self) -> str:
         return f"{self.key}: {self.message}" if self.key else self.message
 
+    def in_shell(self) -> Problem:
+        """Fault as the shell tells it."""
+        return self
+
+
+@dataclass(frozen=True)
+class Argument(Problem):
+    """One fault of an argument: its key is a keyword in Python, and an option in the shell.
+
+    Other arguments that the message names stand in backticks.
+    """
+
+    def in_shell(self) -> Problem:
+        """Fault as the shell tells it: arguments are options."""
+        return Problem(option(self.key) if self.key else "", with_options(self.message))
+
+
+def option(name: str) -> str:
+    """Option of the shell that a keyword stands for."""
+    return "-o" if name == "output" else f"--{name.replace('_', '-')}"
+
+
+def with_options(text: str) -> str:
+    """Text whose arguments, in backticks, are options of the shell."""
+    return re.sub("`([a-z][a-z_]*)`", lambda match: option(match[1]), text)
+
 
 class InputError(ValueError):
     """An input (a design, a scene, a study, an option) that cannot be used; the shell exits with code 2.
@@ -69,6 +96,15 @@ class InputError(ValueError):
     def __str__(self) -> str:
         start = f"{self.origin}: " if self.origin else ""
         return "\n".join(one_line(f"{start}{problem}") for problem in self.problems)
+
+    def in_shell(self) -> InputError:
+        """Error as the shell tells it: arguments are options."""
+        return type(self)(tuple(problem.in_shell() for problem in self.problems), self.origin)
+
+
+def refusal(name: str, message: str) -> InputError:
+    """Argument that cannot be had; `name` is its keyword."""
+    return InputError((Argument(name, message),))
 
 
 FAULTS = (ArithmeticError, LookupError, MemoryError, RuntimeError, TypeError, ValueError)

@@ -1,11 +1,15 @@
 """`import roslf_design as roslf`: what it offers, each with an example, and that it costs nothing until used."""
 
+import contextlib
 import doctest
+import os
+import pty
 import subprocess
 import sys
 
 import numpy as np
 import pytest
+import tifffile
 
 import roslf_design as roslf
 
@@ -69,3 +73,88 @@ def test_a_tolerance_study_runs_in_this_process(tmp_path):
     result = roslf.tolerance(tmp_path / "study.toml", trials=256, seed=3)
     assert 0 <= result.final.result.value <= 1
     assert result.to_dict()
+
+
+BAD = (
+    'calibrate("nowhere", "paper", "4x5 6 mm")',
+    'calibrate("nowhere", "paper", "4 by 5")',
+    'calibrate("nowhere", "nothing.toml", "4x5 6 mm")',
+    'calibrate("nowhere", "paper", "4x5 6 mm", f_sigma="x", seed=-1, diffraction="maybe", distortion=5)',
+    'calibrate("nowhere", "paper", "4x5 6 mm", use_in="0.5")',
+    'calibrate("nowhere", "paper", "4x5 6 mm", accuracy=2.0)',
+    'calibrate("nowhere", "paper", "4x5 6 mm", distances="none.toml")',
+    'calibrate("nowhere", "paper", "4x5 6 mm", sigma={"elements.0.index": "1 %"})',
+    'calibrate("nowhere", "paper", "4x5 6 mm", diffracton="on")',
+    'calibrate("captures", "paper", "4x5 6 mm")',
+    'capture_depth("nope.tif")',
+    'capture_depth("nope.tif", design="paper")',
+    'capture_depth("nope.tif", design="paper", window=4)',
+    'capture_depth("nope.tif", design="paper", truth="x.pfm")',
+    'capture_depth("nope.tif", design="paper", between="near")',
+    'capture_depth("nope.tif", design="paper", sigma={"aperture": "1%"})',
+    'capture_depth("nope.tif", calibration="nowhere")',
+    'capture_depth("captures", white="w.tif", dark="d.tif", region=(0, 0, 9, 9))',
+    'capture_depth("captures", sigma={"aperture.diameter": "1%"})',
+    'capture_depth("captures/white.tif", design="paper")',
+    'capture_depth("captures/white.tif", white="captures/white.tif", design="paper")',
+    'decode("nope.tif")',
+    'decode("nope.tif", "white.tif")',
+    'decode("nope.tif", design="paper", calibration="nowhere")',
+    'decode("captures", "white.tif")',
+    'decode("captures/white.tif", design="paper", focus=["near"])',
+    'evaluate("nothing")',
+    'measure_depth("paper", region=(0, 0, 4, 4))',
+    'measure_depth("paper", exposures=0)',
+    'measure_depth("paper", "no-scene.toml")',
+    'optimize("nothing.toml")',
+    'quantity("fil_factor")',
+    'render("paper", region=(0, 0, -4, 4))',
+    'render("paper", overrides=["+magic"])',
+    'render("paper", "no-scene.toml")',
+    'report("nothing")',
+    'specification("nothing")',
+    'sweep("paper", {"nothing": [1.0]}, ["fill_factor"])',
+    'sweep("paper", {"d_3": [1.0]}, ["nothing"])',
+    'tolerance("nothing.toml")',
+    'tolerance("study.toml", trials=0)',
+    'tolerance("study.toml", trials=64, seed=-1)',
+)
+"""Calls that cannot be done, of every function."""
+ASK = """
+import sys
+import roslf_design as roslf
+for call in open("calls").read().splitlines():
+    try:
+        eval("roslf." + call)
+    except (ValueError, OSError) as error:
+        told = str(error)
+        if "--" in told or not told:
+            sys.exit(f"{call}: {told}")
+    else:
+        sys.exit(f"{call}: is not refused")
+"""
+
+
+def test_python_is_told_in_python_s_words_and_nothing_is_printed(tmp_path):
+    """On a terminal too, where the shell shows how far it is."""
+    (tmp_path / "captures").mkdir()
+    noise = np.random.default_rng(0).integers(0, 255, (64, 64), dtype=np.uint8)
+    for name in ("white.tif", "board.tif"):
+        tifffile.imwrite(tmp_path / "captures" / name, noise)
+    (tmp_path / "study.toml").write_text(STUDY)
+    (tmp_path / "calls").write_text("\n".join(BAD))
+    main, ours = pty.openpty()
+    done = subprocess.run([sys.executable, "-c", ASK], cwd=tmp_path, stdin=ours, stdout=ours, stderr=ours)
+    os.close(ours)
+    printed = b""
+    with contextlib.suppress(OSError):  # of a terminal whose other end is closed
+        while part := os.read(main, 4096):
+            printed += part
+    os.close(main)
+    assert (done.returncode, printed.decode()) == (0, "")
+
+
+def test_every_function_has_a_call_that_cannot_be_done():
+    functions = {name for name in roslf.__all__ if name.islower() and callable(getattr(roslf, name))}
+    others = {"dumps", "load", "loads", "preset_names", "render_html", "render_pdf", "save"}  # of files and values
+    assert {call.split("(")[0] for call in BAD} == functions - others

@@ -23,6 +23,7 @@ from roslf_design.bore.lens import FieldLens
 from roslf_design.bore.mapping import MappingTable
 from roslf_design.bore.plate import Plate, Prism
 from roslf_design.bore.rod import Grin
+from roslf_design.calibration.options import PlanOptions
 from roslf_design.cli import COMMANDS, build_app
 from roslf_design.design import Design, Light, MainLens, MicrolensArray, Sensor, Stop
 from roslf_design.design.environment import Environment
@@ -94,7 +95,7 @@ OPTIMISE: tuple[Table, ...] = (
 STORY: tuple[Table, ...] = (
     ("`[story]`", story.Opening),
     ("`[[parts]]`, one study each", story.StoryPart),
-    ("`calibration`", story.CalibrationPart),
+    ("`calibration`", PlanOptions),
 )
 
 

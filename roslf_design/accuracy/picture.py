@@ -19,7 +19,7 @@ from ..design import Design
 from ..effects import Budget, Plan, plan
 from ..effects.plan import EFFECTS
 from ..effects.waves import LONGEST_GRATING, SHORTEST_GRATING, incoherent_texture_miss
-from ..errors import InputError, Problem
+from ..errors import InputError, refusal
 from ..imaging.camera import planned_camera
 from ..imaging.lens_rays import LENS_EFFECTS
 from ..imaging.render import RawImage, method_of, render
@@ -289,4 +289,4 @@ def _reachable(accuracy: float, expected: float, method: str) -> None:
 def _out_of_reach(accuracy: float, expected: float, method: str) -> InputError:
     best = float(f"{1.05 * expected:.1e}")
     message = f"{accuracy:g} is out of reach for this scene: {method} comes to about {expected:.2g}; ask for {best:g}"
-    return InputError((Problem("--accuracy", message),))
+    return refusal("accuracy", message)

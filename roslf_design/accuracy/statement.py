@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from ..errors import InputError, Problem
+from ..errors import refusal
 from ..words import tidy
 
 LEAST = 1e-15
@@ -30,9 +30,7 @@ def check_accuracy(accuracy: float, least: float = LEAST, why: str = "") -> floa
     """
     if not least <= accuracy <= 1:
         reason = f" ({why})" if why else ""
-        raise InputError(
-            (Problem("--accuracy", f"{accuracy:g} is out of range; give {least:g} to 1, as 1e-3{reason}"),)
-        )
+        raise refusal("accuracy", f"{accuracy:g} is out of range; give {least:g} to 1, as 1e-3{reason}")
     return accuracy
 
 

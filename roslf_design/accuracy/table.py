@@ -18,7 +18,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, refusal
 from ..input_files import read_json
 from .statement import check_accuracy
 
@@ -190,7 +190,7 @@ def check_quantity(quantity: str) -> None:
     """
     if quantity not in QUANTITIES:
         known = ", ".join(QUANTITIES)
-        raise InputError((Problem("--quantity", f'no quantity is called "{quantity}"; there are {known}'),))
+        raise refusal("quantity", f'no quantity is called "{quantity}"; there are {known}')
 
 
 def ranked(

@@ -171,7 +171,7 @@ def observe(
     if not names:
         raise CalibrationError(
             f"no board of {board.columns} x {board.rows} cells ({board.inner[0]} x {board.inner[1]} inner corners) was"
-            f" found in any of the images: {', '.join(missing)}; check --board, light and focus"
+            f" found in any of the images: {', '.join(missing)}; check the board, light and focus"
         )
     return Observations(board.points, views, np.array(uv), tuple(names), tuple(missing))
 

@@ -95,6 +95,19 @@ class DiffractionCheck:
     """Where the design and the white image do not agree; empty where they do."""
 
 
+class WhiteImage(NamedTuple):
+    """An image of an even surface, and the lattice of microlens images in it."""
+
+    pixels: ArrayLike
+    dark: ArrayLike | None
+    """Frame without light."""
+    lattice: CentreLattice
+
+    def cell(self) -> WhiteCell:
+        """Mean microlens image, as `white_cell` has it."""
+        return white_cell(self.pixels, self.lattice, self.dark)
+
+
 class Corrected(NamedTuple):
     """A calibration with diffraction taken off."""
 
@@ -107,10 +120,8 @@ def calibrate_corrected(
     board: Board,
     sheet: DataSheet,
     design: Design,
-    white: ArrayLike,
-    lattice: CentreLattice,
+    white: WhiteImage,
     *,
-    dark: ArrayLike | None = None,
     distortion: int = 0,
     guess: float | None = None,
     wish: Wish = "auto",
@@ -125,10 +136,7 @@ def calibrate_corrected(
     sheet : DataSheet
     design : Design
         That the camera was built to: lambda, D_F, shape of the microlenses.
-    white, dark : array_like
-        White image, frame without light.
-    lattice : CentreLattice
-        Of the microlens images.
+    white : WhiteImage
     distortion, guess
         As in `calibrate`, and errors.
     wish : {"auto", "on", "off"}
@@ -142,7 +150,7 @@ def calibrate_corrected(
         outer views disagree on (`view_disagreement`) and what a real main lens does beyond the model
         (`aberration_error`).
     """
-    check, bent = _looked_at(design, white, dark, lattice, wish), lattice.bend is not None
+    check, bent = _looked_at(design, white, wish), white.lattice.bend is not None
     if not check.corrected or check.image is None:
         plain = calibrate(observations, sheet, distortion=distortion, guess=guess)
         left = view_disagreement(observations, plain, sheet, distortion)
@@ -174,9 +182,7 @@ def calibrate_corrected(
     return Corrected(result, replace(check, baseline=baseline, before=plain.joint.camera, rms_before=plain.joint.rms))
 
 
-def _looked_at(
-    design: Design, white: ArrayLike, dark: ArrayLike | None, lattice: CentreLattice, wish: Wish
-) -> DiffractionCheck:
+def _looked_at(design: Design, white: WhiteImage, wish: Wish) -> DiffractionCheck:
     """Whether to correct, and with what pupil image."""
     c = Camera.of(design)
     expected = float(diffraction_width(c) / c.q)
@@ -186,9 +192,9 @@ def _looked_at(
         return DiffractionCheck(
             False, f"The design's microlens diffraction, {expected:.2g} px, is too small to matter", expected
         )
-    radius = float(microlens_image_diameter(c) / (2 * c.q))
+    radius, lattice = float(microlens_image_diameter(c) / (2 * c.q)), white.lattice
     start = PupilImage(radius, max(expected, _SMALL), lattice.pitch, lattice.layout, c.lens_shape)
-    cell = white_cell(white, lattice, dark)
+    cell = white.cell()
     waves, rays = fit_cell(cell, start, blurred=True), fit_cell(cell, start, blurred=False)
     blurred = waves.image.blur > max(_SMALL, _FAINT * expected) and waves.misfit < rays.misfit
     best, warning = waves if blurred or wish == "on" else rays, ""

@@ -84,7 +84,8 @@ class Misfit:
         if self.views > VISIBLE:
             yield (
                 f"the corners of a view lie off together, {self.views:.1f} times as far as scatter explains: views do"
-                " not look from where their pixels say; are --diffraction, the design and the white image right?"
+                " not look from where their pixels say; are the design, the white image and the choice of diffraction"
+                " right?"
             )
         astray = [f"{board.strays} of {board.corners} in {board.name}" for board in self.boards if board.strays]
         if astray:
@@ -160,7 +161,7 @@ def _remedies(calibration: Calibration, linear: Linear, whole: Linear, scales: A
     radial = sum(name.startswith("k_") for name in fitted)
     for count in range(radial + 1, MOST_RADIAL + 1):
         more = [GLOBALS.index(name) for name in shared_names(count) if name not in fitted]
-        yield Remedy(f"--distortion {count} would take that", with_columns(linear.shared[..., more]), count)
+        yield Remedy(f"distortion = {count} would take that", with_columns(linear.shared[..., more]), count)
     points = calibration.observations.points
     bow, height = _bow(calibration, linear, points)
     coefficients = _taken_up(whole._replace(shared=np.concatenate([whole.shared, bow], axis=-1)))[-3:]

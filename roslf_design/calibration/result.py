@@ -14,15 +14,16 @@ from ..design import Design
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.vignetting import field_limit
 from .centres import MicrolensCentres
-from .diffraction import DiffractionCheck
+from .diffraction import Corrected, DiffractionCheck
 from .distortion import Distortion
 from .fit import Calibration
 from .frames import Array
 from .lengths import LengthCovariance
 from .misfit import DISAGREE, Misfit, misfit_of
 from .model import QUANTITIES, UNITS, Board, DataSheet, derived
+from .options import CalibrateOptions
 from .planning import camera_of
-from .posterior import CameraDraws, Posterior, depth_errors, variance_shares
+from .posterior import CameraDraws, Posterior, depth_errors, posterior_accuracy, variance_shares
 from .sidedata import Combined, SideDatum, combine
 from .space import UsedIn, used_in
 
@@ -229,22 +230,17 @@ class Outcome:
 
 def outcome_of(
     design: Design,
-    board: Board,
     sheet: DataSheet,
     centres: MicrolensCentres,
-    calibration: Calibration,
-    draws: CameraDraws,
-    accuracy: Accuracy,
-    *,
-    seed: int,
+    corrected: Corrected,
     distortion: Distortion,
-    diffraction: DiffractionCheck | None = None,
-    undistorted_radius: float | None = None,
+    draws: CameraDraws,
+    options: CalibrateOptions,
     data: Sequence[SideDatum] = (),
-    medium: str | None = None,
 ) -> Outcome:
     """Put together what came out, with the warnings that follow."""
-    fit = calibration.fit
+    calibration, diffraction = corrected
+    board, fit = options.checkerboard, calibration.fit
     posterior = draws if isinstance(draws, Posterior) else None
     combined = combine(fit, sheet, data)
     shares = variance_shares(fit, sheet, data)
@@ -279,14 +275,14 @@ def outcome_of(
     expected, shown = image_pitch(design), centres.lattice.pitch
     if abs(shown / expected - 1) >= 0.02:
         notes.append(
-            f"the microlens images are {shown:.3f} px apart, and the design says {expected:.3f} px: are --design, its"
+            f"the microlens images are {shown:.3f} px apart, and the design says {expected:.3f} px: are the design, its"
             " pixel and its microlens pitch those of this camera?"
         )
     elif away := _off_design(estimates, board):
         notes.append(away)
     notes += [*misfit.warnings, *combined.warnings]
     notes += centres.warnings
-    if diffraction is not None and diffraction.warning:
+    if diffraction.warning:
         notes.append(diffraction.warning)
     if calibration.observations.missing:
         notes.append(f"no board found in {', '.join(calibration.observations.missing)}: calibrated from the others")
@@ -298,8 +294,9 @@ def outcome_of(
     if posterior is not None and not posterior.converged:
         notes.append(f"the posterior has {posterior.message}; do not trust its intervals")
     return Outcome(
-        design, board, sheet, centres, calibration, diffraction, undistorted_radius, draws, depths, shares, estimates,
-        ruler, misfit, combined, tuple(notes), seed, distortion, accuracy, medium,
+        design, board, sheet, centres, calibration, diffraction, undistorted_radius(design) or None, draws, depths,
+        shares, estimates, ruler, misfit, combined, tuple(notes), options.seed, distortion,
+        posterior_accuracy(draws, options.accuracy), options.use_in,
     )  # fmt: skip
 
 

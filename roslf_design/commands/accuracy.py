@@ -18,7 +18,8 @@ from cyclopts import App, Parameter
 from ..accuracy.statement import check_accuracy
 from ..accuracy.table import QUANTITIES, cache_file, check_quantity, current_table
 from ..design import load
-from ..errors import InputError, Problem
+from ..errors import Argument, InputError, Problem
+from ..options import Options
 from ..reporting.printers import page_files
 from ..scenes import load_scene
 from ..tables import Table, print_table
@@ -26,11 +27,11 @@ from .evaluate import parse_field
 from .terminal import (
     PAGE,
     Flag,
+    Flat,
     OptionalOutput,
     StatusLine,
     check_options,
     check_target,
-    refusal,
     say,
     spelled,
     typed,
@@ -51,19 +52,42 @@ accuracy = App(
 )
 
 
+class _Options(Options):
+    """Diagrams that are wanted."""
+
+    scene: str | None = None
+    """A scene file: how many rays a pixel of it needs, on a patch about the field."""
+    accuracy: float = 1e-3
+    """What a result may be off by; each quantity's error is explained on the page."""
+    quantity: str | None = None
+    """Only this one, as "pixel image". Default: all, or none where a scene is given."""
+    field: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None
+    """Microlens position on the MLA in mm, "11.15" or "x,y", instead of the panels that show every difficulty."""
+    jobs: int = 0
+    """Also try the choice on so many random jobs, and tell how many promises were kept."""
+    seed: int = 0
+    """Seed of random methods and jobs."""
+
+    def check(self, output: Path | None) -> None:
+        """Refuse what cannot be had."""
+        check_accuracy(self.accuracy)
+        of_jobs = f"{self.jobs} is out of range; give a whole number from 0 to {MOST_JOBS}, a second or so each"
+        check_options(self.seed, output, *([] if 0 <= self.jobs <= MOST_JOBS else [Argument("jobs", of_jobs)]))
+        if self.quantity is not None:
+            check_quantity(self.quantity)
+
+
+OPTIONS = _Options()
+
+
 @accuracy.default
 def diagrams(
     design: str,
     /,
     *,
-    scene: str | None = None,
-    accuracy: float = 1e-3,
-    quantity: str | None = None,
-    field: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None,
-    jobs: int = 0,
+    options: Annotated[_Options, Flat] = OPTIONS,
     output: OptionalOutput = None,
     json: Flag = False,
-    seed: int = 0,
 ) -> None:
     """What each digit costs in time on a design, and which method is chosen.
 
@@ -73,35 +97,21 @@ def diagrams(
     ----------
     design
         A design file, or the name of a preset (see `roslf presets`).
-    scene
-        A scene file: how many rays a pixel of it needs, on a patch about the field.
-    accuracy
-        What a result may be off by; each quantity's error is explained on the page.
-    quantity
-        Only this one, as "pixel image". Default: all, or none where a scene is given.
-    field
-        Microlens position on the MLA in mm, "11.15" or "x,y", instead of the panels that show every difficulty.
-    jobs
-        Also try the choice on so many random jobs, and tell how many promises were kept.
     output
         Folder for index.html, accuracy.json and tables/ (CSV), made if needed. Default: only print.
     json
         Print JSON instead of tables.
-    seed
-        Of random methods and jobs.
     """
-    check_accuracy(accuracy)
-    of_jobs = f"{jobs} is out of range; give a whole number from 0 to {MOST_JOBS}, a second or so each"
-    check_options(seed, output, *([] if 0 <= jobs <= MOST_JOBS else [Problem("--jobs", of_jobs)]))
-    if quantity is not None:
-        check_quantity(quantity)
+    options.check(output)
+    scene, quantity, jobs, seed = options.scene, options.quantity, options.jobs, options.seed
+    accuracy, field = options.accuracy, options.field
     loaded = load(design)
     axis = None if field is None else parse_field(field)
     promises, page = study("promises"), study("page")
     wanted = [quantity] if quantity else [] if scene else list(QUANTITIES)
     unfit = {name: why for name in wanted if (why := promises.unfit(loaded, name, axis))}
     if quantity in unfit:
-        raise InputError((Problem("--quantity", f'"{quantity}" cannot be had: {unfit[quantity]}'),), design)
+        raise InputError((Argument("quantity", f'"{quantity}" cannot be had: {unfit[quantity]}'),), design)
     if wanted and len(unfit) == len(wanted):
         raise InputError((Problem("", f"nothing can be had of it: {next(iter(unfit.values()))}"),), design)
     left_out = [f"{name[0].upper()}{name[1:]} is left out: {why}." for name, why in unfit.items()]
@@ -230,7 +240,7 @@ def study(name: str) -> Any:
         if error.name != "mpmath":
             raise
         message = "references at 60 digits need mpmath; install it with: pip install mpmath"
-        raise refusal("accuracy", message) from None
+        raise InputError((Problem("accuracy", message),)) from None
 
 
 def finish(

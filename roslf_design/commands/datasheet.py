@@ -45,7 +45,7 @@ def datasheet(
     target = Path(f"datasheet-{folder_name(design)}.html") if output is None else output
     kind = check_target(target, KINDS)
     if kind == ".pdf":
-        check_typst("-o")
+        check_typst("output")
     check_options(seed)
     with StatusLine("datasheet") as progress:
         content = _written(datasheet_of(Path(design), seed, progress.tell, calibration), kind, paper)

@@ -10,6 +10,7 @@ from cyclopts import Parameter
 
 from ..accuracy.statement import check_accuracy
 from ..design import load
+from ..errors import refusal
 from ..evaluation import evaluate as compute
 from ..evaluation.evaluate import evaluation_accuracy
 from ..evaluation.fields import MOST_FIELDS
@@ -17,7 +18,7 @@ from ..evaluation.show import print_evaluation
 from ..evaluation.specification import specification
 from ..tables import csv_bytes
 from ..units import COLDEST, FARTHEST, HOTTEST, read_quantity
-from .terminal import Flag, OptionalOutput, check_target, json_text, refusal, say, write_files
+from .terminal import Flag, OptionalOutput, check_target, json_text, say, write_files
 
 
 def evaluate(
@@ -55,10 +56,10 @@ def evaluate(
     if output is not None:
         check_target(output, (".json", ".csv"))
         if json:
-            raise refusal("--json", "prints what -o writes; give one of them")
+            raise refusal("json", "prints what -o writes; give one of them")
     if field is not None and len(field) > MOST_FIELDS:
         raise refusal(
-            "--field", f"given {len(field)} times; give {MOST_FIELDS} fields at most, the others in another run"
+            "field", f"given {len(field)} times; give {MOST_FIELDS} fields at most, the others in another run"
         )
     fields = None if field is None else [parse_field(text) for text in field]
     began = time.perf_counter()
@@ -104,9 +105,9 @@ def parse_temperature(text: str) -> float:
     try:
         degrees = read_quantity(text, "temperature")
     except ValueError as error:
-        raise refusal("--temperature", str(error)) from None
+        raise refusal("temperature", str(error)) from None
     if not COLDEST <= degrees <= HOTTEST:
-        raise refusal("--temperature", f"{degrees:g} degC is beyond {COLDEST:g} to {HOTTEST:g} degC")
+        raise refusal("temperature", f"{degrees:g} degC is beyond {COLDEST:g} to {HOTTEST:g} degC")
     return degrees
 
 
@@ -117,5 +118,5 @@ def parse_field(text: str) -> tuple[float, float]:
     except ValueError:
         numbers = []
     if len(numbers) not in (1, 2) or not all(abs(number) <= FARTHEST["length"] for number in numbers):
-        raise refusal("--field", f'cannot read "{text}"; write mm on the MLA, as "11.15" or "11.15,7.4"')
+        raise refusal("field", f'cannot read "{text}"; write mm on the MLA, as "11.15" or "11.15,7.4"')
     return numbers[0], numbers[1] if len(numbers) == 2 else 0.0

@@ -11,10 +11,11 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ..design import load
+from ..errors import InputError, Problem
 from ..explorer.server import application, is_local, serve
 from ..explorer.session import Session
 from ..imaging.white import warm_up
-from .terminal import refusal, say
+from .terminal import say
 
 PACKAGES = ("trame", "trame_client", "trame_server", "trame_vtk", "aiohttp")
 """What the explorer needs beyond the rest of the library."""
@@ -62,4 +63,5 @@ def check_packages() -> None:
     missing = [name for name in PACKAGES if find_spec(name) is None]
     if missing:
         names = " ".join(name.replace("_", "-") for name in missing)
-        raise refusal("explore", f"needs packages that are not installed; install them: pip install {names}")
+        message = f"needs packages that are not installed; install them: pip install {names}"
+        raise InputError((Problem("explore", message),))

@@ -14,13 +14,48 @@ from ..accuracy.picture import settle, stated
 from ..design import load
 from ..design.files import in_the_way, write_atomically
 from ..effects import Budget, Plan, plan
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, refusal
 from ..imaging.files import check_target, write_image
 from ..imaging.render import render as compute
+from ..options import Options
 from ..reporting.design.microlens import preview as zooms
 from ..scenes import WHITE_FIELD, load_scene
 from ..tables import Table, print_table
-from .terminal import Flag, OptionalOutput, StatusLine, bar, check_options, json_text, refusal, say
+from .terminal import Flag, Flat, OptionalOutput, StatusLine, bar, check_options, json_text, say
+
+
+class _Options(Options):
+    """Physics that is drawn, and where."""
+
+    budget_px: str | None = None
+    """Effects that move light by less than this many pixels are left out; so are displacements on the microlens array
+    below the same number of pitches. Default: 0.1."""
+    budget_intensity: str | None = None
+    """Effects that change intensities by less are left out ("1%" or "0.01"); also how exact sampled pixels are.
+    Default: 1%."""
+    accuracy: float | None = None
+    """Instead of both budgets: what 99 of 100 pixels may be off by, 1 being a fully lit one, as 0.01. As many rays are
+    traced as that takes, tried beforehand on small patches, and the picture is checked on others."""
+    effects: Annotated[list[str] | None, Parameter(allow_leading_hyphen=True, negative=())] = None
+    """Overrides: all, none, +name, -name; may be given several times or with commas. The names stand in the plan."""
+    region: str | None = None
+    """Only a part of the sensor, as column,row,columns,rows in pixels."""
+    seed: int = 0
+    """For sampling and noise: the same seed gives the same bytes."""
+
+    def budget(self) -> Budget:
+        """Budget below which effects are left out; refused beside an accuracy, and where it is no number."""
+        if self.accuracy is not None and (self.budget_px is not None or self.budget_intensity is not None):
+            raise refusal("accuracy", "sets the budgets; drop --budget-px and --budget-intensity, or it")
+        px = _number("budget_px", self.budget_px or "0.1")
+        return Budget(px=px, intensity=_number("budget_intensity", self.budget_intensity or "1%"), pitch=px)
+
+    def overrides(self) -> list[str]:
+        """Effects by hand."""
+        return [part.strip() for text in self.effects or [] for part in text.split(",") if part.strip()]
+
+
+OPTIONS = _Options()
 
 
 def render(
@@ -29,13 +64,8 @@ def render(
     *,
     scene: Annotated[list[Path] | None, Parameter(negative=())] = None,
     output: OptionalOutput = None,
-    budget_px: str | None = None,
-    budget_intensity: str | None = None,
-    accuracy: float | None = None,
-    effects: Annotated[list[str] | None, Parameter(allow_leading_hyphen=True, negative=())] = None,
-    region: str | None = None,
+    options: Annotated[_Options, Flat] = OPTIONS,
     depth: Literal["float", "16"] = "float",
-    seed: int = 0,
     preview: Flag = False,
     plan_only: Flag = False,
     json: Flag = False,
@@ -53,23 +83,8 @@ def render(
     output
         Where the image goes: .tif (float or 16 bits) or .png (16 bits), with a .json beside; or a folder, where it is
         called after its scene, or white, with .tif. Default: this folder; for several scenes the folder renders.
-    budget_px
-        Effects that move light by less than this many pixels are left out; so are displacements on the microlens
-        array below the same number of pitches. Default: 0.1.
-    budget_intensity
-        Effects that change intensities by less are left out ("1%" or "0.01"); also how exact sampled pixels are.
-        Default: 1%.
-    accuracy
-        Instead of both budgets: what 99 of 100 pixels may be off by, 1 being a fully lit one, as 0.01. As many rays
-        are traced as that takes, tried beforehand on small patches, and the picture is checked on others.
-    effects
-        Overrides: all, none, +name, -name; may be given several times or with commas. The names stand in the plan.
-    region
-        Only a part of the sensor, as column,row,columns,rows in pixels.
     depth
         Numbers in a TIFF: float, or 16 for 16-bit.
-    seed
-        For sampling and noise: the same seed gives the same bytes.
     preview
         Also write a picture with zooms at centre, edge and corner.
     plan_only
@@ -79,18 +94,15 @@ def render(
     """
     loaded = load(design)
     scenes = [load_scene(path) for path in scene or []] or [WHITE_FIELD]
-    if accuracy is not None and (budget_px is not None or budget_intensity is not None):
-        raise refusal("--accuracy", "sets the budgets; drop --budget-px and --budget-intensity, or it")
-    px, intensity = _number("--budget-px", budget_px or "0.1"), _number("--budget-intensity", budget_intensity or "1%")
-    budget = Budget(px=px, intensity=intensity, pitch=px)
-    overrides = [part.strip() for text in effects or [] for part in text.split(",") if part.strip()]
-    piece = None if region is None else parse_region(region)
+    budget, overrides = options.budget(), options.overrides()
+    accuracy, seed = options.accuracy, options.seed
+    piece = None if options.region is None else parse_region(options.region)
     check_options(seed)
     targets = [] if plan_only else _targets(output, [path.stem for path in scene or []] or ["white"])
     for target in targets:
         check_target(target)
         if preview and (blocked := in_the_way(_preview_of(target))):
-            raise refusal("-o", blocked)
+            raise refusal("output", blocked)
     began = time.perf_counter()
     with StatusLine("render") as status:
         settled = [
@@ -155,7 +167,7 @@ def parse_region(text: str) -> tuple[int, int, int, int]:
         column, row, columns, rows = (int(part) for part in text.split(","))
     except ValueError:
         message = f'cannot read "{text}"; write column,row,columns,rows, as 0,0,512,512'
-        raise refusal("--region", message) from None
+        raise refusal("region", message) from None
     return column, row, columns, rows
 
 
@@ -168,7 +180,7 @@ def _targets(output: Path | None, names: list[str]) -> list[Path]:
             return [folder]
         raise InputError((Problem("", "several scenes make several images; name a folder with -o"),), str(folder))
     if len(set(names)) < len(names):
-        raise refusal("--scene", f"two scenes are called alike ({', '.join(names)}); rename a file")
+        raise refusal("scene", f"two scenes are called alike ({', '.join(names)}); rename a file")
     return [folder / f"{name}.tif" for name in names]
 
 

@@ -11,15 +11,16 @@ from datetime import UTC, datetime
 from functools import partial
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from .._version import __version__
 from ..design import load
 from ..design.files import KINDS
 from ..drawing.solid import NoPictureError, picture, vtp_bytes
 from ..drawing.svg import file_of
-from ..errors import InputError, Problem
+from ..errors import Argument, InputError, Problem, refusal
 from ..evaluation.evaluate import check_evaluation_accuracy
+from ..options import Options
 from ..reporting.calibrate.pages import read_calibration
 from ..reporting.design.compare import comparison_report
 from ..reporting.design.instrument import instrument_scene
@@ -28,13 +29,13 @@ from ..reporting.story import full_report, load_story_or_study, story_report, st
 from .terminal import (
     PAGE,
     Flag,
+    Flat,
     OptionalOutput,
     Repeated,
     StatusLine,
     check_options,
     check_typst,
     listed,
-    refusal,
     say,
     typed,
     write_files,
@@ -49,18 +50,36 @@ LIBRARIES = ("roslf_design", "numpy", "scipy", "matplotlib", "typst")
 """Whose versions a stamp tells."""
 
 
+class _Contents(Options):
+    """Numbers that a report stands on."""
+
+    calibration: Path | None = None
+    """Folder that roslf calibrate wrote: its posterior stands in a design's report instead of a plan, and the data
+    sheet is of the instrument that was calibrated, each line with what is left uncertain of it (2 sigma)."""
+    seed: int | None = None
+    """Seed of everything that chance has a part in, instead of the studies' own; the same seed gives the same bytes."""
+    accuracy: float | None = None
+    """Of a design, or of designs compared: what shares of light may be off by where parts are tilted and rays are
+    counted, as 1e-4. A study's own accuracy is asked of roslf optimize and roslf tolerance."""
+
+    def maker(self, names: Sequence[str], compare: bool) -> Callable[..., Report]:
+        """Function that makes the report of these inputs, each read and found good."""
+        return maker(names, compare, self.seed, self.accuracy, self.calibration)
+
+
+CONTENTS = _Contents()
+
+
 def report(
     design: str,
     /,
     *others: str,
     output: OptionalOutput = None,
+    compare: Flag = False,
+    contents: Annotated[_Contents, Flat] = CONTENTS,
+    figure: Repeated = None,
     pdf: Flag = False,
     paper: Literal["a4", "letter"] = "a4",
-    compare: Flag = False,
-    figure: Repeated = None,
-    calibration: Path | None = None,
-    seed: int | None = None,
-    accuracy: float | None = None,
     stamp: bool | None = None,
 ) -> None:
     """A report on a design, a study, or a story of several studies: one self-contained HTML page, and a PDF.
@@ -91,32 +110,23 @@ def report(
         Also write this figure as a file of its own, e.g. rays.svg; may be given several times. "all" writes every one
         of the page. Of one design also "model" (model.vtp, its parts in 3D for ParaView and PyVista) and "3d" (3d.png,
         drawn by PyVista; wants OpenGL, and is left out with a note where there is none).
-    calibration
-        Folder that roslf calibrate wrote: its posterior stands in a design's report instead of a plan, and the data
-        sheet is of the instrument that was calibrated, each line with what is left uncertain of it (2 sigma).
-    seed
-        Of everything that chance has a part in, instead of the studies' own; the same seed gives the same bytes.
-    accuracy
-        Of a design, or of designs compared: what shares of light may be off by where parts are tilted and rays are
-        counted, as 1e-4. A study's own accuracy is asked of roslf optimize and roslf tolerance.
     stamp
         Date, version and command at the foot of the PDF; with --stamp the page, too, tells the date and the versions of
         Python and of the libraries, with --no-stamp nothing does, so that the same design makes the same bytes on any
         day. SOURCE_DATE_EPOCH sets the date. Default: the PDF alone.
     """
     names, wanted = (design, *others), figure or []
-    make = maker(names, compare, seed, accuracy, calibration)
+    make = contents.maker(names, compare)
     solid = [name for name in wanted if name in SOLID]
     if solid and (len(names) > 1 or load_story_or_study(Path(design))[0] != "design"):
-        raise refusal("--figure", "3d and model are of one design; name its file alone")
+        raise refusal("figure", "3d and model are of one design; name its file alone")
     folder = Path("report-" + "-".join(map(folder_name, names))) if output is None else output
-    check_options(seed, folder)
+    check_options(contents.seed, folder)
     if pdf:
-        check_typst("--pdf")
+        check_typst("pdf")
     command = typed(
         "report", *names, compare=compare, output=folder, pdf=pdf, paper=paper if pdf else None, figure=wanted,
-        calibration=calibration, seed=seed, accuracy=accuracy, stamp=stamp,
-        no_stamp=stamp is False,
+        **dict(contents), stamp=stamp, no_stamp=stamp is False,
     )  # fmt: skip
     made = _date()
     with StatusLine("report") as progress:
@@ -157,13 +167,13 @@ def maker(
         accuracy that is none.
     """
     if compare and len(names) not in (2, 3):
-        raise refusal("--compare", f"{len(names)} given; name two or three designs")
+        raise refusal("compare", f"{len(names)} given; name two or three designs")
     if len(names) > 1 and not compare:
-        raise refusal("report", "one design at a time; add --compare to set several side by side")
+        raise InputError((Problem("report", "one design at a time; add --compare to set several side by side"),))
     check_options(seed)
     kind, story = ("design", None) if compare else load_story_or_study(Path(names[0]))
     if calibration is not None and (compare or kind != "design"):
-        raise refusal("--calibration", "goes with the report of one design; leave it out, or name it in the story")
+        raise refusal("calibration", "goes with the report of one design; leave it out, or name it in the story")
     if kind == "design":
         designs = [load(name) for name in names]
         for each in designs:
@@ -175,7 +185,7 @@ def maker(
         return partial(make, calibrated=known, calibration=calibration)
     if accuracy is not None:
         remedy = "leave it out" if kind == "story" else f"ask it of roslf {kind}"
-        raise refusal("--accuracy", f"goes with designs, and {names[0]} is {KINDS[kind].called}; {remedy}")
+        raise refusal("accuracy", f"goes with designs, and {names[0]} is {KINDS[kind].called}; {remedy}")
     if story is not None:
         return partial(story_report, story, seed=seed)
     return partial(study_report, kind, Path(names[0]), seed=seed)
@@ -192,7 +202,7 @@ def figure_files(content: Report, wanted: Sequence[str]) -> dict[str, bytes]:
     unknown = [name for name in wanted if name not in known and name != "all"]
     if unknown:
         there = f"there are all, {', '.join((*known, *SOLID))}"
-        raise InputError(tuple(Problem("--figure", f"'{name}' is not here; {there}") for name in unknown))
+        raise InputError(tuple(Argument("figure", f"'{name}' is not here; {there}") for name in unknown))
     return {
         f"{name}.{'svg' if isinstance(figure.content, str) else 'png'}": file_of(figure.content)
         for name, figure in known.items()
@@ -206,9 +216,8 @@ def _date() -> datetime:
     try:
         return datetime.fromtimestamp(int(epoch), UTC) if epoch else datetime.now().astimezone()
     except (ValueError, OverflowError, OSError):
-        raise refusal(
-            "SOURCE_DATE_EPOCH", f'"{epoch}" is no date; give whole seconds since 1970, or unset it'
-        ) from None
+        message = f'"{epoch}" is no date; give whole seconds since 1970, or unset it'
+        raise InputError((Problem("SOURCE_DATE_EPOCH", message),)) from None
 
 
 def stamp_lines(made: datetime) -> tuple[str, ...]:

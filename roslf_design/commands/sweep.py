@@ -14,14 +14,14 @@ from cyclopts import Parameter
 from .._arrays import Array
 from ..bore.conjugates import CONJUGATES
 from ..design import PATHS, Design, load
-from ..errors import InputError, one_line
+from ..errors import InputError, one_line, refusal
 from ..reporting.sweep import sweep_picture
 from ..tables import csv_bytes
 from ..theory.sweep import sweep as compute
 from ..theory.sweep import unit_of
 from ..units import read_quantity
 from .report import folder_name
-from .terminal import OptionalOutput, check_target, refusal, say, write_files
+from .terminal import OptionalOutput, check_target, say, write_files
 
 if TYPE_CHECKING:
     from ..theory.sweep import Sweep
@@ -73,34 +73,34 @@ def sweep(
     target = Path(f"sweep-{folder_name(design)}.png") if output is None else output
     kind = check_target(target, KINDS)
     if kind == ".parquet" and importlib.util.find_spec("pyarrow") is None:
-        raise refusal("-o", "Parquet needs the pyarrow package (pip install pyarrow); or write .csv")
+        raise refusal("output", "Parquet needs the pyarrow package (pip install pyarrow); or write .csv")
     count = points if points is not None else POINTS if len(set) == 1 else ACROSS
     if not count >= 2 or count ** len(set) > MOST:
-        raise refusal("--points", f"{count} is out of range; give 2 or more, and no more than {MOST} in all")
+        raise refusal("points", f"{count} is out of range; give 2 or more, and no more than {MOST} in all")
     if len(set) > 2:
-        raise refusal("--set", f"{len(set)} given; sweep one or two places")
+        raise refusal("set", f"{len(set)} given; sweep one or two places")
     places = dict(_span(text, count) for text in set)
     if len(places) < len(set):
-        raise refusal("--set", "the same place twice; name two")
+        raise refusal("set", "the same place twice; name two")
     names = [name.strip() for part in quantity for name in part.split(",") if name.strip()]
     try:
         away = None if at is None else read_quantity(at, "length")
     except ValueError as error:
-        raise refusal("--at", str(error)) from None
+        raise refusal("at", str(error)) from None
     if away is not None and not away > 0:
-        raise refusal("--at", f"{at} is not ahead of the bore's tip, where it counts from; give more than 0")
+        raise refusal("at", f"{at} is not ahead of the bore's tip, where it counts from; give more than 0")
     loaded = load(design)
     if not names:
-        raise refusal("--quantity", "names none; give at least one, as fill_factor")
+        raise refusal("quantity", "names none; give at least one, as fill_factor")
     try:
         swept = compute(loaded, places, list(dict.fromkeys(names)), away)
     except InputError as error:
-        raise refusal("--set", "; ".join(map(str, error.problems))) from None
+        raise refusal("set", "; ".join(map(str, error.problems))) from None
     except ValueError as error:
-        raise refusal("--quantity", str(error)) from None
+        raise refusal("quantity", str(error)) from None
     notes = list(_notes(swept, loaded))
     if not swept.valid.any():
-        raise refusal("--set", f"nothing between can be drawn: {'; '.join(notes)}")
+        raise refusal("set", f"nothing between can be drawn: {'; '.join(notes)}")
     write_files(target.parent, {target.name: _written(swept, kind, loaded.name)})
     say(target)
     for note in notes:
@@ -127,16 +127,16 @@ def _span(text: str, count: int) -> tuple[str, Array]:
     place, equals, span = text.partition("=")
     match = re.fullmatch(rf"\s*({NUMBER})\s*\.\.\s*({NUMBER})\s*(.*)", span)
     if not equals or match is None:
-        raise refusal("--set", f'cannot read "{text}"; write PLACE=FROM..TO UNIT, as "aperture.distance=0..150 mm"')
+        raise refusal("set", f'cannot read "{text}"; write PLACE=FROM..TO UNIT, as "aperture.distance=0..150 mm"')
     place, unit = place.strip(), match[3].strip()
     dimension = DIMENSIONS.get(unit_of(PATHS.get(place, place)))
     if dimension is None and unit:
-        raise refusal("--set", f"{place} is a plain number; leave out {unit}")
+        raise refusal("set", f"{place} is a plain number; leave out {unit}")
     try:
         ends = [float(end) if dimension is None else read_quantity(f"{end} {unit}".strip(), dimension)
                 for end in match.groups()[:2]]  # fmt: skip
     except ValueError as error:
-        raise refusal("--set", f"{place}: {error}") from None
+        raise refusal("set", f"{place}: {error}") from None
     return place, np.linspace(ends[0], ends[1], count)
 
 

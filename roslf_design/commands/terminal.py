@@ -9,7 +9,7 @@ import shlex
 import sys
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,7 +17,8 @@ from cyclopts import Parameter
 
 from ..design.files import in_the_way, write_atomically
 from ..drawing.svg import file_of
-from ..errors import InputError, Problem, printable
+from ..errors import Argument, InputError, Problem, printable, refusal
+from ..options import usable_seed
 from ..reporting.blocks import MARKS, Block, Bullets, Paragraph, Statements, Table
 from ..tables import plain_text, print_table
 
@@ -32,9 +33,11 @@ Output = Annotated[Path, Parameter(name=["--output", "-o"])]
 OptionalOutput = Annotated[Path | None, Parameter(name=["--output", "-o"])]
 Repeated = Annotated[list[str] | None, Parameter(negative=())]
 """Texts, of an option that may be given several times."""
+Flat = Parameter(name="*")
+"""For a job's options: each field is an option of the shell, its text its help."""
+Unread = Parameter(parse=False)
+"""For a field that the shell has another form for."""
 
-SEEDS = 2**63
-"""Below which seeds lie: what files, generators and compiled kernels hold alike."""
 PATIENCE = 2.0
 """Seconds before a bar appears: shorter work needs none."""
 PAGE = "index.html"
@@ -63,9 +66,13 @@ class StatusLine:
         if self._shown:
             print(f"\r\x1b[2K{self._command}: {printable(what)} ...", end="", file=sys.stderr, flush=True)
 
-    def __exit__(self, *_: object) -> None:
+    def clear(self) -> None:
+        """Take the line away."""
         if self._shown:
             print("\r\x1b[2K", end="", file=sys.stderr, flush=True)
+
+    def __exit__(self, *_: object) -> None:
+        self.clear()
 
 
 @contextmanager
@@ -99,6 +106,32 @@ def bar(name: str, total: float = 1.0) -> Iterator[Callable[[float], None]]:
         yield tell
     finally:
         shown.stop()
+
+
+@contextmanager
+def status_and_bars(command: str) -> Iterator[Callable[..., None]]:
+    """A status line that gives way to a bar where things are counted.
+
+    Yields
+    ------
+    callable
+        Takes what is being done; of counted things also how many are done, and how many there are.
+    """
+    with ExitStack() as stack, StatusLine(command) as status:
+        counting: list[Callable[[float], None]] = []
+
+        def tell(what: str, done: float = 0.0, total: float = 0.0) -> None:
+            if not total:
+                stack.close()
+                counting.clear()
+                status.tell(what)
+                return
+            if not counting:
+                status.clear()
+                counting.append(stack.enter_context(bar(what, total)))
+            counting[0](done)
+
+        yield tell
 
 
 def print_blocks(blocks: Iterable[Block], console: Console) -> None:
@@ -184,11 +217,6 @@ def typed(*words: object, **options: object) -> str:
     return printable(shlex.join(parts))
 
 
-def refusal(key: str, message: str) -> InputError:
-    """An option that cannot be had."""
-    return InputError((Problem(key, message),))
-
-
 def check_options(seed: int | None = None, folder: Path | None = None, *others: Problem) -> None:
     """Refuse, before any work, options that cannot be had.
 
@@ -198,12 +226,13 @@ def check_options(seed: int | None = None, folder: Path | None = None, *others: 
         A seed out of range, a place where no page can be written, what else is wrong: all told.
     """
     faults = list(others)
-    if seed is not None and seed < 0:
-        faults.append(Problem("--seed", f"{seed} is negative; give a whole number from 0"))
-    if seed is not None and seed >= SEEDS:
-        faults.append(Problem("--seed", "is too large; give a whole number below 2^63"))
+    if seed is not None:
+        try:
+            usable_seed(seed)
+        except ValueError as error:
+            faults.append(Argument("seed", str(error)))
     if folder is not None and (blocked := in_the_way(folder / PAGE)):
-        faults.append(Problem("-o", blocked))
+        faults.append(Argument("output", blocked))
     if faults:
         raise InputError(tuple(faults))
 
@@ -213,9 +242,9 @@ def check_target(target: Path, kinds: Sequence[str] = ()) -> str:
     kind = target.suffix.lower()
     if kinds and kind not in kinds:
         ends = " or ".join(kinds) if len(kinds) == 2 else ", ".join(kinds)
-        raise refusal("-o", f"{target.name} is of no kind that is written here; end it in {ends}")
+        raise refusal("output", f"{target.name} is of no kind that is written here; end it in {ends}")
     if blocked := in_the_way(target):
-        raise refusal("-o", blocked)
+        raise refusal("output", blocked)
     return kind
 
 
@@ -231,10 +260,8 @@ def parse_sigmas(texts: list[str] | None) -> dict[str, str]:
     for text in texts or ():
         place, between, sigma = (part.strip() for part in text.partition("="))
         if not (place and between and sigma):
-            raise refusal(
-                "--sigma", f'cannot read "{text}"; write a place and its sigma, as "elements.0.thickness=5 um"'
-            )
+            raise refusal("sigma", f'cannot read "{text}"; write a place and its sigma, as "elements.0.thickness=5 um"')
         if place in sigmas:
-            raise refusal("--sigma", f"{place} is given twice; drop one")
+            raise refusal("sigma", f"{place} is given twice; drop one")
         sigmas[place] = sigma
     return sigmas

@@ -9,9 +9,9 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from ..errors import Problem
+from ..errors import Argument, refusal, with_options
 from ..reporting.blocks import Block, Paragraph
 from ..reporting.printers import page_files
 from ..reporting.tolerance.pages import (
@@ -26,16 +26,16 @@ from ..reporting.tolerance.pages import (
 from ..tables import plain_text
 from ..tolerancing.result import analyse, precision, save_worst, trial_arrays, trials_for
 from ..tolerancing.run import ChunkLostError, Where, npz_bytes, run_trials
-from ..tolerancing.study import MOST_TRIALS, load_plan
+from ..tolerancing.study import RunOptions
 from ..words import sentence
 from .terminal import (
     Flag,
+    Flat,
     Output,
     bar,
     check_options,
     picture_files,
     print_blocks,
-    refusal,
     say,
     spelled,
     typed,
@@ -48,6 +48,7 @@ if TYPE_CHECKING:
     from ..tolerancing.result import StudyResult
 
 MOST_WORKERS = 512
+OPTIONS = RunOptions()
 
 
 def tolerance(
@@ -56,10 +57,8 @@ def tolerance(
     *,
     output: Output,
     json: Flag = False,
-    seed: int | None = None,
+    options: Annotated[RunOptions, Flat] = OPTIONS,
     workers: int | None = None,
-    trials: int | None = None,
-    accuracy: float | None = None,
     scheduler: str | None = None,
     resume: Flag = False,
 ) -> None:
@@ -74,40 +73,30 @@ def tolerance(
         the run's chunks.
     json
         Print the JSON object instead of tables.
-    seed
-        Instead of the study's; the same seed gives the same bytes.
     workers
         Processes; changes the time, never the results. Default: 1 for small runs, else one a core.
-    trials
-        Instead of the study's.
-    accuracy
-        Instead of a number of trials: what shares of builds (the yield, those below a quantile) may be off by, as 0.005
-        (in 95 % of runs). 0.001 takes a million trials.
     scheduler
         Address of a Dask scheduler, or "local" for a cluster started here.
     resume
         Go on with a run that was stopped.
     """
-    counts = {"--trials": (trials, MOST_TRIALS), "--workers": (workers, MOST_WORKERS)}
-    wrong = [
-        Problem(option, f"{count} is out of range; give a whole number from 1 to {most}")
-        for option, (count, most) in counts.items()
-        if count is not None and not 1 <= count <= most
-    ]
-    check_options(seed, output, *wrong)
-    if accuracy is not None and trials is not None:
-        raise refusal("--accuracy", "says how many trials there are, as does --trials; give one of them")
+    accuracy, faults = options.accuracy, []
+    if workers is not None and not 1 <= workers <= MOST_WORKERS:
+        faults.append(Argument("workers", f"{workers} is out of range; give a whole number from 1 to {MOST_WORKERS}"))
+    check_options(options.seed, output, *faults)
+    if accuracy is not None and options.trials is not None:
+        raise refusal("accuracy", "says how many trials there are, as does --trials; give one of them")
     started = time.perf_counter()
-    plan, description, grades = load_plan(study, trials=trials, seed=seed)
+    plan, description, grades = options.plan(study)
     if accuracy is not None:
         count = trials_for(accuracy, plan.draws.sampling)
-        plan, description, grades = load_plan(study, trials=count, seed=seed)
+        plan, description, grades = options.model_copy(update={"trials": count}).plan(study)
     where = Where(workers or _workers(plan.chunks), scheduler)
     with bar("trials", plan.trials) as tell:
         try:
             tally = run_trials(plan, output, where, resume=resume, progress=lambda done, _: tell(done))
         except ChunkLostError as error:
-            say(f"roslf: {error}", error=True)
+            say(f"roslf: {with_options(str(error))}", error=True)
             raise SystemExit(1) from None
     result = analyse(plan, description, grades, tally, save_worst(plan, tally, output))
     seconds = time.perf_counter() - started

@@ -6,10 +6,11 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from .._arrays import product, ratio
 from ..calibration.decoding import Decoder, LightField
@@ -26,6 +27,7 @@ from ..imaging.camera import ImageLattice, Region
 from ..imaging.render import RawImage, render
 from ..imaging.trace import RaySampling, seen_distances
 from ..json_data import plain
+from ..options import Options, Seed
 from ..scenes import Noise, Plane, Scene
 from ..shapes.lattice import PACKINGS
 from ..theory.colours import filters
@@ -335,6 +337,23 @@ def rays_for(charge: float) -> int:
     return int(np.clip(16 * round(wanted / 16), LEAST_RAYS, MOST_RAYS))
 
 
+class PictureOptions(Options):
+    """Pictures that are taken, of a camera that is simulated."""
+
+    region: tuple[int, int, int, int] | None = None
+    """Column, row, columns and rows of the sensor. Default: a strip across its middle."""
+    seed: Seed = 0
+    """Seed of the noise; the same seed gives the same bytes."""
+    exposures: Annotated[int, Field(ge=1)] = 1
+    """Pictures, which differ by noise alone."""
+    rays: int | None = None
+    """Rays of each pixel. Default: as many as the light calls for."""
+
+    def part(self, design: Design) -> Region:
+        """Part of a design's sensor that is looked at."""
+        return Region.checked(Camera.of(design), self.region) if self.region else default_region(design)
+
+
 class Unexposed(NamedTuple):
     """Pictures without noise, of which exposures are made with any light; of a region with its margin."""
 
@@ -425,11 +444,8 @@ def _with_margin(camera: Camera, region: Region) -> Region:
 def simulate(
     design: Design,
     scene: Scene | None = None,
+    options: PictureOptions | None = None,
     *,
-    region: tuple[int, int, int, int] | None = None,
-    seed: int = 0,
-    exposures: int = 1,
-    rays: int | None = None,
     believed: Design | None = None,
     unexposed: Unexposed | None = None,
     progress: Callable[[str, float], None] = lambda what, share: None,
@@ -442,14 +458,7 @@ def simulate(
         The camera, its light and sensor.
     scene : Scene, optional
         Brightness is relative: on average it is as bright as the design's light says. None is `default_scene`.
-    region : (column, row, columns, rows), optional
-        Of the sensor; None is `default_region`.
-    seed : int
-        Of the noise.
-    exposures : int
-        Pictures, which differ by noise alone.
-    rays : int, optional
-        For each pixel; None is `rays_for` the light.
+    options : PictureOptions, optional
     believed : Design, optional
         The camera that depth is computed for, where that is not the one that takes the pictures. Centres of microlens
         images are those of the white image all the same.
@@ -464,11 +473,11 @@ def simulate(
         A scene that the design cannot see; a region without microlenses, or too large; microlens images narrower
         than a pixel; an objective with a mapping.
     """
-    believed = design if believed is None else believed
+    options, believed = options or PictureOptions(), believed or design
     geometry, actual = ArrayGeometry(believed), ArrayGeometry(design)
     camera = actual.camera
     scene = default_scene(design) if scene is None else scene
-    part = default_region(design) if region is None else Region.checked(Camera.of(design), region)
+    part = options.part(design)
     wide = _with_margin(camera, part).drawn()
     lattice = lattice_of(camera, wide)
     if lattice.pitch < 1:
@@ -486,8 +495,9 @@ def simulate(
     mean = float(electrons(camera))
     if unexposed is None:
         unexposed = Unexposed.of(
-            design, scene, part, seed=seed, rays=rays or rays_for(mean), progress=lambda done: progress("picture", done)
-        )
+            design, scene, part, seed=options.seed, rays=options.rays or rays_for(mean),
+            progress=lambda done: progress("picture", done),
+        )  # fmt: skip
     picture, white = unexposed
     level = float(picture.pixels.sum() / max(float(white.pixels.sum()), 1e-30))
     if not level > 0:
@@ -506,8 +516,8 @@ def simulate(
     low, high = (float(disparities.min()), float(disparities.max())) if disparities.size else (-SLANT, SLANT)
     search = search_about(low, high)
     runs = []
-    for number, generator in enumerate(np.random.default_rng(seed).spawn(exposures)):
-        progress("depth", number / exposures)
+    for number, generator in enumerate(np.random.default_rng(options.seed).spawn(options.exposures)):
+        progress("depth", number / options.exposures)
         taken = np.minimum(add_noise(picture.pixels, full, dark, generator), np.float32(saturation / full))
         field = decoder(taken if balance is None else balance(taken))
         field = replace(field, values=field.values / np.float32(brightest))

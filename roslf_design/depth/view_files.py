@@ -76,6 +76,11 @@ class ViewFiles:
     """Views of the grid that are not there; their weight is 0."""
 
 
+def is_views(image: Path) -> bool:
+    """True where a path holds decoded views rather than a raw image."""
+    return image.is_dir() or image.suffix.lower() == MATLAB
+
+
 def read_views(path: Path) -> ViewFiles:
     """Read decoded views: a folder of pictures, or a .mat file of LFToolbox.
 

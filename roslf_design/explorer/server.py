@@ -27,7 +27,7 @@ from aiohttp.log import server_logger
 from trame_client.module import vue3
 from trame_server import Server
 
-from ..errors import InputError, Problem
+from ..errors import refusal
 from .session import DownloadError, Session
 
 PAGE = Path(__file__).parent / "page"
@@ -209,29 +209,25 @@ def _is_ours(record: logging.LogRecord) -> bool:
 
 async def _listen(runner: web.AppRunner, host: str, port: int | None) -> None:
     if port is not None and not 0 <= port <= 65535:
-        raise _refused("--port", f"{port} is not a port; name one from 1024 to 65535, or 0 for any")
+        raise refusal("port", f"{port} is not a port; name one from 1024 to 65535, or 0 for any")
     for choice in range(FIRST_PORT, FIRST_PORT + PORTS) if port is None else (port,):
         try:
             return await web.TCPSite(runner, host, choice).start()
         except UnicodeError:  # a label of more than 63 letters
-            raise _refused("--host", f"{host} is no name of a machine; leave it out for 127.0.0.1") from None
+            raise refusal("host", f"{host} is no name of a machine; leave it out for 127.0.0.1") from None
         except OSError as error:
             # asyncio words its own message around the system's, and drops the number of some.
             if error.errno == errno.EACCES:
                 message = f"{choice} may not be listened on by this user; choose one above 1023"
-                raise _refused("--port", message) from None
+                raise refusal("port", message) from None
             if error.errno != errno.EADDRINUSE:
                 why = error.strerror or error
                 message = f"{host} is not an address of this machine ({why}); leave it out for 127.0.0.1"
-                raise _refused("--host", message) from None
+                raise refusal("host", message) from None
     last = FIRST_PORT + PORTS - 1
     many = f"{FIRST_PORT} to {last} are all in use; name a free one, or 0 to let the system choose"
     one = f"{port} is in use; name another, or leave it out to take the first free one"
-    raise _refused("--port", many if port is None else one)
-
-
-def _refused(option: str, message: str) -> InputError:
-    return InputError((Problem(option, message),))
+    raise refusal("port", many if port is None else one)
 
 
 async def _serve_tab(request: web.Request, tab: Tab) -> web.StreamResponse:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..design.files import in_the_way, write_atomically
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, refusal
 from .render import RawImage
 
 Depth = Literal["float", "16"]
@@ -33,7 +33,7 @@ def check_target(path: Path) -> None:
         )
     blocked = in_the_way(path) or in_the_way(path.with_suffix(".json"))
     if blocked:
-        raise InputError((Problem("-o", blocked),))
+        raise refusal("output", blocked)
 
 
 def write_image(image: RawImage, path: Path, depth: Depth = "float") -> Path:

@@ -16,7 +16,7 @@ from ..design import Design
 from ..effects import Budget, Plan, plan
 from ..effects.geometry import mapped_blur
 from ..effects.waves import add_noise
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, refusal
 from ..scenes import WHITE_FIELD, Scene
 from ..theory.colours import BRIGHTEST, FILTERS, ColourFilter, filters, mosaic, per_watt
 from ..theory.light import chief_spread, falloff, outer_slope
@@ -300,8 +300,8 @@ class _Job:
     def sources(self) -> Iterator[tuple[np.float32, PointSource]]:
         """Point sources and their light, as the main lens's centre sees them."""
         if self.scene.points and self.camera.tilted:
-            message = "point sources through tilted parts are not rendered; add --effects -tilts to take them as ideal"
-            raise InputError((Problem("effects", message),))
+            message = "point sources through tilted parts are not rendered; add `effects` -tilts to take them as ideal"
+            raise refusal("effects", message)
         exact = self.plan.on("plate_aberration")
         camera = self.camera
         lens_x, lens_y = camera.lens_centre

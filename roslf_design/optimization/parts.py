@@ -17,7 +17,7 @@ from pydantic import Field, InstanceOf, ValidationError, model_validator
 from ..bore.material import Material
 from ..bore.real_lens import Lens, focal_length_at
 from ..design.parts import Colours
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, refusal
 from ..lenses.glass import catalogue as glass_catalogue
 from ..lenses.glass import find_glass
 from ..lenses.manufacture import D_LINE
@@ -329,7 +329,7 @@ def read_condition(text: str) -> Callable[[Mapping[str, Any]], bool]:
     try:
         key, sign, value = parse_condition(text)
     except ValueError as error:
-        raise InputError((Problem("--where", str(error)),)) from None
+        raise refusal("where", str(error)) from None
 
     def holds(row: Mapping[str, Any]) -> bool:
         own = row.get(key)

@@ -20,9 +20,11 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import Field, field_validator, model_validator
 
+from ..calibration.options import PlanOptions, planned_lengths
+from ..calibration.written import calibrated_camera
 from ..design import Design, load, preset_names
 from ..design.files import Kind, kind_of, load_beside
-from ..errors import InputError, Problem
+from ..errors import InputError, Problem, refusal
 from ..evaluation import default_fields
 from ..optimization.solve import Tell
 from ..optimization.study import Result, run
@@ -33,15 +35,7 @@ from ..tolerancing.run import Tally, run_trials
 from ..tolerancing.study import StrictTable, TolerancePlan, tolerance_plan
 from ..toml_files import read_toml, validated
 from .blocks import Block, Bullets, Finding, Paragraph, Report, Section, Statements
-from .calibrate.pages import (
-    Calibrated,
-    CalibrationPart,
-    calibrated_camera,
-    calibrated_finding,
-    plan_finding,
-    planned_lengths,
-    read_calibration,
-)
+from .calibrate.pages import Calibrated, calibrated_finding, plan_finding, read_calibration
 from .design.pages import design_report, making
 from .optimise.pages import optimization_finding, statements
 from .sheet.lines import AsBuilt, Basis, Known, basis, datasheet_section
@@ -66,7 +60,7 @@ class StoryPart(StrictTable):
 
     optimize: str | None = None
     tolerance: str | None = None
-    calibration: CalibrationPart | None = None
+    calibration: PlanOptions | None = None
     calibrated: str | None = None
     """Folder of a calibration that was made, relative to the story."""
     take: str = "best"
@@ -339,7 +333,7 @@ def story_report(story: Story, *, seed: int | None = None, progress: Tell = lamb
         parts.append(part)
         design = part.design
         match part.outcome:
-            case CalibrationPart() as asked:
+            case PlanOptions() as asked:
                 findings["calibration"] = plan_finding(design, asked)
                 steps.append(f"Calibration plan, for {design.name}.")
             case Calibrated() as calibrated:
@@ -364,7 +358,7 @@ def story_report(story: Story, *, seed: int | None = None, progress: Tell = lamb
 class Walked(NamedTuple):
     """A part of a story that has run."""
 
-    outcome: Result | StudyResult | AsBuilt | CalibrationPart | Calibrated
+    outcome: Result | StudyResult | AsBuilt | PlanOptions | Calibrated
     """What it found; of a plan what is asked for."""
     before: Design
     design: Design
@@ -382,7 +376,7 @@ def _walked(
     for index, part in enumerate(story.table.parts):
         where, before = f"part {index + 1} of {len(story.table.parts)}", design
         file, data = story.folder / (part.file or ""), story.studies.get(index, {})
-        outcome: Result | StudyResult | AsBuilt | CalibrationPart | Calibrated
+        outcome: Result | StudyResult | AsBuilt | PlanOptions | Calibrated
         if part.kind == "optimize":
             tell = _prefixed(progress, f"{where}, optimisation")
             outcome = run_optimisation(data, design, file.parent, str(file), tell, seed)
@@ -420,7 +414,7 @@ def datasheet_of(
     if story is not None:
         if calibration is not None:
             remedy = 'name it in the story, as calibrated = "FOLDER"'
-            raise InputError((Problem("--calibration", f"goes with a design or a study; {remedy}"),))
+            raise refusal("calibration", f"goes with a design or a study; {remedy}")
         return _basis_of(story, list(_walked(story, seed, progress, builds_alone)))
     if kind == "design":
         design = load(str(path))
@@ -452,7 +446,7 @@ def _basis_of(story: Story, parts: Sequence[Walked]) -> Basis:
                 built = tolerances
             case StudyResult() as result:
                 built = AsBuilt(result.plan, result.final)
-            case CalibrationPart() as asked:
+            case PlanOptions() as asked:
                 covariance = planned_lengths(design, asked)
                 known = None if covariance is None else Known("as planned", design, covariance)
             case Calibrated():
@@ -479,7 +473,7 @@ def _first_look(design: Design, seed: int, progress: Tell, known: Mapping[str, F
         findings["tolerances"] = tolerance_finding(look, first_look=True)
     if "calibration" not in known:
         progress("calibration plan")
-        findings["calibration"] = plan_finding(design, CalibrationPart(seed=seed))
+        findings["calibration"] = plan_finding(design, PlanOptions(seed=seed))
     return findings
 
 

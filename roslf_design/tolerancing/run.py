@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 from .._arrays import Array, by_value
 from .._jit import kernel
 from ..design.files import write_atomically
-from ..errors import InputError, Problem
+from ..errors import Argument, InputError, Problem, refusal
 from ..input_files import read_json
 from ..theory.quantity import finite
 from .study import TolerancePlan
@@ -155,7 +155,7 @@ def _claim(plan: TolerancePlan, digest: str, folder: Path, resume: bool) -> None
         if held["digest"] != digest:
             raise InputError((Problem("", f"{folder} holds another study, seed or trial count; {remedy}"),))
         if not resume and any(chunks.glob("*.npz")):
-            raise InputError((Problem("", f"{folder} holds this run already; pass --resume to go on with it"),))
+            raise InputError((Argument("", f"{folder} holds this run already; pass `resume` to go on with it"),))
     chunks.mkdir(parents=True, exist_ok=True)
     content = {
         "schema": SCHEMA,
@@ -197,9 +197,9 @@ def _check_processes(where: Where) -> None:
     try:
         multiprocessing.get_context("spawn").Lock()
     except OSError as error:
-        option = "--workers" if where.scheduler is None else "--scheduler"
-        message = f"no processes can be started here (/dev/shm: {error.strerror}); give --workers 1 alone"
-        raise InputError((Problem(option, message),)) from None
+        option = "workers" if where.scheduler is None else "scheduler"
+        message = f"no processes can be started here (/dev/shm: {error.strerror}); give `workers` 1 alone"
+        raise refusal(option, message) from None
 
 
 def anywhere(work: Work, indices: Sequence[int], where: Where) -> Generator[tuple[int, bytes], None, None]:
@@ -240,7 +240,7 @@ def _in_pool(work: Work, indices: Sequence[int], workers: int) -> Iterator[tuple
             if deaths == ATTEMPTS:
                 raise ChunkLostError(
                     f"chunk {min(left)} or a later one: a worker process died {ATTEMPTS} times; is memory short? "
-                    "Run fewer workers (--workers) and go on with --resume"
+                    "Run fewer `workers` and go on with `resume`"
                 ) from None
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
@@ -323,9 +323,7 @@ def _on_cluster(work: Work, indices: Sequence[int], address: str, workers: int) 
         import distributed
         from distributed.scheduler import KilledWorker
     except ImportError:
-        raise InputError(
-            (Problem("--scheduler", "needs Dask, which is not installed; pip install 'roslf_design[cluster]'"),)
-        ) from None
+        raise refusal("scheduler", "needs Dask, which is not installed; pip install 'roslf_design[cluster]'") from None
     if not indices:
         return
     untyped: Any = distributed
@@ -345,7 +343,7 @@ def _on_cluster(work: Work, indices: Sequence[int], address: str, workers: int) 
             try:
                 content = future.result()
             except KilledWorker as error:
-                raise ChunkLostError(f"chunk {index}: its workers kept dying ({error}); go on with --resume") from None
+                raise ChunkLostError(f"chunk {index}: its workers kept dying ({error}); go on with `resume`") from None
             future.release()
             yield index, content
 
@@ -372,7 +370,7 @@ def _ask(address: str) -> None:
         log.setLevel(level)
     if kind != "Scheduler":
         message = f'no Dask scheduler answers at {address} ({kind}); give one such as "tcp://host:8786"'
-        raise InputError((Problem("--scheduler", message),))
+        raise refusal("scheduler", message)
 
 
 @by_value

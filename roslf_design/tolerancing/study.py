@@ -37,6 +37,7 @@ from ..design.files import expect_kind, studied
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
 from ..evaluation.fields import MOST_FIELDS
+from ..options import Options, Seed, up_to
 from ..theory.quantity import finite
 from ..toml_files import nearest, problems_of, read_toml
 from ..units import Length, in_file, read_quantity
@@ -382,6 +383,22 @@ def most_sobol_samples(factors: int, columns: int) -> int:
 def chunk_size(trials: int) -> int:
     """Trials a chunk: enough work for a worker, few enough files for a folder."""
     return 1 << min(20, max(15, math.ceil(math.log2(max(trials, 1) / 1024))))
+
+
+class RunOptions(Options):
+    """Trials of a tolerance study, instead of what its file says."""
+
+    seed: Seed | None = None
+    """Instead of the study's; the same seed gives the same bytes."""
+    trials: Annotated[int, up_to(MOST_TRIALS)] | None = None
+    """Instead of the study's."""
+    accuracy: float | None = None
+    """Instead of a number of trials: what shares of builds (the yield, those below a quantile) may be off by, as 0.005
+    (in 95 % of runs). 0.001 takes a million trials."""
+
+    def plan(self, path: str | Path) -> tuple[TolerancePlan, Study, Grades]:
+        """Study of a file, resolved; errors as of `load_plan`."""
+        return load_plan(path, trials=self.trials, seed=self.seed)
 
 
 def load_plan(

@@ -18,11 +18,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parent))
 from captures import CELL, CELLS, KINDS, make
 from pictures import draw_images, draw_intervals, draw_shifts
 
+import roslf_design as roslf
 from roslf_design.calibration import CalibrationError, Observations
 from roslf_design.calibration.model import QUANTITIES, UNITS
 from roslf_design.calibration.result import Outcome
 from roslf_design.camera import Camera
-from roslf_design.commands.calibrate import calibrated
 from roslf_design.design import Design, load
 from roslf_design.design.files import write_atomically
 from roslf_design.drawing.axes import drawing, to_png
@@ -114,7 +114,7 @@ def main() -> None:
     results: dict[str, Outcome] = {}
     for kind in KINDS:
         try:
-            results[kind] = calibrated(options.captures / kind, "paper", BOARD, "1%", 0, 0, False, "auto")
+            results[kind] = roslf.calibrate(options.captures / kind, "paper", BOARD, distortion=0)
         except CalibrationError as error:
             sys.exit(f"{kind}: {error}")
         facts[kind] = facts_of(results[kind], truth)

@@ -20,7 +20,7 @@ from scipy.interpolate import make_interp_spline
 
 from roslf_design.camera import Camera
 from roslf_design.depth.geometry import depth_of, disparity_of
-from roslf_design.depth.measure import Trial, Unexposed, assumed, simulate
+from roslf_design.depth.measure import PictureOptions, Trial, Unexposed, assumed, simulate
 from roslf_design.design import Design, load
 from roslf_design.drawing.marks import Area, Dots, Line, Mark, box_key, dot_key
 from roslf_design.drawing.panel import Panel, Scale
@@ -113,7 +113,10 @@ def trials(
         if picture is None:
             picture = Unexposed.of(case.design, scene, region, seed=SEED, rays=rays)
         design = lit(case.design, LIGHTS[light])
-        yield light, simulate(design, scene, region=region, seed=SEED, exposures=exposures, unexposed=picture)
+        yield (
+            light,
+            simulate(design, scene, PictureOptions(region=region, seed=SEED, exposures=exposures), unexposed=picture),
+        )
 
 
 def judged(trial: Trial) -> dict[str, Any]:

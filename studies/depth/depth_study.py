@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from roslf_design.depth.measure import Trial, assumed, default_scene, simulate
+from roslf_design.depth.measure import PictureOptions, Trial, assumed, default_scene, simulate
 from roslf_design.design import Design, load
 from roslf_design.drawing.marks import Area, Dots, Line, Mark, box_key, dot_key, line_key
 from roslf_design.drawing.panel import Panel, Scale
@@ -116,9 +116,8 @@ def measured(
     case: Case, scene: Scene, region: tuple[int, int, int, int] = STRIP, *, exposures: int = EXPOSURES, bins: int = BINS
 ) -> Measured:
     """Depth of a scene, and its errors along x."""
-    trial = simulate(
-        case.design, scene, region=region, seed=SEED, exposures=exposures, rays=RAYS, believed=case.believed
-    )
+    options = PictureOptions(region=region, seed=SEED, exposures=exposures, rays=RAYS)
+    trial = simulate(case.design, scene, options, believed=case.believed)
     x = trial.first.x_ml[0, :, 0]
     edges = np.linspace(x[0] - 1e-9, x[-1] + 1e-9, bins + 1)
     middle = (edges[1:] + edges[:-1]) / 2

@@ -91,7 +91,7 @@ def test_choose_without_a_job():
 
 @pytest.mark.parametrize("accuracy", [0.0, -1.0, 2.0, float("nan"), 1e-16])
 def test_no_accuracy(accuracy):
-    with pytest.raises(InputError, match="--accuracy"):
+    with pytest.raises(InputError, match="accuracy"):
         check_accuracy(accuracy)
 
 

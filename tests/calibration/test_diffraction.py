@@ -20,6 +20,7 @@ from roslf_design.calibration import (
 from roslf_design.calibration.diffraction import (
     PupilImage,
     ViewWeights,
+    WhiteImage,
     apparent_shifts,
     fit_cell,
     view_weights,
@@ -225,11 +226,11 @@ def test_what_is_asked_what_is_expected_and_what_is_seen_decide():
     @functools.cache
     def white_of(overrides):
         white = render(PAPER, overrides=overrides, region=(2100, 1340, 300, 300)).pixels
-        return white, find_centres(white, layout="square").lattice
+        return WhiteImage(white, None, find_centres(white, layout="square").lattice)
 
     def looked(overrides, wish, design=PAPER):
-        white, lattice = white_of(overrides)
-        found = calibrate_corrected(observations, captures.board, sheet_of(PAPER), design, white, lattice, wish=wish)
+        white = white_of(overrides)
+        found = calibrate_corrected(observations, captures.board, sheet_of(PAPER), design, white, wish=wish)
         return found.diffraction, found.calibration
 
     rays = ("-microlens_diffraction", "-microlens_defocus")

@@ -40,7 +40,7 @@ def test_distortion_that_nobody_asked_for_is_named():
     misfit = misfit_of(calibrate(bent, SHEET))
     assert misfit.scale > 3.3
     (said,) = misfit.warnings
-    assert "--distortion 1" in said
+    assert "distortion = 1" in said
     assert misfit_of(calibrate(bent, SHEET, distortion=1)).scale < 1.3
 
 

@@ -26,12 +26,13 @@ from roslf_design.calibration.aberrations import aberration_error
 from roslf_design.calibration.fit import _better_mirrored, refine
 from roslf_design.calibration.misfit import misfit_of
 from roslf_design.calibration.model import QUANTITIES, Observations, Poses, project_boards
+from roslf_design.calibration.options import PlanOptions, calibration_plan
 from roslf_design.calibration.planning import pupil_of
 from roslf_design.calibration.result import _built_sigma, _pulled
 from roslf_design.calibration.sidedata import combine
 from roslf_design.design import load
 from roslf_design.lenses.lens_file import load_lens
-from roslf_design.reporting.calibrate.pages import CalibrationPart, calibration_plan, plan_blocks
+from roslf_design.reporting.calibrate.pages import plan_blocks
 from tests.calibration.made import CAMERA, SHEET, captured, traced_corners
 
 CAPTURES = Captures(boards=8, views=3, board=Board(4, 5, 5.0), offset=6.0)
@@ -160,14 +161,14 @@ def test_a_board_tilted_the_other_way_is_turned_back():
 
 
 def test_plans_behind_a_real_lens_count_what_distortion_costs():
-    asked = CalibrationPart(board="4x5 5 mm")
+    asked = PlanOptions(board="4x5 5 mm")
     plan, without = (calibration_plan(SINGLET, asked, count) for count in (None, 0))
     assert (plan.distortion, without.distortion) == (1, 0)
     assert plan.to_dict("x", 0)["distortion_coefficients"] == 1
     for name in ("m", "d_2"):
         assert plan.expected.sigma[name] > without.expected.sigma[name]
     assert "Distortion is fitted (1 radial coefficient" in plan_blocks(SINGLET, plan, asked)[0].text
-    assert calibration_plan(load("paper"), CalibrationPart()).distortion == 0
+    assert calibration_plan(load("paper"), PlanOptions()).distortion == 0
 
 
 # --- how far from the design ------------------------------------------------------------------------------------------

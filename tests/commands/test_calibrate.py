@@ -8,12 +8,12 @@ import pytest
 import tifffile
 from PIL import Image
 
+import roslf_design as roslf
 from roslf_design.calibration import Board, CalibrationError, Captures
 from roslf_design.calibration.frames import read_capture, read_image
 from roslf_design.calibration.lengths import LengthCovariance
 from roslf_design.calibration.planning import too_large
 from roslf_design.cli import main
-from roslf_design.commands.calibrate import calibrated
 from roslf_design.commands.terminal import json_text
 from roslf_design.depth.geometry import calibration_sigma
 from roslf_design.design import load, save
@@ -142,7 +142,8 @@ def test_without_posterior_the_same_bytes_and_gaussian_intervals(capsys, capture
     assert sorted(p.name for p in out.iterdir() if p.suffix == ".png") == names
     assert "Laplace" in (out / "posterior.svg").read_text()
     text = (out / "calibration.json").read_text()
-    again = calibrated(captured / "images", str(captured / "small.toml"), BOARD, "0.5 mm", 0, 0, True, "auto")
+    options = {"f_sigma": "0.5 mm", "distortion": 0, "posterior": False}
+    again = roslf.calibrate(captured / "images", captured / "small.toml", BOARD, **options)
     assert f"{json_text(again.to_dict())}\n" == text
     result = json.loads(text)
     assert result["converged"] is None

@@ -22,7 +22,7 @@ from roslf_design.cli import main
 from roslf_design.depth.captured import noise_alike, on_array
 from roslf_design.depth.estimate import PixelNoise, estimate_disparity
 from roslf_design.depth.geometry import ArrayGeometry
-from roslf_design.depth.measure import lattice_of, simulate
+from roslf_design.depth.measure import PictureOptions, lattice_of, simulate
 from roslf_design.depth.unmixing import evened
 from roslf_design.depth.view_files import pfm_bytes, view_files
 from roslf_design.effects.waves import add_noise
@@ -49,7 +49,8 @@ def design():
 @pytest.fixture(scope="module")
 def trial(design):
     """What the simulation measures of its first exposure."""
-    return simulate(design, make_scene({"objects": [WALL | {"texture": TEXTURE}]}), region=REGION, seed=3, rays=128)
+    scene = make_scene({"objects": [WALL | {"texture": TEXTURE}]})
+    return simulate(design, scene, PictureOptions(region=REGION, seed=3, rays=128))
 
 
 @pytest.fixture(scope="module")

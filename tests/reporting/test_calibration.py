@@ -5,19 +5,14 @@ import json
 import pytest
 from pydantic import ValidationError
 
+from roslf_design.calibration.options import PlanOptions, calibration_plan
 from roslf_design.calibration.planning import Captures, field_at
 from roslf_design.cli import main
 from roslf_design.design import load
 from roslf_design.drawing.svg import file_of
 from roslf_design.errors import InputError
 from roslf_design.reporting.blocks import Report
-from roslf_design.reporting.calibrate.pages import (
-    CalibrationPart,
-    calibrated_finding,
-    calibration_plan,
-    plan_finding,
-    read_calibration,
-)
+from roslf_design.reporting.calibrate.pages import calibrated_finding, plan_finding, read_calibration
 from roslf_design.reporting.printers import render_html
 from roslf_design.reporting.story import read_story
 
@@ -171,12 +166,12 @@ def test_a_board_of_our_own_choosing_is_seen_whole_at_its_nearest(name):
 
 def test_a_plan_tells_boards_too_large_and_captures_that_determine_nothing():
     paper = load("paper")
-    part = CalibrationPart(board="6x5 90 mm", boards=3)
+    part = PlanOptions(board="6x5 90 mm", boards=3)
     said = plan_finding(paper, part).section.blocks[1].items
     assert "the sensor sees only" in said[1].text
-    flat = CalibrationPart(boards=2, tilt=1e-9, range=1e-9)
+    flat = PlanOptions(boards=2, tilt=1e-9, range=1e-9)
     why = calibration_plan(paper, flat)
     assert isinstance(why, str)
     assert plan_finding(paper, flat).section.blocks[0].items[0].text == f"No plan: {why}."
     with pytest.raises(ValidationError, match=r'f_sigma\n.*"sharp" is not understood'):
-        CalibrationPart(f_sigma="sharp")
+        PlanOptions(f_sigma="sharp")

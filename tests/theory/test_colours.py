@@ -10,7 +10,7 @@ import roslf_design as roslf
 from roslf_design.calibration.decoding import Decoder
 from roslf_design.calibration.frames import ColourBalance
 from roslf_design.camera import Camera
-from roslf_design.depth.measure import lattice_of, simulate
+from roslf_design.depth.measure import lattice_of
 from roslf_design.imaging.camera import Region
 from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import RaySampling
@@ -130,7 +130,7 @@ def test_the_white_image_makes_colours_equal(near_light):
 
 def test_depth_of_a_mosaic():
     """Errors told are those made, up to what ten by ten microlenses say of them; predicted ones are not far below."""
-    trial = simulate(BAYER, region=(2200, 1440, 130, 130), seed=1, exposures=2, rays=48)
+    trial = roslf.measure_depth(BAYER, region=(2200, 1440, 130, 130), seed=1, exposures=2, rays=48)
     summary = trial.summary()
     assert summary.measured > 0.9
     assert abs(summary.bias_mm) < 0.7 * summary.told_mm
@@ -175,6 +175,6 @@ def test_bad_input():
         render(BAYER, WALL.in_light((550e-6,)), region=REGION)
     singlet = roslf.load("paper-singlet").replace({"sensor.colours": "RGGB"})
     with pytest.raises(roslf.InputError, match="pitches apart on the axis"):
-        simulate(singlet, region=REGION)
+        roslf.measure_depth(singlet, region=REGION)
     with pytest.raises(ValueError, match="no light"):
         ColourBalance.of(np.tile(np.array([[1, 0], [1, 1]]), (8, 8)))

@@ -200,7 +200,7 @@ def test_a_full_disk_leaves_earlier_chunks_and_resuming_ends_in_the_same_bytes(p
     partial = fingerprint(tmp_path)
     assert len(partial) == 4
     assert partial.items() <= expected.items()
-    with pytest.raises(InputError, match="pass --resume"):
+    with pytest.raises(InputError, match="pass `resume`"):
         run_trials(plan, tmp_path)
     run_trials(plan, tmp_path, resume=True)
     assert fingerprint(tmp_path) == expected

@@ -2,48 +2,32 @@
 
 from __future__ import annotations
 
-import json
 import math
-import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
-
-import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from typing import TYPE_CHECKING, Any
 
 from ..._arrays import by_value
 from ..._version import __version__
 from ...calibration import (
-    Board,
-    CalibrationError,
     CapturePlan,
-    Captures,
-    DataSheet,
     Reason,
-    camera_of,
     derived,
-    sheet_of,
 )
-from ...calibration import plan as planned
 from ...calibration.fit import VISIBLE
-from ...calibration.lengths import LengthCovariance
 from ...calibration.misfit import DISAGREE
-from ...calibration.model import QUANTITIES, UNITS, relative_sigma
-from ...calibration.planning import reason, too_large
+from ...calibration.model import QUANTITIES, UNITS
+from ...calibration.options import PlanOptions, calibration_plan
+from ...calibration.planning import too_large
 from ...calibration.result import LAPLACE, Outcome
 from ...calibration.space import SceneSide
-from ...camera import Camera
-from ...design import Design, load
+from ...calibration.written import file_in, read_numbers
+from ...design import Design
 from ...drawing.picture import Picture
 from ...drawing.svg import redrawn
 from ...errors import InputError, Problem
-from ...input_files import read_bytes, read_json
-from ...tolerancing.places import nominal_values, parse_tolerance, perturbable
-from ...tolerancing.study import StrictTable
-from ...toml_files import nearest, problems_of
-from ...units import Angle, AnyLength, Distance, Length
+from ...input_files import read_bytes
 from ...words import length, rounded, sentence
 from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
 from . import pictures
@@ -52,8 +36,6 @@ if TYPE_CHECKING:
     from ...calibration.diffraction import DiffractionCheck
     from ...calibration.distortion import Distortion
 
-FILE, CALIBRATED, SCHEMA = "calibration.json", "calibrated.toml", "roslf.calibration/"
-REMEDY = "name the folder that roslf calibrate wrote"
 SOURCES: dict[str, tuple[str, str, str]] = {
     "images": ("images", "the images", "show more boards, tilted further and over more distances"),
     "f": ("f", "the data sheet's f", "have the focal length measured"),
@@ -98,167 +80,6 @@ FIGURES: dict[str, tuple[str, str, Callable[[Outcome], Picture]]] = {
 """Title, caption and what draws it, of each picture that a calibration leaves in its folder."""
 
 
-BEFORE_LENS = re.compile(
-    r"(elements\.\d+\.(distance|thickness|index|gradient|focal_length)|object_space\.index"
-    r"|(sensor\.cover|microlens_array\.substrate)\.(thickness|index))"
-)
-"""Places of numbers that a calibration takes as known, and may take as known but to an error."""
-
-
-LEAST_NOISE, MOST_NOISE = 1e-6, 1e3
-"""Between which any corner's standard error lies [microlens pitches]."""
-
-
-class CalibrationPart(StrictTable):
-    """What one means to capture; what is left open is chosen to suit the design, or is what careful work reaches."""
-
-    board: str | None = None
-    """Cells across, cells down, size of one."""
-    boards: Annotated[int, Field(le=200)] = 12
-    """Images of the board."""
-    tilt: Angle = math.radians(20)
-    """Largest tilt [rad]."""
-    distance: Length | None = None
-    """Mean distance of the boards from the main lens [mm]."""
-    range: Distance | None = None
-    """Farthest minus nearest [mm]."""
-    noise: Annotated[float, Field(ge=LEAST_NOISE, le=MOST_NOISE)] = 0.06
-    """Of a corner in one view [microlens pitches]."""
-    f_sigma: str = "1 %"
-    """How well f is known."""
-    d_sigma: str = "0.1 %"
-    """How well the microlens pitch is known."""
-    cell_sigma: str = "0.1 %"
-    """How well the board's cells are known."""
-    sigma: dict[str, str | float] = Field(default_factory=dict)
-    """How well lengths and indices of elements, media and glass about the array are known, by their places."""
-    white_pitch: str | None = None
-    """How well the white image's pitch is known, where it is used."""
-    seed: Annotated[int, Field(ge=0)] = 0
-
-    @field_validator("board")
-    @classmethod
-    def _readable(cls, text: str | None) -> str | None:
-        if text is not None:
-            Board.parse(text)
-        return text
-
-    @field_validator("f_sigma", "d_sigma", "cell_sigma", "white_pitch")
-    @classmethod
-    def _understood(cls, text: str | None) -> str | None:
-        try:
-            relative = 0.0 if text is None else relative_sigma(text, 1.0)
-        except ValueError:
-            raise ValueError(f'"{text}" is not understood; give "1 %" or "0.5 mm"') from None
-        if not 0 <= relative < math.inf:
-            raise ValueError(f'"{text}" must not be negative')
-        if text is not None and text.strip().endswith("%") and relative > 1:
-            raise ValueError(f'"{text}" is more than all of it; give 100 % at most')
-        return text
-
-    @field_validator("white_pitch")
-    @classmethod
-    def _positive_share(cls, text: str | None) -> str | None:
-        if text is not None and not (text.strip().endswith("%") and relative_sigma(text, 1.0) > 0):
-            raise ValueError(f'"{text}" is no share above zero; give "0.01 %"')
-        return text
-
-    @model_validator(mode="after")
-    def _possible(self) -> CalibrationPart:
-        Captures(boards=self.boards, tilt=self.tilt, noise=self.noise)
-        return self
-
-
-class LenientTable(BaseModel):
-    """Base of what a calibration.json must hold for a report; it may hold more."""
-
-    model_config = ConfigDict(frozen=True, allow_inf_nan=False)
-
-
-class FoundQuantity(LenientTable):
-    """What was found of one quantity."""
-
-    estimate: float
-    unit: str
-    sigma: Annotated[float, Field(ge=0)]
-    interval_68: tuple[float, float]
-    interval_95: tuple[float, float]
-    variance_shares: dict[str, float]
-    r_hat: float | None = None
-    ess: float | None = None
-
-
-class FoundPosterior(LenientTable):
-    """How its sampling ended."""
-
-    message: str
-
-
-class FoundCovariance(LenientTable):
-    """How sure its lengths are, together."""
-
-    places: Annotated[tuple[str, ...], Field(min_length=1)]
-    matrix: tuple[tuple[float, ...], ...]
-
-    @model_validator(mode="after")
-    def _square(self) -> FoundCovariance:
-        count = len(self.places)
-        if len(self.matrix) != count or any(len(row) != count for row in self.matrix):
-            raise ValueError(f"matrix is not {count} x {count}")
-        matrix = np.array(self.matrix)
-        lengths = np.sqrt(np.maximum(np.diag(matrix), 0))
-        unit = np.where(lengths > 0, lengths, 1)
-        scaled = matrix / unit / unit[:, None]
-        if (np.diag(matrix) < 0).any() or not np.allclose(scaled, scaled.T, atol=1e-6):
-            raise ValueError("matrix is no covariance: not symmetric, or below 0 on its diagonal")
-        if float(np.linalg.eigvalsh(scaled).min()) < -1e-6:
-            raise ValueError("matrix is no covariance: it has a negative variance")
-        return self
-
-
-class FoundTable(LenientTable):
-    """A whole calibration.json."""
-
-    schema_: Annotated[str, Field(alias="schema", pattern="^" + re.escape(SCHEMA))]
-    design: str
-    quantities: dict[str, FoundQuantity]
-    covariance: FoundCovariance | None = None
-    posterior: FoundPosterior | None = None
-    converged: bool | None = None
-    images_used: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()
-
-    @model_validator(mode="after")
-    def _enough(self) -> FoundTable:
-        lacking = [name for name in ("H", "d_3") if name not in self.quantities]
-        if lacking:
-            raise ValueError(f"quantities lacks {', '.join(lacking)}")
-        bare = [name for name, row in self.quantities.items() if None in (row.r_hat, row.ess)]
-        if bare and self.posterior is not None:
-            raise ValueError(f"quantities.{bare[0]} lacks r_hat or ess, of its posterior")
-        return self
-
-
-class BoardDistances(StrictTable):
-    """A file that tells how far from the lens boards stood."""
-
-    sigma: Length
-    """Standard deviation of each [mm]."""
-    relative: bool = False
-    """Measured from any one place, as a rail shows them, instead of from the main lens."""
-    distances: Annotated[dict[str, AnyLength], Field(min_length=1)]
-    """Of each board's middle [mm], by the name of its image; growing away from the camera."""
-
-    @model_validator(mode="after")
-    def _before_the_lens(self) -> BoardDistances:
-        behind = [name for name, away in self.distances.items() if not self.relative and away <= 0]
-        if behind:
-            raise ValueError(
-                f"{behind[0]} stands {self.distances[behind[0]]:g} mm before the lens; say relative = true?"
-            )
-        return self
-
-
 @by_value
 @dataclass(frozen=True)
 class Calibrated:
@@ -278,46 +99,13 @@ def read_calibration(place: Path) -> Calibrated:
     InputError
         It is not there, or is something else; a drawing in it holds what none of ours does, such as a script.
     """
-    file = place / FILE if place.is_dir() else place
+    data, file = read_numbers(place), file_in(place)
+    files = {name: file.with_name(f"{name}.svg") for name in FIGURES}
     try:
-        data = read_json(file, str(file), REMEDY)
-        FoundTable.model_validate_json(json.dumps(data), strict=True)  # no text that reads as a number: data stays
-        files = {name: file.with_name(f"{name}.svg") for name in FIGURES}
         drawings = {name: _drawing(path, name) for name, path in files.items() if path.exists()}
-    except ValidationError as error:
-        fault = problems_of(error, FoundTable)[0]
-        message = f"{file} is no calibration, or is damaged ({fault}); {REMEDY}"
-        raise InputError((Problem("calibration", message),)) from None
     except InputError as error:
         raise InputError((Problem("calibration", str(error)),)) from None
     return Calibrated(data, drawings)
-
-
-def calibrated_camera(place: Path, named: Design | None = None) -> tuple[Design, LengthCovariance]:
-    """The camera of a calibration's folder, or of its calibration.json, and how sure its lengths are.
-
-    Raises
-    ------
-    InputError
-        As of `read_calibration`; the camera of another design than the one `named`; an older calibration, which does
-        not tell how its lengths err together; one whose files do not go together.
-    """
-    data = read_calibration(place).data
-    file = (place if place.is_dir() else place.parent) / CALIBRATED
-    camera = load(file)
-
-    def refused(message: str) -> InputError:
-        return InputError((Problem("--calibration", message),))
-
-    if named is not None and named.name not in (data["design"], camera.name):
-        raise refused(f'{place} is of "{data["design"]}", and the design is "{named.name}"; drop the wrong one')
-    together = data.get("covariance")
-    if together is None:
-        raise refused(f"{place} does not tell how its lengths err together, as an older one; calibrate again")
-    known = Camera.of(camera).numbers
-    if strange := [place for place in together["places"] if place not in known]:
-        raise refused(f"{strange[0]} is no length of {file}; calibrate again")
-    return camera, LengthCovariance(tuple(together["places"]), np.array(together["matrix"]))
 
 
 def _drawing(path: Path, name: str) -> str:
@@ -556,71 +344,7 @@ def ways_table(result: Outcome) -> Table:
     return Table(tuple(rows), "l" + "r" * len(ways) + "l", ("", *ways, ""), "By different ways", caption)
 
 
-def planned_lengths(design: Design, asked: CalibrationPart) -> LengthCovariance | None:
-    """How sure a camera's lengths will be after a calibration as planned; None where it cannot determine them."""
-    plan = calibration_plan(design, asked)
-    return None if isinstance(plan, str) else plan.expected.lengths(data_sheet(design, plan.captures.board, asked))
-
-
-def calibration_plan(design: Design, asked: CalibrationPart, distortion: int | None = None) -> CapturePlan | str:
-    """A plan of captures that suits a design and what is asked for; or why these cannot determine the camera.
-
-    Unless told, the calibration will fit as much distortion as it does behind the design's main lens.
-    """
-    if distortion is None:
-        distortion = design.main_lens.kind.radial
-    try:
-        captures = captures_for(design, asked)
-        sheet = data_sheet(design, captures.board, asked)
-        white = None if asked.white_pitch is None else relative_sigma(asked.white_pitch, 1.0)
-    except CalibrationError as error:
-        return " ".join(str(error).split())
-    try:
-        return planned(camera_of(design), sheet, captures, distortion=distortion, seed=asked.seed, white=white)
-    except CalibrationError as error:
-        text, why = " ".join(str(error).split()), reason(captures)
-        return f"{text}: {why}" if "do not determine" in text and why not in text else text
-
-
-def data_sheet(design: Design, board: Board, asked: CalibrationPart) -> DataSheet:
-    """The data sheet of a design and a board, each known as well as its text says, as "1 %" or "0.5 mm".
-
-    Raises
-    ------
-    CalibrationError
-        A place that is nothing before the main lens or about the array; what is no standard deviation of it.
-    """
-    scales = zip((asked.f_sigma, asked.d_sigma, asked.cell_sigma), (design.f, design.d, board.cell), strict=True)
-    f, d, cell = (relative_sigma(text, scale) for text, scale in scales)
-    kinds = {place: kind for place, kind in perturbable(design).items() if BEFORE_LENS.fullmatch(place)}
-    nominal, sigmas = nominal_values(design), {}
-    for place, sigma in asked.sigma.items():
-        if place not in kinds:
-            known = nearest(place, kinds) if kinds else "this design has none"
-            raise CalibrationError(
-                f"sigma of {place}: is no number of what stands before the lens or about the array; {known}"
-            )
-        try:
-            sigmas[place] = parse_tolerance(sigma, kinds[place], nominal[place])
-        except ValueError as error:
-            raise CalibrationError(f"sigma of {place}: {error}") from None
-    return sheet_of(design, f, d, cell, sigmas)
-
-
-def captures_for(design: Design, asked: CalibrationPart) -> Captures:
-    """What to capture with a design: what is asked for, else what suits it."""
-    return Captures.for_design(
-        design,
-        board=None if asked.board is None else Board.parse(asked.board),
-        boards=asked.boards,
-        tilt=asked.tilt,
-        distance=asked.distance,
-        distance_range=asked.range,
-        noise=asked.noise,
-    )
-
-
-def plan_finding(design: Design, asked: CalibrationPart) -> Finding:
+def plan_finding(design: Design, asked: PlanOptions) -> Finding:
     """A plan in a design's report; or why captures cannot determine the camera."""
     plan = calibration_plan(design, asked)
     seed = f"Seed of the calibration boards' poses: {asked.seed}."
@@ -632,7 +356,7 @@ def plan_finding(design: Design, asked: CalibrationPart) -> Finding:
     return Finding(Section("Calibration plan", blocks), blocks[1].items[0], seed)
 
 
-def plan_blocks(design: Design, plan: CapturePlan, asked: CalibrationPart) -> tuple[Block, ...]:
+def plan_blocks(design: Design, plan: CapturePlan, asked: PlanOptions) -> tuple[Block, ...]:
     """A plan with its promise and its changes."""
     c, before = plan.captures, plan.expected
     known = f"microlens pitch to {asked.d_sigma} and board to {asked.cell_sigma}"

@@ -1,26 +1,66 @@
-"""Raw images of users: read and decoded, or a picture and a line of what was seen before that failed."""
+"""Raw images of users, read and decoded."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from .. import calibration
-from ..calibration import CalibrationError, LightField
-from ..calibration.frames import ColourBalance, Image, grey_frame, read_image_and_notes, same_size
-from ..calibration.lattice import amplitude_spectrum, lit_part
 from ..camera import Camera
-from ..depth.decoded import RawSource
 from ..design import Design
-from ..drawing.picture import Picture
-from ..errors import InputError, Problem
-from ..reporting.decode.pictures import no_lattice
+from ..errors import InputError, Problem, refusal
 from ..theory.colours import filters
-from .terminal import picture_files, refusal, write_files
+from .centres import MicrolensCentres, find_centres, find_centres_in_scene
+from .decoding import LightField, decode
+from .frames import CalibrationError, ColourBalance, Frame, Image, grey_frame, read_image_and_notes, same_size
+from .result import image_pitch, undistorted_radius
 
 OTHER_CAMERA = 0.02
 """Share by which the pitch of the microlens images may be off the design's: beyond, it is another camera's."""
+
+
+class NoLatticeError(CalibrationError):
+    """An image in which no microlens images are found.
+
+    Parameters
+    ----------
+    message : str
+    image : ndarray
+    pitch : float, optional
+        That was expected [px].
+    """
+
+    def __init__(self, message: str, image: Image, pitch: float | None) -> None:
+        super().__init__(message)
+        self.image, self.pitch = image, pitch
+
+
+@dataclass(frozen=True, eq=False)
+class RawSource:
+    """The raw image that a light field was decoded from, and its lattice."""
+
+    frame: Frame
+    """Grey, dark frame off."""
+    centres: MicrolensCentres
+    white: bool
+    """Whether a white image told the centres; else the scene itself."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Lattice and where it is from, as JSON's types."""
+        lattice = self.centres.lattice
+        return {
+            "from": "white image" if self.white else "raw image",
+            "layout": lattice.layout,
+            "pitch_px": lattice.pitch,
+            "rotation_mrad": 1e3 * lattice.rotation,
+            "origin_px": list(lattice.origin),
+            "first_px": list(lattice.first),
+            "second_px": list(lattice.second),
+            "bent": lattice.bend is not None,
+            "rms_px": self.centres.rms,
+            "microlenses": self.centres.counts(),
+        }
 
 
 class RawDecoded(NamedTuple):
@@ -45,23 +85,23 @@ def from_raw(
     ------
     InputError
         Files that cannot be read or differ in size; neither white image nor design.
-    UnfinishedError
+    NoLatticeError
         No microlens images are found.
     """
     progress("reading")
     if white is None and design is None:
         raise refusal(
-            "--white",
-            "is missing: give a white image; or name the camera by --design, and the microlens images are looked for in"
+            "white",
+            "is missing: give a white image; or name the camera by `design`, and the microlens images are looked for in"
             " the image itself",
         )
-    pixels, notes = read_raw(image)
-    even, black = (None if path is None else read_raw(path)[0] for path in (white, dark))
+    pixels, notes = _read_raw(image)
+    even, black = (None if path is None else _read_raw(path)[0] for path in (white, dark))
     layout = None if design is None else design.microlens_array.layout
-    pitch = None if design is None else calibration.image_pitch(design)
+    pitch = None if design is None else image_pitch(design)
     radius = None
     if design is not None and pixels.shape[1::-1] == Camera.of(design).pixels:  # it counts from the sensor's middle
-        radius = calibration.undistorted_radius(design) or None
+        radius = undistorted_radius(design) or None
     try:
         for name, path, other in (("white image", white, even), ("dark frame", dark, black)):
             if other is not None:
@@ -80,17 +120,17 @@ def from_raw(
     searched = grey if even is None else even
     try:
         if even is not None:
-            centres = calibration.find_centres(
+            centres = find_centres(
                 even, black, layout=layout, pitch=pitch, undistorted_radius=radius
             )  # fmt: skip
         else:
             assert layout is not None
             assert pitch is not None
-            centres = calibration.find_centres_in_scene(grey, black, layout=layout, pitch=pitch)
+            centres = find_centres_in_scene(grey, black, layout=layout, pitch=pitch)
         progress("decoding")
-        field = calibration.decode(grey, centres.lattice, white=even, dark=black)
+        field = decode(grey, centres.lattice, white=even, dark=black)
     except CalibrationError as error:
-        raise UnfinishedError(str(error), what_there_was(searched, str(error), pitch)) from None
+        raise NoLatticeError(str(error), searched, pitch) from None
     return RawDecoded(field, RawSource(frame, centres, even is not None), pixels, notes, balance)
 
 
@@ -103,7 +143,7 @@ def _filtered(design: Design | None, notes: Mapping[str, Any]) -> bool:
     return isinstance(sensor, dict) and sensor.get("colours", "mono") != "mono"
 
 
-def read_raw(path: Path) -> tuple[Image, dict[str, Any]]:
+def _read_raw(path: Path) -> tuple[Image, dict[str, Any]]:
     """Pixels of a raw image, and what `roslf` noted in the file; errors as of `from_raw`."""
     try:
         pixels, notes = read_image_and_notes(path)
@@ -112,27 +152,3 @@ def read_raw(path: Path) -> tuple[Image, dict[str, Any]]:
         said = str(error).removeprefix(f"{path.name} ")
         raise InputError((Problem("", said),), str(path)) from None
     return pixels, notes
-
-
-class UnfinishedError(CalibrationError):
-    """What images do not determine, with a picture of what was seen of them."""
-
-    def __init__(self, message: str, picture: Picture) -> None:
-        super().__init__(message)
-        self.picture = picture
-
-
-def refused(error: CalibrationError, origin: Path, folder: Path | None = None) -> InputError:
-    """What images do not determine as one line; what was seen goes into a folder where one is given."""
-    text = " ".join(str(error).split())
-    if isinstance(error, UnfinishedError) and folder is not None:
-        write_files(folder, picture_files({"failed": error.picture}))
-        text += f" (what was seen: {folder / 'failed.png'})"
-    return InputError((Problem("", text),), str(origin))
-
-
-def what_there_was(image: Image, reason: str, pitch: float | None) -> Picture:
-    """Draw an image in which no lattice was found; `pitch` is that which was expected [px]."""
-    frame = grey_frame(image)
-    part, corner = lit_part(frame)
-    return no_lattice(frame, amplitude_spectrum(part), corner.tolist(), reason, pitch)

@@ -1,0 +1,197 @@
+"""From a folder of captured images to what they say of a camera."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from ..design import Design, DesignError
+from ..errors import InputError, Problem, refusal
+from ..theory.colours import filters
+from ..toml_files import nearest, read_toml, validated
+from .centres import MicrolensCentres, find_centres
+from .corners import observe
+from .decoding import Decoder, LightField, Samples
+from .diffraction import Corrected, WhiteImage, calibrate_corrected
+from .distortion import Distortion, with_distortion
+from .fit import Calibration, StatisticsFit, calibrate
+from .frames import CalibrationError, Capture, read_capture
+from .model import Board, DataSheet, Observations
+from .options import BoardDistances, CalibrateOptions, data_sheet
+from .planning import camera_of
+from .posterior import CameraDraws, laplace_draws, most_steps_for, sample_posterior, sample_size_for
+from .raw import NoLatticeError
+from .result import LAPLACE_DRAWS, Outcome, image_pitch, outcome_of, undistorted_radius
+from .sidedata import SideDatum, board_distances, white_pitch
+from .space import in_medium
+
+
+class CountedProgress(Protocol):
+    """What is told how far work is: what is done, and how much of how many things where they are counted."""
+
+    def __call__(self, what: str, done: float = 0.0, total: float = 0.0) -> None:
+        """Tell what is done, and how much of `total`; 0 where nothing is counted."""
+
+
+def silent(what: str, done: float = 0.0, total: float = 0.0) -> None:
+    """Progress that nobody looks at."""
+
+
+class NoCameraError(CalibrationError):
+    """Decoded images that do not determine a camera.
+
+    Parameters
+    ----------
+    message : str
+    centres : MicrolensCentres
+        As the white image tells them.
+    views : mapping
+        Central view of each image, by its file's name.
+    """
+
+    def __init__(self, message: str, centres: MicrolensCentres, views: Mapping[str, Samples]) -> None:
+        super().__init__(message)
+        self.centres, self.views = centres, views
+
+
+def calibrated(folder: Path, design: Design, options: CalibrateOptions, progress: CountedProgress = silent) -> Outcome:
+    """What a folder of captured images says of a camera built to a design.
+
+    Raises
+    ------
+    InputError
+        What cannot be read, or does not go together.
+    CalibrationError
+        What the images do not determine: `NoLatticeError`, `NoCameraError` with what was seen of them.
+    """
+    board, size = options.checkerboard, sample_size_for(options.accuracy)
+    _check_medium(design, options.use_in)
+    sheet = _sheet(design, board, options)
+    stood = None
+    if options.distances is not None:
+        file = str(options.distances)
+        stood = validated(BoardDistances, read_toml(options.distances, file), file)
+    capture, centres = _white_image(folder, design, progress)
+    views: dict[str, Samples] = {}
+    try:
+        fields = _decoded(capture, centres, views, progress)
+        observations = observe(fields, board, lens_shape=design.microlens_array.lens_shape)
+        progress("fitting")
+        white = WhiteImage(capture.white, capture.dark, centres.lattice)
+        corrected, bent = _fitted(observations, board, sheet, design, white, options)
+        fit, data = corrected.calibration.fit, []
+        if options.white_sigma is not None:
+            data.append(white_pitch(fit, sheet, centres.lattice.pitch, options.white_sigma))
+        if stood is not None:
+            data.append(_stood(stood, str(options.distances), corrected.calibration, sheet))
+        if options.posterior:
+            draws: CameraDraws = _sampled(fit, sheet, data, options.seed, size, progress)
+        else:
+            draws = laplace_draws(fit, sheet, LAPLACE_DRAWS, np.random.default_rng(options.seed), data)
+    except CalibrationError as error:
+        if not views:
+            raise
+        raise NoCameraError(str(error), centres, views) from error
+    return outcome_of(design, sheet, centres, corrected, bent, draws, options, data)
+
+
+def _check_medium(design: Design, medium: str | None) -> None:
+    if medium is None:
+        return
+    try:
+        in_medium(design, medium)
+    except DesignError as error:
+        reasons = "; ".join(problem.message for problem in error.problems)
+        raise refusal("use_in", f"{medium}: {reasons}") from None
+
+
+def _sheet(design: Design, board: Board, options: CalibrateOptions) -> DataSheet:
+    try:
+        return data_sheet(design, board, options)
+    except CalibrationError as error:
+        raise refusal("sigma", str(error).removeprefix("sigma of ")) from None
+
+
+def _white_image(folder: Path, design: Design, progress: CountedProgress) -> tuple[Capture, MicrolensCentres]:
+    """Captures of a folder, and the microlens centres that their white image tells."""
+    progress("reading the white image")
+    capture = read_capture(folder)
+    if filters(design.sensor.colours):
+        capture = capture.balanced()
+    progress("finding microlens centres")
+    pitch, radius = image_pitch(design), undistorted_radius(design) or None
+    layout = design.microlens_array.layout
+    try:
+        centres = find_centres(capture.white, capture.dark, layout=layout, pitch=pitch, undistorted_radius=radius)
+    except CalibrationError as error:
+        raise NoLatticeError(str(error), capture.white, pitch) from None
+    return capture, centres
+
+
+def _decoded(
+    capture: Capture, centres: MicrolensCentres, views: dict[str, Samples], progress: CountedProgress
+) -> Iterator[tuple[str, LightField]]:
+    """Light fields one at a time, of which `views` keeps the central ones: a dozen at once would fill the memory."""
+    decoder = Decoder.of(centres.lattice, capture.white.shape, white=capture.white, dark=capture.dark)
+    count = len(capture.boards)
+    for number, path in enumerate(capture.boards):
+        progress("boards", number, count)
+        try:
+            field = decoder(capture.board(path))
+        except CalibrationError as error:
+            raise CalibrationError(f"{path.name}: {error}") from None
+        views[path.name] = field.view().copy()
+        yield path.name, field
+        del field
+    progress("boards", count, count)
+
+
+def _fitted(
+    observations: Observations,
+    board: Board,
+    sheet: DataSheet,
+    design: Design,
+    white: WhiteImage,
+    options: CalibrateOptions,
+) -> tuple[Corrected, Distortion]:
+    """Fit with as much distortion as is called for, diffraction taken off where it matters."""
+    guess = camera_of(design).A
+
+    def fit(count: int) -> Corrected:
+        return calibrate_corrected(
+            observations, board, sheet, design, white, distortion=count, guess=guess, wish=options.diffraction
+        )
+
+    def plain(corrected: Corrected) -> Calibration:
+        return calibrate(corrected.calibration.observations, sheet, guess=guess)
+
+    return with_distortion(fit, plain, design.main_lens.kind, options.distortion)
+
+
+def _stood(stood: BoardDistances, file: str, fitted: Calibration, sheet: DataSheet) -> SideDatum:
+    """Distances of the boards that were found; images without one are left out."""
+    names, missing = fitted.observations.names, fitted.observations.missing
+    wrong = [name for name in stood.distances if name not in (*names, *missing)]
+    if wrong:
+        faults = {name: f"is no image of the board; {nearest(name, names)}" for name in wrong}
+        raise InputError(tuple(Problem(f"distances.{name}", message) for name, message in faults.items()), file)
+    boards = {names.index(name): away for name, away in stood.distances.items() if name in names}
+    return board_distances(fitted.fit, sheet, boards, stood.sigma, relative=stood.relative)
+
+
+def _sampled(
+    fit: StatisticsFit, sheet: DataSheet, data: Sequence[SideDatum], seed: int, size: float, progress: CountedProgress
+) -> CameraDraws:
+    """Draws of the posterior, as many as an effective sample size takes."""
+    what = "sampling the posterior"
+    progress(what)
+
+    def steps_done(steps: int, worst: float, least: float) -> None:
+        progress(f"{what}: {steps} steps, R-hat {worst:.4f}, effective sample size {least:.0f}")
+
+    return sample_posterior(
+        fit, sheet, seed=seed, ess=size, most_steps=most_steps_for(size), data=data, progress=steps_done
+    )

@@ -1,0 +1,152 @@
+"""The folder that a calibration leaves: its calibration.json, checked, and the camera that was calibrated."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from ..camera import Camera
+from ..design import Design, load
+from ..errors import InputError, Problem, refusal
+from ..input_files import read_json
+from ..toml_files import problems_of
+from .lengths import LengthCovariance
+
+FILE, CALIBRATED, SCHEMA = "calibration.json", "calibrated.toml", "roslf.calibration/"
+REMEDY = "name the folder that roslf calibrate wrote"
+
+
+class LenientTable(BaseModel):
+    """Base of what a calibration.json must hold for a report; it may hold more."""
+
+    model_config = ConfigDict(frozen=True, allow_inf_nan=False)
+
+
+class FoundQuantity(LenientTable):
+    """What was found of one quantity."""
+
+    estimate: float
+    unit: str
+    sigma: Annotated[float, Field(ge=0)]
+    interval_68: tuple[float, float]
+    interval_95: tuple[float, float]
+    variance_shares: dict[str, float]
+    r_hat: float | None = None
+    ess: float | None = None
+
+
+class FoundPosterior(LenientTable):
+    """How its sampling ended."""
+
+    message: str
+
+
+class FoundCovariance(LenientTable):
+    """How sure its lengths are, together."""
+
+    places: Annotated[tuple[str, ...], Field(min_length=1)]
+    matrix: tuple[tuple[float, ...], ...]
+
+    @model_validator(mode="after")
+    def _square(self) -> FoundCovariance:
+        count = len(self.places)
+        if len(self.matrix) != count or any(len(row) != count for row in self.matrix):
+            raise ValueError(f"matrix is not {count} x {count}")
+        matrix = np.array(self.matrix)
+        lengths = np.sqrt(np.maximum(np.diag(matrix), 0))
+        unit = np.where(lengths > 0, lengths, 1)
+        scaled = matrix / unit / unit[:, None]
+        if (np.diag(matrix) < 0).any() or not np.allclose(scaled, scaled.T, atol=1e-6):
+            raise ValueError("matrix is no covariance: not symmetric, or below 0 on its diagonal")
+        if float(np.linalg.eigvalsh(scaled).min()) < -1e-6:
+            raise ValueError("matrix is no covariance: it has a negative variance")
+        return self
+
+
+class FoundTable(LenientTable):
+    """A whole calibration.json."""
+
+    schema_: Annotated[str, Field(alias="schema", pattern="^" + re.escape(SCHEMA))]
+    design: str
+    quantities: dict[str, FoundQuantity]
+    covariance: FoundCovariance | None = None
+    posterior: FoundPosterior | None = None
+    converged: bool | None = None
+    images_used: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
+
+    @model_validator(mode="after")
+    def _enough(self) -> FoundTable:
+        lacking = [name for name in ("H", "d_3") if name not in self.quantities]
+        if lacking:
+            raise ValueError(f"quantities lacks {', '.join(lacking)}")
+        bare = [name for name, row in self.quantities.items() if None in (row.r_hat, row.ess)]
+        if bare and self.posterior is not None:
+            raise ValueError(f"quantities.{bare[0]} lacks r_hat or ess, of its posterior")
+        return self
+
+
+def file_in(place: Path) -> Path:
+    """The calibration.json of a folder, or what is named itself."""
+    return place / FILE if place.is_dir() else place
+
+
+def read_numbers(place: Path) -> Mapping[str, Any]:
+    """Read the calibration.json of a folder, or one that is named itself.
+
+    Raises
+    ------
+    InputError
+        It is not there, or is something else.
+    """
+    file = file_in(place)
+    try:
+        data: Mapping[str, Any] = read_json(file, str(file), REMEDY)
+        FoundTable.model_validate_json(json.dumps(data), strict=True)  # no text that reads as a number: data stays
+    except ValidationError as error:
+        fault = problems_of(error, FoundTable)[0]
+        message = f"{file} is no calibration, or is damaged ({fault}); {REMEDY}"
+        raise InputError((Problem("calibration", message),)) from None
+    except InputError as error:
+        raise InputError((Problem("calibration", str(error)),)) from None
+    return data
+
+
+def calibrated_design(place: Path) -> Design:
+    """The camera of a calibration's folder, or of its calibration.json; errors as of `read_numbers`."""
+    read_numbers(place)
+    return load(file_in(place).with_name(CALIBRATED))
+
+
+def calibrated_camera(place: Path, named: Design | None = None) -> tuple[Design, LengthCovariance]:
+    """The camera of a calibration's folder, or of its calibration.json, and how sure its lengths are.
+
+    Raises
+    ------
+    InputError
+        As of `read_numbers`; the camera of another design than the one `named`; an older calibration, which does
+        not tell how its lengths err together; one whose files do not go together.
+    """
+    data = read_numbers(place)
+    file = file_in(place).with_name(CALIBRATED)
+    camera = load(file)
+
+    if named is not None and named.name not in (data["design"], camera.name):
+        raise refusal(
+            "calibration", f'{place} is of "{data["design"]}", and the design is "{named.name}"; drop the wrong one'
+        )
+    together = data.get("covariance")
+    if together is None:
+        raise refusal(
+            "calibration", f"{place} does not tell how its lengths err together, as an older one; calibrate again"
+        )
+    known = Camera.of(camera).numbers
+    if strange := [place for place in together["places"] if place not in known]:
+        raise refusal("calibration", f"{strange[0]} is no length of {file}; calibrate again")
+    return camera, LengthCovariance(tuple(together["places"]), np.array(together["matrix"]))

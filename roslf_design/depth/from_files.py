@@ -1,0 +1,292 @@
+"""Depth from files that users have: raw images and decoded views, read and measured."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from ..calibration.decoding import LightField
+from ..calibration.frames import CalibrationError
+from ..calibration.lengths import LengthCovariance
+from ..calibration.model import relative_sigma
+from ..calibration.raw import OTHER_CAMERA, RawDecoded, from_raw
+from ..calibration.result import image_pitch
+from ..calibration.written import calibrated_camera
+from ..camera import Camera
+from ..design import Design, load
+from ..errors import Argument, InputError, Problem, refusal
+from ..imaging.camera import Region
+from ..options import FileName, Options, refuse_idle
+from ..shapes.lattice import PACKINGS
+from ..units import read_quantity
+from .captured import (
+    CaptureNoise,
+    MeasuredCapture,
+    image_width,
+    measured_noise,
+    on_array,
+    raw_noise,
+    scaled,
+    searched,
+    truth_of,
+    with_errors_of,
+)  # fmt: skip
+from .geometry import ArrayGeometry, GridGeometry, ViewGeometry
+from .measure import LEAST, Depths, measure
+from .unmixing import evened
+from .view_files import is_views, read_pfm, read_views
+
+VIEWS_WINDOW, WIDEST = 7, 99
+"""Pixels of views that are matched together along each side, unless told otherwise, and the most."""
+LEAST_KNOWN = 0.2
+"""Relative standard error beyond which a length is as good as not known."""
+TRUTH = "gt_disp_lowres.pfm"
+"""Disparities of the middle view, in a folder of the 4D Light Field Benchmark."""
+
+
+class CaptureOptions(Options):
+    """Camera that took a picture, and where to look for depth in it."""
+
+    design: FileName | None = None
+    """Design of the camera that took the image: a file or a preset."""
+    white: Path | None = None
+    """White image of the same camera setting: tells where the microlens images are, and takes vignetting off. Without
+    one both are the design's, which is less sure."""
+    dark: Path | None = None
+    """Frame without light, taken off both."""
+    calibration: Path | None = None
+    """Folder that roslf calibrate wrote: depths by the camera as calibrated, with what that leaves open in their
+    errors."""
+    region: tuple[int, int, int, int] | None = None
+    """Column, row, columns and rows of the sensor that a raw image shows, where that is not all."""
+    between: str | None = None
+    """Distances between which to look, as "300 mm, 400 mm". Default: wherever something is sharp."""
+    window: int | None = None
+    """Microlenses (pixels of views) that are matched together along each side. Default: the design's; 7 of views."""
+    truth: Path | None = None
+    """Disparities of decoded views, from view to view as .pfm [px], to compare with. Default: gt_disp_lowres.pfm of the
+    folder, where there is one."""
+    sigma: dict[str, str] = Field(default_factory=dict)
+    """How surely lengths of the camera are known that no calibration tells, by their places, as "1%" or "20 um"."""
+
+    def camera(self) -> tuple[Design | None, LengthCovariance | None]:
+        """Camera that an image is from, where one is named, and how sure its lengths are."""
+        named = None if self.design is None else load(self.design)
+        return (named, None) if self.calibration is None else calibrated_camera(self.calibration, named)
+
+
+@dataclass(frozen=True)
+class _Capture:
+    """Picture that somebody took, and the camera it is from."""
+
+    image: Path
+    options: CaptureOptions
+    design: Design | None
+    covariance: LengthCovariance | None
+    known_to: Mapping[str, float]
+
+    def measured(
+        self, geometry: ViewGeometry, field: LightField, noise: CaptureNoise, search: tuple[float, float]
+    ) -> Depths:
+        """Depths of a light field; errors of lengths known to some standard error count."""
+        run = noise.widened(measure(geometry, field, noise.pixel, search=search))
+        return with_errors_of(run, field, noise.pixel, search, self.known_to) if self.known_to else run
+
+    @property
+    def calibration(self) -> str:
+        """Folder of the calibration; empty where there is none."""
+        return "" if self.options.calibration is None else str(self.options.calibration)
+
+    def refused(self, message: str) -> InputError:
+        """Image that is not what depth takes."""
+        return InputError((Problem("", message),), str(self.image))
+
+
+def captured(image: Path, options: CaptureOptions, progress: Callable[[str], None] = lambda _: None) -> MeasuredCapture:
+    """Depth in a raw image, or in decoded views.
+
+    Raises
+    ------
+    InputError
+        What cannot be read, or does not go together; no microlens images in a raw image.
+    """
+    window, views = options.window, is_views(image)
+    if window is not None and not (3 <= window <= WIDEST and window % 2):
+        raise refusal("window", f"{window} is no window; give an odd number from 3 to {WIDEST}")
+    camera, covariance = options.camera()
+    if camera is None and not views:
+        raise refusal("design", f"is missing; name the camera that took {image.name}, or its `calibration`")
+    known_to = _known_to(camera, covariance, options.sigma)
+    return (_views if views else _raw)(_Capture(image, options, camera, covariance, known_to), progress)
+
+
+def _known_to(
+    design: Design | None, covariance: LengthCovariance | None, sigmas: Mapping[str, str]
+) -> dict[str, float]:
+    """Standard errors of lengths [mm], as somebody gives them."""
+    known: dict[str, float] = {}
+    for place, text in sigmas.items():
+        if design is None:
+            raise refusal("sigma", "is of a camera's length; name the camera by `design`")
+        if covariance is not None and place in covariance.places:
+            raise refusal("sigma", f"{place} is in the calibration, with its error; leave it out")
+        try:
+            value = float(Camera.of(design.thin_twin)[place])
+            relative = relative_sigma(text, value)
+        except (KeyError, TypeError, AttributeError):
+            raise refusal("sigma", f'{place} is no length of {design.name}; give one as "aperture.diameter"') from None
+        except ValueError as error:
+            raise refusal("sigma", f"{place}: {error}") from None
+        if not 0 < relative <= LEAST_KNOWN:
+            raise refusal("sigma", f"{place}={text} is out of range; give more than 0 and {LEAST_KNOWN:.0%} at most")
+        known[place] = relative * value
+    return known
+
+
+def _raw(capture: _Capture, progress: Callable[[str], None]) -> MeasuredCapture:
+    image, design, options = capture.image, capture.design, capture.options
+    assert design is not None
+    if options.truth is not None:
+        raise refusal("truth", "goes with decoded views; leave it out")
+    geometry = ArrayGeometry(design, capture.covariance, options.window)
+    camera = geometry.camera
+    search = None if options.between is None else _between(options.between, geometry)
+    try:
+        raw = from_raw(image, options.white, options.dark, design, progress)
+    except CalibrationError as error:
+        raise capture.refused(" ".join(str(error).split())) from None
+    lattice, pitch = raw.source.centres.lattice, image_pitch(design)
+    if abs(lattice.pitch / pitch - 1) > OTHER_CAMERA:
+        name = "design" if options.calibration is None else "calibration"
+        message = (
+            f"microlens images of {image.name} are {lattice.pitch:.4g} px apart, and {pitch:.4g} px by {design.name}"
+        )
+        raise refusal(name, f"{message}; name the camera that took it")
+    field = on_array(raw.field, lattice, camera, _part(camera, raw, options.region, image))
+    if min(len(field.u), len(field.v)) < LEAST:
+        raise capture.refused(f"holds fewer than {LEAST} x {LEAST} microlens images")
+    if options.white is None:
+        field = evened(camera, field)
+    if not float(field.values.max(initial=0.0)) > 0:
+        raise capture.refused("is black; expose more, or check which file it is")
+    noise = raw_noise(camera, raw.pixels, raw.notes, field)
+    if raw.balance is not None:
+        noise = replace(noise, pixel=noise.pixel.dimmed(raw.balance.evenness))
+    progress("measuring depth")
+    field = scaled(field, noise.scale)
+    if search is None:
+        search = searched(field, image_width(camera))
+    run = capture.measured(geometry, field, noise, search)
+    warnings = tuple(raw.source.centres.warnings)
+    return MeasuredCapture(
+        (run,), np.full(run.depth.shape, np.nan), None, image.name, "raw", design.name,
+        capture.calibration, noise, known_to=capture.known_to, warnings=warnings,
+    )  # fmt: skip
+
+
+def _part(camera: Camera, raw: RawDecoded, region: tuple[int, int, int, int] | None, image: Path) -> Region:
+    """Of the sensor, that a raw image shows: as told, as noted in its file, or all."""
+    rows, columns = raw.pixels.shape[:2]
+    noted = raw.notes.get("region")
+    if region is None and isinstance(noted, dict) and all(type(noted.get(key)) is int for key in Region._fields):
+        region = Region(**{key: noted[key] for key in Region._fields})
+    part = Region.checked(camera, region)
+    if (part.columns, part.rows) != (columns, rows):
+        shown = "the design's sensor has" if region is None else "`region` says"
+        message = (
+            f"has {columns} x {rows} px, and {shown} {part.columns} x {part.rows}; say which part of the sensor it is"
+            f" by `region` column,row,{columns},{rows}"
+        )
+        raise InputError((Argument("", message),), str(image))
+    return part
+
+
+def _views(capture: _Capture, progress: Callable[[str], None]) -> MeasuredCapture:
+    image, design, options = capture.image, capture.design, capture.options
+    refuse_idle(options, ("white", "dark", "region"))
+    progress("reading views")
+    files = read_views(image)
+    field, across = files.field, max(len(files.field.s), len(files.field.t))
+    lit = int((field.weight > 0).any(axis=(2, 3)).sum())
+    if lit < 2:
+        raise capture.refused(f"holds {lit or 'no'} view; depth needs two or more")
+    if min(len(field.u), len(field.v)) < LEAST:
+        raise capture.refused(f"its views have fewer than {LEAST} x {LEAST} pixels")
+    geometry: ViewGeometry
+    grid = GridGeometry(across, files.grid, options.window or VIEWS_WINDOW)
+    warnings = []
+    if files.missing:
+        warnings.append(f"{files.missing} of {field.values[:, :, 0, 0].size} views are missing")
+    if design is None:
+        geometry, camera, wide = grid, "parameters.cfg" if files.grid else "", float(across)
+    else:
+        if PACKINGS[layout := design.microlens_array.layout].slant:
+            message = f"has a {layout} array, and nothing says how its views were made square; give the raw image"
+            raise refusal("design", message)
+        geometry, camera = ArrayGeometry(design, capture.covariance, options.window), design.name
+        field = replace(field, pitch=image_pitch(design))
+        wide = image_width(geometry.camera)
+        warnings.append(
+            "views are taken as one sensor pixel apart, the middle one on the axis, as roslf decode has them"
+        )
+    true, truth = _truth_of(capture, grid, (len(field.v), len(field.u)))
+    search = searched(field, wide) if options.between is None else _between(options.between, geometry)
+    noise = measured_noise(geometry, field, search, progress)
+    if not float(field.values.max(initial=0.0)) > 0:
+        raise capture.refused("all views are black; check which files they are")
+    progress("measuring depth")
+    field = scaled(field, noise.scale)
+    run = capture.measured(geometry, field, noise, search)
+    return MeasuredCapture(
+        (run,), true, None, image.name, files.kind, camera, capture.calibration, noise, truth,
+        capture.known_to, tuple(warnings),
+    )  # fmt: skip
+
+
+def _truth_of(capture: _Capture, grid: GridGeometry, shape: tuple[int, int]) -> tuple[NDArray[np.float64], str]:
+    """True depths, and the file that they are from; NaN and empty where there is none."""
+    image, design, file = capture.image, capture.design, capture.options.truth
+    if file is None and design is None and image.is_dir() and (image / TRUTH).exists():
+        file = image / TRUTH
+    if file is None:
+        return np.full(shape, np.nan), ""
+    if design is not None:
+        raise refusal("truth", "goes with views that no `design` describes; drop one")
+    return _truth(file, grid, shape), file.name
+
+
+def _truth(file: Path, grid: GridGeometry, shape: tuple[int, ...]) -> NDArray[np.float64]:
+    disparity = read_pfm(file)
+    if disparity.shape != shape:
+        mine, theirs = (f"{size[1]} x {size[0]}" for size in (disparity.shape, shape))
+        message = f"has {mine} disparities, and the views {theirs} pixels; name the map of these views"
+        raise InputError((Problem("", message),), str(file))
+    if not np.isfinite(disparity).any():
+        message = "has no disparity that is a finite number; name another by `truth`, or take it away"
+        raise InputError((Argument("", message),), str(file))
+    return truth_of(grid, disparity)
+
+
+def _between(text: str, geometry: ViewGeometry) -> tuple[float, float]:
+    """Disparities of two distances."""
+    if geometry.unit != "mm":
+        raise refusal("between", "are distances, which take a camera; name it by `design`")
+    try:
+        ends = np.array([read_quantity(part.strip(), "length") for part in text.split(",")])
+    except ValueError as error:
+        raise refusal("between", f'{error}; give two distances, as "300 mm, 400 mm"') from None
+    if ends.size != 2 or not 0 < ends.min() < ends.max():
+        raise refusal("between", f'"{text}" is no pair of distances; give two, as "300 mm, 400 mm"')
+    with np.errstate(divide="ignore", invalid="ignore"):
+        disparities = geometry.disparity(ends)
+        in_view = np.isclose(geometry.depth(disparities), ends, rtol=1e-6)
+    if not in_view.all():
+        raise refusal(
+            "between", f"{ends[~in_view][0]:g} mm lies where the camera sees nothing; give one in front of it"
+        )
+    return float(disparities.min()), float(disparities.max())
