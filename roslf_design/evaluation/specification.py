@@ -103,7 +103,7 @@ class Resolved:
 
     @property
     def remark(self) -> str:
-        """What limits it, and the other limits."""
+        """Limit that counts, then the others."""
         limits = (self.mtf50_lp_per_mm, self.mtf10_lp_per_mm, self.fold_lp_per_mm)
         half, tenth, fold = (number(limit or 0.0, 4) for limit in limits)
         if self.limited_by == "contrast":

@@ -49,7 +49,7 @@ class Fix:
     """Why it cannot be done, or need not be; "" where it can."""
 
     def page(self, settled: bool) -> dict[str, str]:
-        """What the page shows of it; nothing is promised of a design that is still being changed."""
+        """Values for the page; nothing is promised of a design that is still being changed."""
         promised = {"outcome": self.outcome, "why_not": self.why_not}
         told = {name: to_html(text) if settled else "" for name, text in promised.items()}
         return {"key": self.key, "label": to_html(self.label), **told}
@@ -70,7 +70,7 @@ class Facts(NamedTuple):
 
     @classmethod
     def of(cls, design: Design) -> Facts:
-        """What of a design the proposals change."""
+        """Facts of a design, or of its thin twin."""
         camera = Camera.of(design.thin_twin)
         limit = field_limit(camera)
         return cls(

@@ -134,7 +134,7 @@ class ToleranceResult(Yields):
     """The limits in words."""
 
     def page(self) -> dict[str, Any]:
-        """What the page shows of it."""
+        """Values for the page."""
         share, (low, high) = self.share, self.share.interval
         return {
             "headline": f"{_percent(share.value)} of the builds hold every limit "
@@ -196,7 +196,7 @@ class OptimiseResult:
     """Goal and what it is against, of designs of which none is better in both."""
 
     def page(self) -> dict[str, Any]:
-        """What the page shows of it."""
+        """Values for the page."""
         headline = "Nothing within the bounds holds all that was asked"
         if self.design is not None:
             after = f"{short(self.after, 4)} {self.goal.unit}".strip()

@@ -481,13 +481,7 @@ register(
         label="magnification, array to object",
         sheet=Listed("Object field", "magnification", "array over object"),
     ),
-    Quantity(
-        "magnification",
-        "",
-        "m = d_1/d_f",
-        _whole(lambda c: c.seen.m),
-        label="magnification",
-    ),
+    Quantity("magnification", "", "m = d_1/d_f", _whole(lambda c: c.seen.m), label="magnification"),
     # Microlens images.
     Quantity(
         "image_diameter_mm",

@@ -194,16 +194,8 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
         axial = focal and centre and row.image == "refocused"
         of = None if axial or dark or traced else partial(_resolution, row, focal)
         limit = "mtf50_lp_per_mm" if row.limited_by == "contrast" else "fold_lp_per_mm"
-        yield SheetLine(
-            "Resolution",
-            at,
-            row.usable_lp_per_mm,
-            "lp/mm",
-            "" if dark else row.remark,
-            limit if axial else "",
-            dark,
-            of,
-        )
+        remark, own = "" if dark else row.remark, limit if axial else ""
+        yield SheetLine("Resolution", at, row.usable_lp_per_mm, "lp/mm", remark, own, dark, of)
     outermost, middle = corner(sheet.field), sheet.field[0]
     at = "in the corner" if outermost.angle_deg is None else f"at {number(outermost.angle_deg, 4)} deg off axis"
     scale = None

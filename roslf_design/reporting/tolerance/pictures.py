@@ -54,7 +54,7 @@ class Offender:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What it uses of which limit, from long to short."""
+        """Words for the part of which limit it uses, from long to short."""
         label = self.limited_by.split(",")[0]
         if math.isinf(self.used):
             return f"{self.limited_by} undefined", f"{label} undefined", "undefined"
