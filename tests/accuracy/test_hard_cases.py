@@ -35,6 +35,12 @@ def test_budgets_hold_on_the_way_to_every_singular_point(name, design):
         assert one.share <= 1, one
 
 
+@pytest.mark.parametrize("design", ["cystoscope", "paper-singlet", "arthroscope"])
+def test_small_fields_through_a_bore_a_lens_or_a_mapping(design):
+    """Lengths as the main lens sees them, not those of a ruler."""
+    assert run_hard_cases(roslf.load(design), [CASES["small field angles"]], steps=12).held
+
+
 def test_discs_of_the_bench_at_three_gaps():
     """At most 16 ulp, where the textbook formula is off by 5.6e-5, 0.18 and 1.9e3."""
     (result,) = run_hard_cases(PAPER, [CASES["discs near tangency"]], steps=0).results
