@@ -160,6 +160,10 @@ class Chain:
         """Which element is an objective with a mapping of its own; None where light goes on as to first order."""
         return next((k for k, element in enumerate(self.elements) if element.law is not None), None)
 
+    def mapped_from(self, numbers: Mapping[str, Number]) -> Number:
+        """Distance of that objective from the main lens [mm], beyond which its mapping holds; else infinite."""
+        return math.inf if self.mapped is None else numbers[f"elements.{self.mapped}.distance"]
+
     @property
     def law(self) -> Law | None:
         """How the objective maps angles, where it is not f tan (`..lenses.angles`)."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import ClassVar
+from typing import ClassVar, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -59,6 +59,10 @@ class Element(Part):
     """Shares of its radius within which it is denser."""
     power_sign: ClassVar[int] = 0
     """1 where a thin lens stands for it in a schematic drawing, -1 a diverging one, 0 a block."""
+    catalogue: ClassVar[tuple[Literal["windows"], ...]] = ()
+    """Kinds of a catalogue's parts that it can be."""
+    maps: ClassVar[bool] = False
+    """Whether a mapping of angles can be chosen for it."""
     turn: ClassVar[float] = 0.0
     """By how much it turns the axis [rad]."""
     towards: ClassVar[float] = 0.0

@@ -37,6 +37,7 @@ class FieldLens(Element):
     """Material, as far as temperature goes; None leaves its focal length as it is."""
 
     number_keys: ClassVar = (*Element.number_keys, "focal_length")
+    maps: ClassVar = True
 
     @field_validator("focal_length", mode="after")
     @classmethod

@@ -95,6 +95,7 @@ class Plate(Block):
     kind: Literal["plate"]
 
     trade_name: ClassVar = "window"
+    catalogue: ClassVar = ("windows",)
 
 
 class Prism(Block):

@@ -469,8 +469,23 @@ class Camera(Symbols[Number]):
     def rims(self) -> tuple[Rim, ...]:
         """Every opening but the FAP: main lens, further stops and elements, in the order of the design file."""
         lens = Rim("main lens", "main_lens", self.D / 2, 0.0, 0.0)
-        stops = [self._rim(f"stop {k + 1}", f"stops.{k}") for k in range(self.stops)]
+        stops = (self._rim(f"stop {k + 1}", f"stops.{k}") for k in range(self.stops))
         return (lens, *stops, *self._mapped_image, *(rim for k in self._apertures for rim in self._faces(k)))
+
+    @property
+    def openings(self) -> tuple[Rim, ...]:
+        """Every opening: the FAP, then `rims`."""
+        return (self.fap, *self.rims)
+
+    @property
+    def openings_ahead(self) -> tuple[Rim, ...]:
+        """Every opening before the main lens, the FAP first."""
+        return (self.fap, *self.rims[1:])
+
+    @property
+    def stop_openings(self) -> tuple[Rim, ...]:
+        """The FAP and the further stops."""
+        return (self.fap, *self.rims[1 : 1 + self.stops])
 
     @cached_property
     def _mapped_image(self) -> tuple[Rim, ...]:
@@ -501,9 +516,8 @@ class Camera(Symbols[Number]):
 
         The farthest first, the FAP before what stands with it, the main lens last.
         """
-        rims = (self.fap, *self.rims)
         # Of two that touch, the back face of the farther element comes before the front face of the nearer.
-        return tuple(sorted(rims, key=lambda rim: (-float(np.ravel(rim.stands)[0]), rim.part.endswith(".1"))))
+        return tuple(sorted(self.openings, key=lambda rim: (-float(np.ravel(rim.stands)[0]), rim.part.endswith(".1"))))
 
     @cached_property
     def stops(self) -> int:
@@ -524,7 +538,7 @@ class Camera(Symbols[Number]):
 
     @cached_property
     def _rim_of(self) -> dict[str, Rim]:
-        return {rim.part: rim for rim in (self.fap, *self.rims)}
+        return {rim.part: rim for rim in self.openings}
 
     @property
     def lens_centre(self) -> tuple[Number, Number]:
@@ -677,8 +691,8 @@ class Camera(Symbols[Number]):
     @cached_property
     def tip(self) -> Array:
         """Distance of the bore's outer end from the main lens: the farthest of FAP, stops, elements and `TIP` [mm]."""
-        farthest = np.maximum(self.fap.stands, self._numbers[TIP])
-        for rim in self.rims[1:]:
+        farthest = self._numbers[TIP]
+        for rim in self.openings_ahead:
             farthest = np.maximum(farthest, rim.stands)
         return np.asarray(np.maximum(farthest, self.chain.end(self._numbers)))
 
@@ -748,10 +762,10 @@ class Camera(Symbols[Number]):
         plane = np.asarray(self._numbers[PATHS["d_f"]])
         yield "in focus beyond infinity", plane > 0
         ahead: Any = plane >= self.chain.end(self._numbers)
-        for rim in (self.fap, *self.rims[1:]):
+        for rim in self.openings_ahead:
             ahead = ahead & (np.asarray(rim.stands) < plane)
         yield "focal plane in the bore", ahead | (plane <= 0)
-        stops = {rim.name: rim.stands for rim in (self.fap, *self.rims[1 : 1 + self.stops])}
+        stops = {rim.name: rim.stands for rim in self.stop_openings}
         yield from self.chain.apart(self._numbers, stops)
 
 
@@ -770,10 +784,10 @@ def _number(value: ArrayLike) -> Number:
 @lru_cache(maxsize=64)
 def _nominal(design: Design) -> Camera:
     array = design.microlens_array
-    stops = [f"stops.{index}" for index in range(len(design.stops))]
-    parts = ("main_lens", "aperture", *stops, "microlens_array", "sensor")
+    openings = [opening.place for opening in design.openings]
+    parts = ("main_lens", *openings, "microlens_array", "sensor")
     places = [*PATHS.values(), "sensor.relay_magnification", "microlens_array.rotation"]
-    places += [f"{stop}.{name}" for stop in stops for name in ("diameter", "distance")]
+    places += [f"{opening}.{name}" for opening in openings for name in ("diameter", "distance")]
     places += [f"{part}.{pose}.{axis}" for part in parts for pose in ("decentre", "tilt") for axis in (0, 1)]
     places += [f"{part}.size.{axis}" for part in ("microlens_array", "sensor") for axis in (0, 1)]
     places += PHOTOMETRIC

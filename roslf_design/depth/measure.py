@@ -20,6 +20,7 @@ from ..camera import Camera
 from ..design import Design
 from ..design.parts import MOST_CONTRAST
 from ..effects import Budget, plan
+from ..effects.elements import PLATE_ABERRATION
 from ..effects.waves import add_noise
 from ..errors import InputError, Problem
 from ..evaluation import evaluate
@@ -373,7 +374,7 @@ class Unexposed(NamedTuple):
     ) -> Unexposed:
         """Rendered of a scene and of white, with so many rays a pixel."""
         # Rays through elements go as depth has them, however near that is to first order.
-        exact = ["+plate_aberration"] if design.elements else []
+        exact = [f"+{PLATE_ABERRATION.name}"] if PLATE_ABERRATION.available(design) else []
         lines = plan(design, scene, Budget(), ["-noise", *SHIFTING, *exact])
         side = math.ceil(math.sqrt(rays))
         sampling = RaySampling(least=rays, most=rays, tolerance=1e-6, seed=seed, side=side)

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
-from ..bore.elements import element_name
 from ..bore.fold import PartOutline, collisions, outlines_of
 from ..errors import Problem
 from ..lenses.glass import AIR
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
 
 def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, ...]:
     """What elements contradict: each other, stops, the focal plane; `known` are the faults that there are already."""
-    spans = [(f"elements.{k}", e.distance, e.distance + e.length) for k, e in enumerate(design.elements)]
+    spans = [(at.place, at.near, at.far) for at in design.in_bore]
     problems = []
     if not spans and design.object_space.medium != AIR:
         name = design.object_space.medium.name
@@ -34,12 +33,13 @@ def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, .
                 f"{shown(start)} lies inside the element that reaches from {shown(near)} to {shown(far)}; move one"
             )
             problems.append(Problem(f"{place}.distance", message))
-    stops = {"aperture": design.aperture, **{f"stops.{k}": stop for k, stop in enumerate(design.stops)}}
-    for place, stop in stops.items():
+    for stop in design.openings:
         for element, near, far in spans:
-            if near < stop.distance < far:
+            if near < stop.near < far:
                 span = f"{element}, from {shown(near)} to {shown(far)}"
-                problems.append(Problem(f"{place}.distance", f"{shown(stop.distance)} lies inside {span}; move it out"))
+                problems.append(
+                    Problem(f"{stop.place}.distance", f"{shown(stop.near)} lies inside {span}; move it out")
+                )
     problems += [*([] if known else _about_reflection(design)), *_about_mapping(design)]
     farthest = max(range(len(spans)), key=lambda k: spans[k][1:], default=None)
     if farthest is not None and design.object_space.medium != AIR and not design.elements[farthest].sealable:
@@ -67,26 +67,26 @@ def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, .
     if not tip <= d_f < math.inf:
         message = f"{shown(d_f)} is not in front of the farthest element, which ends at {shown(tip)}; focus farther out"
         problems.append(Problem("main_lens.focal_plane", message))
-    for place, stop in stops.items():
-        if stop.distance >= d_f:
-            problems.append(stop_beyond_focus(f"{place}.distance", stop.distance, d_f))
+    for stop in design.openings:
+        if stop.near >= d_f:
+            problems.append(stop_beyond_focus(f"{stop.place}.distance", stop.near, d_f))
     return tuple(problems)
 
 
 def _about_reflection(design: Design) -> list[Problem]:
     """Glass that the axis itself does not get through: turned so far that it reflects it totally."""
     problems = []
-    farthest = max((element.distance for element in design.elements), default=0.0)
-    for number, element in enumerate(design.elements):
-        beyond = design.object_space.medium if element.distance == farthest else AIR
-        fault = element.reflects(design.wavelength, float(beyond.index(design.wavelength)))
+    farthest = max((at.near for at in design.in_bore), default=0.0)
+    for at in design.in_bore:
+        beyond = design.object_space.medium if at.near == farthest else AIR
+        fault = at.part.reflects(design.wavelength, float(beyond.index(design.wavelength)))
         if fault is not None:
             key, angle = fault
             message = (
-                f"light along the axis is totally reflected in {element_name(element, number + 1)}, which it would "
-                f"leave at {angle:.3g} degrees from the normal; take less wedge or tilt, or glass of a lower index"
+                f"light along the axis is totally reflected in {at.name}, which it would leave at "
+                f" {angle:.3g} degrees from the normal; take less wedge or tilt, or glass of a lower index"
             )
-            problems.append(Problem(f"elements.{number}.{key}", message))
+            problems.append(Problem(f"{at.place}.{key}", message))
     return problems
 
 
@@ -104,35 +104,32 @@ def _about_folds(design: Design) -> list[Problem]:
 def _about_mapping(design: Design) -> list[Problem]:
     """What stands before an objective with a mapping: flat glass and the FAP may, other openings and lenses not."""
     problems = []
-    for number, lens in enumerate(design.elements):
-        if lens.law is None:
+    for lens in design.in_bore:
+        if lens.part.law is None:
             continue
-        key = f"elements.{number}.mapping"
-        for other, element in enumerate(design.elements):
-            if element.distance <= lens.distance:
+        for place, _, element, near, _ in design.in_bore:
+            if near <= lens.near:
                 continue
             if element.bends:
                 message = (
-                    f"only the foremost lens maps angles, and elements.{other} ({element.kind}) stands before it; "
-                    "give the mapping to that, or drop it"
+                    f"only the foremost lens maps angles, and {place} ({element.kind}) stands before it; give "
+                    "the mapping to that, or drop it"
                 )
-                problems.append(Problem(key, message))
+                problems.append(Problem(f"{lens.place}.mapping", message))
             elif element.diameter is not None:
                 message = (
                     f"{shown(element.diameter)} would cut rays before the lens with a mapping, where its first order "
-                    f"does not tell their heights; drop it, or the mapping of elements.{number}"
+                    f"does not tell their heights; drop it, or the mapping of {lens.place}"
                 )
-                problems.append(Problem(f"elements.{other}.diameter", message))
-        for other, stop in enumerate(design.stops):
-            if stop.distance > lens.distance:
+                problems.append(Problem(f"{place}.diameter", message))
+        for stop in design.openings[1:]:
+            if stop.near > lens.near:
                 message = (
-                    f"{shown(stop.distance)} is before the lens with a mapping, where only the FAP may stand; move it "
-                    f"behind, or drop the mapping of elements.{number}"
+                    f"{shown(stop.near)} is before the lens with a mapping, where only the FAP may stand; move it "
+                    f"behind, or drop the mapping of {lens.place}"
                 )
-                problems.append(Problem(f"stops.{other}.distance", message))
-        if design.aperture.distance > lens.distance and design.aperture.tilt != (0.0, 0.0):
-            message = (
-                f"a FAP before the lens with a mapping cannot be tilted; drop it, or the mapping of elements.{number}"
-            )
+                problems.append(Problem(f"{stop.place}.distance", message))
+        if design.aperture.distance > lens.near and design.aperture.tilt != (0.0, 0.0):
+            message = f"a FAP before the lens with a mapping cannot be tilted; drop it, or the mapping of {lens.place}"
             problems.append(Problem("aperture.tilt", message))
     return problems

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Generic, NamedTuple, TypeVar
 
 from pydantic import Field, ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from ..bore.chain import MEDIUM
 from ..bore.conjugates import CONJUGATES, follower
-from ..bore.elements import AnyElement, ObjectSpace
+from ..bore.elements import AnyElement, ObjectSpace, element_name
 from ..bore.part import TEMPERATURE, Part
 from ..errors import InputError, Problem
 from ..lenses.glass import AIR
@@ -34,8 +34,25 @@ if TYPE_CHECKING:
     from ..lenses.prescription import Prescription
 
 
+GIVEN = frozenset({FOCAL, PATHS["D"]})
+"""Places of which the main lens may have numbers of its own."""
+Standing = TypeVar("Standing")
 MOST_STOPS = 50
 """Further stops, or elements, of a design at most: each is met by every ray, and no bore has as many rims."""
+
+
+class Placed(NamedTuple, Generic[Standing]):
+    """A part before the main lens."""
+
+    place: str
+    """Its place in a design file."""
+    name: str
+    """Name in words."""
+    part: Standing
+    near: float
+    """Distance of its end towards the main lens from that [mm]."""
+    far: float
+    """Distance of its end towards the scene [mm]."""
 
 
 class Design(Part, RulerSymbols[float]):
@@ -179,11 +196,13 @@ class Design(Part, RulerSymbols[float]):
 
     def __getitem__(self, place: str) -> float:
         """The number at a dotted place [mm, rad]; of f, d_f, d_1 and D also what others give."""
-        lens = self.main_lens.kind
-        own = lens.given(place, at(self, place), self.light.wavelength)
+        own, wavelength = at(self, place), self.light.wavelength
+        if place in GIVEN:
+            own = self.main_lens.kind.given(place, own, wavelength)
         # Where all three are given, f and d_1 are the hardware.
         if place == PLANE and self.microlens_array.distance is not None:
-            own = own if lens.given(FOCAL, self.main_lens.focal_length, self.light.wavelength) is None else None
+            focal_length = self.main_lens.kind.given(FOCAL, self.main_lens.focal_length, wavelength)
+            own = own if focal_length is None else None
         if own is None:
             others = {key: self[key] for key in CONJUGATES if key != place}
             return float(chain_of(self).followed({**chain_numbers(self), **others}, place))
@@ -203,6 +222,33 @@ class Design(Part, RulerSymbols[float]):
     def traced_through(self) -> tuple[str, ...]:
         """Words for what rays go through otherwise than to first order; nothing behind an ideal lens in air."""
         return (*self.main_lens.kind.looks_through, *(("what lies in the bore",) if self.elements else ()))
+
+    @property
+    def openings(self) -> tuple[Placed[Stop], ...]:
+        """The FAP and the further stops, where they stand."""
+        names = (("aperture", "FAP"), *((f"stops.{k}", f"stop {k + 1}") for k in range(len(self.stops))))
+        return tuple(
+            Placed(*name, stop, stop.distance, stop.distance) for name, stop in zip(names, self.all_stops, strict=True)
+        )
+
+    @property
+    def in_bore(self) -> tuple[Placed[AnyElement], ...]:
+        """The elements before the main lens, where they stand."""
+        return tuple(
+            Placed(
+                f"elements.{k}",
+                element_name(element, k + 1),
+                element,
+                element.distance,
+                element.distance + element.length,
+            )
+            for k, element in enumerate(self.elements)
+        )
+
+    @property
+    def placed(self) -> tuple[Placed[Any], ...]:
+        """All that stands before the main lens: openings, then elements."""
+        return (*self.openings, *self.in_bore)
 
     @property
     def all_stops(self) -> tuple[Stop, ...]:

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 from pydantic import BeforeValidator, Field, InstanceOf, PlainSerializer, field_validator
 
-from ..bore.elements import AnyElement, element_name
+from ..bore.elements import AnyElement
 from ..bore.lens import power_ratio
 from ..bore.main_lens import MainLensKind
 from ..bore.part import Number, Part, PartNumbers
@@ -87,16 +87,16 @@ def glasses_of(design: Design) -> Iterator[tuple[str, Glass | None]]:
     if design.sensor.cover is not None:
         yield "sensor.cover.material", design.sensor.cover.material
     yield from design.main_lens.kind.glasses
-    for k, element in enumerate(design.elements):
-        yield from ((f"elements.{k}.{key}", glass) for key, glass in element.glasses)
+    for at in design.in_bore:
+        yield from ((f"{at.place}.{key}", glass) for key, glass in at.part.glasses)
 
 
 def prescriptions_of(design: Design) -> Iterator[tuple[str, Prescription]]:
     """Every lens of a design that is given by its surfaces, by its part."""
     yield from (("main_lens", lens) for lens in design.main_lens.kind.prescribed)
-    for k, element in enumerate(design.elements):
-        if element.prescribed is not None:
-            yield f"elements.{k}", element.prescribed
+    for at in design.in_bore:
+        if at.part.prescribed is not None:
+            yield at.place, at.part.prescribed
 
 
 def about_environment(design: Design) -> tuple[Problem, ...]:
@@ -130,7 +130,7 @@ def not_named(design: Design) -> tuple[str, ...]:
         "the main lens": not design.main_lens.kind.grows,
         "the microlenses": array.material is None and array.substrate is None,
     }
-    silent |= {element_name(element, k): not element.grows for k, element in enumerate(design.elements, 1)}
+    silent |= {at.name: not at.part.grows for at in design.in_bore}
     return tuple(name for name, is_silent in silent.items() if is_silent)
 
 
@@ -233,16 +233,19 @@ class Growth:
                 result[place] = value * self.lens.wider(before, after, self.housing, housing)
             elif name == "diameter" or part.endswith("decentre") or kind in ("tube", "tip"):
                 result[place] = value * housing
-        for k, element in enumerate(self.elements):
-            at = PartNumbers(numbers, f"elements.{k}", self.housing)
+        for element, at in self._elements(numbers):
             result |= {f"{at.place}.{key}": value for key, value in element.moved(at, before, after).items()}
         return {place: value[()] if isinstance(value, np.ndarray) else value for place, value in result.items()}
+
+    def _elements(self, numbers: Mapping[str, Number]) -> Iterator[tuple[AnyElement, PartNumbers]]:
+        """Elements with their numbers."""
+        for k, element in enumerate(self.elements):
+            yield element, PartNumbers(numbers, f"elements.{k}", self.housing)
 
     def _spans(
         self, numbers: Mapping[str, Number], before: Number, after: Number, housing: Number
     ) -> Iterator[tuple[Number, Number, Number]]:
         """Elements: where each begins, its length, and how much more it grows than the housing."""
-        for k, element in enumerate(self.elements):
-            at = PartNumbers(numbers, f"elements.{k}", self.housing)
+        for element, at in self._elements(numbers):
             length, times = element.lengthened(at, before, after)
             yield at["distance"], length, times - housing

@@ -34,8 +34,8 @@ def chain_numbers(design: Design) -> dict[str, float]:
     """Numbers of what light meets, at their places; indices at the design's wavelength."""
     numbers = {WAVELENGTH: design.wavelength}
     numbers |= {f"main_lens.decentre.{axis}": float(design.main_lens.decentre[axis]) for axis in (0, 1)}
-    for k, element in enumerate(design.elements):
-        numbers |= {f"elements.{k}.{key}": value for key, value in element.numbers()}
+    for at in design.in_bore:
+        numbers |= {f"{at.place}.{key}": value for key, value in at.part.numbers()}
     numbers |= {f"{place}.thickness": float(plate.thickness) for place, plate in _plates(design)}
     if design.environment is not None:
         numbers[TEMPERATURE] = float(design.environment.temperature)
@@ -49,7 +49,7 @@ def _index(glass: Glass, wavelength: float) -> float:
 
 def materials_of(design: Design) -> dict[str, Glass]:
     """Every material before the main lens and about the array, by the place of its index."""
-    materials = {f"elements.{k}": e.glass for k, e in enumerate(design.elements) if e.glass is not None}
+    materials = {at.place: glass for at in design.in_bore if (glass := at.part.glass) is not None}
     materials |= {"object_space": design.object_space.medium} if design.elements else {}
     materials |= {place: plate.material for place, plate in _plates(design)}
     return {f"{part}.index": glass for part, glass in materials.items()}

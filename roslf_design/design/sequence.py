@@ -13,7 +13,6 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-from ..bore.elements import element_name
 from ..bore.export import SequenceRow, lens_surfaces
 from ..errors import InputError, Problem
 from ..lenses.glass import AIR, Glass
@@ -38,20 +37,20 @@ def sequence_of(design: Design) -> tuple[SequenceRow, ...]:
     """
     front, rear = design.main_lens.kind.planes(design.wavelength)
     body = design.main_lens.kind.rows(design.f, design.D)
-    medium = design.object_space.medium if design.elements else AIR
-    widest = max(design.D, *(stop.diameter for stop in design.all_stops))
+    medium = design.object_space.medium
+    widest = max(design.D, *(stop.part.diameter for stop in design.openings))
     rows = [SequenceRow("focal plane", front - design.d_f, Surface(0.0, widest, glass=medium)), *body]
-    for k, stop in enumerate(design.all_stops):
-        name, disc = f"stop {k}" if k else "FAP", Surface(0.0, stop.diameter / 2)
-        rows.append(SequenceRow(name, front - stop.distance, disc, is_stop=k == 0))
+    for stop in design.openings:
+        disc = Surface(0.0, stop.part.diameter / 2)
+        rows.append(SequenceRow(stop.name, front - stop.near, disc, is_stop=stop.part is design.aperture))
     farthest = max(design.elements, key=lambda element: element.distance, default=None)
-    for k, element in enumerate(design.elements):
-        at, semi = front - element.distance, (element.diameter or widest) / 2
+    for place, name, element, near, _ in design.in_bore:
+        semi = (element.diameter or widest) / 2
         try:
-            rows += element.rows(element_name(element, k + 1), at, semi)
+            rows += element.rows(name, front - near, semi)
         except ValueError as what:
             message = f"{what} has no surfaces that other programs take; drop it, or give it by a prescription"
-            raise InputError((Problem(f"elements.{k}", message),)) from None
+            raise InputError((Problem(place, message),)) from None
         if element is farthest and medium != AIR and not element.seals:
             rows.append(SequenceRow("end of the medium", rows[-1].z, Surface(0.0, semi)))
     return _ordered([*rows, *_behind(design, rear)], medium, front - (farthest.distance if farthest else 0.0))

@@ -69,7 +69,7 @@ def misses(design: Design, radius: float, distances: tuple[float, ...], waveleng
     lx, ly, ox, oy = _rays(camera, radius)
     height, slope = (lx + lens_x, ly + lens_y), (ox, oy)
     passed = np.ones(lx.shape, np.bool_)
-    for rim in (camera.fap, *camera.rims):
+    for rim in camera.openings:
         x, y = camera.decentre(rim.part)
         passed &= np.hypot(lx - ox * rim.distance - x, ly - oy * rim.distance - y) <= NEARLY * rim.radius
     *closed, imaged = mapped(law, front, *behind_elements(front, lens_x, lens_y, *height, *slope))
@@ -79,7 +79,7 @@ def misses(design: Design, radius: float, distances: tuple[float, ...], waveleng
     image, picture, spread, lost = 0.0, 0.0, 0.0, False
     p = outer_slope(camera, radius)  # an objective's mapping may draw the edge larger than the middle
     compressed = min(1.0, float(camera.stretch(p)), float(camera.stretch_along(p)))
-    rims = sorted((camera.fap, *camera.rims), key=lambda rim: float(rim.stands))
+    rims = sorted(camera.openings, key=lambda rim: float(rim.stands))
     for wavelength in dict.fromkeys((design.wavelength, *wavelengths)):
         coloured = camera if wavelength == design.wavelength else camera.replace({"wavelength": wavelength})
         space = FacesAhead.unclipped(coloured)
@@ -136,7 +136,7 @@ def _clipping(
     apart = np.hypot(*(middle - middle[0]).T) + np.hypot(*((aside - middle) - (aside - middle)[0]).T)
     posed = len(lx) > len(RADII)  # the FAP's edge is then sampled all around, but in no field's own direction
     moved: list[float] = []
-    for rim, deep, size in zip((camera.fap, *camera.rims), apart + radii[0] - radii, radii, strict=True):
+    for rim, deep, size in zip(camera.openings, apart + radii[0] - radii, radii, strict=True):
         if rim.diameter_place is None:  # a stop for slopes, which flat faces behind it keep
             moved.append(0.0)
             continue

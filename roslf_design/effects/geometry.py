@@ -157,7 +157,7 @@ def tilt_shift(camera: Camera, x_ml: float) -> float:
     moved = x_ml * (array + sensor) * (slope + cone)
     moved += x_ml * (2 * math.sin(array / 2) ** 2 + 2 * math.sin(sensor / 2) ** 2)
     angle = x_ml * float(camera.seen.inverse_m) / float(camera.seen.gap)
-    for rim in (camera.fap, *camera.rims[1:]):
+    for rim in camera.openings_ahead:
         moved += 0.0 if rim.leans else float(rim.radius) * tilt(rim.part) * angle * scale(rim.distance)
     height = x_ml * float(camera.seen.d_3 / camera.seen.A)
     return moved + height**2 / float(camera.f) * tilt("main_lens") * scale(camera.seen.d_3)
@@ -181,7 +181,7 @@ def decentres(s: Subject) -> Estimate:
     lens, array = (math.hypot(*part.decentre) for part in (design.main_lens, design.microlens_array))
     images = lens * abs(s.scale(float(c.seen.d_3))) * float(c.seen.d_3) / design.f + array * abs(s.pitch) / design.d
     images += math.hypot(*design.sensor.decentre)
-    for rim in (c.fap, *c.rims[1:]):
+    for rim in c.openings_ahead:
         # As seen: decentres, tilts and wedges of elements count.
         x, y = (float(a) + b for a, b in zip(c.decentre(rim.part), design.main_lens.decentre, strict=True))
         images += math.hypot(x, y) * abs(s.scale(float(rim.distance)))

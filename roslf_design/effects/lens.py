@@ -60,9 +60,10 @@ def faults(design: Design, x_ml: float) -> Faults:
 def _traced_faults(design: Design, x_ml: float) -> Faults:
     axes = [(share * x_ml, 0.0) for share in RADII]
     # The array's own frame is turned and shifted; the lens is asked along its own radius.
-    upright = ("main_lens", "aperture", "microlens_array", "sensor", *(f"stops.{i}" for i in range(len(design.stops))))
+    centred = ("main_lens", "aperture", "microlens_array")
+    upright = (*centred, "sensor", *(stop.place for stop in design.openings))
     straight = {f"{part}.tilt": (0.0, 0.0) for part in upright}
-    straight |= {f"{part}.decentre": (0.0, 0.0) for part in upright[:3]}
+    straight |= {f"{part}.decentre": (0.0, 0.0) for part in centred}
     field = real_field(design.replace({**straight, "microlens_array.rotation": 0.0}), axes)
     diameter = field.thin_diameter
     whole = (field.images.status == 2) & np.isfinite(field.rim_shift)

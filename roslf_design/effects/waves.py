@@ -107,7 +107,8 @@ def finite_microlens_aperture(s: Subject) -> Estimate:
     """
     distances = (float(s.camera[PATHS["d_f"]]),) if s.brief.distances is None else s.brief.distances
     width = max(footprint(s.camera, distance) for distance in distances)
-    width *= min(float(np.maximum(1.0, s.camera.stretch_along(light.outer_slope(s.camera, s.x_ml)))), WIDEST)
+    along, _ = light.field_stretch(s.camera, s.x_ml)
+    width *= min(max(1.0, float(along)), WIDEST)
     if s.brief.white:
         return Estimate(0.0, f"a uniform scene has no detail within the object footprint of {width:.3g} mm")
     period = s.brief.smallest_period

@@ -185,12 +185,10 @@ def _looked_through(design: Design, camera: Camera, axes: Sequence[tuple[float, 
             None,
         )
     ]
-    for number, element in enumerate(design.elements, 1):
-        at = float(camera.plane(element.distance).distance)
-        parts.append(
-            SeenPart(element_name(element, number), ", ".join(made_of(element)), element.distance, None, at, None)
-        )
-    for rim in (camera.fap, *camera.rims[1 : 1 + camera.stops]):
+    for _, name, element, near, _ in design.in_bore:
+        at = float(camera.plane(near).distance)
+        parts.append(SeenPart(name, ", ".join(made_of(element)), near, None, at, None))
+    for rim in camera.stop_openings:
         across, at = 2 * float(rim.radius), float(rim.distance)
         parts.append(SeenPart(rim.name, "opening", float(rim.stands), across * float(rim.scale), at, across))
     parts.sort(key=lambda part: -part.distance_mm)

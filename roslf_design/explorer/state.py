@@ -16,8 +16,6 @@ from typing import Annotated, Any, Literal, NamedTuple
 from pydantic import AfterValidator, Field
 from pydantic.dataclasses import dataclass as checked_dataclass
 
-from ..bore.lens import FieldLens
-from ..bore.plate import Block, Plate
 from ..camera import Camera
 from ..design import PATHS, Design, DesignError, dumps, loads
 from ..design.parts import MOST_CONTRAST
@@ -206,14 +204,14 @@ def value_at(field: NumberField, place: float, ends: tuple[float, float]) -> flo
 def window_of(design: Design) -> int | None:
     """Which element is the window at the tip: the farthest one, if it is a plate."""
     far = max(range(len(design.elements)), key=lambda k: design.elements[k].distance, default=None)
-    return far if far is not None and isinstance(design.elements[far], Plate) else None
+    return far if far is not None and design.elements[far].catalogue else None
 
 
 def objective_of(design: Design) -> int | None:
     """Which element is the objective: the foremost that bends light, if it is an ideal lens."""
-    bending = (k for k, element in enumerate(design.elements) if not isinstance(element, Block))
+    bending = (k for k, at in enumerate(design.in_bore) if at.part.bends)
     far = max(bending, key=lambda k: design.elements[k].distance, default=None)
-    return far if far is not None and isinstance(design.elements[far], FieldLens) else None
+    return far if far is not None and design.elements[far].maps else None
 
 
 def value_of(design: Design, symbol: str) -> float | None:

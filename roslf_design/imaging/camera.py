@@ -38,14 +38,13 @@ def planned_camera(design: Design, plan: Plan) -> Camera:
 
 def straightened(design: Design, plan: Plan) -> Design:
     """The design without the misalignments that the plan leaves out; a real main lens stays."""
-    stops = [f"stops.{k}" for k in range(len(design.stops))]
-    places = ("main_lens", "aperture", *stops, "microlens_array", "sensor")
+    places = ("main_lens", *(stop.place for stop in design.openings), "microlens_array", "sensor")
     straight: dict[str, object] = {}
     if not plan.on("tilts"):
         straight |= {f"{place}.tilt": (0.0, 0.0) for place in places}
     if not plan.on("decentres"):  # what tilted and wedged elements do is shift what is seen through them
         straight |= {f"{place}.decentre": (0.0, 0.0) for place in places}
-        straight |= {f"elements.{k}.{pose}": (0.0, 0.0) for k, e in enumerate(design.elements) for pose in e.poses}
+        straight |= {f"{at.place}.{pose}": (0.0, 0.0) for at in design.in_bore for pose in at.part.poses}
     if not plan.on("mla_rotation"):
         straight["microlens_array.rotation"] = 0.0
     return design.replace(straight)

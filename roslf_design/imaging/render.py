@@ -23,7 +23,8 @@ from ..theory.light import chief_spread, falloff, outer_slope
 from ..theory.transfer import MicrolensTransfer
 from .camera import Image, ImageLattice, Region, pixel_centres, pixel_response, planned_camera
 from .lens_rays import real_camera
-from .points import PointSource, point_image
+from .point_source import PointSource
+from .points import point_image
 from .trace import RaySampling, Tracer
 from .transfer import CORE, Geometry, bands, halo
 from .white import MOST_ORDERS, MOST_ROWS, HarmonicSeries, WhiteGeometry, add_falloff, harmonic_series

@@ -19,7 +19,7 @@ from .._arrays import sunflower
 from ..theory.object_space import FacesAhead, Outside
 
 if TYPE_CHECKING:
-    from .points import PointSource
+    from .point_source import PointSource
 
 Floats = NDArray[np.float64]
 

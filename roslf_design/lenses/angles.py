@@ -120,6 +120,8 @@ class AngleMap:
     """Words for why light falls off otherwise than by cos^4."""
     kernel: Law = NO_LAW
     """As kernels take it; no rows of f tan."""
+    end: float = math.inf
+    """Largest slope times index to first order that it images."""
 
     @property
     def widest(self) -> float:
@@ -151,9 +153,20 @@ class AngleMap:
         """Derivative of that slope by the first order's."""
         return 1.0
 
+    def stretches(self, p: Callable[[], Any], medium: Callable[[], Any]) -> tuple[Any, Any]:
+        """Both, along the field's radius and across it."""
+        return 1.0, 1.0
+
     def first_order(self, slope: Any, medium: Any) -> Any:
         """Slope times index to first order, of a slope in a medium."""
         return slope * medium
+
+    def redrawn(self, rays: Any, grown: Callable[[], Any], pupil: Callable[[], Any]) -> Any:
+        """Heights on the axis's start and slopes of the first order's rays, as they are drawn.
+
+        Through the same point of the entrance pupil, which stands at `pupil` [mm], slopes are `grown` times as large.
+        """
+        return rays
 
     def straight(self, at: Any, drawn: Callable[[], Any]) -> Any:
         """Point of the first order's object space that stands for one; `drawn` finds it along a straight ray."""
@@ -167,7 +180,7 @@ class AngleLaw(AngleMap):
     words = ", by the objective's mapping"
 
     def __init__(self, law: Law) -> None:
-        self.kernel, self.end = np.array(law, order="C"), law[0, 1]
+        self.kernel, self.end = np.array(law, order="C"), float(law[0, 1])
 
     @property
     def widest(self) -> float:
@@ -200,9 +213,19 @@ class AngleLaw(AngleMap):
         held = np.minimum(p, self.end * (1 - 1e-12)) + 1j * STEP
         return np.imag(held * stretch(self.kernel, held, medium))[()] / STEP
 
+    def stretches(self, p: Callable[[], Any], medium: Callable[[], Any]) -> tuple[Any, Any]:
+        """Both by the law."""
+        steep, index = p(), medium()
+        return self.stretch_along(steep, index), self.stretch(steep, index)
+
     def first_order(self, slope: Any, medium: Any) -> Any:
         """Inverse of the law."""
         return first_order(self.kernel, slope, medium)
+
+    def redrawn(self, rays: Any, grown: Callable[[], Any], pupil: Callable[[], Any]) -> Any:
+        """Rays turned about the entrance pupil."""
+        times, stands = grown(), pupil()
+        return [(height + slope * (times - 1) * stands, slope * times) for height, slope in rays]
 
     def straight(self, at: Any, drawn: Callable[[], Any]) -> Any:
         """Point drawn along a straight ray."""

@@ -546,8 +546,11 @@ class DesignProblem:
             yield row("focal plane nearer than infinity", lambda c: c.tip / c[PATHS["d_f"]])
         elif not (plane and distance):
             yield row("real image: d_f beyond f", lambda c: ((c.seen.d_f if plane else c.seen.d_1) - c.f) / c.f)
-        rims = ("aperture", *(f"stops.{k}" for k in range(self.base.stops)))
-        for place in (*(f"{rim}.distance" for rim in rims), *(place for place in self.given if place == TIP)):
+        openings = self.base.stop_openings
+        for place in (
+            *(f"{opening.part}.distance" for opening in openings),
+            *(place for place in self.given if place == TIP),
+        ):
             yield row("focal plane in front of the bore", lambda c, place=place: 1 - c[place] / c[PATHS["d_f"]])  # type: ignore[misc]
         if self.base.chain.elements:
             yield row("focal plane in front of the bore", lambda c: 1 - c.chain.end(c.numbers) / c[PATHS["d_f"]])
@@ -568,7 +571,7 @@ class DesignProblem:
     def _kept_apart(self) -> Iterator[tuple[End, End, str]]:
         """What must not come closer than to touch: elements, stops and elements, as they stand in the base design."""
         base, chain = self.base, self.base.chain
-        named = [f"{element.kind} {k}" for k, element in enumerate(chain.elements, 1)]
+        named = [at.name for at in self.design.in_bore]
 
         def ends(k: int) -> tuple[End, End]:
             start = f"elements.{k}.distance"
@@ -578,7 +581,7 @@ class DesignProblem:
         for k, farther in pairwise(chain.order):
             if moved & {f"elements.{k}", f"elements.{farther}"}:
                 yield ends(k)[1], ends(farther)[0], f"{named[k]} clear of {named[farther]}"
-        for rim in (base.fap, *base.rims[1 : 1 + base.stops]):
+        for rim in base.stop_openings:
             stop: End = itemgetter(f"{rim.part}.distance")
             for k in chain.order:
                 if moved & {rim.part, f"elements.{k}"}:
@@ -592,7 +595,7 @@ class DesignProblem:
         rims = [f" ({rim.name})" for rim in self.base.rims]
         if widest:
             housing = constraint.quantity.name == "outer_diameter_mm"
-            openings = [rim for rim in (self.base.fap, *self.base.rims) if rim.diameter_place is not None]
+            openings = [rim for rim in self.base.openings if rim.diameter_place is not None]
             rims = [f" ({part.name})" for part in housed(self.base)] if housing else [""] * len(openings)
         for side, limit in constraint.limits.items():
             words = f"{SIGNS[side]} {constraint.with_unit(limit)}"
@@ -766,14 +769,14 @@ def name_faults(names: Sequence[str], numbers: Mapping[str, Number], own: Sequen
 def spread(values: Mapping[str, Array], base: Camera) -> dict[str, Array]:
     """Numbers at places, with derived lengths turned into those that they set."""
     result = {name: value for name, value in values.items() if name not in DERIVED}
-    stops = [f"stops.{k}" for k in range(base.stops)]
+    stops = [opening.part for opening in base.stop_openings]
     if "tube_diameter" in values:
-        result |= {f"{part}.diameter": values["tube_diameter"] for part in ("aperture", *stops)}
+        result |= {f"{part}.diameter": values["tube_diameter"] for part in stops}
     d_3 = result.get("aperture.distance", base["aperture.distance"])
     if "tube_length" in values:
         result[f"{stops[-1]}.distance"] = d_3 + values["tube_length"]
     if "working_distance" in values:
-        tip = np.maximum(d_3, base[TIP])
+        tip = base[TIP]
         for stop in stops:
             tip = np.maximum(tip, result.get(f"{stop}.distance", base[f"{stop}.distance"]))
         tip = np.maximum(tip, base.chain.end({**base.numbers, **result}))

@@ -184,7 +184,7 @@ class CatalogueTable(StrictTable):
         """
         if "windows" not in self.kinds:
             return None
-        plates = [k for k, element in enumerate(design.elements) if element.kind == "plate"]
+        plates = [k for k, at in enumerate(design.in_bore) if "windows" in at.part.catalogue]
         if self.element is None and len(plates) == 1:
             return plates[0]
         if self.element in plates:

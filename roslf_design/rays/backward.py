@@ -63,21 +63,21 @@ def lay_out(camera: Camera) -> Layout:
         *(array - lens),
         *lens,
     ]
-    stops = (camera.fap, *camera.rims[1:])
+    openings = camera.openings_ahead
     own = frame((0.0, 0.0), 0.0, (0.0, 0.0))
     to_array = camera.pose("sensor").seen_from(camera.pose("microlens_array"))
     maps = [
         _map(to_array),
         _map(camera.pose("microlens_array")),
         _map(own.seen_from(camera.world)),
-        *(_map(own.seen_from(camera.pose(stop.part))) for stop in stops),
+        *(_map(own.seen_from(camera.pose(stop.part))) for stop in openings),
     ]
     if not camera.tilted:
         maps[0][2, 3] = camera.seen.d_2  # better than a difference of (d_1 + d_2) and d_1
-    rims = [[*(-offset for offset in camera.decentre(stop.part)), stop.distance, stop.radius] for stop in stops]
+    rims = [[*(-offset for offset in camera.decentre(stop.part)), stop.distance, stop.radius] for stop in openings]
     constants = [*ones, camera.D / 2, camera.d / 2]
-    numbers, blocks, openings = (np.array(part, float) for part in (constants, maps, rims))
-    return Layout(numbers, blocks, openings, scene_side(camera), law_of(camera))
+    numbers, blocks, limits = (np.array(part, float) for part in (constants, maps, rims))
+    return Layout(numbers, blocks, limits, scene_side(camera), law_of(camera))
 
 
 def scene_side(camera: Camera) -> Floats:

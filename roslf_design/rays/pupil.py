@@ -12,7 +12,6 @@ from ..bore.chain import COVER, SUBSTRATE
 from ..camera import Camera, Rim, Vector
 from ..camera.frames import along, dot, minus, times
 from ..design.parts import PATHS
-from ..lenses.angles import stretch
 from ..shapes.lattice import PACKINGS
 from ..theory.object_space import Status
 from ..theory.stop_images import Projected, lens_point, project
@@ -111,8 +110,8 @@ def _status_of(
     traceable: Mask,
 ) -> NDArray[np.uint8]:
     """Status of every ray: who takes it first, in the order of light; the masks broadcast to `shape`."""
-    codes = {"FAP": int(Status.APERTURE), "main lens": int(Status.MAIN_LENS)}
-    codes |= {rim.name: Status.APERTURE + k for k, rim in enumerate(camera.rims[1:], 1)}
+    codes = {"main lens": int(Status.MAIN_LENS)}
+    codes |= {rim.name: Status.APERTURE + k for k, rim in enumerate(camera.openings_ahead)}
     status = np.full(shape, Status.KEPT, np.uint8)
     # Light's first obstacle overrules what would take the ray later.
     np.copyto(status, np.uint8(Status.NEIGHBOUR), where=~own_cell)
@@ -255,10 +254,10 @@ def paths(camera: Camera, rays: PupilRays, microlens: Point, start: float) -> Fl
     ]
     shape = rays.status.shape
     drawn = np.stack([np.stack([np.broadcast_to(x, shape) for x in vertex], -1) for vertex in vertices], -2)
-    stops = [(int(Status.MAIN_LENS), camera.rims[0])]
-    stops += [(Status.APERTURE + k, rim) for k, rim in enumerate((camera.fap, *camera.rims[1:]))]
+    takers = [(int(Status.MAIN_LENS), camera.rims[0])]
+    takers += [(Status.APERTURE + k, rim) for k, rim in enumerate(camera.openings_ahead)]
     reached = np.array([*planes, *[-1.0] * (len(vertices) - len(planes))])
-    for code, rim in stops:
+    for code, rim in takers:
         stands = float(rim.stands)
         met = _meeting(camera, rim.part, _line_at(camera, rays, stands))
         end = np.stack([np.broadcast_to(x, shape) for x in met], -1)
@@ -317,13 +316,16 @@ def _line_at(camera: Camera, rays: PupilRays, distance: float) -> tuple[Floats, 
         there = (-plane.c * height + plane.d * slope + plane.lean[axis]) / plane.medium
         lines.append((np.asarray(here + there * distance), np.asarray(there)))
     (hx, sx), (hy, sy) = lines
-    if camera.law is None or distance <= camera[f"elements.{camera.chain.mapped}.distance"]:
+    if distance <= camera.chain.mapped_from(camera.numbers):
         return hx, hy, sx, sy
-    p = plane.medium * np.hypot(sx, sy)
-    # What the objective does not image is drawn on as the first order has it, to where it is blocked.
-    grown = np.where(p <= camera.law[0, 1], stretch(camera.law, p, plane.medium) - 1, 0.0)
-    pupil = camera.pupil_seen_before(distance)
-    return hx + grown * sx * pupil, hy + grown * sy * pupil, sx + grown * sx, sy + grown * sy
+
+    def grown() -> Floats:
+        # What the objective does not image is drawn on as the first order has it, to where it is blocked.
+        p = plane.medium * np.hypot(sx, sy)
+        return np.where(p <= camera.mapping.end, camera.mapping.stretch(p, plane.medium), 1.0)
+
+    (hx, sx), (hy, sy) = camera.mapping.redrawn(lines, grown, lambda: camera.pupil_seen_before(distance))
+    return hx, hy, sx, sy
 
 
 def _on_plane(camera: Camera, rays: PupilRays, distance: float) -> Vector:

@@ -138,9 +138,12 @@ def _view(design: Design) -> tuple[float, float]:
         return slope, 0.0
     outside = slope * float((plane.d - plane.c * camera.seen.d_3) / plane.medium)
     height = slope * float(plane.b - plane.a * camera.seen.d_3) - outside * float(end)
-    if camera.law is not None:  # steeper, through the same point of the entrance pupil
-        steeper = outside * float(camera.stretch(abs(outside) * plane.medium))
-        height, outside = height + (outside - steeper) * float(camera.pupil_stands), steeper
+
+    def grown() -> float:
+        return float(camera.stretch(abs(outside) * plane.medium))
+
+    ((height, slope),) = camera.mapping.redrawn([(height, -outside)], grown, lambda: float(camera.pupil_stands))
+    outside = -slope
     away = 1 if outside * design.d_f + height > 0 else -1  # from the axis; else towards a pupil beyond the focal plane
     return away * outside, away * height
 

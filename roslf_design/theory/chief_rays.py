@@ -127,13 +127,14 @@ def _to_first_order(c: Camera, place: Place) -> ChiefRays:
     ):
         slope = p / front.medium
         rays.append((front.a * height - front.b * before + aside + centre + slope * end, slope))
-    (x, slope_x), (y, slope_y) = (tuple(map(np.asarray, ray)) for ray in rays)
-    if c.law is None:
-        return ChiefRays((x, y), (slope_x, slope_y))
-    steep = np.hypot(*slopes)  # beyond what is imaged the end of that
-    grown = np.minimum(c.stretch(steep), STEEPEST) * np.minimum(1.0, ratio(c.law[0, 1], steep))
-    turned = [(x + s * (grown - 1) * c.pupil_stands, s * grown) for x, s in rays]
-    return ChiefRays((turned[0][0], turned[1][0]), (turned[0][1], turned[1][1]))
+    straight = [tuple(map(np.asarray, ray)) for ray in rays]
+
+    def grown() -> Array:
+        steep = np.hypot(*slopes)  # beyond what is imaged the end of that
+        return np.minimum(c.stretch(steep), STEEPEST) * np.minimum(1.0, ratio(c.mapping.end, steep))
+
+    (x, slope_x), (y, slope_y) = c.mapping.redrawn(straight, grown, lambda: c.pupil_stands)
+    return ChiefRays((x, y), (slope_x, slope_y))
 
 
 @np.errstate(all="ignore")  # of builds that are no cameras

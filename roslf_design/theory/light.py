@@ -112,6 +112,14 @@ def outer_slope(c: Camera, place: ArrayLike) -> Array:
     return np.asarray(np.sqrt(slope * slope))
 
 
+def field_stretch(c: Camera, place: ArrayLike) -> tuple[Number, Number]:
+    """Slope of the rays of a microlens before the bore over the first order's, along the field's radius and across it.
+
+    `place` is that of the microlens from the main lens's axis [mm]. 1 but behind an objective with a mapping.
+    """
+    return c.mapping.stretches(lambda: outer_slope(c, place), lambda: c.front[1].medium)
+
+
 def field_angle(c: Camera, place: ArrayLike) -> Array:
     """Angle at which the chief ray of a microlens comes out of the bore, by Snell's law in the medium there [rad].
 

@@ -111,7 +111,7 @@ class FacesAhead:
             table[..., k, :], media[..., k, 0], media[..., k, 1] = face.row, face.scene, face.sensor
         if not clip:
             table[..., LIMIT] = OPEN
-        codes = {rim.part: int(Status.APERTURE) + k for k, rim in enumerate((camera.fap, *camera.rims[1:]))}
+        codes = {rim.part: int(Status.APERTURE) + k for k, rim in enumerate(camera.openings_ahead)}
         # Of a thin element both faces are one opening; one that no aperture takes rays at is lost in the element.
         others = (codes.get(f"{face.opening.rpartition('.')[0]}.0", int(Status.ELEMENT)) for face in faces)
         takers = [codes.get(face.opening, other) for face, other in zip(faces, others, strict=True)]
@@ -224,16 +224,16 @@ def _plain(array: Floats) -> Any:
 def _units(camera: Camera) -> Iterator[tuple[tuple[float, int], list[Face]]]:
     """Stops and elements, each with where it begins; a stop on an element's vertex comes before that."""
     n, chain = camera.numbers, camera.chain
-    medium_from = chain.end(n) if chain.elements else math.inf
+    medium_from = chain.end(n)
     medium = n.get(MEDIUM, 1.0)
 
     def around(z: Number) -> Number:
         return np.where(np.greater_equal(z, medium_from), medium, 1.0)
 
-    for number, place in enumerate(("aperture", *(f"stops.{k}" for k in range(camera.stops)))):
-        at, z = PartNumbers(n, place), n[f"{place}.distance"]
+    for rim in camera.stop_openings:
+        at, z = PartNumbers(n, rim.part), rim.stands
         row = plane_row(vertex_of(at, z), axes_of(at), at["diameter"] / 2)
-        yield (_first(z), 0), [Face(row, around(z), around(z), place, f"stop {number}" if number else "FAP")]
+        yield (_first(z), 0), [Face(row, around(z), around(z), rim.part, rim.name)]
     for k, element in enumerate(chain.elements):
         at = chain.at(n, k)
         surroundings = Surroundings(around(at["distance"] + element.span(at)), camera.pupil_seen_before)

@@ -102,9 +102,8 @@ def _local_depth_sigma(images: MicrolensImages) -> Number:
     c = images.camera
     sigma = light_field.depth_sigma(c, c.seen.gap, disparity_sigma(images, seen_at(c, None))) * c.focus.depth
     # Views set apart along the field's radius and across it tell of depth as much less as a mapping stretches slopes.
-    p = light.outer_slope(c, np.hypot(images.microlens[0], images.microlens[1]))
-    depth_kept = c.stretch_along(p) ** -2.0 + c.stretch(p) ** -2.0
-    return sigma * np.sqrt(2 / depth_kept)
+    along, across = light.field_stretch(c, np.hypot(images.microlens[0], images.microlens[1]))
+    return sigma * np.sqrt(2 / (along**-2.0 + across**-2.0))
 
 
 def _whole(form: Callable[[Camera], Number]) -> Callable[[Camera, Depth], Array]:
@@ -160,7 +159,7 @@ def _behind_lens(c: Camera) -> Number:
 
 
 def _diameters(c: Camera, _: Depth) -> Array:
-    places = [rim.diameter_place for rim in (c.fap, *c.rims)]
+    places = [rim.diameter_place for rim in c.openings]
     return np.stack(np.broadcast_arrays(*(c[place] for place in places if place is not None)))
 
 

@@ -39,8 +39,7 @@ def housed(c: Camera) -> tuple[Housed, ...]:
         size: Number = np.hypot(numbers[f"{key}.size.0"], numbers[f"{key}.size.1"])
         return size
 
-    stops = [("FAP", "aperture"), *((f"stop {k + 1}", f"stops.{k}") for k in range(c.stops))]
-    parts = [part(name, key, numbers[f"{key}.diameter"], numbers[f"{key}.distance"]) for name, key in stops]
+    parts = [part(rim.name, rim.part, numbers[f"{rim.part}.diameter"], rim.stands) for rim in c.stop_openings]
     for k, element in enumerate(c.chain.elements):
         key = f"elements.{k}"
         if f"{key}.diameter" in numbers:

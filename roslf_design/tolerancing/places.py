@@ -111,7 +111,7 @@ def of_parts(design: Design, values: Mapping[str, Any]) -> dict[str, Any]:
 
 def stops_of(design: Design) -> tuple[str, ...]:
     """Places of the FAP and the further stops."""
-    return ("aperture", *(f"stops.{index}" for index in range(len(design.stops))))
+    return tuple(stop.place for stop in design.openings)
 
 
 def in_lens(place: str) -> bool:

@@ -10,6 +10,7 @@ from ...evaluation.show import effects_table, fact_tables, field_table
 from ...theory.colours import PIXEL_FILTERS
 from ...words import length
 from ..blocks import Figure, Report, Section, Table
+from ..lens_words import lens_words
 from .curves import depth_comparison
 from .figures import PLACES
 from .microlens import microlens_images
@@ -93,7 +94,7 @@ def _parameters(designs: Sequence[Design]) -> Table:
             "array": f"{mla.layout}, {mla.lens_shape} lenses",
             "pixels": "{} x {}".format(*design.pixels),
             "colour filters": PIXEL_FILTERS[design.sensor.colours].name,
-            "main lens": "ideal" if design.lens is None else design.lens.name,
+            "main lens": lens_words(design.main_lens.kind).title,
             "further stops": str(len(design.stops)),
         }
         for k in range(max(len(each.stops) for each in designs)):

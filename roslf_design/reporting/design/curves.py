@@ -289,7 +289,7 @@ def matching_plane(design: Design, size: Point = (560, 400), *, limits: Point | 
         return Text(x, y, words, colour, SMALL, dx=start - at, dy=dy, halo=True)
 
     # No stop stands in glass.
-    spans = [(element.distance, element.distance + element.length) for element in thin.elements if element.length]
+    spans = [(at.near, at.far) for at in thin.in_bore if at.part.length]
     glass = [(near, min(far, across.high)) for near, far in spans if near < across.high]
     marks: list[Mark] = []
     if (plane.margin > 0).any():

@@ -16,6 +16,7 @@ from ...evaluation.show import depth_basis
 from ...imaging.transfer import encircled
 from ...words import number, spaced
 from ..blocks import Figure
+from ..lens_words import lens_words
 from .curves import depth_precision, matching_plane
 from .effects import effects_budget
 from .field import field_map, field_maps, lens_images, lens_over_field
@@ -52,16 +53,9 @@ def _ray_sheet(design: Design, result: Evaluation) -> Figure:
     caption = (
         "Solid rays reach the sensor; dashed orange rays are blocked and end, with a cross, at what stops them (the "
         "outermost of each fan miss the FAP on purpose, to show it at work). The FAP is black, the main lens and its "
-        f"mount blue.{through}{_twin_told(design)} {follow} {plane}"
+        f"mount blue.{through}{lens_words(design.main_lens.kind).twin} {follow} {plane}"
     )
     return Figure.of("rays", "Meridional ray diagram, to scale", caption, ray_diagrams(design))
-
-
-def _twin_told(design: Design) -> str:
-    """What pictures of rays show behind a real lens."""
-    if design.lens is None:
-        return ""
-    return f" Lens and rays are those of the thin twin; through {design.lens.name} they are traced further below."
 
 
 def _cells_sheet(design: Design, result: Evaluation) -> Figure:
@@ -216,7 +210,7 @@ def picture_sheet(design: Design, _: Evaluation | None = None) -> Figure:
     caption = (
         "Pencils of the centre, the edge and a corner of the sensor, cut off in front of the bore; the grey plate is "
         "the FAP, the blue disc the main lens. Orange rays end at what blocks them. The tube wall is drawn for "
-        f"orientation and is not part of the design.{_twin_told(design)}"
+        f"orientation and is not part of the design.{lens_words(design.main_lens.kind).twin}"
     )
     sheet = Figure.of("view", "The instrument in three dimensions", caption, outlines(scene))
     try:

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ..._arrays import Array
-from ...bore.elements import element_name
 from ...bore.fold import Reflection, folded, folded_line
 from ...camera import Camera
 from ...camera.frames import Frame, frame
@@ -47,8 +46,8 @@ def instrument_scene(design: Design, fold: bool = True) -> Instrument:
     )
     in_air = design.object_space.medium == AIR
     before = np.array([[0.0, 0.0, start]]) if in_air else turned([(wall, start), (wall, -front)])
-    tops = [("FAP" if k == 0 else f"stop {k}", -stop.distance, wall) for k, stop in enumerate(design.all_stops)]
-    tops += [(name_of_drawn(e, k, fold), -e.distance - e.length / 2, wall) for k, e in enumerate(design.elements, 1)]
+    tops = [(stop.name, -stop.near, wall) for stop in design.openings]
+    tops += [(name_of_drawn(at, fold), -(at.near + at.far) / 2, wall) for at in design.in_bore]
     tops += [("main lens", 0.0, wall), ("MLA and sensor", end, wall)]
     tops.append((f"light comes from the object plane, {design.d_f:.4g} mm in front of the lens", start, 0.0))
     named = [(text, folded(mirrors, np.array([[0.0, y, z]]))[0]) for text, z, y in sorted(tops, key=lambda top: top[1])]
@@ -83,15 +82,15 @@ def _tube(mirrors: Sequence[Reflection], wall: float, front: float, end: float) 
 def _glass(design: Design, camera: Camera, wall: float) -> list[Body]:
     """Elements before the main lens as bodies of revolution, and the plates about the array."""
     parts: list[Body] = []
-    for number, element in enumerate(design.elements, 1):
-        radius, pose = element.half_height or wall, _pose(camera, number - 1)
+    for k, (_, called, element, _, _) in enumerate(design.in_bore):
+        radius, pose = element.half_height or wall, _pose(camera, k)
         for piece, faces in enumerate(element.body(radius, 0.18 * radius)):
             # Upper halves of both faces, from the axis out on the left one and back on the right one.
             (left, right) = (face[len(face) // 2 :] for face in faces)
             rim = np.append(left, right[::-1], axis=0) + np.array([element.distance, 0.0])
-            name = element_name(element, number) + (f" piece {piece + 1}" if piece else "")
+            name = called + (f" piece {piece + 1}" if piece else "")
             parts.append(Body(name, "round", turned(rim[:, ::-1], frame=pose), bands(len(rim)), "sky", 0.35))
-        parts.append(_lines(f"{element_name(element, number)} rim", [_circle(radius, 0.0, pose)], "sky", 2.0))
+        parts.append(_lines(f"{called} rim", [_circle(radius, 0.0, pose)], "sky", 2.0))
     substrate, cover = design.microlens_array.substrate, design.sensor.cover
     if substrate is not None:
         depth = substrate.thickness * (1 if substrate.lenslets == "scene" else -1)
@@ -109,15 +108,14 @@ def _pose(camera: Camera, k: int) -> Frame:
 
 
 def _elements(design: Design, camera: Camera, wall: float) -> list[Body]:
-    openings = ("aperture", *(f"stops.{k}" for k in range(len(design.stops))))
-    sensor, array, lens, *stops = map(camera.stands, ("sensor", "microlens_array", "main_lens", *openings))
+    sensor, array, lens = map(camera.stands, ("sensor", "microlens_array", "main_lens"))
     radius = design.D / 2
     parts: list[Body] = []
-    for number, (stop, pose) in enumerate(zip(design.all_stops, stops, strict=True)):
-        name, colour = f"stop {number}" if number else "FAP", stop_colour(number)
-        plate = turned([(stop.diameter / 2, 0.0), (wall, 0.0)], frame=pose)
-        parts.append(Body(f"{name} plate", "ring", plate, bands(2), colour, 0.38))
-        parts.append(_lines(f"{name} rim", [_circle(stop.diameter / 2, 0.0, pose)], colour, 4.0))
+    for number, stop in enumerate(design.openings):
+        pose, half, colour = camera.stands(stop.place), stop.part.diameter / 2, stop_colour(number)
+        plate = turned([(half, 0.0), (wall, 0.0)], frame=pose)
+        parts.append(Body(f"{stop.name} plate", "ring", plate, bands(2), colour, 0.38))
+        parts.append(_lines(f"{stop.name} rim", [_circle(half, 0.0, pose)], colour, 4.0))
     angle = np.linspace(math.pi, 0.0, RINGS + 1)
     glass = turned(np.stack([radius * np.sin(angle), 0.09 * design.D * np.cos(angle)], -1))
     mount = turned([(radius, 0.0), (wall, 0.0)], frame=lens)

@@ -252,10 +252,9 @@ def _lines(design: Design, view: ImageView, on_picture: bool) -> list[Mark]:
 def _rims(design: Design, on_picture: bool = False) -> list[tuple[str, str]]:
     """Names and colours of what cuts an image: FAP, main lens, further stops, elements."""
     camera = Camera.of(design)
-    colours = [ON_PICTURE if on_picture else "ink", "blue", *(stop_colour(k) for k in range(1, camera.stops + 1))]
-    rims = (camera.fap, *camera.rims)
-    colours += ["grey"] * (len(rims) - len(colours))
-    return [(rim.opening, colour) for rim, colour in zip(rims, colours, strict=True)]
+    colours = [ON_PICTURE if on_picture else "ink", "blue", *map(stop_colour, range(1, camera.stops + 1))]
+    colours += ["grey"] * (len(camera.openings) - len(colours))
+    return [(rim.opening, colour) for rim, colour in zip(camera.openings, colours, strict=True)]
 
 
 def _beyond(view: ImageView, x: Scale, y: Scale) -> list[Mark]:

@@ -8,7 +8,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from ...accuracy.table import QUANTITIES, choose, shipped_table
-from ...bore.elements import element_name
 from ...camera import Camera
 from ...design import dumps
 from ...design.files import WRITTEN
@@ -44,6 +43,7 @@ from ..blocks import (
     Table,
     Tone,
 )
+from ..lens_words import lens_words
 from ..sheet.lines import basis, datasheet_section
 from . import figures as sheets
 from .parts_list import parts_section
@@ -59,14 +59,6 @@ WANTED = 1e-6
 """Accuracy that the table of methods shows them for."""
 HARD_CASES = 5
 """Listed, nearest first."""
-IDEAL = (
-    "The main lens is ideal and thin: no aberrations, distortion, field curvature or colour. Real lenses add theirs."
-)
-REAL = (
-    "The main lens is real. Its exact rays stand under Real main lens, in the verdicts and in a data sheet's fields "
-    "and resolution; all else, tables, ray diagrams, maps and design space, is its thin twin: an ideal lens of the "
-    "same focal length and clear diameter, with distances counted from the principal planes."
-)
 MODEL = (
     "Microlenses are pinholes at the focal plane's image; their finite aperture, defocus and diffraction are sized "
     "under Effects and not drawn.",
@@ -174,7 +166,7 @@ def key_figures(design: Design, result: Evaluation) -> Table:
     """What the camera is and does, in a handful of numbers."""
     field, sampled, depth = result.non_distortion, result.sampling, result.depth
     front = max(0.0, float(Camera.of(design).tip))
-    openings = [part.diameter for part in (*design.all_stops, *design.elements) if part.diameter is not None]
+    openings = [at.part.diameter for at in design.placed if at.part.diameter is not None]
     widest = max(design.D, *openings, math.hypot(*design.microlens_array.size))
     error = f"at the focal plane, for {number(depth.sigma_disparity_pitches, 3)} pitches of disparity error"
     pixels = f"independent, of {number(sampled.views_geometric, 3)} pixels"
@@ -195,7 +187,7 @@ def parameter_rows(design: Design) -> list[tuple[str, str, str, str]]:
     """Symbol, meaning, value and remark of every length of a design."""
     mla, relay = design.microlens_array, design.sensor.relay_magnification
     width, height = design.pixels
-    lens = "" if design.lens is None else f"{design.lens.name}, at this wavelength"
+    lens = lens_words(design.main_lens.kind).remark
     rows = [
         ("D", "main lens clear aperture", design.D, ""),
         ("f", "main lens focal length", design.f, lens),
@@ -225,7 +217,7 @@ def misalignments(design: Design) -> list[tuple[str, str]]:
         "FAP": design.aperture,
         "microlens array": design.microlens_array,
         "sensor": design.sensor,
-        **{element_name(element, k): element for k, element in enumerate(design.elements, 1)},
+        **{at.name: at.part for at in design.in_bore},
     }
     moved = [(name, _pose(part)) for name, part in parts.items() if _pose(part) != "-"]
     if design.microlens_array.rotation:
@@ -241,7 +233,7 @@ def accuracy_section(design: Design, result: Evaluation, asked: float | None = N
     table = shipped_table()
     rows = []
     for quantity, meaning in QUANTITIES.items():
-        if not table.of(quantity) or (quantity == "real lens" and design.lens is None):
+        if not table.of(quantity) or quantity in lens_words(design.main_lens.kind).unmeasured:
             continue  # not measured yet, or not of this design
         choice = choose(quantity, WANTED, table)
         expected = "rounding, below 1e-12" if choice.expected_error < 1e-12 else f"{choice.expected_error:.1e}"
@@ -321,8 +313,8 @@ def _stops(design: Design) -> Iterator[Table]:
     """Further stops and misalignments, where there are any."""
     if design.stops:
         rows = tuple(
-            (f"stop {k}", _length(stop.diameter), _length(stop.distance), _pose(stop))
-            for k, stop in enumerate(design.stops, 1)
+            (stop.name, _length(stop.part.diameter), _length(stop.near), _pose(stop.part))
+            for stop in design.openings[1:]
         )
         headings = ("", "diameter", "in front of the lens", "decentre x, y; tilt")
         yield Table(rows, "lddl", headings, "Further stops of the bore")
@@ -346,7 +338,7 @@ def _effects(result: Evaluation) -> tuple[Block, ...]:
 
 def _assumptions(design: Design, result: Evaluation) -> tuple[Block, ...]:
     """What the report takes for granted, and which effects it leaves out."""
-    items = [IDEAL if result.real_lens is None else REAL, *MODEL]
+    items = [lens_words(design.main_lens.kind).assumed, *MODEL]
     if PIXEL_FILTERS[design.sensor.colours].kinds:
         items.append(
             "Predicted depth errors and electrons are those behind the sensor's colour filters, in white light, a "

@@ -5,15 +5,14 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from ...bore.elements import element_name, made_of
-from ...bore.plate import Plate
+from ...bore.elements import AnyElement, made_of
 from ...optimization.parts import ArrayPart, Catalogue, Entry, Kind, LensPart, SensorPart, WindowPart, load_catalogue
 from ...theory.colours import PIXEL_FILTERS
 from ...words import length
 from ..blocks import Bullets, Section, Table
+from ..lens_words import lens_words
 
 if TYPE_CHECKING:
-    from ...bore.elements import AnyElement
     from ...design import Design
 
 ALIKE = 0.01
@@ -31,21 +30,20 @@ def parts_section(design: Design) -> Section:
     (lens, array, sensor), entries = zip(*(catalogue_match(design, known, kind) for kind in kinds), strict=True)
     mla, (across, up) = design.microlens_array, design.pixels
     aperture = f"clear aperture {length(design.D)}"
-    ideal = f"focal length {length(design.f)}, {aperture}, ideal in this report"
+    words = lens_words(design.main_lens.kind)
+    main_lens = words.part.format(name=words.title, focal_length=length(design.f), aperture=aperture)
     microlenses = f"{mla.layout}, {mla.lens_shape} lenses, pitch {length(mla.pitch)}, f_ml {length(mla.focal_length)}"
     rows = [
-        ("main lens", ideal if design.lens is None else f"{design.lens.name}, {aperture}", lens),
+        ("main lens", main_lens, lens),
         ("FAP, front stop", f"opening {length(design.D_F)}", "made to drawing"),
     ]
-    rows += [
-        (f"stop {k}", f"opening {length(stop.diameter)}", "made to drawing") for k, stop in enumerate(design.stops, 1)
-    ]
-    for k, element in enumerate(design.elements, 1):
+    rows += [(stop.name, f"opening {length(stop.part.diameter)}", "made to drawing") for stop in design.openings[1:]]
+    for _, name, element, _, _ in design.in_bore:
         bought, entry = element.bought or OWN, None
-        if element.kind == "plate":
-            bought, entry = catalogue_match(design, known, "windows", element)
+        for kind in element.catalogue:
+            bought, entry = catalogue_match(design, known, kind, element)
         entries = (*entries, *([entry] if entry is not None and entry not in entries else []))
-        rows.append((_part_name(element, k), ", ".join(made_of(element)), bought))
+        rows.append((f"{element.trade_name or element.kind} ({name})", ", ".join(made_of(element)), bought))
     for name, plate in (("cover glass of the sensor", design.sensor.cover), ("MLA substrate", mla.substrate)):
         if plate is not None:
             rows.append((name, f"{length(plate.thickness)} of {plate.material.name}", "comes with its part"))
@@ -76,19 +74,15 @@ OWN = "to be made or bought"
 """What is said of an element that the catalogue has no kind for."""
 
 
-def _part_name(element: AnyElement, number: int) -> str:
-    return f"{element.trade_name or element.kind} ({element_name(element, number)})"
-
-
 def catalogue_match(
-    design: Design, catalogue: Catalogue, kind: Kind, window: Plate | None = None
+    design: Design, catalogue: Catalogue, kind: Kind, window: AnyElement | None = None
 ) -> tuple[str, Entry | None]:
     """What to say of a part of the design (of windows, of one), and the catalogue's where it is the same or near.
 
     The same is one whose lengths agree and that lacks nothing; the nearest has the ratios to what is wanted least.
     """
-    if kind == "lenses" and design.lens is not None:
-        return f"{design.lens.name}, as prescribed", None
+    if kind == "lenses" and (bought := lens_words(design.main_lens.kind).bought):
+        return bought, None
     unlike = {part.part: _unlike(design, part, window) for part in catalogue.of(kind)}
     same = [part for part in catalogue.of(kind) if not unlike[part.part][0]]
     best = min(same or catalogue.of(kind), key=lambda part: unlike[part.part][1], default=None)
@@ -102,7 +96,7 @@ def catalogue_match(
     return f"to be made; nearest is {_name(best)}: {', '.join(words)}", best
 
 
-def _unlike(design: Design, part: Entry, window: Plate | None) -> tuple[list[str], float]:
+def _unlike(design: Design, part: Entry, window: AnyElement | None) -> tuple[list[str], float]:
     """What of a part is not as the design wants it, and how far apart they are: a sum of logarithms of ratios."""
     lengths: tuple[tuple[str, float, float], ...] = ()  # name, the part's, the design's
     lacks: list[str] = []
@@ -127,10 +121,10 @@ def _unlike(design: Design, part: Entry, window: Plate | None) -> tuple[list[str
                 lacks.append(PIXEL_FILTERS[part.colours].words)
         case WindowPart():
             assert window is not None
-            lengths = (("thickness", part.thickness, window.thickness),)
+            lengths = (("thickness", part.thickness, window.length),)
             if window.diameter is not None:
                 lengths += (("clear aperture", part.aperture, window.diameter),)
-            if part.material.name != window.material.name:
+            if window.glass is None or part.material.name != window.glass.name:
                 lacks.append(f"of {part.material.name}")
                 short = ANOTHER
     words = [f"{name} {length(have)}" for name, have, wanted in lengths if abs(have / wanted - 1) > ALIKE]

@@ -11,9 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..._arrays import Array
-from ...bore.elements import AnyElement, element_name, made_of
+from ...bore.elements import AnyElement, made_of
 from ...bore.material import material_told
 from ...camera import Camera
+from ...design.design import Placed
 from ...drawing.marks import Area, Dots, Key, Line, Mark, Point, Text, bars, box_key, joined, line_key, parted, xy
 from ...drawing.panel import Panel, Scale
 from ...drawing.picture import PAGE, Picture, beside, legend_height, one_panel
@@ -79,9 +80,8 @@ def medium_told(design: Design) -> str:
 def is_centred(design: Design) -> bool:
     """Whether all elements are round about one axis, so that every meridional plane is like every other."""
     offsets = [design.main_lens.decentre, design.microlens_array.decentre, design.sensor.decentre]
-    offsets += [part.decentre for part in (*design.all_stops, *design.elements)]
-    turns = [turn for element in design.elements for turn in (element.tilt, getattr(element, "wedge", (0.0, 0.0)))]
-    offsets += turns
+    offsets += [at.part.decentre for at in design.placed]
+    offsets += [turn for at in design.in_bore for turn in (at.part.tilt, getattr(at.part, "wedge", (0.0, 0.0)))]
     return design.sees_discs and all(offset == (0.0, 0.0) for offset in offsets)
 
 
@@ -238,8 +238,8 @@ def _section(design: Design, drawn: list[LabelledFan], size: Point, whole: bool,
 
 def _sides(design: Design, along: float, before: float, whole: bool) -> dict[str, int]:
     """Of `SectionLayout.sides`, with pixels per millimetre and before the FAP."""
-    spans = [(stop.distance, stop.distance) for stop in design.all_stops if stop.distance > 0]
-    spans += [(element.distance, element.distance + element.length) for element in design.elements]
+    spans = [(stop.near, stop.far) for stop in design.openings if stop.near > 0]
+    spans += [(at.near, at.far) for at in design.in_bore]
     inner = [near for near, _ in spans]
     gaps = [design.d_3 - far for _, far in (*spans, (0.0, 0.0)) if far < design.d_3]
     beyond = [design.d_f] * whole + [near for near, _ in spans if near > design.d_3]
@@ -259,17 +259,17 @@ def _diameter(design: Design, symbol: str) -> str:
 def _named(design: Design, sides: Mapping[str, int], whole: bool) -> list[tuple[float, str]]:
     """Names of elements where they stand, with the diameters that have no room elsewhere."""
     openings = {symbol: "" if side else f", {_diameter(design, symbol)}" for symbol, side in sides.items()}
-    names = [(-stop.distance, f"stop {k}" if k else f"FAP{openings['D_F']}") for k, stop in enumerate(design.all_stops)]
-    names += [(-e.distance - e.length / 2, name_of_drawn(e, k)) for k, e in enumerate(design.elements, 1)]
+    fap, *stops = design.openings
+    names = [(-fap.near, f"FAP{openings['D_F']}"), *((-stop.near, stop.name) for stop in stops)]
+    names += [(-(at.near + at.far) / 2, name_of_drawn(at)) for at in design.in_bore]
     names += [(0.0, f"main lens{openings['D']}"), (design.d_1 + design.d_2, "MLA, sensor")]
     return sorted([*names, *([(-design.d_f, "object plane")] if whole else [])])
 
 
-def name_of_drawn(element: AnyElement, number: int, fold: bool = False) -> str:
+def name_of_drawn(at: Placed[AnyElement], fold: bool = False) -> str:
     """Name of an element in a picture; of one that turns the axis by how much, and whether it is drawn unfolded."""
-    drawn = "" if fold and element.folds else "unfolded: "
-    turn = f", {drawn}turns by {math.degrees(element.turn):.3g}°" if element.turn else ""
-    return element_name(element, number) + turn
+    drawn = "" if fold and at.part.folds else "unfolded: "
+    return at.name + (f", {drawn}turns by {math.degrees(at.part.turn):.3g}°" if at.part.turn else "")
 
 
 def _cut(fan: LabelledFan, half: float) -> tuple[Array, Array]:
@@ -302,10 +302,10 @@ def _elements(design: Design, section: SectionLayout) -> list[Mark]:
     half, (mm, _) = section.half, section.panel.per_px
     end = design.d_1 + design.d_2
     marks: list[Mark] = [Line([section.panel.x.low, end], [0.0, 0.0], "grey", 0.8, "10 3 2 3")]
-    for number, stop in enumerate(design.all_stops):
+    for number, stop in enumerate(design.openings):
         for sign in (-1, 1):
-            edge = stop.decentre[0] + sign * stop.diameter / 2
-            marks.append(Line([-stop.distance] * 2, [edge, sign * half], stop_colour(number), 3.2))
+            edge = stop.part.decentre[0] + sign * stop.part.diameter / 2
+            marks.append(Line([-stop.near] * 2, [edge, sign * half], stop_colour(number), 3.2))
     middle, radius = design.main_lens.decentre[0], design.D / 2
     bulge = _thick(radius, section) / 2
     t = np.linspace(-1, 1, 25)
@@ -340,15 +340,15 @@ def _block(start: float, end: float, low: float, high: float, fill: str, opacity
 def reaches(design: Design) -> list[float]:
     """How far from the axis the main lens, stops and elements with a rim of their own reach [mm]."""
     rims = [design.D / 2 + math.hypot(*design.main_lens.decentre)]
-    rims += [stop.diameter / 2 + math.hypot(*stop.decentre) for stop in design.all_stops]
-    return rims + [(element.half_height or 0.0) + math.hypot(*element.decentre) for element in design.elements]
+    rims += [stop.part.diameter / 2 + math.hypot(*stop.part.decentre) for stop in design.openings]
+    return rims + [(at.part.half_height or 0.0) + math.hypot(*at.part.decentre) for at in design.in_bore]
 
 
 def _glass(design: Design, section: SectionLayout) -> list[Mark]:
     """Elements before the main lens with their mounts, and the plates about the array."""
     half, marks = section.half, []  # type: float, list[Mark]
-    for number, element in enumerate(design.elements, 1):
-        near, far, middle = -element.distance, -element.distance - element.length, element.decentre[0]
+    for number, (_, _, element, start, end) in enumerate(design.in_bore, 1):
+        near, far, middle = -start, -end, element.decentre[0]
         radius = element.half_height or half
         low, high = max(middle - radius, -half), min(middle + radius, half)
         for edge, wall in ((high, half), (low, -half)):
@@ -630,21 +630,19 @@ def _all_elements(design: Design) -> list[SchematicPart]:
             "sensor", design.d_1 + design.d_2, tall, ("sensor", f"q = {say(design.q)}", f"{wide:.4g} × {tall:.4g} mm")
         ),
     ]
-    for number, stop in enumerate(design.stops, 1):
-        elements.append(
-            SchematicPart(f"stop {number}", -stop.distance, stop.diameter, (f"stop {number}", say(stop.diameter)))
-        )
-    for number, part in enumerate(design.elements, 1):
-        name, tall = element_name(part, number), 2 * (part.half_height or 0.0)
-        elements.append(SchematicPart(name, -part.distance - part.length / 2, tall, (name, *made_of(part)), part))
+    for stop in design.openings[1:]:
+        wide = stop.part.diameter
+        elements.append(SchematicPart(stop.name, -stop.near, wide, (stop.name, say(wide))))
+    for _, name, part, near, far in design.in_bore:
+        tall = 2 * (part.half_height or 0.0)
+        elements.append(SchematicPart(name, -(near + far) / 2, tall, (name, *made_of(part)), part))
     return sorted(elements, key=lambda element: element.z)
 
 
 def _dimension_lines(design: Design) -> list[tuple[str, str, str]]:
     """What each dimension line says, and the elements it runs between."""
-    stops = {"FAP" if k == 0 else f"stop {k}": stop.distance for k, stop in enumerate(design.all_stops)}
-    stops |= {element_name(element, k): element.distance for k, element in enumerate(design.elements, 1)}
-    ends = stops | {element_name(e, k): e.distance + e.length for k, e in enumerate(design.elements, 1)}
+    standing = design.placed
+    stops, ends = {at.name: at.near for at in standing}, {at.name: at.far for at in standing}
     front = max(ends, key=lambda name: ends[name])
     front = front if ends[front] > 0 else "main lens"
     overall = max(ends.get(front, 0.0), 0.0) + design.d_1 + design.d_2

@@ -33,6 +33,7 @@ from ...theory.stop_images import MicrolensImages
 from ...tolerancing.trials import first_builds
 from ...words import number
 from ..blocks import Block, Figure, Paragraph, Report, Section, Table
+from ..lens_words import lens_words
 from ..tolerance.pages import impossible_words
 from .resolution import mtf_curves, resolution_map
 
@@ -48,11 +49,6 @@ FEW = 48
 """Builds that tell the scatter of lines at a distance or a field, to a tenth; a view's MTF takes 10 ms of each."""
 MANY = 1024
 """The same of quantities that the study does not report, to some two in a hundred."""
-REAL = (
-    "The main lens is real: angles and widths of view, resolution, distortion and light over the field are what rays "
-    "through it tell. Distances of sharpness, magnification on the axis and spreads of what builds have as a whole are "
-    "those of its thin twin."
-)
 USABLE = (
     "Finest detail that shows as what it is: the coarser of what still has half its contrast (MTF 50 %) and of half a "
     "period a microlens, beyond which detail folds back."
@@ -393,8 +389,8 @@ def datasheet_section(grounds: Basis) -> Section:
     widths, align = (24, 10, *(8 for _ in spreads), 0), f"ld{'l' * len(spreads)}l"
     headings = ("", "value", *(heading for heading, _ in spreads), "")
     blocks: list[Block] = [Paragraph(grounds.words)]
-    if grounds.design.lens is not None:
-        blocks.append(Paragraph(REAL))
+    words = lens_words(grounds.design.main_lens.kind)
+    blocks += [Paragraph(text) for text in words.sheet]
     if not grounds.design.aligned:
         blocks.append(Paragraph(TILTED))
     for title, rows in tables.items():
@@ -409,12 +405,7 @@ def datasheet_section(grounds: Basis) -> Section:
         "Contrast of detail at the focal plane, tangential (along the field's radius) and sagittal: diffraction at the "
         "pupil as the stops cut it, at microlenses, their width, the pixel, defocus. Detail beyond the dashed line is "
         "sampled less than twice a period and folds back."
-    )
-    if grounds.design.lens is not None:
-        curves += (
-            " Rays through the real lens tell what it does to the light of a point: a view has of its aberrations what "
-            "its part of the FAP sees, the image refocused by one shift for all of it has them all."
-        )
+    ) + words.curves
     mapped = (
         "Detail that the image refocused to each distance shows with half its contrast; the lower of tangential and "
         "sagittal. Lines join equal resolution."

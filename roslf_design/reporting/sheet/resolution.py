@@ -16,6 +16,7 @@ from ...evaluation.fields import default_fields
 from ...evaluation.specification import BEYOND, planes, transfer_at
 from ...theory.light import on_array, sensor_field
 from ...traced.fields import images_of
+from ..lens_words import lens_words
 
 if TYPE_CHECKING:
     from ...design import Design
@@ -51,7 +52,7 @@ def mtf_curves(design: Design) -> Picture:
             "detail at the focal plane [lp/mm]", "MTF", title=title,
         )  # fmt: skip
         pictures.append(one_panel(f"mtf-{kind}", title, (PAGE / 2, 236), panel, top=26))
-    dark = "dark" if design.lens is None else "dark or folded"
+    dark = lens_words(design.main_lens.kind).unlit
     keys: list[Key] = [
         line_key(name if transfer.middle is not None else f"{name}: {dark}", colour, width)
         for name, transfer, colour, width in zip(PLACES, transfers, COLOURS, WIDTHS, strict=True)
