@@ -50,9 +50,9 @@ def up_to(most: int) -> AfterValidator:
 
 
 class Options(BaseModel):
-    """Options of a job; the text below a field is its help in the shell, too."""
+    """Options of a job; the description of a field is its help in the shell."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     @classmethod
     def of(cls, **values: Any) -> Self:

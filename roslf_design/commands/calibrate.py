@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 from pydantic import Field
@@ -48,8 +48,10 @@ LIKE = {"design": "paper", "board": '"4x5 6 mm"', "output": "out/calibration"}
 class _Options(CalibrateOptions):
     """Options but those that the shell has another form for."""
 
-    design: str | None = None
-    """The design that the camera was built to: a file or a preset. Gives f, pixel and microlens pitch."""
+    design: str | None = Field(
+        None,
+        description="The design that the camera was built to: a file or a preset. Gives f, pixel and microlens pitch.",
+    )
     sigma: Annotated[dict[str, str | float], Unread] = Field(default_factory=dict)
     posterior: Annotated[bool, Unread] = True
 
@@ -59,12 +61,17 @@ class _Options(CalibrateOptions):
         return PlanOptions.of(**known | {"board": self.board or "4x5 6 mm"}, **dict(poses))
 
 
+def _as_planned(name: str) -> Any:
+    field = PoseOptions.model_fields[name]
+    return Field(field.default, description=field.description)
+
+
 class _Poses(PoseOptions):
     """Options whose quantities are text in the shell."""
 
-    tilt: Annotated[Angle, Parameter(metavar="STR")] = PoseOptions.model_fields["tilt"].default
-    distance: Annotated[Length | None, Parameter(metavar="STR")] = None
-    range: Annotated[Distance | None, Parameter(metavar="STR")] = None
+    tilt: Annotated[Angle, Parameter(metavar="STR")] = _as_planned("tilt")
+    distance: Annotated[Length | None, Parameter(metavar="STR")] = _as_planned("distance")
+    range: Annotated[Distance | None, Parameter(metavar="STR")] = _as_planned("range")
 
     def idle(self) -> dict[str, str]:
         """Faults of options that are given where nothing is planned."""
