@@ -9,7 +9,7 @@ import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import Any
+from typing import Any, get_args
 
 from figures import FIGURES
 from sphinx.application import Sphinx
@@ -17,12 +17,8 @@ from sphinx.pycode import ModuleAnalyzer
 from tables import code, keys_table, markdown, plain, results_table
 
 import roslf_design as roslf
-from roslf_design.bore.elements import ObjectSpace
-from roslf_design.bore.group import LensGroup
-from roslf_design.bore.lens import FieldLens
+from roslf_design.bore.elements import AnyElement, ObjectSpace
 from roslf_design.bore.mapping import MappingTable
-from roslf_design.bore.plate import Plate, Prism
-from roslf_design.bore.rod import Grin
 from roslf_design.calibration.options import PlanOptions
 from roslf_design.cli import COMMANDS, build_app
 from roslf_design.design import Design, Light, MainLens, MicrolensArray, Sensor, Stop
@@ -47,7 +43,7 @@ KEYS = tomllib.loads((HERE / "_ext" / "keys.toml").read_text())
 Table = tuple[str, type]
 """Heading, and the model that reads the table."""
 
-ELEMENTS = {"plate": Plate, "prism": Prism, "lens": FieldLens, "grin": Grin, "prescription": LensGroup}
+ELEMENTS = {get_args(kind.model_fields["kind"].annotation)[0]: kind for kind in get_args(get_args(AnyElement)[0])}
 
 DESIGN: tuple[Table, ...] = (
     ("The file", Design),

@@ -228,7 +228,7 @@ class Element(Part):
         ValueError
             No surface stands for it; says what it is.
         """
-        raise NotImplementedError
+        raise ValueError(f"an element of kind {getattr(self, 'kind', type(self).__name__)}")
 
     def words(self) -> tuple[str, ...]:
         """Description in a few words each: size and material, focal length, deviation."""

@@ -287,7 +287,7 @@ def _warnings(
             if name in AS_IF_THIN:
                 yield f"{name} is not traced behind the real lens: its formula leaves out {AS_IF_THIN[name]}"
     axial = [name for name in plan.question.metrics if METRICS[name].local is None]
-    if axial and tilts:
+    if axial and any(".tilt." in p.place and not p.place.startswith("elements.") for p in plan.draws.perturbations):
         yield f"of the whole camera, on its axis, so blind to decentres and tilts: {', '.join(axial)}"
 
 
