@@ -120,8 +120,7 @@ def here_lens(inputs):
     from roslf_design.lenses.glass import find_glass
     from roslf_design.lenses.manufacture import lens_builds
     from roslf_design.lenses.prescription import Prescription, Surface
-    from roslf_design.traced.builds import spot_radii
-    from roslf_design.traced.camera import Train
+    from roslf_design.traced.train import Train, spot_radii
 
     r, t, near, green = numbers(inputs, "radius", "thickness", "object", "wavelength_um")
     green, rings = green * 1e-3, int(inputs["rings"])
