@@ -136,7 +136,7 @@ def here_lens(inputs):
         plane = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], (builds, 1))
         rim = np.concatenate([plane, np.full((builds, 1), float(inputs["pupil"]) / 2)], axis=1)[:, None]
         plane[:, 2] = image
-        train = Train.of(lens_builds(lens, green, places, builds).stack)
+        train = Train.in_air(lens_builds(lens, green, places, builds).stack)
         return spot_radii(train, plane, rim, world, points, pupil, np.ones(len(pupil)))
 
     return lens, sizes

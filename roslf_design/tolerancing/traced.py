@@ -123,7 +123,7 @@ def mounted(design: Design, values: Mapping[str, Array], trials: int) -> Mounted
         np.stack(rims[: 1 if elements else None], axis=1),
     )
     origin = np.stack([-lens_x, -lens_y, np.full(trials, front)], axis=-1)
-    train = Train.of(lens.stack, FacesAhead.of(around) if elements else None, origin)
+    train = Train.of(lens.stack, FacesAhead.of(around), origin) if elements else Train.in_air(lens.stack)
     twins = {place: value for place, value in values.items() if not in_lens(place) and place != PLANE}
     twins |= {FOCAL: 1 / lens.power, DISTANCE: mla - lens.rear_principal}
     twins |= {f"{part}.distance": lens.front_principal - z for part, z in (fronts | elements).items()}

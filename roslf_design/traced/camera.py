@@ -12,7 +12,7 @@ Glass about the array is reduced to air, as in the closed forms.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import NamedTuple
@@ -94,7 +94,7 @@ def _faces(ahead: Camera, wavelength: float) -> FacesAhead:
 
 @dataclass(frozen=True)
 class LensCamera:
-    """A main lens and what stands before and behind it.
+    """A main lens in air, and the stops, array and sensor before and behind it.
 
     Attributes
     ----------
@@ -103,13 +103,11 @@ class LensCamera:
     wavelength : float
         Of first-order data and of everything not said otherwise [mm].
     rims : tuple of TracedPlane
-        The FAP first, then further stops; where elements stand before the lens, these are of the train.
+        The FAP first, then further stops.
     focal_plane : float
         Place along z of the plane in focus [mm].
     array, detector : TracedPlane
         The microlens array and the sensor, glass about them reduced to air.
-    ahead : Camera or None
-        Whose elements and stops stand before the lens; None is air only.
 
     Raises
     ------
@@ -123,10 +121,9 @@ class LensCamera:
     focal_plane: float
     array: TracedPlane
     detector: TracedPlane
-    ahead: Camera | None = None
 
     def __post_init__(self) -> None:
-        problems = []
+        problems = list[Problem]()
         last = self.lens.surfaces[-1]
         rear = self.lens.length + max(0.0, float(last.sag(last.semi_diameter)))
         if any(self.focal_plane >= rim.z for rim in self.rims):
@@ -137,14 +134,7 @@ class LensCamera:
             if rim.z > self.front:
                 message = f"lies {rim.z - self.front:.4g} mm inside the lens; move it out, or count it from the vertex"
                 problems.append(Problem("aperture.distance", message))
-        numbers = {} if self.ahead is None else self.ahead.numbers
-        for place, distance in numbers.items():
-            part, _, name = place.rpartition(".")
-            if name == "distance" and part.startswith(("stops.", "elements.")):
-                inside = self.first_order.front_principal - float(distance) - self.front
-                if inside > 0:
-                    message = f"lies {inside:.4g} mm inside the lens; move it out, or count it from the vertex"
-                    problems.append(Problem(place, message))
+        problems += self.collisions()
         if not self.array.z > rear:
             message = f"lies {rear - self.array.z:.4g} mm inside the lens; focus nearer or take a thinner lens"
             problems.append(Problem("microlens_array.distance", message))
@@ -152,6 +142,16 @@ class LensCamera:
             problems.append(Problem("sensor.distance", "the sensor must lie behind the microlens array"))
         if problems:
             raise LensError(tuple(problems), self.lens.name)
+
+    def collisions(self) -> Iterator[Problem]:
+        """Further parts that stand inside the lens."""
+        yield from ()
+
+    @property
+    def is_centred(self) -> bool:
+        """Whether everything is symmetric about the lens's axis."""
+        upright = all(part.tilt == (0.0, 0.0) for part in (*self.rims, self.array, self.detector))
+        return self.lens.is_centred and upright and all((rim.x, rim.y) == (0.0, 0.0) for rim in self.rims)
 
     @property
     def front(self) -> float:
@@ -182,55 +182,26 @@ class LensCamera:
     @property
     def d_f(self) -> float:
         """Focal plane to object-side principal plane, as the lens sees it [mm]."""
-        return self.first_order.front_principal - self.focal_plane if self.ahead is None else float(self.ahead.seen.d_f)
+        return self.first_order.front_principal - self.focal_plane
 
     @property
     def d_3(self) -> float:
         """FAP to object-side principal plane, as the lens sees it [mm]."""
-        return self.first_order.front_principal - self.fap.z if self.ahead is None else float(self.ahead.seen.d_3)
+        return self.first_order.front_principal - self.fap.z
 
     @property
     def focus(self) -> tuple[float, Array]:
         """B of the focal plane (`ImagedPlane`; d_f in air), and where the lens's axis meets it, (2,) [mm]."""
-        if self.ahead is None:
-            return self.d_f, np.zeros(2)
-        return float(self.ahead.focus.b), np.array(self.ahead.focus.aside, float)
+        return self.d_f, np.zeros(2)
 
     def straightened(self, point: Array) -> Array:
         """Where first order has points (..., 2) of the focal plane that an objective with a mapping sees there [mm]."""
-        if self.ahead is None or self.ahead.law is None:
-            return point
-        x, y = (float(self.ahead[f"main_lens.decentre.{axis}"]) for axis in (0, 1))
-        (u, v), _ = self.ahead.straight_ray(point[..., 0] + x, point[..., 1] + y, self.ahead["main_lens.focal_plane"])
-        return np.stack([u - x, v - y], axis=-1)
+        return point
 
-    @cached_property
+    @property
     def sight(self) -> tuple[float, float, Array]:
         """The FAP as the lens sees it: place along z [mm], its lengths over those, where the axis meets it, (2,)."""
-        plane = None if self.ahead is None else self.ahead.fap.plane
-        if plane is None:
-            return self.fap.z, 1.0, np.zeros(2)
-        z = self.first_order.front_principal - float(plane.distance)
-        return z, float(plane.magnification), np.array(plane.aside, float)
-
-    @property
-    def origin(self) -> Array:
-        """Where the system's axis crosses the object-side principal plane, (3,) [mm]."""
-        assert self.ahead is not None
-        x, y = (-float(self.ahead[f"main_lens.decentre.{axis}"]) for axis in (0, 1))
-        return np.array([x, y, self.first_order.front_principal])
-
-    @property
-    def faces(self) -> FacesAhead:
-        """What stands before the lens, at the camera's own wavelength."""
-        assert self.ahead is not None
-        return _faces(self.ahead, self.wavelength)
-
-    @property
-    def faces_centred(self) -> bool:
-        """Whether everything before the lens is symmetric about its axis."""
-        table = self.faces.table + np.pad(self.origin, (0, COLUMNS - 3))
-        return not (np.any(table[:, :2]) or np.any(table[:, 7]))
+        return self.fap.z, 1.0, np.zeros(2)
 
     @cached_property
     def planes(self) -> Planes:
@@ -244,19 +215,105 @@ class LensCamera:
         return np.asarray(np.moveaxis(run[:2] / run[2], 0, -1))
 
     def train(self, wavelength: float) -> Train:
-        """What rays of a wavelength [mm] meet."""
-        lens = self.lens.at(wavelength)
-        if self.ahead is None:
-            return Train.of(lens)
-        return Train.of(lens, _faces(self.ahead, wavelength), self.origin)
+        """Faces that rays of a wavelength [mm] meet."""
+        return Train.in_air(self.lens.at(wavelength))
+
+    def beyond(self, rays: Passed, train: Train, *, clip: bool) -> Passed:
+        """Rays that cross the upright plane through the FAP's centre, on to the scene, prolonged back to that plane."""
+        return rays
+
+    def describe(self, state: int) -> str:
+        """Words for a ray's state."""
+        return describe(state)
+
+    def aimed(
+        self, pupil: Array, point: Array, wavelength: float, *, clip: bool = False
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Slopes at points on the FAP, (3, ...), of the light from points of the scene, (3, ...), and whether it comes.
+
+        Slopes (2, ...) are those of the medium that the FAP stands in.
+        """
+        ends = np.moveaxis(np.concatenate([pupil, point]), 0, -1)
+        slopes, far, tallest = beyond_fap(self.train(wavelength), ends.reshape(1, -1, 6))
+        comes = (far <= FOUND) & ((tallest <= 1) if clip else True)
+        return np.moveaxis(slopes.reshape(*ends.shape[:-1], 2), -1, 0), comes.reshape(ends.shape[:-1])
+
+
+@dataclass(frozen=True)
+class BoreCamera(LensCamera):
+    """A main lens that looks through elements, whose stops are rows of the train; `rims` is the FAP alone."""
+
+    ahead: Camera
+    """Whose elements and stops stand before the lens."""
+
+    def collisions(self) -> Iterator[Problem]:
+        """Stops and elements that stand inside the lens."""
+        for place, distance in self.ahead.numbers.items():
+            part, _, name = place.rpartition(".")
+            if name == "distance" and part.startswith(("stops.", "elements.")):
+                inside = self.first_order.front_principal - float(distance) - self.front
+                if inside > 0:
+                    message = f"lies {inside:.4g} mm inside the lens; move it out, or count it from the vertex"
+                    yield Problem(place, message)
+
+    @property
+    def is_centred(self) -> bool:
+        """Whether everything is symmetric about the lens's axis."""
+        table = self.faces.table + np.pad(self.origin, (0, COLUMNS - 3))
+        return super().is_centred and not (np.any(table[:, :2]) or np.any(table[:, 7]))
+
+    @property
+    def d_f(self) -> float:
+        """Focal plane to object-side principal plane, as the lens sees it [mm]."""
+        return float(self.ahead.seen.d_f)
+
+    @property
+    def d_3(self) -> float:
+        """FAP to object-side principal plane, as the lens sees it [mm]."""
+        return float(self.ahead.seen.d_3)
+
+    @property
+    def focus(self) -> tuple[float, Array]:
+        """B of the focal plane (`ImagedPlane`), and where the lens's axis meets it, (2,) [mm]."""
+        return float(self.ahead.focus.b), np.array(self.ahead.focus.aside, float)
+
+    def straightened(self, point: Array) -> Array:
+        """Where first order has points (..., 2) of the focal plane that an objective with a mapping sees there [mm]."""
+        if self.ahead.law is None:
+            return point
+        x, y = (float(self.ahead[f"main_lens.decentre.{axis}"]) for axis in (0, 1))
+        (u, v), _ = self.ahead.straight_ray(point[..., 0] + x, point[..., 1] + y, self.ahead["main_lens.focal_plane"])
+        return np.stack([u - x, v - y], axis=-1)
+
+    @property
+    def sight(self) -> tuple[float, float, Array]:
+        """The FAP as the lens sees it: place along z [mm], its lengths over those, where the axis meets it, (2,)."""
+        plane = self.ahead.fap.plane
+        if plane is None:
+            return super().sight
+        z = self.first_order.front_principal - float(plane.distance)
+        return z, float(plane.magnification), np.array(plane.aside, float)
+
+    @property
+    def origin(self) -> Array:
+        """Where the system's axis crosses the object-side principal plane, (3,) [mm]."""
+        x, y = (-float(self.ahead[f"main_lens.decentre.{axis}"]) for axis in (0, 1))
+        return np.array([x, y, self.first_order.front_principal])
+
+    @property
+    def faces(self) -> FacesAhead:
+        """What stands before the lens, at the camera's own wavelength."""
+        return _faces(self.ahead, self.wavelength)
+
+    def train(self, wavelength: float) -> Train:
+        """Faces that rays of a wavelength [mm] meet."""
+        return Train.of(self.lens.at(wavelength), _faces(self.ahead, wavelength), self.origin)
 
     def beyond(self, rays: Passed, train: Train, *, clip: bool) -> Passed:
         """Rays that cross the upright plane through the FAP's centre, on to the scene, prolonged back to that plane.
 
         States count all faces before the lens behind the lens's own, from the lens outwards (`describe`).
         """
-        if self.ahead is None:
-            return rays
         own, faces = len(self.lens.surfaces), len(self.faces.takers)
         fap = fap_of(self.faces)
         near, why = np.divmod(rays.state, 8)
@@ -271,23 +328,11 @@ class LensCamera:
         return Passed(out.height, out.slope, state, np.minimum(rays.room, out.room))
 
     def describe(self, state: int) -> str:
-        """What a ray's state says; faces before the lens by their names."""
+        """Words for a ray's state; faces before the lens by their names."""
         face = state // 8 - len(self.lens.surfaces) - 1
-        if self.ahead is None or face < 0 or state % 8 == STOPPED:
+        if face < 0 or state % 8 == STOPPED:
             return describe(state)
         return REASONS[state % 8].replace("surface {}", self.faces.names[face])
-
-    def aimed(
-        self, pupil: Array, point: Array, wavelength: float, *, clip: bool = False
-    ) -> tuple[Array, NDArray[np.bool_]]:
-        """Slopes at points on the FAP, (3, ...), of the light from points of the scene, (3, ...), and whether it comes.
-
-        Slopes (2, ...) are those of the medium that the FAP stands in.
-        """
-        ends = np.moveaxis(np.concatenate([pupil, point]), 0, -1)
-        slopes, far, tallest = beyond_fap(self.train(wavelength), ends.reshape(1, -1, 6))
-        comes = (far <= FOUND) & ((tallest <= 1) if clip else True)
-        return np.moveaxis(slopes.reshape(*ends.shape[:-1], 2), -1, 0), comes.reshape(ends.shape[:-1])
 
 
 @lru_cache(maxsize=64)
@@ -315,8 +360,10 @@ def camera_of(design: Design) -> LensCamera:
     mla = rear + float(seen.seen.d_1)
     rims = tuple(stands(stop, front - stop.distance, stop.diameter) for stop in design.all_stops)
     array, detector = stands(design.microlens_array, mla), stands(design.sensor, mla + float(seen.seen.d_2))
-    parts = lens, design.wavelength, rims[: 1 if design.elements else None], front - design.d_f, array, detector
-    return LensCamera(*parts, seen if design.elements else None)
+    focal_plane = front - design.d_f
+    if design.elements:
+        return BoreCamera(lens, design.wavelength, rims[:1], focal_plane, array, detector, seen)
+    return LensCamera(lens, design.wavelength, rims, focal_plane, array, detector)
 
 
 def tilted_parts(design: Design) -> tuple[str, ...]:

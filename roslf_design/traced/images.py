@@ -413,9 +413,6 @@ def measured_bound(design: Design) -> tuple[float, float]:
     Twin of Eq. 6's bound; where parts are off axis, the least of eight directions.
     """
     camera = camera_of(design)
-    upright = all(part.tilt == (0.0, 0.0) for part in (*camera.rims, camera.array, camera.detector))
-    centred = camera.lens.is_centred and upright and all((rim.x, rim.y) == (0.0, 0.0) for rim in camera.rims)
-    centred &= camera.ahead is None or camera.faces_centred
-    turns = [0.0] if centred else [k * math.pi / 4 for k in range(8)]
+    turns = [0.0] if camera.is_centred else [k * math.pi / 4 for k in range(8)]
     least = min((undistorted_field(camera, turn) for turn in turns), key=lambda bound: float(bound.mla_radius))
     return float(least.object_radius), float(least.mla_radius)

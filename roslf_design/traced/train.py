@@ -46,21 +46,25 @@ class Train(NamedTuple):
     """What stands before the FAP; without surfaces where that is nothing."""
 
     @classmethod
-    def of(cls, lens: SurfaceStack, ahead: FacesAhead | None = None, origin: ArrayLike = 0.0) -> Train:
+    def in_air(cls, lens: SurfaceStack) -> Train:
+        """A lens before which nothing stands."""
+        builds = len(lens.table)
+        return cls(lens, SurfaceStack(np.empty((builds, 0)), np.ones((builds, 1))))
+
+    @classmethod
+    def of(cls, lens: SurfaceStack, ahead: FacesAhead, origin: ArrayLike) -> Train:
         """A lens and what stands before it.
 
         Parameters
         ----------
         lens : SurfaceStack
             T builds.
-        ahead : FacesAhead, optional
-            Of the same builds; None is air only.
+        ahead : FacesAhead
+            Of the same builds.
         origin : array_like
             Where those faces' frame has its origin in the lens's [mm], (3,) or (T, 3).
         """
         builds = len(lens.table)
-        if ahead is None:
-            return cls(lens, SurfaceStack(np.empty((builds, 0)), np.ones((builds, 1))))
         table = np.array(np.broadcast_to(ahead.table, (builds, *ahead.table.shape[-2:])))
         table[..., :3] += np.broadcast_to(np.asarray(origin, float), (builds, 3))[:, None]
         media = np.broadcast_to(ahead.media, (builds, *ahead.media.shape[-2:]))
