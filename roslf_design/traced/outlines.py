@@ -137,8 +137,8 @@ def lit_parts(
     -------
     (shape, share, edge)
         Area, centroid, central second moments (xx, xy, yy) [mm], (N, 6), zeros where dark; the part of the FAP, by its
-        own area, from which light comes, (N,); and the boundary along spokes, evenly spaced from its roomiest point,
-        (N, spokes, 2) [mm], that point where dark.
+        own area, from which light comes, (N,); and the boundary along spokes from its roomiest point, evenly spaced but
+        for those beside corners, which go there, (N, spokes, 2) [mm], that point where dark.
     """
     if spokes > BLOCK:
         raise ValueError(f"{spokes} spokes are more than {BLOCK}")
@@ -354,11 +354,11 @@ def _add_panel(begin: float, width: float, far: Any, rule: Any, pupil: Any, sums
 def _corners(
     scan: int, hub: Any, most: float, edges: Any, marks: Any, trial: Any, spokes: Any, build: Any, work: Any
 ) -> int:
-    """How many corners the boundary has, and at which angles, in order: in `marks`; else 0 and the angle 0.
+    """How many corners the boundary has; in `marks` at which angles, in order, and how far; else 0 and the angle 0.
 
     From `scan` spokes just followed, at distances `edges`; `marks` and `trial` are tuples of room to work in.
     """
-    ends, angles, stoppers = marks
+    ends, reached, angles, stoppers = marks
     angle, far = trial
     first, heights = work[5], work[6]
     limits = len(heights)
@@ -395,7 +395,7 @@ def _corners(
                     low = angle[0]
                 else:
                     high, past = angle[0], first[0]
-            ends[corners], low, stopper = high, high, past
+            ends[corners], reached[corners], low, stopper = high, far[0], high, past
             corners += 1
     ends[0] = ends[0] if corners > 0 else 0.0
     return corners
@@ -451,7 +451,8 @@ def follow_images(
     work = np.empty(ROWS * BLOCK), np.empty((count + outer_count) * BLOCK), u, v, tallest, first, heights, pupil
     spokes = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty((limits, BLOCK))
     angle, far, edges = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
-    marks, trial_spokes = (np.empty(2 * BLOCK), np.empty(2 * BLOCK), np.empty(2 * BLOCK, np.int64)), (angle, far)
+    ends, reached, trial_spokes = np.empty(2 * BLOCK), np.empty(2 * BLOCK), (angle, far)
+    marks = ends, reached, np.empty(2 * BLOCK), np.empty(2 * BLOCK, np.int64)
     at, hub, sums = np.empty(3), np.empty(2 + limits), np.empty(12)
     for job in range(len(trial)):
         t = trial[job]
@@ -475,7 +476,11 @@ def follow_images(
             edge[job, i, 1] += far[i] * math.sin(angle[i])
             edges[i] = far[i]
         corners = _corners(scan, hub, most, edges, marks, trial_spokes, spokes, build, work)
-        _integrate(corners, scan, hub, most, edges, marks[0], rule, trial_spokes, spokes, build, work, sums)
+        for corner in range(corners):  # the spoke beside it goes there instead
+            k = round(ends[corner] * scan / (2.0 * math.pi)) % scan
+            edge[job, k, 0] = hub[0] + reached[corner] * math.cos(ends[corner])
+            edge[job, k, 1] = hub[1] + reached[corner] * math.sin(ends[corner])
+        _integrate(corners, scan, hub, most, edges, ends, rule, trial_spokes, spokes, build, work, sums)
         area = sums[0]
         mx, my = sums[1] / area, sums[2] / area
         shape[job, 0], shape[job, 1], shape[job, 2] = area, hub[0] + mx, hub[1] + my
