@@ -120,8 +120,7 @@ def here_lens(inputs):
     from roslf_design.lenses.glass import find_glass
     from roslf_design.lenses.manufacture import lens_builds
     from roslf_design.lenses.prescription import Prescription, Surface
-    from roslf_design.traced.builds import spot_radii
-    from roslf_design.traced.camera import Train
+    from roslf_design.traced.train import Train, spot_radii
 
     r, t, near, green = numbers(inputs, "radius", "thickness", "object", "wavelength_um")
     green, rings = green * 1e-3, int(inputs["rings"])
@@ -137,7 +136,7 @@ def here_lens(inputs):
         plane = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0], (builds, 1))
         rim = np.concatenate([plane, np.full((builds, 1), float(inputs["pupil"]) / 2)], axis=1)[:, None]
         plane[:, 2] = image
-        train = Train.of(lens_builds(lens, green, places, builds).stack)
+        train = Train.in_air(lens_builds(lens, green, places, builds).stack)
         return spot_radii(train, plane, rim, world, points, pupil, np.ones(len(pupil)))
 
     return lens, sizes

@@ -23,7 +23,7 @@ from ..theory.quantity import Quantity
 from ..tolerancing.ideal import IdealBuilds
 from ..tolerancing.metrics import Question, builds_of
 from ..tolerancing.places import LENS
-from ..tolerancing.traced import AS_IF_THIN, TraceCheck, TracedBuilds, check_traced
+from ..tolerancing.traced import AS_IF_THIN, METHOD, folded
 from .lens_variables import VariedLens
 
 Field = tuple[float, float]
@@ -145,19 +145,20 @@ class Retrace:
     """The optimum, traced again on its own."""
 
     lens: str
-    check: TraceCheck
+    folded: tuple[Field, ...]
+    """Fields whose image is folded [mm]."""
     moved: float
     """Largest difference between goals and limits as the search had them and as the optimum's own trace has them,
     relative to the larger of the two, or to 1."""
 
     def to_dict(self) -> dict[str, Any]:
         """For the JSON object."""
-        folded = [list(field) for field in self.check.folded]
-        return {"lens": self.lens, **self.check.to_dict(), "goals_and_limits": self.moved, "folded_fields_mm": folded}
+        shapeless = [list(field) for field in self.folded]
+        return {"lens": self.lens, "method": METHOD, "goals_and_limits": self.moved, "folded_fields_mm": shapeless}
 
 
 def retraced(best: Design, asked: list[tuple[Quantity, Field, float]]) -> Retrace:
-    """Trace a design as a camera of its own: images integrated ray by ray, where the search used series.
+    """Trace a design as a camera of its own, where the search had one of many.
 
     `asked` are the quantities at fields that goals and limits name, and what the search had for them.
     """
@@ -165,9 +166,8 @@ def retraced(best: Design, asked: list[tuple[Quantity, Field, float]]) -> Retrac
     fields = tuple(dict.fromkeys(field for _, field, _ in asked)) or ((0.0, 0.0),)
     cameras = Camera.of(best).replace({PATHS["d_2"]: np.array([best.d_2])})
     own = FieldTraces(best, fields, cameras, own=True)
-    builds, _ = own._at(None)
-    assert isinstance(builds, TracedBuilds)
     again = [(value, float(own.at(quantity, field)[0])) for quantity, field, value in asked]
     moved = [abs(a - b) / max(abs(a), abs(b), 1.0) for a, b in again]
     finite = [off for off in moved if np.isfinite(off)]
-    return Retrace(best.lens.name, check_traced(best, builds, {}), max(finite, default=0.0))
+    shapeless = tuple(field for field, odd in zip(fields, folded(best, fields), strict=True) if odd)
+    return Retrace(best.lens.name, shapeless, max(finite, default=0.0))

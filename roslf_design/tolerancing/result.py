@@ -37,11 +37,11 @@ from .analyses import (
     yield_curve,
 )
 from .budgets import ToleranceBudget, budget
-from .metrics import METRICS, builds_of
+from .metrics import METRICS
 from .places import Grades
 from .run import Tally
 from .study import MOST_TRIALS, Study, TolerancePlan, make_plan
-from .traced import AS_IF_THIN, CHECKED, TraceCheck, TracedBuilds, check_traced
+from .traced import AS_IF_THIN, notes
 from .trials import measure_one, one_trial
 
 SCHEMA = "roslf.tolerance/1"
@@ -121,8 +121,8 @@ class StudyResult:
     warnings: tuple[str, ...]
     precision: Precision | None = None
     """Standard errors of the run; None where nobody asked."""
-    lens: TraceCheck | None = None
-    """How a real main lens was traced, and how exactly; None where it is ideal."""
+    tracing: tuple[str, ...] = ()
+    """How builds behind a real lens were traced; nothing where it is ideal."""
 
     @property
     def final(self) -> Variant:
@@ -156,7 +156,7 @@ class StudyResult:
             "fields_mm": plan.question.fields,
             "object_distance_mm": plan.question.object_distance,
             "accuracy": None if self.precision is None else self.precision.to_dict(),
-            "real_lens": None if self.lens is None else self.lens.to_dict(),
+            "real_lens": {"method": self.tracing[0]} if self.tracing else None,
             "yield": {
                 "value": self.final.result.value,
                 "interval_95": self.final.result.interval,
@@ -209,7 +209,7 @@ def analyse(
 ) -> StudyResult:
     """Every analysis of a study whose trials have run; `budgets`: what reaches the wanted yield, too."""
     variants, moves = summarise(plan, tally), sensitivity(plan)
-    lens = trace_check(plan)
+    tracing = notes(plan.question.design, plan.question.fields)
     rss = tuple(rss_rows(plan, moves, variants[0]))
     misses = plan.nominal_misses()
     count = len(plan.draws.perturbations)
@@ -231,20 +231,9 @@ def analyse(
         grades=_grades(plan, study, grades, given),
         correlations=correlations(tally),
         worst=worst,
-        warnings=(*(lens.notes() if lens else ()), *_warnings(plan, variants, rss, misses)),
-        lens=lens,
+        warnings=(*tracing, *_warnings(plan, variants, rss, misses)),
+        tracing=tracing,
     )
-
-
-def trace_check(plan: TolerancePlan) -> TraceCheck | None:
-    """Some of a plan's builds traced one at a time; None where its main lens is ideal."""
-    draws, design = plan.draws, plan.question.design
-    if design.lens is None:
-        return None
-    values = draws.values(draws.deviations(draws.uniforms(0, plan.chunk)[:, :CHECKED]))
-    builds, _ = builds_of(plan.question, values, CHECKED)
-    assert isinstance(builds, TracedBuilds)
-    return check_traced(design, builds, values)
 
 
 def _grades(plan: TolerancePlan, study: Study, grades: Grades, given: Yield) -> tuple[tuple[str, Yield], ...]:

@@ -7,13 +7,13 @@ that field. Calibrated on a build, it adds what an affine lattice and targets on
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array
 from ..bore.conjugates import CONJUGATES
@@ -22,18 +22,17 @@ from ..camera import TIP, Camera, Number
 from ..camera.frames import frame
 from ..design import Design
 from ..design.parts import PATHS
-from ..errors import InputError
 from ..lenses.manufacture import LensBuilds, as_made, lens_builds
 from ..lenses.prescription import first_order
 from ..lenses.tracer import BLOCK
 from ..theory.light import object_scale, on_array
 from ..theory.object_space import FacesAhead
 from ..theory.stop_images import lens_point
-from ..traced.builds import Aimed, Aims, Planes, aimed, aims, crossings, landings, received, spot_radii
-from ..traced.camera import Train, camera_of, microlenses, sensor_of_pupil
+from ..traced.camera import aims, camera_of, microlenses, sensor_of_pupil
 from ..traced.fields import stretches, uncut_light
 from ..traced.images import FOLDED, real_images
-from ..traced.outlines import RIM, Outlines, cut_shapes, outlines, pupil_points, seen_shapes
+from ..traced.outlines import RIM, Outlines, circle, lit_parts, outlines
+from ..traced.train import Aimed, Aims, Planes, Train, aimed, crossings, landings, received, spot_radii
 from .ideal import IdealBuilds, azimuths, fractional
 from .places import in_lens, nominal_values, of_lens, of_parts, stops_of
 
@@ -48,13 +47,9 @@ ALONG_X = np.ones((1, 1)), np.zeros((1, 1))
 """Direction along which views of targets on the axis are taken."""
 SPOT_RADII, SPOT_TURNS = 4, 12
 """Rays that an object point's light is taken by: rings of equal weight by Gauss's rule, and rays on each."""
-CHECKED = 4
-"""Builds that are traced once more on their own, of the study's own, its first."""
-POINTS = 768
-"""Of an oracle's boundary: where rims cut an image, its own area is then right to 4e-5."""
 METHOD = (
     "Exact rays through every build's own lens, aimed at the FAP; images integrated by Fourier series along the FAP's "
-    "rim, and by polynomials of the fifth degree where rims cut them."
+    "rim, and between corners where rims cut them."
 )
 
 AS_IF_THIN = {
@@ -128,7 +123,7 @@ def mounted(design: Design, values: Mapping[str, Array], trials: int) -> Mounted
         np.stack(rims[: 1 if elements else None], axis=1),
     )
     origin = np.stack([-lens_x, -lens_y, np.full(trials, front)], axis=-1)
-    train = Train.of(lens.stack, FacesAhead.of(around) if elements else None, origin)
+    train = Train.of(lens.stack, FacesAhead.of(around), origin) if elements else Train.in_air(lens.stack)
     twins = {place: value for place, value in values.items() if not in_lens(place) and place != PLANE}
     twins |= {FOCAL: 1 / lens.power, DISTANCE: mla - lens.rear_principal}
     twins |= {f"{part}.distance": lens.front_principal - z for part, z in (fronts | elements).items()}
@@ -215,8 +210,6 @@ class Reference(NamedTuple):
     """To the FAP's centre, F."""
     rim: Aims
     """To its rim, F times `builds.RIM`."""
-    inner: Aims
-    """To points inside it, its centre first."""
     neighbours: Aims
     """To its centre, from half a pitch left, right, below and above, F times 4."""
     ends: Aims
@@ -247,7 +240,7 @@ def reference(
     """Trace the nominal camera of a question; arguments as `TracedBuilds` has them."""
     camera, at = camera_of(design), np.array(fields, float).reshape(-1, 2)
     mount, thin = mounted(design, {}, 1), Camera.of(design)
-    rim, inner = pupil_points()
+    rim = circle(RIM)
 
     def wanted(base: Array, target: Array, offset: Array = MIDDLE) -> Aims:
         """Every offset and target at every place, the places slowest."""
@@ -282,12 +275,11 @@ def reference(
     return Reference(
         chief=wanted(at, MIDDLE),
         rim=wanted(at, rim),
-        inner=wanted(at, inner),
         neighbours=wanted(at, MIDDLE, CROSS),
         ends=wanted(ends, MIDDLE),
         axis=on_lens,
         axis_rim=wanted(on_lens[None], rim),
-        folded=np.asarray(real_images(camera, microlenses(design, at)).status == FOLDED),
+        folded=folded(design, at),
         points=along_chief(distance),
         axis_points=on_axis,
         centres=near,
@@ -296,6 +288,20 @@ def reference(
         slopes=np.stack([slopes(along_chief(z), azimuths(at[:, :1], at[:, 1:]), near) for z in depths], axis=-1),
         axis_slopes=np.concatenate([slopes(point[None], ALONG_X, axis) for point in on_axis]),
     )
+
+
+def folded(design: Design, fields: ArrayLike) -> NDArray[np.bool_]:
+    """Whether the nominal images at fields (F, 2) [mm] are folded, (F,)."""
+    return np.asarray(real_images(camera_of(design), microlenses(design, np.asarray(fields))).status == FOLDED)
+
+
+def notes(design: Design, fields: Sequence[tuple[float, float]]) -> tuple[str, ...]:
+    """How builds behind a real lens are traced, and where their images have no shape; nothing behind an ideal one."""
+    if design.lens is None:
+        return ()
+    where = ", ".join(f"{x:g}, {y:g} mm" for (x, y), odd in zip(fields, folded(design, fields), strict=True) if odd)
+    shape = f"the nominal image at {where} is folded (a caustic lies in it): its shape is undefined in every trial"
+    return (METHOD, shape) if where else (METHOD,)
 
 
 def traced(mount: Mounted, half: Array, wanted: Aims, rays: int, own: bool = False) -> Aimed:
@@ -396,10 +402,9 @@ class TracedBuilds(IdealBuilds):
         self.known = reference(design, fields, self.reach, object_distance, self.calibration_depths)
         if afresh:  # whether the nominal images are folded says nothing of builds far from it
             known = self.known
-            wanted = (thin_aims(camera, rays) for rays in (known.chief, known.rim, known.inner, known.neighbours))
-            chief, rim, inner, neighbours = wanted
+            chief, rim, neighbours = (thin_aims(camera, rays) for rays in (known.chief, known.rim, known.neighbours))
             unfolded = np.zeros_like(known.folded)
-            self.known = known._replace(chief=chief, rim=rim, inner=inner, neighbours=neighbours, folded=unfolded)
+            self.known = known._replace(chief=chief, rim=rim, neighbours=neighbours, folded=unfolded)
 
     def _aimed(self, wanted: Aims, rays: int) -> Aimed:
         return traced(self.mount, self.half, wanted, rays, self.afresh)
@@ -500,35 +505,16 @@ class TracedBuilds(IdealBuilds):
 
     @cached_property
     def _lit(self) -> tuple[Array, Array]:
-        """Lit shapes (T * fields, 6) and seen parts of the FAP (T * fields,).
-
-        By polynomials over the FAP where rims cut, by spokes where some of it is out of sight.
-        """
+        """Lit shapes (T * fields, 6) and seen parts of the FAP (T * fields,)."""
         rim, uncut = self.rim, self.uncut
         shape, share = uncut.shape.copy(), np.ones(len(uncut.shape))
         cut = np.flatnonzero(np.any(~(uncut.peaks <= 1), axis=1))
         if len(cut):
-            fields = len(self.fields)
-            rays = self._rays(self.known.inner)
-            trial, field = cut // fields, cut % fields
-            begin = (cut if self.afresh else field) * rays
-            inner = aimed(self.mount.train, self.mount.planes, self.half, self.known.inner, trial, begin, rays)
-            parts = Aimed(*(part[cut] for part in rim)), inner, Outlines(*(part[cut] for part in uncut))
-            shape[cut], share[cut] = cut_shapes(*parts)
-            out = np.isnan(share[cut])
-            if out.any():
-                at = cut[out]
-                known = [Aimed(*(part[out] for part in rays)) for rays in (parts[0], inner)]
-                base = np.asarray(self.fields, float)[field[out]]
-                # All that the lens's aperture can light behind a microlens.
-                ends = np.broadcast_to(np.asarray(self.camera.seen.d_2 / self.camera.seen.d_1), (self.trials,))[
-                    trial[out]
-                ]
-                about, wide = base * (1 + ends)[:, None], 0.6 * float(self.nominal.D) * np.abs(ends)
-                shapes = seen_shapes(
-                    self.mount.train, self.mount.planes, base, trial[out], known[0], known[1], about, wide
-                )
-                shape[at], share[at] = shapes
+            trial, base = cut // len(self.fields), np.asarray(self.fields, float)[cut % len(self.fields)]
+            scale = np.broadcast_to(np.asarray(self.camera.seen.d_2 / self.camera.seen.d_1), (self.trials,))[trial]
+            elsewhere = base * (1 + scale)[:, None], 0.6 * float(self.nominal.D) * np.abs(scale)
+            lit = lit_parts(self.mount.train, self.mount.planes, base, trial, rim.landed[cut], elsewhere)
+            shape[cut], share[cut] = lit[:2]
         folded = np.tile(self.known.folded, self.trials)
         shape[folded], share[folded] = np.nan, np.nan
         return shape, share
@@ -616,53 +602,3 @@ class TracedBuilds(IdealBuilds):
         weight = np.repeat(weights / 2, SPOT_TURNS) / SPOT_TURNS
         planes = self.mount.planes
         return spot_radii(self.mount.train, planes.array, planes.rims, world, points, pupil, weight).T
-
-
-@dataclass(frozen=True)
-class TraceCheck:
-    """Largest differences between the study's metrics and builds traced one at a time, over all its fields."""
-
-    builds: int
-    """How many were compared; images undefined in a study are left out."""
-    largest: dict[str, float]
-    """Of image centres [px], of image diameters, as a share, and of the parts of the FAP that are seen."""
-    folded: tuple[tuple[float, float], ...]
-    """Fields whose nominal image is folded [mm]."""
-
-    def notes(self) -> tuple[str, ...]:
-        """What a study says of it."""
-        centre, diameter, kept = self.largest.values()
-        how = (
-            f"{METHOD} {self.builds} builds traced one at a time differ by up to {centre:.1g} px in image centres, "
-            f"{diameter:.1g} of image diameters and {kept:.1g} in kept fractions"
-        )
-        where = ", ".join(f"{x:g}, {y:g} mm" for x, y in self.folded)
-        shape = f"the nominal image at {where} is folded (a caustic lies in it): its shape is undefined in every trial"
-        return (how, shape) if where else (how,)
-
-    def to_dict(self) -> dict[str, Any]:
-        """For the JSON object."""
-        return {"method": METHOD, "builds_compared": self.builds, "largest_difference": self.largest}
-
-
-def check_traced(design: Design, builds: TracedBuilds, values: Mapping[str, Array]) -> TraceCheck:
-    """Trace builds one at a time; `values` are the numbers that made them, by place, (T,) each."""
-    off, compared = np.zeros(3), 0
-    with np.errstate(all="ignore"):
-        chief, sizes = np.stack(builds.chief, axis=-1), np.asarray(builds.diameter)
-        shares = builds.shapes.kept_fraction
-    for trial in range(builds.trials):
-        try:
-            one = as_built(design, {place: float(numbers[trial]) for place, numbers in values.items()})
-            at = microlenses(one, builds.fields)
-            images = real_images(camera_of(one), at, points=POINTS)
-        except InputError:
-            continue  # no camera; the study says so too
-        compared += 1
-        there = at + images.chief - np.subtract(one.sensor.decentre, one.main_lens.decentre)
-        centre = (there - chief[:, trial]) / one.q
-        differences = centre, images.diameter / sizes[:, trial] - 1, images.kept_fraction - shares[:, trial]
-        off = np.maximum(off, [np.max(np.abs(part[np.isfinite(part)]), initial=0.0) for part in differences])
-    folded = [(float(x), float(y)) for x, y in builds.fields[builds.known.folded]]
-    names = ("image_centre_px", "image_diameter_share", "kept_fraction")
-    return TraceCheck(compared, dict(zip(names, off.tolist(), strict=True)), tuple(folded))

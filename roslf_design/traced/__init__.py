@@ -3,8 +3,8 @@
 - `camera`: a design's lens with FAP, array and sensor; the backward ray from sensor point to scene, and its inverse
 - `images`: microlens images, distortion, field curvature, colour, the measured non-distortion bound
 - `fields`: light and magnification of single microlenses, for the data sheet
-- `builds`: aimed rays, image points and spots of many builds
-- `outlines`: shapes of their microlens images
+- `train`: what rays meet in one build or many, rays aimed through it, their image points and spots
+- `outlines`: shapes of microlens images, whole or cut
 
 >>> from roslf_design.design import load
 >>> from roslf_design.traced.images import real_field

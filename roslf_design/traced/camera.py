@@ -12,47 +12,29 @@ Glass about the array is reduced to air, as in the closed forms.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import by_value
-from .._jit import kernel
-from ..bore.faces import KIND
 from ..camera import Camera
 from ..design import Design, Stop
 from ..design.parts import MicrolensArray, Sensor
 from ..errors import Problem
 from ..lenses.manufacture import turned
 from ..lenses.prescription import FirstOrder, IdealLens, LensError, Prescription, first_order, rotation
-from ..lenses.tracer import (
-    BLOCK,
-    COLUMNS,
-    KEPT,
-    MAPPED,
-    REASONS,
-    ROWS,
-    STOPPED,
-    Passed,
-    SurfaceStack,
-    describe,
-    pass_surfaces,
-)
-from ..theory.object_space import FacesAhead, Status
+from ..lenses.tracer import BLOCK, COLUMNS, KEPT, REASONS, STOPPED, Passed, SurfaceStack, describe
+from ..theory.object_space import FacesAhead
+from .train import FOUND, TOLERANCE, Aims, Planes, Train, beyond_fap, fap_of, nearest
 
 Array = NDArray[np.float64]
 
-NEWTON_STEPS = 25
-LOST = 1e300
-"""Size of the miss of a ray that did not come through."""
-NEAR = 1e-11
-"""How near a point of the scene rays must come that are aimed at it from up to 100 mm away [mm]."""
-FOUND = 1e3
-"""How many times that still counts, where they cannot come nearer."""
+AIR = SurfaceStack(np.empty((1, 0)), np.ones((1, 1)))
+"""No surfaces."""
 
 
 @dataclass(frozen=True)
@@ -106,55 +88,6 @@ class TracedPlane:
         return np.stack([np.tensordot(across, hit, axes=1) + self.x, np.tensordot(along, hit, axes=1) + self.y])
 
 
-class Train(NamedTuple):
-    """What rays meet on either side of the FAP, in the lens's frame; builds lead."""
-
-    lens: SurfaceStack
-    """The main lens, and before it what stands between it and the FAP."""
-    beyond: SurfaceStack
-    """What stands before the FAP; without surfaces where that is nothing."""
-
-    @classmethod
-    def of(cls, lens: SurfaceStack, ahead: FacesAhead | None = None, origin: ArrayLike = 0.0) -> Train:
-        """A lens and what stands before it.
-
-        Parameters
-        ----------
-        lens : SurfaceStack
-            T builds.
-        ahead : FacesAhead, optional
-            Of the same builds; None is air only.
-        origin : array_like
-            Where those faces' frame has its origin in the lens's [mm], (3,) or (T, 3).
-        """
-        builds = len(lens.table)
-        if ahead is None:
-            return cls(lens, SurfaceStack(np.empty((builds, 0)), np.ones((builds, 1))))
-        table = np.array(np.broadcast_to(ahead.table, (builds, *ahead.table.shape[-2:])))
-        table[..., :3] += np.broadcast_to(np.asarray(origin, float), (builds, 3))[:, None]
-        media = np.broadcast_to(ahead.media, (builds, *ahead.media.shape[-2:]))
-        fap = fap_of(ahead)
-
-        def stack(part: slice, medium: Array) -> SurfaceStack:
-            """Some of the faces in the order of the light, which comes out of the last into a medium."""
-            rows, sides = table[:, part][:, ::-1], media[:, part][:, ::-1]
-            return SurfaceStack(rows.reshape(builds, -1), np.concatenate([sides[..., 0], medium], axis=1))
-
-        near, far = stack(slice(fap), media[:, :1, 1]), stack(slice(fap + 1, None), media[:, fap, :1])
-        law = np.broadcast_to(ahead.law.ravel(), (builds, ahead.law.size))
-        near_law, far_law = (law, law[:, :0]) if MAPPED in ahead.table[..., :fap, KIND] else (law[:, :0], law)
-        own = SurfaceStack(
-            np.concatenate([near.table, lens.table, near_law], axis=1),
-            np.concatenate([near.media[:, :-1], lens.media], axis=1),
-        )
-        return cls(own, far._replace(table=np.concatenate([far.table, far_law], axis=1)))
-
-
-def fap_of(ahead: FacesAhead) -> int:
-    """How many faces stand between main lens and FAP."""
-    return int(np.flatnonzero(ahead.takers == Status.APERTURE)[0])
-
-
 @lru_cache(maxsize=32)
 def _faces(ahead: Camera, wavelength: float) -> FacesAhead:
     return FacesAhead.of(ahead.replace({"wavelength": wavelength}))
@@ -163,7 +96,7 @@ def _faces(ahead: Camera, wavelength: float) -> FacesAhead:
 @by_value
 @dataclass(frozen=True)
 class LensCamera:
-    """A main lens and what stands before and behind it.
+    """A main lens in air, and the stops, array and sensor before and behind it.
 
     Attributes
     ----------
@@ -172,13 +105,11 @@ class LensCamera:
     wavelength : float
         Of first-order data and of everything not said otherwise [mm].
     rims : tuple of TracedPlane
-        The FAP first, then further stops; where elements stand before the lens, these are of the train.
+        The FAP first, then further stops.
     focal_plane : float
         Place along z of the plane in focus [mm].
     array, detector : TracedPlane
         The microlens array and the sensor, glass about them reduced to air.
-    ahead : Camera or None
-        Whose elements and stops stand before the lens; None is air only.
 
     Raises
     ------
@@ -192,10 +123,9 @@ class LensCamera:
     focal_plane: float
     array: TracedPlane
     detector: TracedPlane
-    ahead: Camera | None = None
 
     def __post_init__(self) -> None:
-        problems = []
+        problems = list[Problem]()
         last = self.lens.surfaces[-1]
         rear = self.lens.length + max(0.0, float(last.sag(last.semi_diameter)))
         if any(self.focal_plane >= rim.z for rim in self.rims):
@@ -206,14 +136,7 @@ class LensCamera:
             if rim.z > self.front:
                 message = f"lies {rim.z - self.front:.4g} mm inside the lens; move it out, or count it from the vertex"
                 problems.append(Problem("aperture.distance", message))
-        numbers = {} if self.ahead is None else self.ahead.numbers
-        for place, distance in numbers.items():
-            part, _, name = place.rpartition(".")
-            if name == "distance" and part.startswith(("stops.", "elements.")):
-                inside = self.first_order.front_principal - float(distance) - self.front
-                if inside > 0:
-                    message = f"lies {inside:.4g} mm inside the lens; move it out, or count it from the vertex"
-                    problems.append(Problem(place, message))
+        problems += self.collisions()
         if not self.array.z > rear:
             message = f"lies {rear - self.array.z:.4g} mm inside the lens; focus nearer or take a thinner lens"
             problems.append(Problem("microlens_array.distance", message))
@@ -221,6 +144,16 @@ class LensCamera:
             problems.append(Problem("sensor.distance", "the sensor must lie behind the microlens array"))
         if problems:
             raise LensError(tuple(problems), self.lens.name)
+
+    def collisions(self) -> Iterator[Problem]:
+        """Further parts that stand inside the lens."""
+        yield from ()
+
+    @property
+    def is_centred(self) -> bool:
+        """Whether everything is symmetric about the lens's axis."""
+        upright = all(part.tilt == (0.0, 0.0) for part in (*self.rims, self.array, self.detector))
+        return self.lens.is_centred and upright and all((rim.x, rim.y) == (0.0, 0.0) for rim in self.rims)
 
     @property
     def front(self) -> float:
@@ -251,70 +184,138 @@ class LensCamera:
     @property
     def d_f(self) -> float:
         """Focal plane to object-side principal plane, as the lens sees it [mm]."""
-        return self.first_order.front_principal - self.focal_plane if self.ahead is None else float(self.ahead.seen.d_f)
+        return self.first_order.front_principal - self.focal_plane
 
     @property
     def d_3(self) -> float:
         """FAP to object-side principal plane, as the lens sees it [mm]."""
-        return self.first_order.front_principal - self.fap.z if self.ahead is None else float(self.ahead.seen.d_3)
+        return self.first_order.front_principal - self.fap.z
 
     @property
     def focus(self) -> tuple[float, Array]:
         """B of the focal plane (`ImagedPlane`; d_f in air), and where the lens's axis meets it, (2,) [mm]."""
-        if self.ahead is None:
-            return self.d_f, np.zeros(2)
+        return self.d_f, np.zeros(2)
+
+    def straightened(self, point: Array) -> Array:
+        """Where first order has points (..., 2) of the focal plane that an objective with a mapping sees there [mm]."""
+        return point
+
+    @property
+    def sight(self) -> tuple[float, float, Array]:
+        """The FAP as the lens sees it: place along z [mm], its lengths over those, where the axis meets it, (2,)."""
+        return self.fap.z, 1.0, np.zeros(2)
+
+    @cached_property
+    def planes(self) -> Planes:
+        """Where everything stands around the lens; the camera is one build."""
+        rims = [np.append(rim.pose, rim.diameter / 2) for rim in self.rims]
+        return Planes(self.array.pose[None], self.detector.pose[None], np.array([rims]))
+
+    def slopes(self, microlens: Array, sensor: Array) -> Array:
+        """Slopes of lines from microlenses to points of the sensor, both (..., 2) [mm]."""
+        run = self.detector.lifted(sensor) - self.array.lifted(microlens)
+        return np.asarray(np.moveaxis(run[:2] / run[2], 0, -1))
+
+    def train(self, wavelength: float) -> Train:
+        """Faces that rays of a wavelength [mm] meet."""
+        return Train.in_air(self.lens.at(wavelength))
+
+    def beyond(self, rays: Passed, train: Train, *, clip: bool) -> Passed:
+        """Rays that cross the upright plane through the FAP's centre, on to the scene, prolonged back to that plane."""
+        return rays
+
+    def describe(self, state: int) -> str:
+        """Words for a ray's state."""
+        return describe(state)
+
+    def aimed(
+        self, pupil: Array, point: Array, wavelength: float, *, clip: bool = False
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Slopes at points on the FAP, (3, ...), of the light from points of the scene, (3, ...), and whether it comes.
+
+        Slopes (2, ...) are those of the medium that the FAP stands in.
+        """
+        ends = np.moveaxis(np.concatenate([pupil, point]), 0, -1)
+        slopes, far, tallest = beyond_fap(self.train(wavelength), ends.reshape(1, -1, 6))
+        comes = (far <= FOUND) & ((tallest <= 1) if clip else True)
+        return np.moveaxis(slopes.reshape(*ends.shape[:-1], 2), -1, 0), comes.reshape(ends.shape[:-1])
+
+
+@dataclass(frozen=True)
+class BoreCamera(LensCamera):
+    """A main lens that looks through elements, whose stops are rows of the train; `rims` is the FAP alone."""
+
+    ahead: Camera
+    """Whose elements and stops stand before the lens."""
+
+    def collisions(self) -> Iterator[Problem]:
+        """Stops and elements that stand inside the lens."""
+        for place, distance in self.ahead.numbers.items():
+            part, _, name = place.rpartition(".")
+            if name == "distance" and part.startswith(("stops.", "elements.")):
+                inside = self.first_order.front_principal - float(distance) - self.front
+                if inside > 0:
+                    message = f"lies {inside:.4g} mm inside the lens; move it out, or count it from the vertex"
+                    yield Problem(place, message)
+
+    @property
+    def is_centred(self) -> bool:
+        """Whether everything is symmetric about the lens's axis."""
+        table = self.faces.table + np.pad(self.origin, (0, COLUMNS - 3))
+        return super().is_centred and not (np.any(table[:, :2]) or np.any(table[:, 7]))
+
+    @property
+    def d_f(self) -> float:
+        """Focal plane to object-side principal plane, as the lens sees it [mm]."""
+        return float(self.ahead.seen.d_f)
+
+    @property
+    def d_3(self) -> float:
+        """FAP to object-side principal plane, as the lens sees it [mm]."""
+        return float(self.ahead.seen.d_3)
+
+    @property
+    def focus(self) -> tuple[float, Array]:
+        """B of the focal plane (`ImagedPlane`), and where the lens's axis meets it, (2,) [mm]."""
         return float(self.ahead.focus.b), np.array(self.ahead.focus.aside, float)
 
     def straightened(self, point: Array) -> Array:
         """Where first order has points (..., 2) of the focal plane that an objective with a mapping sees there [mm]."""
-        if self.ahead is None or self.ahead.law is None:
+        if self.ahead.law is None:
             return point
         x, y = (float(self.ahead[f"main_lens.decentre.{axis}"]) for axis in (0, 1))
         (u, v), _ = self.ahead.straight_ray(point[..., 0] + x, point[..., 1] + y, self.ahead["main_lens.focal_plane"])
         return np.stack([u - x, v - y], axis=-1)
 
-    @cached_property
+    @property
     def sight(self) -> tuple[float, float, Array]:
         """The FAP as the lens sees it: place along z [mm], its lengths over those, where the axis meets it, (2,)."""
-        plane = None if self.ahead is None else self.ahead.fap.plane
+        plane = self.ahead.fap.plane
         if plane is None:
-            return self.fap.z, 1.0, np.zeros(2)
+            return super().sight
         z = self.first_order.front_principal - float(plane.distance)
         return z, float(plane.magnification), np.array(plane.aside, float)
 
     @property
     def origin(self) -> Array:
         """Where the system's axis crosses the object-side principal plane, (3,) [mm]."""
-        assert self.ahead is not None
         x, y = (-float(self.ahead[f"main_lens.decentre.{axis}"]) for axis in (0, 1))
         return np.array([x, y, self.first_order.front_principal])
 
     @property
     def faces(self) -> FacesAhead:
         """What stands before the lens, at the camera's own wavelength."""
-        assert self.ahead is not None
         return _faces(self.ahead, self.wavelength)
 
-    @property
-    def faces_centred(self) -> bool:
-        """Whether everything before the lens is symmetric about its axis."""
-        table = self.faces.table + np.pad(self.origin, (0, COLUMNS - 3))
-        return not (np.any(table[:, :2]) or np.any(table[:, 7]))
-
     def train(self, wavelength: float) -> Train:
-        """What rays of a wavelength [mm] meet."""
-        lens = self.lens.at(wavelength)
-        if self.ahead is None:
-            return Train.of(lens)
-        return Train.of(lens, _faces(self.ahead, wavelength), self.origin)
+        """Faces that rays of a wavelength [mm] meet."""
+        return Train.of(self.lens.at(wavelength), _faces(self.ahead, wavelength), self.origin)
 
     def beyond(self, rays: Passed, train: Train, *, clip: bool) -> Passed:
         """Rays that cross the upright plane through the FAP's centre, on to the scene, prolonged back to that plane.
 
         States count all faces before the lens behind the lens's own, from the lens outwards (`describe`).
         """
-        if self.ahead is None:
-            return rays
         own, faces = len(self.lens.surfaces), len(self.faces.takers)
         fap = fap_of(self.faces)
         near, why = np.divmod(rays.state, 8)
@@ -329,89 +330,11 @@ class LensCamera:
         return Passed(out.height, out.slope, state, np.minimum(rays.room, out.room))
 
     def describe(self, state: int) -> str:
-        """What a ray's state says; faces before the lens by their names."""
+        """Words for a ray's state; faces before the lens by their names."""
         face = state // 8 - len(self.lens.surfaces) - 1
-        if self.ahead is None or face < 0 or state % 8 == STOPPED:
+        if face < 0 or state % 8 == STOPPED:
             return describe(state)
         return REASONS[state % 8].replace("surface {}", self.faces.names[face])
-
-    def aimed(
-        self, pupil: Array, point: Array, wavelength: float, *, clip: bool = False
-    ) -> tuple[Array, NDArray[np.bool_]]:
-        """Slopes at points on the FAP, (3, ...), of the light from points of the scene, (3, ...), and whether it comes.
-
-        Slopes (2, ...) are those of the medium that the FAP stands in.
-        """
-        run = pupil - point
-        beyond = self.train(wavelength).beyond
-        if not beyond.table.size:
-            return run[:2] / run[2], np.ones(run.shape[1:], np.bool_)
-        rays = np.ascontiguousarray(np.concatenate([pupil, point]).reshape(6, -1))
-        slopes, kept = np.empty((2, rays.shape[1])), np.empty(rays.shape[1], np.bool_)
-        room = np.empty(ROWS * BLOCK), np.empty((beyond.media.shape[1] - 1) * BLOCK)
-        towards.compiled(beyond.table[0], beyond.media[0], *room, clip, rays, slopes, kept)
-        return slopes.reshape(2, *run.shape[1:]), kept.reshape(run.shape[1:])
-
-
-@kernel()
-def aim_beyond(
-    table: Any, media: Any, buffer: Any, squares: Any, x: float, y: float, z: float, tx: float, ty: float, tz: float
-) -> Any:
-    """Slopes at a point of the FAP of the ray that meets a point of the scene, and by how many `NEAR` it misses that.
-
-    By Newton's method from the axis's direction: the map is nearly affine. `buffer` and `squares` are room to work;
-    the first of each row of `squares` is then r^2 on each surface.
-    """
-    count = len(media) - 1
-    if count == 0:
-        return (x - tx) / (z - tz), (y - ty) / (z - tz), 0.0
-    sx, sy, bx, by, best = 0.0, 0.0, 0.0, 0.0, LOST
-    miss_x, miss_y = np.empty(3), np.empty(3)
-    enough = NEAR * (1.0 + 0.01 * abs(tz - z))
-    for step in range(NEWTON_STEPS + 1):
-        nudge = 1e-5
-        far = LOST
-        for probe in range(2, -1, -1):
-            ax, ay = sx + (nudge if probe == 1 else 0.0), sy + (nudge if probe == 2 else 0.0)
-            shrink = -1.0 / math.sqrt(1.0 + ax * ax + ay * ay)
-            buffer[0], buffer[BLOCK], buffer[2 * BLOCK] = x, y, z
-            buffer[3 * BLOCK], buffer[4 * BLOCK], buffer[5 * BLOCK] = ax * shrink, ay * shrink, shrink
-            buffer[6 * BLOCK] = 0.0
-            pass_surfaces(buffer, 1, table, media, count, True, False, squares)
-            down = buffer[5 * BLOCK]
-            far = LOST
-            if buffer[6 * BLOCK] != 0.0 or not down < 0.0:
-                break
-            t = (tz - buffer[2 * BLOCK]) / down
-            miss_x[probe] = buffer[0] + t * buffer[3 * BLOCK] - tx
-            miss_y[probe] = buffer[BLOCK] + t * buffer[4 * BLOCK] - ty
-            far = max(abs(miss_x[probe]), abs(miss_y[probe]))
-        if far < best:
-            bx, by, best = sx, sy, far
-        if best <= enough or step == NEWTON_STEPS:
-            break
-        xx, xy = (miss_x[1] - miss_x[0]) / nudge, (miss_x[2] - miss_x[0]) / nudge
-        yx, yy = (miss_y[1] - miss_y[0]) / nudge, (miss_y[2] - miss_y[0]) / nudge
-        area = xx * yy - xy * yx
-        if far == LOST or far > best or area == 0.0:  # half way back to the best so far
-            sx, sy = 0.5 * (sx + bx), 0.5 * (sy + by)
-        else:
-            sx -= (yy * miss_x[0] - xy * miss_y[0]) / area
-            sy -= (xx * miss_y[0] - yx * miss_x[0]) / area
-    return bx, by, best / enough
-
-
-@kernel()
-def towards(table: Any, media: Any, buffer: Any, squares: Any, clip: bool, rays: Any, slopes: Any, kept: Any) -> None:
-    """Aim from points of the FAP at points of the scene, both in `rays` (6, N)."""
-    for i in range(rays.shape[1]):
-        slopes[0, i], slopes[1, i], far = aim_beyond(
-            table, media, buffer, squares, rays[0, i], rays[1, i], rays[2, i], rays[3, i], rays[4, i], rays[5, i]
-        )
-        kept[i] = far <= FOUND
-        if clip:
-            for k in range(len(media) - 1):
-                kept[i] = kept[i] and squares[k * BLOCK] <= table[k * COLUMNS + 5]
 
 
 @lru_cache(maxsize=64)
@@ -439,8 +362,10 @@ def camera_of(design: Design) -> LensCamera:
     mla = rear + float(seen.seen.d_1)
     rims = tuple(stands(stop, front - stop.distance, stop.diameter) for stop in design.all_stops)
     array, detector = stands(design.microlens_array, mla), stands(design.sensor, mla + float(seen.seen.d_2))
-    parts = lens, design.wavelength, rims[: 1 if design.elements else None], front - design.d_f, array, detector
-    return LensCamera(*parts, seen if design.elements else None)
+    focal_plane = front - design.d_f
+    if design.elements:
+        return BoreCamera(lens, design.wavelength, rims[:1], focal_plane, array, detector, seen)
+    return LensCamera(lens, design.wavelength, rims, focal_plane, array, detector)
 
 
 def tilted_parts(design: Design) -> tuple[str, ...]:
@@ -561,30 +486,50 @@ def sensor_of_pupil(
     Returns
     -------
     SensorPoints
-        To 1e-12 of the FAP's diameter by Newton's method, apertures left aside (`views.room` tells of them).
+        To 1e-11 of the FAP's radius, apertures left aside (`views.room` tells of them).
     """
     c, a = np.broadcast_arrays(np.asarray(microlens, float), np.asarray(pupil, float))
-    p = c + camera.d_2 * chief_slope(camera, c, a) if start is None else np.array(np.broadcast_to(start, c.shape))
-    origin = c + camera.d_2 * chief_slope(camera, c, np.zeros(2))
-    nudge = 1e-3 * camera.d_2 * float(np.abs(chief_slope(camera, np.zeros(2), [camera.fap.diameter / 2, 0.0])[0]))
-    tolerance = 1e-12 * camera.fap.diameter
-    steps = np.array([[0.0, 0.0], [nudge, 0.0], [0.0, nudge]])
-    best, miss = p.copy(), np.full(c.shape[:-1], np.inf)
-    for _ in range(NEWTON_STEPS):
-        at = views(camera, c[..., None, :], p[..., None, :] + steps, clip=False)
-        met = np.all(at.state == KEPT, axis=-1)
-        error = at.pupil[..., 0, :] - a
-        size = np.where(met, np.hypot(error[..., 0], error[..., 1]), np.inf)
-        better = size < miss
-        best, miss = np.where(better[..., None], p, best), np.where(better, size, miss)
-        if np.all(miss <= tolerance):
-            break
-        (xx, xy), (yx, yy) = np.moveaxis((at.pupil[..., 1:, :] - at.pupil[..., :1, :]) / nudge, (-1, -2), (0, 1))
-        x, y = error[..., 0], error[..., 1]
-        stretch = xx * yy - xy * yx
-        step = np.stack([yy * x - xy * y, xx * y - yx * x], axis=-1)
-        full = step * np.divide(1.0, stretch, where=stretch != 0, out=np.zeros_like(stretch))[..., None]
-        # Where a ray misses the lens, or things get worse, come back half way to the best so far, at first to the axis.
-        back = np.where(np.isfinite(miss)[..., None], best, origin)
-        p = np.where((met & better)[..., None], p - full, (p + back) / 2)
-    return SensorPoints(best, views(camera, c, best, clip=False), np.asarray(miss <= 1e3 * tolerance))
+    p = c + camera.d_2 * chief_slope(camera, c, a) if start is None else np.broadcast_to(start, c.shape)
+    middle = c + camera.d_2 * chief_slope(camera, c, np.zeros(2))
+    flat, shape = c.reshape(-1, 2), c.shape[:-1]
+    slopes, home = (camera.slopes(c, q).reshape(-1, 2) for q in (p, middle))
+    there = (a.reshape(-1, 2) - camera.fap.centre) / (camera.fap.diameter / 2)
+    rays = min(len(flat), BLOCK)
+    begin = np.arange(0, len(flat), max(rays, 1)).clip(max=len(flat) - rays)
+    wanted = Aims(flat - camera.array.centre, np.zeros_like(flat), there, slopes, np.full((len(flat), 4), np.nan))
+    train, job = camera.train(camera.wavelength), np.zeros(len(begin), int)
+    landed, _, miss = nearest(train._replace(beyond=AIR), camera.planes, np.zeros(1), wanted, home, job, begin, rays)
+    best, left = np.empty_like(flat), np.empty(len(flat))
+    for first, point, far in zip(begin, landed, miss, strict=True):
+        best[first : first + rays], left[first : first + rays] = point, far
+    found = (best + camera.detector.centre).reshape(c.shape)
+    back = views(camera, c, found, clip=False)
+    return SensorPoints(found, back, (back.state == KEPT) & (left <= FOUND * TOLERANCE).reshape(shape))
+
+
+def aims(camera: LensCamera, base: ArrayLike, target: ArrayLike, there: Array, offset: ArrayLike = (0.0, 0.0)) -> Aims:
+    """Find rays in the nominal camera.
+
+    Parameters
+    ----------
+    camera : LensCamera
+        As drawn.
+    base, offset, target : array_like, (n, 2) or (2,)
+        As `Aims` has them.
+    there : ndarray, (n, 2)
+        Those places of the array in the camera's own counting (`camera.microlenses`).
+    """
+    a, fap = np.broadcast_to(np.asarray(target, float), there.shape), camera.fap
+    nominal = sensor_of_pupil(camera, there, fap.centre + fap.diameter / 2 * a)
+    nudge = 1e-3 * float(np.hypot(*np.ptp(nominal.sensor - there, axis=0))) + 1e-6 * camera.d_2
+    columns, rates = [], []
+    for step in nudge * np.eye(2):
+        ends = [nominal.sensor + sign * step for sign in (1, -1)]
+        one, other = (views(camera, there, p, clip=False).pupil for p in ends)
+        columns.append((one - other) / (fap.diameter / 2))
+        rates.append(camera.slopes(there, ends[0]) - camera.slopes(there, ends[1]))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        inverse = np.stack(rates, axis=-1) @ np.linalg.pinv(np.stack(columns, axis=-1))
+    start = np.where(nominal.ok[:, None], camera.slopes(there, nominal.sensor), np.nan)
+    at, aside, goal = (np.broadcast_to(np.asarray(part, float), there.shape).copy() for part in (base, offset, a))
+    return Aims(at, aside, goal, start, inverse.reshape(-1, 4))

@@ -24,13 +24,16 @@ from ..theory.light import object_scale, solid_angle
 from ..theory.quantities import QUANTITIES, image_rate
 from ..theory.resolution import FieldTransfer, sparse
 from ..theory.stop_images import MicrolensImages
-from .builds import received
 from .camera import SensorPoints, camera_of, microlenses, sensor_of_pupil
-from .images import FOLDED, TracedImages, circle, forward_rays, polygon_moments, real_images
-from .outlines import DEGREE, POWERS
+from .images import FOLDED, TracedImages, forward_rays, real_images
+from .outlines import circle, polygon_moments
+from .train import received
 
 Array = NDArray[np.float64]
 
+DEGREE = 5
+"""Of the polynomials over the FAP: products x^a y^b with a + b <= 5, b running fastest."""
+POWERS = np.array([(a, b) for a in range(DEGREE + 1) for b in range(DEGREE + 1 - a)])
 RINGS, SPOKES = 5, 12
 """Rays of an object point, over the FAP."""
 SOFT = 0.6

@@ -2,7 +2,7 @@
 
 A microlens at c sees the flexible angular plane (FAP) through the lens; its image is the set of sensor points whose
 backward ray passes the FAP, every surface and every further stop. The map from sensor point to FAP point is smooth, so
-the FAP's rim is carried back to the sensor by Newton's method, and what the lens cuts off is found along spokes.
+the FAP's rim is carried back to the sensor, and what the lens cuts off is found along spokes (`outlines`).
 Only a strongly aberrated lens folds the map; such images are found out on a grid and integrated on a finer one.
 
 The chief ray, through the centre of the FAP, says which object point X on the focal plane the microlens looks at. From
@@ -26,10 +26,10 @@ from ..errors import InputError
 from ..lenses.tracer import KEPT, MISSED
 from ..theory.vignetting import undistorted_radii
 from .camera import LensCamera, TracedPlane, camera_of, chief_slope, microlenses, sensor_of_pupil, views
+from .outlines import circle, lit_parts, polygon_moments
 
 Array = NDArray[np.float64]
 
-HALVINGS = 44
 CHUNK = 64
 FOLD_GRID, QUADRATURE_GRID, PUPIL_SAMPLES = 33, 257, 400
 PENCIL = 1e-3
@@ -44,12 +44,6 @@ DARK, CLIPPED, FULL, FOLDED = 0, 1, 2, 3
 A folded image is one where the lens is so aberrated that two sensor points behind a microlens see the same FAP point: a
 caustic of the pupil lies in it, and it is no longer a distorted disc.
 """
-
-
-def circle(count: int, first: float = 0.0) -> Array:
-    """Points evenly spaced on the unit circle from the angle `first` on, (count, 2)."""
-    turns = first + 2 * np.pi * np.arange(count) / count
-    return np.stack([np.cos(turns), np.sin(turns)], axis=-1)
 
 
 class TracedImages(NamedTuple):
@@ -100,12 +94,12 @@ def real_images(camera: LensCamera, microlens: ArrayLike, *, points: int = 96) -
     microlens : array_like
         Microlens axes on the array [mm], (..., 2).
     points : int
-        K, points on each boundary.
+        K, points on each boundary, at most `BLOCK`.
 
     Notes
     -----
-    Whole images converge exponentially in K (at 96, to rounding); a cut image has corners, and its area is right
-    to about 20/K^2 of itself. A folded image's area is right to about 1e-3.
+    Whole images converge exponentially in K (at 96, to rounding); cut ones are right to some 1e-8 of the whole, for
+    they are integrated between corners. A folded image's area is right to about 1e-3.
     """
     c = np.asarray(microlens, float)
     flat = c.reshape(-1, 2)
@@ -128,12 +122,17 @@ def _images(camera: LensCamera, c: Array, points: int) -> TracedImages:
     boundary, area, kept = outline.copy(), whole.copy(), np.ones(len(c))
     odd = cut | folded
     if np.any(odd):
-        lit, edge = _cut_boundary(camera, c[odd], middle.sensor[odd], rim.sensor[odd])
-        share = polygon_moments(views(camera, c[odd][:, None], edge, clip=False).pupil)[0]
-        kept[odd] = np.where(lit, np.minimum(share / (np.pi / 4 * fap.diameter**2), 1.0), 0.0)
-        boundary[odd] = np.where(lit[:, None, None], edge - c[odd][:, None], chief[odd][:, None])
-        area[odd], centroid[odd], moments[odd] = polygon_moments(boundary[odd])
-        status[odd] = np.where(lit, CLIPPED, DARK)
+        aside = c[odd] - camera.detector.centre
+        known = aside[:, None] + np.where(rim.ok[odd][..., None], outline[odd], math.nan)
+        scale = camera.d_2 / camera.d_1
+        elsewhere = aside + c[odd] * scale, 0.6 * camera.lens.clear_diameter * abs(scale)
+        parts = camera.train(camera.wavelength), camera.planes, c[odd] - camera.array.centre
+        shape, share, edge = lit_parts(*parts, np.zeros(len(aside), int), known, elsewhere, points)
+        kept[odd], area[odd], some = share, shape[:, 0], share > 0
+        boundary[odd] = np.where(some[:, None, None], edge - aside[:, None], chief[odd][:, None])
+        centroid[odd] = np.where(some[:, None], shape[:, 1:3] - aside, chief[odd])
+        moments[odd] = shape[:, 3:]
+        status[odd] = np.where(some, CLIPPED, DARK)
     for index in np.flatnonzero(folded):
         area[index], centroid[index], moments[index], kept[index] = _quadrature(camera, c[index])
         status[index] = FOLDED
@@ -176,63 +175,6 @@ def _quadrature(camera: LensCamera, c: Array) -> tuple[Array, Array, Array, floa
     nearest = np.argmin(np.sum(np.square(wanted[:, None] - at.pupil[room >= 0]), axis=-1), axis=1)
     back = sensor_of_pupil(camera, c, wanted, start=p[0][room >= 0][nearest])
     return total * step * step, mean, moments, float(np.mean(back.ok & (back.views.room >= 0)))
-
-
-def _cut_boundary(camera: LensCamera, c: Array, middle: Array, rim: Array) -> tuple[NDArray[np.bool_], Array]:
-    """Boundary of the lit part, n fields at once, along spokes from its roomiest point; and whether there is any."""
-
-    def room(p: Array) -> Array:
-        at = views(camera, c[:, None], p, clip=False)
-        return np.minimum(at.fap_room, at.room)
-
-    n, points = rim.shape[:2]
-    shares = (np.arange(12) + 0.5) / 12
-    spread = (rim - middle[:, None])[:, :: max(1, points // 32)]
-    trial = (middle[:, None, None] + shares[:, None, None] * spread[:, None]).reshape(n, -1, 2)
-    trial = np.concatenate([middle[:, None], trial], axis=1)
-    hub = trial[np.arange(n), np.argmax(room(trial), axis=1)]
-    size = np.max(np.linalg.norm(spread, axis=-1), axis=1)
-    grid = np.stack(np.meshgrid(*[np.linspace(-1, 1, 5)] * 2), axis=-1).reshape(-1, 2)
-    for halving in range(3, 15):
-        around = hub[:, None] + size[:, None, None] / 2**halving * grid
-        hub = around[np.arange(n), np.argmax(room(around), axis=1)]
-    lit = room(hub[:, None])[:, 0] > 0
-    spoke = circle(points)
-    low, high = np.zeros((n, points)), np.broadcast_to(2.5 * size[:, None], (n, points))
-    for _ in range(HALVINGS):
-        half = (low + high) / 2
-        inside = room(hub[:, None] + half[..., None] * spoke) >= 0
-        low, high = np.where(inside, half, low), np.where(inside, high, half)
-    return lit, hub[:, None] + low[..., None] * spoke
-
-
-def polygon_moments(outline: ArrayLike) -> tuple[Array, Array, Array]:
-    """Area, centroid and central second moments (xx, xy, yy) per unit area inside closed curves through points.
-
-    Parameters
-    ----------
-    outline : array_like
-        Points evenly spaced in some smooth parameter, (..., K, 2) [mm], either way round.
-
-    Notes
-    -----
-    Green's theorem with the curve's derivative from its Fourier series: for a smooth curve the error falls
-    exponentially with K, for one with corners like 1/K^2.
-    """
-    curve = np.asarray(outline, float)
-    start = np.mean(curve, axis=-2, keepdims=True)
-    x, y = np.moveaxis(curve - start, -1, 0)
-    k = x.shape[-1]
-    waves = 1j * np.fft.fftfreq(k, 1 / k) * (np.arange(k) * 2 != k)
-    dx, dy = (np.fft.ifft(waves * np.fft.fft(part, axis=-1), axis=-1).real * 2 * np.pi / k for part in (x, y))
-    area = np.sum(x * dy - y * dx, axis=-1) / 2
-    turn = np.where(area < 0, -1.0, 1.0)
-    safe = np.where(area == 0, 1.0, area)
-    mx, my = np.sum(x * x * dy, axis=-1) / 2 / safe, -np.sum(y * y * dx, axis=-1) / 2 / safe
-    xx, yy = np.sum(x**3 * dy, axis=-1) / 3 / safe, -np.sum(y**3 * dx, axis=-1) / 3 / safe
-    xy = np.sum(x * x * y * dy, axis=-1) / 2 / safe
-    moments = np.stack([xx - mx * mx, xy - mx * my, yy - my * my], axis=-1)
-    return np.asarray(area * turn), start[..., 0, :] + np.stack([mx, my], axis=-1), moments
 
 
 class FieldMap(NamedTuple):
@@ -483,9 +425,6 @@ def measured_bound(design: Design) -> tuple[float, float]:
     Twin of Eq. 6's bound; where parts are off axis, the least of eight directions.
     """
     camera = camera_of(design)
-    upright = all(part.tilt == (0.0, 0.0) for part in (*camera.rims, camera.array, camera.detector))
-    centred = camera.lens.is_centred and upright and all((rim.x, rim.y) == (0.0, 0.0) for rim in camera.rims)
-    centred &= camera.ahead is None or camera.faces_centred
-    turns = [0.0] if centred else [k * math.pi / 4 for k in range(8)]
+    turns = [0.0] if camera.is_centred else [k * math.pi / 4 for k in range(8)]
     least = min((undistorted_field(camera, turn) for turn in turns), key=lambda bound: float(bound.mla_radius))
     return float(least.object_radius), float(least.mla_radius)

@@ -1,24 +1,24 @@
-"""Microlens images of many builds behind a real lens, from a few rays each.
+"""Microlens images of builds behind a real lens, from a few rays each.
 
-An image is the map from the disc of the FAP to the sensor, known at some points of the disc. Whole images need the
-points on its rim alone: closed curves, integrated by their Fourier series. Cut ones take the map and the rims' squared
-heights as polynomials of the fifth degree over the disc; the lit part is integrated in polar pieces between corners.
+Whole images need rays along the FAP's rim alone: closed curves, integrated by their Fourier series. Where a rim cuts an
+image, or part of the FAP is out of sight, its boundary on the sensor is followed along spokes from its roomiest point,
+each to where the first rim stops the ray. Between corners, where another rim takes over, the boundary is smooth and
+Gauss's rule integrates it.
 """
 
 from __future__ import annotations
 
 import math
+from functools import cache
 from math import sqrt
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from .._jit import kernel
 from ..lenses.tracer import BLOCK, COLUMNS, ROWS, pass_surfaces
-from .builds import Aimed, Planes, counted, crossing
-from .camera import LOST, Train
-from .images import circle, polygon_moments
+from .train import LOST, Aimed, Planes, Train, counted, crossing
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -27,28 +27,63 @@ RIM = 16
 """Rays along the FAP's rim, a multiple of four; the outline's area converges exponentially in them."""
 HARMONICS = 6
 """Of a ray's squared height on a surface, along the FAP's rim."""
-RINGS = ((0.5, 8), (0.8, 8))
-"""Radii and rays of the rings inside, where rims cut."""
-DEGREE, TERMS = 5, 21
-"""Of the polynomials over the FAP's disc: products x^a y^b with a + b <= 5, b running fastest."""
-POWERS = np.array([(a, b) for a in range(DEGREE + 1) for b in range(DEGREE + 1 - a)])
-MISFIT = 3e-3
-"""Of polynomials at the rays that they are laid through, in image widths and squared heights: up to that shares of the
-FAP are right to 1e-3, beyond it no polynomials are taken."""
-SCAN = 32
-"""Directions in which the nearest rim is asked for, before corners are looked for between them."""
-HALVINGS = 12
-"""To a corner: its angle is then right to 5e-5, and the area to the square of that."""
-PANEL = math.pi / 4
+SCAN = 24
+"""Spokes along which the boundary is followed before corners are looked for between them."""
+NEARLY = 0.97
+"""Squared height of a rim's near miss between two spokes, from which another spoke goes there."""
+ON_EDGE, BY_CORNERS, ABOUT = 1e-7, 1e-4, 1e-3
+"""How near the boundary a spoke's last ray must come, in its squared height over that of the rim that stops it: for
+integrals, for which rim it is beside corners, and for where it is, about."""
+FINE = 1e-16
+"""How near it must be known where rays are lost at it, of the largest distance: the FAP's points run away there."""
+HALVINGS = 9
+"""To a corner: its angle is then right to 5e-4, and the area to the square of that."""
+STEPS = 120
+"""Along a spoke at most."""
+PANEL = math.pi / 2
 """Largest angle for one quadrature."""
-FAP = -1
-"""Stands for the FAP's own rim where rims are numbered."""
-_NODES, _WEIGHTS = (part / 2 for part in np.polynomial.legendre.leggauss(10))
+SMOOTH = 1e-4
+"""Largest share of its highest term; what is left out is the square of that, and a panel is halved that has more."""
+NODES = 10
+"""Of a quadrature."""
+GRID, ROOMY, FINEST = 7, 0.6, 17
+"""Side of the grid on which the roomiest point is looked for, which squared height is low enough, and how many grids
+there may be for slivers."""
 
 
-def pupil_points() -> tuple[Array, Array]:
-    """FAP points along its rim, (RIM, 2), and inside it with its middle first, (..., 2), in units of its radius."""
-    return circle(RIM), np.concatenate([np.zeros((1, 2)), *(radius * circle(count) for radius, count in RINGS)])
+def circle(count: int, first: float = 0.0) -> Array:
+    """Points evenly spaced on the unit circle from the angle `first` on, (count, 2)."""
+    turns = first + 2 * np.pi * np.arange(count) / count
+    return np.stack([np.cos(turns), np.sin(turns)], axis=-1)
+
+
+def polygon_moments(outline: ArrayLike) -> tuple[Array, Array, Array]:
+    """Area, centroid and central second moments (xx, xy, yy) per unit area inside closed curves through points.
+
+    Parameters
+    ----------
+    outline : array_like
+        Points evenly spaced in some smooth parameter, (..., K, 2) [mm], either way round.
+
+    Notes
+    -----
+    Green's theorem with the curve's derivative from its Fourier series: for a smooth curve the error falls
+    exponentially with K, for one with corners like 1/K^2.
+    """
+    curve = np.asarray(outline, float)
+    start = np.mean(curve, axis=-2, keepdims=True)
+    x, y = np.moveaxis(curve - start, -1, 0)
+    k = x.shape[-1]
+    waves = 1j * np.fft.fftfreq(k, 1 / k) * (np.arange(k) * 2 != k)
+    dx, dy = (np.fft.ifft(waves * np.fft.fft(part, axis=-1), axis=-1).real * 2 * np.pi / k for part in (x, y))
+    area = np.sum(x * dy - y * dx, axis=-1) / 2
+    turn = np.where(area < 0, -1.0, 1.0)
+    safe = np.where(area == 0, 1.0, area)
+    mx, my = np.sum(x * x * dy, axis=-1) / 2 / safe, -np.sum(y * y * dx, axis=-1) / 2 / safe
+    xx, yy = np.sum(x**3 * dy, axis=-1) / 3 / safe, -np.sum(y**3 * dx, axis=-1) / 3 / safe
+    xy = np.sum(x * x * y * dy, axis=-1) / 2 / safe
+    moments = np.stack([xx - mx * mx, xy - mx * my, yy - my * my], axis=-1)
+    return np.asarray(area * turn), start[..., 0, :] + np.stack([mx, my], axis=-1), moments
 
 
 class Outlines(NamedTuple):
@@ -66,45 +101,22 @@ def outlines(rim: Aimed) -> Outlines:
     """Areas, moments and largest heights from rays along the FAP's rim."""
     area, centroid, moments = polygon_moments(rim.landed)
     peaks, turns = np.empty((len(area), rim.heights.shape[2])), np.empty((len(area), rim.heights.shape[2]))
-    waves = np.exp(-2j * np.pi * np.arange(RIM) / RIM)
+    points = rim.landed.shape[1]
+    waves = np.exp(-2j * np.pi * np.arange(points) / points)
     highest.compiled(rim.heights, waves, np.empty(HARMONICS + 1, complex), peaks, turns)
     return Outlines(np.concatenate([area[:, None], centroid, moments], axis=1), peaks, turns)
 
 
-def cut_shapes(rim: Aimed, inner: Aimed, uncut: Outlines) -> tuple[Array, Array]:
-    """Lit shapes (N, 6) and seen parts of the FAP (N,) of images that rims cut, from rays all over the FAP.
-
-    nan where the lens loses some of those rays altogether, or bends them so much that no polynomials follow.
-    """
-    outer_points, inner_points = pupil_points()
-    places = np.concatenate([inner_points, outer_points])
-    powers = np.prod(places[:, None, :] ** POWERS, axis=-1)
-    fit = np.linalg.pinv(powers)
-    landed = np.concatenate([inner.landed, rim.landed], axis=1)
-    heights = np.concatenate([inner.heights, rim.heights], axis=1)
-    shape, share = np.full((len(landed), 6), np.nan), np.full(len(landed), np.nan)
-    whole = ~np.any(np.isnan(landed[:, :, 0]), axis=1)
-    landed, heights, peaks = landed[whole], heights[whole], uncut.peaks[whole]
-    cutting = (peaks > 1) | np.any(heights > 1, axis=1)
-    landings = landed - landed[:, :1]
-    wide = np.ptp(landings, axis=(1, 2))[:, None, None]
-    maps, rims = (np.swapaxes(fit @ part, 1, 2).copy() for part in (landings, heights))
-    off = [np.abs(powers @ np.swapaxes(c, 1, 2) - part) for c, part in ((maps, landings), (rims, heights))]
-    apart = np.maximum((off[0] / wide).max(axis=(1, 2)), (off[1] / np.maximum(heights, 1)).max(axis=(1, 2)))
-    size, part = np.empty((len(landed), 6)), np.empty(len(landed))
-    corners = np.where(peaks > 1, uncut.turns[whole], np.nan)
-    cut_images.compiled(maps, rims, cutting, corners, places, _NODES + 0.5, _WEIGHTS, size, part)
-    size[:, 1:3] += np.where(part[:, None] > 0, landed[:, 0], 0.0)
-    strayed = apart > MISFIT
-    size[strayed], part[strayed] = np.nan, np.nan
-    shape[whole], share[whole] = size, part
-    return shape, share
-
-
-def seen_shapes(
-    train: Train, planes: Planes, base: Array, trial: Ints, rim: Aimed, inner: Aimed, about: Array, wide: Array
-) -> tuple[Array, Array]:
-    """Lit shapes (N, 6) and seen parts of the FAP (N,) of images of which part is out of the lens's sight.
+def lit_parts(
+    train: Train,
+    planes: Planes,
+    base: Array,
+    trial: Ints,
+    rim: Array,
+    elsewhere: tuple[Array, ArrayLike],
+    spokes: int = SCAN,
+) -> tuple[Array, Array, Array]:
+    """Lit parts of images, whatever cuts them: right to some 1e-8 of the whole.
 
     Parameters
     ----------
@@ -114,148 +126,367 @@ def seen_shapes(
         Microlenses, on the array [mm].
     trial : ndarray of int, (N,)
         Their builds.
-    rim, inner
-        Rays of `pupil_points`, nan where there is none: the boundary is looked for about the one with most room.
-    about, wide : ndarray, (N, 2) and (N,)
-        Where to look, and how far, where the lens shows none of them: sensor points [mm].
+    rim : ndarray, (N, P, 2)
+        Images of the FAP's rim, about which to look; nan where they are not in sight [mm].
+    elsewhere : tuple
+        Where to look instead, (N, 2), and how far to either side, where none of it is in sight [mm].
+    spokes : int
+        Of the boundary, at most `BLOCK`.
 
-    Notes
-    -----
-    No ray is aimed: `BLOCK` of them leave the microlens, along spokes, to where they are lost or stopped. Corners make
-    areas right to 20 over the square of `BLOCK`, in themselves.
+    Returns
+    -------
+    (shape, share, edge)
+        Area, centroid, central second moments (xx, xy, yy) [mm], (N, 6), zeros where dark; the part of the FAP, by its
+        own area, from which light comes, (N,); and the boundary along spokes from its roomiest point, evenly spaced but
+        for those beside corners, which go there, (N, spokes, 2) [mm], that point where dark.
     """
-    rim_points, inner_points = pupil_points()
-    on_fap = np.sum(np.concatenate([inner_points, rim_points]) ** 2, axis=1)
-    landed = np.concatenate([inner.landed, rim.landed], axis=1)
-    tallest = np.max(np.concatenate([inner.heights, rim.heights], axis=1), axis=2, initial=0.0)
-    tallest = np.where(np.isnan(landed[:, :, 0]), np.inf, np.maximum(tallest, on_fap))
-    hub = landed[np.arange(len(landed)), np.argmin(tallest, axis=1)]
-    known = np.isfinite(landed)
-    some = known.any(axis=(1, 2))
-    reach = np.max(landed, axis=(1, 2), where=known, initial=-np.inf)
-    reach = np.where(some, reach - np.min(landed, axis=(1, 2), where=known, initial=np.inf), wide)
-    hub = np.where(some[:, None], hub, about)
-    edge, pupil = np.empty((2, len(landed), BLOCK, 2))
-    lit = np.zeros(len(landed), np.bool_)
+    if spokes > BLOCK:
+        raise ValueError(f"{spokes} spokes are more than {BLOCK}")
+    known = np.isfinite(rim)
+    low = np.min(rim, axis=1, where=known, initial=np.inf)
+    high = np.max(rim, axis=1, where=known, initial=-np.inf)
+    none, (about, wide) = ~np.any(known, axis=(1, 2)), elsewhere
+    aside = np.broadcast_to(wide, len(base))[:, None]
+    low[none], high[none] = ((about + side * aside)[none] for side in (-1, 1))
     lens, beyond = train
-    follow_spokes.compiled(
-        trial, base, *counted(lens), *counted(beyond), planes.array, planes.sensor, planes.rims, hub, reach,
-        circle(BLOCK), edge, pupil, lit,
+    shape, share, edge = np.zeros((len(base), 6)), np.zeros(len(base)), np.empty((len(base), spokes, 2))
+    about, reach = (np.ascontiguousarray(part) for part in ((low + high) / 2, np.max(high - low, axis=1)))
+    follow_images.compiled(
+        trial, *counted(lens), *counted(beyond), planes.array, planes.sensor, planes.rims, np.ascontiguousarray(base),
+        about, reach, *_rule(), shape, share, edge,
     )  # fmt: skip
-    shape, share = np.zeros((len(landed), 6)), np.zeros(len(landed))
-    if lit.any():
-        area, centroid, moments = polygon_moments(edge[lit])
-        shape[lit] = np.concatenate([area[:, None], centroid, moments], axis=1)
-        share[lit] = np.minimum(polygon_moments(pupil[lit])[0] / math.pi, 1.0)
-    return shape, share
+    return shape, share, edge
+
+
+@cache
+def _rule() -> tuple[Array, Array, Array, Array]:
+    """Gauss's rule on [-1, 1]: n nodes, weights, and what takes values there to derivatives, (n, n), and to both ends.
+
+    The last is (3, n); its third row is for the highest term.
+    """
+    nodes, weights = np.polynomial.legendre.leggauss(NODES)
+    terms = np.polynomial.legendre.Legendre.basis
+    fit = np.array([(k + 0.5) * weights * terms(k)(nodes) for k in range(NODES)])
+    slopes = np.stack([terms(k).deriv()(nodes) for k in range(NODES)], axis=1) @ fit
+    ends = np.polynomial.legendre.legvander(np.array([-1.0, 1.0]), NODES - 1) @ fit
+    return nodes, weights, slopes, np.concatenate([ends, fit[-1:]])
 
 
 @kernel()
-def measure_rays(
-    buffer: Any, radii: Any, n: int, at: Any, sx: Any, sy: Any, lens: Any, count: int, index: Any, outer: Any,
-    outer_count: int, outer_index: Any, rims: Any, tallest: Any, pupil: Any,
-) -> None:  # fmt: skip
-    """Largest squared heights (n,) over surfaces, stops and the FAP, and FAP points (n, 2) in its radius.
+def measure_rays(n: int, build: Any, work: Any) -> None:
+    """How near n rays from a point of the array, away from points of the sensor, come to the rims.
 
-    Of rays with slopes `sx`, `sy` from a point of the array; `LOST` for those that do not come through.
+    Parameters
+    ----------
+    build : tuple
+        That point (3,); the lens, how many surfaces, their media; the same of what stands before the FAP; rims; sensor.
+    work : tuple
+        Room for rays; the sensor's points (n,), (n,), in its own coordinates; and what gets the largest squared height
+        over that of a rim (n,), `LOST` for rays that do not come through; of which (n,), for those the number of rims;
+        all such heights (rims, n), of surfaces, stops, and what stands before the FAP; the FAP's points (n, 2).
     """
+    at, lens, count, index, outer, outer_count, outer_index, rims, screen = build
+    buffer, radii, u, v, tallest, first, heights, pupil = work
+    stops = rims.shape[0]
     for i in range(n):
-        shrink = 1.0 / sqrt(1.0 + sx[i] * sx[i] + sy[i] * sy[i])
+        x = screen[0] + u[i] * screen[3] + v[i] * screen[6] - at[0]
+        y = screen[1] + u[i] * screen[4] + v[i] * screen[7] - at[1]
+        z = screen[2] + u[i] * screen[5] + v[i] * screen[8] - at[2]
+        shrink = 1.0 / sqrt(x * x + y * y + z * z)
         buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i] = at[0], at[1], at[2]
-        buffer[3 * BLOCK + i], buffer[4 * BLOCK + i] = -sx[i] * shrink, -sy[i] * shrink
-        buffer[5 * BLOCK + i], buffer[6 * BLOCK + i] = -shrink, 0.0
-        tallest[i] = 0.0
+        buffer[3 * BLOCK + i], buffer[4 * BLOCK + i] = -x * shrink, -y * shrink
+        buffer[5 * BLOCK + i], buffer[6 * BLOCK + i] = -z * shrink, 0.0
     pass_surfaces(buffer, n, lens, index, count, True, False, radii)
     for i in range(n):
         for k in range(count):
-            tallest[i] = max(tallest[i], radii[k * BLOCK + i] / lens[k * COLUMNS + 5])
+            heights[k, i] = radii[k * BLOCK + i] / lens[k * COLUMNS + 5]
         down = buffer[5 * BLOCK + i]
         ox, oy = buffer[3 * BLOCK + i] / down, buffer[4 * BLOCK + i] / down
-        for k in range(rims.shape[0]):
+        for k in range(stops):
             hx, hy = crossing(buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i], ox, oy, rims[k])
             hx, hy = hx / rims[k, 12], hy / rims[k, 12]
             if k == 0:
                 pupil[i, 0], pupil[i, 1] = hx, hy
-            tallest[i] = max(tallest[i], hx * hx + hy * hy)
+            heights[count + k, i] = hx * hx + hy * hy
     pass_surfaces(buffer, n if outer_count else 0, outer, outer_index, outer_count, True, False, radii)
     for i in range(n):
         for k in range(outer_count):
-            tallest[i] = max(tallest[i], radii[k * BLOCK + i] / outer[k * COLUMNS + 5])
+            heights[count + stops + k, i] = radii[k * BLOCK + i] / outer[k * COLUMNS + 5]
+        tallest[i], first[i] = 0.0, 0
+        for k in range(len(heights)):
+            if heights[k, i] > tallest[i]:
+                tallest[i], first[i] = heights[k, i], k
         if buffer[6 * BLOCK + i] != 0.0 or not tallest[i] < LOST:
-            tallest[i] = LOST
+            tallest[i], first[i] = LOST, len(heights)
+
+
+@kernel()
+def _roomiest(hub: Any, size: float, build: Any, work: Any) -> float:
+    """Largest squared height there, after moving a sensor point `hub` to where that is least, from so far away."""
+    u, v, tallest = work[2], work[3], work[4]
+    best = LOST
+    for search in range(FINEST):
+        side = GRID if search == 0 else 5
+        step = 2.0 * size / (side - 1)
+        for i in range(side * side):
+            u[i], v[i] = hub[0] - size + step * (i // side), hub[1] - size + step * (i % side)
+        measure_rays(side * side, build, work)
+        for i in range(side * side):
+            if tallest[i] < best:
+                best, hub[0], hub[1] = tallest[i], u[i], v[i]
+        size = 2.0 * step if search == 0 else 0.6 * size
+        if best < ROOMY or (best < 0.9 and search >= 2):
+            break
+    return best
 
 
 @kernel()
 def follow_spokes(
-    trial: Any, base: Any, table: Any, count: int, media: Any, outer: Any, outer_count: int, outer_media: Any,
-    array: Any, sensor: Any, rims: Any, hub: Any, reach: Any, ways: Any, edge: Any, pupil: Any, lit: Any,
+    n: int, hub: Any, most: float, enough: float, angle: Any, far: Any, spokes: Any, build: Any, work: Any
+) -> None:
+    """How far from a hub the boundary is along n spokes; `far` (n,) holds a first guess, and gets it.
+
+    Every rim's squared height goes on as between the last two rays, the first of them the hub's, to where it would stop
+    the ray; the nearest such place is tried next, or the middle of where the boundary may be, up to `most`. Once the
+    squared height is within `enough` of the rim's, that place is taken. What the last rays met is left in `work`.
+    """
+    low, high, last, done, before = spokes
+    u, v, tallest, first, heights = work[2], work[3], work[4], work[5], work[6]
+    limits = len(heights)
+    for i in range(n):
+        low[i], high[i], last[i], done[i] = 0.0, most, 0.0, 0.0
+        for k in range(limits):
+            before[k, i] = hub[2 + k]
+    for step in range(STEPS):
+        for i in range(n):
+            u[i], v[i] = hub[0] + far[i] * math.cos(angle[i]), hub[1] + far[i] * math.sin(angle[i])
+        measure_rays(n, build, work)
+        moving = False
+        for i in range(n):
+            if tallest[i] <= 1.0:
+                low[i] = far[i]
+            else:
+                high[i] = far[i]
+            if done[i] != 0.0 or high[i] - low[i] <= FINE * most:
+                continue
+            half = 0.5 * (low[i] + high[i])
+            if tallest[i] == LOST:
+                far[i], moving = half, True
+                continue
+            to, run = high[i], far[i] - last[i]
+            for k in range(limits):
+                rise = heights[k, i] - before[k, i]
+                if heights[k, i] > 0.25 and rise * run > 0.0:
+                    to = min(to, far[i] + (1.0 - heights[k, i]) * run / rise)
+                before[k, i] = heights[k, i]
+            last[i] = far[i]
+            if abs(tallest[i] - 1.0) <= enough:
+                far[i], done[i] = to, 1.0
+            else:
+                far[i], moving = to if low[i] < to < high[i] and step % 8 != 7 else half, True
+        if not moving:
+            break
+    lost = False
+    for i in range(n):
+        last[i] = tallest[i]
+        lost = lost or tallest[i] == LOST
+    if lost:  # there the boundary is where rays come to nothing, and this just inside
+        for i in range(n):
+            far[i] = low[i] if last[i] == LOST else far[i]
+            u[i], v[i] = hub[0] + far[i] * math.cos(angle[i]), hub[1] + far[i] * math.sin(angle[i])
+        measure_rays(n, build, work)
+        for i in range(n):
+            first[i] = len(heights) if last[i] == LOST else first[i]
+
+
+@kernel()
+def _along_edge(edges: Any, scan: int, angle: float) -> Any:
+    """How far the boundary is at an angle, about: by cubics between `scan` spokes, evenly spaced."""
+    at = angle * scan / (2.0 * math.pi)
+    k = math.floor(at)
+    a, b, c, d = edges[(k - 1) % scan], edges[k % scan], edges[(k + 1) % scan], edges[(k + 2) % scan]
+    t = at - k
+    return b + 0.5 * t * (c - a + t * (2.0 * a - 5.0 * b + 4.0 * c - d + t * (3.0 * (b - c) + d - a)))
+
+
+@kernel()
+def _is_smooth(far: Any, pupil: Any, finest: Any) -> bool:
+    """Whether the boundary, and the FAP's points at it, hardly need the highest term that the rule's nodes can tell."""
+    r, x, y, size = 0.0, 0.0, 0.0, 0.0
+    for i in range(len(finest)):
+        r, x, y = r + finest[i] * far[i], x + finest[i] * pupil[i, 0], y + finest[i] * pupil[i, 1]
+        size = max(size, far[i])
+    return abs(r) <= SMOOTH * size and abs(x) <= SMOOTH and abs(y) <= SMOOTH
+
+
+@kernel()
+def _add_panel(begin: float, width: float, far: Any, rule: Any, pupil: Any, sums: Any) -> None:
+    """Integrals of a part of the image, about the hub, and of the part of the FAP that shows there, about its middle.
+
+    From how far the boundary is at the rule's nodes, and where it is on the FAP. There parts join by straight lines:
+    corners are found to some rounding, which areas then know by its square.
+    """
+    nodes, weights, slopes, ends = rule
+    x0, y0, x1, y1 = 0.0, 0.0, 0.0, 0.0
+    for i in range(len(nodes)):
+        angle, r = begin + width * (nodes[i] + 1.0) / 2.0, far[i]
+        x, y, part = r * math.cos(angle), r * math.sin(angle), weights[i] * width / 2.0 * r * r
+        sums[0] += part / 2.0
+        sums[1] += part * x / 3.0
+        sums[2] += part * y / 3.0
+        sums[3] += part * x * x / 4.0
+        sums[4] += part * x * y / 4.0
+        sums[5] += part * y * y / 4.0
+        u, v, du, dv = pupil[i, 0], pupil[i, 1], 0.0, 0.0
+        for j in range(len(nodes)):
+            du, dv = du + slopes[i, j] * pupil[j, 0], dv + slopes[i, j] * pupil[j, 1]
+        sums[6] += weights[i] * (u * dv - v * du) / 2.0
+        x0, y0 = x0 + ends[0, i] * u, y0 + ends[0, i] * v
+        x1, y1 = x1 + ends[1, i] * u, y1 + ends[1, i] * v
+    if sums[7] == 0.0:
+        sums[8], sums[9] = x0, y0
+    else:
+        sums[6] += (sums[10] * y0 - sums[11] * x0) / 2.0
+    sums[7], sums[10], sums[11] = 1.0, x1, y1
+
+
+@kernel()
+def _corners(
+    scan: int, hub: Any, most: float, edges: Any, marks: Any, trial: Any, spokes: Any, build: Any, work: Any
+) -> int:
+    """How many corners the boundary has; in `marks` at which angles, in order, and how far; else 0 and the angle 0.
+
+    From `scan` spokes just followed, at distances `edges`; `marks` and `trial` are tuples of room to work in.
+    """
+    ends, reached, angles, stoppers = marks
+    angle, far = trial
+    first, heights = work[5], work[6]
+    limits = len(heights)
+    for i in range(scan):
+        angles[i], stoppers[i] = angle[i], first[i]
+    known, extra = scan, 0
+    for k in range(limits):  # a rim that cuts only between two spokes must not be missed
+        for i in range(scan):
+            before, after = (i - 1) % scan, (i + 1) % scan
+            h, hp, hn = heights[k, i], heights[k, before], heights[k, after]
+            near = stoppers[i] != k and stoppers[before] != k and stoppers[after] != k and extra < BLOCK
+            bend = hp - 2.0 * h + hn
+            if near and bend < 0.0 and h > hp and h >= hn and h - (hn - hp) ** 2 / (8.0 * bend) > NEARLY:
+                angle[extra] = (angles[i] + math.pi * (hp - hn) / (scan * bend)) % (2.0 * math.pi)
+                far[extra] = edges[i]
+                extra += 1
+    if extra > 0:
+        follow_spokes(extra, hub, most, BY_CORNERS, angle, far, spokes, build, work)
+        for i in range(extra):
+            angles[known], stoppers[known] = angle[i], first[i]
+            known += 1
+    order = np.argsort(angles[:known])
+    corners = 0
+    for i in range(known):
+        one, other = order[i], order[(i + 1) % known]
+        low, stopper = angles[one], stoppers[one]
+        while stopper != stoppers[other] and corners < len(ends):
+            high, past = angles[other] + (0.0 if i + 1 < known else 2.0 * math.pi), stoppers[other]
+            for _ in range(HALVINGS):
+                angle[0] = 0.5 * (low + high)
+                far[0] = _along_edge(edges, scan, angle[0])
+                follow_spokes(1, hub, most, BY_CORNERS, angle, far, spokes, build, work)
+                if first[0] == stopper:
+                    low = angle[0]
+                else:
+                    high, past = angle[0], first[0]
+            ends[corners], reached[corners], low, stopper = high, far[0], high, past
+            corners += 1
+    ends[0] = ends[0] if corners > 0 else 0.0
+    return corners
+
+
+@kernel()
+def _integrate(
+    corners: int, scan: int, hub: Any, most: float, edges: Any, ends: Any, rule: Any, trial: Any, spokes: Any,
+    build: Any, work: Any, sums: Any,
 ) -> None:  # fmt: skip
-    """Boundaries of N lit images along `BLOCK` spokes; arguments as of `aim`.
+    """Integrals of a lit part between its corners, as `_add_panel` gathers them."""
+    nodes, joints = rule[0], rule[3]
+    angle, far = trial
+    pupil = work[7]
+    sums[:] = 0.0
+    for corner in range(max(1, corners)):
+        begin = ends[corner]
+        end = ends[corner + 1] if corner + 1 < corners else ends[0] + 2.0 * math.pi
+        whole = (end - begin) / max(1, math.ceil((end - begin) / PANEL - 1e-9))
+        width = whole
+        while end - begin > 1e-12:
+            for i in range(len(nodes)):
+                angle[i] = begin + width * (nodes[i] + 1.0) / 2.0
+                far[i] = _along_edge(edges, scan, angle[i])
+            follow_spokes(len(nodes), hub, most, ON_EDGE, angle, far, spokes, build, work)
+            if width > whole / 100.0 and not _is_smooth(far, pupil, joints[2]):
+                width *= 0.5
+                continue
+            _add_panel(begin, width, far, rule, pupil, sums)
+            begin += width
+            width = min(whole, 2.0 * width, end - begin)
+    sums[6] += (sums[10] * sums[9] - sums[11] * sums[8]) / 2.0
+
+
+@kernel()
+def follow_images(
+    trial: Any, table: Any, count: int, media: Any, outer: Any, outer_count: int, outer_media: Any, array: Any,
+    sensor: Any, rims: Any, base: Any, about: Any, reach: Any, nodes: Any, weights: Any, slopes: Any, joints: Any,
+    shape: Any, share: Any, edge: Any,
+) -> None:  # fmt: skip
+    """Lit parts of N images; arguments as of `train.aim` and `lit_parts`.
 
     Parameters
     ----------
-    hub, reach : (N, 2), (N,)
-        Sensor points where to begin, and how far from them the image reaches at most [mm].
-    ways : (BLOCK, 2)
-        Directions.
-    edge, pupil : (N, BLOCK, 2)
-        Get the boundary on the sensor [mm] and on the FAP, in its radius.
-    lit : (N,)
-        Gets whether there is any light.
+    about, reach : (N, 2), (N,)
+        Sensor points where to begin, and how far across the image is at most [mm].
+    nodes, weights, slopes, joints
+        As `_rule` has them.
     """
-    buffer, radii = np.empty(ROWS * BLOCK), np.empty((count + outer_count) * BLOCK)
-    sx, sy, tallest, seen = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty((BLOCK, 2))
-    low, high, at = np.empty(BLOCK), np.empty(BLOCK), np.empty(3)
+    limits, scan, rule = count + rims.shape[1] + outer_count, edge.shape[1], (nodes, weights, slopes, joints)
+    heights, pupil = np.empty((limits, BLOCK)), np.empty((BLOCK, 2))
+    u, v, tallest, first = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK, np.int64)
+    work = np.empty(ROWS * BLOCK), np.empty((count + outer_count) * BLOCK), u, v, tallest, first, heights, pupil
+    spokes = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty((limits, BLOCK))
+    angle, far, edges = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
+    ends, reached, trial_spokes = np.empty(2 * BLOCK), np.empty(2 * BLOCK), (angle, far)
+    marks = ends, reached, np.empty(2 * BLOCK), np.empty(2 * BLOCK, np.int64)
+    at, hub, sums = np.empty(3), np.empty(2 + limits), np.empty(12)
     for job in range(len(trial)):
         t = trial[job]
-        x, y = hub[job, 0], hub[job, 1]
-        plane, screen = array[t], sensor[t]
         for k in range(3):
-            at[k] = plane[k] + base[job, 0] * plane[3 + k] + base[job, 1] * plane[6 + k]
-        size, best = reach[job], LOST
-        for search in range(18):  # to where there is most room: on a grid of 16 x 16, then on ever finer ones of 5 x 5
-            side = 16 if search == 0 else 5
-            step = 2.0 * size / (side - 1)
-            for i in range(side * side):
-                u, v = x - size + step * (i // side), y - size + step * (i % side)
-                run = screen[2] + u * screen[5] + v * screen[8] - at[2]
-                sx[i] = (screen[0] + u * screen[3] + v * screen[6] - at[0]) / run
-                sy[i] = (screen[1] + u * screen[4] + v * screen[7] - at[1]) / run
-            measure_rays(
-                buffer, radii, side * side, at, sx, sy, table[t], count, media[t], outer[t], outer_count,
-                outer_media[t], rims[t], tallest, seen,
-            )  # fmt: skip
-            u, v = x, y
-            for i in range(side * side):
-                if tallest[i] < best:
-                    best = tallest[i]
-                    x, y = u - size + step * (i // side), v - size + step * (i % side)
-            size = 2.0 * step if search == 0 else 0.6 * size
+            at[k] = array[t, k] + base[job, 0] * array[t, 3 + k] + base[job, 1] * array[t, 6 + k]
+        build = at, table[t], count, media[t], outer[t], outer_count, outer_media[t], rims[t], sensor[t]
+        hub[0], hub[1], most = about[job, 0], about[job, 1], 3.0 * reach[job]
+        best = _roomiest(hub, 0.55 * reach[job], build, work)
+        for i in range(scan):
+            angle[i], far[i] = 2.0 * math.pi * i / scan, 0.5 * reach[job]
+            edge[job, i, 0], edge[job, i, 1] = hub[0], hub[1]
         if not best < 1.0:
             continue
-        lit[job] = True
-        for i in range(BLOCK):
-            low[i], high[i] = 0.0, 3.0 * reach[job]
-        for _ in range(40):
-            for i in range(BLOCK):
-                far = 0.5 * (low[i] + high[i])
-                u, v = x + far * ways[i, 0], y + far * ways[i, 1]
-                run = screen[2] + u * screen[5] + v * screen[8] - at[2]
-                sx[i] = (screen[0] + u * screen[3] + v * screen[6] - at[0]) / run
-                sy[i] = (screen[1] + u * screen[4] + v * screen[7] - at[1]) / run
-            measure_rays(
-                buffer, radii, BLOCK, at, sx, sy, table[t], count, media[t], outer[t], outer_count, outer_media[t],
-                rims[t], tallest, seen,
-            )  # fmt: skip
-            for i in range(BLOCK):
-                far = 0.5 * (low[i] + high[i])
-                if tallest[i] <= 1.0:
-                    low[i] = far
-                    pupil[job, i, 0], pupil[job, i, 1] = seen[i, 0], seen[i, 1]
-                else:
-                    high[i] = far
-        for i in range(BLOCK):
-            edge[job, i, 0], edge[job, i, 1] = x + low[i] * ways[i, 0], y + low[i] * ways[i, 1]
+        u[0], v[0] = hub[0], hub[1]
+        measure_rays(1, build, work)
+        for k in range(limits):
+            hub[2 + k] = heights[k, 0]
+        follow_spokes(scan, hub, most, ABOUT, angle, far, spokes, build, work)
+        for i in range(scan):
+            edge[job, i, 0] += far[i] * math.cos(angle[i])
+            edge[job, i, 1] += far[i] * math.sin(angle[i])
+            edges[i] = far[i]
+        corners = _corners(scan, hub, most, edges, marks, trial_spokes, spokes, build, work)
+        for corner in range(corners):  # the spoke beside it goes there instead
+            k = round(ends[corner] * scan / (2.0 * math.pi)) % scan
+            edge[job, k, 0] = hub[0] + reached[corner] * math.cos(ends[corner])
+            edge[job, k, 1] = hub[1] + reached[corner] * math.sin(ends[corner])
+        _integrate(corners, scan, hub, most, edges, ends, rule, trial_spokes, spokes, build, work, sums)
+        area = sums[0]
+        mx, my = sums[1] / area, sums[2] / area
+        shape[job, 0], shape[job, 1], shape[job, 2] = area, hub[0] + mx, hub[1] + my
+        shape[job, 3], shape[job, 4] = sums[3] / area - mx * mx, sums[4] / area - mx * my
+        shape[job, 5] = sums[5] / area - my * my
+        share[job] = min(1.0, abs(sums[6]) / math.pi)
 
 
 @kernel()
@@ -297,206 +528,3 @@ def highest(heights: Any, waves: Any, series: Any, peaks: Any, turns: Any) -> No
     for n in range(len(heights)):
         for k in range(heights.shape[2]):
             peaks[n, k], turns[n, k] = peak(heights[n, :, k], waves, series)
-
-
-@kernel()
-def polynomial(c: Any, x: float, y: float) -> tuple[float, float, float]:
-    """A polynomial of `TERMS` coefficients and its derivatives by x and y."""
-    f, fx, fy = 0.0, 0.0, 0.0
-    last = TERMS
-    for a in range(DEGREE, -1, -1):
-        last -= DEGREE + 1 - a
-        q, dq = 0.0, 0.0
-        for b in range(DEGREE - a, -1, -1):
-            dq = dq * y + q
-            q = q * y + c[last + b]
-        fx = fx * x + f
-        f = f * x + q
-        fy = fy * x + dq
-    return f, fx, fy
-
-
-@kernel()
-def to_circle(hx: float, hy: float, cosine: float, sine: float) -> float:
-    """From an inner point along a direction to the unit circle."""
-    along = hx * cosine + hy * sine
-    return -along + math.sqrt(max(0.0, along * along + 1.0 - hx * hx - hy * hy))
-
-
-@kernel()
-def to_rim(c: Any, hx: float, hy: float, cosine: float, sine: float, far: float) -> float:
-    """From an inner point along a direction to where a rim's polynomial is 1; `far` where it is nowhere up to there."""
-    f, _, _ = polynomial(c, hx + far * cosine, hy + far * sine)
-    if f <= 1.0:
-        return far
-    low, high, x = 0.0, far, 0.5 * far
-    for _ in range(60):
-        f, fx, fy = polynomial(c, hx + x * cosine, hy + x * sine)
-        if f > 1.0:
-            high = x
-        else:
-            low = x
-        slope = fx * cosine + fy * sine
-        step = x - (f - 1.0) / slope if slope > 0 else low
-        if not low < step < high:
-            step = 0.5 * (low + high)
-        if abs(step - x) <= 1e-15:
-            return step
-        x = step
-    return x
-
-
-@kernel()
-def nearest(rims: Any, count: int, hx: float, hy: float, angle: float) -> int:
-    """Which rim is met first along a direction; `FAP` for the FAP's own."""
-    cosine, sine = math.cos(angle), math.sin(angle)
-    far = to_circle(hx, hy, cosine, sine)
-    first = FAP
-    for k in range(count):
-        at = to_rim(rims[k], hx, hy, cosine, sine, far)
-        if at < far:
-            far, first = at, k
-    return first
-
-
-@kernel()
-def corner(rims: Any, count: int, one: int, hx: float, hy: float, low: float, high: float) -> float:
-    """Angle between two at which the boundary leaves rim `one`."""
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if nearest(rims, count, hx, hy, middle) == one else (low, middle)
-    return high
-
-
-@kernel()
-def roominess(rims: Any, count: int, x: float, y: float) -> float:
-    """How far inside the FAP and all rims a point lies."""
-    least = 1.0 - x * x - y * y
-    for k in range(count):
-        f, _, _ = polynomial(rims[k], x, y)
-        least = min(least, 1.0 - f)
-    return least
-
-
-@kernel()
-def add_piece(
-    rims: Any, active: int, image: Any, hx: float, hy: float, low: float, high: float, nodes: Any, weights: Any,
-    sums: Any,
-) -> None:  # fmt: skip
-    """Green's integrals along one piece of the boundary, about the image of the hub; then the area on the disc."""
-    x0, _, _ = polynomial(image[0], hx, hy)
-    y0, _, _ = polynomial(image[1], hx, hy)
-    panels = max(1, math.ceil((high - low) / PANEL))
-    width = (high - low) / panels
-    for panel in range(panels):
-        for q in range(len(nodes)):
-            angle = low + width * (panel + nodes[q])
-            cosine, sine = math.cos(angle), math.sin(angle)
-            at = to_circle(hx, hy, cosine, sine)
-            if active != FAP:
-                at = to_rim(rims[active], hx, hy, cosine, sine, 1.01 * at)
-            tx, ty = hx + at * cosine, hy + at * sine
-            nx, ny = tx, ty
-            if active != FAP:
-                _, nx, ny = polynomial(rims[active], tx, ty)
-            out, across = nx * cosine + ny * sine, ny * cosine - nx * sine
-            grow = -at * across / out  # of the distance, along the boundary
-            ux, uy = grow * cosine - at * sine, grow * sine + at * cosine
-            x, fx, fy = polynomial(image[0], tx, ty)
-            y, gx, gy = polynomial(image[1], tx, ty)
-            weight = weights[q] * width
-            dx, dy = weight * (fx * ux + fy * uy), weight * (gx * ux + gy * uy)
-            x, y = x - x0, y - y0
-            sums[0] += 0.5 * (x * dy - y * dx)
-            sums[1] += 0.5 * x * x * dy
-            sums[2] -= 0.5 * y * y * dx
-            sums[3] += x * x * x * dy / 3.0
-            sums[4] += 0.5 * x * x * y * dy
-            sums[5] -= y * y * y * dx / 3.0
-            sums[6] += 0.5 * at * at * weight
-
-
-@kernel()
-def cut_images(
-    maps: Any, rims: Any, cutting: Any, turns: Any, places: Any, nodes: Any, weights: Any, shape: Any, share: Any
-) -> None:
-    """Lit shapes of N images that rims cut.
-
-    Parameters
-    ----------
-    maps, rims : (N, 2, TERMS), (N, R, TERMS)
-        Polynomials over the unit disc of the FAP: sensor points from that of its middle, and squared heights.
-    cutting, turns : (N, R)
-        Which rims cut, and where on the FAP's rim they cut most; nan where they spare it.
-    places : (P, 2)
-        Points of the disc, one of which lies near enough to the roomiest.
-    nodes, weights
-        Of a quadrature over [0, 1].
-    shape : (N, 6)
-        Gets area, centroid and central second moments; zeros where dark.
-    share : (N,)
-        Gets the part of the FAP that is seen.
-    """
-    most = rims.shape[1]
-    cuts = np.empty((most, TERMS))
-    angles, active = np.empty(SCAN + most), np.empty(SCAN + most, np.int64)
-    ends, along = np.empty(SCAN + most), np.empty(SCAN + most, np.int64)
-    sums = np.empty(7)
-    for n in range(len(maps)):
-        image, count, marks = maps[n], 0, SCAN
-        for k in range(most):
-            if cutting[n, k]:
-                cuts[count] = rims[n, k]
-                count += 1
-        hx, hy, best = 0.0, 0.0, -1e300
-        for p in range(len(places)):
-            room = roominess(cuts, count, places[p, 0], places[p, 1])
-            if room > best:
-                hx, hy, best = places[p, 0], places[p, 1], room
-        reach = 0.25
-        for _ in range(24 if best < 0.2 else 0):
-            ux, uy = hx, hy
-            for i in range(-2, 3):
-                for j in range(-2, 3):
-                    x, y = ux + i * reach, uy + j * reach
-                    room = roominess(cuts, count, x, y)
-                    if room > best:
-                        hx, hy, best = x, y, room
-            reach *= 0.6
-        shape[n], share[n] = 0.0, 0.0
-        if best <= 0.0:
-            continue
-        for i in range(SCAN):
-            angles[i] = 2.0 * math.pi * i / SCAN
-        for k in range(most):
-            if turns[n, k] == turns[n, k]:  # a sliver between two directions of the scan must not be missed
-                angle = math.atan2(math.sin(turns[n, k]) - hy, math.cos(turns[n, k]) - hx)
-                angles[marks] = angle if angle >= 0 else angle + 2.0 * math.pi
-                marks += 1
-        order = np.argsort(angles[:marks])
-        for i in range(marks):
-            active[i] = nearest(cuts, count, hx, hy, angles[order[i]])
-        corners = 0
-        for i in range(marks):
-            after = i + 1 if i + 1 < marks else 0
-            one, low = active[i], angles[order[i]]
-            high = angles[order[after]] + (0.0 if after else 2.0 * math.pi)
-            while one != active[after] and corners < len(ends):
-                low = corner(cuts, count, one, hx, hy, low, high)
-                one = nearest(cuts, count, hx, hy, low)
-                ends[corners], along[corners] = low, one
-                corners += 1
-        sums[:] = 0.0
-        if corners == 0:
-            add_piece(cuts, active[0], image, hx, hy, 0.0, 2.0 * math.pi, nodes, weights, sums)
-        for i in range(corners):
-            high = ends[i + 1] if i + 1 < corners else ends[0] + 2.0 * math.pi
-            add_piece(cuts, along[i], image, hx, hy, ends[i], high, nodes, weights, sums)
-        area = sums[0]
-        mx, my = sums[1] / area, sums[2] / area
-        x0, _, _ = polynomial(image[0], hx, hy)
-        y0, _, _ = polynomial(image[1], hx, hy)
-        shape[n, 0], shape[n, 1], shape[n, 2] = abs(area), x0 + mx, y0 + my
-        shape[n, 3], shape[n, 4] = sums[3] / area - mx * mx, sums[4] / area - mx * my
-        shape[n, 5] = sums[5] / area - my * my
-        share[n] = min(1.0, sums[6] / math.pi)

@@ -38,7 +38,7 @@ BENCH = roslf.load("paper-singlet").replace({"depth.disparity_error": 0.1})
 AXIS, CORNER = (0.0, 0.0), (11.0, 7.0)
 PITCH = BENCH.d
 STARTS = 3
-FINE = 1024
+FINE = 256
 """Points of a boundary by which designs are compared in the end: areas of cut images are then right to 3e-5."""
 PENALTY = 10.0
 """Of a scaled violation, where a way takes no limits."""

@@ -18,7 +18,8 @@ from roslf_design.tolerancing.metrics import Question, evaluate_builds
 from roslf_design.tolerancing.traced import as_built
 from roslf_design.traced.camera import camera_of, sensor_of_pupil
 from roslf_design.traced.fields import LensImages, images_of
-from roslf_design.traced.images import CLIPPED, FULL, circle, field_map, real_images, thin_twin, undistorted_field
+from roslf_design.traced.images import CLIPPED, FULL, field_map, real_images, thin_twin, undistorted_field
+from roslf_design.traced.outlines import circle
 from tests.traced.test_images import GREEN, bench, mounted
 
 EDGE = 11.15

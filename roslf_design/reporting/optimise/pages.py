@@ -118,8 +118,8 @@ def _statements(result: Result) -> Iterator[Statement]:
         if answer.asked.order == "lexicographic":
             text += " They are ranked by the weighted goals, not by their order."
         if result.part_retraces:
-            worst = max(max(again.moved, *again.check.largest.values()) for again in result.part_retraces)
-            text += f" Each of these was traced again on its own: goals, limits and images differ by up to {worst:.1g}."
+            worst = max(again.moved for again in result.part_retraces)
+            text += f" Each of these was traced again on its own: goals and limits differ by up to {worst:.1g}."
         late = f"{ranking.open} more were not settled before the budget was spent; give more." if ranking.open else ""
         yield Statement("caution" if ranking.open or not ranking.best else "plain", text, late)
 
@@ -165,7 +165,7 @@ def _optimum(answer: Answer, reached: str) -> Statement:
 
 def _about_trace(retrace: Retrace) -> Statement:
     """What was traced behind a real lens, and how well the optimum's own trace agrees."""
-    folded = ", ".join(f"{x:g}, {y:g} mm" for x, y in retrace.check.folded)
+    folded = ", ".join(f"{x:g}, {y:g} mm" for x, y in retrace.folded)
     text = (
         f"Behind the real lens ({retrace.lens}) what is asked at a field was traced at every design tried, the rest "
         "follows from the lens's focal length and principal planes. "
@@ -174,12 +174,9 @@ def _about_trace(retrace: Retrace) -> Statement:
     if folded:
         remedy = "Ask non_distortion_room_mm there to be at least 0, or leave the field out."
         return Statement("caution", f"{text}; the image at {folded} is folded: its shape is undefined.", remedy)
-    centre, diameter, kept = retrace.check.largest.values()
-    text += f", images by {centre:.1g} px in place, {diameter:.1g} of their diameter and {kept:.1g} of what is kept."
-    good = max(retrace.moved, diameter, kept) <= AGREED
-    return Statement(
-        "plain" if good else "caution", text, "" if good else "See `roslf evaluate` with the design found."
-    )
+    good = retrace.moved <= AGREED
+    remedy = "" if good else "See `roslf evaluate` with the design found."
+    return Statement("plain" if good else "caution", f"{text}.", remedy)
 
 
 def _about_conflict(answer: Answer) -> Statement:

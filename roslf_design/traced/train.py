@@ -1,0 +1,618 @@
+"""What rays meet in builds of a camera behind a real lens, rays aimed through it, and their spots.
+
+A ray is wanted from a point to another one behind some faces: from a microlens to the flexible angular plane (FAP), or
+from there to the scene. Its slope is found by Broyden's method. Builds of a study start from the nominal camera's slope
+and Jacobian: they differ little, so two to five rays do, and no derivative is ever taken; else a ray starts where first
+order has it, with differences for derivatives. A single camera is one build.
+"""
+
+from __future__ import annotations
+
+import math
+from math import sqrt
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from .._arrays import DISC_RULE
+from .._jit import kernel
+from ..bore.faces import KIND
+from ..lenses.tracer import BLOCK, COLUMNS, KEPT, MAPPED, ROWS, SurfaceStack, pass_surfaces
+from ..theory.object_space import FacesAhead, Status
+
+Array = NDArray[np.float64]
+Ints = NDArray[np.int64]
+
+TOLERANCE, CORRECTIONS = 1e-11, 12
+"""How near the FAP's point rays must come, in its radius, and after how many corrections at most they are given up."""
+AFRESH, PATIENCE, NUDGE = 8, 24, 1e-5
+"""After so many corrections derivatives are taken again; corrections of rays that start from first order, and the steps
+in slope that derivatives are taken with."""
+LOST = 1e300
+"""Size of the miss of a ray that did not come through."""
+NEAR = 1e-11
+"""How near a point of the scene rays must come that are aimed at it from up to 100 mm away [mm]."""
+FOUND = 1e3
+"""How many times that still counts, where they cannot come nearer."""
+
+
+class Train(NamedTuple):
+    """What rays meet on either side of the FAP, in the lens's frame; builds lead."""
+
+    lens: SurfaceStack
+    """The main lens, and before it what stands between it and the FAP."""
+    beyond: SurfaceStack
+    """What stands before the FAP; without surfaces where that is nothing."""
+
+    @classmethod
+    def in_air(cls, lens: SurfaceStack) -> Train:
+        """A lens before which nothing stands."""
+        builds = len(lens.table)
+        return cls(lens, SurfaceStack(np.empty((builds, 0)), np.ones((builds, 1))))
+
+    @classmethod
+    def of(cls, lens: SurfaceStack, ahead: FacesAhead, origin: ArrayLike) -> Train:
+        """A lens and what stands before it.
+
+        Parameters
+        ----------
+        lens : SurfaceStack
+            T builds.
+        ahead : FacesAhead
+            Of the same builds.
+        origin : array_like
+            Where those faces' frame has its origin in the lens's [mm], (3,) or (T, 3).
+        """
+        builds = len(lens.table)
+        table = np.array(np.broadcast_to(ahead.table, (builds, *ahead.table.shape[-2:])))
+        table[..., :3] += np.broadcast_to(np.asarray(origin, float), (builds, 3))[:, None]
+        media = np.broadcast_to(ahead.media, (builds, *ahead.media.shape[-2:]))
+        fap = fap_of(ahead)
+
+        def stack(part: slice, medium: Array) -> SurfaceStack:
+            """Some of the faces in the order of the light, which comes out of the last into a medium."""
+            rows, sides = table[:, part][:, ::-1], media[:, part][:, ::-1]
+            return SurfaceStack(rows.reshape(builds, -1), np.concatenate([sides[..., 0], medium], axis=1))
+
+        near, far = stack(slice(fap), media[:, :1, 1]), stack(slice(fap + 1, None), media[:, fap, :1])
+        law = np.broadcast_to(ahead.law.ravel(), (builds, ahead.law.size))
+        near_law, far_law = (law, law[:, :0]) if MAPPED in ahead.table[..., :fap, KIND] else (law[:, :0], law)
+        own = SurfaceStack(
+            np.concatenate([near.table, lens.table, near_law], axis=1),
+            np.concatenate([near.media[:, :-1], lens.media], axis=1),
+        )
+        return cls(own, far._replace(table=np.concatenate([far.table, far_law], axis=1)))
+
+
+def fap_of(ahead: FacesAhead) -> int:
+    """How many faces stand between main lens and FAP."""
+    return int(np.flatnonzero(ahead.takers == Status.APERTURE)[0])
+
+
+class Planes(NamedTuple):
+    """Where what is around the lens stands in T builds: origins, axes x and y and normals, in the lens's frame [mm]."""
+
+    array: Array
+    """(T, 12)."""
+    sensor: Array
+    """(T, 12)."""
+    rims: Array
+    """FAP, then further stops, each with its radius, (T, R, 13)."""
+
+
+@kernel()
+def crossing(x: float, y: float, z: float, sx: float, sy: float, plane: Any) -> tuple[float, float]:
+    """Where the line through a point with slopes dx/dz, dy/dz crosses a plane, in the plane's own coordinates."""
+    ox, oy, oz = x - plane[0], y - plane[1], z - plane[2]
+    lean = plane[9] * sx + plane[10] * sy + plane[11]
+    step = -(plane[9] * ox + plane[10] * oy + plane[11] * oz) / lean
+    hx, hy, hz = ox + step * sx, oy + step * sy, oz + step
+    return plane[3] * hx + plane[4] * hy + plane[5] * hz, plane[6] * hx + plane[7] * hy + plane[8] * hz
+
+
+@kernel()
+def meet(
+    n: int, ray: Any, sx: Any, sy: Any, table: Any, media: Any, count: int, target: Any, axes: Any, unit: float,
+    buffer: Any, radii: Any, fx: Any, fy: Any, far: Any,
+) -> None:  # fmt: skip
+    """Trace rays and tell where they cross planes through their targets, from there along two axes, times `unit`.
+
+    `far` is the larger of both, `LOST` for a ray that does not come through.
+    """
+    px, py, pz = ray
+    gx, gy, gz = target
+    for i in range(n):
+        shrink = 1.0 / sqrt(1.0 + sx[i] * sx[i] + sy[i] * sy[i])
+        buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i] = px[i], py[i], pz[i]
+        buffer[3 * BLOCK + i] = -sx[i] * shrink
+        buffer[4 * BLOCK + i] = -sy[i] * shrink
+        buffer[5 * BLOCK + i] = -shrink
+        buffer[6 * BLOCK + i] = 0.0
+    pass_surfaces(buffer, n, table, media, count, True, False, radii)
+    for i in range(n):
+        down = buffer[5 * BLOCK + i]
+        alive = buffer[6 * BLOCK + i] == 0.0 and down < 0.0
+        wx, wy = buffer[3 * BLOCK + i] / (down if alive else 1.0), buffer[4 * BLOCK + i] / (down if alive else 1.0)
+        ox, oy, oz = buffer[i] - gx[i], buffer[BLOCK + i] - gy[i], buffer[2 * BLOCK + i] - gz[i]
+        lean = axes[6] * wx + axes[7] * wy + axes[8]
+        step = -(axes[6] * ox + axes[7] * oy + axes[8] * oz) / lean
+        hx, hy, hz = ox + step * wx, oy + step * wy, oz + step
+        fx[i] = (axes[0] * hx + axes[1] * hy + axes[2] * hz) * unit
+        fy[i] = (axes[3] * hx + axes[4] * hy + axes[5] * hz) * unit
+        miss = max(abs(fx[i]), abs(fy[i]))
+        far[i] = miss if alive and miss < LOST else LOST
+
+
+@kernel()
+def aim_block(
+    n: int, ray: Any, slope: Any, home: Any, inverse: Any, known: bool, table: Any, media: Any, count: int,
+    target: Any, axes: Any, unit: float, tolerance: Any, most: int, work: Any,
+) -> None:  # fmt: skip
+    """Slopes of n <= BLOCK rays through some surfaces that meet points behind them, and how far they miss those.
+
+    Parameters
+    ----------
+    ray : tuple
+        Points x, y and z where they start, (n,) each.
+    slope, home : tuple
+        First guesses dx/dz, dy/dz, which get the nearest approach; and where to turn back to where those are lost.
+    inverse : tuple
+        Inverse of d(miss)/d(slope), row by row, (n,) each; not `known`, it is taken from nudged rays.
+    target, axes, unit
+        Points x, y and z; two axes and the normal (9,) of planes through them in which misses are counted, and the
+        unit.
+    tolerance : (n,)
+        Of a miss; corrections end when all are met, after `most` at the latest.
+    work : tuple
+        Room; its first two are the tracer's, which has met the surfaces by those rays; the next three get the misses
+        along both axes and the larger.
+    """
+    sx, sy = slope
+    a, b, c, d = inverse
+    buffer, radii, ex, ey, left, bx, by, fx, fy, far, ux, uy = work
+    for i in range(n):
+        bx[i], by[i], ex[i], ey[i], left[i] = sx[i], sy[i], 0.0, 0.0, LOST
+    for step in range(most + 1):
+        if step % AFRESH == 0 and (step > 0 or not known):
+            for probe in range(3):
+                for i in range(n):
+                    ux[i] = (sx[i] if left[i] == LOST else bx[i]) + (NUDGE if probe == 1 else 0.0)
+                    uy[i] = (sy[i] if left[i] == LOST else by[i]) + (NUDGE if probe == 2 else 0.0)
+                meet(n, ray, ux, uy, table, media, count, target, axes, unit, buffer, radii, fx, fy, far)
+                for i in range(n):
+                    if probe == 0:
+                        a[i], b[i], c[i], d[i] = 0.0, 0.0, fx[i], fy[i]
+                    elif probe == 1:
+                        a[i], b[i] = (fx[i] - c[i]) / NUDGE, (fy[i] - d[i]) / NUDGE
+                    else:
+                        xx, yx, xy, yy = a[i], b[i], (fx[i] - c[i]) / NUDGE, (fy[i] - d[i]) / NUDGE
+                        area = xx * yy - xy * yx
+                        area = 1.0 / area if 0.0 < abs(area) < LOST else 0.0
+                        a[i], b[i], c[i], d[i] = yy * area, -xy * area, -yx * area, xx * area
+        meet(n, ray, sx, sy, table, media, count, target, axes, unit, buffer, radii, fx, fy, far)
+        moving = False
+        for i in range(n):
+            if left[i] <= tolerance[i]:
+                continue
+            dx, dy, nearer = sx[i] - bx[i], sy[i] - by[i], far[i] < left[i]
+            if left[i] < LOST and far[i] < LOST:  # the inverse that explains the step just made
+                gx, gy = fx[i] - ex[i], fy[i] - ey[i]
+                wx, wy = a[i] * gx + b[i] * gy, c[i] * gx + d[i] * gy
+                size = dx * wx + dy * wy
+                if size != 0.0:
+                    rx, ry = (dx - wx) / size, (dy - wy) / size
+                    va, vb = dx * a[i] + dy * c[i], dx * b[i] + dy * d[i]
+                    a[i], b[i], c[i], d[i] = a[i] + rx * va, b[i] + rx * vb, c[i] + ry * va, d[i] + ry * vb
+            if nearer:
+                bx[i], by[i], ex[i], ey[i], left[i] = sx[i], sy[i], fx[i], fy[i], far[i]
+            if left[i] <= tolerance[i]:
+                continue
+            if left[i] == LOST:  # no ray yet: half way back to where there may be one
+                dx, dy = 0.5 * (home[0][i] - sx[i]), 0.5 * (home[1][i] - sy[i])
+                sx[i], sy[i] = sx[i] + dx, sy[i] + dy
+                bx[i], by[i] = sx[i], sy[i]
+                moving = moving or abs(dx) + abs(dy) > 1e-9
+                continue
+            moving = True
+            mx, my = -(a[i] * ex[i] + b[i] * ey[i]), -(c[i] * ex[i] + d[i] * ey[i])
+            if not nearer:  # no farther than half of what went astray
+                long, short = sqrt(mx * mx + my * my), 0.5 * sqrt(dx * dx + dy * dy)
+                part = short / long if long > short else 1.0
+                mx, my = (mx * part, my * part) if far[i] < LOST else (0.5 * dx, 0.5 * dy)
+            sx[i], sy[i] = bx[i] + mx, by[i] + my
+        if not moving:
+            break
+        if step >= most - 1:
+            for i in range(n):
+                sx[i], sy[i] = bx[i], by[i]
+    for i in range(n):
+        sx[i], sy[i] = bx[i], by[i]
+
+
+@kernel()
+def room_to_aim(count: int) -> Any:
+    """What `aim_block` works in, for so many surfaces."""
+    radii = np.empty(max(1, count) * BLOCK)
+    one, two, three, four, five = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
+    six, seven, eight, nine, ten = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
+    return np.empty(ROWS * BLOCK), radii, one, two, three, four, five, six, seven, eight, nine, ten
+
+
+@kernel()
+def aim(
+    trial: Any, begin: Any, table: Any, count: int, media: Any, outer: Any, outer_count: int, outer_media: Any,
+    array: Any, sensor: Any, rims: Any, half: Any, base: Any, offset: Any, target: Any, start: Any, home: Any,
+    inverse: Any, known: bool, tolerance: float, most: int, landed: Any, heights: Any, miss: Any,
+) -> None:  # fmt: skip
+    """Aim rays of N jobs, n <= BLOCK rays each, and tell where they meet the sensor and every rim.
+
+    Parameters
+    ----------
+    trial, begin : (N,)
+        The build of each job, and its first ray in the lists of rays.
+    table, media, outer, outer_media, array, sensor, rims, half : (T, ...)
+        The builds: lens, what stands before the FAP, planes of 12 numbers, rims (R of 13, the FAP first), half the
+        microlens pitch.
+    base, offset, target, start, home, inverse : (rays, ...)
+        As `Aims` has them, and where rays turn back to that are lost; `inverse` where it is `known`. `tolerance` is in
+        the target's units, `most` the corrections at most.
+    landed, heights, miss : (N, n, ...)
+        Get what `Aimed` has, `LOST` as the miss of a ray that does not come through.
+    """
+    n = landed.shape[1]
+    stops = rims.shape[1]
+    work = room_to_aim(count + outer_count)
+    buffer, radii, ex, ey, left = work[:5]
+    ray, goal = (np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)), (np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK))
+    slope, away = (np.empty(BLOCK), np.empty(BLOCK)), (np.empty(BLOCK), np.empty(BLOCK))
+    turned = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
+    (px, py, pz), (gx, gy, gz), (sx, sy), (a, b, c, d) = ray, goal, slope, turned
+    enough = np.full(BLOCK, tolerance)
+    for job in range(len(trial)):
+        t, first = trial[job], begin[job]
+        lens, index, plane = table[t], media[t], array[t]
+        fap = rims[t, 0]
+        for i in range(n):
+            u = base[first + i, 0] + offset[first + i, 0] * half[t]
+            v = base[first + i, 1] + offset[first + i, 1] * half[t]
+            px[i] = plane[0] + u * plane[3] + v * plane[6]
+            py[i] = plane[1] + u * plane[4] + v * plane[7]
+            pz[i] = plane[2] + u * plane[5] + v * plane[8]
+            u, v = target[first + i, 0] * fap[12], target[first + i, 1] * fap[12]
+            gx[i] = fap[0] + u * fap[3] + v * fap[6]
+            gy[i] = fap[1] + u * fap[4] + v * fap[7]
+            gz[i] = fap[2] + u * fap[5] + v * fap[8]
+            sx[i], sy[i] = start[first + i, 0], start[first + i, 1]
+            away[0][i], away[1][i] = home[first + i, 0], home[first + i, 1]
+            a[i], b[i] = inverse[first + i, 0], inverse[first + i, 1]
+            c[i], d[i] = inverse[first + i, 2], inverse[first + i, 3]
+        aim_block(
+            n, ray, slope, away, turned, known, lens, index, count, goal, fap[3:12], 1.0 / fap[12], enough,
+            most, work,
+        )  # fmt: skip
+        for i in range(n):
+            for k in range(count):
+                heights[job, i, k] = radii[k * BLOCK + i] / lens[k * COLUMNS + 5]
+            down = buffer[5 * BLOCK + i]
+            ox, oy = buffer[3 * BLOCK + i] / down, buffer[4 * BLOCK + i] / down
+            for k in range(1, stops):
+                rim = rims[t, k]
+                hx, hy = crossing(buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i], ox, oy, rim)
+                heights[job, i, count + k - 1] = (hx * hx + hy * hy) / (rim[12] * rim[12])
+        pass_surfaces(buffer, n if outer_count else 0, outer[t], outer_media[t], outer_count, True, False, radii)
+        for i in range(n):
+            for k in range(outer_count):
+                heights[job, i, count + stops - 1 + k] = radii[k * BLOCK + i] / outer[t, k * COLUMNS + 5]
+            miss[job, i] = left[i] if buffer[6 * BLOCK + i] == 0.0 else LOST
+            # What is left of the miss is undone to first order: no ray is spent on the last digits.
+            part = 1.0 if left[i] <= FOUND * tolerance else 0.0
+            tx = sx[i] - part * (a[i] * ex[i] + b[i] * ey[i])
+            ty = sy[i] - part * (c[i] * ex[i] + d[i] * ey[i])
+            landed[job, i, 0], landed[job, i, 1] = crossing(px[i], py[i], pz[i], tx, ty, sensor[t])
+
+
+@kernel()
+def aim_all(outer: Any, outer_count: int, outer_media: Any, ends: Any, slopes: Any, far: Any, tallest: Any) -> None:
+    """Aim from points of the FAP at points of the scene, both in `ends` (T, n, 6).
+
+    `slopes` (T, n, 2) get those at the FAP, `far` (T, n) by how many `NEAR` rays miss the point, and `tallest` (T, n)
+    their largest squared height over that of a face.
+    """
+    work = room_to_aim(outer_count)
+    radii, left = work[1], work[4]
+    ray, goal = (np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)), (np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK))
+    slope, home = (np.empty(BLOCK), np.empty(BLOCK)), (np.zeros(BLOCK), np.zeros(BLOCK))
+    inverse = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
+    enough, upright = np.empty(BLOCK), np.array([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
+    for t in range(ends.shape[0]):
+        for first in range(0, ends.shape[1], BLOCK):
+            n = min(BLOCK, ends.shape[1] - first)
+            for i in range(n):
+                for k in range(3):
+                    ray[k][i], goal[k][i] = ends[t, first + i, k], ends[t, first + i, 3 + k]
+                enough[i] = NEAR * (1.0 + 0.01 * abs(goal[2][i] - ray[2][i]))
+                run = 1.0 if outer_count else ray[2][i] - goal[2][i]
+                for k in range(2):
+                    slope[k][i] = 0.0 if outer_count else (ray[k][i] - goal[k][i]) / run
+                left[i] = 0.0
+            if outer_count:
+                aim_block(
+                    n, ray, slope, home, inverse, False, outer[t], outer_media[t], outer_count, goal, upright, 1.0,
+                    enough, PATIENCE, work,
+                )  # fmt: skip
+            for i in range(n):
+                slopes[t, first + i, 0], slopes[t, first + i, 1] = slope[0][i], slope[1][i]
+                far[t, first + i], tallest[t, first + i] = left[i] / enough[i], 0.0
+                for k in range(outer_count):
+                    height = radii[k * BLOCK + i] / outer[t, k * COLUMNS + 5]
+                    tallest[t, first + i] = max(tallest[t, first + i], height)
+
+
+@kernel()
+def spots(
+    table: Any, count: int, media: Any, outer: Any, outer_count: int, outer_media: Any, plane: Any, rims: Any,
+    world: Any, point: Any, pupil: Any, weight: Any, size: Any,
+) -> None:  # fmt: skip
+    """Root-mean-square radii (T, F) of the light from object points; arguments as of `spot_radii`, a ray a row."""
+    buffer, radii, cut = np.empty(ROWS * BLOCK), np.empty(count * BLOCK), np.empty(BLOCK)
+    aiming, upright = room_to_aim(outer_count), np.array([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
+    ray, goal = (np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)), (np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK))
+    slope, home, enough = (np.empty(BLOCK), np.empty(BLOCK)), (np.zeros(BLOCK), np.zeros(BLOCK)), np.empty(BLOCK)
+    inverse = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
+    lx, ly = np.empty(len(point)), np.empty(len(point))
+    each, total = len(weight), len(point)
+    for t in range(len(size)):
+        lens, fap = table[t], rims[t, 0]
+        for first in range(0, total, BLOCK):
+            m = min(BLOCK, total - first)
+            for i in range(m):
+                u, v = pupil[first + i, 0] * fap[12], pupil[first + i, 1] * fap[12]
+                for k in range(3):
+                    ray[k][i] = fap[k] + u * fap[3 + k] + v * fap[6 + k]
+                    goal[k][i] = point[first + i, k] + world[t, k]
+                run = ray[2][i] - goal[2][i]
+                for k in range(2):
+                    slope[k][i] = 0.0 if outer_count else (ray[k][i] - goal[k][i]) / run
+                enough[i], cut[i] = NEAR * (1.0 + 0.01 * abs(run)), 0.0
+            if outer_count:
+                aim_block(
+                    m, ray, slope, home, inverse, False, outer[t], outer_media[t], outer_count, goal, upright, 1.0,
+                    enough, PATIENCE, aiming,
+                )  # fmt: skip
+                for i in range(m):
+                    cut[i] = 0.0 if aiming[4][i] <= FOUND * enough[i] else 1.0
+                    for k in range(outer_count):
+                        if not aiming[1][k * BLOCK + i] <= outer[t, k * COLUMNS + 5]:
+                            cut[i] = 1.0
+            for i in range(m):
+                ax, ay = slope[0][i], slope[1][i]
+                shrink = 1.0 / sqrt(1.0 + ax * ax + ay * ay)
+                for k in range(3):
+                    buffer[k * BLOCK + i] = ray[k][i]
+                buffer[3 * BLOCK + i], buffer[4 * BLOCK + i] = ax * shrink, ay * shrink
+                buffer[5 * BLOCK + i], buffer[6 * BLOCK + i] = shrink, 0.0
+            for k in range(1, rims.shape[1]):
+                rim = rims[t, k]
+                for i in range(m):
+                    x, y, z, up = buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i], buffer[5 * BLOCK + i]
+                    hx, hy = crossing(x, y, z, buffer[3 * BLOCK + i] / up, buffer[4 * BLOCK + i] / up, rim)
+                    cut[i] = 1.0 if hx * hx + hy * hy > rim[12] * rim[12] else cut[i]
+            pass_surfaces(buffer, m, lens, media[t], count, False, False, radii)
+            for k in range(count):
+                for i in range(m):
+                    cut[i] = 1.0 if radii[k * BLOCK + i] > lens[k * COLUMNS + 5] else cut[i]
+            for i in range(m):
+                up = buffer[5 * BLOCK + i]
+                ox, oy = buffer[3 * BLOCK + i] / up, buffer[4 * BLOCK + i] / up
+                x, y = crossing(buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i], ox, oy, plane[t])
+                stopped = cut[i] != 0.0 or buffer[6 * BLOCK + i] != 0.0
+                lx[first + i], ly[first + i] = (LOST, LOST) if stopped else (x, y)
+        for field in range(total // each):
+            begin = field * each
+            share, mx, my = 0.0, 0.0, 0.0
+            for i in range(each):
+                w = weight[i] if lx[begin + i] < LOST else 0.0
+                share += w
+                mx += w * (lx[begin + i] if w != 0.0 else 0.0)
+                my += w * (ly[begin + i] if w != 0.0 else 0.0)
+            mx, my = mx / share, my / share
+            square = 0.0
+            for i in range(each):
+                x, y = lx[begin + i] - mx, ly[begin + i] - my
+                square += weight[i] * (x * x + y * y) if lx[begin + i] < LOST else 0.0
+            size[t, field] = sqrt(square / share)
+
+
+class Aims(NamedTuple):
+    """Rays that are wanted, n of them, and how the nominal camera finds them."""
+
+    base: Array
+    offset: Array
+    """Where on the array, in its own coordinates: base plus offset times half the pitch, (n, 2)."""
+    target: Array
+    """Where on the FAP, in its own coordinates and units of its radius, (n, 2)."""
+    start: Array
+    """Slopes in the nominal camera, (n, 2); nan where it has no such ray."""
+    inverse: Array
+    """Inverse of d(target)/d(slope) there, (n, 4)."""
+
+
+class Aimed(NamedTuple):
+    """What became of N jobs of n rays, nan for those that do not come through."""
+
+    landed: Array
+    """Sensor points, in its own coordinates [mm], (N, n, 2)."""
+    heights: Array
+    """Squared heights over those of every surface, every further stop, all before the FAP, (N, n, S + R - 1)."""
+
+
+def aimed(train: Train, planes: Planes, half: Array, wanted: Aims, trial: Ints, begin: Ints, rays: int) -> Aimed:
+    """Trace rays of N jobs.
+
+    Parameters
+    ----------
+    train, planes, half
+        T builds; `half` of the microlens pitch [mm], (T,).
+    wanted : Aims
+        The rays.
+    trial, begin : ndarray of int, (N,)
+        The build of each job, and its first ray in the list.
+    rays : int
+        Rays of a job, at most `BLOCK`.
+    """
+    landed, heights, miss = nearest(train, planes, half, wanted, wanted.start, trial, begin, rays)
+    lost = ~(miss <= FOUND * TOLERANCE)
+    landed[lost], heights[lost] = np.nan, np.nan
+    return Aimed(landed, heights)
+
+
+def nearest(
+    train: Train, planes: Planes, half: Array, wanted: Aims, home: Array, trial: Ints, begin: Ints, rays: int
+) -> tuple[Array, Array, Array]:
+    """Landing places, heights and misses of what comes nearest to the rays wanted, in the FAP's radius.
+
+    Parameters as of `aimed`; lost rays turn back to slopes `home` (n, 2). Where inverses are nan, they are taken from
+    nudged rays, and corrections go on for longer.
+    """
+    n, (lens, beyond) = len(trial), train
+    assert rays <= BLOCK
+    limits = sum(part.media.shape[1] - 1 for part in train) + planes.rims.shape[1] - 1
+    landed, heights = np.empty((n, rays, 2)), np.empty((n, rays, limits))
+    miss = np.empty((n, rays))
+    # Of one layout: kernels are compiled once more for another.
+    base, offset, target, start, inverse = map(np.ascontiguousarray, wanted)
+    known = not np.isnan(inverse).all()
+    aim.compiled(
+        trial, begin, *counted(lens), *counted(beyond), planes.array, planes.sensor, planes.rims, half, base, offset,
+        target, start, np.ascontiguousarray(home), inverse, known, TOLERANCE, CORRECTIONS if known else PATIENCE,
+        landed, heights, miss,
+    )  # fmt: skip
+    return landed, heights, miss
+
+
+def counted(part: SurfaceStack) -> tuple[Array, int, Array]:
+    """What kernels take of a stack: its table, how many surfaces, the media between."""
+    return part.table, part.media.shape[1] - 1, part.media
+
+
+def landings(train: Train, planes: Planes, world: Array, point: ArrayLike, pupil: ArrayLike) -> Array:
+    """Where rays from object points through FAP points meet the array, then the sensor, in their own coordinates.
+
+    Parameters
+    ----------
+    train, planes
+        T builds.
+    world : ndarray, (T, 3)
+        What the object points' frame is shifted by against the lens's [mm].
+    point : array_like, (n, 3)
+        [mm].
+    pupil : array_like, (n, 2)
+        In units of the FAP's radius.
+
+    Returns
+    -------
+    ndarray
+        Points (T, n, 4) [mm], nan for a ray that does not come through; rims stop none.
+    """
+    fap, aside = planes.rims[:, 0], np.asarray(pupil, float)[None] * planes.rims[:, :1, 12:]
+    through = fap[:, None, :3] + aside[..., :1] * fap[:, None, 3:6] + aside[..., 1:] * fap[:, None, 6:9]
+    start = np.asarray(point, float) + world[:, None]
+    run = through - start
+    if train.beyond.table.size:
+        slopes, far, _ = beyond_fap(train, np.concatenate([through, start], axis=-1))
+        run = np.concatenate([np.where((far <= FOUND)[..., None], slopes, np.nan), np.ones((*far.shape, 1))], axis=-1)
+    x, y, z = np.moveaxis(through, -1, 0)
+    end = planes.array[:, 2]
+    passed = train.lens.through(
+        (x, y), np.moveaxis(run[..., :2] / run[..., 2:], -1, 0), start=z, end=end, backward=False
+    )
+    place = np.stack([*passed.height, np.broadcast_to(end[:, None], z.shape)], axis=-1)
+    way = np.stack([*passed.slope, np.ones(z.shape)], axis=-1)
+    landed = np.concatenate([crossings(place, way, plane[:, None]) for plane in (planes.array, planes.sensor)], axis=-1)
+    landed[passed.state != KEPT] = np.nan
+    return landed
+
+
+def beyond_fap(train: Train, ends: Array) -> tuple[Array, Array, Array]:
+    """Slopes (T, n, 2) at points of the FAP of rays to points of the scene, both in `ends` (T, n, 6); as `aim_all`."""
+    shape = ends.shape[:2]
+    slopes, far, tallest = np.empty((*shape, 2)), np.empty(shape), np.empty(shape)
+    aim_all.compiled(*counted(train.beyond), np.ascontiguousarray(ends), slopes, far, tallest)
+    return slopes, far, tallest
+
+
+def crossings(point: Array, way: Array, plane: Array) -> Array:
+    """Where lines through points along ways (..., 3) cross planes (..., 12), in their own coordinates, (..., 2)."""
+    off, normal = point - plane[..., :3], plane[..., 9:12]
+    hit = off - way * (np.sum(off * normal, axis=-1) / np.sum(way * normal, axis=-1))[..., None]
+    return np.stack([np.sum(hit * plane[..., 3:6], axis=-1), np.sum(hit * plane[..., 6:9], axis=-1)], axis=-1)
+
+
+def received(shape: Array, base: Array, array: Array, sensor: Array) -> Array:
+    """Projected solid angles under which microlenses see the lit parts of their images [sr], (N,).
+
+    Radiance is the same all along a ray, so this is the light that a microlens gets of a uniform scene, per unit of its
+    area: the integral of the cosine at the array over the solid angle. Taken over the ellipse with the same moments.
+
+    Parameters
+    ----------
+    shape : ndarray, (N, 6)
+        Area, centroid, central second moments (xx, xy, yy) [mm], in the sensor's own coordinates.
+    base : ndarray, (N, 2)
+        Microlenses, in the array's own coordinates [mm].
+    array, sensor : ndarray, (N, 12) or (12,)
+        As `Planes` has them.
+    """
+    area, x, y, xx, xy, yy = np.moveaxis(shape, -1, 0)
+    wide = 2 * np.sqrt(np.maximum(xx, 0.0))
+    lean = np.divide(4 * xy, wide, out=np.zeros_like(wide), where=wide > 0)
+    high = np.sqrt(np.maximum(4 * yy - lean * lean, 0.0))
+
+    def lifted(plane: Array, u: Array, v: Array) -> Array:
+        return np.asarray(plane[..., :3] + u[..., None] * plane[..., 3:6] + v[..., None] * plane[..., 6:9])
+
+    start, mean = lifted(array, base[..., 0], base[..., 1]), np.zeros_like(area)
+    for radius, angle, weight in DISC_RULE:
+        u, v = radius * math.cos(angle), radius * math.sin(angle)
+        run = lifted(sensor, x + wide * u, y + lean * u + high * v) - start
+        leans = [np.sum(run * plane[..., 9:12], axis=-1) for plane in (array, sensor)]
+        mean += weight * leans[0] * leans[1] / np.sum(run * run, axis=-1) ** 2
+    return np.asarray(area * mean)
+
+
+def spot_radii(
+    train: Train,
+    plane: Array,
+    rims: Array,
+    world: Array,
+    point: ArrayLike,
+    pupil: ArrayLike,
+    weight: ArrayLike,
+) -> Array:
+    """Root-mean-square radii on a plane of the light from object points, about its centroid.
+
+    Parameters
+    ----------
+    train : Train
+        T builds.
+    plane, rims : ndarray, (T, 12), (T, R, 13)
+        Where the spots are seen, and what rays pass, as `Planes` has them.
+    world : ndarray, (T, 3)
+        What the object points' frame is shifted by against the lens's [mm].
+    point : array_like, (F, 3)
+        Object points [mm].
+    pupil, weight : array_like, (P, 2), (P,)
+        Points of the FAP in units of its radius, and how much of the light each stands for.
+
+    Returns
+    -------
+    ndarray
+        (T, F) [mm], of the rays that no rim stops; nan where none comes through.
+    """
+    x, a, w = np.atleast_2d(np.asarray(point, float)), np.asarray(pupil, float), np.ascontiguousarray(weight, float)
+    size = np.empty((len(world), len(x)))
+    rays = np.repeat(x, len(a), axis=0), np.tile(a, (len(x), 1))
+    frame = np.ascontiguousarray(world)  # kernels are compiled once more for another layout
+    spots.compiled(*counted(train.lens), *counted(train.beyond), plane, rims, frame, *rays, w, size)
+    return size
