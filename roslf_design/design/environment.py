@@ -238,7 +238,7 @@ class Growth:
                 result[place] = value + (glass_in.index(wavelength, after) - glass_in.index(wavelength, before))
             elif place == PATHS["D"] and self.lens is not None:
                 result[place] = value * _wider(self.lens, before, after, self.housing)
-            elif name == "diameter" or part.endswith("decentre") or kind in ("tube", "tip"):
+            elif name == "diameter" or part.endswith(("decentre", "sides")) or kind in ("tube", "tip"):
                 result[place] = value * housing
         for k, element in enumerate(self.elements):
             at = PartNumbers(numbers, f"elements.{k}", self.housing)

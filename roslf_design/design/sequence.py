@@ -33,9 +33,14 @@ def sequence_of(design: Design) -> tuple[SequenceRow, ...]:
     Raises
     ------
     InputError
-        A gradient-index rod, or an objective with a mapping: no surface stands for those.
+        A gradient-index rod, or an objective with a mapping: no surface stands for those; a stop that is no circle.
     """
     lens, wavelength = design.lens, design.wavelength
+    for k, stop in enumerate(design.all_stops):
+        if stop.outline.straight:
+            place = f"stops.{k - 1}" if k else "aperture"
+            message = f'"{stop.shape}" is an opening that this does not write for other programs; give it a circle'
+            raise InputError((Problem(f"{place}.shape", message),))
     if lens is None:
         front = rear = 0.0
         body = [SequenceRow("main lens", 0.0, Surface(0.0, design.D / 2), design.f)]
@@ -44,10 +49,10 @@ def sequence_of(design: Design) -> tuple[SequenceRow, ...]:
         front, rear = constants.front_principal, constants.rear_principal
         body = lens_surfaces("main lens", lens, 0.0)
     medium = design.object_space.medium if design.elements else AIR
-    widest = max(design.D, *(stop.diameter for stop in design.all_stops))
+    widest = max(design.D, *(float(stop.outline.width) for stop in design.all_stops))
     rows = [SequenceRow("focal plane", front - design.d_f, Surface(0.0, widest, glass=medium)), *body]
     for k, stop in enumerate(design.all_stops):
-        name, disc = f"stop {k}" if k else "FAP", Surface(0.0, stop.diameter / 2)
+        name, disc = f"stop {k}" if k else "FAP", Surface(0.0, float(stop.outline.reach))
         rows.append(SequenceRow(name, front - stop.distance, disc, is_stop=k == 0))
     farthest = max(design.elements, key=lambda element: element.distance, default=None)
     for k, element in enumerate(design.elements):

@@ -11,7 +11,7 @@ from ..design.parts import PATHS
 from ..errors import InputError, Problem
 from ..theory.exit_pupil import microlens_image_diameter, stop_angle
 from ..theory.light import chief_slope, falloff, outer_slope
-from ..theory.stop_images import settled, stop_discs
+from ..theory.stop_images import settled, stop_openings
 from . import lens
 from .effect import Effect, Estimate, Subject
 
@@ -23,16 +23,17 @@ def pupil_geometry(s: Subject) -> Estimate:
 
 
 def cut_depth(s: Subject) -> float:
-    """How deep the main lens and the further stops cut into the FAP's disc at the field's rim, on the sensor [mm].
+    """How deep the main lens and the further stops cut into the FAP's image at the field's rim, on the sensor [mm].
 
-    0 where the FAP's disc lies inside all others (the non-distortion margin of Eqs. 5-6 is not negative), its whole
+    0 where the FAP's image lies inside all others (the non-distortion margin of Eqs. 5-6 is not negative), its whole
     diameter where nothing is left. Decentres count at their worst.
     """
-    (middle, aside), (radii, _) = stop_discs(s.camera, np.array([0.0, s.lens_field]), 0.0)
-    moved = aside - middle
-    apart = np.hypot(*(middle[1:] - middle[0]).T) + np.hypot(*(moved[1:] - moved[0]).T)
-    depth = settled(np.max(apart + radii[0] - radii[1:]), max(radii[0], np.abs(aside).max(initial=0.0)))
-    return float(np.clip(depth, 0.0, 2 * radii[0]))
+    openings = stop_openings(s.camera, np.array([0.0, s.lens_field]), 0.0)
+    middle, aside = openings.centres
+    moved, own = aside - middle, float(openings.spans[0, 0])
+    apart = np.hypot(*(moved[1:] - moved[0]).T)  # in the worst direction, whatever the shapes
+    depth = settled(np.max(apart - openings.at(0).rooms[1:]), max(own / 2, np.abs(aside).max(initial=0.0)))
+    return float(np.clip(depth, 0.0, own))
 
 
 def vignetting(s: Subject) -> Estimate:

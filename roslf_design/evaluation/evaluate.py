@@ -16,6 +16,7 @@ from ..accuracy.statement import Accuracy, check_accuracy
 from ..bore.elements import element_name, made_of
 from ..bore.lens import FieldLens
 from ..bore.material import material_told
+from ..bore.opening import ClearAperture
 from ..bore.part import TEMPERATURE
 from ..camera import Camera
 from ..design import Design
@@ -125,6 +126,8 @@ def evaluate(
     whole = math.floor(float(QUANTITIES["lateral_samples"](camera)) + 1e-9)
     sampling = _numbers(Sampling, camera, lateral_samples=whole)
     images = evaluate_fields(design, axes, rays)
+    pupil = _size(camera.fap.outline, float(exit_pupil.exit_pupil_diameter(camera)))
+    image = _size(camera.fap.outline, float(exit_pupil.microlens_image_diameter(camera)))
     traced = trace_lens(design, axes, non_distortion)
     depth = _depth(design, camera)
     method = [METHOD]
@@ -140,12 +143,12 @@ def evaluate(
             ExitPupil,
             camera,
             distance_from_lens_mm=float(exit_pupil.exit_pupil_distance(camera)),
-            diameter_mm=float(exit_pupil.exit_pupil_diameter(camera)),
             telecentric=bool(exit_pupil.is_telecentric(camera)),
+            **pupil,
         ),
         f_number=f_number,
         non_distortion=non_distortion,
-        microlens_image=_numbers(MicrolensImage, camera, "image_"),
+        microlens_image=_numbers(MicrolensImage, camera, "image_", **image),
         fields=images,
         sampling=sampling,
         depth=depth,
@@ -205,8 +208,10 @@ def _looked_through(design: Design, camera: Camera, axes: Sequence[tuple[float, 
             SeenPart(element_name(element, number), ", ".join(made_of(element)), element.distance, None, at, None)
         )
     for rim in (camera.fap, *camera.rims[1 : 1 + camera.stops]):
-        across, at = 2 * float(rim.radius), float(rim.distance)
-        parts.append(SeenPart(rim.name, "opening", float(rim.stands), across * float(rim.scale), at, across))
+        across, made = 2 * float(rim.radius), rim.outline.scaled(rim.scale)
+        own, seen = (across * float(rim.scale), across) if made.half is None else (None, None)
+        sides = None if made.half is None else (2 * float(made.half[0]), 2 * float(made.half[1]))
+        parts.append(SeenPart(rim.name, "opening", float(rim.stands), own, float(rim.distance), seen, sides))
     parts.sort(key=lambda part: -part.distance_mm)
     glass = {"MLA": design.microlens_array.substrate, "sensor": design.sensor.cover}
     for name, ruler, apparent in (("MLA", design.d_1, camera.seen.d_1), ("sensor", design.d_2, camera.seen.d_2)):
@@ -251,6 +256,14 @@ def _numbers(kind: Callable[..., Group], camera: Camera, prefix: str = "", **own
     names = [field.name for field in dataclasses.fields(kind) if field.name not in own]  # type: ignore[arg-type]
     quantities = [QUANTITIES.get(prefix + name) or QUANTITIES[name] for name in names]
     return kind(**own, **{name: float(of(camera)) for name, of in zip(names, quantities, strict=True)})
+
+
+def _size(outline: ClearAperture, width: float) -> dict[str, Any]:
+    """Diameter, or sides, of an image of an opening so wide [mm]."""
+    if outline.half is None:
+        return {"diameter_mm": width, "sides_mm": None}
+    grown = width / float(outline.width)
+    return {"diameter_mm": None, "sides_mm": tuple(2 * float(half) * grown for half in outline.half)}
 
 
 def _axes(fields: Any) -> tuple[tuple[float, float], ...]:

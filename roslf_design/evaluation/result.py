@@ -20,10 +20,12 @@ class ExitPupil:
     """z_x = f d_3/(d_3 - f), positive beyond the lens; infinite where telecentric."""
     vergence_at_mla_per_mm: float
     """1/L, its finite twin."""
-    diameter_mm: float
-    """Infinite where telecentric."""
+    diameter_mm: float | None
+    """Infinite where telecentric; None of a rectangle."""
     telecentric: bool
     """Whether d_3 = f to rounding."""
+    sides_mm: tuple[float, float] | None = None
+    """Sides of a rectangle."""
 
 
 @dataclass(frozen=True)
@@ -66,13 +68,16 @@ class NonDistortion:
 class MicrolensImage:
     """Size and place of undistorted microlens images."""
 
-    diameter_mm: float
-    """D_F H d_2/d_1."""
+    diameter_mm: float | None
+    """D_F H d_2/d_1; None of a rectangle."""
     diameter_px: float
+    """For a rectangle the wider of its extents along x and y."""
     pitch_mm: float
     """d (1 + d_2/L)."""
     centre_shift_px_per_microlens: float
     """Against the traditional light field (Eq. 4)."""
+    sides_mm: tuple[float, float] | None = None
+    """Sides of a rectangle."""
 
 
 @dataclass(frozen=True)
@@ -291,6 +296,8 @@ class SeenPart:
     seen_distance_mm: float
     """Infinite where it is seen there."""
     seen_diameter_mm: float | None
+    sides_mm: tuple[float, float] | None = None
+    """Sides of a rectangular opening."""
 
 
 @dataclass(frozen=True)
@@ -406,6 +413,10 @@ class Evaluation:
     def to_dict(self) -> dict[str, Any]:
         """The JSON object of `roslf evaluate --json`; infinite values are None, what all is air has no object space."""
         data = {"schema": SCHEMA, **plain(self, undefined=False)}
+        parts = () if self.object_space is None else data["object_space"]["parts"]
+        for group in (data["exit_pupil"], data["microlens_image"], *parts):
+            if group["sides_mm"] is None:
+                del group["sides_mm"]
         if self.temperature is None:
             del data["temperature"]
         if self.object_space is None:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from ..effects.plan import PlannedEffect
-    from .result import Depth, DepthAssumptions, Evaluation, RealLens, SeenPart
+    from .result import Depth, DepthAssumptions, Evaluation, MicrolensImage, RealLens, SeenPart
 
 MARKS = {"good": "✓", "limit": "~", "fault": "✗"}
 """Sign of each level of verdict."""
@@ -31,7 +31,7 @@ def fact_tables(result: Evaluation) -> list[Table]:
     """Quantity, value with unit and remark, by subject."""
     pupil, f, field, image = result.exit_pupil, result.f_number, result.non_distortion, result.microlens_image
     sampling, depth, wave = result.sampling, result.depth, result.diffraction
-    exit_pupil = "image-space telecentric" if pupil.telecentric else f"diameter {number(pupil.diameter_mm)} mm"
+    exit_pupil = "image-space telecentric" if pupil.telecentric else _across(pupil.diameter_mm, pupil.sides_mm)
     rim = f"pencil to the rim of the {field.limited_by}"
     facts = {
         "Pupils": [
@@ -54,7 +54,7 @@ def fact_tables(result: Evaluation) -> list[Table]:
             ("room at the corner", f"{number(field.room_at_corner_mm)} mm", rim),
         ],
         "Microlens images": [
-            ("diameter", f"{number(image.diameter_mm * 1e3)} um", f"{number(image.diameter_px)} px"),
+            (*_image_size(image), f"{number(image.diameter_px)} px"),
             ("pitch", f"{number(image.pitch_mm * 1e3)} um", "images in reversed order" if image.pitch_mm < 0 else ""),
             ("centre shift", f"{number(image.centre_shift_px_per_microlens)} px per microlens", "Eq. 4"),
         ],
@@ -143,7 +143,7 @@ def seen_table(result: Evaluation) -> Table | None:
             part.name,
             part.what,
             f"{number(part.distance_mm)} mm",
-            "" if part.diameter_mm is None else f"{number(part.diameter_mm)} mm",
+            _opening(part),
             _seen(part),
         )
         for part in through.parts
@@ -155,6 +155,26 @@ def seen_table(result: Evaluation) -> Table | None:
     )
     headings = ("", "what", "distance", "diameter", "as the main lens sees it")
     return Table(rows, "llddl", headings, "Beside the main lens, in the order of light", caption)
+
+
+def _opening(part: SeenPart) -> str:
+    if part.sides_mm is not None:
+        return f"{' x '.join(number(side) for side in part.sides_mm)} mm"
+    return "" if part.diameter_mm is None else f"{number(part.diameter_mm)} mm"
+
+
+def _across(diameter: float | None, sides: tuple[float, float] | None) -> str:
+    """Diameter, or sides, of a pupil in words."""
+    if sides is not None:
+        return f"sides {' x '.join(number(side) for side in sides)} mm"
+    return f"diameter {number(math.inf if diameter is None else diameter)} mm"
+
+
+def _image_size(image: MicrolensImage) -> tuple[str, str]:
+    """Name of a microlens image's size, and the size."""
+    sides = image.sides_mm or (image.diameter_mm or math.nan,)
+    name = "diameter" if image.sides_mm is None else "sides; extent along x or y"
+    return name, f"{' x '.join(number(side * 1e3) for side in sides)} um"
 
 
 def _seen(part: SeenPart) -> str:

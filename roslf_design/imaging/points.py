@@ -11,14 +11,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
-from typing import NamedTuple
+from functools import cached_property, reduce
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..camera import Camera
-from ..shapes.discs import chords
+from ..shapes.openings import Openings
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres
 from .trace import sobol_points
 from .wavefront import Wavefront
@@ -36,25 +35,6 @@ LEAST_TOLERANCE = 2e-3
 """Smallest share of far tails that is gone after: light beyond falls off only as one over the distance."""
 RAYS = 1 << 18
 """Rays for one point without diffraction: landings are counted, to about 1/500 of a pixel's share."""
-
-
-class PointOpening(NamedTuple):
-    """What rims leave of the FAP for one point: the common part of discs on the FAP's plane."""
-
-    centres: Floats
-    """(K, 2), against the main lens's axis [mm]."""
-    radii: Floats
-    """(K,)."""
-
-    @property
-    def unclipped(self) -> bool:
-        """Whether the FAP's disc, the first, lies inside all others."""
-        apart = np.hypot(*(self.centres - self.centres[0]).T)
-        return bool((apart + self.radii[0] <= self.radii).all())
-
-    def chords(self, rows: int) -> tuple[Floats, Floats, Floats, Floats]:
-        """Rows across the opening: heights, their weights, and each chord's ends [mm]."""
-        return chords(self.centres, self.radii, rows)
 
 
 @dataclass(frozen=True)
@@ -104,15 +84,15 @@ class PointSource:
         return -np.array([self.x, self.y]) * (self.throw / self.reach)
 
     @cached_property
-    def opening(self) -> PointOpening:
-        """What the FAP, the lens and further rims leave open for this point."""
-        centres, radii = [], []
+    def opening(self) -> Openings:
+        """Openings of the FAP, the lens and further rims for this point, on the FAP's plane from the lens's axis."""
+        rows = []
         for rim in (self.camera.fap, *self.camera.rims):
             grow = self.reach / (self.distance - float(rim.distance))
             at_x, at_y = self.camera.decentre(rim.part)
-            centres.append([self.x + (at_x - self.x) * grow, self.y + (at_y - self.y) * grow])
-            radii.append(float(rim.radius) * abs(grow))
-        return PointOpening(np.array(centres), np.array(radii))
+            middle = np.array([self.x + (at_x - self.x) * grow, self.y + (at_y - self.y) * grow], float)
+            rows.append(Openings.of(rim.outline.scaled(abs(grow)), ()).moved(middle))
+        return reduce(Openings.beside, rows)
 
 
 def point_image(source: PointSource, region: Region, wavelengths: tuple[float, ...], tolerance: float) -> Image:
@@ -158,8 +138,9 @@ def _by_waves(
     camera = source.camera
     d, d_2, f_ml, D_F = (float(length) for length in (camera.d, camera.seen.d_2, camera.f_ml, camera.seen.D_F))
     image = np.zeros((region.rows, region.columns))
-    # The Airy pattern has 2/(pi x) of its light beyond x = pi r D_F/(lambda B).
-    beyond = 2 / (math.pi * max(tolerance, LEAST_TOLERANCE)) * wavelength * source.throw / (math.pi * D_F)
+    # The Airy pattern has 2/(pi x) of its light beyond x = pi r D_F/(lambda B), and so has that of a square.
+    narrow = abs(D_F) * float(camera.fap.outline.narrowest / camera.fap.outline.width)
+    beyond = 2 / (math.pi * max(tolerance, LEAST_TOLERANCE)) * wavelength * source.throw / (math.pi * narrow)
     front = None if source.place is None else source.wavefront(wavelength)
     if front is None and source.place is not None:
         return image
@@ -185,7 +166,7 @@ def _by_waves(
     bend = np.exp(-1j * math.pi / (wavelength * f_ml) * v**2) * dv
     reach = beyond + 3 * d
     arriving = _arriving(source, wavelength, reach) if front is None else _traced_field(front, wavelength, reach)
-    full = math.pi * D_F**2 / 4
+    full = float(camera.fap.outline.sized(abs(D_F)).area)
     for axis, centre in zip(lattice.microlens(index), lattice.image(index), strict=True):
         lens = _on_array(source, axis, v, wavelength, arriving) * window
         part = float((np.abs(lens) ** 2 * dv[:, None] * dv).sum()) / full
@@ -208,7 +189,7 @@ def _by_waves(
 
 def _arriving(source: PointSource, wavelength: float, beyond: float) -> RoundField:
     """The diffraction integral over the opening as a function of places on the array, counted from the spot [mm]."""
-    if not source.opening.unclipped:
+    if not source.opening.unclipped or 0 in source.opening.polygons:
         return lambda u_x, u_y: _clipped_field(source, u_x, u_y, wavelength)
     from scipy.special import j0
 
@@ -236,7 +217,7 @@ def _arriving(source: PointSource, wavelength: float, beyond: float) -> RoundFie
 def _clipped_field(source: PointSource, u_x: Floats, u_y: Floats, wavelength: float) -> Field:
     """Diffraction integral over what the rims leave open, chord by chord."""
     throw, opening = source.throw, source.opening
-    widest = float(opening.radii.min())
+    widest = float(opening.spans.min()) / 2
     farthest = max(np.abs(u_x).max(), np.abs(u_y).max())
     cycles = 2 * widest * (farthest / abs(throw) + abs(source.defocus) * widest) / wavelength
     count = 24 + 2 * math.ceil(cycles)
@@ -289,12 +270,11 @@ def _on_array(source: PointSource, axis: Floats, v: Floats, wavelength: float, a
 def _by_rays(source: PointSource, region: Region, lattice: ImageLattice) -> Image:
     camera, opening = source.camera, source.opening
     unit = (sobol_points(RAYS)[:, :2] + 0.5) / 2.0**32
-    rho, phi = opening.radii[0] * np.sqrt(unit[:, 0]), 2 * math.pi * unit[:, 1]
-    a = np.stack([rho * np.cos(phi), rho * np.sin(phi)], -1) + opening.centres[0]
+    a = np.stack(camera.fap.outline.polar(np.sqrt(unit[:, 0]), 2 * math.pi * unit[:, 1]), -1) + opening.centres[0]
     # The ray (a, slope (a - X)/R) through d_3 of air, lens, d_1 of air.
     slope = (a - (source.x, source.y)) / source.reach
     if source.place is None:
-        kept = (np.hypot(*(a[:, None] - opening.centres).transpose(2, 0, 1)) <= opening.radii * (1 + 1e-12)).all(1)
+        kept = opening.contain(a)
     else:
         front = source.wavefront(float(camera["light.wavelength"]))
         if front is None:

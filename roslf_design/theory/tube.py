@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._arrays import Array
+from ..bore.opening import ClearAperture
 from ..bore.part import Number
 from ..camera import Camera
 from ..design import PATHS
@@ -40,7 +41,9 @@ def housed(c: Camera) -> tuple[Housed, ...]:
         return size
 
     stops = [("FAP", "aperture"), *((f"stop {k + 1}", f"stops.{k}") for k in range(c.stops))]
-    parts = [part(name, key, numbers[f"{key}.diameter"], numbers[f"{key}.distance"]) for name, key in stops]
+    parts = [
+        part(name, key, 2 * ClearAperture.of(numbers, key).reach, numbers[f"{key}.distance"]) for name, key in stops
+    ]
     for k, element in enumerate(c.chain.elements):
         key = f"elements.{k}"
         if f"{key}.diameter" in numbers:

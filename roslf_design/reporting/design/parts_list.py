@@ -34,10 +34,10 @@ def parts_section(design: Design) -> Section:
     microlenses = f"{mla.layout}, {mla.lens_shape} lenses, pitch {length(mla.pitch)}, f_ml {length(mla.focal_length)}"
     rows = [
         ("main lens", ideal if design.lens is None else f"{design.lens.name}, {aperture}", lens),
-        ("FAP, front stop", f"opening {length(design.D_F)}", "made to drawing"),
+        ("FAP, front stop", f"opening {design.aperture.outline.words}", "made to drawing"),
     ]
     rows += [
-        (f"stop {k}", f"opening {length(stop.diameter)}", "made to drawing") for k, stop in enumerate(design.stops, 1)
+        (f"stop {k}", f"opening {stop.outline.words}", "made to drawing") for k, stop in enumerate(design.stops, 1)
     ]
     for k, element in enumerate(design.elements, 1):
         bought, entry = element.bought or OWN, None
