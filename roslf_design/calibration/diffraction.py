@@ -18,13 +18,14 @@ from numpy.typing import ArrayLike
 
 from .._arrays import by_value, sunflower
 from .._jit import THREADS, kernel, prange
+from ..bore.opening import ClearAperture
 from ..camera import Camera
 from ..design import Design
 from ..shapes.lattice import PACKINGS
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import diffraction_width
-from ..theory.transfer import MicrolensTransfer, disc_spectrum
+from ..theory.transfer import MicrolensTransfer
 from .aberrations import aberration_error
 from .corners import fit_saddles, fit_window
 from .decoding import cubic_taps, decode
@@ -335,7 +336,7 @@ class _CellSeries(NamedTuple):
 
     def light(self, image: PupilImage) -> Array:
         """`PupilImage.cell` at the places, shape (n,)."""
-        disc = disc_spectrum(image.radius, np.hypot(*self.waves.T)) * self.area
+        disc = ClearAperture(image.radius).spectrum(*self.waves.T) * self.area
         x, y = self.reading
         return np.asarray(self.cosines @ (disc * (image.lens(self.waves[:, 0], self.waves[:, 1]) * x * y)))
 

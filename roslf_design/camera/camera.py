@@ -21,6 +21,7 @@ from ..bore.conjugates import CONJUGATES, follower
 from ..bore.elements import element_name
 from ..bore.lens import IMAGE
 from ..bore.main_lens import IdealMainLens, MainLensKind
+from ..bore.opening import SIDES, TURN, ClearAperture
 from ..bore.part import TEMPERATURE, Number
 from ..bore.rod import SECTION_WORD
 from ..design import Design, DesignError, Problem
@@ -38,6 +39,8 @@ if TYPE_CHECKING:
 FOCAL = PATHS["f"]
 IN_FOCUS = 1e-10
 """Share of d_f by which a stop is out of focus at least: it cuts whole microlens images then, or none of one."""
+SIGNED = (".rotation", f".{TURN}", ".focal_length")
+"""Ends of places whose numbers may be of either sign."""
 AIR_ALONE = Chain(())
 """A chain of nothing."""
 PHOTOMETRIC = (
@@ -62,15 +65,15 @@ TIP = "tip"
 @by_value
 @dataclass(frozen=True)
 class Rim:
-    """A circular opening that light must pass: the flexible angular plane (FAP), the main lens, a further stop."""
+    """An opening that light must pass: the flexible angular plane (FAP), the main lens, a further stop."""
 
     name: str
     """"FAP", "main lens", or "stop 1" and so on, in the order of the design file."""
     part: str
     """Its place in a design: "aperture", "main_lens", "stops.0"; of an element's two faces "elements.0.0" and ".1",
     of sections of a rod's barrel ".2" and so on; of what an objective with a mapping images "elements.0.image"."""
-    radius: Number
-    """R_k as the main lens sees it: through what stands between [mm]."""
+    outline: ClearAperture
+    """Clear opening as the main lens sees it: through what stands between."""
     distance: Number
     """z_k as the main lens sees it, in front of it [mm]."""
     stands: Number
@@ -88,11 +91,16 @@ class Rim:
         return self.name.partition(SECTION_WORD)[0]
 
     @property
-    def diameter_place(self) -> str | None:
-        """Where its diameter stands in a design; None of the end of a mapping."""
+    def radius(self) -> Number:
+        """R_k as the main lens sees it: distance of its farthest point from its centre [mm]."""
+        return self.outline.reach
+
+    @property
+    def size_places(self) -> tuple[str, ...]:
+        """Where the lengths stand in a design that make it as wide as it is; none of the end of a mapping."""
         if self.part.endswith(IMAGE):
-            return None
-        return f"{place_of(self.part)}.diameter"
+            return ()
+        return tuple(f"{place_of(self.part)}.{key}" for key in self.outline.keys)
 
 
 def place_of(part: str) -> str:
@@ -204,6 +212,7 @@ class Camera(Symbols[Number]):
             relay = given.get("sensor.relay_magnification", self["sensor.relay_magnification"])
             given[PATHS["q"]] = np.multiply(changes["q"], relay)
         numbers = dict(self._numbers)
+        given = self._widened(given)
         for place, value in given.items():
             if place not in numbers:
                 raise DesignError((Problem(place, "is not a number of this design"),))
@@ -226,6 +235,19 @@ class Camera(Symbols[Number]):
         if in_focus:
             numbers[PATHS["f_ml"]] = camera.seen.d_2 / (1 + camera.seen.d_2 * camera.seen.vergence)
         return camera
+
+    def _widened(self, given: Mapping[str, ArrayLike]) -> dict[str, ArrayLike]:
+        """Numbers with D_F told by the sides of a rectangle: both grow alike."""
+        sides = [f"aperture.{key}" for key in SIDES]
+        if PATHS["D_F"] not in given or sides[0] not in self._numbers:
+            return dict(given)
+        rest = {place: value for place, value in given.items() if place != PATHS["D_F"]}
+        grown = np.divide(
+            given[PATHS["D_F"]],
+            ClearAperture.of({**self._numbers, **{k: _number(v) for k, v in rest.items()}}, "aperture").width,
+        )
+        wide: dict[str, ArrayLike] = {place: np.multiply(rest.get(place, self[place]), grown) for place in sides}
+        return rest | wide
 
     @property
     def as_measured(self) -> Camera:
@@ -313,9 +335,12 @@ class Camera(Symbols[Number]):
         shown = ", ".join(
             f"{symbol}={value:.6g}" if np.ndim(value) == 0 else f"{symbol}=array{np.shape(value)}"
             for symbol, place in PATHS.items()
-            for value in [self.q if symbol == "q" else self[place]]
+            for value in [self._symbol(symbol, place)]
         )
         return f"Camera({shown})"
+
+    def _symbol(self, symbol: str, place: str) -> Number:
+        return self.ruler.D_F if symbol == "D_F" else self.q if symbol == "q" else self[place]
 
     def plane(self, z: Number) -> ImagedPlane:
         """The plane at z before the main lens [mm, with a ruler], as the main lens sees it."""
@@ -468,7 +493,7 @@ class Camera(Symbols[Number]):
     @cached_property
     def rims(self) -> tuple[Rim, ...]:
         """Every opening but the FAP: main lens, further stops and elements, in the order of the design file."""
-        lens = Rim("main lens", "main_lens", self.D / 2, 0.0, 0.0)
+        lens = Rim("main lens", "main_lens", ClearAperture(self.D / 2), 0.0, 0.0)
         stops = (self._rim(f"stop {k + 1}", f"stops.{k}") for k in range(self.stops))
         return (lens, *stops, *self._mapped_image, *(rim for k in self._apertures for rim in self._faces(k)))
 
@@ -496,7 +521,7 @@ class Camera(Symbols[Number]):
         scale, stands = magnitude(plane.magnification), self._numbers[f"{part}.distance"]
         radius = magnitude(self._numbers[f"{part}.focal_length"]) * float(self.law[0, 1])
         name = f"lens {self.chain.mapped + 1}, mapping"  # type: ignore[operator]
-        return (Rim(name, part + IMAGE, radius / scale, plane.distance, stands, scale, plane),)
+        return (Rim(name, part + IMAGE, ClearAperture(radius / scale), plane.distance, stands, scale, plane),)
 
     @cached_property
     def _apertures(self) -> list[int]:
@@ -507,7 +532,7 @@ class Camera(Symbols[Number]):
         element, at = self.chain.elements[k], self.chain.at(self._numbers, k)
         name = element_name(element, k + 1)
         for number, (words, z) in enumerate(element.openings(at)):
-            rim = self._rim(f"{name}{words}", f"{at.place}.{number}", z, at["diameter"] / 2)
+            rim = self._rim(f"{name}{words}", f"{at.place}.{number}", z, ClearAperture(at["diameter"] / 2))
             yield replace(rim, leans=True) if element.leans else rim
 
     @cached_property
@@ -524,17 +549,17 @@ class Camera(Symbols[Number]):
         """How many stops there are beside the FAP and the main lens."""
         return sum(place.startswith("stops.") and place.endswith(".distance") for place in self._numbers)
 
-    def _rim(self, name: str, part: str, stands: Number | None = None, radius: Number | None = None) -> Rim:
+    def _rim(self, name: str, part: str, stands: Number | None = None, outline: ClearAperture | None = None) -> Rim:
         stands = self._numbers[f"{part}.distance"] if stands is None else stands
-        radius = self._numbers[f"{part}.diameter"] / 2 if radius is None else radius
+        outline = ClearAperture.of(self._numbers, part) if outline is None else outline
         if self.chain.in_air:
-            return Rim(name, part, radius, stands, stands)
+            return Rim(name, part, outline, stands, stands)
         plane = self.plane(stands)
         scale, distance = magnitude(plane.magnification), plane.distance
         if part != "aperture":  # of a stop in an image of the focal plane no disc is left, but its limit
             near = np.abs(distance - self.seen.d_f) < IN_FOCUS * np.abs(self.seen.d_f)
             distance = np.where(near, self.seen.d_f * (1 - IN_FOCUS), distance)[()] if np.any(near) else distance
-        return Rim(name, part, radius / scale, distance, stands, scale, plane)
+        return Rim(name, part, outline.over(scale), distance, stands, scale, plane)
 
     @cached_property
     def _rim_of(self) -> dict[str, Rim]:
@@ -750,12 +775,7 @@ class Camera(Symbols[Number]):
                 yield f"{place} is below 1", np.asarray(value) >= 1
             elif name == "read_noise":
                 yield f"{place} is below 0", np.asarray(value) >= 0
-            elif (
-                place not in signed
-                and ".decentre." not in place
-                and name != "rotation"
-                and not place.endswith(".focal_length")
-            ):
+            elif place not in signed and ".decentre." not in place and not place.endswith(SIGNED):
                 yield f"{place} is not above 0", np.asarray(value) > 0
 
     def _fits(self) -> Iterator[tuple[str, Any]]:
@@ -784,10 +804,12 @@ def _number(value: ArrayLike) -> Number:
 @lru_cache(maxsize=64)
 def _nominal(design: Design) -> Camera:
     array = design.microlens_array
-    openings = [opening.place for opening in design.openings]
-    parts = ("main_lens", *openings, "microlens_array", "sensor")
-    places = [*PATHS.values(), "sensor.relay_magnification", "microlens_array.rotation"]
-    places += [f"{opening}.{name}" for opening in openings for name in ("diameter", "distance")]
+    parts = ("main_lens", *(opening.place for opening in design.openings), "microlens_array", "sensor")
+    places = [place for place in PATHS.values() if place not in (PATHS["D_F"], PATHS["d_3"])]
+    at_fap = [*PATHS].index("D_F")
+    places[at_fap:at_fap] = [f"aperture.{key}" for key in design.aperture.number_keys]
+    places += ["sensor.relay_magnification", "microlens_array.rotation"]
+    places += [f"{stop.place}.{key}" for stop in design.openings[1:] for key in stop.part.number_keys]
     places += [f"{part}.{pose}.{axis}" for part in parts for pose in ("decentre", "tilt") for axis in (0, 1)]
     places += [f"{part}.size.{axis}" for part in ("microlens_array", "sensor") for axis in (0, 1)]
     places += PHOTOMETRIC

@@ -14,6 +14,7 @@ import numpy as np
 
 from .._arrays import Array, floats, product, ratio
 from ..bore.chain import Chain
+from ..bore.opening import ClearAperture
 from ..bore.part import Number
 from ..design.parts import PATHS, RulerSymbols
 
@@ -30,8 +31,8 @@ class _Opening(_Distant, Protocol):
     """An opening at a distance before the main lens, both as that sees them."""
 
     @property
-    def radius(self) -> Number:
-        """Radius as the main lens sees it [mm]."""
+    def outline(self) -> ClearAperture:
+        """Clear opening as the main lens sees it."""
 
 
 class _Viewer(Protocol):
@@ -68,6 +69,11 @@ class RulerLengths(RulerSymbols[Number]):
 
     def __getitem__(self, place: str) -> Number:
         return self._numbers[place]
+
+    @property
+    def D_F(self) -> Number:
+        """FAP diameter [mm]; of a rectangle the wider of its extents along x and y."""
+        return ClearAperture.of(self._numbers, "aperture").width
 
 
 T = TypeVar("T")
@@ -111,13 +117,13 @@ class ApparentLengths:
 
     @_worked_out_once
     def D_F(self) -> Number:
-        """FAP diameter, as the main lens sees it [mm].
+        """FAP diameter, as the main lens sees it [mm]; of a rectangle the wider of its extents along x and y.
 
         Below 0 where it is seen beyond the focal plane, behind a relay: D_F H is the size of what every microlens sees.
         """
         if self._camera.chain.in_air:
-            return self._camera.numbers[PATHS["D_F"]]
-        return np.asarray(np.where(np.real(self.inverse_H) < 0, -2.0, 2.0) * self._camera.fap.radius)[()]
+            return self._camera.fap.outline.width
+        return np.asarray(np.where(np.real(self.inverse_H) < 0, -1.0, 1.0) * self._camera.fap.outline.width)[()]
 
     @_worked_out_once
     def d_1(self) -> Number:

@@ -191,8 +191,8 @@ def _nodes(camera: Camera, places: NDArray[np.float64]) -> tuple[NDArray[np.intp
     images = MicrolensImages(camera, places[np.ix_(rows, columns)].reshape(-1, 2))
     if (images.shapes.kept_fraction >= 1 - 1e-9).all():
         return rows[:1], columns[:1]
-    centres, radii = images.discs
-    apart = ((centres - centres[..., :1, :]) / (2 * radii[..., :1, None])).reshape(rows.size, columns.size, -1)
+    centres, spans = images.openings.centres, images.openings.spans
+    apart = ((centres - centres[..., :1, :]) / spans[..., :1, None]).reshape(rows.size, columns.size, -1)
     moved = [float(np.ptp(apart, axis=axis).max(initial=0.0)) for axis in (0, 1)]
     counts = [max(2.0, math.ceil(far / STEP) + 1.0) for far in moved]
     less = min(1.0, math.sqrt(MOST / math.prod(counts)))

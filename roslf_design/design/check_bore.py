@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -14,6 +14,20 @@ from .check import shown, stop_beyond_focus
 
 if TYPE_CHECKING:
     from .design import Design
+
+
+def about_shapes(design: Design) -> Iterator[Problem]:
+    """Stops whose straight sides are followed in air and behind an ideal main lens alone."""
+    reason = "".join(f"elements.0 ({element.kind}) stands before it" for element in design.elements[:1])
+    if design.thin_twin is not design:
+        reason = "main_lens.prescription makes it a real one"
+    for k, stop in enumerate(design.all_stops):
+        if reason and stop.outline.straight:
+            message = (
+                f'"{stop.shape}" is followed through air and an ideal main lens only, and {reason}; '
+                "give a circle, or drop that"
+            )
+            yield Problem(f"stops.{k - 1}.shape" if k else "aperture.shape", message)
 
 
 def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, ...]:

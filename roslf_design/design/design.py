@@ -18,7 +18,7 @@ from ..errors import InputError, Problem
 from ..lenses.glass import AIR
 from ..units import format_quantity
 from .check import DISTANCE, FOCAL, MISFIT, PLANE, DesignError, at, checked_places, cross_check, design_problems
-from .check_bore import about_elements
+from .check_bore import about_elements, about_shapes
 from .environment import (
     REFERENCE,
     Environment,
@@ -122,7 +122,7 @@ class Design(Part, RulerSymbols[float]):
                 f"or drop the mapping of elements.{mapped}"
             )
             problems += (Problem("aperture.distance", message),)
-        problems += about_environment(self)
+        problems += (*about_environment(self), *about_shapes(self))
         if problems:
             raise PydanticCustomError(MISFIT, "parts do not fit", {"problems": problems})
         return self
@@ -207,6 +207,11 @@ class Design(Part, RulerSymbols[float]):
             others = {key: self[key] for key in CONJUGATES if key != place}
             return float(chain_of(self).followed({**chain_numbers(self), **others}, place))
         return float(own)
+
+    @property
+    def D_F(self) -> float:
+        """FAP diameter [mm]; of a rectangle the wider of its extents along x and y."""
+        return float(self.aperture.outline.width)
 
     @property
     def lens(self) -> Prescription | None:

@@ -231,7 +231,7 @@ class Growth:
                 result[place] = value + (glass_in.index(wavelength, after) - glass_in.index(wavelength, before))
             elif place == PATHS["D"]:
                 result[place] = value * self.lens.wider(before, after, self.housing, housing)
-            elif name == "diameter" or part.endswith("decentre") or kind in ("tube", "tip"):
+            elif name == "diameter" or part.endswith(("decentre", "sides")) or kind in ("tube", "tip"):
                 result[place] = value * housing
         for element, at in self._elements(numbers):
             result |= {f"{at.place}.{key}": value for key, value in element.moved(at, before, after).items()}

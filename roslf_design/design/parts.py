@@ -16,6 +16,7 @@ from pydantic_core import PydanticCustomError
 
 from ..bore.main_lens import MainLensKind, main_lens_kind
 from ..bore.material import Material
+from ..bore.opening import TURN, ClearAperture
 from ..bore.part import Number, Offset, Part, Size, Tilt
 from ..bore.real_lens import Lens
 from ..lenses.glass import Glass
@@ -75,17 +76,61 @@ class MainLens(Part):
         return value
 
 
-class Stop(Part):
-    """A circular opening in object space: the flexible angular plane (FAP), or a further rim of the bore."""
+Shape = Literal["circle", "rectangle"]
+"""Shapes of a stop's clear opening."""
 
-    diameter: Length
-    """D_F of the FAP [mm]."""
+
+class Stop(Part):
+    """An opening in object space: the flexible angular plane (FAP), or a further rim of the bore."""
+
+    shape: Shape = "circle"
+    """Shape of the opening."""
+    diameter: Length | None = Field(default=None, validate_default=True)
+    """Diameter of a circle, D_F of the FAP [mm]; None of a rectangle."""
+    sides: Size | None = Field(default=None, validate_default=True)
+    """Sides of a rectangle [mm]; None of a circle."""
+    turn: Angle = 0.0
+    """Angle of a rectangle's first side to x, about the axis [rad]."""
     distance: Distance
     """d_3, distance in front of the main lens [mm]; 0 is at the lens."""
     decentre: Offset = (0.0, 0.0)
     """Offset from the axis [mm]."""
     tilt: Tilt = (0.0, 0.0)
     """[rad]."""
+
+    @field_validator("diameter", "sides", mode="after")
+    @classmethod
+    def _of_shape(cls, value: Any, info: ValidationInfo) -> Any:
+        shape = info.data.get("shape")
+        if shape is None:  # the shape's own fault is told
+            return value
+        own = info.field_name == ("diameter" if shape == "circle" else "sides")
+        if own and value is None:
+            raise PydanticCustomError("missing", "Field required")
+        if own or value is None:
+            return value
+        if shape == "circle":
+            raise ValueError('a circle has a diameter; drop sides, or give shape = "rectangle"')
+        raise ValueError("a rectangle has sides; drop diameter, or the shape")
+
+    @field_validator("turn", mode="after")
+    @classmethod
+    def _of_rectangle(cls, value: float, info: ValidationInfo) -> float:
+        if value and info.data.get("shape") == "circle":
+            raise ValueError('a circle is the same however it is turned; drop turn, or give shape = "rectangle"')
+        return value
+
+    @property
+    def outline(self) -> ClearAperture:
+        """Its clear opening."""
+        if self.sides is None:
+            return ClearAperture((self.diameter or math.nan) / 2)
+        return ClearAperture(math.inf, (self.sides[0] / 2, self.sides[1] / 2), self.turn)
+
+    @property
+    def number_keys(self) -> tuple[str, ...]:
+        """Keys of its numbers beside its pose."""
+        return (*self.outline.keys, *((TURN,) if self.outline.straight else ()), "distance")
 
 
 class Cover(Part):
@@ -363,5 +408,5 @@ class RulerSymbols(Symbols[N]):
 
     @property
     def D_F(self) -> N:
-        """FAP diameter [mm]."""
-        return self[PATHS["D_F"]]
+        """FAP diameter [mm]; of a rectangle the wider of its extents along x and y."""
+        raise NotImplementedError

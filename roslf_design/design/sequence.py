@@ -33,15 +33,19 @@ def sequence_of(design: Design) -> tuple[SequenceRow, ...]:
     Raises
     ------
     InputError
-        A gradient-index rod, or an objective with a mapping: no surface stands for those.
+        A gradient-index rod, or an objective with a mapping: no surface stands for those; a stop that is no circle.
     """
+    for stop in design.openings:
+        if stop.part.outline.straight:
+            message = f'"{stop.part.shape}" is an opening that this does not write for other programs; give it a circle'
+            raise InputError((Problem(f"{stop.place}.shape", message),))
     front, rear = design.main_lens.kind.planes(design.wavelength)
     body = design.main_lens.kind.rows(design.f, design.D)
     medium = design.object_space.medium
-    widest = max(design.D, *(stop.part.diameter for stop in design.openings))
+    widest = max(design.D, *(float(stop.part.outline.width) for stop in design.openings))
     rows = [SequenceRow("focal plane", front - design.d_f, Surface(0.0, widest, glass=medium)), *body]
     for stop in design.openings:
-        disc = Surface(0.0, stop.part.diameter / 2)
+        disc = Surface(0.0, float(stop.part.outline.reach))
         rows.append(SequenceRow(stop.name, front - stop.near, disc, is_stop=stop.part is design.aperture))
     farthest = max(design.elements, key=lambda element: element.distance, default=None)
     for place, name, element, near, _ in design.in_bore:

@@ -137,7 +137,7 @@ def _clipping(
     posed = len(lx) > len(RADII)  # the FAP's edge is then sampled all around, but in no field's own direction
     moved: list[float] = []
     for rim, deep, size in zip(camera.openings, apart + radii[0] - radii, radii, strict=True):
-        if rim.diameter_place is None:  # a stop for slopes, which flat faces behind it keep
+        if not rim.size_places:  # a stop for slopes, which flat faces behind it keep
             moved.append(0.0)
             continue
         z, plane = float(rim.stands), rim.plane or camera.plane(rim.stands)

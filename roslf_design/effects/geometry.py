@@ -13,7 +13,7 @@ from ..errors import InputError, Problem
 from ..lenses.angles import F_TAN
 from ..theory.exit_pupil import microlens_image_diameter, stop_angle
 from ..theory.light import chief_slope, outer_slope
-from ..theory.stop_images import settled, stop_discs
+from ..theory.stop_images import settled, stop_openings
 from ..theory.vignetting import room_at
 from . import lens
 from .effect import Effect, Estimate, Subject
@@ -26,22 +26,23 @@ def pupil_geometry(s: Subject) -> Estimate:
 
 
 def cut_depth(s: Subject) -> float:
-    """How deep the main lens and the further stops cut into the FAP's disc at the field's rim, on the sensor [mm].
+    """How deep the main lens and the further stops cut into the FAP's image at the field's rim, on the sensor [mm].
 
-    0 where the FAP's disc lies inside all others (the non-distortion margin of Eqs. 5-6 is not negative), its whole
+    0 where the FAP's image lies inside all others (the non-distortion margin of Eqs. 5-6 is not negative), its whole
     diameter where nothing is left. Decentres count at their worst.
     """
-    (middle, aside), (radii, _) = stop_discs(s.camera, np.array([0.0, s.lens_field]), 0.0)
-    moved = aside - middle
-    apart = np.hypot(*(middle[1:] - middle[0]).T) + np.hypot(*(moved[1:] - moved[0]).T)
-    depths = apart + radii[0] - radii[1:]
+    openings = stop_openings(s.camera, np.array([0.0, s.lens_field]), 0.0)
+    middle, aside = openings.centres
+    moved, own = aside - middle, float(openings.spans[0, 0])
+    apart = np.hypot(*(moved[1:] - moved[0]).T)  # in the worst direction, whatever the shapes
+    depths = apart - openings.at(0).rooms[1:]
     if s.camera.leaning:
         room = room_at(s.camera, s.lens_field * magnitude(s.camera.seen.inverse_m))
         for k in s.camera.leaning:
             rim = s.camera.rims[k]
-            depths[k] = -room[k] / (rim.scale * rim.radius) * radii[k + 1]
-    depth = settled(np.max(depths), max(radii[0], np.abs(aside).max(initial=0.0)))
-    return float(np.clip(depth, 0.0, 2 * radii[0]))
+            depths[k] = -room[k] / (rim.scale * rim.radius) * float(openings.spans[0, k + 1]) / 2
+    depth = settled(np.max(depths), max(own / 2, np.abs(aside).max(initial=0.0)))
+    return float(np.clip(depth, 0.0, own))
 
 
 def vignetting(s: Subject) -> Estimate:

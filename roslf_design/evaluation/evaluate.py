@@ -15,6 +15,7 @@ from ..accuracy.statement import Accuracy, check_accuracy
 from ..bore.elements import element_name, made_of
 from ..bore.lens import FieldLens
 from ..bore.material import material_told
+from ..bore.opening import ClearAperture
 from ..bore.part import TEMPERATURE
 from ..camera import Camera
 from ..design import Design
@@ -112,6 +113,8 @@ def evaluate(
     }
     non_distortion = Numbers.of(camera, "non_distortion", bounds, undistorted_in_field=limit.room >= 0)
     images = evaluate_fields(design, axes, rays)
+    pupil = _size(camera.fap.outline, float(exit_pupil.exit_pupil_diameter(camera)))
+    image = _size(camera.fap.outline, float(exit_pupil.microlens_image_diameter(camera)))
     traced = trace_lens(design, axes, non_distortion)
     depth = _depth(design, camera)
     method = [METHOD]
@@ -126,12 +129,12 @@ def evaluate(
             camera,
             "exit_pupil",
             {"distance_from_lens_mm": float(exit_pupil.exit_pupil_distance(camera))},
-            diameter_mm=float(exit_pupil.exit_pupil_diameter(camera)),
+            **pupil,
             telecentric=bool(exit_pupil.is_telecentric(camera)),
         ),
         f_number=f_number,
         non_distortion=non_distortion,
-        microlens_image=Numbers.of(camera, "microlens_image"),
+        microlens_image=Numbers.of(camera, "microlens_image", **image),
         fields=images,
         sampling=sampling,
         depth=depth,
@@ -189,8 +192,10 @@ def _looked_through(design: Design, camera: Camera, axes: Sequence[tuple[float, 
         at = float(camera.plane(near).distance)
         parts.append(SeenPart(name, ", ".join(made_of(element)), near, None, at, None))
     for rim in camera.stop_openings:
-        across, at = 2 * float(rim.radius), float(rim.distance)
-        parts.append(SeenPart(rim.name, "opening", float(rim.stands), across * float(rim.scale), at, across))
+        across, made = 2 * float(rim.radius), rim.outline.scaled(rim.scale)
+        own, seen = (across * float(rim.scale), across) if made.half is None else (None, None)
+        sides = None if made.half is None else (2 * float(made.half[0]), 2 * float(made.half[1]))
+        parts.append(SeenPart(rim.name, "opening", float(rim.stands), own, float(rim.distance), seen, sides))
     parts.sort(key=lambda part: -part.distance_mm)
     glass = {"MLA": design.microlens_array.substrate, "sensor": design.sensor.cover}
     for name, ruler, apparent in (("MLA", design.d_1, camera.seen.d_1), ("sensor", design.d_2, camera.seen.d_2)):
@@ -228,6 +233,14 @@ def _mapping(
     name = lens.mapping if isinstance(lens.mapping, str) else "table"
     at = element_name(lens, camera.chain.mapped + 1)
     return ObjectiveMapping(name, at, math.degrees(camera.mapping.widest), rows)
+
+
+def _size(outline: ClearAperture, width: float) -> dict[str, Any]:
+    """Diameter, or sides, of an image of an opening so wide [mm]."""
+    if outline.half is None:
+        return {"diameter_mm": width, "sides_mm": None}
+    grown = width / float(outline.width)
+    return {"diameter_mm": None, "sides_mm": tuple(2 * float(half) * grown for half in outline.half)}
 
 
 def _axes(fields: Any) -> tuple[tuple[float, float], ...]:

@@ -16,13 +16,13 @@ from ..design import Design
 from ..lenses.prescription import LensError
 from ..lenses.tracer import KEPT
 from ..rays import Status, trace_pupil
-from ..shapes.cells import area_in_polygon
-from ..shapes.discs import ClipStatus, intersect
+from ..shapes.discs import ClipStatus
 from ..shapes.lattice import cell_polygon
+from ..shapes.openings import Openings
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.light import on_array, sensor_field
 from ..theory.quantities import QUANTITIES
-from ..theory.stop_images import MicrolensImages, stop_discs
+from ..theory.stop_images import MicrolensImages, stop_openings
 from ..traced.camera import camera_of
 from ..traced.images import measured_bound, real_field
 from .result import Field, Numbers, RayBudget, RealLens, RealLensField, Share
@@ -57,8 +57,8 @@ def default_fields(design: Design) -> tuple[Place, ...]:
     return tuple(centre), tuple(edge), tuple(corner)
 
 
-def field_discs(design: Design, axes: ArrayLike) -> tuple[Array, Array]:
-    """Discs that the FAP, the main lens and the stops cut out on the sensor, relative to each microlens axis.
+def field_openings(design: Design, axes: ArrayLike) -> Openings:
+    """Openings that the FAP, the main lens and the stops cut out on the sensor, relative to each microlens axis.
 
     Parameters
     ----------
@@ -69,11 +69,11 @@ def field_discs(design: Design, axes: ArrayLike) -> tuple[Array, Array]:
 
     Returns
     -------
-    (centres, radii)
-        Shapes (N, K, 2) and (N, K) [mm], the FAP first, then `Camera.rims`.
+    Openings
+        One axis of N [mm], the FAP first, then `Camera.rims`.
     """
     camera = Camera.of(design)
-    return stop_discs(camera, *MicrolensImages(camera, axes).from_lens.T)
+    return stop_openings(camera, *MicrolensImages(camera, axes).from_lens.T)
 
 
 def rays_for(accuracy: float | None) -> int:
@@ -159,25 +159,23 @@ def _budget(camera: Camera, kept: Array, past: Array, sensor: float, own: float)
 
 
 def _exact_shares(images: MicrolensImages) -> list[Shares]:
-    """Every stop is a disc on the sensor."""
-    camera = images.camera
-    centres, radii = (values[:, 0] for values in images.discs)
+    """Shares from areas on the sensor."""
+    camera, openings = images.camera, images.openings.at(np.s_[:, 0])
     names = [rim.name for rim in (camera.fap, *camera.rims)]
     in_light = [names.index(rim.name) for rim in camera.in_light_order]
 
     cut = images.shapes.status[:, 0] != ClipStatus.FULL
 
-    apart = np.hypot(*np.moveaxis(centres - centres[:, :1], -1, 0))
-    cutting = np.any(apart + radii[:, :1] > radii, axis=0)  # the others hold the FAP's disc in theirs
+    cutting = np.any(openings.rooms < 0, axis=0)  # the others hold the FAP's image in theirs
 
     def past(order: list[int]) -> Array:
         """Shares past the first few rims; shape (microlenses, rims)."""
-        shares, few = np.ones((len(centres), len(order))), order[:1]
+        shares, few = np.ones((len(cut), len(order))), order[:1]
         for k in range(1, len(order) if cut.any() else 0):
             shares[:, k] = shares[:, k - 1]
             if cutting[order[k]]:
                 few.append(order[k])
-                shares[cut, k] = intersect(centres[cut][:, few], radii[cut][:, few]).kept_fraction
+                shares[cut, k] = openings.at(cut).some(few).common().kept_fraction
         return shares
 
     # The FAP stands among the others; what stops before it take is taken of the rays that fill it.
@@ -186,27 +184,26 @@ def _exact_shares(images: MicrolensImages) -> list[Shares]:
     light = fap_first[:, [*range(1, at_fap + 1), at_fap, *range(at_fap + 1, len(names))]]
     kept = past(list(range(len(names))))
     on_sensor, own = (
-        np.minimum(area / (math.pi * radii[:, 0] ** 2), kept[:, -1]).tolist()
-        for area in _areas_on_sensor(images, centres, radii)
+        np.minimum(area / openings.area, kept[:, -1]).tolist() for area in _areas_on_sensor(images, openings)
     )
     return [(*rows, sensor, min(cell, sensor)) for *rows, sensor, cell in zip(kept, light, on_sensor, own, strict=True)]
 
 
-def _areas_on_sensor(images: MicrolensImages, centres: Array, radii: Array) -> tuple[Array, Array]:
+def _areas_on_sensor(images: MicrolensImages, openings: Openings) -> tuple[Array, Array]:
     """Area of each image on the sensor, and of that in its own cell (0 where the images' pitch is) [mm^2]."""
     camera = images.camera
     pitch = abs(float(microlens_image_pitch(camera)))
     cell = cell_polygon(camera.layout, pitch, float(camera["microlens_array.rotation"])) if pitch else np.empty((0, 2))
     half = np.asarray(camera.sensor_size, float) / 2
     middle = np.asarray(camera.decentre("sensor"), float)
-    on_sensor, own = np.zeros(len(radii)), np.zeros(len(radii))
+    on_sensor, own = np.zeros(len(images.fields)), np.zeros(len(images.fields))
     for i, axis in enumerate(images.from_lens):
         low, high = middle - half - axis, middle + half - axis
         box = np.array([low, (high[0], low[1]), high, (low[0], high[1])])
-        on_sensor[i] = area_in_polygon(centres[i], radii[i], box)
-        polygon = _clipped_to_box(centres[i, 0] + cell, low, high)
+        on_sensor[i] = openings.at(i).area_in(box)
+        polygon = _clipped_to_box(openings.centres[i, 0] + cell, low, high)
         if len(polygon) > 2:
-            own[i] = area_in_polygon(centres[i], radii[i], polygon)
+            own[i] = openings.at(i).area_in(polygon)
     return on_sensor, own
 
 

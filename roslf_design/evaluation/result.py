@@ -313,6 +313,8 @@ class SeenPart:
     seen_distance_mm: float
     """Infinite where it is seen there."""
     seen_diameter_mm: float | None
+    sides_mm: tuple[float, float] | None = None
+    """Sides of a rectangular opening."""
 
     @property
     def cells(self) -> tuple[str, ...]:
@@ -324,6 +326,8 @@ class SeenPart:
             if own is not None and apparent is not None and not math.isclose(own, apparent, rel_tol=1e-6)
         ]
         across = "" if self.diameter_mm is None else f"{number(self.diameter_mm)} mm"
+        if self.sides_mm is not None:
+            across = f"{' x '.join(map(number, self.sides_mm))} mm"
         return self.name, self.what, f"{number(self.distance_mm)} mm", across, ", ".join(apart)
 
 
@@ -490,6 +494,10 @@ class Evaluation:
     def to_dict(self) -> dict[str, Any]:
         """The JSON object of `roslf evaluate --json`; infinite values are None, what all is air has no object space."""
         data = {"schema": SCHEMA, **plain(self, undefined=False)}
+        parts = () if self.object_space is None else data["object_space"]["parts"]
+        for group in (data["exit_pupil"], data["microlens_image"], *parts):
+            if group["sides_mm"] is None:
+                del group["sides_mm"]
         if self.temperature is None:
             del data["temperature"]
         if self.object_space is None:

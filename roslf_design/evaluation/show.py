@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from ..effects.plan import PlannedEffect
-    from .result import DepthAssumptions, Evaluation, RealLens
+    from .result import DepthAssumptions, Evaluation, Numbers, RealLens
 
 MARKS = {"good": "✓", "limit": "~", "fault": "✗"}
 """Sign of each level of verdict."""
@@ -32,15 +32,16 @@ def facts(result: Evaluation, *groups: str) -> list[tuple[str, str, str]]:
     rows = []
     for quantity in QUANTITIES.values():
         if (listed := quantity.evaluated) is not None and listed.under in groups and listed.label is not None:
-            remark = listed.remark_on(result.group(listed.under))
-            rows.append((listed.label or quantity.label, quantity.text(result.value(quantity)), remark))
+            if (value := result.value(quantity)) is not None:
+                remark = listed.remark_on(result.group(listed.under))
+                rows.append((listed.label or quantity.label, quantity.text(value), remark))
     return rows
 
 
 def fact_tables(result: Evaluation) -> list[Table]:
     """Quantity, value with unit and remark, by subject."""
-    pupil, field = result.exit_pupil, result.non_distortion
-    across = "image-space telecentric" if pupil.telecentric else f"diameter {number(pupil.diameter_mm)} mm"
+    pupil, field, image = result.exit_pupil, result.non_distortion, result.microlens_image
+    across = "image-space telecentric" if pupil.telecentric else _across(pupil)
     tables = {
         "Pupils": [
             *facts(result, ""),
@@ -54,6 +55,11 @@ def fact_tables(result: Evaluation) -> list[Table]:
         "Depth at the focal plane": depth_facts(result),
     }
     tables["Field"].insert(1, ("the same on the MLA", f"{number(field.x_ml_max_mm)} mm", ""))
+    if image.sides_mm is not None:
+        sides = " x ".join(number(side * 1e3) for side in image.sides_mm)
+        tables["Microlens images"].insert(
+            0, ("sides; extent along x or y", f"{sides} um", f"{number(image.diameter_px)} px")
+        )
     if result.real_lens is not None:
         tables["Real main lens, traced"] = result.real_lens.facts
     return [Table(tuple(rows), "ldl", title=title, widths=WIDTHS) for title, rows in tables.items()]
@@ -82,6 +88,13 @@ def seen_table(result: Evaluation) -> Table | None:
     )
     headings = ("", "what", "distance", "diameter", "as the main lens sees it")
     return Table(rows, "llddl", headings, "Beside the main lens, in the order of light", caption)
+
+
+def _across(pupil: Numbers) -> str:
+    """Diameter, or sides, of a pupil in words."""
+    if pupil.sides_mm is not None:
+        return f"sides {' x '.join(number(side) for side in pupil.sides_mm)} mm"
+    return f"diameter {number(pupil.diameter_mm)} mm"
 
 
 def temperature_table(result: Evaluation) -> Table | None:

@@ -21,7 +21,7 @@ from ..theory.light import geometric_views, sensor_field
 from ..theory.photometry import accepted, response
 from ..theory.quantities import QUANTITIES
 from ..words import listed, place
-from .fields import default_fields, field_discs
+from .fields import default_fields, field_openings
 from .result import Field, Numbers, RealLens, Verdict
 
 SLACK_PX = 0.5
@@ -267,11 +267,14 @@ def near_cases(design: Design) -> tuple[Near, ...]:
     # The pupil at the lens has no distance to scale by: a little in front of it the images touch at about the same D_F.
     near = camera if d_3 else camera.replace({"d_3": 0.01 * f})
     touching = float(matched(near, "D_F").value / near.fap.scale)
-    # Discs near containment or tangency, at the centre, edge and corner of the sensor.
-    centres, radii = field_discs(design, default_fields(design))
-    r, R = radii[:, :1], radii[:, 1:]
+    # Openings near containment or, of discs, tangency, at the centre, edge and corner of the sensor.
+    openings = field_openings(design, default_fields(design))
+    centres, spans = openings.centres, openings.spans
+    r, R = spans[:, :1] / 2, spans[:, 1:] / 2
     apart = np.hypot(*np.moveaxis(centres[:, 1:] - centres[:, :1], -1, 0))
     inner, outer = float((abs(apart - abs(R - r)) / r).min()), float((abs(R + r - apart) / r).min())
+    if openings.polygons:
+        inner = float((abs(openings.rooms[:, 1:]) / r).min())
     at_lens = Near("d_3 → 0", 0.0, True, "the aperture is at the main lens; margins are exact there")
     cases = [
         _near("d_3 → d_f", (d_f - d_3) / d_f, "the bore's end lies almost in the focal plane"),

@@ -18,7 +18,7 @@ from ..input_files import MOST_SAMPLES
 from ..shapes.lattice import PACKINGS
 from ..theory.light import microlens_defocus_blur
 from ..theory.photometry import accepted
-from ..theory.stop_images import stop_discs
+from ..theory.stop_images import stop_openings
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.float32]
@@ -31,8 +31,7 @@ def planned_camera(design: Design, plan: Plan) -> Camera:
     the microlenses image the exit pupil onto the sensor.
     """
     camera = Camera.of(straightened(design, plan).thin_twin)
-    places = [] if plan.on("vignetting") else [rim.diameter_place for rim in camera.rims]
-    wide = {place: math.inf for place in places if place is not None}
+    wide = {} if plan.on("vignetting") else {place: math.inf for rim in camera.rims for place in rim.size_places}
     return camera.replace(wide, in_focus=not plan.on("microlens_defocus"))
 
 
@@ -176,17 +175,17 @@ class ImageLattice:
         angle = float(camera["microlens_array.rotation"])
         turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
         offset = np.array(camera.decentre("microlens_array"))
-        centres, radii = stop_discs(camera, *offset)
+        openings = stop_openings(camera, *offset)
         slack = 2 * tilt_shift(camera, float(np.hypot(*camera.array_size)) / 2) if camera.tilted else 0.0
         return cls(
             axes,
             turn @ axes,
             offset,
             float(1 + camera.seen.d_2 * camera.seen.vergence),
-            offset + centres[0] - np.array(camera.decentre("sensor")),
+            offset + openings.centres[0] - np.array(camera.decentre("sensor")),
             (np.array(camera.array_size) - [camera.d, axes[1, 1]]) / 2 + 1e-9,
             # A stop cannot widen an image, but a microlens out of focus can, and a finite one moves it.
-            float(radii[0] + microlens_defocus_blur(camera) * math.sqrt(0.5) + slack),
+            float(openings.spans[0] / 2 + microlens_defocus_blur(camera) * math.sqrt(0.5) + slack),
         )
 
     @property

@@ -3,34 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
-from typing import NamedTuple
+from functools import cached_property, reduce
 
 import numpy as np
 
 from .._arrays import by_value
 from ..camera import Camera
-from ..shapes.discs import chords
+from ..shapes.openings import Openings
 from .camera import Floats
-
-
-class PointOpening(NamedTuple):
-    """What rims leave of the FAP for one point: the common part of discs on the FAP's plane."""
-
-    centres: Floats
-    """(K, 2), against the main lens's axis [mm]."""
-    radii: Floats
-    """(K,)."""
-
-    @property
-    def unclipped(self) -> bool:
-        """Whether the FAP's disc, the first, lies inside all others."""
-        apart = np.hypot(*(self.centres - self.centres[0]).T)
-        return bool((apart + self.radii[0] <= self.radii).all())
-
-    def chords(self, rows: int) -> tuple[Floats, Floats, Floats, Floats]:
-        """Rows across the opening: heights, their weights, and each chord's ends [mm]."""
-        return chords(self.centres, self.radii, rows)
 
 
 @by_value
@@ -77,12 +57,12 @@ class PointSource:
         return -np.array([self.x, self.y]) * (self.throw / self.reach)
 
     @cached_property
-    def opening(self) -> PointOpening:
-        """What the FAP, the lens and further rims leave open for this point."""
-        centres, radii = [], []
+    def opening(self) -> Openings:
+        """Openings of the FAP, the lens and further rims for this point, on the FAP's plane from the lens's axis."""
+        rows = []
         for rim in self.camera.openings:
             grow = self.reach / (self.distance - float(rim.distance))
             at_x, at_y = self.camera.decentre(rim.part)
-            centres.append([self.x + (at_x - self.x) * grow, self.y + (at_y - self.y) * grow])
-            radii.append(float(rim.radius) * abs(grow))
-        return PointOpening(np.array(centres), np.array(radii))
+            middle = np.array([self.x + (at_x - self.x) * grow, self.y + (at_y - self.y) * grow], float)
+            rows.append(Openings.of(rim.outline.scaled(abs(grow)), ()).moved(middle))
+        return reduce(Openings.beside, rows)

@@ -78,8 +78,9 @@ def _by_waves(
     camera = source.camera
     d, d_2, f_ml, D_F = (float(length) for length in (camera.d, camera.seen.d_2, camera.f_ml, camera.seen.D_F))
     image = np.zeros((region.rows, region.columns))
-    # The Airy pattern has 2/(pi x) of its light beyond x = pi r D_F/(lambda B).
-    beyond = 2 / (math.pi * max(tolerance, LEAST_TOLERANCE)) * wavelength * source.throw / (math.pi * D_F)
+    # The Airy pattern has 2/(pi x) of its light beyond x = pi r D_F/(lambda B), and so has that of a square.
+    narrow = abs(D_F) * float(camera.fap.outline.narrowest / camera.fap.outline.width)
+    beyond = 2 / (math.pi * max(tolerance, LEAST_TOLERANCE)) * wavelength * source.throw / (math.pi * narrow)
     front = None if source.place is None else Wavefront.of(source, wavelength)
     if front is None and source.place is not None:
         return image
@@ -102,7 +103,7 @@ def _by_waves(
     bend = np.exp(-1j * math.pi / (wavelength * f_ml) * v**2) * dv
     reach = beyond + 3 * d
     arriving = _arriving(source, wavelength, reach) if front is None else _traced_field(front, wavelength, reach)
-    full = math.pi * D_F**2 / 4
+    full = float(camera.fap.outline.sized(abs(D_F)).area)
     for axis, centre in zip(lattice.microlens(index), lattice.image(index), strict=True):
         lens = _on_array(source, axis, v, wavelength, arriving) * window
         part = float((np.abs(lens) ** 2 * dv[:, None] * dv).sum()) / full
@@ -125,7 +126,7 @@ def _by_waves(
 
 def _arriving(source: PointSource, wavelength: float, beyond: float) -> RoundField:
     """The diffraction integral over the opening as a function of places on the array, counted from the spot [mm]."""
-    if not source.opening.unclipped:
+    if not source.opening.unclipped or 0 in source.opening.polygons:
         return lambda u_x, u_y: _clipped_field(source, u_x, u_y, wavelength)
     from scipy.special import j0
 
@@ -153,7 +154,7 @@ def _arriving(source: PointSource, wavelength: float, beyond: float) -> RoundFie
 def _clipped_field(source: PointSource, u_x: Floats, u_y: Floats, wavelength: float) -> Field:
     """Diffraction integral over what the rims leave open, chord by chord."""
     throw, opening = source.throw, source.opening
-    widest = float(opening.radii.min())
+    widest = float(opening.spans.min()) / 2
     farthest = max(np.abs(u_x).max(), np.abs(u_y).max())
     cycles = 2 * widest * (farthest / abs(throw) + abs(source.defocus) * widest) / wavelength
     count = 24 + 2 * math.ceil(cycles)
@@ -206,12 +207,11 @@ def _on_array(source: PointSource, axis: Floats, v: Floats, wavelength: float, a
 def _by_rays(source: PointSource, region: Region, lattice: ImageLattice) -> Image:
     camera, opening = source.camera, source.opening
     unit = (sobol_points(RAYS)[:, :2] + 0.5) / 2.0**32
-    rho, phi = opening.radii[0] * np.sqrt(unit[:, 0]), 2 * math.pi * unit[:, 1]
-    a = np.stack([rho * np.cos(phi), rho * np.sin(phi)], -1) + opening.centres[0]
+    a = np.stack(camera.fap.outline.polar(np.sqrt(unit[:, 0]), 2 * math.pi * unit[:, 1]), -1) + opening.centres[0]
     # The ray (a, slope (a - X)/R) through d_3 of air, lens, d_1 of air.
     slope = (a - (source.x, source.y)) / source.reach
     if source.place is None:
-        kept = (np.hypot(*(a[:, None] - opening.centres).transpose(2, 0, 1)) <= opening.radii * (1 + 1e-12)).all(1)
+        kept = opening.contain(a)
     else:
         front = Wavefront.of(source, float(camera["light.wavelength"]))
         if front is None:

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._jit import THREADS, kernel, prange
+from ..bore.opening import ClearAperture, inside
 from ..bore.part import Part
 from ..camera import Camera
 from ..camera.frames import frame
@@ -298,7 +299,7 @@ class Tracer:
     flags: NDArray[np.bool_]
     surfaces: Surfaces
     kicks: Floats
-    """FAP diffraction: angles from the axis at even shares of the light [rad]; cosines and sines of a turn."""
+    """FAP diffraction, from two numbers n and m: columns a to e give the kick (a_n b_m + d_n, a_n c_m + e_n) [rad]."""
     falloff: float
     """Slope of the chief ray per mm on the array, 0 without cos^4 fall-off."""
     mouth: float
@@ -314,7 +315,7 @@ class Tracer:
         if exact:  # rims are met in order, on the way: beforehand only what is far outside the FAP's is left out
             slack = misses(design, Subject(design).lens_field, ()).image
             near = layout.rims[:1].copy()
-            near[0, 3] *= 1 + WELL_OUTSIDE * slack / (float(np.abs(microlens_image_diameter(camera))) / 2)
+            near[0, 3] *= (1 + WELL_OUTSIDE * slack / (float(np.abs(microlens_image_diameter(camera))) / 2)) ** 2
             lattice, layout = replace(lattice, reach=lattice.reach + slack), layout._replace(rims=near)
         # Where microlenses diffract, a ray blurred at the FAP too would count one uncertainty of place and direction
         # twice: against points carried as coherent waves, rays left alone are nearer the truth.
@@ -336,7 +337,7 @@ class Tracer:
             layout,
             np.array(flags),
             encode(scene, design.d_f, camera.chain.mirrored),
-            _airy_kicks(abs(float(camera.seen.D_F)), wavelengths) if kicked else np.zeros((1, 3)),
+            _kicks(camera.fap.outline.sized(abs(float(camera.seen.D_F))), wavelengths) if kicked else np.zeros((1, 5)),
             float(chief_slope(camera)) if plan.on("cos4") else 0.0,
             float(Camera.of(design).tip),
             tuple(FacesAhead.of(camera.replace({"wavelength": w})).for_pixels for w in wavelengths)
@@ -390,17 +391,27 @@ class Tracer:
         return images[0] if len(images) == 1 else images.mean(0), int(spent.sum())
 
 
-def _airy_kicks(diameter: float, wavelengths: tuple[float, ...], count: int = 4096) -> Floats:
-    """Directions of an Airy pattern, shape (count, 3): angle from the axis at even shares, a turn's cos and sin."""
-    from scipy.special import j0, j1
+def _kicks(opening: ClearAperture, wavelengths: tuple[float, ...], count: int = 4096) -> Floats:
+    """Directions of an opening's diffraction at even shares of the light, shape (count, 5): `Tracer.kicks`."""
+    from scipy.special import j0, j1, sici
 
+    if opening.half is not None:  # along each side by itself
+        x = np.concatenate([-np.geomspace(1e-4, 1e4, 500_000)[::-1], np.geomspace(1e-4, 1e4, 500_000)])
+        encircled = 0.5 + (sici(2 * math.pi * x)[0] - np.sin(math.pi * x) ** 2 / (math.pi * x)) / math.pi
+        across = np.interp((np.arange(count) + 0.5) / count, np.maximum.accumulate(encircled), x)
+        across *= sum(wavelengths) / len(wavelengths)
+        (u_x, u_y), (v_x, v_y) = opening.axes
+        first, second = (across / float(2 * half) for half in opening.half)
+        return np.stack([np.ones(count), second * v_x, second * v_y, first * u_x, first * u_y], -1)
+    diameter = 2 * float(opening.radius)
     x = np.concatenate([np.linspace(0, 400, 400_001), np.geomspace(400, 2e4, 100_000)[1:]])
-    inside = 1 - j0(x) ** 2 - j1(x) ** 2
+    encircled = 1 - j0(x) ** 2 - j1(x) ** 2
     shares = (np.arange(count) + 0.5) / count
     mean = sum(wavelengths) / len(wavelengths)
-    angle = np.interp(shares, np.maximum.accumulate(inside), x) * mean / (math.pi * diameter)
+    angle = np.interp(shares, np.maximum.accumulate(encircled), x) * mean / (math.pi * diameter)
     turn = 2 * math.pi * shares
-    return np.stack([angle, np.cos(turn), np.sin(turn)], -1)
+    nothing = np.zeros(count)
+    return np.stack([angle, np.cos(turn), np.sin(turn), nothing, nothing], -1)
 
 
 @kernel()
@@ -521,7 +532,8 @@ def _trace(
                     if flags[KICKED]:
                         near = int(np.uint32(points[r, 4] ^ s4) * unit * kicks.shape[0])
                         turn = int(np.uint32(points[r, 5] ^ s5) * unit * kicks.shape[0])
-                        kick_x, kick_y = kicks[near, 0] * kicks[turn, 1], kicks[near, 0] * kicks[turn, 2]
+                        kick_x = kicks[near, 0] * kicks[turn, 1] + kicks[near, 3]
+                        kick_y = kicks[near, 0] * kicks[turn, 2] + kicks[near, 4]
                     first, last = 0, n
                     if flags[OWN_ONLY]:
                         best = 1e300
@@ -538,7 +550,7 @@ def _trace(
                             kept = True
                             for t in range(rims.shape[0]):
                                 ax, ay, _, _, ahead = crossing(maps[3 + t], lx, ly, ox, oy)
-                                kept = kept and ahead and ax * ax + ay * ay <= rims[t, 3] * rims[t, 3]
+                                kept = kept and ahead and inside(rims[t], 3, ax, ay)
                             if not kept:
                                 continue
                             hx, hy, ox, oy, ahead = crossing(maps[2], lx, ly, ox, oy)
@@ -554,7 +566,7 @@ def _trace(
                             kept = True
                             for t in range(rims.shape[0]):
                                 ax, ay = lx + rims[t, 0] - ox * rims[t, 2], ly + rims[t, 1] - oy * rims[t, 2]
-                                if ax * ax + ay * ay > rims[t, 3] * rims[t, 3]:
+                                if not inside(rims[t], 3, ax, ay):
                                     kept = False
                                     break
                             if not kept:

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ..camera import Camera
 from ..shapes.lattice import PACKINGS
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
-from ..theory.transfer import MicrolensTransfer, disc_spectrum
+from ..theory.transfer import MicrolensTransfer
 from .camera import Image, Region
 
 PANEL = 16
@@ -47,7 +47,7 @@ class Encircled(NamedTuple):
     """Fractions of one unclipped microlens image's light, before pixels integrate."""
 
     disc: float
-    """Inside its geometric disc."""
+    """Inside its geometric disc, or whatever shape the FAP has."""
     cell: float
     """Inside its own cell, a square or a hexagon of one image pitch about its centre."""
 
@@ -60,17 +60,19 @@ def encircled(camera: Camera) -> Encircled:
     """
     lengths = float(camera.d), float(camera.seen.d_2)
     transfer = MicrolensTransfer(*lengths, 0.0, (float(camera.wavelength),), camera.lens_shape)
-    radius, pitch = float(microlens_image_diameter(camera)) / 2, abs(float(microlens_image_pitch(camera)))
-    panels = math.ceil(2 * transfer.cutoff * max(2 * radius, pitch)) + 1
+    image = camera.fap.outline.sized(float(microlens_image_diameter(camera)))
+    pitch = abs(float(microlens_image_pitch(camera)))
+    panels = math.ceil(2 * transfer.cutoff * max(2 * float(image.reach), pitch)) + 1
     nodes, weights = np.polynomial.legendre.leggauss(PANEL)
     step = transfer.cutoff / panels
     frequency = ((np.arange(panels)[:, None] + (nodes + 1) / 2) * step).ravel()
     weight = np.tile(weights * step / 2, panels)
-    spectrum = disc_spectrum(radius, np.hypot(frequency[:, None], frequency))
-    passed = spectrum * transfer(frequency[:, None], frequency) * (4 * weight[:, None] * weight)
-    cell = PACKINGS[camera.layout].cell_spectrum(pitch, frequency)
-    area = math.pi * radius**2
-    return Encircled(float((passed * spectrum).sum() / area), float((passed * cell).sum() / area))
+    cell, area = PACKINGS[camera.layout].cell_spectrum(pitch, frequency), image.area
+    passed = transfer(frequency[:, None], frequency) * (4 * weight[:, None] * weight)
+    spectra = [image.spectrum(sign * frequency, frequency[:, None]) for sign in (1, -1)]
+    own = sum((part * passed * part).sum() for part in spectra)
+    within = sum((part * passed * cell).sum() for part in spectra)
+    return Encircled(float(own / 2 / area), float(within / 2 / area))
 
 
 def fineness(transfer: MicrolensTransfer, pixel: float) -> int:

@@ -17,13 +17,14 @@ from ..camera import Camera
 from ..design import Design
 from ..effects import Plan, plan
 from ..rays.exact_discs import ExactDiscs
-from ..shapes.coverage import LARGEST_PART, coverage, coverage_bands, coverage_image
+from ..shapes.coverage import LARGEST_PART, coverage, coverage_bands
 from ..shapes.discs import shapes
+from ..shapes.openings import Openings
 from ..theory.colours import BRIGHTEST, filters, mosaic, per_watt
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.light import chief_slope
-from ..theory.stop_images import stop_discs
-from ..theory.transfer import MicrolensTransfer, disc_spectrum, pair_transfer, pixel_box
+from ..theory.stop_images import stop_openings
+from ..theory.transfer import MicrolensTransfer, pair_transfer, pixel_box
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres, pixel_response, planned_camera
 from .transfer import MOST_HALO, fineness
 
@@ -123,12 +124,12 @@ class WhiteGeometry:
         """
         x, y = pixel_centres(self.camera, region, fine)
         pixel = float(self.camera.q) / fine
-        discs = self._discs(x[0] - pixel / 2, x[-1] + pixel / 2, y[0] - pixel / 2, y[-1] + pixel / 2)
+        axes, openings = self._openings(x[0] - pixel / 2, x[-1] + pixel / 2, y[0] - pixel / 2, y[-1] + pixel / 2)
         width, height = self.camera.pixels
         # Pixels are counted on the whole sensor and a frame around it: a value does not depend on the region.
         first_row, first_column = (region.row + FRAME) * fine, (region.column + FRAME) * fine
-        cover = coverage_image(
-            *discs,
+        cover = openings.coverage(
+            axes,
             pixel=pixel,
             size=((width + 2 * FRAME) * fine, (height + 2 * FRAME) * fine),
             window=(slice(first_row, first_row + y.size), slice(first_column, first_column + x.size)),
@@ -136,15 +137,16 @@ class WhiteGeometry:
         )
         return np.asarray(cover, np.float64)
 
-    def _discs(self, left: float, right: float, low: float, high: float) -> tuple[Floats, Floats, Floats]:
-        """Microlens axes in the sensor's frame (n, 2), discs relative to them (n, K, 2) and (n, K) [mm]."""
+    def _openings(self, left: float, right: float, low: float, high: float) -> tuple[Floats, Openings]:
+        """Microlens axes in the sensor's frame (n, 2), openings that cut relative to them [mm]."""
         axis = self.lattice.microlens(self.lattice.indices(left, right, low, high))
-        centres, radii = stop_discs(self.camera, *axis.T) if self.exact is None else self.exact.at(*axis.T)
-        apart = np.hypot(*np.moveaxis(centres - centres[:, :1], -1, 0))
-        cuts = (apart + radii[:, :1] > radii).any(0)
+        openings = (
+            stop_openings(self.camera, *axis.T) if self.exact is None else Openings.of_discs(*self.exact.at(*axis.T))
+        )
+        cuts = np.any(openings.rooms < 0, axis=0, keepdims=True)[0]
         cuts[0] = True
         place = axis - np.array(self.camera.decentre("sensor"))
-        return place, np.ascontiguousarray(centres[:, cuts]), np.ascontiguousarray(radii[:, cuts])
+        return place, openings.some(np.flatnonzero(cuts).tolist())
 
 
 def add_falloff(image: Image, camera: Camera, x: Floats, y: Floats) -> Image:
@@ -251,9 +253,9 @@ def _orders(lattice: ImageLattice, limit: float) -> tuple[NDArray[np.int64], Flo
 
 
 def _uncut(camera: Camera, lattice: ImageLattice, frequencies: Floats) -> Floats:
-    """Weights of the geometric image of uncut discs, those of G and -G together."""
+    """Weights of the geometric image of uncut openings, those of G and -G together."""
     height = np.hypot(*frequencies.T)
-    spectrum = disc_spectrum(float(microlens_image_diameter(camera)) / 2, height)
+    spectrum = camera.fap.outline.sized(float(microlens_image_diameter(camera))).spectrum(*frequencies.T)
     return np.asarray(spectrum / abs(np.linalg.det(lattice.image_axes)) * np.where(height > 0, 2.0, 1.0))
 
 

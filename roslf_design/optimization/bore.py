@@ -129,8 +129,8 @@ def reduce_bore(design: Design, rims: Sequence[Stop]) -> EquivalentPupil:
         raise InputError((Problem("bore", f"{words}; focus the base design farther out, or shorten the bore"),))
     camera = _behind(design, rims)
     # On the axis the rim with the smallest angle seen from the focal plane is the pupil, wherever it stands.
-    angle = min(rim.diameter / (design.d_f - rim.distance) for rim in rims)
-    tried = [(rim.diameter, rim.distance) for rim in rims]
+    angle = min(float(rim.outline.width) / (design.d_f - rim.distance) for rim in rims)
+    tried = [(float(rim.outline.width), rim.distance) for rim in rims]
     tried += [(angle * (design.d_f - z), z) for z in np.linspace(near, far, 9).tolist()]
     best = min((_judged(camera, *stop) for stop in tried), key=lambda pupil: pupil.cost)
     if best.worst_misplaced == 0 or far == near:
@@ -152,6 +152,11 @@ def judge_pupil(design: Design, rims: Sequence[Stop], diameter: float, distance:
 
 
 def _behind(design: Design, rims: Sequence[Stop]) -> Camera:
+    if design.aperture.outline.straight:
+        words = (
+            f'"{design.aperture.shape}" of aperture.shape cannot stand for the circles of a bore; give it a diameter'
+        )
+        raise InputError((Problem("bore", words),))
     centred = {f"{part}.decentre": (0.0, 0.0) for part in ("main_lens", "aperture")}
     return Camera.of(design.replace({"stops": tuple(rims), **centred}))
 

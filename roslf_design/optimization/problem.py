@@ -595,7 +595,7 @@ class DesignProblem:
         rims = [f" ({rim.name})" for rim in self.base.rims]
         if widest:
             housing = constraint.quantity.name == "outer_diameter_mm"
-            openings = [rim for rim in self.base.openings if rim.diameter_place is not None]
+            openings = [rim for rim in self.base.openings if rim.size_places]
             rims = [f" ({part.name})" for part in housed(self.base)] if housing else [""] * len(openings)
         for side, limit in constraint.limits.items():
             words = f"{SIGNS[side]} {constraint.with_unit(limit)}"
@@ -741,7 +741,7 @@ def name_faults(names: Sequence[str], numbers: Mapping[str, Number], own: Sequen
 
     In a design with these numbers, and a real lens with places of its `own`.
     """
-    idle = (*IDLE, "decentre", "relay", ".index", ".gradient", "tube.", "environment.")
+    idle = (*IDLE, ".turn", "decentre", "relay", ".index", ".gradient", "tube.", "environment.")
     built = [place for place in numbers if "." in place and place not in SEEING]
     lengths = [place for place in built if not any(word in place for word in idle)]
     known = dict.fromkeys([*PATHS, *lengths, *DERIVED, *own])

@@ -38,7 +38,8 @@ class Layout(NamedTuple):
     maps: Floats
     """Shape (3 + K, 3, 4)."""
     rims: Floats
-    """The FAP, then the further stops: the lens's decentre less the stop's (x, y), distance, radius; (K, 4) [mm]."""
+    """The FAP, then the further stops: the lens's decentre less the stop's (x, y), distance, and what `inside` takes
+    of its opening; (K, 3 + ROW) [mm]."""
     front: Floats
     """The farthest element's scene side: distance; A, B, C, D, index, E and F (x, y) of its `ImagedPlane`; where the
     scene sees the entrance pupil; (11,)."""
@@ -74,7 +75,9 @@ def lay_out(camera: Camera) -> Layout:
     ]
     if not camera.tilted:
         maps[0][2, 3] = camera.seen.d_2  # better than a difference of (d_1 + d_2) and d_1
-    rims = [[*(-offset for offset in camera.decentre(stop.part)), stop.distance, stop.radius] for stop in openings]
+    rims = [
+        [*(-offset for offset in camera.decentre(stop.part)), stop.distance, *stop.outline.row()] for stop in openings
+    ]
     constants = [*ones, camera.D / 2, camera.d / 2]
     numbers, blocks, limits = (np.array(part, float) for part in (constants, maps, rims))
     return Layout(numbers, blocks, limits, scene_side(camera), law_of(camera))

@@ -160,7 +160,7 @@ class _Outlines:
         for k in range(1, len(self.stops)):
             if not np.isfinite(radii[k]):
                 continue
-            if self.stops[k].diameter_place is None:  # a stop for slopes, which flat faces behind it keep
+            if not self.stops[k].size_places:  # a stop for slopes, which flat faces behind it keep
                 away = np.hypot(*(through - centres[:, k].T[..., None])) / sizes[:, k, None]
             else:
                 try:
@@ -194,7 +194,7 @@ class _Outlines:
         (centre, radius), turn = stop_discs(c, x, y), np.linspace(0, 2 * np.pi, POINTS, endpoint=False)
         around = np.stack([np.cos(turn), np.sin(turn)])
         outline = centre[:, k].T[..., None] + radius[:, k, None] * around[:, None]
-        if rim.diameter_place is None:
+        if not rim.size_places:
             return np.asarray(outline)
         # To first order, what the stop's own lengths are on the sensor.
         plane = rim.plane or c.plane(rim.stands)

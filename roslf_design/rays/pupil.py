@@ -56,6 +56,7 @@ def trace_pupil(camera: Camera, pupil: Point, microlens: Point) -> PupilRays:
         Behind an ideal lens; builds broadcast with the points.
     pupil : pair of array_like
         Points of the flexible angular plane (FAP), in its frame and in units of its radius; beyond 1 they are clipped.
+        Of one that is no disc, what `ClearAperture.places` makes of points of the unit disc.
     microlens : pair of array_like
         Microlens axes, in the array's frame [mm].
 
@@ -72,7 +73,7 @@ def trace_pupil(camera: Camera, pupil: Point, microlens: Point) -> PupilRays:
     ax, ay = (np.asarray(part, float) for part in pupil)
     cx, cy = (np.asarray(part, float) for part in microlens)
     shape = np.broadcast_shapes(camera.shape, ax.shape, ay.shape, cx.shape, cy.shape)
-    a, b = camera.fap.radius * ax, camera.fap.radius * ay
+    a, b = camera.fap.outline.places(ax, ay)
     with np.errstate(all="ignore"):
         axis, point, landing = _through(camera, cx, cy)
         px, py = landing.at(a, b)
@@ -83,7 +84,7 @@ def trace_pupil(camera: Camera, pupil: Point, microlens: Point) -> PupilRays:
             crossing = _crossing(camera, rim, point, axis)
             x, y = crossing.at(a, b)
             # A number that is not finite is no way through.
-            passes[rim.name] = np.broadcast_to(x * x + y * y <= np.square(rim.radius), shape)
+            passes[rim.name] = np.broadcast_to(rim.outline.contains(x, y), shape)
             good = good & crossing.ahead(a, b)
         lx, ly = point.at(a, b)
         ray: Vector = (minus(axis[0], bend * lx) / axis[2], minus(axis[1], bend * ly) / axis[2], 1.0)
@@ -205,7 +206,7 @@ def fans(
     if distance is not None and not np.isfinite(distance):
         raise ValueError(f"distance: {distance} cannot be drawn; give a finite one in mm")
     c = np.asarray(microlens, float)[..., None]
-    course = trace_pupil(camera, (np.linspace(-fill, fill, rays), 0.0), (c, 0.0))
+    course = trace_pupil(camera, camera.fap.outline.across(np.linspace(-fill, fill, rays)), (c, 0.0))
     drawn = paths(camera, course, (c, 0.0), _start(camera) if distance is None else distance)
     return Fan(drawn[..., 2], drawn[..., 0], drawn[..., 1], course.status)
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .circles import TURN, exclude, leave, trace
+from .circles import trace
 from .discs import checked
+from .pieces import EDGE, PIECE, cut_arcs, cut_edges, lay_edges, most_pieces
 
 Floats = NDArray[np.float64]
 Array = Floats
@@ -51,7 +53,8 @@ def area_in_polygon(centres: ArrayLike, radii: ArrayLike, polygon: ArrayLike) ->
     centre = np.broadcast_to(centre, (*lead, k, 2)).reshape(n, k, 2)
     radius = np.broadcast_to(radius, (*lead, k)).reshape(n, k)
     corners = np.broadcast_to(corners, (*lead, m, 2)).reshape(n, m, 2)
-    return np.array([_inside(*one) for one in zip(centre, radius, corners, strict=True)], float).reshape(lead)
+    shares = [area_inside(c, r, [p]) for c, r, p in zip(centre, radius, corners, strict=True)]
+    return np.array(shares, float).reshape(lead)
 
 
 def area_in_rectangle(centres: ArrayLike, radii: ArrayLike, low: ArrayLike, high: ArrayLike) -> Array:
@@ -86,101 +89,42 @@ def _doubled_area(corners: Array) -> Array:
     return np.asarray(_cross(spokes, np.roll(spokes, -1, -2)).sum(-1))
 
 
-def _inside(centres: Array, radii: Array, polygon: Array) -> float:
-    """Area of one common part, centres (K, 2), radii (K,), in a polygon (M, 2), counterclockwise."""
-    k, corners = len(radii), len(polygon)
-    discs, arcs = np.column_stack([centres, radii, np.empty(k)]), np.empty((k * k, 5))
-    work = np.empty((max(k, 2 * corners + 3), 2))
-    count, _, _ = trace.interpreted(discs, work, arcs)
-    if count == 0:
-        return 0.0
-    # From here on about disc 0, where the digits are.
-    discs[:, :2] -= centres[0]
-    near = polygon - centres[0]
-    return max(0.0, _arcs_inside(discs, arcs, count, near, work) + _edges_inside(discs, near))
+def area_inside(centres: Array, radii: Array, polygons: Sequence[Array]) -> float:
+    """Area of one common part of discs, centres (K, 2), radii (K,), and convex polygons (M, 2), counterclockwise."""
+    k, most = len(radii), sum(len(polygon) for polygon in polygons)
+    discs, arcs, edges = np.column_stack([centres, radii, np.empty(k)]), np.empty((k * k, 5)), np.empty((most, EDGE))
+    work, pieces = np.empty((k + 2 * most + 3, 2)), np.empty((most_pieces(k, most), PIECE))
+    count = 0
+    if k:
+        count, _, _ = trace.interpreted(discs, work, arcs)
+        if count == 0:
+            return 0.0
+    # From here on about disc 0, or the first polygon, where the digits are.
+    origin = centres[0] if k else polygons[0].mean(0)
+    discs[:, :2] -= origin
+    sides = 0
+    for number, polygon in enumerate(polygons):
+        sides = lay_edges.interpreted(polygon - origin, number, edges, sides)
+    turned = cut_arcs.interpreted(discs, arcs, count, edges, sides, work, pieces)
+    filled = cut_edges.interpreted(discs, edges, sides, pieces, turned)
+    along_arcs = _along_arcs(discs, pieces[:turned].tolist())
+    return max(0.0, along_arcs + _along_edges(edges, pieces[turned:filled].tolist()))
 
 
-def _edge(polygon: Floats, e: int) -> tuple[float, float, float, float, float]:
-    """Edge e of a polygon: where it starts, its direction and length (direction 0, 0 where that is 0)."""
-    x = polygon[e, 0]
-    y = polygon[e, 1]
-    dx = polygon[(e + 1) % len(polygon), 0] - x
-    dy = polygon[(e + 1) % len(polygon), 1] - y
-    length = math.hypot(dx, dy)
-    if length > 0.0:
-        dx /= length
-        dy /= length
-    return x, y, dx, dy, length
-
-
-def _arcs_inside(discs: Floats, arcs: Floats, count: int, polygon: Floats, work: Floats) -> float:
-    """Green's integral ``(x dy - y dx)/2`` along those parts of traced arcs that lie in the polygon."""
-    corners = len(polygon)
-    parts = work[corners + 1 :]
+def _along_arcs(discs: Array, pieces: list[list[float]]) -> float:
+    """Green's integral ``(x dy - y dx)/2`` along pieces of circles."""
     total = 0.0
-    for k in range(count):
-        i = int(arcs[k, 2])
-        x = discs[i, 0]
-        y = discs[i, 1]
-        r = discs[i, 2]
-        m = 0
-        origin = 0.0
-        free = arcs[k, 1] - arcs[k, 0]
-        if free < TURN:
-            origin = arcs[k, 1]
-            m = exclude(origin, TURN - free, origin, m, work)
-        outside = False
-        for e in range(corners):
-            ax, ay, dx, dy, length = _edge(polygon, e)
-            if length <= 0.0:
-                continue
-            # To the last bit as for the edges below: what one leaves out of a circle that just touches, the other does.
-            inside = dx * (y - ay) - dy * (x - ax)
-            if inside <= -r:
-                outside = True
-                break
-            if inside < r:
-                half = math.atan2(math.sqrt((r - inside) * (r + inside)), inside)
-                start = math.atan2(-dx, dy) - half
-                if m == 0:
-                    origin = start
-                m = exclude(start, 2.0 * half, origin, m, work)
-        if outside:
-            continue
-        n = 1
-        if m == 0 or (m == 1 and free < TURN):  # no edge cuts it
-            parts[0, 0] = arcs[k, 0]
-            parts[0, 1] = arcs[k, 1]
-        else:
-            n = leave(origin, m, work, parts, 0)
-        for p in range(n):
-            start = parts[p, 0]
-            end = parts[p, 1]
-            across = x * (math.sin(end) - math.sin(start)) + y * (math.cos(start) - math.cos(end))
-            total += 0.5 * r * (r * (end - start) + across)
+    for _, disc, start, end in pieces:
+        x, y, r = (float(value) for value in discs[int(disc), :3])
+        across = x * (math.sin(end) - math.sin(start)) + y * (math.cos(start) - math.cos(end))
+        total += 0.5 * r * (r * (end - start) + across)
     return total
 
 
-def _edges_inside(discs: Floats, polygon: Floats) -> float:
-    """The same integral along those parts of the polygon's edges that lie in all discs."""
-    corners = len(polygon)
+def _along_edges(edges: Array, pieces: list[list[float]]) -> float:
+    """The integral along pieces of edges."""
     total = 0.0
-    for e in range(corners):
-        ax, ay, dx, dy, high = _edge(polygon, e)
-        low = 0.0
-        for i in range(len(discs)):
-            if discs[i, 3] != 0.0:
-                x = discs[i, 0]
-                y = discs[i, 1]
-                r = discs[i, 2]
-                inside = dx * (y - ay) - dy * (x - ax)
-                if abs(inside) >= r:
-                    high = low
-                    break
-                foot = dx * (x - ax) + dy * (y - ay)
-                half = math.sqrt((r - inside) * (r + inside))
-                low = max(low, foot - half)
-                high = min(high, foot + half)
-        if high > low:
-            total += 0.5 * (ax * dy - ay * dx) * (high - low)
+    for _, edge, low, high in pieces:
+        x, y, dx, dy = (float(value) for value in edges[int(edge), :4])
+        total += 0.5 * (x * dy - y * dx) * (high - low)
     return total

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from .._jit import THREADS, kernel, prange
-from .circles import trace
 from .discs import checked
+from .pieces import ARC, DX, DY, EDGE, PIECE, X, Y, bound, lay_edges
 
 Floats = NDArray[np.float64]
 Array = Floats
@@ -45,6 +45,7 @@ def coverage_image(
     centres: ArrayLike,
     radii: ArrayLike,
     *,
+    corners: ArrayLike | None = None,
     pixel: float,
     size: tuple[int, int],
     sensor_centre: tuple[float, float] = (0.0, 0.0),
@@ -53,7 +54,7 @@ def coverage_image(
     dtype: DTypeLike = np.float64,
     parallel: bool = False,
 ) -> Image:
-    """Share of each pixel that the common parts of discs cover, summed over microlenses.
+    """Share of each pixel that the common parts of discs and polygons cover, summed over microlenses.
 
     Parameters
     ----------
@@ -61,6 +62,8 @@ def coverage_image(
         Microlens axes on the sensor [mm], shape (..., 2).
     centres, radii : array_like
         Discs relative to their microlens axis [mm], shapes (..., K, 2) and (..., K): those of `images.stop_images`.
+    corners : array_like, optional
+        Of convex polygons [mm], counterclockwise, shape (..., P, M, 2), counted likewise.
     pixel : float
         q, pixel pitch [mm].
     size : (int, int)
@@ -105,19 +108,21 @@ def coverage_image(
         raise ValueError(f"an image of coverage is float32 or float64, not {image.dtype}")
     if not (pixel > 0 and math.isfinite(pixel)):
         raise ValueError(f"pixel must be above 0 mm, not {pixel}")
-    axis, centre, radius = _flat(axes, centres, radii)
+    axis, centre, radius, corner = _flat(axes, centres, radii, corners)
     if image.size == 0 or len(axis) == 0:
         return image
     origin = sensor_centre[0] - 0.5 * columns * pixel, sensor_centre[1] - 0.5 * rows * pixel
-    far = (np.abs(axis).max() + np.abs(centre).max() + max(map(abs, origin))) / pixel
+    aside = max(np.abs(part).max(initial=0.0) for part in (centre, corner))
+    far = (np.abs(axis).max() + aside + max(map(abs, origin))) / pixel
     if not far <= LARGEST_SENSOR:
         raise ValueError(f"a microlens up to {far:g} pixels from the sensor's corner: check axes, centres and pixel")
-    across = 2 * radius.min(axis=-1) / pixel
+    widest = np.ptp(corner, axis=-2).max(-1)
+    across = np.minimum(2 * radius.min(-1, initial=math.inf), widest.min(-1, initial=math.inf)) / pixel
     if across.max() > LARGEST_PART:
         raise ValueError(f"a part {across.max():.0f} pixels across; at most {LARGEST_PART} are possible: check pixel")
-    if radius.max() / pixel > LARGEST_RADIUS:
+    if radius.max(initial=0.0) / pixel > LARGEST_RADIUS:
         centre, radius = _without_vast_discs(centre, radius, pixel)
-    arguments = (axis, centre, radius, *origin, pixel, low_row, low_column, int(across.max()) + 4, image)
+    arguments = (axis, centre, radius, corner, *origin, pixel, low_row, low_column, int(across.max()) + 4, image)
     pixels = int(((across + 2) ** 2).sum())
     if not coverage.ready and pixels < INTERPRETED_BELOW and _interpreted[0] < INTERPRETED_IN_ALL:
         _interpreted[0] += pixels
@@ -130,14 +135,18 @@ def coverage_image(
     return image
 
 
-def _flat(axes: ArrayLike, centres: ArrayLike, radii: ArrayLike) -> tuple[Array, Array, Array]:
-    """Axes (n, 2), centres (n, K, 2) and radii (n, K), contiguous."""
-    centre, radius = checked(centres, radii)
-    axis = np.asarray(axes, float)
+def _flat(
+    axes: ArrayLike, centres: ArrayLike, radii: ArrayLike, corners: ArrayLike | None
+) -> tuple[Array, Array, Array, Array]:
+    """Axes (n, 2), centres (n, K, 2) and radii (n, K) of discs, corners (n, P, M, 2) of polygons, contiguous."""
+    axis, centre, radius = np.asarray(axes, float), np.asarray(centres, float), np.asarray(radii, float)
+    if corners is None or radius.shape[-1:] != (0,):
+        centre, radius = checked(centres, radii)
+    corner = np.empty((0, 3, 2)) if corners is None else np.asarray(corners, float)
     if axis.ndim < 1 or axis.shape[-1] != 2:
         raise ValueError(f"axes must have shape (..., 2), not {axis.shape}")
     try:
-        lead = np.broadcast_shapes(axis.shape[:-1], radius.shape[:-1])
+        lead = np.broadcast_shapes(axis.shape[:-1], radius.shape[:-1], corner.shape[:-3])
     except ValueError:
         raise ValueError(f"axes of shape {axis.shape} and radii of shape {radius.shape} do not fit") from None
     k, n = radius.shape[-1], math.prod(lead)
@@ -145,6 +154,7 @@ def _flat(axes: ArrayLike, centres: ArrayLike, radii: ArrayLike) -> tuple[Array,
         np.ascontiguousarray(np.broadcast_to(axis, (*lead, 2))).reshape(n, 2),
         np.ascontiguousarray(np.broadcast_to(centre, (*lead, k, 2))).reshape(n, k, 2),
         np.ascontiguousarray(np.broadcast_to(radius, (*lead, k))).reshape(n, k),
+        np.ascontiguousarray(np.broadcast_to(corner, (*lead, *corner.shape[-3:]))).reshape(n, *corner.shape[-3:]),
     )
 
 
@@ -363,10 +373,96 @@ def add_arc_pixels(acc: Floats, tables: Floats, cx: float, cy: float, r: float, 
 
 
 @kernel()
+def _add_edge_pixels(acc: Floats, tables: Floats, x: float, y: float, x_end: float, y_end: float) -> None:
+    """Add a straight piece from (x, y) to its end, row by row; counted from pixel (0, 0) of `acc`."""
+    low = min(y, y_end)
+    high = max(y, y_end)
+    row = math.floor(low)
+    slope = (x_end - x) / (y_end - y) if y_end != y else 0.0
+    sign = 1.0 if y_end > y else -1.0
+    while True:
+        bottom = max(low, float(row))
+        top = min(high, row + 1.0)
+        # Where it enters and leaves the row, from left to right; on its ends to the last bit.
+        a = (x if sign > 0.0 else x_end) if bottom == low else x + (bottom - y) * slope
+        b = (x_end if sign > 0.0 else x) if top == high else x + (top - y) * slope
+        left = min(a, b)
+        right = max(a, b)
+        first = math.floor(left)
+        last = math.floor(right)
+        rise = sign * (top - bottom)
+        for column in range(first, last + 1):
+            begin = max(left, float(column))
+            end = min(right, column + 1.0)
+            share = rise * ((end - begin) / (right - left)) if right > left else rise
+            part = share * (0.5 * (begin + end) - column)
+            acc[row, column + 1] += part
+            acc[row, column] += share - part
+        tables[REACH, 0, row] = min(tables[REACH, 0, row], first)
+        tables[REACH, 1, row] = max(tables[REACH, 1, row], last)
+        row += 1
+        if row >= high:
+            break
+
+
+@kernel()
+def _add_piece_pixels(
+    acc: Floats, tables: Floats, discs: Floats, edges: Floats, piece: Floats, at_x: float, at_y: float,
+    middle_x: float, middle_y: float, pixel: float,
+) -> None:  # fmt: skip
+    """Add a piece of a boundary (`pieces.bound`); (at_x, at_y) is where (middle_x, middle_y) lies, in pixels."""
+    k = int(piece[1])
+    start = piece[2]
+    stop = piece[3]
+    if piece[0] == ARC:
+        dx = at_x + (discs[k, 0] - middle_x) / pixel
+        dy = at_y + (discs[k, 1] - middle_y) / pixel
+        add_arc_pixels(acc, tables, dx, dy, discs[k, 2] / pixel, start, stop)
+        return
+    dx = at_x + (edges[k, X] - middle_x) / pixel
+    dy = at_y + (edges[k, Y] - middle_y) / pixel
+    wide = edges[k, DX] / pixel
+    high = edges[k, DY] / pixel
+    _add_edge_pixels(acc, tables, dx + start * wide, dy + start * high, dx + stop * wide, dy + stop * high)
+
+
+@kernel()
+def _box_of(polygon: Floats) -> tuple[float, float, float, float]:
+    """Least and largest x, then y, of a polygon (M, 2)."""
+    low_x, high_x, low_y, high_y = math.inf, -math.inf, math.inf, -math.inf
+    for m in range(len(polygon)):
+        low_x = min(low_x, polygon[m, 0])
+        high_x = max(high_x, polygon[m, 0])
+        low_y = min(low_y, polygon[m, 1])
+        high_y = max(high_y, polygon[m, 1])
+    return low_x, high_x, low_y, high_y
+
+
+@kernel()
+def _settle(acc: Floats, tables: Floats, image: Image, row: int, column: int, rows: int, columns: int) -> None:
+    """Add a part's sums to the image, where it begins at a row and a column, and clear them."""
+    height, width = image.shape
+    first = max(0, -column)
+    last = min(columns, width - column) - 1
+    for j in range(rows):
+        total = 0.0
+        if 0 <= row + j < height:
+            end = int(tables[REACH, 1, j])
+            for i in range(end, last, -1):
+                total += acc[j, i + 1]
+            for i in range(min(end, last), max(int(tables[REACH, 0, j]), first) - 1, -1):
+                total += acc[j, i + 1]
+                image[row + j, column + i] += min(max(total, 0.0), 1.0)
+        for i in range(columns + 1):
+            acc[j, i] = 0.0
+
+
+@kernel()
 def coverage(
     axes: Floats,
     centres: Floats,
     radii: Floats,
+    corners: Floats,
     origin_x: float,
     origin_y: float,
     pixel: float,
@@ -381,6 +477,8 @@ def coverage(
     ----------
     axes, centres, radii
         Microlens axes (n, 2) on the sensor, discs relative to them (n, K, 2) and (n, K) [mm].
+    corners
+        Polygons relative to them (n, P, M, 2) [mm].
     origin_x, origin_y, pixel
         Outer corner of pixel (0, 0) of the sensor, and pixel pitch [mm].
     first_row, first_column
@@ -391,14 +489,19 @@ def coverage(
     n, count = radii.shape
     height, width = image.shape
     discs = np.empty((count, 4))
-    intervals = np.empty((count, 2))
     arcs = np.empty((count * count, 5))
     acc = np.zeros((side, side + 1))
     # Few arrays, as each costs a little at every call of a kernel.
     tables = np.empty((3, 2, side + BLOCK))
+    most = corners.shape[1] * corners.shape[2]
+    edges = np.empty((most, EDGE))
+    work = np.empty((count + 2 * most + 3, 2))
+    pieces = np.empty((count * count + (count + 1) * (2 * most + 1), PIECE))
     for s in range(n):
-        at_x = (axes[s, 0] - origin_x + centres[s, 0, 0]) / pixel
-        at_y = (axes[s, 1] - origin_y + centres[s, 0, 1]) / pixel
+        middle_x = centres[s, 0, 0] if count > 0 else corners[s, 0, 0, 0]
+        middle_y = centres[s, 0, 1] if count > 0 else corners[s, 0, 0, 1]
+        at_x = (axes[s, 0] - origin_x + middle_x) / pixel
+        at_y = (axes[s, 1] - origin_y + middle_y) / pixel
         column = math.floor(at_x)
         row = math.floor(at_y)
         at_x -= column
@@ -412,45 +515,40 @@ def coverage(
             discs[k, 0] = centres[s, k, 0]
             discs[k, 1] = centres[s, k, 1]
             discs[k, 2] = radii[s, k]
-            dx = at_x + (centres[s, k, 0] - centres[s, 0, 0]) / pixel
-            dy = at_y + (centres[s, k, 1] - centres[s, 0, 1]) / pixel
+            dx = at_x + (centres[s, k, 0] - middle_x) / pixel
+            dy = at_y + (centres[s, k, 1] - middle_y) / pixel
             size = radii[s, k] / pixel
             left = max(left, dx - size)
             right = min(right, dx + size)
             bottom = max(bottom, dy - size)
             top = min(top, dy + size)
+        sides = 0
+        for p in range(corners.shape[1]):
+            low_x, high_x, low_y, high_y = _box_of(corners[s, p])
+            left = max(left, at_x + (low_x - middle_x) / pixel)
+            right = min(right, at_x + (high_x - middle_x) / pixel)
+            bottom = max(bottom, at_y + (low_y - middle_y) / pixel)
+            top = min(top, at_y + (high_y - middle_y) / pixel)
+            sides = lay_edges(corners[s, p], p, edges, sides)
         if not (right > left and top > bottom):
             continue
-        low_x = math.floor(left - ROOM)
-        low_y = math.floor(bottom - ROOM)
-        columns = math.floor(right + ROOM) + 1 - low_x
-        rows = math.floor(top + ROOM) + 1 - low_y
-        column += low_x - first_column
-        row += low_y - first_row
+        left_column = math.floor(left - ROOM)
+        low_row = math.floor(bottom - ROOM)
+        columns = math.floor(right + ROOM) + 1 - left_column
+        rows = math.floor(top + ROOM) + 1 - low_row
+        column += left_column - first_column
+        row += low_row - first_row
         if column >= width or row >= height or column + columns <= 0 or row + rows <= 0:
             continue
-        pieces, _, _ = trace(discs, intervals, arcs)
+        found = bound(discs, arcs, edges, sides, work, pieces)
         for j in range(rows):
             tables[REACH, 0, j] = columns
             tables[REACH, 1, j] = -1.0
-        for p in range(pieces):
-            k = int(arcs[p, 2])
-            dx = at_x - low_x + (discs[k, 0] - discs[0, 0]) / pixel
-            dy = at_y - low_y + (discs[k, 1] - discs[0, 1]) / pixel
-            add_arc_pixels(acc, tables, dx, dy, discs[k, 2] / pixel, arcs[p, 0], arcs[p, 1])
-        first = max(0, -column)
-        last = min(columns, width - column) - 1
-        for j in range(rows):
-            total = 0.0
-            if 0 <= row + j < height:
-                end = int(tables[REACH, 1, j])
-                for i in range(end, last, -1):
-                    total += acc[j, i + 1]
-                for i in range(min(end, last), max(int(tables[REACH, 0, j]), first) - 1, -1):
-                    total += acc[j, i + 1]
-                    image[row + j, column + i] += min(max(total, 0.0), 1.0)
-            for i in range(columns + 1):
-                acc[j, i] = 0.0
+        for p in range(found):
+            _add_piece_pixels(
+                acc, tables, discs, edges, pieces[p], at_x - left_column, at_y - low_row, middle_x, middle_y, pixel
+            )
+        _settle(acc, tables, image, row, column, rows, columns)
 
 
 @kernel(parallel=True)
@@ -458,6 +556,7 @@ def coverage_bands(
     axes: Floats,
     centres: Floats,
     radii: Floats,
+    corners: Floats,
     origin_x: float,
     origin_y: float,
     pixel: float,
@@ -472,4 +571,7 @@ def coverage_bands(
     for b in prange(bands):
         low = height * b // bands
         high = height * (b + 1) // bands
-        coverage(axes, centres, radii, origin_x, origin_y, pixel, first_row + low, first_column, side, image[low:high])
+        coverage(
+            axes, centres, radii, corners, origin_x, origin_y, pixel, first_row + low, first_column, side,
+            image[low:high],
+        )  # fmt: skip

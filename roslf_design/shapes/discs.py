@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import math
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -115,20 +115,20 @@ def intersect(centres: ArrayLike, radii: ArrayLike) -> DiscIntersection:
     """
     centre, radius = checked(centres, radii)
     lead, k = radius.shape[:-1], radius.shape[-1]
-    return common(shapes, INTERPRETED_BELOW, centre.reshape(-1, k, 2), radius.reshape(-1, k), lead)
+    return common(shapes, INTERPRETED_BELOW, lead, k, centre.reshape(-1, k, 2), radius.reshape(-1, k))
 
 
 def common(
-    kernel: Kernel[..., None], interpreted_below: int, centres: Array, sizes: Array, lead: tuple[int, ...]
+    kernel: Kernel[..., None], interpreted_below: int, lead: tuple[int, ...], k: int, *sets: Any
 ) -> DiscIntersection:
-    """Run a kernel over n sets of K stops, (n, K, ...), and lay out the table that it fills.
+    """Run a kernel over n sets of k openings, arrays (n, ...), and lay out the table that it fills.
 
     The table's columns, shape (n, 8), are area, kept and lost fraction, centroid, moments; interpreted for few.
     """
-    n, k = centres.shape[:2]
+    n = len(sets[0])
     table, status, clipping = np.empty((n, 8)), np.empty(n, np.int8), np.empty((n, k), np.bool_)
     run = kernel.interpreted if n * k < interpreted_below and not kernel.ready else kernel.compiled
-    run(centres, sizes, table, status, clipping)
+    run(*sets, table, status, clipping)
     area, kept, lost = table[:, :3].T.reshape(3, *lead)
     return DiscIntersection(
         area,

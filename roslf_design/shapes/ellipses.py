@@ -1,4 +1,4 @@
-"""Common part of K ellipses: the microlens image where something is tilted."""
+"""Common part of ellipses and convex polygons: the microlens image where something is tilted."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._jit import kernel
 from .discs import CLIPPED, EMPTY, FULL, DiscIntersection, common
+from .pieces import DX, DY, EDGE, LENGTH, OWNER, X, Y, lay_edges, within_edges
 
 Array = NDArray[np.float64]
 
@@ -23,8 +24,10 @@ SAMPLES = 16
 """Where crossings are looked for before they are refined; a boundary has at most four with another."""
 
 
-def intersect_ellipses(centres: ArrayLike, matrices: ArrayLike) -> DiscIntersection:
-    """Common parts of K ellipses.
+def intersect_ellipses(
+    centres: ArrayLike, matrices: ArrayLike, polygons: ArrayLike | None = None, first: int = 0
+) -> DiscIntersection:
+    """Common parts of K ellipses and P convex polygons.
 
     Parameters
     ----------
@@ -32,18 +35,32 @@ def intersect_ellipses(centres: ArrayLike, matrices: ArrayLike) -> DiscIntersect
         [mm].
     matrices : array_like, shape (..., K, 3)
         (xx, xy, yy) of S in ``(p - centre)^T S^-1 (p - centre) = 1`` [mm^2].
+    polygons : array_like, shape (..., P, M, 2), optional
+        Corners counterclockwise [mm]; of fewer than M, some repeated.
+    first : int
+        Which counts as whole: an ellipse, or ``K + p`` of a polygon.
 
     Returns
     -------
     DiscIntersection
-        As `discs.intersect` gives for discs, ellipse 0 in the place of disc 0. Areas, positions and moments are right
-        to about 1e-13 of ellipse 0 (its area, semi-axis and semi-axis squared); so is `lost_fraction`, here
-        1 - `kept_fraction`.
+        As `discs.intersect` gives for discs, with the first in the place of disc 0, ellipses before polygons. Areas,
+        positions and moments are right to about 1e-13 of the first (its area, semi-axis and semi-axis squared); so is
+        `lost_fraction`, here 1 - `kept_fraction`.
     """
     c, s = np.asarray(centres, float), np.asarray(matrices, float)
     lead, k = c.shape[:-2], c.shape[-2]
-    c, s = np.ascontiguousarray(c.reshape(-1, k, 2)), np.ascontiguousarray(s.reshape(-1, k, 3))
-    return common(ellipse_shapes, INTERPRETED_BELOW, c, s, lead)
+    p = np.empty((*lead, 0, 3, 2)) if polygons is None else np.asarray(polygons, float)
+    sets = (part.reshape(math.prod(lead), *part.shape[len(lead) :]) for part in (c, s, p))
+    c, s, p = (np.ascontiguousarray(part) for part in sets)
+    middle, form = (c[:, first], s[:, first]) if first < k else _spans(p[:, first - k])
+    return common(ellipse_shapes, INTERPRETED_BELOW, lead, k + p.shape[1], middle, form, c, s, p, first)
+
+
+def _spans(polygon: Array) -> tuple[Array, Array]:
+    """Ellipses about as large as polygons (n, M, 2): centres and matrices."""
+    middle = polygon.mean(1)
+    x, y = np.moveaxis(polygon - middle[:, None], -1, 0)
+    return middle, np.stack([(x * x).mean(1), (x * y).mean(1), (y * y).mean(1)], -1)
 
 
 @kernel()
@@ -99,17 +116,17 @@ def cuts(p: Array, slope: Array, bend: Array, places: Array, count: int) -> int:
 
 
 @kernel()
-def to_unit(centres: Array, matrices: Array, unit: Array) -> tuple[float, float, float]:
-    """Ellipses where ellipse 0 is the unit circle: centre (2), boundary's axes (a_x, a_y, b_y), inverse (3).
+def to_unit(middle: Array, form: Array, centres: Array, matrices: Array, unit: Array) -> tuple[float, float, float]:
+    """Ellipses where that of a middle and a form is the unit circle: centre (2), boundary's axes, inverse (3).
 
     Returns the map's own lower triangle (xx, xy, yy).
     """
-    lx = math.sqrt(matrices[0, 0])
-    ly = matrices[0, 1] / lx
-    lz = math.sqrt(matrices[0, 2] - ly * ly)
+    lx = math.sqrt(form[0])
+    ly = form[1] / lx
+    lz = math.sqrt(form[2] - ly * ly)
     for k in range(len(centres)):
-        dx = (centres[k, 0] - centres[0, 0]) / lx
-        dy = (centres[k, 1] - centres[0, 1] - ly * dx) / lz
+        dx = (centres[k, 0] - middle[0]) / lx
+        dy = (centres[k, 1] - middle[1] - ly * dx) / lz
         xx = matrices[k, 0] / (lx * lx)
         xy = (matrices[k, 1] / lx - ly * xx) / lz
         yy = (matrices[k, 2] - ly * ly * xx - 2 * ly * lz * xy) / (lz * lz)
@@ -142,6 +159,55 @@ def side_of(first: Array, second: Array, poly: Array) -> int:
 
 
 @kernel()
+def _beyond_edge(own: Array, edge: Array, poly: Array) -> int:
+    """`side_of` of an edge: the polynomial that is positive beyond it."""
+    nx, ny = edge[DY], -edge[DX]
+    poly[0] = nx * (own[0] - edge[X]) + ny * (own[1] - edge[Y])
+    poly[1] = nx * own[2] + ny * own[3]
+    poly[2] = ny * own[4]
+    poly[3] = poly[4] = 0.0
+    most = math.sqrt(poly[1] ** 2 + poly[2] ** 2)
+    return 1 if poly[0] > most else -1 if poly[0] < -most else 0
+
+
+@kernel()
+def _add_edge(unit: Array, edges: Array, sides: int, e: int, sums: Array) -> int:
+    """Add what one edge bounds of the common part, as `add_boundary`."""
+    ax, ay, dx, dy, high = edges[e, X], edges[e, Y], edges[e, DX], edges[e, DY], edges[e, LENGTH]
+    low = 0.0
+    for k in range(len(unit)):
+        px, py = ax - unit[k, 0], ay - unit[k, 1]
+        qxx, qxy, qyy = unit[k, 5], unit[k, 6], unit[k, 7]
+        a = qxx * dx * dx + 2 * qxy * dx * dy + qyy * dy * dy
+        b = qxx * px * dx + qxy * (px * dy + py * dx) + qyy * py * dy
+        under = b * b - a * (qxx * px * px + 2 * qxy * px * py + qyy * py * py - 1)
+        if under <= 0.0:
+            return 0
+        root = math.sqrt(under)
+        low, high = max(low, (-b - root) / a), min(high, (-b + root) / a)
+    if high > low:
+        low, high = within_edges(edges, sides, e, low, high)
+    if high <= low:
+        return 0
+    half = 0.5 * (high - low)
+    for q in range(10):
+        at = low + half * (1 + NODES[q])
+        _add_point(ax + at * dx, ay + at * dy, dx, dy, WEIGHTS[q] * half, sums)
+    return 2 if low == 0.0 and high == edges[e, LENGTH] else 1
+
+
+@kernel()
+def _add_point(x: float, y: float, dx: float, dy: float, weight: float, sums: Array) -> None:
+    """One point's share of Green's integrals along a boundary: area, x, y, xx, xy, yy."""
+    sums[0] += weight * 0.5 * (x * dy - y * dx)
+    sums[1] += weight * 0.5 * x * x * dy
+    sums[2] -= weight * 0.5 * y * y * dx
+    sums[3] += weight * x * x * x * dy / 3
+    sums[4] += weight * 0.5 * x * x * y * dy
+    sums[5] -= weight * y * y * y * dx / 3
+
+
+@kernel()
 def add_arc(own: Array, start: float, end: float, sums: Array) -> None:
     """Green's integrals along a piece of a boundary: area, x, y, xx, xy, yy."""
     parts = math.ceil((end - start) / (0.5 * math.pi))
@@ -152,13 +218,7 @@ def add_arc(own: Array, start: float, end: float, sums: Array) -> None:
             c, s = math.cos(mid + half * NODES[q]), math.sin(mid + half * NODES[q])
             x, y = own[0] + own[2] * c, own[1] + own[3] * c + own[4] * s
             dx, dy = -own[2] * s, own[4] * c - own[3] * s
-            weight = WEIGHTS[q] * half
-            sums[0] += weight * 0.5 * (x * dy - y * dx)
-            sums[1] += weight * 0.5 * x * x * dy
-            sums[2] -= weight * 0.5 * y * y * dx
-            sums[3] += weight * x * x * x * dy / 3
-            sums[4] += weight * 0.5 * x * x * y * dy
-            sums[5] -= weight * y * y * y * dx / 3
+            _add_point(x, y, dx, dy, WEIGHTS[q] * half, sums)
 
 
 @kernel()
@@ -173,16 +233,22 @@ def is_kept(poly: Array, rims: int, own: int, middle: float) -> bool:
 
 
 @kernel()
-def add_boundary(unit: Array, own: int, poly: Array, places: Array, apart: NDArray[np.bool_], sums: Array) -> int:
+def add_boundary(
+    unit: Array, edges: Array, own: int, lead: bool, poly: Array, places: Array, apart: NDArray[np.bool_], sums: Array
+) -> int:
     """Add what one ellipse bounds of the common part; 0: nothing, 1: some of its boundary, 2: all of it."""
-    rims = len(unit)
+    rims, others = len(unit), len(unit) + len(edges)
     count = 0
     outside, within = False, True
-    for j in range(rims):
+    for j in range(others):
         if j != own:
-            side = side_of(unit[own], unit[j], poly[j])
+            straight = j >= rims
+            side = (
+                _beyond_edge(unit[own], edges[j - rims], poly[j]) if straight else side_of(unit[own], unit[j], poly[j])
+            )
             if side > 0:
-                apart[own, j] = True
+                if not straight:
+                    apart[own, j] = True
                 outside = True
                 continue
             if side < 0:
@@ -191,13 +257,13 @@ def add_boundary(unit: Array, own: int, poly: Array, places: Array, apart: NDArr
             if abs(p[0]) + abs(p[1]) + abs(p[2]) + abs(p[3]) + abs(p[4]) <= SAME:
                 outside = outside or j < own  # the same boundary: the first is kept
             elif not outside:
-                count = cuts(p, poly[rims], poly[rims + 1], places, count)
+                count = cuts(p, poly[others], poly[others + 1], places, count)
     if outside:
         return 0
     if count == 0:
-        if not within and not is_kept(poly, rims, own, math.pi):
+        if not within and not is_kept(poly, others, own, math.pi):
             return 0
-        if own:
+        if not lead:
             add_arc(unit[own], 0.0, 2 * math.pi, sums)
         return 2
     ordered = np.sort(places[:count])
@@ -205,7 +271,7 @@ def add_boundary(unit: Array, own: int, poly: Array, places: Array, apart: NDArr
     for piece in range(count):
         start = ordered[piece]
         end = ordered[piece + 1] if piece + 1 < count else ordered[0] + 2 * math.pi
-        if end > start and is_kept(poly, rims, own, 0.5 * (start + end)):
+        if end > start and is_kept(poly, others, own, 0.5 * (start + end)):
             add_arc(unit[own], start, end, sums)
             bounds = 1
     return bounds
@@ -222,60 +288,86 @@ def whole(centre: Array, matrix: Array, row: Array) -> None:
 
 @kernel()
 def ellipse_shapes(
-    centres: Array, matrices: Array, table: Array, status: NDArray[np.int8], clips: NDArray[np.bool_]
-) -> None:
-    """Common parts of sets of ellipses, as `discs.common` wants them."""
-    rims = centres.shape[1]
-    unit, poly = np.empty((rims, 8)), np.empty((rims + 2, 5))
-    places, sums = np.empty(4 * rims + 2), np.empty(6)
+    middle: Array, form: Array, centres: Array, matrices: Array, polygons: Array, first: int,
+    table: Array, status: NDArray[np.int8], clips: NDArray[np.bool_],
+) -> None:  # fmt: skip
+    """Common parts of sets of ellipses and polygons, as `discs.common` wants them."""
+    rims, straight, corners = centres.shape[1], polygons.shape[1], polygons.shape[2]
+    most = straight * corners
+    unit, poly, edges = np.empty((rims, 8)), np.empty((rims + most + 2, 5)), np.empty((most, EDGE))
+    places, sums = np.empty(4 * rims + 2 * most + 2), np.empty(6)
+    corner = np.empty((corners, 2))
     apart = np.empty((rims, rims), np.bool_)
     for n in range(len(centres)):
         clips[n] = False
         status[n] = FULL
-        if rims == 1:
-            whole(centres[n, 0], matrices[n, 0], table[n])
+        if rims == 1 and straight == 0:
+            whole(middle[n], form[n], table[n])
             continue
-        lx, ly, lz = to_unit(centres[n], matrices[n], unit)
+        lx, ly, lz = to_unit(middle[n], form[n], centres[n], matrices[n], unit)
+        sides = 0
+        for p in range(straight):
+            for m in range(corners):
+                corner[m, 0] = (polygons[n, p, m, 0] - middle[n, 0]) / lx
+                corner[m, 1] = (polygons[n, p, m, 1] - middle[n, 1] - ly * corner[m, 0]) / lz
+            sides = lay_edges(corner, rims + p, edges, sides)
         sums[:] = 0.0
         apart[:] = False
         status[n] = EMPTY
         for i in range(rims):
-            bounds = add_boundary(unit, i, poly, places, apart, sums)
-            if i == 0 and bounds == 2:
+            bounds = add_boundary(unit, edges[:sides], i, i == first, poly, places, apart, sums)
+            if i == first and bounds == 2:
                 status[n] = FULL
                 break
             if bounds:
                 status[n] = CLIPPED
-                clips[n, i] = i > 0
+                clips[n, i] = i != first
         if status[n] == FULL:
-            whole(centres[n, 0], matrices[n, 0], table[n])
+            whole(middle[n], form[n], table[n])
             continue
+        uncut, area_of_first = first >= rims, math.pi
+        if uncut:
+            area_of_first = 0.0
+        for e in range(sides):
+            bounds, owner = _add_edge(unit, edges, sides, e, sums), int(edges[e, OWNER])
+            if owner == first:
+                uncut = uncut and bounds == 2
+                area_of_first += 0.5 * edges[e, LENGTH] * (edges[e, X] * edges[e, DY] - edges[e, Y] * edges[e, DX])
+            elif bounds:
+                clips[n, owner] = True
+            if bounds:
+                status[n] = CLIPPED
         area = sums[0]
         if area <= 0.0:
             status[n] = EMPTY
             table[n] = 0.0
             table[n, 2] = 1.0
-            table[n, 3], table[n, 4] = centres[n, 0, 0], centres[n, 0, 1]
-            name_empty(apart, clips[n])
+            table[n, 3], table[n, 4] = middle[n, 0], middle[n, 1]
+            name_empty(apart, first, clips[n])
             continue
+        if uncut:
+            status[n] = FULL
+            clips[n] = False
+            area = area_of_first
         ux, uy = sums[1] / area, sums[2] / area
         vxx, vxy, vyy = sums[3] / area - ux * ux, sums[4] / area - ux * uy, sums[5] / area - uy * uy
-        share = min(area / math.pi, 1.0)
-        table[n, 0], table[n, 1], table[n, 2] = math.pi * lx * lz * share, share, 1.0 - share
-        table[n, 3] = centres[n, 0, 0] + lx * ux
-        table[n, 4] = centres[n, 0, 1] + ly * ux + lz * uy
+        share = min(area / area_of_first, 1.0)
+        table[n, 0], table[n, 1], table[n, 2] = area_of_first * lx * lz * share, share, 1.0 - share
+        table[n, 3] = middle[n, 0] + lx * ux
+        table[n, 4] = middle[n, 1] + ly * ux + lz * uy
         table[n, 5] = lx * lx * vxx
         table[n, 6] = lx * (ly * vxx + lz * vxy)
         table[n, 7] = ly * ly * vxx + 2 * ly * lz * vxy + lz * lz * vyy
 
 
 @kernel()
-def name_empty(apart: NDArray[np.bool_], clips: NDArray[np.bool_]) -> None:
-    """Which ellipses leave nothing: a pair without a common point, else all together."""
-    clips[1:] = True
-    for i in range(len(clips)):
+def name_empty(apart: NDArray[np.bool_], first: int, clips: NDArray[np.bool_]) -> None:
+    """Which openings leave nothing: a pair of ellipses without a common point, else all together."""
+    for k in range(len(clips)):
+        clips[k] = k != first
+    for i in range(len(apart)):
         for j in range(i):
             if apart[i, j] and apart[j, i]:
-                for k in range(1, len(clips)):
-                    clips[k] = k in (i, j)
+                for k in range(len(clips)):
+                    clips[k] = k != first and k in (i, j)
                 return

@@ -30,8 +30,8 @@ from numpy.typing import NDArray
 
 from .._arrays import Array, Complex, magnitude, ratio
 from ..camera import Camera
-from ..shapes.discs import rows_between
 from ..shapes.lattice import PACKINGS
+from ..shapes.openings import Openings
 from .colours import filters
 from .exit_pupil import microlens_image_diameter, microlens_image_pitch
 from .lens_shapes import LENS_SHAPES
@@ -146,21 +146,20 @@ class _Images(NamedTuple):
     pitch: Array
     bend: Array
     """B over the image's diameter, in pitches."""
-    apart: Array
-    """Centres of the discs that stops cut out from that of the FAP's, shape (N, K, 2), along the lattice [pitches]."""
-    radii: Array
-    """Shape (N, K) [pitches]."""
+    wide: Array
+    """Width of the whole image, between the FAP's rims [pitches]."""
+    openings: Openings
+    """Openings that stops cut out, from the FAP's centre, along the lattice [pitches]; one axis of N."""
     texture: Texture
 
     def at(self, index: NDArray[np.intp]) -> _Images:
-        some: Any = [*(value[index] for value in self[:-1]), self.texture.at(index)]
+        some: Any = [*(value[index] for value in self[:-2]), self.openings.at(index), self.texture.at(index)]
         return _Images(*some)
 
     @property
     def whole(self) -> NDArray[np.bool_]:
-        """Which of them no stop but the FAP cuts."""
-        off = np.hypot(self.apart[..., 0], self.apart[..., 1])
-        return np.asarray((off + self.radii[:, :1] - self.radii)[:, 1:].max(1, initial=-1.0) <= 0)
+        """Which of them are discs that no stop but the FAP cuts."""
+        return np.asarray(self.openings.rooms[:, 1:].min(1, initial=1.0) >= 0) & (0 not in self.openings.polygons)
 
     @property
     def finest(self) -> Array:
@@ -239,7 +238,7 @@ def disparity_information(images: MicrolensImages, plane: Seen, waves: Spectrum 
     builds = _builds(images, plane)
     shape = (len(images.fields), *builds)
     array = _Array(c.layout, c.lens_shape, bool(c.shape))
-    fill, whole = 2 * rows.radii[:, 0], rows.whole
+    fill, whole = rows.wide, rows.whole
     usable = np.isfinite(fill) & (fill < WIDEST) & (fill > 0) & np.isfinite(rows.light) & (rows.light > 0)
     usable &= rows.light <= np.broadcast_to(c["sensor.full_well"], shape).ravel()
     # A texture too fine for single views has no strength, and tells nothing at whatever cost.
@@ -261,24 +260,39 @@ def _builds(images: MicrolensImages, plane: Seen) -> tuple[int, ...]:
 def _rows_of(images: MicrolensImages, plane: Seen, texture: Texture) -> _Images:
     """Every field of every build, one after the other."""
     c = images.camera
-    centres, radii = images.discs
+    openings = images.openings
     builds = _builds(images, plane)
-    shape, stops = (radii.shape[0], *builds), radii.shape[-1]
+    shape = (len(images.fields), *builds)
     pitch = magnitude(microlens_image_pitch(c))
     bend = ratio(plane.disparity * pitch, magnitude(microlens_image_diameter(c)))
     defocus = -microlens_defocus(c) / c.seen.d_2
     light = electrons(c) * images.level * response(c, np.hypot(*images.microlens[:2]))
     optics = (c.d, c.seen.d_2, c.wavelength, defocus, c.q, light, dark_variance(c), pitch, bend)
     per_pitch = np.broadcast_to(ratio(1.0, pitch), builds)
-    turn = np.asarray(c["microlens_array.rotation"])[..., None]
-    apart = centres - centres[..., :1, :]
+    turn = np.asarray(c["microlens_array.rotation"])
     cos, sin = np.cos(turn), np.sin(turn)
-    apart = np.stack([apart[..., 0] * cos + apart[..., 1] * sin, apart[..., 1] * cos - apart[..., 0] * sin], -1)
-    apart = np.broadcast_to(apart * per_pitch[..., None, None], (*shape, stops, 2))
-    across = np.broadcast_to(radii * per_pitch[..., None], (*shape, stops))
+
+    def along_lattice(points: Array) -> Array:
+        """Points (..., K or P, M, 2) from the FAP's centre [pitches], one axis of N in place of the leading ones."""
+        (u, v), (a, b) = np.moveaxis(points - openings.centres[..., :1, None, :], -1, 0), (cos[..., None, None], sin)
+        b = b[..., None, None]
+        turned = np.stack([u * a + v * b, v * a - u * b], -1) * per_pitch[..., None, None, None]
+        return np.broadcast_to(turned, (*shape, *turned.shape[-3:])).reshape(math.prod(shape), *turned.shape[-3:])
+
+    across = np.broadcast_to(openings.radii * per_pitch[..., None], (*shape, openings.total))
+    across = across.reshape(-1, openings.total)
+    scaled = Openings(
+        along_lattice(openings.centres[..., None, :])[:, :, 0],
+        across,
+        along_lattice(openings.corners),
+        openings.polygons,
+    )
+    wide = 2 * across[:, 0]
+    if 0 in openings.polygons:
+        wide = np.broadcast_to(magnitude(microlens_image_diameter(c)) * per_pitch, shape).ravel()
     rows: Any = [np.broadcast_to(np.asarray(value, float), shape).ravel() for value in (*optics, *texture[:2])]
     *rows, fine, strength = rows
-    rows += [apart.reshape(-1, stops, 2), across.reshape(-1, stops), texture._replace(fine=fine, strength=strength)]
+    rows += [wide, scaled, texture._replace(fine=fine, strength=strength)]
     return _Images(*rows)
 
 
@@ -299,7 +313,7 @@ def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
         return _each(images, c, level, whole)
     scale = images.light * strength
     about = np.log([
-        2 * images.radii[:, 0], images.finest, images.pixel / images.pitch, images.dark / images.light + 1e-6, fine,
+        images.wide, images.finest, images.pixel / images.pitch, images.dark / images.light + 1e-6, fine,
     ])  # fmt: skip
     about = np.vstack([about, images.defocus * images.distance * images.width / images.pitch, images.bend])
     free = np.flatnonzero(np.ptp(about, axis=1) > 1e-12)
@@ -378,9 +392,9 @@ def _series(c: _Array, level: int, whole: bool, nodes: bytes, spectrum: bytes, l
     wide, sharp, pixel, dark, fine, blurred, bend = np.frombuffer(nodes).reshape(7, -1)
     one = np.ones(wide.size)
     dark = np.maximum(np.exp(dark) - 1e-6, 0.0)
-    apart, radii = np.zeros((wide.size, 1, 2)), np.exp(wide)[:, None] / 2
+    disc = Openings.of_discs(np.zeros((wide.size, 1, 2)), np.exp(wide)[:, None] / 2)
     waves = Texture(np.exp(fine), one, Spectrum(*np.frombuffer(spectrum).reshape(3, -1)), lens_shape)
-    own = (one, one, np.exp(-sharp), blurred, np.exp(pixel), one, dark, one, bend, apart, radii, waves)
+    own = (one, one, np.exp(-sharp), blurred, np.exp(pixel), one, dark, one, bend, 2 * disc.radii[:, 0], disc, waves)
     with np.errstate(divide="ignore", invalid="ignore"):  # of what tells nothing there is no series
         values = np.log(_each(_Images(*own), c, level, whole))
     values.setflags(write=False)
@@ -436,7 +450,7 @@ def _information(images: _Images, c: _Array, spectra: _Spectra) -> Array:
     variance = lit * np.maximum(light[:, 0].real, 0.0) + images.dark[:, None, None]
     area = cell / side**2 * (images.pitch / images.pixel) ** 2
     weight = (lit * lit / np.maximum(variance, 1e-300))[:, None] * area[:, None, None, None]
-    turned = 2 * math.pi * (kx * along + ky * across)[:, 1:] / (2 * images.radii[:, 0, None, None, None])
+    turned = 2 * math.pi * (kx * along + ky * across)[:, 1:] / images.wide[:, None, None, None]
     light = light[:, 1:]
     own, free = ((weight * (part.real**2 + part.imag**2)).sum((2, 3)) for part in (turned, light))
     mixed = np.abs((weight * turned * light.conj()).sum((2, 3))) ** 2
@@ -458,7 +472,7 @@ def _whole(images: _Images, fx: Array, fy: Array) -> Spectra:
     """Fourier transforms of a whole disc and of its first moments along x and y [pitches]."""
     from scipy.special import j0, j1
 
-    radius, height = images.radii[:, 0, None, None, None], np.hypot(fx, fy)
+    radius, height = images.openings.radii[:, 0, None, None, None], np.hypot(fx, fy)
     z = 2 * math.pi * height * radius
     safe = np.where(z > 0, z, 1.0)
     first = np.where(z > 0, j1(safe) / safe, 0.5)
@@ -469,11 +483,11 @@ def _whole(images: _Images, fx: Array, fy: Array) -> Spectra:
 
 
 def _cut(images: _Images, fx: Array, fy: Array) -> Spectra:
-    """The same of a disc that others cut, row by row."""
-    finest = 2 * math.pi * float((np.abs(fy).max((1, 2, 3)) * images.radii.min(1)).max(initial=0.0))
-    bottoms, tops = (images.apart[..., 1] + sign * images.radii for sign in (-1, 1))
+    """Transforms of any opening, cut by others or not, row by row."""
+    half = images.openings.spans.min(1) / 2
+    finest = 2 * math.pi * float((np.abs(fy).max((1, 2, 3)) * half).max(initial=0.0))
     rows = max(ROWS, math.ceil(finest) + ROWS // 2)
-    y, weight, left, right = rows_between(images.apart, images.radii, bottoms.max(1), tops.min(1), rows)
+    y, weight, left, right = images.openings.strips(rows)
     # Frequencies along x hang on the row of the lattice alone, those along y differ by whole steps between columns.
     x = 2 * math.pi * fx[..., :1]
     middle, half, at = (value[:, None, None, :] for value in ((left + right) / 2, (right - left) / 2, y))
@@ -557,7 +571,7 @@ def image_parts(images: MicrolensImages, x: Array, y: Array) -> ImageParts:
         if len(averages) == 1:
             total, waved = at[:count].real[count // 2], at[count:].imag
     light, *moments = averages
-    unit = 1 / (2 * rows.radii[:, 0, None, None])
+    unit = 1 / rows.wide[:, None, None]
     lit = light > FAINT
     # The microlens turns the FAP round.
     s_x, s_y = (np.where(lit, -moment * unit / np.where(lit, light, 1.0), 0.0) for moment in moments)
@@ -608,8 +622,8 @@ class _Uncut(MicrolensImages):
     """The microlens on the axis and the FAP as its only stop."""
 
     @property
-    def discs(self) -> tuple[Array, Array]:
+    def openings(self) -> Openings:
         """The FAP's alone."""
-        shape = (1, *(self.camera.shape or (1,)), 1)
-        radius = np.broadcast_to(magnitude(microlens_image_diameter(self.camera)) / 2, shape[1:-1])
-        return np.zeros((*shape, 2)), np.broadcast_to(radius[..., None], shape)
+        shape = (1, *(self.camera.shape or (1,)))
+        image = self.camera.fap.outline.sized(magnitude(microlens_image_diameter(self.camera)))
+        return Openings.of(image, shape)

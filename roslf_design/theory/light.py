@@ -45,8 +45,12 @@ def airy_radius(c: Camera) -> Array:
 
 
 def pupil_airy_radius(c: Camera) -> Array:
-    """Airy radius on the microlens array of the FAP's own aperture, ``1.22 lambda A/D_F`` [mm]; inf at D_F = 0."""
-    return AIRY * c.wavelength * ratio(c.seen.A, c.seen.D_F)
+    """Airy radius on the microlens array of the FAP's own aperture, ``1.22 lambda A/D_F`` [mm]; inf at D_F = 0.
+
+    Of a rectangle the first zero across its shorter side, ``lambda A`` over that.
+    """
+    pupil = c.fap.outline
+    return pupil.first_zero * c.wavelength * ratio(c.seen.A, c.seen.D_F * (pupil.narrowest / pupil.width))
 
 
 def microlens_defocus(c: Camera) -> Array:
@@ -238,5 +242,5 @@ def view_baseline(c: Camera) -> Array:
 
 
 def solid_angle(c: Camera) -> Array:
-    """Solid angle of the pupil seen from the array, ``pi/4 (D_F/A)^2`` [sr]: the light a pixel gets."""
-    return np.pi / 4 * ratio(c.seen.D_F, c.seen.A) ** 2
+    """Solid angle of the pupil seen from the array, ``pi/4 (D_F/A)^2`` of a disc [sr]: the light a pixel gets."""
+    return np.asarray(c.fap.outline.sized(ratio(c.seen.D_F, c.seen.A)).area)

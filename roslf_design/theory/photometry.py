@@ -36,7 +36,8 @@ def sensor_slope(c: Camera, radius: Number) -> Array:
     radius : float or ndarray
         Of the microlens from the main lens's axis [mm].
     """
-    steep = np.abs(product(radius, c.seen.vergence)) + ratio(microlens_image_diameter(c), 2 * c.seen.d_2)
+    reach = 2 * c.fap.outline.sized(microlens_image_diameter(c)).reach
+    steep = np.abs(product(radius, c.seen.vergence)) + ratio(reach, 2 * c.seen.d_2)
     return np.asarray(magnitude(steep) / c["sensor.relay_magnification"])
 
 
@@ -48,7 +49,7 @@ def accepted(angle: Number, half: Number) -> Array:
 def response(c: Camera, radius: Number) -> Array:
     """Share of its light that the image of a microlens leaves in slanting pixels; 1 where nothing is known of them.
 
-    Its mean over the disc of the whole image.
+    Its mean over the whole image; of one that is no disc, as if the field lay along x.
 
     Parameters
     ----------
@@ -60,11 +61,12 @@ def response(c: Camera, radius: Number) -> Array:
     if half is None:
         return np.ones(())
     chief, across = product(radius, c.seen.vergence), ratio(magnitude(microlens_image_diameter(c)), 2 * c.seen.d_2)
+    image = c.fap.outline.sized(2 * across)
     total = np.zeros(np.broadcast_shapes(np.shape(chief), np.shape(across), np.shape(half)))
     for out, weight in zip(*np.polynomial.legendre.leggauss(RINGS), strict=True):
         for turn in (np.arange(SPOKES) + 0.5) * (math.pi / SPOKES):
-            r = across * math.sqrt((out + 1) / 2)  # rings of equal area
-            slope = np.hypot(chief + r * math.cos(turn), r * math.sin(turn)) / c["sensor.relay_magnification"]
+            x, y = image.polar(math.sqrt((out + 1) / 2), turn)  # rings of equal area
+            slope = np.hypot(chief + x, y) / c["sensor.relay_magnification"]
             total = total + accepted(np.arctan(slope), half) * (weight / (2 * SPOKES))
     return np.asarray(total)
 

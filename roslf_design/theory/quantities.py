@@ -18,7 +18,9 @@ import numpy as np
 
 from .._arrays import Array, product, ratio
 from ..bore.chain import ImagedPlane
+from ..bore.opening import ClearAperture
 from ..camera import Camera, Number
+from ..camera.camera import place_of
 from ..design.parts import PATHS
 from ..words import number
 from . import (
@@ -159,8 +161,8 @@ def _behind_lens(c: Camera) -> Number:
 
 
 def _diameters(c: Camera, _: Depth) -> Array:
-    places = [rim.diameter_place for rim in c.openings]
-    return np.stack(np.broadcast_arrays(*(c[place] for place in places if place is not None)))
+    parts = [place_of(rim.part) for rim in c.openings if rim.size_places]
+    return np.stack(np.broadcast_arrays(*(2 * ClearAperture.of(c.numbers, part).reach for part in parts)))
 
 
 def _resolved(level: float) -> Callable[[Camera, Depth], Array]:

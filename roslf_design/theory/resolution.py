@@ -38,9 +38,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array, Complex, magnitude, ratio
+from ..bore.opening import disc_overlap
 from ..camera import Camera, Number
-from ..shapes.discs import chords
 from ..shapes.lattice import PACKINGS
+from ..shapes.openings import Openings
 from .depth_of_field import Kind
 from .exit_pupil import microlens_image_diameter, microlens_image_pitch
 from .lens_shapes import LENS_SHAPES, LensShape
@@ -84,12 +85,6 @@ def fold(c: Camera) -> Array:
 def sparse(count: int) -> int:
     """As many nodes or some more, of few kinds: sets of nodes are made once."""
     return -(-count // 8) * 8 if count < 128 else -(-count // 64) * 64
-
-
-def circle_transfer(shift: ArrayLike) -> Array:
-    """Overlap of a disc with itself, shifted by a share of its diameter, over its area."""
-    x = np.clip(np.abs(shift), 0.0, 1.0)
-    return np.asarray(2 / math.pi * (np.arccos(x) - x * np.sqrt((1 - x) * (1 + x))))
 
 
 class Lenslet(NamedTuple):
@@ -147,12 +142,15 @@ def axial_limit(c: Camera, rate: Number, level: float) -> Array:
     shape = np.broadcast_shapes(c.shape, np.shape(rate))
     reach = ratio(1.0, c.wavelength * c.seen.d_2 / diameter)
     low, high = np.zeros(shape), np.broadcast_to(_end(lens, rate, reach), shape)
-    for _ in range(HALVINGS):
-        middle = (low + high) / 2
-        passed = circle_transfer(middle / reach) * lens.refocused(rate, middle)
-        above = passed > level
-        low, high = np.where(above, middle, low), np.where(above, high, middle)
-    return np.asarray((low + high) / 2)[()]
+    pupil, limits = c.fap.outline.sized(reach), []
+    for way in pupil.ways:  # the softer one counts
+        least, most = low, high
+        for _ in range(HALVINGS):
+            middle = (least + most) / 2
+            above = pupil.overlap(middle, *way) * lens.refocused(rate, middle, way) > level
+            least, most = np.where(above, middle, least), np.where(above, most, middle)
+        limits.append((least + most) / 2)
+    return np.asarray(np.minimum(limits[0], limits[-1]))[()]
 
 
 def _end(lens: Lenslet, rate: Number, reach: Number) -> Array:
@@ -174,10 +172,8 @@ class FieldTransfer:
 
     camera: Camera
     """One build; its tilts and the array's rotation are left out."""
-    centres: Array
-    """Centres of the discs that stops cut out of the microlens image, shape (K, 2) [mm]."""
-    radii: Array
-    """Shape (K,) [mm]."""
+    openings: Openings
+    """Openings that stops cut out of the microlens image [mm]."""
     middle: tuple[float, float] | None
     """Where the view's pixel lies, the centroid of what is lit [mm]; None where it is dark."""
     rate: float
@@ -254,7 +250,7 @@ class FieldTransfer:
     @property
     def round(self) -> bool:
         """Whether a quarter turn changes nothing but the scale."""
-        return len(self.radii) == 1
+        return self.openings.total == 1 and not self.openings.polygons
 
     @property
     def softest(self) -> float:
@@ -269,7 +265,7 @@ class FieldTransfer:
         axes = self.axes(direction)
         whole: Array | Complex
         if self.round:
-            whole = circle_transfer(nu * float(self.camera.wavelength * self.camera.seen.d_2) / self._width)
+            whole = disc_overlap(nu * float(self.camera.wavelength * self.camera.seen.d_2) / self._width)
         else:
             whole = np.array([self._overlap(each, np.array(axes)) for each in nu.tolist()]) / self._area
         return np.asarray(whole * self._lens.refocused(self.rate, nu, axes))
@@ -360,8 +356,8 @@ class FieldTransfer:
     def _spectrum(self, nu: float, axes: Array, along: Array, up: Array, steps: Array) -> Complex:
         """Transform of the pupil's overlap with itself at such frequencies, shape (M, N)."""
         apart = np.multiply.outer([-0.5, 0.5], nu * float(self.camera.wavelength * self.camera.seen.d_2) * axes)
-        centres, radii = (self.centres + apart[:, None]).reshape(-1, 2), np.tile(self.radii, 2)
-        y, weight, left, right = chords(centres, radii, sparse(self._rows(up, steps)))
+        pair = self.openings.moved(apart[0]).beside(self.openings.moved(apart[1]))
+        y, weight, left, right = pair.chords(sparse(self._rows(up, steps)))
         half = (right - left) / 2
         light = (2 * half * weight) * np.sinc(2 * along[:, None] * half)
         light = light * np.exp(2j * math.pi * (along[:, None] * (left + right) / 2 + up[:, None] * y))
@@ -390,7 +386,7 @@ class FieldTransfer:
     @cached_property
     def _width(self) -> float:
         """Width of the pupil's image [mm]."""
-        return max(2 * float(self.radii.min()), 1e-9 * float(self.camera.d))
+        return max(float(self.openings.spans.min()), 1e-9 * float(self.camera.d))
 
     @cached_property
     def _microlens(self) -> MicrolensTransfer:

@@ -9,6 +9,7 @@ decentre e, is seen from the microlens at c as the disc of radius ``s R`` about 
 
 from __future__ import annotations
 
+import math
 from functools import cached_property, reduce
 from typing import NamedTuple
 
@@ -16,10 +17,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array, floats, magnitude, product, ratio
+from ..bore.opening import ClearAperture, farthest
 from ..camera import Camera, Frame, Number, Rim, Vector
 from ..camera.frames import cross, dot, minus, plus, times, total
-from ..shapes.discs import DiscIntersection, intersect
+from ..shapes.discs import DiscIntersection
 from ..shapes.ellipses import intersect_ellipses
+from ..shapes.openings import Openings
 from .chief_rays import ChiefRays, chief_rays, outer_slopes
 from .exit_pupil import stop_angle
 from .field_of_view import scales
@@ -46,6 +49,52 @@ class Ellipse(NamedTuple):
         """Determinant of S [mm^4]; the area is pi times its root."""
         return cross(self.xx, self.yy, self.xy, self.xy)
 
+    @property
+    def width(self) -> Number:
+        """Diameter of the disc as large [mm]."""
+        return 2 * np.sqrt(np.sqrt(self.determinant))
+
+    @property
+    def reach(self) -> Number:
+        """Distance of its farthest point from the origin, along the direction of its centre."""
+        off = np.hypot(self.x, self.y)
+        return off + _reach(self, off)
+
+    def support(self, x: Number, y: Number) -> Number:
+        """How far it reaches along a direction, a unit vector, from the origin."""
+        return x * self.x + y * self.y + np.sqrt(x * x * self.xx + 2 * x * y * self.xy + y * y * self.yy)
+
+
+class Polygon(NamedTuple):
+    """Image of straight sides: corners counterclockwise [mm]."""
+
+    corners: tuple[tuple[Number, Number], ...]
+
+    @property
+    def x(self) -> Number:
+        """Middle of its corners [mm]."""
+        return sum(x for x, _ in self.corners) / len(self.corners)
+
+    @property
+    def y(self) -> Number:
+        """Middle of its corners [mm]."""
+        return sum(y for _, y in self.corners) / len(self.corners)
+
+    @property
+    def width(self) -> Number:
+        """The wider of its extents along x and y [mm]."""
+        ways = (1.0, 0.0), (0.0, 1.0)
+        return reduce(np.maximum, [self.support(x, y) + self.support(-x, -y) for x, y in ways])
+
+    @property
+    def reach(self) -> Number:
+        """Distance of its farthest point from the origin."""
+        return farthest(self.corners)
+
+    def support(self, x: Number, y: Number) -> Number:
+        """How far it reaches along a direction from the origin."""
+        return reduce(np.maximum, [x * a + y * b for a, b in self.corners])
+
 
 class Projected(NamedTuple):
     """Homogeneous point of some plane, linear in a stop's coordinates."""
@@ -68,6 +117,13 @@ class Projected(NamedTuple):
         """Whether light from those points gets there, as it does from the stop's centre: not from behind."""
         w = self.w
         return np.asarray((w[0] + w[1] * a + w[2] * b) * w[0] > 0)
+
+    def image(self, opening: ClearAperture) -> Ellipse | Polygon:
+        """Image of an opening about the stop's centre."""
+        if not opening.straight:
+            return self.ellipse(opening.radius)
+        corners = [self.at(np.asarray(a), np.asarray(b)) for a, b in opening.corners]
+        return Polygon(tuple(corners))
 
     def ellipse(self, radius: Number) -> Ellipse:
         """Image of the circle of that radius about the stop's centre."""
@@ -144,6 +200,14 @@ def stop_image(c: Camera, rim: Rim, microlens: Vector) -> Projected:
     return project(lens_point(c, rim, microlens), microlens, 1.0, c.pose("sensor"))
 
 
+def _room(rim: ClearAperture, pencil: Ellipse | Polygon) -> Number:
+    """Room between a pencil and a rim about the origin of the rim's plane [mm]."""
+    if not rim.straight and isinstance(pencil, Ellipse):
+        off = np.hypot(pencil.x, pencil.y)
+        return rim.radius - off - _reach(pencil, off)
+    return reduce(np.minimum, [edge - pencil.support(*normal) for normal, edge in rim.sides], rim.radius - pencil.reach)
+
+
 def _reach(pencil: Ellipse, off: Number) -> Number:
     """Half-width of an ellipse along the direction of its own centre from the origin."""
     if isinstance(pencil.xy, float) and pencil.xy == 0.0 and (pencil.xx is pencil.yy):
@@ -176,7 +240,7 @@ def room_in_pupil(c: Camera, rim: Rim) -> Array:
     """
     radius, distance, pupil = floats(rim.radius, rim.distance, c.fap.distance)
     (x, y), (u, v) = c.decentre(rim.part), c.decentre("aperture")
-    room = settled(radius - c.fap.radius - np.hypot(x - u, y - v), radius)
+    room = settled(np.asarray(rim.outline.room(c.fap.outline, u - x, v - y)), radius)
     beside = np.abs(distance - pupil) <= ROUNDING * np.maximum(c.f, np.abs(pupil))
     return np.where(beside, room, np.nan)
 
@@ -231,11 +295,29 @@ def stop_discs(c: Camera, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
     return centres, radii
 
 
+def stop_openings(c: Camera, x: ArrayLike, y: ArrayLike) -> Openings:
+    """Openings that the FAP and the rims cut out of the light behind pinhole microlenses, as `stop_discs`."""
+    centres, radii = stop_discs(c, x, y)
+    every = (c.fap, *c.rims)
+    straight = tuple(k for k in range(len(every)) if every[k].outline.straight)
+    if not straight:
+        return Openings.of_discs(centres, radii)
+    corners = np.empty((*radii.shape[:-1], len(straight), 4, 2))
+    for n, k in enumerate(straight):
+        scale = product(c.seen.d_2, stop_angle(c, every[k].distance))  # of either sign, and so are corners
+        for m, corner in enumerate(every[k].outline.corners):
+            for axis in (0, 1):
+                corners[..., n, m, axis] = centres[..., k, axis] + np.asarray(scale * corner[axis])
+        radii[..., k] = math.inf
+    return Openings(centres, radii, corners, straight)
+
+
 def _disc(c: Camera, rim: Rim) -> tuple[Number, tuple[Number, Number], Number]:
     """One of `stop_discs`: how far its centre lies aside per millimetre of the microlens, and on the axis; radius."""
     scale = product(c.seen.d_2, stop_angle(c, rim.distance))
     e_x, e_y = c.decentre(rim.part)
-    return scale * ((c.f - rim.distance) / c.f), (scale * e_x, scale * e_y), rim.radius * np.abs(scale)
+    reach = rim.outline.narrowest / 2 if rim is not c.fap else rim.radius
+    return scale * ((c.f - rim.distance) / c.f), (scale * e_x, scale * e_y), reach * np.abs(scale)
 
 
 CLEAR, TILTED = 0.02, 10.0
@@ -331,20 +413,27 @@ class MicrolensImages:
         return stop_discs(self.camera, np.broadcast_to(x, shape), np.broadcast_to(y, shape))
 
     @cached_property
+    def openings(self) -> Openings:
+        """Images of the FAP and the rims where nothing is tilted, as `stop_openings` gives them."""
+        x, y = self.microlens[:2]
+        shape = (len(self.fields), *(self.camera.shape or (1,)))
+        return stop_openings(self.camera, np.broadcast_to(x, shape), np.broadcast_to(y, shape))
+
+    @cached_property
     def _through_fap(self) -> Projected:
         """Where the rays of the FAP's plane cross the main lens."""
         return lens_point(self.camera, self.camera.fap, self.microlens)
 
     @cached_property
-    def outline(self) -> Ellipse:
+    def outline(self) -> Ellipse | Polygon:
         """The FAP's image, as if nothing cut it."""
         image = project(self._through_fap, self.microlens, 1.0, self.camera.pose("sensor"))
-        return image.ellipse(self.camera.fap.radius)
+        return image.image(self.camera.fap.outline)
 
     @cached_property
     def diameter(self) -> Number:
-        """Diameter of the disc as large as the uncut image [mm]."""
-        return 2 * np.sqrt(np.sqrt(self.outline.determinant))
+        """Diameter of the disc as large as the uncut image [mm]; of a rectangle its wider extent along x and y."""
+        return self.outline.width
 
     @cached_property
     def pitch(self) -> Number:
@@ -368,10 +457,11 @@ class MicrolensImages:
         for rim in c.rims:
             on_lens = rim.part == "main_lens"
             crossing = point if on_lens else project(point, self.microlens, bend, c.pose(rim.part))
-            pencil = crossing.ellipse(c.fap.radius)
-            off = np.hypot(pencil.x, pencil.y)
-            reach = _farthest(crossing, c.fap.radius, np.shape(off)) if rim.leans else off + _reach(pencil, off)
-            room = settled(np.asarray(rim.radius - reach), rim.radius)
+            if rim.leans:
+                off = np.hypot(*crossing.ellipse(c.fap.radius)[:2])
+                room = settled(np.asarray(rim.radius - _farthest(crossing, c.fap.radius, np.shape(off))), rim.radius)
+            else:
+                room = settled(np.asarray(_room(rim.outline, crossing.image(c.fap.outline))), rim.radius)
             if not c.tilted:
                 anywhere = room_in_pupil(c, rim)
                 room = np.where(np.isnan(anywhere), room, anywhere)
@@ -408,12 +498,21 @@ class MicrolensImages:
         """
         c = self.camera
         if not c.tilted:
-            return intersect(*self.discs)
+            return self.openings.common()
         shape = (len(self.fields), *(c.shape or (1,)))
         rims = [rim for rim, clear in zip(c.rims, self._clear, strict=True) if not clear]
-        images = [self.outline, *(stop_image(c, rim, self.microlens).ellipse(rim.radius) for rim in rims)]
-        centres, matrices = np.empty((*shape, len(images), 2)), np.empty((*shape, len(images), 3))
-        for k, image in enumerate(images):
+        images = [self.outline, *(stop_image(c, rim, self.microlens).image(rim.outline) for rim in rims)]
+        order = np.argsort([isinstance(image, Polygon) for image in images], kind="stable")
+        ellipses = [image for image in images if isinstance(image, Ellipse)]
+        polygons = [image for image in images if isinstance(image, Polygon)]
+        centres, matrices = np.empty((*shape, len(ellipses), 2)), np.empty((*shape, len(ellipses), 3))
+        for k, image in enumerate(ellipses):
             centres[..., k, 0], centres[..., k, 1] = image.x - self.outline.x, image.y - self.outline.y
             matrices[..., k, 0], matrices[..., k, 1], matrices[..., k, 2] = image.xx, image.xy, image.yy
-        return intersect_ellipses(centres, matrices)
+        corners = np.empty((*shape, len(polygons), 4, 2))
+        for k, one in enumerate(polygons):
+            for m, (x, y) in enumerate(one.corners):
+                corners[..., k, m, 0], corners[..., k, m, 1] = x - self.outline.x, y - self.outline.y
+        places = np.argsort(order)
+        part = intersect_ellipses(centres, matrices, corners, int(places[0]))
+        return part._replace(clipping=part.clipping[..., places])

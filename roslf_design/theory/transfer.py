@@ -28,14 +28,6 @@ def pixel_box(frequency: ArrayLike, pixel: Number) -> Floats:
     return np.asarray(np.sinc(np.multiply(frequency, pixel)))
 
 
-def disc_spectrum(radius: float, frequency: Floats) -> Floats:
-    """Fourier transform of a disc at frequencies [1/mm] from 0 on, R J_1(2 pi R k)/k: its area at 0 [mm^2]."""
-    from scipy.special import j1
-
-    safe = np.where(frequency > 0, frequency, 1.0)
-    return np.where(frequency > 0, radius * j1(2 * math.pi * radius * safe) / safe, math.pi * radius**2)
-
-
 @dataclass(frozen=True)
 class MicrolensTransfer:
     """Transfer function of a microlens, diffraction and defocus as switched on; 1 at zero frequency."""

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .._arrays import Array
+from ..bore.opening import ClearAperture
 from ..bore.part import Number
 from ..camera import Camera
 from ..design import PATHS
@@ -39,7 +40,9 @@ def housed(c: Camera) -> tuple[Housed, ...]:
         size: Number = np.hypot(numbers[f"{key}.size.0"], numbers[f"{key}.size.1"])
         return size
 
-    parts = [part(rim.name, rim.part, numbers[f"{rim.part}.diameter"], rim.stands) for rim in c.stop_openings]
+    parts = [
+        part(rim.name, rim.part, 2 * ClearAperture.of(numbers, rim.part).reach, rim.stands) for rim in c.stop_openings
+    ]
     for k, element in enumerate(c.chain.elements):
         key = f"elements.{k}"
         if f"{key}.diameter" in numbers:

@@ -1,7 +1,7 @@
-"""Which rims leave the pupil whole, over which field: Eqs. 5-6 for any number of circular stops, decentred or not.
+"""Which rims leave the pupil whole, over which field: Eqs. 5-6 for any number of stops, decentred or not.
 
-The pencil of a field point that fills the flexible angular plane (FAP) covers a disc on every stop's plane; the
-microlens image is undistorted ("full", not a cat's eye) while each disc lies inside its stop. The main lens is a stop
+The pencil of a field point that fills the flexible angular plane (FAP) covers the FAP's shape on every stop's plane;
+the microlens image is undistorted ("full", not a cat's eye) while each lies inside its stop. The main lens is a stop
 at distance 0, which is Eq. 6.
 """
 
@@ -37,7 +37,7 @@ def room_at(c: Camera, object_radius: ArrayLike) -> Array:
         One row a rim of `Camera.rims`; negative where that rim cuts the pencil, -inf at d_3 = d_f. With decentres the
         worst direction counts: the field's offset adds to that of the decentres.
     """
-    d_f, d_3, de, radius, gap = *floats(c.seen.d_f, c.seen.d_3, 2 * c.fap.radius, object_radius), c.seen.gap
+    d_f, d_3, radius, gap = *floats(c.seen.d_f, c.seen.d_3, object_radius), c.seen.gap
     room = 2 * magnitude(gap)
     pupil = c.decentre("aperture")
     rooms = []
@@ -46,9 +46,9 @@ def room_at(c: Camera, object_radius: ArrayLike) -> Array:
             rooms.append(rim.scale * leaning_room(c, rim, radius))
             continue
         between = d_f - rim.distance
-        offset = np.hypot(*(e * gap - o * between for e, o in zip(c.decentre(rim.part), pupil, strict=True)))
-        axial = rim.radius * room - de * magnitude(between)
-        here = settled(ratio(axial - 2 * offset - 2 * radius * np.abs(d_3 - rim.distance), room), rim.radius)
+        x, y = (2 * (o * between - e * gap) for e, o in zip(c.decentre(rim.part), pupil, strict=True))
+        axial = rim.outline.scaled(room).room(c.fap.outline.scaled(2 * magnitude(between)), x, y)
+        here = settled(ratio(axial - 2 * radius * np.abs(d_3 - rim.distance), room), rim.radius)
         anywhere = room_in_pupil(c, rim)
         rooms.append(rim.scale * np.where(np.isnan(anywhere), here, anywhere))
     return np.stack(np.broadcast_arrays(*rooms, np.zeros(c.shape))[:-1])

@@ -81,7 +81,7 @@ def _kind(place: str) -> str:
         return "ratio"
     if place.endswith((".index", ".gradient")):
         return "number" if place.endswith(".index") else "gradient"
-    return "angle" if ".tilt." in place or ".wedge." in place or place.endswith("rotation") else "length"
+    return "angle" if ".tilt." in place or ".wedge." in place or place.endswith(("rotation", ".turn")) else "length"
 
 
 @lru_cache(maxsize=64)

@@ -360,7 +360,7 @@ def camera_of(design: Design) -> LensCamera:
 
     seen = Camera.of(design)
     mla = rear + float(seen.seen.d_1)
-    rims = tuple(stands(stop, front - stop.distance, stop.diameter) for stop in design.all_stops)
+    rims = tuple(stands(stop, front - stop.distance, 2 * float(stop.outline.reach)) for stop in design.all_stops)
     array, detector = stands(design.microlens_array, mla), stands(design.sensor, mla + float(seen.seen.d_2))
     focal_plane = front - design.d_f
     if design.elements:

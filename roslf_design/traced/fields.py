@@ -20,6 +20,7 @@ from .._arrays import Complex
 from ..camera import Camera, Number
 from ..design import Design
 from ..shapes.discs import Outline, gauss_legendre, heights
+from ..shapes.openings import Openings
 from ..theory.light import object_scale, solid_angle
 from ..theory.quantities import QUANTITIES, image_rate
 from ..theory.resolution import FieldTransfer, sparse
@@ -140,8 +141,7 @@ class LensImages(MicrolensImages):
         x, y = images.centroid[field].tolist()
         return TracedTransfer(
             self.camera,
-            images.chief[field][None],
-            np.array([np.ptp(outline, axis=0).max() / 2]),
+            Openings.of_discs(images.chief[field][None], np.array([np.ptp(outline, axis=0).max() / 2])),
             (x, y) if known else None,
             float(image_rate(self.camera, at)),
             *self._scales(field, at),
@@ -210,7 +210,7 @@ class Beam(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TracedTransfer(FieldTransfer):
-    """MTF at one field behind a real lens; `centres` and `radii` are of one disc about as large as the image."""
+    """MTF at one field behind a real lens; `openings` are one disc about as large as the image."""
 
     outline: Array
     """Boundary of what is lit, from the microlens's axis, (K, 2) [mm]."""

@@ -13,7 +13,7 @@ from roslf_design.camera import Camera
 from roslf_design.design import Design, load
 from roslf_design.effects import SceneBrief, Subject
 from roslf_design.effects.geometry import cos4
-from roslf_design.evaluation.fields import field_discs
+from roslf_design.evaluation.fields import field_openings
 from roslf_design.shapes.cells import area_in_rectangle
 from roslf_design.shapes.discs import intersect
 from roslf_design.theory.light import chief_slope
@@ -46,7 +46,7 @@ COLUMNS = 12
 
 def radii_of(design: Design) -> tuple[float, float]:
     """Image of the FAP, and the smallest image of another rim that is larger [mm]; by default the bench's."""
-    _, radii = field_discs(design, [(0.0, 0.0)])
+    _, radii = field_openings(design, [(0.0, 0.0)])[:2]
     larger = [float(R) for R in radii[0, 1:] if radii[0, 0] < R]
     return (float(radii[0, 0]), min(larger)) if larger else ISSUE_RADII
 

@@ -17,7 +17,7 @@ from roslf_design.accuracy.table import QUANTITIES
 from roslf_design.camera import Camera
 from roslf_design.design import Design, DesignError
 from roslf_design.errors import InputError
-from roslf_design.evaluation.fields import field_discs
+from roslf_design.evaluation.fields import field_openings
 from roslf_design.lenses.lens_file import load_lens, shipped_names
 from roslf_design.lenses.prescription import first_order
 from roslf_design.theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
@@ -56,7 +56,7 @@ class Job:
     @cached_property
     def discs(self) -> tuple[Floats, Floats]:
         """Rims on the sensor relative to the microlens axis, in pixels; those around the FAP's left out."""
-        centres, radii = field_discs(self.design, [self.axis])
+        centres, radii = field_openings(self.design, [self.axis])[:2]
         c, r = centres[0] / self.design.q, radii[0] / self.design.q
         cuts = np.hypot(*(c - c[0]).T) + r[0] > r
         cuts[0] = True

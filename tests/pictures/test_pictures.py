@@ -13,7 +13,7 @@ from roslf_design.camera import Camera
 from roslf_design.drawing.marks import Area, Image
 from roslf_design.errors import InputError
 from roslf_design.evaluation import default_fields, evaluate
-from roslf_design.evaluation.fields import field_discs
+from roslf_design.evaluation.fields import field_openings
 from roslf_design.imaging.render import render
 from roslf_design.imaging.white import ALWAYS_ON, white_patch
 from roslf_design.reporting.design.curves import (
@@ -35,7 +35,6 @@ from roslf_design.reporting.design.microlens import (
     rays_and_waves,
 )
 from roslf_design.reporting.design.rays import cells, dimensions, labelled_fans, meridional, ray_diagrams
-from roslf_design.shapes.discs import intersect
 from roslf_design.theory.vignetting import room_at
 from tests.pictures.designs import DESIGNS, EXTREMES, PAPER, THROUGH
 
@@ -153,7 +152,7 @@ def test_lengths_are_to_scale_and_dimensioned(whole):
 def test_pixels_of_a_microlens_are_its_exact_coverage():
     place = nearest_microlens(PAPER, (5.0, -3.0))
     (image,) = [mark for mark in microlens_image(PAPER, place).marks if isinstance(mark, Image)]
-    exact = intersect(*field_discs(PAPER, [place])).area[0] / PAPER.q**2
+    exact = field_openings(PAPER, [place]).common().area[0] / PAPER.q**2
     assert image.values.sum() == pytest.approx(exact, rel=1e-9)
 
 
@@ -254,7 +253,7 @@ def test_kept_fraction_is_whole_inside_the_circle_of_eq_6_and_nowhere_outside(na
         [left + (at[:, 1] + 0.5) / columns * (right - left), low + (at[:, 0] + 0.5) / rows * (high - low)], -1
     )
     np.testing.assert_allclose(
-        shown.values[tuple(at.T)], intersect(*field_discs(design, places)).kept_fraction, rtol=1e-9
+        shown.values[tuple(at.T)], field_openings(design, places).common().kept_fraction, rtol=1e-9
     )
 
 

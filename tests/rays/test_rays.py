@@ -99,7 +99,7 @@ def test_backward_rays_are_those_of_the_oracle(tilted):
                 assert abs(got - want) < 64 * EPS * steep * height * (1 + z / design.f)
         for stop, (rim, want) in enumerate(zip(rims, exact.crossings, strict=True)):
             got = crossing(maps[3 + stop], lx, ly, ox, oy)[:2]
-            assert rim[3] == design.all_stops[stop].diameter / 2
+            assert rim[3] == pytest.approx((design.all_stops[stop].diameter / 2) ** 2, rel=1e-15)
             for a, b in zip(got, want, strict=True):
                 assert abs(a - b) < 64 * EPS * steep * height * (1 + rim[2] / design.f)
 

@@ -32,9 +32,8 @@ from ...drawing.panel import Panel, Scale, colour_bar
 from ...drawing.picture import PAGE, Picture, as_tall, beside, legend_height, one_panel
 from ...drawing.theme import FIELDS, short
 from ...evaluation import default_fields
-from ...evaluation.fields import field_discs
+from ...evaluation.fields import field_openings
 from ...lenses.tracer import KEPT
-from ...shapes.discs import intersect
 from ...theory.exit_pupil import pupil_angle
 from ...theory.light import on_array, sensor_field
 from ...theory.vignetting import field_limit
@@ -90,7 +89,7 @@ def field_map(design: Design, points: int = 160) -> ArrayMap:
     counts = (max(2, round(side / step)) for side in (width, height))
     x, y = (step * (np.arange(count) - (count - 1) / 2) for count in counts)
     places = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
-    images = intersect(*field_discs(design, places))
+    images = field_openings(design, places).common()
     shape = len(y), len(x)
     offset = np.where(images.lit[:, None], images.centroid / design.q, np.nan)
     return ArrayMap(

@@ -112,10 +112,13 @@ def _elements(design: Design, camera: Camera, wall: float) -> list[Body]:
     radius = design.D / 2
     parts: list[Body] = []
     for number, stop in enumerate(design.openings):
-        pose, half, colour = camera.stands(stop.place), stop.part.diameter / 2, stop_colour(number)
-        plate = turned([(half, 0.0), (wall, 0.0)], frame=pose)
+        pose, outline, colour = camera.stands(stop.place), stop.part.outline, stop_colour(number)
+        edge = np.stack(outline.rim(np.cos(TURN), np.sin(TURN)), -1)
+        wide = wall * np.stack([np.cos(TURN), np.sin(TURN)], -1)
+        plate = _placed(np.concatenate([edge, wide]), pose)
         parts.append(Body(f"{stop.name} plate", "ring", plate, bands(2), colour, 0.38))
-        parts.append(_lines(f"{stop.name} rim", [_circle(half, 0.0, pose)], colour, 4.0))
+        rim = outline.outline(math.pi / 48)
+        parts.append(_lines(f"{stop.name} rim", [_placed(np.append(rim, rim[:1], axis=0), pose)], colour, 4.0))
     angle = np.linspace(math.pi, 0.0, RINGS + 1)
     glass = turned(np.stack([radius * np.sin(angle), 0.09 * design.D * np.cos(angle)], -1))
     mount = turned([(radius, 0.0), (wall, 0.0)], frame=lens)
@@ -160,6 +163,11 @@ def turned(profile: ArrayLike, angles: Array = TURN, frame: Frame = HOME) -> Arr
     radius, height = np.asarray(profile, float).T[:, :, None]
     local = np.stack(np.broadcast_arrays(radius * np.cos(angles), radius * np.sin(angles), height), -1)
     return np.asarray(local.reshape(-1, 3) @ np.array([frame.x, frame.y, frame.z]) + np.asarray(frame.origin))
+
+
+def _placed(points: Array, frame: Frame) -> Array:
+    """Points (N, 2) of a frame's own plane, shape (N, 3) [mm]."""
+    return np.asarray(points @ np.array([frame.x, frame.y]) + np.asarray(frame.origin))
 
 
 def _circle(radius: float, height: float, frame: Frame = HOME) -> Array:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from ..._arrays import Array
+from ...bore.opening import ClearAperture
 from ...camera import Camera
 from ...drawing.marks import (
     Area,
@@ -31,14 +32,13 @@ from ...drawing.picture import PAGE, Picture, beside, legend_height
 from ...drawing.theme import PLAIN, SMALL, short, stop_colour
 from ...effects import plan
 from ...errors import InputError, Problem
-from ...evaluation.fields import field_discs
+from ...evaluation.fields import field_openings
 from ...imaging.camera import ImageLattice, planned_camera
 from ...imaging.transfer import encircled
 from ...imaging.white import harmonic_series, white_patch
-from ...shapes.cells import area_in_rectangle
-from ...shapes.coverage import LARGEST_PART, LARGEST_RADIUS, coverage_image
-from ...shapes.discs import intersect, outline
+from ...shapes.coverage import LARGEST_PART, LARGEST_RADIUS
 from ...shapes.lattice import Lattice, cell_polygon, lens_centres, nearest_lens
+from ...shapes.openings import Openings
 from ...theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 from ...theory.stop_images import MicrolensImages
 from ...theory.transfer import MicrolensTransfer
@@ -63,10 +63,8 @@ FULL = 0.42
 class ImageView(NamedTuple):
     """A microlens image; lengths relative to its microlens's axis [mm]."""
 
-    centres: Array
-    """Of the rims' discs, the FAP first, shape (K, 2)."""
-    radii: Array
-    """Shape (K,)."""
+    openings: Openings
+    """Images of the rims, the FAP's first."""
     outline: Array
     """Shape (N, 2), not closed; (0, 2) where dark."""
     cell: Array
@@ -95,34 +93,36 @@ class ImageView(NamedTuple):
 
 def image_view(design: Design, place: Point, most: float = math.inf) -> ImageView:
     """The image behind the microlens at a place on the MLA [mm]; `most` pixels in view are looked at one by one."""
-    (centres,), (radii,) = field_discs(design, [place])
+    openings = field_openings(design, [place]).at(0)
+    middle, spans = openings.centres[0], openings.spans
     (axis,) = MicrolensImages(Camera.of(design), [place]).in_system
     pitch, q = abs(float(microlens_image_pitch(Camera.of(design)))), design.q
-    cell = cell_polygon(design.microlens_array.layout, pitch, design.microlens_array.rotation) + centres[0]
-    half = 1.12 * max(float(radii[0]), float(np.max(np.abs(cell - centres[0]))))
+    cell = cell_polygon(design.microlens_array.layout, pitch, design.microlens_array.rotation) + middle
+    half = 1.12 * max(float(spans[0]) / 2, float(np.max(np.abs(cell - middle))))
     start = design.sensor.decentre - np.multiply(design.pixels, q) / 2
-    ends = np.array([np.floor((centres[0] + axis - half - start) / q), np.ceil((centres[0] + axis + half - start) / q)])
+    ends = np.array([np.floor((middle + axis - half - start) / q), np.ceil((middle + axis + half - start) / q)])
     columns, rows = (slice(*side) for side in np.clip(ends, 0, design.pixels).astype(int).T.tolist())
     count = (columns.stop - columns.start) * (rows.stop - rows.start)
-    drawable = count <= most and radii.max() <= LARGEST_RADIUS * q and 2 * radii.min() <= LARGEST_PART * q
+    drawable = count <= most and spans.max() <= 2 * LARGEST_RADIUS * q and spans.min() <= LARGEST_PART * q
     x, y = (
         start[k] + q * (np.arange(s.start, s.stop + 1) if drawable else np.unique([s.start, s.stop])) - axis[k]
         for k, s in enumerate((columns, rows))
     )
     shares = np.zeros((0, 0))
     if drawable and count:
-        covered = coverage_image(
-            axis, centres, radii, pixel=q, size=design.pixels, sensor_centre=design.sensor.decentre,
+        covered = openings.coverage(
+            axis, pixel=q, size=design.pixels, sensor_centre=design.sensor.decentre,
             window=(rows, columns),
         )  # fmt: skip
         shares = np.asarray(covered, float)
-    image, on_sensor = intersect(centres, radii), 1.0
+    image, on_sensor = openings.common(), 1.0
     if image.lit:
         low, size = start - axis, np.multiply(design.pixels, q)
-        inside = float(area_in_rectangle(centres, radii, low, low + size)) if size.min() > 0 else 0.0
+        sensor = low + size * np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
+        inside = float(openings.area_in(sensor)) if size.min() > 0 else 0.0
         on_sensor = min(inside / float(image.area), 1.0)
-    edge, kept = outline(centres, radii), float(image.kept_fraction)
-    return ImageView(centres, radii, edge, cell, columns, rows, x, y, shares, kept, on_sensor, half)
+    edge, kept = openings.outline(), float(image.kept_fraction)
+    return ImageView(openings, edge, cell, columns, rows, x, y, shares, kept, on_sensor, half)
 
 
 def nearest_microlens(design: Design, place: Point, *, inward: bool = False) -> Point:
@@ -179,7 +179,7 @@ def microlens_image(
     width, height = size[0] - LEFT - RIGHT, size[1] - TOP - BELOW - foot
     side = max(min(width, height), 60.0)
     box = (LEFT + max(0.0, (width - side) / 2), TOP, side, side)
-    x, y = (Scale(UM * (middle - view.half), UM * (middle + view.half)) for middle in view.centres[0].tolist())
+    x, y = (Scale(UM * (middle - view.half), UM * (middle + view.half)) for middle in view.openings.centres[0].tolist())
     marks, words = _light(design, view, waves) if pixels else ([], "")
     if pixels and view.coverage.size > 0 and view.coverage.shape[1] <= GRID_UP_TO:
         # Lines between pixels, unless they would be all there is to see.
@@ -237,24 +237,32 @@ def _light(design: Design, view: ImageView, waves: bool) -> tuple[list[Mark], st
 
 def _lines(design: Design, view: ImageView, on_picture: bool) -> list[Mark]:
     marks: list[Mark] = []
-    for (_, colour), (x, y), radius in zip(_rims(design, on_picture), view.centres, view.radii, strict=True):
-        marks.append(Disc(UM * x, UM * y, UM * radius, edge=colour, width=1.2, dash="5 3"))
+    for k, (*_, colour) in enumerate(_rims(design, on_picture)):
+        marks.append(_rim_mark(view.openings.some([k]), colour, 1.2, "5 3"))
     if len(view.outline):
         x, y = UM * np.append(view.outline, view.outline[:1], axis=0).T
         if on_picture:
             marks.append(Line(x, y, "#000000", 3.2, opacity=0.5))
         marks.append(Line(x, y, ON_PICTURE if on_picture else "ink", 1.8, testid="microlens-outline"))
     marks.append(Area(*xy(UM * view.cell), "none", 1.0, "green", 1.8))
-    marks.append(Dots(*xy(UM * view.centres[:1]), "vermillion", "+", 6, width=2, clip=True))
+    marks.append(Dots(*xy(UM * view.openings.centres[:1]), "vermillion", "+", 6, width=2, clip=True))
     return marks
 
 
-def _rims(design: Design, on_picture: bool = False) -> list[tuple[str, str]]:
-    """Names and colours of what cuts an image: FAP, main lens, further stops, elements."""
+def _rim_mark(rim: Openings, colour: str, width: float, dash: str) -> Mark:
+    """One rim's own image."""
+    if rim.polygons:
+        return Area(*xy(UM * rim.corners[0]), "none", 1.0, colour, width, dash)
+    ((x, y),), (radius,) = rim.centres, rim.radii
+    return Disc(UM * x, UM * y, UM * radius, edge=colour, width=width, dash=dash)
+
+
+def _rims(design: Design, on_picture: bool = False) -> list[tuple[str, str, str]]:
+    """Names, shapes and colours of what cuts an image: FAP, main lens, further stops, elements."""
     camera = Camera.of(design)
     colours = [ON_PICTURE if on_picture else "ink", "blue", *map(stop_colour, range(1, camera.stops + 1))]
     colours += ["grey"] * (len(camera.openings) - len(colours))
-    return [(rim.opening, colour) for rim, colour in zip(camera.openings, colours, strict=True)]
+    return [(rim.opening, rim.outline.kind, colour) for rim, colour in zip(camera.openings, colours, strict=True)]
 
 
 def _beyond(view: ImageView, x: Scale, y: Scale) -> list[Mark]:
@@ -275,12 +283,12 @@ def _beyond(view: ImageView, x: Scale, y: Scale) -> list[Mark]:
 
 def image_keys(design: Design, on_picture: bool = False) -> list[Key]:
     """What the lines of a microlens image mean, on plain ground or on a picture of its light."""
-    rims = dict(_rims(design, on_picture))
-    discs = [line_key(f"disc of {name}", colour, 1.2, "5 3") for name, colour in rims.items()]
+    rims = dict.fromkeys(_rims(design, on_picture))
+    openings = [line_key(f"{kind} of {name}", colour, 1.2, "5 3") for name, kind, colour in rims]
     chief = dot_key("chief ray", "vermillion", "+", 6, width=2)
     return [
         line_key("image", ON_PICTURE if on_picture else "ink", 1.8),
-        *discs,
+        *openings,
         box_key("own cell", "none", 1.0, "green", 1.8),
         chief,
     ]
@@ -292,13 +300,15 @@ def rays_and_waves(design: Design, width: float = PAGE, samples: int = 181) -> P
     Unclipped, at `samples` points along each side.
     """
     camera = Camera.of(design)
-    pitch, radius = abs(float(microlens_image_pitch(camera))), float(microlens_image_diameter(camera)) / 2
+    pitch = abs(float(microlens_image_pitch(camera)))
+    image_of_fap = camera.fap.outline.sized(float(microlens_image_diameter(camera)))
+    rim = Openings.of(image_of_fap, ())
     effects = plan(design, overrides=["+microlens_diffraction", "+overlap", "-vignetting", "-tilts", "-decentres"])
     flat = planned_camera(design, effects)
     half, lattice = 0.75 * pitch, ImageLattice.of(flat)
     axis = np.linspace(-half, half, samples)
     wave = harmonic_series(flat, MicrolensTransfer.of(flat, effects), pixel=False).at(axis, axis)
-    ray = _discs_over(lattice, radius, np.stack(np.meshgrid(axis, axis), -1), half)
+    ray = _images_over(lattice, image_of_fap, np.stack(np.meshgrid(axis, axis), -1), half)
     light, top = encircled(camera), max(1.0, float(wave.max()))
     each, reach = width / 2, UM * half
     side = each - 56 - 68
@@ -310,7 +320,7 @@ def rays_and_waves(design: Design, width: float = PAGE, samples: int = 181) -> P
     )):  # fmt: skip
         marks: list[Mark] = [
             Image(image, (-reach, reach, -reach, reach), "cividis", 0.0, top),
-            Disc(0.0, 0.0, UM * radius, edge="#000000", width=3.0), Disc(0.0, 0.0, UM * radius, edge="#ffffff"),
+            _rim_mark(rim, "#000000", 3.0, ""), _rim_mark(rim, "#ffffff", 1.0, ""),
             Area(*xy(cell), "none", 1.0, "#000000", 3.0), Area(*xy(cell), "none", 1.0, "#ffffff", 1.4, "5 3"),
         ]  # fmt: skip
         scale = Scale(-reach, reach)
@@ -328,9 +338,14 @@ def rays_and_waves(design: Design, width: float = PAGE, samples: int = 181) -> P
     return beside("waves", "One microlens image by rays and by waves", pictures, keys)
 
 
-def _discs_over(lattice: ImageLattice, radius: float, points: Array, half: float) -> Array:
-    """How many images of a radius cover points (N, N, 2) within `half` of the sensor's middle: row by row of images."""
+def _images_over(lattice: ImageLattice, image: ClearAperture, points: Array, half: float) -> Array:
+    """How many images cover points (N, N, 2) within `half` of the sensor's middle: of discs row by row of images."""
     index, (step, _) = lattice.indices(-half, half, -half, half), lattice.image_axes.T
+    if image.straight:
+        return np.asarray(
+            sum(image.contains(*np.moveaxis(points - at, -1, 0)).astype(float) for at in lattice.image(index))
+        )
+    radius = float(image.radius)
     length, total = np.linalg.norm(step), np.zeros(points.shape[:2])
     along = step / length
     for row in np.unique(index[:, 1]):

@@ -166,7 +166,8 @@ def key_figures(design: Design, result: Evaluation) -> Table:
     """What the camera is and does, in a handful of numbers."""
     field, sampled, depth = result.non_distortion, result.sampling, result.depth
     front = max(0.0, float(Camera.of(design).tip))
-    openings = [at.part.diameter for at in design.placed if at.part.diameter is not None]
+    openings = [at.part.diameter for at in design.in_bore if at.part.diameter is not None]
+    openings += [2 * float(stop.part.outline.reach) for stop in design.openings]
     widest = max(design.D, *openings, math.hypot(*design.microlens_array.size))
     error = f"at the focal plane, for {number(depth.sigma_disparity_pitches, 3)} pitches of disparity error"
     pixels = f"independent, of {number(sampled.views_geometric, 3)} pixels"
@@ -183,6 +184,12 @@ def key_figures(design: Design, result: Evaluation) -> Table:
     return Table(rows, "ldl", title="Key figures", widths=WIDTHS)
 
 
+def _pupil(design: Design) -> str:
+    """Remark on the FAP."""
+    outline, words = design.aperture.outline, "flexible angular plane: the entrance pupil"
+    return f"{words}; extent along x or y of {outline.words}" if outline.straight else words
+
+
 def parameter_rows(design: Design) -> list[tuple[str, str, str, str]]:
     """Symbol, meaning, value and remark of every length of a design."""
     mla, relay = design.microlens_array, design.sensor.relay_magnification
@@ -193,7 +200,7 @@ def parameter_rows(design: Design) -> list[tuple[str, str, str, str]]:
         ("f", "main lens focal length", design.f, lens),
         ("d_f", "focal plane in front of the lens", design.d_f, ""),
         ("d_1", "main lens to microlens array", design.d_1, ""),
-        ("D_F", "FAP diameter", design.D_F, "flexible angular plane: the entrance pupil"),
+        ("D_F", "FAP diameter", design.D_F, _pupil(design)),
         ("d_3", "FAP in front of the lens", design.d_3, ""),
         ("d", "microlens pitch", design.d, f"{mla.layout} array, {mla.lens_shape} lenses"),
         ("f_ml", "microlens focal length", design.f_ml, ""),
@@ -313,10 +320,9 @@ def _stops(design: Design) -> Iterator[Table]:
     """Further stops and misalignments, where there are any."""
     if design.stops:
         rows = tuple(
-            (stop.name, _length(stop.part.diameter), _length(stop.near), _pose(stop.part))
-            for stop in design.openings[1:]
+            (stop.name, stop.part.outline.words, _length(stop.near), _pose(stop.part)) for stop in design.openings[1:]
         )
-        headings = ("", "diameter", "in front of the lens", "decentre x, y; tilt")
+        headings = ("", "opening", "in front of the lens", "decentre x, y; tilt")
         yield Table(rows, "lddl", headings, "Further stops of the bore")
     moved = misalignments(design)
     if moved:

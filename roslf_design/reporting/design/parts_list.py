@@ -35,9 +35,9 @@ def parts_section(design: Design) -> Section:
     microlenses = f"{mla.layout}, {mla.lens_shape} lenses, pitch {length(mla.pitch)}, f_ml {length(mla.focal_length)}"
     rows = [
         ("main lens", main_lens, lens),
-        ("FAP, front stop", f"opening {length(design.D_F)}", "made to drawing"),
+        ("FAP, front stop", f"opening {design.aperture.outline.words}", "made to drawing"),
     ]
-    rows += [(stop.name, f"opening {length(stop.part.diameter)}", "made to drawing") for stop in design.openings[1:]]
+    rows += [(stop.name, f"opening {stop.part.outline.words}", "made to drawing") for stop in design.openings[1:]]
     for _, name, element, _, _ in design.in_bore:
         bought, entry = element.bought or OWN, None
         for kind in element.catalogue:

@@ -26,6 +26,7 @@ from ...words import length
 
 if TYPE_CHECKING:
     from ...design import Design
+    from ...design.parts import Stop
 
 FILL = 1.5
 """Width of a fan in FAP diameters: its outer rays meet the FAP's plate."""
@@ -253,7 +254,14 @@ def _sides(design: Design, along: float, before: float, whole: bool) -> dict[str
 
 
 def _diameter(design: Design, symbol: str) -> str:
+    if symbol == "D_F" and design.aperture.outline.straight:
+        return f"FAP {design.aperture.outline.size}"
     return f"{symbol} = {short(design.D if symbol == 'D' else design.D_F)} mm"
+
+
+def _half(stop: Stop) -> float:
+    """Half the section of an opening along x, through its centre [mm]."""
+    return float(stop.outline.rim(np.ones(()), np.zeros(()))[0])
 
 
 def _named(design: Design, sides: Mapping[str, int], whole: bool) -> list[tuple[float, str]]:
@@ -304,7 +312,7 @@ def _elements(design: Design, section: SectionLayout) -> list[Mark]:
     marks: list[Mark] = [Line([section.panel.x.low, end], [0.0, 0.0], "grey", 0.8, "10 3 2 3")]
     for number, stop in enumerate(design.openings):
         for sign in (-1, 1):
-            edge = stop.part.decentre[0] + sign * stop.part.diameter / 2
+            edge = stop.part.decentre[0] + sign * _half(stop.part)
             marks.append(Line([-stop.near] * 2, [edge, sign * half], stop_colour(number), 3.2))
     middle, radius = design.main_lens.decentre[0], design.D / 2
     bulge = _thick(radius, section) / 2
@@ -340,7 +348,7 @@ def _block(start: float, end: float, low: float, high: float, fill: str, opacity
 def reaches(design: Design) -> list[float]:
     """How far from the axis the main lens, stops and elements with a rim of their own reach [mm]."""
     rims = [design.D / 2 + math.hypot(*design.main_lens.decentre)]
-    rims += [stop.part.diameter / 2 + math.hypot(*stop.part.decentre) for stop in design.openings]
+    rims += [float(stop.part.outline.reach) + math.hypot(*stop.part.decentre) for stop in design.openings]
     return rims + [(at.part.half_height or 0.0) + math.hypot(*at.part.decentre) for at in design.in_bore]
 
 
@@ -416,7 +424,7 @@ def _openings(design: Design, section: SectionLayout) -> list[Mark]:
     marks: list[Mark] = []
     mm, up = section.panel.per_px
     for symbol, z, middle, diameter, side in (
-        ("D_F", -design.d_3, design.aperture.decentre[0], design.D_F, section.sides["D_F"]),
+        ("D_F", -design.d_3, design.aperture.decentre[0], 2 * _half(design.aperture), section.sides["D_F"]),
         ("D", 0.0, design.main_lens.decentre[0], design.D, section.sides["D"]),
     ):
         if not side:
@@ -623,7 +631,7 @@ def _all_elements(design: Design) -> list[SchematicPart]:
     mla, (wide, tall), say = design.microlens_array, design.sensor_size, length
     elements = [
         SchematicPart("object plane", -design.d_f, 0.0, ("object plane",)),
-        SchematicPart("FAP", -design.d_3, design.D_F, ("FAP", f"D_F = {say(design.D_F)}")),
+        SchematicPart("FAP", -design.d_3, design.D_F, ("FAP", _pupil_size(design))),
         SchematicPart("main lens", 0.0, design.D, (f"main lens, D = {say(design.D)}", f"f = {say(design.f)}")),
         SchematicPart("MLA", design.d_1, mla.size[1], ("MLA", f"d = {say(design.d)}", f"f_ml = {say(design.f_ml)}")),
         SchematicPart(
@@ -631,12 +639,17 @@ def _all_elements(design: Design) -> list[SchematicPart]:
         ),
     ]
     for stop in design.openings[1:]:
-        wide = stop.part.diameter
-        elements.append(SchematicPart(stop.name, -stop.near, wide, (stop.name, say(wide))))
+        wide, words = float(stop.part.outline.width), stop.part.outline.words
+        elements.append(SchematicPart(stop.name, -stop.near, wide, (stop.name, words)))
     for _, name, part, near, far in design.in_bore:
         tall = 2 * (part.half_height or 0.0)
         elements.append(SchematicPart(name, -(near + far) / 2, tall, (name, *made_of(part)), part))
     return sorted(elements, key=lambda element: element.z)
+
+
+def _pupil_size(design: Design) -> str:
+    outline = design.aperture.outline
+    return outline.words if outline.straight else f"D_F = {length(design.D_F)}"
 
 
 def _dimension_lines(design: Design) -> list[tuple[str, str, str]]:
