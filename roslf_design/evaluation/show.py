@@ -31,10 +31,12 @@ def facts(result: Evaluation, *groups: str) -> list[tuple[str, str, str]]:
     """Quantities of groups: label, value with unit, remark."""
     rows = []
     for quantity in QUANTITIES.values():
-        if (listed := quantity.evaluated) is not None and listed.under in groups and listed.label is not None:
-            if (value := result.value(quantity)) is not None:
-                remark = listed.remark_on(result.group(listed.under))
-                rows.append((listed.label or quantity.label, quantity.text(value), remark))
+        listed = quantity.evaluated
+        if listed is None or listed.under not in groups or listed.label is None:
+            continue
+        if (value := result.value(quantity)) is not None:
+            remark = listed.remark_on(result.group(listed.under))
+            rows.append((listed.label or quantity.label, quantity.text(value), remark))
     return rows
 
 

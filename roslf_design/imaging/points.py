@@ -223,7 +223,7 @@ def _by_rays(source: PointSource, region: Region, lattice: ImageLattice) -> Imag
     index = lattice.nearest(np.linalg.solve(lattice.turned, (hit - lattice.offset).T).T)
     offset = hit - lattice.microlens(index)
     kept &= lattice.holds(index)
-    kept &= LENS_SHAPES[camera.lens_shape].holds(offset[:, 0], offset[:, 1], float(camera.d))
+    kept &= np.asarray(LENS_SHAPES[camera.lens_shape].holds(offset[:, 0], offset[:, 1], float(camera.d)), np.bool_)
     land = hit + (after - offset / camera.f_ml) * camera.seen.d_2 - np.array(camera.decentre("sensor"))
     pixel = np.floor(land / camera.q + np.array(camera.pixels) / 2).astype(int) - region[:2]
     kept &= ((pixel >= 0) & (pixel < region[2:])).all(-1)
