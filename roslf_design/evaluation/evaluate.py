@@ -22,7 +22,6 @@ from ..design.environment import not_known, not_named
 from ..design.files import as_design
 from ..design.parts import PATHS, Substrate
 from ..effects.plan import plan
-from ..lenses.angles import image_height
 from ..lenses.glass import AIR, ROOM
 from ..theory import exit_pupil
 from ..theory.quantities import QUANTITIES, depth_error
@@ -228,7 +227,7 @@ def _mapping(
     x, y, z = np.moveaxis(images.directions[:, 0], -1, 0)
     sine = np.hypot(x, y)
     in_air = np.arcsin(np.minimum(camera.front[1].medium * sine, 1.0))
-    drawn = np.where(sine > 0, 100 * (ratio(image_height(camera.mapping.kernel, in_air), np.tan(in_air)) - 1), 0.0)
+    drawn = np.where(sine > 0, 100 * (ratio(camera.mapping.height(in_air), np.tan(in_air)) - 1), 0.0)
     along, across = (np.ravel(scale).tolist() for scale in images.stretch)
     fields = zip(axes, np.rad2deg(np.arctan2(sine, z)), drawn, along, across, strict=True)
     rows = tuple(
