@@ -106,6 +106,11 @@ class Element(Part):
         return None
 
     @property
+    def mapping_name(self) -> str:
+        """Name of its mapping of angles; empty where that is f tan."""
+        return ""
+
+    @property
     def grows(self) -> bool:
         """Whether it is known what temperature does to it."""
         return True

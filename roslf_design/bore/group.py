@@ -8,8 +8,7 @@ from itertools import pairwise
 from typing import ClassVar, Literal
 
 import numpy as np
-from pydantic import StrictBool, field_validator
-from pydantic_core import PydanticCustomError
+from pydantic import StrictBool
 
 from ..lenses.glass import Glass
 from ..lenses.prescription import Prescription, first_order, grow_cells, lens_growth, surface_table, warm_constants
@@ -18,14 +17,14 @@ from .element import Element, Flags, Matrix, Outline, face
 from .export import SequenceRow, lens_surfaces
 from .faces import LIMIT, OPEN, TURNED, Face, Surroundings, axes_of, is_turned, plane_row, vertex_of
 from .part import Number, PartNumbers
-from .real_lens import Lens, mounted_lens
+from .real_lens import RealLens, mounted_lens
 
 
 class LensGroup(Element):
     """A real objective or relay by its prescription; its first order counts."""
 
     kind: Literal["prescription"]
-    prescription: Lens
+    prescription: RealLens
     """A lens that ships, a lens file, or the lens as a table."""
     reversed: StrictBool = False
     """Whether it stands the other way round than its prescription says."""
@@ -33,17 +32,9 @@ class LensGroup(Element):
     round_when_seen: ClassVar = False
     trade_name: ClassVar = "lens group"
 
-    @field_validator("prescription", mode="after")
-    @classmethod
-    def _given(cls, value: Prescription | None) -> Prescription:
-        if value is None:
-            raise PydanticCustomError("missing", "Field required")
-        return value
-
     @property
     def lens(self) -> Prescription:
         """As it stands in the camera."""
-        assert self.prescription is not None
         return mounted_lens(self.prescription, self.reversed, self.diameter)
 
     @property
@@ -54,7 +45,6 @@ class LensGroup(Element):
     @property
     def glasses(self) -> tuple[tuple[str, Glass | None], ...]:
         """Every material of it; they stand in its prescription."""
-        assert self.prescription is not None
         return tuple(("prescription", surface.glass) for surface in self.prescription.surfaces)
 
     @property

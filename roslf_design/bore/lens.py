@@ -60,6 +60,13 @@ class FieldLens(Element):
         return mapping_law(self.mapping, float(self.focal_length) if isinstance(self.mapping, MappingTable) else 1.0)
 
     @property
+    def mapping_name(self) -> str:
+        """Name of its mapping, "table" of a measured one."""
+        if isinstance(self.mapping, MappingTable):
+            return "table"
+        return "" if self.mapping == COLLINEAR else self.mapping
+
+    @property
     def glasses(self) -> tuple[tuple[str, Glass | None], ...]:
         """Every material of it by its key."""
         return (("material", self.material),)

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import BeforeValidator, InstanceOf, PlainSerializer, ValidationInfo
+from pydantic_core import PydanticCustomError
 
 from ..lenses.lens_file import lens_of, load_lens, shipped_names, table_of
 from ..lenses.prescription import Prescription, first_order
@@ -60,6 +61,12 @@ def _validated(value: Any, info: ValidationInfo) -> Any:
     return read_prescription(value, (info.context or {}).get("folder", ""))
 
 
+def _required(value: Any, info: ValidationInfo) -> Any:
+    if value is None:
+        raise PydanticCustomError("missing", "Field required")
+    return _validated(value, info)
+
+
 def written(lens: Prescription | None) -> str | dict[str, Any] | None:
     """Text or table of a lens in a design file: its name where it ships, else a table of its own."""
     if lens is None:
@@ -69,12 +76,11 @@ def written(lens: Prescription | None) -> str | dict[str, Any] | None:
     return table_of(lens)
 
 
-Lens = Annotated[
-    InstanceOf[Prescription] | None,
-    BeforeValidator(_validated),
-    PlainSerializer(written, return_type=Any, when_used="json"),
-]
+_WRITTEN = PlainSerializer(written, return_type=Any, when_used="json")
+Lens = Annotated[InstanceOf[Prescription] | None, BeforeValidator(_validated), _WRITTEN]
 """A lens's prescription, or None for the ideal lens."""
+RealLens = Annotated[InstanceOf[Prescription], BeforeValidator(_required), _WRITTEN]
+"""A lens's prescription."""
 
 
 @lru_cache(maxsize=256)

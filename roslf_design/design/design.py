@@ -349,7 +349,7 @@ def _by_path(changes: Mapping[str, Any], symbols: Mapping[str, Any]) -> dict[str
 def _with_follower(design: Design, wanted: dict[str, Any]) -> dict[str, Any]:
     """Of f, d_f and d_1 leave open the one that follows from the two that are kept or changed."""
     changed = [key for key in wanted if key not in CONJUGATES or wanted[key] is not None]
-    if design.main_lens.prescription is not None and wanted.get("main_lens.prescription", ...) is not None:
+    if FOCAL in design.main_lens.kind.follows and wanted.get("main_lens.prescription", ...) is not None:
         # f is the lens's own: of d_f and d_1 the one that is not changed follows.
         open_ones = [key for key in (PLANE, DISTANCE) if key not in changed]
         return {**wanted, open_ones[0]: None} if len(open_ones) == 1 else wanted

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from .._arrays import ratio
 from ..accuracy.statement import Accuracy, check_accuracy
-from ..bore.elements import element_name, made_of
-from ..bore.lens import FieldLens
+from ..bore.elements import made_of
 from ..bore.material import material_told
 from ..bore.opening import ClearAperture
 from ..bore.part import TEMPERATURE
@@ -23,7 +22,6 @@ from ..design.environment import not_known, not_named
 from ..design.files import as_design
 from ..design.parts import PATHS, Substrate
 from ..effects.plan import plan
-from ..lenses.angles import image_height
 from ..lenses.glass import AIR, ROOM
 from ..theory import exit_pupil
 from ..theory.quantities import QUANTITIES, depth_error
@@ -212,16 +210,15 @@ def _looked_through(design: Design, camera: Camera, axes: Sequence[tuple[float, 
 def _mapping(
     design: Design, camera: Camera, axes: Sequence[tuple[float, float]], sigma: float
 ) -> ObjectiveMapping | None:
-    if camera.law is None or camera.chain.mapped is None:
+    objective = next((at for at in design.in_bore if at.part.mapping_name), None)
+    if objective is None:
         return None
-    lens = design.elements[camera.chain.mapped]
-    assert isinstance(lens, FieldLens)
     sample = float(QUANTITIES["object_sample_mm"](camera))
     images = MicrolensImages(camera, axes)
     x, y, z = np.moveaxis(images.directions[:, 0], -1, 0)
     sine = np.hypot(x, y)
     in_air = np.arcsin(np.minimum(camera.front[1].medium * sine, 1.0))
-    drawn = np.where(sine > 0, 100 * (ratio(image_height(camera.law, in_air), np.tan(in_air)) - 1), 0.0)
+    drawn = np.where(sine > 0, 100 * (ratio(camera.mapping.height(in_air), np.tan(in_air)) - 1), 0.0)
     along, across = (np.ravel(scale).tolist() for scale in images.stretch)
     fields = zip(axes, np.rad2deg(np.arctan2(sine, z)), drawn, along, across, strict=True)
     rows = tuple(
@@ -230,9 +227,7 @@ def _mapping(
         )
         for axis, angle, d, a, b in fields
     )
-    name = lens.mapping if isinstance(lens.mapping, str) else "table"
-    at = element_name(lens, camera.chain.mapped + 1)
-    return ObjectiveMapping(name, at, math.degrees(camera.mapping.widest), rows)
+    return ObjectiveMapping(objective.part.mapping_name, objective.name, math.degrees(camera.mapping.widest), rows)
 
 
 def _size(outline: ClearAperture, width: float) -> dict[str, Any]:

@@ -161,7 +161,7 @@ def add_falloff(image: Image, camera: Camera, x: Floats, y: Floats) -> Image:
     across = ((x / lattice.grow + shift[0]) * scale).astype(np.float32) ** 2
     along = ((y / lattice.grow + shift[1]) * scale).astype(np.float32) ** 2
     for row in range(image.shape[0]):
-        camera.mapping.dim(image[row], along[row] + across)
+        camera.mapping.dim(image[row], along[row], across)
     return image
 
 

@@ -140,9 +140,13 @@ class AngleMap:
         """Share of light that is lost there, small ones exactly."""
         return float(-np.expm1(-2 * np.log1p(slope**2)))
 
-    def dim(self, row: Any, squares: Any) -> None:
-        """Darken places in place by the light at slopes of these squares."""
-        slope = 1 + squares
+    def height(self, angle: Any) -> Any:
+        """Slope times index to first order, of an angle in air [rad]."""
+        return np.tan(angle)
+
+    def dim(self, row: Any, along: Any, across: Any) -> None:
+        """Darken places in place by the light at slopes whose squares are sums of two."""
+        slope = 1 + along + across
         row /= slope * slope
 
     def stretch(self, p: Any, medium: Any) -> Any:
@@ -180,38 +184,42 @@ class AngleLaw(AngleMap):
     words = ", by the objective's mapping"
 
     def __init__(self, law: Law) -> None:
-        self.kernel, self.end = np.array(law, order="C"), float(law[0, 1])
+        self.law, self.kernel, self.end = law, np.array(law, order="C"), float(law[0, 1])
 
     @property
     def widest(self) -> float:
         """Angle of the law's largest p."""
-        return float(angle_in_air(self.kernel, self.end))
+        return float(angle_in_air(self.law, self.end))
 
     def angle(self, slope: Any) -> Any:
         """Angle by the law; beyond what is imaged, the largest."""
-        return angle_in_air(self.kernel, np.minimum(slope, self.end))
+        return angle_in_air(self.law, np.minimum(slope, self.end))
 
     def light(self, slope: Any) -> Any:
         """Light by `illumination`."""
-        return illumination(self.kernel, slope)
+        return illumination(self.law, slope)
 
     def loss(self, slope: float) -> float:
         """Share by `illumination`."""
         return 1 - float(self.light(np.abs(slope)))
 
-    def dim(self, row: Any, squares: Any) -> None:
+    def height(self, angle: Any) -> Any:
+        """Inverse of the angle."""
+        return image_height(self.law, angle)
+
+    def dim(self, row: Any, along: Any, across: Any) -> None:
         """Darken by `illumination`."""
-        row *= illumination(self.kernel, np.sqrt(squares, dtype=np.float64))
+        row *= illumination(self.law, np.sqrt(along + across, dtype=np.float64))
 
     def stretch(self, p: Any, medium: Any) -> Any:
         """Stretch by the law, infinite at 90 degrees."""
-        grown = stretch(self.kernel, p, medium)
+        grown = stretch(self.law, p, medium)
         return np.where(np.real(grown) < STEEPEST, grown, np.inf)[()]
 
     def stretch_along(self, p: Any, medium: Any) -> Any:
         """Derivative by a complex step."""
         held = np.minimum(p, self.end * (1 - 1e-12)) + 1j * STEP
-        return np.imag(held * stretch(self.kernel, held, medium))[()] / STEP
+        return np.imag(held * stretch(self.law, held, medium))[()] / STEP
 
     def stretches(self, p: Callable[[], Any], medium: Callable[[], Any]) -> tuple[Any, Any]:
         """Both by the law."""
@@ -220,7 +228,7 @@ class AngleLaw(AngleMap):
 
     def first_order(self, slope: Any, medium: Any) -> Any:
         """Inverse of the law."""
-        return first_order(self.kernel, slope, medium)
+        return first_order(self.law, slope, medium)
 
     def redrawn(self, rays: Any, grown: Callable[[], Any], pupil: Callable[[], Any]) -> Any:
         """Rays turned about the entrance pupil."""

@@ -222,6 +222,13 @@ class Prescription:
         name = self.name.removesuffix(" reversed") if self.name.endswith(" reversed") else f"{self.name} reversed"
         return replace(self, surfaces=turned[::-1], name=name.strip())
 
+    def first_order(self, wavelength: float) -> FirstOrder:
+        """Gaussian constants; parameters and errors as of the function of this name."""
+        media = [1.0, *(float(surface.glass.index(wavelength)) for surface in self.surfaces)]
+        curvatures, gaps = ([getattr(s, name) for s in self.surfaces] for name in ("vertex_curvature", "thickness"))
+        matrix = np.array(abcd(curvatures, gaps, media)).reshape(2, 2)
+        return FirstOrder(-float(matrix[1, 0]), matrix, self.length)
+
 
 @dataclass(frozen=True)
 class IdealLens(Prescription):
@@ -239,6 +246,10 @@ class IdealLens(Prescription):
     def of(cls, focal_length: float, diameter: float) -> IdealLens:
         """Of a focal length and a clear diameter [mm]."""
         return cls((Surface(0.0, diameter / 2),), "ideal lens", power=1 / focal_length)
+
+    def first_order(self, wavelength: float) -> FirstOrder:
+        """Gaussian constants of its power."""
+        return FirstOrder(self.power, np.array([[1.0, 0.0], [-self.power, 1.0]]), 0.0)
 
     def at(self, wavelength: ArrayLike) -> SurfaceStack:
         """The lens in numbers, the same at all wavelengths (T,) [mm]."""
@@ -417,12 +428,7 @@ def first_order(lens: Prescription, wavelength: float) -> FirstOrder:
     InputError
         The wavelength [mm, in air] is outside a glass's range.
     """
-    if isinstance(lens, IdealLens):
-        return FirstOrder(lens.power, np.array([[1.0, 0.0], [-lens.power, 1.0]]), 0.0)
-    media = [1.0, *(float(surface.glass.index(wavelength)) for surface in lens.surfaces)]
-    curvatures, gaps = ([getattr(s, name) for s in lens.surfaces] for name in ("vertex_curvature", "thickness"))
-    matrix = np.array(abcd(curvatures, gaps, media)).reshape(2, 2)
-    return FirstOrder(-float(matrix[1, 0]), matrix, lens.length)
+    return lens.first_order(wavelength)
 
 
 def lens_growth(lens: Prescription, temperature: Any, barrel: float) -> list[tuple[Array, Array]]:

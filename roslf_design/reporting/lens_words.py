@@ -5,7 +5,7 @@ from __future__ import annotations
 from ..bore.main_lens import IdealMainLens, MainLensKind, RealMainLens
 
 
-class LensWords:
+class _LensWords:
     """Words about an ideal main lens."""
 
     assumed: str = (
@@ -34,7 +34,7 @@ class LensWords:
         self.title = lens.name or lens.words
 
 
-class _RealLensWords(LensWords):
+class _RealLensWords(_LensWords):
     """Words about a real main lens."""
 
     assumed = (
@@ -61,9 +61,9 @@ class _RealLensWords(LensWords):
         self.twin = f" Lens and rays are those of the thin twin; through {lens.name} they are traced further below."
 
 
-_WORDS = {IdealMainLens: LensWords, RealMainLens: _RealLensWords}
+_WORDS = {IdealMainLens: _LensWords, RealMainLens: _RealLensWords}
 
 
-def lens_words(lens: MainLensKind) -> LensWords:
+def lens_words(lens: MainLensKind) -> _LensWords:
     """Words about a main lens."""
     return _WORDS[type(lens)](lens)

@@ -16,7 +16,7 @@ from ..design import PATHS, Design
 from ..theory.quantities import DECODED, QUANTITIES
 from .ideal import IdealBuilds
 from .places import LENSLETS, of_parts
-from .traced import TracedBuilds, mounted
+from .traced import TracedBuilds, as_built, mounted
 
 METRICS = {
     name: quantity
@@ -140,6 +140,11 @@ class _IdealMount:
         """Why builds cannot be put together, beside what their cameras tell."""
         return {}
 
+    @staticmethod
+    def built(design: Design, changes: Mapping[str, float]) -> Design:
+        """One build as a design."""
+        return design.replace(changes)
+
     def builds(self, camera: Camera, rest: _Asked, afresh: bool) -> IdealBuilds:
         """Builds whose cameras, or their thin twins, are known; `rest` as `IdealBuilds` takes it."""
         return IdealBuilds(camera, self.nominal, *rest)
@@ -158,6 +163,11 @@ class _RealMount(_IdealMount):
         """Lenses that cannot be made, or that something touches."""
         return {"main lens impossible as made, or touched": ~self.sound}
 
+    @staticmethod
+    def built(design: Design, changes: Mapping[str, float]) -> Design:
+        """One build, whose lens is as made."""
+        return as_built(design, changes)
+
     def builds(self, camera: Camera, rest: _Asked, afresh: bool) -> IdealBuilds:
         """Builds with everything of a field traced."""
         return TracedBuilds(self.design, self.mount, camera, *rest, afresh=afresh)
@@ -169,6 +179,11 @@ _MOUNTS = {IdealMainLens: _IdealMount, RealMainLens: _RealMount}
 def _mount(design: Design, values: Mapping[str, Array], trials: int) -> _IdealMount:
     """Builds of a design at numbers of its places, behind its own kind of main lens."""
     return _MOUNTS[type(design.main_lens.kind)](design, of_parts(design, values), trials)
+
+
+def design_built(design: Design, changes: Mapping[str, float]) -> Design:
+    """Design of one build with these numbers at its places."""
+    return _MOUNTS[type(design.main_lens.kind)].built(design, changes)
 
 
 def builds_of(

@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from .._arrays import Array
 from ..design import Design
 from .ideal import IdealBuilds
-from .metrics import Question, builds_of, evaluate_builds, faults_of
+from .metrics import Question, builds_of, design_built, evaluate_builds, faults_of
 from .places import nominal_values, of_parts, perturbable
 from .study import TolerancePlan
-from .traced import as_built
 
 BLOCK = 8192
 """Trials evaluated at once: their arrays stay in a processor's cache."""
@@ -115,7 +114,7 @@ def one_trial(plan: TolerancePlan, number: int) -> tuple[Design, MeasuredTrials]
         values = compensator_of(plan).applied(values, measured.moved)
     design = plan.question.design
     changes = {place: float(value[0]) for place, value in of_parts(design, values).items()}
-    return design.replace(changes) if design.lens is None else as_built(design, changes), measured
+    return design_built(design, changes), measured
 
 
 def measure_one(plan: TolerancePlan, number: int) -> MeasuredTrials:

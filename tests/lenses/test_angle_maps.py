@@ -35,8 +35,8 @@ def test_a_table_of_tangents_is_f_tan(slope):
                 assert float(TABLE.stretch_along(np.array(slope), medium)) == pytest.approx(1.0, rel=1e-4)
     row, other = np.ones(3), np.ones(3)
     squares = np.array([0.0, 0.2, slope**2])
-    F_TAN.dim(row, squares)
-    TABLE.dim(other, squares)
+    F_TAN.dim(row, 0.0, squares)
+    TABLE.dim(other, 0.0, squares)
     assert row == pytest.approx(other, rel=1e-6)
 
 
