@@ -17,6 +17,7 @@ from roslf_design.design.files import save
 from roslf_design.effects import plan
 from roslf_design.imaging.camera import Region
 from roslf_design.imaging.trace import RaySampling, Tracer
+from roslf_design.reporting.design.instrument import instrument_scene
 from roslf_design.scenes import Scene
 from roslf_design.theory.chief_rays import chief_rays
 from roslf_design.theory.light import sensor_field
@@ -388,3 +389,21 @@ def test_parts_that_stand_in_each_other_where_the_axis_is_folded_are_told():
     water = {"object_space.medium": "water"}
     with pytest.raises(roslf.InputError, match=r"nothing keeps water off elements.0 \(mirror\)"):
         with_mirror().replace(water)
+
+
+def test_the_instrument_is_drawn_where_it_really_stands():
+    """Rims, and rays up to the window, as reflected in real space; along the unfolded axis where that is asked for."""
+    window = PLATE | {"distance": 110.0, "diameter": 30.0}
+    design = with_mirror(SMALL.replace({"aperture.distance": 20.0}), other=(window,), azimuth=0.7)
+    bodies = {body.name: body for body in instrument_scene(design).parts}
+    straight = {body.name: body for body in instrument_scene(design, fold=False).parts}
+    real = Folded(design)
+    for name, part in (("mirror 1 rim", real.parts[1]), ("plate 2 rim", real.parts[2])):
+        points = bodies[name].points
+        assert_allclose(np.linalg.norm(points - part["centre"], axis=-1), part["radius"], rtol=1e-12)
+        assert_allclose((points - part["centre"]) @ part["normal"], 0, atol=1e-9)
+    assert_allclose(straight["plate 2 rim"].points[:, 2], -110.0)
+    rays = bodies["rays centre"].points
+    for number in (1, 2):  # some corners of the drawn rays lie on each
+        height = np.abs((rays - real.parts[number]["centre"]) @ real.parts[number]["normal"])
+        assert (height < 1e-9).sum() >= 16
