@@ -108,7 +108,9 @@ def _undistorted(camera: Camera, thin: NonDistortion, lens: RealLens | None) -> 
         if math.isfinite(thin.x0_max_mm)
         else "at any field"
     )
-    return _answer("field_undistorted", f"field undistorted: microlens images are full discs {bound}; {sees}")
+    return _answer(
+        "field_undistorted", f"field undistorted: microlens images are full {camera.fap.outline.kind}s {bound}; {sees}"
+    )
 
 
 def _fits(camera: Camera) -> Verdict:
