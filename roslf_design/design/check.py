@@ -22,6 +22,8 @@ RESIDUAL_LIMIT = 1e-6
 """Largest |f/d_f + f/d_1 - 1| at which f, d_f and d_1 count as one set: rounding of printed digits, not an error."""
 MISFIT = "misfit"
 """Type of the error of a design whose values are each right on their own and do not fit each other."""
+TINY = "1e-9 mm"
+"""Width that fits into anything."""
 WIDTHS = ("diameter", "pitch", "pixel")
 """Keys of lengths across the axis, on which no image's place hangs."""
 """Largest relative difference between a given focal length and the lens's own that counts as rounding."""
@@ -115,9 +117,9 @@ def _mended(data: Mapping[str, Any], problems: Sequence[Problem]) -> dict[str, A
     mended = copy.deepcopy(dict(data))
     for problem in problems:
         *parents, last = problem.key.split(".")
-        if not parents or last not in WIDTHS or at(mended, problem.key) is None:
+        if not parents or last not in WIDTHS or at(mended, problem.key) in (None, TINY):
             return None
-        at(mended, ".".join(parents))[last] = "1e-9 mm"  # fits into anything
+        at(mended, ".".join(parents))[last] = TINY
     return mended
 
 

@@ -37,6 +37,8 @@ if TYPE_CHECKING:
 GIVEN = frozenset({FOCAL, PATHS["D"]})
 """Places of which the main lens may have numbers of its own."""
 Standing = TypeVar("Standing")
+FAP_SHAPE = ("aperture.shape", "aperture.sides")
+"""Beginnings of places that say what shape and size the FAP has."""
 MOST_STOPS = 50
 """Further stops, or elements, of a design at most: each is met by every ray, and no bore has as many rims."""
 
@@ -144,7 +146,8 @@ class Design(Part, RulerSymbols[float]):
         Parameters
         ----------
         changes : mapping, optional
-            Dotted places to values, e.g. ``{"aperture.distance": 20.0, "stops.0.diameter": 3.0}``.
+            Dotted places to values, e.g. ``{"aperture.distance": 20.0, "stops.0.diameter": 3.0}``. The diameter of a
+            rectangular FAP is the wider of its extents along x and y: both sides grow alike.
         **symbols
             The same by the paper's symbols, e.g. ``d_3=20.0, D_F=4.0``.
 
@@ -169,6 +172,10 @@ class Design(Part, RulerSymbols[float]):
                 wanted[place] += float(glass.index(self.wavelength, after) - glass.index(self.wavelength))
             wanted.setdefault(f"{part}.{'medium' if place == MEDIUM else 'material'}", {"index": float(wanted[place])})
             del wanted[place]
+        own, width = self.aperture.outline, wanted.get(PATHS["D_F"])
+        if own.straight and isinstance(width, float | int) and not any(key.startswith(FAP_SHAPE) for key in wanted):
+            sides = own.sized(float(wanted.pop(PATHS["D_F"]))).half or (0.0, 0.0)
+            wanted["aperture.sides"] = tuple(2 * float(half) for half in sides)
         data = _mutable(self)
         for path, value in _with_follower(self, wanted).items():
             _put(data, path, value)

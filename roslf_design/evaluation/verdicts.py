@@ -109,7 +109,9 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
         if math.isfinite(thin.x0_max_mm)
         else "at any field"
     )
-    return _answer("field_undistorted", f"field undistorted: microlens images are full discs {bound}; {sees}")
+    return _answer(
+        "field_undistorted", f"field undistorted: microlens images are full {camera.fap.outline.kind}s {bound}; {sees}"
+    )
 
 
 def _fits(camera: Camera) -> Verdict:

@@ -116,7 +116,7 @@ def sweep(
 
 
 UNITS = {
-    **dict.fromkeys(("rotation", "acceptance"), "rad"),
+    **dict.fromkeys(("rotation", "turn", "acceptance"), "rad"),
     "gradient": "/mm",
     "illuminance": "lx",
     "radiance": "W/m2/sr",

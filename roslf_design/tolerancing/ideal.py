@@ -13,9 +13,9 @@ from functools import cached_property
 
 import numpy as np
 
-from .._arrays import DISC_RULE, Array
+from .._arrays import Array
 from ..camera import Camera, Number, Vector
-from ..camera.frames import along, cross, dot, minus, times, total
+from ..camera.frames import along, cross, dot, minus, total
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.light import outer_slope
 from ..theory.stop_images import MicrolensImages
@@ -153,7 +153,8 @@ class IdealBuilds(MicrolensImages):
         """Slope between two rays of an object point through the FAP's ends, as decoded [microlenses per pixel]."""
         cos, sin = azimuth
         ends = []
-        for (px, py), (u, v) in self._landings(x, y, z, ((cos, sin), (-cos, -sin))):
+        rim = self.camera.fap.outline.rim
+        for (px, py), (u, v) in self._landings(x, y, z, (rim(cos, sin), rim(-cos, -sin))):
             s, t = self.believed_centre(u, v)
             ends.append((minus(px, s), minus(py, t), u, v))
         ds, dt, du, dv = (minus(a, b) for a, b in zip(*ends, strict=True))
@@ -163,9 +164,9 @@ class IdealBuilds(MicrolensImages):
     def blur_pitches(self) -> Number:
         """Root-mean-square radius on the array of the targets' light, of rays that fill the FAP [microlens pitches]."""
         x, y = self.targets
-        ways = [(rho * np.cos(a), rho * np.sin(a)) for rho, a, _ in DISC_RULE]
-        points = [microlens for _, microlens in self._landings(x, y, self.object_distance, ways)]
-        weight = np.array([share for *_, share in DISC_RULE])[:, None, None]
+        rule = self.camera.fap.outline.rule
+        points = [microlens for _, microlens in self._landings(x, y, self.object_distance, [way[:2] for way in rule])]
+        weight = np.array([share for *_, share in rule])[:, None, None]
         total: Number = 0.0
         for axis in (0, 1):
             at = np.stack(np.broadcast_arrays(*(point[axis] for point in points)))
@@ -177,12 +178,11 @@ class IdealBuilds(MicrolensImages):
     ) -> Iterator[tuple[Place, Place]]:
         """Pixel [pixels] and microlens [indices] that object points reach through points of the FAP.
 
-        Those are given in units of its radius, in its own coordinates.
+        Those are given in its own coordinates [mm].
         """
-        c, fap, radius = self.camera, self.camera.pose("aperture"), self.camera.fap.radius
+        c, fap = self.camera, self.camera.pose("aperture")
         point = None
-        for way in ways:
-            a, b = (times(radius, part) for part in way)
+        for a, b in ways:
             if point is None or c.law is not None:  # then each point of the FAP sees the object elsewhere
                 point = self._before_lens(c.see(x, y, z, (a, b)))
             yield self._landing(point, along(fap.origin, a, fap.x, b, fap.y))

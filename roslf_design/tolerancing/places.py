@@ -17,6 +17,7 @@ from typing import Any, NamedTuple, TypeVar
 
 from ..bore.chain import MEDIUM
 from ..bore.conjugates import REFRACTING
+from ..bore.opening import DIAMETER
 from ..bore.part import TEMPERATURE
 from ..camera import SEEING, TIP, Camera
 from ..design import PATHS, Design
@@ -133,8 +134,8 @@ def expand(design: Design, name: str) -> tuple[str, ...]:
         Whose places.
     name : str
         A dotted place, a paper's symbol ("d_3"), a pair without its index ("aperture.decentre": x and y), or a pattern
-        ("stops.*.diameter": every further stop; "elements.*.thickness", "main_lens.surfaces.*.radius": every element or
-        surface that has one).
+        ("stops.*.diameter": every further stop, of a rectangle its sides; "elements.*.thickness",
+        "main_lens.surfaces.*.radius": every element or surface that has one).
 
     Raises
     ------
@@ -144,6 +145,8 @@ def expand(design: Design, name: str) -> tuple[str, ...]:
     name = PATHS.get(name, SHORT.get(name, name))
     known = perturbable(design)
     places = _matching(known, name)
+    if name.endswith(f".{DIAMETER}") and not in_lens(name):  # a rectangle is made as wide as it is by its sides
+        places += _matching(known, f"{name.removesuffix(DIAMETER)}sides")
     if places or (name.startswith("stops.*.") and not design.stops):
         return places
     if "*" in name and in_lens(name):

@@ -40,7 +40,8 @@ def opening(transfer):
 
     def lit(x, y):
         return np.all(
-            [np.hypot(x - u, y - v) <= r for (u, v), r in zip(transfer.centres, transfer.radii, strict=False)], axis=0
+            [np.hypot(x - u, y - v) <= r for (u, v), r in zip(*transfer.openings[:2], strict=False)],
+            axis=0,
         )
 
     return lit
@@ -101,7 +102,7 @@ def test_limits_of_views_have_their_contrast(name, changes, at, neighbours):
     )
     transfer = transfer_of(design, at)
     fine = {"samples": 500, "lens": 120, "pixels": 4} if "stops" in changes else {}  # the cut goes through the grid
-    discs = list(zip(transfer.centres.tolist(), transfer.radii.tolist(), strict=True))
+    discs = list(zip(transfer.openings.centres.tolist(), transfer.openings.radii.tolist(), strict=True))
     for direction, way in (("tangential", (1.0, 0.0)), ("sagittal", (0.0, 1.0))):
         limits = transfer.limits([0.5, 0.1], "view", direction)
         truth = view_psf.transfer(design, transfer.rate, transfer.middle, discs, limits, way, neighbours, **fine)
@@ -130,7 +131,7 @@ def test_views_of_coarse_microlenses_follow_rays(changes, shape):
     rng = np.random.default_rng(1)
     w = (rng.random((2, 400_000)) - 0.5) * design.d
     seen = (rng.random((2, 400_000)) - 0.5) * design.q + w * beta * design.d_2
-    through = np.hypot(*seen) <= transfer.radii[0]
+    through = np.hypot(*seen) <= transfer.openings.radii[0]
     if shape == "circular":
         through &= np.hypot(*w) <= design.d / 2
     frequency = np.array([0.2, 0.5, 0.9]) / design.d
@@ -144,7 +145,7 @@ def test_a_view_of_coarse_microlenses_is_diffracted():
     design = PAPER.replace(d=1.0, f_ml=2.1)
     transfer = transfer_of(design, 215.0)
     frequency = np.array([0.2, 0.5, 0.9]) / design.d
-    discs = list(zip(transfer.centres.tolist(), transfer.radii.tolist(), strict=True))
+    discs = list(zip(transfer.openings.centres.tolist(), transfer.openings.radii.tolist(), strict=True))
     fine = {"samples": 300, "lens": 500, "pixels": 4}
     truth = view_psf.transfer(design, transfer.rate, transfer.middle, discs, frequency, (1.0, 0.0), 0, **fine)
     np.testing.assert_allclose(transfer(frequency, "view", "tangential"), np.abs(truth), atol=2e-3)
@@ -155,7 +156,7 @@ def test_images_that_overlap_a_hundred_times_leave_the_fap_alone():
     design = PAPER.replace(D_F=290.0, D=600.0)
     transfer = transfer_of(design, 215.0)
     pitch = 1 + design.d_2 * float(Camera.of(design).vergence)
-    width = 2 * float(transfer.radii[0]) * abs(transfer.rate + 1 / pitch)
+    width = 2 * float(transfer.openings.radii[0]) * abs(transfer.rate + 1 / pitch)
     x = np.array([0.3, 0.7, 1.0]) * math.pi
     truth = np.abs(2 * j1(x) / x)
     np.testing.assert_allclose(transfer(x / math.pi / width, "view", "sagittal"), truth, atol=0.005)

@@ -315,8 +315,8 @@ def rays_and_waves(design: Design, width: float = PAGE, samples: int = 181) -> P
     cell = UM * cell_polygon(camera.layout, pitch, float(flat["microlens_array.rotation"]))
     pictures = []
     for number, (image, title) in enumerate((
-        (ray, "Rays: all light in the disc"),
-        (np.asarray(wave, float), f"Waves: {light.disc:.1%} in the disc, {light.cell:.1%} in the cell"),
+        (ray, f"Rays: all light in the {image_of_fap.kind}"),
+        (np.asarray(wave, float), f"Waves: {light.disc:.1%} in the {image_of_fap.kind}, {light.cell:.1%} in the cell"),
     )):  # fmt: skip
         marks: list[Mark] = [
             Image(image, (-reach, reach, -reach, reach), "cividis", 0.0, top),

@@ -255,7 +255,7 @@ def _sides(design: Design, along: float, before: float, whole: bool) -> dict[str
 
 def _diameter(design: Design, symbol: str) -> str:
     if symbol == "D_F" and design.aperture.outline.straight:
-        return f"FAP {design.aperture.outline.size}"
+        return design.aperture.outline.size
     return f"{symbol} = {short(design.D if symbol == 'D' else design.D_F)} mm"
 
 
