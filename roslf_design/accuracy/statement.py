@@ -1,4 +1,4 @@
-"""What every result that was computed to an accuracy says of itself: method, expected and measured error, time."""
+"""Statement on the accuracy of a computed result: method, expected and measured error, time."""
 
 from __future__ import annotations
 
@@ -36,24 +36,24 @@ def check_accuracy(accuracy: float, least: float = LEAST, why: str = "") -> floa
 
 @dataclass(frozen=True)
 class Accuracy:
-    """How far a result can be trusted."""
+    """Accuracy of a result."""
 
     of: str
-    """What the errors are of, and in what unit."""
+    """Subject of the errors, and their unit."""
     method: str
-    """How it was computed, with its effort."""
+    """Method by which it was computed, with its effort."""
     expected_error: float
     """At most, or in 95 % of cases where chance is in it."""
     measured_error: float | None = None
     """None where measuring would cost as much again, or nothing is sampled."""
     measured_by: str = ""
-    """How."""
+    """Way in which the error was measured; empty where it was not."""
     asked: float | None = None
-    """None where no accuracy was asked for."""
+    """Accuracy asked for; None where none was."""
     seconds: float | None = None
-    """That the result took, checks included."""
+    """Seconds that the result took, checks included."""
     model: str = ""
-    """What no effort gets past, in words; empty where nothing is known of."""
+    """Model error that no effort gets past, in words; empty where none is known."""
     scatter: float = 0.0
     """Relative standard error of the measured error itself."""
 
@@ -80,7 +80,7 @@ class Accuracy:
         return statement | ({"seconds": self.seconds} if times else {})
 
     def sentence(self, times: bool = True) -> str:
-        """For a terminal or a page."""
+        """Sentence for a terminal or a page."""
         words = f"{self.of}: expected within {self.expected_error:.2g}"
         if self.asked is not None:
             words += f" (asked for {self.asked:g})"

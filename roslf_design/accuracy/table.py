@@ -1,4 +1,4 @@
-"""What each method costs and how far off it is, and the cheapest that keeps a promise.
+"""Table of each method's cost and error, and the cheapest method that keeps a promise.
 
 >>> choose("kept fraction", 1e-6).method
 'closed form'
@@ -36,7 +36,7 @@ QUANTITIES: dict[str, str] = {
     "real lens": "rays of one microlens through a real lens; largest miss on the focal plane over its sample there",
     "depth": "half of the range of depths that holds 68.3 % of measurements; error relative",
 }
-"""Each quantity, and what its error means."""
+"""Quantities, and what the error of each means."""
 
 SAFETY = {
     "Monte Carlo": 2.5, "scrambled Sobol": 2.5, "grid": 2.0, "Gauss panels": 3.0, "arc integrals": 3.0,
@@ -51,7 +51,7 @@ FINEST = 4e-13
 
 @dataclass(frozen=True)
 class Row:
-    """One method at one level."""
+    """Error and cost of one method at one level."""
 
     quantity: str
     method: str
@@ -61,7 +61,7 @@ class Row:
     seconds: float
     """Median time on the first job."""
     work: float
-    """Of the first job."""
+    """Work of the first job."""
     fixed: float
     """Part of the time that does not grow with work [s]."""
 
@@ -123,7 +123,7 @@ def read_table(path: Path) -> AccuracyTable:
 
 
 def cache_file() -> Path:
-    """Where the user's own table lies."""
+    """Path of the user's own table."""
     fallback = os.environ.get("LOCALAPPDATA") or str(Path.home() / ".cache")
     return Path(os.environ.get("XDG_CACHE_HOME") or fallback) / "roslf" / "accuracy.json"
 
@@ -150,7 +150,7 @@ class Choice:
 
     quantity: str
     accuracy: float
-    """What the result may be off by, as `QUANTITIES` says for each quantity."""
+    """Largest error allowed in the result, as `QUANTITIES` says for each quantity."""
     method: str
     level: int
     expected_error: float

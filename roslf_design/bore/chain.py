@@ -76,7 +76,7 @@ class ChainStep(NamedTuple):
     shifts: tuple[tuple[Number, Number], tuple[Number, Number]]
     """E and F, along x and along y."""
     place: Number
-    """Where [mm before the main lens]."""
+    """Distance before the main lens [mm]."""
 
     def on(self, gap: Number) -> ChainStep:
         """Straight on by a reduced length; the place stays."""
@@ -96,7 +96,7 @@ class Chain:
 
     elements: tuple[AnyElement, ...]
     lenslets: str = "scene"
-    """Which way those on a substrate face."""
+    """Side that the lenslets on a substrate face."""
     housing: float = 0.0
     """Expansion of what spaces the surfaces of an element by prescription [1/K]."""
     plates: tuple[str, ...] = ()
@@ -157,7 +157,7 @@ class Chain:
 
     @cached_property
     def mapped(self) -> int | None:
-        """Which element is an objective with a mapping of its own; None where light goes on as to first order."""
+        """Index of the element that is an objective with a mapping; None where light goes on as to first order."""
         return next((k for k, element in enumerate(self.elements) if element.law is not None), None)
 
     def mapped_from(self, numbers: Mapping[str, Number]) -> Number:
@@ -166,7 +166,7 @@ class Chain:
 
     @property
     def law(self) -> Law | None:
-        """How the objective maps angles, where it is not f tan (`..lenses.angles`)."""
+        """Mapping of angles by the objective; None where it is f tan (`..lenses.angles`)."""
         return None if self.mapped is None else self.elements[self.mapped].law
 
     @cached_property
@@ -234,7 +234,7 @@ class Chain:
         return ChainStep(matrix, (x, y), step.place)
 
     def mapped_image(self, numbers: Mapping[str, Number], walk: tuple[ChainStep, ...]) -> ImagedPlane:
-        """Where the objective with a mapping images what is far: its heights there are focal length times p."""
+        """Image plane of what is far, by the objective with a mapping: heights there are focal length times p."""
         assert self.mapped is not None
         part, step = f"elements.{self.mapped}", walk[1 + self.order.index(self.mapped)]
         f, (_, _, c, d) = numbers[f"{part}.focal_length"], step.matrix
@@ -277,12 +277,12 @@ class Chain:
         return np.greater(plane, focal_length) & np.greater(array, focal_length)
 
     def plane_of_vergence(self, numbers: Mapping[str, Number], vergence: Number) -> Number:
-        """Which plane before the farthest element is seen at 1/distance before the main lens [mm]; 0 is infinity."""
+        """Distance of the plane before the farthest element that is seen at 1/distance before the main lens [mm]."""
         far, last = self.front(numbers)
         return far + ratio(last.medium * (last.a - last.b * vergence), last.d * vergence - last.c)
 
     def plane_seen_at(self, numbers: Mapping[str, Number], distance: Number) -> Number:
-        """Which plane before the farthest element is seen at a distance before the main lens [mm]."""
+        """Distance of the plane before the farthest element that is seen at a distance before the main lens [mm]."""
         if not self.elements:
             return distance
         far, last = self.front(numbers)
@@ -301,7 +301,7 @@ class Chain:
         return any(element.bends for element in self.elements)
 
     def stands_at(self, numbers: Mapping[str, Number], distance: Number) -> Number:
-        """Where a plane stands that is seen at a distance through flat glass [mm]; nan inside glass."""
+        """Distance by a ruler of a plane that is seen at a distance through flat glass [mm]; nan inside glass."""
         place: Number = 0.0
         reduced: Number = 0.0
         stands: Number = np.full(np.shape(distance), np.nan)

@@ -77,7 +77,7 @@ WARMING = ("environment.temperature",)
 
 
 def follower(changed: Collection[str]) -> str | None:
-    """Which of f, d_f and d_1 follows where places change.
+    """Conjugate that follows, of f, d_f and d_1, where places change.
 
     Returns
     -------

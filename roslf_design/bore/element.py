@@ -64,7 +64,7 @@ class Element(Part):
     maps: ClassVar[bool] = False
     """Whether a mapping of angles can be chosen for it."""
     turn: ClassVar[float] = 0.0
-    """By how much it turns the axis [rad]."""
+    """Angle by which it turns the axis [rad]."""
     towards: ClassVar[float] = 0.0
     """Direction into which it turns the view, across the axis from x towards y [rad]."""
     reverses: ClassVar[bool] = False
@@ -82,7 +82,7 @@ class Element(Part):
 
     @property
     def length(self) -> float:
-        """From its sensor-side vertex to the one that faces the scene [mm]."""
+        """Length from its sensor-side vertex to the one that faces the scene [mm]."""
         return float(getattr(self, "thickness", 0.0))
 
     @property
@@ -102,7 +102,7 @@ class Element(Part):
 
     @property
     def law(self) -> Law | None:
-        """How it maps angles, for kernels; None as to first order."""
+        """Mapping of angles, for kernels; None as to first order."""
         return None
 
     @property
@@ -126,7 +126,7 @@ class Element(Part):
         return ""
 
     def numbers(self) -> Iterator[tuple[str, float]]:
-        """Its numbers by their keys, the index apart."""
+        """Numbers of the element by their keys, the index apart."""
         yield from ((key, float(value)) for key in self.number_keys if (value := getattr(self, key)) is not None)
         yield from ((f"{pose}.{axis}", float(getattr(self, pose)[axis])) for pose in self.poses for axis in (0, 1))
 

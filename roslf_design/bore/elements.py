@@ -17,14 +17,14 @@ from .plate import Plate, Prism
 from .rod import Grin
 
 AnyElement = Annotated[Plate | Prism | Mirror | FieldLens | Grin | LensGroup, Field(discriminator="kind")]
-"""One of `[[elements]]`."""
+"""Element of `[[elements]]`, of any kind."""
 
 
 class ObjectSpace(Part):
     """Medium that the scene lies in."""
 
     medium: Material = AIR
-    """In front of the farthest element, which seals it off."""
+    """Medium in front of the farthest element, which seals it off."""
 
 
 def element_name(element: AnyElement, number: int) -> str:

@@ -9,13 +9,13 @@ from ..lenses.prescription import Prescription, Surface
 
 @dataclass(frozen=True)
 class SequenceRow:
-    """One surface of a sequence."""
+    """Surface of a sequence, as one row."""
 
     name: str
     z: float
     """Place of its vertex behind the main lens's reference plane [mm]."""
     surface: Surface
-    """Its shape and the glass behind it."""
+    """Surface's shape and the glass behind it."""
     focal_length: float | None = None
     """Focal length of an ideal thin lens [mm]; None is a real surface."""
     is_stop: bool = False

@@ -21,7 +21,7 @@ OPEN = 1e300
 
 
 class Face(NamedTuple):
-    """One face that light meets."""
+    """Face that light meets."""
 
     row: Floats
     """Numbers of the ray tracer, (..., COLUMNS)."""
@@ -41,7 +41,7 @@ class Surroundings(NamedTuple):
     medium: Number
     """Index of what lies on its scene's side."""
     pupil_ahead: Callable[[Number], Number]
-    """Where the FAP's image stands for what lies at a distance, in the medium there [both mm before the lens]."""
+    """Distance of the FAP's image for what lies at a distance, in the medium there [both mm before the lens]."""
 
 
 def vertex_of(at: PartNumbers, z: Number) -> Floats:

@@ -34,12 +34,12 @@ class LensGroup(Element):
 
     @property
     def lens(self) -> Prescription:
-        """As it stands in the camera."""
+        """Lens as it stands in the camera."""
         return mounted_lens(self.prescription, self.reversed, self.diameter)
 
     @property
     def length(self) -> float:
-        """From vertex to vertex [mm]."""
+        """Length from vertex to vertex [mm]."""
         return self.lens.length
 
     @property

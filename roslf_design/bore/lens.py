@@ -56,7 +56,7 @@ class FieldLens(Element):
 
     @property
     def law(self) -> Law | None:
-        """Its mapping for kernels; None of f tan."""
+        """Mapping for kernels; None of f tan."""
         return mapping_law(self.mapping, float(self.focal_length) if isinstance(self.mapping, MappingTable) else 1.0)
 
     @property

@@ -1,4 +1,4 @@
-"""How an objective takes angles to image heights, where it is not a collinear f tan: h = f g(theta).
+"""Mapping of angles to image heights by an objective that is not a collinear f tan: h = f g(theta).
 
 Every wide-angle objective has barrel distortion. Its first order is f all the same, so that the chain of planes
 (`.chain`) holds for whatever lies behind it; towards the scene the chain's index times slope, p = h/f, is g(theta) of
@@ -40,7 +40,7 @@ class MappingTable(Part):
     """A measured mapping: image heights at angles of the field, in air."""
 
     angles: Annotated[tuple[Angle, ...], Field(min_length=3, max_length=1000)]
-    """From 0, rising, to 90 degrees at most [rad]."""
+    """Angles from 0, rising, to 90 degrees at most [rad]."""
     heights: Annotated[tuple[AnyLength, ...], Field(min_length=3, max_length=1000)]
     """Heights of the image there, from 0, rising [mm]."""
 

@@ -58,7 +58,7 @@ class Mirror(Element):
 
     @property
     def turn(self) -> float:  # type: ignore[override]
-        """By how much it turns the axis [rad]."""
+        """Angle by which it turns the axis [rad]."""
         return 2 * float(self.angle)
 
     @property

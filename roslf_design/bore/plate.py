@@ -23,11 +23,11 @@ class Block(Element):
     """Glass between two flat faces."""
 
     thickness: Length
-    """Along the axis [mm]; of a prism the axis's whole way through the glass."""
+    """Thickness along the axis [mm]; of a prism the axis's whole way through the glass."""
     material: Material
     """Glass."""
     wedge: Tilt = (0.0, 0.0)
-    """How far its sensor-side face is turned out of parallel [rad]."""
+    """Wedge: tilt of the sensor-side face out of parallel [rad]."""
 
     number_keys: ClassVar = (*Element.number_keys, "thickness")
     poses: ClassVar = (*Element.poses, "wedge")
@@ -64,7 +64,7 @@ class Block(Element):
         ]
 
     def rows(self, name: str, at: float, semi: float) -> list[SequenceRow]:
-        """Both faces."""
+        """Rows of both faces."""
         return [
             SequenceRow(f"{name}, front", at - self.thickness, Surface(0.0, semi, glass=self.material)),
             SequenceRow(f"{name}, back", at, Surface(0.0, semi)),
@@ -103,7 +103,7 @@ class Prism(Block):
 
     kind: Literal["prism"]
     deviation: Angle = 0.0
-    """By how much it turns the axis, for the drawing and the direction of view [rad]."""
+    """Angle by which it turns the axis, for the drawing and the direction of view [rad]."""
     azimuth: Angle = 0.0
     """Direction across the axis into which it turns the view, from x towards y [rad]."""
     reflections: Annotated[int, Field(strict=True, ge=0)] = 0
@@ -111,7 +111,7 @@ class Prism(Block):
 
     @property
     def turn(self) -> float:  # type: ignore[override]
-        """By how much it turns the axis [rad]."""
+        """Angle by which it turns the axis [rad]."""
         return float(self.deviation)
 
     @property

@@ -27,7 +27,7 @@ class Grin(Element):
 
     kind: Literal["grin"]
     thickness: Length
-    """Its length [mm]; a quarter pitch is pi/(2 g)."""
+    """Length of the rod [mm]; a quarter pitch is pi/(2 g)."""
     index: Annotated[float, Field(ge=1, lt=5)]
     """n_0, on its axis."""
     gradient: Gradient
@@ -55,7 +55,7 @@ class Grin(Element):
         return cos, sin / (n * g), -n * g * sin, cos
 
     def openings(self, at: PartNumbers) -> Iterator[tuple[str, Number]]:
-        """Both faces, and sections of the barrel."""
+        """Openings of both faces, and of sections of the barrel."""
         yield from super().openings(at)
         start, thick, swing = at["distance"], self.span(at), at["gradient"]
         whole = np.real(np.asarray(swing * thick)) < np.pi  # half a turn on, the same comes again

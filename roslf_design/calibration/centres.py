@@ -37,7 +37,7 @@ _MOST_CUT, _LEAST_USED = 0.05, 0.5
 
 
 class Reason(IntEnum):
-    """Why a lens was left out of the lattice fit."""
+    """Reason why a lens was left out of the lattice fit."""
 
     USED = 0
     BORDER = 1
@@ -49,7 +49,7 @@ class Reason(IntEnum):
 
     @property
     def text(self) -> str:
-        """One phrase for reports."""
+        """Phrase for reports."""
         return _REASONS[self]
 
 
@@ -78,7 +78,7 @@ class MicrolensCentres:
     rms: float
     """RMS distance per axis between the used lenses' own centres and the lattice [px]."""
     warnings: tuple[str, ...] = ()
-    """What the image shows that a lattice of whole images does not."""
+    """Faults that the image shows of a lattice of whole images, for the user."""
 
     @property
     def used(self) -> NDArray[np.bool_]:

@@ -20,7 +20,8 @@ _LARGE = 800
 _WORST = 0.35
 """Misfit, against the contrast, above which a corner is not believed."""
 _UNLIKE = 4.0
-"""The same of a board partly seen, against the median over its corners."""
+"""Ratio of a corner's misfit to the median over its board above which the corner of a board partly seen is not
+believed."""
 _STRAY = 0.06
 """Largest RMS distance of corners from a plane in perspective, in cells: distortion stays below, wrong grids above."""
 _LEAST = 6
@@ -429,7 +430,7 @@ class RowGrid(NamedTuple):
     starts: Array
     """Column of each row's first sample [view px], shape (rows,)."""
     spacing: float
-    """From sample to sample [view px]."""
+    """Distance from sample to sample [view px]."""
 
 
 class Saddles(NamedTuple):

@@ -14,20 +14,20 @@ from .model import DataSheet
 from .posterior import CameraDraws
 
 STEP = 0.05
-"""Of a length, for derivatives [standard deviations]."""
+"""Step of a length, for derivatives [standard deviations]."""
 
 
 class LengthCovariance(NamedTuple):
-    """How sure lengths of a camera are, together."""
+    """Covariance of lengths of a camera."""
 
     places: tuple[str, ...]
-    """Such as "aperture.distance"."""
+    """Places of the lengths, such as "aperture.distance"."""
     matrix: Array
     """[mm^2] of lengths, shape (n, n)."""
 
     @classmethod
     def of(cls, draws: CameraDraws, sheet: DataSheet) -> LengthCovariance:
-        """Of what a calibration tells of a design, and of what stands before the lens, by draws of them."""
+        """Covariance of a design's calibrated lengths, elements before the lens included, from draws of them."""
         lengths = dict(draws.quantities)
         if (space := sheet.space_at(lengths)) is not None:
             lengths |= space.ruler(lengths)

@@ -53,7 +53,7 @@ _UNITS = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0}
 
 
 MOST_CELLS = 50
-"""Of a board, along a side."""
+"""Largest number of cells along a side of a board."""
 
 
 class Markers(NamedTuple):
@@ -144,7 +144,7 @@ class Board:
 
     @property
     def text(self) -> str:
-        """As `parse` reads it."""
+        """Text that `parse` reads."""
         cells = f"{self.columns}x{self.rows} {self.cell:g} mm"
         return cells if self.markers is None else f"charuco {cells} {self.markers.width:g} mm {self.markers.dictionary}"
 
@@ -180,7 +180,7 @@ class Observations:
     uv: Array
     """Microlens coordinates of board b's corner n in view v [pitches], shape (b, v, n, 2); NaN where not seen."""
     names: tuple[str, ...] = ()
-    """What each board's image is called."""
+    """Names of the boards' images."""
     missing: tuple[str, ...] = ()
     """Images in which no board was found."""
 
@@ -205,13 +205,13 @@ class Observations:
 
 
 def observed(uv: Array) -> NDArray[np.bool_]:
-    """Which points (..., 2) have both coordinates."""
+    """True where points (..., 2) have both coordinates."""
     return np.asarray(np.isfinite(uv).all(axis=-1), bool)
 
 
 @dataclass(frozen=True)
 class Intrinsics:
-    """What a calibration finds of a camera, in the paper's symbols."""
+    """Parameters of a camera that a calibration finds, in the paper's symbols."""
 
     A: float
     """d_1/H [mm]."""
@@ -240,7 +240,7 @@ class Intrinsics:
         return np.array([getattr(self, name) for name in names])
 
     def with_values(self, names: tuple[str, ...], values: Array) -> Intrinsics:
-        """The same with the parameters named changed."""
+        """Camera with the values of the named parameters changed."""
         return replace(self, **{name: float(value) for name, value in zip(names, values, strict=True)})
 
 
@@ -250,7 +250,7 @@ class Poses(NamedTuple):
     rotation: Array
     """Rotation vectors [rad], shape (b, 3)."""
     translation: Array
-    """Of the board's origin [mm], shape (b, 3)."""
+    """Position of the board's origin [mm], shape (b, 3)."""
 
     @property
     def vector(self) -> Array:
@@ -259,7 +259,7 @@ class Poses(NamedTuple):
 
     @classmethod
     def from_vector(cls, vector: NDArray[Any]) -> Poses:
-        """From six numbers a board, shape (b, 6) or flat."""
+        """Poses from six numbers a board, shape (b, 6) or flat."""
         six = vector.reshape(-1, 6)
         return cls(six[:, :3], six[:, 3:])
 
@@ -273,7 +273,7 @@ class ProjectedCorners(NamedTuple):
     values: NDArray[Any]
     """u, v [pitches] and, with a share, the slope Du/Ds' [pitches/px], shape (b, v, n, 2 or 3)."""
     by_globals: NDArray[Any]
-    """By `GLOBALS`, shape (b, v, n, 2 or 3, 11)."""
+    """Derivatives by `GLOBALS`, shape (b, v, n, 2 or 3, 11)."""
     by_pose: NDArray[Any]
     """By the board's own pose, shape (b, v, n, 2 or 3, 6)."""
 
@@ -404,7 +404,7 @@ class KnownNumber(NamedTuple):
     """A number of what stands before the main lens or about the array."""
 
     place: str
-    """In a design: "elements.1.thickness"."""
+    """Place in a design: "elements.1.thickness"."""
     value: float
     """[mm; 1/mm of a gradient]"""
     sigma: float
@@ -430,9 +430,9 @@ class DataSheet:
     cell_sigma: float = 0.0
     """Relative error of the board's cell."""
     space: SceneSide | None = None
-    """What stands between boards and main lens, and about the array; None: air."""
+    """Space between boards and main lens, and about the array; None: air."""
     elements: tuple[KnownNumber, ...] = ()
-    """What of it is known but to an error."""
+    """Numbers of the elements there that are known with an error."""
 
     def __post_init__(self) -> None:
         for name in ("f", "q", "d"):
@@ -457,7 +457,7 @@ class DataSheet:
 
     @property
     def sigma(self) -> Array:
-        """Their standard deviations."""
+        """Standard deviations of these numbers."""
         own = self.f_sigma, self.q_sigma, self.d_sigma, self.cell_sigma
         return np.array([*own, *(known.sigma for known in self.elements)])
 

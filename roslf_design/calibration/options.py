@@ -190,7 +190,7 @@ class BoardDistances(StrictTable):
     relative: bool = False
     """Measured from any one place, as a rail shows them, instead of from the main lens."""
     distances: Annotated[dict[str, AnyLength], Field(min_length=1)]
-    """Of each board's middle [mm], by the name of its image; growing away from the camera."""
+    """Distance of each board's middle [mm], by the name of its image; growing away from the camera."""
 
     @model_validator(mode="after")
     def _before_the_lens(self) -> BoardDistances:
@@ -253,7 +253,7 @@ def data_sheet(design: Design, board: Board, asked: SheetOptions) -> DataSheet:
 
 
 def _captures_for(design: Design, asked: PlanOptions) -> Captures:
-    """What to capture with a design: what is asked for, else what suits it."""
+    """Captures planned for a design: numbers that are asked for, else those that suit it."""
     return Captures.for_design(
         design,
         board=None if asked.board is None else Board.parse(asked.board),

@@ -69,11 +69,11 @@ class RawDecoded(NamedTuple):
     field: LightField
     source: RawSource
     pixels: Image
-    """As they are stored."""
+    """Pixels as they are stored."""
     notes: Mapping[str, Any]
-    """What `roslf` noted in the file."""
+    """Notes that `roslf` left in the file."""
     balance: ColourBalance | None
-    """Of a sensor with colour filters."""
+    """Colour balance of a sensor with colour filters; None without."""
 
 
 def from_raw(

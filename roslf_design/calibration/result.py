@@ -38,19 +38,19 @@ _GAUSS = (-1.959964, -0.994458, 0.994458, 1.959964)
 
 @dataclass(frozen=True, eq=False)
 class QuantityEstimate:
-    """One quantity."""
+    """Estimate of one quantity."""
 
     value: float
-    """Of the best fit."""
+    """Value of the best fit."""
     sigma: float
     interval_68: tuple[float, float]
     interval_95: tuple[float, float]
     r_hat: float | None
-    """None where nothing was sampled."""
+    """Convergence R-hat of the ensembles; None where nothing was sampled."""
     ess: float | None
     """The smaller of bulk and tail."""
     design: float
-    """What the design says."""
+    """Value in the design."""
     built_sigma: float
     """Standard deviation of calibrated less design, over cameras that were built as designed: `sigma`, with what a
     main lens of another focal length than the data sheet's does to the camera itself."""
@@ -63,18 +63,18 @@ class QuantityEstimate:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What `roslf calibrate` found."""
+    """Outcome of `roslf calibrate`."""
 
     design: Design
-    """That the camera was built to."""
+    """Design that the camera was built to."""
     board: Board
     sheet: DataSheet
     centres: MicrolensCentres
     calibration: Calibration
     diffraction: DiffractionCheck | None
-    """None where nobody looked for it."""
+    """Check for microlens diffraction; None where nobody looked for it."""
     undistorted_radius: float | None
-    """Of the design, Eq. 6 on the sensor [px]; None where it was not used."""
+    """Radius of undistorted images by the design, Eq. 6 on the sensor [px]; None where it was not used."""
     draws: CameraDraws
     """The posterior's; without one, of Laplace's approximation."""
     depths: Mapping[str, Array]
@@ -86,19 +86,19 @@ class Outcome:
     ruler: Mapping[str, QuantityEstimate]
     """H, d_3, d_1, d_f and d_2 with a ruler, where elements or glass make them others; else empty."""
     misfit: Misfit
-    """What the fit leaves over."""
+    """Misfit of the joint fit."""
     combined: Combined
-    """With side data, where there are any."""
+    """Combination of the fit with side data, where there are any."""
     warnings: tuple[str, ...]
     seed: int
     distortion: Distortion
     accuracy: Accuracy
     medium: str | None = None
-    """That the camera is to be used in, where it is another than that of its boards."""
+    """Medium that the camera is to be used in, where it is another than that of its boards."""
 
     @property
     def used_in(self) -> UsedIn | None:
-        """What becomes of depths there, at distances from the nearest to the farthest board.
+        """Depths measured in that medium, from the nearest to the farthest board; None for the boards' own.
 
         Raises
         ------
@@ -117,17 +117,17 @@ class Outcome:
 
     @property
     def converged(self) -> bool | None:
-        """None where nothing was sampled."""
+        """True where the ensembles converged; None where nothing was sampled."""
         return None if self.posterior is None else self.posterior.converged
 
     @property
     def intervals_from(self) -> str:
-        """What intervals, depth errors and the corner plot come from."""
+        """Source of intervals, depth errors and the corner plot: the posterior or Laplace's approximation."""
         return LAPLACE if self.posterior is None else "posterior"
 
     @property
     def covariance(self) -> LengthCovariance:
-        """Of the lengths that `calibrated` has from here, and of what stands before the lens, by the draws."""
+        """Covariance of the lengths that `calibrated` has from here, those of elements before the lens included."""
         return LengthCovariance.of(self.draws, self.sheet)
 
     @property
@@ -327,7 +327,7 @@ def _off_design(estimates: Mapping[str, QuantityEstimate], board: Board) -> str:
 
 
 def _pulled(design: Design, sheet: DataSheet, combined: Combined) -> dict[str, Array]:
-    """What estimates of a camera built as designed are off the design where f is one `f_sigma` off the data sheet.
+    """Errors of the estimates where the camera is as designed but f is one `f_sigma` off the data sheet.
 
     The camera itself is another: m = d_1/f - 1 and A follow its focal length. Estimates count from the data sheet's f,
     or from as much of the true one as side data tell.
@@ -345,7 +345,7 @@ def _pulled(design: Design, sheet: DataSheet, combined: Combined) -> dict[str, A
 
 
 def _distortion_dict(fitted: Distortion) -> dict[str, object] | None:
-    """As JSON's types; None where none was fitted."""
+    """Distortion as JSON's types; None where none was fitted."""
     if not fitted.coefficients:
         return None
     without = fitted.without
@@ -357,7 +357,7 @@ def _distortion_dict(fitted: Distortion) -> dict[str, object] | None:
 
 
 def _side_dict(combined: Combined, draws: CameraDraws) -> dict[str, object] | None:
-    """What side data say of f, as JSON's types; None where there are none."""
+    """Estimate of f with side data, as JSON's types; None where there are none."""
     if not combined.data:
         return None
     return {
@@ -373,7 +373,7 @@ def _scales(misfit: Misfit) -> dict[str, float]:
 
 
 def _misfit_dict(misfit: Misfit) -> dict[str, object]:
-    """As JSON's types."""
+    """Misfit as JSON's types."""
     return {
         "residual_scales": _scales(misfit),
         "remedy": None if misfit.remedy is None else {"what": misfit.remedy.what, "scale": misfit.remedy.scale},
@@ -417,7 +417,7 @@ def _built_sigma(sigma: float, share: float, pulled: float) -> float:
 
 
 def _intervals(draws: Array) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Which hold 68 % and 95 % of them."""
+    """Intervals that hold 68 % and 95 % of the draws."""
     low, lower, higher, high = (float(x) for x in np.quantile(draws, [0.025, 0.16, 0.84, 0.975]))
     return (lower, higher), (low, high)
 

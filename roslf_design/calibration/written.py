@@ -29,7 +29,7 @@ class LenientTable(BaseModel):
 
 
 class FoundQuantity(LenientTable):
-    """What was found of one quantity."""
+    """Estimate of one quantity in calibration.json, with its errors."""
 
     estimate: float
     unit: str

@@ -53,7 +53,7 @@ OPTIONAL = (
     *("light.radiance", "light.exposure", "sensor.acceptance"),
     *("depth.period", "depth.finest", "depth.disparity_error"),
 )
-"""The same, of what need not be given."""
+"""Places of numbers that need not be given."""
 SEEING = frozenset((*PHOTOMETRIC, *OPTIONAL))
 """All of these: what a camera is used with, not what it is built of."""
 APPARENT = ("d_f", "d_1", "d_2", "d_3", "D_F", "H", "inverse_H", "A", "m", "inverse_m", "gap", "vergence")
@@ -77,17 +77,17 @@ class Rim:
     distance: Number
     """z_k as the main lens sees it, in front of it [mm]."""
     stands: Number
-    """The same with a ruler."""
+    """Distance in front of the main lens by a ruler [mm]."""
     scale: Number = 1.0
     """Its own lengths over those that the main lens sees."""
     plane: ImagedPlane | None = None
-    """Where it stands; None in air."""
+    """Plane that it stands on; None in air."""
     leans: bool = False
     """True where it leans by design, as that of a mirror."""
 
     @property
     def opening(self) -> str:
-        """The same, but of a barrel's sections that of all of it."""
+        """Name of the opening; of a barrel's section that of the whole barrel."""
         return self.name.partition(SECTION_WORD)[0]
 
     @property
@@ -104,7 +104,7 @@ class Rim:
 
 
 def place_of(part: str) -> str:
-    """Where the numbers of a part stand in a design: "elements.0" of its face "elements.0.1", else its own place."""
+    """Place of a part's numbers in a design: "elements.0" of its face "elements.0.1", else its own place."""
     return part.rpartition(".")[0] if part.count(".") == 2 else part
 
 
@@ -166,7 +166,7 @@ class Camera(Symbols[Number]):
 
     @property
     def _kind(self) -> tuple[Any, ...]:
-        """What it is beside numbers."""
+        """Properties of the camera beside its numbers."""
         own = self.layout, self.lens_shape, self.lens, self.chain, self.materials, self.growth
         return *own, self.colours
 
@@ -206,7 +206,7 @@ class Camera(Symbols[Number]):
         return camera
 
     def replace(self, changes: Mapping[str, ArrayLike], *, in_focus: bool = False) -> Camera:
-        """The same camera with other numbers at some places; parameters and errors as for `of`."""
+        """Camera with other numbers at some places; parameters and errors as for `of`."""
         given = {PATHS.get(place, place): value for place, value in changes.items()}
         if "q" in changes:  # a symbol of the paper: the pixel as the microlenses see it, in front of the relay
             relay = given.get("sensor.relay_magnification", self["sensor.relay_magnification"])
@@ -251,12 +251,12 @@ class Camera(Symbols[Number]):
 
     @property
     def as_measured(self) -> Camera:
-        """The same camera, its lengths as measured at whatever temperature: `replace` moves none of them with it."""
+        """Camera whose lengths are as measured at whatever temperature: `replace` moves none of them with it."""
         own = self.layout, self.lens_shape, self.lens, self.chain, self.materials
         return Camera(self._numbers, *own, colours=self.colours)
 
     def behind_filter(self, numbers: Mapping[str, Number]) -> Camera:
-        """The same camera as the pixels of one colour see it, all pixels alike: other light, no other glass.
+        """Camera as the pixels of one colour see it, all pixels alike: other light, no other glass.
 
         Parameters
         ----------
@@ -295,11 +295,11 @@ class Camera(Symbols[Number]):
 
     @cached_property
     def worked_out(self) -> dict[Any, Any]:
-        """What takes long to tell of it, by what that is; numbers of a camera never change."""
+        """Cache of results that take long to compute, by what they are; numbers of a camera never change."""
         return {}
 
     def build(self, index: int | tuple[int, ...]) -> Camera:
-        """One camera of many."""
+        """Camera of one build out of many."""
         numbers = {p: float(np.broadcast_to(v, self.shape)[index]) for p, v in self._numbers.items()}
         return self._with(numbers)
 
@@ -309,7 +309,7 @@ class Camera(Symbols[Number]):
         return self._with(numbers)
 
     def spread(self, axes: int) -> Camera:
-        """The same builds with `axes` axes of length 1 behind them, where fields, distances or rays shall go."""
+        """Camera of the same builds with `axes` axes of length 1 behind them, for fields, distances or rays."""
         behind = (1,) * axes
         numbers = {
             place: value.reshape(value.shape + behind) if isinstance(value, np.ndarray) and value.ndim else value
@@ -353,7 +353,7 @@ class Camera(Symbols[Number]):
     def see(
         self, x: Number, y: Number, z: Number, pupil: tuple[Number, Number] = (0.0, 0.0)
     ) -> tuple[Number, Number, Number]:
-        """Where the main lens sees a point of object space, all of it against the system's axis [mm].
+        """Image by what stands before the main lens of a point of object space, against the system's axis [mm].
 
         Parameters
         ----------
@@ -369,7 +369,7 @@ class Camera(Symbols[Number]):
         return self.first_order_image(x, y, z)
 
     def first_order_image(self, x: Number, y: Number, z: Number) -> tuple[Number, Number, Number]:
-        """Where the main lens sees a point of the first order's object space; parameters as for `see`."""
+        """Image of a point of the first order's object space; parameters as for `see`."""
         plane = self.plane(z)
         x, y = (
             (at - off - aside) / plane.magnification + off
@@ -378,11 +378,11 @@ class Camera(Symbols[Number]):
         return x, y, plane.distance
 
     def plane_seen_at(self, distance: Number) -> Number:
-        """Which plane in front of the farthest element the main lens sees at a distance [both mm before it]."""
+        """Plane in front of the farthest element that the main lens sees at a distance [both mm before it]."""
         return self.chain.plane_seen_at(self._numbers, distance)
 
     def plane_of_vergence(self, vergence: Number) -> Number:
-        """Which plane in front of the farthest element is seen at 1/distance [1/mm]; 0 is infinity [mm]."""
+        """Plane in front of the farthest element that is seen at 1/distance [1/mm]; 0 is infinity [mm]."""
         return self.chain.plane_of_vergence(self._numbers, vergence)
 
     @cached_property
@@ -392,7 +392,7 @@ class Camera(Symbols[Number]):
 
     @cached_property
     def law(self) -> Law | None:
-        """How the objective maps angles, where it is not f tan (`..lenses.angles`)."""
+        """Mapping of angles by the objective; None where it is f tan (`..lenses.angles`)."""
         return self.chain.law
 
     @property
@@ -402,11 +402,11 @@ class Camera(Symbols[Number]):
 
     @cached_property
     def pupil_stands(self) -> Number:
-        """Where the scene sees the entrance pupil, the FAP through all that stands before it [mm, with a ruler]."""
+        """Distance by a ruler of the entrance pupil, the FAP as the scene sees it [mm]."""
         return self.plane_seen_at(self.seen.d_3)
 
     def pupil_seen_before(self, distance: Number) -> Number:
-        """Where the FAP's image stands for what lies at a distance, in the medium there [both mm before the lens]."""
+        """Distance of the FAP's image for what lies at a distance, in the medium there [both mm before the lens]."""
         plane = self.plane(distance)
         return distance + plane.medium * ((self.seen.d_3 * plane.a - plane.b) / (plane.d - self.seen.d_3 * plane.c))
 
@@ -514,7 +514,10 @@ class Camera(Symbols[Number]):
 
     @cached_property
     def _mapped_image(self) -> tuple[Rim, ...]:
-        """What an objective with a mapping images at all: a stop in its image of what is far, as wide as it goes."""
+        """Rim of what an objective with a mapping images: a stop in its image of what is far.
+
+        Empty without a mapping.
+        """
         if self.law is None:
             return ()
         plane, part = self.chain.mapped_image(self._numbers, self._walk), f"elements.{self.chain.mapped}"
@@ -546,7 +549,7 @@ class Camera(Symbols[Number]):
 
     @cached_property
     def stops(self) -> int:
-        """How many stops there are beside the FAP and the main lens."""
+        """Number of stops beside the FAP and the main lens."""
         return sum(place.startswith("stops.") and place.endswith(".distance") for place in self._numbers)
 
     def _rim(self, name: str, part: str, stands: Number | None = None, outline: ClearAperture | None = None) -> Rim:
@@ -578,7 +581,7 @@ class Camera(Symbols[Number]):
 
     @cached_property
     def _decentres(self) -> dict[str, tuple[Number, Number]]:
-        """Those asked for so far."""
+        """Cache of decentres asked for so far."""
         return {}
 
     def _own_decentre(self, part: str) -> tuple[Number, Number]:
@@ -623,7 +626,7 @@ class Camera(Symbols[Number]):
 
     @cached_property
     def largest_tilt(self) -> float:
-        """Of any part in any build [rad]; nan where one is."""
+        """Largest tilt of any part in any build [rad]; nan where one is."""
         tilts = [value for place, value in self._numbers.items() if ".tilt." in place]
         return float(np.max([np.max(np.abs(tilt), initial=0.0) for tilt in tilts]))
 
@@ -657,7 +660,7 @@ class Camera(Symbols[Number]):
 
     @cached_property
     def _poses(self) -> dict[str, Frame]:
-        """Those asked for so far."""
+        """Cache of poses asked for so far."""
         return {"main_lens": frame((0.0, 0.0), 0.0, (0.0, 0.0))}
 
     def _own_pose(self, part: str) -> Frame:
@@ -677,7 +680,7 @@ class Camera(Symbols[Number]):
         return frame(decentre, z, self.tilt(part), roll)
 
     def microlens(self, x: Number, y: Number) -> Vector:
-        """Where the array's point (x, y) [mm, in its own frame] lies in the main lens's frame."""
+        """Point of the array (x, y) [mm, in its own frame] in the main lens's frame."""
         array = self.pose("microlens_array")
         return along(array.origin, x, array.x, y, array.y)
 
@@ -704,7 +707,7 @@ class Camera(Symbols[Number]):
         return x, y, (minus(times(ns[0], weight), n), times(ns[1], weight), times(ns[2], weight))  # type: ignore[return-value]
 
     def chief_point(self, x: Number, y: Number) -> tuple[Number, Number]:
-        """Where the ray through the FAP's centre and the array's point (x, y) meets the sensor [mm, own frames]."""
+        """Point of the sensor where the ray through the FAP's centre and the array's (x, y) ends [mm, own frames]."""
         u, v, w = (total(c0, cx, x, cy, y) for c0, cx, cy in self._chief_rays)
         return np.divide(u, w), np.divide(v, w)
 
@@ -723,7 +726,7 @@ class Camera(Symbols[Number]):
 
     @cached_property
     def valid(self) -> NDArray[np.bool_]:
-        """Which builds are cameras, shape `shape`.
+        """True where a build is a camera, shape `shape`.
 
         Finite numbers, positive sizes, a real image, every stop nearer than the object plane, no part in another, tilts
         below 90 degrees.
@@ -736,7 +739,7 @@ class Camera(Symbols[Number]):
         return np.broadcast_to(good, self.shape)
 
     def faults(self) -> dict[str, NDArray[np.bool_]]:
-        """Why builds are no cameras: each reason in words to the builds that it holds for, shape `shape`.
+        """Reasons why builds are no cameras: each in words, with True where it holds, shape `shape`.
 
         What follows from a reason is not told: of a build without a real image not where that would lie.
         """
@@ -750,7 +753,10 @@ class Camera(Symbols[Number]):
         return reasons
 
     def _conditions(self) -> tuple[Iterator[tuple[str, Any]], ...]:
-        """What a camera holds, by what is wrong where it does not, no words twice; later ones follow on earlier."""
+        """Conditions that a camera holds, with the message where it does not.
+
+        No message twice; later ones follow on earlier.
+        """
         return self._images_well(), self._possible_numbers(), self._fits()
 
     def _images_well(self) -> Iterator[tuple[str, Any]]:

@@ -144,10 +144,10 @@ class Frame(NamedTuple):
     x: Vector
     y: Vector
     z: Vector
-    """Its normal."""
+    """Normal of the element."""
 
     def seen_from(self, other: Frame) -> Frame:
-        """The same element in the coordinates of `other`'s axes; both given in the same coordinates."""
+        """Frame in the coordinates of `other`'s axes; both given in the same coordinates."""
         axes = (other.x, other.y, other.z)
 
         def turned(v: Vector) -> Vector:

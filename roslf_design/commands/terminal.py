@@ -1,4 +1,4 @@
-"""What commands share: how far they are, results on the terminal, files in a folder, options that cannot be had."""
+"""Terminal helpers of all commands: progress, results on the terminal, files in a folder, faults of options."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ Unread = Parameter(parse=False)
 PATIENCE = 2.0
 """Seconds before a bar appears: shorter work needs none."""
 PAGE = "index.html"
-"""What a folder of results holds beside all else."""
+"""Name of the page in a folder of results."""
 COLOURS = {"good": "green", "bad": "red", "caution": "yellow", "plain": "dim"}
 
 
@@ -135,7 +135,7 @@ def status_and_bars(command: str) -> Iterator[Callable[..., None]]:
 
 
 def print_blocks(blocks: Iterable[Block], console: Console) -> None:
-    """What of a report a terminal can show: all but figures and code."""
+    """Printing of a report's blocks on a terminal: all but figures and code."""
     for block in blocks:
         match block:
             case Paragraph():

@@ -106,7 +106,7 @@ def calibration_sigma(design: Design, covariance: LengthCovariance, z: Array) ->
 
 
 class PreparedViews(NamedTuple):
-    """What `estimate_disparity` takes."""
+    """Input of `estimate_disparity`: a light field, where its views look from, and by how much they look aside."""
 
     field: LightField
     pupil: NDArray[np.floating]
@@ -114,15 +114,15 @@ class PreparedViews(NamedTuple):
 
 
 class ViewGeometry(Protocol):
-    """What makes depths of the disparities of a light field."""
+    """Geometry that turns the disparities of a light field into depths."""
 
     @property
     def unit(self) -> Unit:
-        """Of depths; where nothing says how far away things are, disparities from view to view stand for them."""
+        """Unit of depths; where no distances are known, disparities from view to view stand for them."""
 
     @property
     def place_unit(self) -> Unit:
-        """Of `places`."""
+        """Unit of `places`."""
 
     @property
     def window(self) -> int:
@@ -135,7 +135,7 @@ class ViewGeometry(Protocol):
         """Where the microlenses stand [mm on the array], or pixels of views [px], shape (v, u, 2)."""
 
     def depth(self, disparity: Array) -> Array:
-        """Of what has a disparity over the pupil; NaN beyond infinity."""
+        """Depth of points with a disparity over the pupil; NaN beyond infinity."""
 
     def disparity(self, depth: Array) -> Array:
         """The other way."""
@@ -150,11 +150,11 @@ class ViewGeometry(Protocol):
 @by_value
 @dataclass(frozen=True)
 class ArrayGeometry:
-    """Of a camera with a microlens array; depths from its main lens [mm]."""
+    """Geometry of a camera with a microlens array; depths from its main lens [mm]."""
 
     design: Design
     covariance: LengthCovariance | None = None
-    """Of its lengths; None of exact ones."""
+    """Covariance of its lengths; None of exact ones."""
     matched: int | None = None
     """Instead of the design's window."""
     unit: Unit = "mm"
@@ -162,17 +162,17 @@ class ArrayGeometry:
 
     @cached_property
     def camera(self) -> Camera:
-        """To first order; errors as of `first_order`."""
+        """Camera to first order; errors as of `first_order`."""
         return first_order(self.design)
 
     @property
     def window(self) -> int:
-        """As the design has it, odd."""
+        """Microlenses along a side of the window, as the design has it, odd."""
         return max(3, (self.matched or self.design.depth.window) | 1)
 
     @cached_property
     def traced(self) -> TracedViews | None:
-        """What is not exact by first order: a real main lens, and elements before any; None of an ideal lens in air."""
+        """Traced views, where first order is not exact; None of an ideal lens in air."""
         if not self.design.traced_through:
             return None
         return TracedViews(self.design, self.camera, self.depth)
@@ -187,7 +187,7 @@ class ArrayGeometry:
         return PreparedViews(own.field, pupil, aside + beside)
 
     def places(self, field: LightField) -> Array:
-        """On the array [mm]."""
+        """Places on the array [mm]."""
         return places_on_array(self.camera, field)
 
     def depth(self, disparity: Array) -> Array:
@@ -195,7 +195,7 @@ class ArrayGeometry:
         return depth_of(self.camera, disparity)
 
     def disparity(self, depth: Array) -> Array:
-        """Between the FAP's rims [pitches]."""
+        """Disparity between the FAP's rims [pitches]."""
         return disparity_of(self.camera, depth)
 
     def sigma(self, depth: Array, disparity_error: Array) -> Array:
@@ -213,7 +213,7 @@ class ArrayGeometry:
 
 @dataclass(frozen=True)
 class GridGeometry:
-    """Of views side by side; disparities between the outermost, and one step beyond."""
+    """Geometry of views side by side; disparities between the outermost, and one step beyond."""
 
     across: int
     """Views along the longer side of the grid."""
@@ -224,7 +224,7 @@ class GridGeometry:
 
     @property
     def unit(self) -> Unit:
-        """Of depths."""
+        """Unit of depths."""
         return "px" if self.grid is None else "mm"
 
     def prepared(self, field: LightField) -> PreparedViews:
@@ -246,17 +246,17 @@ class GridGeometry:
         return np.where((z > 0) & (z < math.inf), z, np.nan)
 
     def disparity(self, depth: Array) -> Array:
-        """Over all views [px]."""
+        """Disparity over all views [px]."""
         depth = np.asarray(depth, float)
         return self.across * (depth if self.grid is None else -np.asarray(self.grid.slope(depth)))
 
     def sigma(self, depth: Array, disparity_error: Array) -> Array:
-        """In the unit of depths."""
+        """Standard error of depths, in their unit."""
         step = disparity_error / self.across
         if self.grid is None:
             return np.asarray(step)
         return np.asarray(depth**2 * step / (self.grid.baseline * self.grid.focal_length))
 
     def calibration_sigma(self, depth: Array) -> Array | None:
-        """Not known."""
+        """Error by calibration, which is not known."""
         return None

@@ -1,4 +1,4 @@
-"""What a camera measures of a scene: its picture with noise, decoded, disparity and depth of every microlens."""
+"""Simulated measurement of a scene: its picture with noise, decoded, disparity and depth of every microlens."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ PREDICTED = 8
 BEYOND = 100
 """Among `REASONS`: a disparity that nothing at a distance has."""
 REASONS = {status.value: status.reason for status in DisparityStatus} | {BEYOND: "behind infinity, by its disparity"}
-"""Why a microlens has a depth (0) or none."""
+"""Reasons why a microlens has a depth (0) or none."""
 
 
 class Prediction(NamedTuple):
@@ -94,7 +94,7 @@ class Flatness(NamedTuple):
     """Depths against the plane that fits them best."""
 
     rms: float
-    """In the unit of depths."""
+    """RMS in the unit of depths."""
     inside_68: float
     """Share within the standard errors for noise told with each: 0.68 of a plane."""
 
@@ -104,7 +104,7 @@ class Depths:
     """Depth of every microlens. Arrays have the shape (v, u) of the light field's views."""
 
     geometry: ViewGeometry
-    """What made depths of `disparities`; depths and errors have its unit."""
+    """Geometry that gave the depths of `disparities`; depths and errors have its unit."""
     field: LightField
     pupil: NDArray[np.floating]
     """Where on the FAP each view's light passed, as `estimate_disparity` takes it."""
@@ -158,7 +158,7 @@ class Depths:
 
     @property
     def measured(self) -> Flags:
-        """Where there is a depth."""
+        """True where there is a depth."""
         return np.asarray(self.disparities.measured & np.isfinite(self.depth))
 
     @property
@@ -196,14 +196,14 @@ class Measurement:
     """Depths of one or more exposures of the same, with the truth and the prediction as far as they are known."""
 
     runs: tuple[Depths, ...]
-    """One an exposure."""
+    """Depths of each exposure."""
     true: Array
     """Z that each microlens's chief ray meets, shape (v, u) [mm]; NaN where it meets nothing, or nothing is known."""
     prediction: Prediction | None
 
     @property
     def first(self) -> Depths:
-        """Of the first exposure."""
+        """Depths from the first exposure."""
         return self.runs[0]
 
     @property
@@ -221,7 +221,7 @@ class Measurement:
         return np.stack([run.depth for run in self.runs]) - self.true
 
     def summary(self) -> Summary:
-        """Over all microlenses compared."""
+        """Summary over all microlenses compared."""
         share = float(np.mean([run.measured.mean() for run in self.runs]))
         some = self.compared
         if not some.any():

@@ -44,7 +44,7 @@ class CameraGrid:
     """
 
     baseline: float
-    """From camera to camera [mm]."""
+    """Distance from camera to camera [mm]."""
     focal_length: float
     """[px]"""
     focus: float
@@ -64,14 +64,14 @@ class CameraGrid:
 
 @dataclass(frozen=True, eq=False)
 class ViewFiles:
-    """What files of decoded views hold."""
+    """Content of files of decoded views."""
 
     field: LightField
     """s, t count views from the middle one, u, v pixels; its pitch is the number of views across."""
     kind: str
     """"views" of a folder, or "matlab"."""
     grid: CameraGrid | None = None
-    """Where the folder says how its cameras stood."""
+    """Grid of the cameras, where the folder says how they stood."""
     missing: int = 0
     """Views of the grid that are not there; their weight is 0."""
 

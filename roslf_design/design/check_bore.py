@@ -1,4 +1,4 @@
-"""What a design says of its bore that cannot be: elements in each other, in stops, behind the focal plane."""
+"""Faults of a design's bore: elements in each other, in stops, behind the focal plane."""
 
 from __future__ import annotations
 
@@ -31,7 +31,10 @@ def about_shapes(design: Design) -> Iterator[Problem]:
 
 
 def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, ...]:
-    """What elements contradict: each other, stops, the focal plane; `known` are the faults that there are already."""
+    """Faults of elements: overlap with each other, stops, the focal plane.
+
+    `known` are faults that there are already.
+    """
     spans = [(at.place, at.near, at.far) for at in design.in_bore]
     problems = []
     if not spans and design.object_space.medium != AIR:
@@ -116,7 +119,10 @@ def _about_folds(design: Design) -> list[Problem]:
 
 
 def _about_mapping(design: Design) -> list[Problem]:
-    """What stands before an objective with a mapping: flat glass and the FAP may, other openings and lenses not."""
+    """Faults of what stands before an objective with a mapping.
+
+    Flat glass and the FAP may, other openings and lenses not.
+    """
     problems = []
     for lens in design.in_bore:
         if lens.part.law is None:

@@ -24,11 +24,11 @@ from ..units import Angle, Distance, Illuminance, Length, Radiance, Time, format
 
 N = TypeVar("N", float, Number)
 Layout = Literal["square", "hexagonal"]
-"""How microlenses are packed; hexagonal rows run along the array's x axis."""
+"""Packing of microlenses; hexagonal rows run along the array's x axis."""
 Colours = Literal["mono", "RGGB", "GRBG", "GBRG", "BGGR"]
 """Filters on a sensor's pixels: none, or a Bayer pattern, the first two pixels of its first two rows."""
 MOST_PIXELS = 1_000_000
-"""Along one side of a sensor."""
+"""Largest number of pixels along one side of a sensor."""
 
 
 class MainLens(Part):
@@ -47,7 +47,7 @@ class MainLens(Part):
     focal_length: Length | None = None
     """f [mm]; None where d_f and d_1, or a prescription, give it."""
     material: Material | None = None
-    """What an ideal lens is made of, as far as temperature goes; None leaves f what it is."""
+    """Material of an ideal lens, as far as temperature goes; None leaves f what it is."""
     focal_plane: Length | None = None
     """d_f, distance of the object plane in focus on the MLA [mm]; None where f and d_1 give it."""
     decentre: Offset = (0.0, 0.0)
@@ -139,14 +139,14 @@ class Cover(Part):
     thickness: Length
     """[mm]."""
     material: Material
-    """What it is made of."""
+    """Material of the cover."""
 
 
 class Substrate(Cover):
     """The plate that carries the microlenses."""
 
     lenslets: Literal["scene", "sensor"] = "scene"
-    """Which way they face: towards the scene the light goes through the plate behind them, else before them."""
+    """Side that the lenslets face: towards the scene the light goes through the plate behind them, else before them."""
 
 
 class MicrolensArray(Part):
@@ -161,11 +161,11 @@ class MicrolensArray(Part):
     size: Size
     """Width and height [mm]."""
     layout: Layout = "square"
-    """How the microlenses are packed."""
+    """Packing of the microlenses."""
     lens_shape: Literal["square", "circular"] = "square"
     """Clear aperture of one microlens, as wide as the pitch."""
     material: Material | None = None
-    """What microlenses are made of, as far as temperature goes; None is their substrate's."""
+    """Material of the microlenses, as far as temperature goes; None is their substrate's."""
     substrate: Substrate | None = None
     """The plate that carries them; None where light meets none."""
     rotation: Angle = 0.0
@@ -186,7 +186,8 @@ class Sensor(Part):
     size: Size
     """Width and height [mm], before the relay."""
     relay_magnification: Annotated[float, Field(gt=0, ge=1e-6, le=1e6)] = 1.0
-    """Of a relay between the MLA's image plane and the sensor, where a pixel is then 1/magnification as large."""
+    """Magnification of a relay between the MLA's image plane and the sensor, where a pixel is then 1/magnification as
+    large."""
     cover: Cover | None = None
     """Glass before the sensor, behind the MLA; None where there is none."""
     quantum_efficiency: Annotated[float, Field(gt=0, le=1)] = 0.7
@@ -196,7 +197,7 @@ class Sensor(Part):
     read_noise: Annotated[float, Field(ge=0, le=1e6)] = 2.5
     """Rms [electrons]."""
     bits: Annotated[int, Field(ge=1, le=24)] = 12
-    """Of the digitised full well."""
+    """Bits of the digitised full well."""
     acceptance: Angle | None = None
     """Angle of a ray to the sensor's normal, in air, at which a pixel takes half of the light, by its maker's figures
     [rad]; None where nothing is known."""
@@ -251,7 +252,7 @@ class Housing(Part):
     wall: Length
     """Thickness of its wall [mm]."""
     length: Length | None = None
-    """From the tip [mm]; what lies farther back need not fit inside. None: everything must."""
+    """Length from the tip [mm]; what lies farther back need not fit inside. None: everything must."""
 
     @model_validator(mode="after")
     def _hollow(self) -> Housing:
@@ -271,30 +272,31 @@ class Light(Part):
     wavelength: Length = 550e-6
     """lambda [mm]."""
     illuminance: Illuminance = 1e5
-    """On the scene, in its medium [lx]; about what a surgical light gives (IEC 60601-2-41: 40 000 to 160 000)."""
+    """Illuminance on the scene, in its medium [lx]; about what a surgical light gives (IEC 60601-2-41: 40 000 to 160
+    000)."""
     reflectance: Annotated[float, Field(gt=0, le=1)] = 0.3
-    """Of the scene, on average."""
+    """Reflectance of the scene, on average."""
     radiance: Radiance | None = None
-    """Of the scene, in its medium, on average [W/m^2/sr]; None where illuminance and reflectance give it."""
+    """Radiance of the scene, in its medium, on average [W/m^2/sr]; None where illuminance and reflectance give it."""
     exposure: Time | None = None
     """[s]; None is 1/60 s, or shorter where the scene's mean would fill more than half the full well."""
     transmission: Annotated[float, Field(gt=0, le=1)] = 0.95
-    """Of all optics together."""
+    """Transmission of all optics together."""
 
 
 MOST_CONTRAST = 0.3
-"""Of a texture in each octave of detail [rms]: six octaves of it are 0.73 rms together, and one place in twelve would
-be darker than black."""
+"""Contrast of a texture in each octave of detail, at most [rms]: six octaves of it are 0.73 rms together, and one place
+in twelve would be darker than black."""
 
 
 class DepthSettings(Part):
-    """What depth is told for: the scene's texture, and how disparity is found.
+    """Settings of depth errors: the scene's texture, and how disparity is found.
 
     A texture with the same contrast in every octave of detail, as natural scenes have it, or one of a single period.
     """
 
     period: Length | None = None
-    """Of a texture with only one period, in every direction [mm]; None has detail of every size."""
+    """Period of a texture that has only one, in every direction [mm]; None has detail of every size."""
     contrast: Annotated[float, Field(gt=0, le=1)] = 0.1
     """Rms contrast of the texture: of the one `period`, or in each octave of detail, there `MOST_CONTRAST` at most."""
     finest: Length | None = None

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .design import Design
 
 SCHOTT = "SCHOTT glass catalogue"
-"""How the sources of glasses begin that other programs know by these names."""
+"""Source of glasses that other programs know by these names, as it begins."""
 D_LINE = 587.5618e-6
 
 
@@ -81,7 +81,7 @@ def _behind(design: Design, rear: float) -> Iterator[SequenceRow]:
 
 
 def _ordered(rows: list[SequenceRow], medium: Glass, end: float) -> tuple[SequenceRow, ...]:
-    """In the order of light, with the gaps between them; a stop in a liquid is filled with it."""
+    """Rows in the order of light, with the gaps between them; a stop in a liquid is filled with it."""
     rows = sorted(rows, key=lambda row: row.z)
     gaps = [after.z - before.z for before, after in pairwise(rows)]
     done = []

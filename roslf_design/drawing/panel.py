@@ -95,14 +95,14 @@ class Panel:
     title: str = ""
     x_ticks: tuple[Tick, ...] | None = None
     y_ticks: tuple[Tick, ...] | None = None
-    """None for round numbers, () for none."""
+    """Ticks along y; None for round numbers, () for none."""
     grid: str = "xy"
     """Lines behind the data at the ticks of "x", "y", both or ""."""
     right: bool = False
     """Whether the ordinate stands on the right."""
     y_colour: str = "ink"
     bare: bool = False
-    """Without lines of axes."""
+    """True where the panel has no lines of axes."""
     equal: bool = False
     """Whether both scales are meant to be one, on Axes of any shape."""
 
@@ -122,14 +122,14 @@ class Panel:
         return (self.x.high - self.x.low) / self.box[2], (self.y.high - self.y.low) / self.box[3]
 
     def ticks(self) -> tuple[tuple[Tick, ...], tuple[Tick, ...]]:
-        """Of both axes, as many as there is room for."""
+        """Ticks of both axes, as many as there is room for."""
         _, _, width, height = self.box
         x = named_ticks(self.x.ticks(max(3, int(width / 62)))) if self.x_ticks is None else self.x_ticks
         y = named_ticks(self.y.ticks(max(2, int(height / 34)))) if self.y_ticks is None else self.y_ticks
         return x, y
 
     def at(self, x: float, y: float) -> Point:
-        """Where a pair of values is [px]."""
+        """Pixel of a pair of values [px]."""
         left, _, width, height = self.box
         return left + float(self.x.share(x)) * width, self.bottom - float(self.y.share(y)) * height
 
@@ -139,7 +139,7 @@ class Panel:
         return self.x.low + (px - self.box[0]) * across, self.y.high - (py - self.box[1]) * up
 
     def all_at(self, x: ArrayLike, y: ArrayLike) -> Array:
-        """The same for arrays, shape (N, 2); far ones brought near, as browsers like no large coordinates."""
+        """Pixels of arrays of values, shape (N, 2); far ones brought near, as browsers like no large coordinates."""
         left, _, width, height = self.box
         with np.errstate(over="ignore", invalid="ignore"):
             across = left + self.x.share(np.atleast_1d(np.asarray(x, float))) * width
@@ -147,7 +147,7 @@ class Panel:
         return np.asarray(np.clip(np.stack(np.broadcast_arrays(across, up), -1), -1e4, 1e4), float)
 
     def with_marks(self, *more: Mark) -> Panel:
-        """The same with marks on top."""
+        """Panel with marks on top."""
         return replace(self, marks=(*self.marks, *more))
 
 

@@ -1,4 +1,4 @@
-"""What an effect is: a name, a unit, a closed-form size for a camera and a scene, and what it costs to render."""
+"""Effect: a name, a unit, a closed-form size for a camera and a scene, and the cost of rendering it."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ WHITE = SceneBrief()
 
 @dataclass(frozen=True)
 class Subject:
-    """What an estimate is of: one camera and the scene before it."""
+    """Subject of an estimate: one camera and the scene before it."""
 
     design: Design
     brief: SceneBrief = WHITE
@@ -88,7 +88,7 @@ class Subject:
         return float(microlens_image_diameter(self.camera))
 
     def scale(self, distance: float) -> float:
-        """How much a length on a stop at `distance` is scaled on the sensor, h d_2/d_1."""
+        """Scale on the sensor of a length on a stop at `distance`, h d_2/d_1."""
         return float(self.camera.seen.d_2 * stop_angle(self.camera, distance))
 
     @cached_property
@@ -105,29 +105,29 @@ class Subject:
 
     @property
     def at(self) -> str:
-        """The same, in words."""
+        """Place of the field's rim in words, on the array."""
         return f"at X_ml = {self.x_ml:.4g} mm"
 
     @cached_property
     def lens_field(self) -> float:
-        """The same from the main lens's axis: decentres of array, sensor and lens move the field across it [mm]."""
+        """Radius of the field from the main lens's axis [mm], with decentres of array, sensor and lens."""
         if self.brief.field_radius is None:
             return float(self._field.radius)
         return self.brief.field_radius + math.hypot(*self.camera.decentre("microlens_array"))
 
 
 class Estimate(NamedTuple):
-    """How large an effect is, and a few words on it."""
+    """Estimate of an effect's size, and a few words on it."""
 
     value: float
-    """In the effect's unit; its magnitude is what the budget is compared with."""
+    """Value in the effect's unit; its magnitude is what the budget is compared with."""
     note: str
-    """Where the number comes from, for the plan's reason."""
+    """Note on where the number comes from, for the plan's reason."""
 
 
 @dataclass(frozen=True)
 class Effect:
-    """One physical effect."""
+    """Effect of physics on an image."""
 
     name: str
     """Stable name, as in `--effects +name`."""
@@ -147,4 +147,4 @@ class Effect:
     absent: str = ""
     """Why it has none there, in words."""
     needs: str = "a traced main lens, and this design's is ideal"
-    """What a design must have for that, in words."""
+    """Requirement on a design for the effect, in words."""

@@ -1,4 +1,4 @@
-"""What exact rays through windows, prisms, rods and lenses before the main lens differ by from the closed forms.
+"""Exact rays through windows, prisms, rods and lenses before the main lens, and how far the closed forms are off them.
 
 Snell's law against the chain of planes: the focus shift beyond the paraxial one, astigmatism, distortion, total
 reflection, and in a scene of several wavelengths their colour, which the closed forms take at the design's own.
@@ -31,7 +31,7 @@ RADII = (0.0, 0.5, 0.8, 1.0)
 RIM = 8
 """Points on the FAP's rim, beside its centre."""
 ROUNDED = 1e-11
-"""What floating point leaves where nothing moves [mm]."""
+"""Rounding error where nothing moves [mm]."""
 NEARLY = 1.02
 """Rays that far outside a rim still count."""
 
@@ -40,11 +40,12 @@ class Misses(NamedTuple):
     """Farthest that exact rays come from where the closed forms have them, over field and FAP."""
 
     image: float
-    """What clips microlens images, on the sensor [mm]; an image's diameter where rays are lost."""
+    """Distance by which what clips microlens images is off, on the sensor [mm]; an image's diameter where rays are
+    lost."""
     picture: float
-    """What is seen, on the array [mm]."""
+    """Distance by which the picture of the scene is off, on the array [mm]."""
     spread: float
-    """The same within the light of one microlens [mm]."""
+    """Distance within the light of one microlens, on the array [mm]."""
     lost: bool
     """Whether rays that the closed forms let through are totally reflected or miss a surface."""
 
@@ -130,7 +131,7 @@ def _clipping(
     good: NDArray[np.bool_],
     radius: float,
 ) -> float:
-    """How far rims that clip light move on the sensor [mm]; `there` are the rays at each, by its part."""
+    """Distance on the sensor that rims which clip light move [mm]; `there` are the rays at each, by its part."""
     lx, ly, ox, oy = rays
     (middle, aside), (radii, _) = stop_discs(camera, np.array([0.0, radius]), 0.0)
     apart = np.hypot(*(middle - middle[0]).T) + np.hypot(*((aside - middle) - (aside - middle)[0]).T)
@@ -161,7 +162,7 @@ def _clipping(
 
 
 def plate_aberration(s: Subject) -> Estimate:
-    """How far exact rays move microlens images, and what is seen in them [px].
+    """Distance that exact rays move microlens images, and what is seen in them [px].
 
     A pixel looks through a whole microlens: an edge of the scene that moves by a share of a pitch over the array
     changes it by as much as an image's edge that moves by that share of a pixel, and counts for so much.

@@ -89,7 +89,9 @@ def blur_on_mla(c: Camera, distance: float, place: float = 0.0) -> float:
 
 
 def mapped_blur(c: Camera, distance: float, place: float) -> tuple[float, float]:
-    """The same, signed, behind an objective with a mapping and off the axis: along the field's radius and across it.
+    """Widths on the MLA of an object point, signed, behind an objective with a mapping.
+
+    Along the field's radius and across it.
 
     The FAP seen from outside, 2 R at a distance Z_P, spreads directions by 2 R/Z_P; of these the first order has as
     much less as the mapping stretches slopes there.
@@ -138,7 +140,7 @@ def mla_rotation(s: Subject) -> Estimate:
 
 
 def tilt_shift(camera: Camera, x_ml: float) -> float:
-    """How far tilts move or blur a microlens image at X_ml = `x_ml`, first order, all added up [mm].
+    """Shift or blur of a microlens image at X_ml = `x_ml` by tilts, first order, all added up [mm].
 
     An array or sensor tilted by t lies X_ml t out of place there: the chief ray (slope X_ml/L), the image's radius
     (D_F H/2 d_1) and the microlens's own rays (d/2 d_2) each turn that into a shift; in the tilted plane lengths
@@ -173,7 +175,7 @@ def tilts(s: Subject) -> Estimate:
 
 
 def decentres(s: Subject) -> Estimate:
-    """How far all decentres, each at its worst, move light on the sensor [px], the same all over.
+    """Distance that all decentres, each at its worst, move light on the sensor [px], the same all over.
 
     Microlens images move there; what is seen in them moves over the array too, by e (1 + m) with the main lens and by e
     with the array, unless the scene is uniform. The larger of the two counts.

@@ -29,19 +29,19 @@ RADII = (0.4, 0.6, 0.8, 1.0)
 
 
 class Faults(NamedTuple):
-    """What the traced lens does over the field, each at its worst."""
+    """Aberrations of the traced lens over the field, each at its worst."""
 
     displaced: float
     """Farthest that the rim of a microlens image lies from where the thin lens puts it [mm]; an image's diameter where
     it is not whole."""
     cut: float
-    """How much the lens's own rims take off a microlens image [mm]."""
+    """Depth of the lens's own rims' cut into a microlens image [mm]."""
     spread: float
     """Largest extent on the array of an object point's light [mm]."""
     curvature: float
-    """The same from the tangential and sagittal foci alone [mm]."""
+    """Extent from the tangential and sagittal foci alone [mm]."""
     refocused: float
-    """What of that stays where every place is refocused to halfway between its two foci: astigmatism [mm]."""
+    """Extent that stays where every place is refocused to halfway between its two foci: astigmatism [mm]."""
     whole_to: float
     """Largest of the radii looked at to which images are whole [mm]."""
     steepest: float
@@ -88,7 +88,7 @@ def _cone(design: Design) -> float:
 
 
 def colour_spread(design: Design, wavelengths: tuple[float, ...], x_ml: float) -> float:
-    """How far wavelengths part on the array at `x_ml`: lateral and axial colour added [mm]."""
+    """Distance between wavelengths on the array at `x_ml`: lateral and axial colour added [mm]."""
     camera = camera_of(design)
     waves = (design.wavelength, *wavelengths)
     lateral = field_map(camera, [x_ml, 0.0], waves).lateral_colour[:, 0]

@@ -39,7 +39,7 @@ class PlanError(InputError):
 
     @classmethod
     def about(cls, key: str, message: str) -> Self:
-        """One fault, at `key`."""
+        """Error with one fault, at `key`."""
         return cls((Problem(key, message),))
 
 
@@ -53,7 +53,7 @@ class HasBrief(Protocol):
 
 @dataclass(frozen=True)
 class Budget:
-    """How large an effect may be and still be left out."""
+    """Budget: the largest size of an effect that may be left out."""
 
     px: float = 0.1
     """Displacement on the sensor [pixels]."""
@@ -77,7 +77,7 @@ class Budget:
 
 @dataclass(frozen=True)
 class PlannedEffect:
-    """One line of a plan."""
+    """Line of a plan: an effect with its size and whether it is on."""
 
     name: str
     estimate: float
@@ -92,7 +92,7 @@ class PlannedEffect:
 
 @dataclass(frozen=True)
 class Plan:
-    """Which effects are on. A frozen sequence; `plan["cos4"]` finds a line by its name."""
+    """Plan of the effects that are on. A frozen sequence; `plan["cos4"]` finds a line by its name."""
 
     effects: tuple[PlannedEffect, ...]
 
@@ -115,7 +115,7 @@ class Plan:
         return self[name].on
 
     def without(self, name: str) -> Plan:
-        """The same plan with one effect off."""
+        """Plan with one effect off."""
         return Plan(tuple(replace(line, on=line.on and line.name != name) for line in self.effects))
 
     @property

@@ -17,7 +17,7 @@ from .effect import Effect, Estimate, Subject
 LONGEST_GRATING = 4.0
 """Period in microlens pitches up to which what a texture loses falls with it."""
 WIDEST = 1e6
-"""How much wider a footprint at the edge of a mapped field is taken to be at most: at 90 degrees it has no end."""
+"""Largest widening of a footprint at the edge of a mapped field: at 90 degrees it has no end."""
 SHORTEST_GRATING = 2.0
 """Period that microlenses still sample."""
 

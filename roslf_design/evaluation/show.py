@@ -22,9 +22,9 @@ MARKS = {"good": "✓", "limit": "~", "fault": "✗"}
 COLOURS = {"good": "green", "limit": "yellow", "fault": "red"}
 LENS_EFFECTS = {effect.name for effect in EFFECTS}
 WIDTHS = (18, 15, 0)
-"""Of the columns of the tables of facts, on pages."""
+"""Widths of the columns of the tables of facts, on pages."""
 LEAST = (30, 14, 0)
-"""The same on a terminal [characters]."""
+"""Least widths of these columns on a terminal [characters]."""
 
 
 def facts(result: Evaluation, *groups: str) -> list[tuple[str, str, str]]:
@@ -79,7 +79,7 @@ def depth_basis(assumed: DepthAssumptions | None) -> str:
 
 
 def seen_table(result: Evaluation) -> Table | None:
-    """What light meets beside the main lens; nothing where all is air."""
+    """Table of what light meets beside the main lens; None where all is air."""
     if (through := result.object_space) is None:
         return None
     rows = tuple(part.cells for part in through.parts)
@@ -113,7 +113,7 @@ def temperature_table(result: Evaluation) -> Table | None:
 
 
 def mapping_table(result: Evaluation) -> Table | None:
-    """What the objective's mapping makes of each field; nothing where it is f tan."""
+    """Table of the effects of the objective's mapping on each field; None where it is f tan."""
     if result.object_space is None or (objective := result.object_space.mapping) is None or not objective.fields:
         return None
     rows = tuple(field.cells for field in objective.fields)
@@ -133,7 +133,7 @@ def field_table(result: Evaluation) -> Table:
 
 
 def budget_table(result: Evaluation) -> Table:
-    """What each element takes of the rays that fill the pupil, a row a field."""
+    """Table of the share of the rays filling the pupil that each element takes, a row a field."""
     budgets = [[part for part in field.ray_budget.taken() if part[0] != "FAP"] for field in result.fields]
     rows = (
         (place(field.x_ml_mm), *(f"{fixed(100 * share, 2)} %" for _, share in budget))

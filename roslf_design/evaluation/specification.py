@@ -1,4 +1,4 @@
-"""What a data sheet says of a camera, in the terms of the endoscope standards (ISO 8600)."""
+"""Specification of a camera on its data sheet, in the terms of the endoscope standards (ISO 8600)."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ Place = tuple[float, float]
 
 CRITERION = "a point spreads over one microlens pitch, by rays"
 AT_TIP = 0.01
-"""Of the focal plane's distance: what begins nearer counts as beginning at the tip."""
+"""Share of the focal plane's distance: what begins nearer counts as beginning at the tip."""
 BEYOND = 2.0
 """Where the working range has no end, the data sheet's farthest plane, in distances of the focal plane."""
 LEVELS = (0.5, 0.1)
@@ -55,7 +55,7 @@ class FieldOfView:
 
 @dataclass(frozen=True)
 class ObjectField:
-    """What is seen on a plane ahead of the tip."""
+    """Field on a plane ahead of the tip."""
 
     at_mm: float
     plane: str
@@ -93,7 +93,7 @@ class Resolved:
     mtf50_lp_per_mm: float | None
     mtf10_lp_per_mm: float | None
     tangential_lp_per_mm: tuple[float | None, float | None]
-    """At 50 and 10 %."""
+    """Line frequencies at 50 and 10 % MTF."""
     sagittal_lp_per_mm: tuple[float | None, float | None]
     fold_lp_per_mm: float
     """Beyond it detail folds back: one sample a microlens."""
@@ -122,13 +122,13 @@ class Ends:
 
 @dataclass(frozen=True)
 class FieldPoint:
-    """One field, at the focal plane."""
+    """Field point on the focal plane."""
 
     x_ml_mm: Place
     x0_mm: float | None
     """From the axis to where its chief ray meets the plane; None, as what follows, where a real lens loses that ray."""
     angle_deg: float | None
-    """Of the chief ray to the axis, in the medium of the scene."""
+    """Angle of the chief ray to the axis, in the medium of the scene."""
     distortion_percent: float | None
     local_magnification: float | None
     """Array over object, along the field's radius."""
@@ -153,7 +153,7 @@ class DepthPrecision:
     spreads: tuple[DepthSpread, ...]
     """On the axis at the ends of the working range and the focal plane; there at the field's edge and corner, too."""
     sigma_disparity_pitches: float
-    """At the focal plane, on the axis."""
+    """Disparity error at the focal plane, on the axis."""
     assumes: DepthAssumptions | None
     """Light, texture and matching; None where the design gives the disparity's error."""
 
@@ -191,7 +191,7 @@ class Colour:
     name: str
     wavelength_nm: float
     share: float
-    """Of all pixels."""
+    """Share of all pixels."""
     spacing_px: float
     """To the nearest pixels of the colour: half a period of the finest detail of a microlens image that they tell."""
     views_across: float
@@ -203,7 +203,7 @@ class Colour:
     electrons: float
     """In a fully lit pixel, where the scene is as bright as on average."""
     sigma_z_mm: float
-    """On the axis at the focal plane."""
+    """Depth error on the axis at the focal plane."""
 
     @classmethod
     def of(cls, camera: Camera, one: ColourFilter) -> Colour:
@@ -225,9 +225,9 @@ class Specification:
     field_of_view_deg: tuple[FieldOfView, ...]
     direction_of_view_deg: float
     working_range_mm: tuple[float, float]
-    """Where single views are sharp, ahead of the tip."""
+    """Range in which single views are sharp, ahead of the tip."""
     working_distance_mm: float
-    """To the focal plane."""
+    """Distance from the tip to the focal plane."""
     hyperfocal_mm: float | None
     """Nearest focal plane with which the refocused image is sharp to infinity; None where none is."""
     view_hyperfocal_mm: float | None
@@ -237,7 +237,7 @@ class Specification:
     depth_of_field_mm: Ends
     field: tuple[FieldPoint, ...]
     distortion: float | None
-    """At the farthest of the fields [%]."""
+    """Distortion at the farthest of the fields [%]."""
     relative_illumination: float
     """There, too."""
     pixels: tuple[int, int]
@@ -403,7 +403,7 @@ def _angles(ends: MicrolensImages, at: float | None) -> tuple[float, float, floa
 
 
 def depth_assumptions(design: Design, camera: Camera, error: float) -> DepthAssumptions | None:
-    """What a predicted disparity error comes of."""
+    """Assumptions behind a predicted disparity error; None where the design gives the error."""
     if design.depth.disparity_error is not None:
         return None
     across = min(float(QUANTITIES[name](camera)) for name in ("views_independent", "views_geometric"))
@@ -422,7 +422,7 @@ def depth_assumptions(design: Design, camera: Camera, error: float) -> DepthAssu
 def _across(
     rays: Array, between: Callable[[Array, Array], Array], thin: Callable[[int], Array]
 ) -> tuple[float, float, float]:
-    """What is between the rays of the field's ends, over width, height and diagonal.
+    """Sizes between the rays of the field's ends, over width, height and diagonal.
 
     Where a real main lens does not show all of them, its thin twin's.
     """

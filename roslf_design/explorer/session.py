@@ -1,4 +1,4 @@
-"""What one tab does: requests of the page in, the page's values out. Holds the tab's history; draws what is seen."""
+"""Session of one tab: requests of the page in, the page's values out. Holds the tab's history; draws what is shown."""
 
 from __future__ import annotations
 
@@ -63,7 +63,7 @@ Symbol = Annotated[str, key_of(CONTROLS)]
 Kind = Annotated[str, key_of(KINDS)]
 
 TICK = 0.25
-"""How often a run is asked how far it is [s]."""
+"""Interval at which a run is asked for its progress [s]."""
 
 MOST_TEXT = 1_000_000
 """Largest design file that is taken [characters]."""
@@ -74,7 +74,7 @@ class Download(NamedTuple):
 
     name: str
     kind: str
-    """Its media type."""
+    """Media type of the file."""
     content: bytes
 
 
@@ -268,11 +268,11 @@ class Session:
         self._go(self.state.follow(symbol))
 
     def undo(self) -> None:
-        """One step back."""
+        """Undo one step."""
         self._history = self._history.undo()
 
     def redo(self) -> None:
-        """One step forward again."""
+        """Redo one step."""
         self._history = self._history.redo()
 
     def load_text(self, name: str, text: str) -> None:
@@ -385,12 +385,15 @@ class Session:
         return [*lights(source.evaluation), TRACING] if traced is None else traced
 
     def _fixes(self) -> list[dict[str, str]]:
-        """What would mend the design; with nothing promised while it is still being changed."""
+        """Proposals to mend the design; without their outcome while it is still being changed."""
         fixes, settled = self._after_a_pause(_proposals)
         return [fix.page(settled is not None) for fix in settled or fixes or ()]
 
     def _after_a_pause(self, find: Callable[[Design], Known]) -> tuple[Known | None, Known | None]:
-        """What takes about a picture's time: as it was found last, and of the design once that has stood still."""
+        """Latest result of a task that takes about a picture's time.
+
+        Also that of the design once it has stood still.
+        """
         design, (of, known) = self.design, self._known.get(find, (None, None))
         if of == design:
             return known, known
@@ -455,7 +458,7 @@ class Session:
 
 
 def _tried(find: Callable[[], Known], otherwise: Callable[[str], Known]) -> Known:
-    """What is found, or else what stands for it, made from why it cannot be: one fault leaves the rest of the page."""
+    """Result of a task or, where it fails, a stand-in made from the cause: one fault leaves the rest of the page."""
     try:
         return find()
     except FAULTS as error:
@@ -468,7 +471,7 @@ def _verdicts(design: Design) -> list[dict[str, str]]:
 
 
 def _proposals(design: Design) -> tuple[Fix, ...]:
-    """What would mend a design."""
+    """Proposals to mend a design."""
     return _tried(lambda: proposals(design), lambda why: (Fix("none", "No proposals", why_not=why),))
 
 

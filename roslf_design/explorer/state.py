@@ -1,4 +1,4 @@
-"""What a browser tab shows, as frozen values: the design and its numbers, what of it is looked at, history, link."""
+"""State of a browser tab, as frozen values: the design and its numbers, the view, history, link."""
 
 from __future__ import annotations
 
@@ -45,11 +45,11 @@ def kept(follows: str, changed: Collection[str]) -> tuple[str, ...]:
 
 
 Choice = Literal["medium", "window", "window_material", "mapping"]
-"""What is chosen beside numbers."""
+"""Choices beside numbers."""
 
 
 class NumberField(NamedTuple):
-    """One number of a design as the page shows it."""
+    """Number of a design as the page shows it."""
 
     symbol: str
     """As in the paper, and as `Design.replace` takes it."""
@@ -59,17 +59,17 @@ class NumberField(NamedTuple):
     unit: str
     """The unit that it is shown in, and that a number without a unit has."""
     scale: Literal["log", "linear"] = "log"
-    """How the slider runs."""
+    """Scale of the slider."""
     kind: str = "length"
-    """Of the unit; "" of a plain number."""
+    """Kind of the unit; "" of a plain number."""
     ends: tuple[float, float] | None = None
-    """Of the slider; None: about the design that was loaded."""
+    """Ends of the slider; None: about the design that was loaded."""
     left_out: str = ""
-    """What it is where a design leaves it out; "" where none can."""
+    """Text that stands for a value which a design leaves out; "" where none can."""
 
     @property
     def per_unit(self) -> float:
-        """What the unit is in mm, lx or s."""
+        """Size of the unit in mm, lx or s."""
         return float(UNITS[self.kind][self.unit]) if self.kind else 1.0
 
 
@@ -95,7 +95,7 @@ WINDOW = (
     NumberField("window_distance", "To the lens", "Bore", "mm", "linear"),
     NumberField("window_diameter", "Aperture", "Bore", "mm"),
 )
-"""Of the outermost window, where a design has one."""
+"""Fields of the outermost window, where a design has one."""
 
 LIGHT = (
     NumberField("light.illuminance", "Illuminance", "Light", "lx", "log", "illuminance", (1e1, 1e6)),
@@ -107,19 +107,19 @@ LIGHT = (
     NumberField("depth.window", "Microlenses", "Matching", "", "linear", "", (1, 41)),
     NumberField("depth.disparity_error", "Fixed error", "Matching", "", "log", "", (1e-4, 1.0), "predicted"),
 )
-"""What depth is told for, by its place in a design file."""
+"""Fields of the light that depth errors are computed for, by their place in a design file."""
 
 CONTROLS = BY_SYMBOL | {field.symbol: field for field in (*WINDOW, *LIGHT)}
 """Every field that a design may have."""
 
 MEDIA = ("air", *(name for name in ("water", "saline") if name.upper() in catalogue()))
-"""What the scene can be told to lie in by name."""
+"""Media that the scene can lie in by name."""
 
 GLASSES = tuple(name for name in ("sapphire", "fused silica", "N-BK7") if name.upper() in catalogue())
-"""Of windows, as the page proposes them; any other can be typed."""
+"""Materials of windows that the page proposes; any other can be typed."""
 
 EXAMPLES = {"mm": "2.9 mm", "um": "63 um", "nm": "550 nm", "lx": "1e5 lx", "ms": "10 ms", "": "0.1"}
-"""What may be typed, by the field's unit."""
+"""Examples of what may be typed, by the field's unit."""
 
 VISIBLE = (380e-6, 1000e-6)
 """Wavelengths that a slider reaches, whatever the design [mm]."""
@@ -244,7 +244,7 @@ def new_window(design: Design) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Fault:
-    """What was typed into a field and is not a design."""
+    """Text typed into a field that makes no design, with the reason."""
 
     symbol: str
     text: str
@@ -262,9 +262,9 @@ class State:
     follows: Follower = "d_f"
     """Which of f, d_1 and d_f is the consequence of the other two."""
     faults: tuple[Fault, ...] = ()
-    """At most one a field."""
+    """Faults of fields, at most one a field."""
     message: str = ""
-    """What went wrong with something that is not a field: a file, a link."""
+    """Message about a fault of something that is not a field: a file, a link."""
 
     @classmethod
     def of(cls, design: Design, follows: Follower | None = None) -> State:
@@ -292,7 +292,7 @@ class State:
         return symbol != self.follows and not (symbol == "f" and "f" not in self.followers)
 
     def fault(self, symbol: str) -> Fault | None:
-        """What is wrong with what was typed into a field."""
+        """Fault of what was typed into a field; None where there is none."""
         return next((fault for fault in self.faults if fault.symbol == symbol), None)
 
     def follow(self, symbol: str) -> State:
@@ -437,7 +437,7 @@ def _about(problems: tuple[Problem, ...], symbol: str) -> str:
 
 
 DEPTH = 200
-"""How many steps back are kept."""
+"""Number of steps back that are kept."""
 
 
 @dataclass(frozen=True)
@@ -448,9 +448,9 @@ class History:
     past: tuple[State, ...] = ()
     """Oldest first."""
     future: tuple[State, ...] = ()
-    """What was undone, the nearest first."""
+    """States that were undone, the nearest first."""
     gesture: str = ""
-    """What the last change belongs to: all of one slider's move are one step."""
+    """Gesture that the last change belongs to: all of one slider's move are one step."""
 
     def record(self, state: State, gesture: str = "") -> History:
         """Go on to a new state: no step where design and follower are the old ones, or the gesture is the last's."""
@@ -481,7 +481,7 @@ TABS = {"camera": "Camera", "depth": "Depth", "tolerance": "Tolerance", "optimis
 """Views of the explorer with their labels, first the one it opens with."""
 
 WHOLE: dict[str, bool | None] = {"auto": None, "object": True, "instrument": False}
-"""What the meridional section shows: what suits, from the object plane on, or from the outermost stop on."""
+"""Extents of the meridional section: what suits, from the object plane on, or from the outermost stop on."""
 
 PLACES = ("centre", "edge", "corner")
 """Microlenses with a name: of what the sensor sees."""
@@ -492,7 +492,7 @@ Place = Literal["centre", "edge", "corner"] | tuple[Coordinate, Coordinate]
 
 
 def key_of(names: Mapping[str, object]) -> AfterValidator:
-    """What refuses text that is not among the names."""
+    """Validator that refuses text that is not among the names."""
 
     def known(name: str) -> str:
         if name not in names:
@@ -504,7 +504,7 @@ def key_of(names: Mapping[str, object]) -> AfterValidator:
 
 @checked_dataclass(frozen=True)
 class Look:
-    """What of a design is looked at; not part of what undo takes back.
+    """View of a design in a tab; not part of what undo takes back.
 
     Raises
     ------
@@ -518,11 +518,11 @@ class Look:
     diffraction: bool = True
     pixels: bool = True
     whole: Annotated[str, key_of(WHOLE)] = "auto"
-    """How much the meridional section shows."""
+    """Extent of the meridional section, one of `WHOLE`."""
 
 
 def place_on_mla(design: Design, place: Place) -> tuple[float, float]:
-    """Where a microlens stands [mm]."""
+    """Place of a microlens [mm]."""
     return dict(zip(PLACES, default_fields(design), strict=True))[place] if isinstance(place, str) else place
 
 
@@ -535,7 +535,7 @@ def on_array(design: Design, x: float, y: float) -> tuple[float, float]:
 # The link that brings all of it back.
 
 VERSION = "1"
-"""Of links: what they begin with."""
+"""Version of links, with which they begin."""
 
 LIMIT = 50_000
 """Largest unpacked link [bytes], ten times a lens of many surfaces: one from elsewhere must not keep others waiting."""
@@ -555,7 +555,7 @@ def encode(state: State, look: Look) -> str:
 
 
 def decode(text: str) -> tuple[State, Look]:
-    """What `encode` packed.
+    """State and view that `encode` packed.
 
     Raises
     ------

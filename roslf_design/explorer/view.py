@@ -1,4 +1,4 @@
-"""What the page shows of a session: its pictures, and its numbers, verdicts and proposals as plain values."""
+"""Values that the page shows of a session: its pictures, and its numbers, verdicts and proposals."""
 
 from __future__ import annotations
 
@@ -72,26 +72,26 @@ LEAST, MOST = 160, 3000
 
 @dataclass(frozen=True)
 class PictureSource:
-    """What pictures are made of: a design, what of it is looked at, and what runs found."""
+    """Source of pictures: a design, the view of it, and results of runs."""
 
     design: Design
     """With an ideal lens: the pictures are of the thin twin."""
     evaluate: Callable[[Design], Evaluation]
-    """Of what it has been asked before, it knows the answer."""
+    """Evaluation of a design; one asked for before is known."""
     look: Look
     limits: tuple[float, float] | None = None
     """Where the axes of the plane of d_3 and D_F end [mm], kept still while its point is dragged."""
     runs: Mapping[str, Any] = field(default_factory=dict)
-    """What the last run of each kind found."""
+    """Result of the last run of each kind."""
 
     @cached_property
     def evaluation(self) -> Evaluation:
-        """Of the design."""
+        """Evaluation of the design."""
         return self.evaluate(self.design)
 
     @cached_property
     def place(self) -> tuple[float, float]:
-        """Of the microlens that is shown [mm]."""
+        """Place of the microlens that is shown [mm]."""
         place = place_on_mla(self.design, self.look.place)
         return nearest_microlens(self.design, place, inward=isinstance(self.look.place, str))
 
@@ -115,22 +115,22 @@ def front(run: OptimiseResult, size: Point = (420, 300)) -> Picture:
 
 
 class Drawing(NamedTuple):
-    """One picture of the page."""
+    """Drawing of the page."""
 
     tab: str
     """The view that shows it."""
     label: str
-    """Its heading."""
+    """Heading of the drawing."""
     size: Size
     """[px], until the browser tells how much room there is."""
     inputs: Callable[[PictureSource], tuple[Any, ...] | None]
-    """What it is a function of, besides its size: equal inputs, equal picture; None where there is none."""
+    """Values that the drawing depends on, besides its size: equal inputs, equal picture; None where there is none."""
     make: Callable[..., Picture]
     """Takes the inputs, then the size."""
 
 
 def _of(run: str, part: Callable[[Any], Any] = lambda result: result) -> Callable[[PictureSource], Any]:
-    """What a picture takes of a run's result; None before there is any."""
+    """Inputs of a picture from a run's result; None before there is any."""
 
     def inputs(source: PictureSource) -> tuple[Any] | None:
         value = part(source.runs[run]) if run in source.runs else None
@@ -181,7 +181,7 @@ DRAWINGS = {
         "optimise", "Goal against goal", (420, 300), _of("optimise", lambda r: r if r.front else None), front
     ),
 }  # fmt: skip
-"""By the name that addresses and the page use."""
+"""Drawings by the name that addresses and the page use."""
 
 
 def fitting(size: Any, fallback: Size) -> Size:
@@ -219,7 +219,7 @@ def controls(state: State) -> dict[str, Any]:
 
 
 def _bore(state: State) -> dict[str, Any]:
-    """What the scene lies in, and whether a window stands at the tip, of what."""
+    """Values of the bore's controls: the scene's medium, the window at the tip and its material."""
     medium, k = state.design.object_space.medium, window_of(state.design)
     faults = {what: state.fault(what) for what in ("medium", "window", "window_material", "mapping")}
     objective = objective_of(state.design)
@@ -346,7 +346,7 @@ def _signed(value: float) -> str:
 
 
 def depth_unknown(why: str) -> dict[str, Any]:
-    """The same as `depth_known` gives, where it cannot be found."""
+    """Values in the form of `depth_known`, where no depth can be computed."""
     return {"tone": "bad", "text": to_html(f"Depth is unknown: {why}"), "remedy": "", "rows": []}
 
 
@@ -391,7 +391,7 @@ def _assumed_rows(evaluation: Evaluation) -> list[dict[str, str]]:
 
 
 def glance(evaluation: Evaluation) -> list[dict[str, str]]:
-    """What one asks of a camera first, in numbers."""
+    """Main numbers of a camera at a glance."""
     first = [QUANTITIES[name] for name in GLANCE]
     rows = {quantity.label: quantity.text(evaluation.value(quantity)) for quantity in first}
     for name, share in evaluation.fields[-1].ray_budget.taken():
@@ -402,6 +402,6 @@ def glance(evaluation: Evaluation) -> list[dict[str, str]]:
 
 
 def looked_at(state: State, look: Look) -> dict[str, Any]:
-    """What is looked at, and the link that brings all of it back."""
+    """View of the design, and the link that brings all of it back."""
     place = look.place if isinstance(look.place, str) else "chosen"
     return {**asdict(look), "place": place, "link": encode(state, look)}

@@ -57,16 +57,16 @@ class Region(NamedTuple):
     row: int
     """First row."""
     columns: int
-    """How many columns."""
+    """Number of columns."""
     rows: int
-    """How many rows."""
+    """Number of rows."""
 
     def grown(self, by: int) -> Region:
-        """With so many pixels more on each side."""
+        """Region with so many pixels more on each side."""
         return Region(self.column - by, self.row - by, self.columns + 2 * by, self.rows + 2 * by)
 
     def common(self, other: Region) -> Region:
-        """What both have; of none rows or columns are not above 0."""
+        """Region common to both; where there is none, its rows or columns are not above 0."""
         left, top = max(self.column, other.column), max(self.row, other.row)
         right = min(self.column + self.columns, other.column + other.columns)
         bottom = min(self.row + self.rows, other.row + other.rows)
@@ -147,7 +147,7 @@ def pixel_response(camera: Camera, region: Region) -> Image | None:
 
 @dataclass(frozen=True, eq=False)
 class ImageLattice:
-    """Where microlenses stand and their images' centres on the sensor, all affine in a whole-numbered index.
+    """Lattice of microlenses and of their images' centres on the sensor, all affine in a whole-numbered index.
 
     The index counts steps of the lattice's own two axes, so that images have reciprocal vectors and kernels find them
     by rounding; `shapes.lattice.Lattice` counts rows, and lists an array's microlenses.
@@ -156,7 +156,7 @@ class ImageLattice:
     axes: Floats
     """Columns: steps of a microlens in its array's frame [mm], shape (2, 2)."""
     turned: Floats
-    """The same along the main lens's axes: turned as the array is."""
+    """Steps of a microlens along the main lens's axes, turned as the array is [mm]."""
     offset: Floats
     """The array's centre from the main lens's [mm], shape (2,)."""
     grow: float
@@ -166,7 +166,7 @@ class ImageLattice:
     half_size: Floats
     """Microlenses whose centres lie beyond this in the array's frame are not there: whole cells only [mm]."""
     reach: float
-    """How far from an image's centre its light may fall, by rays [mm]."""
+    """Largest distance from an image's centre at which its light may fall, by rays [mm]."""
 
     @classmethod
     def of(cls, camera: Camera) -> ImageLattice:
@@ -213,7 +213,7 @@ class ImageLattice:
 
     @property
     def neighbours(self) -> int:
-        """How many lattice steps around the nearest image may reach a sensor point."""
+        """Number of lattice steps around the nearest image that may reach a sensor point."""
         axes = self.image_axes
         height = abs(np.linalg.det(axes)) / np.linalg.norm(axes, axis=0).max()
         return math.ceil(float(self.reach / height) + 0.5)

@@ -49,7 +49,7 @@ class ObjectRays(NamedTuple):
 
     x: Floats
     y: Floats
-    """Where they, prolonged, cross the plane of the FAP [mm]."""
+    """Points where they, prolonged, cross the plane of the FAP [mm]."""
     slope_x: Floats
     slope_y: Floats
     room: Floats
@@ -57,11 +57,11 @@ class ObjectRays(NamedTuple):
 
 
 LensRays = Callable[[Floats, Floats, Floats, Floats], ObjectRays]
-"""From points of the microlens array and image-side slopes there to object-side rays."""
+"""Function from points of the microlens array and image-side slopes there to object-side rays."""
 
 
 def real_camera(design: Design, scene: Scene, plan: Plan) -> RealLensTracer | None:
-    """What traces a design's real lens for a plan; None where the lens is ideal, or all its faults are off.
+    """Tracer of a design's real lens for a plan; None where the lens is ideal, or all its effects are off.
 
     Raises
     ------
@@ -102,18 +102,18 @@ class RealLensTracer:
     """Everything that tracing takes."""
 
     camera: Camera
-    """Without the misalignments that are left out."""
+    """Camera without the misalignments that are left out."""
     microlenses: Floats
     """Axes in the lens's frame (M, 2) [mm]."""
     boxes: Floats
-    """Where the light behind each may fall, from its axis: low x, low y, high x, high y (M, 4) [mm]."""
+    """Box in which the light behind each may fall, from its axis: low x, low y, high x, high y (M, 4) [mm]."""
     ways: tuple[LensRays, ...]
-    """One a wavelength."""
+    """Rays of each wavelength."""
     sight: Floats
-    """What takes the focal plane's points to where the main lens sees them, and rays from there to the scene: A and E
-    (x, y) of its `ImagedPlane`, the FAP and that plane as seen [mm], then `Layout.front`, (16,)."""
+    """Apparent pupil and focal plane, for rays to the scene: A and E (x, y) of the focal plane's `ImagedPlane`, the FAP
+    and that plane as seen [mm], then `Layout.front`, (16,)."""
     surfaces: Surfaces | None
-    """None for a uniform scene."""
+    """Surfaces of the scene; None for a uniform one."""
     level: float
     """Radiance of that."""
     finite: bool
@@ -128,7 +128,7 @@ class RealLensTracer:
 
     @classmethod
     def of(cls, design: Design, plan: Plan, scene: Scene) -> RealLensTracer:
-        """For a design without tilts of other parts than the main lens, a plan and a scene."""
+        """Tracer for a design without tilts of other parts than the main lens, a plan and a scene."""
         mounted, array = camera_of(design), design.microlens_array
         camera = Camera.of(design).replace({}, in_focus=not plan.on("microlens_defocus"))
         places = microlenses(design, lens_centres(Lattice(array.pitch, array.size, array.layout)))
@@ -272,7 +272,7 @@ def _way(camera: LensCamera, wavelength: float, only_fap: bool) -> LensRays:
 
 
 def _boxes(camera: LensCamera, places: Floats, waves: tuple[float, ...], margin: float) -> Floats:
-    """Where light behind microlenses may fall, from exact rays on a grid at nodes all over the array."""
+    """Boxes in which light behind microlenses may fall, from exact rays on a grid at nodes all over the array."""
     half = 0.6 * camera.lens.clear_diameter * camera.d_2 / camera.d_1
     side = np.linspace(-half, half, RANGE)
     step = side[1] - side[0]

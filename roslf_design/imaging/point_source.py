@@ -19,13 +19,13 @@ class PointSource:
     """One point as a camera sees it; positions against the main lens's axis."""
 
     camera: Camera
-    """As planned, not tilted."""
+    """Camera as planned, not tilted."""
     x: float
     y: float
     distance: float
     """Z, as the main lens sees it [mm]."""
     place: tuple[float, float, float] | None = None
-    """Where it stands with a ruler, from the system's axis [mm]; None without exact rays through the elements."""
+    """Place by a ruler, from the system's axis [mm]; None without exact rays through the elements."""
 
     @property
     def lens(self) -> Floats:
@@ -33,7 +33,7 @@ class PointSource:
         return np.array(self.camera.lens_centre, float)
 
     def slope(self, pupil: Floats) -> Floats:
-        """Of the ideal wave at places (..., 2) of the FAP."""
+        """Slope of the ideal wave at places (..., 2) of the FAP."""
         return np.asarray((pupil - (self.x, self.y)) / self.reach)
 
     @property
@@ -53,7 +53,7 @@ class PointSource:
 
     @property
     def spot(self) -> Floats:
-        """Where the ray through the FAP plane's axis point meets the array [mm]."""
+        """Point where the ray through the FAP plane's axis point meets the array [mm]."""
         return -np.array([self.x, self.y]) * (self.throw / self.reach)
 
     @cached_property

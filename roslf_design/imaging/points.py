@@ -169,7 +169,7 @@ def _clipped_field(source: PointSource, u_x: Floats, u_y: Floats, wavelength: fl
 
 
 def _traced_field(front: Wavefront, wavelength: float, beyond: float) -> RoundField:
-    """The same for a wave through exact elements, over what they leave open, chord by chord."""
+    """Field on the array of a wave through exact elements, over the opening that they leave, chord by chord."""
     source, k = front.source, math.pi / wavelength
     throw, defocus, radius = source.throw, source.defocus, front.radius
     farthest = abs(throw * defocus) * radius + beyond

@@ -1,4 +1,4 @@
-"""From design, scene and plan to the raw image that the sensor would record."""
+"""Rendering: from design, scene and plan to the raw image that the sensor would record."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ from .white import MOST_ORDERS, MOST_ROWS, HarmonicSeries, WhiteGeometry, add_fa
 
 @dataclass(frozen=True, eq=False)
 class RawImage:
-    """What the sensor recorded, and how it was computed."""
+    """Raw image that the sensor recorded, and how it was computed."""
 
     pixels: Image
     """Relative intensities, shape (rows, columns), row 0 at the lowest y: 1 is a fully lit pixel, behind colour filters
     one of the brightest colour."""
     region: Region
-    """Which of the sensor's pixels."""
+    """Region of the sensor's pixels."""
     design: Design
     scene: Scene
     plan: Plan
@@ -50,7 +50,7 @@ class RawImage:
     seconds: float
     """Wall time."""
     accuracy: dict[str, Any] | None = None
-    """What its pixels are worth, as told where it was made; None where nobody asked."""
+    """Accuracy of its pixels, as stated where it was made; None where nobody asked."""
 
     def metadata(self) -> dict[str, Any]:
         """Everything but the pixels, JSON-ready."""
@@ -150,7 +150,7 @@ def render(
 
 
 def method_of(design: Design, scene: Scene, effects: Plan) -> str:
-    """How a scene would be rendered, as `RawImage.method` says it."""
+    """Method by which a scene would be rendered, as `RawImage.method` has it."""
     return _jobs(design, scene, effects, Budget(), RaySampling(), 1)[0][1].method
 
 

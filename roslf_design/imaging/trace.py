@@ -63,11 +63,11 @@ FAR = 1e300
 BATCH = 16
 """Rays between two looks at a pixel's error, where there may be more or fewer."""
 WELL_OUTSIDE = 2.0
-"""How many times farther than exact rays were seen to come from the closed forms' they are let off the FAP's rim."""
+"""Multiple of the distance by which exact rays miss the closed forms, within which they may pass the FAP's rim."""
 MOST = 64
 """Candidate microlenses that one pixel may have."""
 DIMENSIONS = 6
-"""Of the Sobol points: pixel (x, y), microlens aperture (x, y), diffraction at the FAP (radius, angle)."""
+"""Dimensions of the Sobol points: pixel (x, y), microlens aperture (x, y), diffraction at the FAP (radius, angle)."""
 
 POSED, PINHOLE, IN_FOCUS, OWN_ONLY, KICKED, ROUND, THROUGH, EXACT = range(8)
 """Flags: something is tilted or rotated; rays through microlens centres; object taken on the focal plane; neighbours'
@@ -77,7 +77,7 @@ lens; exact rays through them."""
 
 @dataclass(frozen=True)
 class RaySampling:
-    """How many rays a pixel gets."""
+    """Sampling: the number of rays that a pixel gets."""
 
     least: int = 32
     """Rays before the first look at the error."""
@@ -95,10 +95,10 @@ NOWHERE = np.zeros(2)
 
 
 class Surfaces(NamedTuple):
-    """What rays may meet."""
+    """Surfaces that rays may meet."""
 
     rows: Floats
-    """One row a surface, shape (S, 20)."""
+    """Rows of numbers, one a surface, shape (S, 20)."""
     pictures: Image
     """Pixels of all pictures, one after the other."""
     beyond: float
@@ -214,7 +214,7 @@ def reversed_along(way: Any, x: float, y: float) -> Any:
 
 @kernel()
 def first_hit(rows: Any, mirrored: Any, mouth: float, hx: float, hy: float, ox: float, oy: float) -> Any:
-    """What the ray (hx - ox Z, hy - oy Z) meets first beyond the bore's mouth: Z, which surface, and (u, v) on it.
+    """First surface beyond the bore's mouth that the ray (hx - ox Z, hy - oy Z) meets: Z, its number, and (u, v) on it.
 
     FAR and -1 where it meets nothing.
     """
@@ -293,7 +293,7 @@ class Tracer:
     """Everything the kernel needs, laid out."""
 
     camera: Camera
-    """As planned."""
+    """Camera as planned."""
     lattice: ImageLattice
     layout: Layout
     flags: NDArray[np.bool_]
@@ -305,11 +305,11 @@ class Tracer:
     mouth: float
     """Z of the bore's mouth [mm]."""
     colours: tuple[FacesAhead, ...]
-    """What rays go through before the main lens, once a wavelength; where they are not exact one that is empty."""
+    """Faces that rays go through before the main lens, once a wavelength; empty where these are not exact."""
 
     @classmethod
     def of(cls, design: Design, plan: Plan, scene: Scene) -> Tracer:
-        """For a design, a plan and a scene."""
+        """Tracer for a design, a plan and a scene."""
         camera = planned_camera(design, plan)
         lattice, layout, exact = ImageLattice.of(camera), lay_out(camera), plan.on("plate_aberration")
         if exact:  # rims are met in order, on the way: beforehand only what is far outside the FAP's is left out

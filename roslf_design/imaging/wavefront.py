@@ -24,12 +24,12 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 DEGREE = 9
-"""Of the polynomial of the path."""
+"""Degree of the polynomial of the path."""
 POWERS = np.array([(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i) if i + j > 0])
 SAMPLES = 400
 """Rays that it is fitted to."""
 MARGIN = 1.05
-"""How much wider than the opening these are spread."""
+"""Width over which these are spread, against the opening's."""
 STEPS, NEAR = 60, 1e-10
 """Corrections of a ray's aim at most, and how near it must come to the point [mm, per 100 mm of reach]."""
 HALVINGS, TURNS = 40, 128
@@ -41,7 +41,7 @@ class Wavefront:
 
     source: PointSource
     faces: FacesAhead
-    """With their clear apertures."""
+    """Faces with their clear apertures."""
     middle: Floats
     radius: float
     """Disc that the polynomial is told on [mm]."""
@@ -66,11 +66,11 @@ class Wavefront:
         return cls(source, faces, middle, radius, terms)
 
     def path(self, pupil: Floats) -> Floats:
-        """How far the wave runs ahead at places (..., 2) of the FAP [mm]."""
+        """Path by which the wave runs ahead at places (..., 2) of the FAP [mm]."""
         return np.asarray(polyval2d(*self._on_disc(pupil), self.terms))
 
     def slopes(self, pupil: Floats) -> Floats:
-        """What is added to the ideal wave's slopes there, (..., 2)."""
+        """Slopes in addition to the ideal wave's there, (..., 2)."""
         at = self._on_disc(pupil)
         return np.asarray(
             np.stack([polyval2d(*at, polyder(self.terms, axis=k)) for k in (0, 1)], axis=-1) / self.radius
@@ -118,7 +118,7 @@ class Wavefront:
         return y, weight * (math.pi / 2) * half * np.cos(angle), left, right
 
     def _edge(self, inside: Floats, way: Floats) -> Floats:
-        """Where light ends along ways from places (..., 2)."""
+        """Places where light ends along ways from places (..., 2)."""
         low, high = np.zeros(len(way)), np.full(len(way), 2.2 * self.radius)
         for _ in range(HALVINGS):
             reach = (low + high) / 2
@@ -146,7 +146,7 @@ def _gradient(at: Floats, axis: int) -> Floats:
 
 
 def _extra_slopes(source: PointSource, faces: FacesAhead, pupil: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """What exact rays from the point through places of the FAP have over the ideal wave's slopes, and which are.
+    """Slopes of exact rays from the point through places of the FAP, less the ideal wave's, and True where a ray comes.
 
     Paraxial elements move a ray's place at the point by ``A d_3 - B`` times its slope, and an objective's mapping
     stretches that: the inverse, time and again, takes the miss away.

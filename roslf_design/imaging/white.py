@@ -54,7 +54,7 @@ MOST_IMAGES = 400
 MOST_SUBPIXELS = 256
 """Subpixels across the patch and its surroundings."""
 ALWAYS_ON = ("+microlens_diffraction", "+overlap")
-"""What is on whatever its size."""
+"""Effects that are on whatever their size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,22 +62,22 @@ class WhiteGeometry:
     """Shapes of a straight camera's microlens images under uniform light."""
 
     camera: Camera
-    """As planned: whatever clips is in it."""
+    """Camera as planned: whatever clips is in it."""
     lattice: ImageLattice
     falloff: bool
     """Whether brightness falls off with the chief ray's angle."""
     own_only: bool
     """Whether light on top of a neighbour's is left out: no pixel gets more than a whole image gives."""
     exact: ExactDiscs | None = None
-    """Where rays by Snell's law put the shapes; None leaves them where first order does."""
+    """Shapes by Snell's law; None leaves them where first order has them."""
 
     @classmethod
     def of(cls, camera: Camera, plan: Plan) -> WhiteGeometry:
-        """For a planned camera."""
+        """Geometry of a planned camera."""
         return cls(camera, ImageLattice.of(camera), plan.on("cos4"), not plan.on("overlap"))
 
     def by_snell(self, error: float, wavelength: float) -> WhiteGeometry | None:
-        """The same with shapes where exact rays through elements put them.
+        """Geometry with shapes where exact rays through elements put them.
 
         Parameters
         ----------
@@ -174,16 +174,16 @@ class HarmonicSeries:
     coefficients: Floats
     """C(G), shape (M,)."""
     origin: Floats
-    """In the sensor's frame [mm], shape (2,)."""
+    """Origin in the sensor's frame [mm], shape (2,)."""
 
     @property
     def rows(self) -> int:
-        """How many different y frequencies there are, without their signs."""
+        """Number of different y frequencies, without their signs."""
         return int(np.unique(np.round(np.abs(self.frequencies[:, 1]), 9)).size)
 
     @cached_property
     def products(self) -> tuple[tuple[bool, float, Floats, Floats], ...]:
-        """What the image is a sum of: even or odd, |y frequency|, and the x frequencies it goes with, weighted.
+        """Terms that the image is a sum of: even or odd, |y frequency|, and the x frequencies it goes with, weighted.
 
         ``cos(a + b)`` is ``cos a cos b - sin a sin b``. Of mirror images G and (G_x, -G_y), which every upright
         lattice has, the second parts cancel.
@@ -266,7 +266,7 @@ def _pixels(camera: Camera, frequencies: Floats) -> Floats:
 def interference_series(
     camera: Camera, transfer: MicrolensTransfer, pixel: bool = True, reach: int = INTERFERING
 ) -> HarmonicSeries:
-    """What interference of neighbouring microlenses adds to `harmonic_series`, which leaves it out.
+    """Series that interference of neighbouring microlenses adds to `harmonic_series`, which leaves it out.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ D_LINE, F_LINE, C_LINE = 587.5618e-6, 486.1327e-6, 656.2725e-6
 HEIGHTS = np.linspace(0.0, 1.0, 9)
 """Parts of the clear aperture at which the glass of a build must not run out."""
 SAG_ROOM = 1.25
-"""How much farther than the nominal sag an asphere's crossing is looked for."""
+"""Multiple of the nominal sag within which an asphere's crossing is looked for."""
 
 
 @lru_cache(maxsize=64)
@@ -164,19 +164,19 @@ class LensBuilds(NamedTuple):
     media: Array
     """Indices before, between and after the surfaces, (T, S + 1)."""
     sound: NDArray[np.bool_]
-    """Which builds are lenses at all, (T,); the others hold the nominal lens."""
+    """True where a build is a lens at all, (T,); the others hold the nominal lens."""
     power: Array
     """1/f of the centred lens [1/mm], (T,)."""
     front_principal: Array
     rear_principal: Array
-    """Along z from the nominal first vertex [mm], (T,)."""
+    """Place along z from the nominal first vertex [mm], (T,)."""
     front: Array
     rear: Array
     """Foremost and hindmost point of the lens on the axis or at its rims [mm], (T,)."""
 
     @property
     def stack(self) -> SurfaceStack:
-        """What rays are traced through."""
+        """Stack of surfaces that rays are traced through."""
         return SurfaceStack(self.table, self.media)
 
 
@@ -302,7 +302,7 @@ def _sound(lens: Prescription, table: Array, gaps: Array, values: Mapping[str, A
 
 
 def _offsets(lens: Prescription, wavelength: float, values: Mapping[str, Array], trials: int) -> Array:
-    """What is missed of the indices after the surfaces, told at the design's wavelength, (S, T)."""
+    """Errors of the indices after the surfaces, as given at the design's wavelength, (S, T)."""
     offsets = np.zeros((len(lens.surfaces), trials))
     for row, surface in enumerate(lens.surfaces):
         name, glass = f"surfaces.{row + 1}", surface.glass

@@ -180,7 +180,7 @@ class Prescription:
         )
 
     def warmed(self, temperature: float, barrel: float = 0.0) -> Prescription:
-        """The same lens at another temperature [degrees C]; `barrel` is the expansion of what spaces it [1/K]."""
+        """Lens at another temperature [degrees C]; `barrel` is the expansion of what spaces it [1/K]."""
         if temperature == self.temperature and all(s.glass == s.glass.at(temperature) for s in self.surfaces):
             return self
         surfaces = []
@@ -244,7 +244,7 @@ class IdealLens(Prescription):
 
     @classmethod
     def of(cls, focal_length: float, diameter: float) -> IdealLens:
-        """Of a focal length and a clear diameter [mm]."""
+        """Ideal lens of a focal length and a clear diameter [mm]."""
         return cls((Surface(0.0, diameter / 2),), "ideal lens", power=1 / focal_length)
 
     def first_order(self, wavelength: float) -> FirstOrder:
@@ -432,7 +432,7 @@ def first_order(lens: Prescription, wavelength: float) -> FirstOrder:
 
 
 def lens_growth(lens: Prescription, temperature: Any, barrel: float) -> list[tuple[Array, Array]]:
-    """How much each surface's shape and the gap behind it grow on the way to temperatures [degrees C].
+    """Growth of each surface's shape and of the gap behind it on the way to temperatures [degrees C].
 
     A cemented surface grows as the mean of its glasses; air, and a diaphragm in it, as what spaces the lens [1/K].
     """
@@ -469,12 +469,12 @@ class WarmConstants(NamedTuple):
 
     @property
     def front_principal(self) -> Any:
-        """Along z from the first vertex [mm]."""
+        """Place along z from the first vertex [mm]."""
         return (1 - self.matrix[3]) * self.focal_length
 
     @property
     def rear_principal(self) -> Any:
-        """Along z from the first vertex [mm]."""
+        """Place along z from the first vertex [mm]."""
         return self.length + (self.matrix[0] - 1) * self.focal_length
 
 

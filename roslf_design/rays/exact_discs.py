@@ -1,4 +1,4 @@
-"""Where exact rays through elements put the images of stops on the sensor: discs still, to within what is measured.
+"""Images of stops on the sensor by exact rays through elements: discs still, to within a measured error.
 
 Through a pinhole microlens the image of a stop is a disc to first order. Exact rays move it and make it larger or
 smaller, smoothly over the array, and turn it out of round by far less: so the moves are interpolated between
@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 NODES = 9
 """Microlenses along each axis of the array at which exact outlines are sought."""
 POINTS = 24
-"""Of an outline."""
+"""Points of an outline."""
 STEPS = 40
 """Towards it, each of which leaves as much of the miss as exact rays differ from first order."""
 SETTLED = 1e-10
@@ -39,15 +39,15 @@ class ExactDiscs:
 
     camera: Camera
     rims: tuple[int, ...]
-    """Which of the stops of `stop_discs`; the FAP is 0."""
+    """Indices of its stops in `stop_discs`; the FAP is 0."""
     middle: Floats
-    """Of that part, from the main lens's centre (2,) [mm]."""
+    """Middle of that part of the array, from the main lens's centre (2,) [mm]."""
     half: Floats
     """Half its size (2,) [mm]."""
     moves: Floats
-    """By how much centres (x, y) and radii differ from first order: Chebyshev series, (NODES, NODES, K, 3) [mm]."""
+    """Differences of centres (x, y) and radii from first order: Chebyshev series, (NODES, NODES, K, 3) [mm]."""
     error: float
-    """How far exact outlines were seen to come from these discs [mm, on the sensor]."""
+    """Largest distance of exact outlines from these discs [mm, on the sensor]."""
 
     @classmethod
     def of(cls, camera: Camera, low: Floats, high: Floats, wavelength: float) -> ExactDiscs | None:
@@ -102,7 +102,7 @@ class ExactDiscs:
 
     @property
     def farthest(self) -> float:
-        """How far at most the edge of the FAP's image moves [mm]."""
+        """Largest distance that the edge of the FAP's image moves [mm]."""
         size = np.abs(self.moves[..., 0, :]).sum((0, 1))
         return float(np.hypot(size[0], size[1]) + size[2])
 
@@ -176,7 +176,7 @@ class _Outlines:
         return float(self.stops[k].radius * self.stops[k].scale)
 
     def met(self, k: int, x: Floats, y: Floats, points: Floats) -> Floats:
-        """Where rays from points on the sensor, relative to their microlenses' axes, meet a stop, from its centre."""
+        """Points where rays from the sensor, relative to their microlenses' axes, meet a stop, from its centre."""
         c, z = self.camera, float(self.stops[k].stands)
         slope = points / float(c.seen.d_2)
         height = np.stack([x, y])[..., None] - slope * float(c.seen.d_1)

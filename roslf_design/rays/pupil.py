@@ -170,7 +170,7 @@ class Fan(NamedTuple):
     """Polylines of rays for drawing, with a ruler's lengths, in the system's axes [mm]."""
 
     z: Floats
-    """Along the axis; shape (microlenses, rays, V), V = 4 in air: object plane, main lens, microlens, sensor."""
+    """Places along the axis; shape (microlenses, rays, V), V = 4 in air: object plane, main lens, microlens, sensor."""
     x: Floats
     """Height in the meridional plane, likewise. A stopped ray repeats the point where it ended."""
     y: Floats
@@ -269,7 +269,7 @@ def paths(camera: Camera, rays: PupilRays, microlens: Point, start: float) -> Fl
 
 
 def _planes(camera: Camera) -> list[float]:
-    """Where rays bend before the main lens [mm], the farthest first."""
+    """Planes where rays bend before the main lens [mm], the farthest first."""
     planes: list[float] = []
     for k in reversed(camera.chain.order):
         near, length = float(camera[f"elements.{k}.distance"]), float(camera.chain.length(camera.numbers, k))
@@ -335,7 +335,7 @@ def _on_plane(camera: Camera, rays: PupilRays, distance: float) -> Vector:
 
 
 def _meeting(camera: Camera, part: str, line: tuple[Floats, Floats, Floats, Floats]) -> Vector:
-    """Where object-side rays meet a part's plane, in the system's axes."""
+    """Points where object-side rays meet a part's plane, in the system's axes."""
     pose = camera.stands(part)
     (nx, ny, nz), (ex, ey, ez) = pose.z, pose.origin
     hx, hy, ox, oy = line

@@ -1,4 +1,4 @@
-"""What a report is made of: plain frozen data that HTML (and any later format) is written from.
+"""Blocks of a report: plain frozen data that HTML (and any later format) is written from.
 
 In all text, symbols written as ``d_3`` or ``D_F`` are set with a subscript.
 """
@@ -36,13 +36,13 @@ class Paragraph:
 
 @dataclass(frozen=True)
 class Statement:
-    """One answer an engineer came for."""
+    """Statement that an engineer came for."""
 
     tone: Tone
     text: str
     """The answer with its margin."""
     remedy: str = ""
-    """What would mend it; empty where nothing needs mending."""
+    """Remedy in a sentence; empty where nothing needs mending."""
 
 
 @dataclass(frozen=True)
@@ -60,11 +60,11 @@ class Figure:
     """Short and unique on the page; the anchor is ``figure-`` and this."""
     title: str
     caption: str
-    """What to see, and what follows for the design."""
+    """Caption: what to see, and what follows for the design."""
     content: str | bytes
     """SVG text, or the bytes of a PNG."""
     description: str = ""
-    """For those who cannot see it."""
+    """Description for those who cannot see it."""
     scene: str = ""
     """JSON of `viewer.scene_data`: the same scene, to be turned on a page that can do it; empty for none."""
     breaks: float = 0.0
@@ -106,7 +106,7 @@ class Section:
 
     @property
     def anchor(self) -> str:
-        """Where links to this section lead."""
+        """Anchor that links to this section lead to."""
         return self.name or slug(self.title)
 
 
@@ -125,13 +125,13 @@ def _plain(letter: str) -> str:
 
 
 class Finding(NamedTuple):
-    """What a study found of a design, for that design's report."""
+    """Finding of a study about a design, for that design's report."""
 
     section: Section
     statement: Statement | None = None
     """The answer, for the summary."""
     seed: str = ""
-    """Of what chance had a part in, as a sentence."""
+    """Sentence about the seed of what chance had a part in; empty where it had none."""
 
 
 @dataclass(frozen=True)

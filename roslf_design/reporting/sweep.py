@@ -13,7 +13,7 @@ from ..theory.quantities import in_words
 from ..theory.sweep import Sweep
 
 TALL = 230.0
-"""Of each panel [px]."""
+"""Height of each panel [px]."""
 
 
 def sweep_picture(swept: Sweep, design: str) -> Picture:

@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 
 APART, CROSSING, INSIDE, AROUND = 0, 1, 2, 3
-"""How disc i lies to disc j: no common inside, circles cross, i within j (or equal to it), i around j."""
+"""Relations of disc i to disc j: no common inside, circles cross, i within j (or equal to it), i around j."""
 
 _GAUSS = np.polynomial.legendre.leggauss(16)
 NODES = tuple(float(0.5 * (x + 1)) for x in _GAUSS[0])
@@ -48,7 +48,7 @@ def square_error(a: float) -> float:
 def meet(
     xi: float, yi: float, ri: float, xj: float, yj: float, rj: float
 ) -> tuple[int, float, float, float, float, float, float]:
-    """How circle i lies to circle j, and their common chord.
+    """Relation of circle i to circle j, and their common chord.
 
     The gaps ``ri + rj - d`` (to tangency) and ``d - |ri - rj|`` (to containment) are summed without error but for their
     last rounding, also when the distance d is not a machine number. The height of the triangle of the two centres and
@@ -159,7 +159,7 @@ SHORTEST = 1e-15
 
 @kernel()
 def between(discs: Floats, i: int, j: int) -> Meeting:
-    """How circle i lies to circle j: `meet` for rows (x, y, r, ...) of a table of discs."""
+    """Relation of circle i to circle j: `meet` for rows (x, y, r, ...) of a table of discs."""
     return meet(discs[i, 0], discs[i, 1], discs[i, 2], discs[j, 0], discs[j, 1], discs[j, 2])
 
 
@@ -219,7 +219,7 @@ def exclude(start: float, length: float, origin: float, m: int, intervals: Float
 
 @kernel()
 def leave(origin: float, m: int, intervals: Floats, out: Floats, filled: int) -> int:
-    """What the union of m >= 1 excluded intervals leaves of a turn: rows (start, end) of ``out``, from `filled` on.
+    """Part of a turn outside m >= 1 excluded intervals: rows (start, end) of ``out``, from `filled` on.
 
     `origin` must be the start of one of the intervals, so that no part that is left runs across it. Returns the number
     of rows then filled.

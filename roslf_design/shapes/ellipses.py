@@ -21,7 +21,7 @@ NODES, WEIGHTS = (tuple(float(x) for x in values) for values in _GAUSS)
 SAME = 1e-12
 """|p^T Q p - 1| up to which a point counts as lying on a boundary; one of two equal boundaries is then kept."""
 SAMPLES = 16
-"""Where crossings are looked for before they are refined; a boundary has at most four with another."""
+"""Samples at which crossings are looked for before they are refined; a boundary has at most four with another."""
 
 
 def intersect_ellipses(
@@ -65,7 +65,7 @@ def _spans(polygon: Array) -> tuple[Array, Array]:
 
 @kernel()
 def value(p: Array, c: float, s: float) -> float:
-    """Of a trigonometric polynomial of degree 2, coefficients of 1, cos, sin, cos 2x and sin 2x."""
+    """Value of a trigonometric polynomial of degree 2, coefficients of 1, cos, sin, cos 2x and sin 2x."""
     at: float = p[0] + p[1] * c + p[2] * s + p[3] * (c * c - s * s) + p[4] * 2.0 * c * s
     return at
 

@@ -1,4 +1,4 @@
-"""Where the microlenses are: square and hexagonal arrays, their nearest lens and their cells."""
+"""Lattices of microlenses: square and hexagonal arrays, their nearest lens and their cells."""
 
 from __future__ import annotations
 
@@ -123,9 +123,9 @@ class Lattice(NamedTuple):
     """Width and height of the array along its own axes [mm]."""
     layout: Layout = "square"
     rotation: float = 0.0
-    """Of the array about its own centre [rad], counterclockwise."""
+    """Rotation of the array about its own centre [rad], counterclockwise."""
     decentre: tuple[float, float] = (0.0, 0.0)
-    """Where its centre is [mm]."""
+    """Place of its centre [mm]."""
 
     @property
     def row_spacing(self) -> float:

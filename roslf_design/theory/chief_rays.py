@@ -32,12 +32,12 @@ class ChiefRays(NamedTuple):
     """Straight lines in the medium of the scene, against the system's axis."""
 
     height: Places
-    """Where they, prolonged, meet z = 0, x and y [mm]."""
+    """Points where the rays, prolonged, meet z = 0, x and y [mm]."""
     slope: Places
     """dx/dz and dy/dz; `STEEPEST` at most."""
 
     def on_plane(self, distance: Number) -> Places:
-        """Where they meet a plane, its distance before the main lens [mm]; infinite of rays along it."""
+        """Points where the rays meet a plane, its distance before the main lens [mm]; infinite of rays along it."""
         x, y = (
             np.where(np.abs(slope) < STEEPEST / 2, height - slope * distance, np.copysign(np.inf, -slope))[()]
             for height, slope in zip(self.height, self.slope, strict=True)

@@ -29,15 +29,15 @@ class ColourFilter(NamedTuple):
     letter: Letter
     name: str
     wavelength: float
-    """Where most of it passes [mm]; about as makers' curves of colour CMOS sensors have their peaks."""
+    """Wavelength of the filter's peak [mm]; about as in makers' curves of colour CMOS sensors."""
     taken: float
     """Electrons per photon of its band, over the bare sensor's quantum efficiency: what the filter lets pass, and less
     in red and blue, where silicon tells less. An assumption, about as such curves have it at their peaks."""
     share: float
-    """Of all pixels."""
+    """Share of all pixels that have this filter."""
     spacing: float
-    """Between a pixel of the colour and the nearest others [pixels]: finer detail than two of these, in the worst
-    direction, is folded."""
+    """Distance between a pixel of the colour and the nearest others [pixels]: finer detail than two of these, in the
+    worst direction, is folded."""
 
 
 FILTERS = (
@@ -45,7 +45,7 @@ FILTERS = (
     ColourFilter("G", "green", 535e-6, 0.8, 1 / 2, 2.0**0.5),
     ColourFilter("B", "blue", 460e-6, 0.7, 1 / 4, 2.0),
 )
-"""Of a Bayer pattern, whatever its order."""
+"""Filters of a Bayer pattern, whatever its order."""
 GREEN = FILTERS[1]
 
 
@@ -55,7 +55,7 @@ def per_watt(one: ColourFilter) -> float:
 
 
 BRIGHTEST = max(map(per_watt, FILTERS))
-"""Of the brightest colour."""
+"""Signal per watt of the brightest colour's pixels."""
 
 
 class PixelFilters:
@@ -112,7 +112,7 @@ def mixed(c: Camera) -> Camera:
 
 
 def mosaic(colours: Colours, column: int, row: int, columns: int, rows: int) -> NDArray[np.intp]:
-    """Which of `FILTERS` the pixels of a region have, shape (rows, columns).
+    """Index in `FILTERS` of each pixel's filter in a region, shape (rows, columns).
 
     Parameters
     ----------

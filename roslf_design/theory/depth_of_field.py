@@ -75,7 +75,7 @@ def past_infinity(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Arr
 
 
 def _share(c: Camera, kind: Kind, blur: float) -> Array:
-    """By how much 1/Z_F changes from the focal plane to an end, over its own at the focal plane."""
+    """Change of 1/Z_F from the focal plane to an end, over its own at the focal plane."""
     share = ratio(blur * c.d, product(pupil_part(c, kind), magnitude(c.seen.m)))
     # Behind a relay the FAP may be seen beyond the focal plane: nearer planes then lie at larger Z_F.
     return np.asarray(share * np.where(np.real(c.seen.gap) < 0, -1.0, 1.0))

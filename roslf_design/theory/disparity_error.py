@@ -64,7 +64,8 @@ MANY = 32
 NEARLY_ALIKE, CELL = 256, 0.05
 """Images from which series stand in for sums, and the side of the cells that they are for, in logarithms: to 1e-5."""
 WIDE_DEGREE, WIDE_CELL = 5, 0.4
-"""Of the series where images differ by more than two such cells: to 5e-4 rms, 1.5e-3 at most."""
+"""Degree and cell of the series where images differ by more than two finer cells: errors of 5e-4 rms, 1.5e-3 at most.
+"""
 NESTED = np.array([0.0, 1.0, -1.0, -0.577, 0.659, -0.839])
 """Places along an axis, each where it adds most to those before it (Leja)."""
 CLOSE, STEP = 0.02, 1e-5
@@ -86,7 +87,7 @@ class Seen(NamedTuple):
 
 
 class Spectrum(NamedTuple):
-    """What a texture has at some waves, each with its mirror image; shape (..., W), leading axes broadcast."""
+    """Spectrum of a texture at some waves, each with its mirror image; shape (..., W), leading axes broadcast."""
 
     x: Array
     """kappa along the lattice's x [periods per microlens pitch]."""
@@ -99,13 +100,13 @@ class Texture(NamedTuple):
     """Spectra that differ in how fine and how strong they are, and in nothing else."""
 
     fine: Array
-    """What `waves` count in [periods per microlens pitch], shape (...)."""
+    """Unit of the waves' frequencies [periods per microlens pitch], shape (...)."""
     strength: Array
-    """What their power counts in, shape (...)."""
+    """Unit of the waves' power, shape (...)."""
     waves: Spectrum
     """Shape (W,)."""
     lens_shape: str | None = None
-    """Of the microlenses whose width is yet to blur them; None: they are as single views show them."""
+    """Shape of the microlenses whose width is yet to blur the waves; None: they are as single views show them."""
 
     def at(self, index: NDArray[np.intp]) -> Texture:
         """Some of them."""
@@ -113,7 +114,7 @@ class Texture(NamedTuple):
 
     @property
     def shown(self) -> Spectrum:
-        """As single views show it, shape (..., W)."""
+        """Spectrum as single views show it, shape (..., W)."""
         x, y = (self.fine[..., None] * part for part in self.waves[:2])
         power = self.strength[..., None] * self.waves.power
         return Spectrum(
@@ -125,7 +126,7 @@ Spectra = tuple[Complex, Complex, Complex]
 
 
 class _Array(NamedTuple):
-    """Of a microlens array what its images hang on beside lengths."""
+    """Kind of microlens array: what its images depend on beside lengths."""
 
     layout: str
     lens_shape: str
@@ -419,17 +420,18 @@ def _sharpened(images: _Images, c: _Array, level: int, whole: bool) -> Array:
 
 
 class _Spectra(NamedTuple):
-    """What stops leave of each wave, before diffraction; arrays of shape (N, 1 + W, S, S)."""
+    """Spectra of the light of each wave that stops leave, before diffraction; arrays of shape (N, 1 + W, S, S)."""
 
     kx: Array
-    """Of no wave, which all of the light is divided over, and of the texture's; shape (N, 1 + W, 1, 1)."""
+    """Frequencies along x: of the uniform light, by which all is divided, then of the texture's waves; shape (N, 1 + W,
+    1, 1)."""
     ky: Array
     fx: Array
     fy: Array
     cell: float
     parts: Spectra
     power: Array
-    """Of the texture's waves, shape (N, W)."""
+    """Power of the texture's waves, shape (N, W)."""
 
 
 def _spectra(images: _Images, waves: Spectrum, c: _Array, level: int, whole: bool) -> _Spectra:
@@ -508,7 +510,7 @@ def _cut(images: _Images, fx: Array, fy: Array) -> Spectra:
 
 
 def _transfer(images: _Images, c: _Array, fx: Array, fy: Array) -> Array:
-    """What diffraction, defocus and the pixel leave of each frequency [periods per pitch]."""
+    """Transfer of diffraction, defocus and the pixel at each frequency [periods per pitch]."""
     per_mm = (1 / images.pitch)[:, None, None, None]
     box = images.pixel[:, None, None, None] * per_mm
     pixel = pixel_box(fx, box) * pixel_box(fy, box)
@@ -519,18 +521,19 @@ def _transfer(images: _Images, c: _Array, fx: Array, fy: Array) -> Array:
 
 
 class ImageParts(NamedTuple):
-    """What the microlenses around a place add to its light; the first axis counts lattice steps.
+    """Light that reaches a place from the microlenses around it; the first axis counts lattice steps.
 
     The place belongs to the microlens of step (0, 0), the middle one.
     """
 
     steps: tuple[tuple[int, int], ...]
-    """Along the lattice's first and second direction, to the microlens that the light comes from. The last four stand
-    for all light that is faint or comes from farther away, as far as a slow texture tells: some have less than none."""
+    """Steps along the lattice's first and second direction to the microlens that the light comes from. The last four
+    stand for all light that is faint or comes from farther away, as far as a slow texture tells: some have less than
+    none."""
     light: Array
     """1 where the FAP lights the place fully, shape (steps, fields, T, S)."""
     x: Array
-    """Where on the FAP it comes from, on average, in FAP diameters from its centre; of the same shape."""
+    """Mean place on the FAP that it comes from, in FAP diameters from its centre; of the same shape."""
     y: Array
 
 

@@ -59,7 +59,7 @@ def mismatch_px(c: Camera) -> Array:
 
 
 class Matched(NamedTuple):
-    """One length that makes the f-numbers match."""
+    """Length that makes the f-numbers match."""
 
     value: Array
     """The length [mm]; inf where there is none."""

@@ -1,4 +1,4 @@
-"""Where the chief rays of the sensor's field go in the scene: angles of view, direction of view, distortion.
+"""Angles of view, direction of view and distortion: the chief rays of the sensor's field in the scene.
 
 Angles of view are those between chief rays, which cross in the entrance pupil (ISO 8600-3, method B: the FAP as the
 scene sees it), or those of the same field seen from the middle of the bore's tip, on a plane. All of them, and what is
@@ -44,7 +44,7 @@ def ends(field: SensorField) -> tuple[tuple[Place, Place], ...]:
 
 
 def widest(values: Sequence[Array]) -> Across:
-    """Of values between those ends."""
+    """Widest of the values between those ends, along each direction."""
     width, height, up, down = values
     return Across(width, height, np.maximum(up, down))
 
@@ -90,7 +90,7 @@ def apart(one: Places, other: Places) -> Array:
 
 
 def focus_ahead(c: Camera) -> Array:
-    """From the tip to the focal plane [mm]."""
+    """Distance from the tip to the focal plane [mm]."""
     return np.asarray(c[PATHS["d_f"]] - c.tip)
 
 

@@ -99,7 +99,7 @@ def chief_spread(c: Camera) -> Number:
 
 
 def chief_slope(c: Camera) -> Array:
-    """That slope for a microlens a millimetre off the axis [1/mm]."""
+    """Slope of the chief ray in the scene for a microlens a millimetre off the axis [1/mm]."""
     return ratio(c.seen.inverse_m * chief_spread(c), c.seen.gap)
 
 
@@ -162,7 +162,7 @@ class SensorField(NamedTuple):
     low: tuple[Array, Array]
     """Its left and lower end, from the main lens's axis [mm]."""
     high: tuple[Array, Array]
-    """Its right and upper end."""
+    """Ends to the right and above."""
 
     @property
     def half(self) -> tuple[Array, Array]:
@@ -172,13 +172,13 @@ class SensorField(NamedTuple):
 
     @property
     def half_diagonal(self) -> Array:
-        """From its middle to a corner [mm]."""
+        """Distance from its middle to a corner [mm]."""
         x, y = self.half
         return np.asarray(np.sqrt(x * x + y * y))  # complex numbers, too: derivatives
 
     @property
     def radius(self) -> Array:
-        """From the main lens's axis to its farthest corner [mm]."""
+        """Distance from the main lens's axis to its farthest corner [mm]."""
         x, y = (np.maximum(-low, high) for low, high in zip(*self, strict=True))
         return np.asarray(np.sqrt(x * x + y * y))
 
@@ -207,7 +207,7 @@ def on_array(c: Camera, points: ArrayLike) -> Array:
 
 
 def sensor_field(c: Camera, margin: ArrayLike = 0.0) -> SensorField:
-    """What the sensor sees of the array: microlenses whose image centres lie on the sensor, or up to the array's end.
+    """Field of the array whose image centres lie on the sensor, or up to the array's end.
 
     Half the sensor over ``1 + d_2/L``, the image pitch over the pitch; decentred parts move it.
 

@@ -1,4 +1,4 @@
-"""How many electrons a pixel gets, from the scene's light, and how far they scatter."""
+"""Photometry: electrons that a pixel gets from the scene's light, and their scatter."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ EFFICACY = 683.0
 RINGS, SPOKES = 4, 8
 """Places over a microlens image at which slanting light is weighed: to 1e-3 where a tenth of it is left."""
 LONGEST_EXPOSURE = 1 / 60
-"""Where none is given [s]: a frame of video."""
+"""Exposure where none is given [s]: a frame of video."""
 LARGEST_FILL = 0.5
 """Part of the full well that the scene's mean fills at most where no exposure is given."""
 

@@ -50,12 +50,12 @@ class Quantity:
     words: str
     """Meaning, in a line."""
     of: Callable[[Camera, Depth], Array] | None = None
-    """Of straight cameras (tilts left out), at a distance where `at` allows one: shape of the builds, or (K, ...) where
-    `worst` is set. None: it exists only per field."""
+    """Function of straight cameras (tilts left out), at a distance where `at` allows one: shape of the builds, or (K,
+    ...) where `worst` is set. None: it exists only per field."""
     local: Callable[[MicrolensImages], Number] | None = None
-    """At the fields of misaligned builds, shape (fields, builds); None: the camera has it only as a whole."""
+    """Function at the fields of misaligned builds, shape (fields, builds); None: the camera has it only as a whole."""
     equation: str = ""
-    """In the paper."""
+    """Equation in the paper."""
     label: str = ""
     """Name in plain words, on pages and in pictures, where it is no symbol; the unit goes beside."""
     digits: int = 5
@@ -86,11 +86,11 @@ class Quantity:
     infinite: bool = False
     """Whether it is infinite for cameras that can be built: builds are then told apart by its `finite` twin."""
     past_infinity: Callable[[Camera, Depth], Array] | None = None
-    """Of what may be infinite and is above 0: -1 over it, going on above 0 where it has gone past infinity. Smooth, so
-    that an optimiser finds its way into and out of infinity."""
+    """Function for -1 over a quantity that may be infinite and is above 0, going on above 0 where it has gone past
+    infinity. Smooth, so that an optimiser finds its way into and out of infinity."""
     over: Callable[[Camera, Depth, SensorField], Array] | None = None
-    """Of what hangs on how much of the array the sensor sees: the same for a rectangle that is given. `monotone` means
-    this then, and the rectangle's ends are further lengths in which it rises or falls."""
+    """Function of a given rectangle of the array, for a quantity that depends on how much of it the sensor sees.
+    `monotone` is then about this function, and the rectangle's ends are further lengths in which it rises or falls."""
 
     def __call__(self, camera: Camera, at: Depth = None) -> Array:
         """Its value for every build; of several values the one that counts; NaN behind the tip, where nothing can be.

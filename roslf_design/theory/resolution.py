@@ -1,4 +1,4 @@
-"""How fine a detail a camera shows: modulation transfer (MTF) of single views and of the refocused image.
+"""Resolution: modulation transfer (MTF) of single views and of the refocused image.
 
 An object point's wave fills the FAP, shape P, and comes to the array about its image; a microlens cuts d out of it and
 shows it to pixels behind. A view takes one pixel of every microlens. As a function of where the object point is, that
@@ -67,9 +67,9 @@ PARTS = 8
 AT_ONCE = 2
 """Steps taken before looking whether the least level is reached."""
 CLOSE = 1e-4
-"""To a level, from where on a cubic's place of it is right."""
+"""Distance to a level from where on a cubic's place of it is right."""
 GRAZING = 0.01
-"""How far cubics over whole steps may be from the transfer, where it comes near to a level."""
+"""Largest error of cubics over whole steps, where the transfer comes near to a level."""
 MOST_CLOSER = 6
 """Places tried so, at most."""
 
@@ -83,7 +83,7 @@ def fold(c: Camera) -> Array:
 
 
 def sparse(count: int) -> int:
-    """As many nodes or some more, of few kinds: sets of nodes are made once."""
+    """Number of nodes at least as large, of few kinds: sets of nodes are made once."""
     return -(-count // 8) * 8 if count < 128 else -(-count // 64) * 64
 
 
@@ -175,13 +175,13 @@ class FieldTransfer:
     openings: Openings
     """Openings that stops cut out of the microlens image [mm]."""
     middle: tuple[float, float] | None
-    """Where the view's pixel lies, the centroid of what is lit [mm]; None where it is dark."""
+    """Place of the view's pixel, the centroid of what is lit [mm]; None where it is dark."""
     rate: float
     """rho: way on the array per way on the sensor that a point of the plane moves from view to view."""
     along: float
     """Millimetres on the plane per millimetre on the array, along the field's radius."""
     across: float
-    """The same across it."""
+    """Millimetres on the plane per millimetre on the array, across the field's radius."""
     way: tuple[float, float]
     """Unit vector of the field's radius; along x on the axis."""
 
@@ -370,7 +370,7 @@ class FieldTransfer:
 
     @cached_property
     def _spread(self) -> float:
-        """How far apart on the array light of a point lies that a view sees, at most or so [mm]."""
+        """Width on the array of the light of a point that a view sees, at most or so [mm]."""
         lens, camera = self._microlens, self.camera
         pitch = float(microlens_image_pitch(camera))
         blur = float(camera.q + diffraction_width(camera)) + lens.width * lens.sensor_distance * abs(lens.defocus)
@@ -404,7 +404,7 @@ class FieldTransfer:
 
     @cached_property
     def _period(self) -> float:
-        """Of the images, or less where they stand alone and their light does not come so far [mm]."""
+        """Period of the images, or less where they stand alone and their light does not come so far [mm]."""
         lens = self._microlens
         apart = max(abs(float(microlens_image_pitch(self.camera))), 1e-6 * self._width)
         if len(self._pairs) > 1:

@@ -1,4 +1,4 @@
-"""Where each stop's image lies on the sensor, through a microlens, with every element decentred and tilted.
+"""Images of stops on the sensor, through a microlens, with every element decentred and tilted.
 
 All rays through a pinhole microlens pass, in object space, through the microlens's conjugate point (an ideal lens
 images points to points). The way from a stop's plane to the sensor is thus two central projections, a homography, and
@@ -155,7 +155,7 @@ class Projected(NamedTuple):
 
 
 def lens_point(c: Camera, rim: Rim, microlens: Vector) -> Projected:
-    """Where the rays of a stop's plane that end in a microlens cross the main lens.
+    """Point on the main lens of the rays of a stop's plane that end in a microlens.
 
     With the microlens at c and its conjugate ``c' = c / (1 - c_z/f)``, the line from a through c' crosses z = 0 at
     ``(c_z a - a_z c) / (c_z - a_z (1 - c_z/f))``.
@@ -183,7 +183,7 @@ def project(point: Projected, through: Vector, weight: Number, plane: Frame) -> 
     """
 
     def against(axis: Vector) -> tuple[Vector, Number]:
-        """What gives a homogeneous point's coordinate along an axis of the plane, and that of the centre."""
+        """Coefficients of a homogeneous point's coordinate along an axis of the plane, and the centre's coordinate."""
         offset = minus(0.0, dot(axis, plane.origin))
         return (axis[0], axis[1], offset), plus(dot(axis, through), times(weight, offset))
 
@@ -353,7 +353,7 @@ class MicrolensImages:
 
     @cached_property
     def from_lens(self) -> Array:
-        """The same counted from the main lens's centre."""
+        """Microlens axes against the main lens's centre, tilts left out: shape (fields, 2) for one camera [mm]."""
         n = self.camera
         turn = n["microlens_array.rotation"]
         cos, sin = np.cos(turn), np.sin(turn)
@@ -368,7 +368,10 @@ class MicrolensImages:
 
     @cached_property
     def stretch(self) -> tuple[Number, Number]:
-        """Of a microlens's part of the focal plane against that on the axis, along the field's radius and across it."""
+        """Stretch of a microlens's part of the focal plane against that on the axis.
+
+        Along the field's radius and across it.
+        """
         along, across = self.scales(None)
         axial = object_scale(self.camera)
         return ratio(along, axial), ratio(across, axial)
@@ -391,7 +394,7 @@ class MicrolensImages:
         return self.chief_rays.directions
 
     def on_plane(self, ahead: Number) -> tuple[Number, Number]:
-        """Where chief rays meet a plane `ahead` of the bore's tip, from the system's axis [mm]."""
+        """Points where chief rays meet a plane `ahead` of the bore's tip, from the system's axis [mm]."""
         return self.chief_rays.on_plane(self.camera.tip + ahead)
 
     @cached_property
@@ -421,7 +424,7 @@ class MicrolensImages:
 
     @cached_property
     def _through_fap(self) -> Projected:
-        """Where the rays of the FAP's plane cross the main lens."""
+        """Points on the main lens of the rays of the FAP's plane."""
         return lens_point(self.camera, self.camera.fap, self.microlens)
 
     @cached_property
@@ -475,7 +478,7 @@ class MicrolensImages:
 
     @cached_property
     def through_lens(self) -> tuple[Number, Number]:
-        """Where rays through the main lens's centre meet the sensor [mm]."""
+        """Points of the sensor that rays through the main lens's centre meet [mm]."""
         return stop_image(self.camera, self.camera.rims[0], self.microlens).centre
 
     @property

@@ -28,14 +28,14 @@ class Sweep:
     values: Mapping[str, Array]
     """Quantity to its values, shape (N,) or (N, M); nan where there is no camera."""
     units: Mapping[str, str]
-    """Of each place and quantity."""
+    """Unit of each place and quantity."""
     valid: NDArray[np.bool_]
-    """Where there is a camera, shape (N,) or (N, M)."""
+    """True where there is a camera, shape (N,) or (N, M)."""
     follows: str | None
-    """Which of f, d_f and d_1 follows from what is swept; None where none changes."""
+    """Conjugate that follows from what is swept, of f, d_f and d_1; None where none changes."""
 
     def refused(self, design: Design) -> tuple[str, ...]:
-        """Why points have no camera, each reason once: those of up to `LOOKED_AT` of them."""
+        """Reasons why points have no camera, each once: those of up to `LOOKED_AT` of them."""
         points = np.argwhere(~self.valid)
         some = points[np.unique(np.linspace(0, len(points) - 1, LOOKED_AT).astype(int))] if len(points) else points
         reasons: dict[str, str] = {}

@@ -1,4 +1,4 @@
-"""What a microlens's own aperture and defocus pass of the pupil's image behind it: a transfer function."""
+"""Transfer function of a microlens's own aperture and defocus, for the pupil's image behind it."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class MicrolensTransfer:
 
     @classmethod
     def of(cls, camera: Camera, plan: Switches, wavelengths: Sequence[float] = ()) -> MicrolensTransfer:
-        """As a plan has it; no `wavelengths` [mm] are the camera's own."""
+        """Transfer of a planned camera's microlenses; no `wavelengths` [mm] are the camera's own."""
         return cls(
             float(camera.d),
             float(camera.seen.d_2),
@@ -93,7 +93,7 @@ class MicrolensTransfer:
 def pair_transfer(
     transfer: MicrolensTransfer, frequency: Floats, apart: Floats, vergence: float, detail: ArrayLike = (0.0, 0.0)
 ) -> Floats:
-    """What a microlens and another one, `apart` from it, pass together by interference; 1 for one alone at frequency 0.
+    """Transfer by interference of a microlens with another, `apart` from it; 1 for one alone at frequency 0.
 
     Where both light the sensor, from an incoherent pupil, a frequency G comes of pairs of points ``a = lambda d_2 G``
     apart: of the overlap of one aperture with the other, shifted by a. In the overlap, of offset ``a - apart`` and with
@@ -131,14 +131,14 @@ def pair_transfer(
 def pair_line(
     transfer: MicrolensTransfer, wavelength: float, frequency: Floats, apart: Floats, vergence: float, detail: ArrayLike
 ) -> Floats:
-    """What two square microlenses pass together along one of their sides, as `pair_transfer`; all broadcast."""
+    """Transfer by interference of two square microlenses along one of their sides, as `pair_transfer`."""
     return shared_line(transfer.width, *_paths(transfer, wavelength, frequency, apart, vergence, detail))
 
 
 def _paths(
     transfer: MicrolensTransfer, wavelength: float, frequency: Floats, apart: Floats, vergence: float, detail: ArrayLike
 ) -> tuple[Floats, Floats]:
-    """How far two microlenses' openings lie apart where they overlap [mm], and how phases turn there [1/mm]."""
+    """Offset of two microlenses' openings where they overlap [mm], and turn of phases there [1/mm]."""
     power = 1 / transfer.sensor_distance + vergence + transfer.defocus  # 1/f_ml
     pair = wavelength * transfer.sensor_distance * frequency
     return pair - apart, (apart * power - transfer.defocus * pair) / wavelength - np.asarray(detail)

@@ -1,4 +1,4 @@
-"""What lies in the tube of a scope and how wide it is."""
+"""Tube of a scope: the parts in it and how wide it is."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Housed(NamedTuple):
     """A part of known width."""
 
     name: str
-    """As ray budgets call it; of an element's two faces both."""
+    """Name in ray budgets; of an element's two faces both."""
     width: Number
     """Diameter or diagonal, and twice how far it is decentred [mm]."""
     place: Number

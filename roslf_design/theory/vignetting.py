@@ -100,7 +100,7 @@ def on_focal_plane(c: Camera, radii: Array) -> Array:
 
 
 def field_margins(c: Camera) -> Array:
-    """What limits on the undistorted field are judged by where no field may be too large.
+    """Margins by which limits on the undistorted field are judged where no field may be too large.
 
     Parameters
     ----------
@@ -126,12 +126,12 @@ def field_margins(c: Camera) -> Array:
 
 
 class FieldLimit(NamedTuple):
-    """What ends the undistorted field of one camera."""
+    """Limit of the undistorted field of one camera."""
 
     radius: float
     """Largest undistorted object radius at d_f, in the worst direction [mm]; inf where no field is too large."""
     mla_radius: float
-    """Where its chief ray meets the array [mm]."""
+    """Radius where its chief ray meets the array [mm]."""
     rim: str
     """The rim that ends it or, where none does, the one that leaves the least room."""
     room: float

@@ -24,7 +24,7 @@ Sampling = Literal["random", "sobol"]
 SMALLEST = 2.0**-53
 """Uniform numbers are kept this far from 0 and 1, so that no deviation is infinite."""
 BITS = 32
-"""Of a coordinate of the Sobol sequence, which so has 2^32 points."""
+"""Bits of a coordinate of the Sobol sequence, which so has 2^32 points."""
 
 
 def deviation(distribution: Distribution, uniform: ArrayLike, truncation: float = 2.0) -> Array:
@@ -76,7 +76,7 @@ def _inside(uniform: ArrayLike) -> Array:
 
 @dataclass(frozen=True)
 class Perturbation:
-    """One number that a build misses."""
+    """Perturbation of one number that a build misses."""
 
     place: str
     """Dotted place in the design."""
@@ -86,13 +86,13 @@ class Perturbation:
     """Half-width, in the same unit."""
     distribution: Distribution = "normal"
     truncation: float = 2.0
-    """Of "normal": the tolerance in sigmas."""
+    """Truncation of "normal": the tolerance in sigmas."""
     group: str | None = None
     """Perturbations with the same group share their chance."""
     opposed: bool = False
     """Whether it moves against its group."""
     source: str = ""
-    """Where the tolerance comes from."""
+    """Source of the tolerance."""
 
     @property
     def sigma(self) -> float:

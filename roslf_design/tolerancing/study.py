@@ -115,7 +115,7 @@ FieldPlace = Annotated[Any, BeforeValidator(_field_place)]
 
 
 class Perturb(StrictTable):
-    """What a build misses; several places share one line. Places that a grade covers need no line of their own."""
+    """Perturbation of one or more places. Places that a grade covers need no line of their own."""
 
     place: Annotated[tuple[str, ...], BeforeValidator(_listed), AfterValidator(_expanded)]
     """Dotted places, pairs or symbols of the paper."""
@@ -123,7 +123,7 @@ class Perturb(StrictTable):
     """Half-width: "0.05 mm", "3 mrad", "1 %"; the study's grade where left out."""
     distribution: Distribution | None = None
     truncate: Annotated[float, Field(ge=1e-3, le=1e3)] | None = None
-    """Of "normal": the tolerance in sigmas."""
+    """Truncation of "normal": the tolerance in sigmas."""
     group: str | None = None
     """Members of a group move together: decentres along x, decentres along y, each tilt, and all others as one."""
     opposed: bool = False
@@ -140,7 +140,7 @@ class Group(StrictTable):
 
     name: str
     correlation: Annotated[float, Field(gt=0, le=1)] = 1.0
-    """Of the members' normal scores; 1: they share their deviation."""
+    """Correlation of the members' normal scores; 1: they share their deviation."""
 
 
 class MetricGoal(StrictTable):
@@ -186,7 +186,7 @@ class Study(StrictTable):
 
     name: str
     question: str = ""
-    """What it asks, for the report."""
+    """Question that the study asks, for the report."""
     design: str
     """Design file, relative to the study, or the name of a preset."""
     grade: str | None = None
@@ -213,7 +213,7 @@ class Study(StrictTable):
     share: Literal["rss", "worst-case"] = "rss"
     """How inverse sensitivity shares a limit out among n parameters: 1/sqrt(n) or 1/n of it each."""
     yield_target: Annotated[float, Field(gt=0, lt=1)] = 0.95
-    """For the inverse by yield."""
+    """Yield wanted, for the inverse by yield."""
     sobol_samples: Annotated[int, Field(ge=0, le=2**22)] = 1024
     """Base samples of the Sobol indices, a power of two; 0: none."""
     quantiles: tuple[Annotated[float, Field(gt=0, lt=1)], ...] = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
@@ -281,7 +281,7 @@ class Adjuster:
 
 @dataclass(frozen=True)
 class TolerancePlan:
-    """What runs."""
+    """Plan of a tolerance study, ready to run."""
 
     name: str
     question: Question
@@ -315,7 +315,7 @@ class TolerancePlan:
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """What is measured of each build."""
+        """Columns measured of each build: metrics at fields."""
         return self.question.columns
 
     @cached_property
@@ -329,7 +329,7 @@ class TolerancePlan:
         return self.question.infinite
 
     def judged(self, values: Array, columns: Sequence[int] | NDArray[np.intp] | slice = slice(None)) -> Array:
-        """What builds are told apart by: values of some columns, shape (columns, ...), infinite ones by their twins."""
+        """Values by which builds are compared, shape (columns, ...): infinite ones as their finite twins."""
         which = self.infinite[columns]
         if not which.any():
             return values
@@ -339,7 +339,7 @@ class TolerancePlan:
 
     @cached_property
     def faults(self) -> tuple[str, ...]:
-        """Why a build can be no camera, in words."""
+        """Reasons why a build can be no camera, in words."""
         return tuple(faults_of(self.question, {}, 1))
 
     def nominal_misses(self) -> tuple[str, ...]:
@@ -353,7 +353,7 @@ class TolerancePlan:
         return np.array([(values[l.column] >= l.low) & (values[l.column] <= l.high) for l in self.limits])
 
     def used_room(self, values: Array) -> Array:
-        """What each trial uses of its limits' room at most, (trials,), for values of shape (columns, trials).
+        """Largest share of its limits' room that each trial uses, (trials,), for values of shape (columns, trials).
 
         0 at nominal, 1 at a limit; infinite where something limited is undefined.
         """

@@ -45,11 +45,11 @@ class TracedPlane:
     """Place along z of what it is turned about [mm]."""
     x: float = 0.0
     y: float = 0.0
-    """What it is turned about; a stop's decentre [mm]."""
+    """Coordinate of the point that the plane is turned about; a stop's decentre [mm]."""
     tilt: tuple[float, float] = (0.0, 0.0)
     """About x, then about y [rad]."""
     diameter: float = math.inf
-    """Of a stop [mm]."""
+    """Diameter of a stop [mm]."""
 
     @property
     def centre(self) -> Array:
@@ -63,7 +63,7 @@ class TracedPlane:
 
     @property
     def pose(self) -> Array:
-        """What it is turned about and its axes, (12,), as `builds.Planes` has them."""
+        """Pose of the plane: the point that it is turned about and its axes, (12,), as `builds.Planes` has them."""
         return np.concatenate([[self.x, self.y, self.z], self.axes.ravel()])
 
     def lifted(self, point: ArrayLike) -> Array:
@@ -197,7 +197,7 @@ class LensCamera:
         return self.d_f, np.zeros(2)
 
     def straightened(self, point: Array) -> Array:
-        """Where first order has points (..., 2) of the focal plane that an objective with a mapping sees there [mm]."""
+        """First-order points (..., 2) of the focal plane for those that an objective with a mapping sees there [mm]."""
         return point
 
     @property
@@ -280,7 +280,7 @@ class BoreCamera(LensCamera):
         return float(self.ahead.focus.b), np.array(self.ahead.focus.aside, float)
 
     def straightened(self, point: Array) -> Array:
-        """Where first order has points (..., 2) of the focal plane that an objective with a mapping sees there [mm]."""
+        """First-order points (..., 2) of the focal plane for those that an objective with a mapping sees there [mm]."""
         if self.ahead.law is None:
             return point
         x, y = (float(self.ahead[f"main_lens.decentre.{axis}"]) for axis in (0, 1))
@@ -298,13 +298,13 @@ class BoreCamera(LensCamera):
 
     @property
     def origin(self) -> Array:
-        """Where the system's axis crosses the object-side principal plane, (3,) [mm]."""
+        """Point where the system's axis crosses the object-side principal plane, (3,) [mm]."""
         x, y = (-float(self.ahead[f"main_lens.decentre.{axis}"]) for axis in (0, 1))
         return np.array([x, y, self.first_order.front_principal])
 
     @property
     def faces(self) -> FacesAhead:
-        """What stands before the lens, at the camera's own wavelength."""
+        """Faces of what stands before the lens, at the camera's own wavelength."""
         return _faces(self.ahead, self.wavelength)
 
     def train(self, wavelength: float) -> Train:
@@ -393,7 +393,7 @@ class Views(NamedTuple):
     slope: Array
     """dx/dz and dy/dz in front of all elements, (..., 2)."""
     state: NDArray[np.int16]
-    """What became of the ray (`LensCamera.describe`), (...)."""
+    """State of the ray (`LensCamera.describe`), (...)."""
     fap_room: Array
     """1 - r^2/(D_F/2)^2 about the FAP's centre, (...): positive inside."""
     room: Array
@@ -401,7 +401,7 @@ class Views(NamedTuple):
     not met."""
 
     def at(self, distance: ArrayLike) -> Array:
-        """Where the rays cross a plane `distance` in front of the FAP [mm], (..., 2)."""
+        """Points where the rays cross a plane `distance` in front of the FAP [mm], (..., 2)."""
         return np.asarray(self.place - self.slope * np.asarray(distance, float)[..., None])
 
 
@@ -464,7 +464,7 @@ class SensorPoints(NamedTuple):
     sensor: Array
     """[mm], (..., 2)."""
     views: Views
-    """Their backward rays, apertures not counted."""
+    """Views of the backward rays, apertures not counted."""
     ok: NDArray[np.bool_]
     """Whether the point was found, (...); elsewhere the nearest approach."""
 

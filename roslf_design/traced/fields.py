@@ -77,13 +77,16 @@ class LensImages(MicrolensImages):
         return (self._light(self.places, seen.area, seen.centroid, seen.second_moments) / uncut)[:, None]
 
     def _light(self, places: Array, area: Array, centroid: Array, moments: Array) -> Array:
-        """Of lit parts, centroids counted from the microlenses' axes [sr], (n,)."""
+        """Etendue of lit parts, centroids counted from the microlenses' axes [sr], (n,)."""
         shape = np.column_stack([area, places + centroid - self.lens.detector.centre, moments])
         return received(shape, places - self.lens.array.centre, self.lens.array.pose, self.lens.detector.pose)
 
     @cached_property
     def stretch(self) -> tuple[Number, Number]:
-        """Of a microlens's part of the focal plane against that on the axis, along the field's radius and across it."""
+        """Stretch of a microlens's part of the focal plane against that on the axis.
+
+        Along the field's radius and across it.
+        """
         along, across = self._magnified(None)
         scale = object_scale(self.camera)
         return along[:, None] / scale, across[:, None] / scale
@@ -101,7 +104,7 @@ class LensImages(MicrolensImages):
         return self.lens.focal_plane if at is None else tip - at
 
     def _met(self, at: float | None) -> Array:
-        """Where those rays meet a plane, in the lens's frame [mm], (n, 5, 2)."""
+        """Points where those rays meet a plane, in the lens's frame [mm], (n, 5, 2)."""
         met = self._chief.views.at(self.lens.fap.z - self._plane(at))
         return np.where(self._chief.ok[..., None], met, np.nan)
 
@@ -112,7 +115,7 @@ class LensImages(MicrolensImages):
         return stretches(ways, self.places, 1.0)
 
     def _scales(self, field: int, at: float | None) -> tuple[float, float]:
-        """The same at one field; first order's where its chief rays are lost."""
+        """Scales at one field; first order's where its chief rays are lost."""
         along, across = (float(scale[field]) for scale in self._magnified(at))
         if math.isfinite(along * across):
             return along, across
@@ -120,7 +123,7 @@ class LensImages(MicrolensImages):
         return axial, axial
 
     def on_plane(self, ahead: Number) -> tuple[Array, Array]:
-        """Where chief rays meet a plane `ahead` of the tip, from the system's axis [mm]; nan where they are lost."""
+        """Points where chief rays meet a plane `ahead` of the tip, from the system's axis [mm]; nan if lost."""
         x, y = (self._met(float(ahead))[:, 0] + [float(self.camera[f"main_lens.decentre.{k}"]) for k in (0, 1)]).T
         return x[:, None], y[:, None]
 
@@ -160,11 +163,11 @@ class LensImages(MicrolensImages):
 
     @cached_property
     def _shown(self) -> SensorPoints:
-        """Where microlenses show those, (n, R)."""
+        """Sensor points at which microlenses show the points of the FAP, (n, R)."""
         return sensor_of_pupil(self.lens, self.places[:, None], self._pupil)
 
     def _beam(self, field: int, at: float | None) -> Beam | None:
-        """Of the object point that a microlens's chief ray meets on a plane; None where too few of its rays come."""
+        """Beam of the object point that a microlens's chief ray meets on a plane; None of too few rays."""
         point, z = self._met(at)[field, 0], self._plane(at)
         if not np.isfinite(point).all():
             return None
@@ -215,7 +218,7 @@ class TracedTransfer(FieldTransfer):
     outline: Array
     """Boundary of what is lit, from the microlens's axis, (K, 2) [mm]."""
     beam: Beam
-    """Of the plane."""
+    """Beam of the plane's object point."""
 
     @property
     def round(self) -> bool:
@@ -276,12 +279,15 @@ class TracedTransfer(FieldTransfer):
 
 
 def uncut_light(light: Array, camera: Camera) -> Array:
-    """Of microlenses on the axis, as traced; by first order where the lens does not show them the whole FAP [sr]."""
+    """Light of microlenses on the axis, as traced [sr].
+
+    By first order where the lens does not show them the whole FAP.
+    """
     return np.where(np.isnan(light), solid_angle(camera), light)
 
 
 def stretches(moved: Array, place: Array, scale: Number) -> tuple[Array, Array]:
-    """How much larger than on the axis microlenses' parts of the focal plane are, along the field's radius and across.
+    """Stretch of microlenses' parts of the focal plane against the axis, along the field's radius and across.
 
     Parameters
     ----------

@@ -62,7 +62,7 @@ class TracedImages(NamedTuple):
     area: Array
     """Lit area [mm^2], (...)."""
     centroid: Array
-    """Of the lit area [mm], (..., 2); the chief point where dark."""
+    """Centroid of the lit area [mm], (..., 2); the chief point where dark."""
     second_moments: Array
     """Central, per unit area, (xx, xy, yy) [mm^2], (..., 3); 0 where dark."""
     kept_fraction: Array
@@ -186,14 +186,15 @@ class FieldMap(NamedTuple):
     """``(|c| - |c_1|)/|c_1|``, c_1 where first order would image X; (...), 0 on the axis."""
     tangential_focus: Array
     sagittal_focus: Array
-    """Where pencils in and across the meridional plane focus, behind the array [mm], (...); negative before it."""
+    """Distance behind the array at which pencils in and across the meridional plane focus [mm], (...); negative before
+    it."""
     blur: Array
     """Root-mean-square radius of the light from X on the array, about its centroid [mm], (...)."""
     spread: Array
     """Largest extents of that light along and across the meridional plane [mm], (..., 2)."""
     lateral_colour: Array
-    """Where the chief ray from X meets the array in each colour, from where it does in the camera's own [mm], (..., W,
-    2); 0 where it does not come through."""
+    """Displacement on the array of the chief ray from X in each colour, against the camera's own [mm], (..., W, 2); 0
+    where it does not come through."""
     status: NDArray[np.int16]
     """State of the chief ray (`LensCamera.describe`), (...); where it is not 0, the numbers above are 0."""
 
@@ -256,7 +257,7 @@ def forward_rays(
 
 
 def _focus(camera: LensCamera, point: Array, axis: Array) -> Array:
-    """Where a thin pencil spread along `axis` on the FAP comes together along it, behind the array [mm]."""
+    """Distance behind the array at which a thin pencil spread along `axis` on the FAP comes together along it [mm]."""
     offset = PENCIL * camera.fap.diameter / 2 * np.array([[-1.0], [1.0]])
     pupil, towards = camera.fap.centre + offset * axis[..., None, :], np.moveaxis(axis, -1, 0)[..., None]
     rays = forward_rays(camera, point[..., None, :], pupil, camera.wavelength)
@@ -366,7 +367,7 @@ def _root(room: Callable[[float], float], low: float, high: float, inside: float
 
 
 class RealField(NamedTuple):
-    """What a real lens does to microlenses (N); lengths in mm, nan where there is no light to tell it by."""
+    """Images and aberrations of microlenses (N) behind a real lens; lengths in mm, nan where there is no light."""
 
     images: TracedImages
     thin_centre: Array
@@ -381,9 +382,9 @@ class RealField(NamedTuple):
     """Farthest that a point of the FAP's rim is imaged from where the thin twin images it, (N); nan likewise."""
     maps: FieldMap
     lateral_colour: Array
-    """Between the F and the C line on the array, (N); nan outside the glasses' range."""
+    """Distance between the F and the C line on the array, (N); nan outside the glasses' range."""
     chief: tuple[str, ...]
-    """What became of each chief ray."""
+    """Fate of each chief ray."""
 
 
 def real_field(design: Design, axes: Sequence[tuple[float, float]] | ArrayLike) -> RealField:

@@ -26,7 +26,7 @@ Ints = NDArray[np.int64]
 RIM = 16
 """Rays along the FAP's rim, a multiple of four; the outline's area converges exponentially in them."""
 HARMONICS = 6
-"""Of a ray's squared height on a surface, along the FAP's rim."""
+"""Harmonics of a ray's squared height on a surface, along the FAP's rim."""
 SCAN = 24
 """Spokes along which the boundary is followed before corners are looked for between them."""
 NEARLY = 0.97
@@ -94,7 +94,7 @@ class Outlines(NamedTuple):
     peaks: Array
     """Largest squared height of the pencil over that of each rim, (N, S + R - 1): above 1 where it is cut."""
     turns: Array
-    """Where on the FAP's rim [rad], likewise."""
+    """Angles on the FAP's rim [rad], likewise."""
 
 
 def outlines(rim: Aimed) -> Outlines:

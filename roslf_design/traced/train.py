@@ -25,25 +25,25 @@ Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 TOLERANCE, CORRECTIONS = 1e-11, 12
-"""How near the FAP's point rays must come, in its radius, and after how many corrections at most they are given up."""
+"""Tolerance within which rays meet the FAP's point, in its radius, and corrections after which they are given up."""
 AFRESH, PATIENCE, NUDGE = 8, 24, 1e-5
 """After so many corrections derivatives are taken again; corrections of rays that start from first order, and the steps
 in slope that derivatives are taken with."""
 LOST = 1e300
 """Size of the miss of a ray that did not come through."""
 NEAR = 1e-11
-"""How near a point of the scene rays must come that are aimed at it from up to 100 mm away [mm]."""
+"""Distance within which rays meet the point of the scene that they are aimed at, from up to 100 mm away [mm]."""
 FOUND = 1e3
-"""How many times that still counts, where they cannot come nearer."""
+"""Multiple of that distance which still counts, where they cannot come nearer."""
 
 
 class Train(NamedTuple):
-    """What rays meet on either side of the FAP, in the lens's frame; builds lead."""
+    """Train of surfaces that rays meet on either side of the FAP, in the lens's frame; builds lead."""
 
     lens: SurfaceStack
     """The main lens, and before it what stands between it and the FAP."""
     beyond: SurfaceStack
-    """What stands before the FAP; without surfaces where that is nothing."""
+    """Surfaces before the FAP; a stack without surfaces where there are none."""
 
     @classmethod
     def in_air(cls, lens: SurfaceStack) -> Train:
@@ -86,12 +86,12 @@ class Train(NamedTuple):
 
 
 def fap_of(ahead: FacesAhead) -> int:
-    """How many faces stand between main lens and FAP."""
+    """Number of faces between main lens and FAP."""
     return int(np.flatnonzero(ahead.takers == Status.APERTURE)[0])
 
 
 class Planes(NamedTuple):
-    """Where what is around the lens stands in T builds: origins, axes x and y and normals, in the lens's frame [mm]."""
+    """Planes of the parts around the lens in T builds: origins, axes x and y and normals, in the lens's frame [mm]."""
 
     array: Array
     """(T, 12)."""
@@ -103,7 +103,7 @@ class Planes(NamedTuple):
 
 @kernel()
 def crossing(x: float, y: float, z: float, sx: float, sy: float, plane: Any) -> tuple[float, float]:
-    """Where the line through a point with slopes dx/dz, dy/dz crosses a plane, in the plane's own coordinates."""
+    """Point where the line through a point with slopes dx/dz, dy/dz crosses a plane, in the plane's own coordinates."""
     ox, oy, oz = x - plane[0], y - plane[1], z - plane[2]
     lean = plane[9] * sx + plane[10] * sy + plane[11]
     step = -(plane[9] * ox + plane[10] * oy + plane[11] * oz) / lean
@@ -429,9 +429,9 @@ class Aims(NamedTuple):
 
     base: Array
     offset: Array
-    """Where on the array, in its own coordinates: base plus offset times half the pitch, (n, 2)."""
+    """Points of the array, in its own coordinates: base plus offset times half the pitch, (n, 2)."""
     target: Array
-    """Where on the FAP, in its own coordinates and units of its radius, (n, 2)."""
+    """Points of the FAP, in its own coordinates and units of its radius, (n, 2)."""
     start: Array
     """Slopes in the nominal camera, (n, 2); nan where it has no such ray."""
     inverse: Array
@@ -439,7 +439,7 @@ class Aims(NamedTuple):
 
 
 class Aimed(NamedTuple):
-    """What became of N jobs of n rays, nan for those that do not come through."""
+    """Aimed rays: N jobs of n each, nan for those that do not come through."""
 
     landed: Array
     """Sensor points, in its own coordinates [mm], (N, n, 2)."""
@@ -492,12 +492,12 @@ def nearest(
 
 
 def counted(part: SurfaceStack) -> tuple[Array, int, Array]:
-    """What kernels take of a stack: its table, how many surfaces, the media between."""
+    """Arguments that kernels take of a stack: its table, how many surfaces, the media between."""
     return part.table, part.media.shape[1] - 1, part.media
 
 
 def landings(train: Train, planes: Planes, world: Array, point: ArrayLike, pupil: ArrayLike) -> Array:
-    """Where rays from object points through FAP points meet the array, then the sensor, in their own coordinates.
+    """Points where rays from object points through FAP points meet the array, then the sensor, in own coordinates.
 
     Parameters
     ----------
@@ -543,7 +543,7 @@ def beyond_fap(train: Train, ends: Array) -> tuple[Array, Array, Array]:
 
 
 def crossings(point: Array, way: Array, plane: Array) -> Array:
-    """Where lines through points along ways (..., 3) cross planes (..., 12), in their own coordinates, (..., 2)."""
+    """Points where lines through points along ways (..., 3) cross planes (..., 12), in own coordinates, (..., 2)."""
     off, normal = point - plane[..., :3], plane[..., 9:12]
     hit = off - way * (np.sum(off * normal, axis=-1) / np.sum(way * normal, axis=-1))[..., None]
     return np.stack([np.sum(hit * plane[..., 3:6], axis=-1), np.sum(hit * plane[..., 6:9], axis=-1)], axis=-1)

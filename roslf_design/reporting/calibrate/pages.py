@@ -83,10 +83,10 @@ FIGURES: dict[str, tuple[str, str, Callable[[Outcome], Picture]]] = {
 @by_value
 @dataclass(frozen=True)
 class Calibrated:
-    """What the folder of a calibration holds."""
+    """Content of a calibration's folder."""
 
     data: Mapping[str, Any]
-    """Its calibration.json."""
+    """Content of its calibration.json."""
     drawings: Mapping[str, str]
     """SVG text by name."""
 
@@ -172,7 +172,7 @@ def calibration_report(result: Outcome, drawings: Mapping[str, str], command: st
 
 
 def statements(result: Outcome) -> Iterator[Statement]:
-    """What an engineer came for."""
+    """Statements of a calibration's main results."""
     fitted = result.calibration
     yield Statement("caution" if result.warnings else "good", f"{_pair(result.to_dict())}.")
     images, total = len(fitted.observations.names), len(fitted.observations.names) + len(fitted.observations.missing)
@@ -310,7 +310,7 @@ def design_table(result: Outcome) -> Table:
 
 
 def boards_table(result: Outcome) -> Table:
-    """How each board fits."""
+    """Table of how each board fits."""
     rows = tuple(
         (
             board.name,

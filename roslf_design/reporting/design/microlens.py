@@ -53,7 +53,7 @@ LEFT, TOP, RIGHT, BELOW = 58.0, 42.0, 12.0, 42.0
 GRID_UP_TO = 60
 """Pixels across a picture up to which lines are drawn between them."""
 MOST_PIXELS = 90_000
-"""In view; beyond, single ones would not be seen."""
+"""Largest number of pixels in view; beyond, single ones would not be seen."""
 ON_PICTURE = "#f0b429"
 """Outline on a picture that has both black and white."""
 FULL = 0.42
@@ -73,7 +73,7 @@ class ImageView(NamedTuple):
     rows: slice
     """Pixels in view."""
     x: Array
-    """Their edges, shape (I + 1,)."""
+    """Edges of the pixels, shape (I + 1,)."""
     y: Array
     """Shape (J + 1,)."""
     coverage: Array
@@ -282,7 +282,7 @@ def _beyond(view: ImageView, x: Scale, y: Scale) -> list[Mark]:
 
 
 def image_keys(design: Design, on_picture: bool = False) -> list[Key]:
-    """What the lines of a microlens image mean, on plain ground or on a picture of its light."""
+    """Keys of the lines of a microlens image, on plain ground or on a picture of its light."""
     rims = dict.fromkeys(_rims(design, on_picture))
     openings = [line_key(f"{kind} of {name}", colour, 1.2, "5 3") for name, kind, colour in rims]
     chief = dot_key("chief ray", "vermillion", "+", 6, width=2)

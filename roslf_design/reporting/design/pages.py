@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from ...evaluation.result import Evaluation
 
 TONES: dict[str, Tone] = {"good": "good", "limit": "caution", "fault": "bad"}
-"""How each level of verdict is shown."""
+"""Tone in which each level of verdict is shown."""
 WANTED = 1e-6
 """Accuracy that the table of methods shows them for."""
 HARD_CASES = 5
@@ -76,7 +76,7 @@ WARMTH = (
 
 
 STUDIES = ("optimisation", "tolerances", "calibration")
-"""What a report may hold findings of, in their order."""
+"""Studies that a report may hold findings of, in their order."""
 
 
 def design_report(
@@ -163,7 +163,7 @@ def verdicts(result: Evaluation, prefix: str = "") -> Statements:
 
 
 def key_figures(design: Design, result: Evaluation) -> Table:
-    """What the camera is and does, in a handful of numbers."""
+    """Table of the camera's main numbers, a handful of them."""
     field, sampled, depth = result.non_distortion, result.sampling, result.depth
     front = max(0.0, float(Camera.of(design).tip))
     openings = [at.part.diameter for at in design.in_bore if at.part.diameter is not None]
@@ -330,7 +330,7 @@ def _stops(design: Design) -> Iterator[Table]:
 
 
 def _real_lens(design: Design, result: Evaluation, progress: Callable[[str], None]) -> tuple[Section, ...]:
-    """What the traced lens does, its thin twin beside it; nothing for an ideal one."""
+    """Section on the traced lens, its thin twin beside it; nothing for an ideal one."""
     if result.real_lens is None:
         return ()
     progress("real main lens")
@@ -343,7 +343,7 @@ def _effects(result: Evaluation) -> tuple[Block, ...]:
 
 
 def _assumptions(design: Design, result: Evaluation) -> tuple[Block, ...]:
-    """What the report takes for granted, and which effects it leaves out."""
+    """Assumptions of the report, and the effects that it leaves out."""
     items = [lens_words(design.main_lens.kind).assumed, *MODEL]
     if PIXEL_FILTERS[design.sensor.colours].kinds:
         items.append(

@@ -73,7 +73,7 @@ def labelled_fans(design: Design) -> list[LabelledFan]:
 
 
 def medium_told(design: Design) -> str:
-    """What the scene lies in, with its index; nothing for air."""
+    """Name of the medium that the scene lies in, with its index; empty for air."""
     medium = design.object_space.medium
     return "" if medium == AIR else material_told(medium, design.wavelength)
 
@@ -166,7 +166,7 @@ def _front(design: Design) -> float:
 
 
 def _instrument_share(design: Design) -> float:
-    """Of the length from the object plane to the sensor."""
+    """Share of the length from the object plane to the sensor that the instrument takes."""
     end = design.d_1 + design.d_2
     return (end + _front(design)) / (end + design.d_f)
 
@@ -177,7 +177,7 @@ def _scale_told(design: Design, exaggeration: float, whole: bool) -> str:
 
 
 class SectionLayout(NamedTuple):
-    """Where things are in the picture."""
+    """Layout of a section: where things are in the picture."""
 
     panel: Panel
     half: float
@@ -187,9 +187,9 @@ class SectionLayout(NamedTuple):
     sides: dict[str, int]
     """Where each diameter is told: 1 behind its element, -1 before it, 0 with its name as there is no room."""
     names: tuple[tuple[float, str], ...]
-    """Of elements, each with where it stands [mm]."""
+    """Distance of each element [mm], with its name."""
     rows: tuple[int, ...]
-    """Of the names."""
+    """Row of each name, so that names do not overlap."""
     whole: bool
     """Whether the object plane is in it."""
 
@@ -238,7 +238,7 @@ def _section(design: Design, drawn: list[LabelledFan], size: Point, whole: bool,
 
 
 def _sides(design: Design, along: float, before: float, whole: bool) -> dict[str, int]:
-    """Of `SectionLayout.sides`, with pixels per millimetre and before the FAP."""
+    """Sides of the labels for `SectionLayout.sides`, from pixels per millimetre and those before the FAP."""
     spans = [(stop.near, stop.far) for stop in design.openings if stop.near > 0]
     spans += [(at.near, at.far) for at in design.in_bore]
     inner = [near for near, _ in spans]
@@ -546,13 +546,13 @@ class SchematicPart(NamedTuple):
 
     name: str
     z: float
-    """In front of the lens below 0 [mm]."""
+    """Distance from the lens, in front of it below 0 [mm]."""
     diameter: float
     """Or height [mm]; 0 where it has none."""
     says: tuple[str, ...]
     """Lines that are written above it."""
     glass: AnyElement | None = None
-    """What it is, of those that stand before the main lens."""
+    """Element before the main lens that it is; None of other parts."""
 
 
 def dimensions(design: Design) -> Picture:
@@ -653,7 +653,7 @@ def _pupil_size(design: Design) -> str:
 
 
 def _dimension_lines(design: Design) -> list[tuple[str, str, str]]:
-    """What each dimension line says, and the elements it runs between."""
+    """Text of each dimension line, and the two parts it runs between."""
     standing = design.placed
     stops, ends = {at.name: at.near for at in standing}, {at.name: at.far for at in standing}
     front = max(ends, key=lambda name: ends[name])

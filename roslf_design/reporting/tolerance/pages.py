@@ -98,7 +98,7 @@ def tolerance_finding(result: StudyResult, *, first_look: bool = False) -> Findi
 
 
 def headline(result: StudyResult) -> str:
-    """One sentence: the yield and its interval."""
+    """Sentence on the yield and its interval."""
     low, high = result.final.result.interval
     plan = result.plan
     adjusted = "" if len(result.variants) == 1 else f" ({100 * result.variants[0].result.value:.2f} % as built)"
@@ -290,7 +290,7 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
 
 
 def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
-    """What reaches the wanted yield, cheapest first, and what may be looser."""
+    """Tables of changes that reach the wanted yield, cheapest first, and of tolerances that may be looser."""
     design = result.plan.question.design
     if budget.changes:
         columns: tuple[Column, ...] = (
@@ -490,7 +490,7 @@ def _largest(sizes: NDArray[np.float64]) -> NDArray[np.intp]:
 
 
 def _ends_lost(result: StudyResult) -> list[str]:
-    """What at an end of its tolerance alone leaves the weakest metric undefined."""
+    """Tolerances at an end of which, alone, the weakest metric is undefined."""
     lost = np.flatnonzero(np.isinf(result.sensitivity.worst[-1, _weakest_row(result)]))
     return _names(result, lost)
 

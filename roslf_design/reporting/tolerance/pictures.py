@@ -1,4 +1,4 @@
-"""What a tolerance run gave: yields, what spoils builds and how numbers scatter."""
+"""Drawings of a tolerance run: yields, what spoils builds and how numbers scatter."""
 
 from __future__ import annotations
 
@@ -33,18 +33,18 @@ class Yields:
 
     grade: str
     share: Yield
-    """Of the run itself."""
+    """Yield of the run itself."""
     grades: tuple[tuple[str, Yield], ...]
     curve: tuple[tuple[float, Yield], ...]
-    """Over a common factor on all tolerances."""
+    """Yield over a common factor on all tolerances."""
 
 
 @dataclass(frozen=True)
 class Offender:
-    """What one tolerance alone, at its end, does."""
+    """Effect of one tolerance alone, at its end."""
 
     place: str
-    """Where in the design, in words."""
+    """Place in the design, in words."""
     tolerance: str
     """Half-width with its unit."""
     used: float
