@@ -89,7 +89,7 @@ OPTIMISE: tuple[Table, ...] = (
     ("`[[robust.perturb]]`", robust.PerturbTable),
 )
 STORY: tuple[Table, ...] = (
-    ("`[story]`", story.Opening),
+    ("`[story]`", story.StoryHeader),
     ("`[[parts]]`, one study each", story.StoryPart),
     ("`calibration`", PlanOptions),
 )

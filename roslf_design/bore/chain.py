@@ -43,9 +43,9 @@ class ImagedPlane(NamedTuple):
     b: Number
     c: Number
     d: Number
-    aside: tuple[Number, Number]
+    axis_offset: tuple[Number, Number]
     """E: where the main lens's axis meets it [mm]."""
-    lean: tuple[Number, Number]
+    axis_slope: tuple[Number, Number]
     """F: index times slope of the main lens's axis there."""
     medium: Number
     """Index of what lies on its scene's side."""
@@ -78,7 +78,7 @@ class ChainStep(NamedTuple):
     place: Number
     """Distance before the main lens [mm]."""
 
-    def on(self, gap: Number) -> ChainStep:
+    def propagated(self, gap: Number) -> ChainStep:
         """Straight on by a reduced length; the place stays."""
         (a, b, c, d), ((e_x, f_x), (e_y, f_y)) = self.matrix, self.shifts
         shifts = (e_x - gap * f_x, f_x), (e_y - gap * f_y, f_y)
@@ -182,23 +182,23 @@ class Chain:
         """Length of an element along the axis [mm]."""
         return self.elements[k].span(self.at(numbers, k))
 
-    def walk(self, numbers: Mapping[str, Number]) -> tuple[ChainStep, ...]:
+    def prefix_matrices(self, numbers: Mapping[str, Number]) -> tuple[ChainStep, ...]:
         """Light at the main lens, then on the scene's side of each element in turn: what all planes share."""
         steps = [ChainStep((1.0, 0.0, 0.0, 1.0), ((0.0, 0.0), (0.0, 0.0)), 0.0)]
         for k in self.order:
             start, length = numbers[f"elements.{k}.distance"], self.length(numbers, k)
-            step = steps[-1].on(start - steps[-1].place)
+            step = steps[-1].propagated(start - steps[-1].place)
             steps.append(self._through(numbers, k, step, length, np.True_)._replace(place=start + length))
         return tuple(steps)
 
     def plane(self, numbers: Mapping[str, Number], z: Number, walk: tuple[ChainStep, ...] | None = None) -> ImagedPlane:
         """The plane at z before the main lens [mm]; on a thin lens, the lens not yet passed.
 
-        `walk` is that of the numbers, for many planes.
+        `prefix_matrices` is that of the numbers, for many planes.
         """
         if not self.elements:
             return ImagedPlane(1.0, z, 0.0, 1.0, (0.0, 0.0), (0.0, 0.0), 1.0)
-        steps = self.walk(numbers) if walk is None else walk
+        steps = self.prefix_matrices(numbers) if walk is None else walk
         behind = 0  # elements that every build's plane has behind it
         while behind < len(self.order):
             start = numbers[f"elements.{self.order[behind]}.distance"]
@@ -209,7 +209,7 @@ class Chain:
         index: Number = 1.0
         for k in self.order[behind:]:
             start, length = numbers[f"elements.{k}.distance"], self.length(numbers, k)
-            step = step.on(np.maximum(np.minimum(start, z) - step.place, 0.0))
+            step = step.propagated(np.maximum(np.minimum(start, z) - step.place, 0.0))
             passed = np.greater(z, start)
             if not np.any(passed):
                 return step.plane(index)
@@ -219,7 +219,7 @@ class Chain:
             index = np.where(passed & np.less(z, step.place), glass, 1.0)[()]
         medium = numbers.get(MEDIUM, 1.0)
         outside = np.greater_equal(z, step.place)
-        return step.on(np.maximum(z - step.place, 0.0) / medium).plane(np.where(outside, medium, index)[()])
+        return step.propagated(np.maximum(z - step.place, 0.0) / medium).plane(np.where(outside, medium, index)[()])
 
     def _through(
         self, numbers: Mapping[str, Number], k: int, step: ChainStep, inside: Number, passed: Flags
@@ -253,7 +253,7 @@ class Chain:
         """d_f of the focal plane's image in the air before the main lens [mm]."""
         return self.plane(numbers, numbers[PLANE]).distance
 
-    def seen(self, values: Mapping[str, Any]) -> dict[str, Any]:
+    def apparent_values(self, values: Mapping[str, Any]) -> dict[str, Any]:
         """Conjugates as they are seen in air, with what of them is given; other places as they are.
 
         Where stops stand is left out: the air before the main lens is no place to compare them in.
@@ -292,7 +292,7 @@ class Chain:
         self, numbers: Mapping[str, Number], walk: tuple[ChainStep, ...] | None = None
     ) -> tuple[Number, ImagedPlane]:
         """The farthest element's scene side: its distance [mm before the main lens], and the plane, all passed."""
-        last = (self.walk(numbers) if walk is None else walk)[-1]
+        last = (self.prefix_matrices(numbers) if walk is None else walk)[-1]
         return last.place, last.plane(numbers.get(MEDIUM, 1.0))
 
     @property

@@ -35,7 +35,7 @@ def _written(glass: Glass) -> str | dict[str, Any]:
     return numbers_of(glass) or {"name": glass.name, **glass_table(glass)}
 
 
-def material_told(glass: Glass, wavelength: float) -> str:
+def material_label(glass: Glass, wavelength: float) -> str:
     """Its name, and its index at a wavelength [mm] where that is not its name."""
     return glass.name if glass.name.startswith("n =") else f"{glass.name}, n = {float(glass.index(wavelength)):.5g}"
 

@@ -34,7 +34,7 @@ from .frames import Array, CalibrationError, grey_frame
 from .lattice import CentreLattice, Layout
 from .model import GLOBALS, Board, DataSheet, Intrinsics, Observations, derived
 
-Wish = Literal["auto", "on", "off"]
+DiffractionMode = Literal["auto", "on", "off"]
 _SMALL = 0.1
 """Blur [px] below which diffraction is left alone: the budget of rendered images."""
 _SHARE = 0.05
@@ -125,7 +125,7 @@ def calibrate_corrected(
     *,
     distortion: int = 0,
     guess: float | None = None,
-    wish: Wish = "auto",
+    wish: DiffractionMode = "auto",
 ) -> Corrected:
     """Calibrate, with microlens diffraction taken off where it matters.
 
@@ -183,7 +183,7 @@ def calibrate_corrected(
     return Corrected(result, replace(check, baseline=baseline, before=plain.joint.camera, rms_before=plain.joint.rms))
 
 
-def _looked_at(design: Design, white: WhiteImage, wish: Wish) -> DiffractionCheck:
+def _looked_at(design: Design, white: WhiteImage, wish: DiffractionMode) -> DiffractionCheck:
     """Whether to correct, and with what pupil image."""
     c = Camera.of(design)
     expected = float(diffraction_width(c) / c.q)

@@ -31,7 +31,7 @@ from ..design import Design
 from ..theory.light_field import back_substitute
 from ..units import FARTHEST, read_quantity
 from .frames import Array, CalibrationError
-from .space import SceneSide, Shown, as_shown
+from .space import ApparentCamera, SceneSide, as_shown
 
 GLOBALS = ("A", "m", "inverse_d_2", "x_0", "y_0", "k_1", "k_2", "q", "d", "c_1", "b_1")
 """Parameters all boards share, in the order of the Jacobian's columns."""
@@ -471,7 +471,7 @@ class DataSheet:
             return self.space
         return SceneSide.of(self.space.design, {known.place: lengths[known.place] for known in self.elements})
 
-    def shown(self, lengths: Mapping[str, Array]) -> Shown:
+    def apparent(self, lengths: Mapping[str, Array]) -> ApparentCamera:
         """The camera of `derived` lengths, as the boards' medium has it."""
         return as_shown(lengths, self.space_at(lengths))
 

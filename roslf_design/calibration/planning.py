@@ -20,7 +20,7 @@ from .lengths import LengthCovariance
 from .model import Board, DataSheet, Intrinsics, Observations, Poses, derived, project_boards
 from .posterior import laplace_draws, variance_shares
 from .sidedata import SideDatum, image_pitch, white_pitch
-from .space import SceneSide, Shown, as_shown
+from .space import ApparentCamera, SceneSide, as_shown
 
 DRAWS = 20_000
 """Number of drawn cameras for the covariance of their lengths: standard deviations to 0.5 %."""
@@ -140,7 +140,7 @@ def pupil_of(design: Design) -> float:
     return float(_shown(design).pupil)
 
 
-def _shown(design: Design, f: float | None = None) -> Shown:
+def _shown(design: Design, f: float | None = None) -> ApparentCamera:
     c = Camera.of(design)
     if f is not None:
         c = Camera.of(design, {"f": f, "d_1": c.seen.d_1})
@@ -351,7 +351,7 @@ def expected_errors(
 
 
 def _pupil(camera: Intrinsics, sheet: DataSheet) -> float:
-    return float(sheet.shown(derived(camera.vector(), sheet)).pupil)
+    return float(sheet.apparent(derived(camera.vector(), sheet)).pupil)
 
 
 def plan(

@@ -343,13 +343,13 @@ def depth_errors(
     and the error of A stays.
     """
     distances = np.asarray(distances, float)
-    best = sheet.shown(combine(fit, sheet, data).lengths(sheet))
+    best = sheet.apparent(combine(fit, sheet, data).lengths(sheet))
     depth = distances - best.pupil
     if not (depth > 0).all():
         raise CalibrationError(f"distances must lie beyond the FAP at {float(best.pupil):.2f} mm from the lens")
     # Views measure a slope in pitches per pixel: the pitches' own errors are in it.
     slope = (best.m - best.A / depth) * best.A * sheet.q / (best.d_2 * sheet.d)
-    A, m, d_2, pupil = (part[:, None] for part in sheet.shown(draws.quantities))
+    A, m, d_2, pupil = (part[:, None] for part in sheet.apparent(draws.quantities))
     q, d = (draws.quantities[name][:, None] for name in ("q", "d"))
     with np.errstate(divide="ignore"):
         z_f = A / (m - slope * d_2 * d / (q * A))

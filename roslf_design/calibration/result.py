@@ -25,7 +25,7 @@ from .options import CalibrateOptions
 from .planning import camera_of
 from .posterior import CameraDraws, Posterior, depth_errors, posterior_accuracy, variance_shares
 from .sidedata import Combined, SideDatum, combine
-from .space import UsedIn, used_in
+from .space import MediumChange, used_in
 
 SCHEMA = "roslf.calibration/1"
 LAPLACE = "Fisher matrix (Laplace)"
@@ -97,7 +97,7 @@ class Outcome:
     """Medium that the camera is to be used in, where it is another than that of its boards."""
 
     @property
-    def used_in(self) -> UsedIn | None:
+    def used_in(self) -> MediumChange | None:
         """Depths measured in that medium, from the nearest to the farthest board; None for the boards' own.
 
         Raises
@@ -268,7 +268,7 @@ def outcome_of(
     misfit = misfit_of(calibration)
     depth = fit.poses.translation[:, 2]
     # As far as the boards reach, and a fifth more of their depth.
-    pupil = float(sheet.shown(best).pupil)
+    pupil = float(sheet.apparent(best).pupil)
     distances = pupil + np.linspace(0.8 * float(depth.min()), 1.2 * float(depth.max()), 61)
     depths = depth_errors(draws, fit, sheet, distances, data)
     notes = []

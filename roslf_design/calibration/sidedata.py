@@ -91,7 +91,7 @@ def board_distances(
     def off(states: Array) -> Array:
         shared, drawn = states[:, :count], states[:, count:].T
         moved = depth + (shared - best) @ fit.pose_by_shared[boards, 5].T
-        start = 0.0 if relative else sheet.shown(derived(shared, sheet, drawn)).pupil[:, None]
+        start = 0.0 if relative else sheet.apparent(derived(shared, sheet, drawn)).pupil[:, None]
         away = (moved * drawn[3][:, None] + start - readings) / spread
         return np.asarray(away - (away @ common)[:, None] * common if relative else away)
 

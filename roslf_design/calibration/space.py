@@ -26,7 +26,7 @@ from ..design.parts import PATHS
 from .frames import Array, CalibrationError
 
 
-class Shown(NamedTuple):
+class ApparentCamera(NamedTuple):
     """The camera as the boards' medium has it."""
 
     A: Array
@@ -97,12 +97,12 @@ class SceneSide:
             np.sign(c.seen.m * far.d - c.seen.d_1 * far.c),
         )
 
-    def shown(self, A: Array, m: Array, d_2: Array, d_3: Array, d_1: Array) -> Shown:
+    def apparent(self, A: Array, m: Array, d_2: Array, d_3: Array, d_1: Array) -> ApparentCamera:
         """Camera of these lengths as the main lens sees them, as the boards' medium has it."""
         n, grown = self.far.medium, 1 / (self.far.d - d_3 * self.far.c)
         sign = self.upright
         # d_1 is m d_f also where the main lens sees the plane in focus at infinity, m = 0.
-        return Shown(
+        return ApparentCamera(
             sign * n * grown * A, sign * (m * self.far.d - d_1 * self.far.c), n * d_2, _stands(self.far, self.end, d_3)
         )
 
@@ -143,16 +143,16 @@ def _stands(plane: ImagedPlane, at: Number, apparent: Array) -> Array:
     return np.asarray(at + plane.medium * (z * plane.a - w * plane.b) / (w * plane.d - z * plane.c))
 
 
-def as_shown(lengths: Mapping[str, Array], space: SceneSide | None) -> Shown:
+def as_shown(lengths: Mapping[str, Array], space: SceneSide | None) -> ApparentCamera:
     """The camera of `derived` lengths, as the boards' medium has it."""
     A, m, d_2, d_3, d_1 = (lengths[name] for name in ("A", "m", "d_2", "d_3", "d_1"))
-    return Shown(A, m, d_2, d_3) if space is None else space.shown(A, m, d_2, d_3, d_1)
+    return ApparentCamera(A, m, d_2, d_3) if space is None else space.apparent(A, m, d_2, d_3, d_1)
 
 
 # --- calibrated in one medium, used in another ------------------------------------------------------------------------
 
 
-class UsedIn(NamedTuple):
+class MediumChange(NamedTuple):
     """Depths measured where a calibrated camera looks into another medium."""
 
     design: Design
@@ -209,7 +209,7 @@ def in_medium(design: Design, medium: str) -> Design:
     return design.replace({"object_space.medium": what}, d_1=design.d_1)
 
 
-def used_in(calibrated: Design, medium: str, distances: Array) -> UsedIn:
+def used_in(calibrated: Design, medium: str, distances: Array) -> MediumChange:
     """Depths read in another medium with a calibration left as it is.
 
     Parameters
@@ -227,4 +227,4 @@ def used_in(calibrated: Design, medium: str, distances: Array) -> UsedIn:
     # Eq. 12: what slope a point there has, and which depth has it in the calibrated camera.
     slope = (used.seen.m - used.seen.A / (used.plane(planes).distance - used.seen.d_3)) * used.seen.A / used.seen.d_2
     uncorrected = made.plane_seen_at(made.seen.d_3 + made.seen.A / (made.seen.m - slope * made.seen.d_2 / made.seen.A))
-    return UsedIn(there, planes, np.asarray(uncorrected), float(used.chain.end(used.numbers)))
+    return MediumChange(there, planes, np.asarray(uncorrected), float(used.chain.end(used.numbers)))

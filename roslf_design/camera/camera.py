@@ -54,7 +54,7 @@ OPTIONAL = (
     *("depth.period", "depth.finest", "depth.disparity_error"),
 )
 """Places of numbers that need not be given."""
-SEEING = frozenset((*PHOTOMETRIC, *OPTIONAL))
+VIEWING_CONDITIONS = frozenset((*PHOTOMETRIC, *OPTIONAL))
 """All of these: what a camera is used with, not what it is built of."""
 APPARENT = ("d_f", "d_1", "d_2", "d_3", "D_F", "H", "inverse_H", "A", "m", "inverse_m", "gap", "vergence")
 """Lengths, and what follows from them, that the main lens may see otherwise than a ruler."""
@@ -76,7 +76,7 @@ class Rim:
     """Clear opening as the main lens sees it: through what stands between."""
     distance: Number
     """z_k as the main lens sees it, in front of it [mm]."""
-    stands: Number
+    ruler_distance: Number
     """Distance in front of the main lens by a ruler [mm]."""
     scale: Number = 1.0
     """Its own lengths over those that the main lens sees."""
@@ -261,7 +261,7 @@ class Camera(Symbols[Number]):
         Parameters
         ----------
         numbers : mapping
-            Places of `SEEING` and the wavelength, with what they are there.
+            Places of `VIEWING_CONDITIONS` and the wavelength, with what they are there.
         """
         return Camera({**self._numbers, **numbers}, *self._kind[:6])
 
@@ -308,7 +308,7 @@ class Camera(Symbols[Number]):
         numbers = {p: np.broadcast_to(v, shape).ravel()[part] if np.ndim(v) else v for p, v in self._numbers.items()}
         return self._with(numbers)
 
-    def spread(self, axes: int) -> Camera:
+    def with_axes(self, axes: int) -> Camera:
         """Camera of the same builds with `axes` axes of length 1 behind them, for fields, distances or rays."""
         behind = (1,) * axes
         numbers = {
@@ -344,13 +344,13 @@ class Camera(Symbols[Number]):
 
     def plane(self, z: Number) -> ImagedPlane:
         """The plane at z before the main lens [mm, with a ruler], as the main lens sees it."""
-        return self.chain.plane(self._numbers, z, self._walk)
+        return self.chain.plane(self._numbers, z, self._prefix_matrices)
 
     @cached_property
-    def _walk(self) -> tuple[ChainStep, ...]:
-        return self.chain.walk(self._numbers)
+    def _prefix_matrices(self) -> tuple[ChainStep, ...]:
+        return self.chain.prefix_matrices(self._numbers)
 
-    def see(
+    def image_of(
         self, x: Number, y: Number, z: Number, pupil: tuple[Number, Number] = (0.0, 0.0)
     ) -> tuple[Number, Number, Number]:
         """Image by what stands before the main lens of a point of object space, against the system's axis [mm].
@@ -369,11 +369,11 @@ class Camera(Symbols[Number]):
         return self.first_order_image(x, y, z)
 
     def first_order_image(self, x: Number, y: Number, z: Number) -> tuple[Number, Number, Number]:
-        """Image of a point of the first order's object space; parameters as for `see`."""
+        """Image of a point of the first order's object space; parameters as for `image_of`."""
         plane = self.plane(z)
         x, y = (
             (at - off - aside) / plane.magnification + off
-            for at, off, aside in zip((x, y), self.lens_centre, plane.aside, strict=True)
+            for at, off, aside in zip((x, y), self.lens_centre, plane.axis_offset, strict=True)
         )
         return x, y, plane.distance
 
@@ -388,7 +388,7 @@ class Camera(Symbols[Number]):
     @cached_property
     def front(self) -> tuple[Number, ImagedPlane]:
         """The farthest element's scene side: its distance before the main lens [mm], and the plane, all passed."""
-        return self.chain.front(self._numbers, self._walk)
+        return self.chain.front(self._numbers, self._prefix_matrices)
 
     @cached_property
     def law(self) -> Law | None:
@@ -401,7 +401,7 @@ class Camera(Symbols[Number]):
         return self.chain.mapping
 
     @cached_property
-    def pupil_stands(self) -> Number:
+    def entrance_pupil_distance(self) -> Number:
         """Distance by a ruler of the entrance pupil, the FAP as the scene sees it [mm]."""
         return self.plane_seen_at(self.seen.d_3)
 
@@ -410,7 +410,7 @@ class Camera(Symbols[Number]):
         plane = self.plane(distance)
         return distance + plane.medium * ((self.seen.d_3 * plane.a - plane.b) / (plane.d - self.seen.d_3 * plane.c))
 
-    def stretch(self, p: Number) -> Number:
+    def sagittal_stretch(self, p: Number) -> Number:
         """Slope of a ray before the farthest element over that of the first order: 1 but behind a mapped objective.
 
         Parameters
@@ -421,8 +421,8 @@ class Camera(Symbols[Number]):
         grown: Number = self.mapping.stretch(p, self.front[1].medium)
         return grown
 
-    def stretch_along(self, p: Number) -> Number:
-        """Derivative of the slope by that of the first order: `stretch` for small steps along the field's radius."""
+    def tangential_stretch(self, p: Number) -> Number:
+        """Derivative of the slope by that of the first order: for small steps along the field's radius."""
         along: Number = self.mapping.stretch_along(p, self.front[1].medium)
         return along
 
@@ -439,7 +439,7 @@ class Camera(Symbols[Number]):
         Parameters
         ----------
         x, y, z, pupil
-            As for `see`.
+            As for `image_of`.
         plane : float or ndarray, optional
             Distance at which to tell where it is; that of the point if None [mm].
 
@@ -449,12 +449,12 @@ class Camera(Symbols[Number]):
             Where it is there, from the system's axis [mm]; index times its slope, that of the edge where the objective
             does not image the point.
         """
-        (end, front), at = self.front, self.pupil_stands
+        (end, front), at = self.front, self.entrance_pupil_distance
         apart, wide = at - end, 1 / (front.d - front.c * self.seen.d_3)
         middles = [
             off + wide * (point + aside) + shift - apart / front.medium * lean
             for off, point, aside, shift, lean in zip(
-                self.lens_centre, pupil, self.decentre("aperture"), front.aside, front.lean, strict=True
+                self.lens_centre, pupil, self.decentre("aperture"), front.axis_offset, front.axis_slope, strict=True
             )
         ]
         slopes = [(middle - place) / (z - at) for middle, place in zip(middles, (x, y), strict=True)]
@@ -494,7 +494,7 @@ class Camera(Symbols[Number]):
     def rims(self) -> tuple[Rim, ...]:
         """Every opening but the FAP: main lens, further stops and elements, in the order of the design file."""
         lens = Rim("main lens", "main_lens", ClearAperture(self.D / 2), 0.0, 0.0)
-        stops = (self._rim(f"stop {k + 1}", f"stops.{k}") for k in range(self.stops))
+        stops = (self._rim(f"stop {k + 1}", f"stops.{k}") for k in range(self.stop_count))
         return (lens, *stops, *self._mapped_image, *(rim for k in self._apertures for rim in self._faces(k)))
 
     @property
@@ -510,7 +510,7 @@ class Camera(Symbols[Number]):
     @property
     def stop_openings(self) -> tuple[Rim, ...]:
         """The FAP and the further stops."""
-        return (self.fap, *self.rims[1 : 1 + self.stops])
+        return (self.fap, *self.rims[1 : 1 + self.stop_count])
 
     @cached_property
     def _mapped_image(self) -> tuple[Rim, ...]:
@@ -520,7 +520,7 @@ class Camera(Symbols[Number]):
         """
         if self.law is None:
             return ()
-        plane, part = self.chain.mapped_image(self._numbers, self._walk), f"elements.{self.chain.mapped}"
+        plane, part = self.chain.mapped_image(self._numbers, self._prefix_matrices), f"elements.{self.chain.mapped}"
         scale, stands = magnitude(plane.magnification), self._numbers[f"{part}.distance"]
         radius = magnitude(self._numbers[f"{part}.focal_length"]) * float(self.law[0, 1])
         name = f"lens {self.chain.mapped + 1}, mapping"  # type: ignore[operator]
@@ -545,10 +545,12 @@ class Camera(Symbols[Number]):
         The farthest first, the FAP before what stands with it, the main lens last.
         """
         # Of two that touch, the back face of the farther element comes before the front face of the nearer.
-        return tuple(sorted(self.openings, key=lambda rim: (-float(np.ravel(rim.stands)[0]), rim.part.endswith(".1"))))
+        return tuple(
+            sorted(self.openings, key=lambda rim: (-float(np.ravel(rim.ruler_distance)[0]), rim.part.endswith(".1")))
+        )
 
     @cached_property
-    def stops(self) -> int:
+    def stop_count(self) -> int:
         """Number of stops beside the FAP and the main lens."""
         return sum(place.startswith("stops.") and place.endswith(".distance") for place in self._numbers)
 
@@ -591,7 +593,7 @@ class Camera(Symbols[Number]):
         if rim is None or rim.plane is None:
             return x, y
         plane = rim.plane
-        return (x - plane.aside[0]) / plane.magnification, (y - plane.aside[1]) / plane.magnification
+        return (x - plane.axis_offset[0]) / plane.magnification, (y - plane.axis_offset[1]) / plane.magnification
 
     def tilt(self, part: str) -> tuple[Number, Number]:
         """Tilt of a part [rad]; of a stop as the main lens sees it."""
@@ -630,13 +632,13 @@ class Camera(Symbols[Number]):
         tilts = [value for place, value in self._numbers.items() if ".tilt." in place]
         return float(np.max([np.max(np.abs(tilt), initial=0.0) for tilt in tilts]))
 
-    def pose(self, part: str) -> Frame:
+    def apparent_pose(self, part: str) -> Frame:
         """Vertex and axes of a part of the design, in the main lens's frame (its vertex, its axes)."""
         if part not in self._poses:
             self._poses[part] = self._own_pose(part)
         return self._poses[part]
 
-    def stands(self, part: str) -> Frame:
+    def ruler_pose(self, part: str) -> Frame:
         """Vertex and axes of a part of the design in the system's axes, as a ruler finds them."""
         place = place_of(part)
         d_1, d_2 = (self._numbers[PATHS[symbol]] for symbol in ("d_1", "d_2"))
@@ -645,7 +647,7 @@ class Camera(Symbols[Number]):
             (self._numbers[f"{place}.decentre.0"], self._numbers[f"{place}.decentre.1"]),
             self._own_tilt(part),
         )
-        at = z[part] if part in z else minus(0.0, self._rim_of[part].stands)
+        at = z[part] if part in z else minus(0.0, self._rim_of[part].ruler_distance)
         turn = self._numbers["microlens_array.rotation"] if part == "microlens_array" else 0.0
         return frame(decentre, at, tilt, turn)
 
@@ -681,7 +683,7 @@ class Camera(Symbols[Number]):
 
     def microlens(self, x: Number, y: Number) -> Vector:
         """Point of the array (x, y) [mm, in its own frame] in the main lens's frame."""
-        array = self.pose("microlens_array")
+        array = self.apparent_pose("microlens_array")
         return along(array.origin, x, array.x, y, array.y)
 
     @cached_property
@@ -690,7 +692,7 @@ class Camera(Symbols[Number]):
 
         The lens images the FAP's centre a to ``a/(1 + a_z/f)``; from there through the microlens to the sensor's plane.
         """
-        array, sensor, fap = (self.pose(part) for part in ("microlens_array", "sensor", "aperture"))
+        array, sensor, fap = (self.apparent_pose(part) for part in ("microlens_array", "sensor", "aperture"))
         weight = plus(1.0, fap.origin[2] / self.f)
 
         def against(axis: Vector) -> tuple[Number, Vector]:
@@ -721,7 +723,7 @@ class Camera(Symbols[Number]):
         """Distance of the bore's outer end from the main lens: the farthest of FAP, stops, elements and `TIP` [mm]."""
         farthest = self._numbers[TIP]
         for rim in self.openings_ahead:
-            farthest = np.maximum(farthest, rim.stands)
+            farthest = np.maximum(farthest, rim.ruler_distance)
         return np.asarray(np.maximum(farthest, self.chain.end(self._numbers)))
 
     @cached_property
@@ -789,9 +791,9 @@ class Camera(Symbols[Number]):
         yield "in focus beyond infinity", plane > 0
         ahead: Any = plane >= self.chain.end(self._numbers)
         for rim in self.openings_ahead:
-            ahead = ahead & (np.asarray(rim.stands) < plane)
+            ahead = ahead & (np.asarray(rim.ruler_distance) < plane)
         yield "focal plane in the bore", ahead | (plane <= 0)
-        stops = {rim.name: rim.stands for rim in self.stop_openings}
+        stops = {rim.name: rim.ruler_distance for rim in self.stop_openings}
         yield from self.chain.apart(self._numbers, stops)
 
 

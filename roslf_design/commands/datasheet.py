@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Literal
 
 from ..reporting.printers import Paper, render_html, render_pdf
-from ..reporting.sheet.lines import Basis, datasheet_csv, datasheet_json, datasheet_report
+from ..reporting.sheet.lines import SpreadSources, datasheet_csv, datasheet_json, datasheet_report
 from ..reporting.story import datasheet_of
 from .report import folder_name
 from .terminal import OptionalOutput, StatusLine, check_options, check_target, check_typst, json_text, say, write_files
@@ -53,7 +53,7 @@ def datasheet(
     say(target)
 
 
-def _written(grounds: Basis, kind: str, paper: Paper) -> bytes:
+def _written(grounds: SpreadSources, kind: str, paper: Paper) -> bytes:
     if kind == ".json":
         return f"{json_text(datasheet_json(grounds))}\n".encode()
     if kind == ".csv":

@@ -25,7 +25,7 @@ from ..reporting.tolerance.pages import (
 )
 from ..tables import plain_text
 from ..tolerancing.result import analyse, precision, save_worst, trial_arrays, trials_for
-from ..tolerancing.run import ChunkLostError, Where, npz_bytes, run_trials
+from ..tolerancing.run import ChunkLostError, WorkerSettings, npz_bytes, run_trials
 from ..tolerancing.study import RunOptions
 from ..words import sentence
 from .terminal import (
@@ -91,7 +91,7 @@ def tolerance(
     if accuracy is not None:
         count = trials_for(accuracy, plan.draws.sampling)
         plan, description, grades = options.model_copy(update={"trials": count}).plan(study)
-    where = Where(workers or _workers(plan.chunks), scheduler)
+    where = WorkerSettings(workers or _workers(plan.chunks), scheduler)
     with bar("trials", plan.trials) as tell:
         try:
             tally = run_trials(plan, output, where, resume=resume, progress=lambda done, _: tell(done))

@@ -38,7 +38,7 @@ from .captured import (
 )  # fmt: skip
 from .geometry import ArrayGeometry, GridGeometry, ViewGeometry
 from .measure import LEAST, Depths, measure
-from .unmixing import evened
+from .unmixing import flat_fielded
 from .view_files import is_views, read_pfm, read_views
 
 VIEWS_WINDOW, WIDEST = 7, 99
@@ -191,7 +191,7 @@ def _raw(capture: _Capture, progress: Callable[[str], None]) -> MeasuredCapture:
     if min(len(field.u), len(field.v)) < LEAST:
         raise capture.refused(f"holds fewer than {LEAST} x {LEAST} microlens images")
     if options.white is None:
-        field = evened(camera, field)
+        field = flat_fielded(camera, field)
     if not float(field.values.max(initial=0.0)) > 0:
         raise capture.refused("is black; expose more, or check which file it is")
     noise = raw_noise(camera, raw.pixels, raw.notes, field)

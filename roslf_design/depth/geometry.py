@@ -20,7 +20,7 @@ from ..errors import InputError, Problem
 from ..theory.colours import filters
 from ..theory.light_field import depth_of_slope, depth_sigma, epi_slope, rim_disparity
 from .traced_views import TracedViews
-from .unmixing import places_on_array, unmixed
+from .unmixing import places_on_array, without_crosstalk
 from .view_files import CameraGrid
 
 COLOURS_APART = 0.1
@@ -99,7 +99,7 @@ def calibration_sigma(design: Design, covariance: LengthCovariance, z: Array) ->
     slope = np.asarray(epi_slope(camera, camera.plane(z).distance - camera.seen.d_3))
 
     def depths(many: Camera) -> Array:
-        builds = many.spread(1)
+        builds = many.with_axes(1)
         return np.asarray(builds.plane_seen_at(builds.seen.d_3 + depth_of_slope(builds, slope)))
 
     return covariance.carried(design, depths)
@@ -179,7 +179,7 @@ class ArrayGeometry:
 
     def prepared(self, field: LightField) -> PreparedViews:
         """Freed of neighbours' light, as by first order; looking as lens and elements make them."""
-        own = unmixed(self.camera, field)
+        own = without_crosstalk(self.camera, field)
         if self.traced is None:
             return PreparedViews(*own)
         pupil, aside = self.traced.sight(own.field, own.pupil)

@@ -571,7 +571,7 @@ def _truth(camera: Camera, traced: TracedViews | None, scene: Scene, field: Ligh
     for z in (near, far):
         plane = camera.plane(z)
         offsets = [-slope * (plane.distance - camera.seen.d_3) for slope in slopes]
-        lens = zip(offsets, camera.lens_centre, plane.aside, strict=True)
+        lens = zip(offsets, camera.lens_centre, plane.axis_offset, strict=True)
         points.append([at * plane.magnification + off + aside for at, off, aside in lens])
     along = [(a - b) / (far - near) for a, b in zip(*points, strict=True)]
     heights = [a + slope * near for a, slope in zip(points[0], along, strict=True)]

@@ -24,7 +24,7 @@ from ..camera import Camera
 from ..design import Design
 from ..lenses.tracer import KEPT
 from ..shapes.lattice import PACKINGS
-from ..theory.colours import mixed
+from ..theory.colours import panchromatic
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 from ..theory.light import microlens_defocus
 from ..theory.light_field import rim_disparity
@@ -82,7 +82,7 @@ class TracedViews:
         x, y = (axis * float(self.camera.d) for axis in (field.u, field.v))
         along, down = (_nodes(axis) for axis in (x, y))
         points = np.concatenate([np.zeros((1, 2)), *(_ring(radius) for radius in RINGS)])
-        looks, good = self.looks(np.stack(np.meshgrid(along, down), -1).reshape(-1, 2), points)
+        looks, good = self.view_coordinates(np.stack(np.meshgrid(along, down), -1).reshape(-1, 2), points)
         # Polynomials over the pupil at each place, then over the places what these are made of.
         table = np.einsum("kp,lnpc->nlck", np.linalg.pinv(_monomials(points.T).T), looks)
         degree = next((n for n in (FIELD_DEGREE, 3, 1) if good.sum() >= ENOUGH * (n + 1) * (n + 2) / 2), -1)
@@ -100,13 +100,13 @@ class TracedViews:
         places[..., dark], aside[..., dark] = np.nan, 0.0
         return places, aside
 
-    def looks(self, nodes: Array, points: Array) -> tuple[Array, NDArray[np.bool_]]:
+    def view_coordinates(self, nodes: Array, points: Array) -> tuple[Array, NDArray[np.bool_]]:
         """P and E of microlenses and pupil points, shape (2, node, point, 2), and where all rays came through."""
         camera, mounted = self.camera, self.mounted
         turned = _turned(self.design)
         c, fap = microlenses(self.design, nodes), mounted.fap
         # Points are those of the FAP as the lens sees it, which a relay turns round.
-        side = math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F) * mounted.sight[1])
+        side = math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F) * mounted.apparent_pupil[1])
         offsets = side * fap.diameter * points @ turned
 
         def through(places: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -151,7 +151,7 @@ class TracedViews:
             Disparities count for as much more; 1 where not all rays come through.
         """
         points = _ring(RINGS[-1] / math.sqrt(2))  # whose second moments are those of a full disc
-        (pupil, _), good = self.looks(places, points)
+        (pupil, _), good = self.view_coordinates(places, points)
         size = np.sqrt((pupil**2).sum(-1).mean(-1) / (points**2).sum(-1).mean())
         return np.where(good, size, 1.0)
 
@@ -174,7 +174,7 @@ class TracedViews:
         fx, fy = np.meshgrid(frequency, frequency)
         lens = MicrolensTransfer(
             float(camera.d), float(camera.seen.d_2), float(-microlens_defocus(camera) / camera.seen.d_2),
-            (float(mixed(camera).wavelength),), camera.lens_shape,
+            (float(panchromatic(camera).wavelength),), camera.lens_shape,
         )  # fmt: skip
         pixel = abs(float(camera.q) / pitch)
         passed = lens(fx / abs(pitch), fy / abs(pitch)) * pixel_box(fx, pixel) * pixel_box(fy, pixel)

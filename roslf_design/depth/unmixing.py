@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from .._jit import THREADS, kernel, prange
 from ..calibration.decoding import DARKEST, LightField, squared
 from ..camera import Camera
-from ..theory.colours import mixed
+from ..theory.colours import panchromatic
 from ..theory.disparity_error import FINEST_PLACES, ImageParts, image_parts
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.lens_shapes import LENS_SHAPES
@@ -51,10 +51,10 @@ def _parts(camera: Camera, field: LightField) -> tuple[NDArray[np.intp], NDArray
     """Light of microlenses at some rows and columns of a light field; of one where all are alike."""
     places = places_on_array(camera, field)
     rows, columns = _nodes(camera, places)
-    return rows, columns, _parts_at(mixed(camera), places[np.ix_(rows, columns)].reshape(-1, 2), field)
+    return rows, columns, _parts_at(panchromatic(camera), places[np.ix_(rows, columns)].reshape(-1, 2), field)
 
 
-def evened(camera: Camera, field: LightField) -> LightField:
+def flat_fielded(camera: Camera, field: LightField) -> LightField:
     """A light field that was decoded without a white image, as with the one that the camera should give.
 
     Parameters
@@ -88,7 +88,7 @@ class OwnLight(NamedTuple):
     [pitches]: of the same shape."""
 
 
-def unmixed(camera: Camera, field: LightField) -> OwnLight:
+def without_crosstalk(camera: Camera, field: LightField) -> OwnLight:
     """A decoded light field with each microlens's own light alone.
 
     Parameters

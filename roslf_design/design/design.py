@@ -110,7 +110,7 @@ class Design(Part, RulerSymbols[float]):
         values = {place: at(self, place) for place in checked_places(len(self.stops))}
         chain = chain_of(self)
         try:
-            apparent = chain.seen({**chain_numbers(self), **values})
+            apparent = chain.apparent_values({**chain_numbers(self), **values})
         except InputError as error:  # a glass that is not known at the design's wavelength
             faults = tuple(Problem(PATHS["wavelength"], problem.message) for problem in error.problems)
             raise PydanticCustomError(MISFIT, "parts do not fit", {"problems": faults}) from None

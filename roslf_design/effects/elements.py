@@ -20,7 +20,7 @@ from ..design.parts import PATHS
 from ..rays.backward import behind_elements, mapped, scene_side
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.light import outer_slope
-from ..theory.object_space import FacesAhead, Outside, law_of
+from ..theory.object_space import ObjectSpaceFaces, SceneRays, law_of
 from ..theory.stop_images import stop_discs
 from .effect import Effect, Estimate, Subject
 
@@ -36,7 +36,7 @@ NEARLY = 1.02
 """Rays that far outside a rim still count."""
 
 
-class Misses(NamedTuple):
+class ExactMinusParaxial(NamedTuple):
     """Farthest that exact rays come from where the closed forms have them, over field and FAP."""
 
     image: float
@@ -51,7 +51,9 @@ class Misses(NamedTuple):
 
 
 @lru_cache(maxsize=256)
-def misses(design: Design, radius: float, distances: tuple[float, ...], wavelengths: tuple[float, ...] = ()) -> Misses:
+def exact_minus_paraxial(
+    design: Design, radius: float, distances: tuple[float, ...], wavelengths: tuple[float, ...] = ()
+) -> ExactMinusParaxial:
     """Compare rays out to a radius of the array.
 
     Parameters
@@ -76,15 +78,15 @@ def misses(design: Design, radius: float, distances: tuple[float, ...], waveleng
     *closed, imaged = mapped(law, front, *behind_elements(front, lens_x, lens_y, *height, *slope))
     passed &= imaged
     if not passed.any():
-        return Misses(0.0, 0.0, 0.0, False)
+        return ExactMinusParaxial(0.0, 0.0, 0.0, False)
     image, picture, spread, lost = 0.0, 0.0, 0.0, False
     p = outer_slope(camera, radius)  # an objective's mapping may draw the edge larger than the middle
-    compressed = min(1.0, float(camera.stretch(p)), float(camera.stretch_along(p)))
-    rims = sorted(camera.openings, key=lambda rim: float(rim.stands))
+    compressed = min(1.0, float(camera.sagittal_stretch(p)), float(camera.tangential_stretch(p)))
+    rims = sorted(camera.openings, key=lambda rim: float(rim.ruler_distance))
     for wavelength in dict.fromkeys((design.wavelength, *wavelengths)):
         coloured = camera if wavelength == design.wavelength else camera.replace({"wavelength": wavelength})
-        space = FacesAhead.unclipped(coloured)
-        *at_rims, exact = space.rays_at([float(rim.stands) for rim in rims], height, slope)
+        space = ObjectSpaceFaces.unclipped(coloured)
+        *at_rims, exact = space.rays_at([float(rim.ruler_distance) for rim in rims], height, slope)
         good = passed & (exact.status == 0)
         lost |= bool((passed & ~good).any())
         there = {rim.part: rays for rim, rays in zip(rims, at_rims, strict=True)}
@@ -98,7 +100,7 @@ def misses(design: Design, radius: float, distances: tuple[float, ...], waveleng
             spread = max(spread, float(np.max(apart[good & good[:, :1]], initial=0.0)))
     image, picture, spread = (size if size > ROUNDED else 0.0 for size in (image, picture, spread))
     whole = float(np.abs(microlens_image_diameter(camera)))
-    return Misses(whole if lost else image, picture, spread, lost)
+    return ExactMinusParaxial(whole if lost else image, picture, spread, lost)
 
 
 def _rays(camera: Camera, radius: float) -> tuple[Floats, Floats, Floats, Floats]:
@@ -126,7 +128,7 @@ def _on_array(camera: Camera, distance: float) -> float:
 
 def _clipping(
     camera: Camera,
-    there: Mapping[str, Outside],
+    there: Mapping[str, SceneRays],
     rays: tuple[Floats, Floats, Floats, Floats],
     good: NDArray[np.bool_],
     radius: float,
@@ -141,12 +143,12 @@ def _clipping(
         if not rim.size_places:  # a stop for slopes, which flat faces behind it keep
             moved.append(0.0)
             continue
-        z, plane = float(rim.stands), rim.plane or camera.plane(rim.stands)
+        z, plane = float(rim.ruler_distance), rim.plane or camera.plane(rim.ruler_distance)
         height, slope, _ = there[rim.part]
         place = [part[good] for part in (height[0] - slope[0] * z, height[1] - slope[1] * z)]
         first = (
             off + plane.a * l - plane.b * o + aside
-            for off, aside, l, o in zip(camera.lens_centre, plane.aside, (lx, ly), (ox, oy), strict=True)
+            for off, aside, l, o in zip(camera.lens_centre, plane.axis_offset, (lx, ly), (ox, oy), strict=True)
         )
         farthest = float(np.max(np.hypot(*(at - part[good] for at, part in zip(place, first, strict=True)))))
         moved.append(farthest / float(rim.radius * rim.scale) * float(size))
@@ -168,7 +170,7 @@ def plate_aberration(s: Subject) -> Estimate:
     changes it by as much as an image's edge that moves by that share of a pixel, and counts for so much.
     """
     distances = (float(s.camera[PATHS["d_f"]]),) if s.brief.distances is None else s.brief.distances
-    missed = misses(s.design, s.lens_field, distances, s.brief.wavelengths)
+    missed = exact_minus_paraxial(s.design, s.lens_field, distances, s.brief.wavelengths)
     size, at = missed.image / s.design.q, f"to X_ml = {s.lens_field:.4g} mm"
     note = f"by Snell's law microlens images lie up to {size:.3g} px off {at}"
     if missed.lost:

@@ -48,7 +48,7 @@ def cut_depth(s: Subject) -> float:
 def vignetting(s: Subject) -> Estimate:
     """Depth of the deepest cut [px]."""
     depth, at = cut_depth(s) / s.design.q, f"at X_ml = {s.lens_field:.4g} mm"
-    traced = lens.faults(s.design, s.lens_field).cut / s.design.q
+    traced = lens.lens_aberrations(s.design, s.lens_field).cut / s.design.q
     if traced > depth:
         name = s.design.main_lens.kind.name
         return Estimate(traced, f"{name}, traced, cuts {traced:.3g} px off microlens images {at}")
@@ -77,7 +77,7 @@ def blur_on_mla(c: Camera, distance: float, place: float = 0.0) -> float:
     InputError
         Where the object is not beyond the FAP.
     """
-    bore = float(c.fap.stands)
+    bore = float(c.fap.ruler_distance)
     if distance <= bore:
         fault = f"{distance:g} mm is not beyond the aperture at d_3 = {bore:g} mm; move the object out"
         raise InputError((Problem("object distance", fault),))
@@ -98,10 +98,12 @@ def mapped_blur(c: Camera, distance: float, place: float) -> tuple[float, float]
     """
     _, front = c.front
     wide = front.d - front.c * c.seen.d_3
-    p, pupil = outer_slope(c, place), c.pupil_stands
+    p, pupil = outer_slope(c, place), c.entrance_pupil_distance
     spread = 2 * front.medium * c.fap.radius * c.seen.gap / (c.seen.inverse_m * wide * wide)
     away, focus = distance - pupil, c[PATHS["d_f"]] - pupil
-    along, across = (float(spread * (1 / (away * grown) - 1 / focus)) for grown in (c.stretch_along(p), c.stretch(p)))
+    along, across = (
+        float(spread * (1 / (away * grown) - 1 / focus)) for grown in (c.tangential_stretch(p), c.sagittal_stretch(p))
+    )
     return along, across
 
 
@@ -124,7 +126,7 @@ def cos4(s: Subject) -> Estimate:
     the size of the microlens images there, which are traced (etendue is conserved).
     """
     if s.design.main_lens.kind.faults:
-        loss = F_TAN.loss(lens.faults(s.design, s.lens_field).steepest)
+        loss = F_TAN.loss(lens.lens_aberrations(s.design, s.lens_field).steepest)
         return Estimate(loss, f"{loss:.2%} darker at X_ml = {s.lens_field:.4g} mm, behind the array (traced)")
     loss = s.camera.mapping.loss(s.x_ml * float(chief_slope(s.camera)))
     return Estimate(loss, f"{loss:.2%} darker {s.at}{s.camera.mapping.words}")
@@ -190,7 +192,7 @@ def decentres(s: Subject) -> Estimate:
         images += math.hypot(x, y) * abs(s.scale(float(rim.distance)))
     picture = 0.0 if s.brief.white else lens * (1 + float(c.seen.m)) + array
     if not s.brief.white:
-        picture += float(np.hypot(*c.focus.aside) * c.seen.m / np.abs(c.focus.magnification))
+        picture += float(np.hypot(*c.focus.axis_offset) * c.seen.m / np.abs(c.focus.magnification))
     images, picture = images / design.q, picture / design.q
     if images == picture == 0:
         return Estimate(0.0, "nothing is decentred")

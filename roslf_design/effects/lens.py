@@ -28,7 +28,7 @@ RADII = (0.4, 0.6, 0.8, 1.0)
 """Parts of the field's radius at which the lens is looked at."""
 
 
-class Faults(NamedTuple):
+class LensAberrations(NamedTuple):
     """Aberrations of the traced lens over the field, each at its worst."""
 
     displaced: float
@@ -48,16 +48,16 @@ class Faults(NamedTuple):
     """Steepest ray behind the array that makes a microlens image: dx/dz."""
 
 
-FAULTLESS = Faults(0.0, 0.0, 0.0, 0.0, 0.0, math.inf, 0.0)
+FAULTLESS = LensAberrations(0.0, 0.0, 0.0, 0.0, 0.0, math.inf, 0.0)
 
 
-def faults(design: Design, x_ml: float) -> Faults:
+def lens_aberrations(design: Design, x_ml: float) -> LensAberrations:
     """Faults of a design's main lens out to the microlens radius `x_ml` [mm]."""
     return _traced_faults(design, x_ml) if design.main_lens.kind.faults else FAULTLESS
 
 
 @lru_cache(maxsize=256)
-def _traced_faults(design: Design, x_ml: float) -> Faults:
+def _traced_faults(design: Design, x_ml: float) -> LensAberrations:
     axes = [(share * x_ml, 0.0) for share in RADII]
     # The array's own frame is turned and shifted; the lens is asked along its own radius.
     centred = ("main_lens", "aperture", "microlens_array")
@@ -70,7 +70,7 @@ def _traced_faults(design: Design, x_ml: float) -> Faults:
     lit = field.maps.status == KEPT
     foci = np.maximum(np.abs(field.maps.tangential_focus), np.abs(field.maps.sagittal_focus))
     apart = np.abs(field.maps.tangential_focus - field.maps.sagittal_focus)
-    return Faults(
+    return LensAberrations(
         displaced=float(np.max(np.where(whole, field.rim_shift, diameter))),
         cut=float(np.max(1 - field.images.kept_fraction)) * diameter,
         spread=float(np.max(np.where(lit, np.max(field.maps.spread, axis=-1), 0.0))),
@@ -108,7 +108,7 @@ def _traced(s: Subject) -> str:
 
 def distortion(s: Subject) -> Estimate:
     """Displacement of microlens images' rims against the thin lens [px]."""
-    traced = faults(s.design, s.lens_field)
+    traced = lens_aberrations(s.design, s.lens_field)
     size = traced.displaced / s.design.q
     ends = "" if traced.whole_to == s.lens_field else f"; images are not whole beyond {traced.whole_to:.4g} mm"
     return Estimate(size, f"{_traced(s)}: image rims up to {size:.3g} px off the thin lens's{ends}")
@@ -122,13 +122,13 @@ def _blur(s: Subject, spread: float, words: str) -> Estimate:
 
 def aberrations(s: Subject) -> Estimate:
     """Extent on the array of an object point's light [pitches]; zero for a uniform scene."""
-    spread = faults(s.design, s.lens_field).spread / s.design.d
+    spread = lens_aberrations(s.design, s.lens_field).spread / s.design.d
     return _blur(s, spread, f"object points spread over {spread:.3g} pitches")
 
 
 def curvature(s: Subject) -> Estimate:
     """Blur on the array from field curvature and astigmatism [pitches]; zero for a uniform scene."""
-    lens_faults = faults(s.design, s.lens_field)
+    lens_faults = lens_aberrations(s.design, s.lens_field)
     spread, left = lens_faults.curvature / s.design.d, lens_faults.refocused / s.design.d
     words = (
         f"tangential and sagittal foci off the array blur by up to {spread:.3g} pitches, {left:.3g} after refocusing"

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .._arrays import ratio
 from ..accuracy.statement import Accuracy, check_accuracy
 from ..bore.elements import made_of
-from ..bore.material import material_told
+from ..bore.material import material_label
 from ..bore.opening import ClearAperture
 from ..bore.part import TEMPERATURE
 from ..camera import Camera
@@ -106,10 +106,10 @@ def evaluate(
     bounds = {
         "x0_max_mm": limit.radius,
         "x_ml_max_mm": limit.mla_radius,
-        "room_at_corner_mm": limit.room,
+        "room_at_corner_mm": limit.clearance,
         "limited_by": limit.rim,
     }
-    non_distortion = Numbers.of(camera, "non_distortion", bounds, undistorted_in_field=limit.room >= 0)
+    non_distortion = Numbers.of(camera, "non_distortion", bounds, undistorted_in_field=limit.clearance >= 0)
     images = evaluate_fields(design, axes, rays)
     pupil = _size(camera.fap.outline, float(exit_pupil.exit_pupil_diameter(camera)))
     image = _size(camera.fap.outline, float(exit_pupil.microlens_image_diameter(camera)))
@@ -179,7 +179,7 @@ def _looked_through(design: Design, camera: Camera, axes: Sequence[tuple[float, 
     parts = [
         SeenPart(
             "focal plane",
-            "" if medium == AIR else f"in {material_told(medium, design.wavelength)}",
+            "" if medium == AIR else f"in {material_label(medium, design.wavelength)}",
             float(camera[PATHS["d_f"]]),
             None,
             float(camera.seen.d_f),
@@ -193,7 +193,7 @@ def _looked_through(design: Design, camera: Camera, axes: Sequence[tuple[float, 
         across, made = 2 * float(rim.radius), rim.outline.scaled(rim.scale)
         own, seen = (across * float(rim.scale), across) if made.half is None else (None, None)
         sides = None if made.half is None else (2 * float(made.half[0]), 2 * float(made.half[1]))
-        parts.append(SeenPart(rim.name, "opening", float(rim.stands), own, float(rim.distance), seen, sides))
+        parts.append(SeenPart(rim.name, "opening", float(rim.ruler_distance), own, float(rim.distance), seen, sides))
     parts.sort(key=lambda part: -part.distance_mm)
     glass = {"MLA": design.microlens_array.substrate, "sensor": design.sensor.cover}
     for name, ruler, apparent in (("MLA", design.d_1, camera.seen.d_1), ("sensor", design.d_2, camera.seen.d_2)):

@@ -21,7 +21,7 @@ from ..theory.colours import ColourFilter, filters
 from ..theory.depth_of_field import Kind, depth_of_field
 from ..theory.disparity_error import view_gradient
 from ..theory.light import on_array
-from ..theory.photometry import behind, exposure
+from ..theory.photometry import exposure, through_filter
 from ..theory.quantities import QUANTITIES, depth_error, image_rate, seen_at
 from ..theory.resolution import FieldTransfer
 from ..theory.stop_images import MicrolensImages
@@ -208,7 +208,7 @@ class Colour:
     @classmethod
     def of(cls, camera: Camera, one: ColourFilter) -> Colour:
         """Pixels behind a filter."""
-        own = behind(camera, one)
+        own = through_filter(camera, one)
         names = ("image_diameter_px", "fold_lp_per_mm", "mtf50_lp_per_mm", "pixel_electrons", "sigma_disparity_pitches")
         across, fold, sharp, charge, alone = (float(QUANTITIES[name](own)) for name in names)
         given = "depth.disparity_error" in camera.numbers  # whatever light, and however many pixels

@@ -76,7 +76,7 @@ class Facts(NamedTuple):
         return cls(
             fill_factor=float(fill_factor(camera)),
             undistorted_mm=limit.radius,
-            room_mm=limit.room,
+            room_mm=limit.clearance,
             sigma_mm=float(QUANTITIES["sigma_z_mm"](camera)),
             views=float(geometric_views(camera)),
         )
@@ -199,7 +199,7 @@ def _widest(camera: Camera) -> Change:
 
 def _rims(camera: Camera) -> list[float]:
     """Distances of the rims that the FAP's pencils pass: the lens's, which is 0, and those of further stops."""
-    return [float(rim.stands) for rim in camera.rims]
+    return [float(rim.ruler_distance) for rim in camera.rims]
 
 
 def _highest(value: Callable[[Floats], Floats], camera: Camera, high: float) -> float:

@@ -33,7 +33,7 @@ from ..tolerancing.study import TolerancePlan, make_plan, tolerance_plan
 from ..units import format_quantity
 from ..words import to_html
 from .jobs import Done, Failure, ProcessJob, Progress, Tell
-from .state import BY_SYMBOL, CONJUGATE, PLACES, State, kept, read, show
+from .state import BY_SYMBOL, CONJUGATE, PLACES, State, fixed_conjugates, read, show
 
 Options = Mapping[str, Sequence[str]]
 """A form as the browser sends it: every field's name with the values chosen."""
@@ -50,7 +50,7 @@ SCALES = (0.25, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
 """Factors on all tolerances at once."""
 
 
-class Wish(NamedTuple):
+class WantedQuantity(NamedTuple):
     """Objective: a quantity wanted of a design, or kept from getting worse."""
 
     label: str
@@ -70,12 +70,12 @@ class Wish(NamedTuple):
 
 
 GOALS = {
-    "depth": Wish("finest depth", "sigma_z_mm", "min"),
-    "field": Wish("widest field", "field_half_width_mm", "max"),
-    "light": Wish("most light", "light_sr", "max"),
-    "views": Wish("most independent views", "views_independent", "max"),
-    "sample": Wish("finest object sample", "object_sample_mm", "min"),
-    "length": Wish("shortest instrument", "total_length_mm", "min"),
+    "depth": WantedQuantity("finest depth", "sigma_z_mm", "min"),
+    "field": WantedQuantity("widest field", "field_half_width_mm", "max"),
+    "light": WantedQuantity("most light", "light_sr", "max"),
+    "views": WantedQuantity("most independent views", "views_independent", "max"),
+    "sample": WantedQuantity("finest object sample", "object_sample_mm", "min"),
+    "length": WantedQuantity("shortest instrument", "total_length_mm", "min"),
 }
 """Goals by their keys, with their directions."""
 VARIABLES = ("D", "f", "d_f", "d_1", "D_F", "d_3", "d", "d_2")
@@ -83,12 +83,12 @@ VARIABLES = ("D", "f", "d_f", "d_1", "D_F", "d_3", "d", "d_2")
 USUAL = ("D_F", "d_3", "d_2")
 """Variables that are chosen by default."""
 HELD = {
-    "depth": Wish("depth precision", "sigma_z_mm", "max"),
-    "field": Wish("field", "field_half_width_mm", "min"),
-    "views": Wish("independent views", "views_independent", "min"),
-    "pixels": Wish("pixels across an image", "views_geometric", "min"),
-    "length": Wish("total length", "total_length_mm", "max"),
-    "light": Wish("light", "light_sr", "min"),
+    "depth": WantedQuantity("depth precision", "sigma_z_mm", "max"),
+    "field": WantedQuantity("field", "field_half_width_mm", "min"),
+    "views": WantedQuantity("independent views", "views_independent", "min"),
+    "pixels": WantedQuantity("pixels across an image", "views_geometric", "min"),
+    "length": WantedQuantity("total length", "total_length_mm", "max"),
+    "light": WantedQuantity("light", "light_sr", "min"),
 }
 """Quantities that may be kept from getting worse, with the side of their limit."""
 GIVE = 1e-3
@@ -179,7 +179,7 @@ class OptimiseRequest:
 class OptimiseResult:
     """Result of an optimisation run."""
 
-    goal: Wish
+    goal: WantedQuantity
     before: float
     after: float
     """The goal's quantity, of the design asked about and of the one found."""
@@ -190,7 +190,7 @@ class OptimiseResult:
     """The design found; None where nothing holds all limits."""
     sentences: tuple[Statement, ...]
     ends: tuple[SearchEnd, ...]
-    against: Wish | None
+    against: WantedQuantity | None
     """The other goal."""
     front: tuple[tuple[float, float], ...]
     """Goal and what it is against, of designs of which none is better in both."""
@@ -511,7 +511,7 @@ def optimise_study(request: OptimiseRequest) -> dict[str, Any]:
     label, quantity, direction = GOALS[request.goal]
     goals: list[dict[str, Any]] = [{"quantity": quantity, "direction": direction}]
     bounds = request.all_bounds
-    bounds |= {symbol: 2 * (getattr(request.design, symbol),) for symbol in kept(request.follows, bounds)}
+    bounds |= {symbol: 2 * (getattr(request.design, symbol),) for symbol in fixed_conjugates(request.follows, bounds)}
     data: dict[str, Any] = {
         "name": f"{request.design.name}: {label}",
         "microlens_in_focus": request.in_focus,

@@ -38,7 +38,7 @@ CONJUGATE: tuple[Follower, ...] = ("f", "d_1", "d_f")
 """Any two of these give the third."""
 
 
-def kept(follows: str, changed: Collection[str]) -> tuple[str, ...]:
+def fixed_conjugates(follows: str, changed: Collection[str]) -> tuple[str, ...]:
     """Which of f, d_1 and d_f stay where some numbers change and one follows; none where that one is among them."""
     touched = [symbol for symbol in CONJUGATE if symbol in changed]
     return tuple(s for s in CONJUGATE if s not in (follows, *touched)) if touched and follows not in touched else ()
@@ -383,7 +383,7 @@ class State:
             places["depth.window"] = round(across)
         if "q" in changes:  # as the microlenses see it
             places[PATHS["q"]] *= self.design.sensor.relay_magnification
-        fixed = kept(self.follows, changes)
+        fixed = fixed_conjugates(self.follows, changes)
         if any(symbol.startswith("window_") for symbol in changes):  # glass moves the focus
             fixed = tuple(s for s in CONJUGATE if s != self.follows and s not in changes)
         fixed = tuple(s for s in fixed if s in self.design.main_lens.kind.kept_conjugates)

@@ -52,7 +52,7 @@ class ObjectRays(NamedTuple):
     """Points where they, prolonged, cross the plane of the FAP [mm]."""
     slope_x: Floats
     slope_y: Floats
-    room: Floats
+    margin: Floats
     """Least of 1 - r^2/R^2 over all that clips, negative where clipped."""
 
 
@@ -109,7 +109,7 @@ class RealLensTracer:
     """Box in which the light behind each may fall, from its axis: low x, low y, high x, high y (M, 4) [mm]."""
     ways: tuple[LensRays, ...]
     """Rays of each wavelength."""
-    sight: Floats
+    apparent_pupil: Floats
     """Apparent pupil and focal plane, for rays to the scene: A and E (x, y) of the focal plane's `ImagedPlane`, the FAP
     and that plane as seen [mm], then `Layout.front`, (16,)."""
     surfaces: Surfaces | None
@@ -138,7 +138,7 @@ class RealLensTracer:
         blur = float(microlens_defocus_blur(camera)) * math.sqrt(0.5) + design.d * design.d_2 / design.d_1
         forced = not plan.on("vignetting") and plan["vignetting"].estimate > plan["vignetting"].budget
         focus = camera.focus
-        sight = [focus.a, *focus.aside, camera.seen.d_3, focus.distance, *lay_out(camera).front]
+        sight = [focus.a, *focus.axis_offset, camera.seen.d_3, focus.distance, *lay_out(camera).front]
         return cls(
             camera,
             places,
@@ -207,7 +207,7 @@ class RealLensTracer:
         at_x, at_y = c[:, 0, None] + w[0], c[:, 1, None] + w[1]
         leg_x, leg_y = (x - at_x) / self.camera.seen.d_2, (y - at_y) / self.camera.seen.d_2
         rays = way(at_x, at_y, leg_x + w[0] / self.camera.f_ml, leg_y + w[1] / self.camera.f_ml)
-        room = np.maximum(rays.room, -1.0).reshape(shape)
+        room = np.maximum(rays.margin, -1.0).reshape(shape)
         if self.finite:
             weight = (room >= 0).astype(float)
         else:
@@ -225,7 +225,7 @@ class RealLensTracer:
         lens_x, lens_y = (float(at) for at in camera.lens_centre)
         shade_rays.compiled(
             *surfaces, self.mouth, float(camera["aperture.distance"]), float(camera["main_lens.focal_plane"]),
-            self.in_focus, not camera.chain.in_air, self.sight, lens_x, lens_y,
+            self.in_focus, not camera.chain.in_air, self.apparent_pupil, lens_x, lens_y,
             rays.x.reshape(-1), rays.y.reshape(-1), rays.slope_x.reshape(-1), rays.slope_y.reshape(-1),
             weight.reshape(-1), out,
         )  # fmt: skip
@@ -261,7 +261,7 @@ def _way(camera: LensCamera, wavelength: float, only_fap: bool) -> LensRays:
         there = train.lens.through((x, y), (slope_x, slope_y), start=camera.array.z, end=camera.fap.z)
         out = camera.beyond(there, train, clip=False)
         (at_x, at_y), (way_x, way_y) = there.height, there.slope
-        room = np.where(out.state == there.state, np.inf, -1.0) if only_fap else out.room
+        room = np.where(out.state == there.state, np.inf, -1.0) if only_fap else out.margin
         for ahead, stop_x, stop_y, radius in rims[: 1 if only_fap else None]:
             off_x, off_y = at_x - way_x * ahead - stop_x, at_y - way_y * ahead - stop_y
             room = np.minimum(room, 1 - (off_x**2 + off_y**2) / radius**2)
@@ -287,7 +287,7 @@ def _boxes(camera: LensCamera, places: Floats, waves: tuple[float, ...], margin:
         lit = np.zeros((across, len(grid)), np.bool_)
         for wave in waves:
             at = views(camera, c[:, None], c[:, None] + spot, wave, clip=False)
-            lit |= np.minimum(at.fap_room, at.room) >= 0
+            lit |= np.minimum(at.fap_margin, at.margin) >= 0
         bounds[row, :, :2] = np.min(np.where(lit[..., None], spot, np.inf), axis=1) - step - margin
         bounds[row, :, 2:] = np.max(np.where(lit[..., None], spot, -np.inf), axis=1) + step + margin
     # Each microlens takes what the four nodes around it take.

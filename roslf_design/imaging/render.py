@@ -319,7 +319,7 @@ class _Job:
     def _straight(self, x: float, y: float, z: float) -> tuple[float, tuple[Number, Number, Number]]:
         """Light of a point, and where the main lens sees it."""
         camera = self.camera
-        apparent = camera.see(x, y, z)
+        apparent = camera.image_of(x, y, z)
         if not self.plan.on("cos4"):
             return 1.0, apparent
         u, v, distance = (float(number) for number in apparent)
@@ -340,8 +340,8 @@ class _Job:
         camera = self.camera
         _, p = camera.straight_ray(x, y, z)
         if p >= camera.mapping.kernel[0, 1]:
-            return 0.0, camera.see(x, y, z)
-        along, across = float(camera.stretch_along(p)), float(camera.stretch(p))
+            return 0.0, camera.image_of(x, y, z)
+        along, across = float(camera.tangential_stretch(p)), float(camera.sagittal_stretch(p))
         place = float(p / outer_slope(camera, 1.0))
         one, other = (blur / float(camera.d) for blur in mapped_blur(camera, z, place))
         if abs(one - other) > self.budget.pitch:
@@ -351,7 +351,7 @@ class _Job:
                 "farther away, or draw it as a small plane"
             )
             raise InputError((Problem("objects", message),), self.scene.name)
-        pupil = camera.pupil_stands
+        pupil = camera.entrance_pupil_distance
         focus = pupil + (z - pupil) * 2 / (1 / along + 1 / across)
         (u, v), _ = camera.straight_ray(x, y, z, plane=focus)
         shown = float(falloff(camera, p)) if self.plan.on("cos4") else 1.0

@@ -21,7 +21,7 @@ from ..camera import Camera
 from ..camera.frames import frame
 from ..design import Design
 from ..effects import Plan, Subject
-from ..effects.elements import misses
+from ..effects.elements import exact_minus_paraxial
 from ..lenses.angles import NO_LAW, illumination
 from ..lenses.tracer import BLOCK, COLUMNS, ROWS
 from ..rays.backward import (
@@ -46,7 +46,7 @@ from ..scenes import Checkerboard, Noise, PictureTexture, Plane, Scene, Sinusoid
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import chief_slope
-from ..theory.object_space import FacesAhead, outwards
+from ..theory.object_space import ObjectSpaceFaces, outwards
 from .camera import Floats, Image, ImageLattice, Region, pixel_centres, planned_camera
 
 PLANE, SPHERE, TUBE = 0, 1, 2
@@ -285,7 +285,7 @@ def sobol_points(count: int) -> NDArray[np.uint32]:
     return np.asarray(points * 2.0**32).astype(np.uint32)
 
 
-NOTHING = FacesAhead(np.zeros((0, COLUMNS)), np.zeros((0, 2)), np.zeros(0, np.uint8), NO_LAW)
+NOTHING = ObjectSpaceFaces(np.zeros((0, COLUMNS)), np.zeros((0, 2)), np.zeros(0, np.uint8), NO_LAW)
 
 
 @dataclass(frozen=True, eq=False)
@@ -304,7 +304,7 @@ class Tracer:
     """Slope of the chief ray per mm on the array, 0 without cos^4 fall-off."""
     mouth: float
     """Z of the bore's mouth [mm]."""
-    colours: tuple[FacesAhead, ...]
+    colours: tuple[ObjectSpaceFaces, ...]
     """Faces that rays go through before the main lens, once a wavelength; empty where these are not exact."""
 
     @classmethod
@@ -313,7 +313,7 @@ class Tracer:
         camera = planned_camera(design, plan)
         lattice, layout, exact = ImageLattice.of(camera), lay_out(camera), plan.on("plate_aberration")
         if exact:  # rims are met in order, on the way: beforehand only what is far outside the FAP's is left out
-            slack = misses(design, Subject(design).lens_field, ()).image
+            slack = exact_minus_paraxial(design, Subject(design).lens_field, ()).image
             near = layout.rims[:1].copy()
             near[0, 3] *= (1 + WELL_OUTSIDE * slack / (float(np.abs(microlens_image_diameter(camera))) / 2)) ** 2
             lattice, layout = replace(lattice, reach=lattice.reach + slack), layout._replace(rims=near)
@@ -340,7 +340,7 @@ class Tracer:
             _kicks(camera.fap.outline.sized(abs(float(camera.seen.D_F))), wavelengths) if kicked else np.zeros((1, 5)),
             float(chief_slope(camera)) if plan.on("cos4") else 0.0,
             float(Camera.of(design).tip),
-            tuple(FacesAhead.of(camera.replace({"wavelength": w})).for_pixels for w in wavelengths)
+            tuple(ObjectSpaceFaces.of(camera.replace({"wavelength": w})).for_pixels for w in wavelengths)
             if exact
             else (NOTHING,),
         )
@@ -384,7 +384,7 @@ class Tracer:
                 _trace.compiled(
                     x, y, float(camera.q) / fine, lattice.axes, lattice.image_axes, np.linalg.inv(lattice.image_axes),
                     lattice.image_origin, lattice.half_size, lattice.reach, lattice.neighbours, self.flags,
-                    *self.layout, space.table, space.media, space.takers, *self.surfaces, self.kicks, self.falloff,
+                    *self.layout, space.table, space.media, space.clip_status, *self.surfaces, self.kicks, self.falloff,
                     self.mouth, float(camera.seen.d_3), float(camera.seen.d_f), points, counts,
                     sampling.tolerance * fine, place, image, used,
                 )  # fmt: skip
@@ -415,7 +415,7 @@ def _kicks(opening: ClearAperture, wavelengths: tuple[float, ...], count: int = 
 
 
 @kernel()
-def mixed(a: Any, b: Any, c: Any) -> Any:
+def hash3(a: Any, b: Any, c: Any) -> Any:
     """Hash of three whole numbers (64-bit finaliser of the splitmix kind)."""
     z = (a * np.uint64(0x9E3779B97F4A7C15)) ^ (b * np.uint64(0xC2B2AE3D27D4EB4F)) ^ (c * np.uint64(0x165667B19E3779F9))
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -505,10 +505,10 @@ def _trace(
                         n += 1
             if n == 0:
                 continue
-            code = mixed(np.uint64(place[0] + i + 1048576), np.uint64(place[1] + j + 1048576), np.uint64(place[2]))
-            s01 = mixed(code, np.uint64(1), np.uint64(2))
-            s23 = mixed(code, np.uint64(3), np.uint64(4))
-            s45 = mixed(code, np.uint64(5), np.uint64(6))
+            code = hash3(np.uint64(place[0] + i + 1048576), np.uint64(place[1] + j + 1048576), np.uint64(place[2]))
+            s01 = hash3(code, np.uint64(1), np.uint64(2))
+            s23 = hash3(code, np.uint64(3), np.uint64(4))
+            s45 = hash3(code, np.uint64(5), np.uint64(6))
             low = np.uint64(0xFFFFFFFF)
             s0, s1 = np.uint32(s01 & low), np.uint32(s01 >> np.uint64(32))
             s2, s3 = np.uint32(s23 & low), np.uint32(s23 >> np.uint64(32))

@@ -16,7 +16,7 @@ from numpy.polynomial.polynomial import polyder, polyval2d
 from numpy.typing import NDArray
 
 from .._arrays import sunflower
-from ..theory.object_space import FacesAhead, Outside
+from ..theory.object_space import ObjectSpaceFaces, SceneRays
 
 if TYPE_CHECKING:
     from .point_source import PointSource
@@ -40,7 +40,7 @@ class Wavefront:
     """The wave of one point in one colour, in the air before the main lens; places against that's axis."""
 
     source: PointSource
-    faces: FacesAhead
+    faces: ObjectSpaceFaces
     """Faces with their clear apertures."""
     middle: Floats
     radius: float
@@ -52,7 +52,7 @@ class Wavefront:
     def of(cls, source: PointSource, wavelength: float) -> Wavefront | None:
         """Aim rays all over the FAP; None where none comes through."""
         camera = source.camera.replace({"wavelength": wavelength})
-        faces, free = FacesAhead.of(camera), FacesAhead.of(camera, clip=False)
+        faces, free = ObjectSpaceFaces.of(camera), ObjectSpaceFaces.of(camera, clip=False)
         opening = source.opening
         middle, radius = opening.centres[0], MARGIN * float(opening.radii[0])
         disc = np.concatenate([sunflower(SAMPLES).T, _circle(48)])
@@ -127,7 +127,7 @@ class Wavefront:
         return np.asarray(inside + low[:, None] * way)
 
 
-def _carried(faces: FacesAhead, height: Floats, slope: Floats) -> Outside:
+def _carried(faces: ObjectSpaceFaces, height: Floats, slope: Floats) -> SceneRays:
     return faces.rays((height[..., 0], height[..., 1]), (slope[..., 0], slope[..., 1]))
 
 
@@ -145,7 +145,7 @@ def _gradient(at: Floats, axis: int) -> Floats:
     return np.asarray(j * x**i * y ** np.maximum(j - 1, 0))
 
 
-def _extra_slopes(source: PointSource, faces: FacesAhead, pupil: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+def _extra_slopes(source: PointSource, faces: ObjectSpaceFaces, pupil: Floats) -> tuple[Floats, NDArray[np.bool_]]:
     """Slopes of exact rays from the point through places of the FAP, less the ideal wave's, and True where a ray comes.
 
     Paraxial elements move a ray's place at the point by ``A d_3 - B`` times its slope, and an objective's mapping
@@ -160,7 +160,7 @@ def _extra_slopes(source: PointSource, faces: FacesAhead, pupil: Floats) -> tupl
     along, across = 1.0, 1.0
     if camera.law is not None:
         _, p = camera.straight_ray(x, y, z)
-        along, across = float(camera.stretch_along(p)), float(camera.stretch(p))
+        along, across = float(camera.tangential_stretch(p)), float(camera.sagittal_stretch(p))
     for _ in range(STEPS):
         slope = ideal + extra
         height = pupil + slope * float(camera.seen.d_3) + source.lens

@@ -93,7 +93,7 @@ class Passed(NamedTuple):
     """dx/dz and dy/dz, (2, ...); 0 for a lost ray."""
     state: NDArray[np.int16]
     """State of the ray (`describe`), (...)."""
-    room: Array
+    margin: Array
     """Least of 1 - r^2/semi-diameter^2 over the surfaces, (...); -1 or less for a stopped ray."""
 
 
@@ -151,7 +151,7 @@ class SurfaceStack(NamedTuple):
         work = planes, np.empty(ROWS * BLOCK), np.empty(count * BLOCK)
         arrays: list[Any] = [part.reshape(-1) for part in (*lens, *work, rays, out, state, room)]
         has_law = self.table.shape[1] > count * COLUMNS  # whose sines numpy and the compiler take a bit apart
-        if has_law or pays(trace_slopes, total * count):
+        if has_law or use_compiled(trace_slopes, total * count):
             trace_slopes.compiled(total // builds, builds, count, backward, clip, *arrays)
         else:  # plain floats out, not numpy's slow and noisy scalars
             trace_slopes.interpreted(
@@ -160,7 +160,7 @@ class SurfaceStack(NamedTuple):
         return Passed(out[:2], out[2:], state, room)
 
 
-def pays(kernel: Any, meetings: int) -> bool:
+def use_compiled(kernel: Any, meetings: int) -> bool:
     """Whether the compiled kernel is to do so many meetings of rays and surfaces; counts those that it does not."""
     if kernel.ready:
         return meetings >= CALL_ABOVE

@@ -22,7 +22,7 @@ from pydantic import BeforeValidator, Field, InstanceOf, ValidationInfo, field_v
 from .._arrays import Array
 from ..bore.conjugates import CONJUGATES, follower
 from ..bore.part import TEMPERATURE
-from ..camera import SEEING, TIP, Camera, Number
+from ..camera import TIP, VIEWING_CONDITIONS, Camera, Number
 from ..design import PATHS, Design
 from ..lenses.glass import Glass
 from ..theory.f_number import inverse_fill_factor
@@ -292,7 +292,7 @@ class Constraint(_Asked):
         given: dict[Side, float | None] = {"min": self.min, "max": self.max}
         return {side: limit for side, limit in given.items() if limit is not None}
 
-    def said(self, side: Side) -> str:
+    def limit_words(self, side: Side) -> str:
         """A limit in words, without its number, e.g. ``fill_factor <=``."""
         return f"{self.label} {SIGNS[side]}"
 
@@ -330,7 +330,7 @@ class Constraint(_Asked):
         if len(self.limits) == 2:
             return f"{self.min:.6g} <= {self.label} <= {self.with_unit(self.limits['max'])}"
         side, limit = next(iter(self.limits.items()))
-        return f"{self.said(side)} {self.with_unit(limit)}"
+        return f"{self.limit_words(side)} {self.with_unit(limit)}"
 
 
 class Goal(_Asked):
@@ -348,7 +348,7 @@ class Goal(_Asked):
         """Worse value by so much in the goal's direction; infinity stays."""
         return value if math.isinf(value) else value + self.sign * by
 
-    def held(self, value: float) -> Constraint:
+    def as_constraint(self, value: float) -> Constraint:
         """The limit that nothing worse than a value passes."""
         low, high = (None, value) if self.sign > 0 else (value, None)
         return self.limited(low, high)
@@ -586,7 +586,7 @@ class DesignProblem:
             for k in chain.order:
                 if moved & {rim.part, f"elements.{k}"}:
                     start, end = ends(k)
-                    before = rim.stands <= (start(base) + end(base)) / 2
+                    before = rim.ruler_distance <= (start(base) + end(base)) / 2
                     yield *((stop, start) if before else (end, stop)), f"{rim.name} clear of {named[k]}"
 
     def _rows_of(self, index: int, constraint: Constraint) -> Iterator[LimitRow]:
@@ -745,7 +745,7 @@ def name_faults(names: Sequence[str], numbers: Mapping[str, Number], own: Sequen
     In a design with these numbers, and a real lens with places of its `own`.
     """
     idle = (*IDLE, ".turn", "decentre", "relay", ".index", ".gradient", "tube.", "environment.")
-    built = [place for place in numbers if "." in place and place not in SEEING]
+    built = [place for place in numbers if "." in place and place not in VIEWING_CONDITIONS]
     lengths = [place for place in built if not any(word in place for word in idle)]
     known = dict.fromkeys([*PATHS, *lengths, *DERIVED, *own])
     for name in names:

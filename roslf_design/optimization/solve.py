@@ -325,7 +325,7 @@ def solve(problem: DesignProblem, settings: Settings = USUAL, tell: Tell = lambd
         if not answer.feasible:
             break
         value = answer.number(goal)
-        held = goal.held(goal.worse(value, problem.slack * _goal_per_merit(current, answer.unit)))
+        held = goal.as_constraint(goal.worse(value, problem.slack * _goal_per_merit(current, answer.unit)))
         stages.append(Stage(goal.label, value, "" if last else str(held)))
         starts = [answer.unit, *starts]
         if not last:
@@ -564,8 +564,8 @@ def explain(problem: DesignProblem, points: Sequence[Array], budget: SearchBudge
     smallest, complete = _smallest(pool, len(problem.constraints))
     clashing = sorted(smallest)
     missed = {
-        constraint.said(row.side): Violation(
-            constraint.said(row.side),
+        constraint.limit_words(row.side): Violation(
+            constraint.limit_words(row.side),
             problem.number(constraint, unit),
             constraint.limits[row.side],
             constraint.quantity.unit,
@@ -637,7 +637,7 @@ class _Pool:
         value = self.problem.number(constraint, unit)
         helps = violation_of(rows[~soft]) <= 1e-7 and np.isfinite(value)
         needed, unit_name = value if helps else None, constraint.quantity.unit
-        return Relaxation(constraint.said(side), constraint.limits[side], needed, unit_name)
+        return Relaxation(constraint.limit_words(side), constraint.limits[side], needed, unit_name)
 
 
 def _smallest(pool: _Pool, count: int) -> tuple[frozenset[int], bool]:
@@ -748,7 +748,9 @@ def pareto_front(
         value = problem.number(goal, end)
         if number or math.isinf(value):
             # Of designs equally good in this goal, the one that is best in the first, or that in the next.
-            refined = best_of(goals[0 if number else 1], [goal.held(goal.worse(value, HAIR * abs(value)))], [end])
+            refined = best_of(
+                goals[0 if number else 1], [goal.as_constraint(goal.worse(value, HAIR * abs(value)))], [end]
+            )
             end = end if refined is None else refined
         met.append(end)
     ends, payoff = list(met), values(met)
@@ -762,7 +764,7 @@ def pareto_front(
         tell(f"front: limit {number} of {len(grid)}")
         if limits[0] == ladders[0][0]:
             warm = ends[0]
-        held = [goal.held(value) for goal, value in zip(goals[1:], limits, strict=True)]
+        held = [goal.as_constraint(value) for goal, value in zip(goals[1:], limits, strict=True)]
         best = best_of(goals[0], held, [warm])
         if best is None:
             best = best_of(goals[0], held, ends)

@@ -66,12 +66,12 @@ def lay_out(camera: Camera) -> Layout:
     ]
     openings = camera.openings_ahead
     own = frame((0.0, 0.0), 0.0, (0.0, 0.0))
-    to_array = camera.pose("sensor").seen_from(camera.pose("microlens_array"))
+    to_array = camera.apparent_pose("sensor").seen_from(camera.apparent_pose("microlens_array"))
     maps = [
         _map(to_array),
-        _map(camera.pose("microlens_array")),
+        _map(camera.apparent_pose("microlens_array")),
         _map(own.seen_from(camera.world)),
-        *(_map(own.seen_from(camera.pose(stop.part))) for stop in openings),
+        *(_map(own.seen_from(camera.apparent_pose(stop.part))) for stop in openings),
     ]
     if not camera.tilted:
         maps[0][2, 3] = camera.seen.d_2  # better than a difference of (d_1 + d_2) and d_1
@@ -86,7 +86,17 @@ def lay_out(camera: Camera) -> Layout:
 def scene_side(camera: Camera) -> Floats:
     """`Layout.front` of one camera."""
     end, plane = camera.front
-    front = [end, plane.a, plane.b, plane.c, plane.d, plane.medium, *plane.aside, *plane.lean, camera.pupil_stands]
+    front = [
+        end,
+        plane.a,
+        plane.b,
+        plane.c,
+        plane.d,
+        plane.medium,
+        *plane.axis_offset,
+        *plane.axis_slope,
+        camera.entrance_pupil_distance,
+    ]
     return np.array(front, float)
 
 

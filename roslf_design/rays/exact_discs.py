@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..camera import Camera, Rim
 from ..theory.exit_pupil import stop_angle
-from ..theory.object_space import FacesAhead
+from ..theory.object_space import ObjectSpaceFaces
 from ..theory.stop_images import stop_discs
 
 Floats = NDArray[np.float64]
@@ -142,12 +142,12 @@ class _Outlines:
 
     camera: Camera
     stops: tuple[Rim, ...]
-    space: FacesAhead
+    space: ObjectSpaceFaces
 
     @classmethod
     def of(cls, camera: Camera, wavelength: float) -> _Outlines:
         coloured = camera if wavelength == camera.wavelength else camera.replace({"wavelength": wavelength})
-        return cls(camera, (camera.fap, *camera.rims), FacesAhead.of(coloured, clip=False))
+        return cls(camera, (camera.fap, *camera.rims), ObjectSpaceFaces.of(coloured, clip=False))
 
     def cutting(self, x: Floats, y: Floats) -> Sequence[int] | None:
         """The FAP, and the stops that some light through it does not clear."""
@@ -177,7 +177,7 @@ class _Outlines:
 
     def met(self, k: int, x: Floats, y: Floats, points: Floats) -> Floats:
         """Points where rays from the sensor, relative to their microlenses' axes, meet a stop, from its centre."""
-        c, z = self.camera, float(self.stops[k].stands)
+        c, z = self.camera, float(self.stops[k].ruler_distance)
         slope = points / float(c.seen.d_2)
         height = np.stack([x, y])[..., None] - slope * float(c.seen.d_1)
         outside = slope + height / float(c.f)
@@ -185,7 +185,7 @@ class _Outlines:
         there = next(self.space.rays_at([z], (start[0], start[1]), (outside[0], outside[1])))
         if np.any(there.status):
             raise _LostRayError
-        centre = np.array(c.stands(self.stops[k].part).origin[:2], float)
+        centre = np.array(c.ruler_pose(self.stops[k].part).origin[:2], float)
         return np.asarray(there.height - there.slope * z - centre[:, None, None])
 
     def points(self, k: int, x: Floats, y: Floats) -> Floats:
@@ -197,7 +197,7 @@ class _Outlines:
         if not rim.size_places:
             return np.asarray(outline)
         # To first order, what the stop's own lengths are on the sensor.
-        plane = rim.plane or c.plane(rim.stands)
+        plane = rim.plane or c.plane(rim.ruler_distance)
         scale = -float(c.seen.d_2 * stop_angle(c, rim.distance)) / float(plane.magnification)
         own = self.own_radius(k)
         for _ in range(STEPS):

@@ -127,13 +127,13 @@ def _through(camera: Camera, x: Floats, y: Floats) -> tuple[Vector, Projected, P
     """A microlens in the lens's frame, and the ways from the FAP's plane to the lens and to the sensor through it."""
     axis = camera.microlens(x, y)
     point = lens_point(camera, camera.fap, axis)
-    return axis, point, project(point, axis, 1.0, camera.pose("sensor"))
+    return axis, point, project(point, axis, 1.0, camera.apparent_pose("sensor"))
 
 
 def _crossing(camera: Camera, rim: Rim, point: Projected, axis: Vector) -> Projected:
     if rim.part == "main_lens":
         return point
-    return project(point, axis, minus(1.0, axis[2] / camera.f), camera.pose(rim.part))
+    return project(point, axis, minus(1.0, axis[2] / camera.f), camera.apparent_pose(rim.part))
 
 
 def _in_system(camera: Camera, point: Vector, ray: Vector) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
@@ -259,7 +259,7 @@ def paths(camera: Camera, rays: PupilRays, microlens: Point, start: float) -> Fl
     takers += [(Status.APERTURE + k, rim) for k, rim in enumerate(camera.openings_ahead)]
     reached = np.array([*planes, *[-1.0] * (len(vertices) - len(planes))])
     for code, rim in takers:
-        stands = float(rim.stands)
+        stands = float(rim.ruler_distance)
         met = _meeting(camera, rim.part, _line_at(camera, rays, stands))
         end = np.stack([np.broadcast_to(x, shape) for x in met], -1)
         # The main lens itself stands at 0; a ray always keeps the point it starts from.
@@ -313,8 +313,8 @@ def _line_at(camera: Camera, rays: PupilRays, distance: float) -> tuple[Floats, 
     lines = []
     for axis, off in enumerate(camera.lens_centre):
         height, slope = rays.height[axis] - off, rays.slope[axis]
-        here = plane.a * height - plane.b * slope + plane.aside[axis] + off
-        there = (-plane.c * height + plane.d * slope + plane.lean[axis]) / plane.medium
+        here = plane.a * height - plane.b * slope + plane.axis_offset[axis] + off
+        there = (-plane.c * height + plane.d * slope + plane.axis_slope[axis]) / plane.medium
         lines.append((np.asarray(here + there * distance), np.asarray(there)))
     (hx, sx), (hy, sy) = lines
     if distance <= camera.chain.mapped_from(camera.numbers):
@@ -336,7 +336,7 @@ def _on_plane(camera: Camera, rays: PupilRays, distance: float) -> Vector:
 
 def _meeting(camera: Camera, part: str, line: tuple[Floats, Floats, Floats, Floats]) -> Vector:
     """Points where object-side rays meet a part's plane, in the system's axes."""
-    pose = camera.stands(part)
+    pose = camera.ruler_pose(part)
     (nx, ny, nz), (ex, ey, ez) = pose.z, pose.origin
     hx, hy, ox, oy = line
     z = (nx * (ex - hx) + ny * (ey - hy) + nz * ez) / (nx * ox + ny * oy + nz)
@@ -345,5 +345,5 @@ def _meeting(camera: Camera, part: str, line: tuple[Floats, Floats, Floats, Floa
 
 def _placed(camera: Camera, part: str, x: Floats, y: Floats) -> Vector:
     """Points of a part's own plane in the system's axes."""
-    pose = camera.stands(part)
+    pose = camera.ruler_pose(part)
     return along(pose.origin, x, pose.x, y, pose.y)

@@ -38,7 +38,7 @@ from .blocks import Block, Bullets, Finding, Paragraph, Report, Section, Stateme
 from .calibrate.pages import Calibrated, calibrated_finding, plan_finding, read_calibration
 from .design.pages import design_report, making
 from .optimise.pages import optimization_finding, statements
-from .sheet.lines import AsBuilt, Basis, Known, basis, datasheet_section
+from .sheet.lines import BuildSpread, CalibrationSpread, SpreadSources, basis, datasheet_section
 from .tolerance.pages import tolerance_finding
 
 TAKES = re.compile(r"best|robust|parts-\d\d")
@@ -46,7 +46,7 @@ STUDIES = ("optimize", "tolerance", "calibration", "calibrated")
 """Kinds of study that a part may be."""
 
 
-class Opening(StrictTable):
+class StoryHeader(StrictTable):
     """`[story]`."""
 
     title: str
@@ -97,7 +97,7 @@ class StoryPart(StrictTable):
 class StoryTable(StrictTable):
     """A whole file."""
 
-    story: Opening
+    story: StoryHeader
     parts: Annotated[tuple[StoryPart, ...], Field(min_length=1, max_length=20)]
 
 
@@ -204,10 +204,10 @@ def builds_alone(
     origin: str = "",
     progress: Callable[[int, int], None] | None = None,
     seed: int | None = None,
-) -> AsBuilt:
+) -> BuildSpread:
     """The trials of a tolerance study without its analyses; arguments as of `run_tolerances`."""
     plan, *_ = tolerance_plan(_seeded(data, seed), design, folder, origin)
-    return AsBuilt(plan, summarise(plan, _tally(plan, progress))[-1])
+    return BuildSpread(plan, summarise(plan, _tally(plan, progress))[-1])
 
 
 def run_optimisation(
@@ -310,7 +310,7 @@ def study_report(
     else:
         tolerances = run_tolerances(data, None, path.parent, origin, _counted(progress, "tolerances"), seed)
         design, findings = tolerances.plan.question.design, {"tolerances": tolerance_finding(tolerances)}
-        sheet = datasheet_section(basis(design, AsBuilt(tolerances.plan, tolerances.final)))
+        sheet = datasheet_section(basis(design, BuildSpread(tolerances.plan, tolerances.final)))
     findings = _first_look(design, seed or 0, progress, findings)
     title = str(data.get("name", design.name))
     return design_report(design, findings=findings, sheet=sheet, title=title, progress=progress, **options)
@@ -358,7 +358,7 @@ def story_report(story: Story, *, seed: int | None = None, progress: Tell = lamb
 class Walked(NamedTuple):
     """A part of a story that has run."""
 
-    outcome: Result | StudyResult | AsBuilt | PlanOptions | Calibrated
+    outcome: Result | StudyResult | BuildSpread | PlanOptions | Calibrated
     """Result of the part; of a plan the captures asked for."""
     before: Design
     design: Design
@@ -369,14 +369,17 @@ class Walked(NamedTuple):
 
 
 def _walked(
-    story: Story, seed: int | None, progress: Tell, tolerances: Callable[..., StudyResult | AsBuilt] = run_tolerances
+    story: Story,
+    seed: int | None,
+    progress: Tell,
+    tolerances: Callable[..., StudyResult | BuildSpread] = run_tolerances,
 ) -> Iterator[Walked]:
     """Run a story's parts, tolerance studies by `tolerances`."""
     design = story.design
     for index, part in enumerate(story.table.parts):
         where, before = f"part {index + 1} of {len(story.table.parts)}", design
         file, data = story.folder / (part.file or ""), story.studies.get(index, {})
-        outcome: Result | StudyResult | AsBuilt | PlanOptions | Calibrated
+        outcome: Result | StudyResult | BuildSpread | PlanOptions | Calibrated
         if part.kind == "optimize":
             tell = _prefixed(progress, f"{where}, optimisation")
             outcome = run_optimisation(data, design, file.parent, str(file), tell, seed)
@@ -398,7 +401,7 @@ def _walked(
 
 def datasheet_of(
     path: Path, seed: int | None = None, progress: Tell = lambda _: None, calibration: Path | None = None
-) -> Basis:
+) -> SpreadSources:
     """A design's data sheet, or that of a study's design with the scatter of its builds.
 
     Of a story it is the sheet of the design that it ends with, its tolerances and its calibration those of the last
@@ -433,32 +436,32 @@ def datasheet_of(
     return basis(best, None, None if calibration is None else _known(calibration, best))
 
 
-def _basis_of(story: Story, parts: Sequence[Walked]) -> Basis:
+def _basis_of(story: Story, parts: Sequence[Walked]) -> SpreadSources:
     """Sources of tolerances among the parts of a story, for the design that it ends with."""
     design = parts[-1].design
-    built: AsBuilt | None = None
-    known: Known | None = None
+    built: BuildSpread | None = None
+    known: CalibrationSpread | None = None
     for index, part in enumerate(parts):
         if part.design != design:
             continue
         match part.outcome:
-            case AsBuilt() as tolerances:
+            case BuildSpread() as tolerances:
                 built = tolerances
             case StudyResult() as result:
-                built = AsBuilt(result.plan, result.final)
+                built = BuildSpread(result.plan, result.final)
             case PlanOptions() as asked:
                 covariance = planned_lengths(design, asked)
-                known = None if covariance is None else Known("as planned", design, covariance)
+                known = None if covariance is None else CalibrationSpread("as planned", design, covariance)
             case Calibrated():
                 known = _known_if_told(story.folder / (story.table.parts[index].calibrated or ""), design) or known
     return basis(design, built, known)
 
 
-def _known(calibration: Path, named: Design) -> Known:
-    return Known(f"as in {calibration.name}", *calibrated_camera(calibration, named))
+def _known(calibration: Path, named: Design) -> CalibrationSpread:
+    return CalibrationSpread(f"as in {calibration.name}", *calibrated_camera(calibration, named))
 
 
-def _known_if_told(calibration: Path, named: Design) -> Known | None:
+def _known_if_told(calibration: Path, named: Design) -> CalibrationSpread | None:
     """None of another design's, or an older one: a report's section on it says so, and lines go without."""
     with suppress(InputError):
         return _known(calibration, named)

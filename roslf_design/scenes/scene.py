@@ -140,9 +140,11 @@ def _view(design: Design) -> tuple[float, float]:
     height = slope * float(plane.b - plane.a * camera.seen.d_3) - outside * float(end)
 
     def grown() -> float:
-        return float(camera.stretch(abs(outside) * plane.medium))
+        return float(camera.sagittal_stretch(abs(outside) * plane.medium))
 
-    ((height, slope),) = camera.mapping.redrawn([(height, -outside)], grown, lambda: float(camera.pupil_stands))
+    ((height, slope),) = camera.mapping.redrawn(
+        [(height, -outside)], grown, lambda: float(camera.entrance_pupil_distance)
+    )
     outside = -slope
     away = 1 if outside * design.d_f + height > 0 else -1  # from the axis; else towards a pupil beyond the focal plane
     return away * outside, away * height

@@ -14,7 +14,7 @@ import numpy as np
 from .._arrays import Array, product, ratio
 from ..camera import Camera, Number
 from ..lenses.angles import STEEPEST
-from .object_space import FacesAhead
+from .object_space import ObjectSpaceFaces
 
 Place = tuple[Number, Number]
 Places = tuple[Array, Array]
@@ -70,7 +70,7 @@ def outer_slopes(c: Camera, place: Place) -> Place:
     front = c.front[1]
     x, y = (
         front.d * slope - front.c * height + lean
-        for height, slope, lean in zip(*_at_main_lens(c, place), front.lean, strict=True)
+        for height, slope, lean in zip(*_at_main_lens(c, place), front.axis_slope, strict=True)
     )
     return x, y
 
@@ -123,7 +123,7 @@ def _to_first_order(c: Camera, place: Place) -> ChiefRays:
     (end, front), slopes = c.front, outer_slopes(c, place)
     rays = []
     for height, before, p, aside, centre in zip(
-        *_at_main_lens(c, place), slopes, front.aside, c.lens_centre, strict=True
+        *_at_main_lens(c, place), slopes, front.axis_offset, c.lens_centre, strict=True
     ):
         slope = p / front.medium
         rays.append((front.a * height - front.b * before + aside + centre + slope * end, slope))
@@ -131,9 +131,9 @@ def _to_first_order(c: Camera, place: Place) -> ChiefRays:
 
     def grown() -> Array:
         steep = np.hypot(*slopes)  # beyond what is imaged the end of that
-        return np.minimum(c.stretch(steep), STEEPEST) * np.minimum(1.0, ratio(c.mapping.end, steep))
+        return np.minimum(c.sagittal_stretch(steep), STEEPEST) * np.minimum(1.0, ratio(c.mapping.end, steep))
 
-    (x, slope_x), (y, slope_y) = c.mapping.redrawn(straight, grown, lambda: c.pupil_stands)
+    (x, slope_x), (y, slope_y) = c.mapping.redrawn(straight, grown, lambda: c.entrance_pupil_distance)
     return ChiefRays((x, y), (slope_x, slope_y))
 
 
@@ -143,11 +143,11 @@ def _past_elements(c: Camera, at: Array) -> Array:
 
     `at` are the microlenses, (2, n) or (2, n, builds).
     """
-    near, far = FacesAhead.unclipped(c).bending
+    near, far = ObjectSpaceFaces.unclipped(c).bending
     places = c.lens_centre, _centre(c), _at_main_lens(c, (at[0], at[1]))[0]
     lens, fap, height = (np.stack([np.broadcast_to(part, at.shape[1:]) for part in pair]) for pair in places)
 
-    def passed(faces: FacesAhead, height: Array, slope: Array) -> tuple[Array, Array]:
+    def passed(faces: ObjectSpaceFaces, height: Array, slope: Array) -> tuple[Array, Array]:
         if not len(faces.names):
             return height, slope
         rays = faces.rays((height[0], height[1]), (slope[0], slope[1]))

@@ -106,7 +106,7 @@ def filters(colours: Colours) -> tuple[ColourFilter, ...]:
     return PIXEL_FILTERS[colours].kinds
 
 
-def mixed(c: Camera) -> Camera:
+def panchromatic(c: Camera) -> Camera:
     """A camera as pixels of all colours see it on average, once these are made equal; itself without filters."""
     return PIXEL_FILTERS[c.colours].mixed(c)
 

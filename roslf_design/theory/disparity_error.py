@@ -36,7 +36,7 @@ from .colours import filters
 from .exit_pupil import microlens_image_diameter, microlens_image_pitch
 from .lens_shapes import LENS_SHAPES
 from .light import microlens_defocus
-from .photometry import behind, dark_variance, electrons, response
+from .photometry import dark_variance, electrons, response, through_filter
 from .stop_images import MicrolensImages
 from .transfer import pixel_box
 
@@ -113,7 +113,7 @@ class Texture(NamedTuple):
         return self._replace(fine=self.fine[index], strength=self.strength[index])
 
     @property
-    def shown(self) -> Spectrum:
+    def as_views_show(self) -> Spectrum:
         """Spectrum as single views show it, shape (..., W)."""
         x, y = (self.fine[..., None] * part for part in self.waves[:2])
         power = self.strength[..., None] * self.waves.power
@@ -209,7 +209,7 @@ def texture(c: Camera, plane: Seen) -> Texture:
 
 def view_gradient(c: Camera, plane: Seen) -> Array:
     """G, the rms gradient that single views show [contrast per microlens pitch]."""
-    waves = texture(c, plane).shown
+    waves = texture(c, plane).as_views_show
     return np.asarray(2 * math.pi * np.sqrt(((waves.x**2 + waves.y**2) * waves.power).sum(-1)))
 
 
@@ -232,7 +232,7 @@ def disparity_information(images: MicrolensImages, plane: Seen, waves: Spectrum 
         colour filters of a texture without colour, in white light: what the pixels of each colour tell, added up.
     """
     c = images.camera
-    if parts := [(one.share, type(images)(behind(c, one), images.fields)) for one in filters(c.colours)]:
+    if parts := [(one.share, type(images)(through_filter(c, one), images.fields)) for one in filters(c.colours)]:
         return np.asarray(sum(share * disparity_information(part, plane, waves) for share, part in parts))
     one = np.ones(())
     rows = _rows_of(images, plane, texture(c, plane) if waves is None else Texture(one, one, waves))
@@ -404,7 +404,7 @@ def _series(c: _Array, level: int, whole: bool, nodes: bytes, spectrum: bytes, l
 
 def _sharpened(images: _Images, c: _Array, level: int, whole: bool) -> Array:
     """Information; where blur is far below a pitch, extrapolated from broader ones."""
-    finest, waves = images.finest, images.texture.shown
+    finest, waves = images.finest, images.texture.as_views_show
     if not whole:  # whole images are as they are in a mirror
         x, y, power = waves.x, waves.y, waves.power / 2
         waves = Spectrum(*(np.concatenate(pair, 1) for pair in ((x, -x), (y, y), (power, power))))

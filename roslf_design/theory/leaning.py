@@ -63,7 +63,7 @@ def leaning_radius(c: Camera, rim: Rim) -> Array:
 
 def _crossing(c: Camera, rim: Rim, towards: Array, around: Array) -> tuple[tuple[Vector, Any], tuple[Vector, Any]]:
     """Where rays meet a rim's plane, from its middle: numerator and denominator at radius 0, and both per radius."""
-    pose, (e_x, e_y), size = c.pose(rim.part), c.decentre("aperture"), c.fap.radius
+    pose, (e_x, e_y), size = c.apparent_pose(rim.part), c.decentre("aperture"), c.fap.radius
     v, q = pose.origin, (e_x + size * np.cos(around), e_y + size * np.sin(around), -c.seen.d_3)
     p: Vector = np.cos(towards), np.sin(towards), 0.0
     focus: Vector = 0.0, 0.0, -c.seen.d_f

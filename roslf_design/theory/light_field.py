@@ -55,7 +55,7 @@ def view_projection(c: Camera, view: ArrayLike) -> Array:
         Takes a scene point ``(X, Y, Z_F, W)`` to ``(u w, v w, w)`` with ``w = Z_F``, finite for finite arguments: a
         view is a pinhole camera at ``(S', T')`` on the FAP.
     """
-    pupil = pixel_to_pupil(c.spread(1) if c.shape else c, view)
+    pupil = pixel_to_pupil(c.with_axes(1) if c.shape else c, view)
     shape = np.broadcast_shapes(pupil.shape[:-1], c.shape)
     matrix = np.zeros((*shape, 3, 4))
     matrix[..., 0, 0] = matrix[..., 1, 1] = -c.seen.A / c.d

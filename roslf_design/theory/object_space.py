@@ -36,7 +36,7 @@ from ..lenses.tracer import (
     SPHERE,
     bend_mapped,
     pass_surfaces,
-    pays,
+    use_compiled,
 )
 
 Floats = NDArray[np.float64]
@@ -65,7 +65,7 @@ class Status(IntEnum):
     """Clipped by the flexible angular plane (FAP); behind it count the rims that follow the main lens's."""
 
 
-class Outside(NamedTuple):
+class SceneRays(NamedTuple):
     """Rays in the medium of the scene."""
 
     height: Floats
@@ -77,7 +77,7 @@ class Outside(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class FacesAhead:
+class ObjectSpaceFaces:
     """Everything that a ray meets between main lens and scene, as the kernels take it; from the main lens outwards.
 
     Leading axes are those of the builds, where there are many.
@@ -87,7 +87,7 @@ class FacesAhead:
     """A row a face, stop, ideal lens or rod, (..., S, 26)."""
     media: Floats
     """Indices on the scene's and on the sensor's side of each, (..., S, 2)."""
-    takers: NDArray[np.uint8]
+    clip_status: NDArray[np.uint8]
     """Fates of rays that each face or opening clips, as `Status`, (S,)."""
     law: Floats
     """`law_of`."""
@@ -95,7 +95,7 @@ class FacesAhead:
     """Names of the faces and openings: "plate 1, back", "stop 2"."""
 
     @classmethod
-    def of(cls, camera: Camera, *, clip: bool = True) -> FacesAhead:
+    def of(cls, camera: Camera, *, clip: bool = True) -> ObjectSpaceFaces:
         """All that stands before the main lens of a camera, in the order in which it stands in the first build.
 
         Parameters
@@ -118,21 +118,21 @@ class FacesAhead:
         return cls(table, media, np.array(takers, np.uint8), law_of(camera), tuple(face.name for face in faces))
 
     @classmethod
-    def unclipped(cls, camera: Camera) -> FacesAhead:
+    def unclipped(cls, camera: Camera) -> ObjectSpaceFaces:
         """`of` a camera, past which clear apertures let every ray; told once of each."""
         if cls not in camera.worked_out:
             camera.worked_out[cls] = cls.of(camera, clip=False)
-        faces: FacesAhead = camera.worked_out[cls]
+        faces: ObjectSpaceFaces = camera.worked_out[cls]
         return faces
 
     @property
-    def for_pixels(self) -> FacesAhead:
+    def for_pixels(self) -> ObjectSpaceFaces:
         """Faces for pixels: rays run through rods to some millionths of their heights and slopes, ten times as fast."""
         table = self.table.copy()
         table[table[..., KIND] == ROD, COARSE] = 1.0
         return replace(self, table=table)
 
-    def rays(self, height: tuple[ArrayLike, ArrayLike], slope: tuple[ArrayLike, ArrayLike]) -> Outside:
+    def rays(self, height: tuple[ArrayLike, ArrayLike], slope: tuple[ArrayLike, ArrayLike]) -> SceneRays:
         """Carry rays outwards, through one build or each build's own: builds are the rays' last axes then.
 
         Parameters
@@ -151,20 +151,20 @@ class FacesAhead:
         out, status = np.zeros_like(rays), np.zeros((count, rays.shape[2]), np.uint8)
         room = np.empty(ROWS * BLOCK), np.empty(BLOCK)
         # Angles from sines come out of numpy and of the compiler a bit apart.
-        if len(self.law) or pays(carry_builds, status.size * table.shape[1]):
-            carry_builds.compiled(table, media, self.takers, self.law, *room, rays, out, status)
+        if len(self.law) or use_compiled(carry_builds, status.size * table.shape[1]):
+            carry_builds.compiled(table, media, self.clip_status, self.law, *room, rays, out, status)
         else:
             buffer, work = (_plain(part) for part in room)
             for k in range(count):
                 faces, indices = ([_plain(row) for row in part[k]] for part in (table, media))
                 carry.interpreted(
-                    faces, indices, self.takers, self.law, buffer, work, _plain(rays[k]), out[k], status[k]
+                    faces, indices, self.clip_status, self.law, buffer, work, _plain(rays[k]), out[k], status[k]
                 )
         outside = out.transpose(1, 2, 0).reshape(4, *shape)
-        return Outside(outside[:2], outside[2:], status.T.reshape(shape))
+        return SceneRays(outside[:2], outside[2:], status.T.reshape(shape))
 
     @property
-    def bending(self) -> tuple[FacesAhead, FacesAhead]:
+    def bending(self) -> tuple[ObjectSpaceFaces, ObjectSpaceFaces]:
         """Only what bends rays: what stands between main lens and FAP, and what stands before the FAP."""
         table, index = self.table, self.media
         bends = (table[..., KIND] != SPHERE) | (table[..., 3] != 0) | (index[..., 0] != index[..., 1])
@@ -172,15 +172,15 @@ class FacesAhead:
         fap = self.names.index("FAP")
         return self._only(rows[rows < fap]), self._only(rows[rows > fap])
 
-    def _only(self, rows: NDArray[np.intp]) -> FacesAhead:
+    def _only(self, rows: NDArray[np.intp]) -> ObjectSpaceFaces:
         return replace(
-            self, table=self.table[..., rows, :], media=self.media[..., rows, :], takers=self.takers[rows],
+            self, table=self.table[..., rows, :], media=self.media[..., rows, :], clip_status=self.clip_status[rows],
             names=tuple(self.names[row] for row in rows),
         )  # fmt: skip
 
     def rays_at(
         self, distances: Sequence[float], height: tuple[ArrayLike, ArrayLike], slope: tuple[ArrayLike, ArrayLike]
-    ) -> Iterator[Outside]:
+    ) -> Iterator[SceneRays]:
         """Rays past only what stands nearer than each of some growing distances [mm]; then past all.
 
         They go on straight from there, be it in glass; in a gradient-index rod they are where they are inside. A ray is
@@ -201,13 +201,13 @@ class FacesAhead:
             (h_x, h_y), (s_x, s_y), status = stage.rays(height, slope)
             height, slope, first = (h_x, h_y), (s_x, s_y), end - inside
             lost = np.where(lost, lost, status)
-            yield Outside(np.stack(height), np.stack(slope), lost)
+            yield SceneRays(np.stack(height), np.stack(slope), lost)
 
-    def _some(self, first: int, end: int) -> FacesAhead:
+    def _some(self, first: int, end: int) -> ObjectSpaceFaces:
         """Copies of the faces from one to another."""
         some = slice(first, end)
-        return FacesAhead(
-            self.table[some].copy(), self.media[some].copy(), self.takers[some], self.law, self.names[some]
+        return ObjectSpaceFaces(
+            self.table[some].copy(), self.media[some].copy(), self.clip_status[some], self.law, self.names[some]
         )
 
 
@@ -231,7 +231,7 @@ def _units(camera: Camera) -> Iterator[tuple[tuple[float, int], list[Face]]]:
         return np.where(np.greater_equal(z, medium_from), medium, 1.0)
 
     for rim in camera.stop_openings:
-        at, z = PartNumbers(n, rim.part), rim.stands
+        at, z = PartNumbers(n, rim.part), rim.ruler_distance
         row = plane_row(vertex_of(at, z), axes_of(at), at["diameter"] / 2)
         yield (_first(z), 0), [Face(row, around(z), around(z), rim.part, rim.name)]
     for k, element in enumerate(chain.elements):
@@ -338,6 +338,6 @@ def carry(
 def carry_builds(
     table: Any, media: Any, takers: Any, law: Any, buffer: Any, work: Any, rays: Any, out: Any, status: Any
 ) -> None:
-    """`carry` through builds, the first axis of all but `takers` and `law`."""
+    """`carry` through builds, the first axis of all but `clip_status` and `law`."""
     for build in range(len(table)):
         carry(table[build], media[build], takers, law, buffer, work, rays[build], out[build], status[build])

@@ -118,7 +118,7 @@ def dark_variance(c: Camera) -> Array:
     return np.asarray(c["sensor.read_noise"] ** 2 + step**2 / 12)
 
 
-def behind(c: Camera, one: ColourFilter) -> Camera:
+def through_filter(c: Camera, one: ColourFilter) -> Camera:
     """A camera with colour filters as the pixels of one colour see it, for the same exposure.
 
     Lengths and glasses are as before: what colour does to the main lens is not in it.

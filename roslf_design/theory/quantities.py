@@ -438,7 +438,7 @@ register(
         "mm",
         "room between the pencil and the nearest rim, below 0 where it is cut; in `optimize` at the field's corner",
         **_over_field(lambda c, _, field: vignetting.corner_room(c, field)),
-        local=lambda images: images.room,
+        local=lambda images: images.clearance,
         equation="Eqs. 5-6",
         positive=False,
         worst=_least,

@@ -162,7 +162,7 @@ def lens_point(c: Camera, rim: Rim, microlens: Vector) -> Projected:
     """
     cx, cy, cz = microlens
     bend = 1.0 - cz / c.f
-    pose = c.pose(rim.part)
+    pose = c.apparent_pose(rim.part)
     columns = []
     for own, (ax, ay, az) in zip((cz, 0.0, 0.0), (pose.origin, pose.x, pose.y), strict=True):
         columns.append((cross(cz, ax, az, cx), cross(cz, ay, az, cy), minus(own, times(az, bend))))
@@ -197,7 +197,7 @@ def project(point: Projected, through: Vector, weight: Number, plane: Frame) -> 
 
 def stop_image(c: Camera, rim: Rim, microlens: Vector) -> Projected:
     """Image of a stop on the sensor, through a microlens [mm, the sensor's own frame]."""
-    return project(lens_point(c, rim, microlens), microlens, 1.0, c.pose("sensor"))
+    return project(lens_point(c, rim, microlens), microlens, 1.0, c.apparent_pose("sensor"))
 
 
 def _room(rim: ClearAperture, pencil: Ellipse | Polygon) -> Number:
@@ -430,7 +430,7 @@ class MicrolensImages:
     @cached_property
     def outline(self) -> Ellipse | Polygon:
         """The FAP's image, as if nothing cut it."""
-        image = project(self._through_fap, self.microlens, 1.0, self.camera.pose("sensor"))
+        image = project(self._through_fap, self.microlens, 1.0, self.camera.apparent_pose("sensor"))
         return image.image(self.camera.fap.outline)
 
     @cached_property
@@ -448,7 +448,7 @@ class MicrolensImages:
         return np.sqrt(np.abs((x1 - x0) * (y3 - y2) - (y1 - y0) * (x3 - x2)))
 
     @cached_property
-    def room(self) -> Number:
+    def clearance(self) -> Number:
         """Room between the pencil that fills the FAP and the nearest rim, on that rim's plane [mm].
 
         Negative where the rim cuts the pencil. Exact where nothing is tilted (the pencil is then a disc on every rim's
@@ -459,7 +459,7 @@ class MicrolensImages:
         rooms = []
         for rim in c.rims:
             on_lens = rim.part == "main_lens"
-            crossing = point if on_lens else project(point, self.microlens, bend, c.pose(rim.part))
+            crossing = point if on_lens else project(point, self.microlens, bend, c.apparent_pose(rim.part))
             if rim.leans:
                 off = np.hypot(*crossing.ellipse(c.fap.radius)[:2])
                 room = settled(np.asarray(rim.radius - _farthest(crossing, c.fap.radius, np.shape(off))), rim.radius)

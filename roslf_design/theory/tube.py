@@ -41,7 +41,8 @@ def housed(c: Camera) -> tuple[Housed, ...]:
         return size
 
     parts = [
-        part(rim.name, rim.part, 2 * ClearAperture.of(numbers, rim.part).reach, rim.stands) for rim in c.stop_openings
+        part(rim.name, rim.part, 2 * ClearAperture.of(numbers, rim.part).reach, rim.ruler_distance)
+        for rim in c.stop_openings
     ]
     for k, element in enumerate(c.chain.elements):
         key = f"elements.{k}"

@@ -134,7 +134,7 @@ class FieldLimit(NamedTuple):
     """Radius where its chief ray meets the array [mm]."""
     rim: str
     """The rim that ends it or, where none does, the one that leaves the least room."""
-    room: float
+    clearance: float
     """Smallest room between a pencil and a rim at the field's farthest corner, on that rim's plane [mm]."""
 
 

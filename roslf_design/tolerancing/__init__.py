@@ -6,7 +6,7 @@ trial again, and `evaluate_builds` is the batched engine under all of them.
 
 from .metrics import METRICS, Question, evaluate_builds
 from .result import analyse
-from .run import Where, run_trials
+from .run import WorkerSettings, run_trials
 from .study import TolerancePlan, load_plan, make_plan, plan_from
 from .trials import one_trial
 
@@ -14,7 +14,7 @@ __all__ = [
     "METRICS",
     "Question",
     "TolerancePlan",
-    "Where",
+    "WorkerSettings",
     "analyse",
     "evaluate_builds",
     "load_plan",

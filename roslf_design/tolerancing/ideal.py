@@ -68,7 +68,7 @@ class IdealBuilds(MicrolensImages):
         strays: tuple[Number, Number] | None = None,
     ) -> None:
         super().__init__(camera, fields)
-        self.strays = strays
+        self.lenslet_offsets = strays
         self.nominal, self.object_distance, self.calibrated = nominal, object_distance, calibrated
         self.azimuth = azimuths(self.x, self.y)
         self.reach = float(np.max(np.hypot(self.x, self.y))) or float(nominal.array_size[0]) / 2
@@ -82,7 +82,7 @@ class IdealBuilds(MicrolensImages):
         slope = (1 - height) / n.seen.d_1 + height / n.f
         stretch = plane.a * height - plane.b * slope
         if n.law is not None:
-            stretch = stretch * n.stretch(outer_slope(n, np.hypot(self.x, self.y)))
+            stretch = stretch * n.sagittal_stretch(outer_slope(n, np.hypot(self.x, self.y)))
         return self.x * stretch, self.y * stretch
 
     @cached_property
@@ -123,10 +123,10 @@ class IdealBuilds(MicrolensImages):
 
     def _strayed(self, x: Number, y: Number) -> Place:
         """Errors of image centres [px], with those of the microlenses' own places: an image goes along."""
-        if self.strays is None:
+        if self.lenslet_offsets is None:
             return x, y
         aside = self.pitch / self.camera.d / self.camera.q
-        return x + self.strays[0] * aside, y + self.strays[1] * aside
+        return x + self.lenslet_offsets[0] * aside, y + self.lenslet_offsets[1] * aside
 
     @cached_property
     def depth_error_mm(self) -> Number:
@@ -145,8 +145,8 @@ class IdealBuilds(MicrolensImages):
             known = [self._slope(zero, zero, z, (one, zero)) for z in self.calibration_depths]
             depth = fractional(slope, known, self.calibration_depths)
         if n.law is not None:  # the field's radius is drawn as if it were so much farther away
-            along = n.stretch_along(outer_slope(n, np.hypot(self.x, self.y)))
-            depth = n.pupil_stands + (depth - n.pupil_stands) / along
+            along = n.tangential_stretch(outer_slope(n, np.hypot(self.x, self.y)))
+            depth = n.entrance_pupil_distance + (depth - n.entrance_pupil_distance) / along
         return depth - self.object_distance
 
     def _slope(self, x: Array, y: Array, z: float, azimuth: tuple[Array, Array]) -> Number:
@@ -180,11 +180,11 @@ class IdealBuilds(MicrolensImages):
 
         Those are given in its own coordinates [mm].
         """
-        c, fap = self.camera, self.camera.pose("aperture")
+        c, fap = self.camera, self.camera.apparent_pose("aperture")
         point = None
         for a, b in ways:
             if point is None or c.law is not None:  # then each point of the FAP sees the object elsewhere
-                point = self._before_lens(c.see(x, y, z, (a, b)))
+                point = self._before_lens(c.image_of(x, y, z, (a, b)))
             yield self._landing(point, along(fap.origin, a, fap.x, b, fap.y))
 
     def _before_lens(self, apparent: Vector) -> Vector:
@@ -212,7 +212,7 @@ class IdealBuilds(MicrolensImages):
     def _planes(self) -> list[tuple[Number, list[tuple[Vector, Number]]]]:
         """Sensor and array: what places on them are counted in, their axes, and where the lens lies along those."""
         c = self.camera
-        poses = (c.q, c.pose("sensor")), (c.d, c.pose("microlens_array"))
+        poses = (c.q, c.apparent_pose("sensor")), (c.d, c.apparent_pose("microlens_array"))
         return [(unit, [(axis, -dot(axis, pose.origin)) for axis in pose[1:]]) for unit, pose in poses]
 
 

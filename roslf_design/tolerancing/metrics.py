@@ -16,7 +16,7 @@ from ..design import PATHS, Design
 from ..theory.quantities import DECODED, QUANTITIES
 from .ideal import IdealBuilds
 from .places import LENSLETS, of_parts
-from .traced import TracedBuilds, as_built, mounted
+from .traced import TracedBuilds, as_built, real_lens_builds
 
 METRICS = {
     name: quantity
@@ -109,7 +109,7 @@ def evaluate_builds(question: Question, values: Mapping[str, Array], trials: int
     return results
 
 
-def strays(question: Question, values: Mapping[str, Array]) -> tuple[Number, Number] | None:
+def lenslet_offsets(question: Question, values: Mapping[str, Array]) -> tuple[Number, Number] | None:
     """How far each field's microlens is from where the pitch has it, x and y [mm], (fields, trials); None: nowhere."""
     if not any(place.startswith(LENSLETS) for place in values):
         return None
@@ -155,8 +155,8 @@ class _RealMount(_IdealMount):
 
     def __init__(self, design: Design, values: Mapping[str, Array], trials: int) -> None:
         super().__init__(design, values, trials)
-        self.mount = mounted(design, values, trials)
-        self.nominal, self.changes, self.sound = self.nominal.as_measured, self.mount.twins, self.mount.sound
+        self.mount = real_lens_builds(design, values, trials)
+        self.nominal, self.changes, self.sound = self.nominal.as_measured, self.mount.thin_equivalents, self.mount.sound
 
     @property
     def faults(self) -> dict[str, NDArray[np.bool_]]:
@@ -194,7 +194,7 @@ def builds_of(
     The others have nominal numbers, which mean nothing. `afresh` is for builds behind a real lens that are far from the
     nominal design: each one's rays are found from its own thin twin.
     """
-    rest = question.fields, question.object_distance, calibrated, strays(question, values)
+    rest = question.fields, question.object_distance, calibrated, lenslet_offsets(question, values)
     mount = _mount(question.design, values, trials)
     nominal, changes = mount.nominal, mount.changes
     camera = nominal.replace(changes)

@@ -90,7 +90,7 @@ class ChunkLostError(RuntimeError):
 
 
 @dataclass(frozen=True)
-class Where:
+class WorkerSettings:
     """Workers on which chunks run."""
 
     workers: int = 1
@@ -100,7 +100,12 @@ class Where:
 
 
 def run_trials(
-    plan: TolerancePlan, folder: Path, where: Where = Where(), *, resume: bool = False, progress: Progress | None = None
+    plan: TolerancePlan,
+    folder: Path,
+    where: WorkerSettings = WorkerSettings(),
+    *,
+    resume: bool = False,
+    progress: Progress | None = None,
 ) -> Tally:
     """Run a plan's trials, chunk by chunk, into a folder.
 
@@ -133,7 +138,7 @@ def run_trials(
     missing = [index for index, path in enumerate(paths) if not _is_whole(path, digest, index)]
     done = plan.trials - sum(plan.chunk_trials(index) for index in missing)
     report(done, plan.trials)
-    with contextlib.closing(anywhere(partial(run_chunk, plan), missing, where)) as finished:
+    with contextlib.closing(run_chunks(partial(run_chunk, plan), missing, where)) as finished:
         for index, content in finished:
             write_atomically(paths[index], content)
             done += plan.chunk_trials(index)
@@ -186,12 +191,12 @@ def tally_chunk(plan: TolerancePlan, index: int) -> Tally:
 
     def stretch(start: int) -> Tally:
         drawn = plan.draws.uniforms(index, plan.chunk, start, min(start + STRETCH, size))
-        return counted(plan, measure_uniforms(plan, drawn), first + start)
+        return tally_of(plan, measure_uniforms(plan, drawn), first + start)
 
     return merged(stretch(start) for start in range(0, size, STRETCH))
 
 
-def _check_processes(where: Where) -> None:
+def _check_processes(where: WorkerSettings) -> None:
     """Refuse processes where the system has no room for what they share, as with a read-only /dev/shm."""
     if where.workers < 2 and where.scheduler != "local":
         return
@@ -203,7 +208,7 @@ def _check_processes(where: Where) -> None:
         raise refusal(option, message) from None
 
 
-def anywhere(work: Work, indices: Sequence[int], where: Where) -> Generator[tuple[int, bytes], None, None]:
+def run_chunks(work: Work, indices: Sequence[int], where: WorkerSettings) -> Generator[tuple[int, bytes], None, None]:
     """Run chunks where asked, in whatever order they finish.
 
     Raises
@@ -421,7 +426,7 @@ class Tally:
     """Their adjustments [mm, rad], shape (kept, adjusters)."""
 
 
-def counted(plan: TolerancePlan, trials: MeasuredTrials, first: int) -> Tally:
+def tally_of(plan: TolerancePlan, trials: MeasuredTrials, first: int) -> Tally:
     """Count consecutive trials, the first of which has the number `first`."""
     drawn, (variants, columns, size) = trials.deviations, trials.variants.shape
     passes = np.array([plan.passes(values) for values in trials.variants])

@@ -26,13 +26,13 @@ from ..lenses.manufacture import LensBuilds, as_made, lens_builds
 from ..lenses.prescription import first_order
 from ..lenses.tracer import BLOCK
 from ..theory.light import object_scale, on_array
-from ..theory.object_space import FacesAhead
+from ..theory.object_space import ObjectSpaceFaces
 from ..theory.stop_images import lens_point
 from ..traced.camera import aims, camera_of, microlenses, sensor_of_pupil
 from ..traced.fields import stretches, uncut_light
 from ..traced.images import FOLDED, real_images
 from ..traced.outlines import RIM, Outlines, circle, lit_parts, outlines
-from ..traced.train import Aimed, Aims, Planes, Train, aimed, crossings, landings, received, spot_radii
+from ..traced.train import AimedRays, Planes, RayTargets, Train, aimed, crossings, etendue_sr, landings, spot_radii
 from .ideal import IdealBuilds, azimuths, fractional
 from .places import in_lens, nominal_values, of_lens, of_parts, stops_of
 
@@ -59,14 +59,14 @@ AS_IF_THIN = {
 """Quantities whose formulas would leave out what a real lens is asked about, and what they leave out."""
 
 
-class Mounted(NamedTuple):
+class RealLensBuilds(NamedTuple):
     """T builds of a camera behind a real lens."""
 
     lens: LensBuilds
     train: Train
     """Train of surfaces of the main lens, and of what stands before it."""
     planes: Planes
-    twins: dict[str, Array]
+    thin_equivalents: dict[str, Array]
     """Where the numbers of their thin twins differ from the nominal design's: what closed forms take."""
     sound: NDArray[np.bool_]
     """True where a build can be put together, (T,)."""
@@ -74,7 +74,7 @@ class Mounted(NamedTuple):
     """Shift of the system's frame against the lens's [mm], (T, 3)."""
 
 
-def mounted(design: Design, values: Mapping[str, Array], trials: int) -> Mounted:
+def real_lens_builds(design: Design, values: Mapping[str, Array], trials: int) -> RealLensBuilds:
     """Where everything stands in builds of a design behind a real lens.
 
     The lens is missed in itself; the stops, the elements, the array and the sensor keep the places that the nominal
@@ -123,14 +123,14 @@ def mounted(design: Design, values: Mapping[str, Array], trials: int) -> Mounted
         np.stack(rims[: 1 if elements else None], axis=1),
     )
     origin = np.stack([-lens_x, -lens_y, np.full(trials, front)], axis=-1)
-    train = Train.of(lens.stack, FacesAhead.of(around), origin) if elements else Train.in_air(lens.stack)
+    train = Train.of(lens.stack, ObjectSpaceFaces.of(around), origin) if elements else Train.in_air(lens.stack)
     twins = {place: value for place, value in values.items() if not in_lens(place) and place != PLANE}
     twins |= {FOCAL: 1 / lens.power, DISTANCE: mla - lens.rear_principal}
     twins |= {f"{part}.distance": lens.front_principal - z for part, z in (fronts | elements).items()}
     sound = lens.sound & (mla - before > lens.rear)
     for z in (fronts | elements).values():
         sound = sound & (z <= np.minimum(lens.front, camera.front))
-    return Mounted(lens, train, planes, twins, sound, -np.stack([lens_x, lens_y, 0 * lens_x], axis=-1))
+    return RealLensBuilds(lens, train, planes, twins, sound, -np.stack([lens_x, lens_y, 0 * lens_x], axis=-1))
 
 
 def _warmed(design: Design, values: Mapping[str, Array]) -> dict[str, Array]:
@@ -206,17 +206,17 @@ class LocalMaps(NamedTuple):
 class Reference(NamedTuple):
     """All that builds of one question share: rays in the nominal camera, and what its decoder knows. F fields."""
 
-    chief: Aims
+    chief: RayTargets
     """Rays to the FAP's centre, F."""
-    rim: Aims
+    rim: RayTargets
     """Rays to its rim, F times `builds.RIM`."""
-    neighbours: Aims
+    neighbours: RayTargets
     """To its centre, from half a pitch left, right, below and above, F times 4."""
-    ends: Aims
+    ends: RayTargets
     """To its centre, from the ends of both axes of the array at `IdealBuilds.reach`, 4."""
     axis: Array
     """Where the nominal lens's axis meets the array, in its own coordinates, (2,) [mm]."""
-    axis_rim: Aims
+    axis_rim: RayTargets
     """Rays to the FAP's rim from there, `builds.RIM`."""
     folded: NDArray[np.bool_]
     """Fields whose nominal image is folded: it has no outline, (F,)."""
@@ -239,10 +239,10 @@ def reference(
 ) -> Reference:
     """Trace the nominal camera of a question; arguments as `TracedBuilds` has them."""
     camera, at = camera_of(design), np.array(fields, float).reshape(-1, 2)
-    mount, thin = mounted(design, {}, 1), Camera.of(design)
+    mount, thin = real_lens_builds(design, {}, 1), Camera.of(design)
     rim = circle(RIM)
 
-    def wanted(base: Array, target: Array, offset: Array = MIDDLE) -> Aims:
+    def wanted(base: Array, target: Array, offset: Array = MIDDLE) -> RayTargets:
         """Every offset and target at every place, the places slowest."""
         per = max(len(target), len(offset))
         start = np.repeat(base, per, axis=0)
@@ -304,7 +304,7 @@ def notes(design: Design, fields: Sequence[tuple[float, float]]) -> tuple[str, .
     return (METHOD, shape) if where else (METHOD,)
 
 
-def traced(mount: Mounted, half: Array, wanted: Aims, rays: int, own: bool = False) -> Aimed:
+def traced(mount: RealLensBuilds, half: Array, wanted: RayTargets, rays: int, own: bool = False) -> AimedRays:
     """Rays of every field of T builds, (T * fields, rays) with the fields running fastest; `half` a pitch, (T,).
 
     `own` says that every build has aims of its own, the builds slowest.
@@ -315,10 +315,10 @@ def traced(mount: Mounted, half: Array, wanted: Aims, rays: int, own: bool = Fal
     trial = np.repeat(np.arange(trials), groups)
     begin = np.tile(np.arange(groups) * together * rays, trials) + (trial * fields * rays if own else 0)
     rows = aimed(mount.train, mount.planes, half, wanted, trial, begin, together * rays)
-    return Aimed(*(part.reshape(trials * fields, rays, *part.shape[2:]) for part in rows))
+    return AimedRays(*(part.reshape(trials * fields, rays, *part.shape[2:]) for part in rows))
 
 
-def thin_aims(camera: Camera, nominal: Aims) -> Aims:
+def thin_ray_targets(camera: Camera, nominal: RayTargets) -> RayTargets:
     """Targets of the nominal rays for each of T builds, found from its thin twin; builds slowest.
 
     Where builds are far from the nominal camera, whose own rays are then no place to start from.
@@ -343,11 +343,11 @@ def thin_aims(camera: Camera, nominal: Aims) -> Aims:
         return np.ascontiguousarray(np.swapaxes(part, 0, 1).reshape(trials * len(base), -1))
 
     again, aside, goal = (np.tile(part, (trials, 1)) for part in (base, offset, target))
-    return Aims(again, aside, goal, flat(start), flat(inverse.reshape(*inverse.shape[:2], 4)))
+    return RayTargets(again, aside, goal, flat(start), flat(inverse.reshape(*inverse.shape[:2], 4)))
 
 
 def epi_slopes(
-    mount: Mounted,
+    mount: RealLensBuilds,
     camera: Camera,
     points: Array,
     azimuth: tuple[Array, Array],
@@ -388,7 +388,7 @@ class TracedBuilds(IdealBuilds):
     def __init__(
         self,
         design: Design,
-        mount: Mounted,
+        mount: RealLensBuilds,
         camera: Camera,
         fields: tuple[tuple[float, float], ...],
         object_distance: float,
@@ -402,14 +402,16 @@ class TracedBuilds(IdealBuilds):
         self.known = reference(design, fields, self.reach, object_distance, self.calibration_depths)
         if afresh:  # whether the nominal images are folded says nothing of builds far from it
             known = self.known
-            chief, rim, neighbours = (thin_aims(camera, rays) for rays in (known.chief, known.rim, known.neighbours))
+            chief, rim, neighbours = (
+                thin_ray_targets(camera, rays) for rays in (known.chief, known.rim, known.neighbours)
+            )
             unfolded = np.zeros_like(known.folded)
             self.known = known._replace(chief=chief, rim=rim, neighbours=neighbours, folded=unfolded)
 
-    def _aimed(self, wanted: Aims, rays: int) -> Aimed:
+    def _aimed(self, wanted: RayTargets, rays: int) -> AimedRays:
         return traced(self.mount, self.half, wanted, rays, self.afresh)
 
-    def _rays(self, wanted: Aims) -> int:
+    def _rays(self, wanted: RayTargets) -> int:
         """How many of them belong to one field of one build."""
         return len(wanted.base) // len(self.fields) // (self.trials if self.afresh else 1)
 
@@ -418,7 +420,7 @@ class TracedBuilds(IdealBuilds):
         return np.swapaxes(column.reshape(self.trials, -1, *column.shape[1:]), 0, 1)
 
     @cached_property
-    def rim(self) -> Aimed:
+    def rim(self) -> AimedRays:
         """Rays of the FAP's rim."""
         return self._aimed(self.known.rim, self._rays(self.known.rim))
 
@@ -469,7 +471,7 @@ class TracedBuilds(IdealBuilds):
     @cached_property
     def illumination(self) -> Number:
         """Light of a microlens against one whose image nothing cuts, on the nominal lens's axis."""
-        wanted = thin_aims(self.camera, self.known.axis_rim) if self.afresh else self.known.axis_rim
+        wanted = thin_ray_targets(self.camera, self.known.axis_rim) if self.afresh else self.known.axis_rim
         axis = outlines(self._aimed(wanted, RIM)).shape
         whole = uncut_light(self._received(axis, self.known.axis[None]), self.camera)
         return self._received(self._lit[0], np.asarray(self.fields, float)) / whole
@@ -477,11 +479,11 @@ class TracedBuilds(IdealBuilds):
     def _received(self, shape: Array, base: Array) -> Array:
         """Light of lit parts (T * n, 6) behind n microlenses (n, 2), (n, T)."""
         planes = (np.repeat(plane, len(base), axis=0) for plane in self.mount.planes[:2])
-        light = received(shape, np.tile(base, (self.trials, 1)), *planes)
+        light = etendue_sr(shape, np.tile(base, (self.trials, 1)), *planes)
         return np.asarray(light.reshape(self.trials, -1).T)
 
     @cached_property
-    def room(self) -> Number:
+    def clearance(self) -> Number:
         """Room between the pencil and the nearest rim or surface, on that [mm]; negative where it is cut."""
         own, beyond = (part.radii for part in self.mount.train)
         radii = np.concatenate([own, self.mount.planes.rims[:, 1:, 12], beyond], axis=1)

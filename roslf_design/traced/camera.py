@@ -28,8 +28,8 @@ from ..errors import Problem
 from ..lenses.manufacture import turned
 from ..lenses.prescription import FirstOrder, IdealLens, LensError, Prescription, first_order, rotation
 from ..lenses.tracer import BLOCK, COLUMNS, KEPT, REASONS, STOPPED, Passed, SurfaceStack, describe
-from ..theory.object_space import FacesAhead
-from .train import FOUND, TOLERANCE, Aims, Planes, Train, beyond_fap, fap_of, nearest
+from ..theory.object_space import ObjectSpaceFaces
+from .train import FOUND, TOLERANCE, Planes, RayTargets, Train, beyond_fap, fap_of, nearest
 
 Array = NDArray[np.float64]
 
@@ -89,8 +89,8 @@ class TracedPlane:
 
 
 @lru_cache(maxsize=32)
-def _faces(ahead: Camera, wavelength: float) -> FacesAhead:
-    return FacesAhead.of(ahead.replace({"wavelength": wavelength}))
+def _faces(ahead: Camera, wavelength: float) -> ObjectSpaceFaces:
+    return ObjectSpaceFaces.of(ahead.replace({"wavelength": wavelength}))
 
 
 @by_value
@@ -201,7 +201,7 @@ class LensCamera:
         return point
 
     @property
-    def sight(self) -> tuple[float, float, Array]:
+    def apparent_pupil(self) -> tuple[float, float, Array]:
         """The FAP as the lens sees it: place along z [mm], its lengths over those, where the axis meets it, (2,)."""
         return self.fap.z, 1.0, np.zeros(2)
 
@@ -277,7 +277,7 @@ class BoreCamera(LensCamera):
     @property
     def focus(self) -> tuple[float, Array]:
         """B of the focal plane (`ImagedPlane`), and where the lens's axis meets it, (2,) [mm]."""
-        return float(self.ahead.focus.b), np.array(self.ahead.focus.aside, float)
+        return float(self.ahead.focus.b), np.array(self.ahead.focus.axis_offset, float)
 
     def straightened(self, point: Array) -> Array:
         """First-order points (..., 2) of the focal plane for those that an objective with a mapping sees there [mm]."""
@@ -288,13 +288,13 @@ class BoreCamera(LensCamera):
         return np.stack([u - x, v - y], axis=-1)
 
     @property
-    def sight(self) -> tuple[float, float, Array]:
+    def apparent_pupil(self) -> tuple[float, float, Array]:
         """The FAP as the lens sees it: place along z [mm], its lengths over those, where the axis meets it, (2,)."""
         plane = self.ahead.fap.plane
         if plane is None:
-            return super().sight
+            return super().apparent_pupil
         z = self.first_order.front_principal - float(plane.distance)
-        return z, float(plane.magnification), np.array(plane.aside, float)
+        return z, float(plane.magnification), np.array(plane.axis_offset, float)
 
     @property
     def origin(self) -> Array:
@@ -303,7 +303,7 @@ class BoreCamera(LensCamera):
         return np.array([x, y, self.first_order.front_principal])
 
     @property
-    def faces(self) -> FacesAhead:
+    def faces(self) -> ObjectSpaceFaces:
         """Faces of what stands before the lens, at the camera's own wavelength."""
         return _faces(self.ahead, self.wavelength)
 
@@ -316,7 +316,7 @@ class BoreCamera(LensCamera):
 
         States count all faces before the lens behind the lens's own, from the lens outwards (`describe`).
         """
-        own, faces = len(self.lens.surfaces), len(self.faces.takers)
+        own, faces = len(self.lens.surfaces), len(self.faces.clip_status)
         fap = fap_of(self.faces)
         near, why = np.divmod(rays.state, 8)
         near = np.where(near > fap, near - fap, np.where(near > 0, own + 1 + fap - near, 0))
@@ -327,7 +327,7 @@ class BoreCamera(LensCamera):
         far, there = np.divmod(out.state, 8)
         far = np.where(far > 0, own + 1 + faces - far, 0)
         state = np.asarray(np.where(state != KEPT, state, 8 * far + there), np.int16)
-        return Passed(out.height, out.slope, state, np.minimum(rays.room, out.room))
+        return Passed(out.height, out.slope, state, np.minimum(rays.margin, out.margin))
 
     def describe(self, state: int) -> str:
         """Words for a ray's state; faces before the lens by their names."""
@@ -394,9 +394,9 @@ class Views(NamedTuple):
     """dx/dz and dy/dz in front of all elements, (..., 2)."""
     state: NDArray[np.int16]
     """State of the ray (`LensCamera.describe`), (...)."""
-    fap_room: Array
+    fap_margin: Array
     """1 - r^2/(D_F/2)^2 about the FAP's centre, (...): positive inside."""
-    room: Array
+    margin: Array
     """Least of the same over the lens's surfaces, the further stops and the elements, (...); -1 or less where one was
     not met."""
 
@@ -422,14 +422,14 @@ def views(
     wavelength : float, optional
         [mm]; the camera's own by default.
     clip : bool
-        Whether clear diameters, the FAP and the stops stop rays; otherwise only `room` and `fap_room` tell.
+        Whether clear diameters, the FAP and the stops stop rays; otherwise only `margin` and `fap_margin` tell.
     """
     c, p = np.broadcast_arrays(np.asarray(microlens, float), np.asarray(sensor, float))
     run = (end := camera.array.lifted(c)) - camera.detector.lifted(p)
     train = camera.train(camera.wavelength if wavelength is None else wavelength)
     rays = train.lens.through(end[:2], run[:2] / run[2], start=end[2], end=camera.fap.z, clip=clip)
     ahead = camera.beyond(rays, train, clip=clip)
-    place, slope, room, state = ahead.height, ahead.slope, ahead.room, ahead.state
+    place, slope, room, state = ahead.height, ahead.slope, ahead.margin, ahead.state
     lost = state != KEPT
     pupil, fap_room = place, room
     for number, rim in sorted(enumerate(camera.rims), key=lambda item: -item[1].z):  # nearest to the lens first
@@ -449,7 +449,7 @@ def views(
 def chief_slope(camera: LensCamera, microlens: ArrayLike, pupil: ArrayLike) -> Array:
     """First-order image-side slope of the ray from a point on the FAP's plane to a microlens, both (..., 2) [mm]."""
     (a, b), (c, d) = camera.first_order.matrix
-    z, scale, aside = camera.sight
+    z, scale, aside = camera.apparent_pupil
     slope, height = d - c * z, b - a * z
     reach = slope * (camera.array.z - camera.lens.length) + height
     if reach == 0 or not math.isfinite(reach):
@@ -496,7 +496,7 @@ def sensor_of_pupil(
     there = (a.reshape(-1, 2) - camera.fap.centre) / (camera.fap.diameter / 2)
     rays = min(len(flat), BLOCK)
     begin = np.arange(0, len(flat), max(rays, 1)).clip(max=len(flat) - rays)
-    wanted = Aims(flat - camera.array.centre, np.zeros_like(flat), there, slopes, np.full((len(flat), 4), np.nan))
+    wanted = RayTargets(flat - camera.array.centre, np.zeros_like(flat), there, slopes, np.full((len(flat), 4), np.nan))
     train, job = camera.train(camera.wavelength), np.zeros(len(begin), int)
     landed, _, miss = nearest(train._replace(beyond=AIR), camera.planes, np.zeros(1), wanted, home, job, begin, rays)
     best, left = np.empty_like(flat), np.empty(len(flat))
@@ -507,7 +507,9 @@ def sensor_of_pupil(
     return SensorPoints(found, back, (back.state == KEPT) & (left <= FOUND * TOLERANCE).reshape(shape))
 
 
-def aims(camera: LensCamera, base: ArrayLike, target: ArrayLike, there: Array, offset: ArrayLike = (0.0, 0.0)) -> Aims:
+def aims(
+    camera: LensCamera, base: ArrayLike, target: ArrayLike, there: Array, offset: ArrayLike = (0.0, 0.0)
+) -> RayTargets:
     """Find rays in the nominal camera.
 
     Parameters
@@ -515,7 +517,7 @@ def aims(camera: LensCamera, base: ArrayLike, target: ArrayLike, there: Array, o
     camera : LensCamera
         As drawn.
     base, offset, target : array_like, (n, 2) or (2,)
-        As `Aims` has them.
+        As `RayTargets` has them.
     there : ndarray, (n, 2)
         Those places of the array in the camera's own counting (`camera.microlenses`).
     """
@@ -532,4 +534,4 @@ def aims(camera: LensCamera, base: ArrayLike, target: ArrayLike, there: Array, o
         inverse = np.stack(rates, axis=-1) @ np.linalg.pinv(np.stack(columns, axis=-1))
     start = np.where(nominal.ok[:, None], camera.slopes(there, nominal.sensor), np.nan)
     at, aside, goal = (np.broadcast_to(np.asarray(part, float), there.shape).copy() for part in (base, offset, a))
-    return Aims(at, aside, goal, start, inverse.reshape(-1, 4))
+    return RayTargets(at, aside, goal, start, inverse.reshape(-1, 4))

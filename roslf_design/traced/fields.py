@@ -28,7 +28,7 @@ from ..theory.stop_images import MicrolensImages
 from .camera import SensorPoints, camera_of, microlenses, sensor_of_pupil
 from .images import FOLDED, TracedImages, forward_rays, real_images
 from .outlines import circle, polygon_moments
-from .train import received
+from .train import etendue_sr
 
 Array = NDArray[np.float64]
 
@@ -79,7 +79,7 @@ class LensImages(MicrolensImages):
     def _light(self, places: Array, area: Array, centroid: Array, moments: Array) -> Array:
         """Etendue of lit parts, centroids counted from the microlenses' axes [sr], (n,)."""
         shape = np.column_stack([area, places + centroid - self.lens.detector.centre, moments])
-        return received(shape, places - self.lens.array.centre, self.lens.array.pose, self.lens.detector.pose)
+        return etendue_sr(shape, places - self.lens.array.centre, self.lens.array.pose, self.lens.detector.pose)
 
     @cached_property
     def stretch(self) -> tuple[Number, Number]:

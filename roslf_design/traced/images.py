@@ -116,7 +116,7 @@ def _images(camera: LensCamera, c: Array, points: int) -> TracedImages:
     whole, centroid, moments = polygon_moments(outline)
     in_sight = middle.ok & np.all(rim.ok, axis=-1)
     whole = np.where(in_sight, whole, math.nan)
-    cut = ~(in_sight & np.all(rim.views.room >= 0, axis=-1))
+    cut = ~(in_sight & np.all(rim.views.margin >= 0, axis=-1))
     folded = _folded(camera, c)
     status = np.where(cut, CLIPPED, FULL).astype(np.int8)
     boundary, area, kept = outline.copy(), whole.copy(), np.ones(len(c))
@@ -152,7 +152,7 @@ def _folded(camera: LensCamera, c: Array) -> NDArray[np.bool_]:
     p, _ = _grid(camera, c, FOLD_GRID)
     at = views(camera, c[:, None, None, :], p, clip=False)
     (xx, xy), (yx, yy) = (np.gradient(at.pupil[..., part], axis=(1, 2)) for part in range(2))
-    lit = np.minimum(at.fap_room, at.room) >= 0
+    lit = np.minimum(at.fap_margin, at.margin) >= 0
     return np.asarray(np.any(lit & (xx * yy - xy * yx < 0), axis=(1, 2)))
 
 
@@ -160,7 +160,7 @@ def _quadrature(camera: LensCamera, c: Array) -> tuple[Array, Array, Array, floa
     """Area, centroid and central moments of everything lit behind one microlens, whatever its shape; FAP's share."""
     p, step = _grid(camera, c[None], QUADRATURE_GRID)
     at = views(camera, c, p[0], clip=False)
-    room = np.minimum(at.fap_room, at.room)
+    room = np.minimum(at.fap_margin, at.margin)
     across, along = np.gradient(room)
     lit = np.pad(room >= 0, 1)
     beside = lit[1:-1, 1:-1] | lit[2:, 1:-1] | lit[:-2, 1:-1] | lit[1:-1, 2:] | lit[1:-1, :-2]
@@ -174,7 +174,7 @@ def _quadrature(camera: LensCamera, c: Array) -> tuple[Array, Array, Array, floa
     wanted = camera.fap.centre + camera.fap.diameter / 2 * sunflower(PUPIL_SAMPLES).T
     nearest = np.argmin(np.sum(np.square(wanted[:, None] - at.pupil[room >= 0]), axis=-1), axis=1)
     back = sensor_of_pupil(camera, c, wanted, start=p[0][room >= 0][nearest])
-    return total * step * step, mean, moments, float(np.mean(back.ok & (back.views.room >= 0)))
+    return total * step * step, mean, moments, float(np.mean(back.ok & (back.views.margin >= 0)))
 
 
 class FieldMap(NamedTuple):
@@ -291,7 +291,7 @@ def thin_twin(camera: LensCamera) -> Camera:
             "main_lens.focal_plane": camera.d_f,
             "main_lens.diameter": camera.lens.clear_diameter,
             "aperture.distance": camera.d_3,
-            "aperture.diameter": camera.fap.diameter / abs(camera.sight[1]),
+            "aperture.diameter": camera.fap.diameter / abs(camera.apparent_pupil[1]),
         }
     )
 
@@ -322,7 +322,7 @@ def undistorted_field(camera: LensCamera, angle: float = 0.0) -> FieldBound:
     def room(radius: float) -> float:
         """Least room of the FAP's rim, between the points looked at as well; -1 where some of it is out of sight."""
         back = sensor_of_pupil(camera, radius * way, rim)
-        rooms = back.views.room
+        rooms = back.views.margin
         if not np.all(back.ok & (rooms > -1)):
             return -1.0
         low = int(np.argmin(rooms))

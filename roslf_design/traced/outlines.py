@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._jit import kernel
 from ..lenses.tracer import BLOCK, COLUMNS, ROWS, pass_surfaces
-from .train import LOST, Aimed, Planes, Train, counted, crossing
+from .train import LOST, AimedRays, Planes, Train, crossing, kernel_args
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -97,7 +97,7 @@ class Outlines(NamedTuple):
     """Angles on the FAP's rim [rad], likewise."""
 
 
-def outlines(rim: Aimed) -> Outlines:
+def outlines(rim: AimedRays) -> Outlines:
     """Areas, moments and largest heights from rays along the FAP's rim."""
     area, centroid, moments = polygon_moments(rim.landed)
     peaks, turns = np.empty((len(area), rim.heights.shape[2])), np.empty((len(area), rim.heights.shape[2]))
@@ -152,8 +152,8 @@ def lit_parts(
     shape, share, edge = np.zeros((len(base), 6)), np.zeros(len(base)), np.empty((len(base), spokes, 2))
     about, reach = (np.ascontiguousarray(part) for part in ((low + high) / 2, np.max(high - low, axis=1)))
     follow_images.compiled(
-        trial, *counted(lens), *counted(beyond), planes.array, planes.sensor, planes.rims, np.ascontiguousarray(base),
-        about, reach, *_rule(), shape, share, edge,
+        trial, *kernel_args(lens), *kernel_args(beyond), planes.array, planes.sensor, planes.rims,
+        np.ascontiguousarray(base), about, reach, *_rule(), shape, share, edge,
     )  # fmt: skip
     return shape, share, edge
 

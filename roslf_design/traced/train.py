@@ -19,7 +19,7 @@ from .._arrays import DISC_RULE
 from .._jit import kernel
 from ..bore.faces import KIND
 from ..lenses.tracer import BLOCK, COLUMNS, KEPT, MAPPED, ROWS, SurfaceStack, pass_surfaces
-from ..theory.object_space import FacesAhead, Status
+from ..theory.object_space import ObjectSpaceFaces, Status
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -52,7 +52,7 @@ class Train(NamedTuple):
         return cls(lens, SurfaceStack(np.empty((builds, 0)), np.ones((builds, 1))))
 
     @classmethod
-    def of(cls, lens: SurfaceStack, ahead: FacesAhead, origin: ArrayLike) -> Train:
+    def of(cls, lens: SurfaceStack, ahead: ObjectSpaceFaces, origin: ArrayLike) -> Train:
         """A lens and what stands before it.
 
         Parameters
@@ -85,9 +85,9 @@ class Train(NamedTuple):
         return cls(own, far._replace(table=np.concatenate([far.table, far_law], axis=1)))
 
 
-def fap_of(ahead: FacesAhead) -> int:
+def fap_of(ahead: ObjectSpaceFaces) -> int:
     """Number of faces between main lens and FAP."""
-    return int(np.flatnonzero(ahead.takers == Status.APERTURE)[0])
+    return int(np.flatnonzero(ahead.clip_status == Status.APERTURE)[0])
 
 
 class Planes(NamedTuple):
@@ -255,10 +255,10 @@ def aim(
         The builds: lens, what stands before the FAP, planes of 12 numbers, rims (R of 13, the FAP first), half the
         microlens pitch.
     base, offset, target, start, home, inverse : (rays, ...)
-        As `Aims` has them, and where rays turn back to that are lost; `inverse` where it is `known`. `tolerance` is in
-        the target's units, `most` the corrections at most.
+        As `RayTargets` has them, and where rays turn back to that are lost; `inverse` where it is `known`. `tolerance`
+        is in the target's units, `most` the corrections at most.
     landed, heights, miss : (N, n, ...)
-        Get what `Aimed` has, `LOST` as the miss of a ray that does not come through.
+        Get what `AimedRays` has, `LOST` as the miss of a ray that does not come through.
     """
     n = landed.shape[1]
     stops = rims.shape[1]
@@ -424,7 +424,7 @@ def spots(
             size[t, field] = sqrt(square / share)
 
 
-class Aims(NamedTuple):
+class RayTargets(NamedTuple):
     """Rays that are wanted, n of them, and how the nominal camera finds them."""
 
     base: Array
@@ -438,7 +438,7 @@ class Aims(NamedTuple):
     """Inverse of d(target)/d(slope) there, (n, 4)."""
 
 
-class Aimed(NamedTuple):
+class AimedRays(NamedTuple):
     """Aimed rays: N jobs of n each, nan for those that do not come through."""
 
     landed: Array
@@ -447,7 +447,9 @@ class Aimed(NamedTuple):
     """Squared heights over those of every surface, every further stop, all before the FAP, (N, n, S + R - 1)."""
 
 
-def aimed(train: Train, planes: Planes, half: Array, wanted: Aims, trial: Ints, begin: Ints, rays: int) -> Aimed:
+def aimed(
+    train: Train, planes: Planes, half: Array, wanted: RayTargets, trial: Ints, begin: Ints, rays: int
+) -> AimedRays:
     """Trace rays of N jobs.
 
     Parameters
@@ -464,11 +466,11 @@ def aimed(train: Train, planes: Planes, half: Array, wanted: Aims, trial: Ints, 
     landed, heights, miss = nearest(train, planes, half, wanted, wanted.start, trial, begin, rays)
     lost = ~(miss <= FOUND * TOLERANCE)
     landed[lost], heights[lost] = np.nan, np.nan
-    return Aimed(landed, heights)
+    return AimedRays(landed, heights)
 
 
 def nearest(
-    train: Train, planes: Planes, half: Array, wanted: Aims, home: Array, trial: Ints, begin: Ints, rays: int
+    train: Train, planes: Planes, half: Array, wanted: RayTargets, home: Array, trial: Ints, begin: Ints, rays: int
 ) -> tuple[Array, Array, Array]:
     """Landing places, heights and misses of what comes nearest to the rays wanted, in the FAP's radius.
 
@@ -484,14 +486,14 @@ def nearest(
     base, offset, target, start, inverse = map(np.ascontiguousarray, wanted)
     known = not np.isnan(inverse).all()
     aim.compiled(
-        trial, begin, *counted(lens), *counted(beyond), planes.array, planes.sensor, planes.rims, half, base, offset,
-        target, start, np.ascontiguousarray(home), inverse, known, TOLERANCE, CORRECTIONS if known else PATIENCE,
-        landed, heights, miss,
+        trial, begin, *kernel_args(lens), *kernel_args(beyond), planes.array, planes.sensor, planes.rims, half, base,
+        offset, target, start, np.ascontiguousarray(home), inverse, known, TOLERANCE,
+        CORRECTIONS if known else PATIENCE, landed, heights, miss,
     )  # fmt: skip
     return landed, heights, miss
 
 
-def counted(part: SurfaceStack) -> tuple[Array, int, Array]:
+def kernel_args(part: SurfaceStack) -> tuple[Array, int, Array]:
     """Arguments that kernels take of a stack: its table, how many surfaces, the media between."""
     return part.table, part.media.shape[1] - 1, part.media
 
@@ -538,7 +540,7 @@ def beyond_fap(train: Train, ends: Array) -> tuple[Array, Array, Array]:
     """Slopes (T, n, 2) at points of the FAP of rays to points of the scene, both in `ends` (T, n, 6); as `aim_all`."""
     shape = ends.shape[:2]
     slopes, far, tallest = np.empty((*shape, 2)), np.empty(shape), np.empty(shape)
-    aim_all.compiled(*counted(train.beyond), np.ascontiguousarray(ends), slopes, far, tallest)
+    aim_all.compiled(*kernel_args(train.beyond), np.ascontiguousarray(ends), slopes, far, tallest)
     return slopes, far, tallest
 
 
@@ -549,7 +551,7 @@ def crossings(point: Array, way: Array, plane: Array) -> Array:
     return np.stack([np.sum(hit * plane[..., 3:6], axis=-1), np.sum(hit * plane[..., 6:9], axis=-1)], axis=-1)
 
 
-def received(shape: Array, base: Array, array: Array, sensor: Array) -> Array:
+def etendue_sr(shape: Array, base: Array, array: Array, sensor: Array) -> Array:
     """Projected solid angles under which microlenses see the lit parts of their images [sr], (N,).
 
     Radiance is the same all along a ray, so this is the light that a microlens gets of a uniform scene, per unit of its
@@ -614,5 +616,5 @@ def spot_radii(
     size = np.empty((len(world), len(x)))
     rays = np.repeat(x, len(a), axis=0), np.tile(a, (len(x), 1))
     frame = np.ascontiguousarray(world)  # kernels are compiled once more for another layout
-    spots.compiled(*counted(train.lens), *counted(train.beyond), plane, rims, frame, *rays, w, size)
+    spots.compiled(*kernel_args(train.lens), *kernel_args(train.beyond), plane, rims, frame, *rays, w, size)
     return size

@@ -21,7 +21,7 @@ from roslf_design.reporting.design.instrument import instrument_scene
 from roslf_design.scenes import Scene
 from roslf_design.theory.chief_rays import chief_rays
 from roslf_design.theory.light import sensor_field
-from roslf_design.theory.object_space import FacesAhead
+from roslf_design.theory.object_space import ObjectSpaceFaces
 from tests.bore.folded import Folded, from_sensor, turned_towards
 
 PAPER = roslf.load("paper")
@@ -77,9 +77,9 @@ def test_rays_in_unfolded_space_are_those_reflected_in_real_space(design, seed):
     real = Folded(design)
     points_there, ways_there, took, _ = real.outwards(points, ways)
     places, ways_there = real.unfolded(points_there, ways_there)
-    space = FacesAhead.of(Camera.of(design))
+    space = ObjectSpaceFaces.of(Camera.of(design))
     out = space.rays((points[:, 0], points[:, 1]), (ways[:, 0] / ways[:, 2], ways[:, 1] / ways[:, 2]))
-    names = dict(zip(space.takers.tolist(), space.names, strict=True))
+    names = dict(zip(space.clip_status.tolist(), space.names, strict=True))
     assert [names.get(int(code), "nobody").split(",")[0] for code in out.status] == [real.name(k) for k in took]
     good = took < 0
     slope = ways_there[good, :2] / ways_there[good, 2:]

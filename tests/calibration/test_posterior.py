@@ -251,7 +251,7 @@ def test_pitches_that_are_off_are_in_the_slopes_measured_too():
 
     for q, d in ((sheet.q, 1.02 * sheet.d), (1.01 * sheet.q, 0.98 * sheet.d)):
         true = replace(CAMERA, q=q, d=d)
-        found = sheet.shown(derived(fitted(true).camera.vector(), sheet))
+        found = sheet.apparent(derived(fitted(true).camera.vector(), sheet))
         depth = distances - (100.0 + (100.0 - true.A) / true.m)
         slope = q * true.A * true.inverse_d_2 / d * (true.m - true.A / depth)
         told = found.A / (found.m - slope * sheet.d * found.d_2 / (sheet.q * found.A))

@@ -211,7 +211,7 @@ def test_what_is_not_known_of_elements_scatters_calibrations_as_told():
         drawn = {place: sheet.mean[4 + i] + sigma * rng.normal() for i, (place, sigma) in enumerate(known.items())}
         instrument = design.replace(drawn)  # f, d_1, d_2 and the FAP stay where the ruler has them
         found = derived(fitted(instrument, k).camera.vector(), sheet)
-        ruler, told, true = sheet.space.ruler(found), sheet.shown(found), camera_of(instrument)
+        ruler, told, true = sheet.space.ruler(found), sheet.apparent(found), camera_of(instrument)
         off.append([float(ruler[name] - getattr(instrument, name)) for name in ("d_3", "d_1", "d_2")])
         # Eq. 12: the slope that the instrument shows of a point, and what depth it is told to have.
         z = distances - pupil_of(instrument)

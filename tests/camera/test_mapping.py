@@ -24,7 +24,7 @@ from roslf_design.rays.backward import behind_elements, lay_out, mapped
 from roslf_design.rays.pupil import paths
 from roslf_design.scenes.scene import _view
 from roslf_design.theory.light import falloff
-from roslf_design.theory.object_space import FacesAhead
+from roslf_design.theory.object_space import ObjectSpaceFaces
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing.ideal import IdealBuilds
 
@@ -114,7 +114,7 @@ def test_fall_off_in_closed_form():
 @pytest.mark.parametrize("name", G)
 def test_a_table_is_the_law_that_it_was_made_of(name):
     """2.5 degrees apart, away from the table's end: cubic splines miss 1e-6 rad, their derivative more."""
-    known, made = mapping_law(name, 1.0), with_mapping(table(name)).elements[OBJECTIVE].law
+    known, made = mapping_law(name, 1.0), with_mapping(table(name)).elements[OBJECTIVE].angle_mapping
     p = np.linspace(0, float(G[name](mp.radians(60))), 200)
     assert_allclose(angle_in_air(made, p), angle_in_air(known, p), atol=3e-6)
     assert_allclose(illumination(made, p), illumination(known, p), atol=1e-4)
@@ -235,7 +235,7 @@ def test_exact_rays_through_a_mapped_objective_and_its_window(name):
     camera = Camera.of(design)
     x = np.array([0.0, 0.3, 1.1, 1.9])
     rays = trace_pupil(camera, (np.array([[0.0], [0.6]]), 0.0), (x, 0.0))
-    found = FacesAhead.of(camera, clip=False).rays(rays.height, rays.slope)
+    found = ObjectSpaceFaces.of(camera, clip=False).rays(rays.height, rays.slope)
     assert (found.status == Status.KEPT).all()
     with mp.workdps(30):
         for at in np.ndindex(2, 4):
@@ -255,7 +255,7 @@ def test_closed_forms_are_those_rays_without_a_window(name, fap):
     rays = trace_pupil(camera, (np.array([[0.0], [-0.8]]), 0.0), (x, 0.0))
     layout, distance = lay_out(camera), 60.0
     out = mapped(layout.law, layout.front, *behind_elements(layout.front, 0.0, 0.0, *rays.height, *rays.slope))
-    exact = FacesAhead.of(camera, clip=False).rays(rays.height, rays.slope)
+    exact = ObjectSpaceFaces.of(camera, clip=False).rays(rays.height, rays.slope)
     drawn = paths(camera, rays, (x, 0.0), distance)
     for at in np.ndindex(2, 3):
         if fap < 5:  # else the FAP's point is not where the oracle's rays cross
@@ -313,7 +313,9 @@ def test_beyond_90_degrees_rays_are_blocked_by_name():
                         for code in rays.status])  # fmt: skip
     assert stopped.any()
     np.testing.assert_array_equal(stopped, ~imaged)
-    exact = FacesAhead.of(camera).rays(rays.height, rays.slope)  # met the other way round: the relay takes some before
+    exact = ObjectSpaceFaces.of(camera).rays(
+        rays.height, rays.slope
+    )  # met the other way round: the relay takes some before
     assert (exact.status[stopped] >= Status.APERTURE).all()
     assert not exact.status[x < 1.9].any()
     assert np.isfinite(np.array(out)).all()
@@ -399,7 +401,7 @@ def test_evaluate_tells_local_scales_and_angles():
     design = with_mapping("2f tan(theta/2)")
     camera, place = Camera.of(design), 1.8
     (field,) = roslf.evaluate(design, [(place, 0.0)]).object_space.mapping.fields
-    faces, lens = FacesAhead.of(camera, clip=False), float(camera.d_1)
+    faces, lens = ObjectSpaceFaces.of(camera, clip=False), float(camera.d_1)
 
     def seen(x, y):
         """By exact rays, aimed at the FAP's middle."""

@@ -67,7 +67,7 @@ def test_views_look_where_exact_rays_meet_the_scene(design, fields):
     near, focal, far = (float(z) for z in geometry.depth(np.array([step, 0.0, -step])))
     for sample in (0.45, -0.3):
         own = sample * math.copysign(1.0, float(camera.seen.A * camera.seen.D_F * camera.fap.plane.magnification))
-        looks, good = geometry.traced.looks(np.array([(x, 0.0) for x in fields]), np.array([[sample, 0.0]]))
+        looks, good = geometry.traced.view_coordinates(np.array([(x, 0.0) for x in fields]), np.array([[sample, 0.0]]))
         assert good.all()
         for field, pupil, aside in zip(fields, looks[0, :, 0, 0], looks[1, :, 0, 0], strict=True):
             with mp.workdps(30):

@@ -35,7 +35,9 @@ def met(design, place, pupil, z):
 def test_views_look_where_traced_rays_meet_the_scene(design, field):
     camera = Camera.of(design.thin_twin)
     place, points = np.array([field, 0.0]), 0.45 * np.array([[1.0, 0.0], [0.0, 1.0], [-0.6, 0.7]])
-    (seen, aside), good = TracedViews(design, camera, lambda b: depth_of(camera, b)).looks(place[None], points)
+    (seen, aside), good = TracedViews(design, camera, lambda b: depth_of(camera, b)).view_coordinates(
+        place[None], points
+    )
     assert good.all()
     z = float(depth_of(camera, np.asarray(DISPARITY)))
     middle = met(design, place, np.zeros(2), z)

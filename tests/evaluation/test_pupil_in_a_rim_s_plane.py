@@ -91,7 +91,7 @@ def test_any_field_is_whole(changes):
     assert QUANTITIES["non_distortion_room_mm"](camera) >= 0
     assert METRICS["undistorted_field_mm"](camera) == most
     images = MicrolensImages(camera, [(0.0, 0.0), (11.0, 0.0), (-7.0, 9.0), (60.0, -40.0)])
-    assert np.all(images.room >= 0)
+    assert np.all(images.clearance >= 0)
     assert np.all(images.shapes.kept_fraction == 1)
     assert plan(design)["vignetting"].estimate == 0
     assert Facts.of(design).undistorted_mm == most
@@ -112,7 +112,7 @@ def test_no_field_is_whole(changes):
     assert [field.status for field in told.fields] == ["clipped"] * 3
     camera = Camera.of(design)
     assert QUANTITIES["undistorted_field_mm"](camera) < 0
-    assert MicrolensImages(camera, [(0.0, 0.0)]).room < 0
+    assert MicrolensImages(camera, [(0.0, 0.0)]).clearance < 0
     assert plan(design)["vignetting"].estimate > 0
     problem = posed({"d_2": (1.0, 2.0)}, [limit("undistorted_field_mm", 0.1)], goal("light_sr", "max"), design=design)
     assert problem.vector(np.full((1, 1), 0.5))[1:].max() > 0
@@ -134,7 +134,7 @@ def test_builds_at_once_are_judged_as_one_by_one():
     radii = QUANTITIES["undistorted_field_mm"](many)
     assert (radii == math.inf).tolist() == [True, True, False, False]
     assert np.all((MicrolensImages(many, fields).shapes.kept_fraction == 1) == [True, True, False, False])
-    assert np.all((MicrolensImages(many, fields).room >= 0) == [True, True, False, False])
+    assert np.all((MicrolensImages(many, fields).clearance >= 0) == [True, True, False, False])
 
 
 def test_a_traditional_camera_s_field_is_told_by_the_margin_s_limit():

@@ -12,7 +12,7 @@ import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.evaluation.specification import specification
 from roslf_design.theory.light import sensor_field
-from roslf_design.theory.object_space import FacesAhead
+from roslf_design.theory.object_space import ObjectSpaceFaces
 from roslf_design.theory.stop_images import MicrolensImages
 from tests.commands.test_cli import run
 
@@ -68,7 +68,7 @@ class Traced:
 
     def __init__(self, design):
         self.camera = Camera.of(design)
-        self.faces = FacesAhead.of(self.camera, clip=False)
+        self.faces = ObjectSpaceFaces.of(self.camera, clip=False)
         self.fap = design.aperture.distance
 
     def rays(self, at, aim):

@@ -50,7 +50,7 @@ def corner(design):
 
 
 def room(design):
-    return field_limit(Camera.of(design)).room
+    return field_limit(Camera.of(design)).clearance
 
 
 @given(designs())

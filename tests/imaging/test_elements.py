@@ -105,7 +105,7 @@ def test_a_point_behind_elements_is_where_rays_say(design):
     scene = Scene(objects=(Points(positions=((1.2, -0.7, z),)),))
     rays = ["none", "+object_defocus", "+overlap", "+finite_microlens_aperture"]
     camera = planned_camera(design, plan(design, scene, overrides=rays))
-    seen = camera.see(1.2, -0.7, z)
+    seen = camera.image_of(1.2, -0.7, z)
     source = PointSource(camera, *(float(part) for part in seen))
     # Two rays seen through the point: where they leave the main lens, face by face they meet in the point itself.
     straight = design.replace({f"elements.{k}.decentre": (0.0, 0.0) for k in range(len(design.elements))})

@@ -93,7 +93,7 @@ def test_a_point_lands_where_its_chief_ray_does(mapping, waves):
     g = {"f sin": lambda p: p / math.sqrt(1 - p * p), "f theta": math.tan}[mapping]
     # The chief ray: from the pupil's middle, along its own azimuth.
     straight = float(camera.seen.inverse_m * abs(camera.focus.magnification))
-    pupil = float(camera.pupil_stands)
+    pupil = float(camera.entrance_pupil_distance)
     slope = straight * math.hypot(cx, cy) / (design.d_f - pupil)
     reach = g(slope) * (design.d_f - pupil)
     sign = -np.sign(float(camera.focus.magnification))

@@ -15,7 +15,7 @@ from roslf_design.imaging.points import PointSource, point_image
 from roslf_design.imaging.render import render
 from roslf_design.imaging.wavefront import Wavefront
 from roslf_design.scenes import Points, Scene
-from roslf_design.theory.object_space import FacesAhead
+from roslf_design.theory.object_space import ObjectSpaceFaces
 from tests.oracles import coherent
 
 PAPER = load("paper")
@@ -30,7 +30,7 @@ def behind(element, **changes):
 
 def source_at(design, place, exact=True):
     camera = Camera.of(design)
-    seen = [float(part) for part in camera.see(*place)]
+    seen = [float(part) for part in camera.image_of(*place)]
     return PointSource(camera, *seen, tuple(place) if exact else None)
 
 
@@ -43,7 +43,7 @@ def test_a_wave_through_a_leaning_slab_against_optical_paths_through_the_whole_c
     """Astigmatism of 0.2 waves: paths by Snell's law from the point to every sample of the FAP, then by FFT."""
     design, n = behind(SLAB, **{"main_lens.focal_plane": 350.0 + THICK * (1 - 1 / INDEX)})
     z = design.d_f - 15.0
-    axis = FacesAhead.of(Camera.of(design)).rays((0.0, 0.0), (0.0, 0.0))
+    axis = ObjectSpaceFaces.of(Camera.of(design)).rays((0.0, 0.0), (0.0, 0.0))
     place = np.array([*axis.height - axis.slope * z + [0.02, 0.03], z])
 
     def path(x, y):

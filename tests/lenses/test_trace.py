@@ -205,7 +205,7 @@ def test_interpreted_and_compiled_kernels_give_the_same_bits(monkeypatch):
     position[0, 3], direction[1, 5] = np.nan, np.inf
     runs = []
     for compiled in (False, True):
-        monkeypatch.setattr(tracer, "pays", lambda *_, compiled=compiled: compiled)
+        monkeypatch.setattr(tracer, "use_compiled", lambda *_, compiled=compiled: compiled)
         runs.append(trace(lens, Rays(position, direction), 5e-4, plane=40.0))
     for one, other in zip(*runs, strict=True):
         np.testing.assert_array_equal(one, other)
@@ -223,7 +223,7 @@ def test_builds_times_rays_are_each_build_alone():
                                     start=200.0, end=-planes)  # fmt: skip
     for row, colour in enumerate(colours):
         one = lens.through(slope, -0.1 * slope, colour, start=200.0, end=-planes[row])
-        for part, whole in ((one.height, back.height), (one.slope, back.slope), (one.room, back.room)):
+        for part, whole in ((one.height, back.height), (one.slope, back.slope), (one.margin, back.margin)):
             np.testing.assert_array_equal(part, whole[..., row, :])
         turned = lens.through(one.height, one.slope, colour, start=-planes[row], end=200.0, backward=False)
         np.testing.assert_allclose(turned.height, slope, rtol=0, atol=1e-11)
@@ -237,7 +237,7 @@ def test_room_changes_sign_where_the_clear_aperture_ends():
     clipped = trace(lens, rays, 5.5e-4)
     open_ = lens.through(rays.position[:2], (0.0, 0.0), 5.5e-4, start=-10.0, end=20.0, backward=False)
     assert (open_.state == 0).all()
-    np.testing.assert_array_equal(open_.room >= 0, clipped.kept)
+    np.testing.assert_array_equal(open_.margin >= 0, clipped.kept)
     assert {describe(int(state)) for state in clipped.state} == {"kept", "clipped at surface 1"}
 
 
@@ -292,8 +292,8 @@ def test_any_lens_keeps_or_stops_every_ray_and_says_so(lens, seed, backward, cli
         # nothing that a clear aperture stops is kept, and nothing else is stopped by it
         slope = rays.direction[:2] / rays.direction[2]
         loose = lens.through(start[:2], slope, 5e-4, start=start[2], end=plane, backward=backward)
-        assert np.isfinite([*loose.height, *loose.slope, loose.room]).all()
-        np.testing.assert_array_equal(out.kept, (loose.state == 0) & (loose.room >= 0))
+        assert np.isfinite([*loose.height, *loose.slope, loose.margin]).all()
+        np.testing.assert_array_equal(out.kept, (loose.state == 0) & (loose.margin >= 0))
 
 
 @settings(max_examples=60)

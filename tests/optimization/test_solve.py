@@ -219,7 +219,7 @@ def relaxed(relaxation, needed):
     changed = []
     for held in IMPOSSIBLE.constraints:
         for side in held.limits:
-            if relaxation.label == held.said(side):
+            if relaxation.label == held.limit_words(side):
                 held = held.model_copy(update={side: needed})
         changed.append(held)
     return replace(IMPOSSIBLE, constraints=tuple(changed))

@@ -122,7 +122,7 @@ def test_axes_have_labels_with_units_for_every_printer(name):
 @pytest.mark.parametrize("name", ALL)
 def test_blocked_rays_end_at_an_opening_they_miss_and_kept_ones_on_the_sensor(name):
     design = ALL[name].thin_twin
-    openings = {-float(rim.stands) for rim in (Camera.of(design).fap, *Camera.of(design).rims)}
+    openings = {-float(rim.ruler_distance) for rim in (Camera.of(design).fap, *Camera.of(design).rims)}
     for fan in labelled_fans(design):
         # Within half a millimetre per mm of stop radius for the stop that is tilted in one of them.
         np.testing.assert_allclose(fan.z[fan.kept, -1], design.d_1 + design.d_2, rtol=1e-12)

@@ -148,10 +148,10 @@ def test_flat_parts_lie_in_their_planes():
     camera = Camera.of(TILTED)
     parts = parts_of(TILTED)
     for name, place in (("sensor", "sensor"), ("MLA", "microlens_array"), ("lens mount", "main_lens")):
-        pose = camera.pose(place).seen_from(camera.world)
+        pose = camera.apparent_pose(place).seen_from(camera.world)
         np.testing.assert_allclose((parts[name].points - pose.origin) @ pose.z, 0, atol=1e-12)
     # The array's plate is turned as the array is.
-    pose = camera.pose("microlens_array").seen_from(camera.world)
+    pose = camera.apparent_pose("microlens_array").seen_from(camera.world)
     np.testing.assert_allclose(np.ptp((parts["MLA"].points - pose.origin) @ pose.x), TILTED.microlens_array.size[0])
 
 

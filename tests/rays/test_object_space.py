@@ -13,7 +13,7 @@ from roslf_design.bore.elements import AnyElement
 from roslf_design.camera import Camera
 from roslf_design.lenses import tracer
 from roslf_design.rays import Status
-from roslf_design.theory.object_space import FacesAhead, carry
+from roslf_design.theory.object_space import ObjectSpaceFaces, carry
 
 PAPER = roslf.load("paper").replace({"aperture.distance": 2.0, "aperture.diameter": 50.0})
 WATER = {"index": 1.333, "abbe": 55.8}
@@ -64,7 +64,7 @@ def test_tilted_wedged_plates_into_water_are_snells_law():
     second = {**BLOCK, "kind": "prism", "distance": 60.0, "thickness": 9.0, "material": {"index": 1.77}}
     second["tilt"] = (-0.08, 0.04)
     design = looking(first, second, medium=1.333)
-    space = FacesAhead.of(Camera.of(design))
+    space = ObjectSpaceFaces.of(Camera.of(design))
     index = [float(e.material.index(design.wavelength)) for e in design.elements]
     with mp.workdps(40):
         for height, slope in RAYS:
@@ -88,7 +88,7 @@ def test_a_plane_parallel_plate_shifts_a_ray_by_its_formula():
     design = looking(BLOCK)
     n = float(design.elements[0].material.index(design.wavelength))
     angle = np.linspace(0, 1.2, 13)
-    found = FacesAhead.of(Camera.of(design)).rays((0.0, 0.0), (np.tan(angle), 0.0))
+    found = ObjectSpaceFaces.of(Camera.of(design)).rays((0.0, 0.0), (np.tan(angle), 0.0))
     sideways = np.abs(found.height[0]) * np.cos(angle)
     law = 4.0 * np.sin(angle) * (1 - np.cos(angle) / np.sqrt(n * n - np.sin(angle) ** 2))
     np.testing.assert_allclose(sideways, law, rtol=0, atol=1e-9)
@@ -100,7 +100,7 @@ def test_a_rod_is_its_ray_equation(medium):
     """Skew rays against mpmath's Taylor solution of d/ds(n dr/ds) = grad n for n = n_0 (1 - g^2 r^2/2)."""
     rod = {"kind": "grin", "distance": 30.0, "thickness": 7.0, "index": 1.6, "gradient": 0.25, "tilt": (0.02, -0.01)}
     design = looking(rod, medium=medium)
-    space = FacesAhead.of(Camera.of(design))
+    space = ObjectSpaceFaces.of(Camera.of(design))
     n_m = float(design.object_space.medium.index(design.wavelength))
     with mp.workdps(25):
         for height, slope in (((0.2, 0.1), (0.01, -0.02)), ((1.0, 2.0), (0.05, 0.08))):
@@ -149,9 +149,9 @@ def test_a_rods_barrel_takes_what_swings_beyond_it(slope):
     crest = math.sqrt(2 / g**2 * (1 - math.sqrt(1 - g * g * kept)))
     for share, status in ((1.002, Status.KEPT), (0.998, Status.APERTURE + 1)):
         rod = {**ROD, "diameter": 2 * crest * share}
-        found = FacesAhead.of(Camera.of(looking(rod))).rays((height, 0.0), (slope, 0.0))
+        found = ObjectSpaceFaces.of(Camera.of(looking(rod))).rays((height, 0.0), (slope, 0.0))
         assert found.status == status, share
-    stages = FacesAhead.of(Camera.of(looking({**ROD, "diameter": None})))
+    stages = ObjectSpaceFaces.of(Camera.of(looking({**ROD, "diameter": None})))
     depths = np.linspace(0.1, 39.9, 200)
     seen = [
         r.height[0] - r.slope[0] * (30 + z)
@@ -170,7 +170,7 @@ def test_a_real_objective_is_its_prescription():
     design = looking(group)
     lens = design.elements[0].lens
     height, slope = (np.array([1.0, -3.0]), np.array([2.0, 0.5])), (np.array([0.02, -0.05]), np.array([0.01, 0.03]))
-    found = FacesAhead.of(Camera.of(design)).rays(height, slope)
+    found = ObjectSpaceFaces.of(Camera.of(design)).rays(height, slope)
     at = [h - s * (40.0 - 0.0) for h, s in zip(height, slope, strict=True)]  # on its sensor-side vertex's plane
     there = lens.through((at[0] - 0.4, at[1] + 0.1), slope, design.wavelength, start=lens.length, end=-5.0, clip=True)
     z = -40.0 - lens.length - 5.0
@@ -193,42 +193,42 @@ def test_near_the_axis_rays_are_the_closed_forms():
     camera = Camera.of(design)
     end, plane = camera.front
     l, o = np.array([3e-5, -1e-5]), np.array([1e-6, 2e-6])
-    found = FacesAhead.of(camera).rays(tuple(l), tuple(o))
+    found = ObjectSpaceFaces.of(camera).rays(tuple(l), tuple(o))
     assert found.status == Status.KEPT
     for k in (0, 1):
         met = found.height[k] + found.slope[k] * -float(end)
-        assert met == pytest.approx(float(plane.a * l[k] - plane.b * o[k] + plane.aside[k]), rel=2e-8)
-        leaves = (-plane.c * l[k] + plane.d * o[k] + plane.lean[k]) / plane.medium
+        assert met == pytest.approx(float(plane.a * l[k] - plane.b * o[k] + plane.axis_offset[k]), rel=2e-8)
+        leaves = (-plane.c * l[k] + plane.d * o[k] + plane.axis_slope[k]) / plane.medium
         assert found.slope[k] == pytest.approx(float(leaves), rel=2e-8)
 
 
 def test_every_opening_takes_its_rays_in_order_and_what_is_reflected_says_so():
     stops = ({"diameter": 6.0, "distance": 20.0}, {"diameter": 1.0, "distance": 50.0})
     design = looking({**BLOCK, "diameter": 5.0}, stops=stops, **{"aperture.diameter": 10.0})
-    space = FacesAhead.of(Camera.of(design))
+    space = ObjectSpaceFaces.of(Camera.of(design))
     height, stop = [0.0, 6.0, 4.0, 2.8, 2.0], int(Status.APERTURE)
     fates = space.rays((np.array(height), 0.0), (0.0, 0.0)).status
     assert fates.tolist() == [0, stop, stop + 1, stop + 3, stop + 2]
     # Between the faces: in at 2.4 mm, out at 2.6 mm.
     slope = math.tan(math.asin(1.5 * math.sin(math.atan(0.06))))
     assert space.rays((2.4 - slope * 30, 0.0), (-slope, 0.0)).status == stop + 4
-    assert not FacesAhead.of(Camera.of(design), clip=False).rays((height, 0.0), (0.0, 0.0)).status.any()
+    assert not ObjectSpaceFaces.of(Camera.of(design), clip=False).rays((height, 0.0), (0.0, 0.0)).status.any()
     # 45 degrees in glass cannot get out of a wedge's far face.
     wedge = looking({**BLOCK, "kind": "prism", "material": {"index": 1.9}, "wedge": (0.0, 0.8)})
-    assert FacesAhead.of(Camera.of(wedge)).rays((0.0, 0.0), (0.9, 0.0)).status == Status.REFLECTED
+    assert ObjectSpaceFaces.of(Camera.of(wedge)).rays((0.0, 0.0), (0.9, 0.0)).status == Status.REFLECTED
 
 
 def test_many_rays_are_few_rays():
     """Compiled and interpreted: the same bits."""
     rod = {"kind": "grin", "distance": 60.0, "thickness": 8.0, "index": 1.6, "gradient": 0.1}
-    space = FacesAhead.of(Camera.of(looking({**BLOCK, "tilt": (0.1, 0.0)}, rod, medium=1.333)))
+    space = ObjectSpaceFaces.of(Camera.of(looking({**BLOCK, "tilt": (0.1, 0.0)}, rod, medium=1.333)))
     rng = np.random.default_rng(3)
     lines = rng.uniform(-0.2, 0.2, (4, 4000))
     many = space.rays(tuple(lines[:2]), tuple(lines[2:]))
     few, status = np.zeros((4, 50)), np.zeros(50, np.uint8)
     room = np.empty(tracer.ROWS * tracer.BLOCK), np.empty(tracer.BLOCK)
     few_lines = np.ascontiguousarray(lines[:, :50])
-    carry(space.table, space.media, space.takers, space.law, *room, few_lines, few, status)
+    carry(space.table, space.media, space.clip_status, space.law, *room, few_lines, few, status)
     np.testing.assert_array_equal(few[:2], many.height[:, :50])
     np.testing.assert_array_equal(few[2:], many.slope[:, :50])
 
@@ -236,7 +236,7 @@ def test_many_rays_are_few_rays():
 def test_many_rays_through_a_mapped_objective_are_single_ones():
     """Angles of sines and tangents may differ by a bit between the two: one of them does it all."""
     lens = {"kind": "lens", "distance": 60.0, "focal_length": 70.0, "mapping": "f sin"}
-    space = FacesAhead.of(Camera.of(looking(lens)))
+    space = ObjectSpaceFaces.of(Camera.of(looking(lens)))
     lines = np.random.default_rng(3).uniform(-0.5, 0.5, (4, 2000))
     many = space.rays(tuple(lines[:2]), tuple(lines[2:]))
     assert not many.status.any()
@@ -253,8 +253,8 @@ def test_builds_of_a_lens_are_those_of_one_at_a_time(mapping):
         ("elements.1.focal_length", np.array([65.0, 70.0, 80.0])),
         ("aperture.distance", np.array([60.0, 75.0])),
     ):
-        table = FacesAhead.of(camera.replace({place: values})).table
-        alone = [FacesAhead.of(camera.replace({place: value})).table for value in values]
+        table = ObjectSpaceFaces.of(camera.replace({place: values})).table
+        alone = [ObjectSpaceFaces.of(camera.replace({place: value})).table for value in values]
         np.testing.assert_allclose(table, alone, rtol=1e-14, atol=0)
 
 
@@ -263,11 +263,11 @@ def test_rays_stage_by_stage_are_those_of_a_chain_cut_short():
     second = {**BLOCK, "distance": 60.0, "tilt": (0.05, 0.0)}
     lens = {"kind": "lens", "distance": 80.0, "focal_length": 70.0}
     height, slope = (np.array([0.0, 2.0, -3.0]), np.array([1.0, 0.0, 0.5])), (np.array([0.1, -0.3, 0.0]), 0.02)
-    whole = FacesAhead.of(Camera.of(looking(BLOCK, second, lens)))
+    whole = ObjectSpaceFaces.of(Camera.of(looking(BLOCK, second, lens)))
     *part, end = whole.rays_at([10.0, 45.0, 70.0, 80.0], height, slope)
     parts = [looking(), looking(BLOCK), looking(BLOCK, second), looking(BLOCK, second)]
     for found, design in zip(part, parts, strict=True):
-        alone = FacesAhead.of(Camera.of(design)).rays(height, slope)
+        alone = ObjectSpaceFaces.of(Camera.of(design)).rays(height, slope)
         np.testing.assert_allclose(found.height, alone.height, rtol=0, atol=1e-13)
         np.testing.assert_allclose(found.slope, alone.slope, rtol=0, atol=1e-15)
     np.testing.assert_allclose(end.height, whole.rays(height, slope).height, rtol=0, atol=1e-13)
@@ -284,7 +284,7 @@ def test_plane_parallel_plates_are_optilands(name):
     )
     tilt = (0.31, -0.22) if name == "tilted" else (0.0, 0.0)
     camera = Camera.of(looking({**first, "tilt": tilt}, *others, medium=1.333))
-    found = FacesAhead.of(camera).rays(tuple(stored["height"]), tuple(-stored["slope"]))
+    found = ObjectSpaceFaces.of(camera).rays(tuple(stored["height"]), tuple(-stored["slope"]))
     assert not found.status.any()
     np.testing.assert_allclose(found.slope, -stored[f"{name}_slope"], rtol=0, atol=1e-12)
     np.testing.assert_allclose(found.height - 100 * found.slope, stored[f"{name}_end"], rtol=0, atol=1e-9)

@@ -18,7 +18,7 @@ from roslf_design.imaging.white import white_patch
 from roslf_design.scenes import Noise, Plane, Scene, SceneError
 from roslf_design.theory.colours import FILTERS, mosaic
 from roslf_design.theory.disparity_error import Spectrum, disparity_information, disparity_sigma
-from roslf_design.theory.photometry import behind, electrons, exposure, response
+from roslf_design.theory.photometry import electrons, exposure, response, through_filter
 from roslf_design.theory.quantities import QUANTITIES, seen_at
 from roslf_design.theory.resolution import fold
 from roslf_design.theory.stop_images import MicrolensImages
@@ -72,7 +72,7 @@ def test_electrons_of_a_colour_by_hand():
     for one, taken in zip(FILTERS, (0.7, 0.8, 0.7), strict=True):
         photons = watts / 60 * one.wavelength * 1e-3 / (6.62607015e-34 * 299_792_458)
         by_hand.append(photons * 0.7 * taken)
-        assert float(electrons(behind(camera, one))) == pytest.approx(by_hand[-1], rel=1e-6)
+        assert float(electrons(through_filter(camera, one))) == pytest.approx(by_hand[-1], rel=1e-6)
     assert float(electrons(camera)) == pytest.approx(max(by_hand), rel=1e-6)
     bright = Camera.of(BAYER.replace({"light.illuminance": 1e6}))  # half the well of the brightest colour
     assert float(electrons(bright)) == pytest.approx(0.5 * 10_500)

@@ -238,7 +238,7 @@ def test_seams_are_smooth():
     bends = np.diff(values, 2)
     assert np.abs(bends).max() < 4e-3  # the curve itself bends by 1e-3 a step
     cut = Camera.of(CUT)
-    edge = brentq(lambda x: float(MicrolensImages(cut, [(x, 0.0)]).room[0, 0]), 1.0, 9.0)
+    edge = brentq(lambda x: float(MicrolensImages(cut, [(x, 0.0)]).clearance[0, 0]), 1.0, 9.0)
     inside, outside = (information(CUT, (edge + off, 0.0)) for off in (-1e-6, 1e-6))
     assert outside == pytest.approx(inside, rel=1e-5)  # rows against Bessel functions
 

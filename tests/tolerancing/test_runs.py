@@ -25,11 +25,11 @@ from roslf_design.errors import InputError
 from roslf_design.tolerancing import run as runs
 from roslf_design.tolerancing.run import (
     ChunkLostError,
-    Where,
-    anywhere,
+    WorkerSettings,
     local_cluster,
     merged,
     pack,
+    run_chunks,
     run_trials,
     tally_chunk,
     unpack,
@@ -95,7 +95,7 @@ def test_a_run_is_a_manifest_and_one_file_a_chunk(plan, expected):
 
 def test_a_pool_gives_the_same_bytes_though_a_worker_is_killed(plan, expected, tmp_path):
     progress, killed = kill_once(lambda: multiprocessing.active_children()[0].pid)
-    run_trials(plan, tmp_path, Where(2), progress=progress)
+    run_trials(plan, tmp_path, WorkerSettings(2), progress=progress)
     assert killed
     assert fingerprint(tmp_path) == expected
 
@@ -134,7 +134,7 @@ def test_a_dask_cluster_gives_the_same_bytes_though_a_worker_is_killed(plan, exp
     distributed = pytest.importorskip("distributed", reason="Dask is not installed")
     with local_cluster(2) as cluster, distributed.Client(cluster, set_as_default=False) as client:
         progress, killed = kill_once(lambda: next(iter(client.run(os.getpid).values())))
-        run_trials(plan, tmp_path, Where(2, cluster.scheduler_address), progress=progress)
+        run_trials(plan, tmp_path, WorkerSettings(2, cluster.scheduler_address), progress=progress)
         assert killed
     assert fingerprint(tmp_path) == expected
 
@@ -144,7 +144,7 @@ def test_no_scheduler_there_is_one_clear_error_soon(plan, tmp_path, address):
     pytest.importorskip("distributed", reason="Dask is not installed")
     began = time.monotonic()
     with pytest.raises(InputError, match=f"no Dask scheduler answers at {re.escape(address)}"):
-        run_trials(plan, tmp_path, Where(1, address))
+        run_trials(plan, tmp_path, WorkerSettings(1, address))
     assert time.monotonic() - began < 5
 
 
@@ -162,7 +162,7 @@ def test_a_server_that_is_no_scheduler_is_told_in_one_line(tmp_path):
 def test_dask_missing_says_what_to_install(plan, tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(InputError, match=r"pip install 'roslf_design\[cluster\]'"):
-        run_trials(plan, tmp_path, Where(1, "local"))
+        run_trials(plan, tmp_path, WorkerSettings(1, "local"))
 
 
 def die(_index):
@@ -172,12 +172,12 @@ def die(_index):
 def test_a_chunk_that_kills_every_worker_is_given_up_with_advice(monkeypatch):
     monkeypatch.setattr(runs, "ATTEMPTS", 2)
     with pytest.raises(ChunkLostError, match="a worker process died 2 times"):
-        list(anywhere(die, [0, 1], Where(2)))
+        list(run_chunks(die, [0, 1], WorkerSettings(2)))
 
 
 def test_an_error_in_the_work_is_not_taken_for_a_dead_worker():
     with pytest.raises(ZeroDivisionError):
-        list(anywhere(fail, [0, 1], Where(2)))
+        list(run_chunks(fail, [0, 1], WorkerSettings(2)))
 
 
 def fail(index):

@@ -13,9 +13,9 @@ from roslf_design.lenses.prescription import first_order
 from roslf_design.reporting.story import run_tolerances
 from roslf_design.tolerancing.metrics import METRICS, Question, builds_of, evaluate_builds, faults_of
 from roslf_design.tolerancing.places import LENS, LENSLETS, load_grades, nominal_values, perturbable
-from roslf_design.tolerancing.run import Where, run_trials
+from roslf_design.tolerancing.run import WorkerSettings, run_trials
 from roslf_design.tolerancing.study import plan_from
-from roslf_design.tolerancing.traced import as_built, mounted
+from roslf_design.tolerancing.traced import as_built, real_lens_builds
 from roslf_design.tolerancing.trials import one_trial
 from roslf_design.traced.camera import camera_of, microlenses
 from roslf_design.traced.images import FULL, real_field, real_images
@@ -190,7 +190,7 @@ def test_depth_errors_are_those_of_the_focal_length_to_first_order():
     radius = nominal_values(design)[place]
     values = {place: radius + np.array([-0.05, 0.05])}
     real = evaluate_builds(Question(design, ("depth_error_mm",), ((0.0, 0.0),), 350.0), values, 2)[0]
-    f = 1 / mounted(design, values, 2).lens.power
+    f = 1 / real_lens_builds(design, values, 2).lens.power
     thin = evaluate_builds(
         Question(design.thin_twin, ("depth_error_mm",), ((0.0, 0.0),), 350.0), {"main_lens.focal_length": f}, 2
     )[0]
@@ -241,7 +241,7 @@ def test_studies_give_the_same_bytes_for_any_number_of_workers(tmp_path):
     contents = []
     for workers in (1, 2):
         folder = tmp_path / str(workers)
-        run_trials(plan, folder, Where(workers))
+        run_trials(plan, folder, WorkerSettings(workers))
         contents.append([path.read_bytes() for path in sorted((folder / "chunks").iterdir())])
     assert len(contents[0]) == 2
     assert contents[0] == contents[1]

@@ -15,7 +15,7 @@ def lit_part(camera, microlens, points=3072):
 
     def room(p):
         at = views(camera, microlens, p, clip=False)
-        return np.minimum(at.fap_room, at.room)
+        return np.minimum(at.fap_margin, at.margin)
 
     size = 0.6 * camera.lens.clear_diameter * abs(camera.d_2 / camera.d_1)
     hub, step = microlens * (1 + camera.d_2 / camera.d_1), size

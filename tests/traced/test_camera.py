@@ -14,7 +14,7 @@ from numpy.testing import assert_allclose
 from roslf_design.cli import main
 from roslf_design.design import DesignError, dumps
 from roslf_design.effects import Budget, PlanError, SceneBrief, plan
-from roslf_design.effects.lens import faults
+from roslf_design.effects.lens import lens_aberrations
 from roslf_design.errors import InputError
 from roslf_design.evaluation import evaluate
 from roslf_design.lenses.glass import find_glass
@@ -212,7 +212,7 @@ def test_estimates_are_the_worst_over_the_field():
     design = real("LB1630-A")
     x_ml = 11.0
     dense = real_field(design, [(x, 0.0) for x in np.linspace(0, x_ml, 23)])
-    found = faults(design, x_ml)
+    found = lens_aberrations(design, x_ml)
     assert found.displaced == pytest.approx(np.max(dense.rim_shift), rel=0.02)
     assert found.spread == pytest.approx(np.max(dense.maps.spread), rel=0.02)
     cone = design.D_F * design.d_f / (design.d_f - design.d_3) / design.d_1

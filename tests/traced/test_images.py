@@ -198,10 +198,10 @@ def test_states_say_which_stop_took_a_ray():
     told = {describe(int(code)) for code in np.unique(at.state)}
     assert {"kept", "clipped at stop 1", "clipped at stop 2", "clipped at surface 2"} <= told
     kept = at.state == 0
-    np.testing.assert_array_equal(kept, (at.room >= 0) & (at.fap_room >= 0))
+    np.testing.assert_array_equal(kept, (at.margin >= 0) & (at.fap_margin >= 0))
     loose = views(camera, [5.0, 5.0], p, clip=False)
     assert (loose.state == 0).all()
-    np.testing.assert_array_equal(loose.room[kept], at.room[kept])
+    np.testing.assert_array_equal(loose.margin[kept], at.margin[kept])
     cut = real_images(camera, [5.0, 5.0])
     assert cut.status == CLIPPED
     near = np.linspace(-0.03, 0.03, 301)

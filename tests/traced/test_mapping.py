@@ -106,4 +106,4 @@ def test_builds_are_the_cameras_traced_one_at_a_time(fap):
     assert check.centre_px < 1e-6
     assert check.diameter_share < 1e-6
     assert check.kept_fraction < 1e-6
-    assert np.all((np.asarray(builds.room) > 0) & (np.asarray(builds.room) < 1.3))
+    assert np.all((np.asarray(builds.clearance) > 0) & (np.asarray(builds.clearance) < 1.3))

@@ -353,4 +353,4 @@ def _folded(design: Design, place: Point, centre: Array) -> Array:
     grid = np.stack(np.meshgrid(side, side), axis=-1) + c * (1 + camera.d_2 / camera.d_1)
     at = views(camera, c, grid, clip=False)
     x, y = (side + c[k] * camera.d_2 / camera.d_1 - centre[k] for k in (0, 1))
-    return where_above(np.minimum(at.fap_room, at.room), x / design.q, y / design.q, 0.0)
+    return where_above(np.minimum(at.fap_margin, at.margin), x / design.q, y / design.q, 0.0)

@@ -94,9 +94,9 @@ def _glass(design: Design, camera: Camera, wall: float) -> list[Body]:
     substrate, cover = design.microlens_array.substrate, design.sensor.cover
     if substrate is not None:
         depth = substrate.thickness * (1 if substrate.lenslets == "scene" else -1)
-        parts.append(_slab("substrate", camera.stands("microlens_array"), design.microlens_array.size, depth))
+        parts.append(_slab("substrate", camera.ruler_pose("microlens_array"), design.microlens_array.size, depth))
     if cover is not None:
-        parts.append(_slab("cover", camera.stands("sensor"), design.sensor_size, -cover.thickness))
+        parts.append(_slab("cover", camera.ruler_pose("sensor"), design.sensor_size, -cover.thickness))
     return parts
 
 
@@ -108,11 +108,11 @@ def _pose(camera: Camera, k: int) -> Frame:
 
 
 def _elements(design: Design, camera: Camera, wall: float) -> list[Body]:
-    sensor, array, lens = map(camera.stands, ("sensor", "microlens_array", "main_lens"))
+    sensor, array, lens = map(camera.ruler_pose, ("sensor", "microlens_array", "main_lens"))
     radius = design.D / 2
     parts: list[Body] = []
     for number, stop in enumerate(design.openings):
-        pose, outline, colour = camera.stands(stop.place), stop.part.outline, stop_colour(number)
+        pose, outline, colour = camera.ruler_pose(stop.place), stop.part.outline, stop_colour(number)
         edge = np.stack(outline.rim(np.cos(TURN), np.sin(TURN)), -1)
         wide = wall * np.stack([np.cos(TURN), np.sin(TURN)], -1)
         plate = _placed(np.concatenate([edge, wide]), pose)

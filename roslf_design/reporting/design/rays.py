@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..._arrays import Array
 from ...bore.elements import AnyElement, made_of
-from ...bore.material import material_told
+from ...bore.material import material_label
 from ...camera import Camera
 from ...design.design import Placed
 from ...drawing.marks import Area, Dots, Key, Line, Mark, Point, Text, bars, box_key, joined, line_key, parted, xy
@@ -72,10 +72,10 @@ def labelled_fans(design: Design) -> list[LabelledFan]:
     return [LabelledFan(label, kept[i], drawn.z[i], drawn.x[i]) for i, label in enumerate(places)]
 
 
-def medium_told(design: Design) -> str:
+def medium_label(design: Design) -> str:
     """Name of the medium that the scene lies in, with its index; empty for air."""
     medium = design.object_space.medium
-    return "" if medium == AIR else material_told(medium, design.wavelength)
+    return "" if medium == AIR else material_label(medium, design.wavelength)
 
 
 def is_centred(design: Design) -> bool:
@@ -126,14 +126,14 @@ def meridional(
     if blocked:
         cross = Dots((0.0,), (0.0,), "vermillion", "x", 3.5, width=1.5)
         keys.append(line_key("blocked, and where", "vermillion", 0.8, "4 3", cross))
-    if medium := medium_told(thin):
+    if medium := medium_label(thin):
         keys.append(box_key(f"medium: {medium}", *MEDIUM))
     ruler = (Line((-11.0, 11.0), (0.0, 0.0), "grey", 1.2, ends="|"),)
     # How many rows the legend takes must be known before the scale is, which it tells.
-    longest = Key(_scale_told(design, 100.0, whole), ruler)
+    longest = Key(_scale_label(design, 100.0, whole), ruler)
     foot = legend_height([*keys, longest], size[0] - 28) if key else 0.0
     section = _section(thin, drawn, (size[0], size[1] - foot), whole, to_scale)
-    keys.append(Key(_scale_told(design, section.exaggeration, whole), ruler))
+    keys.append(Key(_scale_label(design, section.exaggeration, whole), ruler))
     tip, half = -_front(thin), section.half
     marks: list[Mark] = [_block(tip, thin.d_1 + thin.d_2, -half, half, "pale", 0.28)]
     if medium:
@@ -171,7 +171,7 @@ def _instrument_share(design: Design) -> float:
     return (end + _front(design)) / (end + design.d_f)
 
 
-def _scale_told(design: Design, exaggeration: float, whole: bool) -> str:
+def _scale_label(design: Design, exaggeration: float, whole: bool) -> str:
     words = "to scale" if exaggeration == 1 else f"lengths to scale, heights ×{short(exaggeration)}"
     return words if whole else f"{words}; object plane {short(design.d_f)} mm before the lens"
 

@@ -26,7 +26,7 @@ from ...evaluation.specification import (
 from ...tables import csv_bytes
 from ...theory.colours import GREEN
 from ...theory.field_of_view import focus_ahead
-from ...theory.photometry import behind
+from ...theory.photometry import through_filter
 from ...theory.quantities import QUANTITIES
 from ...theory.quantity import Listed, Quantity
 from ...theory.stop_images import MicrolensImages
@@ -88,7 +88,7 @@ class SheetLine(NamedTuple):
         return np.array([self.of(builds.build(k)) for k in range(builds.shape[0])[:most]])
 
 
-class AsBuilt(NamedTuple):
+class BuildSpread(NamedTuple):
     """Spread of the builds of a tolerance study."""
 
     plan: TolerancePlan
@@ -118,7 +118,7 @@ class AsBuilt(NamedTuple):
         return {key: deviation for key, deviation in deviations.items() if math.isfinite(deviation)}
 
 
-class Known(NamedTuple):
+class CalibrationSpread(NamedTuple):
     """Spread that a calibration leaves, or will leave, of one instrument."""
 
     words: str
@@ -138,7 +138,7 @@ class Known(NamedTuple):
         return {name: sigma for name, sigma in left.items() if math.isfinite(sigma)}
 
 
-class Basis(NamedTuple):
+class SpreadSources(NamedTuple):
     """Sources of the lines' tolerances: a tolerance study's builds, a calibration."""
 
     sentences: tuple[str, ...]
@@ -320,10 +320,12 @@ def _colour_lines(design: Design, colours: tuple[Colour, ...]) -> Iterator[Sheet
 
 
 def _in_green(name: str, factor: float, camera: Camera) -> float:
-    return factor * float(QUANTITIES[name](behind(camera, GREEN)))
+    return factor * float(QUANTITIES[name](through_filter(camera, GREEN)))
 
 
-def basis(design: Design, built: AsBuilt | None = None, calibration: Known | None = None) -> Basis:
+def basis(
+    design: Design, built: BuildSpread | None = None, calibration: CalibrationSpread | None = None
+) -> SpreadSources:
     """A design's sheet, with what a tolerance study and a calibration know of it."""
     sheet, sentences = specification(design), []
     rows = list(lines(design, sheet))
@@ -345,7 +347,7 @@ def basis(design: Design, built: AsBuilt | None = None, calibration: Known | Non
         if design is calibration.design:
             sentences.append("Values are those of that instrument.")
     sentences.append("Lines without one (–) are nominal." if sentences else NOMINAL)
-    return Basis(
+    return SpreadSources(
         tuple(sentences),
         {} if built is None else built.deviations(rows),
         {} if calibration is None else calibration.deviations(rows),
@@ -368,7 +370,7 @@ def _spread(line: SheetLine, sigma: Mapping[str, float]) -> str:
     return f"±\N{NO-BREAK SPACE}{number(SIGMAS * sigma[line.key], 2, 1e-6 * abs(line.value or 0.0))}"
 
 
-def datasheet_section(grounds: Basis) -> Section:
+def datasheet_section(grounds: SpreadSources) -> Section:
     """The page."""
     columns = (("± 2σ, builds", grounds.sigma), ("± 2σ, calibrated", grounds.calibrated))
     spreads = [column for column in columns if column[1]]
@@ -418,12 +420,12 @@ def datasheet_section(grounds: Basis) -> Section:
     return Section("Data sheet", tuple(blocks))
 
 
-def datasheet_report(grounds: Basis) -> Report:
+def datasheet_report(grounds: SpreadSources) -> Report:
     """The page alone."""
     return Report(grounds.design.name, grounds.design.source, (datasheet_section(grounds),))
 
 
-def datasheet_json(grounds: Basis) -> dict[str, Any]:
+def datasheet_json(grounds: SpreadSources) -> dict[str, Any]:
     """The lines with their tolerances, and the specification."""
     rows = [
         {
@@ -445,7 +447,7 @@ def datasheet_json(grounds: Basis) -> dict[str, Any]:
     return {**head, "lines": rows, "specification": grounds.sheet.to_dict()}
 
 
-def datasheet_csv(grounds: Basis) -> bytes:
+def datasheet_csv(grounds: SpreadSources) -> bytes:
     """The lines as a table that spreadsheets read."""
     keys = ("subject", "name", "value", "unit", "two_sigma", "calibration_two_sigma", "text", "remark")
     return csv_bytes([keys, *([line[key] for key in keys] for line in datasheet_json(grounds)["lines"])])
