@@ -25,7 +25,7 @@ LISTED = 40
 """Faults that are told one by one."""
 
 
-class Command(NamedTuple):
+class _Command(NamedTuple):
     """Command's summary and example in `--help`."""
 
     summary: str
@@ -33,64 +33,64 @@ class Command(NamedTuple):
 
 
 COMMANDS = {
-    "evaluate": Command(
+    "evaluate": _Command(
         "Everything closed forms say of a design: f-number match, field, microlens images, depth, diffraction.",
         "roslf evaluate designs/paper.toml --field 11.15 --field 5,3 --json",
     ),
-    "render": Command(
+    "render": _Command(
         "The raw light-field image that the sensor would record, with only the physics it needs.",
         "roslf render designs/paper.toml --preview -o white.tif",
     ),
-    "depth": Command(
+    "depth": _Command(
         "Depth that a camera measures, and its errors: of a scene, simulated, beside the truth; or in a picture taken.",
         "roslf depth designs/paper.toml --region 2240,1480,120,120 -o out/depth",
     ),
-    "report": Command(
+    "report": _Command(
         "A report on a design, a study or a story: one self-contained HTML page, and a PDF.",
         "roslf report designs/paper.toml -o reports/paper",
     ),
-    "datasheet": Command(
+    "datasheet": _Command(
         "The page an engineer signs: the camera in the terms of ISO 8600, each line with its tolerance.",
         "roslf datasheet designs/paper.toml -o paper.pdf",
     ),
-    "sweep": Command(
+    "sweep": _Command(
         "Any quantities over one or two lengths of a design: a picture, or a table.",
         'roslf sweep paper --set "aperture.distance=0..150 mm" --quantity fill_factor,sigma_z_mm',
     ),
-    "tolerance": Command(
+    "tolerance": _Command(
         "A tolerance study: yield, sensitivities, Monte Carlo, inverse tolerances, adjustments.",
         "roslf tolerance studies/tolerance-paper/study.toml -o out/tolerance-paper --workers 2",
     ),
-    "optimize": Command(
+    "optimize": _Command(
         "Find the design: from a bore and what must be seen, or what stands in the way.",
         "roslf optimize studies/optimize-rigid-scope/study.toml -o out/rigid-scope",
     ),
-    "calibrate": Command(
+    "calibrate": _Command(
         "H, d_3 and the rest from images of a checkerboard, with how sure they are; or plan the capture.",
         'roslf calibrate captures --design designs/paper.toml --board "4x5 6 mm" -o out/calibration',
     ),
-    "decode": Command(
+    "decode": _Command(
         "From a raw image, or decoded views, to pictures: views, refocus stack, epipolar-plane image.",
         "roslf decode raw.tif --white white.tif --design designs/paper.toml -o out/decoded",
     ),
-    "catalogue": Command(
+    "catalogue": _Command(
         "Lenses, microlens arrays and sensors that can be bought, with where their figures come from.",
         'roslf catalogue --kind lenses --where "focal_length<=100 mm"',
     ),
-    "export": Command(
+    "export": _Command(
         "A camera, or a lens, as a file of another program: .zmx, or Optiland's .json.",
         "roslf export designs/paper-singlet.toml -o out/paper-singlet.zmx",
     ),
-    "accuracy": Command(
+    "accuracy": _Command(
         "How far numbers can be trusted, and what accuracy costs in time.",
         "roslf accuracy designs/paper.toml --accuracy 1e-4 -o reports/accuracy",
     ),
-    "explore": Command(
+    "explore": _Command(
         "Feel how a design behaves: sliders, live pictures and verdicts in the browser, served from this machine.",
         "roslf explore designs/paper.toml",
     ),
-    "quantities": Command("Every number of a camera by its name, with its unit and what it is.", "roslf quantities"),
-    "presets": Command("The designs that ship, and where their files are.", "roslf presets"),
+    "quantities": _Command("Every number of a camera by its name, with its unit and what it is.", "roslf quantities"),
+    "presets": _Command("The designs that ship, and where their files are.", "roslf presets"),
 }
 """Each command: a function in the module of that name in `commands`, imported only when called."""
 

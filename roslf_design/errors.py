@@ -61,17 +61,17 @@ class Argument(Problem):
 
     def in_shell(self) -> Problem:
         """Fault as the shell tells it: arguments are options."""
-        return Problem(option(self.key) if self.key else "", with_options(self.message))
+        return Problem(_option(self.key) if self.key else "", with_options(self.message))
 
 
-def option(name: str) -> str:
+def _option(name: str) -> str:
     """Option of the shell that a keyword stands for."""
     return "-o" if name == "output" else f"--{name.replace('_', '-')}"
 
 
 def with_options(text: str) -> str:
     """Text whose arguments, in backticks, are options of the shell."""
-    return re.sub("`([a-z][a-z_]*)`", lambda match: option(match[1]), text)
+    return re.sub("`([a-z][a-z_]*)`", lambda match: _option(match[1]), text)
 
 
 class InputError(ValueError):

@@ -27,7 +27,7 @@ Column = tuple[str, str, Callable[[Any], str]]
 """Heading, letter of `Table.align`, and what it says of a thing."""
 
 
-class Cell(NamedTuple):
+class _Cell(NamedTuple):
     """One cell, split at the decimal point where its column is aligned on it."""
 
     align: str
@@ -80,7 +80,7 @@ class Table:
         rows = tuple(tuple(tell(thing) for tell in say) for thing in things)
         return cls(rows, "".join(align), headings if any(headings) else (), title, caption)
 
-    def cells(self) -> tuple[tuple[Cell, ...], ...]:
+    def cells(self) -> tuple[tuple[_Cell, ...], ...]:
         """The body, ready to be set; what is no number in a column of numbers stands left."""
         splits = [
             [NUMBER.fullmatch(text) if kind == "d" else None for kind, text in zip(self.align, row, strict=True)]
@@ -90,11 +90,11 @@ class Table:
             max((len(m[1].rstrip()) for row in splits if (m := row[i])), default=0) for i in range(len(self.align))
         ]
 
-        def cell(kind: str, text: str, match: re.Match[str] | None, room: int) -> Cell:
+        def cell(kind: str, text: str, match: re.Match[str] | None, room: int) -> _Cell:
             if match is None:
-                return Cell("l" if kind == "d" else kind, text, "", "", room)
+                return _Cell("l" if kind == "d" else kind, text, "", "", room)
             whole = match[1].rstrip()
-            return Cell(kind, text, whole, text[len(whole) :], room)
+            return _Cell(kind, text, whole, text[len(whole) :], room)
 
         return tuple(
             tuple(cell(*parts) for parts in zip(self.align, row, split, rooms, strict=True))

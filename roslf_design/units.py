@@ -189,7 +189,7 @@ def format_quantity(value: float, dimension: str, digits: int | None = None) -> 
         To round to. By default `parse_quantity` gives the same float back.
     """
     size = abs(value)
-    if isinstance(value, TypedQuantity):
+    if isinstance(value, _TypedQuantity):
         unit = value.unit
     elif dimension != "length":
         unit = {"angle": "mrad", "time": "ms"}.get(dimension, _BASE[dimension])
@@ -199,14 +199,14 @@ def format_quantity(value: float, dimension: str, digits: int | None = None) -> 
     return f"{_plain(exact if digits is None else Context(prec=digits).plus(exact))} {unit}"
 
 
-class TypedQuantity(float):
+class _TypedQuantity(float):
     """A number [mm] or [rad] that knows the unit it was typed in; what is computed from it is a float like any."""
 
     __slots__ = ("unit",)
     unit: str
     """Unit, one of `UNITS`."""
 
-    def __new__(cls, value: float, unit: str = "mm") -> Self:  # noqa: D102
+    def __new__(cls, value: float, unit: str = "mm") -> Self:
         number = super().__new__(cls, value)
         number.unit = unit
         return number
@@ -228,7 +228,7 @@ def _validator(dimension: str) -> WrapValidator:
     def validate(value: Any, check: Callable[[Any], float], info: ValidationInfo) -> float:
         number = check(read_quantity(value, dimension, unit_required=in_file(info)))
         typed = _NUMBER.fullmatch(value)[2] if isinstance(value, str) else getattr(value, "unit", "")  # type: ignore[index]
-        return TypedQuantity(number, typed) if typed else number
+        return _TypedQuantity(number, typed) if typed else number
 
     return WrapValidator(validate)
 

@@ -100,7 +100,7 @@ def sentence(text: str) -> str:
 
 
 def spaced(name: str) -> str:
-    """A name of a file or of JSON with spaces: ``mla_rotation``."""
+    """A name of a file or of JSON with spaces: ``_mla_rotation``."""
     return re.sub(r"\b(fap|mla)\b", lambda match: match[0].upper(), name.replace("_", " "))
 
 

@@ -63,7 +63,7 @@ CHEAP, CHEAPER = 1e8, 0.5
 
 
 @dataclass(frozen=True)
-class Settled:
+class _Settled:
     """Settings with which a picture is to be made."""
 
     budget: Budget
@@ -82,7 +82,7 @@ def settle(
     seed: int = 0,
     region: Patch | None = None,
     progress: Callable[[str], None] = lambda what: None,
-) -> Settled:
+) -> _Settled:
     """Choose effects and samples for an accuracy.
 
     Parameters
@@ -117,7 +117,7 @@ def settle(
     floor = job.floor
     if not job.ladder:
         _reachable(accuracy, floor, job.method)
-        return Settled(budget, chosen, RaySampling(seed=seed), floor, job.method)
+        return _Settled(budget, chosen, RaySampling(seed=seed), floor, job.method)
     _reachable(accuracy, 2 * floor, f"{job.method} with diffraction" if job.convolved else job.method)
     best, least = None, math.inf
     for rung in job.ladder:
@@ -129,12 +129,12 @@ def settle(
             if SAFETY * error + floor <= accuracy and (best is None or cost < best[0]):
                 best = (cost, sampling, SAFETY * error + floor)
         if best is not None:
-            return Settled(budget, chosen, best[1], best[2], f"{job.method}, {_effort(best[1])}")
+            return _Settled(budget, chosen, best[1], best[2], f"{job.method}, {_effort(best[1])}")
     raise _out_of_reach(accuracy, least, f"{job.method}, {_effort(job.ladder[-1][-1])}")
 
 
 def stated(
-    image: RawImage, settled: Settled | None, accuracy: float | None, budget: Budget, seconds: float | None = None
+    image: RawImage, settled: _Settled | None, accuracy: float | None, budget: Budget, seconds: float | None = None
 ) -> Accuracy:
     """Accuracy of a picture, measured on it where one was asked for.
 

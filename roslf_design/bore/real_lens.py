@@ -67,7 +67,7 @@ def _required(value: Any, info: ValidationInfo) -> Any:
     return _validated(value, info)
 
 
-def written(lens: Prescription | None) -> str | dict[str, Any] | None:
+def _written(lens: Prescription | None) -> str | dict[str, Any] | None:
     """Text or table of a lens in a design file: its name where it ships, else a table of its own."""
     if lens is None:
         return None
@@ -76,7 +76,7 @@ def written(lens: Prescription | None) -> str | dict[str, Any] | None:
     return table_of(lens)
 
 
-_WRITTEN = PlainSerializer(written, return_type=Any, when_used="json")
+_WRITTEN = PlainSerializer(_written, return_type=Any, when_used="json")
 Lens = Annotated[InstanceOf[Prescription] | None, BeforeValidator(_validated), _WRITTEN]
 """A lens's prescription, or None for the ideal lens."""
 RealLens = Annotated[InstanceOf[Prescription], BeforeValidator(_required), _WRITTEN]

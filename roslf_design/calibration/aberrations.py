@@ -48,14 +48,14 @@ def aberration_error(
         return np.zeros((0, 3))
     model = camera_of(design)
     try:
-        corners = traced_corners(traced_camera(design), design, result, bent)
+        corners = _traced_corners(traced_camera(design), design, result, bent)
         fit = calibrate(corners, sheet, distortion=distortion, guess=model.A).fit
     except (CalibrationError, LensError):
         return np.zeros((0, 3))
     return (fit.camera.vector(_NAMES) - model.vector(_NAMES))[None]
 
 
-def traced_corners(camera: LensCamera, design: Design, result: Calibration, bent: bool = True) -> Observations:
+def _traced_corners(camera: LensCamera, design: Design, result: Calibration, bent: bool = True) -> Observations:
     """The corners of a calibration as exact rays through the design's lens have them, its axis amid the array.
 
     By Newton's method: from which microlens the ray of a view meets the corner. Views count from the middles of the

@@ -183,7 +183,7 @@ def find_centres_in_scene(
         raise CalibrationError(f"{error}; give a white image, or the design of this camera") from None
     indices = lattice.inside((frame.shape[0], frame.shape[1]))
     nodes = lattice.nodes(indices[:, 0], indices[:, 1])
-    moments = cell_moments(even + 1, lattice, nodes)
+    moments = _cell_moments(even + 1, lattice, nodes)
     border = ~_within(lattice, nodes, frame.shape)
     at = np.clip(np.rint(nodes).astype(int), 0, np.array(frame.shape[::-1]) - 1)
     reasons = np.where(border, Reason.BORDER, np.where(lit[at[:, 1], at[:, 0]], Reason.USED, Reason.DARK))
@@ -201,7 +201,7 @@ def _fitted(frame: Frame, raw: Frame, level: float, radius: float | None, lattic
     """One round: measure every cell at the current lattice, judge, fit anew."""
     indices = lattice.inside((frame.shape[0], frame.shape[1]))
     nodes = lattice.nodes(indices[:, 0], indices[:, 1])
-    moments, core = cell_moments(frame, lattice, nodes), cell_moments(frame, lattice, nodes, scale=_CORE)
+    moments, core = _cell_moments(frame, lattice, nodes), _cell_moments(frame, lattice, nodes, scale=_CORE)
     reasons = _first_reasons(frame, raw, level, lattice, indices, nodes, _contrast(lattice, moments, core))
     lit = (reasons != Reason.BORDER) & (reasons != Reason.DARK)
 
@@ -274,7 +274,7 @@ def _first_reasons(
     lit = ~border & (np.minimum(contrast, around) > _DIM * float(np.median(contrast[middle])))
     hot = np.zeros(len(nodes), bool)
     if np.isfinite(level):
-        hot = cell_moments(raw, lattice, nodes, level).saturated > 0
+        hot = _cell_moments(raw, lattice, nodes, level).saturated > 0
     if lit.any() and hot[lit].mean() > 0.2:
         raise CalibrationError(
             f"the white image is saturated: {100 * hot[lit].mean():.0f} % of its microlens images reach"
@@ -292,7 +292,7 @@ def _within(lattice: CentreLattice, nodes: Array, shape: tuple[int, ...]) -> NDA
     return np.asarray(((nodes >= reach) & (nodes <= np.array(shape[::-1]) - 1 - reach)).all(axis=1))
 
 
-def _contrast(lattice: CentreLattice, whole: CellMoments, core: CellMoments) -> Array:
+def _contrast(lattice: CentreLattice, whole: _CellMoments, core: _CellMoments) -> Array:
     """Mean level in the middle of each cell less that of all of it: light of an image, no pedestal's, no glow's."""
     area = abs(float(np.linalg.det(lattice.basis)))
     return core.light / (_CORE**2 * area) - whole.light / area
@@ -310,8 +310,8 @@ def _grown(frame: Frame, lattice: CentreLattice) -> CentreLattice:
         near = near[:: max(1, len(near) // _SAMPLE)]
         for _ in range(3 if reach == _START else 1):
             nodes = lattice.nodes(near[:, 0], near[:, 1])
-            moments = cell_moments(frame, lattice, nodes)
-            contrast = _contrast(lattice, moments, cell_moments(frame, lattice, nodes, scale=_CORE))
+            moments = _cell_moments(frame, lattice, nodes)
+            contrast = _contrast(lattice, moments, _cell_moments(frame, lattice, nodes, scale=_CORE))
             typical = float(np.median(contrast)) if reach == _START else typical
             lit = contrast > 0.2 * typical
             lattice = fit_lattice(near[lit], (nodes + moments.offset)[lit], lattice.layout).lattice
@@ -323,7 +323,7 @@ def _grown(frame: Frame, lattice: CentreLattice) -> CentreLattice:
 # --- moments of a cell's light ----------------------------------------------------------------------------------------
 
 
-class CellMoments(NamedTuple):
+class _CellMoments(NamedTuple):
     """Moments of the light inside each lens's Voronoi cell, about the cell's middle."""
 
     light: Array
@@ -336,9 +336,9 @@ class CellMoments(NamedTuple):
     """Pixels at or above the saturation level in the cell."""
 
 
-def cell_moments(
+def _cell_moments(
     image: Frame, lattice: CentreLattice, centres: Array, saturation: float = math.inf, scale: float = 1.0
-) -> CellMoments:
+) -> _CellMoments:
     """Moments of `image` in the Voronoi cells of `lattice` placed at `centres` [px], shape (n, 2), in one pass.
 
     Pixels on a cell's side count in proportion to how far they reach inside; those at or above `saturation` are counted
@@ -353,7 +353,7 @@ def cell_moments(
     mean = out[:, 1:6] / np.where(light > 0, light, 1.0)[:, None] * (light > 0)[:, None]
     offset = mean[:, :2]
     squares = np.column_stack([offset[:, 0] ** 2, offset[:, 0] * offset[:, 1], offset[:, 1] ** 2])
-    return CellMoments(light, offset, mean[:, 2:] - squares, out[:, 6].astype(np.int64))
+    return _CellMoments(light, offset, mean[:, 2:] - squares, out[:, 6].astype(np.int64))
 
 
 @kernel(parallel=True)
@@ -411,8 +411,8 @@ def _centred(
     frame: Frame,
     lattice: CentreLattice,
     indices: NDArray[np.int64],
-    moments: CellMoments,
-    inner: CellMoments,
+    moments: _CellMoments,
+    inner: _CellMoments,
     good: NDArray[np.bool_],
 ) -> tuple[Array, LatticeFit]:
     """Centre minus node of every lens [px], freed of the drag of its cell's sides and of shading; lattice of the good.
@@ -482,8 +482,8 @@ def _window_pull(image: Frame, lattice: CentreLattice, centres: Array, scale: fl
     step = min(0.3, 0.05 * lattice.pitch)
     pulls = []
     for direction in np.asarray(lattice.first) / lattice.pitches[0], np.asarray(lattice.second) / lattice.pitches[1]:
-        ahead = cell_moments(image, lattice, centres + step * direction, scale=scale).offset @ direction
-        behind = cell_moments(image, lattice, centres - step * direction, scale=scale).offset @ direction
+        ahead = _cell_moments(image, lattice, centres + step * direction, scale=scale).offset @ direction
+        behind = _cell_moments(image, lattice, centres - step * direction, scale=scale).offset @ direction
         pulls.append(1 + float(np.median(ahead - behind)) / (2 * step))
     return float(np.mean(pulls))
 
@@ -525,7 +525,9 @@ _LOST = 0.2
 """Least share of size and of light that a cut image has lost, against its ellipticity; half of it where all is even."""
 
 
-def _cut(indices: NDArray[np.int64], moments: CellMoments, good: NDArray[np.bool_], radius: Array) -> NDArray[np.bool_]:
+def _cut(
+    indices: NDArray[np.int64], moments: _CellMoments, good: NDArray[np.bool_], radius: Array
+) -> NDArray[np.bool_]:
     """Lenses whose neighbourhood is cut: its shape departs from that in the middle of the field, and it lost by it.
 
     A stop that cuts a disc makes it narrower along the field's radius: its second moments become elliptical before its

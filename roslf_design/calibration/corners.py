@@ -31,7 +31,7 @@ _MOST_VIEWS, _LEAST_LIGHT = 100, 0.85
 the middle of the array: those at the rim of the pupil."""
 
 
-class FoundCorners(NamedTuple):
+class _FoundCorners(NamedTuple):
     """A board's corners in one picture."""
 
     corners: Array
@@ -40,7 +40,7 @@ class FoundCorners(NamedTuple):
     """Half the step from dark to bright cells there, signed by the corner's colours, shape (n,)."""
 
 
-def find_corners(picture: ArrayLike, board: Board, weight: ArrayLike | None = None) -> FoundCorners | None:
+def find_corners(picture: ArrayLike, board: Board, weight: ArrayLike | None = None) -> _FoundCorners | None:
     """Inner corners of a checkerboard to a hundredth of a pixel or two.
 
     OpenCV's sector-based detector finds the board; what it found is checked against the board's plane and colours;
@@ -72,13 +72,13 @@ def find_corners(picture: ArrayLike, board: Board, weight: ArrayLike | None = No
         saddles = _placed(pixels, known, checked, checked, board)
         typical = float(np.median(np.abs(saddles.contrast)))
         believed = _believed(saddles, checked, board, np.sign(saddles.contrast) * typical)
-        return FoundCorners(np.where(believed[:, None], saddles.corners, np.nan), saddles.contrast)
+        return _FoundCorners(np.where(believed[:, None], saddles.corners, np.nan), saddles.contrast)
     return None
 
 
 def _find_by_markers(
     pixels: Array, known: NDArray[np.bool_], grey: NDArray[np.uint8], board: Board, markers: Markers
-) -> FoundCorners | None:
+) -> _FoundCorners | None:
     """Corners of a board of which part is seen; NaN elsewhere."""
     import cv2 as cv
 
@@ -107,7 +107,7 @@ def _find_by_markers(
     if not _spans_plane(believed, board):
         return None
     # Corners that come into sight in other views only are measured by the contrast they should have.
-    return FoundCorners(
+    return _FoundCorners(
         np.where(believed[:, None], saddles.corners, np.nan), np.where(believed, saddles.contrast, contrast)
     )
 
@@ -225,7 +225,7 @@ def _chosen_views(field: LightField, most: int) -> list[tuple[int, int]]:
 def _followed(
     field: LightField,
     board: Board,
-    central: FoundCorners,
+    central: _FoundCorners,
     chosen: list[tuple[int, int]],
     views: Array,
     lens_shape: str,
@@ -258,7 +258,7 @@ def _placed(
     board: Board,
     foot: Array | None = None,
     rows: RowGrid | None = None,
-) -> Saddles:
+) -> _Saddles:
     """Saddles from `start`, with edges and window as the grid `shape` has them."""
     grid = shape.reshape(*board.inner[::-1], 2)
     steps = [np.asarray(np.gradient(grid, axis=k)).reshape(-1, 2) for k in (1, 0)]
@@ -306,7 +306,7 @@ def _cell(corners: Array, board: Board) -> float:
     return float(min(np.hypot(*np.moveaxis(np.diff(grid, axis=k), -1, 0)).min() for k in (0, 1)))
 
 
-def _believed(saddles: Saddles, expected: Array, board: Board, contrast: Array) -> NDArray[np.bool_]:
+def _believed(saddles: _Saddles, expected: Array, board: Board, contrast: Array) -> NDArray[np.bool_]:
     """Corners that settled near where they were expected, with the contrast expected, and look like one."""
     near = np.hypot(*(saddles.corners - expected).T) < max(1.0, 0.25 * _cell(expected, board))
     alike = saddles.contrast * np.sign(contrast) > 0.3 * np.abs(contrast)
@@ -433,7 +433,7 @@ class RowGrid(NamedTuple):
     """Distance from sample to sample [view px]."""
 
 
-class Saddles(NamedTuple):
+class _Saddles(NamedTuple):
     """Fitted corners."""
 
     corners: Array
@@ -454,7 +454,7 @@ def fit_saddles(
     half: int,
     foot: Array | None = None,
     rows: RowGrid | None = None,
-) -> Saddles:
+) -> _Saddles:
     """Fit ``level + slopes + contrast erf(a/w) erf(b/w)`` around each corner, a and b distances from two edges.
 
     Nine parameters by Levenberg-Marquardt. Each sample is the mean of the model over `foot` (by default its square), as
@@ -472,7 +472,7 @@ def fit_saddles(
     starts, spacing = (np.zeros(len(picture)), 1.0) if rows is None else rows
     foot = LENS_SHAPES["square"].rule(1.0) if foot is None else foot
     _fit.compiled(picture, np.ascontiguousarray(known), starts, spacing, foot, corners, edges, half, out)
-    return Saddles(out[:, :2], out[:, 2], out[:, 3], out[:, 4] > 0)
+    return _Saddles(out[:, :2], out[:, 2], out[:, 3], out[:, 4] > 0)
 
 
 @kernel()

@@ -104,7 +104,7 @@ class WhiteImage(NamedTuple):
     """Frame without light."""
     lattice: CentreLattice
 
-    def cell(self) -> WhiteCell:
+    def cell(self) -> _WhiteCell:
         """Mean microlens image, as `white_cell` has it."""
         return white_cell(self.pixels, self.lattice, self.dark)
 
@@ -234,7 +234,7 @@ def _straightened(
     return straight
 
 
-class ShiftTable(NamedTuple):
+class _ShiftTable(NamedTuple):
     """Displacements of a board's corners at some slopes, equally far apart."""
 
     slopes: Array
@@ -251,13 +251,13 @@ class ShiftTable(NamedTuple):
         return np.asarray((1 - part) * self.shifts[:, before] + part * self.shifts[:, before + 1])
 
 
-def _shifts_of_board(weights: ViewWeights, slopes: Array, central: Array, board: Board, lens_shape: str) -> ShiftTable:
+def _shifts_of_board(weights: ViewWeights, slopes: Array, central: Array, board: Board, lens_shape: str) -> _ShiftTable:
     """Displacements over the range of a board's slopes and a little beyond, as taking them off changes slopes."""
     low, high = float(np.nanmin(slopes)), float(np.nanmax(slopes))
     middle, half = 0.5 * (low + high), max(0.55 * (high - low), 5e-3)
     at = middle + half * np.linspace(-1.0, 1.0, _SLOPES)
     edges, window = fit_window(central, board)
-    return ShiftTable(at, apparent_shifts(weights, at, edges, window, lens_shape))
+    return _ShiftTable(at, apparent_shifts(weights, at, edges, window, lens_shape))
 
 
 # --- the pupil's image behind a microlens, and what the white image says of it ----------------------------------------
@@ -396,7 +396,7 @@ def _reading(frequency: Array) -> Array:
     return np.asarray((np.sinc(axis) * cubic)[back].reshape(np.shape(frequency)))
 
 
-class WhiteCell(NamedTuple):
+class _WhiteCell(NamedTuple):
     """Mean light over a microlens's cell."""
 
     places: Array
@@ -405,7 +405,7 @@ class WhiteCell(NamedTuple):
     """Relative to its mean, shape (n,)."""
 
 
-class CellFit(NamedTuple):
+class _CellFit(NamedTuple):
     """A pupil image fitted to a cell."""
 
     image: PupilImage
@@ -413,7 +413,7 @@ class CellFit(NamedTuple):
     """RMS difference, relative to the mean."""
 
 
-def white_cell(white: ArrayLike, lattice: CentreLattice, dark: ArrayLike | None = None) -> WhiteCell:
+def white_cell(white: ArrayLike, lattice: CentreLattice, dark: ArrayLike | None = None) -> _WhiteCell:
     """Average the microlens images in the middle of the white image; at least three."""
     frame = grey_frame(white, dark, "white image")
     rows, columns = frame.shape
@@ -426,10 +426,10 @@ def white_cell(white: ArrayLike, lattice: CentreLattice, dark: ArrayLike | None 
         raise CalibrationError("the middle of the white image holds too few whole microlens images")
     cell = field.values[:, :, whole].mean(axis=-1, dtype=float)
     s, t = np.meshgrid(field.s, field.t)
-    return WhiteCell(np.stack([s.ravel(), t.ravel()], axis=-1), cell.ravel() / cell.mean())
+    return _WhiteCell(np.stack([s.ravel(), t.ravel()], axis=-1), cell.ravel() / cell.mean())
 
 
-def fit_cell(cell: WhiteCell, start: PupilImage, *, blurred: bool) -> CellFit:
+def fit_cell(cell: _WhiteCell, start: PupilImage, *, blurred: bool) -> _CellFit:
     """Fit the disc's radius, and with `blurred` the blur (else 0), to a cell; the rest is taken from `start`."""
     from scipy.optimize import least_squares
 
@@ -449,7 +449,7 @@ def fit_cell(cell: WhiteCell, start: PupilImage, *, blurred: bool) -> CellFit:
         first = np.clip([radius, start.blur][:size], 1.01 * low, 0.99 * high)
         tries.append(least_squares(off, first, bounds=(low, high), x_scale=first))
     best = min(tries, key=lambda one: float(one.cost))
-    return CellFit(image(best.x), float(np.sqrt(2 * best.cost / (len(cell.light) - size))))
+    return _CellFit(image(best.x), float(np.sqrt(2 * best.cost / (len(cell.light) - size))))
 
 
 # --- where fitted corners come to lie ---------------------------------------------------------------------------------

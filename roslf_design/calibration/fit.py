@@ -55,9 +55,9 @@ class Calibration:
     lines: EpiLines
     first: StepOne
     """Zhang's method on the central view."""
-    second: StepTwo
+    second: _StepTwo
     """Eq. 12 on the epipolar slopes."""
-    joint: Refined
+    joint: _Refined
     """All corners in all views."""
     fit: StatisticsFit
     """The joint fit on the corners' statistics, noise judged by its scatter: what intervals come from."""
@@ -94,7 +94,7 @@ def calibrate(
         joint = refine(observations, second.camera, first.poses, names)
         _refuse_lost(joint.covariance, joint.camera, joint.poses)
         statistics = corner_statistics(observations, lines, independent_sigma(lines, joint))
-        fit = fit_statistics(statistics, joint.camera, joint.poses, names)
+        fit = _fit_statistics(statistics, joint.camera, joint.poses, names)
         _refuse_lost(fit.covariance, fit.camera, fit.poses)
     except CalibrationError as error:
         if _all_parallel(observations, lines):
@@ -105,12 +105,12 @@ def calibrate(
     return Calibration(observations, lines, first, second, joint, fit)
 
 
-def independent_sigma(lines: EpiLines, joint: Refined) -> float:
+def independent_sigma(lines: EpiLines, joint: _Refined) -> float:
     """Standard deviation of one coordinate by its scatter about the views' lines; where there is none, by the fit's."""
     return lines.sigma if lines.sigma > 0 else joint.sigma
 
 
-def _refuse_lost(covariance: Covariance, camera: Intrinsics, poses: Poses) -> None:
+def _refuse_lost(covariance: _Covariance, camera: Intrinsics, poses: Poses) -> None:
     lost = undetermined(covariance, camera, len(poses.rotation))
     if lost:
         raise CalibrationError(f"{lost} not determined: {_why(lost, poses)}")
@@ -259,7 +259,7 @@ def step_one(
     return StepOne(fit.camera, fit.poses, fit.rms)
 
 
-def _better_mirrored(view: Observations, fit: Refined) -> Poses | None:
+def _better_mirrored(view: Observations, fit: _Refined) -> Poses | None:
     """The poses with those boards tilted the other way that fit better so; None where none does.
 
     A board tilted the other way, mirrored in the plane square to its line of sight, looks alike but for perspective: a
@@ -275,7 +275,7 @@ def _better_mirrored(view: Observations, fit: Refined) -> Poses | None:
 
     def model(shared: Array, pose: Array, derivatives: bool) -> Linear:
         corners = project_boards(shared, pose, view.points, view.views, derivatives=derivatives)
-        return whitened(corners, measured, view.seen[..., None])
+        return _whitened(corners, measured, view.seen[..., None])
 
     other = settle(model, fit.camera, Poses(turned, place), ())
     before = np.nansum(np.square(fit.residuals), axis=(1, 2, 3))
@@ -334,7 +334,7 @@ def _all_parallel(observations: Observations, lines: EpiLines) -> bool:
 # --- step two ---------------------------------------------------------------------------------------------------------
 
 
-class StepTwo(NamedTuple):
+class _StepTwo(NamedTuple):
     """The line fit of Eq. 12."""
 
     camera: Intrinsics
@@ -347,7 +347,7 @@ class StepTwo(NamedTuple):
     """The line's slope there, shape (k,)."""
 
 
-def step_two(observations: Observations, lines: EpiLines, first: StepOne, *, distorted: bool = False) -> StepTwo:
+def step_two(observations: Observations, lines: EpiLines, first: StepOne, *, distorted: bool = False) -> _StepTwo:
     """Fit ``slope = alpha + beta (1/Z_F - 1/Z_0)``, beta = -q A^2/(d d_2), alpha = (q A/(d d_2))(m - A/Z_0).
 
     Centred on the mean inverse depth the two columns are orthogonal, so that few or near depths widen the errors of m
@@ -393,13 +393,13 @@ def step_two(observations: Observations, lines: EpiLines, first: StepOne, *, dis
     if m <= 0:
         raise CalibrationError(f"step two found m = {m:.3g}: the boards' depths do not determine d_2 and m")
     best = replace(camera, m=m, inverse_d_2=-beta * d / (q * A * A))
-    return StepTwo(best, inverse, slope, alpha + beta * away)
+    return _StepTwo(best, inverse, slope, alpha + beta * away)
 
 
 # --- the joint fit ----------------------------------------------------------------------------------------------------
 
 
-class Refined(NamedTuple):
+class _Refined(NamedTuple):
     """The joint fit."""
 
     camera: Intrinsics
@@ -410,11 +410,11 @@ class Refined(NamedTuple):
     """RMS distance from measured to modelled corner [pitches]."""
     sigma: float
     """Standard deviation of one coordinate [pitches]."""
-    covariance: Covariance
+    covariance: _Covariance
     """Covariance of the shared parameters, for independent errors of `sigma`."""
 
 
-def refine(observations: Observations, camera: Intrinsics, poses: Poses, names: tuple[str, ...]) -> Refined:
+def refine(observations: Observations, camera: Intrinsics, poses: Poses, names: tuple[str, ...]) -> _Refined:
     """Fit the shared parameters `names` and every pose to all corners in all views at once, from steps one and two.
 
     Raises
@@ -430,21 +430,21 @@ def refine(observations: Observations, camera: Intrinsics, poses: Poses, names: 
 
     def model(shared: Array, pose: Array, derivatives: bool) -> Linear:
         corners = project_boards(shared, pose, observations.points, observations.views, derivatives=derivatives)
-        return whitened(corners, measured, seen[..., None])
+        return _whitened(corners, measured, seen[..., None])
 
     fit = settle(model, camera, poses, names)
     squares = float(np.square(fit.linear.off).sum())
     sigma = float(np.sqrt(squares / max(count - unknown, 1)))
     residuals = np.where(seen[..., None], -fit.linear.off.reshape(measured.shape), np.nan)
     covariance = covariance_of(fit.linear.information() / max(sigma, 1e-12) ** 2, names)
-    return Refined(fit.camera, fit.poses, residuals, float(np.sqrt(squares / seen.sum())), sigma, covariance)
+    return _Refined(fit.camera, fit.poses, residuals, float(np.sqrt(squares / seen.sum())), sigma, covariance)
 
 
 # --- the fit on what all views say of a corner ------------------------------------------------------------------------
 
 
 @dataclass(frozen=True, eq=False)
-class CornerStatistics:
+class _CornerStatistics:
     """Statistics of each corner over all views, in three numbers: a sufficient summary of the observations."""
 
     points: Array
@@ -461,10 +461,10 @@ class CornerStatistics:
     def linear(self, camera: Array, pose: Array, derivatives: bool = True) -> Linear:
         """Residuals of `project_boards`, in standard deviations."""
         model = project_boards(camera, pose, self.points, self.at[:, None], self.share[:, None], derivatives)
-        return whitened(model, self.values[:, None], 1 / self.sigma[:, None])
+        return _whitened(model, self.values[:, None], 1 / self.sigma[:, None])
 
 
-def corner_statistics(observations: Observations, lines: EpiLines, sigma: float) -> CornerStatistics:
+def corner_statistics(observations: Observations, lines: EpiLines, sigma: float) -> _CornerStatistics:
     """Summarise observations, of which `lines` are, whose coordinates have independent errors of `sigma` [pitches]."""
     power = lines.lever.sum(axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -472,7 +472,7 @@ def corner_statistics(observations: Observations, lines: EpiLines, sigma: float)
         share = np.where(power > 0, lines.lever[..., 0] / power, 0.5)
     values = np.nan_to_num(np.concatenate([lines.mean, lines.slope[..., None]], axis=-1))
     at = np.nan_to_num(lines.at)
-    return CornerStatistics(observations.points, values, at, share, np.stack([place, place, slope], axis=-1))
+    return _CornerStatistics(observations.points, values, at, share, np.stack([place, place, slope], axis=-1))
 
 
 class StatisticsFit(NamedTuple):
@@ -480,9 +480,9 @@ class StatisticsFit(NamedTuple):
 
     camera: Intrinsics
     poses: Poses
-    statistics: CornerStatistics
+    statistics: _CornerStatistics
     """Statistics of the corners, with the standard deviations used."""
-    covariance: Covariance
+    covariance: _Covariance
     """Covariance of the shared parameters, poses eliminated."""
     pose_by_shared: Array
     """Derivative of each board's best pose by the shared parameters, shape (b, 6, p)."""
@@ -493,8 +493,8 @@ class StatisticsFit(NamedTuple):
     """Standard deviations of what corners' scatter does not show, as independent shifts of (A, m, 1/d_2), (k, 3)."""
 
 
-def fit_statistics(
-    statistics: CornerStatistics, camera: Intrinsics, poses: Poses, names: tuple[str, ...]
+def _fit_statistics(
+    statistics: _CornerStatistics, camera: Intrinsics, poses: Poses, names: tuple[str, ...]
 ) -> StatisticsFit:
     """Fit the shared parameters `names` and all poses to the statistics, from near the solution.
 
@@ -522,7 +522,7 @@ def fit_statistics(
     return fit_at(statistics, camera, poses, names)._replace(scales=(float(scales[0]), float(scales[2])))
 
 
-def fit_at(statistics: CornerStatistics, camera: Intrinsics, poses: Poses, names: tuple[str, ...]) -> StatisticsFit:
+def fit_at(statistics: _CornerStatistics, camera: Intrinsics, poses: Poses, names: tuple[str, ...]) -> StatisticsFit:
     """Fit that ended at this camera and these poses, with its errors."""
     linear = statistics.linear(camera.vector(), poses.vector)
     linear = linear._replace(shared=linear.shared[..., [GLOBALS.index(name) for name in names]])
@@ -603,7 +603,7 @@ class Linear(NamedTuple):
         return np.asarray(np.einsum("brp,brq->pq", free, free))
 
 
-def whitened(model: ProjectedCorners, measured: Array, weight: Array | NDArray[np.bool_]) -> Linear:
+def _whitened(model: ProjectedCorners, measured: Array, weight: Array | NDArray[np.bool_]) -> Linear:
     """Corners where they are modelled minus `measured`, both (b, v, n, k), in units of their errors 1/`weight`."""
     share = np.zeros(measured.shape) + weight
     off = ((model.values - measured) * share).reshape(*model.values.shape[:-3], -1)
@@ -613,7 +613,7 @@ def whitened(model: ProjectedCorners, measured: Array, weight: Array | NDArray[n
     return Linear(off, shared, own)
 
 
-class SettledFit(NamedTuple):
+class _SettledFit(NamedTuple):
     """A least-squares fit of a camera and its boards' poses."""
 
     camera: Intrinsics
@@ -629,7 +629,7 @@ def settle(
     poses: Poses,
     names: tuple[str, ...],
     far: float | None = None,
-) -> SettledFit:
+) -> _SettledFit:
     """Fit the shared parameters `names` and all poses by least squares, from `camera` and `poses`.
 
     `model` takes all `GLOBALS`, poses (b, 6) and whether to differentiate; `shared` then has their columns. With
@@ -662,10 +662,10 @@ def settle(
     linear = at(run.x, True)
     linear = linear._replace(shared=linear.shared[..., columns])
     best = camera.with_values(names, run.x[:count])
-    return SettledFit(best, Poses.from_vector(run.x[count:]), linear, bool(run.success))
+    return _SettledFit(best, Poses.from_vector(run.x[count:]), linear, bool(run.success))
 
 
-class Covariance(NamedTuple):
+class _Covariance(NamedTuple):
     """Covariance of a fit's shared parameters."""
 
     names: tuple[str, ...]
@@ -691,7 +691,7 @@ class Covariance(NamedTuple):
         return self.matrix[np.ix_(at, at)]
 
 
-def covariance_of(information: Array, names: tuple[str, ...]) -> Covariance:
+def covariance_of(information: Array, names: tuple[str, ...]) -> _Covariance:
     """Invert an information matrix after scaling it to unit diagonal.
 
     Raises
@@ -710,14 +710,14 @@ def covariance_of(information: Array, names: tuple[str, ...]) -> Covariance:
         share = np.abs(vectors[:, 0]) * scale / typical
         raise CalibrationError(f"the images do not determine {_symbols(names, share > 0.1 * share.max())}: rank loss")
     inverse = (vectors / values) @ vectors.T
-    return Covariance(names, inverse * np.outer(scale, scale), float(values[-1] / values[0]))
+    return _Covariance(names, inverse * np.outer(scale, scale), float(values[-1] / values[0]))
 
 
 def _symbols(names: Sequence[str], chosen: NDArray[np.bool_]) -> str:
     return ", ".join("d_2" if name == "inverse_d_2" else name for name, one in zip(names, chosen, strict=True) if one)
 
 
-def undetermined(covariance: Covariance, camera: Intrinsics, boards: int) -> str:
+def undetermined(covariance: _Covariance, camera: Intrinsics, boards: int) -> str:
     """Which of A, m, d_2 so many boards leave open; "" where none.
 
     Those with a standard deviation above 30 % of their value; A already where parallel boards would seem to tell it as

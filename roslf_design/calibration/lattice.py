@@ -35,7 +35,7 @@ _CLIP, _ROUNDS = 5.0, 6
 
 
 @dataclass(frozen=True)
-class LatticeBend:
+class _LatticeBend:
     """How far nodes lie from a regular lattice: a polynomial of second and third order, 0 with its slopes at `middle`.
 
     Distortion by a relay or by the main lens's pupil, tilts, and decentres of either are of these orders.
@@ -72,7 +72,7 @@ class CentreLattice:
     first: tuple[float, float]
     second: tuple[float, float]
     layout: Layout
-    bend: LatticeBend | None = None
+    bend: _LatticeBend | None = None
 
     def at(self, origin: Array) -> CentreLattice:
         """Lattice with its node (0, 0) moved to `origin` [px]."""
@@ -190,7 +190,7 @@ def fit_lattice(indices: ArrayLike, centres: ArrayLike, layout: Layout, bent: bo
     bend = None
     if bent:
         terms = tuple((float(x), float(y)) for x, y in solution[3:])
-        bend = LatticeBend((float(middle[0]), float(middle[1])), reach, terms)
+        bend = _LatticeBend((float(middle[0]), float(middle[1])), reach, terms)
     lattice = CentreLattice(origin, first, second, layout, bend)
     error = np.sqrt(np.einsum("nk,kl,nl->n", design[:, 3:], inverse[3:, 3:], design[:, 3:]))
     return LatticeFit(lattice, residuals, used, shift @ inverse[:3, :3] @ shift.T, error)
@@ -272,13 +272,13 @@ def lattice_of_phases(image: NDArray[np.floating], layout: Layout, pitch: float)
     orders = _turned(_strongest(shown, tried[together.argmax()], turns), turns)
     frequencies = orders[:2]
     middle = (np.array([columns, rows]) - 1) / 2
-    phases = np.angle([amplitude_at(shown, k) for k in frequencies]) / (2 * math.pi)
+    phases = np.angle([_amplitude_at(shown, k) for k in frequencies]) / (2 * math.pi)
     (a, c), (b, d) = _oriented(_direct_basis(frequencies), layout).tolist()
     start = np.linalg.solve(frequencies, -phases)
     lattice = CentreLattice((float(start[0]), float(start[1])), (a, b), (c, d), layout)
     off: list[tuple[float, float, float]] = []
     for part, corner in _parts(image):
-        wave = np.array([amplitude_at(part, k) * np.exp(-2j * math.pi * (k @ corner)) for k in frequencies])
+        wave = np.array([_amplitude_at(part, k) * np.exp(-2j * math.pi * (k @ corner)) for k in frequencies])
         moved = (np.angle(wave) / (2 * math.pi) - phases + 0.5) % 1.0 - 0.5
         x, y = np.linalg.solve(frequencies, -moved).tolist()
         off.append((float(np.abs(wave).min()), x, y))
@@ -291,7 +291,7 @@ def lattice_of_phases(image: NDArray[np.floating], layout: Layout, pitch: float)
     return lattice.at(lattice.nodes(*np.round(lattice.indices(middle)))), apart
 
 
-def amplitude_at(image: NDArray[np.floating], frequency: Array) -> complex:
+def _amplitude_at(image: NDArray[np.floating], frequency: Array) -> complex:
     """Fourier amplitude of an image at one frequency (x, y) [1/px], whole periods counted from its first pixel."""
     rows, columns = image.shape
     across, down = (np.exp(-2j * math.pi * f * np.arange(n)) for f, n in zip(frequency, (columns, rows), strict=True))
@@ -309,7 +309,7 @@ def _strongest(image: NDArray[np.floating], frequency: Array, turns: Array) -> A
     """The frequency near one of the spectrum's which, with those turned from it, an image has most of."""
 
     def amplitude(k: Array) -> float:
-        return sum(abs(amplitude_at(image, order)) for order in _turned(k, turns))
+        return sum(abs(_amplitude_at(image, order)) for order in _turned(k, turns))
 
     step = 0.5 / max(image.shape)
     for _ in range(4):

@@ -19,7 +19,7 @@ _STRAY = 5.0
 _NAMES = GLOBALS[:3]
 
 
-class BoardMisfit(NamedTuple):
+class _BoardMisfit(NamedTuple):
     """Misfit of one board."""
 
     name: str
@@ -35,7 +35,7 @@ class BoardMisfit(NamedTuple):
     """Corners so far off that they were given little weight."""
 
 
-class Remedy(NamedTuple):
+class _Remedy(NamedTuple):
     """A change that would explain a misfit."""
 
     what: str
@@ -55,8 +55,8 @@ class Misfit:
     slopes: float
     views: float
     """Common offset of the corners of one view of one board, RMS, over what their scatter promises."""
-    boards: tuple[BoardMisfit, ...]
-    remedy: Remedy | None
+    boards: tuple[_BoardMisfit, ...]
+    remedy: _Remedy | None
     """Remedy that would halve the larger scale, or bring it below 2; None where none is needed or none helps."""
     apart: dict[str, float]
     """A, m, 1/d_2 by steps one and two less those of the joint fit, in its standard deviations."""
@@ -122,7 +122,7 @@ def misfit_of(calibration: Calibration) -> Misfit:
         places, slopes = (scales * Leftover(left.off[k : k + 1], left.free[k : k + 1]).scales()).tolist()
         squares = np.square(joint.residuals[k][seen[k]]).sum(axis=-1)
         corners = int(seen[k].any(axis=0).sum())
-        boards.append(BoardMisfit(name, corners, float(np.sqrt(squares.mean())), places, slopes, int(strays[k])))
+        boards.append(_BoardMisfit(name, corners, float(np.sqrt(squares.mean())), places, slopes, int(strays[k])))
     worst = float(scales.max())
     remedy = None
     if worst > VISIBLE:
@@ -151,7 +151,7 @@ def _of_views(calibration: Calibration) -> float:
     return float(np.sqrt(np.square(mean).sum() / freedom) / lines.sigma) if freedom > 0 else 1.0
 
 
-def _remedies(calibration: Calibration, linear: Linear, whole: Linear, scales: Array) -> Iterator[Remedy]:
+def _remedies(calibration: Calibration, linear: Linear, whole: Linear, scales: Array) -> Iterator[_Remedy]:
     """Changes, and the larger scale with each, to first order."""
 
     def with_columns(more: Array) -> float:
@@ -161,17 +161,19 @@ def _remedies(calibration: Calibration, linear: Linear, whole: Linear, scales: A
     radial = sum(name.startswith("k_") for name in fitted)
     for count in range(radial + 1, MOST_RADIAL + 1):
         more = [GLOBALS.index(name) for name in shared_names(count) if name not in fitted]
-        yield Remedy(f"distortion = {count} would take that", with_columns(linear.shared[..., more]), count)
+        yield _Remedy(f"distortion = {count} would take that", with_columns(linear.shared[..., more]), count)
     points = calibration.observations.points
     bow, height = _bow(calibration, linear, points)
     coefficients = _taken_up(whole._replace(shared=np.concatenate([whole.shared, bow], axis=-1)))[-3:]
     tall = float(np.ptp(height @ coefficients))
-    yield Remedy(f"a board bowed by {tall:.2g} mm would explain it: mount it flat, which takes that", with_columns(bow))
+    yield _Remedy(
+        f"a board bowed by {tall:.2g} mm would explain it: mount it flat, which takes that", with_columns(bow)
+    )
     count = len(calibration.observations.names)
     for k in range(count if count > 2 else 0):
         name = calibration.observations.names[k]
         kept = np.arange(count) != k
-        yield Remedy(f"dropping {name} would take that", _larger(Linear(*(part[kept] for part in whole)), scales))
+        yield _Remedy(f"dropping {name} would take that", _larger(Linear(*(part[kept] for part in whole)), scales))
 
 
 def _larger(linear: Linear, scales: Array) -> float:

@@ -374,18 +374,18 @@ def project_boards(
         row[..., 2:] += whole * (A * stretch + 2 * m * c_1 * along) / (z * z)
         row = row + step / d * grown * base_by_scene
         by_scene = np.concatenate([by_scene, row[..., None, :]], axis=-2)
-    twist = (-turn[:, None] @ cross_matrix(points) @ _right_jacobian(pose[:, None, :3]))[:, None]
+    twist = (-turn[:, None] @ _cross_matrix(points) @ _right_jacobian(pose[:, None, :3]))[:, None]
     return ProjectedCorners(values, by_globals, np.concatenate([by_scene @ twist, by_scene], axis=-1))
 
 
 def rotation_matrix(vector: NDArray[Any]) -> NDArray[Any]:
     """Rotation matrices of rotation vectors, shape (..., 3) -> (..., 3, 3); also for complex vectors."""
     half = np.sqrt((vector * vector).sum(axis=-1))[..., None, None] / (2 * np.pi)
-    cross = cross_matrix(vector)
+    cross = _cross_matrix(vector)
     return np.asarray(np.eye(3) + np.sinc(2 * half) * cross + np.sinc(half) ** 2 / 2 * (cross @ cross))
 
 
-def cross_matrix(vector: NDArray[Any]) -> NDArray[Any]:
+def _cross_matrix(vector: NDArray[Any]) -> NDArray[Any]:
     """Matrix of the cross product with a vector from the left, shape (..., 3) -> (..., 3, 3)."""
     return np.tensordot(vector, _TURNS, 1)
 
@@ -400,7 +400,7 @@ def _right_jacobian(vector: NDArray[Any]) -> NDArray[Any]:
 # --- the data sheet ---------------------------------------------------------------------------------------------------
 
 
-class KnownNumber(NamedTuple):
+class _KnownNumber(NamedTuple):
     """A number of what stands before the main lens or about the array."""
 
     place: str
@@ -431,7 +431,7 @@ class DataSheet:
     """Relative error of the board's cell."""
     space: SceneSide | None = None
     """Space between boards and main lens, and about the array; None: air."""
-    elements: tuple[KnownNumber, ...] = ()
+    elements: tuple[_KnownNumber, ...] = ()
     """Numbers of the elements there that are known with an error."""
 
     def __post_init__(self) -> None:
@@ -488,7 +488,7 @@ def sheet_of(
     `elements` are standard deviations of what stands before the lens and about the array, by the places of `Camera`.
     """
     numbers = Camera.of(design).numbers
-    known = tuple(KnownNumber(place, float(numbers[place]), sigma) for place, sigma in (elements or {}).items())
+    known = tuple(_KnownNumber(place, float(numbers[place]), sigma) for place, sigma in (elements or {}).items())
     return DataSheet(
         design.f, design.q, design.d, f_relative * design.f, d_sigma=d_relative * design.d, cell_sigma=cell_sigma,
         space=SceneSide.of(design), elements=known,

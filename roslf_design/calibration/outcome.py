@@ -29,14 +29,14 @@ from .sidedata import SideDatum, board_distances, white_pitch
 from .space import in_medium
 
 
-class CountedProgress(Protocol):
+class _CountedProgress(Protocol):
     """What is told how far work is: what is done, and how much of how many things where they are counted."""
 
     def __call__(self, what: str, done: float = 0.0, total: float = 0.0) -> None:
         """Tell what is done, and how much of `total`; 0 where nothing is counted."""
 
 
-def silent(what: str, done: float = 0.0, total: float = 0.0) -> None:
+def _silent(what: str, done: float = 0.0, total: float = 0.0) -> None:
     """Progress that nobody looks at."""
 
 
@@ -57,7 +57,9 @@ class NoCameraError(CalibrationError):
         self.centres, self.views = centres, views
 
 
-def calibrated(folder: Path, design: Design, options: CalibrateOptions, progress: CountedProgress = silent) -> Outcome:
+def calibrated(
+    folder: Path, design: Design, options: CalibrateOptions, progress: _CountedProgress = _silent
+) -> Outcome:
     """What a folder of captured images says of a camera built to a design.
 
     Raises
@@ -115,7 +117,7 @@ def _sheet(design: Design, board: Board, options: CalibrateOptions) -> DataSheet
         raise refusal("sigma", str(error).removeprefix("sigma of ")) from None
 
 
-def _white_image(folder: Path, design: Design, progress: CountedProgress) -> tuple[Capture, MicrolensCentres]:
+def _white_image(folder: Path, design: Design, progress: _CountedProgress) -> tuple[Capture, MicrolensCentres]:
     """Captures of a folder, and the microlens centres that their white image tells."""
     progress("reading the white image")
     capture = read_capture(folder)
@@ -132,7 +134,7 @@ def _white_image(folder: Path, design: Design, progress: CountedProgress) -> tup
 
 
 def _decoded(
-    capture: Capture, centres: MicrolensCentres, views: dict[str, Samples], progress: CountedProgress
+    capture: Capture, centres: MicrolensCentres, views: dict[str, Samples], progress: _CountedProgress
 ) -> Iterator[tuple[str, LightField]]:
     """Light fields one at a time, of which `views` keeps the central ones: a dozen at once would fill the memory."""
     decoder = Decoder.of(centres.lattice, capture.white.shape, white=capture.white, dark=capture.dark)
@@ -183,7 +185,7 @@ def _stood(stood: BoardDistances, file: str, fitted: Calibration, sheet: DataShe
 
 
 def _sampled(
-    fit: StatisticsFit, sheet: DataSheet, data: Sequence[SideDatum], seed: int, size: float, progress: CountedProgress
+    fit: StatisticsFit, sheet: DataSheet, data: Sequence[SideDatum], seed: int, size: float, progress: _CountedProgress
 ) -> CameraDraws:
     """Draws of the posterior, as many as an effective sample size takes."""
     what = "sampling the posterior"

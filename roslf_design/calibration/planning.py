@@ -217,7 +217,7 @@ def synthetic_observations(
     return Observations(captures.board.points, views, uv)
 
 
-class ExpectedErrors(NamedTuple):
+class _ExpectedErrors(NamedTuple):
     """Standard deviations that a plan promises."""
 
     sigma: dict[str, float]
@@ -237,13 +237,13 @@ class ExpectedErrors(NamedTuple):
         return LengthCovariance.of(laplace_draws(fit, sheet, DRAWS, np.random.default_rng(0), data), sheet)
 
 
-class PlanChange(NamedTuple):
+class _PlanChange(NamedTuple):
     """Change of the planned captures that would help."""
 
     what: str
-    expected: ExpectedErrors
+    expected: _ExpectedErrors
 
-    def gain(self, before: ExpectedErrors, name: str = "d_3") -> float:
+    def gain(self, before: _ExpectedErrors, name: str = "d_3") -> float:
         """Standard deviation before over after."""
         return before.sigma[name] / self.expected.sigma[name]
 
@@ -252,8 +252,8 @@ class CapturePlan(NamedTuple):
     """Plan of a set of captures: expected errors, and changes ranked."""
 
     captures: Captures
-    expected: ExpectedErrors
-    changes: tuple[PlanChange, ...]
+    expected: _ExpectedErrors
+    changes: tuple[_PlanChange, ...]
     """Best first, by d_3."""
     distortion: int = 0
     """Radial coefficients that the calibration will fit."""
@@ -309,7 +309,7 @@ def expected_errors(
     seed: int = 0,
     samples: int = 8,
     white: float | None = None,
-) -> ExpectedErrors:
+) -> _ExpectedErrors:
     """Standard deviations from the Fisher matrix, poses eliminated, data-sheet errors added.
 
     `white` is the relative standard deviation of the white image's pitch, where that is used; `distortion` counts the
@@ -347,7 +347,7 @@ def expected_errors(
     middle = int(np.argsort([one["d_3"]["sigma"] for one in shares])[samples // 2])
     typical = {name: {s: v for s, v in part.items() if s != "sigma"} for name, part in shares[middle].items()}
     covariance = fits[middle][0].covariance
-    return ExpectedErrors(sigma, typical, covariance.condition, float(covariance.correlation[0, 2]), fits[middle])
+    return _ExpectedErrors(sigma, typical, covariance.condition, float(covariance.correlation[0, 2]), fits[middle])
 
 
 def _pupil(camera: Intrinsics, sheet: DataSheet) -> float:
@@ -383,7 +383,7 @@ def plan(
             after = expected(known, other)
         except CalibrationError:
             continue
-        changes.append(PlanChange(what, after))
+        changes.append(_PlanChange(what, after))
     changes.sort(key=lambda change: change.expected.sigma["d_3"])
     return CapturePlan(captures, before, tuple(changes), distortion)
 

@@ -37,7 +37,7 @@ _GAUSS = (-1.959964, -0.994458, 0.994458, 1.959964)
 
 
 @dataclass(frozen=True, eq=False)
-class QuantityEstimate:
+class _QuantityEstimate:
     """Estimate of one quantity."""
 
     value: float
@@ -81,9 +81,9 @@ class Outcome:
     """`depth_errors` over the boards' range."""
     shares: Mapping[str, Mapping[str, float]]
     """`variance_shares`."""
-    estimates: Mapping[str, QuantityEstimate]
+    estimates: Mapping[str, _QuantityEstimate]
     """As the main lens sees lengths through what stands before it."""
-    ruler: Mapping[str, QuantityEstimate]
+    ruler: Mapping[str, _QuantityEstimate]
     """H, d_3, d_1, d_f and d_2 with a ruler, where elements or glass make them others; else empty."""
     misfit: Misfit
     """Misfit of the joint fit."""
@@ -264,7 +264,7 @@ def outcome_of(
         for name, value in values.items():
             sigma = float(drawn[name].std(ddof=1))
             intervals = _intervals(drawn[name])
-            ruler[name] = QuantityEstimate(float(value), sigma, *intervals, None, None, float(planned[name]), sigma)
+            ruler[name] = _QuantityEstimate(float(value), sigma, *intervals, None, None, float(planned[name]), sigma)
     misfit = misfit_of(calibration)
     depth = fit.poses.translation[:, 2]
     # As far as the boards reach, and a fifth more of their depth.
@@ -300,7 +300,7 @@ def outcome_of(
     )  # fmt: skip
 
 
-def _off_design(estimates: Mapping[str, QuantityEstimate], board: Board) -> str:
+def _off_design(estimates: Mapping[str, _QuantityEstimate], board: Board) -> str:
     """Which quantities lie far from the design's, and what would explain it; "" where none does."""
     far = {name: e.off for name, e in estimates.items() if e.off is not None and abs(e.off) > DISAGREE}
     if not far:
@@ -398,18 +398,18 @@ def _finite(value: float) -> float | None:
 
 def _estimate(
     name: str, value: float, sigma: float, posterior: Posterior | None, design: float, share: float, pulled: float
-) -> QuantityEstimate:
+) -> _QuantityEstimate:
     """One quantity; `share` of its variance is the data sheet's f, which pulls it off the design by `pulled`."""
     if posterior is None:
         low, lower, higher, high = (value + end * sigma for end in _GAUSS)
         built = _built_sigma(sigma, share, pulled)
-        return QuantityEstimate(value, sigma, (lower, higher), (low, high), None, None, design, built)
+        return _QuantityEstimate(value, sigma, (lower, higher), (low, high), None, None, design, built)
     draws = posterior.quantities[name]
     key = "inverse_d_2" if name == "d_2" else name
     ess = min(posterior.bulk_ess[key], posterior.tail_ess[key])
     spread = float(draws.std(ddof=1))
     built = _built_sigma(spread, share, pulled)
-    return QuantityEstimate(value, spread, *_intervals(draws), posterior.r_hat[key], ess, design, built)
+    return _QuantityEstimate(value, spread, *_intervals(draws), posterior.r_hat[key], ess, design, built)
 
 
 def _built_sigma(sigma: float, share: float, pulled: float) -> float:

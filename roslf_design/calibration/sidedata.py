@@ -156,7 +156,7 @@ class Combined:
         return moved
 
 
-def prior_of(fit: StatisticsFit, sheet: DataSheet) -> tuple[Array, Array]:
+def _prior_of(fit: StatisticsFit, sheet: DataSheet) -> tuple[Array, Array]:
     """Mean state of images and data sheet and its covariance, systematic errors counted in."""
     count = len(fit.covariance.names)
     size = count + len(sheet.mean)
@@ -169,7 +169,7 @@ def prior_of(fit: StatisticsFit, sheet: DataSheet) -> tuple[Array, Array]:
 
 def combine(fit: StatisticsFit, sheet: DataSheet, data: Sequence[SideDatum]) -> Combined:
     """Put side data beside images and data sheet; without any, the best state is theirs."""
-    start, spread = prior_of(fit, sheet)
+    start, spread = _prior_of(fit, sheet)
     best, size = start, len(start)
     gain, jacobian = np.zeros((size, 0)), np.zeros((0, size))
     step = _NUDGE * np.maximum(np.abs(start), 1e-3)

@@ -164,7 +164,7 @@ def diagrams(
     report = partial(page.accuracy_report, loaded.name, groups, table, trials, command, accuracy, left_out)
     said = [*left_out, scene_text] if scene_text else left_out[:]
     said += [f"{data['promises_kept']} of {len(trials)} random jobs within what was promised"] if trials else []
-    finish(data, "accuracy.json", report, output, json, page.answers_table(groups), said)
+    _finish(data, "accuracy.json", report, output, json, page.answers_table(groups), said)
 
 
 @accuracy.command(name="calibrate")
@@ -233,7 +233,7 @@ def hard_cases(
     command = typed("accuracy", "hard-cases", design, output=output, seed=seed or None)
     said = [f"Near {one.case} (at {one.distance:.2g}): {one.says}" for one in cases.near if one.near]
     report = partial(page.hard_cases_report, cases, command)
-    finish(cases.to_dict(), "hard-cases.json", report, output, json, page.case_table(cases), said)
+    _finish(cases.to_dict(), "hard-cases.json", report, output, json, page.case_table(cases), said)
     return 0 if cases.held else 1
 
 
@@ -257,7 +257,7 @@ def study(name: str) -> Any:
         raise InputError((Problem("accuracy", message),)) from None
 
 
-def finish(
+def _finish(
     data: dict[str, Any],
     name: str,
     report: Callable[[], Report],
@@ -267,7 +267,7 @@ def finish(
     said: Sequence[str],
 ) -> None:
     """A folder with the page and the numbers behind it, where one is wanted; then the answer on stdout."""
-    text = spelled(json_module.dumps(short(data), allow_nan=False, ensure_ascii=False))
+    text = spelled(json_module.dumps(_short(data), allow_nan=False, ensure_ascii=False))
     if output is not None:
         write_files(output, {name: f"{text}\n".encode(), **page_files(report())})
     if json:
@@ -280,10 +280,10 @@ def finish(
         say(f"\n{line}")
 
 
-def short(value: Any) -> Any:
+def _short(value: Any) -> Any:
     """Values with errors and times to four digits: more would be noise."""
     if isinstance(value, dict):
-        return {key: short(item) for key, item in value.items()}
+        return {key: _short(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [short(item) for item in value]
+        return [_short(item) for item in value]
     return float(f"{value:.4g}") if isinstance(value, float) else value

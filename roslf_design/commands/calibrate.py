@@ -135,7 +135,7 @@ def calibrate(
     check_options(options.seed, output, *faults)
     options = options.model_copy(update={"sigma": parse_sigmas(sigma), "posterior": not no_posterior})
     if plan is not None:
-        print_plan(plan, options.plan(poses), options.distortion, json)
+        _print_plan(plan, options.plan(poses), options.distortion, json)
         return
     assert folder is not None
     assert design is not None
@@ -172,7 +172,7 @@ def _write_outcome(result: Outcome, output: Path, command: str, json: bool, seco
     say(f"\nWritten to {output}: {', '.join(listed(files))}\n{seconds:.1f} s")
 
 
-def print_plan(design: str, asked: PlanOptions, distortion: int | None, json: bool) -> None:
+def _print_plan(design: str, asked: PlanOptions, distortion: int | None, json: bool) -> None:
     """Expected errors of a calibration that is planned, on stdout; refused where captures do not determine a camera."""
     loaded = load(design)
     with StatusLine("calibrate") as status:

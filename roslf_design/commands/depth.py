@@ -136,7 +136,7 @@ def depth(
         with StatusLine("depth") as status:
             result = captured(Path(subject), taken, status.tell)
         blocks = (*capture_answers(result), *capture_basis(result))
-        finish(result, f"Depth in {result.source}", blocks, partial(capture_report, result), command, output, json)
+        _finish(result, f"Depth in {result.source}", blocks, partial(capture_report, result), command, output, json)
         return
     design, look = load(subject), None if simulation.scene is None else load_scene(simulation.scene)
     other = None if simulation.believed is None else load(simulation.believed)
@@ -146,10 +146,10 @@ def depth(
             design, look, pictures, believed=other, progress=lambda what, share: tell(share_done(what, share))
         )
     title, blocks = f"Depth that {design.name} measures", (*answers(trial), *basis(trial))
-    finish(trial, title, blocks, partial(depth_report, trial), command, output, json)
+    _finish(trial, title, blocks, partial(depth_report, trial), command, output, json)
 
 
-def finish(
+def _finish(
     result: Trial | MeasuredCapture,
     title: str,
     blocks: Sequence[Block],
@@ -166,7 +166,7 @@ def finish(
         data["files"] = {"depth_mm" if unit == "mm" else "disparity_px": "depth.tif"}
         data["files"] |= {f"sigma_{unit}": "sigma.tif", "status": "status.tif"}
         data["status"] = {str(code): reason for code, reason in REASONS.items()}
-        files = maps(result) | {"depth.json": f"{json_text(data)}\n".encode()}
+        files = _maps(result) | {"depth.json": f"{json_text(data)}\n".encode()}
         files |= picture_files(pictures) | page_files(report(pictures, command))
         write_files(output, files)
         written = listed(files)
@@ -183,7 +183,7 @@ def _is_capture(subject: str) -> bool:
     return path.suffix.lower() in (*SUFFIXES, MATLAB) or (path.is_dir() and subject not in preset_names())
 
 
-def maps(trial: Measurement) -> dict[str, bytes]:
+def _maps(trial: Measurement) -> dict[str, bytes]:
     """Maps of the first exposure as TIFF files, rows along y, one pixel a microlens."""
     run = trial.first
     known = run.measured

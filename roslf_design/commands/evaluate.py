@@ -65,7 +65,7 @@ def evaluate(
     began = time.perf_counter()
     loaded = load(design)
     if temperature is not None:
-        loaded = loaded.at_temperature(parse_temperature(temperature))
+        loaded = loaded.at_temperature(_parse_temperature(temperature))
     result = compute(loaded, fields, accuracy)
     statement = evaluation_accuracy(loaded, result, accuracy, time.perf_counter() - began)
     if json or output is not None:
@@ -100,7 +100,7 @@ def rows(data: Any, place: str = "") -> Iterator[tuple[str, Any]]:
         yield from rows(inner, f"{place}.{key}".lstrip("."))
 
 
-def parse_temperature(text: str) -> float:
+def _parse_temperature(text: str) -> float:
     """Read "37degC" [degrees C]; refused where it is none, or none that a camera meets."""
     try:
         degrees = read_quantity(text, "temperature")

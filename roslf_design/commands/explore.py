@@ -42,7 +42,7 @@ def explore(
     browser
         Whether to open the page in the browser.
     """
-    check_packages()
+    _check_packages()
     loaded = load(design)
 
     def ready(address: str) -> None:
@@ -58,7 +58,7 @@ def explore(
     asyncio.run(serve(application(lambda: Session(loaded), host), host, port, ready))
 
 
-def check_packages() -> None:
+def _check_packages() -> None:
     """Tell what to install where the web app's packages are missing."""
     missing = [name for name in PACKAGES if find_spec(name) is None]
     if missing:

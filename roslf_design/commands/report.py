@@ -141,8 +141,8 @@ def report(
     )  # fmt: skip
     made = _date()
     with StatusLine("report") as progress:
-        content = make(command=command, stamp=stamp_lines(made) if stamp else (), progress=progress.tell)
-        files = figure_files(content, [name for name in wanted if name not in SOLID])
+        content = make(command=command, stamp=_stamp_lines(made) if stamp else (), progress=progress.tell)
+        files = _figure_files(content, [name for name in wanted if name not in SOLID])
         files[PAGE] = render_html(content).encode()
         files |= render_tables(content)
         if "model" in solid:
@@ -207,7 +207,7 @@ def folder_name(design: str) -> str:
     return re.sub(r"[^A-Za-z0-9._-]+", "-", Path(design).stem).strip("-.") or "design"
 
 
-def figure_files(content: Report, wanted: Sequence[str]) -> dict[str, bytes]:
+def _figure_files(content: Report, wanted: Sequence[str]) -> dict[str, bytes]:
     """Figures as files of their own; refused where the report has none of that name, with those that it has."""
     known = {figure.name: figure for figure in content.figures}
     unknown = [name for name in wanted if name not in known and name != "all"]
@@ -231,7 +231,7 @@ def _date() -> datetime:
         raise InputError((Problem("SOURCE_DATE_EPOCH", message),)) from None
 
 
-def stamp_lines(made: datetime) -> tuple[str, ...]:
+def _stamp_lines(made: datetime) -> tuple[str, ...]:
     """Date, and versions of what the page was made with."""
     libraries = ", ".join(f"{name} {version(name)}" for name in LIBRARIES)
     return made.isoformat(sep=" ", timespec="seconds"), f"Python {platform.python_version()}", libraries

@@ -115,10 +115,10 @@ def tolerance(
         return
     from rich.console import Console
 
-    print_result(result, Console(), times=True)
+    _print_result(result, Console(), times=True)
 
 
-def print_result(result: StudyResult, console: Console, times: bool = False) -> None:
+def _print_result(result: StudyResult, console: Console, times: bool = False) -> None:
     """Answers and tables for a terminal; `times`: with how long it took, which differs from run to run."""
     console.print(plain_text(result.plan.name, "bold") + plain_text(f" ({result.plan.question.design.name})"))
     print_blocks(_blocks(result, times), console)
@@ -155,7 +155,7 @@ def summary(result: StudyResult) -> str:
     from rich.console import Console
 
     page = io.StringIO()
-    print_result(result, Console(file=page, width=132, color_system=None, force_terminal=False))
+    _print_result(result, Console(file=page, width=132, color_system=None, force_terminal=False))
     return "".join(f"{line.rstrip()}\n" for line in page.getvalue().splitlines())
 
 

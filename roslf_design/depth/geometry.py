@@ -105,7 +105,7 @@ def calibration_sigma(design: Design, covariance: LengthCovariance, z: Array) ->
     return covariance.carried(design, depths)
 
 
-class PreparedViews(NamedTuple):
+class _PreparedViews(NamedTuple):
     """Input of `estimate_disparity`: a light field, where its views look from, and by how much they look aside."""
 
     field: LightField
@@ -128,7 +128,7 @@ class ViewGeometry(Protocol):
     def window(self) -> int:
         """Microlenses, or pixels of views, that are matched together."""
 
-    def prepared(self, field: LightField) -> PreparedViews:
+    def prepared(self, field: LightField) -> _PreparedViews:
         """A decoded light field with its views' own light, and where they look from."""
 
     def places(self, field: LightField) -> Array:
@@ -177,14 +177,14 @@ class ArrayGeometry:
             return None
         return TracedViews(self.design, self.camera, self.depth)
 
-    def prepared(self, field: LightField) -> PreparedViews:
+    def prepared(self, field: LightField) -> _PreparedViews:
         """Freed of neighbours' light, as by first order; looking as lens and elements make them."""
         own = without_crosstalk(self.camera, field)
         if self.traced is None:
-            return PreparedViews(*own)
+            return _PreparedViews(*own)
         pupil, aside = self.traced.sight(own.field, own.pupil)
         beside = own.aside if own.aside.ndim > 3 else own.aside[..., None, None]
-        return PreparedViews(own.field, pupil, aside + beside)
+        return _PreparedViews(own.field, pupil, aside + beside)
 
     def places(self, field: LightField) -> Array:
         """Places on the array [mm]."""
@@ -227,10 +227,10 @@ class GridGeometry:
         """Unit of depths."""
         return "px" if self.grid is None else "mm"
 
-    def prepared(self, field: LightField) -> PreparedViews:
+    def prepared(self, field: LightField) -> _PreparedViews:
         """As it is: cameras to the right see near points further left."""
         t, s = np.meshgrid(field.t, field.s, indexing="ij")
-        return PreparedViews(field, np.stack([-s, -t]) / self.across)
+        return _PreparedViews(field, np.stack([-s, -t]) / self.across)
 
     def places(self, field: LightField) -> Array:
         """To the right and upwards from the middle of the views [px]."""

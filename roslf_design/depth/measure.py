@@ -90,7 +90,7 @@ class Prediction(NamedTuple):
     """[mm]"""
 
 
-class Flatness(NamedTuple):
+class _Flatness(NamedTuple):
     """Depths against the plane that fits them best."""
 
     rms: float
@@ -143,7 +143,7 @@ class Depths:
             self.depth[part], self.noise_sigma[part], calibrated,
         )  # fmt: skip
 
-    def flatness(self) -> Flatness | None:
+    def flatness(self) -> _Flatness | None:
         """How nearly a plane it is; None of a few microlenses. A plane's disparity is linear over the array."""
         known = self.measured
         if known.sum() < self.disparities.window**2:
@@ -154,7 +154,7 @@ class Depths:
         plane = np.linalg.lstsq(columns * weight[:, None], disparity * weight, rcond=None)[0]
         off = disparity - columns @ plane
         rms = self.geometry.sigma(self.depth[known], np.abs(off))
-        return Flatness(float(np.sqrt((rms**2).mean())), float((np.abs(off) * weight < 1).mean()))
+        return _Flatness(float(np.sqrt((rms**2).mean())), float((np.abs(off) * weight < 1).mean()))
 
     @property
     def measured(self) -> Flags:
@@ -268,7 +268,7 @@ class Trial(Measurement):
         design, window = self.raw.design, self.first.disparities.window
         light = evaluate(assumed(design, self.scene, window).thin_twin, [(0.0, 0.0)]).depth.assumes
         given = {"sigma_disparity_pitches": design.depth.disparity_error, "window": window}
-        texture = "the scene's" if texture_of(self.scene) is not None else "the design's, not the scene's"
+        texture = "the scene's" if _texture_of(self.scene) is not None else "the design's, not the scene's"
         return (given if light is None else plain(light)) | {"texture": texture}
 
     def to_dict(self) -> dict[str, Any]:
@@ -332,7 +332,7 @@ def measure(
     return Depths(geometry, field, pupil, aside, disparities, geometry.places(field), z, sigma, off)
 
 
-def rays_for(charge: float) -> int:
+def _rays_for(charge: float) -> int:
     """Rays for each pixel that stay as far below the noise of so many electrons as `RAYS` do."""
     wanted = RAYS * (max(charge, 0.0) / RAYS_FOR) ** (0.5 / SCATTER)
     return int(np.clip(16 * round(wanted / 16), LEAST_RAYS, MOST_RAYS))
@@ -360,7 +360,7 @@ class PictureOptions(Options):
 
     def part(self, design: Design) -> Region:
         """Part of a design's sensor that is looked at."""
-        return Region.checked(Camera.of(design), self.region) if self.region else default_region(design)
+        return Region.checked(Camera.of(design), self.region) if self.region else _default_region(design)
 
 
 class Unexposed(NamedTuple):
@@ -406,7 +406,7 @@ def default_scene(design: Design) -> Scene:
     return Scene(name="slanted wall", objects=(Plane(tilt=(0.0, math.atan(min(slope, 3.0))), texture=texture),))
 
 
-def default_region(design: Design) -> Region:
+def _default_region(design: Design) -> Region:
     """A strip of microlenses through the middle, all of the sensor's width."""
     camera = Camera.of(design.thin_twin)
     width, height = camera.pixels
@@ -504,7 +504,7 @@ def simulate(
     mean = float(electrons(camera))
     if unexposed is None:
         unexposed = Unexposed.of(
-            design, scene, part, seed=options.seed, rays=options.rays or rays_for(mean),
+            design, scene, part, seed=options.seed, rays=options.rays or _rays_for(mean),
             progress=lambda done: progress("picture", done),
         )  # fmt: skip
     picture, white = unexposed
@@ -532,7 +532,7 @@ def simulate(
         field = replace(field, values=field.values / np.float32(brightest))
         runs.append(measure(geometry, field, noise, search=search).within(rows, columns))
     true = true[rows, columns]
-    prediction = predict(design, scene, runs[0].field, true, runs[0].disparities.window, actual.traced)
+    prediction = _predict(design, scene, runs[0].field, true, runs[0].disparities.window, actual.traced)
     return Trial(tuple(runs), true, prediction, scene, part, believed, mean, picture)
 
 
@@ -580,7 +580,7 @@ def _truth(camera: Camera, traced: TracedViews | None, scene: Scene, field: Ligh
     return np.where(np.isfinite(z), z, np.nan).reshape(len(field.v), len(field.u))
 
 
-def texture_of(scene: Scene) -> Noise | None:
+def _texture_of(scene: Scene) -> Noise | None:
     """The noise that all of a scene shows, of one kind; None for other textures, which the design's stands for."""
     textures = [thing.texture for thing in scene.surfaces if hasattr(thing, "texture")]
     noise = [texture for texture in textures if isinstance(texture, Noise)]
@@ -591,7 +591,7 @@ def texture_of(scene: Scene) -> Noise | None:
 def assumed(design: Design, scene: Scene, window: int) -> Design:
     """The design with the texture that errors are predicted for: the scene's where that is known, else its own."""
     settings: dict[str, Any] = {"depth.window": window}
-    texture = texture_of(scene)
+    texture = _texture_of(scene)
     if texture is not None:
         settings |= {
             "depth.contrast": max(texture.contrast, 1e-9),
@@ -601,7 +601,7 @@ def assumed(design: Design, scene: Scene, window: int) -> Design:
     return design.replace(settings)
 
 
-def predict(
+def _predict(
     design: Design, scene: Scene, field: LightField, true: Array, window: int, traced: TracedViews | None = None
 ) -> Prediction:
     """Standard errors that light, noise and the scene's texture allow, at microlenses all over a light field."""

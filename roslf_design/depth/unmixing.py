@@ -75,7 +75,7 @@ def flat_fielded(camera: Camera, field: LightField) -> LightField:
     return _with(field, values, weight)
 
 
-class OwnLight(NamedTuple):
+class _OwnLight(NamedTuple):
     """A light field with each microlens's own light alone, and where that comes from."""
 
     field: LightField
@@ -88,7 +88,7 @@ class OwnLight(NamedTuple):
     [pitches]: of the same shape."""
 
 
-def without_crosstalk(camera: Camera, field: LightField) -> OwnLight:
+def without_crosstalk(camera: Camera, field: LightField) -> _OwnLight:
     """A decoded light field with each microlens's own light alone.
 
     Parameters
@@ -125,13 +125,13 @@ def without_crosstalk(camera: Camera, field: LightField) -> OwnLight:
     aside = over_view(_aside(camera, field, rows, columns, parts.light[own]))
     if rows.size == 1:
         pupil, aside = pupil[..., 0, 0], aside[..., 0, 0]
-    return OwnLight(_with(field, values, weight), pupil, aside)
+    return _OwnLight(_with(field, values, weight), pupil, aside)
 
 
 def _aside(
     camera: Camera, field: LightField, rows: NDArray[np.intp], columns: NDArray[np.intp], light: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """`OwnLight.aside` at the nodes, shape (2, t, s, nodes).
+    """`_OwnLight.aside` at the nodes, shape (2, t, s, nodes).
 
     Where a stop is not what the microlenses have in focus on the sensor, it cuts another part of what passes each side
     of a microlens: a sample at the cut sees more of the scene behind the side that is cut less. The FAP's rim moves by

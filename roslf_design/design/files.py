@@ -19,7 +19,7 @@ _PACKAGE = Path(__file__).resolve().parent.parent
 Kind = Literal["design", "story", "optimize", "tolerance"]
 
 
-class KindOfFile(NamedTuple):
+class _KindOfFile(NamedTuple):
     """Kind of file: its name, the command that takes it, and the keys that mark it."""
 
     called: str
@@ -29,16 +29,16 @@ class KindOfFile(NamedTuple):
     """The keys as a sentence lists them."""
 
 
-KINDS: Mapping[Kind, KindOfFile] = {
-    "story": KindOfFile("a story", "roslf report", ("story",), "[story]"),
-    "design": KindOfFile(
+KINDS: Mapping[Kind, _KindOfFile] = {
+    "story": _KindOfFile("a story", "roslf report", ("story",), "[story]"),
+    "design": _KindOfFile(
         "a design",
         "roslf evaluate",
         ("main_lens", "microlens_array", "sensor"),
         "[main_lens], [microlens_array] or [sensor]",
     ),
-    "optimize": KindOfFile("an optimisation study", "roslf optimize", ("variables",), "[variables]"),
-    "tolerance": KindOfFile("a tolerance study", "roslf tolerance", ("grade", "perturb"), "grade or [[perturb]]"),
+    "optimize": _KindOfFile("an optimisation study", "roslf optimize", ("variables",), "[variables]"),
+    "tolerance": _KindOfFile("a tolerance study", "roslf tolerance", ("grade", "perturb"), "grade or [[perturb]]"),
 }
 
 

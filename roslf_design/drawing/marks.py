@@ -20,7 +20,7 @@ Box = tuple[float, float, float, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Drawn:
+class _Drawn:
     """Fields common to all marks."""
 
     clip: bool = True
@@ -30,7 +30,7 @@ class Drawn:
 
 
 @dataclass(frozen=True, slots=True)
-class Line(Drawn):
+class Line(_Drawn):
     """A polyline; NaN breaks it."""
 
     x: ArrayLike
@@ -45,7 +45,7 @@ class Line(Drawn):
 
 
 @dataclass(frozen=True, slots=True)
-class Area(Drawn):
+class Area(_Drawn):
     """Polygons parted by NaN, what lies in two of them free; bars among them."""
 
     x: ArrayLike
@@ -61,7 +61,7 @@ class Area(Drawn):
 
 
 @dataclass(frozen=True, slots=True)
-class Disc(Drawn):
+class Disc(_Drawn):
     """A circle, in a panel with equal scales."""
 
     x: float
@@ -75,7 +75,7 @@ class Disc(Drawn):
 
 
 @dataclass(frozen=True, slots=True)
-class Dots(Drawn):
+class Dots(_Drawn):
     """Equal signs at places."""
 
     x: ArrayLike
@@ -95,7 +95,7 @@ class Dots(Drawn):
 
 
 @dataclass(frozen=True, slots=True)
-class Text(Drawn):
+class Text(_Drawn):
     """A line of text, its baseline at a place; d_3 gets its subscript."""
 
     x: float
@@ -117,7 +117,7 @@ class Text(Drawn):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Image(Drawn):
+class Image(_Drawn):
     """Values as shades, row 0 at the bottom."""
 
     values: Array

@@ -101,7 +101,7 @@ class Name(NamedTuple):
     """In the scene [mm]; on the axis for a remark at the view's foot."""
 
 
-class View(NamedTuple):
+class _View(NamedTuple):
     """A parallel view."""
 
     focus: Array
@@ -131,12 +131,12 @@ class Instrument(NamedTuple):
     """A scene, how it is looked at, and where its names go."""
 
     parts: tuple[Body, ...]
-    view: View
+    view: _View
     names: tuple[Name, ...]
     """From the left to the right, as the elements stand."""
 
 
-def view_of(corners: Array) -> View:
+def view_of(corners: Array) -> _View:
     """A parallel view that holds all corners."""
     toward = np.array([-math.cos(PITCH) * math.cos(YAW), math.sin(PITCH), -math.cos(PITCH) * math.sin(YAW)])
     right = np.cross([0.0, 1.0, 0.0], toward)
@@ -149,7 +149,7 @@ def view_of(corners: Array) -> View:
     # Room above for the names.
     scale = 0.5 * max(1.3 * size[1], 1.04 * size[0] * height / WIDTH)
     focus = ((low + high) / 2 + [0.0, 0.08 * size[1], 0.0]) @ axes
-    return View(focus, 4 * float(np.max(size)), axes, float(scale), (WIDTH, height))
+    return _View(focus, 4 * float(np.max(size)), axes, float(scale), (WIDTH, height))
 
 
 def bands(rows: int) -> NDArray[np.int64]:
@@ -313,7 +313,7 @@ def scene_data(scene: Instrument) -> str:
     return text.replace("<", "\\u003c")  # no end tag inside the page's script element
 
 
-def packed(parts: Sequence[Body], view: View) -> str:
+def packed(parts: Sequence[Body], view: _View) -> str:
     """Parts and a view as vtk.js reads them: a zipped index.json, as base64; the same parts give the same text."""
     arrays: dict[str, Any] = {}
     # Depths between which all points lie, as the camera counts them.

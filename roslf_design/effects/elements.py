@@ -36,7 +36,7 @@ NEARLY = 1.02
 """Rays that far outside a rim still count."""
 
 
-class ExactMinusParaxial(NamedTuple):
+class _ExactMinusParaxial(NamedTuple):
     """Farthest that exact rays come from where the closed forms have them, over field and FAP."""
 
     image: float
@@ -53,7 +53,7 @@ class ExactMinusParaxial(NamedTuple):
 @lru_cache(maxsize=256)
 def exact_minus_paraxial(
     design: Design, radius: float, distances: tuple[float, ...], wavelengths: tuple[float, ...] = ()
-) -> ExactMinusParaxial:
+) -> _ExactMinusParaxial:
     """Compare rays out to a radius of the array.
 
     Parameters
@@ -78,7 +78,7 @@ def exact_minus_paraxial(
     *closed, imaged = mapped(law, front, *behind_elements(front, lens_x, lens_y, *height, *slope))
     passed &= imaged
     if not passed.any():
-        return ExactMinusParaxial(0.0, 0.0, 0.0, False)
+        return _ExactMinusParaxial(0.0, 0.0, 0.0, False)
     image, picture, spread, lost = 0.0, 0.0, 0.0, False
     p = outer_slope(camera, radius)  # an objective's mapping may draw the edge larger than the middle
     compressed = min(1.0, float(camera.sagittal_stretch(p)), float(camera.tangential_stretch(p)))
@@ -100,7 +100,7 @@ def exact_minus_paraxial(
             spread = max(spread, float(np.max(apart[good & good[:, :1]], initial=0.0)))
     image, picture, spread = (size if size > ROUNDED else 0.0 for size in (image, picture, spread))
     whole = float(np.abs(microlens_image_diameter(camera)))
-    return ExactMinusParaxial(whole if lost else image, picture, spread, lost)
+    return _ExactMinusParaxial(whole if lost else image, picture, spread, lost)
 
 
 def _rays(camera: Camera, radius: float) -> tuple[Floats, Floats, Floats, Floats]:

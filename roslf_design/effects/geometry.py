@@ -25,7 +25,7 @@ def pupil_geometry(s: Subject) -> Estimate:
     return Estimate(shift, f"image centre {shift:.3g} px from the microlens axis {s.at}")
 
 
-def cut_depth(s: Subject) -> float:
+def _cut_depth(s: Subject) -> float:
     """How deep the main lens and the further stops cut into the FAP's image at the field's rim, on the sensor [mm].
 
     0 where the FAP's image lies inside all others (the non-distortion margin of Eqs. 5-6 is not negative), its whole
@@ -45,9 +45,9 @@ def cut_depth(s: Subject) -> float:
     return float(np.clip(depth, 0.0, own))
 
 
-def vignetting(s: Subject) -> Estimate:
+def _vignetting(s: Subject) -> Estimate:
     """Depth of the deepest cut [px]."""
-    depth, at = cut_depth(s) / s.design.q, f"at X_ml = {s.lens_field:.4g} mm"
+    depth, at = _cut_depth(s) / s.design.q, f"at X_ml = {s.lens_field:.4g} mm"
     traced = lens.lens_aberrations(s.design, s.lens_field).cut / s.design.q
     if traced > depth:
         name = s.design.main_lens.kind.name
@@ -132,7 +132,7 @@ def cos4(s: Subject) -> Estimate:
     return Estimate(loss, f"{loss:.2%} darker {s.at}{s.camera.mapping.words}")
 
 
-def mla_rotation(s: Subject) -> Estimate:
+def _mla_rotation(s: Subject) -> Estimate:
     """Chord 2 X_ml sin(rotation/2) that the outermost microlens moves by [px]."""
     angle = s.design.microlens_array.rotation
     if angle == 0:
@@ -168,7 +168,7 @@ def tilt_shift(camera: Camera, x_ml: float) -> float:
     return moved + height**2 / float(camera.f) * tilt("main_lens") * scale(camera.seen.d_3)
 
 
-def tilts(s: Subject) -> Estimate:
+def _tilts(s: Subject) -> Estimate:
     """Shift [px] at the field's rim."""
     if s.camera.largest_tilt == 0:
         return Estimate(0.0, "nothing is tilted")
@@ -176,7 +176,7 @@ def tilts(s: Subject) -> Estimate:
     return Estimate(moved, f"tilts move microlens images by {moved:.3g} px {s.at}")
 
 
-def decentres(s: Subject) -> Estimate:
+def _decentres(s: Subject) -> Estimate:
     """Distance that all decentres, each at its worst, move light on the sensor [px], the same all over.
 
     Microlens images move there; what is seen in them moves over the array too, by e (1 + m) with the main lens and by e
@@ -202,7 +202,7 @@ def decentres(s: Subject) -> Estimate:
 
 
 PUPIL_GEOMETRY = Effect("pupil_geometry", "Pupil geometry", "px", pupil_geometry, always=True)
-VIGNETTING = Effect("vignetting", "Vignetting", "px", vignetting, cost_per_pixel=5e-9)
+VIGNETTING = Effect("vignetting", "Vignetting", "px", _vignetting, cost_per_pixel=5e-9)
 OVERLAP = Effect(
     "overlap",
     "Overlap with neighbours",
@@ -213,6 +213,6 @@ OVERLAP = Effect(
 )
 OBJECT_DEFOCUS = Effect("object_defocus", "Object out of focus", "pitch", object_defocus)
 COS4 = Effect("cos4", "cos^4 fall-off", "intensity", cos4)
-MLA_ROTATION = Effect("mla_rotation", "MLA rotation", "px", mla_rotation)
-TILTS = Effect("tilts", "Tilts", "px", tilts)
-DECENTRES = Effect("decentres", "Decentres", "px", decentres)
+MLA_ROTATION = Effect("mla_rotation", "MLA rotation", "px", _mla_rotation)
+TILTS = Effect("tilts", "Tilts", "px", _tilts)
+DECENTRES = Effect("decentres", "Decentres", "px", _decentres)

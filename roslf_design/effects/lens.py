@@ -28,7 +28,7 @@ RADII = (0.4, 0.6, 0.8, 1.0)
 """Parts of the field's radius at which the lens is looked at."""
 
 
-class LensAberrations(NamedTuple):
+class _LensAberrations(NamedTuple):
     """Aberrations of the traced lens over the field, each at its worst."""
 
     displaced: float
@@ -48,16 +48,16 @@ class LensAberrations(NamedTuple):
     """Steepest ray behind the array that makes a microlens image: dx/dz."""
 
 
-FAULTLESS = LensAberrations(0.0, 0.0, 0.0, 0.0, 0.0, math.inf, 0.0)
+FAULTLESS = _LensAberrations(0.0, 0.0, 0.0, 0.0, 0.0, math.inf, 0.0)
 
 
-def lens_aberrations(design: Design, x_ml: float) -> LensAberrations:
+def lens_aberrations(design: Design, x_ml: float) -> _LensAberrations:
     """Faults of a design's main lens out to the microlens radius `x_ml` [mm]."""
     return _traced_faults(design, x_ml) if design.main_lens.kind.faults else FAULTLESS
 
 
 @lru_cache(maxsize=256)
-def _traced_faults(design: Design, x_ml: float) -> LensAberrations:
+def _traced_faults(design: Design, x_ml: float) -> _LensAberrations:
     axes = [(share * x_ml, 0.0) for share in RADII]
     # The array's own frame is turned and shifted; the lens is asked along its own radius.
     centred = ("main_lens", "aperture", "microlens_array")
@@ -70,7 +70,7 @@ def _traced_faults(design: Design, x_ml: float) -> LensAberrations:
     lit = field.maps.status == KEPT
     foci = np.maximum(np.abs(field.maps.tangential_focus), np.abs(field.maps.sagittal_focus))
     apart = np.abs(field.maps.tangential_focus - field.maps.sagittal_focus)
-    return LensAberrations(
+    return _LensAberrations(
         displaced=float(np.max(np.where(whole, field.rim_shift, diameter))),
         cut=float(np.max(1 - field.images.kept_fraction)) * diameter,
         spread=float(np.max(np.where(lit, np.max(field.maps.spread, axis=-1), 0.0))),
@@ -106,7 +106,7 @@ def _traced(s: Subject) -> str:
     return f"{s.design.main_lens.kind.name}, traced to X_ml = {s.lens_field:.4g} mm"
 
 
-def distortion(s: Subject) -> Estimate:
+def _distortion(s: Subject) -> Estimate:
     """Displacement of microlens images' rims against the thin lens [px]."""
     traced = lens_aberrations(s.design, s.lens_field)
     size = traced.displaced / s.design.q
@@ -120,7 +120,7 @@ def _blur(s: Subject, spread: float, words: str) -> Estimate:
     return Estimate(spread, f"{_traced(s)}: {words}")
 
 
-def aberrations(s: Subject) -> Estimate:
+def _aberrations(s: Subject) -> Estimate:
     """Extent on the array of an object point's light [pitches]; zero for a uniform scene."""
     spread = lens_aberrations(s.design, s.lens_field).spread / s.design.d
     return _blur(s, spread, f"object points spread over {spread:.3g} pitches")
@@ -136,7 +136,7 @@ def curvature(s: Subject) -> Estimate:
     return _blur(s, spread, words)
 
 
-def colour(s: Subject) -> Estimate:
+def _colour(s: Subject) -> Estimate:
     """Lateral and axial colour between the scene's wavelengths and the design's [pitches]."""
     others = tuple(wave for wave in s.brief.wavelengths if wave != s.design.wavelength)
     if not others:
@@ -152,8 +152,8 @@ def _of_lens(name: str, title: str, unit: Unit, estimate: Callable[[Subject], Es
 
 
 EFFECTS = (
-    _of_lens("lens_aberrations", "Main-lens aberrations", "pitch", aberrations),
-    _of_lens("lens_distortion", "Main-lens distortion", "px", distortion),
+    _of_lens("lens_aberrations", "Main-lens aberrations", "pitch", _aberrations),
+    _of_lens("lens_distortion", "Main-lens distortion", "px", _distortion),
     _of_lens("field_curvature", "Field curvature", "pitch", curvature),
-    _of_lens("lens_colour", "Main-lens colour", "pitch", colour),
+    _of_lens("lens_colour", "Main-lens colour", "pitch", _colour),
 )

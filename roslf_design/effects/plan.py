@@ -43,7 +43,7 @@ class PlanError(InputError):
         return cls((Problem(key, message),))
 
 
-class HasBrief(Protocol):
+class _HasBrief(Protocol):
     """A scene: anything that can sum itself up."""
 
     def brief(self, design: Design) -> SceneBrief:
@@ -130,7 +130,7 @@ class Plan:
 
 def plan(
     design: Design,
-    scene: HasBrief | SceneBrief | None = None,
+    scene: _HasBrief | SceneBrief | None = None,
     budget: Budget | None = None,
     overrides: Iterable[str] = (),
 ) -> Plan:

@@ -55,7 +55,7 @@ def incoherent_texture_miss(camera: Camera, pitches: float = LONGEST_GRATING) ->
     return along * max(1.0, fill) * LONGEST_GRATING / min(pitches, LONGEST_GRATING)
 
 
-def fap_diffraction(s: Subject) -> Estimate:
+def _fap_diffraction(s: Subject) -> Estimate:
     """Airy radius of the FAP on the array [microlens pitches]; zero for a uniform scene, which stays uniform.
 
     With matched f-numbers it is 1.22 times the microlenses' own blur, in pitches on either side: one and the same
@@ -70,7 +70,7 @@ def fap_diffraction(s: Subject) -> Estimate:
     return Estimate(radius, f"Airy radius on the MLA {radius:.3g} pitches{carried}")
 
 
-def microlens_defocus(s: Subject) -> Estimate:
+def _microlens_defocus(s: Subject) -> Estimate:
     """Ray blur b of a sensor that is not where the microlenses image the exit pupil [px].
 
     Where diffraction of width w blurs as well, what is left of it is b^2/(b + 10 w): W = b/8w waves of defocus take at
@@ -99,7 +99,7 @@ def footprint(c: Camera, distance: float) -> float:
     return float(c.d * np.abs(on_lens * plane.a - slope * plane.b))
 
 
-def finite_microlens_aperture(s: Subject) -> Estimate:
+def _finite_microlens_aperture(s: Subject) -> Estimate:
     """Rms change of a full-contrast texture seen in patches as wide as the footprint [fraction of full scale].
 
     A box of width F takes the share 1 - sinc(F/P) of a sinusoid of period P, whose rms is 1/sqrt(8); hard edges, two a
@@ -128,7 +128,7 @@ def pixel_integration(s: Subject) -> Estimate:
     return Estimate(share, f"takes {share:.2%} of harmonic {order} of the microlens-image pitch")
 
 
-def noise(s: Subject) -> Estimate:
+def _noise(s: Subject) -> Estimate:
     """Rms noise sqrt(N + r^2)/N of a fully lit pixel [fraction of full scale]; zero where no exposure is given."""
     exposure, read = s.brief.exposure, s.brief.read_noise
     if exposure is None:
@@ -168,15 +168,15 @@ MICROLENS_DIFFRACTION = Effect(
     "microlens_diffraction", "Microlens diffraction", "px", microlens_diffraction, cost_per_pixel=20e-9
 )
 FAP_DIFFRACTION = Effect(
-    "fap_diffraction", "FAP diffraction at the MLA", "pitch", fap_diffraction, cost_per_pixel=100e-9
+    "fap_diffraction", "FAP diffraction at the MLA", "pitch", _fap_diffraction, cost_per_pixel=100e-9
 )
-MICROLENS_DEFOCUS = Effect("microlens_defocus", "Microlens defocus", "px", microlens_defocus, cost_per_pixel=5e-9)
+MICROLENS_DEFOCUS = Effect("microlens_defocus", "Microlens defocus", "px", _microlens_defocus, cost_per_pixel=5e-9)
 FINITE_MICROLENS_APERTURE = Effect(
     "finite_microlens_aperture",
     "Finite microlens aperture",
     "intensity",
-    finite_microlens_aperture,
+    _finite_microlens_aperture,
     cost_per_pixel=64 * 25e-9,
 )
 PIXEL_INTEGRATION = Effect("pixel_integration", "Pixel box", "intensity", pixel_integration, always=True)
-NOISE = Effect("noise", "Shot and read noise", "intensity", noise, cost_per_pixel=50e-9)
+NOISE = Effect("noise", "Shot and read noise", "intensity", _noise, cost_per_pixel=50e-9)

@@ -27,7 +27,7 @@ LEAST = (30, 14, 0)
 """Least widths of these columns on a terminal [characters]."""
 
 
-def facts(result: Evaluation, *groups: str) -> list[tuple[str, str, str]]:
+def _facts(result: Evaluation, *groups: str) -> list[tuple[str, str, str]]:
     """Quantities of groups: label, value with unit, remark."""
     rows = []
     for quantity in QUANTITIES.values():
@@ -46,14 +46,14 @@ def fact_tables(result: Evaluation) -> list[Table]:
     across = "image-space telecentric" if pupil.telecentric else _across(pupil)
     tables = {
         "Pupils": [
-            *facts(result, ""),
+            *_facts(result, ""),
             ("exit pupil behind the lens", f"{number(pupil.distance_from_lens_mm)} mm", across),
-            *facts(result, "exit_pupil"),
+            *_facts(result, "exit_pupil"),
         ],
-        "f-number": facts(result, "f_number"),
-        "Field": facts(result, "non_distortion"),
-        "Microlens images": facts(result, "microlens_image"),
-        "Sampling and diffraction": facts(result, "sampling", "diffraction"),
+        "f-number": _facts(result, "f_number"),
+        "Field": _facts(result, "non_distortion"),
+        "Microlens images": _facts(result, "microlens_image"),
+        "Sampling and diffraction": _facts(result, "sampling", "diffraction"),
         "Depth at the focal plane": depth_facts(result),
     }
     tables["Field"].insert(1, ("the same on the MLA", f"{number(field.x_ml_max_mm)} mm", ""))
@@ -70,7 +70,7 @@ def fact_tables(result: Evaluation) -> list[Table]:
 def depth_facts(result: Evaluation) -> list[tuple[str, str, str]]:
     """Depth precision and what it is told for: name, value, remark."""
     assumed = result.depth.assumes
-    return [*facts(result, "depth"), *(() if assumed is None else assumed.facts)]
+    return [*_facts(result, "depth"), *(() if assumed is None else assumed.facts)]
 
 
 def depth_basis(assumed: DepthAssumptions | None) -> str:

@@ -41,7 +41,7 @@ LEVELS = (0.5, 0.1)
 
 
 @dataclass(frozen=True)
-class FieldOfView:
+class _FieldOfView:
     """Full angles between the field's ends [degrees]."""
 
     from_: Literal["entrance pupil", "distal tip"]
@@ -54,7 +54,7 @@ class FieldOfView:
 
 
 @dataclass(frozen=True)
-class ObjectField:
+class _ObjectField:
     """Field on a plane ahead of the tip."""
 
     at_mm: float
@@ -69,7 +69,7 @@ class ObjectField:
     """Footprint of a microlens."""
 
     @classmethod
-    def of(cls, ends: MicrolensImages, at: float, plane: str) -> ObjectField:
+    def of(cls, ends: MicrolensImages, at: float, plane: str) -> _ObjectField:
         """Field that is seen between the field's ends."""
         camera = ends.camera
         halves = [f"field_half_{side}_mm" for side in ("width", "height", "diagonal")]
@@ -112,7 +112,7 @@ class Resolved:
 
 
 @dataclass(frozen=True)
-class Ends:
+class _Ends:
     """Near and far end ahead of the tip [mm]; an infinite far end is None in JSON."""
 
     view: tuple[float, float]
@@ -121,7 +121,7 @@ class Ends:
 
 
 @dataclass(frozen=True)
-class FieldPoint:
+class _FieldPoint:
     """Field point on the focal plane."""
 
     x_ml_mm: Place
@@ -136,7 +136,7 @@ class FieldPoint:
 
 
 @dataclass(frozen=True)
-class DepthSpread:
+class _DepthSpread:
     """Standard error of depth at one place."""
 
     at_mm: float
@@ -147,10 +147,10 @@ class DepthSpread:
 
 
 @dataclass(frozen=True)
-class DepthPrecision:
+class _DepthPrecision:
     """Standard errors of depth, of one measurement, before errors of calibration."""
 
-    spreads: tuple[DepthSpread, ...]
+    spreads: tuple[_DepthSpread, ...]
     """On the axis at the ends of the working range and the focal plane; there at the field's edge and corner, too."""
     sigma_disparity_pitches: float
     """Disparity error at the focal plane, on the axis."""
@@ -158,11 +158,11 @@ class DepthPrecision:
     """Light, texture and matching; None where the design gives the disparity's error."""
 
     @classmethod
-    def of(cls, design: Design, images: MicrolensImages, stations: Mapping[str, float]) -> DepthPrecision:
+    def of(cls, design: Design, images: MicrolensImages, stations: Mapping[str, float]) -> _DepthPrecision:
         """Precision at planes by their names."""
         camera, (axis, *off) = images.camera, [(x, y) for x, y in images.fields.tolist()]
         rows = [
-            DepthSpread(
+            _DepthSpread(
                 at, plane, axis, float(QUANTITIES["sigma_z_mm"](camera, None if plane == "focal plane" else at))
             )
             for plane, at in stations.items()
@@ -170,13 +170,13 @@ class DepthPrecision:
         local = np.broadcast_to(QUANTITIES["sigma_z_at_field_mm"].at_fields(images), (1 + len(off), 1))[1:, 0].tolist()
         focus = stations["focal plane"]
         known = (sigma if math.isfinite(sigma) else math.inf for sigma in local)
-        rows += [DepthSpread(focus, "focal plane", at, sigma) for at, sigma in zip(off, known, strict=True)]
+        rows += [_DepthSpread(focus, "focal plane", at, sigma) for at, sigma in zip(off, known, strict=True)]
         error = float(QUANTITIES["sigma_disparity_pitches"](camera))
         return cls(tuple(rows), error, depth_assumptions(design, camera, error))
 
 
 @dataclass(frozen=True)
-class ListedPart:
+class _ListedPart:
     """Something that the tube holds."""
 
     name: str
@@ -222,7 +222,7 @@ class Colour:
 class Specification:
     """The data sheet's lines."""
 
-    field_of_view_deg: tuple[FieldOfView, ...]
+    field_of_view_deg: tuple[_FieldOfView, ...]
     direction_of_view_deg: float
     working_range_mm: tuple[float, float]
     """Range in which single views are sharp, ahead of the tip."""
@@ -231,11 +231,11 @@ class Specification:
     hyperfocal_mm: float | None
     """Nearest focal plane with which the refocused image is sharp to infinity; None where none is."""
     view_hyperfocal_mm: float | None
-    object_field: tuple[ObjectField, ...]
-    depth_precision: DepthPrecision
+    object_field: tuple[_ObjectField, ...]
+    depth_precision: _DepthPrecision
     resolution: tuple[Resolved, ...]
-    depth_of_field_mm: Ends
-    field: tuple[FieldPoint, ...]
+    depth_of_field_mm: _Ends
+    field: tuple[_FieldPoint, ...]
     distortion: float | None
     """Distortion at the farthest of the fields [%]."""
     relative_illumination: float
@@ -249,7 +249,7 @@ class Specification:
     outer_diameter_mm: float
     length_mm: float
     """Tip to sensor."""
-    parts: tuple[ListedPart, ...]
+    parts: tuple[_ListedPart, ...]
 
     def to_dict(self) -> dict[str, Any]:
         """As `specification` of `roslf evaluate --json`; what is infinite is None."""
@@ -349,18 +349,18 @@ def specification(design: Design | str | Path) -> Specification:
     value = {name: float(QUANTITIES[name](camera)) for name in _NAMES}
     return Specification(
         field_of_view_deg=(
-            FieldOfView("entrance pupil", *_angles(ends, None), None),
-            *(FieldOfView("distal tip", *_angles(ends, at), at) for at in distances),
+            _FieldOfView("entrance pupil", *_angles(ends, None), None),
+            *(_FieldOfView("distal tip", *_angles(ends, at), at) for at in distances),
         ),
         direction_of_view_deg=value["direction_of_view_deg"],
         working_range_mm=view,
         working_distance_mm=distances[1],
         hyperfocal_mm=_known(value["hyperfocal_mm"]),
         view_hyperfocal_mm=_known(value["view_hyperfocal_mm"]),
-        object_field=tuple(ObjectField.of(ends, at, plane) for plane, at in stations.items()),
-        depth_precision=DepthPrecision.of(design, images, stations),
+        object_field=tuple(_ObjectField.of(ends, at, plane) for plane, at in stations.items()),
+        depth_precision=_DepthPrecision.of(design, images, stations),
         resolution=tuple(rows),
-        depth_of_field_mm=Ends(view, refocused),
+        depth_of_field_mm=_Ends(view, refocused),
         field=points,
         distortion=farthest.distortion_percent,
         relative_illumination=farthest.relative_illumination,
@@ -371,7 +371,7 @@ def specification(design: Design | str | Path) -> Specification:
         colours=tuple(Colour.of(camera, one) for one in filters(camera.colours)),
         outer_diameter_mm=value["outer_diameter_mm"],
         length_mm=value["total_length_mm"],
-        parts=tuple(ListedPart(part.name, float(part.width)) for part in tube.housed(camera)),
+        parts=tuple(_ListedPart(part.name, float(part.width)) for part in tube.housed(camera)),
     )
 
 
@@ -439,7 +439,7 @@ def _samples(camera: Camera) -> tuple[int, int]:
     return math.floor(across + 1e-9), math.floor(up / rows + 1e-9)
 
 
-def _points(images: MicrolensImages, focus: float) -> tuple[FieldPoint, ...]:
+def _points(images: MicrolensImages, focus: float) -> tuple[_FieldPoint, ...]:
     shape = len(images.fields), 1
     names = ("distortion_percent", "local_magnification", "relative_illumination")
     local = [np.broadcast_to(QUANTITIES[name].at_fields(images), shape)[:, 0].tolist() for name in names]
@@ -448,11 +448,11 @@ def _points(images: MicrolensImages, focus: float) -> tuple[FieldPoint, ...]:
     angles = np.rad2deg(np.arctan2(np.hypot(ways[:, 0], ways[:, 1]), ways[:, 2]))
     rows = zip(images.fields.tolist(), met.tolist(), angles.tolist(), *local, strict=True)
     return tuple(
-        FieldPoint((at[0], at[1]), _known(x0), _known(angle), _known(bent), _known(along), light)
+        _FieldPoint((at[0], at[1]), _known(x0), _known(angle), _known(bent), _known(along), light)
         for at, x0, angle, bent, along, light in rows
     )
 
 
-def corner(points: Sequence[FieldPoint]) -> FieldPoint:
+def corner(points: Sequence[_FieldPoint]) -> _FieldPoint:
     """The farthest of some; first those that the lens does not show."""
     return max(points, key=lambda point: math.inf if point.x0_mm is None else point.x0_mm)

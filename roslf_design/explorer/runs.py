@@ -50,7 +50,7 @@ SCALES = (0.25, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
 """Factors on all tolerances at once."""
 
 
-class WantedQuantity(NamedTuple):
+class _WantedQuantity(NamedTuple):
     """Objective: a quantity wanted of a design, or kept from getting worse."""
 
     label: str
@@ -70,12 +70,12 @@ class WantedQuantity(NamedTuple):
 
 
 GOALS = {
-    "depth": WantedQuantity("finest depth", "sigma_z_mm", "min"),
-    "field": WantedQuantity("widest field", "field_half_width_mm", "max"),
-    "light": WantedQuantity("most light", "light_sr", "max"),
-    "views": WantedQuantity("most independent views", "views_independent", "max"),
-    "sample": WantedQuantity("finest object sample", "object_sample_mm", "min"),
-    "length": WantedQuantity("shortest instrument", "total_length_mm", "min"),
+    "depth": _WantedQuantity("finest depth", "sigma_z_mm", "min"),
+    "field": _WantedQuantity("widest field", "field_half_width_mm", "max"),
+    "light": _WantedQuantity("most light", "light_sr", "max"),
+    "views": _WantedQuantity("most independent views", "views_independent", "max"),
+    "sample": _WantedQuantity("finest object sample", "object_sample_mm", "min"),
+    "length": _WantedQuantity("shortest instrument", "total_length_mm", "min"),
 }
 """Goals by their keys, with their directions."""
 VARIABLES = ("D", "f", "d_f", "d_1", "D_F", "d_3", "d", "d_2")
@@ -83,12 +83,12 @@ VARIABLES = ("D", "f", "d_f", "d_1", "D_F", "d_3", "d", "d_2")
 USUAL = ("D_F", "d_3", "d_2")
 """Variables that are chosen by default."""
 HELD = {
-    "depth": WantedQuantity("depth precision", "sigma_z_mm", "max"),
-    "field": WantedQuantity("field", "field_half_width_mm", "min"),
-    "views": WantedQuantity("independent views", "views_independent", "min"),
-    "pixels": WantedQuantity("pixels across an image", "views_geometric", "min"),
-    "length": WantedQuantity("total length", "total_length_mm", "max"),
-    "light": WantedQuantity("light", "light_sr", "min"),
+    "depth": _WantedQuantity("depth precision", "sigma_z_mm", "max"),
+    "field": _WantedQuantity("field", "field_half_width_mm", "min"),
+    "views": _WantedQuantity("independent views", "views_independent", "min"),
+    "pixels": _WantedQuantity("pixels across an image", "views_geometric", "min"),
+    "length": _WantedQuantity("total length", "total_length_mm", "max"),
+    "light": _WantedQuantity("light", "light_sr", "min"),
 }
 """Quantities that may be kept from getting worse, with the side of their limit."""
 GIVE = 1e-3
@@ -155,7 +155,7 @@ class OptimiseRequest:
     goal: str = field(default="depth", metadata={KNOWN: GOALS})
     variables: tuple[str, ...] = field(default=USUAL, metadata={KNOWN: VARIABLES})
     bounds: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    """Least and greatest value of variables [mm]; `bounds_of` those that are not named."""
+    """Least and greatest value of variables [mm]; `_bounds_of` those that are not named."""
     follows: str = field(default="d_f", metadata={KNOWN: CONJUGATE})
     """Which of f, d_f and d_1 follows where one of the others varies; the third then stays."""
     in_focus: bool = True
@@ -172,14 +172,14 @@ class OptimiseRequest:
     @property
     def all_bounds(self) -> dict[str, tuple[float, float]]:
         """Least and greatest value of every variable [mm]."""
-        return {s: self.bounds.get(s) or bounds_of(self.design, s) for s in self.variables}
+        return {s: self.bounds.get(s) or _bounds_of(self.design, s) for s in self.variables}
 
 
 @dataclass(frozen=True)
 class OptimiseResult:
     """Result of an optimisation run."""
 
-    goal: WantedQuantity
+    goal: _WantedQuantity
     before: float
     after: float
     """The goal's quantity, of the design asked about and of the one found."""
@@ -190,7 +190,7 @@ class OptimiseResult:
     """The design found; None where nothing holds all limits."""
     sentences: tuple[Statement, ...]
     ends: tuple[SearchEnd, ...]
-    against: WantedQuantity | None
+    against: _WantedQuantity | None
     """The other goal."""
     front: tuple[tuple[float, float], ...]
     """Goal and what it is against, of designs of which none is better in both."""
@@ -248,7 +248,7 @@ def forms(state: State) -> dict[str, Any]:
 
 
 def _offered(symbol: str, state: State) -> dict[str, Any]:
-    ends = (show(BY_SYMBOL[symbol], end) for end in bounds_of(state.design, symbol))
+    ends = (show(BY_SYMBOL[symbol], end) for end in _bounds_of(state.design, symbol))
     follows = symbol == state.follows
     return {
         "key": symbol,
@@ -299,7 +299,7 @@ def read_form(kind: type[Request], design: Design, options: Options) -> Request:
 
 
 def _bounds(design: Design, symbol: str, options: Options) -> tuple[float, float]:
-    ends = list(bounds_of(design, symbol))
+    ends = list(_bounds_of(design, symbol))
     for index, side in enumerate(("low", "high")):
         for text in options.get(f"{side}_{symbol}", ()):
             try:
@@ -482,7 +482,7 @@ def run_optimise(request: OptimiseRequest, tell: Tell = lambda share, text: None
         raise InputError((Problem("main lens", message),))
     tell(None, "first search")
     result = run_optimisation(
-        optimise_study(request), design, origin="optimise", tell=lambda text: tell(_part_done(text), text)
+        _optimise_study(request), design, origin="optimise", tell=lambda text: tell(_part_done(text), text)
     )
     answer, wish = result.answer, GOALS[request.goal]
     values = answer.variables()
@@ -506,7 +506,7 @@ def run_optimise(request: OptimiseRequest, tell: Tell = lambda share, text: None
     )
 
 
-def optimise_study(request: OptimiseRequest) -> dict[str, Any]:
+def _optimise_study(request: OptimiseRequest) -> dict[str, Any]:
     """The run as a study file would say it, but for the design."""
     label, quantity, direction = GOALS[request.goal]
     goals: list[dict[str, Any]] = [{"quantity": quantity, "direction": direction}]
@@ -538,7 +538,7 @@ def optimise_study(request: OptimiseRequest) -> dict[str, Any]:
     return data | {"goals": goals, "constraints": limits}
 
 
-def bounds_of(design: Design, symbol: str) -> tuple[float, float]:
+def _bounds_of(design: Design, symbol: str) -> tuple[float, float]:
     """Least and greatest value of a variable, where nobody says otherwise [mm]."""
     value = float(getattr(design, symbol))
     low, high = value / REACH, REACH * value

@@ -59,7 +59,7 @@ MISSING = "there is no such file"
 HOST: web.AppKey[str] = web.AppKey("host", str)
 
 
-class Tab:
+class _Tab:
     """A connection to the page; `answer` takes its messages, `close` ends all that it started."""
 
     def __init__(self, session: Session) -> None:
@@ -128,7 +128,7 @@ class Tab:
         return handle
 
 
-TABS: web.AppKey[dict[str, Tab]] = web.AppKey("tabs", dict)
+TABS: web.AppKey[dict[str, _Tab]] = web.AppKey("tabs", dict)
 
 
 def application(new_session: Callable[[], Session], host: str = "127.0.0.1") -> web.Application:
@@ -145,7 +145,7 @@ def application(new_session: Callable[[], Session], host: str = "127.0.0.1") -> 
     app[TABS], app[HOST] = {}, host
 
     async def connect(request: web.Request) -> web.StreamResponse:
-        return await _serve_tab(request, Tab(new_session()))
+        return await _serve_tab(request, _Tab(new_session()))
 
     # Its place is looked for, not imported: the package would load all of VTK, which only the browser needs.
     vtk = find_spec("trame_vtk")
@@ -231,7 +231,7 @@ async def _listen(runner: web.AppRunner, host: str, port: int | None) -> None:
     raise refusal("port", many if port is None else one)
 
 
-async def _serve_tab(request: web.Request, tab: Tab) -> web.StreamResponse:
+async def _serve_tab(request: web.Request, tab: _Tab) -> web.StreamResponse:
     # A page of another site that connects could read this machine's design files.
     own = tuple(f"{scheme}://{request.host}".lower() for scheme in ("http", "https"))
     if any(origin.lower() not in own for origin in request.headers.getall(hdrs.ORIGIN, ())):

@@ -69,7 +69,7 @@ MOST_TEXT = 1_000_000
 """Largest design file that is taken [characters]."""
 
 
-class Download(NamedTuple):
+class _Download(NamedTuple):
     """A file as the browser saves it."""
 
     name: str
@@ -107,7 +107,7 @@ class Session:
         self._limits: tuple[float, float] | None = None
         self._runs: dict[str, Run] = {}
         self._wrong: dict[str, str] = {}
-        self._space = Space()
+        self._space = _Space()
         self._evaluated = lru_cache(maxsize=2)(evaluate)
         self._known: dict[Callable[[Design], Any], tuple[Design, Any]] = {}
         self._later = Later(lambda: self.on_news())
@@ -165,7 +165,7 @@ class Session:
             with contextlib.suppress(ProcessLookupError):
                 process.kill()
 
-    async def download(self, name: str) -> Download | None:
+    async def download(self, name: str) -> _Download | None:
         """The file that is asked for; None where there is no such thing.
 
         Parameters
@@ -183,12 +183,12 @@ class Session:
         except (*FAULTS, OSError) as error:
             raise DownloadError(cause(error)) from None
 
-    async def _made(self, name: str) -> Download | None:
+    async def _made(self, name: str) -> _Download | None:
         stem = re.sub(r"[^A-Za-z0-9._-]+", "-", Path(self.design.name).stem).strip("-.") or "design"
         if name == "design.toml":
-            return Download(f"{stem}.toml", "application/toml", dumps(self.design, WRITTEN).encode())
+            return _Download(f"{stem}.toml", "application/toml", dumps(self.design, WRITTEN).encode())
         if name == "report.html":
-            return Download(f"{stem}-report.html", "text/html", await self._report(stem))
+            return _Download(f"{stem}-report.html", "text/html", await self._report(stem))
         drawing = DRAWINGS.get(name.removesuffix(".svg"))
         inputs = drawing.inputs(self._source()) if drawing is not None and name.endswith(".svg") else None
         if drawing is None or inputs is None:
@@ -196,7 +196,7 @@ class Session:
         picture = drawing.make(*inputs, self._sizes[name.removesuffix(".svg")])
         # On the page the card says so.
         twin = "-thin-lens" if self.design.lens is not None and drawing.tab in ("camera", "depth") else ""
-        return Download(f"{stem}{twin}-{name}", "image/svg+xml", picture.svg_file())
+        return _Download(f"{stem}{twin}-{name}", "image/svg+xml", picture.svg_file())
 
     async def _report(self, stem: str) -> bytes:
         """The design report, made by the command that it names, in a process of its own that ends with the tab."""
@@ -479,7 +479,7 @@ ASKED = {name: validate_call(getattr(Session, name)) for name in Session.request
 """The requests by their names, with arguments checked: they come from outside."""
 
 
-class Space:
+class _Space:
     """The 3D view: what of the scene the browser does not have yet; each parcel says which one it builds on."""
 
     def __init__(self) -> None:

@@ -226,7 +226,7 @@ def value_of(design: Design, symbol: str) -> float | None:
     return None if value is None else float(value)
 
 
-def new_window(design: Design) -> dict[str, Any]:
+def _new_window(design: Design) -> dict[str, Any]:
     """A window just before all else, as wide as what the sensor sees through the FAP asks for [mm]."""
     camera = Camera.of(design)
     tip, beyond = float(camera.tip), design.d_f - design.d_3
@@ -243,7 +243,7 @@ def new_window(design: Design) -> dict[str, Any]:
 
 
 @dataclass(frozen=True)
-class Fault:
+class _Fault:
     """Text typed into a field that makes no design, with the reason."""
 
     symbol: str
@@ -261,7 +261,7 @@ class State:
     """The one that was loaded; sliders reach about its numbers."""
     follows: Follower = "d_f"
     """Which of f, d_1 and d_f is the consequence of the other two."""
-    faults: tuple[Fault, ...] = ()
+    faults: tuple[_Fault, ...] = ()
     """Faults of fields, at most one a field."""
     message: str = ""
     """Message about a fault of something that is not a field: a file, a link."""
@@ -291,7 +291,7 @@ class State:
             return window_of(self.design) is not None
         return symbol != self.follows and not (symbol == "f" and "f" not in self.followers)
 
-    def fault(self, symbol: str) -> Fault | None:
+    def fault(self, symbol: str) -> _Fault | None:
         """Fault of what was typed into a field; None where there is none."""
         return next((fault for fault in self.faults if fault.symbol == symbol), None)
 
@@ -317,7 +317,7 @@ class State:
         try:
             value = read(CONTROLS[symbol], text)
         except ValueError as error:
-            return self._with_fault(Fault(symbol, text, str(error)))
+            return self._with_fault(_Fault(symbol, text, str(error)))
         return self._put(symbol, value, text)
 
     def set(self, symbol: str, value: float) -> State:
@@ -355,10 +355,10 @@ class State:
             if what == "window":
                 if (text == "yes") == (k is not None):
                     return replace(self, faults=self._faults_but(what))
-                elements = [*elements, new_window(design)] if k is None else elements[:k] + elements[k + 1 :]
+                elements = [*elements, _new_window(design)] if k is None else elements[:k] + elements[k + 1 :]
             elif what == "medium":
                 medium = _material(text)
-                elements = elements or ([] if text == "air" else [new_window(design)])
+                elements = elements or ([] if text == "air" else [_new_window(design)])
             elif what == "mapping":
                 if (objective := objective_of(design)) is not None:
                     elements[objective] = elements[objective].model_copy(update={"mapping": text})
@@ -374,7 +374,7 @@ class State:
             )
             return replace(self.take(design.replace(changes)), faults=left)
         except InputError as error:
-            return self._with_fault(Fault(what, text, "; ".join(problem.message for problem in error.problems)))
+            return self._with_fault(_Fault(what, text, "; ".join(problem.message for problem in error.problems)))
 
     def _changed(self, changes: Mapping[str, float | None]) -> Design:
         window = f"elements.{window_of(self.design)}."
@@ -400,12 +400,12 @@ class State:
                 continue
             left = tuple(fault for fault in self._faults_but(symbol) if fault.symbol not in others)
             return replace(self, design=design, faults=left, message="")
-        return self._with_fault(Fault(symbol, text, _about(problems, symbol)))
+        return self._with_fault(_Fault(symbol, text, _about(problems, symbol)))
 
-    def _faults_but(self, symbol: str) -> tuple[Fault, ...]:
+    def _faults_but(self, symbol: str) -> tuple[_Fault, ...]:
         return tuple(fault for fault in self.faults if fault.symbol != symbol)
 
-    def _with_fault(self, fault: Fault) -> State:
+    def _with_fault(self, fault: _Fault) -> State:
         return replace(self, faults=(*self._faults_but(fault.symbol), fault), message="")
 
 
@@ -418,7 +418,7 @@ def _material(text: str) -> Glass:
     return glass_of_index({"index": index})
 
 
-def _readable(faults: Iterable[Fault]) -> dict[str, float]:
+def _readable(faults: Iterable[_Fault]) -> dict[str, float]:
     values = {}
     for fault in faults:
         try:

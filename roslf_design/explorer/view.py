@@ -114,7 +114,7 @@ def front(run: OptimiseResult, size: Point = (420, 300)) -> Picture:
     return goal_front(points, labels, title=title, size=size, words=words, also=(run.after,))
 
 
-class Drawing(NamedTuple):
+class _Drawing(NamedTuple):
     """Drawing of the page."""
 
     tab: str
@@ -140,44 +140,44 @@ def _of(run: str, part: Callable[[Any], Any] = lambda result: result) -> Callabl
 
 
 DRAWINGS = {
-    "meridional": Drawing(
+    "meridional": _Drawing(
         "camera", "Rays in the meridional section", (1040, 240), lambda s: (s.design, WHOLE[s.look.whole]),
         lambda design, whole, size: meridional(design, size, whole=whole),
     ),
-    "microlens": Drawing(
+    "microlens": _Drawing(
         "camera", "Image of a microlens", (340, 330),
         lambda s: (s.design, s.place, s.look.diffraction, s.look.pixels),
         lambda design, place, waves, pixels, size: microlens_image(
             design, place, size, waves=waves, pixels=pixels
         ),
     ),
-    "mla-map": Drawing("camera", "Microlens array", (340, 330), lambda s: (s.design, s.place), mla_map),
-    "matching-plane": Drawing(
+    "mla-map": _Drawing("camera", "Microlens array", (340, 330), lambda s: (s.design, s.place), mla_map),
+    "matching-plane": _Drawing(
         "camera", "Pupil diameter and distance", (340, 330), lambda s: (s.design, s.limits),
         lambda design, limits, size: matching_plane(design, size, limits=limits),
     ),
-    "depth": Drawing("depth", "Depth precision", (520, 360), lambda s: (s.design,), depth_precision),
-    "depth-field": Drawing(
+    "depth": _Drawing("depth", "Depth precision", (520, 360), lambda s: (s.design,), depth_precision),
+    "depth-field": _Drawing(
         "depth", "Depth precision over the field", (520, 360), lambda s: (s.design,), depth_over_field
     ),
-    "effects": Drawing(
+    "effects": _Drawing(
         "depth", "Effects against their budgets", (520, 420), lambda s: (s.evaluation.effects,), effects_budget
     ),
-    "measured-profile": Drawing("depth", "Depth measured along a row", (520, 440), _of("measure"), profile),
-    "measured-errors": Drawing("depth", "Errors of the depths measured", (520, 440), _of("measure"), normalised),
-    "yield": Drawing("tolerance", "Yield of each grade", (420, 200), _of("tolerance"), yield_bars),
-    "yield-curve": Drawing("tolerance", "Yield over tolerance", (420, 260), _of("tolerance"), yield_curve),
-    "offenders": Drawing(
+    "measured-profile": _Drawing("depth", "Depth measured along a row", (520, 440), _of("measure"), profile),
+    "measured-errors": _Drawing("depth", "Errors of the depths measured", (520, 440), _of("measure"), normalised),
+    "yield": _Drawing("tolerance", "Yield of each grade", (420, 200), _of("tolerance"), yield_bars),
+    "yield-curve": _Drawing("tolerance", "Yield over tolerance", (420, 260), _of("tolerance"), yield_curve),
+    "offenders": _Drawing(
         "tolerance", "Worst offenders", (560, 300), _of("tolerance", lambda r: r.offenders), offender_bars
     ),
-    "spreads": Drawing(
+    "spreads": _Drawing(
         "tolerance", "Scatter of the limited numbers", (560, 300), _of("tolerance", lambda r: r.spreads), spread_bars
     ),
-    "changes": Drawing("optimise", "What changed", (560, 240), _of("optimise", lambda r: r.changes), change_bars),
-    "search": Drawing(
+    "changes": _Drawing("optimise", "What changed", (560, 240), _of("optimise", lambda r: r.changes), change_bars),
+    "search": _Drawing(
         "optimise", "Where the searches ended", (420, 260), _of("optimise", lambda r: r.ends), search_history
     ),
-    "front": Drawing(
+    "front": _Drawing(
         "optimise", "Goal against goal", (420, 300), _of("optimise", lambda r: r if r.front else None), front
     ),
 }  # fmt: skip

@@ -44,7 +44,7 @@ PINHOLE_SAMPLES, LENS_SAMPLES = 4, 6
 """Samples along a pixel's side, through pinhole microlenses and through whole ones."""
 
 
-class ObjectRays(NamedTuple):
+class _ObjectRays(NamedTuple):
     """Rays in front of all elements, all arrays of one shape."""
 
     x: Floats
@@ -56,11 +56,11 @@ class ObjectRays(NamedTuple):
     """Least of 1 - r^2/R^2 over all that clips, negative where clipped."""
 
 
-LensRays = Callable[[Floats, Floats, Floats, Floats], ObjectRays]
+LensRays = Callable[[Floats, Floats, Floats, Floats], _ObjectRays]
 """Function from points of the microlens array and image-side slopes there to object-side rays."""
 
 
-def real_camera(design: Design, scene: Scene, plan: Plan) -> RealLensTracer | None:
+def real_camera(design: Design, scene: Scene, plan: Plan) -> _RealLensTracer | None:
     """Tracer of a design's real lens for a plan; None where the lens is ideal, or all its effects are off.
 
     Raises
@@ -92,13 +92,13 @@ def real_camera(design: Design, scene: Scene, plan: Plan) -> RealLensTracer | No
 
 
 @functools.lru_cache(maxsize=6)
-def _tracer(design: Design, plan: Plan, scene: Scene) -> RealLensTracer:
+def _tracer(design: Design, plan: Plan, scene: Scene) -> _RealLensTracer:
     """Remembered, as finding where light falls takes longer than a small region's picture."""
-    return RealLensTracer.of(design, plan, scene)
+    return _RealLensTracer.of(design, plan, scene)
 
 
 @dataclass(frozen=True, eq=False)
-class RealLensTracer:
+class _RealLensTracer:
     """Everything that tracing takes."""
 
     camera: Camera
@@ -127,7 +127,7 @@ class RealLensTracer:
     """Z of the bore's mouth [mm]."""
 
     @classmethod
-    def of(cls, design: Design, plan: Plan, scene: Scene) -> RealLensTracer:
+    def of(cls, design: Design, plan: Plan, scene: Scene) -> _RealLensTracer:
         """Tracer for a design without tilts of other parts than the main lens, a plan and a scene."""
         mounted, array = camera_of(design), design.microlens_array
         camera = Camera.of(design).replace({}, in_focus=not plan.on("microlens_defocus"))
@@ -192,7 +192,7 @@ class RealLensTracer:
             p = start[0] + step * columns, start[1] + step * rows
             lens = self._points_on_lens(columns + piece.column * fine, rows + piece.row * fine, seed)
             light = sum(self._light(way, self.microlenses[batch], p, lens) for way in self.ways) / len(self.ways)
-            deposit.compiled(total, rows[:, 0], columns[:, 0], np.asarray(light, np.float32))
+            _deposit.compiled(total, rows[:, 0], columns[:, 0], np.asarray(light, np.float32))
             spent += len(batch) * width * width * len(self.ways)
         if self.own_only:
             np.minimum(total, np.float32(self.level), out=total)
@@ -218,12 +218,12 @@ class RealLensTracer:
             light = light * ((1 + leg_x**2 + leg_y**2) ** -2.0).reshape(shape)
         return np.asarray(light)
 
-    def _met(self, surfaces: Surfaces, rays: ObjectRays, weight: Floats) -> Floats:
+    def _met(self, surfaces: Surfaces, rays: _ObjectRays, weight: Floats) -> Floats:
         """Radiance that rays meet, in the scene's frame: distances from the object-side principal plane."""
         camera = self.camera
         out = np.zeros(weight.size)
         lens_x, lens_y = (float(at) for at in camera.lens_centre)
-        shade_rays.compiled(
+        _shade_rays.compiled(
             *surfaces, self.mouth, float(camera["aperture.distance"]), float(camera["main_lens.focal_plane"]),
             self.in_focus, not camera.chain.in_air, self.apparent_pupil, lens_x, lens_y,
             rays.x.reshape(-1), rays.y.reshape(-1), rays.slope_x.reshape(-1), rays.slope_y.reshape(-1),
@@ -257,7 +257,7 @@ def _way(camera: LensCamera, wavelength: float, only_fap: bool) -> LensRays:
     train = camera.train(wavelength)
     rims = [(camera.fap.z - rim.z, rim.x, rim.y, rim.diameter / 2) for rim in camera.rims]
 
-    def rays(x: Floats, y: Floats, slope_x: Floats, slope_y: Floats) -> ObjectRays:
+    def rays(x: Floats, y: Floats, slope_x: Floats, slope_y: Floats) -> _ObjectRays:
         there = train.lens.through((x, y), (slope_x, slope_y), start=camera.array.z, end=camera.fap.z)
         out = camera.beyond(there, train, clip=False)
         (at_x, at_y), (way_x, way_y) = there.height, there.slope
@@ -266,7 +266,7 @@ def _way(camera: LensCamera, wavelength: float, only_fap: bool) -> LensRays:
             off_x, off_y = at_x - way_x * ahead - stop_x, at_y - way_y * ahead - stop_y
             room = np.minimum(room, 1 - (off_x**2 + off_y**2) / radius**2)
         (x, y), (slope_x, slope_y) = out.height, out.slope
-        return ObjectRays(x, y, slope_x, slope_y, room)
+        return _ObjectRays(x, y, slope_x, slope_y, room)
 
     return rays
 
@@ -302,7 +302,7 @@ def _boxes(camera: LensCamera, places: Floats, waves: tuple[float, ...], margin:
 
 
 @kernel()
-def deposit(total: Any, rows: Any, columns: Any, light: Any) -> None:
+def _deposit(total: Any, rows: Any, columns: Any, light: Any) -> None:
     """Add windows of light (n, K, K) to an image; what lies beyond it is dropped."""
     for n in range(light.shape[0]):
         for a in range(light.shape[1]):
@@ -316,7 +316,7 @@ def deposit(total: Any, rows: Any, columns: Any, light: Any) -> None:
 
 
 @kernel()
-def shade_rays(
+def _shade_rays(
     rows: Any, pictures: Any, beyond: float, mirrored: Any, mouth: float, d_3: float, d_f: float, in_focus: bool,
     through: bool, sight: Any, lens_x: float, lens_y: float, x: Any, y: Any, slope_x: Any, slope_y: Any, weight: Any,
     out: Any,

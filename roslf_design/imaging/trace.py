@@ -153,7 +153,7 @@ def _texture(texture: Part, pictures: list[Image]) -> tuple[int, tuple[float, ..
 
 
 @kernel()
-def shade(s: Any, u: float, v: float, pictures: Any) -> float:
+def _shade(s: Any, u: float, v: float, pictures: Any) -> float:
     """Radiance of a surface at its own (u, v)."""
     look = int(s[LOOK])
     if look == UNIFORM:
@@ -206,21 +206,21 @@ def distance(s: Any, hx: float, hy: float, ox: float, oy: float) -> float:
 
 
 @kernel()
-def reversed_along(way: Any, x: float, y: float) -> Any:
+def _reversed_along(way: Any, x: float, y: float) -> Any:
     """A point or slope reversed along a direction of unit length; as it is along none."""
     along = 2.0 * (way[0] * x + way[1] * y)
     return x - along * way[0], y - along * way[1]
 
 
 @kernel()
-def first_hit(rows: Any, mirrored: Any, mouth: float, hx: float, hy: float, ox: float, oy: float) -> Any:
+def _first_hit(rows: Any, mirrored: Any, mouth: float, hx: float, hy: float, ox: float, oy: float) -> Any:
     """First surface beyond the bore's mouth that the ray (hx - ox Z, hy - oy Z) meets: Z, its number, and (u, v) on it.
 
     FAR and -1 where it meets nothing.
     """
     nearest, hit, at_u, at_v = FAR, -1, 0.0, 0.0
-    hx, hy = reversed_along(mirrored, hx, hy)
-    ox, oy = reversed_along(mirrored, ox, oy)
+    hx, hy = _reversed_along(mirrored, hx, hy)
+    ox, oy = _reversed_along(mirrored, ox, oy)
     for n in range(rows.shape[0]):
         s = rows[n]
         z = distance(s, hx, hy, ox, oy)
@@ -247,8 +247,8 @@ def radiance(
     rows: Any, pictures: Any, beyond: float, mirrored: Any, mouth: float, hx: float, hy: float, ox: float, oy: float
 ) -> float:
     """Radiance of what the ray (hx - ox Z, hy - oy Z) meets first beyond the bore's mouth."""
-    _, hit, u, v = first_hit(rows, mirrored, mouth, hx, hy, ox, oy)
-    return float(beyond if hit < 0 else shade(rows[hit], u, v, pictures))
+    _, hit, u, v = _first_hit(rows, mirrored, mouth, hx, hy, ox, oy)
+    return float(beyond if hit < 0 else _shade(rows[hit], u, v, pictures))
 
 
 def seen_distances(scene: Scene, camera: Camera, rays: Floats) -> Floats:
@@ -263,7 +263,7 @@ def seen_distances(scene: Scene, camera: Camera, rays: Floats) -> Floats:
     """
     plane, mouth = float(camera["main_lens.focal_plane"]), float(camera.tip)
     surfaces = encode(scene, plane, camera.chain.mirrored)
-    hits = (first_hit.compiled(surfaces.rows, surfaces.mirrored, mouth, *map(float, ray)) for ray in rays)
+    hits = (_first_hit.compiled(surfaces.rows, surfaces.mirrored, mouth, *map(float, ray)) for ray in rays)
     distances = np.array([distance for distance, *_ in hits])
     return np.where(distances < FAR, distances, np.inf)
 
@@ -415,7 +415,7 @@ def _kicks(opening: ClearAperture, wavelengths: tuple[float, ...], count: int = 
 
 
 @kernel()
-def hash3(a: Any, b: Any, c: Any) -> Any:
+def _hash3(a: Any, b: Any, c: Any) -> Any:
     """Hash of three whole numbers (64-bit finaliser of the splitmix kind)."""
     z = (a * np.uint64(0x9E3779B97F4A7C15)) ^ (b * np.uint64(0xC2B2AE3D27D4EB4F)) ^ (c * np.uint64(0x165667B19E3779F9))
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -424,7 +424,7 @@ def hash3(a: Any, b: Any, c: Any) -> Any:
 
 
 @kernel()
-def to_scene(
+def _to_scene(
     flags: Any, k: Any, front: Any, law: Any, table: Any, media: Any, takers: Any, buffer: Any, work: Any,
     d_3: float, d_f: float, kick_x: float, kick_y: float, hx: float, hy: float, ox: float, oy: float,
 ) -> Any:  # fmt: skip
@@ -450,7 +450,7 @@ def to_scene(
 
 
 @kernel()
-def share_of_light(law: Any, slope: float) -> float:
+def _share_of_light(law: Any, slope: float) -> float:
     """`falloff` at one place."""
     if law.shape[0] == 0:
         return 1.0 / (1.0 + slope * slope) ** 2
@@ -487,7 +487,7 @@ def _trace(
             # At the pixel's own place, as in white images: what falls off there must fall off here, pixel by pixel.
             at_x = axes[0, 0] * mid_m + axes[0, 1] * mid_n + k[ARRAY_X]
             at_y = axes[1, 0] * mid_m + axes[1, 1] * mid_n + k[ARRAY_X + 1]
-            gain = share_of_light(law, falloff * math.hypot(at_x, at_y))
+            gain = _share_of_light(law, falloff * math.hypot(at_x, at_y))
             for dm in range(-neighbours, neighbours + 1):
                 for dn in range(-neighbours, neighbours + 1):
                     m, l = m0 + dm, n0 + dn
@@ -505,10 +505,10 @@ def _trace(
                         n += 1
             if n == 0:
                 continue
-            code = hash3(np.uint64(place[0] + i + 1048576), np.uint64(place[1] + j + 1048576), np.uint64(place[2]))
-            s01 = hash3(code, np.uint64(1), np.uint64(2))
-            s23 = hash3(code, np.uint64(3), np.uint64(4))
-            s45 = hash3(code, np.uint64(5), np.uint64(6))
+            code = _hash3(np.uint64(place[0] + i + 1048576), np.uint64(place[1] + j + 1048576), np.uint64(place[2]))
+            s01 = _hash3(code, np.uint64(1), np.uint64(2))
+            s23 = _hash3(code, np.uint64(3), np.uint64(4))
+            s45 = _hash3(code, np.uint64(5), np.uint64(6))
             low = np.uint64(0xFFFFFFFF)
             s0, s1 = np.uint32(s01 & low), np.uint32(s01 >> np.uint64(32))
             s2, s3 = np.uint32(s23 & low), np.uint32(s23 >> np.uint64(32))
@@ -572,7 +572,7 @@ def _trace(
                             if not kept:
                                 continue
                             hx, hy = lx + k[LENS_X], ly + k[LENS_X + 1]
-                        hx, hy, ox, oy, kept = to_scene(
+                        hx, hy, ox, oy, kept = _to_scene(
                             flags, k, front, own, faces, indices, takes, buffer, work, d_3, d_f, kick_x, kick_y, hx, hy,
                             ox, oy,
                         )  # fmt: skip

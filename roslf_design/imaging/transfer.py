@@ -43,7 +43,7 @@ Geometry = Callable[[Region, int], Image]
 """Geometric image of a region (it may reach beyond the sensor), in so many subpixels per pixel and axis."""
 
 
-class Encircled(NamedTuple):
+class _Encircled(NamedTuple):
     """Fractions of one unclipped microlens image's light, before pixels integrate."""
 
     disc: float
@@ -52,7 +52,7 @@ class Encircled(NamedTuple):
     """Inside its own cell, a square or a hexagon of one image pitch about its centre."""
 
 
-def encircled(camera: Camera) -> Encircled:
+def encircled(camera: Camera) -> _Encircled:
     """Light that diffraction at a microlens in focus leaves inside its image's disc and inside its cell.
 
     By Parseval, the light of the image ``P * K`` inside a shape S is the integral of the three spectra's product,
@@ -72,7 +72,7 @@ def encircled(camera: Camera) -> Encircled:
     spectra = [image.spectrum(sign * frequency, frequency[:, None]) for sign in (1, -1)]
     own = sum((part * passed * part).sum() for part in spectra)
     within = sum((part * passed * cell).sum() for part in spectra)
-    return Encircled(float(own / 2 / area), float(within / 2 / area))
+    return _Encircled(float(own / 2 / area), float(within / 2 / area))
 
 
 def fineness(transfer: MicrolensTransfer, pixel: float) -> int:

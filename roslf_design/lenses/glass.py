@@ -195,7 +195,7 @@ def _warmed(warming: Warming, index: Array, micrometres: Array, temperature: Arr
     if warming.law == "rate":
         change = warming.coefficients[0] * step
     elif warming.law == "water":
-        change = water_index(micrometres, temperature) - water_index(micrometres, np.asarray(ROOM))
+        change = _water_index(micrometres, temperature) - _water_index(micrometres, np.asarray(ROOM))
     else:
         d0, d1, d2, e0, e1, resonance = warming.coefficients
         bound = (e0 + e1 * step) / (micrometres * micrometres - resonance * resonance)
@@ -203,7 +203,7 @@ def _warmed(warming: Warming, index: Array, micrometres: Array, temperature: Arr
     return np.asarray((index * _air(micrometres) + change) / _air(micrometres, temperature))
 
 
-def water_index(micrometres: Array, temperature: Array) -> Array:
+def _water_index(micrometres: Array, temperature: Array) -> Array:
     """Index of liquid water against vacuum at a temperature [degrees C]; the range of `WARMING`.
 
     IAPWS R9-97 with the density at 1 atm by G. S. Kell, J. Chem. Eng. Data 20, 97 (1975), boiling or not.

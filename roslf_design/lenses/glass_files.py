@@ -55,7 +55,7 @@ def load_glass(path: Path, name: str, origin: str = "") -> Glass:
     return _made(name.strip(), _agf_table(entry, origin), origin, path.name)
 
 
-def glass_of_file(table: Mapping[str, Any], folder: Path | None, name: str = "") -> Glass:
+def _glass_of_file(table: Mapping[str, Any], folder: Path | None, name: str = "") -> Glass:
     """A glass by ``file`` and, where it is called otherwise there, ``name``; relative to a folder.
 
     Raises
@@ -80,7 +80,7 @@ def glass_of_table(table: Mapping[str, Any], folder: Path | None, name: str = ""
     Parameters
     ----------
     table : mapping
-        With ``file``, as of `glass_of_file`; with ``formula``, as of `read_glass`; or ``index`` and ``abbe``.
+        With ``file``, as of `_glass_of_file`; with ``formula``, as of `read_glass`; or ``index`` and ``abbe``.
     folder : Path or None
         What a file's path counts from; None where none may be opened.
     name : str
@@ -92,7 +92,7 @@ def glass_of_table(table: Mapping[str, Any], folder: Path | None, name: str = ""
         Every fault of it.
     """
     if "file" in table:
-        return glass_of_file(table, folder, name)
+        return _glass_of_file(table, folder, name)
     if "formula" in table:
         called = name or str(table.get("name", ""))
         glass, problems = read_glass(called, {key: value for key, value in table.items() if name or key != "name"})

@@ -74,7 +74,7 @@ def load_lens(path: str | os.PathLike[str]) -> Prescription:
     if origin.lower() in shipped_names() and not place.exists():
         return loads_lens(files(__package__).joinpath("shipped", f"{origin.lower()}.toml").read_text("utf-8"), origin)
     if place.suffix.lower() == ".zmx":
-        return read_zmx(place)
+        return _read_zmx(place)
     known = ", ".join(name.upper() for name in shipped_names())
     missing = f"check the path, or name a lens that ships: {known}"
     return lens_of(read_toml(place, origin, missing, refusal=LensError), origin, place.parent)
@@ -364,7 +364,7 @@ class _Row:
     terms: dict[int, float] = field(default_factory=dict)
 
 
-def read_zmx(path: str | os.PathLike[str]) -> Prescription:
+def _read_zmx(path: str | os.PathLike[str]) -> Prescription:
     """Read the lens in a .zmx file.
 
     Raises

@@ -456,7 +456,7 @@ def grow_cells(cells: Array, shape: Any) -> None:
     cells[..., FORM + MODES] /= shape
 
 
-class WarmConstants(NamedTuple):
+class _WarmConstants(NamedTuple):
     """Gaussian constants of a lens at temperatures: as of `FirstOrder`, numbers or arrays."""
 
     matrix: tuple[Any, Any, Any, Any]
@@ -478,7 +478,7 @@ class WarmConstants(NamedTuple):
         return self.length + (self.matrix[0] - 1) * self.focal_length
 
 
-def warm_constants(lens: Prescription, wavelength: Any, temperature: Any, barrel: float) -> WarmConstants:
+def warm_constants(lens: Prescription, wavelength: Any, temperature: Any, barrel: float) -> _WarmConstants:
     """Gaussian constants of a lens at temperatures [degrees C] that broadcast with wavelengths [mm].
 
     `barrel` is the expansion of what spaces it [1/K].
@@ -487,7 +487,7 @@ def warm_constants(lens: Prescription, wavelength: Any, temperature: Any, barrel
     media = [1.0, *(surface.glass.index(wavelength, temperature) for surface in lens.surfaces)]
     bends = [surface.vertex_curvature / shape for surface, (shape, _) in zip(lens.surfaces, grown, strict=True)]
     gaps = [surface.thickness * gap for surface, (_, gap) in zip(lens.surfaces, grown, strict=True)]
-    return WarmConstants(abcd(bends, gaps, media), sum(gaps[:-1], start=0.0 * gaps[0]))
+    return _WarmConstants(abcd(bends, gaps, media), sum(gaps[:-1], start=0.0 * gaps[0]))
 
 
 def abcd(curvatures: Sequence[Any], gaps: Sequence[Any], media: Sequence[Any]) -> tuple[Any, Any, Any, Any]:

@@ -169,14 +169,14 @@ def use_compiled(kernel: Any, meetings: int) -> bool:
 
 
 @kernel()
-def copy(source: Any, target: Any, m: int) -> None:
+def _copy(source: Any, target: Any, m: int) -> None:
     """Copy `m` numbers; slices as arguments, because only then does the compiler know that no index is negative."""
     for i in range(m):
         target[i] = source[i]
 
 
 @kernel()
-def near_vertex(buffer: Any, i: int, vx: float, vy: float, vz: float) -> tuple[float, float, float]:
+def _near_vertex(buffer: Any, i: int, vx: float, vy: float, vz: float) -> tuple[float, float, float]:
     """Point of a ray nearest a vertex, from there: nothing far away cancels from here on."""
     x, y, z = buffer[i] - vx, buffer[BLOCK + i] - vy, buffer[2 * BLOCK + i] - vz
     dx, dy, dz = buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i]
@@ -185,7 +185,7 @@ def near_vertex(buffer: Any, i: int, vx: float, vy: float, vz: float) -> tuple[f
 
 
 @kernel()
-def nearer_root(a: float, b: float, e: float, s: float) -> tuple[float, float, bool]:
+def _nearer_root(a: float, b: float, e: float, s: float) -> tuple[float, float, bool]:
     """Step to where a ray crosses a quadric in its own direction, root of the discriminant, and whether it does."""
     disc = b * b - a * e
     real = disc >= 0
@@ -198,7 +198,7 @@ def nearer_root(a: float, b: float, e: float, s: float) -> tuple[float, float, b
 
 
 @kernel()
-def refract(
+def _refract(
     buffer: Any, squares: Any, i: int, vx: float, vy: float, vz: float, hx: float, hy: float, hz: float,
     nx: float, ny: float, nz: float, cosine: float, hit: bool, limit: float, mu: float, s: float, code: float,
 ) -> None:  # fmt: skip
@@ -222,25 +222,25 @@ def refract(
 
 
 @kernel()
-def meet_sphere(
+def _meet_sphere(
     buffer: Any, squares: Any, m: int, table: Any, first: int, limit: float, mu: float, s: float, code: float
 ) -> None:
     """Refract a block at a sphere or plane; the cosine of incidence is the root of the discriminant."""
     vx, vy, vz, c = table[first], table[first + 1], table[first + 2], table[first + 3]
     for i in range(m):
-        px, py, pz = near_vertex(buffer, i, vx, vy, vz)
+        px, py, pz = _near_vertex(buffer, i, vx, vy, vz)
         dx, dy, dz = buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i]
         b = dz - c * (px * dx + py * dy + pz * dz)
         e = c * (px * px + py * py + pz * pz) - 2.0 * pz
-        step, root, met = nearer_root(c, b, e, s)
+        step, root, met = _nearer_root(c, b, e, s)
         hx, hy, hz = px + step * dx, py + step * dy, pz + step * dz
         nz = 1.0 - c * hz
         hit = met and nz >= 0
-        refract(buffer, squares, i, vx, vy, vz, hx, hy, hz, -c * hx, -c * hy, nz, root, hit, limit, mu, s, code)
+        _refract(buffer, squares, i, vx, vy, vz, hx, hy, hz, -c * hx, -c * hy, nz, root, hit, limit, mu, s, code)
 
 
 @kernel()
-def conic_terms(
+def _conic_terms(
     px: float, py: float, pz: float, dx: float, dy: float, dz: float, c: float, k1: float
 ) -> tuple[float, float, float]:
     """A, B and C of where a ray meets a conic of revolution."""
@@ -250,27 +250,27 @@ def conic_terms(
 
 
 @kernel()
-def meet_conic(
+def _meet_conic(
     buffer: Any, squares: Any, m: int, table: Any, first: int, limit: float, mu: float, s: float, code: float
 ) -> None:
     """Refract a block at a conic of revolution."""
     vx, vy, vz, c, k1 = table[first], table[first + 1], table[first + 2], table[first + 3], table[first + 4]
     for i in range(m):
-        px, py, pz = near_vertex(buffer, i, vx, vy, vz)
+        px, py, pz = _near_vertex(buffer, i, vx, vy, vz)
         dx, dy, dz = buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i]
-        a, b, e = conic_terms(px, py, pz, dx, dy, dz, c, k1)
-        step, root, met = nearer_root(a, b, e, s)
+        a, b, e = _conic_terms(px, py, pz, dx, dy, dz, c, k1)
+        step, root, met = _nearer_root(a, b, e, s)
         hx, hy, hz = px + step * dx, py + step * dy, pz + step * dz
         nx, ny, nz = -c * hx, -c * hy, 1.0 - k1 * c * hz
         size2 = nx * nx + ny * ny + nz * nz
         shrink = 1.0 / sqrt(size2 if size2 > 0 else 1.0)
         hit = met and nz >= 0
         nx, ny, nz, cosine = nx * shrink, ny * shrink, nz * shrink, root * shrink
-        refract(buffer, squares, i, vx, vy, vz, hx, hy, hz, nx, ny, nz, cosine, hit, limit, mu, s, code)
+        _refract(buffer, squares, i, vx, vy, vz, hx, hy, hz, nx, ny, nz, cosine, hit, limit, mu, s, code)
 
 
 @kernel()
-def sag_and_slope(u: float, table: Any, first: int) -> tuple[float, float, bool]:
+def _sag_and_slope(u: float, table: Any, first: int) -> tuple[float, float, bool]:
     """Sag of an asphere, its derivative by u = r^2, and whether the surface exists there."""
     c = table[first + 3]
     inner = 1.0 - table[first + 4] * c * c * u
@@ -285,23 +285,23 @@ def sag_and_slope(u: float, table: Any, first: int) -> tuple[float, float, bool]
 
 
 @kernel()
-def gap_behind(
+def _gap_behind(
     px: float, py: float, pz: float, dx: float, dy: float, dz: float, t: float, table: Any, first: int
 ) -> tuple[float, float, bool]:
     """Distance of a ray's point behind an asphere along z, its derivative by t, and whether the surface is there."""
     x, y = px + t * dx, py + t * dy
-    sag, slope, valid = sag_and_slope(x * x + y * y, table, first)
+    sag, slope, valid = _sag_and_slope(x * x + y * y, table, first)
     return pz + t * dz - sag, dz - 2.0 * slope * (x * dx + y * dy), valid
 
 
 @kernel()
-def newton_root(
+def _newton_root(
     px: float, py: float, pz: float, dx: float, dy: float, dz: float, s: float, t: float, table: Any, first: int
 ) -> tuple[float, bool]:
     """Parameter at which a ray crosses an asphere in its own direction, from a guess `t`; gives up if it strays."""
     tolerance = 1e-13 * sqrt(table[first + 5])
     for _ in range(30):
-        gap, rate, valid = gap_behind(px, py, pz, dx, dy, dz, t, table, first)
+        gap, rate, valid = _gap_behind(px, py, pz, dx, dy, dz, t, table, first)
         if not (valid and rate * s > 0):
             return t, False
         step = gap / rate
@@ -312,7 +312,7 @@ def newton_root(
 
 
 @kernel()
-def scanned_root(
+def _scanned_root(
     px: float, py: float, pz: float, dx: float, dy: float, dz: float, s: float, table: Any, first: int
 ) -> tuple[float, bool]:
     """First crossing in the ray's own direction inside the clear aperture, by sampling and bisection; always ends."""
@@ -333,11 +333,11 @@ def scanned_root(
     before, previous = False, low
     for j in range(SAMPLES + 1):
         t = low + (high - low) * j / SAMPLES
-        gap, _, valid = gap_behind(px, py, pz, dx, dy, dz, t, table, first)
+        gap, _, valid = _gap_behind(px, py, pz, dx, dy, dz, t, table, first)
         if valid and before and s * gap > 0:
             for _ in range(64):
                 middle = 0.5 * (previous + t)
-                gap, _, _ = gap_behind(px, py, pz, dx, dy, dz, middle, table, first)
+                gap, _, _ = _gap_behind(px, py, pz, dx, dy, dz, middle, table, first)
                 t, previous = (middle, previous) if s * gap > 0 else (t, middle)
             return 0.5 * (previous + t), True
         before, previous = valid and s * gap <= 0, t
@@ -345,28 +345,28 @@ def scanned_root(
 
 
 @kernel()
-def meet_asphere(
+def _meet_asphere(
     buffer: Any, squares: Any, m: int, table: Any, first: int, limit: float, mu: float, s: float, code: float
 ) -> None:
     """Refract a block at an even asphere."""
     vx, vy, vz, c, k1 = table[first], table[first + 1], table[first + 2], table[first + 3], table[first + 4]
     for i in range(m):
-        px, py, pz = near_vertex(buffer, i, vx, vy, vz)
+        px, py, pz = _near_vertex(buffer, i, vx, vy, vz)
         dx, dy, dz = buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i]
-        a, b, e = conic_terms(px, py, pz, dx, dy, dz, c, k1)
+        a, b, e = _conic_terms(px, py, pz, dx, dy, dz, c, k1)
         bottom = b + s * sqrt(max(0.0, b * b - a * e))
         guess = e / bottom if bottom * s > 0 else 0.0  # where the conic under the asphere is met
-        t, met = newton_root(px, py, pz, dx, dy, dz, s, guess, table, first)
+        t, met = _newton_root(px, py, pz, dx, dy, dz, s, guess, table, first)
         if not met:
-            t, met = scanned_root(px, py, pz, dx, dy, dz, s, table, first)
+            t, met = _scanned_root(px, py, pz, dx, dy, dz, s, table, first)
         hx, hy, hz = px + t * dx, py + t * dy, pz + t * dz
-        _, slope, valid = sag_and_slope(hx * hx + hy * hy, table, first)
+        _, slope, valid = _sag_and_slope(hx * hx + hy * hy, table, first)
         nx, ny = -2.0 * slope * hx, -2.0 * slope * hy
         shrink = 1.0 / sqrt(nx * nx + ny * ny + 1.0)
         nx, ny = nx * shrink, ny * shrink
         cosine = s * (dx * nx + dy * ny + dz * shrink)
         hit = met and valid and cosine >= 0
-        refract(buffer, squares, i, vx, vy, vz, hx, hy, hz, nx, ny, shrink, cosine, hit, limit, mu, s, code)
+        _refract(buffer, squares, i, vx, vy, vz, hx, hy, hz, nx, ny, shrink, cosine, hit, limit, mu, s, code)
 
 
 @kernel()
@@ -390,23 +390,23 @@ def irregularity(x: float, y: float, table: Any, first: int) -> tuple[float, flo
 
 
 @kernel()
-def meet_irregular(
+def _meet_irregular(
     buffer: Any, squares: Any, m: int, table: Any, first: int, limit: float, mu: float, s: float, code: float
 ) -> None:
     """Refract a block at an even asphere that is not quite what it should be."""
     vx, vy, vz, c, k1 = table[first], table[first + 1], table[first + 2], table[first + 3], table[first + 4]
     tolerance = 1e-13 * sqrt(table[first + 5])
     for i in range(m):
-        px, py, pz = near_vertex(buffer, i, vx, vy, vz)
+        px, py, pz = _near_vertex(buffer, i, vx, vy, vz)
         dx, dy, dz = buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i]
-        a, b, e = conic_terms(px, py, pz, dx, dy, dz, c, k1)
+        a, b, e = _conic_terms(px, py, pz, dx, dy, dz, c, k1)
         bottom = b + s * sqrt(max(0.0, b * b - a * e))
         t = e / bottom if bottom * s > 0 else 0.0  # where the conic under it all is met
         hx, hy, hz, nx, ny = 0.0, 0.0, 0.0, 0.0, 0.0
         met = False
         for _ in range(30):
             hx, hy, hz = px + t * dx, py + t * dy, pz + t * dz
-            sag, slope, valid = sag_and_slope(hx * hx + hy * hy, table, first)
+            sag, slope, valid = _sag_and_slope(hx * hx + hy * hy, table, first)
             more, by_x, by_y = irregularity(hx, hy, table, first)
             nx, ny = -2.0 * slope * hx - by_x, -2.0 * slope * hy - by_y
             rate = dz + nx * dx + ny * dy
@@ -420,11 +420,11 @@ def meet_irregular(
         nx, ny = nx * shrink, ny * shrink
         cosine = s * (dx * nx + dy * ny + dz * shrink)
         hit = met and cosine >= 0
-        refract(buffer, squares, i, vx, vy, vz, hx, hy, hz, nx, ny, shrink, cosine, hit, limit, mu, s, code)
+        _refract(buffer, squares, i, vx, vy, vz, hx, hy, hz, nx, ny, shrink, cosine, hit, limit, mu, s, code)
 
 
 @kernel()
-def meet_thin(
+def _meet_thin(
     buffer: Any, squares: Any, m: int, table: Any, first: int, limit: float, before: float, after: float, s: float,
     code: float,
 ) -> None:  # fmt: skip
@@ -461,7 +461,7 @@ def bend_mapped(law: Any, reach: float, n: float, inwards: bool, x: float, y: fl
 
 
 @kernel()
-def meet_mapped(
+def _meet_mapped(
     buffer: Any, squares: Any, m: int, table: Any, first: int, end: int, limit: float, index: float, s: float,
     code: float,
 ) -> None:  # fmt: skip
@@ -485,7 +485,7 @@ def meet_mapped(
 
 
 @kernel()
-def moved(table: Any, first: int, x: float, y: float, z: float) -> Any:
+def _moved(table: Any, first: int, x: float, y: float, z: float) -> Any:
     """Turn a vector as a mirror turns rays."""
     a, b, c = first + MOVED, first + MOVED + 3, first + MOVED + 6
     return (
@@ -496,7 +496,7 @@ def moved(table: Any, first: int, x: float, y: float, z: float) -> Any:
 
 
 @kernel()
-def moved_back(table: Any, first: int, x: float, y: float, z: float) -> Any:
+def _moved_back(table: Any, first: int, x: float, y: float, z: float) -> Any:
     """Turn a vector back."""
     a, b, c = first + MOVED, first + MOVED + 3, first + MOVED + 6
     return (
@@ -507,7 +507,9 @@ def moved_back(table: Any, first: int, x: float, y: float, z: float) -> Any:
 
 
 @kernel()
-def meet_mirror(buffer: Any, squares: Any, m: int, table: Any, first: int, limit: float, s: float, code: float) -> None:
+def _meet_mirror(
+    buffer: Any, squares: Any, m: int, table: Any, first: int, limit: float, s: float, code: float
+) -> None:
     """Clip a block at a flat mirror, and move it from one side's unfolded space to the other's."""
     vx, vy, vz = table[first], table[first + 1], table[first + 2]
     nx, ny, nz = table[first + 10], table[first + 13], table[first + 16]
@@ -519,8 +521,8 @@ def meet_mirror(buffer: Any, squares: Any, m: int, table: Any, first: int, limit
         x, y, z = buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i]
         dx, dy, dz = buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i]
         if s > 0.0:
-            x, y, z = moved_back(table, first, x - tx, y - ty, z - tz)
-            dx, dy, dz = moved_back(table, first, dx, dy, dz)
+            x, y, z = _moved_back(table, first, x - tx, y - ty, z - tz)
+            dx, dy, dz = _moved_back(table, first, dx, dy, dz)
         cosine = dx * nx + dy * ny + dz * nz
         if not cosine * s > 0.0:
             buffer[6 * BLOCK + i] = code + MISSED
@@ -531,15 +533,15 @@ def meet_mirror(buffer: Any, squares: Any, m: int, table: Any, first: int, limit
         if squares[i] > limit:
             buffer[6 * BLOCK + i] = code + CLIPPED
         elif s < 0.0:
-            x, y, z = moved(table, first, x, y, z)
+            x, y, z = _moved(table, first, x, y, z)
             x, y, z = x + tx, y + ty, z + tz
-            dx, dy, dz = moved(table, first, dx, dy, dz)
+            dx, dy, dz = _moved(table, first, dx, dy, dz)
         buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i] = x, y, z
         buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i] = dx, dy, dz
 
 
 @kernel()
-def rod_step(work: Any, x: float, y: float, u: float, v: float, pull: float, g2: float) -> Any:
+def _rod_step(work: Any, x: float, y: float, u: float, v: float, pull: float, g2: float) -> Any:
     """Solve x'' = -pull (1 - g^2 r^2/2) x, and so for y, over a unit of length, by Taylor series.
 
     That of s = r^2 has a law of its own, s'' = 2 e - 4 pull s + 3/2 pull g^2 s^2 with e = v^2 + pull s (1 - g^2 s/4),
@@ -572,14 +574,14 @@ def rod_step(work: Any, x: float, y: float, u: float, v: float, pull: float, g2:
 
 
 @kernel()
-def swung(cosine: float, sine: float, omega: float, x: float, y: float, u: float, v: float) -> Any:
+def _swung(cosine: float, sine: float, omega: float, x: float, y: float, u: float, v: float) -> Any:
     """A ray some way on in a harmonic rod."""
     up, down = sine / omega, sine * omega
     return cosine * x + up * u, cosine * y + up * v, cosine * u - down * x, cosine * v - down * y
 
 
 @kernel()
-def meet_rod(
+def _meet_rod(
     buffer: Any, squares: Any, m: int, table: Any, first: int, limit: float, before: float, after: float, s: float,
     code: float,
 ) -> None:  # fmt: skip
@@ -633,13 +635,13 @@ def meet_rod(
         for _ in range(count):
             outwards = x * u + y * v > 0.0
             if coarse:
-                x, y, u, v = swung(near_cos, near_sin, omega, x, y, u, v)
+                x, y, u, v = _swung(near_cos, near_sin, omega, x, y, u, v)
                 bend = kick * (x * x + y * y)
-                x, y, u, v = swung(far_cos, far_sin, omega, x, y, u + bend * x, v + bend * y)
+                x, y, u, v = _swung(far_cos, far_sin, omega, x, y, u + bend * x, v + bend * y)
                 bend = kick * (x * x + y * y)
-                x, y, u, v = swung(near_cos, near_sin, omega, x, y, u + bend * x, v + bend * y)
+                x, y, u, v = _swung(near_cos, near_sin, omega, x, y, u + bend * x, v + bend * y)
             else:
-                x, y, u, v = rod_step(work, x, y, u, v, pull, g2)
+                x, y, u, v = _rod_step(work, x, y, u, v, pull, g2)
             squares[i] = max(squares[i], x * x + y * y)
             if outwards and x * u + y * v < 0.0:  # the crest between, as of a harmonic swing
                 mean, area = 0.5 * (x * x + y * y + (u * u + v * v) / pull), x * v - y * u
@@ -699,27 +701,27 @@ def pass_surfaces(
         if turned:
             turn(buffer, m, table, first, True)
         if kind == SPHERE:
-            meet_sphere(buffer, mine, m, table, first, limit, mu, s, code)
+            _meet_sphere(buffer, mine, m, table, first, limit, mu, s, code)
         elif kind == CONIC:
-            meet_conic(buffer, mine, m, table, first, limit, mu, s, code)
+            _meet_conic(buffer, mine, m, table, first, limit, mu, s, code)
         elif kind == THIN:
-            meet_thin(buffer, mine, m, table, first, limit, before, after, s, code)
+            _meet_thin(buffer, mine, m, table, first, limit, before, after, s, code)
         elif kind == ROD:
-            meet_rod(buffer, mine, m, table, first, limit, before, after, s, code)
+            _meet_rod(buffer, mine, m, table, first, limit, before, after, s, code)
         elif kind == MAPPED:
-            meet_mapped(buffer, mine, m, table, first, count * COLUMNS, limit, after if backward else before, s, code)
+            _meet_mapped(buffer, mine, m, table, first, count * COLUMNS, limit, after if backward else before, s, code)
         elif kind == MIRROR:
-            meet_mirror(buffer, mine, m, table, first, limit, s, code)
+            _meet_mirror(buffer, mine, m, table, first, limit, s, code)
         elif kind == IRREGULAR:
-            meet_irregular(buffer, mine, m, table, first, limit, mu, s, code)
+            _meet_irregular(buffer, mine, m, table, first, limit, mu, s, code)
         else:
-            meet_asphere(buffer, mine, m, table, first, limit, mu, s, code)
+            _meet_asphere(buffer, mine, m, table, first, limit, mu, s, code)
         if turned:
             turn(buffer, m, table, first, False)
 
 
 @kernel()
-def reach_plane(buffer: Any, m: int, z: float, s: float, code: float) -> None:
+def _reach_plane(buffer: Any, m: int, z: float, s: float, code: float) -> None:
     """Carry a block straight on to the plane at `z`."""
     for i in range(m):
         dz = buffer[5 * BLOCK + i]
@@ -749,7 +751,7 @@ def trace_slopes(
         for start in range(build * each, (build + 1) * each, BLOCK):
             m = min(BLOCK, (build + 1) * each - start)
             for row in range(5):
-                copy(rays[row * n + start : row * n + start + m], buffer[row * BLOCK : row * BLOCK + m], m)
+                _copy(rays[row * n + start : row * n + start + m], buffer[row * BLOCK : row * BLOCK + m], m)
             for i in range(m):
                 x, y, z = buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i]
                 sx, sy = buffer[3 * BLOCK + i], buffer[4 * BLOCK + i]
@@ -762,7 +764,7 @@ def trace_slopes(
                 buffer[3 * BLOCK + i], buffer[4 * BLOCK + i] = sx * shrink, sy * shrink
                 buffer[5 * BLOCK + i], buffer[6 * BLOCK + i] = shrink, 0.0 if good else 1.0 * INVALID
             pass_surfaces(buffer, m, lens, index, count, backward, clip, squares)
-            reach_plane(buffer, m, plane[build], s, 8.0 * (count + 1))
+            _reach_plane(buffer, m, plane[build], s, 8.0 * (count + 1))
             states, rooms = state[start : start + m], room[start : start + m]
             for i in range(m):
                 kept = buffer[6 * BLOCK + i] == 0.0
@@ -775,4 +777,4 @@ def trace_slopes(
                 for i in range(m):
                     rooms[i] = min(rooms[i], 1.0 - mine[i] / limit)
             for row in range(4):
-                copy(buffer[row * BLOCK : row * BLOCK + m], out[row * n + start : row * n + start + m], m)
+                _copy(buffer[row * BLOCK : row * BLOCK + m], out[row * n + start : row * n + start + m], m)

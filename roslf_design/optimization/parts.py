@@ -208,7 +208,7 @@ class GlassChoice(Option):
     lens: InstanceOf[Prescription]
 
 
-def optical_solids(wavelength: float) -> tuple[str, ...]:
+def _optical_solids(wavelength: float) -> tuple[str, ...]:
     """Names of the glasses, crystals and plastics that ship and whose index is known at a wavelength [mm]."""
     every = {glass.name: glass for glass in glass_catalogue().values() if glass.warming.expansion > 0}
     return tuple(name for name, glass in every.items() if glass.shortest <= wavelength <= glass.longest)
@@ -222,7 +222,7 @@ def glass_choices(lens: Prescription, names: Iterable[str], wavelength: float) -
     InputError
         A glass that is not known.
     """
-    chosen = [find_glass(name) for name in names or optical_solids(wavelength)]
+    chosen = [find_glass(name) for name in names or _optical_solids(wavelength)]
     made = []
     for glasses in product(chosen, repeat=len(lens.surfaces) - 1):
         if all(one != other for one, other in pairwise(glasses)):

@@ -364,7 +364,7 @@ End = Callable[[Camera], Number]
 
 
 @dataclass(frozen=True)
-class LimitRow:
+class _LimitRow:
     """One scalar condition: a row that must not be above 0. An equality is two of them."""
 
     constraint: int
@@ -375,10 +375,10 @@ class LimitRow:
     size: float
     """How much the quantity changes where the row changes by 1, at its limit."""
     of: Callable[[Any], Array]
-    """The row, from what is `Constraint.measured`; of what every camera must be, from `PosedBuilds`."""
+    """The row, from what is `Constraint.measured`; of what every camera must be, from `_PosedBuilds`."""
 
 
-class PosedBuilds(NamedTuple):
+class _PosedBuilds(NamedTuple):
     """Cameras, and the real lenses that they stand behind."""
 
     camera: Camera
@@ -467,7 +467,7 @@ class DesignProblem:
             values = {place: value for place, value in values.items() if place not in own}
             if own.keys() - {BENDING}:
                 values[FOCAL] = self.lens_variation.at(own).focal_length
-        return spread(values, self.base)
+        return _spread(values, self.base)
 
     def named(self, unit: Array) -> dict[str, float]:
         """Variable name to its value at one point [mm]."""
@@ -525,7 +525,7 @@ class DesignProblem:
         return {"main_lens.prescription": named, "main_lens.reversed": False}
 
     @cached_property
-    def rows(self) -> tuple[LimitRow, ...]:
+    def rows(self) -> tuple[_LimitRow, ...]:
         """Everything that must hold: no row above 0."""
         return (*self._always(), *(row for k, c in enumerate(self.constraints) for row in self._rows_of(k, c)))
 
@@ -534,10 +534,10 @@ class DesignProblem:
         """How many of the first rows say what every camera must be."""
         return sum(row.constraint < 0 for row in self.rows)
 
-    def _always(self) -> Iterator[LimitRow]:
+    def _always(self) -> Iterator[_LimitRow]:
         """Rows that hold for every camera, whatever the limits."""
 
-        def row(label: str, room: Callable[[Camera], Number]) -> LimitRow:
+        def row(label: str, room: Callable[[Camera], Number]) -> _LimitRow:
             return _own(label, lambda builds: room(builds.camera))
 
         plane, distance = (place in self._set_places for place in CONJUGATES[1:])
@@ -589,7 +589,7 @@ class DesignProblem:
                     before = rim.ruler_distance <= (start(base) + end(base)) / 2
                     yield *((stop, start) if before else (end, stop)), f"{rim.name} clear of {named[k]}"
 
-    def _rows_of(self, index: int, constraint: Constraint) -> Iterator[LimitRow]:
+    def _rows_of(self, index: int, constraint: Constraint) -> Iterator[_LimitRow]:
         worst = constraint.quantity.worst if constraint.field is None else None
         widest = constraint.quantity.name in ("largest_diameter_mm", "outer_diameter_mm")
         rims = [f" ({rim.name})" for rim in self.base.rims]
@@ -602,15 +602,15 @@ class DesignProblem:
             for end in ("min", "max") if side == "equal" else (side,):
                 row, size = constraint.row(limit, 1.0 if end == "max" else -1.0, self._spreads[0][index])
                 if worst is None:
-                    yield LimitRow(index, side, f"{constraint.label} {words}", size, row)
+                    yield _LimitRow(index, side, f"{constraint.label} {words}", size, row)
                 elif end == ("max" if widest else "min"):
                     # All of several values must hold: each is a smooth row of its own, where their worst has kinks.
                     for k, rim in enumerate(rims):
                         label = f"{constraint.label}{rim} {words}"
-                        yield LimitRow(index, side, label, size, _after(row, itemgetter(k)))
+                        yield _LimitRow(index, side, label, size, _after(row, itemgetter(k)))
                 else:
                     whole = row if constraint.quantity.name == UNDISTORTED else _after(row, worst)
-                    yield LimitRow(index, side, f"{constraint.label} {words}", size, whole)
+                    yield _LimitRow(index, side, f"{constraint.label} {words}", size, whole)
 
     @cached_property
     def _set_places(self) -> tuple[str, ...]:
@@ -645,7 +645,7 @@ class DesignProblem:
         result = np.empty((len(self.rows), count))
         with np.errstate(all="ignore"):
             values = [constraint.measured(cameras, traces) for constraint in self.constraints]
-            measured = [*values, PosedBuilds(cameras, lens)]
+            measured = [*values, _PosedBuilds(cameras, lens)]
             for number, row in enumerate(self.rows):
                 result[number] = row.of(measured[row.constraint])
         return result
@@ -708,9 +708,9 @@ class DesignProblem:
         return replace(self, goals=(), scales=self.scales and (self.scales[0], ()))
 
 
-def _own(label: str, room: Callable[[PosedBuilds], Number]) -> LimitRow:
+def _own(label: str, room: Callable[[_PosedBuilds], Number]) -> _LimitRow:
     """Row of a clearance that no camera may have below 0."""
-    return LimitRow(-1, "min", label, 1.0, lambda builds: np.asarray(ROOM - room(builds)))
+    return _LimitRow(-1, "min", label, 1.0, lambda builds: np.asarray(ROOM - room(builds)))
 
 
 def _after(row: Callable[[Array], Array], pick: Callable[[Array], Array]) -> Callable[[Array], Array]:
@@ -769,7 +769,7 @@ def name_faults(names: Sequence[str], numbers: Mapping[str, Number], own: Sequen
     yield from (words for words, clash in clashes.items() if clash)
 
 
-def spread(values: Mapping[str, Array], base: Camera) -> dict[str, Array]:
+def _spread(values: Mapping[str, Array], base: Camera) -> dict[str, Array]:
     """Numbers at places, with derived lengths turned into those that they set."""
     result = {name: value for name, value in values.items() if name not in DERIVED}
     stops = [opening.part for opening in base.stop_openings]

@@ -77,7 +77,7 @@ class Scatter:
 
 
 @dataclass(frozen=True)
-class BuildStatistics:
+class _BuildStatistics:
     """How one design's builds do, on fresh deviations."""
 
     yield_: Yield
@@ -100,8 +100,8 @@ class Robust:
 
     scatter: Scatter
     unit: Array
-    nominal: BuildStatistics
-    robust: BuildStatistics
+    nominal: _BuildStatistics
+    robust: _BuildStatistics
     constraint_yields: tuple[tuple[str, float, float], ...]
     """Yields of each constraint: label, share of nominal and of robust builds that hold it."""
     trials: int
@@ -237,7 +237,7 @@ class _Aim:
         at = np.argsort(merit)[min(count, math.ceil(self.table.quantile * count)) - 1]
         return float(merit[at]), float(values[at])
 
-    def statistics(self, unit: Array) -> BuildStatistics:
+    def statistics(self, unit: Array) -> _BuildStatistics:
         """Statistics on fresh deviations."""
         problem, fresh = self.problem, self.scatter.fresh
         count = fresh.shape[1]
@@ -246,4 +246,4 @@ class _Aim:
         owner = np.array([row.constraint for row in problem.rows])
         each = tuple(float(held[owner == k].all(axis=0).mean()) for k in range(len(problem.constraints)))
         passed, (_, reached) = Yield(int(held.all(axis=0).sum()), count), self._quantile(built, count)
-        return BuildStatistics(passed, problem.number(problem.goals[0], unit), reached, each)
+        return _BuildStatistics(passed, problem.number(problem.goals[0], unit), reached, each)

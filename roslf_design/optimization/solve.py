@@ -134,7 +134,7 @@ class Check:
 
 
 @dataclass(frozen=True)
-class Stage:
+class _Stage:
     """Goal of a lexicographic order, solved."""
 
     goal: str
@@ -165,7 +165,7 @@ class Active:
 
 
 @dataclass(frozen=True)
-class Violation:
+class _Violation:
     """How far a limit is missed at the least-violating point."""
 
     limit: str
@@ -176,7 +176,7 @@ class Violation:
 
 
 @dataclass(frozen=True)
-class Relaxation:
+class _Relaxation:
     """A limit that, moved alone, makes the whole problem feasible."""
 
     label: str
@@ -195,12 +195,12 @@ class Conflict:
     unit: Array
     """The least-violating point."""
     violation: float
-    violations: tuple[Violation, ...] = ()
+    violations: tuple[_Violation, ...] = ()
     smallest: tuple[str, ...] = ()
     """Constraints that cannot hold together within the bounds, while any fewer of them can, as far as searches tell."""
     complete: bool = True
     """Whether every smaller set was shown to be feasible before the budget was spent."""
-    relaxations: tuple[Relaxation, ...] = ()
+    relaxations: tuple[_Relaxation, ...] = ()
     bounds: tuple[str, ...] = ()
     """Bounds of variables that the least-violating point touches: relaxing these may help too."""
     feasible_after_all: bool = False
@@ -258,7 +258,7 @@ class Answer:
     """Why nothing is feasible; None where something is."""
     searches: tuple[Search, ...]
     checks: tuple[Check, ...]
-    stages: tuple[Stage, ...]
+    stages: tuple[_Stage, ...]
     gradient_error: float
     evaluations: int
     seconds: float
@@ -314,7 +314,7 @@ def solve(problem: DesignProblem, settings: Settings = USUAL, tell: Tell = lambd
     starts = _starts(problem, settings)
     if problem.order == "weighted" or len(problem.goals) == 1:
         return replace(_solve(problem, settings, budget, tell, starts), seconds=time.monotonic() - began)
-    stages: list[Stage] = []
+    stages: list[_Stage] = []
     current, spent = replace(problem, order="weighted"), 0
     for number, goal in enumerate(problem.goals, 1):
         current = replace(current, goals=(goal,))
@@ -326,7 +326,7 @@ def solve(problem: DesignProblem, settings: Settings = USUAL, tell: Tell = lambd
             break
         value = answer.number(goal)
         held = goal.as_constraint(goal.worse(value, problem.slack * _goal_per_merit(current, answer.unit)))
-        stages.append(Stage(goal.label, value, "" if last else str(held)))
+        stages.append(_Stage(goal.label, value, "" if last else str(held)))
         starts = [answer.unit, *starts]
         if not last:
             current = replace(current, constraints=(*current.constraints, held))
@@ -407,7 +407,7 @@ def _solve(
 
 
 def _check(problem: DesignProblem, name: Global, settings: Settings, budget: SearchBudget, best: Search) -> Check:
-    known = conditions(problem, best.unit)[0] if best.feasible else ()
+    known = _conditions(problem, best.unit)[0] if best.feasible else ()
     steepest = max((a.multiplier for a in known), default=0.0 if best.feasible else 10.0)
     guard = Guard(problem.vector, budget)
     ftol, most = max(GLOBAL_FTOL, settings.tolerance), min(1500 * problem.n, 9000) // (5 if problem.summed else 1)
@@ -474,14 +474,14 @@ def runs_off(problem: DesignProblem, unit: Array) -> bool:
 
 
 def _rests(problem: DesignProblem, unit: Array) -> tuple[tuple[Active, ...], float]:
-    """`conditions`, at a kink of the merit those of its finite side; that it is a kink is no limit."""
+    """`_conditions`, at a kink of the merit those of its finite side; that it is a kink is no limit."""
     near = list(problem.sides())[::2]
-    active, residual = min((conditions(side, unit) for side in (problem, *near)), key=itemgetter(1))
+    active, residual = min((_conditions(side, unit) for side in (problem, *near)), key=itemgetter(1))
     kinks = {str(side.constraints[-1]) for side in near}
     return tuple(one for one in active if one.limit not in kinks), residual
 
 
-def conditions(problem: DesignProblem, unit: Array) -> tuple[tuple[Active, ...], float]:
+def _conditions(problem: DesignProblem, unit: Array) -> tuple[tuple[Active, ...], float]:
     """Limits that a point rests on, hardest first, by non-negative least squares on the gradients.
 
     Beside it the length of what no multiplier explains, over the length of the merit's gradient: 0 at an optimum,
@@ -564,7 +564,7 @@ def explain(problem: DesignProblem, points: Sequence[Array], budget: SearchBudge
     smallest, complete = _smallest(pool, len(problem.constraints))
     clashing = sorted(smallest)
     missed = {
-        constraint.limit_words(row.side): Violation(
+        constraint.limit_words(row.side): _Violation(
             constraint.limit_words(row.side),
             problem.number(constraint, unit),
             constraint.limits[row.side],
@@ -628,7 +628,7 @@ class _Pool:
         _, rows = self.relaxed(keep)
         return violation_of(rows) <= FEASIBLE
 
-    def alone(self, index: int, side: Side) -> Relaxation:
+    def alone(self, index: int, side: Side) -> _Relaxation:
         """Relaxation of one limit, all others kept, that makes the problem feasible."""
         constraint = self.problem.constraints[index]
         soft = np.array([row.constraint == index and row.side == side for row in self.problem.rows])
@@ -637,7 +637,7 @@ class _Pool:
         value = self.problem.number(constraint, unit)
         helps = violation_of(rows[~soft]) <= 1e-7 and np.isfinite(value)
         needed, unit_name = value if helps else None, constraint.quantity.unit
-        return Relaxation(constraint.limit_words(side), constraint.limits[side], needed, unit_name)
+        return _Relaxation(constraint.limit_words(side), constraint.limits[side], needed, unit_name)
 
 
 def _smallest(pool: _Pool, count: int) -> tuple[frozenset[int], bool]:
@@ -671,7 +671,7 @@ class ParetoTable(StrictTable):
 
 
 @dataclass(frozen=True)
-class FrontPoint:
+class _FrontPoint:
     """Design of a front."""
 
     goals: dict[str, float]
@@ -688,7 +688,7 @@ class Front:
     """Designs of which none is better in every goal."""
 
     goals: tuple[Goal, ...]
-    points: tuple[FrontPoint, ...] = ()
+    points: tuple[_FrontPoint, ...] = ()
     """Designs in the order of the first limited goal."""
     limits_without_design: int = 1
     dominated: int = 0
@@ -776,7 +776,7 @@ def pareto_front(
     reached = values(met)
     labels = [goal.label for goal in goals]
     front = tuple(
-        FrontPoint(dict(zip(labels, reached[i].tolist(), strict=True)), problem.named(met[i]))
+        _FrontPoint(dict(zip(labels, reached[i].tolist(), strict=True)), problem.named(met[i]))
         for i in _undominated(np.clip(reached, -LARGEST, LARGEST) * [goal.sign for goal in goals])
     )
     return Front(tuple(goals), front, failed, len(met) - len(front), spent, complete)

@@ -114,7 +114,7 @@ class FieldTraces:
 
 
 @dataclass(frozen=True)
-class Clearance:
+class _Clearance:
     """Clearance around a real lens, which nothing may stand inside."""
 
     label: str
@@ -122,7 +122,7 @@ class Clearance:
     """In units of the lens's focal length; not below 0."""
 
 
-def clearances(design: Design, moved: set[str]) -> Iterator[Clearance]:
+def clearances(design: Design, moved: set[str]) -> Iterator[_Clearance]:
     """Clearances of the array, and of stops and elements of which places move."""
     focal = float(Camera.of(design).f)
 
@@ -133,11 +133,11 @@ def clearances(design: Design, moved: set[str]) -> Iterator[Clearance]:
     def ahead(c: Camera, lens: VariedLens, place: str) -> Number:
         return (c[place] - (lens.front_principal - lens.front)) / focal
 
-    yield Clearance("the array behind the lens's last surface", array)
+    yield _Clearance("the array behind the lens's last surface", array)
     for place in sorted(moved):
         part, _, name = place.rpartition(".")
         if name == "distance" and part.startswith(AHEAD):
-            yield Clearance(f"{part} before the lens's first surface", partial(ahead, place=place))
+            yield _Clearance(f"{part} before the lens's first surface", partial(ahead, place=place))
 
 
 @dataclass(frozen=True)

@@ -102,7 +102,7 @@ class StoryTable(StrictTable):
 
 
 @dataclass(frozen=True)
-class Story:
+class _Story:
     """A story ready to run."""
 
     table: StoryTable
@@ -114,7 +114,7 @@ class Story:
     calibrations: Mapping[int, Calibrated]
 
 
-def load_story_or_study(path: Path) -> tuple[Kind, Story | None]:
+def load_story_or_study(path: Path) -> tuple[Kind, _Story | None]:
     """Kind of file that a path (or a preset's name) names, and the story where it is one. Errors as of `read_story`."""
     if not path.exists() and (str(path) in preset_names() or not path.suffix):  # what is no preset, `load` tells
         return "design", None
@@ -123,7 +123,7 @@ def load_story_or_study(path: Path) -> tuple[Kind, Story | None]:
     return kind, read_story(data, path.parent, str(path)) if kind == "story" else None
 
 
-def read_story(data: Mapping[str, Any], folder: Path = Path(), origin: str = "") -> Story:
+def read_story(data: Mapping[str, Any], folder: Path = Path(), origin: str = "") -> _Story:
     """A story from nested values, with its design and its studies; `folder` is for the files they name.
 
     Raises
@@ -152,7 +152,7 @@ def read_story(data: Mapping[str, Any], folder: Path = Path(), origin: str = "")
             faults += [Problem(place, text) for text in texts]
     if faults or design is None:
         raise InputError(tuple(faults), origin)
-    return Story(table, design, studies, folder, origin, calibrations)
+    return _Story(table, design, studies, folder, origin, calibrations)
 
 
 # --- studies ----------------------------------------------------------------------------------------------------------
@@ -197,7 +197,7 @@ def _tally(plan: TolerancePlan, progress: Callable[[int, int], None] | None) -> 
         return run_trials(plan, Path(scratch), progress=progress)
 
 
-def builds_alone(
+def _builds_alone(
     data: Mapping[str, Any],
     design: Design | None = None,
     folder: Path = Path(),
@@ -316,7 +316,7 @@ def study_report(
     return design_report(design, findings=findings, sheet=sheet, title=title, progress=progress, **options)
 
 
-def story_report(story: Story, *, seed: int | None = None, progress: Tell = lambda _: None, **options: Any) -> Report:
+def story_report(story: _Story, *, seed: int | None = None, progress: Tell = lambda _: None, **options: Any) -> Report:
     """Run a story, part by part, and report on the design it ends with; `seed` is of all parts, instead of their own.
 
     The rest as for `full_report`.
@@ -355,7 +355,7 @@ def story_report(story: Story, *, seed: int | None = None, progress: Tell = lamb
     )
 
 
-class Walked(NamedTuple):
+class _Walked(NamedTuple):
     """A part of a story that has run."""
 
     outcome: Result | StudyResult | BuildSpread | PlanOptions | Calibrated
@@ -369,11 +369,11 @@ class Walked(NamedTuple):
 
 
 def _walked(
-    story: Story,
+    story: _Story,
     seed: int | None,
     progress: Tell,
     tolerances: Callable[..., StudyResult | BuildSpread] = run_tolerances,
-) -> Iterator[Walked]:
+) -> Iterator[_Walked]:
     """Run a story's parts, tolerance studies by `tolerances`."""
     design = story.design
     for index, part in enumerate(story.table.parts):
@@ -396,7 +396,7 @@ def _walked(
             outcome = plan if seed is None else plan.model_copy(update={"seed": seed})
         else:
             outcome = story.calibrations[index]
-        yield Walked(outcome, before, design, str(data.get("name", "")), part.take)
+        yield _Walked(outcome, before, design, str(data.get("name", "")), part.take)
 
 
 def datasheet_of(
@@ -418,7 +418,7 @@ def datasheet_of(
         if calibration is not None:
             remedy = 'name it in the story, as calibrated = "FOLDER"'
             raise refusal("calibration", f"goes with a design or a study; {remedy}")
-        return _basis_of(story, list(_walked(story, seed, progress, builds_alone)))
+        return _basis_of(story, list(_walked(story, seed, progress, _builds_alone)))
     if kind == "design":
         design = load(str(path))
         known = None if calibration is None else _known(calibration, design)
@@ -427,7 +427,7 @@ def datasheet_of(
     if kind == "tolerance":
         design = tolerance_plan(data, None, path.parent, origin)[0].question.design
         known = None if calibration is None else _known(calibration, design)
-        built = builds_alone(data, None, path.parent, origin, _counted(progress, "tolerances"), seed)
+        built = _builds_alone(data, None, path.parent, origin, _counted(progress, "tolerances"), seed)
         return basis(design, built, known)
     result = run_optimisation(data, None, path.parent, origin, _prefixed(progress, "optimisation"), seed)
     best = _taken(result, "best")
@@ -436,7 +436,7 @@ def datasheet_of(
     return basis(best, None, None if calibration is None else _known(calibration, best))
 
 
-def _basis_of(story: Story, parts: Sequence[Walked]) -> SpreadSources:
+def _basis_of(story: _Story, parts: Sequence[_Walked]) -> SpreadSources:
     """Sources of tolerances among the parts of a story, for the design that it ends with."""
     design = parts[-1].design
     built: BuildSpread | None = None

@@ -28,7 +28,7 @@ WEIGHTS = tuple(float(0.5 * w) for w in _GAUSS[1])
 
 
 @kernel()
-def sum_error(a: float, b: float) -> float:
+def _sum_error(a: float, b: float) -> float:
     """Rounding error of ``a + b`` (Knuth): the exact sum is ``(a + b) + sum_error(a, b)``."""
     s = a + b
     t = s - a
@@ -36,7 +36,7 @@ def sum_error(a: float, b: float) -> float:
 
 
 @kernel()
-def square_error(a: float) -> float:
+def _square_error(a: float) -> float:
     """Rounding error of ``a * a`` (Dekker's splitting; no fused multiply-add needed)."""
     t = 134217729.0 * a
     high = t - (t - a)
@@ -45,7 +45,7 @@ def square_error(a: float) -> float:
 
 
 @kernel()
-def meet(
+def _meet(
     xi: float, yi: float, ri: float, xj: float, yj: float, rj: float
 ) -> tuple[int, float, float, float, float, float, float]:
     """Relation of circle i to circle j, and their common chord.
@@ -66,8 +66,8 @@ def meet(
     xj, yj, rj = float(xj), float(yj), float(rj)
     x = xj - xi
     y = yj - yi
-    x_low = sum_error(xj, -xi)
-    y_low = sum_error(yj, -yi)
+    x_low = _sum_error(xj, -xi)
+    y_low = _sum_error(yj, -yi)
     xx = x * x
     yy = y * y
     square = xx + yy
@@ -77,19 +77,19 @@ def meet(
     uy = 0.0
     if square > 1e-280:  # below, its digits are lost, and so is the distance among the radii
         d = math.sqrt(square)
-        excess = (square - d * d) - square_error(d)
-        excess += sum_error(xx, yy) + square_error(x) + square_error(y) + 2.0 * (x * x_low + y * y_low)
+        excess = (square - d * d) - _square_error(d)
+        excess += _sum_error(xx, yy) + _square_error(x) + _square_error(y) + 2.0 * (x * x_low + y * y_low)
         d_low = excess / (2.0 * d)
         ux = x / d
         uy = y / d
     total = ri + rj
-    overlap = (total - d) + ((sum_error(ri, rj) + sum_error(total, -d)) - d_low)
+    overlap = (total - d) + ((_sum_error(ri, rj) + _sum_error(total, -d)) - d_low)
     if overlap <= 0.0 or ri <= 0.0 or rj <= 0.0:
         return APART, ux, uy, d, 0.0, 0.0, 0.0
     large = max(ri, rj)
     small = min(ri, rj)
     step = large - small
-    beyond = (d - step) + ((sum_error(d, -step) - sum_error(large, -small)) + d_low)
+    beyond = (d - step) + ((_sum_error(d, -step) - _sum_error(large, -small)) + d_low)
     if beyond <= 0.0:
         return (INSIDE if ri <= rj else AROUND), ux, uy, d, 0.0, 0.0, 0.0
     height = math.sqrt((total + d) * (d + step)) * math.sqrt(overlap * beyond) / (2.0 * d)
@@ -159,12 +159,12 @@ SHORTEST = 1e-15
 
 @kernel()
 def between(discs: Floats, i: int, j: int) -> Meeting:
-    """Relation of circle i to circle j: `meet` for rows (x, y, r, ...) of a table of discs."""
-    return meet(discs[i, 0], discs[i, 1], discs[i, 2], discs[j, 0], discs[j, 1], discs[j, 2])
+    """Relation of circle i to circle j: `_meet` for rows (x, y, r, ...) of a table of discs."""
+    return _meet(discs[i, 0], discs[i, 1], discs[i, 2], discs[j, 0], discs[j, 1], discs[j, 2])
 
 
 @kernel()
-def survivors(discs: Floats) -> tuple[int, int, int]:
+def _survivors(discs: Floats) -> tuple[int, int, int]:
     """Mark each disc that counts (``discs[:, 3]``): not those around another; of equal discs the first.
 
     Returns
@@ -258,7 +258,7 @@ def trace(discs: Floats, intervals: Floats, arcs: Floats) -> tuple[int, int, int
         Number of arcs; 0 if the part is empty, then the two discs that have nothing in common, or -1, -1 if it takes
         more than two.
     """
-    n, first, second = survivors(discs)
+    n, first, second = _survivors(discs)
     if n == 0:
         return 0, first, second
     total = 0

@@ -191,7 +191,7 @@ BANDS = 16
 
 
 @kernel()
-def tabulate(centre: float, r: float, low: int, high: int, tables: Floats, axis: int) -> None:
+def _tabulate(centre: float, r: float, low: int, high: int, tables: Floats, axis: int) -> None:
     """At edges low..high of pixels: half the chord of the circle along the edge, and the area from its diameter to it.
 
     The area is ``(u w + r^2 asin(u/r))/2``. The arc sine is four times the arc tangent of a quarter of the angle, found
@@ -224,7 +224,7 @@ def tabulate(centre: float, r: float, low: int, high: int, tables: Floats, axis:
 
 
 @kernel()
-def bulge(dx: float, dy: float, r: float) -> float:
+def _bulge(dx: float, dy: float, r: float) -> float:
     """Area between an arc and its chord, far shorter than the radius: a series in ``(chord / 2r)^2``."""
     square = dx * dx + dy * dy
     s = 0.25 * square / (r * r)
@@ -232,7 +232,7 @@ def bulge(dx: float, dy: float, r: float) -> float:
 
 
 @kernel()
-def climb(
+def _climb(
     acc: Floats,
     tables: Floats,
     cx: float,
@@ -287,7 +287,7 @@ def climb(
             rise = side * (edge_y - y)
             part = edge_area - area + rise * (cx - column)
             if far:
-                part = (0.5 * (at + edge) - column) * rise + bulge(at - edge, edge_y - y, r)
+                part = (0.5 * (at + edge) - column) * rise + _bulge(at - edge, edge_y - y, r)
                 at = edge
             acc[row, column + 1] += part
             acc[row, column] += rise - part
@@ -297,7 +297,7 @@ def climb(
         rise = side * (next_y - y)
         part = next_area - area + rise * (cx - column)
         if far:
-            part = (0.5 * (at + next_at) - column) * rise + bulge(at - next_at, next_y - y, r)
+            part = (0.5 * (at + next_at) - column) * rise + _bulge(at - next_at, next_y - y, r)
             at = next_at
         acc[row, column + 1] += part
         acc[row, column] += rise - part
@@ -313,7 +313,7 @@ def climb(
 
 
 @kernel()
-def add_arc_pixels(acc: Floats, tables: Floats, cx: float, cy: float, r: float, start: float, end: float) -> None:
+def _add_arc_pixels(acc: Floats, tables: Floats, cx: float, cy: float, r: float, start: float, end: float) -> None:
     """Add a counterclockwise arc, quadrant by quadrant; (cx, cy) counted from pixel (0, 0) of `acc`."""
     rr = 0.5 * r * r
     quadrant = math.floor(start / QUARTER)
@@ -335,8 +335,8 @@ def add_arc_pixels(acc: Floats, tables: Floats, cx: float, cy: float, r: float, 
                 x_low = -r
             else:
                 y_low = -r
-    tabulate(cy, r, math.floor(cy + y_low), math.floor(cy + y_high) + 1, tables, ROWS)
-    tabulate(cx, r, math.floor(cx + x_low), math.floor(cx + x_high) + 1, tables, COLUMNS)
+    _tabulate(cy, r, math.floor(cy + y_low), math.floor(cy + y_high) + 1, tables, ROWS)
+    _tabulate(cx, r, math.floor(cx + x_low), math.floor(cx + x_high) + 1, tables, COLUMNS)
     angle = start
     while angle < end:
         k = quadrant % 4
@@ -366,9 +366,9 @@ def add_arc_pixels(acc: Floats, tables: Floats, cx: float, cy: float, r: float, 
         y_a *= sign
         y_b *= sign
         if side > 0.0:
-            climb(acc, tables, cx, cy, r, side, sign, x_a, y_a, area_a, x_b, y_b, area_b)
+            _climb(acc, tables, cx, cy, r, side, sign, x_a, y_a, area_a, x_b, y_b, area_b)
         else:
-            climb(acc, tables, cx, cy, r, side, sign, x_b, y_b, area_b, x_a, y_a, area_a)
+            _climb(acc, tables, cx, cy, r, side, sign, x_b, y_b, area_b, x_a, y_a, area_a)
         quadrant += 1
 
 
@@ -417,7 +417,7 @@ def _add_piece_pixels(
     if piece[0] == ARC:
         dx = at_x + (discs[k, 0] - middle_x) / pixel
         dy = at_y + (discs[k, 1] - middle_y) / pixel
-        add_arc_pixels(acc, tables, dx, dy, discs[k, 2] / pixel, start, stop)
+        _add_arc_pixels(acc, tables, dx, dy, discs[k, 2] / pixel, start, stop)
         return
     dx = at_x + (edges[k, X] - middle_x) / pixel
     dy = at_y + (edges[k, Y] - middle_y) / pixel

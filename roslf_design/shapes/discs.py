@@ -75,7 +75,7 @@ class DiscIntersection(NamedTuple):
         return np.asarray(np.sqrt(np.divide(np.maximum(minor, 0.0), major, out=np.zeros_like(major), where=major > 0)))
 
 
-class Arc(NamedTuple):
+class _Arc(NamedTuple):
     """Piece of a circle, counterclockwise."""
 
     disc: int
@@ -141,7 +141,7 @@ def common(
     )
 
 
-def boundary_arcs(centres: ArrayLike, radii: ArrayLike) -> tuple[Arc, ...]:
+def boundary_arcs(centres: ArrayLike, radii: ArrayLike) -> tuple[_Arc, ...]:
     """Boundary of one common part, counterclockwise: one arc of a whole turn for a full disc, () if empty.
 
     Parameters
@@ -155,7 +155,7 @@ def boundary_arcs(centres: ArrayLike, radii: ArrayLike) -> tuple[Arc, ...]:
     k = len(radius)
     discs, arcs = np.column_stack([centre, radius, np.empty(k)]), np.empty((k * k, 5))
     count, _, _ = trace.interpreted(discs, np.empty((k, 2)), arcs)
-    return tuple(Arc(int(disc), float(start), float(end)) for start, end, disc, _, _ in arcs[:count])
+    return tuple(_Arc(int(disc), float(start), float(end)) for start, end, disc, _, _ in arcs[:count])
 
 
 def outline(centres: ArrayLike, radii: ArrayLike, step: float = math.pi / 90) -> Array:
@@ -308,7 +308,7 @@ def checked(centres: ArrayLike, radii: ArrayLike) -> tuple[Array, Array]:
 
 
 @kernel()
-def add_piece(total: Floats, area: float, x: float, y: float, xx: float, xy: float, yy: float) -> None:
+def _add_piece(total: Floats, area: float, x: float, y: float, xx: float, xy: float, yy: float) -> None:
     """Join a piece to `total` (area, x, y, and central moments xx, xy, yy): sums of squares only, no differences."""
     whole = total[0] + area
     if area <= 0.0 or whole <= 0.0:
@@ -326,7 +326,7 @@ def add_piece(total: Floats, area: float, x: float, y: float, xx: float, xy: flo
 
 
 @kernel()
-def add_cap(total: Floats, r: float, sine: float, cosine: float, x: float, y: float, ux: float, uy: float) -> None:
+def _add_cap(total: Floats, r: float, sine: float, cosine: float, x: float, y: float, ux: float, uy: float) -> None:
     """Join a cap of a disc of radius r; (x, y) is the middle of its chord, (ux, uy) points from there to the rim."""
     area, rise, along, across = cap(sine, cosine)
     rr = r * r
@@ -334,11 +334,11 @@ def add_cap(total: Floats, r: float, sine: float, cosine: float, x: float, y: fl
     across *= rr * rr
     xx = along * ux * ux + across * uy * uy
     yy = along * uy * uy + across * ux * ux
-    add_piece(total, rr * area, x + ux * r * rise, y + uy * r * rise, xx, (along - across) * ux * uy, yy)
+    _add_piece(total, rr * area, x + ux * r * rise, y + uy * r * rise, xx, (along - across) * ux * uy, yy)
 
 
 @kernel()
-def add_region(total: Floats, discs: Floats, arcs: Floats, count: int) -> None:
+def _add_region(total: Floats, discs: Floats, arcs: Floats, count: int) -> None:
     """Join the part bounded by traced arcs: a fan of triangles and a cap on each chord, positions from disc 0."""
     x0 = 0.0
     y0 = 0.0
@@ -368,12 +368,12 @@ def add_region(total: Floats, discs: Floats, arcs: Floats, count: int) -> None:
             xx = (x0 - px) * (x0 - px) + (sx - px) * (sx - px) + (ex - px) * (ex - px)
             yy = (y0 - py) * (y0 - py) + (sy - py) * (sy - py) + (ey - py) * (ey - py)
             xy = (x0 - px) * (y0 - py) + (sx - px) * (sy - py) + (ex - px) * (ey - py)
-            add_piece(total, area, px, py, xx * area / 12.0, xy * area / 12.0, yy * area / 12.0)
-        add_cap(total, r, sine, cosine, footx, footy, ux, uy)
+            _add_piece(total, area, px, py, xx * area / 12.0, xy * area / 12.0, yy * area / 12.0)
+        _add_cap(total, r, sine, cosine, footx, footy, ux, uy)
 
 
 @kernel()
-def notches(base: int, discs: Floats, arcs: Floats, count: int) -> float:
+def _notches(base: int, discs: Floats, arcs: Floats, count: int) -> float:
     """Area of disc `base` outside the part bounded by the traced arcs, for a disc that keeps most of itself.
 
     In polar coordinates about its centre the loss is the integral of ``(r^2 - rho^2)/2`` over the arcs of other discs;
@@ -423,7 +423,7 @@ def shape(
     total[:] = 0.0
     clips[:] = False
     count, first, second = trace(discs, intervals, arcs)
-    add_region(total, discs, arcs, count)
+    _add_region(total, discs, arcs, count)
     if total[0] <= 0.0:
         for k in range(1, len(discs)):
             clips[k] = k in (first, second) if first >= 0 else discs[k, 3] != 0.0
@@ -442,7 +442,7 @@ def shape(
     room = math.pi * r * r
     lost = room - total[0]
     if discs[base, 3] != 0.0 and lost < room / 3.0:
-        lost = notches(base, discs, arcs, count)
+        lost = _notches(base, discs, arcs, count)
     if lost < 0.5 * room:
         total[0] = room - lost
     if count == 1 and base == 0:

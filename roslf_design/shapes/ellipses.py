@@ -64,20 +64,20 @@ def _spans(polygon: Array) -> tuple[Array, Array]:
 
 
 @kernel()
-def value(p: Array, c: float, s: float) -> float:
+def _value(p: Array, c: float, s: float) -> float:
     """Value of a trigonometric polynomial of degree 2, coefficients of 1, cos, sin, cos 2x and sin 2x."""
     at: float = p[0] + p[1] * c + p[2] * s + p[3] * (c * c - s * s) + p[4] * 2.0 * c * s
     return at
 
 
 @kernel()
-def crossing(p: Array, slope: Array, left: float, right: float) -> float:
+def _crossing(p: Array, slope: Array, left: float, right: float) -> float:
     """Root of a trigonometric polynomial in a bracket, by guarded Newton steps."""
-    rising = value(p, math.cos(left), math.sin(left)) < 0
+    rising = _value(p, math.cos(left), math.sin(left)) < 0
     x = 0.5 * (left + right)
     for _ in range(60):
         c, s = math.cos(x), math.sin(x)
-        f, g = value(p, c, s), value(slope, c, s)
+        f, g = _value(p, c, s), _value(slope, c, s)
         if (f < 0) == rising:
             left = x
         else:
@@ -92,31 +92,31 @@ def crossing(p: Array, slope: Array, left: float, right: float) -> float:
 
 
 @kernel()
-def cuts(p: Array, slope: Array, bend: Array, places: Array, count: int) -> int:
+def _cuts(p: Array, slope: Array, bend: Array, places: Array, count: int) -> int:
     """Append the angles in [0, 2 pi) where a polynomial is zero; `slope` and `bend` take its derivatives."""
     slope[0], slope[1], slope[2], slope[3], slope[4] = 0.0, p[2], -p[1], 2 * p[4], -2 * p[3]
     bend[0], bend[1], bend[2], bend[3], bend[4] = 0.0, -p[1], -p[2], -4 * p[3], -4 * p[4]
     left = 0.0
-    f0, g0 = value(p, 1.0, 0.0), value(slope, 1.0, 0.0)
+    f0, g0 = _value(p, 1.0, 0.0), _value(slope, 1.0, 0.0)
     for k in range(1, SAMPLES + 1):
         right = k * (2 * math.pi / SAMPLES)
         c, s = math.cos(right), math.sin(right)
-        f1, g1 = value(p, c, s), value(slope, c, s)
+        f1, g1 = _value(p, c, s), _value(slope, c, s)
         if (f0 < 0) != (f1 < 0):
-            places[count] = crossing(p, slope, left, right)
+            places[count] = _crossing(p, slope, left, right)
             count += 1
         elif (g0 < 0) != (g1 < 0) and (f0 < 0) != (g0 < 0):
-            turn = crossing(slope, bend, left, right)
-            if (value(p, math.cos(turn), math.sin(turn)) < 0) != (f0 < 0):
-                places[count] = crossing(p, slope, left, turn)
-                places[count + 1] = crossing(p, slope, turn, right)
+            turn = _crossing(slope, bend, left, right)
+            if (_value(p, math.cos(turn), math.sin(turn)) < 0) != (f0 < 0):
+                places[count] = _crossing(p, slope, left, turn)
+                places[count + 1] = _crossing(p, slope, turn, right)
                 count += 2
         left, f0, g0 = right, f1, g1
     return count
 
 
 @kernel()
-def to_unit(middle: Array, form: Array, centres: Array, matrices: Array, unit: Array) -> tuple[float, float, float]:
+def _to_unit(middle: Array, form: Array, centres: Array, matrices: Array, unit: Array) -> tuple[float, float, float]:
     """Ellipses where that of a middle and a form is the unit circle: centre (2), boundary's axes, inverse (3).
 
     Returns the map's own lower triangle (xx, xy, yy).
@@ -139,7 +139,7 @@ def to_unit(middle: Array, form: Array, centres: Array, matrices: Array, unit: A
 
 
 @kernel()
-def side_of(first: Array, second: Array, poly: Array) -> int:
+def _side_of(first: Array, second: Array, poly: Array) -> int:
     """Into `poly`, the polynomial on one boundary that is positive outside the other; 1, -1: everywhere out, in; 0.
 
     ``(p + a cos + b sin)^T Q (p + a cos + b sin) - 1`` with b = (0, b_y): of the second degree in cosine and sine.
@@ -160,7 +160,7 @@ def side_of(first: Array, second: Array, poly: Array) -> int:
 
 @kernel()
 def _beyond_edge(own: Array, edge: Array, poly: Array) -> int:
-    """`side_of` of an edge: the polynomial that is positive beyond it."""
+    """`_side_of` of an edge: the polynomial that is positive beyond it."""
     nx, ny = edge[DY], -edge[DX]
     poly[0] = nx * (own[0] - edge[X]) + ny * (own[1] - edge[Y])
     poly[1] = nx * own[2] + ny * own[3]
@@ -172,7 +172,7 @@ def _beyond_edge(own: Array, edge: Array, poly: Array) -> int:
 
 @kernel()
 def _add_edge(unit: Array, edges: Array, sides: int, e: int, sums: Array) -> int:
-    """Add what one edge bounds of the common part, as `add_boundary`."""
+    """Add what one edge bounds of the common part, as `_add_boundary`."""
     ax, ay, dx, dy, high = edges[e, X], edges[e, Y], edges[e, DX], edges[e, DY], edges[e, LENGTH]
     low = 0.0
     for k in range(len(unit)):
@@ -208,7 +208,7 @@ def _add_point(x: float, y: float, dx: float, dy: float, weight: float, sums: Ar
 
 
 @kernel()
-def add_arc(own: Array, start: float, end: float, sums: Array) -> None:
+def _add_arc(own: Array, start: float, end: float, sums: Array) -> None:
     """Green's integrals along a piece of a boundary: area, x, y, xx, xy, yy."""
     parts = math.ceil((end - start) / (0.5 * math.pi))
     half = 0.5 * (end - start) / parts
@@ -222,18 +222,18 @@ def add_arc(own: Array, start: float, end: float, sums: Array) -> None:
 
 
 @kernel()
-def is_kept(poly: Array, rims: int, own: int, middle: float) -> bool:
+def _is_kept(poly: Array, rims: int, own: int, middle: float) -> bool:
     """Whether a point of a boundary lies inside all others."""
     c, s = math.cos(middle), math.sin(middle)
     for j in range(rims):
         limit = SAME if own < j else -SAME
-        if j != own and value(poly[j], c, s) > limit:
+        if j != own and _value(poly[j], c, s) > limit:
             return False
     return True
 
 
 @kernel()
-def add_boundary(
+def _add_boundary(
     unit: Array, edges: Array, own: int, lead: bool, poly: Array, places: Array, apart: NDArray[np.bool_], sums: Array
 ) -> int:
     """Add what one ellipse bounds of the common part; 0: nothing, 1: some of its boundary, 2: all of it."""
@@ -244,7 +244,7 @@ def add_boundary(
         if j != own:
             straight = j >= rims
             side = (
-                _beyond_edge(unit[own], edges[j - rims], poly[j]) if straight else side_of(unit[own], unit[j], poly[j])
+                _beyond_edge(unit[own], edges[j - rims], poly[j]) if straight else _side_of(unit[own], unit[j], poly[j])
             )
             if side > 0:
                 if not straight:
@@ -257,28 +257,28 @@ def add_boundary(
             if abs(p[0]) + abs(p[1]) + abs(p[2]) + abs(p[3]) + abs(p[4]) <= SAME:
                 outside = outside or j < own  # the same boundary: the first is kept
             elif not outside:
-                count = cuts(p, poly[others], poly[others + 1], places, count)
+                count = _cuts(p, poly[others], poly[others + 1], places, count)
     if outside:
         return 0
     if count == 0:
-        if not within and not is_kept(poly, others, own, math.pi):
+        if not within and not _is_kept(poly, others, own, math.pi):
             return 0
         if not lead:
-            add_arc(unit[own], 0.0, 2 * math.pi, sums)
+            _add_arc(unit[own], 0.0, 2 * math.pi, sums)
         return 2
     ordered = np.sort(places[:count])
     bounds = 0
     for piece in range(count):
         start = ordered[piece]
         end = ordered[piece + 1] if piece + 1 < count else ordered[0] + 2 * math.pi
-        if end > start and is_kept(poly, others, own, 0.5 * (start + end)):
-            add_arc(unit[own], start, end, sums)
+        if end > start and _is_kept(poly, others, own, 0.5 * (start + end)):
+            _add_arc(unit[own], start, end, sums)
             bounds = 1
     return bounds
 
 
 @kernel()
-def whole(centre: Array, matrix: Array, row: Array) -> None:
+def _whole(centre: Array, matrix: Array, row: Array) -> None:
     """The row of an ellipse that nothing cuts: kept exactly, not to rounding."""
     row[0] = math.pi * math.sqrt(matrix[0] * matrix[2] - matrix[1] * matrix[1])
     row[1], row[2] = 1.0, 0.0
@@ -302,9 +302,9 @@ def ellipse_shapes(
         clips[n] = False
         status[n] = FULL
         if rims == 1 and straight == 0:
-            whole(middle[n], form[n], table[n])
+            _whole(middle[n], form[n], table[n])
             continue
-        lx, ly, lz = to_unit(middle[n], form[n], centres[n], matrices[n], unit)
+        lx, ly, lz = _to_unit(middle[n], form[n], centres[n], matrices[n], unit)
         sides = 0
         for p in range(straight):
             for m in range(corners):
@@ -315,7 +315,7 @@ def ellipse_shapes(
         apart[:] = False
         status[n] = EMPTY
         for i in range(rims):
-            bounds = add_boundary(unit, edges[:sides], i, i == first, poly, places, apart, sums)
+            bounds = _add_boundary(unit, edges[:sides], i, i == first, poly, places, apart, sums)
             if i == first and bounds == 2:
                 status[n] = FULL
                 break
@@ -323,7 +323,7 @@ def ellipse_shapes(
                 status[n] = CLIPPED
                 clips[n, i] = i != first
         if status[n] == FULL:
-            whole(middle[n], form[n], table[n])
+            _whole(middle[n], form[n], table[n])
             continue
         uncut, area_of_first = first >= rims, math.pi
         if uncut:
@@ -343,7 +343,7 @@ def ellipse_shapes(
             table[n] = 0.0
             table[n, 2] = 1.0
             table[n, 3], table[n, 4] = middle[n, 0], middle[n, 1]
-            name_empty(apart, first, clips[n])
+            _name_empty(apart, first, clips[n])
             continue
         if uncut:
             status[n] = FULL
@@ -361,7 +361,7 @@ def ellipse_shapes(
 
 
 @kernel()
-def name_empty(apart: NDArray[np.bool_], first: int, clips: NDArray[np.bool_]) -> None:
+def _name_empty(apart: NDArray[np.bool_], first: int, clips: NDArray[np.bool_]) -> None:
     """Which openings leave nothing: a pair of ellipses without a common point, else all together."""
     for k in range(len(clips)):
         clips[k] = k != first

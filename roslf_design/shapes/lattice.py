@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.floating]
 
 
-class Packing:
+class _Packing:
     """Layout of microlenses that are one pitch apart along their rows."""
 
     corners: ClassVar[int]
@@ -61,7 +61,7 @@ class Packing:
         raise NotImplementedError
 
 
-class _Square(Packing):
+class _Square(_Packing):
     """Rows one pitch apart, one lens above the other."""
 
     corners, slant, rise, fold, orders = 4, 0.0, 1.0, 0.5, 1.0
@@ -80,7 +80,7 @@ class _Square(Packing):
         return np.asarray(box[:, None] * box)
 
 
-class _Hexagonal(Packing):
+class _Hexagonal(_Packing):
     """Rows along x, each half a pitch further than the last."""
 
     corners, slant, rise, fold, orders = 6, 0.5, math.sqrt(3) / 2, 1 / math.sqrt(3), 1.4
@@ -106,7 +106,7 @@ class _Hexagonal(Packing):
         )
 
 
-PACKINGS: Mapping[str, Packing] = MappingProxyType({"square": _Square(), "hexagonal": _Hexagonal()})
+PACKINGS: Mapping[str, _Packing] = MappingProxyType({"square": _Square(), "hexagonal": _Hexagonal()})
 """Layouts by their names in a design file."""
 
 

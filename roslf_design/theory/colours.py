@@ -58,7 +58,7 @@ BRIGHTEST = max(map(per_watt, FILTERS))
 """Signal per watt of the brightest colour's pixels."""
 
 
-class PixelFilters:
+class _PixelFilters:
     """Filters on a sensor's pixels: none."""
 
     kinds: tuple[ColourFilter, ...] = ()
@@ -78,7 +78,7 @@ class PixelFilters:
         return wavelength
 
 
-class _Bayer(PixelFilters):
+class _Bayer(_PixelFilters):
     """A Bayer pattern."""
 
     kinds, spacing, pixels = FILTERS, GREEN.spacing, f"green pixels ({GREEN.spacing:.3g} px apart)"
@@ -95,8 +95,8 @@ class _Bayer(PixelFilters):
         return BRIGHTEST
 
 
-PIXEL_FILTERS: Mapping[Colours, PixelFilters] = MappingProxyType(
-    {"mono": PixelFilters(), **{pattern: _Bayer(pattern) for pattern in get_args(Colours) if pattern != "mono"}}
+PIXEL_FILTERS: Mapping[Colours, _PixelFilters] = MappingProxyType(
+    {"mono": _PixelFilters(), **{pattern: _Bayer(pattern) for pattern in get_args(Colours) if pattern != "mono"}}
 )
 """Filters by their names in a design file."""
 

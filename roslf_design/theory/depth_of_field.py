@@ -18,7 +18,7 @@ from .light import diffraction_width
 Kind = Literal["view", "refocused"]
 
 
-class DepthOfField(NamedTuple):
+class _DepthOfField(NamedTuple):
     """Ahead of the bore's tip [mm]."""
 
     near: Array
@@ -36,7 +36,7 @@ def pupil_part(c: Camera, kind: Kind) -> Array:
     return np.asarray(np.where(np.real(by_view) < np.real(whole), by_view, whole))[()]
 
 
-def depth_of_field(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> DepthOfField:
+def depth_of_field(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> _DepthOfField:
     """Nearest and farthest sharp plane about the focal plane.
 
     Parameters
@@ -55,7 +55,7 @@ def depth_of_field(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> De
     # A plane that has gone past the tip, or past infinity, comes back on the other side.
     near = np.where((near >= 0) & (near <= focus), near, 0.0)
     far = np.where(far >= focus, far, np.inf)
-    return DepthOfField(near[()], far[()])
+    return _DepthOfField(near[()], far[()])
 
 
 def past_infinity(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Array:

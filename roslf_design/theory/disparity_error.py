@@ -96,7 +96,7 @@ class Spectrum(NamedTuple):
     """Variance of contrast, as single views show it."""
 
 
-class Texture(NamedTuple):
+class _Texture(NamedTuple):
     """Spectra that differ in how fine and how strong they are, and in nothing else."""
 
     fine: Array
@@ -108,7 +108,7 @@ class Texture(NamedTuple):
     lens_shape: str | None = None
     """Shape of the microlenses whose width is yet to blur the waves; None: they are as single views show them."""
 
-    def at(self, index: NDArray[np.intp]) -> Texture:
+    def at(self, index: NDArray[np.intp]) -> _Texture:
         """Some of them."""
         return self._replace(fine=self.fine[index], strength=self.strength[index])
 
@@ -151,7 +151,7 @@ class _Images(NamedTuple):
     """Width of the whole image, between the FAP's rims [pitches]."""
     openings: Openings
     """Openings that stops cut out, from the FAP's centre, along the lattice [pitches]; one axis of N."""
-    texture: Texture
+    texture: _Texture
 
     def at(self, index: NDArray[np.intp]) -> _Images:
         some: Any = [*(value[index] for value in self[:-2]), self.openings.at(index), self.texture.at(index)]
@@ -168,7 +168,7 @@ class _Images(NamedTuple):
         return self.pitch * self.width / (self.wavelength * self.distance)
 
 
-def texture(c: Camera, plane: Seen) -> Texture:
+def texture(c: Camera, plane: Seen) -> _Texture:
     """The texture which a design assumes.
 
     Blurred by the microlenses' width; diffraction at the FAP, the same uncertainty of place and direction as that at
@@ -204,7 +204,7 @@ def texture(c: Camera, plane: Seen) -> Texture:
     x, y, power = (
         np.outer(part, along).ravel() for part, along in ((at, np.cos(angle)), (at, np.sin(angle)), (radial, turn))
     )
-    return Texture(fine, strength, Spectrum(x, y, power), c.lens_shape)
+    return _Texture(fine, strength, Spectrum(x, y, power), c.lens_shape)
 
 
 def view_gradient(c: Camera, plane: Seen) -> Array:
@@ -235,7 +235,7 @@ def disparity_information(images: MicrolensImages, plane: Seen, waves: Spectrum 
     if parts := [(one.share, type(images)(through_filter(c, one), images.fields)) for one in filters(c.colours)]:
         return np.asarray(sum(share * disparity_information(part, plane, waves) for share, part in parts))
     one = np.ones(())
-    rows = _rows_of(images, plane, texture(c, plane) if waves is None else Texture(one, one, waves))
+    rows = _rows_of(images, plane, texture(c, plane) if waves is None else _Texture(one, one, waves))
     builds = _builds(images, plane)
     shape = (len(images.fields), *builds)
     array = _Array(c.layout, c.lens_shape, bool(c.shape))
@@ -258,7 +258,7 @@ def _builds(images: MicrolensImages, plane: Seen) -> tuple[int, ...]:
     return np.broadcast_shapes(images.camera.shape or (1,), np.shape(plane.disparity), np.shape(plane.scale))
 
 
-def _rows_of(images: MicrolensImages, plane: Seen, texture: Texture) -> _Images:
+def _rows_of(images: MicrolensImages, plane: Seen, texture: _Texture) -> _Images:
     """Every field of every build, one after the other."""
     c = images.camera
     openings = images.openings
@@ -394,7 +394,7 @@ def _series(c: _Array, level: int, whole: bool, nodes: bytes, spectrum: bytes, l
     one = np.ones(wide.size)
     dark = np.maximum(np.exp(dark) - 1e-6, 0.0)
     disc = Openings.of_discs(np.zeros((wide.size, 1, 2)), np.exp(wide)[:, None] / 2)
-    waves = Texture(np.exp(fine), one, Spectrum(*np.frombuffer(spectrum).reshape(3, -1)), lens_shape)
+    waves = _Texture(np.exp(fine), one, Spectrum(*np.frombuffer(spectrum).reshape(3, -1)), lens_shape)
     own = (one, one, np.exp(-sharp), blurred, np.exp(pixel), one, dark, one, bend, 2 * disc.radii[:, 0], disc, waves)
     with np.errstate(divide="ignore", invalid="ignore"):  # of what tells nothing there is no series
         values = np.log(_each(_Images(*own), c, level, whole))
@@ -556,7 +556,7 @@ def image_parts(images: MicrolensImages, x: Array, y: Array) -> ImageParts:
     first, second = np.append(first, [slow, 0.0]), np.append(second, [0.0, slow])
     kx, ky = first, PACKINGS[array.layout].wave_up(first, second)
     none, one = np.zeros(1), np.ones(())
-    rows = _rows_of(images, Seen(np.zeros(()), np.ones(())), Texture(one, one, Spectrum(none, none, none)))
+    rows = _rows_of(images, Seen(np.zeros(()), np.ones(())), _Texture(one, one, Spectrum(none, none, none)))
     sharp = rows.finest > FINEST_PLACES
     rows = rows._replace(wavelength=np.where(sharp, rows.wavelength * rows.finest / FINEST_PLACES, rows.wavelength))
     *orders, cell = _orders(array, float(rows.finest.max(initial=1.0)))

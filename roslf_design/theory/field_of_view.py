@@ -49,7 +49,7 @@ def widest(values: Sequence[Array]) -> Across:
     return Across(width, height, np.maximum(up, down))
 
 
-def of_ends(c: Camera, field: SensorField) -> tuple[tuple[ChiefRays, ChiefRays], ...]:
+def _of_ends(c: Camera, field: SensorField) -> tuple[tuple[ChiefRays, ChiefRays], ...]:
     """Chief rays of the field's `ends`, in that order."""
     every = [place for pair in ends(field) for place in pair]
     x, y = (np.stack(np.broadcast_arrays(*axis, np.empty(c.shape))[:-1]) for axis in zip(*every, strict=True))
@@ -60,7 +60,7 @@ def of_ends(c: Camera, field: SensorField) -> tuple[tuple[ChiefRays, ChiefRays],
 
 def field_of_view(c: Camera, field: SensorField) -> Across:
     """Full angles between the chief rays of the field's ends, from the entrance pupil [degrees]."""
-    return widest([between(a.directions, b.directions) for a, b in of_ends(c, field)])
+    return widest([between(a.directions, b.directions) for a, b in _of_ends(c, field)])
 
 
 def tip_field_of_view(c: Camera, field: SensorField, ahead: Number | None) -> Across:
@@ -73,16 +73,16 @@ def tip_field_of_view(c: Camera, field: SensorField, ahead: Number | None) -> Ac
     def direction(rays: ChiefRays) -> Array:
         return np.stack(np.broadcast_arrays(*rays.on_plane(c.tip + away), away), axis=-1)
 
-    return widest([between(direction(a), direction(b)) for a, b in of_ends(c, field)])
+    return widest([between(direction(a), direction(b)) for a, b in _of_ends(c, field)])
 
 
 def object_field(c: Camera, field: SensorField, ahead: Number | None) -> Across:
     """Width, height and diagonal of the field on a plane `ahead` of the tip, or the focal plane if None [mm]."""
     z = c.tip + (focus_ahead(c) if ahead is None else ahead)
-    return widest([apart(a.on_plane(z), b.on_plane(z)) for a, b in of_ends(c, field)])
+    return widest([_apart(a.on_plane(z), b.on_plane(z)) for a, b in _of_ends(c, field)])
 
 
-def apart(one: Places, other: Places) -> Array:
+def _apart(one: Places, other: Places) -> Array:
     """Distance between places on a plane [mm]."""
     with np.errstate(invalid="ignore"):  # of rays along the plane, which meet it nowhere
         away = [np.where(np.isinf(a) | np.isinf(b), np.inf, a - b) for a, b in zip(one, other, strict=True)]
@@ -124,5 +124,5 @@ def scales(c: Camera, place: Place, at: Number | None) -> tuple[Number, Number]:
     ways = ((cos, sin), (-cos, -sin), (-sin, cos), (sin, -cos))
     rays = chief_rays(c, (np.stack([x + step * u for u, _ in ways]), np.stack([y + step * v for _, v in ways])))
     met = rays.on_plane(c.tip + (focus_ahead(c) if at is None else at))
-    along, across = (apart(*((met[0][k], met[1][k]) for k in pair)) / (2 * step) for pair in ((0, 1), (2, 3)))
+    along, across = (_apart(*((met[0][k], met[1][k]) for k in pair)) / (2 * step) for pair in ((0, 1), (2, 3)))
     return along, across

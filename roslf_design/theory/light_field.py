@@ -133,7 +133,7 @@ def depth_sigma(c: Camera, depth: ArrayLike, disparity_sigma: ArrayLike) -> Arra
     return product(ratio(product(sigma * c.d, z), product(c.seen.D_F, c.seen.A)), z)
 
 
-class BackSubstituted(NamedTuple):
+class _BackSubstituted(NamedTuple):
     """Lengths of the camera from a calibration."""
 
     mla_distance: Array
@@ -150,7 +150,7 @@ class BackSubstituted(NamedTuple):
 
 def back_substitute(
     focal_length: ArrayLike, effective_image_distance: ArrayLike, magnification: ArrayLike
-) -> BackSubstituted:
+) -> _BackSubstituted:
     """Lengths d_1, d_f, d_3 and the aperture constant from f, A and m.
 
     Parameters
@@ -182,4 +182,4 @@ def back_substitute(
     d1 = f * (1 + m)
     with np.errstate(divide="ignore"):
         constant = d1 / reach
-    return BackSubstituted(d1, d1 / m, constant, f + (f - reach) / m, reach / d1)
+    return _BackSubstituted(d1, d1 / m, constant, f + (f - reach) / m, reach / d1)

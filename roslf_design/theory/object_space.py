@@ -151,8 +151,8 @@ class ObjectSpaceFaces:
         out, status = np.zeros_like(rays), np.zeros((count, rays.shape[2]), np.uint8)
         room = np.empty(ROWS * BLOCK), np.empty(BLOCK)
         # Angles from sines come out of numpy and of the compiler a bit apart.
-        if len(self.law) or use_compiled(carry_builds, status.size * table.shape[1]):
-            carry_builds.compiled(table, media, self.clip_status, self.law, *room, rays, out, status)
+        if len(self.law) or use_compiled(_carry_builds, status.size * table.shape[1]):
+            _carry_builds.compiled(table, media, self.clip_status, self.law, *room, rays, out, status)
         else:
             buffer, work = (_plain(part) for part in room)
             for k in range(count):
@@ -245,7 +245,7 @@ def _first(value: Number) -> float:
 
 
 @kernel()
-def cross_flat(
+def _cross_flat(
     row: Any, scene: float, sensor: float, x: float, y: float, z: float, dx: float, dy: float, dz: float
 ) -> Any:
     """One ray through a flat face, however it is turned: position, direction, and 0 or why not."""
@@ -294,7 +294,7 @@ def outwards(
     for s in range(len(table)):
         row = table[s]
         if int(row[KIND]) == SPHERE and row[3] == 0.0:
-            x, y, z, dx, dy, dz, fate = cross_flat(row, media[s][0], media[s][1], x, y, z, dx, dy, dz)
+            x, y, z, dx, dy, dz, fate = _cross_flat(row, media[s][0], media[s][1], x, y, z, dx, dy, dz)
         elif int(row[KIND]) == MAPPED:
             x, y, sx, sy, p = bend_mapped(law, row[LENGTH], media[s][0], False, x, y, dx / dz, dy / dz)
             shrink = -1.0 / sqrt(1.0 + sx * sx + sy * sy)
@@ -335,7 +335,7 @@ def carry(
 
 
 @kernel()
-def carry_builds(
+def _carry_builds(
     table: Any, media: Any, takers: Any, law: Any, buffer: Any, work: Any, rays: Any, out: Any, status: Any
 ) -> None:
     """`carry` through builds, the first axis of all but `clip_status` and `law`."""

@@ -82,7 +82,7 @@ def radiance(c: Camera) -> Array:
     return np.asarray(own / c.front[1].medium ** 2)
 
 
-def electron_rate(c: Camera) -> Array:
+def _electron_rate(c: Camera) -> Array:
     """Electrons per second in a pixel that its microlens lights fully, where the scene is as bright as on average.
 
     ``L q^2 Omega tau QE lambda/(h c)``, L as air has it: the pixel, as it stands behind a relay, sees its microlens
@@ -100,7 +100,7 @@ def exposure(c: Camera) -> Array:
     given = c.numbers.get("light.exposure")
     if given is not None:
         return np.asarray(given)
-    filled = ratio(LARGEST_FILL * c["sensor.full_well"], electron_rate(c))
+    filled = ratio(LARGEST_FILL * c["sensor.full_well"], _electron_rate(c))
     return np.asarray(np.where(np.real(filled) < LONGEST_EXPOSURE, filled, LONGEST_EXPOSURE))[()]
 
 
@@ -109,7 +109,7 @@ def electrons(c: Camera) -> Array:
 
     More than the full well where the exposure given is too long: the sensor then tells nothing.
     """
-    return np.asarray(product(electron_rate(c), exposure(c)))
+    return np.asarray(product(_electron_rate(c), exposure(c)))
 
 
 def dark_variance(c: Camera) -> Array:

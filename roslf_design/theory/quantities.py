@@ -898,7 +898,7 @@ _VARIABLES = {"main_lens.bending": "bending of the lens", "working_distance": "w
 _NAME = re.compile(r"(?<![\w.])([A-Za-z]\w*(?:\.\w+)*)(?:@(\d+))?(?![\w@])")
 
 
-def label_of(name: str) -> str:
+def _label_of(name: str) -> str:
     """Plain words for the name of a quantity, of a metric, or of a variable that is no symbol; empty where none."""
     known = QUANTITIES.get(name) or DECODED.get(name)
     return _VARIABLES.get(name, "") if known is None else known.label
@@ -908,7 +908,7 @@ def in_words(text: str) -> str:
     """A sentence or a label with names put into words: ``sigma_z_mm at 40 mm``, ``fill_factor@2``."""
 
     def worded(match: re.Match[str]) -> str:
-        words = label_of(match[1])
+        words = _label_of(match[1])
         return words + (f" at field {match[2]}" if match[2] else "") if words else match[0]
 
     return _NAME.sub(worded, text).replace(" >= ", " ≥ ").replace(" <= ", " ≤ ")

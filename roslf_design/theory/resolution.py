@@ -87,7 +87,7 @@ def sparse(count: int) -> int:
     return -(-count // 8) * 8 if count < 128 else -(-count // 64) * 64
 
 
-class Lenslet(NamedTuple):
+class _Lenslet(NamedTuple):
     """Transfer of a microlens and a pixel beside the pupil; numbers of one or of many builds."""
 
     width: Number
@@ -99,7 +99,7 @@ class Lenslet(NamedTuple):
     shape: LensShape
 
     @classmethod
-    def of(cls, c: Camera) -> Lenslet:
+    def of(cls, c: Camera) -> _Lenslet:
         """A camera's."""
         shape = LENS_SHAPES[c.lens_shape]
         return cls(c.d, c.seen.d_2, c.wavelength, -microlens_defocus(c) / c.seen.d_2, c.q, shape)
@@ -137,7 +137,7 @@ def axial_limit(c: Camera, rate: Number, level: float) -> Array:
     level : float
         Above 0 and below 1.
     """
-    lens = Lenslet.of(c)
+    lens = _Lenslet.of(c)
     diameter = magnitude(microlens_image_diameter(c))
     shape = np.broadcast_shapes(c.shape, np.shape(rate))
     reach = ratio(1.0, c.wavelength * c.seen.d_2 / diameter)
@@ -153,7 +153,7 @@ def axial_limit(c: Camera, rate: Number, level: float) -> Array:
     return np.asarray(np.minimum(limits[0], limits[-1]))[()]
 
 
-def _end(lens: Lenslet, rate: Number, reach: Number) -> Array:
+def _end(lens: _Lenslet, rate: Number, reach: Number) -> Array:
     """A frequency up to which the refocused transfer falls all the way, and at which nothing is left."""
     bent = np.abs(1 - lens.defocus * lens.distance * rate)
     # Where (d - t) nu reaches the first zero, t growing with nu; nowhere where the overlap is gone before.
@@ -413,8 +413,8 @@ class FieldTransfer:
         return min(apart, self._width + blur / 2 + 2 * float(diffraction_width(self.camera)))
 
     @cached_property
-    def _lens(self) -> Lenslet:
-        return Lenslet.of(self.camera)
+    def _lens(self) -> _Lenslet:
+        return _Lenslet.of(self.camera)
 
 
 def _falls(at: Array, values: Complex, level: float) -> tuple[float, float]:

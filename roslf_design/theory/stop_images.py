@@ -33,7 +33,7 @@ Linear = tuple[Number, Number, Number]
 """Coefficients of 1, alpha and beta, the coordinates on a stop's plane [mm]."""
 
 
-class Ellipse(NamedTuple):
+class _Ellipse(NamedTuple):
     """The points p with ``(p - centre)^T S^-1 (p - centre) = 1``."""
 
     x: Number
@@ -65,7 +65,7 @@ class Ellipse(NamedTuple):
         return x * self.x + y * self.y + np.sqrt(x * x * self.xx + 2 * x * y * self.xy + y * y * self.yy)
 
 
-class Polygon(NamedTuple):
+class _Polygon(NamedTuple):
     """Image of straight sides: corners counterclockwise [mm]."""
 
     corners: tuple[tuple[Number, Number], ...]
@@ -118,14 +118,14 @@ class Projected(NamedTuple):
         w = self.w
         return np.asarray((w[0] + w[1] * a + w[2] * b) * w[0] > 0)
 
-    def image(self, opening: ClearAperture) -> Ellipse | Polygon:
+    def image(self, opening: ClearAperture) -> _Ellipse | _Polygon:
         """Image of an opening about the stop's centre."""
         if not opening.straight:
             return self.ellipse(opening.radius)
         corners = [self.at(np.asarray(a), np.asarray(b)) for a, b in opening.corners]
-        return Polygon(tuple(corners))
+        return _Polygon(tuple(corners))
 
-    def ellipse(self, radius: Number) -> Ellipse:
+    def ellipse(self, radius: Number) -> _Ellipse:
         """Image of the circle of that radius about the stop's centre."""
         scale = 1.0 / self.w[0]
         bu, bv = times(self.u[0], scale), times(self.v[0], scale)
@@ -136,7 +136,7 @@ class Projected(NamedTuple):
         square = times(radius, radius)
         slant = total(0.0, ga, ga, gb, gb)
         if isinstance(slant, float) and slant == 0.0:
-            return Ellipse(bu, bv, times(square, xx), times(square, xy), times(square, yy))
+            return _Ellipse(bu, bv, times(square, xx), times(square, xy), times(square, yy))
         # Dual conic of the circle, N diag(r^2, r^2, -1) N^T, with the image of its centre as the origin.
         left = np.asarray(1.0 - square * slant)
         beyond = left.real <= 0
@@ -145,7 +145,7 @@ class Projected(NamedTuple):
             ga, gb, left = times(ga, upright), times(gb, upright), np.where(beyond, 1.0, left)
         size = square / left[()]
         vu, vv = total(0.0, ja, ga, jb, gb), total(0.0, ka, ga, kb, gb)
-        return Ellipse(
+        return _Ellipse(
             bu - size * vu,
             bv - size * vv,
             size * plus(xx, size * times(vu, vu)),
@@ -195,20 +195,20 @@ def project(point: Projected, through: Vector, weight: Number, plane: Frame) -> 
     return Projected(*zip(*columns, strict=True))
 
 
-def stop_image(c: Camera, rim: Rim, microlens: Vector) -> Projected:
+def _stop_image(c: Camera, rim: Rim, microlens: Vector) -> Projected:
     """Image of a stop on the sensor, through a microlens [mm, the sensor's own frame]."""
     return project(lens_point(c, rim, microlens), microlens, 1.0, c.apparent_pose("sensor"))
 
 
-def _room(rim: ClearAperture, pencil: Ellipse | Polygon) -> Number:
+def _room(rim: ClearAperture, pencil: _Ellipse | _Polygon) -> Number:
     """Room between a pencil and a rim about the origin of the rim's plane [mm]."""
-    if not rim.straight and isinstance(pencil, Ellipse):
+    if not rim.straight and isinstance(pencil, _Ellipse):
         off = np.hypot(pencil.x, pencil.y)
         return rim.radius - off - _reach(pencil, off)
     return reduce(np.minimum, [edge - pencil.support(*normal) for normal, edge in rim.sides], rim.radius - pencil.reach)
 
 
-def _reach(pencil: Ellipse, off: Number) -> Number:
+def _reach(pencil: _Ellipse, off: Number) -> Number:
     """Half-width of an ellipse along the direction of its own centre from the origin."""
     if isinstance(pencil.xy, float) and pencil.xy == 0.0 and (pencil.xx is pencil.yy):
         return np.sqrt(pencil.xx)
@@ -428,7 +428,7 @@ class MicrolensImages:
         return lens_point(self.camera, self.camera.fap, self.microlens)
 
     @cached_property
-    def outline(self) -> Ellipse | Polygon:
+    def outline(self) -> _Ellipse | _Polygon:
         """The FAP's image, as if nothing cut it."""
         image = project(self._through_fap, self.microlens, 1.0, self.camera.apparent_pose("sensor"))
         return image.image(self.camera.fap.outline)
@@ -479,7 +479,7 @@ class MicrolensImages:
     @cached_property
     def through_lens(self) -> tuple[Number, Number]:
         """Points of the sensor that rays through the main lens's centre meet [mm]."""
-        return stop_image(self.camera, self.camera.rims[0], self.microlens).centre
+        return _stop_image(self.camera, self.camera.rims[0], self.microlens).centre
 
     @property
     def _clear(self) -> tuple[bool, ...]:
@@ -504,10 +504,10 @@ class MicrolensImages:
             return self.openings.common()
         shape = (len(self.fields), *(c.shape or (1,)))
         rims = [rim for rim, clear in zip(c.rims, self._clear, strict=True) if not clear]
-        images = [self.outline, *(stop_image(c, rim, self.microlens).image(rim.outline) for rim in rims)]
-        order = np.argsort([isinstance(image, Polygon) for image in images], kind="stable")
-        ellipses = [image for image in images if isinstance(image, Ellipse)]
-        polygons = [image for image in images if isinstance(image, Polygon)]
+        images = [self.outline, *(_stop_image(c, rim, self.microlens).image(rim.outline) for rim in rims)]
+        order = np.argsort([isinstance(image, _Polygon) for image in images], kind="stable")
+        ellipses = [image for image in images if isinstance(image, _Ellipse)]
+        polygons = [image for image in images if isinstance(image, _Polygon)]
         centres, matrices = np.empty((*shape, len(ellipses), 2)), np.empty((*shape, len(ellipses), 3))
         for k, image in enumerate(ellipses):
             centres[..., k, 0], centres[..., k, 1] = image.x - self.outline.x, image.y - self.outline.y

@@ -16,7 +16,7 @@ from .lens_shapes import LENS_SHAPES, LensShape, shared_line
 from .light import microlens_defocus
 
 
-class Switches(Protocol):
+class _Switches(Protocol):
     """A plan of effects."""
 
     def on(self, name: str) -> bool:
@@ -48,7 +48,7 @@ class MicrolensTransfer:
     """Whether this is only what it has beyond diffraction in focus of the rays' own blur."""
 
     @classmethod
-    def of(cls, camera: Camera, plan: Switches, wavelengths: Sequence[float] = ()) -> MicrolensTransfer:
+    def of(cls, camera: Camera, plan: _Switches, wavelengths: Sequence[float] = ()) -> MicrolensTransfer:
         """Transfer of a planned camera's microlenses; no `wavelengths` [mm] are the camera's own."""
         return cls(
             float(camera.d),

@@ -15,7 +15,7 @@ from ..design import PATHS
 WALL, LENGTH, OUTER = "tube.wall", "tube.length", "tube.outer_diameter"
 
 
-class Housed(NamedTuple):
+class _Housed(NamedTuple):
     """A part of known width."""
 
     name: str
@@ -26,15 +26,15 @@ class Housed(NamedTuple):
     """Its end towards the scene [mm before the main lens, below 0 behind it]."""
 
 
-def housed(c: Camera) -> tuple[Housed, ...]:
+def housed(c: Camera) -> tuple[_Housed, ...]:
     """FAP, stops, elements, main lens, array and sensor.
 
     Without elements of no given diameter, and without the sensor where a relay stands between, which may be anywhere.
     """
     numbers = c.numbers
 
-    def part(name: str, key: str, width: Number, place: Number) -> Housed:
-        return Housed(name, width + 2 * np.hypot(numbers[f"{key}.decentre.0"], numbers[f"{key}.decentre.1"]), place)
+    def part(name: str, key: str, width: Number, place: Number) -> _Housed:
+        return _Housed(name, width + 2 * np.hypot(numbers[f"{key}.decentre.0"], numbers[f"{key}.decentre.1"]), place)
 
     def diagonal(key: str) -> Number:
         size: Number = np.hypot(numbers[f"{key}.size.0"], numbers[f"{key}.size.1"])
@@ -57,7 +57,7 @@ def housed(c: Camera) -> tuple[Housed, ...]:
     return tuple(parts)
 
 
-def inside(c: Camera, part: Housed) -> Array:
+def inside(c: Camera, part: _Housed) -> Array:
     """Whether a part lies in the tube: no farther behind the tip than it is long."""
     numbers = c.numbers
     return np.asarray(part.place >= c.tip - numbers[LENGTH] if LENGTH in numbers else np.True_)

@@ -125,7 +125,7 @@ def field_margins(c: Camera) -> Array:
     return np.stack([radii, *np.broadcast_arrays(room, taken)], axis=1)
 
 
-class FieldLimit(NamedTuple):
+class _FieldLimit(NamedTuple):
     """Limit of the undistorted field of one camera."""
 
     radius: float
@@ -138,7 +138,7 @@ class FieldLimit(NamedTuple):
     """Smallest room between a pencil and a rim at the field's farthest corner, on that rim's plane [mm]."""
 
 
-def field_limit(c: Camera) -> FieldLimit:
+def field_limit(c: Camera) -> _FieldLimit:
     """Largest undistorted field of one camera, and the room left at the corner of what the sensor sees.
 
     Parameters
@@ -151,4 +151,4 @@ def field_limit(c: Camera) -> FieldLimit:
     tightest = min(range(len(rooms)), key=lambda k: (bounds[k], rooms[k]))
     radius = bounds[tightest]
     real, on_array = float(on_focal_plane(c, np.asarray(radius))), radius / abs(float(c.seen.inverse_m))
-    return FieldLimit(real, on_array, c.rims[tightest].opening, min(rooms))
+    return _FieldLimit(real, on_array, c.rims[tightest].opening, min(rooms))

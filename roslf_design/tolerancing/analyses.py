@@ -215,7 +215,7 @@ def scale_for_yield(
 
 
 @dataclass(frozen=True)
-class ColumnSummary:
+class _ColumnSummary:
     """Summary of one column over the trials of one variant."""
 
     label: str
@@ -262,7 +262,7 @@ class ColumnSummary:
 
 
 @dataclass(frozen=True)
-class LimitYield:
+class _LimitYield:
     """One limit alone, over the builds that are cameras."""
 
     label: str
@@ -286,15 +286,15 @@ class Variant:
     """Builds that are no cameras: parts collide, a number is beyond what it can be."""
     faults: tuple[tuple[str, int], ...]
     """Why, in words, and in how many, most first; a build may have several reasons."""
-    limits: tuple[LimitYield, ...]
-    distributions: tuple[ColumnSummary, ...]
+    limits: tuple[_LimitYield, ...]
+    distributions: tuple[_ColumnSummary, ...]
 
     @property
-    def weakest(self) -> LimitYield:
+    def weakest(self) -> _LimitYield:
         """The limit that fails most often; among those that never fail, the one whose room scatter uses most of."""
         columns = {column.label: column for column in self.distributions}
 
-        def strength(limit: LimitYield) -> tuple[int, float]:
+        def strength(limit: _LimitYield) -> tuple[int, float]:
             column = columns[limit.label]
             told = finite if math.isinf(column.high) or math.isinf(column.nominal) else np.asarray
             here, low, high = (float(told(value)) for value in (column.nominal, column.low, column.high))
@@ -327,7 +327,7 @@ def summarise(plan: TolerancePlan, tally: Tally) -> tuple[Variant, ...]:
                 if tally.faults[v, reason]
             ),
             tuple(
-                LimitYield(
+                _LimitYield(
                     plan.columns[limit.column].label,
                     limit.low,
                     limit.high,
@@ -341,7 +341,7 @@ def summarise(plan: TolerancePlan, tally: Tally) -> tuple[Variant, ...]:
     )
 
 
-def _summary(plan: TolerancePlan, tally: Tally, v: int, c: int) -> ColumnSummary:
+def _summary(plan: TolerancePlan, tally: Tally, v: int, c: int) -> _ColumnSummary:
     nominal = float(plan.nominal[c])
     here = nominal if math.isfinite(nominal) else 0.0
     undefined, counts = int(tally.undefined[v, c] - tally.impossible[v]), tally.counts[v, c]
@@ -363,7 +363,7 @@ def _summary(plan: TolerancePlan, tally: Tally, v: int, c: int) -> ColumnSummary
         places, past = from_finite(np.linspace(float(finite(here + low)), 0.0, HISTOGRAM_BINS + 1)) - here, infinite
     histogram = rebin(counts, np.array([-np.inf, *places[1:-1], np.inf])) if len(places) else np.empty(0)
     histogram[-1:] += past
-    return ColumnSummary(
+    return _ColumnSummary(
         label=plan.columns[c].label,
         nominal=nominal,
         undefined=undefined,

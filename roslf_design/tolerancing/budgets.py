@@ -33,7 +33,7 @@ UNNOTICED = 0.002
 """Share of builds that loosening may cost where the wanted yield is out of reach anyhow."""
 
 
-class CostedPart(NamedTuple):
+class _CostedPart(NamedTuple):
     """Part with a cost, toleranced by one line: a place with its two axes."""
 
     place: str
@@ -93,7 +93,7 @@ class Change:
 
 
 @dataclass(frozen=True)
-class Looser:
+class _Looser:
     """A part that may be looser."""
 
     place: str
@@ -110,7 +110,7 @@ class ToleranceBudget:
     target: float
     changes: tuple[Change, ...]
     """Changes that reach the target, cheapest first; empty where the study does already, or nothing known does."""
-    looser: tuple[Looser, ...]
+    looser: tuple[_Looser, ...]
     """Together, after the cheapest change where one is needed."""
     result: Yield
     """Yield with that change and everything looser."""
@@ -134,14 +134,14 @@ class ToleranceBudget:
         }
 
 
-class Builds(NamedTuple):
+class _Builds(NamedTuple):
     """A study's builds with some tolerances changed."""
 
     plan: TolerancePlan
     factors: Array
     """Factors on each perturbation's tolerance, (P,)."""
 
-    def with_part(self, part: CostedPart, tolerance: float) -> Builds:
+    def with_part(self, part: _CostedPart, tolerance: float) -> _Builds:
         """Builds with one part at another tolerance."""
         factors = self.factors.copy()
         factors[list(part.rows)] = tolerance / part.tolerance
@@ -165,7 +165,7 @@ class Builds(NamedTuple):
         return float(np.quantile(worst, target, method="higher"))
 
 
-class Aim(NamedTuple):
+class _Aim(NamedTuple):
     """Acceptance criterion of a search for changes: so many of so many builds pass."""
 
     passed: int
@@ -174,16 +174,16 @@ class Aim(NamedTuple):
     """Number of builds tried."""
 
     @classmethod
-    def at(cls, share: float, trials: int) -> Aim:
+    def at(cls, share: float, trials: int) -> _Aim:
         """A yield whose interval does not begin below a share."""
         return cls(least_passed(share, trials), trials)
 
-    def held_by(self, builds: Builds) -> bool:
+    def held_by(self, builds: _Builds) -> bool:
         """Whether builds do."""
         return self.passed <= self.trials and builds.passed(self.trials) >= self.passed
 
 
-def parts_of(plan: TolerancePlan, grades: Grades) -> tuple[CostedPart, ...]:
+def parts_of(plan: TolerancePlan, grades: Grades) -> tuple[_CostedPart, ...]:
     """Parts that a shop makes, from a study's perturbations; a tolerance of zero is none."""
     design = plan.question.design
     kinds, rows = perturbable(design), dict[str, list[int]]()
@@ -195,7 +195,7 @@ def parts_of(plan: TolerancePlan, grades: Grades) -> tuple[CostedPart, ...]:
     for place, members in rows.items():
         first = plan.draws.perturbations[members[0]]
         line, widths = grades.line_of(design, first.place) or (None, ())
-        parts.append(CostedPart(place, tuple(members), first.tolerance, kinds[first.place], line, widths))
+        parts.append(_CostedPart(place, tuple(members), first.tolerance, kinds[first.place], line, widths))
     return tuple(parts)
 
 
@@ -218,7 +218,7 @@ def budget(
     """
     target = study.yield_target
     trials = search_trials(min(curve_trials(plan), MOST_TRIALS), target)
-    parts, now = parts_of(plan, grades), Builds(plan, np.ones(len(plan.draws.perturbations)))
+    parts, now = parts_of(plan, grades), _Builds(plan, np.ones(len(plan.draws.perturbations)))
     start, changes = now, tuple[Change, ...]()
     reached = given.value >= target
     if not reached:
@@ -237,19 +237,19 @@ def budget(
     moved = {place for place, *_ in changes[0].steps} if changes else set()
     left = [part for part in parts if part.place not in moved]
 
-    def loosened(aim: Aim) -> tuple[tuple[Looser, ...], Builds] | None:
+    def loosened(aim: _Aim) -> tuple[tuple[_Looser, ...], _Builds] | None:
         looser, builds = _loosened(start, left, grades, aim)
         return (looser, builds) if looser else None
 
     if reached:  # what loses no build of those that hold now is as good as they are
         most, floor = start.passed(trials), min(target, start.judged(trials).interval[0])
         best = promised(
-            lambda share: loosened(Aim(min(least_passed(share, trials), most), trials)),
+            lambda share: loosened(_Aim(min(least_passed(share, trials), most), trials)),
             lambda both: both[1].judged(trials),
             floor,
         )
     else:
-        both = loosened(Aim(math.ceil(start.passed(trials) - UNNOTICED * trials), trials))
+        both = loosened(_Aim(math.ceil(start.passed(trials) - UNNOTICED * trials), trials))
         best = None if both is None else (both, both[1].judged(trials))
     if best is None:
         return ToleranceBudget(target, changes, (), changes[0].result if changes else given)
@@ -258,10 +258,10 @@ def budget(
 
 
 def _single(
-    now: Builds, parts: Sequence[CostedPart], grades: Grades, target: float, trials: int
-) -> Iterator[tuple[Change, Builds]]:
+    now: _Builds, parts: Sequence[_CostedPart], grades: Grades, target: float, trials: int
+) -> Iterator[tuple[Change, _Builds]]:
     """Changes of one thing alone that reach the target."""
-    aim = Aim.at(target, trials)
+    aim = _Aim.at(target, trials)
     for part in parts:
         if not aim.held_by(now.with_part(part, 0.0)):
             continue  # not even a perfect one
@@ -270,7 +270,7 @@ def _single(
                 step, better = (part.place, name, width), now.with_part(part, width)
                 yield from _sure("grade", step, part.extra(width), better, target, trials)
         found = promised(
-            lambda share, part=part: _tightened(now, part, Aim.at(share, trials)),  # type: ignore[misc]
+            lambda share, part=part: _tightened(now, part, _Aim.at(share, trials)),  # type: ignore[misc]
             lambda width, part=part: now.with_part(part, width).judged(trials),  # type: ignore[misc]
             target,
         )
@@ -282,14 +282,14 @@ def _single(
 
 
 def _sure(
-    kind: Kind, step: tuple[str, str, float], cost: float | None, builds: Builds, target: float, trials: int
-) -> Iterator[tuple[Change, Builds]]:
+    kind: Kind, step: tuple[str, str, float], cost: float | None, builds: _Builds, target: float, trials: int
+) -> Iterator[tuple[Change, _Builds]]:
     """A change of one step, where its yield is the target for sure."""
     if builds.passed(trials) >= target * trials and (result := builds.judged(trials)).interval[0] >= target:
         yield Change(kind, (step,), cost, result), builds
 
 
-def _tightened(now: Builds, part: CostedPart, aim: Aim) -> float | None:
+def _tightened(now: _Builds, part: _CostedPart, aim: _Aim) -> float | None:
     """Largest tolerance of a part alone that suffices; None where none does."""
     low, high = 0.0, 1.0
     for _ in range(HALVINGS):
@@ -299,7 +299,7 @@ def _tightened(now: Builds, part: CostedPart, aim: Aim) -> float | None:
     return low * part.tolerance if low > 0 else None
 
 
-def _adjusted(now: Builds, grades: Grades, target: float, trials: int) -> Iterator[tuple[Change, Builds]]:
+def _adjusted(now: _Builds, grades: Grades, target: float, trials: int) -> Iterator[tuple[Change, _Builds]]:
     """Changes by one more adjustment that reach the target."""
     plan = now.plan
     design = plan.question.design
@@ -322,11 +322,11 @@ def _adjusted(now: Builds, grades: Grades, target: float, trials: int) -> Iterat
 
 
 def _several(
-    now: Builds, parts: Sequence[CostedPart], grades: Grades, target: float, trials: int
-) -> Iterator[tuple[Change, Builds]]:
+    now: _Builds, parts: Sequence[_CostedPart], grades: Grades, target: float, trials: int
+) -> Iterator[tuple[Change, _Builds]]:
     """Parts taken to better grades one after the other, where their yield is the target for sure."""
     found = promised(
-        lambda share: _stepped(now, parts, grades, target, Aim.at(share, trials)),
+        lambda share: _stepped(now, parts, grades, target, _Aim.at(share, trials)),
         lambda both: both[1].judged(trials),
         target,
     )
@@ -338,14 +338,14 @@ def _several(
 
 
 def _stepped(
-    now: Builds, parts: Sequence[CostedPart], grades: Grades, target: float, aim: Aim
-) -> tuple[Steps, Builds] | None:
+    now: _Builds, parts: Sequence[_CostedPart], grades: Grades, target: float, aim: _Aim
+) -> tuple[Steps, _Builds] | None:
     """Parts taken to better grades, each time what helps most for its cost, until the aim; None where none is left."""
     few = min(aim.trials, STEPS_TRIALS)
     builds, left, used = now, {part.place: part for part in parts if part.line}, now.used(target, few)
     steps: dict[str, tuple[str, float]] = {}
     while left:
-        best: tuple[float, float, CostedPart, str, float, Builds] | None = None
+        best: tuple[float, float, _CostedPart, str, float, _Builds] | None = None
         for part in left.values():
             at = steps[part.place][1] if part.place in steps else part.tolerance
             spent = part.extra(at) or 0.0
@@ -370,12 +370,12 @@ def _stepped(
 
 
 def _pruned(
-    builds: Builds,
-    parts: dict[str, CostedPart],
+    builds: _Builds,
+    parts: dict[str, _CostedPart],
     steps: dict[str, tuple[str, float]],
     grades: Grades,
-    aim: Aim,
-) -> tuple[Steps, Builds] | None:
+    aim: _Aim,
+) -> tuple[Steps, _Builds] | None:
     """Steps that reach the aim without what they can do without; None where a single one is left."""
     for place in sorted(steps, key=lambda place: -(parts[place].extra(steps[place][1]) or 0.0)):
         part, (_, least) = parts[place], steps[place]
@@ -399,8 +399,8 @@ def _pruned(
 
 
 def _loosened(
-    start: Builds, parts: Sequence[CostedPart], grades: Grades, aim: Aim
-) -> tuple[tuple[Looser, ...], Builds]:
+    start: _Builds, parts: Sequence[_CostedPart], grades: Grades, aim: _Aim
+) -> tuple[tuple[_Looser, ...], _Builds]:
     """Parts to looser grades, those that matter least first, as long as the aim is held."""
     options, few = [], min(aim.trials, STEPS_TRIALS)
     share = min(max(aim.passed / aim.trials, 0.01), 1.0)
@@ -415,7 +415,7 @@ def _loosened(
             other = builds.with_part(part, width)
             if aim.held_by(other):
                 extra = part.extra(width)
-                looser.append(Looser(part.place, name, part.tolerance, width, None if extra is None else -extra))
+                looser.append(_Looser(part.place, name, part.tolerance, width, None if extra is None else -extra))
                 builds = other
                 break
     return tuple(looser), builds

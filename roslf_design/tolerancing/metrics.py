@@ -109,7 +109,7 @@ def evaluate_builds(question: Question, values: Mapping[str, Array], trials: int
     return results
 
 
-def lenslet_offsets(question: Question, values: Mapping[str, Array]) -> tuple[Number, Number] | None:
+def _lenslet_offsets(question: Question, values: Mapping[str, Array]) -> tuple[Number, Number] | None:
     """How far each field's microlens is from where the pitch has it, x and y [mm], (fields, trials); None: nowhere."""
     if not any(place.startswith(LENSLETS) for place in values):
         return None
@@ -194,7 +194,7 @@ def builds_of(
     The others have nominal numbers, which mean nothing. `afresh` is for builds behind a real lens that are far from the
     nominal design: each one's rays are found from its own thin twin.
     """
-    rest = question.fields, question.object_distance, calibrated, lenslet_offsets(question, values)
+    rest = question.fields, question.object_distance, calibrated, _lenslet_offsets(question, values)
     mount = _mount(question.design, values, trials)
     nominal, changes = mount.nominal, mount.changes
     camera = nominal.replace(changes)

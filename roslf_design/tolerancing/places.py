@@ -69,7 +69,7 @@ def perturbable(design: Design) -> dict[str, str]:
     built = [place for place in Camera.of(design).numbers if place != TIP and place not in VIEWING_CONDITIONS]
     kinds = {place: _kind(place) for place in built if ".size." not in place}
     lenslets = [f"{LENSLETS}{field}.decentre.{axis}" for field in range(MOST_LENSLETS) for axis in (0, 1)]
-    kinds |= dict.fromkeys([*lenslets, *([SAG] if lenslet_sag(design) else [])], "length")
+    kinds |= dict.fromkeys([*lenslets, *([SAG] if _lenslet_sag(design) else [])], "length")
     lens = design.main_lens.kind
     kinds = {place: kind for place, kind in kinds.items() if place not in lens.follows}
     return kinds | {LENS + place: kind for place, kind in lens.places.items()}
@@ -89,13 +89,13 @@ def _kind(place: str) -> str:
 def nominal_values(design: Design) -> Mapping[str, float]:
     """The design's own number at every perturbable place; f, d_f and d_1 all resolved."""
     numbers = {place: float(number) for place, number in Camera.of(design).numbers.items()}
-    numbers |= {SAG: lenslet_sag(design)}
+    numbers |= {SAG: _lenslet_sag(design)}
     own = design.main_lens.kind.values(design.wavelength)
     numbers |= {LENS + place: value for place, value in own.items()}
     return {place: numbers.get(place, 0.0) for place in perturbable(design)}
 
 
-def lenslet_sag(design: Design) -> float:
+def _lenslet_sag(design: Design) -> float:
     """Sag of a microlens across its pitch, ``d^2/(8 (n - 1) f_ml)`` [mm]; 0 where nothing says what it is made of."""
     array = design.microlens_array
     glass = array.material or (None if array.substrate is None else array.substrate.material)
@@ -106,7 +106,7 @@ def of_parts(design: Design, values: Mapping[str, Any]) -> dict[str, Any]:
     """Builds' numbers as parts have them: a sag told as focal length, microlenses' own places left out."""
     parts = {place: value for place, value in values.items() if not place.startswith(LENSLETS) and place != SAG}
     if SAG in values:
-        parts[PATHS["f_ml"]] = parts.get(PATHS["f_ml"], design.f_ml) * (lenslet_sag(design) / values[SAG])
+        parts[PATHS["f_ml"]] = parts.get(PATHS["f_ml"], design.f_ml) * (_lenslet_sag(design) / values[SAG])
     return parts
 
 
@@ -227,7 +227,7 @@ _NUMBER = r"(\d+(?:\.\d*)?|\.\d+|-)"
 _ISO = re.compile(rf"3/\s*{_NUMBER}?\s*(?:\(\s*{_NUMBER}\s*(?:/\s*{_NUMBER}\s*)?\))?\s*(?:RMSi\s*<\s*{_NUMBER})?\s*")
 
 
-class FormTolerance(NamedTuple):
+class _FormTolerance(NamedTuple):
     """Form tolerance of a surface by ISO 10110-5, ``3/A(B/C) RMSi < D``, in fringes; None where not stated."""
 
     power: float | None
@@ -240,7 +240,7 @@ class FormTolerance(NamedTuple):
     """D: of the irregularity."""
 
     @classmethod
-    def of(cls, text: str) -> FormTolerance:
+    def of(cls, text: str) -> _FormTolerance:
         """Read such a text.
 
         Raises
@@ -282,7 +282,7 @@ def tolerance_at(design: Design, place: str, text: object) -> float:
         Not readable there, not finite, negative, or percent of a nominal zero.
     """
     kind, nominal = perturbable(design)[place], nominal_values(design)[place]
-    iso = FormTolerance.of(text) if isinstance(text, str) and text.strip().startswith("3/") else None
+    iso = _FormTolerance.of(text) if isinstance(text, str) and text.strip().startswith("3/") else None
     if iso is None:
         width = parse_tolerance(text, "length" if kind == "form" else kind, nominal)
         return width / math.sqrt(MODES) if kind == "form" else width
@@ -353,7 +353,7 @@ class GradeLine(NamedTuple):
     """Cost of one such part in every grade; differences count."""
 
 
-class AdjustmentLine(NamedTuple):
+class _AdjustmentLine(NamedTuple):
     """A part that could be adjusted on each build, or "calibration" of the decoder, and what that costs."""
 
     place: str
@@ -372,7 +372,7 @@ class Grades:
     meanings: tuple[str, ...]
     """Meanings of the grades, one sentence each."""
     lines: tuple[GradeLine, ...]
-    adjustments: tuple[AdjustmentLine, ...] = ()
+    adjustments: tuple[_AdjustmentLine, ...] = ()
 
     def line_of(self, design: Design, place: str) -> tuple[GradeLine, tuple[float, ...]] | None:
         """The line that speaks of a place, and its half-widths there in every grade; None where none does."""
@@ -459,7 +459,7 @@ def load_grades(path: Path = SHIPPED) -> Grades:
         )
         for line in lines
     )
-    adjusted = (AdjustmentLine(p["place"], p.get("range", ""), float(p["cost"]), p["provenance"]) for p in parts)
+    adjusted = (_AdjustmentLine(p["place"], p.get("range", ""), float(p["cost"]), p["provenance"]) for p in parts)
     return Grades(tuple(names), tuple(names.values()), tuple(rows), tuple(adjusted))
 
 

@@ -56,7 +56,7 @@ SHAPES = ("kept_fraction", "image_area_mm2", "axis_ratio")
 
 
 @dataclass(frozen=True)
-class WorstTrial:
+class _WorstTrial:
     """A trial that exceeds its limits most."""
 
     number: int
@@ -69,7 +69,7 @@ class WorstTrial:
 
 
 @dataclass(frozen=True)
-class StandardError:
+class _StandardError:
     """Standard error of a share of builds."""
 
     expected: float
@@ -79,12 +79,12 @@ class StandardError:
 
 
 @dataclass(frozen=True)
-class Precision:
+class _Precision:
     """How sure a run is, in shares of builds: a quantile is the value below which a share of builds lies."""
 
     accuracy: Accuracy
-    yield_: StandardError
-    ranks: StandardError
+    yield_: _StandardError
+    ranks: _StandardError
     """Error of quantiles: expected, the largest over those asked for; measured, mean square over all defined columns.
     """
 
@@ -118,9 +118,9 @@ class StudyResult:
     """The study with each grade."""
     correlations: Array
     """Columns with perturbations, shape (C, P)."""
-    worst: tuple[WorstTrial, ...]
+    worst: tuple[_WorstTrial, ...]
     warnings: tuple[str, ...]
-    precision: Precision | None = None
+    precision: _Precision | None = None
     """Standard errors of the run; None where nobody asked."""
     tracing: tuple[str, ...] = ()
     """How builds behind a real lens were traced; nothing where it is ideal."""
@@ -204,7 +204,7 @@ def analyse(
     study: Study,
     grades: Grades,
     tally: Tally,
-    worst: tuple[WorstTrial, ...] = (),
+    worst: tuple[_WorstTrial, ...] = (),
     *,
     budgets: bool = True,
 ) -> StudyResult:
@@ -281,7 +281,7 @@ def _warnings(
         yield f"of the whole camera, on its axis, so blind to decentres and tilts: {', '.join(axial)}"
 
 
-def save_worst(plan: TolerancePlan, tally: Tally, folder: Path) -> tuple[WorstTrial, ...]:
+def save_worst(plan: TolerancePlan, tally: Tally, folder: Path) -> tuple[_WorstTrial, ...]:
     """Write the worst trials as design files, adjustments included."""
     rows = []
     for number, score in zip(tally.worst.tolist(), tally.scores.tolist(), strict=True):
@@ -295,7 +295,7 @@ def save_worst(plan: TolerancePlan, tally: Tally, folder: Path) -> tuple[WorstTr
         else:
             text = {"name": f"{design.name}, trial {number} of {plan.name}", "source": f"seed {plan.draws.seed}"}
             save(design.replace(text), folder / name, overwrite=True, digits=WRITTEN)
-        rows.append(WorstTrial(number, score, name, faults))
+        rows.append(_WorstTrial(number, score, name, faults))
     return tuple(rows)
 
 
@@ -330,7 +330,7 @@ def trials_for(accuracy: float, sampling: str = "random") -> int:
 
 def precision(
     plan: TolerancePlan, tally: Tally, final: Variant, asked: float | None = None, seconds: float | None = None
-) -> Precision:
+) -> _Precision:
     """Precision of a run's shares and quantiles.
 
     Parameters
@@ -354,8 +354,8 @@ def precision(
 
     low, high = final.result.interval
     # Half the interval over its number of sigmas: a share of 0 or 1 has an error, too.
-    yields = StandardError(0.5 * (high - low) / float(ndtri(0.5 + CONFIDENCE / 2)), None)
-    ranks = StandardError(max(math.sqrt(p * (1 - p) / plan.trials) for p in (*plan.quantiles, 0.0)), None)
+    yields = _StandardError(0.5 * (high - low) / float(ndtri(0.5 + CONFIDENCE / 2)), None)
+    ranks = _StandardError(max(math.sqrt(p * (1 - p) / plan.trials) for p in (*plan.quantiles, 0.0)), None)
     measured, by, each = None, "", len(tally.measured) // PARTS
     if each >= LEAST:
         values = tally.measured[: each * PARTS, -1].T
@@ -386,7 +386,7 @@ def precision(
         seconds,
         scatter=1 / math.sqrt(2 * (PARTS - 1)),
     )
-    return Precision(accuracy, yields, ranks)
+    return _Precision(accuracy, yields, ranks)
 
 
 def shapes_text(plan: TolerancePlan) -> str:

@@ -177,7 +177,7 @@ def _claim(plan: TolerancePlan, digest: str, folder: Path, resume: bool) -> None
 
 def _is_whole(path: Path, digest: str, index: int) -> bool:
     """Whether a chunk has a file, as this run wrote it."""
-    return path.is_file() and is_sealed(path.read_bytes(), digest, index)
+    return path.is_file() and _is_sealed(path.read_bytes(), digest, index)
 
 
 def run_chunk(plan: TolerancePlan, index: int) -> bytes:
@@ -191,7 +191,7 @@ def tally_chunk(plan: TolerancePlan, index: int) -> Tally:
 
     def stretch(start: int) -> Tally:
         drawn = plan.draws.uniforms(index, plan.chunk, start, min(start + STRETCH, size))
-        return tally_of(plan, measure_uniforms(plan, drawn), first + start)
+        return _tally_of(plan, measure_uniforms(plan, drawn), first + start)
 
     return merged(stretch(start) for start in range(0, size, STRETCH))
 
@@ -426,7 +426,7 @@ class Tally:
     """Their adjustments [mm, rad], shape (kept, adjusters)."""
 
 
-def tally_of(plan: TolerancePlan, trials: MeasuredTrials, first: int) -> Tally:
+def _tally_of(plan: TolerancePlan, trials: MeasuredTrials, first: int) -> Tally:
     """Count consecutive trials, the first of which has the number `first`."""
     drawn, (variants, columns, size) = trials.deviations, trials.variants.shape
     passes = np.array([plan.passes(values) for values in trials.variants])
@@ -518,7 +518,7 @@ def _seal(content: bytes, digest: str, index: int) -> bytes:
     return hashlib.sha256(f"{digest} {index} ".encode() + content).hexdigest().encode()
 
 
-def is_sealed(content: bytes, digest: str, index: int) -> bool:
+def _is_sealed(content: bytes, digest: str, index: int) -> bool:
     """Whether these are the bytes that `pack` made of a run's chunk."""
     return content[-SEAL:] == _seal(content[:-SEAL], digest, index)
 
@@ -551,7 +551,7 @@ def unpack(content: bytes, digest: str, index: int) -> Tally:
     ValueError
         Not as `pack` wrote them: damaged, changed, or of another study or chunk.
     """
-    if not is_sealed(content, digest, index):
+    if not _is_sealed(content, digest, index):
         raise ValueError(f"chunk {index} is damaged, or of another study, seed or version")
     with np.load(io.BytesIO(content)) as archive:
         arrays = dict(archive)

@@ -261,7 +261,7 @@ def read_study(
 
 
 @dataclass(frozen=True)
-class Limit:
+class _Limit:
     """A goal at one column."""
 
     column: int
@@ -286,7 +286,7 @@ class TolerancePlan:
     name: str
     question: Question
     draws: Draws
-    limits: tuple[Limit, ...]
+    limits: tuple[_Limit, ...]
     adjusters: tuple[Adjuster, ...]
     calibrated: bool
     """Whether full calibration is among the compensators."""
@@ -374,7 +374,7 @@ class TolerancePlan:
         return hashlib.sha256(text.encode()).hexdigest()
 
 
-def most_sobol_samples(factors: int, columns: int) -> int:
+def _most_sobol_samples(factors: int, columns: int) -> int:
     """Base samples, a power of two, of Sobol indices that a gigabyte of memory holds."""
     each = SOBOL_ROWS + 4 * factors + columns * (4 * factors + 8)
     return int(1 << int(math.log2(MOST_MEMORY / (8 * each))))
@@ -498,7 +498,7 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
         ]
         low, high = -math.inf if goal.min is None else goal.min, math.inf if goal.max is None else goal.max
         limits += [
-            Limit(number, low, high)
+            _Limit(number, low, high)
             for number, column in enumerate(question.columns)
             if column.metric == goal.metric and (wanted is None or column.field in wanted)
         ]
@@ -508,7 +508,7 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
         study.sampling,
         study.seed,
     )
-    most = most_sobol_samples(len(draws.factors), len(question.columns))
+    most = _most_sobol_samples(len(draws.factors), len(question.columns))
     if study.sobol_samples > most:
         problems.append(
             Problem(

@@ -59,7 +59,7 @@ AS_IF_THIN = {
 """Quantities whose formulas would leave out what a real lens is asked about, and what they leave out."""
 
 
-class RealLensBuilds(NamedTuple):
+class _RealLensBuilds(NamedTuple):
     """T builds of a camera behind a real lens."""
 
     lens: LensBuilds
@@ -74,7 +74,7 @@ class RealLensBuilds(NamedTuple):
     """Shift of the system's frame against the lens's [mm], (T, 3)."""
 
 
-def real_lens_builds(design: Design, values: Mapping[str, Array], trials: int) -> RealLensBuilds:
+def real_lens_builds(design: Design, values: Mapping[str, Array], trials: int) -> _RealLensBuilds:
     """Where everything stands in builds of a design behind a real lens.
 
     The lens is missed in itself; the stops, the elements, the array and the sensor keep the places that the nominal
@@ -130,7 +130,7 @@ def real_lens_builds(design: Design, values: Mapping[str, Array], trials: int) -
     sound = lens.sound & (mla - before > lens.rear)
     for z in (fronts | elements).values():
         sound = sound & (z <= np.minimum(lens.front, camera.front))
-    return RealLensBuilds(lens, train, planes, twins, sound, -np.stack([lens_x, lens_y, 0 * lens_x], axis=-1))
+    return _RealLensBuilds(lens, train, planes, twins, sound, -np.stack([lens_x, lens_y, 0 * lens_x], axis=-1))
 
 
 def _warmed(design: Design, values: Mapping[str, Array]) -> dict[str, Array]:
@@ -189,7 +189,7 @@ def as_built(design: Design, values: Mapping[str, float]) -> Design:
     return built if temperature is None else built.replace({TEMPERATURE: temperature})
 
 
-class LocalMaps(NamedTuple):
+class _LocalMaps(NamedTuple):
     """Image centres about n places of the array, to second order [mm]."""
 
     place: Array
@@ -203,7 +203,7 @@ class LocalMaps(NamedTuple):
         return np.asarray(np.einsum("knt,nkc->ntc", np.array([np.ones_like(u), u, v, u * u, u * v, v * v]), self.terms))
 
 
-class Reference(NamedTuple):
+class _Reference(NamedTuple):
     """All that builds of one question share: rays in the nominal camera, and what its decoder knows. F fields."""
 
     chief: RayTargets
@@ -224,9 +224,9 @@ class Reference(NamedTuple):
     """Object points that nominal chief rays meet at the object's distance, in the system's frame [mm], (F, 3)."""
     axis_points: Array
     """Points on the axis at the depths of a calibration, (3, 3)."""
-    centres: LocalMaps
-    end_centres: LocalMaps
-    axis_centres: LocalMaps
+    centres: _LocalMaps
+    end_centres: _LocalMaps
+    axis_centres: _LocalMaps
     slopes: Array
     """Nominal slopes at those depths along each field's chief ray, (F, 3)."""
     axis_slopes: Array
@@ -236,7 +236,7 @@ class Reference(NamedTuple):
 @lru_cache(maxsize=8)
 def reference(
     design: Design, fields: tuple[tuple[float, float], ...], reach: float, distance: float, depths: tuple[float, ...]
-) -> Reference:
+) -> _Reference:
     """Trace the nominal camera of a question; arguments as `TracedBuilds` has them."""
     camera, at = camera_of(design), np.array(fields, float).reshape(-1, 2)
     mount, thin = real_lens_builds(design, {}, 1), Camera.of(design)
@@ -249,13 +249,13 @@ def reference(
         nudge, goal = (np.tile(np.broadcast_to(part, (per, 2)), (len(base), 1)) for part in (offset, target))
         return aims(camera, start, goal, microlenses(design, start + nudge * design.d / 2), nudge)
 
-    def centres(place: Array) -> LocalMaps:
+    def centres(place: Array) -> _LocalMaps:
         rays = wanted((place[:, None] + STEP * STENCIL).reshape(-1, 2), MIDDLE)
-        landed = traced(mount, np.array([design.d / 2]), rays, 1).landed
+        landed = _traced(mount, np.array([design.d / 2]), rays, 1).landed
         o, w, e, s, n, sw, ne, nw, se = np.moveaxis(landed.reshape(-1, 9, 2), 1, 0)
         bends = (e - 2 * o + w) / 2, (ne + sw - nw - se) / 4, (n - 2 * o + s) / 2
         terms = o, (e - w) / 2 / STEP, (n - s) / 2 / STEP, *(bend / STEP**2 for bend in bends)
-        return LocalMaps(place, np.stack(terms, axis=1))
+        return _LocalMaps(place, np.stack(terms, axis=1))
 
     front = camera.first_order.front_principal
 
@@ -265,14 +265,14 @@ def reference(
         aside[~rays.ok] = np.nan
         return np.concatenate([aside, np.full((len(at), 1), front - depth)], axis=1)
 
-    def slopes(points: Array, azimuth: tuple[Array, Array], maps: LocalMaps) -> Array:
-        return epi_slopes(mount, thin, points, azimuth, lambda x, y: maps.at(x, y) / design.q)[:, 0]
+    def slopes(points: Array, azimuth: tuple[Array, Array], maps: _LocalMaps) -> Array:
+        return _epi_slopes(mount, thin, points, azimuth, lambda x, y: maps.at(x, y) / design.q)[:, 0]
 
     near, axis = centres(at), centres(MIDDLE)
     on_lens = on_array(thin, np.zeros(2))
     on_axis = np.array([[0.0, 0.0, front - depth] for depth in depths])
     ends = -reach * CROSS
-    return Reference(
+    return _Reference(
         chief=wanted(at, MIDDLE),
         rim=wanted(at, rim),
         neighbours=wanted(at, MIDDLE, CROSS),
@@ -304,7 +304,7 @@ def notes(design: Design, fields: Sequence[tuple[float, float]]) -> tuple[str, .
     return (METHOD, shape) if where else (METHOD,)
 
 
-def traced(mount: RealLensBuilds, half: Array, wanted: RayTargets, rays: int, own: bool = False) -> AimedRays:
+def _traced(mount: _RealLensBuilds, half: Array, wanted: RayTargets, rays: int, own: bool = False) -> AimedRays:
     """Rays of every field of T builds, (T * fields, rays) with the fields running fastest; `half` a pitch, (T,).
 
     `own` says that every build has aims of its own, the builds slowest.
@@ -318,7 +318,7 @@ def traced(mount: RealLensBuilds, half: Array, wanted: RayTargets, rays: int, ow
     return AimedRays(*(part.reshape(trials * fields, rays, *part.shape[2:]) for part in rows))
 
 
-def thin_ray_targets(camera: Camera, nominal: RayTargets) -> RayTargets:
+def _thin_ray_targets(camera: Camera, nominal: RayTargets) -> RayTargets:
     """Targets of the nominal rays for each of T builds, found from its thin twin; builds slowest.
 
     Where builds are far from the nominal camera, whose own rays are then no place to start from.
@@ -346,8 +346,8 @@ def thin_ray_targets(camera: Camera, nominal: RayTargets) -> RayTargets:
     return RayTargets(again, aside, goal, flat(start), flat(inverse.reshape(*inverse.shape[:2], 4)))
 
 
-def epi_slopes(
-    mount: RealLensBuilds,
+def _epi_slopes(
+    mount: _RealLensBuilds,
     camera: Camera,
     points: Array,
     azimuth: tuple[Array, Array],
@@ -369,7 +369,7 @@ def epi_slopes(
     return np.asarray(((u0 - u1) * cos + (v0 - v1) * sin) / camera.d / across)
 
 
-class TracedShapes(NamedTuple):
+class _TracedShapes(NamedTuple):
     """Shapes of images as rims leave them, each (fields, trials); nan where the nominal image is folded."""
 
     area: Array
@@ -388,7 +388,7 @@ class TracedBuilds(IdealBuilds):
     def __init__(
         self,
         design: Design,
-        mount: RealLensBuilds,
+        mount: _RealLensBuilds,
         camera: Camera,
         fields: tuple[tuple[float, float], ...],
         object_distance: float,
@@ -403,13 +403,13 @@ class TracedBuilds(IdealBuilds):
         if afresh:  # whether the nominal images are folded says nothing of builds far from it
             known = self.known
             chief, rim, neighbours = (
-                thin_ray_targets(camera, rays) for rays in (known.chief, known.rim, known.neighbours)
+                _thin_ray_targets(camera, rays) for rays in (known.chief, known.rim, known.neighbours)
             )
             unfolded = np.zeros_like(known.folded)
             self.known = known._replace(chief=chief, rim=rim, neighbours=neighbours, folded=unfolded)
 
     def _aimed(self, wanted: RayTargets, rays: int) -> AimedRays:
-        return traced(self.mount, self.half, wanted, rays, self.afresh)
+        return _traced(self.mount, self.half, wanted, rays, self.afresh)
 
     def _rays(self, wanted: RayTargets) -> int:
         """How many of them belong to one field of one build."""
@@ -471,7 +471,7 @@ class TracedBuilds(IdealBuilds):
     @cached_property
     def illumination(self) -> Number:
         """Light of a microlens against one whose image nothing cuts, on the nominal lens's axis."""
-        wanted = thin_ray_targets(self.camera, self.known.axis_rim) if self.afresh else self.known.axis_rim
+        wanted = _thin_ray_targets(self.camera, self.known.axis_rim) if self.afresh else self.known.axis_rim
         axis = outlines(self._aimed(wanted, RIM)).shape
         whole = uncut_light(self._received(axis, self.known.axis[None]), self.camera)
         return self._received(self._lit[0], np.asarray(self.fields, float)) / whole
@@ -500,13 +500,13 @@ class TracedBuilds(IdealBuilds):
         return x, y
 
     @cached_property
-    def shapes(self) -> TracedShapes:  # type: ignore[override]
+    def shapes(self) -> _TracedShapes:  # type: ignore[override]
         """The lit parts."""
         shape, share = self._lit
         xx, xy, yy = shape[:, 3], shape[:, 4], shape[:, 5]
         major = 0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)
         ratio = np.sqrt(np.maximum(xx * yy - xy * xy, 0.0)) / major
-        return TracedShapes(*map(self._grid, (shape[:, 0], share, ratio)))
+        return _TracedShapes(*map(self._grid, (shape[:, 0], share, ratio)))
 
     @cached_property
     def _lit(self) -> tuple[Array, Array]:
@@ -524,7 +524,7 @@ class TracedBuilds(IdealBuilds):
         shape[folded], share[folded] = np.nan, np.nan
         return shape, share
 
-    def _believed(self, maps: LocalMaps) -> Callable[[Array, Array], Array]:
+    def _believed(self, maps: _LocalMaps) -> Callable[[Array, Array], Array]:
         """Image centres that the decoder believes in [px] at places of the array [mm], near those of some maps."""
         scale = self.nominal.d / np.asarray(self.camera.d)
 
@@ -568,8 +568,8 @@ class TracedBuilds(IdealBuilds):
             slope = fractional(fractional(slope, own, depths), depths, tuple(known.axis_slopes.tolist()))
         return fractional(slope, tuple(known.slopes.T[:, :, None]), depths) - self.object_distance
 
-    def _traced_slopes(self, points: Array, azimuth: tuple[Array, Array], maps: LocalMaps) -> Array:
-        return epi_slopes(self.mount, self.camera, points, azimuth, self._believed(maps))
+    def _traced_slopes(self, points: Array, azimuth: tuple[Array, Array], maps: _LocalMaps) -> Array:
+        return _epi_slopes(self.mount, self.camera, points, azimuth, self._believed(maps))
 
     @cached_property
     def blur_pitches(self) -> Number:

@@ -51,7 +51,7 @@ class MeasuredTrials(NamedTuple):
                 yield {}
                 continue
             deviations = np.ascontiguousarray(self.deviations[:, lost])
-            numbers, compensator = plan.draws.values(deviations), compensator_of(plan) if plan.adjusters else None
+            numbers, compensator = plan.draws.values(deviations), _compensator_of(plan) if plan.adjusters else None
             if compensator is not None and variant:
                 last = variant == len(self.variants) - 1
                 moved = self.moved[:, lost] if last else compensator.linear(deviations)
@@ -65,7 +65,7 @@ def measure(plan: TolerancePlan, deviations: Array, settled: float = SETTLED) ->
     values, trials = plan.draws.values(deviations), deviations.shape[1]
     variants, moved = [_in_blocks(plan.question, values, trials)], np.empty((0, trials))
     if plan.adjusters:
-        moved, *adjusted = compensator_of(plan).adjusted(values, deviations, settled)
+        moved, *adjusted = _compensator_of(plan).adjusted(values, deviations, settled)
         variants += adjusted
     elif plan.calibrated:
         variants.append(_in_blocks(plan.question, values, trials, calibrated=True))
@@ -79,7 +79,7 @@ def measure_finally(plan: TolerancePlan, deviations: Array, scale: float = 1.0, 
     """
     values = plan.draws.values(deviations, scale)
     if plan.adjusters:
-        return compensator_of(plan).adjusted(values, deviations * scale, settled)[-1]
+        return _compensator_of(plan).adjusted(values, deviations * scale, settled)[-1]
     return _in_blocks(plan.question, values, deviations.shape[1], calibrated=plan.calibrated)
 
 
@@ -111,7 +111,7 @@ def one_trial(plan: TolerancePlan, number: int) -> tuple[Design, MeasuredTrials]
     measured = measure_one(plan, number)
     values = plan.draws.values(measured.deviations)
     if plan.adjusters:
-        values = compensator_of(plan).applied(values, measured.moved)
+        values = _compensator_of(plan).applied(values, measured.moved)
     design = plan.question.design
     changes = {place: float(value[0]) for place, value in of_parts(design, values).items()}
     return design_built(design, changes), measured
@@ -138,7 +138,7 @@ def final_faults(plan: TolerancePlan, deviations: Array) -> list[tuple[str, ...]
     """Why builds, after adjustment, are no cameras: of each its reasons, none where it is one."""
     values = plan.draws.values(deviations)
     if plan.adjusters:
-        compensator = compensator_of(plan)
+        compensator = _compensator_of(plan)
         values = compensator.applied(values, compensator.adjusted(values, deviations)[0])
     reasons = faults_of(plan.question, values, deviations.shape[1])
     return [tuple(words for words, flags in reasons.items() if flags[k]) for k in range(deviations.shape[1])]
@@ -155,7 +155,7 @@ def first_builds(
     deviations = plan.draws.deviations(np.ascontiguousarray(plan.draws.uniforms(0, plan.chunk, 0, count)))
     values = plan.draws.values(deviations)
     if plan.adjusters:
-        compensator = compensator_of(plan)
+        compensator = _compensator_of(plan)
         values = compensator.applied(values, compensator.adjusted(values, deviations)[0])
     question = replace(plan.question, fields=fields) if fields else plan.question
     return builds_of(question, values, count)
@@ -329,7 +329,7 @@ class Compensator:
 
 
 @lru_cache(maxsize=4)
-def compensator_of(plan: TolerancePlan) -> Compensator:
+def _compensator_of(plan: TolerancePlan) -> Compensator:
     """The plan's compensator, made once in a process."""
     return Compensator(plan)
 

@@ -242,7 +242,7 @@ class LensCamera:
 
 
 @dataclass(frozen=True)
-class BoreCamera(LensCamera):
+class _BoreCamera(LensCamera):
     """A main lens that looks through elements, whose stops are rows of the train; `rims` is the FAP alone."""
 
     ahead: Camera
@@ -364,7 +364,7 @@ def camera_of(design: Design) -> LensCamera:
     array, detector = stands(design.microlens_array, mla), stands(design.sensor, mla + float(seen.seen.d_2))
     focal_plane = front - design.d_f
     if design.elements:
-        return BoreCamera(lens, design.wavelength, rims[:1], focal_plane, array, detector, seen)
+        return _BoreCamera(lens, design.wavelength, rims[:1], focal_plane, array, detector, seen)
     return LensCamera(lens, design.wavelength, rims, focal_plane, array, detector)
 
 
@@ -382,7 +382,7 @@ def microlenses(design: Design, axes: Sequence[tuple[float, float]] | ArrayLike)
     return np.asarray(there + np.subtract(design.microlens_array.decentre, design.main_lens.decentre))
 
 
-class Views(NamedTuple):
+class _Views(NamedTuple):
     """Backward rays, told where they cross the plane of the FAP; leading axes of the input."""
 
     pupil: Array
@@ -407,7 +407,7 @@ class Views(NamedTuple):
 
 def views(
     camera: LensCamera, microlens: ArrayLike, sensor: ArrayLike, wavelength: float | None = None, *, clip: bool = True
-) -> Views:
+) -> _Views:
     """Trace sensor points through pinhole microlenses and the lens to the FAP and beyond.
 
     Parameters
@@ -443,7 +443,7 @@ def views(
         if clip:
             state[(state == KEPT) & (left < 0)] = 8 * (number + 1) + STOPPED
     pupil, place, slope = (np.moveaxis(part, 0, -1) for part in (pupil, place, slope))
-    return Views(pupil, place, slope, state, fap_room, room)
+    return _Views(pupil, place, slope, state, fap_room, room)
 
 
 def chief_slope(camera: LensCamera, microlens: ArrayLike, pupil: ArrayLike) -> Array:
@@ -463,7 +463,7 @@ class SensorPoints(NamedTuple):
 
     sensor: Array
     """[mm], (..., 2)."""
-    views: Views
+    views: _Views
     """Views of the backward rays, apertures not counted."""
     ok: NDArray[np.bool_]
     """Whether the point was found, (...); elsewhere the nearest approach."""

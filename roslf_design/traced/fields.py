@@ -38,7 +38,7 @@ POWERS = np.array([(a, b) for a in range(DEGREE + 1) for b in range(DEGREE + 1 -
 RINGS, SPOKES = 5, 12
 """Rays of an object point, over the FAP."""
 SOFT = 0.6
-"""Frequencies times `Beam.spread` by which light so spread has lost its contrast, an even disc's by 0.31."""
+"""Frequencies times `_Beam.spread` by which light so spread has lost its contrast, an even disc's by 0.31."""
 NODES = 12
 """Gauss-Legendre places along a row, at least."""
 TRIALS = 9
@@ -134,7 +134,7 @@ class LensImages(MicrolensImages):
         way = np.concatenate([-slope, np.ones((len(slope), 1))], axis=1)
         return np.asarray(way / np.linalg.norm(way, axis=1, keepdims=True))[:, None]
 
-    def transfer(self, field: int, at: float | None) -> TracedTransfer:
+    def transfer(self, field: int, at: float | None) -> _TracedTransfer:
         """MTF at a field, on a plane ahead of the tip or on the focal plane."""
         images, place = self.traced, self.places[field]
         beam = self._beam(field, at)
@@ -142,7 +142,7 @@ class LensImages(MicrolensImages):
         outline = images.boundary[field]
         away = float(np.hypot(*place))
         x, y = images.centroid[field].tolist()
-        return TracedTransfer(
+        return _TracedTransfer(
             self.camera,
             Openings.of_discs(images.chief[field][None], np.array([np.ptp(outline, axis=0).max() / 2])),
             (x, y) if known else None,
@@ -150,7 +150,7 @@ class LensImages(MicrolensImages):
             *self._scales(field, at),
             (float(place[0] / away), float(place[1] / away)) if away > 1e-12 * float(self.camera.d) else (1.0, 0.0),
             outline,
-            beam or Beam(np.zeros(2), 1.0, np.zeros((len(POWERS), 2)), 0.0),
+            beam or _Beam(np.zeros(2), 1.0, np.zeros((len(POWERS), 2)), 0.0),
         )
 
     @cached_property
@@ -166,7 +166,7 @@ class LensImages(MicrolensImages):
         """Sensor points at which microlenses show the points of the FAP, (n, R)."""
         return sensor_of_pupil(self.lens, self.places[:, None], self._pupil)
 
-    def _beam(self, field: int, at: float | None) -> Beam | None:
+    def _beam(self, field: int, at: float | None) -> _Beam | None:
         """Beam of the object point that a microlens's chief ray meets on a plane; None of too few rays."""
         point, z = self._met(at)[field, 0], self._plane(at)
         if not np.isfinite(point).all():
@@ -179,10 +179,10 @@ class LensImages(MicrolensImages):
         size = float(np.ptp(place, axis=0).max()) / 2
         powers = np.prod(((place - place[0]) / size)[:, None, :] ** POWERS, axis=-1)
         spread = float(np.std(ways - float(image_rate(self.camera, at)) * place, axis=0).max())
-        return Beam(place[0], size, np.linalg.lstsq(powers, ways - ways[0], rcond=None)[0], spread)
+        return _Beam(place[0], size, np.linalg.lstsq(powers, ways - ways[0], rcond=None)[0], spread)
 
 
-class Beam(NamedTuple):
+class _Beam(NamedTuple):
     """Light of an object point behind the array's plane, about its chief ray."""
 
     middle: Array
@@ -212,12 +212,12 @@ class Beam(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class TracedTransfer(FieldTransfer):
+class _TracedTransfer(FieldTransfer):
     """MTF at one field behind a real lens; `openings` are one disc about as large as the image."""
 
     outline: Array
     """Boundary of what is lit, from the microlens's axis, (K, 2) [mm]."""
-    beam: Beam
+    beam: _Beam
     """Beam of the plane's object point."""
 
     @property

@@ -177,7 +177,7 @@ def _quadrature(camera: LensCamera, c: Array) -> tuple[Array, Array, Array, floa
     return total * step * step, mean, moments, float(np.mean(back.ok & (back.views.margin >= 0)))
 
 
-class FieldMap(NamedTuple):
+class _FieldMap(NamedTuple):
     """Aberrations by microlens; leading axes of the microlenses, then of wavelengths where there are several."""
 
     object_point: Array
@@ -199,7 +199,7 @@ class FieldMap(NamedTuple):
     """State of the chief ray (`LensCamera.describe`), (...); where it is not 0, the numbers above are 0."""
 
 
-def field_map(camera: LensCamera, microlens: ArrayLike, colours: ArrayLike = ()) -> FieldMap:
+def field_map(camera: LensCamera, microlens: ArrayLike, colours: ArrayLike = ()) -> _FieldMap:
     """Distortion, field curvature, blur and lateral colour for microlenses.
 
     Parameters
@@ -234,7 +234,7 @@ def field_map(camera: LensCamera, microlens: ArrayLike, colours: ArrayLike = ())
         other, _, theirs = forward_rays(camera, point, fap.centre, float(wave))
         lateral[..., index, :] = np.where((ours & theirs)[..., None], np.moveaxis(other - own, 0, -1), 0.0)
     spread = np.where(good[..., None], spread, 0.0)
-    return FieldMap(point, distortion, tangential, sagittal, np.where(good, blur, 0.0), spread, lateral, state)
+    return _FieldMap(point, distortion, tangential, sagittal, np.where(good, blur, 0.0), spread, lateral, state)
 
 
 def forward_rays(
@@ -296,7 +296,7 @@ def thin_twin(camera: LensCamera) -> Camera:
     )
 
 
-class FieldBound(NamedTuple):
+class _FieldBound(NamedTuple):
     """Largest undistorted field radius, object side and microlens-array side."""
 
     object_radius: Array
@@ -305,7 +305,7 @@ class FieldBound(NamedTuple):
     """Where its chief ray meets the microlens array [mm]."""
 
 
-def undistorted_field(camera: LensCamera, angle: float = 0.0) -> FieldBound:
+def undistorted_field(camera: LensCamera, angle: float = 0.0) -> _FieldBound:
     """Non-distortion bound measured on the real lens along a direction on the array [rad].
 
     Returns
@@ -337,14 +337,14 @@ def undistorted_field(camera: LensCamera, angle: float = 0.0) -> FieldBound:
     high = high if high > 0 else widest / 8
     inside, outside = room(low), room(high)
     if inside < 0:
-        return FieldBound(np.asarray(0.0), np.asarray(0.0))
+        return _FieldBound(np.asarray(0.0), np.asarray(0.0))
     while outside >= 0 and high < 2 * widest:
         low, inside, high = high, outside, 1.25 * high
         outside = room(high)
     radius = high if outside >= 0 else _root(room, low, high, inside, outside)
     edge = sensor_of_pupil(camera, radius * way, centre)
     point = edge.views.at(camera.fap.z - camera.focal_plane)
-    return FieldBound(np.asarray(np.hypot(*point)), np.asarray(radius))
+    return _FieldBound(np.asarray(np.hypot(*point)), np.asarray(radius))
 
 
 def _root(room: Callable[[float], float], low: float, high: float, inside: float, outside: float) -> float:
@@ -366,7 +366,7 @@ def _root(room: Callable[[float], float], low: float, high: float, inside: float
     return low
 
 
-class RealField(NamedTuple):
+class _RealField(NamedTuple):
     """Images and aberrations of microlenses (N) behind a real lens; lengths in mm, nan where there is no light."""
 
     images: TracedImages
@@ -380,14 +380,14 @@ class RealField(NamedTuple):
     rim is out of the lens's sight."""
     rim_shift: Array
     """Farthest that a point of the FAP's rim is imaged from where the thin twin images it, (N); nan likewise."""
-    maps: FieldMap
+    maps: _FieldMap
     lateral_colour: Array
     """Distance between the F and the C line on the array, (N); nan outside the glasses' range."""
     chief: tuple[str, ...]
     """Fate of each chief ray."""
 
 
-def real_field(design: Design, axes: Sequence[tuple[float, float]] | ArrayLike) -> RealField:
+def real_field(design: Design, axes: Sequence[tuple[float, float]] | ArrayLike) -> _RealField:
     """Microlens images and aberrations at microlenses of a design (N, 2), in its array's frame [mm]."""
     camera = camera_of(design)
     fap = camera.fap
@@ -407,7 +407,7 @@ def real_field(design: Design, axes: Sequence[tuple[float, float]] | ArrayLike) 
     own = np.where(images.status == FOLDED, 2 * np.sqrt(images.area / np.pi), images.diameter)
     lost = maps.status != KEPT
     guessed = lost | ((images.status == CLIPPED) & np.isnan(images.whole_area))
-    return RealField(
+    return _RealField(
         images,
         thin_centre,
         thin_diameter,

@@ -103,7 +103,7 @@ def outlines(rim: AimedRays) -> Outlines:
     peaks, turns = np.empty((len(area), rim.heights.shape[2])), np.empty((len(area), rim.heights.shape[2]))
     points = rim.landed.shape[1]
     waves = np.exp(-2j * np.pi * np.arange(points) / points)
-    highest.compiled(rim.heights, waves, np.empty(HARMONICS + 1, complex), peaks, turns)
+    _highest.compiled(rim.heights, waves, np.empty(HARMONICS + 1, complex), peaks, turns)
     return Outlines(np.concatenate([area[:, None], centroid, moments], axis=1), peaks, turns)
 
 
@@ -151,7 +151,7 @@ def lit_parts(
     lens, beyond = train
     shape, share, edge = np.zeros((len(base), 6)), np.zeros(len(base)), np.empty((len(base), spokes, 2))
     about, reach = (np.ascontiguousarray(part) for part in ((low + high) / 2, np.max(high - low, axis=1)))
-    follow_images.compiled(
+    _follow_images.compiled(
         trial, *kernel_args(lens), *kernel_args(beyond), planes.array, planes.sensor, planes.rims,
         np.ascontiguousarray(base), about, reach, *_rule(), shape, share, edge,
     )  # fmt: skip
@@ -173,7 +173,7 @@ def _rule() -> tuple[Array, Array, Array, Array]:
 
 
 @kernel()
-def measure_rays(n: int, build: Any, work: Any) -> None:
+def _measure_rays(n: int, build: Any, work: Any) -> None:
     """How near n rays from a point of the array, away from points of the sensor, come to the rims.
 
     Parameters
@@ -230,7 +230,7 @@ def _roomiest(hub: Any, size: float, build: Any, work: Any) -> float:
         step = 2.0 * size / (side - 1)
         for i in range(side * side):
             u[i], v[i] = hub[0] - size + step * (i // side), hub[1] - size + step * (i % side)
-        measure_rays(side * side, build, work)
+        _measure_rays(side * side, build, work)
         for i in range(side * side):
             if tallest[i] < best:
                 best, hub[0], hub[1] = tallest[i], u[i], v[i]
@@ -241,7 +241,7 @@ def _roomiest(hub: Any, size: float, build: Any, work: Any) -> float:
 
 
 @kernel()
-def follow_spokes(
+def _follow_spokes(
     n: int, hub: Any, most: float, enough: float, angle: Any, far: Any, spokes: Any, build: Any, work: Any
 ) -> None:
     """How far from a hub the boundary is along n spokes; `far` (n,) holds a first guess, and gets it.
@@ -260,7 +260,7 @@ def follow_spokes(
     for step in range(STEPS):
         for i in range(n):
             u[i], v[i] = hub[0] + far[i] * math.cos(angle[i]), hub[1] + far[i] * math.sin(angle[i])
-        measure_rays(n, build, work)
+        _measure_rays(n, build, work)
         moving = False
         for i in range(n):
             if tallest[i] <= 1.0:
@@ -294,7 +294,7 @@ def follow_spokes(
         for i in range(n):
             far[i] = low[i] if last[i] == LOST else far[i]
             u[i], v[i] = hub[0] + far[i] * math.cos(angle[i]), hub[1] + far[i] * math.sin(angle[i])
-        measure_rays(n, build, work)
+        _measure_rays(n, build, work)
         for i in range(n):
             first[i] = len(heights) if last[i] == LOST else first[i]
 
@@ -376,7 +376,7 @@ def _corners(
                 far[extra] = edges[i]
                 extra += 1
     if extra > 0:
-        follow_spokes(extra, hub, most, BY_CORNERS, angle, far, spokes, build, work)
+        _follow_spokes(extra, hub, most, BY_CORNERS, angle, far, spokes, build, work)
         for i in range(extra):
             angles[known], stoppers[known] = angle[i], first[i]
             known += 1
@@ -390,7 +390,7 @@ def _corners(
             for _ in range(HALVINGS):
                 angle[0] = 0.5 * (low + high)
                 far[0] = _along_edge(edges, scan, angle[0])
-                follow_spokes(1, hub, most, BY_CORNERS, angle, far, spokes, build, work)
+                _follow_spokes(1, hub, most, BY_CORNERS, angle, far, spokes, build, work)
                 if first[0] == stopper:
                     low = angle[0]
                 else:
@@ -420,7 +420,7 @@ def _integrate(
             for i in range(len(nodes)):
                 angle[i] = begin + width * (nodes[i] + 1.0) / 2.0
                 far[i] = _along_edge(edges, scan, angle[i])
-            follow_spokes(len(nodes), hub, most, ON_EDGE, angle, far, spokes, build, work)
+            _follow_spokes(len(nodes), hub, most, ON_EDGE, angle, far, spokes, build, work)
             if width > whole / 100.0 and not _is_smooth(far, pupil, joints[2]):
                 width *= 0.5
                 continue
@@ -431,7 +431,7 @@ def _integrate(
 
 
 @kernel()
-def follow_images(
+def _follow_images(
     trial: Any, table: Any, count: int, media: Any, outer: Any, outer_count: int, outer_media: Any, array: Any,
     sensor: Any, rims: Any, base: Any, about: Any, reach: Any, nodes: Any, weights: Any, slopes: Any, joints: Any,
     shape: Any, share: Any, edge: Any,
@@ -467,10 +467,10 @@ def follow_images(
         if not best < 1.0:
             continue
         u[0], v[0] = hub[0], hub[1]
-        measure_rays(1, build, work)
+        _measure_rays(1, build, work)
         for k in range(limits):
             hub[2 + k] = heights[k, 0]
-        follow_spokes(scan, hub, most, ABOUT, angle, far, spokes, build, work)
+        _follow_spokes(scan, hub, most, ABOUT, angle, far, spokes, build, work)
         for i in range(scan):
             edge[job, i, 0] += far[i] * math.cos(angle[i])
             edge[job, i, 1] += far[i] * math.sin(angle[i])
@@ -490,7 +490,7 @@ def follow_images(
 
 
 @kernel()
-def peak(g: Any, waves: Any, series: Any) -> tuple[float, float]:
+def _peak(g: Any, waves: Any, series: Any) -> tuple[float, float]:
     """Largest value of a periodic function from its evenly spaced values, and the angle where it is taken.
 
     `waves` holds the unit circle's points, clockwise; `series` is room for the Fourier coefficients.
@@ -523,8 +523,8 @@ def peak(g: Any, waves: Any, series: Any) -> tuple[float, float]:
 
 
 @kernel()
-def highest(heights: Any, waves: Any, series: Any, peaks: Any, turns: Any) -> None:
+def _highest(heights: Any, waves: Any, series: Any, peaks: Any, turns: Any) -> None:
     """Largest squared heights (N, R) along the FAP's rim and the angles where they are, from (N, K, R) of K rays."""
     for n in range(len(heights)):
         for k in range(heights.shape[2]):
-            peaks[n, k], turns[n, k] = peak(heights[n, :, k], waves, series)
+            peaks[n, k], turns[n, k] = _peak(heights[n, :, k], waves, series)

@@ -112,7 +112,7 @@ def crossing(x: float, y: float, z: float, sx: float, sy: float, plane: Any) -> 
 
 
 @kernel()
-def meet(
+def _meet(
     n: int, ray: Any, sx: Any, sy: Any, table: Any, media: Any, count: int, target: Any, axes: Any, unit: float,
     buffer: Any, radii: Any, fx: Any, fy: Any, far: Any,
 ) -> None:  # fmt: skip
@@ -145,7 +145,7 @@ def meet(
 
 
 @kernel()
-def aim_block(
+def _aim_block(
     n: int, ray: Any, slope: Any, home: Any, inverse: Any, known: bool, table: Any, media: Any, count: int,
     target: Any, axes: Any, unit: float, tolerance: Any, most: int, work: Any,
 ) -> None:  # fmt: skip
@@ -179,7 +179,7 @@ def aim_block(
                 for i in range(n):
                     ux[i] = (sx[i] if left[i] == LOST else bx[i]) + (NUDGE if probe == 1 else 0.0)
                     uy[i] = (sy[i] if left[i] == LOST else by[i]) + (NUDGE if probe == 2 else 0.0)
-                meet(n, ray, ux, uy, table, media, count, target, axes, unit, buffer, radii, fx, fy, far)
+                _meet(n, ray, ux, uy, table, media, count, target, axes, unit, buffer, radii, fx, fy, far)
                 for i in range(n):
                     if probe == 0:
                         a[i], b[i], c[i], d[i] = 0.0, 0.0, fx[i], fy[i]
@@ -190,7 +190,7 @@ def aim_block(
                         area = xx * yy - xy * yx
                         area = 1.0 / area if 0.0 < abs(area) < LOST else 0.0
                         a[i], b[i], c[i], d[i] = yy * area, -xy * area, -yx * area, xx * area
-        meet(n, ray, sx, sy, table, media, count, target, axes, unit, buffer, radii, fx, fy, far)
+        _meet(n, ray, sx, sy, table, media, count, target, axes, unit, buffer, radii, fx, fy, far)
         moving = False
         for i in range(n):
             if left[i] <= tolerance[i]:
@@ -231,8 +231,8 @@ def aim_block(
 
 
 @kernel()
-def room_to_aim(count: int) -> Any:
-    """What `aim_block` works in, for so many surfaces."""
+def _room_to_aim(count: int) -> Any:
+    """What `_aim_block` works in, for so many surfaces."""
     radii = np.empty(max(1, count) * BLOCK)
     one, two, three, four, five = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
     six, seven, eight, nine, ten = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
@@ -240,7 +240,7 @@ def room_to_aim(count: int) -> Any:
 
 
 @kernel()
-def aim(
+def _aim(
     trial: Any, begin: Any, table: Any, count: int, media: Any, outer: Any, outer_count: int, outer_media: Any,
     array: Any, sensor: Any, rims: Any, half: Any, base: Any, offset: Any, target: Any, start: Any, home: Any,
     inverse: Any, known: bool, tolerance: float, most: int, landed: Any, heights: Any, miss: Any,
@@ -262,7 +262,7 @@ def aim(
     """
     n = landed.shape[1]
     stops = rims.shape[1]
-    work = room_to_aim(count + outer_count)
+    work = _room_to_aim(count + outer_count)
     buffer, radii, ex, ey, left = work[:5]
     ray, goal = (np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)), (np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK))
     slope, away = (np.empty(BLOCK), np.empty(BLOCK)), (np.empty(BLOCK), np.empty(BLOCK))
@@ -287,7 +287,7 @@ def aim(
             away[0][i], away[1][i] = home[first + i, 0], home[first + i, 1]
             a[i], b[i] = inverse[first + i, 0], inverse[first + i, 1]
             c[i], d[i] = inverse[first + i, 2], inverse[first + i, 3]
-        aim_block(
+        _aim_block(
             n, ray, slope, away, turned, known, lens, index, count, goal, fap[3:12], 1.0 / fap[12], enough,
             most, work,
         )  # fmt: skip
@@ -313,13 +313,13 @@ def aim(
 
 
 @kernel()
-def aim_all(outer: Any, outer_count: int, outer_media: Any, ends: Any, slopes: Any, far: Any, tallest: Any) -> None:
+def _aim_all(outer: Any, outer_count: int, outer_media: Any, ends: Any, slopes: Any, far: Any, tallest: Any) -> None:
     """Aim from points of the FAP at points of the scene, both in `ends` (T, n, 6).
 
     `slopes` (T, n, 2) get those at the FAP, `far` (T, n) by how many `NEAR` rays miss the point, and `tallest` (T, n)
     their largest squared height over that of a face.
     """
-    work = room_to_aim(outer_count)
+    work = _room_to_aim(outer_count)
     radii, left = work[1], work[4]
     ray, goal = (np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)), (np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK))
     slope, home = (np.empty(BLOCK), np.empty(BLOCK)), (np.zeros(BLOCK), np.zeros(BLOCK))
@@ -337,7 +337,7 @@ def aim_all(outer: Any, outer_count: int, outer_media: Any, ends: Any, slopes: A
                     slope[k][i] = 0.0 if outer_count else (ray[k][i] - goal[k][i]) / run
                 left[i] = 0.0
             if outer_count:
-                aim_block(
+                _aim_block(
                     n, ray, slope, home, inverse, False, outer[t], outer_media[t], outer_count, goal, upright, 1.0,
                     enough, PATIENCE, work,
                 )  # fmt: skip
@@ -350,13 +350,13 @@ def aim_all(outer: Any, outer_count: int, outer_media: Any, ends: Any, slopes: A
 
 
 @kernel()
-def spots(
+def _spots(
     table: Any, count: int, media: Any, outer: Any, outer_count: int, outer_media: Any, plane: Any, rims: Any,
     world: Any, point: Any, pupil: Any, weight: Any, size: Any,
 ) -> None:  # fmt: skip
     """Root-mean-square radii (T, F) of the light from object points; arguments as of `spot_radii`, a ray a row."""
     buffer, radii, cut = np.empty(ROWS * BLOCK), np.empty(count * BLOCK), np.empty(BLOCK)
-    aiming, upright = room_to_aim(outer_count), np.array([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
+    aiming, upright = _room_to_aim(outer_count), np.array([1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0])
     ray, goal = (np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)), (np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK))
     slope, home, enough = (np.empty(BLOCK), np.empty(BLOCK)), (np.zeros(BLOCK), np.zeros(BLOCK)), np.empty(BLOCK)
     inverse = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
@@ -376,7 +376,7 @@ def spots(
                     slope[k][i] = 0.0 if outer_count else (ray[k][i] - goal[k][i]) / run
                 enough[i], cut[i] = NEAR * (1.0 + 0.01 * abs(run)), 0.0
             if outer_count:
-                aim_block(
+                _aim_block(
                     m, ray, slope, home, inverse, False, outer[t], outer_media[t], outer_count, goal, upright, 1.0,
                     enough, PATIENCE, aiming,
                 )  # fmt: skip
@@ -485,7 +485,7 @@ def nearest(
     # Of one layout: kernels are compiled once more for another.
     base, offset, target, start, inverse = map(np.ascontiguousarray, wanted)
     known = not np.isnan(inverse).all()
-    aim.compiled(
+    _aim.compiled(
         trial, begin, *kernel_args(lens), *kernel_args(beyond), planes.array, planes.sensor, planes.rims, half, base,
         offset, target, start, np.ascontiguousarray(home), inverse, known, TOLERANCE,
         CORRECTIONS if known else PATIENCE, landed, heights, miss,
@@ -537,10 +537,10 @@ def landings(train: Train, planes: Planes, world: Array, point: ArrayLike, pupil
 
 
 def beyond_fap(train: Train, ends: Array) -> tuple[Array, Array, Array]:
-    """Slopes (T, n, 2) at points of the FAP of rays to points of the scene, both in `ends` (T, n, 6); as `aim_all`."""
+    """Slopes (T, n, 2) at points of the FAP of rays to points of the scene, both in `ends` (T, n, 6); as `_aim_all`."""
     shape = ends.shape[:2]
     slopes, far, tallest = np.empty((*shape, 2)), np.empty(shape), np.empty(shape)
-    aim_all.compiled(*kernel_args(train.beyond), np.ascontiguousarray(ends), slopes, far, tallest)
+    _aim_all.compiled(*kernel_args(train.beyond), np.ascontiguousarray(ends), slopes, far, tallest)
     return slopes, far, tallest
 
 
@@ -616,5 +616,5 @@ def spot_radii(
     size = np.empty((len(world), len(x)))
     rays = np.repeat(x, len(a), axis=0), np.tile(a, (len(x), 1))
     frame = np.ascontiguousarray(world)  # kernels are compiled once more for another layout
-    spots.compiled(*kernel_args(train.lens), *kernel_args(train.beyond), plane, rims, frame, *rays, w, size)
+    _spots.compiled(*kernel_args(train.lens), *kernel_args(train.beyond), plane, rims, frame, *rays, w, size)
     return size

@@ -131,7 +131,7 @@ def calibrated_finding(design: Design, calibrated: Calibrated) -> Finding:
         text = f"The calibration is of a camera built to another design: {data['design']}."
         said.append(Statement("caution", text))
     shares = {name: row["variance_shares"] for name, row in data["quantities"].items()}
-    blocks: list[Block] = [Statements(tuple(said)), quantities_table(data), shares_table(shares)]
+    blocks: list[Block] = [Statements(tuple(said)), _quantities_table(data), _shares_table(shares)]
     blocks += _drawings(calibrated.drawings)
     if data.get("warnings"):
         blocks.append(Bullets(tuple(data["warnings"])))
@@ -147,16 +147,16 @@ def calibration_report(result: Outcome, drawings: Mapping[str, str], command: st
     """The page: answers, tables, figures (SVG text by name), how to run it again."""
     board = result.board
     answers: tuple[Block, ...] = (
-        Statements(tuple(statements(result))),
-        quantities_table(result.to_dict()),
-        *through_tables(result),
+        Statements(tuple(_statements(result))),
+        _quantities_table(result.to_dict()),
+        *_through_tables(result),
     )
     evidence: tuple[Block, ...] = (
         *_drawings(drawings),
-        design_table(result),
-        boards_table(result),
-        ways_table(result),
-        shares_table(result.shares),
+        _design_table(result),
+        _boards_table(result),
+        _ways_table(result),
+        _shares_table(result.shares),
     )
     return Report(
         f"Calibration of {result.design.name}",
@@ -171,7 +171,7 @@ def calibration_report(result: Outcome, drawings: Mapping[str, str], command: st
     )
 
 
-def statements(result: Outcome) -> Iterator[Statement]:
+def _statements(result: Outcome) -> Iterator[Statement]:
     """Statements of a calibration's main results."""
     fitted = result.calibration
     yield Statement("caution" if result.warnings else "good", f"{_pair(result.to_dict())}.")
@@ -189,7 +189,7 @@ def statements(result: Outcome) -> Iterator[Statement]:
     )
     if result.distortion.automatic and result.distortion.coefficients:
         yield _distortion(result.distortion)
-    yield Statement("plain", f"{lenses_used(result)}.")
+    yield Statement("plain", f"{_lenses_used(result)}.")
     if result.combined.data:
         used = " and ".join(datum.what for datum in result.combined.data)
         apart = ", ".join(f"{far:.1f}" for far in result.combined.apart.values())
@@ -226,7 +226,7 @@ def statements(result: Outcome) -> Iterator[Statement]:
         yield Statement("caution", sentence(warning))
 
 
-def through_tables(result: Outcome) -> Iterator[Table]:
+def _through_tables(result: Outcome) -> Iterator[Table]:
     """Lengths with a ruler where elements make them others, and depths in another medium."""
     if result.ruler:
         rows = tuple(
@@ -248,7 +248,7 @@ def through_tables(result: Outcome) -> Iterator[Table]:
         yield Table(depths, "rrrr", titles, f"Depths in {name}", note)
 
 
-def lenses_used(result: Outcome) -> str:
+def _lenses_used(result: Outcome) -> str:
     """Which microlenses spoke for the lattice, and why others did not."""
     centres, radius = result.centres, result.undistorted_radius
     counts = [f"{number} {text}" for text, number in centres.counts().items() if text != Reason.USED.text]
@@ -261,7 +261,7 @@ def lenses_used(result: Outcome) -> str:
     return f"{text}; by Eq. 6 the design cuts none within {radius:.0f} px of the axis"
 
 
-def quantities_table(data: Mapping[str, Any]) -> Table:
+def _quantities_table(data: Mapping[str, Any]) -> Table:
     """Every quantity of a calibration's JSON with its intervals."""
     sampled = bool(data.get("posterior"))
     rows = []
@@ -282,7 +282,7 @@ def quantities_table(data: Mapping[str, Any]) -> Table:
     )
 
 
-def shares_table(shares: Mapping[str, Mapping[str, float]]) -> Table:
+def _shares_table(shares: Mapping[str, Mapping[str, float]]) -> Table:
     """Where each quantity's variance comes from; sources that add nothing to any are left out."""
     names = [name for name in QUANTITIES if name in shares]
     sources = [source for source in SOURCES if any(shares[name].get(source, 0.0) > 0 for name in names)]
@@ -293,7 +293,7 @@ def shares_table(shares: Mapping[str, Mapping[str, float]]) -> Table:
     return Table(rows, "l" + "r" * len(sources), heads, "Where the variance comes from", caption)
 
 
-def design_table(result: Outcome) -> Table:
+def _design_table(result: Outcome) -> Table:
     """Every quantity beside the design's."""
     rows = []
     for name, e in result.estimates.items():
@@ -309,7 +309,7 @@ def design_table(result: Outcome) -> Table:
     return Table(tuple(rows), "lrrrrlr", heads, "Calibrated against the design", caption)
 
 
-def boards_table(result: Outcome) -> Table:
+def _boards_table(result: Outcome) -> Table:
     """Table of how each board fits."""
     rows = tuple(
         (
@@ -328,7 +328,7 @@ def boards_table(result: Outcome) -> Table:
     return Table(rows, "lrrrrr", heads, "Board by board", caption)
 
 
-def ways_table(result: Outcome) -> Table:
+def _ways_table(result: Outcome) -> Table:
     """The two steps beside the joint fit and, where diffraction was taken off, the joint fit without that."""
     fitted, sheet = result.calibration, result.sheet
     ways = {
@@ -396,7 +396,7 @@ def plan_blocks(design: Design, plan: CapturePlan, asked: PlanOptions) -> tuple[
         Paragraph(text),
         Statements(tuple(answers)),
         Table(rows, "lrl", ("", "expected sigma", ""), "What these captures promise"),
-        shares_table(before.shares),
+        _shares_table(before.shares),
         Table(changes, "lrrrr", ("one change", "d_3 [mm]", "H", "d_2 [mm]", "gain"), "Expected sigma after one change"),
         Code(command, "Once images are captured, with the design below as design.toml"),
     )
@@ -444,7 +444,7 @@ def _method(result: Outcome) -> str:
     elements = "".join(f", {known.place} = {known.value:.6g} ± {known.sigma:.2g}" for known in sheet.elements)
     return (
         f"Microlens centres from the white image ({lattice.layout}, pitch {lattice.pitch:.4f} px,"
-        f" {result.centres.rms:.3g} px RMS about the lattice): {lenses_used(result)}. Decoded;"
+        f" {result.centres.rms:.3g} px RMS about the lattice): {_lenses_used(result)}. Decoded;"
         " corners in the views; Zhang's method on the central view; Eq. 12 over the epipolar slopes; a joint fit of all"
         f" corners. From data sheets: f = {sheet.f:.6g} ± {sheet.f_sigma:.2g} mm, q = {sheet.q * 1e3:.6g} um,"
         f" d = {sheet.d * 1e3:.6g} ± {sheet.d_sigma * 1e3:.2g} um, the board's cell to"

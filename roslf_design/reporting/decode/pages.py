@@ -55,7 +55,7 @@ def decoding_pictures(result: Decoded) -> dict[str, Picture]:
     }
 
 
-def statements(result: Decoded) -> Iterator[Statement]:
+def _statements(result: Decoded) -> Iterator[Statement]:
     """Statements about a decoded light field, warnings among them."""
     field, sample_unit = result.field, result.units[1]
     if result.raw is not None:
@@ -91,7 +91,7 @@ def statements(result: Decoded) -> Iterator[Statement]:
         yield Statement("caution", sentence(warning))
 
 
-def focus_table(result: Decoded) -> Table:
+def _focus_table(result: Decoded) -> Table:
     """Distances and disparities of the stack, with its files."""
     view_unit, sample_unit = result.units
     known = any(plane.distance is not None for plane in result.stack)
@@ -119,7 +119,7 @@ def stack_names(result: Decoded) -> list[str]:
 def decoding_report(result: Decoded, drawings: Mapping[str, str], command: str) -> Report:
     """The page: what was decoded, pictures (SVG text by name), how to run it again."""
     figures = tuple(Figure(name, *CAPTIONS[name], text, ". ".join(CAPTIONS[name])) for name, text in drawings.items())
-    answers: tuple[Block, ...] = (Statements(tuple(statements(result))), focus_table(result))
+    answers: tuple[Block, ...] = (Statements(tuple(_statements(result))), _focus_table(result))
     sections = (
         Section("What was decoded", answers, "answers"),
         Section("Pictures", figures, "pictures"),

@@ -167,13 +167,13 @@ def refocus_sheet(field: LightField, stack: Sequence[FocusPlane], units: Units) 
             top = lowest + 66
         left = 64 + (PAGE - 12) / columns * (number % columns)
         panels.append(
-            _picture_of(field, plane.values, plane.weight, room, units, (), plane_name(plane, units), (left, top))
+            _picture_of(field, plane.values, plane.weight, room, units, (), _plane_name(plane, units), (left, top))
         )
         lowest = max(lowest, panels[-1].bottom)
     return Picture("refocus", "Pictures refocused by shift and sum", (PAGE, lowest + 46), tuple(panels))
 
 
-def plane_name(plane: FocusPlane, units: Units) -> str:
+def _plane_name(plane: FocusPlane, units: Units) -> str:
     """Name of a refocused picture."""
     disparity = f"disparity {fixed(plane.disparity, 2, '+')} {units[1]}".replace("-", "−")
     return disparity if plane.distance is None else f"{plane.distance:.4g} mm ({disparity})"

@@ -54,10 +54,10 @@ def capture_report(measured: MeasuredCapture, pictures: dict[str, Picture], comm
 
 def capture_answers(measured: MeasuredCapture) -> tuple[Block, ...]:
     """Statements of the depths measured in a capture and how sure they are, and the numbers behind them."""
-    return Statements(tuple(capture_statements(measured))), _numbers(measured)
+    return Statements(tuple(_capture_statements(measured))), _numbers(measured)
 
 
-def capture_statements(measured: MeasuredCapture) -> Iterator[Statement]:
+def _capture_statements(measured: MeasuredCapture) -> Iterator[Statement]:
     """A verdict for each question."""
     run, summary = measured.first, measured.summary()
     unit = run.geometry.unit

@@ -88,7 +88,7 @@ def measurement_report(
 
 def answers(trial: Trial) -> tuple[Block, ...]:
     """Blocks that answer a simulated measurement: what was measured, the verdicts, the numbers behind them."""
-    return Paragraph(_what(trial)), Statements(tuple(statements(trial))), summary_table(trial)
+    return Paragraph(_what(trial)), Statements(tuple(statements(trial))), _summary_table(trial)
 
 
 def _what(trial: Trial) -> str:
@@ -156,8 +156,8 @@ def _judged(text: str, windows: float, holds: bool, against: tuple[Tone, str] | 
 def known(trial: Measurement, summary: Summary) -> Statement:
     """How much of the field has a depth, and why the rest has none."""
     reasons = trial.unknown()
-    why = listed([f"{percent(share)} {reason}" for reason, share in reasons.items()]) if reasons else ""
-    text = f"How much of the field has a depth? {percent(summary.measured)} of the microlenses."
+    why = listed([f"{_percent(share)} {reason}" for reason, share in reasons.items()]) if reasons else ""
+    text = f"How much of the field has a depth? {_percent(summary.measured)} of the microlenses."
     remedy = f"The rest is unknown, not guessed: {why}." if why else ""
     tone: Tone = "good" if summary.measured >= FEW else "caution" if summary.measured > 0 else "bad"
     return Statement(tone, text, remedy)
@@ -174,7 +174,7 @@ def _believe(trial: Trial, ratio: float) -> str:
     )
 
 
-def summary_table(trial: Trial) -> Table:
+def _summary_table(trial: Trial) -> Table:
     """Table of bias, spread and predicted errors of the measured depths."""
     summary = trial.summary()
     rows = [
@@ -271,6 +271,6 @@ def _share(part: float, whole: float) -> str:
     return f"{part / whole:.2g} times" if part > whole else f"{100 * part / whole:.0f} % of"
 
 
-def percent(share: float) -> str:
+def _percent(share: float) -> str:
     """A share in words: all and none are told apart from nearly so."""
     return "100 %" if share == 1 else "none" if share == 0 else f"{min(max(100 * share, 0.1), 99.9):.3g} %"

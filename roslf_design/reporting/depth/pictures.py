@@ -38,7 +38,7 @@ REACH = 4.0
 """Standard errors that a histogram shows; what is beyond counts at its ends."""
 
 
-def depth_map(trial: Measurement, reasons: dict[int, str]) -> Picture:
+def _depth_map(trial: Measurement, reasons: dict[int, str]) -> Picture:
     """Draw depth and its standard error at every microlens of the first exposure.
 
     Parameters
@@ -217,7 +217,7 @@ def normalised(trial: Measurement, size: Point = (PAGE / 2, 340.0)) -> Picture:
     return one_panel("normalised", "Errors against the errors told", size, left, keys, left=60, top=TOP)
 
 
-def errors(trial: Measurement) -> Picture:
+def _errors(trial: Measurement) -> Picture:
     """Draw errors in units of the standard error told, and their rms over the field against prediction."""
     histogram = normalised(trial)
     if trial.prediction is None:
@@ -260,7 +260,7 @@ def _by_place(trial: Measurement, prediction: Prediction) -> tuple[Array, Array]
     return table.ravel()[shown], np.sqrt(square[shown] / count[shown])
 
 
-def epipolar(plane: EpipolarPlane, on_array: bool = True) -> Picture:
+def _epipolar(plane: EpipolarPlane, on_array: bool = True) -> Picture:
     """Draw the stretch of an epipolar-plane image with the steepest slopes, and those fitted to it."""
     steep = np.nan_to_num(np.abs(plane.disparity))
     length = min(STRETCH, steep.size)
@@ -297,7 +297,7 @@ def epipolar(plane: EpipolarPlane, on_array: bool = True) -> Picture:
 
 def depth_pictures(trial: Measurement, plane: EpipolarPlane, reasons: dict[int, str]) -> dict[str, Picture]:
     """All of them, by name; errors where there is a truth."""
-    shown = {"map": depth_map(trial, reasons), "profile": profile(trial)}
+    shown = {"map": _depth_map(trial, reasons), "profile": profile(trial)}
     if np.isfinite(trial.true).any():
-        shown["errors"] = errors(trial)
-    return shown | {"epi": epipolar(plane, trial.first.geometry.place_unit == "mm")}
+        shown["errors"] = _errors(trial)
+    return shown | {"epi": _epipolar(plane, trial.first.geometry.place_unit == "mm")}

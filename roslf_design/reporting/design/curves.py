@@ -50,7 +50,7 @@ POINTS = 121
 """Number of points along each axis of the plane of D_F and d_3."""
 
 
-class DepthCurve(NamedTuple):
+class _DepthCurve(NamedTuple):
     """Depth precision over distance."""
 
     distance: Array
@@ -63,7 +63,7 @@ class DepthCurve(NamedTuple):
     """sigma_Z at the focal plane [mm]."""
 
 
-def depth_curve(design: Design, points: int = 241) -> DepthCurve:
+def depth_curve(design: Design, points: int = 241) -> _DepthCurve:
     """Depth precision from 0.4 to 1.8 times the focal plane's depth, both counted from the FAP or what is before it."""
     camera = Camera.of(design)
     start = design.d_3 if camera.chain.in_air else max(design.d_3, float(camera.tip))
@@ -73,7 +73,7 @@ def depth_curve(design: Design, points: int = 241) -> DepthCurve:
         ahead = np.asarray(at - camera.tip)
         return np.abs(depth_error(camera, ahead)), np.abs(rim_disparity(camera, depth_at(camera, ahead)))
 
-    return DepthCurve(distance, *precision(distance), float(precision(design.d_f)[0]))
+    return _DepthCurve(distance, *precision(distance), float(precision(design.d_f)[0]))
 
 
 def depth_precision(design: Design, size: Point = (560, 320)) -> Picture:
@@ -122,7 +122,7 @@ def depth_precision(design: Design, size: Point = (560, 320)) -> Picture:
     return picture.with_panels(spread)
 
 
-class FieldCurve(NamedTuple):
+class _FieldCurve(NamedTuple):
     """Depth precision over the field."""
 
     place: Array
@@ -132,13 +132,13 @@ class FieldCurve(NamedTuple):
 
 
 @lru_cache(maxsize=2)
-def field_curve(design: Design) -> FieldCurve:
+def field_curve(design: Design) -> _FieldCurve:
     """Depth precision at the focal plane from the centre of what the sensor sees to its corner."""
     centre, _, corner = np.array(default_fields(design))
     share = np.linspace(0.0, 1.0, FIELDS)
     images = MicrolensImages(Camera.of(design), centre + share[:, None] * (corner - centre))
     sigma = np.asarray(QUANTITIES["sigma_z_at_field_mm"].at_fields(images))
-    return FieldCurve(share * float(np.hypot(*(corner - centre))), np.broadcast_to(sigma, (FIELDS, 1))[:, 0])
+    return _FieldCurve(share * float(np.hypot(*(corner - centre))), np.broadcast_to(sigma, (FIELDS, 1))[:, 0])
 
 
 def depth_over_field(design: Design, size: Point = (560, 320)) -> Picture:
@@ -193,7 +193,7 @@ def depth_comparison(designs: Mapping[str, Design]) -> Picture:
     return one_panel("depth-comparison", title, (PAGE, 320 + legend_height(keys, PAGE - 24)), panel, keys)
 
 
-class MatchingPlane(NamedTuple):
+class _MatchingPlane(NamedTuple):
     """Curves and a map over d_3 and D_F."""
 
     d_3: Array
@@ -210,7 +210,7 @@ class MatchingPlane(NamedTuple):
     """Smallest non-distortion margin at the sensor's corner (Eqs. 5-6) [mm^2], shape (M, N); full discs where >= 0."""
 
 
-def plane_of(design: Design, limits: Point | None = None) -> MatchingPlane:
+def plane_of(design: Design, limits: Point | None = None) -> _MatchingPlane:
     """Curves and map over ranges in which the design and the matched curve are both seen.
 
     `limits` are other ends of the ranges, of d_3 and D_F [mm]; d_3 stops short of the focal plane.
@@ -226,7 +226,7 @@ def plane_of(design: Design, limits: Point | None = None) -> MatchingPlane:
     # The mismatch is linear in D_F.
     low, high = mismatch_px(camera.replace({"d_3": across[[0, -1]], "D_F": up[[0, -1]]}))
     band = (np.array([[-1.0], [1.0]]) - low) / (high - low) * D_F[-1]
-    return MatchingPlane(d_3, exact, approximate, band, D_F, _margin(camera.replace({"d_3": across, "D_F": up})))
+    return _MatchingPlane(d_3, exact, approximate, band, D_F, _margin(camera.replace({"d_3": across, "D_F": up})))
 
 
 def _margin(camera: Camera) -> Array:

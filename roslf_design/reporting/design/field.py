@@ -60,7 +60,7 @@ KEPT_KEYS = (
 """Shades of a map of kept fractions."""
 
 
-class ArrayMap(NamedTuple):
+class _ArrayMap(NamedTuple):
     """Microlens images on a grid of places over the MLA, rows along y."""
 
     x: Array
@@ -79,7 +79,7 @@ class ArrayMap(NamedTuple):
         return float(self.x[0]) - dx, float(self.x[-1]) + dx, float(self.y[0]) - dy, float(self.y[-1]) + dy
 
 
-def field_map(design: Design, points: int = 160) -> ArrayMap:
+def field_map(design: Design, points: int = 160) -> _ArrayMap:
     """Shapes of the images of microlenses on a grid, `points` along the MLA's longer side.
 
     Images change so slowly over the array that the grid need not be that of the microlenses.
@@ -92,7 +92,7 @@ def field_map(design: Design, points: int = 160) -> ArrayMap:
     images = field_openings(design, places).common()
     shape = len(y), len(x)
     offset = np.where(images.lit[:, None], images.centroid / design.q, np.nan)
-    return ArrayMap(
+    return _ArrayMap(
         np.asarray(x, float), np.asarray(y, float), images.kept_fraction.reshape(shape), offset.reshape(*shape, 2)
     )
 
@@ -113,14 +113,14 @@ def mla_map(design: Design, selected: Point | None = None, size: Point = (460, 4
         marks.append(Dots([x], [y], colour, size=4.5, edge="ground", width=1.5, clip=True))
     if selected is not None:
         marks += _cross(selected, panel)
-    words = shares(thin, fields)
+    words = _shares(thin, fields)
     remark = Text(14, 16, f"on the sensor: {words}", testid="mla-shares")
     title = f"Map of the microlens array of {design.name}: {words} of the images on the sensor"
     panel = panel.with_marks(*marks)
     return Picture("mla-map", title, size, (panel,), tuple(keys), (14.0, size[1] - tall - 2, size[0] - 24), (remark,))
 
 
-def field_maps(design: Design, fields: ArrayMap) -> Picture:
+def field_maps(design: Design, fields: _ArrayMap) -> Picture:
     """Draw kept fraction and centroid's offset over the MLA, which `field_map` gives."""
     lowest = float(fields.kept.min())
     length = np.hypot(fields.offset_px[..., 0], fields.offset_px[..., 1])
@@ -151,7 +151,7 @@ def field_maps(design: Design, fields: ArrayMap) -> Picture:
     return beside("maps", title, pictures, [*KEPT_KEYS, *_frame_keys(design)])
 
 
-def shares(design: Design, fields: ArrayMap) -> str:
+def _shares(design: Design, fields: _ArrayMap) -> str:
     """How many of the microlens images on the sensor are whole, cut and dark, in words."""
     at = Camera.of(design).chief_point(*np.meshgrid(fields.x, fields.y))
     x, y = (np.abs(place) <= side / 2 for place, side in zip(at, design.sensor_size, strict=True))
@@ -166,7 +166,7 @@ def _percent(share: float) -> str:
     return "all" if share == 1 else f"{min(max(100 * share, 0.1), 99.9):.1f} %"
 
 
-def circle_of_eq_6(design: Design) -> tuple[float, float, float]:
+def _circle_of_eq_6(design: Design) -> tuple[float, float, float]:
     """Its centre and radius on the MLA [mm]; the radius is 0 or infinite where there is none."""
     camera = Camera.of(design)
     x, y = on_array(camera, np.zeros(2)).tolist()
@@ -177,7 +177,7 @@ def _panel(design: Design, size: Point, margins: tuple[float, float, float, floa
     """The array and, where it is not much larger, the circle of Eq. 6; both axes on one scale."""
     left, top, right, below = margins
     half = np.array(design.microlens_array.size) / 2
-    x, y, radius = circle_of_eq_6(design)
+    x, y, radius = _circle_of_eq_6(design)
     if 0 < radius <= 1.2 * np.hypot(*half):
         half = np.maximum(half, radius + np.abs([x, y]))
     room = np.maximum(np.subtract(size, (left + right, top + below)), 60.0)
@@ -198,7 +198,7 @@ def _frames(design: Design) -> list[Mark]:
     sensor = on_array(camera, sensor_field(camera).corners[[0, 1, 3, 2]])
     marks.append(Area(*xy(sensor), "none", 1.0, "ground", 4.0))
     marks.append(Area(*xy(sensor), "none", 1.0, "blue", 2.0, testid="mla-sensor"))
-    x, y, radius = circle_of_eq_6(design)
+    x, y, radius = _circle_of_eq_6(design)
     if 0 < radius < math.inf:
         marks.append(Disc(x, y, radius, edge="ground", width=4.0))
         marks.append(Disc(x, y, radius, edge="vermillion", width=2.0, testid="eq6-circle"))
@@ -217,7 +217,7 @@ def _cross(selected: Point, panel: Panel) -> list[Mark]:
 
 
 def _frame_keys(design: Design) -> list[Key]:
-    _, _, radius = circle_of_eq_6(design)
+    _, _, radius = _circle_of_eq_6(design)
     bound = "at any radius" if math.isinf(radius) else "nowhere" if radius == 0 else f"within {short(radius)} mm"
     return [line_key("what the sensor sees", "blue", 2), line_key(f"Eq. 6: undistorted {bound}", "vermillion", 2)]
 

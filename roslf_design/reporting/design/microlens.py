@@ -60,7 +60,7 @@ FULL = 0.42
 """Opacity of a pixel that is covered whole, so that lines on it stay visible."""
 
 
-class ImageView(NamedTuple):
+class _ImageView(NamedTuple):
     """A microlens image; lengths relative to its microlens's axis [mm]."""
 
     openings: Openings
@@ -91,7 +91,7 @@ class ImageView(NamedTuple):
         return len(self.x) > 1 and len(self.y) > 1
 
 
-def image_view(design: Design, place: Point, most: float = math.inf) -> ImageView:
+def image_view(design: Design, place: Point, most: float = math.inf) -> _ImageView:
     """The image behind the microlens at a place on the MLA [mm]; `most` pixels in view are looked at one by one."""
     openings = field_openings(design, [place]).at(0)
     middle, spans = openings.centres[0], openings.spans
@@ -122,7 +122,7 @@ def image_view(design: Design, place: Point, most: float = math.inf) -> ImageVie
         inside = float(openings.area_in(sensor)) if size.min() > 0 else 0.0
         on_sensor = min(inside / float(image.area), 1.0)
     edge, kept = openings.outline(), float(image.kept_fraction)
-    return ImageView(openings, edge, cell, columns, rows, x, y, shares, kept, on_sensor, half)
+    return _ImageView(openings, edge, cell, columns, rows, x, y, shares, kept, on_sensor, half)
 
 
 def nearest_microlens(design: Design, place: Point, *, inward: bool = False) -> Point:
@@ -174,7 +174,7 @@ def microlens_image(
     """
     place = nearest_microlens(design, place) if snap else place
     view = image_view(design.thin_twin, place, MOST_PIXELS)
-    keys = image_keys(design, waves and pixels) if key else []
+    keys = _image_keys(design, waves and pixels) if key else []
     foot = legend_height(keys, size[0] - 24)
     width, height = size[0] - LEFT - RIGHT, size[1] - TOP - BELOW - foot
     side = max(min(width, height), 60.0)
@@ -214,13 +214,13 @@ def microlens_images(designs: Mapping[str, tuple[Design, Point]]) -> tuple[Pictu
         microlens_image(design, place, size, name=f"images-{label}", label=label, key=False, snap=False)
         for label, (design, place) in designs.items()
     ]
-    keys = {key.text: key for design, _ in designs.values() for key in image_keys(design)}
+    keys = {key.text: key for design, _ in designs.values() for key in _image_keys(design)}
     least = min(image_view(design.thin_twin, place, 0).on_sensor for design, place in designs.values())
     title = f"Microlens images: {'; '.join(p.title for p in pictures)}"
     return beside("images", title, pictures, list(keys.values())), least
 
 
-def _light(design: Design, view: ImageView, waves: bool) -> tuple[list[Mark], str]:
+def _light(design: Design, view: _ImageView, waves: bool) -> tuple[list[Mark], str]:
     """Pixels as an image, and what to say of them."""
     plain: list[Mark] = [Area(*xy(UM * view.outline), "ink", FULL)] if len(view.outline) else []
     if not view.coverage.size:
@@ -235,7 +235,7 @@ def _light(design: Design, view: ImageView, waves: bool) -> tuple[list[Mark], st
     return [Image(patch, box, "blues", 0.0, max(peak, 1.0))], f"peak {short(peak, 3)}"
 
 
-def _lines(design: Design, view: ImageView, on_picture: bool) -> list[Mark]:
+def _lines(design: Design, view: _ImageView, on_picture: bool) -> list[Mark]:
     marks: list[Mark] = []
     for k, (*_, colour) in enumerate(_rims(design, on_picture)):
         marks.append(_rim_mark(view.openings.some([k]), colour, 1.2, "5 3"))
@@ -265,7 +265,7 @@ def _rims(design: Design, on_picture: bool = False) -> list[tuple[str, str, str]
     return [(rim.opening, rim.outline.kind, colour) for rim, colour in zip(camera.openings, colours, strict=True)]
 
 
-def _beyond(view: ImageView, x: Scale, y: Scale) -> list[Mark]:
+def _beyond(view: _ImageView, x: Scale, y: Scale) -> list[Mark]:
     """Hatching where the sensor ends."""
     frame = np.array([*x[:2], *y[:2]])
     inside = np.full(4, np.nan)
@@ -281,7 +281,7 @@ def _beyond(view: ImageView, x: Scale, y: Scale) -> list[Mark]:
     return [Area(xs, ys, "grey", hatch=True)]
 
 
-def image_keys(design: Design, on_picture: bool = False) -> list[Key]:
+def _image_keys(design: Design, on_picture: bool = False) -> list[Key]:
     """Keys of the lines of a microlens image, on plain ground or on a picture of its light."""
     rims = dict.fromkeys(_rims(design, on_picture))
     openings = [line_key(f"{kind} of {name}", colour, 1.2, "5 3") for name, kind, colour in rims]

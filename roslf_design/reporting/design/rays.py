@@ -48,7 +48,7 @@ LOWEST, TALLEST = 90.0, 270.0
 """Least height of a section, and greatest of one that is to scale [px]."""
 
 
-class LabelledFan(NamedTuple):
+class _LabelledFan(NamedTuple):
     """Rays of one field."""
 
     label: str
@@ -60,7 +60,7 @@ class LabelledFan(NamedTuple):
     """Heights there [mm]."""
 
 
-def labelled_fans(design: Design) -> list[LabelledFan]:
+def labelled_fans(design: Design) -> list[_LabelledFan]:
     """Fans of centre, edge and corner; of both edges where decentres make the sides differ."""
     (x, _), (edge, _), corner = default_fields(design)
     if is_centred(design):
@@ -69,10 +69,10 @@ def labelled_fans(design: Design) -> list[LabelledFan]:
         places = {"centre": x, "edge +x": edge, "edge -x": 2 * x - edge}
     drawn = fans(Camera.of(design), list(places.values()), rays=RAYS, fill=FILL)
     kept = np.isin(drawn.status, PASSED)
-    return [LabelledFan(label, kept[i], drawn.z[i], drawn.x[i]) for i, label in enumerate(places)]
+    return [_LabelledFan(label, kept[i], drawn.z[i], drawn.x[i]) for i, label in enumerate(places)]
 
 
-def medium_label(design: Design) -> str:
+def _medium_label(design: Design) -> str:
     """Name of the medium that the scene lies in, with its index; empty for air."""
     medium = design.object_space.medium
     return "" if medium == AIR else material_label(medium, design.wavelength)
@@ -126,7 +126,7 @@ def meridional(
     if blocked:
         cross = Dots((0.0,), (0.0,), "vermillion", "x", 3.5, width=1.5)
         keys.append(line_key("blocked, and where", "vermillion", 0.8, "4 3", cross))
-    if medium := medium_label(thin):
+    if medium := _medium_label(thin):
         keys.append(box_key(f"medium: {medium}", *MEDIUM))
     ruler = (Line((-11.0, 11.0), (0.0, 0.0), "grey", 1.2, ends="|"),)
     # How many rows the legend takes must be known before the scale is, which it tells.
@@ -176,7 +176,7 @@ def _scale_label(design: Design, exaggeration: float, whole: bool) -> str:
     return words if whole else f"{words}; object plane {short(design.d_f)} mm before the lens"
 
 
-class SectionLayout(NamedTuple):
+class _SectionLayout(NamedTuple):
     """Layout of a section: where things are in the picture."""
 
     panel: Panel
@@ -194,7 +194,7 @@ class SectionLayout(NamedTuple):
     """Whether the object plane is in it."""
 
 
-def _section(design: Design, drawn: list[LabelledFan], size: Point, whole: bool, to_scale: bool) -> SectionLayout:
+def _section(design: Design, drawn: list[_LabelledFan], size: Point, whole: bool, to_scale: bool) -> _SectionLayout:
     end, front = design.d_1 + design.d_2, _front(design)
     length = end + (design.d_f if whole else front)
     left = -design.d_f - 0.05 * length if whole else -front - 0.14 * length
@@ -234,11 +234,11 @@ def _section(design: Design, drawn: list[LabelledFan], size: Point, whole: bool,
             (x, 6.0, width, tall + over + under), panel.x, Scale(-half - under / along, half + over / along), (),
             "z [mm]", "height [mm]", grid="", equal=True, y_ticks=heights,
         )  # fmt: skip
-    return SectionLayout(panel, half, factor, sides, tuple(names), tuple(rows), whole)
+    return _SectionLayout(panel, half, factor, sides, tuple(names), tuple(rows), whole)
 
 
 def _sides(design: Design, along: float, before: float, whole: bool) -> dict[str, int]:
-    """Sides of the labels for `SectionLayout.sides`, from pixels per millimetre and those before the FAP."""
+    """Sides of the labels for `_SectionLayout.sides`, from pixels per millimetre and those before the FAP."""
     spans = [(stop.near, stop.far) for stop in design.openings if stop.near > 0]
     spans += [(at.near, at.far) for at in design.in_bore]
     inner = [near for near, _ in spans]
@@ -280,7 +280,7 @@ def name_of_drawn(at: Placed[AnyElement], fold: bool = False) -> str:
     return at.name + (f", {drawn}turns by {math.degrees(at.part.turn):.3g}°" if at.part.turn else "")
 
 
-def _cut(fan: LabelledFan, half: float) -> tuple[Array, Array]:
+def _cut(fan: _LabelledFan, half: float) -> tuple[Array, Array]:
     """Corners of the blocked rays, those that leave the picture as far as they are in it."""
     z, x = fan.z[~fan.kept].copy(), fan.x[~fan.kept].copy()
     for k in range(1, x.shape[1]):
@@ -291,7 +291,7 @@ def _cut(fan: LabelledFan, half: float) -> tuple[Array, Array]:
     return z, x
 
 
-def _fan(fan: LabelledFan, colour: str, half: float) -> list[Mark]:
+def _fan(fan: _LabelledFan, colour: str, half: float) -> list[Mark]:
     passed = np.flatnonzero(fan.kept)
     marks: list[Mark] = []
     for number in passed:
@@ -306,7 +306,7 @@ def _fan(fan: LabelledFan, colour: str, half: float) -> list[Mark]:
     return marks
 
 
-def _elements(design: Design, section: SectionLayout) -> list[Mark]:
+def _elements(design: Design, section: _SectionLayout) -> list[Mark]:
     half, (mm, _) = section.half, section.panel.per_px
     end = design.d_1 + design.d_2
     marks: list[Mark] = [Line([section.panel.x.low, end], [0.0, 0.0], "grey", 0.8, "10 3 2 3")]
@@ -352,7 +352,7 @@ def reaches(design: Design) -> list[float]:
     return rims + [(at.part.half_height or 0.0) + math.hypot(*at.part.decentre) for at in design.in_bore]
 
 
-def _glass(design: Design, section: SectionLayout) -> list[Mark]:
+def _glass(design: Design, section: _SectionLayout) -> list[Mark]:
     """Elements before the main lens with their mounts, and the plates about the array."""
     half, marks = section.half, []  # type: float, list[Mark]
     for number, (_, _, element, start, end) in enumerate(design.in_bore, 1):
@@ -399,13 +399,13 @@ def _view(angle: float, start: tuple[float, float], size: float, per_px: tuple[f
     ]
 
 
-def _thick(radius: float, section: SectionLayout) -> float:
+def _thick(radius: float, section: _SectionLayout) -> float:
     """How thick an ideal lens is drawn, which has no thickness [mm]."""
     mm, up = section.panel.per_px
     return min(max(0.18 * radius / up, 4.0), 14.0) * mm
 
 
-def _names(section: SectionLayout) -> list[Mark]:
+def _names(section: _SectionLayout) -> list[Mark]:
     panel, leaders, names = section.panel, [], []  # type: Panel, list[Mark], list[Mark]
     for (z, name), row in zip(section.names, section.rows, strict=True):
         rise = 5 + NAME_ROW * row
@@ -419,7 +419,7 @@ def _names(section: SectionLayout) -> list[Mark]:
     return [*leaders, *names]
 
 
-def _openings(design: Design, section: SectionLayout) -> list[Mark]:
+def _openings(design: Design, section: _SectionLayout) -> list[Mark]:
     """Diameters of the FAP and the main lens as dimensions across."""
     marks: list[Mark] = []
     mm, up = section.panel.per_px
@@ -439,7 +439,7 @@ def _openings(design: Design, section: SectionLayout) -> list[Mark]:
     return marks
 
 
-def _lengths(design: Design, section: SectionLayout) -> list[Mark]:
+def _lengths(design: Design, section: _SectionLayout) -> list[Mark]:
     """Distances as dimensions along."""
     marks: list[Mark] = []
     mm, up = section.panel.per_px
@@ -541,7 +541,7 @@ WALL = 1.12
 """Where mounts end, in half heights of the tallest element."""
 
 
-class SchematicPart(NamedTuple):
+class _SchematicPart(NamedTuple):
     """Something on the axis."""
 
     name: str
@@ -626,24 +626,24 @@ def _clear_middle(start: float, end: float, crossing: Iterable[float], wide: flo
     return min(places, key=lambda place: abs(place - middle), default=None)
 
 
-def _all_elements(design: Design) -> list[SchematicPart]:
+def _all_elements(design: Design) -> list[_SchematicPart]:
     """Everything on the axis, from the object to the sensor."""
     mla, (wide, tall), say = design.microlens_array, design.sensor_size, length
     elements = [
-        SchematicPart("object plane", -design.d_f, 0.0, ("object plane",)),
-        SchematicPart("FAP", -design.d_3, design.D_F, ("FAP", _pupil_size(design))),
-        SchematicPart("main lens", 0.0, design.D, (f"main lens, D = {say(design.D)}", f"f = {say(design.f)}")),
-        SchematicPart("MLA", design.d_1, mla.size[1], ("MLA", f"d = {say(design.d)}", f"f_ml = {say(design.f_ml)}")),
-        SchematicPart(
+        _SchematicPart("object plane", -design.d_f, 0.0, ("object plane",)),
+        _SchematicPart("FAP", -design.d_3, design.D_F, ("FAP", _pupil_size(design))),
+        _SchematicPart("main lens", 0.0, design.D, (f"main lens, D = {say(design.D)}", f"f = {say(design.f)}")),
+        _SchematicPart("MLA", design.d_1, mla.size[1], ("MLA", f"d = {say(design.d)}", f"f_ml = {say(design.f_ml)}")),
+        _SchematicPart(
             "sensor", design.d_1 + design.d_2, tall, ("sensor", f"q = {say(design.q)}", f"{wide:.4g} × {tall:.4g} mm")
         ),
     ]
     for stop in design.openings[1:]:
         wide, words = float(stop.part.outline.width), stop.part.outline.words
-        elements.append(SchematicPart(stop.name, -stop.near, wide, (stop.name, words)))
+        elements.append(_SchematicPart(stop.name, -stop.near, wide, (stop.name, words)))
     for _, name, part, near, far in design.in_bore:
         tall = 2 * (part.half_height or 0.0)
-        elements.append(SchematicPart(name, -(near + far) / 2, tall, (name, *made_of(part)), part))
+        elements.append(_SchematicPart(name, -(near + far) / 2, tall, (name, *made_of(part)), part))
     return sorted(elements, key=lambda element: element.z)
 
 
@@ -671,7 +671,7 @@ def _dimension_lines(design: Design) -> list[tuple[str, str, str]]:
     ]
 
 
-def _drawn(element: SchematicPart, x: float, half: float) -> list[Mark]:
+def _drawn(element: _SchematicPart, x: float, half: float) -> list[Mark]:
     if element.name == "object plane":
         return [Line([x, x], [-half, half], "ink", 1.3, "5 4")]
     if element.name == "sensor":

@@ -42,11 +42,11 @@ HISTORY = (
 def optimization_report(result: Result, command: str) -> Report:
     """A study as a page of its own."""
     answer = result.answer
-    section = optimization_section(result, command)
+    section = _optimization_section(result, command)
     return Report(answer.asked.name, f"from {answer.problem.design.name}", (section,), f"roslf_design {__version__}")
 
 
-def optimization_section(result: Result, command: str = "") -> Section:
+def _optimization_section(result: Result, command: str = "") -> Section:
     """A study as a section of a report; the command that reruns it is printed where given."""
     asked, notes = result.answer.asked, result.answer.notes
     blocks: list[Block] = [Paragraph(asked.question)] if asked.question else []
@@ -68,7 +68,7 @@ def optimization_finding(result: Result) -> Finding:
     answer, (first, *_) = result.answer, statements(result)
     said = replace(first, text=f"Optimisation: {first.text[:1].lower()}{first.text[1:]}")
     history = search_history(ends_of(answer), (576, 290))
-    blocks = optimization_section(result).blocks
+    blocks = _optimization_section(result).blocks
     if answer.feasible:
         blocks = (*blocks, Figure.of("history", "What every start came to", HISTORY, history))
     seed = f"Seed of the optimisation's starts: {result.study.settings.seed}."

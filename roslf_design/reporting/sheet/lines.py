@@ -60,7 +60,7 @@ NOMINAL = "Nominal values: no tolerance study is at hand."
 TILTED = "Parts are tilted; the data sheet is of the straight ones."
 
 
-class SheetLine(NamedTuple):
+class _SheetLine(NamedTuple):
     """A line of the data sheet."""
 
     subject: str
@@ -95,7 +95,7 @@ class BuildSpread(NamedTuple):
     final: Variant
     """After adjustment, where anything is adjusted."""
 
-    def deviations(self, rows: Iterable[SheetLine]) -> dict[str, float]:
+    def deviations(self, rows: Iterable[_SheetLine]) -> dict[str, float]:
         """Standard deviations by a line's key: over all builds where the study has it, or over the first of them."""
         deviations = {column.label: column.deviation for column in self.final.distributions}
         builds, good = first_builds(self.plan, MANY)
@@ -106,7 +106,7 @@ class BuildSpread(NamedTuple):
             with np.errstate(all="ignore"):  # of builds that are no cameras
                 if line.quantity:
                     values = np.broadcast_to(QUANTITIES[line.quantity](builds.camera), good.shape)
-                elif isinstance(line.of, Corner):
+                elif isinstance(line.of, _Corner):
                     if line.of.ends not in images:
                         images[line.of.ends] = first_builds(self.plan, FEW, line.of.ends)[0]
                     values = line.of.over(images[line.of.ends])
@@ -127,13 +127,13 @@ class CalibrationSpread(NamedTuple):
     """Design whose lengths it knows."""
     covariance: LengthCovariance
 
-    def deviations(self, rows: Iterable[SheetLine]) -> dict[str, float]:
+    def deviations(self, rows: Iterable[_SheetLine]) -> dict[str, float]:
         """Standard deviation that a calibration leaves in the lines, by their keys, to first order."""
         design, covariance = self.design, self.covariance
         left = {
             line.key: float(covariance.carried(design, QUANTITIES[line.quantity] if line.quantity else line.values))
             for line in rows
-            if line.quantity or not (line.of is None or (design.lens is not None and isinstance(line.of, Corner)))
+            if line.quantity or not (line.of is None or (design.lens is not None and isinstance(line.of, _Corner)))
         }
         return {name: sigma for name, sigma in left.items() if math.isfinite(sigma)}
 
@@ -155,7 +155,7 @@ class SpreadSources(NamedTuple):
         return " ".join(self.sentences)
 
 
-def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
+def lines(design: Design, sheet: Specification) -> Iterator[_SheetLine]:
     """Every line, in the order of the page."""
     camera = Camera.of(design)
     traced = design.lens is not None  # whose builds are cameras of thin twins
@@ -172,12 +172,12 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
         plane = None if focal else field.at_mm
         up = f"height {number(field.height_mm, 4)} mm"
         across = partial(_at_distance, QUANTITIES["field_half_width_mm"], plane, 2.0)
-        yield SheetLine("Object field", f"width {at}", field.width_mm, "mm", up, of=across)
+        yield _SheetLine("Object field", f"width {at}", field.width_mm, "mm", up, of=across)
         for quantity, line in _listed("Object field"):
             there = partial(_at_distance, quantity, plane, 1.0)
             name, value = f"{line.label or quantity.label} {at}", float(quantity(camera, field.at_mm))
             own, of = (quantity.name, None) if focal else ("", there)
-            yield SheetLine("Object field", name, value, quantity.unit, line.remark_on(camera), own, of=of)
+            yield _SheetLine("Object field", name, value, quantity.unit, line.remark_on(camera), own, of=of)
     for row in sheet.resolution:
         focal = row.at_mm == sheet.working_distance_mm
         centre = row.x_ml_mm == sheet.field[0].x_ml_mm
@@ -192,7 +192,7 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
         of = None if axial or dark or traced else partial(_resolution, row, focal)
         limit = "mtf50_lp_per_mm" if row.limited_by == "contrast" else "fold_lp_per_mm"
         remark, own = "" if dark else row.remark, limit if axial else ""
-        yield SheetLine("Resolution", at, row.usable_lp_per_mm, "lp/mm", remark, own, dark, of)
+        yield _SheetLine("Resolution", at, row.usable_lp_per_mm, "lp/mm", remark, own, dark, of)
     outermost, middle = corner(sheet.field), sheet.field[0]
     at = "in the corner" if outermost.angle_deg is None else f"at {number(outermost.angle_deg, 4)} deg off axis"
     scale = None
@@ -200,24 +200,26 @@ def lines(design: Design, sheet: Specification) -> Iterator[SheetLine]:
         scale = outermost.local_magnification / middle.local_magnification if middle.local_magnification else 0.0
     lost = "not seen" if outermost.distortion_percent is None or scale is None else ""
     places = (middle.x_ml_mm, outermost.x_ml_mm)
-    bent, shaded = Corner("distortion_percent", places), Corner("relative_illumination", places, 100.0)
-    stretched = Corner("local_magnification", places, against=True)
+    bent, shaded = _Corner("distortion_percent", places), _Corner("relative_illumination", places, 100.0)
+    stretched = _Corner("local_magnification", places, against=True)
     barrel = "below 0 is barrel-shaped"
-    yield SheetLine("Over the field", f"distortion {at}", outermost.distortion_percent, "%", barrel, text=lost, of=bent)
+    yield _SheetLine(
+        "Over the field", f"distortion {at}", outermost.distortion_percent, "%", barrel, text=lost, of=bent
+    )
     against = "against the middle, along the field's radius"
-    yield SheetLine("Over the field", f"local magnification {at}", scale, "", against, text=lost, of=stretched)
+    yield _SheetLine("Over the field", f"local magnification {at}", scale, "", against, text=lost, of=stretched)
     light = 100 * outermost.relative_illumination
-    yield SheetLine("Over the field", f"relative illumination {at}", light, "%", "against the middle", of=shaded)
+    yield _SheetLine("Over the field", f"relative illumination {at}", light, "%", "against the middle", of=shaded)
     width, height = sheet.pixels
-    yield SheetLine("Sampling", "pixels", None, "", "", text=f"{width} x {height}")
+    yield _SheetLine("Sampling", "pixels", None, "", "", text=f"{width} x {height}")
     yield from _whole_camera("Sampling", camera, {})
     samples = "{} x {}".format(*sheet.object_samples)
-    yield SheetLine("Sampling", "object samples", None, "", "microlenses that the sensor sees", text=samples)
+    yield _SheetLine("Sampling", "object samples", None, "", "microlenses that the sensor sees", text=samples)
     if sheet.colours:
         yield from _colour_lines(design, sheet.colours)
     yield from _whole_camera("Body", camera, {})
     parts = ", ".join(f"{part.name} of {number(part.diameter_mm, 4)} mm" for part in sheet.parts)
-    yield SheetLine("Body", PARTS, None, "", parts, text=str(len(sheet.parts)))
+    yield _SheetLine("Body", PARTS, None, "", parts, text=str(len(sheet.parts)))
 
 
 def _listed(subject: str) -> Iterator[tuple[Quantity, Listed]]:
@@ -226,18 +228,18 @@ def _listed(subject: str) -> Iterator[tuple[Quantity, Listed]]:
             yield quantity, quantity.sheet
 
 
-def _whole_camera(subject: str, camera: Camera, known: Mapping[str, float]) -> Iterator[SheetLine]:
+def _whole_camera(subject: str, camera: Camera, known: Mapping[str, float]) -> Iterator[_SheetLine]:
     """Lines of the quantities that are listed under a subject; `known` has values by their names."""
     for quantity, line in _listed(subject):
         value = known[quantity.name] if quantity.name in known else float(quantity(camera))
         missing = math.isnan(value)
-        yield SheetLine(
+        yield _SheetLine(
             subject, line.label or quantity.label, None if missing else value, quantity.unit, line.remark_on(camera),
             quantity.name, "none" if missing else "",
         )  # fmt: skip
 
 
-def _depth_lines(sheet: Specification, traced: bool) -> Iterator[SheetLine]:
+def _depth_lines(sheet: Specification, traced: bool) -> Iterator[_SheetLine]:
     """How well depth is known, at both ends of the working range and over the field in focus."""
     names = ("axis", "axis", "axis", "edge of the field", "corner of the field")
     for spread, name in zip(sheet.depth_precision.spreads, names, strict=True):
@@ -247,7 +249,7 @@ def _depth_lines(sheet: Specification, traced: bool) -> Iterator[SheetLine]:
             of = None if traced else partial(_at_field, QUANTITIES["sigma_z_at_field_mm"], spread.x_ml_mm)
         elif not focal:
             of = partial(_at_distance, QUANTITIES["sigma_z_mm"], spread.at_mm, 1.0)
-        yield SheetLine(
+        yield _SheetLine(
             DEPTH, f"at {number(spread.at_mm, 4)} mm ({spread.plane}), {name}", spread.sigma_z_mm, "mm", "",
             "sigma_z_mm" if focal and axial else "", "" if math.isfinite(spread.sigma_z_mm) else "none", of,
         )  # fmt: skip
@@ -269,7 +271,7 @@ def _resolution(row: Resolved, focal: bool, camera: Camera) -> float:
 
 
 @dataclass(frozen=True)
-class Corner:
+class _Corner:
     """A quantity of the field's corner, `against` that of its middle."""
 
     name: str
@@ -289,7 +291,7 @@ class Corner:
         return float(self.over(MicrolensImages(camera, self.ends))[0])
 
 
-def _colour_lines(design: Design, colours: tuple[Colour, ...]) -> Iterator[SheetLine]:
+def _colour_lines(design: Design, colours: tuple[Colour, ...]) -> Iterator[_SheetLine]:
     """Lines on a Bayer pattern's effect on pixels, light and depth: of green, the other colours beside."""
     (green,), others = ([one for one in colours if (one.name == "green") is wanted] for wanted in (True, False))
     subject = f"Colours, {design.sensor.colours}"
@@ -299,12 +301,12 @@ def _colour_lines(design: Design, colours: tuple[Colour, ...]) -> Iterator[Sheet
 
     apart = f"{number(green.spacing_px, 3)} px apart; {beside(lambda one: one.views_across)}, 2 px apart"
     across = partial(_in_green, "image_diameter_px", 1 / GREEN.spacing)
-    yield SheetLine(subject, "green pixels across a microlens image", green.views_across, "", apart, of=across)
+    yield _SheetLine(subject, "green pixels across a microlens image", green.views_across, "", apart, of=across)
     folds = partial(_in_green, "fold_lp_per_mm", math.sqrt(GREEN.share))
     detail = f"one pixel of each microlens, half of them green; {beside(lambda one: one.view_fold_lp_per_mm)}"
-    yield SheetLine(subject, "a view of green alone folds at", green.view_fold_lp_per_mm, "lp/mm", detail, of=folds)
+    yield _SheetLine(subject, "a view of green alone folds at", green.view_fold_lp_per_mm, "lp/mm", detail, of=folds)
     sharp = f"refocused, axis, {number(green.wavelength_nm, 3)} nm; {beside(lambda one: one.mtf50_lp_per_mm)}"
-    yield SheetLine(
+    yield _SheetLine(
         subject,
         "MTF 50 % in green",
         green.mtf50_lp_per_mm,
@@ -313,10 +315,10 @@ def _colour_lines(design: Design, colours: tuple[Colour, ...]) -> Iterator[Sheet
         of=partial(_in_green, "mtf50_lp_per_mm", 1.0),
     )
     white = f"in white light; {beside(lambda one: one.electrons, 4)}"
-    yield SheetLine(subject, "electrons in a green pixel", green.electrons, "", white, "pixel_electrons")
+    yield _SheetLine(subject, "electrons in a green pixel", green.electrons, "", white, "pixel_electrons")
     every = float(QUANTITIES["sigma_z_mm"](Camera.of(design)))
     alone = f"scene without colours; green alone {number(green.sigma_z_mm, 3)}, {beside(lambda one: one.sigma_z_mm)}"
-    yield SheetLine(subject, "depth spread, focal plane, all colours", every, "mm", alone, "sigma_z_mm")
+    yield _SheetLine(subject, "depth spread, focal plane, all colours", every, "mm", alone, "sigma_z_mm")
 
 
 def _in_green(name: str, factor: float, camera: Camera) -> float:
@@ -356,14 +358,14 @@ def basis(
     )
 
 
-def _value(line: SheetLine) -> str:
+def _value(line: _SheetLine) -> str:
     if line.text:
         return line.text
     assert line.value is not None
     return f"{number(line.value, 4)} {line.unit}".strip() if math.isfinite(line.value) else number(line.value)
 
 
-def _spread(line: SheetLine, sigma: Mapping[str, float]) -> str:
+def _spread(line: _SheetLine, sigma: Mapping[str, float]) -> str:
     if line.key not in sigma:
         return "–"
     # A millionth of the value is what derivatives' steps leave.

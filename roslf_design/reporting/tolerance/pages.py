@@ -142,7 +142,7 @@ def yield_statement(result: StudyResult, name: str = "", first_look: bool = Fals
         if result.budget is not None and result.budget.changes:
             best = result.budget.changes[0]
             remedy = (
-                f"Cheapest: {change_words(result, best)} ({cost_words(best.cost)}); yield {share_words(best.result)}."
+                f"Cheapest: {_change_words(result, best)} ({cost_words(best.cost)}); yield {share_words(best.result)}."
             )
     return Statement("bad", text, remedy)
 
@@ -294,7 +294,7 @@ def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
     design = result.plan.question.design
     if budget.changes:
         columns: tuple[Column, ...] = (
-            ("change", "l", lambda change: change_words(result, change)),
+            ("change", "l", lambda change: _change_words(result, change)),
             ("cost", "d", lambda change: _cost(change.cost)),
             ("yield [%]", "d", lambda change: f"{100 * change.result.value:.2f}"),
             ("95 % interval [%]", "r", lambda change: _interval(change.result)),
@@ -324,7 +324,7 @@ def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
         yield Table.of(budget.looser, shown, "What may be looser", caption)
 
 
-def change_words(result: StudyResult, change: Change) -> str:
+def _change_words(result: StudyResult, change: Change) -> str:
     """A change as one would ask a shop for it."""
     design = result.plan.question.design
     if change.kind == "all tolerances":
