@@ -382,8 +382,8 @@ def test_blur_off_the_axis_is_that_of_rays(fap):
     x, y = (float(np.ravel(t)[0]) for t in builds.targets)
     spreads = []
     for way in ((1.0, 0.0), (0.0, 1.0)):
-        opposite = (-way[0], -way[1])
-        ends = [np.array(u, float) * design.d for _, u in builds._landings(x, y, distance, (way, opposite))]
+        rims = (camera.fap.outline.rim(sign * way[0], sign * way[1]) for sign in (1, -1))
+        ends = [np.array(u, float) * design.d for _, u in builds._landings(x, y, distance, rims)]
         spreads.append(float(np.hypot(*(ends[1] - ends[0]))))
     assert blur_on_mla(camera, distance, place) == pytest.approx(max(*spreads, blur_on_mla(camera, distance)), rel=0.02)
 

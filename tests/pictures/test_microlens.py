@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
+from roslf_design.bore.opening import ClearAperture
 from roslf_design.camera import Camera
 from roslf_design.imaging.camera import ImageLattice
-from roslf_design.reporting.design.microlens import _discs_over
+from roslf_design.reporting.design.microlens import _images_over
 from roslf_design.theory.exit_pupil import microlens_image_diameter
 
 
@@ -27,4 +28,4 @@ def test_images_over_a_place_are_counted_row_by_row(changes, fap):
     truth = np.zeros((41, 41))
     for x, y in lattice.image(lattice.indices(-half, half, -half, half)):
         truth += np.hypot(points[..., 0] - x, points[..., 1] - y) <= radius
-    np.testing.assert_array_equal(_discs_over(lattice, radius, points, half), truth)
+    np.testing.assert_array_equal(_images_over(lattice, ClearAperture(radius), points, half), truth)

@@ -166,7 +166,7 @@ def test_pixels_hold_what_a_fine_grid_of_points_finds(name):
     x, y = ((edges[:-1, None] + fine).ravel() for edges in (view.x, view.y))
     across, up = np.meshgrid(x, y)
     inside = np.ones(across.shape, bool)
-    for centre, radius in zip(view.centres, view.radii, strict=True):
+    for centre, radius in zip(view.openings.centres, view.openings.radii, strict=True):
         inside &= np.hypot(across - centre[0], up - centre[1]) <= radius
     counted = inside.reshape(len(view.y) - 1, n, len(view.x) - 1, n).mean(axis=(1, 3))
     # A boundary of length at most ~2 pixels passes a pixel: that many of its n x n points may be miscounted.
@@ -174,7 +174,7 @@ def test_pixels_hold_what_a_fine_grid_of_points_finds(name):
     assert counted.mean() == pytest.approx(view.coverage.mean(), abs=2e-3)
     assert len(view.outline) > 0
     if view.on_sensor == pytest.approx(1, abs=1e-9):
-        area = view.kept_fraction * math.pi * view.radii[0] ** 2
+        area = view.kept_fraction * math.pi * view.openings.radii[0] ** 2
         assert view.coverage.sum() * design.q**2 == pytest.approx(area, rel=1e-9)
 
 
@@ -276,7 +276,7 @@ def test_maps_and_images_follow_a_turned_and_shifted_array():
     np.testing.assert_allclose((sensor.x.min(), sensor.x.max()), (low, high), rtol=1e-12)
     np.testing.assert_allclose((sensor.y.min(), sensor.y.max()), (-right, 11.5), rtol=1e-12)
     view, straight = image_view(moved, (2.0, 1.0)), image_view(PAPER, (-1.0 + 0.5, 2.0))
-    np.testing.assert_allclose(view.centres, straight.centres, atol=1e-12)
+    np.testing.assert_allclose(view.openings.centres, straight.openings.centres, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["paper", "ear-speculum", "rigid-scope", "pipe-bore"])
