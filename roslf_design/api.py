@@ -106,7 +106,7 @@ def measure_depth(
     progress: Callable[[str, float], None] = lambda what, share: None,
     **options: Any,
 ) -> Trial:
-    """What depth a camera measures of a scene, simulated with noise, beside the truth and the error predicted.
+    """Depth that a camera measures of a scene, simulated with noise, beside the truth and the error predicted.
 
     Parameters
     ----------

@@ -153,6 +153,10 @@ def _run(arguments: list[str]) -> Any:
         if refused := getattr(options, "refused", None):  # a job's options, which tell every fault
             raise refused(error.__cause__) from None
         return _complain(" ".join(str(error).split()) + " See `roslf --help`.", 2)
+    except UnicodeEncodeError as error:
+        if error.encoding != "utf-8":
+            raise
+        return _complain(f'"{error.object}" is no UTF-8 text; write it again', 2)
 
 
 def _complain(message: str, code: int) -> int:

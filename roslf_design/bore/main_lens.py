@@ -207,7 +207,7 @@ class RealMainLens(MainLensKind):
 
     @property
     def words(self) -> str:  # type: ignore[override]
-        """That it is real, and its name."""
+        """Description: real, and its name."""
         return f"real ({self.name})"
 
     @property

@@ -128,6 +128,11 @@ class ClearAperture(NamedTuple):
         return 2 * self.radius if self.half is None else 2 * np.minimum(*self.half)
 
     @property
+    def slimness(self) -> Number:
+        """Least extent over `width`: 1 of a disc, of whatever size."""
+        return 1.0 if self.half is None else self.narrowest / self.width
+
+    @property
     def ways(self) -> tuple[tuple[float, float], ...]:
         """Directions that stand for all others: of a disc one, else x and y."""
         return ((1.0, 0.0),) if self.half is None else ((1.0, 0.0), (0.0, 1.0))

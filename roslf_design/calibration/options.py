@@ -38,7 +38,7 @@ def _digit(value: Any) -> Any:
 
 
 class SheetOptions(Options):
-    """What a calibration takes as known beforehand, and how well."""
+    """Numbers that a calibration takes as known beforehand, and how well."""
 
     board: str | None = Field(
         None,

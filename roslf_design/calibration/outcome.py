@@ -30,7 +30,7 @@ from .space import in_medium
 
 
 class _CountedProgress(Protocol):
-    """What is told how far work is: what is done, and how much of how many things where they are counted."""
+    """Receiver of progress: the step under way, and how much of how many things where they are counted."""
 
     def __call__(self, what: str, done: float = 0.0, total: float = 0.0) -> None:
         """Tell what is done, and how much of `total`; 0 where nothing is counted."""
@@ -60,7 +60,7 @@ class NoCameraError(CalibrationError):
 def calibrated(
     folder: Path, design: Design, options: CalibrateOptions, progress: _CountedProgress = _silent
 ) -> Outcome:
-    """What a folder of captured images says of a camera built to a design.
+    """Calibration of a camera built to a design, from a folder of captured images.
 
     Raises
     ------

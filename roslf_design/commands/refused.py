@@ -17,7 +17,7 @@ from .terminal import picture_files, write_files
 
 
 def refused(error: CalibrationError, origin: Path, folder: Path | None = None) -> InputError:
-    """What images do not determine as one line; a picture of what was seen goes into a folder where one is given."""
+    """Refusal, in one line, of images that do not determine a camera; a picture of what was seen goes into a folder."""
     text, picture = " ".join(str(error).split()), _picture(error)
     if picture is not None and folder is not None:
         write_files(folder, picture_files({"failed": picture}))

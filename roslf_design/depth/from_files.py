@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
+from .._arrays import by_value
 from ..calibration.decoding import LightField
 from ..calibration.frames import CalibrationError
 from ..calibration.lengths import LengthCovariance
@@ -100,6 +101,7 @@ class CaptureOptions(Options):
         return (named, None) if self.calibration is None else calibrated_camera(self.calibration, named)
 
 
+@by_value
 @dataclass(frozen=True)
 class _Capture:
     """Picture that somebody took, and the camera it is from."""

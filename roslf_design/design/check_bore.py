@@ -101,7 +101,7 @@ def _about_reflection(design: Design) -> list[Problem]:
             key, angle = fault
             message = (
                 f"light along the axis is totally reflected in {at.name}, which it would leave at "
-                f" {angle:.3g} degrees from the normal; take less wedge or tilt, or glass of a lower index"
+                f"{angle:.3g} degrees from the normal; take less wedge or tilt, or glass of a lower index"
             )
             problems.append(Problem(f"{at.place}.{key}", message))
     return problems

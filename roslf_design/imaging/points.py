@@ -79,7 +79,7 @@ def _by_waves(
     d, d_2, f_ml, D_F = (float(length) for length in (camera.d, camera.seen.d_2, camera.f_ml, camera.seen.D_F))
     image = np.zeros((region.rows, region.columns))
     # The Airy pattern has 2/(pi x) of its light beyond x = pi r D_F/(lambda B), and so has that of a square.
-    narrow = abs(D_F) * float(camera.fap.outline.narrowest / camera.fap.outline.width)
+    narrow = abs(D_F) * float(camera.fap.outline.slimness)
     beyond = 2 / (math.pi * max(tolerance, LEAST_TOLERANCE)) * wavelength * source.throw / (math.pi * narrow)
     front = None if source.place is None else Wavefront.of(source, wavelength)
     if front is None and source.place is not None:

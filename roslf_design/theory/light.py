@@ -50,7 +50,7 @@ def pupil_airy_radius(c: Camera) -> Array:
     Of a rectangle the first zero across its shorter side, ``lambda A`` over that.
     """
     pupil = c.fap.outline
-    return pupil.first_zero * c.wavelength * ratio(c.seen.A, c.seen.D_F * (pupil.narrowest / pupil.width))
+    return pupil.first_zero * c.wavelength * ratio(c.seen.A, c.seen.D_F * pupil.slimness)
 
 
 def microlens_defocus(c: Camera) -> Array:

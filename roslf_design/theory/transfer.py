@@ -43,7 +43,7 @@ class MicrolensTransfer:
     lens_shape: str
     """Shape of the aperture."""
     rotation: float = 0.0
-    """Of the array [rad]."""
+    """Rotation of the array [rad]."""
     beyond_rays: bool = False
     """Whether this is only what it has beyond diffraction in focus of the rays' own blur."""
 

@@ -33,7 +33,7 @@ from .train import etendue_sr
 Array = NDArray[np.float64]
 
 DEGREE = 5
-"""Of the polynomials over the FAP: products x^a y^b with a + b <= 5, b running fastest."""
+"""Degree of the polynomials over the FAP: products x^a y^b with a + b <= 5, b running fastest."""
 POWERS = np.array([(a, b) for a in range(DEGREE + 1) for b in range(DEGREE + 1 - a)])
 RINGS, SPOKES = 5, 12
 """Rays of an object point, over the FAP."""

@@ -1,4 +1,4 @@
-"""What a real lens does over the field: microlens images as they really are, and the aberrations that make them so.
+"""Real lens over the field: microlens images as they really are, and the aberrations that make them so.
 
 A microlens at c sees the flexible angular plane (FAP) through the lens; its image is the set of sensor points whose
 backward ray passes the FAP, every surface and every further stop. The map from sensor point to FAP point is smooth, so

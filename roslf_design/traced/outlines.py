@@ -45,7 +45,7 @@ PANEL = math.pi / 2
 SMOOTH = 1e-4
 """Largest share of its highest term; what is left out is the square of that, and a panel is halved that has more."""
 NODES = 10
-"""Of a quadrature."""
+"""Nodes of a quadrature."""
 GRID, ROOMY, FINEST = 7, 0.6, 17
 """Side of the grid on which the roomiest point is looked for, which squared height is low enough, and how many grids
 there may be for slivers."""

@@ -1,4 +1,4 @@
-"""What rays meet in builds of a camera behind a real lens, rays aimed through it, and their spots.
+"""Surfaces that rays meet in builds of a camera behind a real lens, rays aimed through it, and their spots.
 
 A ray is wanted from a point to another one behind some faces: from a microlens to the flexible angular plane (FAP), or
 from there to the scene. Its slope is found by Broyden's method. Builds of a study start from the nominal camera's slope

@@ -131,7 +131,8 @@ def test_singlets_cost_pitches_and_percents():
 def equation_6(camera):
     """Undistorted radius of the thin twin as the paper prints it, on the array."""
     c = thin_twin(camera)
-    return c.d_f * ((c.D - c.D_F) / c.d_3 - c.D / c.d_f) / 2 * c.d_1 / c.d_f
+    d_f, d_3, D_F = c["main_lens.focal_plane"], c["aperture.distance"], c["aperture.diameter"]
+    return ((c.D - D_F) / d_3 - c.D / d_f) / 2 * c.f * d_f / (d_f - c.f)
 
 
 @pytest.mark.parametrize(("name", "reverse"), [("la1050-a", True), ("ac508-150-a", False)])
