@@ -69,6 +69,11 @@ class Openings(NamedTuple):
         return np.asarray(held)
 
     @property
+    def first_is_disc(self) -> bool:
+        """Whether the first is a disc."""
+        return 0 not in self.polygons
+
+    @property
     def total(self) -> int:
         """K."""
         return int(self.radii.shape[-1])

@@ -29,6 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._arrays import Array, Complex, magnitude, ratio
+from ..bore.opening import ClearAperture
 from ..camera import Camera
 from ..shapes.lattice import PACKINGS
 from ..shapes.openings import Openings
@@ -158,14 +159,31 @@ class _Images(NamedTuple):
         return _Images(*some)
 
     @property
+    def own_shape(self) -> tuple[Array, ...]:
+        """Numbers that `_opening_of` makes the first opening of: logarithms of its sizes, and its turn."""
+        if self.openings.first_is_disc:
+            return (np.log(2 * self.openings.radii[:, 0]),)
+        corners = self.openings.corners[:, self.openings.polygons.index(0)]
+        along, across = corners[:, 0] - corners[:, 1], corners[:, 0] - corners[:, 3]
+        sides = (np.log(np.hypot(*side.T)) for side in (along, across))
+        return *sides, np.arctan2(along[:, 1], along[:, 0])
+
+    @property
     def whole(self) -> NDArray[np.bool_]:
-        """Which of them are discs that no stop but the FAP cuts."""
-        return np.asarray(self.openings.rooms[:, 1:].min(1, initial=1.0) >= 0) & (0 not in self.openings.polygons)
+        """True for those that no stop but the FAP cuts."""
+        return np.asarray(self.openings.rooms[:, 1:].min(1, initial=1.0) >= 0)
 
     @property
     def finest(self) -> Array:
         """Periods in a pitch of the finest detail that diffraction passes."""
         return self.pitch * self.width / (self.wavelength * self.distance)
+
+
+def _opening_of(width: Array, height: Array | None = None, turn: Array | None = None) -> Openings:
+    """Disc, or rectangle, of such sizes about the origin; sizes are logarithms."""
+    if height is None or turn is None:
+        return Openings.of_discs(np.zeros((width.size, 1, 2)), np.exp(width)[:, None] / 2)
+    return Openings.of(ClearAperture(math.inf, (np.exp(width) / 2, np.exp(height) / 2), turn), width.shape)
 
 
 def texture(c: Camera, plane: Seen) -> _Texture:
@@ -247,10 +265,10 @@ def disparity_information(images: MicrolensImages, plane: Seen, waves: Spectrum 
     level = np.where(usable, np.minimum(2 * np.ceil(rows.finest / 2), SHARPEST).clip(2, None), 0).astype(int)
     information = np.zeros(fill.size)
     level = np.where(usable & (rows.finest > SHARPEST), SHARPEST + 1, level)
-    for kind in np.flatnonzero(np.bincount(2 * level + whole, minlength=2)[2:]) + 2:
-        detail, uncut = int(kind) // 2, bool(kind % 2)
+    for detail, uncut in itertools.product(np.unique(level[level > 0]).tolist(), (False, True)):
         mine = np.flatnonzero((level == detail) & (whole == uncut))
-        information[mine] = (_interpolated if uncut else _each)(rows.at(mine), array, detail, uncut)
+        if mine.size:
+            information[mine] = (_interpolated if uncut else _each)(rows.at(mine), array, detail, uncut)
     return information.reshape(shape)
 
 
@@ -312,11 +330,12 @@ def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
     fine, strength, waves, lens_shape = images.texture
     if images.pitch.size < 3 or not (strength * fine > 0).all():
         return _each(images, c, level, whole)
-    scale = images.light * strength
+    scale = images.light * strength / images.wide**2
     about = np.log([
-        images.wide, images.finest, images.pixel / images.pitch, images.dark / images.light + 1e-6, fine,
+        images.finest, images.pixel / images.pitch, images.dark / images.light + 1e-6, fine,
     ])  # fmt: skip
-    about = np.vstack([about, images.defocus * images.distance * images.width / images.pitch, images.bend])
+    blurred = images.defocus * images.distance * images.width / images.pitch
+    about = np.vstack([about, blurred, images.bend, *images.own_shape])
     free = np.flatnonzero(np.ptp(about, axis=1) > 1e-12)
     spectrum = np.stack(waves).tobytes()
     if images.pitch.size < NEARLY_ALIKE:
@@ -325,7 +344,7 @@ def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
             return _each(images, c, level, whole)
         nodes = np.repeat(about[:, :1], free.size + 1, axis=1)
         nodes[free, 1:] += STEP * np.eye(free.size)
-        values = _series(c, level, whole, nodes.tobytes(), spectrum, lens_shape)
+        values = _series(c, level, len(about), nodes.tobytes(), spectrum, lens_shape)
         slopes = (values[1:] - values[0]) / STEP if np.isfinite(values).all() else np.inf
         if not np.abs(slopes).max(initial=0.0) <= STEEPEST:
             return _each(images, c, level, whole)
@@ -351,7 +370,7 @@ def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
             continue
         nodes, middle = np.repeat(about[:, mine[:1]], len(terms), axis=1), (cells[:, mine[:1]] + 0.5) * sides
         nodes[free] = middle + offsets * sides / 2
-        logarithms = _series(c, level, whole, nodes.tobytes(), spectrum, lens_shape)
+        logarithms = _series(c, level, len(about), nodes.tobytes(), spectrum, lens_shape)
         if not np.isfinite(logarithms).all():
             information[mine] = _each(images.at(mine), c, level, whole) / scale[mine]
             continue
@@ -388,16 +407,16 @@ def _powers(away: Array, terms: NDArray[np.intp]) -> Iterator[Array]:
 
 
 @functools.lru_cache(maxsize=4096)
-def _series(c: _Array, level: int, whole: bool, nodes: bytes, spectrum: bytes, lens_shape: str | None) -> Array:
+def _series(c: _Array, level: int, count: int, nodes: bytes, spectrum: bytes, lens_shape: str | None) -> Array:
     """Logarithm of information at places of an expansion, for a pitch of 1, one electron and full contrast."""
-    wide, sharp, pixel, dark, fine, blurred, bend = np.frombuffer(nodes).reshape(7, -1)
-    one = np.ones(wide.size)
+    sharp, pixel, dark, fine, blurred, bend, *shape = np.frombuffer(nodes).reshape(count, -1)
+    one = np.ones(sharp.size)
     dark = np.maximum(np.exp(dark) - 1e-6, 0.0)
-    disc = Openings.of_discs(np.zeros((wide.size, 1, 2)), np.exp(wide)[:, None] / 2)
+    image = _opening_of(*shape)
     waves = _Texture(np.exp(fine), one, Spectrum(*np.frombuffer(spectrum).reshape(3, -1)), lens_shape)
-    own = (one, one, np.exp(-sharp), blurred, np.exp(pixel), one, dark, one, bend, 2 * disc.radii[:, 0], disc, waves)
+    own = (one, one, np.exp(-sharp), blurred, np.exp(pixel), one, dark, one, bend, one, image, waves)
     with np.errstate(divide="ignore", invalid="ignore"):  # of what tells nothing there is no series
-        values = np.log(_each(_Images(*own), c, level, whole))
+        values = np.log(_each(_Images(*own), c, level, whole=True))
     values.setflags(write=False)
     return values
 
@@ -405,7 +424,7 @@ def _series(c: _Array, level: int, whole: bool, nodes: bytes, spectrum: bytes, l
 def _sharpened(images: _Images, c: _Array, level: int, whole: bool) -> Array:
     """Information; where blur is far below a pitch, extrapolated from broader ones."""
     finest, waves = images.finest, images.texture.as_views_show
-    if not whole:  # whole images are as they are in a mirror
+    if not (whole and images.openings.first_is_disc):  # whole discs are as they are in a mirror
         x, y, power = waves.x, waves.y, waves.power / 2
         waves = Spectrum(*(np.concatenate(pair, 1) for pair in ((x, -x), (y, y), (power, power))))
     spectra = _spectra(images, waves, c, min(level, SHARPEST), whole)
@@ -439,7 +458,9 @@ def _spectra(images: _Images, waves: Spectrum, c: _Array, level: int, whole: boo
     kx, ky = (np.concatenate([np.zeros((count, 1)), k], 1)[..., None, None] for k in waves[:2])
     x, y, cell = _orders(c, level)
     fx, fy, bend = kx + x, ky + y, images.bend[:, None, None, None]
-    form = _whole if whole and (c.many or count >= MANY) else _cut
+    form = _cut
+    if whole:
+        form = _straight if not images.openings.first_is_disc else _whole if c.many or count >= MANY else _cut
     return _Spectra(kx, ky, fx, fy, cell, form(images, fx - bend * kx, fy - bend * ky), waves.power)
 
 
@@ -482,6 +503,28 @@ def _whole(images: _Images, fx: Array, fy: Array) -> Spectra:
     bent = np.where(z > 0.02, (2 * first - j0(safe)) / safe, z / 8) / np.where(height > 0, height, 1.0)
     moment = -2j * math.pi * radius**3 * bent
     return 2 * math.pi * radius**2 * first + 0j, moment * fx, moment * fy
+
+
+def _straight(images: _Images, fx: Array, fy: Array) -> Spectra:
+    """Fourier transforms of a whole rectangle and of its first moments along x and y [pitches]."""
+    corners = images.openings.corners[:, images.openings.polygons.index(0)]
+    sides = [(corners[:, 0] - corners[:, k]) / 2 for k in (1, 3)]
+    (ax, ay), (bx, by) = (tuple(side.T[..., None, None, None]) for side in sides)
+    (along, along_bent), (across, across_bent) = (_sinc(2 * (fx * x + fy * y)) for x, y in ((ax, ay), (bx, by)))
+    area = 4 * np.abs(ax * by - ay * bx)
+    # The moment is i/(2 pi) times the derivative.
+    first, second = area * along_bent * across, area * along * across_bent
+    moment_x, moment_y = (1j / math.pi * (first * a + second * b) for a, b in ((ax, bx), (ay, by)))
+    return area * along * across + 0j, moment_x, moment_y
+
+
+def _sinc(x: Array) -> tuple[Array, Array]:
+    """Value sin(pi x)/(pi x) and its derivative."""
+    values, near = np.sinc(x), np.abs(x) < 0.01
+    safe = np.where(near, 1.0, x)
+    return values, np.where(
+        near, -(math.pi**2) * x / 3 * (1 - (math.pi * x) ** 2 / 10), (np.cos(math.pi * safe) - values) / safe
+    )
 
 
 def _cut(images: _Images, fx: Array, fy: Array) -> Spectra:

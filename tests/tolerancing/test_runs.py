@@ -118,7 +118,7 @@ def work(index):
     return b"%d" % index
 
 if __name__ == "__main__":
-    print(sorted(content for _, content in run.anywhere(work, range(6), run.Where(2))))
+    print(sorted(content for _, content in run.run_chunks(work, range(6), run.WorkerSettings(2))))
 """
 
 
