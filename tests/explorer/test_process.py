@@ -251,8 +251,11 @@ def test_it_starts_and_ends_where_the_system_has_no_signals_of_unix(windows, num
 
 
 def test_workers_run_where_the_system_has_no_signals_of_unix(windows):
-    script = "from roslf_design.commands.tolerance import _workers\nfrom roslf_design.tolerancing.run import WorkerSettings, run_chunks"
-    script += "\nprint(_workers(99) >= 1, sorted(run_chunks(bytes, [1, 2], WorkerSettings(2))))"
+    script = (
+        "from roslf_design.commands.tolerance import _workers\n"
+        "from roslf_design.tolerancing.run import WorkerSettings, run_chunks\n"
+        "print(_workers(99) >= 1, sorted(run_chunks(bytes, [1, 2], WorkerSettings(2))))"
+    )
     ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
     assert (ran.stdout, ran.stderr) == ("True [(1, b'\\x00'), (2, b'\\x00\\x00')]\n", "")
 
