@@ -21,7 +21,7 @@ Box = tuple[float, float, float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drawn:
-    """Mark's common fields."""
+    """Fields common to all marks."""
 
     clip: bool = True
     """Whether it ends at the panel's edge."""
