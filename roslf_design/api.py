@@ -1,4 +1,4 @@
-"""What `import roslf_design as roslf` offers beside values: one function for each thing the commands do.
+"""Functions that `import roslf_design as roslf` offers beside values: one for each thing the commands do.
 
 Each takes a design, the name of a preset or the path of a file, prints nothing and writes nothing.
 """
@@ -108,7 +108,7 @@ def measure_depth(
     believed: Design | str | Path | None = None,
     **more: Any,
 ) -> Trial:
-    """What depth a camera measures of a scene, simulated with noise, beside the truth and the error predicted.
+    """Depth that a camera measures of a scene, simulated with noise, beside the truth and the predicted error.
 
     Parameters
     ----------

@@ -20,13 +20,13 @@ if TYPE_CHECKING:
     from cyclopts import App
 
 NAMES = (errno.ENAMETOOLONG, errno.ELOOP)
-"""What the system says of names that no file can have, wherever one is first looked for."""
+"""Errors of the system for names that no file can have, wherever one is first looked for."""
 LISTED = 40
 """Faults that are told one by one."""
 
 
 class Command(NamedTuple):
-    """What `--help` says of a command."""
+    """Command's summary and example in `--help`."""
 
     summary: str
     example: str
@@ -95,7 +95,7 @@ COMMANDS = {
 """Each command: a function in the module of that name in `commands`, imported only when called."""
 
 GROUPS = frozenset({"accuracy"})
-"""Those that have commands of their own: an App instead of a function, which brings its own example."""
+"""Commands that have commands of their own: an App instead of a function, which brings its own example."""
 
 
 def build_app() -> App:

@@ -1,4 +1,4 @@
-"""What is wrong with an input, every fault at once, each with its place and its remedy."""
+"""Faults of an input, all at once, each with its place and its remedy."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Problem:
     key: str
     """Dotted place in the file, e.g. ``aperture.distance``; empty for the file as a whole."""
     message: str
-    """What is wrong, with the value, and the remedy."""
+    """Message: the fault, with the value, and the remedy."""
 
     def __str__(self) -> str:
         return f"{self.key}: {self.message}" if self.key else self.message
@@ -72,7 +72,7 @@ class InputError(ValueError):
 
 
 FAULTS = (ArithmeticError, LookupError, MemoryError, RuntimeError, TypeError, ValueError)
-"""What computations end in where numbers lie far from any camera's."""
+"""Exceptions in which computations end where numbers lie far from any camera's."""
 
 
 def cause(error: Exception) -> str:

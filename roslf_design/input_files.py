@@ -29,7 +29,7 @@ DAMAGED = (
     OSError, EOFError, ValueError, LookupError, TypeError, AttributeError, ArithmeticError, RuntimeError, SyntaxError,
     MemoryError, struct.error, zlib.error,
 )  # fmt: skip
-"""What readers of pictures end in where one is damaged."""
+"""Exceptions of readers of pictures on a damaged one."""
 DEEPEST = 32
 """Tables and lists within each other."""
 LONGEST = 10_000
@@ -196,7 +196,7 @@ def _bearable(samples: int) -> None:
 
 
 def strange(data: Any, longest: int | None = LONGEST) -> str:
-    """What no file of ours can mean by its nested values, with its place and the remedy; "" where all is well.
+    """Fault of nested values that no file of ours can have, with its place and the remedy; "" where all is well.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""What results become before they are written as JSON, which has no infinity, nothing undefined, and no classes."""
+"""Plain form of results for JSON, which has no infinity, nothing undefined, and no classes."""
 
 from __future__ import annotations
 

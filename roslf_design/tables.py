@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from rich.text import Text
 
 NUMBER = re.compile(r"([-+−]?\d[\d ]*|[-−]?∞)(.*)", re.DOTALL)
-"""What stands before the decimal point, and the rest with its unit."""
+"""Pattern of a number: the digits before the decimal point, and the rest with its unit."""
 LEAST_WORDS = 16
 """Letters that a column of words keeps on a narrow terminal."""
 GAP = 2
@@ -35,7 +35,7 @@ class Cell(NamedTuple):
     text: str
     """All of it."""
     whole: str
-    """Of a number aligned on the decimal point: what stands before the point; else empty."""
+    """Digits before the decimal point of a number aligned on it; else empty."""
     rest: str
     """The point and all behind it."""
     room: int
@@ -61,7 +61,8 @@ class Table:
     faint: tuple[int, ...] = ()
     """Rows that matter less."""
     widths: tuple[float, ...] = ()
-    """Of the columns, in heights of a letter (em); 0 takes what its text needs. Aligns tables below each other."""
+    """Widths of the columns, in heights of a letter (em); 0 takes what its text needs. Aligns tables below each other.
+    """
     dense: bool = False
     """Small and close on paper: of several that are to fit on one page."""
 
@@ -160,7 +161,10 @@ def print_table(block: Table, console: Console, least: tuple[int, ...] = ()) -> 
 
 
 def _widths(block: Table, index: int, least: int = 1) -> tuple[int, int, int]:
-    """Of a column: narrowest, with its cells in one line, with its heading so; numbers and names are always whole."""
+    """Widths of a column: narrowest, with its cells in one line, with its heading so.
+
+    Numbers and names are always whole.
+    """
     cells = [row[index] for row in block.rows]
     heading = block.headings[index] if block.headings else ""
     words = [word for cell in cells for word in (cell.split() if block.align[index] == "l" else [cell])]

@@ -20,11 +20,11 @@ from .input_files import read_text, strange
 
 Model = TypeVar("Model", bound=BaseModel)
 FROM_ZERO = {"greater_than": "must be greater than zero", "greater_than_equal": "must not be negative"}
-"""What is said of a value below its least, where that is 0."""
+"""Messages about a value below its least, where that is 0."""
 KIND = "kind"
 """Key that tells which table one is, where it may be several."""
 TAG = "%"
-"""What names begin with that pydantic puts before what a value is, where it may be a name or a table."""
+"""Prefix that pydantic puts before the kind of a value that may be a name or a table."""
 
 
 def read_toml(
@@ -69,7 +69,7 @@ def parse_toml(text: str, origin: str, *, refusal: type[InputError] = InputError
 
 
 def nearest(name: str, known: Collection[str], otherwise: str = "") -> str:
-    """What was perhaps meant by a name that is not known; else `otherwise`, or all that is known."""
+    """Suggestion for a name that is not known; else `otherwise`, or all that is known."""
     near = difflib.get_close_matches(name, known, 1, 0.5)
     return f"did you mean '{near[0]}'?" if near else otherwise or f"known here: {', '.join(known)}"
 
@@ -91,7 +91,7 @@ def validated(model: type[Model], data: Any, origin: str = "", **context: Any) -
 
 
 def problems_of(error: ValidationError, model: type[BaseModel]) -> tuple[Problem, ...]:
-    """What pydantic found wrong with nested values, in the words of a file.
+    """Problems that pydantic found with nested values, in the words of a file.
 
     Parameters
     ----------
@@ -155,7 +155,7 @@ class _Place(NamedTuple):
     key: str
     """Dotted; without the kind that pydantic puts before each table that may be of several."""
     models: list[type[BaseModel]]
-    """What stands there: one table, or those that it may be; nothing for values."""
+    """Models that may stand there: one table, or several; empty for values."""
     listed: bool
     """Whether there are several, each headed by double brackets."""
 

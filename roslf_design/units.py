@@ -63,11 +63,12 @@ FARTHEST = {
     "temperature": 1e3,
     "temperature difference": 1e3,
 }
-"""What no quantity of a camera exceeds, in its base unit: a plane in focus at infinity may be written as 1e12 m."""
+"""Limits that no quantity of a camera exceeds, in its base unit: a plane in focus at infinity may be written as 1e12 m.
+"""
 COLDEST, HOTTEST = -60.0, 150.0
 """Between which cameras are used, stored and sterilised [degrees C]."""
 SHORTEST = 1e-12
-"""What no length that must be positive falls below [mm]: a thousandth of a proton."""
+"""Length that none which must be positive falls below [mm]: a thousandth of a proton."""
 
 _EXAMPLE = {
     "length": "120 mm",

@@ -92,7 +92,7 @@ SYMBOL = re.compile(r"(?<![\w.])([A-Za-zσλΔ])_(ml|[0-9A-Zfkx])(?!\w)(/[dDqL](
 LETTERS = frozenset("DfdqHLλ")
 """Symbols of one letter; set as such where they are a whole text, such as a cell."""
 SPELT_OUT = {"um": "µm", "lambda": "λ", "sigma": "σ"}
-"""What is written in plain letters elsewhere, and its sign."""
+"""Signs of what is written in plain letters elsewhere."""
 _WORD = re.compile(r"\b(um|lambda|sigma(?=_))(?![A-Za-z0-9])")
 _TAGS = {"plain": "{}", "symbol": "<var>{}</var>", "sub": "<sub>{}</sub>"}
 
@@ -107,7 +107,7 @@ def in_words(text: str) -> str:
 
 
 def typographic(text: str) -> str:
-    """The same text with µm and Greek letters as such."""
+    """Text with µm and Greek letters as such."""
     return _WORD.sub(lambda match: SPELT_OUT[match[0]], text)
 
 

@@ -38,9 +38,9 @@ OF = "99 of 100 pixels, 1 is a fully lit one"
 SHARE = 0.99
 
 ROUNDING = {"coverage": 3e-7, "harmonics": 3e-6}
-"""Of exact methods: pixels, and the series' sums, are single precision."""
+"""Rounding errors of exact methods: pixels, and the series' sums, are single precision."""
 CONVOLVED = 2e-3
-"""What convolution may miss: frequencies folded back (1e-3), and far tails that come from the tile's other side."""
+"""Error of convolution: frequencies folded back (1e-3), and far tails that come from the tile's other side."""
 FAINT = 2e-3
 """Least share of a point's light in its far tails that is gone after."""
 
@@ -53,7 +53,7 @@ FINER = 2
 PATCH, PATCHES = 20, 6
 """Pixels across a patch, and how many there are."""
 WIDE, FEW = 48, 2
-"""The same where diffraction is in them: each patch then takes wide margins."""
+"""Pixels across a patch, and number of patches, with diffraction: each patch then takes wide margins."""
 MARGINS = 2 * LEAST_HALO
 """Pixels that they add."""
 SAFETY = 1.25
@@ -136,7 +136,7 @@ def settle(
 def stated(
     image: RawImage, settled: Settled | None, accuracy: float | None, budget: Budget, seconds: float | None = None
 ) -> Accuracy:
-    """What a picture is worth, measured on it where an accuracy was asked for.
+    """Accuracy of a picture, measured on it where one was asked for.
 
     Parameters
     ----------
@@ -217,7 +217,7 @@ class _Job:
 
     @property
     def model(self) -> str:
-        """What no number of samples gets past."""
+        """Model error that no number of samples gets past, in words."""
         if self.scene.white is not None and self.plan.on("microlens_diffraction"):
             camera = planned_camera(self.design, self.plan)
             transfer = MicrolensTransfer.of(camera, self.plan, self.scene.light.wavelengths)
@@ -257,7 +257,7 @@ class _Job:
         ]
 
     def error(self, sampling: RaySampling, patches: Sequence[Patch], *, sharp: bool = False) -> tuple[float, float]:
-        """What most pixels differ by from finer samples of another seed, and their cost, in rays a pixel.
+        """Difference of most pixels from finer samples of another seed, and their cost, in rays a pixel.
 
         `sharp` leaves diffraction out, which would only smooth what sampling leaves, at the cost of wide margins.
         """

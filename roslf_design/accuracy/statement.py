@@ -1,4 +1,4 @@
-"""What every result that was computed to an accuracy says of itself: method, expected and measured error, time."""
+"""Statement on the accuracy of a computed result: method, expected and measured error, time."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class Accuracy:
     """How far a result can be trusted."""
 
     of: str
-    """What the errors are of, and in what unit."""
+    """Subject of the errors, and their unit."""
     method: str
     """How it was computed, with its effort."""
     expected_error: float
@@ -53,9 +53,9 @@ class Accuracy:
     asked: float | None = None
     """None where no accuracy was asked for."""
     seconds: float | None = None
-    """That the result took, checks included."""
+    """Seconds that the result took, checks included."""
     model: str = ""
-    """What no effort gets past, in words; empty where nothing is known of."""
+    """Model error that no effort gets past, in words; empty where none is known."""
     scatter: float = 0.0
     """Relative standard error of the measured error itself."""
 

@@ -1,4 +1,4 @@
-"""What each method costs and how far off it is, and the cheapest that keeps a promise.
+"""Table of each method's cost and error, and the cheapest method that keeps a promise.
 
 >>> choose("kept fraction", 1e-6).method
 'closed form'
@@ -61,7 +61,7 @@ class Row:
     seconds: float
     """Median time on the first job."""
     work: float
-    """Of the first job."""
+    """Work of the first job."""
     fixed: float
     """Part of the time that does not grow with work [s]."""
 
@@ -150,7 +150,7 @@ class Choice:
 
     quantity: str
     accuracy: float
-    """What the result may be off by, as `QUANTITIES` says for each quantity."""
+    """Largest error allowed in the result, as `QUANTITIES` says for each quantity."""
     method: str
     level: int
     expected_error: float

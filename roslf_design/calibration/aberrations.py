@@ -1,4 +1,4 @@
-"""What a real main lens does beyond the model: its corners traced, fitted as captured ones are, against the design.
+"""Errors of a calibration behind a real main lens: its corners traced, fitted as captured ones are, against the design.
 
 Distortion, the field's curvature and the growth of the baseline are fitted. Spherical aberration, which moves the plane
 on which wide pencils agree, and higher orders are not, and scatter does not show them.

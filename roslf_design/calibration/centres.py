@@ -78,7 +78,7 @@ class MicrolensCentres:
     rms: float
     """RMS distance per axis between the used lenses' own centres and the lattice [px]."""
     warnings: tuple[str, ...] = ()
-    """What the image shows that a lattice of whole images does not."""
+    """Faults that the image shows of a lattice of whole images, for the user."""
 
     @property
     def used(self) -> NDArray[np.bool_]:

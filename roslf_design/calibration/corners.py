@@ -19,7 +19,8 @@ _LARGE = 800
 _WORST = 0.35
 """Misfit, against the contrast, above which a corner is not believed."""
 _UNLIKE = 4.0
-"""The same of a board partly seen, against the median over its corners."""
+"""Ratio of a corner's misfit to the median over its board above which the corner of a board partly seen is not
+believed."""
 _STRAY = 0.06
 """Largest RMS distance of corners from a plane in perspective, in cells: distortion stays below, wrong grids above."""
 _LEAST = 6

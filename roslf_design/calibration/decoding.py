@@ -53,7 +53,7 @@ class LightField:
     pitch: float
     """Microlens-image pitch on the sensor [px]."""
     hexagonal: HexagonalRows | None = None
-    """Of a hexagonal array; None of a square one."""
+    """Rows of a hexagonal array; None of a square one."""
 
     def __post_init__(self) -> None:
         shape = (len(self.t), len(self.s), len(self.v), len(self.u))
@@ -146,7 +146,7 @@ class Decoder:
 
     lattice: CentreLattice
     shape: tuple[int, int]
-    """Of the raw images (rows, columns)."""
+    """Shape of the raw images (rows, columns)."""
     dark: Frame | None
     rows: NDArray[np.int64]
     """Rows of the lattice that reach into the image."""
@@ -155,7 +155,7 @@ class Decoder:
     columns: NDArray[np.int64]
     """Lenses from there on."""
     gain: Samples
-    """What samples are multiplied with, shape (t, s, rows, columns): 0 where nothing is measured."""
+    """Factor on the samples, shape (t, s, rows, columns): 0 where nothing is measured."""
     light: Samples
     """Weight of each sample, of the same shape."""
 

@@ -69,13 +69,13 @@ _NAMES = GLOBALS[:3]
 
 @dataclass(frozen=True, eq=False)
 class DiffractionCheck:
-    """What was found out about microlens diffraction, and done."""
+    """Result of looking for microlens diffraction in the white image, and what was taken off the corners."""
 
     corrected: bool
     reason: str
     """Why, or why not, as a sentence."""
     expected_blur: float
-    """Of the design, lambda d_2/d [px]."""
+    """Blur of the design, lambda d_2/d [px]."""
     image: PupilImage | None = None
     """As the white image has it; None where it was not looked at."""
     misfit: float = 0.0
@@ -89,7 +89,7 @@ class DiffractionCheck:
     rms_before: float = 0.0
     """Its reprojection RMS [pitches]."""
     shifts: Array | None = None
-    """What was taken off the corners [pitches], shape (b, v, n, 2)."""
+    """Displacements taken off the corners [pitches], shape (b, v, n, 2)."""
     warning: str = ""
     """Where the design and the white image do not agree; empty where they do."""
 
@@ -257,14 +257,14 @@ def _shifts_of_board(weights: ViewWeights, slopes: Array, central: Array, board:
 
 @dataclass(frozen=True)
 class PupilImage:
-    """What one microlens makes of the evenly lit pupil: a disc, blurred by the microlens's own aperture."""
+    """Image of the evenly lit pupil behind one microlens: a disc, blurred by the microlens's own aperture."""
 
     radius: float
-    """Of the disc [px]."""
+    """Radius of the disc [px]."""
     blur: float
     """lambda d_2/d, first zero of a square microlens's diffraction [px]; 0 leaves diffraction out."""
     pitch: float
-    """Of the microlens images [px]."""
+    """Pitch of the microlens images [px]."""
     layout: Layout = "square"
     circular: bool = False
     """Shape of the microlenses."""
@@ -275,7 +275,7 @@ class PupilImage:
         return lattice_steps(self.layout)
 
     def transfer(self, x: Array, y: Array) -> Array:
-        """Of everything between the pupil's geometric image and a decoded sample, at frequencies [1/px].
+        """Transfer function between the pupil's geometric image and a decoded sample, at frequencies [1/px].
 
         Diffraction, the pixel's square, and the cubic convolution that reads between pixels, averaged over where the
         sample falls between them.
@@ -285,7 +285,7 @@ class PupilImage:
 
     @property
     def lens(self) -> MicrolensTransfer:
-        """Of the microlens's diffraction alone, at frequencies [1/px]."""
+        """Transfer function of the microlens's diffraction alone, at frequencies [1/px]."""
         return MicrolensTransfer(1.0, self.blur, 0.0, (1.0,) if self.blur > 0 else (), self.circular)
 
     def neighbours(self) -> Array:
@@ -304,16 +304,16 @@ class PupilImage:
 
 
 class _CellSeries(NamedTuple):
-    """What images of one pitch and layout have in common at given places of a cell, however large and blurred."""
+    """Fourier series of all images of one pitch and layout at given places of a cell, however large and blurred."""
 
     waves: Array
     """[1/px], shape (w, 2)."""
     cosines: Array
-    """Of each wave at each place, shape (n, w)."""
+    """Cosine of each wave at each place, shape (n, w)."""
     reading: tuple[Array, Array]
     """`_reading` along x and y, shape (w,) each."""
     area: float
-    """Of the cell, its inverse [1/px^2]."""
+    """Inverse of the cell's area [1/px^2]."""
 
     @classmethod
     def of(cls, image: PupilImage, places: Array) -> _CellSeries:

@@ -13,7 +13,7 @@ from .model import MOST_RADIAL
 
 
 class Distortion(NamedTuple):
-    """What was fitted of the main lens's distortion, and why."""
+    """Distortion of the main lens that was fitted, and why."""
 
     coefficients: int
     """Radial ones; the field's curvature and the growth of the views' baseline go with them."""
@@ -22,8 +22,8 @@ class Distortion(NamedTuple):
     automatic: bool = True
     """False where it was asked for."""
     without: Misfit | None = None
-    """What a fit without distortion leaves over; None where none was fitted, or asked for, or without it there is no
-    camera."""
+    """Misfit of a fit without distortion; None where none was fitted, or asked for, or without it there is no camera.
+    """
 
 
 def with_distortion(

@@ -49,7 +49,7 @@ VISIBLE = 2.0
 
 @dataclass(frozen=True, eq=False)
 class Calibration:
-    """What the boards say of the camera, by both ways."""
+    """Calibration of a camera from images of boards, by both ways."""
 
     observations: Observations
     lines: EpiLines
@@ -146,7 +146,7 @@ class EpiLines(NamedTuple):
     mean: Array
     """(u, v) averaged over the views that saw the corner [pitches], shape (b, n, 2); NaN where fewer than one did."""
     at: Array
-    """The same average of (s', t') [px], shape (b, n, 2)."""
+    """Average of (s', t') over the same views [px], shape (b, n, 2)."""
     slope: Array
     """Du/Ds' = Dv/Dt' [pitches/px], shape (b, n); NaN without a baseline."""
     views: Array
@@ -411,7 +411,7 @@ class Refined(NamedTuple):
     sigma: float
     """Standard deviation of one coordinate [pitches]."""
     covariance: Covariance
-    """Of the shared parameters, for independent errors of `sigma`."""
+    """Covariance of the shared parameters, for independent errors of `sigma`."""
 
 
 def refine(observations: Observations, camera: Intrinsics, poses: Poses, names: tuple[str, ...]) -> Refined:
@@ -445,7 +445,7 @@ def refine(observations: Observations, camera: Intrinsics, poses: Poses, names: 
 
 @dataclass(frozen=True, eq=False)
 class CornerStatistics:
-    """What all views say of each corner, in three numbers: a sufficient summary of the observations."""
+    """Statistics of each corner over all views, in three numbers: a sufficient summary of the observations."""
 
     points: Array
     """Corners in the board's frame [mm], shape (n, 3)."""
@@ -483,7 +483,7 @@ class StatisticsFit(NamedTuple):
     statistics: CornerStatistics
     """With the standard deviations used."""
     covariance: Covariance
-    """Of the shared parameters, poses eliminated."""
+    """Covariance of the shared parameters, poses eliminated."""
     pose_by_shared: Array
     """Derivative of each board's best pose by the shared parameters, shape (b, 6, p)."""
     scales: tuple[float, float] = (1.0, 1.0)
@@ -523,7 +523,7 @@ def fit_statistics(
 
 
 def fit_at(statistics: CornerStatistics, camera: Intrinsics, poses: Poses, names: tuple[str, ...]) -> StatisticsFit:
-    """What a fit that ended at this camera and these poses would say of its errors."""
+    """Fit that ended at this camera and these poses, with its errors."""
     linear = statistics.linear(camera.vector(), poses.vector)
     linear = linear._replace(shared=linear.shared[..., [GLOBALS.index(name) for name in names]])
     follow = -np.linalg.pinv(linear.own) @ linear.shared
@@ -536,7 +536,7 @@ def _beyond(off: Array) -> Array:
 
 
 class Leftover(NamedTuple):
-    """What a linear model leaves over once its columns have taken up what they can."""
+    """Residuals that a linear model leaves once its columns have taken up what they can."""
 
     off: Array
     """Residuals [standard deviations], shape (b, r)."""
@@ -553,7 +553,7 @@ class Leftover(NamedTuple):
 
 
 def leftover(linear: Linear) -> Leftover:
-    """What a model of corner statistics leaves over; corners beyond `_FAR` pull no harder than there."""
+    """Residuals of a model of corner statistics; corners beyond `_FAR` pull no harder than there."""
     weight = 1 / np.sqrt(_beyond(linear.off))
     free = Linear(*(part * weight.reshape(weight.shape + (1,) * (part.ndim - 2)) for part in linear)).eliminated()
     flat = free.shared.reshape(-1, free.shared.shape[-1])
@@ -584,7 +584,10 @@ class Linear(NamedTuple):
     """Derivatives by the board's pose, shape (b, r, 6)."""
 
     def eliminated(self) -> Linear:
-        """What poses cannot take up, as `off` and `shared`; `own` is then an orthonormal basis of what they can."""
+        """Residuals and shared columns without what poses take up, in `off` and `shared`.
+
+        `own` is then an orthonormal basis of what poses take up.
+        """
         length = np.sqrt(np.square(self.own).sum(axis=1, keepdims=True))
         basis = np.linalg.qr(self.own / np.where(length > 0, length, 1.0))[0]
         turned = np.swapaxes(basis, 1, 2)

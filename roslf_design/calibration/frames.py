@@ -19,7 +19,7 @@ Frame = NDArray[np.float32]
 Image = NDArray[Any]
 SUFFIXES = (".tif", ".tiff", ".png")
 _OURS = ('"full_scale"', '"roslf.render')
-"""What notes of ours hold."""
+"""Marks of an image's notes by which our own renderings are known."""
 LARGEST = 1e30
 """Grey level that none reaches; sums of it stay within a float's range."""
 MOST_SATURATED = 0.05
@@ -33,14 +33,14 @@ class CalibrationError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Capture:
-    """What a folder holds; the images of the board are read one at a time."""
+    """Capture in a folder; the images of the board are read one at a time."""
 
     white: Image
     dark: Image | None
     boards: tuple[Path, ...]
     """By name."""
     balance: ColourBalance | None = None
-    """That images of the board are yet to get; white image and dark frame have had it."""
+    """Colour balance that images of the board are yet to get; white image and dark frame have had it."""
 
     def board(self, path: Path) -> Image:
         """One image of the board; refused where it is of another size than the white image."""
@@ -49,7 +49,7 @@ class Capture:
         return image if self.balance is None else self.balance(image, path.name)
 
     def balanced(self) -> Capture:
-        """The same of a sensor with colour filters, its colours made equal by the white image; errors as `decode`."""
+        """Capture of a sensor with colour filters, its colours made equal by the white image; errors as `decode`."""
         balance = ColourBalance.of(self.white, self.dark)
         return replace(self, white=balance(self.white, "white image"), dark=None, balance=balance)
 
@@ -162,7 +162,7 @@ class ColourBalance:
     """Makes grey frames of raw images behind a Bayer pattern: pixels of all colours show white alike."""
 
     gains: Array
-    """Of the brightest colour 1; of the first two pixels of the first two rows, shape (2, 2)."""
+    """Gains of the first two pixels of the first two rows, shape (2, 2); the brightest colour has 1."""
     dark: Frame | None = None
     """Frame without light, to be taken off first."""
 

@@ -75,7 +75,7 @@ class CentreLattice:
     bend: LatticeBend | None = None
 
     def at(self, origin: Array) -> CentreLattice:
-        """The same with another node (0, 0) [px]."""
+        """Lattice with its node (0, 0) moved to `origin` [px]."""
         return replace(self, origin=(float(origin[0]), float(origin[1])))
 
     @property
@@ -143,7 +143,7 @@ class LatticeFit(NamedTuple):
     """Measured minus fitted centre of every lens given [px], shape (n, 2)."""
     inliers: NDArray[np.bool_]
     covariance: Array
-    """Of (origin, first, second) along one axis [px^2], shape (3, 3); the same for x and y."""
+    """Covariance of (origin, first, second) along one axis [px^2], shape (3, 3); the same for x and y."""
     bend_error: Array
     """Standard deviation of the lattice's bend at every lens, along one axis [px], shape (n,); 0 without."""
 

@@ -14,7 +14,7 @@ from .model import DataSheet
 from .posterior import CameraDraws
 
 STEP = 0.05
-"""Of a length, for derivatives [standard deviations]."""
+"""Step of a length, for derivatives [standard deviations]."""
 
 
 class LengthCovariance(NamedTuple):
@@ -27,7 +27,7 @@ class LengthCovariance(NamedTuple):
 
     @classmethod
     def of(cls, draws: CameraDraws, sheet: DataSheet) -> LengthCovariance:
-        """Of what a calibration tells of a design, and of what stands before the lens, by draws of them."""
+        """Covariance of a design's calibrated lengths, elements before the lens included, from draws of them."""
         lengths = dict(draws.quantities)
         if (space := sheet.space_at(lengths)) is not None:
             lengths |= space.ruler(lengths)

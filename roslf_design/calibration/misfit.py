@@ -1,4 +1,4 @@
-"""What a fit leaves over, board by board, what would explain it, and whether the ways to the camera agree."""
+"""Residuals of a fit, board by board, what would explain them, and whether the ways to the camera agree."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class BoardMisfit(NamedTuple):
     places: float
     """Scatter of its corners' places about the model over what their scatter from view to view promises."""
     slopes: float
-    """The same of slopes; NaN where it has too few corners to tell."""
+    """Scatter of slopes, likewise; NaN where it has too few corners to tell."""
     strays: int
     """Corners so far off that they were given little weight."""
 
@@ -48,16 +48,16 @@ class Remedy(NamedTuple):
 
 @dataclass(frozen=True)
 class Misfit:
-    """What the fit leaves over."""
+    """Misfit of the joint fit."""
 
     places: float
     """Scatter of places about the model over what the views promise; 1 where the model holds."""
     slopes: float
     views: float
-    """What the corners of one view of one board are off by together, over what their scatter promises."""
+    """Common offset of the corners of one view of one board, RMS, over what their scatter promises."""
     boards: tuple[BoardMisfit, ...]
     remedy: Remedy | None
-    """What would halve the larger scale, or bring it below 2; None where that is not called for or nothing does."""
+    """Remedy that would halve the larger scale, or bring it below 2; None where none is needed or none helps."""
     apart: dict[str, float]
     """A, m, 1/d_2 by steps one and two less those of the joint fit, in its standard deviations."""
 
@@ -68,7 +68,7 @@ class Misfit:
 
     @property
     def warnings(self) -> Iterator[str]:
-        """What an engineer should know before believing the fit, each with its remedy."""
+        """Warnings before one believes the fit, each with its remedy."""
         if self.scale > VISIBLE:
             left = (
                 f"corners lie {self.scale:.1f} times as far from the fitted camera as they scatter from view to view"
@@ -105,7 +105,7 @@ class Misfit:
 
 
 def misfit_of(calibration: Calibration) -> Misfit:
-    """What a calibration's fit leaves over, and why."""
+    """Misfit of a calibration's fit, and its causes."""
     observations, lines, joint = calibration.observations, calibration.lines, calibration.joint
     fit, seen = calibration.fit, observations.seen
     scales = np.array(fit.scales)
@@ -137,7 +137,7 @@ def misfit_of(calibration: Calibration) -> Misfit:
 
 
 def _of_views(calibration: Calibration) -> float:
-    """What a view's corners lie off their own lines together, over what their scatter promises; RMS over views."""
+    """Common offset of a view's corners from their own lines, RMS over views, over what their scatter promises."""
     observations, lines = calibration.observations, calibration.lines
     seen = observations.seen
     if not lines.sigma > 0:
@@ -189,7 +189,7 @@ def _bow(calibration: Calibration, linear: Linear, points: Array) -> tuple[Array
 
 
 def _taken_up(linear: Linear) -> Array:
-    """What the shared columns take up of the residuals."""
+    """Coefficients of the shared columns that fit the residuals best."""
     free = linear.eliminated()
     columns = free.shared.reshape(-1, free.shared.shape[-1])
     size = np.sqrt(np.square(columns).sum(axis=0))

@@ -53,7 +53,7 @@ _UNITS = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0}
 
 
 MOST_CELLS = 50
-"""Of a board, along a side."""
+"""Largest number of cells along a side of a board."""
 
 
 class Markers(NamedTuple):
@@ -180,7 +180,7 @@ class Observations:
     uv: Array
     """Microlens coordinates of board b's corner n in view v [pitches], shape (b, v, n, 2); NaN where not seen."""
     names: tuple[str, ...] = ()
-    """What each board's image is called."""
+    """Names of the boards' images."""
     missing: tuple[str, ...] = ()
     """Images in which no board was found."""
 
@@ -211,7 +211,7 @@ def observed(uv: Array) -> NDArray[np.bool_]:
 
 @dataclass(frozen=True)
 class Intrinsics:
-    """What a calibration finds of a camera, in the paper's symbols."""
+    """Parameters of a camera that a calibration finds, in the paper's symbols."""
 
     A: float
     """d_1/H [mm]."""
@@ -240,7 +240,7 @@ class Intrinsics:
         return np.array([getattr(self, name) for name in names])
 
     def with_values(self, names: tuple[str, ...], values: Array) -> Intrinsics:
-        """The same with the parameters named changed."""
+        """Camera with the values of the named parameters changed."""
         return replace(self, **{name: float(value) for name, value in zip(names, values, strict=True)})
 
 
@@ -250,7 +250,7 @@ class Poses(NamedTuple):
     rotation: Array
     """Rotation vectors [rad], shape (b, 3)."""
     translation: Array
-    """Of the board's origin [mm], shape (b, 3)."""
+    """Position of the board's origin [mm], shape (b, 3)."""
 
     @property
     def vector(self) -> Array:
@@ -430,9 +430,9 @@ class DataSheet:
     cell_sigma: float = 0.0
     """Relative error of the board's cell."""
     space: SceneSide | None = None
-    """What stands between boards and main lens, and about the array; None: air."""
+    """Space between boards and main lens, and about the array; None: air."""
     elements: tuple[KnownNumber, ...] = ()
-    """What of it is known but to an error."""
+    """Numbers of the elements there that are known with an error."""
 
     def __post_init__(self) -> None:
         for name in ("f", "q", "d"):

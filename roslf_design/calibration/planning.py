@@ -23,9 +23,10 @@ from .sidedata import SideDatum, image_pitch, white_pitch
 from .space import SceneSide, Shown, as_shown
 
 DRAWS = 20_000
-"""Of cameras, for the covariance of their lengths: standard deviations to 0.5 %."""
+"""Number of drawn cameras for the covariance of their lengths: standard deviations to 0.5 %."""
 MOST_CORNERS = 10_000
-"""Of a plan, over all its images: beyond it, time and memory grow without telling more."""
+"""Largest number of corners in a plan, over all its images: beyond it, time and memory grow and accuracy hardly does.
+"""
 _STEEPEST = math.radians(40.0)
 """Beyond this tilt corners are no longer found well."""
 _CELLS, _ROOM = (4, 5), 0.8
@@ -34,7 +35,7 @@ _CELLS, _ROOM = (4, 5), 0.8
 
 @dataclass(frozen=True)
 class Captures:
-    """What one means to capture."""
+    """Planned captures of a board."""
 
     board: Board = field(default_factory=lambda: Board(4, 5, 6.0))
     boards: int = 12
@@ -83,7 +84,7 @@ class Captures:
         distance_range: float | None = None,
         noise: float = 0.06,
     ) -> Captures:
-        """What one means to capture with a design; lengths in mm, the tilt in radians.
+        """Captures planned for a design; lengths in mm, the tilt in radians.
 
         Not given, the board is one of 4 x 5 cells that the sensor sees whole at its nearest, and distances lie about
         the focal plane, over a quarter of the way from the FAP to it.
@@ -148,7 +149,7 @@ def _shown(design: Design, f: float | None = None) -> Shown:
 
 
 def field_at(design: Design, distance: float) -> tuple[float, float]:
-    """What the sensor sees of a plane at `distance` from the main lens, across and down [mm], by middles of pencils."""
+    """Width and height [mm] of the plane at `distance` from the main lens that the sensor sees, by chief rays."""
     return _field(camera_of(design), pupil_of(design), distance)
 
 
@@ -220,15 +221,15 @@ class ExpectedErrors(NamedTuple):
     """Standard deviations that a plan promises."""
 
     sigma: dict[str, float]
-    """Of A, m, d_2, d_1, d_f, H, d_3 [mm or 1]: medians over random sets of poses."""
+    """Standard deviations of A, m, d_2, d_1, d_f, H, d_3 [mm or 1]: medians over random sets of poses."""
     shares: dict[str, dict[str, float]]
     """For each, what share of its variance comes from images, f, q, d and the board."""
     condition: float
-    """Of the fit."""
+    """Condition number of the fit."""
     correlation: float
     """Between A and 1/d_2, the ridge along which calibrations err."""
     typical: tuple[StatisticsFit, tuple[SideDatum, ...]]
-    """That of the sets of poses which knows d_3 as well as half of them, with its side data."""
+    """Fit to the set of poses of which half know d_3 better, with its side data."""
 
     def lengths(self, sheet: DataSheet) -> LengthCovariance:
         """How sure the camera's lengths will be, together, of that set of poses."""
@@ -248,7 +249,7 @@ class PlanChange(NamedTuple):
 
 
 class CapturePlan(NamedTuple):
-    """What a set of captures promises, and the changes ranked."""
+    """Plan of a set of captures: expected errors, and changes ranked."""
 
     captures: Captures
     expected: ExpectedErrors

@@ -20,7 +20,7 @@ ENSEMBLES = 4
 DEFAULT_ESS, DEFAULT_STEPS = 400.0, 10_000
 """Effective sample size wanted, bulk and tail, and most steps of each ensemble."""
 SIGMAS = 2.0
-"""Of a Monte Carlo standard error: what a mean is off by in at most 5 % of runs."""
+"""Width of an error bound in Monte Carlo standard errors: a mean is off by more in at most 5 % of runs."""
 FINEST = 0.02
 """A finer posterior takes more than 1e4 independent draws, which is more than chains in memory should hold."""
 MOST_STEPS = 60_000
@@ -92,7 +92,7 @@ class Posterior(CameraDraws):
     """Why it counts as converged, or not."""
     acceptance: float
     steps: int
-    """Of each ensemble, after the first that were dropped."""
+    """Steps of each ensemble, after the first that were dropped."""
     walkers: int
     """In all ensembles."""
     between: float
@@ -317,7 +317,7 @@ def depth_errors(
     distances: Array,
     data: Sequence[SideDatum] = (),
 ) -> dict[str, Array]:
-    """What the calibration's uncertainty does to depths measured with it.
+    """Errors of measured depths that the calibration's uncertainty causes.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from .decoding import LightField, Samples
 from .frames import Array
 
 PLANES = 7
-"""Of a stack, unless told otherwise."""
+"""Number of planes in a stack, by default."""
 _FARTHEST, _STEP = 24.0, 1.5
 """Disparities across the views that are looked through, and from one to the next [pitches]."""
 _VIEWS = 7
@@ -25,11 +25,11 @@ _STANDS_OUT, _FAINT = 0.5, 0.005
 """For a part of the picture to have a say: by how much its gradients are stronger where they are strongest than they
 mostly are, and their least share of the values."""
 _SHARE = 0.03
-"""Of what is sharp somewhere, left out at either end: strays."""
+"""Share of the votes for sharp places that is left out at either end: strays."""
 
 
 class Distances(Protocol):
-    """What knows how far away a slope is, both ways; distances count from the camera [mm]."""
+    """Conversion between slopes and distances; distances count from the camera [mm]."""
 
     def distance(self, slope: float) -> float:
         """Below 0 or not finite where no point is."""

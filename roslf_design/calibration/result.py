@@ -40,7 +40,7 @@ class QuantityEstimate:
     """One quantity."""
 
     value: float
-    """Of the best fit."""
+    """Value of the best fit."""
     sigma: float
     interval_68: tuple[float, float]
     interval_95: tuple[float, float]
@@ -49,7 +49,7 @@ class QuantityEstimate:
     ess: float | None
     """The smaller of bulk and tail."""
     design: float
-    """What the design says."""
+    """Value in the design."""
     built_sigma: float
     """Standard deviation of calibrated less design, over cameras that were built as designed: `sigma`, with what a
     main lens of another focal length than the data sheet's does to the camera itself."""
@@ -62,10 +62,10 @@ class QuantityEstimate:
 
 @dataclass(frozen=True, eq=False)
 class Outcome:
-    """What `roslf calibrate` found."""
+    """Outcome of `roslf calibrate`."""
 
     design: Design
-    """That the camera was built to."""
+    """Design that the camera was built to."""
     board: Board
     sheet: DataSheet
     centres: MicrolensCentres
@@ -73,7 +73,7 @@ class Outcome:
     diffraction: DiffractionCheck | None
     """None where nobody looked for it."""
     undistorted_radius: float | None
-    """Of the design, Eq. 6 on the sensor [px]; None where it was not used."""
+    """Radius of undistorted images by the design, Eq. 6 on the sensor [px]; None where it was not used."""
     draws: CameraDraws
     """The posterior's; without one, of Laplace's approximation."""
     depths: Mapping[str, Array]
@@ -85,7 +85,7 @@ class Outcome:
     ruler: Mapping[str, QuantityEstimate]
     """H, d_3, d_1, d_f and d_2 with a ruler, where elements or glass make them others; else empty."""
     misfit: Misfit
-    """What the fit leaves over."""
+    """Misfit of the joint fit."""
     combined: Combined
     """With side data, where there are any."""
     warnings: tuple[str, ...]
@@ -93,11 +93,11 @@ class Outcome:
     distortion: Distortion
     accuracy: Accuracy
     medium: str | None = None
-    """That the camera is to be used in, where it is another than that of its boards."""
+    """Medium that the camera is to be used in, where it is another than that of its boards."""
 
     @property
     def used_in(self) -> UsedIn | None:
-        """What becomes of depths there, at distances from the nearest to the farthest board.
+        """Depths measured in that medium, from the nearest to the farthest board; None for the boards' own.
 
         Raises
         ------
@@ -121,12 +121,12 @@ class Outcome:
 
     @property
     def intervals_from(self) -> str:
-        """What intervals, depth errors and the corner plot come from."""
+        """Source of intervals, depth errors and the corner plot: the posterior or Laplace's approximation."""
         return LAPLACE if self.posterior is None else "posterior"
 
     @property
     def covariance(self) -> LengthCovariance:
-        """Of the lengths that `calibrated` has from here, and of what stands before the lens, by the draws."""
+        """Covariance of the lengths that `calibrated` has from here, those of elements before the lens included."""
         return LengthCovariance.of(self.draws, self.sheet)
 
     @property
@@ -330,7 +330,7 @@ def _off_design(estimates: Mapping[str, QuantityEstimate], board: Board) -> str:
 
 
 def _pulled(design: Design, sheet: DataSheet, combined: Combined) -> dict[str, Array]:
-    """What estimates of a camera built as designed are off the design where f is one `f_sigma` off the data sheet.
+    """Errors of the estimates where the camera is as designed but f is one `f_sigma` off the data sheet.
 
     The camera itself is another: m = d_1/f - 1 and A follow its focal length. Estimates count from the data sheet's f,
     or from as much of the true one as side data tell.
@@ -360,7 +360,7 @@ def _distortion_dict(fitted: Distortion) -> dict[str, object] | None:
 
 
 def _side_dict(combined: Combined, draws: CameraDraws) -> dict[str, object] | None:
-    """What side data say of f, as JSON's types; None where there are none."""
+    """Estimate of f with side data, as JSON's types; None where there are none."""
     if not combined.data:
         return None
     return {

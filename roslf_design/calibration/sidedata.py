@@ -1,4 +1,4 @@
-"""What else is known of the camera besides corners and data sheet: the white image's pitch, the boards' distances.
+"""Side data of a calibration besides corners and data sheet: the white image's pitch, the boards' distances.
 
 Both bear on f, q, d and the board's scale together with what the images say, so all are conditioned at once: states are
 (shared parameters of the fit, f, q, d, relative scale of the board, the data sheet's elements), of p + 4 numbers or
@@ -28,7 +28,7 @@ class SideDatum:
     """Measurements besides the corners."""
 
     name: str
-    """Of the source of variance that they are: "white" or "distances"."""
+    """Name of the data as a source of variance: "white" or "distances"."""
     what: str
     """In a sentence."""
     off: Callable[[Array], Array]
@@ -103,22 +103,22 @@ class Combined:
     """Images, data sheet and side data together, to first order about the best state."""
 
     names: tuple[str, ...]
-    """Of the fit's shared parameters."""
+    """Names of the fit's shared parameters."""
     best: Array
     """Most probable state, shape (p + 4,)."""
     sources: tuple[str, ...]
     """Source of each row of `gain`, shape (k,)."""
     gain: Array
-    """What a state moves by for one standard deviation of each datum, shape (p + 4, k)."""
+    """Change of the state for one standard deviation of each datum, shape (p + 4, k)."""
     jacobian: Array
-    """What the data change by with a state, in their standard deviations, shape (k, p + 4)."""
+    """Change of the data with the state, in their standard deviations, shape (k, p + 4)."""
     apart: Mapping[str, float]
     """How far each source lay from the rest, in standard deviations of both (root of chi^2 over its rank)."""
     data: tuple[SideDatum, ...] = ()
 
     @property
     def keeps(self) -> Array:
-        """What a state keeps of errors of images and data sheet, shape (p + 4, p + 4)."""
+        """Share of errors of images and data sheet that the state keeps, shape (p + 4, p + 4)."""
         return np.asarray(np.eye(len(self.best)) - self.gain @ self.jacobian)
 
     @property
@@ -134,7 +134,7 @@ class Combined:
 
     @property
     def f(self) -> float:
-        """Of the best state [mm]."""
+        """Focal length of the best state [mm]."""
         return float(self.best[len(self.names)])
 
     def lengths(self, sheet: DataSheet) -> dict[str, Array]:

@@ -1,4 +1,4 @@
-"""What stands between boards and main lens: a calibration's fit knows the boards' space, the closed forms what is seen.
+"""Space between boards and main lens: a calibration's fit knows the boards' space, the closed forms what is seen.
 
 Boards are rigid where they stand, in the medium before the farthest element. What the main lens sees of that space is
 nearer and perhaps of another size, so that a rigid board looks sheared. The fit therefore takes the camera as the
@@ -39,11 +39,11 @@ class Shown(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SceneSide:
-    """What a design has before its main lens and about its array, to first order; numbers, or arrays over draws."""
+    """Parts of a design before its main lens and about its array, to first order; numbers, or arrays over draws."""
 
     design: Design
     far: ImagedPlane
-    """Of the farthest element's scene side."""
+    """Plane of the farthest element's scene side."""
     end: Number
     """Where that is [mm before the main lens]."""
     near: ImagedPlane
@@ -51,15 +51,15 @@ class SceneSide:
     fap: float
     """[mm before the main lens]"""
     before_array: Number
-    """What glass takes off d_1 [mm]."""
+    """Length that glass takes off d_1 [mm]."""
     behind_array: Number
-    """What it takes off d_2 [mm]."""
+    """Length that glass takes off d_2 [mm]."""
     upright: Number
     """1, or -1 where a relay turns the picture: A and m of the fit are positive."""
 
     @classmethod
     def of(cls, design: Design, changes: Mapping[str, Array] | None = None) -> SceneSide | None:
-        """Of a design, with numbers or arrays in some of its places; None where there is air only.
+        """Space of a design, with numbers or arrays in some of its places; None where there is air only.
 
         Raises
         ------
@@ -151,14 +151,14 @@ def as_shown(lengths: Mapping[str, Array], space: SceneSide | None) -> Shown:
 
 
 class UsedIn(NamedTuple):
-    """What becomes of depths when a calibrated camera looks into another medium."""
+    """Depths measured where a calibrated camera looks into another medium."""
 
     design: Design
     """The calibrated camera in that medium: what corrects them."""
     distances: Array
-    """Of planes before the main lens, in that medium [mm]."""
+    """Distances of planes before the main lens, in that medium [mm]."""
     uncorrected: Array
-    """What the calibration, left as it is, says of each [mm]."""
+    """Distance that the uncorrected calibration gives each [mm]."""
     end: float
     """Where the medium begins [mm before the main lens]."""
 
@@ -175,7 +175,7 @@ class UsedIn(NamedTuple):
 
     @property
     def relative(self) -> Array:
-        """Of the distance in the medium."""
+        """Error relative to the distance in the medium."""
         return np.asarray(self.error / (self.distances - self.end))
 
     def to_dict(self) -> dict[str, object]:
@@ -193,7 +193,7 @@ class UsedIn(NamedTuple):
 
 
 def in_medium(design: Design, medium: str) -> Design:
-    """The same hardware before another medium, by its name or index: d_f follows, f, d_1 and the FAP stay.
+    """Design with the same hardware before another medium, by its name or index: d_f follows, f, d_1 and the FAP stay.
 
     Raises
     ------

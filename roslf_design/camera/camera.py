@@ -53,7 +53,7 @@ OPTIONAL = (
     *("light.radiance", "light.exposure", "sensor.acceptance"),
     *("depth.period", "depth.finest", "depth.disparity_error"),
 )
-"""The same, of what need not be given."""
+"""Places of numbers that need not be given."""
 SEEING = frozenset((*PHOTOMETRIC, *OPTIONAL))
 """All of these: what a camera is used with, not what it is built of."""
 APPARENT = ("d_f", "d_1", "d_2", "d_3", "D_F", "H", "inverse_H", "A", "m", "inverse_m", "gap", "vergence")
@@ -76,7 +76,7 @@ class Rim:
     distance: Number
     """z_k as the main lens sees it, in front of it [mm]."""
     stands: Number
-    """The same with a ruler."""
+    """Distance in front of the main lens by a ruler [mm]."""
     scale: Number = 1.0
     """Its own lengths over those that the main lens sees."""
     plane: ImagedPlane | None = None
@@ -84,7 +84,7 @@ class Rim:
 
     @property
     def opening(self) -> str:
-        """The same, but of a barrel's sections that of all of it."""
+        """Name of the opening; of a barrel's section that of the whole barrel."""
         return self.name.partition(SECTION_WORD)[0]
 
     @property
@@ -158,7 +158,7 @@ class Camera(Symbols[Number]):
 
     @property
     def _kind(self) -> tuple[Any, ...]:
-        """What it is beside numbers."""
+        """Properties of the camera beside its numbers."""
         own = self.layout, self.lens_shape, self.lens, self.chain, self.materials, self.growth
         return *own, self.colours
 
@@ -198,7 +198,7 @@ class Camera(Symbols[Number]):
         return camera
 
     def replace(self, changes: Mapping[str, ArrayLike], *, in_focus: bool = False) -> Camera:
-        """The same camera with other numbers at some places; parameters and errors as for `of`."""
+        """Camera with other numbers at some places; parameters and errors as for `of`."""
         given = {PATHS.get(place, place): value for place, value in changes.items()}
         if "q" in changes:  # a symbol of the paper: the pixel as the microlenses see it, in front of the relay
             relay = given.get("sensor.relay_magnification", self["sensor.relay_magnification"])
@@ -230,12 +230,12 @@ class Camera(Symbols[Number]):
 
     @property
     def as_measured(self) -> Camera:
-        """The same camera, its lengths as measured at whatever temperature: `replace` moves none of them with it."""
+        """Camera whose lengths are as measured at whatever temperature: `replace` moves none of them with it."""
         own = self.layout, self.lens_shape, self.lens, self.chain, self.materials
         return Camera(self._numbers, *own, colours=self.colours)
 
     def behind_filter(self, numbers: Mapping[str, Number]) -> Camera:
-        """The same camera as the pixels of one colour see it, all pixels alike: other light, no other glass.
+        """Camera as the pixels of one colour see it, all pixels alike: other light, no other glass.
 
         Parameters
         ----------
@@ -274,7 +274,7 @@ class Camera(Symbols[Number]):
 
     @cached_property
     def worked_out(self) -> dict[Any, Any]:
-        """What takes long to tell of it, by what that is; numbers of a camera never change."""
+        """Cache of results that take long to compute, by what they are; numbers of a camera never change."""
         return {}
 
     def build(self, index: int | tuple[int, ...]) -> Camera:
@@ -288,7 +288,7 @@ class Camera(Symbols[Number]):
         return self._with(numbers)
 
     def spread(self, axes: int) -> Camera:
-        """The same builds with `axes` axes of length 1 behind them, where fields, distances or rays shall go."""
+        """Camera of the same builds with `axes` axes of length 1 behind them, for fields, distances or rays."""
         behind = (1,) * axes
         numbers = {
             place: value.reshape(value.shape + behind) if isinstance(value, np.ndarray) and value.ndim else value
@@ -482,7 +482,10 @@ class Camera(Symbols[Number]):
 
     @cached_property
     def _mapped_image(self) -> tuple[Rim, ...]:
-        """What an objective with a mapping images at all: a stop in its image of what is far, as wide as it goes."""
+        """Rim of what an objective with a mapping images: a stop in its image of what is far.
+
+        Empty without a mapping.
+        """
         if self.law is None:
             return ()
         plane, part = self.chain.mapped_image(self._numbers, self._walk), f"elements.{self.chain.mapped}"
@@ -546,7 +549,7 @@ class Camera(Symbols[Number]):
 
     @cached_property
     def _decentres(self) -> dict[str, tuple[Number, Number]]:
-        """Those asked for so far."""
+        """Cache of decentres asked for so far."""
         return {}
 
     def _own_decentre(self, part: str) -> tuple[Number, Number]:
@@ -578,7 +581,7 @@ class Camera(Symbols[Number]):
 
     @cached_property
     def largest_tilt(self) -> float:
-        """Of any part in any build [rad]; nan where one is."""
+        """Largest tilt of any part in any build [rad]; nan where one is."""
         tilts = [value for place, value in self._numbers.items() if ".tilt." in place]
         return float(np.max([np.max(np.abs(tilt), initial=0.0) for tilt in tilts]))
 
@@ -611,7 +614,7 @@ class Camera(Symbols[Number]):
 
     @cached_property
     def _poses(self) -> dict[str, Frame]:
-        """Those asked for so far."""
+        """Cache of poses asked for so far."""
         return {"main_lens": frame((0.0, 0.0), 0.0, (0.0, 0.0))}
 
     def _own_pose(self, part: str) -> Frame:
@@ -704,7 +707,10 @@ class Camera(Symbols[Number]):
         return reasons
 
     def _conditions(self) -> tuple[Iterator[tuple[str, Any]], ...]:
-        """What a camera holds, by what is wrong where it does not, no words twice; later ones follow on earlier."""
+        """Conditions that a camera holds, with the message where it does not.
+
+        No message twice; later ones follow on earlier.
+        """
         return self._images_well(), self._possible_numbers(), self._fits()
 
     def _images_well(self) -> Iterator[tuple[str, Any]]:

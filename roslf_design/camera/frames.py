@@ -147,7 +147,7 @@ class Frame(NamedTuple):
     """Its normal."""
 
     def seen_from(self, other: Frame) -> Frame:
-        """The same element in the coordinates of `other`'s axes; both given in the same coordinates."""
+        """Frame in the coordinates of `other`'s axes; both given in the same coordinates."""
         axes = (other.x, other.y, other.z)
 
         def turned(v: Vector) -> Vector:

@@ -257,7 +257,7 @@ def finish(
 
 
 def short(value: Any) -> Any:
-    """The same with errors and times to four digits: more would be noise."""
+    """Values with errors and times to four digits: more would be noise."""
     if isinstance(value, dict):
         return {key: short(item) for key, item in value.items()}
     if isinstance(value, list | tuple):

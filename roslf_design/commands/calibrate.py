@@ -322,7 +322,7 @@ def calibrated(
 
 
 def _part(options: Mapping[str, Any]) -> pages.CalibrationPart:
-    """What options say of captures, faults told of the options."""
+    """Captures by a command's options, faults reported against the options."""
     try:
         return validated(pages.CalibrationPart, options)
     except InputError as error:

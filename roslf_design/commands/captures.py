@@ -162,7 +162,7 @@ def _raw(
 
 
 def _part(camera: Camera, raw: RawDecoded, region: tuple[int, int, int, int] | None, image: Path) -> Region:
-    """Of the sensor, that a raw image shows: as told, as noted in its file, or all."""
+    """Region of the sensor that a raw image shows: as given, as noted in its file, or all."""
     rows, columns = raw.pixels.shape[:2]
     noted = raw.notes.get("region")
     if region is None and isinstance(noted, dict) and all(type(noted.get(key)) is int for key in Region._fields):

@@ -178,7 +178,7 @@ def _is_capture(subject: str) -> bool:
 
 
 def unit_of(measured: Measurement) -> str:
-    """Of its depths: mm, or px where they are disparities."""
+    """Unit of its depths: mm, or px where they are disparities."""
     return measured.first.geometry.unit
 
 

@@ -17,7 +17,7 @@ from ..imaging.white import warm_up
 from .terminal import refusal, say
 
 PACKAGES = ("trame", "trame_client", "trame_server", "trame_vtk", "aiohttp")
-"""What the explorer needs beyond the rest of the library."""
+"""Packages that the explorer needs beyond the rest of the library."""
 
 
 def explore(

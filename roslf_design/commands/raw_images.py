@@ -30,9 +30,9 @@ class RawDecoded(NamedTuple):
     pixels: Image
     """As they are stored."""
     notes: Mapping[str, Any]
-    """What `roslf` noted in the file."""
+    """Notes that `roslf` left in the file."""
     balance: ColourBalance | None
-    """Of a sensor with colour filters."""
+    """Colour balance of a sensor with colour filters; None without."""
 
 
 def from_raw(
@@ -114,7 +114,7 @@ def read_raw(path: Path) -> tuple[Image, dict[str, Any]]:
 
 
 class UnfinishedError(CalibrationError):
-    """What images do not determine, with a picture of what was seen of them."""
+    """Failure to determine something from images, with a picture of what they show."""
 
     def __init__(self, message: str, picture: Picture) -> None:
         super().__init__(message)
@@ -122,7 +122,10 @@ class UnfinishedError(CalibrationError):
 
 
 def refused(error: CalibrationError, origin: Path, folder: Path | None = None) -> InputError:
-    """What images do not determine as one line; what was seen goes into a folder where one is given."""
+    """Input error for images that do not determine something, as one line.
+
+    Their picture goes into a folder if given.
+    """
     text = " ".join(str(error).split())
     if isinstance(error, UnfinishedError) and folder is not None:
         write_files(folder, picture_files({"failed": error.picture}))

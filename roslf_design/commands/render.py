@@ -160,7 +160,7 @@ def parse_region(text: str) -> tuple[int, int, int, int]:
 
 
 def _targets(output: Path | None, names: list[str]) -> list[Path]:
-    """Of each image; `output` is a folder where it is one already, or ends in no suffix."""
+    """Target file of each image; `output` is a folder where it is one already, or ends in no suffix."""
     one = len(names) == 1
     folder = output or Path("." if one else "renders")
     if folder.suffix and not folder.is_dir():

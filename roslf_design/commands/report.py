@@ -148,7 +148,7 @@ def maker(
     accuracy: float | None,
     calibration: Path | None = None,
 ) -> Callable[..., Report]:
-    """What makes the report of these inputs, each read and found good.
+    """Maker of the report of these inputs, each read and found good.
 
     Raises
     ------
@@ -182,7 +182,7 @@ def maker(
 
 
 def folder_name(design: str) -> str:
-    """What a design's folder is called, from the name of its file."""
+    """Folder name of a design, from the name of its file."""
     return re.sub(r"[^A-Za-z0-9._-]+", "-", Path(design).stem).strip("-.") or "design"
 
 

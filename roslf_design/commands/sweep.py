@@ -36,7 +36,7 @@ DIMENSIONS = {
     "W/m2/sr": "radiance",
     "s": "time",
 }
-"""Of base units, as `read_quantity` calls them; what has none is a plain number."""
+"""Dimensions of base units, as `read_quantity` calls them; a number without a unit has none."""
 NUMBER = r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?"
 
 
@@ -108,7 +108,7 @@ def sweep(
 
 
 def _notes(swept: Sweep, design: Design) -> Iterator[str]:
-    """What a picture does not show: which length follows, how many points there are not, and why."""
+    """Notes on what a picture does not show: which length follows, how many points cannot be shown, and why."""
     if swept.follows is not None:
         changed = [PATHS.get(place, place) for place in swept.places]
         kept = [place for place in CONJUGATES if place not in (swept.follows, *changed)]

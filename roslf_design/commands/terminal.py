@@ -1,4 +1,4 @@
-"""What commands share: how far they are, results on the terminal, files in a folder, options that cannot be had."""
+"""Terminal helpers of all commands: progress, results on the terminal, files in a folder, faults of options."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ SEEDS = 2**63
 PATIENCE = 2.0
 """Seconds before a bar appears: shorter work needs none."""
 PAGE = "index.html"
-"""What a folder of results holds beside all else."""
+"""Name of the page in a folder of results."""
 COLOURS = {"good": "green", "bad": "red", "caution": "yellow", "plain": "dim"}
 
 
@@ -102,7 +102,7 @@ def bar(name: str, total: float = 1.0) -> Iterator[Callable[[float], None]]:
 
 
 def print_blocks(blocks: Iterable[Block], console: Console) -> None:
-    """What of a report a terminal can show: all but figures and code."""
+    """Printing of a report's blocks on a terminal: all but figures and code."""
     for block in blocks:
         match block:
             case Paragraph():

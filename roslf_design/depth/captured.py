@@ -28,13 +28,13 @@ FULL = 0.98
 WHOLE = 0.75
 """Share of its rows with light from which a column of a hexagonal array made square is kept at the sides."""
 FIRST_NOISE = 0.02
-"""Of views whose noise is not known, against their brightness, to begin with."""
+"""Noise of views to begin with, against their brightness, where it is not known."""
 QUIET = 1e8
 """Electrons of views whose noise has nothing to do with light."""
 MOST_ELECTRONS = 1e12
-"""That a file is believed to stand for in a pixel."""
+"""Largest number of electrons in a pixel that a file is believed to stand for."""
 SOME_VIEWS = 12
-"""Of views whose noise is compared with itself, at most."""
+"""Largest number of views whose noise is compared with itself."""
 FAINTEST = 1e-4
 """Least noise of such views, against their brightness: what rounding and interpolation leave."""
 
@@ -67,7 +67,7 @@ class MeasuredCapture(Measurement):
     kind: str
     """"raw", "views" or "matlab"."""
     camera: str
-    """What describes the camera: a design by its name; empty where nothing does."""
+    """Description of the camera: a design by its name; empty where there is none."""
     calibration: str
     """Folder whose lengths, and their errors, depths are computed with; empty where they are taken as exact."""
     noise: CaptureNoise
@@ -302,12 +302,12 @@ def with_errors_of(
 
 
 def _from(step: int) -> slice:
-    """What has a neighbour so many steps back, or on."""
+    """Slice of the entries that have a neighbour so many steps back, or on."""
     return slice(step, None) if step >= 0 else slice(None, step)
 
 
 def scaled(field: LightField, level: float) -> LightField:
-    """The same with `level` as 1."""
+    """Light field with its values divided by `level`."""
     gain = np.float32(1 / (level or 1.0))
     rows = field.hexagonal
     rows = rows if rows is None else rows._replace(values=rows.values * gain)

@@ -1,4 +1,4 @@
-"""What `roslf decode` makes of an image or of files of views, with everything that it says of it."""
+"""Result of `roslf decode` on an image or files of views, with everything that it reports."""
 
 from __future__ import annotations
 
@@ -38,15 +38,15 @@ class Decoded:
     field: LightField
     stack: tuple[FocusPlane, ...]
     row: int
-    """Of the epipolar-plane image."""
+    """Row of the epipolar-plane image."""
     raw: RawSource | None = None
     distances_from: str = ""
-    """What names planes in mm: a design, a calibration, the cameras of a folder; empty where nothing does."""
+    """Source of distances [mm]: a design, a calibration, the cameras of a folder; empty where there is none."""
     warnings: tuple[str, ...] = ()
 
     @property
     def units(self) -> tuple[str, str]:
-        """Of s and t, and of u and v."""
+        """Unit of s and t, and of u and v."""
         return ("px", "pitches") if self.kind == "raw" else ("views", "px")
 
     @property

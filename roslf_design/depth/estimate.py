@@ -84,7 +84,7 @@ class PixelNoise:
             object.__setattr__(self, name, float(getattr(self, name)))
 
     def dimmed(self, share: float) -> PixelNoise:
-        """The same of pixels that give so much of the signal of what is told as 1."""
+        """Noise of pixels that give this share of the signal."""
         return replace(self, electrons=share * self.electrons, saturation=share * self.saturation)
 
     @property
@@ -156,7 +156,7 @@ class EpipolarPlane:
     u: Array
     """[microlens pitches]"""
     disparity: Array
-    """Of each microlens of the row; NaN where none was measured."""
+    """Disparity of each microlens of the row; NaN where none was measured."""
     aside: Array | None = None
     """How far views see to the side along the row [pitches], shape (s, u)."""
 
@@ -187,7 +187,7 @@ def epipolar_plane(
 
 
 def _in_row(values: ArrayLike, middle: int, row: int) -> Array:
-    """What runs along u, of one row of views and one of microlenses, shape (s, u) or (s, 1)."""
+    """Values along u, for one row of views and one of microlenses, shape (s, u) or (s, 1)."""
     along: Array = np.asarray(values, float)[0, middle]
     return along[:, None] if along.ndim == 1 else along[:, row]
 
@@ -286,7 +286,7 @@ class _Views:
     values: Pictures
     light: Pictures
     full: Flags
-    """What is saturated, shape of `values`."""
+    """True where a sample is saturated, shape of `values`."""
     pupil: Pictures
     """Shape (2, view, v, u)."""
     aside: Pictures
@@ -296,7 +296,7 @@ class _Views:
     lit: NDArray[np.int64]
     """Views with light at each microlens, saturated or not, shape (v, u)."""
     saturated: NDArray[np.int64]
-    """Those of them that are saturated."""
+    """Number of saturated views among them."""
     steps: tuple[float, float]
     """Pitches between samples along u and v."""
     density: float
@@ -355,7 +355,7 @@ class _Views:
 
 
 def _checked(name: str, values: ArrayLike, field: LightField) -> Pictures:
-    """What `estimate_disparity` takes of views or of all their samples; the error calls it by its name."""
+    """Array of one value per view, or per sample, as `estimate_disparity` takes it; errors call it by `name`."""
     array, shape = np.asarray(values, np.float32), field.values.shape
     if array.shape not in ((2, *shape[:2]), (2, *shape)):
         raise ValueError(f"{name} of shape {array.shape}; give (2, t, s) or (2, t, s, v, u) of {shape}")
@@ -363,7 +363,7 @@ def _checked(name: str, values: ArrayLike, field: LightField) -> Pictures:
 
 
 def _read_only(part: Pictures) -> Pictures:
-    """Of wherever it came from: kernels are compiled once more for arrays that can be written to."""
+    """Read-only view of an array: kernels are compiled once more for arrays that can be written to."""
     return np.broadcast_to(part, part.shape)
 
 
@@ -436,7 +436,7 @@ class _Fit:
     disparity: Array
     sigma: Array
     chi2: Array
-    """Of all samples of the window, per degree of freedom."""
+    """Chi-square of all samples of the window, per degree of freedom."""
     free: Array
     """Degrees of freedom of `chi2`."""
     strain: Array
@@ -669,5 +669,5 @@ class _Plane:
         )
 
     def variance(self, across: Array, down: Array) -> Array:
-        """Of what the slopes carry over a distance [samples]."""
+        """Variance of the slopes' error carried over a distance [samples]."""
         return np.maximum(self.uu * across**2 + 2 * self.uv * across * down + self.vv * down**2, 0)

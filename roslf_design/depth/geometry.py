@@ -103,7 +103,7 @@ def calibration_sigma(design: Design, covariance: LengthCovariance, z: Array) ->
 
 
 class PreparedViews(NamedTuple):
-    """What `estimate_disparity` takes."""
+    """Input of `estimate_disparity`: a light field, where its views look from, and by how much they look aside."""
 
     field: LightField
     pupil: NDArray[np.floating]
@@ -111,15 +111,15 @@ class PreparedViews(NamedTuple):
 
 
 class ViewGeometry(Protocol):
-    """What makes depths of the disparities of a light field."""
+    """Geometry that turns the disparities of a light field into depths."""
 
     @property
     def unit(self) -> Unit:
-        """Of depths; where nothing says how far away things are, disparities from view to view stand for them."""
+        """Unit of depths; where no distances are known, disparities from view to view stand for them."""
 
     @property
     def place_unit(self) -> Unit:
-        """Of `places`."""
+        """Unit of `places`."""
 
     @property
     def window(self) -> int:
@@ -132,7 +132,7 @@ class ViewGeometry(Protocol):
         """Where the microlenses stand [mm on the array], or pixels of views [px], shape (v, u, 2)."""
 
     def depth(self, disparity: Array) -> Array:
-        """Of what has a disparity over the pupil; NaN beyond infinity."""
+        """Depth of points with a disparity over the pupil; NaN beyond infinity."""
 
     def disparity(self, depth: Array) -> Array:
         """The other way."""
@@ -146,11 +146,11 @@ class ViewGeometry(Protocol):
 
 @dataclass(frozen=True)
 class ArrayGeometry:
-    """Of a camera with a microlens array; depths from its main lens [mm]."""
+    """Geometry of a camera with a microlens array; depths from its main lens [mm]."""
 
     design: Design
     covariance: LengthCovariance | None = None
-    """Of its lengths; None of exact ones."""
+    """Covariance of its lengths; None of exact ones."""
     matched: int | None = None
     """Instead of the design's window."""
     unit: Unit = "mm"
@@ -168,7 +168,7 @@ class ArrayGeometry:
 
     @cached_property
     def traced(self) -> TracedViews | None:
-        """What is not exact by first order: a real main lens, and elements before any; None of an ideal lens in air."""
+        """Traced views, where first order is not exact; None of an ideal lens in air."""
         if self.design.lens is None and not self.design.elements:
             return None
         return TracedViews(self.design, self.camera, self.depth)
@@ -209,7 +209,7 @@ class ArrayGeometry:
 
 @dataclass(frozen=True)
 class GridGeometry:
-    """Of views side by side; disparities between the outermost, and one step beyond."""
+    """Geometry of views side by side; disparities between the outermost, and one step beyond."""
 
     across: int
     """Views along the longer side of the grid."""
@@ -220,7 +220,7 @@ class GridGeometry:
 
     @property
     def unit(self) -> Unit:
-        """Of depths."""
+        """Unit of depths."""
         return "px" if self.grid is None else "mm"
 
     def prepared(self, field: LightField) -> PreparedViews:

@@ -1,4 +1,4 @@
-"""What a camera measures of a scene: its picture with noise, decoded, disparity and depth of every microlens."""
+"""Simulated measurement of a scene: its picture with noise, decoded, disparity and depth of every microlens."""
 
 from __future__ import annotations
 
@@ -100,7 +100,7 @@ class Depths:
     """Depth of every microlens. Arrays have the shape (v, u) of the light field's views."""
 
     geometry: ViewGeometry
-    """What made depths of `disparities`; depths and errors have its unit."""
+    """Geometry that gave the depths of `disparities`; depths and errors have its unit."""
     field: LightField
     pupil: NDArray[np.floating]
     """Where on the FAP each view's light passed, as `estimate_disparity` takes it."""
@@ -199,7 +199,7 @@ class Measurement:
 
     @property
     def first(self) -> Depths:
-        """Of the first exposure."""
+        """Depths from the first exposure."""
         return self.runs[0]
 
     @property

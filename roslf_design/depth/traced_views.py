@@ -233,7 +233,7 @@ class TracedViews:
 
 
 def _turned(design: Design) -> Array:
-    """What takes directions of the array's frame to the lens's, from the right."""
+    """Rotation of directions from the array's frame to the lens's, applied from the right."""
     cosine, sine = math.cos(design.microlens_array.rotation), math.sin(design.microlens_array.rotation)
     return np.array([[cosine, sine], [-sine, cosine]])
 
@@ -250,7 +250,7 @@ def _ring(radius: float) -> Array:
 
 
 def _monomials(at: NDArray[Any]) -> NDArray[Any]:
-    """Of points on the pupil (2, ...), up to `PUPIL_DEGREE` together, shape (terms, ...)."""
+    """Monomials of points on the pupil (2, ...), up to `PUPIL_DEGREE` together, shape (terms, ...)."""
     return np.stack([at[0] ** i * at[1] ** j for i, j in _TERMS])
 
 
@@ -264,7 +264,7 @@ def _over(axis: Array, nodes: Array, degree: int) -> Array:
 
 
 def _products(across: Array, down: Array) -> Array:
-    """Of polynomials along both axes, up to their degree together, shape (terms, v, u)."""
+    """Products of polynomials along both axes, up to their degree together, shape (terms, v, u)."""
     count = len(across)
     return np.stack([np.multiply.outer(down[j], across[i]) for i in range(count) for j in range(count - i)])
 

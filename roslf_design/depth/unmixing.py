@@ -31,7 +31,7 @@ COARSE = 9
 BLOCK, COMMON = 32, 12.0
 """Places at a time, for memory's sake, where diffraction passes so many periods in a pitch; fewer where more."""
 ROUNDS = 8
-"""Of taking neighbours' light away: what is left falls to less than a third each time."""
+"""Rounds of taking neighbours' light away: what is left falls to less than a third each time."""
 FAINT, STRONG, SLOW = 1e-5, 0.02, (1, 3, 6)
 """Share of a neighbour's light in a sample that is let be; up to which it is looked at in some rounds alone; these."""
 FARTHEST = 0.25
@@ -169,7 +169,7 @@ def _freed(
 
 
 def _with(field: LightField, values: NDArray[np.float32], weight: NDArray[np.float32]) -> LightField:
-    """The same with other samples; of a hexagonal array its rows'."""
+    """Light field with other samples; of a hexagonal array its rows'."""
     if field.hexagonal is None:
         return replace(field, values=values, weight=weight)
     even, light = squared(values, weight, field.u, field.hexagonal.starts)
@@ -228,7 +228,7 @@ class _Mixing(NamedTuple):
     step: NDArray[np.int64]
     """To the neighbour, shape (M, 2)."""
     share: NDArray[np.float32]
-    """Of the sample's light, at the nodes, shape (M, nodes)."""
+    """Share of the sample's light, at the nodes, shape (M, nodes)."""
 
     @classmethod
     def of(

@@ -64,7 +64,7 @@ class CameraGrid:
 
 @dataclass(frozen=True, eq=False)
 class ViewFiles:
-    """What files of decoded views hold."""
+    """Content of files of decoded views."""
 
     field: LightField
     """s, t count views from the middle one, u, v pixels; its pitch is the number of views across."""

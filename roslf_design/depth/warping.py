@@ -22,7 +22,7 @@ TAPS = 8
 """Samples along each axis that a place between them is interpolated from: by splines of degree 7. Those of degree 5
 turn detail of 2.5 samples by 0.8 of what they should, and disparities of such texture would be 1.5 % too large."""
 _POLES = (-0.5352804307964382, -0.12255461519232669, -0.009148694809608277)
-"""Of the spline: roots of x^6 + 120 x^5 + 1191 x^4 + 2416 x^3 + ... + 1 inside the unit circle."""
+"""Poles of the spline: roots of x^6 + 120 x^5 + 1191 x^4 + 2416 x^3 + ... + 1 inside the unit circle."""
 _REACH = 27
 """Samples after which the slowest pole has died down to 5e-8."""
 _BEYOND = 11

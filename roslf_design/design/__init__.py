@@ -1,4 +1,4 @@
-"""What a system is: frozen values, units at the boundary, TOML in and out, presets."""
+"""Design of a system: frozen values, units at the boundary, TOML in and out, presets."""
 
 from ..errors import Problem
 from .check import DesignError

@@ -34,7 +34,7 @@ class DesignError(InputError):
 
 
 def at(value: Any, place: str) -> Any:
-    """What stands at a dotted place of nested parts, tables and lists; None where nothing does."""
+    """Value at a dotted place of nested parts, tables and lists; None where there is none."""
     for step in place.split("."):
         if isinstance(value, (list, tuple)):
             value = value[int(step)] if step.isdecimal() and int(step) < len(value) else None
@@ -109,7 +109,7 @@ def _refracts(data: Mapping[str, Any]) -> bool:
 
 
 def _mended(data: Mapping[str, Any], problems: Sequence[Problem]) -> dict[str, Any] | None:
-    """The same values, with a width in place of each that could not be read; None where more than widths are wrong.
+    """Values with a width in place of each that could not be read; None where more than widths are wrong.
 
     No width moves a plane, so what is then found between the values holds whatever it should be.
     """
@@ -177,7 +177,7 @@ def _about_conjugates(values: Mapping[str, float | None], bends: bool) -> Iterat
 
 
 def _about_lens(lens: Prescription, values: Mapping[str, float | None]) -> Iterator[Problem]:
-    """What a main lens's keys contradict: the lens's own focal length and diameter, its glasses' wavelengths."""
+    """Faults of a main lens's keys: the lens's own focal length and diameter, its glasses' wavelengths."""
     if PATHS["wavelength"] not in values:
         return
     wavelength = _wavelength(values)

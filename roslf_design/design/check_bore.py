@@ -1,4 +1,4 @@
-"""What a design says of its bore that cannot be: elements in each other, in stops, behind the focal plane."""
+"""Faults of a design's bore: elements in each other, in stops, behind the focal plane."""
 
 from __future__ import annotations
 
@@ -17,7 +17,10 @@ if TYPE_CHECKING:
 
 
 def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, ...]:
-    """What elements contradict: each other, stops, the focal plane; `known` are the faults that there are already."""
+    """Faults of elements: overlap with each other, stops, the focal plane.
+
+    `known` are faults that there are already.
+    """
     spans = [(f"elements.{k}", e.distance, e.distance + e.length) for k, e in enumerate(design.elements)]
     problems = []
     if not spans and design.object_space.medium != AIR:
@@ -82,7 +85,10 @@ def _about_reflection(design: Design) -> list[Problem]:
 
 
 def _about_mapping(design: Design) -> list[Problem]:
-    """What stands before an objective with a mapping: flat glass and the FAP may, other openings and lenses not."""
+    """Faults of what stands before an objective with a mapping.
+
+    Flat glass and the FAP may, other openings and lenses not.
+    """
     problems = []
     for number, lens in enumerate(design.elements):
         if lens.law is None:

@@ -52,7 +52,7 @@ class Design(Part, RulerSymbols[float]):
     """
 
     name: str
-    """What the design is called."""
+    """Name of the design."""
     source: str = ""
     """Where its numbers come from."""
     main_lens: MainLens
@@ -62,7 +62,7 @@ class Design(Part, RulerSymbols[float]):
     stops: Annotated[tuple[Stop, ...], Field(max_length=MOST_STOPS)] = ()
     """Further rims of a real bore."""
     object_space: ObjectSpace = ObjectSpace()
-    """What the scene lies in: air, a liquid."""
+    """Object space: the medium that the scene lies in, air or a liquid."""
     elements: Annotated[tuple[AnyElement, ...], Field(max_length=MOST_STOPS)] = ()
     """Windows, prisms, lenses before the main lens."""
     microlens_array: MicrolensArray
@@ -70,13 +70,13 @@ class Design(Part, RulerSymbols[float]):
     sensor: Sensor
     """At z = d_1 + d_2."""
     tube: Housing | None = None
-    """What it is built into; None where nothing need fit."""
+    """Housing that the camera is built into; None where nothing need fit."""
     environment: Environment | None = None
     """At what temperature it is used; None is 20 degrees C, and no place that a temperature has."""
     light: Light = Light()
     """Wavelength, and how bright the scene is."""
     depth: DepthSettings = DepthSettings()
-    """What depth errors are told for."""
+    """Settings that depth errors are computed for."""
 
     def __init__(self, **data: Any) -> None:
         try:
@@ -159,7 +159,7 @@ class Design(Part, RulerSymbols[float]):
         return build(data, from_file=False)
 
     def at_temperature(self, temperature: float) -> Design:
-        """The same camera at another temperature [degrees C], in a housing that does not grow where none is named.
+        """Design at another temperature [degrees C], in a housing that does not grow where none is named.
 
         Raises
         ------
@@ -200,7 +200,7 @@ class Design(Part, RulerSymbols[float]):
 
     @property
     def thin_twin(self) -> Design:
-        """The same camera with an ideal lens of the same focal length and clear aperture; itself where it has one."""
+        """Design with an ideal lens of the same focal length and clear aperture; itself where it has one."""
         if self.main_lens.prescription is None:
             return self
         ideal = {"prescription": None, "reversed": False, "focal_length": self.f, "diameter": self.D}
@@ -255,7 +255,7 @@ def _settled(design: Design) -> Design:
 
 
 def _with_materials(design: Design, temperature: float) -> Design:
-    """The same design, its lenses and materials at a temperature [degrees C]."""
+    """Design with its lenses and materials at a temperature [degrees C]."""
     assert design.environment is not None
     barrel = design.environment.expansion
     changes: dict[str, Any] = {
@@ -294,7 +294,7 @@ def _by_path(changes: Mapping[str, Any], symbols: Mapping[str, Any]) -> dict[str
 
 
 def _with_follower(design: Design, wanted: dict[str, Any]) -> dict[str, Any]:
-    """Of f, d_f and d_1 leave open the one that follows from the two that are kept or changed."""
+    """Changes that leave open that one of f, d_f and d_1 which follows from the two that are kept or changed."""
     changed = [key for key in wanted if key not in CONJUGATES or wanted[key] is not None]
     if design.main_lens.prescription is not None and wanted.get("main_lens.prescription", ...) is not None:
         # f is the lens's own: of d_f and d_1 the one that is not changed follows.

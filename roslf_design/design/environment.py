@@ -1,4 +1,4 @@
-"""What a camera is used in: its temperature, and what that does to lengths, curvatures and indices.
+"""Environment of a camera: its temperature, and what that does to lengths, curvatures and indices.
 
 One rule (`Growth.moved`) takes a camera's numbers from one temperature to another, one camera or arrays of builds.
 Glass grows as glass, all between parts as the housing, wherever light meets both. Lengths of a design hold at
@@ -53,13 +53,13 @@ class Environment(Part):
     """Where the camera is used."""
 
     temperature: Temperature = ROOM
-    """Of the whole camera and of what it looks through [degrees C]."""
+    """Temperature of the whole camera and of what it looks through [degrees C]."""
     range: Annotated[tuple[Temperature, Temperature] | None, Field(default=None)]
     """Coldest and warmest that the camera meets, in use or in an autoclave [degrees C]."""
     housing: Housed | None = None
-    """What holds the parts apart; None does not grow."""
+    """Housing that holds the parts apart; None does not grow."""
     sensor: Housed = solids()["silicon"]
-    """What pixels are made on."""
+    """Material that pixels are made on."""
     reference: Temperature = ROOM
     """At which the lengths of the file hold [degrees C]."""
 
@@ -72,7 +72,7 @@ class Environment(Part):
 
     @property
     def expansion(self) -> float:
-        """Of the housing [1/K]."""
+        """Expansion of the housing [1/K]."""
         return 0.0 if self.housing is None else self.housing.expansion
 
 
@@ -125,7 +125,7 @@ def not_known(design: Design) -> tuple[str, ...]:
 
 
 def not_named(design: Design) -> tuple[str, ...]:
-    """What of a design stays as it is at any temperature, because nothing says what it is made of."""
+    """Names of the parts that stay as they are at any temperature, because no material is given for them."""
     environment, array, lens = design.environment, design.microlens_array, design.main_lens
     silent = {
         "the housing": environment is None or environment.housing is None,
@@ -138,24 +138,24 @@ def not_named(design: Design) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Growth:
-    """What of a camera is made of what."""
+    """Materials of a camera's parts, by which it grows with temperature."""
 
     housing: float
     """Its expansion [1/K]."""
     sensor: float
-    """Of what pixels are made on [1/K]."""
+    """Expansion of what pixels are made on [1/K]."""
     lens: Glass | Prescription | None
     """The main lens: what an ideal one is made of, or its surfaces."""
     array: Glass | None
-    """What microlenses are made of."""
+    """Material of the microlenses; None where not given."""
     elements: tuple[AnyElement, ...]
     lenslets: str
     glasses: tuple[tuple[str, Glass], ...]
-    """What has an index, by the place of that."""
+    """Glass of each index, by the index's place."""
 
     @classmethod
     def of(cls, design: Design, materials: Mapping[str, Glass]) -> Growth | None:
-        """That of a design, with what has an index by its place; None of one without `[environment]`."""
+        """Growth of a design, given the materials of its indices by place; None of one without `[environment]`."""
         environment, substrate = design.environment, design.microlens_array.substrate
         if environment is None:
             return None

@@ -20,7 +20,7 @@ Kind = Literal["design", "story", "optimize", "tolerance"]
 
 
 class KindOfFile(NamedTuple):
-    """What a file of some kind is called, the command that takes it, and the keys that tell it."""
+    """Kind of file: its name, the command that takes it, and the keys that mark it."""
 
     called: str
     command: str
@@ -47,7 +47,7 @@ def _kind(data: Mapping[str, Any]) -> Kind | None:
 
 
 def kind_of(data: Mapping[str, Any], origin: str) -> Kind:
-    """What a file is: a design, a study of one of two kinds, or a story.
+    """Kind of a file: a design, a study of one of two kinds, or a story.
 
     Raises
     ------
@@ -195,7 +195,7 @@ def save(design: Design, path: str | os.PathLike[str], *, overwrite: bool = Fals
 
 
 def in_the_way(path: Path) -> str:
-    """What keeps a file from being written at a path, and the remedy; empty where nothing does.
+    """Obstacle to writing a file at a path, with the remedy; empty where there is none.
 
     The nearest folder above it that is there is tried by a file without a name: no permission says what root, a file
     system that is mounted for reading, or /proc will do.

@@ -1,4 +1,4 @@
-"""What light meets in a design: its chain, the numbers of that, and the materials."""
+"""Light path of a design: the elements that light meets, their numbers, and the materials."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def chain_of(design: Design) -> Chain:
-    """What light meets before the main lens and about the array."""
+    """Chain of what light meets before the main lens and about the array."""
     substrate = design.microlens_array.substrate
     housing = 0.0 if design.environment is None else design.environment.expansion
     plates = tuple(place for place, _ in _plates(design))

@@ -45,7 +45,7 @@ class MainLens(Part):
     focal_length: Length | None = None
     """f [mm]; None where d_f and d_1, or a prescription, give it."""
     material: Material | None = None
-    """What an ideal lens is made of, as far as temperature goes; None leaves f what it is."""
+    """Material of an ideal lens, as far as temperature goes; None leaves f what it is."""
     focal_plane: Length | None = None
     """d_f, distance of the object plane in focus on the MLA [mm]; None where f and d_1 give it."""
     decentre: Offset = (0.0, 0.0)
@@ -88,7 +88,7 @@ class Cover(Part):
     thickness: Length
     """[mm]."""
     material: Material
-    """What it is made of."""
+    """Material of the cover."""
 
 
 class Substrate(Cover):
@@ -114,7 +114,7 @@ class MicrolensArray(Part):
     lens_shape: Literal["square", "circular"] = "square"
     """Clear aperture of one microlens, as wide as the pitch."""
     material: Material | None = None
-    """What microlenses are made of, as far as temperature goes; None is their substrate's."""
+    """Material of the microlenses, as far as temperature goes; None is their substrate's."""
     substrate: Substrate | None = None
     """The plate that carries them; None where light meets none."""
     rotation: Angle = 0.0
@@ -135,7 +135,8 @@ class Sensor(Part):
     size: Size
     """Width and height [mm], before the relay."""
     relay_magnification: Annotated[float, Field(gt=0, ge=1e-6, le=1e6)] = 1.0
-    """Of a relay between the MLA's image plane and the sensor, where a pixel is then 1/magnification as large."""
+    """Magnification of a relay between the MLA's image plane and the sensor, where a pixel is then 1/magnification as
+    large."""
     cover: Cover | None = None
     """Glass before the sensor, behind the MLA; None where there is none."""
     quantum_efficiency: Annotated[float, Field(gt=0, le=1)] = 0.7
@@ -145,7 +146,7 @@ class Sensor(Part):
     read_noise: Annotated[float, Field(ge=0, le=1e6)] = 2.5
     """Rms [electrons]."""
     bits: Annotated[int, Field(ge=1, le=24)] = 12
-    """Of the digitised full well."""
+    """Bits of the digitised full well."""
     acceptance: Angle | None = None
     """Angle of a ray to the sensor's normal, in air, at which a pixel takes half of the light, by its maker's figures
     [rad]; None where nothing is known."""
@@ -222,28 +223,28 @@ class Light(Part):
     illuminance: Illuminance = 1e5
     """On the scene, in its medium [lx]; about what a surgical light gives (IEC 60601-2-41: 40 000 to 160 000)."""
     reflectance: Annotated[float, Field(gt=0, le=1)] = 0.3
-    """Of the scene, on average."""
+    """Reflectance of the scene, on average."""
     radiance: Radiance | None = None
-    """Of the scene, in its medium, on average [W/m^2/sr]; None where illuminance and reflectance give it."""
+    """Radiance of the scene, in its medium, on average [W/m^2/sr]; None where illuminance and reflectance give it."""
     exposure: Time | None = None
     """[s]; None is 1/60 s, or shorter where the scene's mean would fill more than half the full well."""
     transmission: Annotated[float, Field(gt=0, le=1)] = 0.95
-    """Of all optics together."""
+    """Transmission of all optics together."""
 
 
 MOST_CONTRAST = 0.3
-"""Of a texture in each octave of detail [rms]: six octaves of it are 0.73 rms together, and one place in twelve would
-be darker than black."""
+"""Contrast of a texture in each octave of detail, at most [rms]: six octaves of it are 0.73 rms together, and one place
+in twelve would be darker than black."""
 
 
 class DepthSettings(Part):
-    """What depth is told for: the scene's texture, and how disparity is found.
+    """Settings of depth errors: the scene's texture, and how disparity is found.
 
     A texture with the same contrast in every octave of detail, as natural scenes have it, or one of a single period.
     """
 
     period: Length | None = None
-    """Of a texture with only one period, in every direction [mm]; None has detail of every size."""
+    """Period of a texture that has only one, in every direction [mm]; None has detail of every size."""
     contrast: Annotated[float, Field(gt=0, le=1)] = 0.1
     """Rms contrast of the texture: of the one `period`, or in each octave of detail, there `MOST_CONTRAST` at most."""
     finest: Length | None = None

@@ -1,4 +1,4 @@
-"""What a picture is made of, as data: marks in a panel's own units, and samples of them for legends.
+"""Marks that a picture is made of, in a panel's own units, as data; and samples of them for legends.
 
 A mark names its colour for `theme.Theme`; widths, sizes and shifts of text are pixels. Printers (`svg`, `axes`) draw.
 """
@@ -21,12 +21,12 @@ Box = tuple[float, float, float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Drawn:
-    """What all marks have."""
+    """Fields common to all marks."""
 
     clip: bool = True
     """Whether it ends at the panel's edge."""
     testid: str = ""
-    """What tests find it by in SVG."""
+    """Identifier by which tests find it in SVG."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ class Area(Drawn):
     y: ArrayLike
     fill: str = "blue"
     opacity: float = 1.0
-    """Of the filling."""
+    """Opacity of the filling."""
     edge: str = "none"
     width: float = 1.0
     dash: str = ""
@@ -87,7 +87,7 @@ class Dots(Drawn):
     """Radius [px]."""
     edge: str = "none"
     width: float = 1.4
-    """Of the edge, or of a shape of lines [px]."""
+    """Width of the edge, or of a shape of lines [px]."""
     opacity: float = 1.0
     clip: bool = field(default=False, kw_only=True)
     cursor: str = ""

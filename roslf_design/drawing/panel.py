@@ -122,7 +122,7 @@ class Panel:
         return (self.x.high - self.x.low) / self.box[2], (self.y.high - self.y.low) / self.box[3]
 
     def ticks(self) -> tuple[tuple[Tick, ...], tuple[Tick, ...]]:
-        """Of both axes, as many as there is room for."""
+        """Ticks of both axes, as many as there is room for."""
         _, _, width, height = self.box
         x = named_ticks(self.x.ticks(max(3, int(width / 62)))) if self.x_ticks is None else self.x_ticks
         y = named_ticks(self.y.ticks(max(2, int(height / 34)))) if self.y_ticks is None else self.y_ticks
@@ -139,7 +139,7 @@ class Panel:
         return self.x.low + (px - self.box[0]) * across, self.y.high - (py - self.box[1]) * up
 
     def all_at(self, x: ArrayLike, y: ArrayLike) -> Array:
-        """The same for arrays, shape (N, 2); far ones brought near, as browsers like no large coordinates."""
+        """Pixels of arrays of values, shape (N, 2); far ones brought near, as browsers like no large coordinates."""
         left, _, width, height = self.box
         with np.errstate(over="ignore", invalid="ignore"):
             across = left + self.x.share(np.atleast_1d(np.asarray(x, float))) * width
@@ -147,7 +147,7 @@ class Panel:
         return np.asarray(np.clip(np.stack(np.broadcast_arrays(across, up), -1), -1e4, 1e4), float)
 
     def with_marks(self, *more: Mark) -> Panel:
-        """The same with marks on top."""
+        """Panel with marks on top."""
         return replace(self, marks=(*self.marks, *more))
 
 

@@ -27,7 +27,7 @@ class Picture:
     name: str
     """Short and unique on a page."""
     title: str
-    """What is seen, in one sentence, for those who cannot see it."""
+    """Title: what the picture shows, in one sentence, for those who cannot see it."""
     size: Point
     """Width and height [px]."""
     panels: tuple[Panel, ...]
@@ -42,16 +42,16 @@ class Picture:
 
     @property
     def mapping(self) -> Panel:
-        """What says what pixels mean: the first panel, by `Panel.at` and `Panel.to_value`."""
+        """Panel that maps pixels to values, by `Panel.at` and `Panel.to_value`: the first one."""
         return self.panels[0]
 
     @property
     def marks(self) -> tuple[Mark, ...]:
-        """Of all panels."""
+        """Marks of all panels."""
         return tuple(mark for panel in self.panels for mark in panel.marks)
 
     def with_panels(self, *more: Panel) -> Picture:
-        """The same with panels beside."""
+        """Picture with further panels beside."""
         return replace(self, panels=(*self.panels, *more))
 
     @property

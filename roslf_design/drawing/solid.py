@@ -43,7 +43,7 @@ if TYPE_CHECKING:
 Point3 = tuple[float, float, float]
 
 WIDTH = 1800
-"""Of a view [px]."""
+"""Width of a view [px]."""
 YAW, PITCH = math.radians(24), math.radians(16)
 """The view: turned from the side towards the object, and raised."""
 AROUND = 72
@@ -53,7 +53,7 @@ LINE_WIDTH = 0.32
 DIGITS = 6
 """Significant digits of a part's largest coordinate in a browser; the others have as many decimals."""
 LOAD = "console.log=()=>{};function loadDataSet(){OfflineLocalView.load(document.body,{base64Str:frameElement.scene});}"
-"""What the viewer page does first."""
+"""Script that the viewer page runs first."""
 SYSTEM, UNKNOWN_SYSTEM = 9, 255
 """Where gzip says on what system it ran, which hangs on Python's version, and what says nothing (RFC 1952)."""
 VIEWER = "trame_vtk", "tools/static_viewer.html"
@@ -63,7 +63,7 @@ DEBIAN = "libegl1 libgl1-mesa-dri"
 TIMEOUT = 25.0
 """Seconds after which a picture is given up."""
 CHILD = ("-m", "roslf_design.drawing.solid")
-"""What the child runs: arguments of the interpreter."""
+"""Arguments of the interpreter for the child process."""
 WINDOWS = {"egl": "vtkEGLRenderWindow", "osmesa": "vtkOSOpenGLRenderWindow"}
 """VTK's own name for each way to draw without a display."""
 
@@ -90,7 +90,7 @@ class Body(NamedTuple):
     """As `theme.Theme.colour` takes it."""
     opacity: float = 1.0
     width: float = 1.0
-    """Of lines [px]."""
+    """Width of lines [px]."""
 
 
 class Name(NamedTuple):
@@ -107,7 +107,7 @@ class View(NamedTuple):
     focus: Array
     """[mm]."""
     distance: float
-    """Of the camera from there [mm]."""
+    """Distance of the camera from there [mm]."""
     axes: Array
     """To the right, upwards and towards the viewer, shape (3, 3)."""
     scale: float
@@ -222,12 +222,12 @@ class BrowserMesh(NamedTuple):
     lines: list[int]
     """Number of corners, then their indices, of one polyline after the other."""
     polys: list[int]
-    """The same of polygons."""
+    """Polygons, in the same form."""
     colour: Point3
     """Red, green, blue from 0 to 1."""
     opacity: float
     width: float
-    """Of lines [px]."""
+    """Width of lines [px]."""
 
 
 class BrowserScene(NamedTuple):

@@ -90,7 +90,10 @@ def document(name: str, title: str, size: Point, panels: Iterable[Panel], theme:
 
 
 def _identifier(name: str) -> str:
-    """What no identifier may have is told by its code: spaces and brackets would end the reference to one."""
+    """Identifier made of a name.
+
+    Characters that would end a reference to it, as spaces and brackets, become their codes.
+    """
     return re.sub(r"[^\w-]", lambda match: f"_{ord(match[0]):x}_", name)
 
 

@@ -21,9 +21,9 @@ ThemeName = Literal["light", "dark"]
 FIELDS = ("blue", "green", "purple")
 """Colours of centre, edge and corner."""
 STOPS = ("orange", "green", "purple", "sky")
-"""Of further stops of the bore, again from the start where there are more."""
+"""Colours of further stops of the bore, again from the start where there are more."""
 MANY = ("blue", "orange", "green", "purple", "sky", "vermillion", "grey")
-"""Of things without a colour of their own."""
+"""Colours of things without one of their own."""
 
 
 class Theme(NamedTuple):
@@ -44,7 +44,7 @@ class Theme(NamedTuple):
     green: str
     orange: str
     vermillion: str
-    """What is blocked, and the design itself."""
+    """Colour of what is blocked, and of the design itself."""
     purple: str
     whole: str
     """On maps: images that are kept whole, those cut a little and cut to nearly nothing, dark ones."""
@@ -53,7 +53,7 @@ class Theme(NamedTuple):
     dark: str
 
     def colour(self, name: str) -> str:
-        """What to write for a colour's name; "none" and colours written as #rrggbb stay."""
+        """Colour to write for a name; "none" and colours written as #rrggbb stay."""
         return name if name == "none" or name.startswith("#") else str(getattr(self, name))
 
     def shades(self, ramp: str, values: Array) -> NDArray[np.uint8]:
@@ -145,7 +145,7 @@ WIDTHS = {
                            (0.84, "#+<=>~±×−≥≤→∞wM&"), (0.97, "m%W@"))
     for letter in letters
 }  # fmt: skip
-"""Of all others."""
+"""Width of characters, in font sizes, that differ from the average."""
 
 
 def text_width(content: str, size: float = PLAIN) -> float:

@@ -1,4 +1,4 @@
-"""What an effect is: a name, a unit, a closed-form size for a camera and a scene, and what it costs to render."""
+"""Effect: a name, a unit, a closed-form size for a camera and a scene, and the cost of rendering it."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ WHITE = SceneBrief()
 
 @dataclass(frozen=True)
 class Subject:
-    """What an estimate is of: one camera and the scene before it."""
+    """Subject of an estimate: one camera and the scene before it."""
 
     design: Design
     brief: SceneBrief = WHITE
@@ -105,12 +105,12 @@ class Subject:
 
     @property
     def at(self) -> str:
-        """The same, in words."""
+        """Place of the field's rim in words, on the array."""
         return f"at X_ml = {self.x_ml:.4g} mm"
 
     @cached_property
     def lens_field(self) -> float:
-        """The same from the main lens's axis: decentres of array, sensor and lens move the field across it [mm]."""
+        """Radius of the field from the main lens's axis [mm], with decentres of array, sensor and lens."""
         if self.brief.field_radius is None:
             return float(self._field.radius)
         return self.brief.field_radius + math.hypot(*self.camera.decentre("microlens_array"))
@@ -145,4 +145,4 @@ class Effect:
     available: Callable[[Design], bool] = lambda design: True
     """False where the design's model holds no such physics."""
     needs: str = "a traced main lens, and this design's is ideal"
-    """What a design must have for that, in words."""
+    """Requirement on a design for the effect, in words."""

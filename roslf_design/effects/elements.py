@@ -1,4 +1,4 @@
-"""What exact rays through windows, prisms, rods and lenses before the main lens differ by from the closed forms.
+"""Exact rays through windows, prisms, rods and lenses before the main lens, and how far the closed forms are off them.
 
 Snell's law against the chain of planes: the focus shift beyond the paraxial one, astigmatism, distortion, total
 reflection, and in a scene of several wavelengths their colour, which the closed forms take at the design's own.
@@ -31,7 +31,7 @@ RADII = (0.0, 0.5, 0.8, 1.0)
 RIM = 8
 """Points on the FAP's rim, beside its centre."""
 ROUNDED = 1e-11
-"""What floating point leaves where nothing moves [mm]."""
+"""Rounding error where nothing moves [mm]."""
 NEARLY = 1.02
 """Rays that far outside a rim still count."""
 
@@ -40,11 +40,12 @@ class Misses(NamedTuple):
     """Farthest that exact rays come from where the closed forms have them, over field and FAP."""
 
     image: float
-    """What clips microlens images, on the sensor [mm]; an image's diameter where rays are lost."""
+    """Distance by which what clips microlens images is off, on the sensor [mm]; an image's diameter where rays are
+    lost."""
     picture: float
-    """What is seen, on the array [mm]."""
+    """Distance by which the picture of the scene is off, on the array [mm]."""
     spread: float
-    """The same within the light of one microlens [mm]."""
+    """Distance within the light of one microlens, on the array [mm]."""
     lost: bool
     """Whether rays that the closed forms let through are totally reflected or miss a surface."""
 

@@ -77,7 +77,9 @@ def blur_on_mla(c: Camera, distance: float, place: float = 0.0) -> float:
 
 
 def mapped_blur(c: Camera, distance: float, place: float) -> tuple[float, float]:
-    """The same, signed, behind an objective with a mapping and off the axis: along the field's radius and across it.
+    """Widths on the MLA of an object point, signed, behind an objective with a mapping.
+
+    Along the field's radius and across it.
 
     The FAP seen from outside, 2 R at a distance Z_P, spreads directions by 2 R/Z_P; of these the first order has as
     much less as the mapping stretches slopes there.

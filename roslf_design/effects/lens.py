@@ -27,7 +27,7 @@ RADII = (0.4, 0.6, 0.8, 1.0)
 
 
 class Faults(NamedTuple):
-    """What the traced lens does over the field, each at its worst."""
+    """Aberrations of the traced lens over the field, each at its worst."""
 
     displaced: float
     """Farthest that the rim of a microlens image lies from where the thin lens puts it [mm]; an image's diameter where
@@ -37,9 +37,9 @@ class Faults(NamedTuple):
     spread: float
     """Largest extent on the array of an object point's light [mm]."""
     curvature: float
-    """The same from the tangential and sagittal foci alone [mm]."""
+    """Extent from the tangential and sagittal foci alone [mm]."""
     refocused: float
-    """What of that stays where every place is refocused to halfway between its two foci: astigmatism [mm]."""
+    """Extent that stays where every place is refocused to halfway between its two foci: astigmatism [mm]."""
     whole_to: float
     """Largest of the radii looked at to which images are whole [mm]."""
     steepest: float

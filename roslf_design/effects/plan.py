@@ -115,7 +115,7 @@ class Plan:
         return self[name].on
 
     def without(self, name: str) -> Plan:
-        """The same plan with one effect off."""
+        """Plan with one effect off."""
         return Plan(tuple(replace(line, on=line.on and line.name != name) for line in self.effects))
 
     @property

@@ -63,7 +63,7 @@ TRACED = (
 ROUNDING = 1e-12
 """Relative, of closed forms and disc areas."""
 COUNTED_ERROR = 0.002
-"""Of a share counted with the rays that are taken where no accuracy is asked for."""
+"""Error of a share that is counted with the rays taken where no accuracy is asked for."""
 COUNTED = (
     "Parts are tilted, so the shapes of the microlens images are those of exact ellipses and their ray budgets were "
     "counted from {rays} rays each (error of a share up to {error:g}); all other numbers are those of the untilted "

@@ -29,7 +29,8 @@ from .result import Field, NonDistortion, RayBudget, RealLens, RealLensField, Sh
 
 Place = tuple[float, float]
 Shares = tuple[Array, Array, float, float]
-"""Of the rays that fill the FAP: past each rim in the order of the file, and of light; on the sensor; in the cell."""
+"""Shares of the rays that fill the FAP: past each rim in the order of the file, and of light; on the sensor; in the
+cell."""
 
 STATUS = {ClipStatus.FULL: "full", ClipStatus.CLIPPED: "clipped", ClipStatus.EMPTY: "dark"}
 TRACED_STATUS = ("dark", "clipped", "full", "folded")

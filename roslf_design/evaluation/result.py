@@ -1,4 +1,4 @@
-"""What `evaluate` found: frozen values whose names are the keys of the JSON, ready for a terminal or a notebook."""
+"""Evaluation of a design: frozen values whose names are the keys of the JSON, ready for a terminal or a notebook."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class NonDistortion:
     x0_max_mm: float
     """Largest undistorted object radius at d_f; infinite where no field is too large."""
     x_ml_max_mm: float
-    """The same on the MLA."""
+    """Largest undistorted radius on the MLA."""
     room_at_corner_mm: float
     """Room between the corner field's pencil and the nearest rim, on that rim's plane: the finite twin."""
     limited_by: str
@@ -77,13 +77,13 @@ class MicrolensImage:
 
 @dataclass(frozen=True)
 class Share:
-    """What one element leaves of the rays that fill the FAP."""
+    """Share of the rays that fill the FAP which one element lets through."""
 
     name: str
     """"FAP", "main lens", "stop 1" and so on; then "sensor", "own cell", "neighbours"."""
     kept: float
-    """Of the rays that fill the FAP: past this element and all that light met before it; on the sensor; inside the
-    microlens's own cell there; in its neighbours'."""
+    """Share of the rays that fill the FAP: past this element and all that light met before it; on the sensor; inside
+    the microlens's own cell there; in its neighbours'."""
 
 
 @dataclass(frozen=True)
@@ -100,7 +100,7 @@ class RayBudget:
     """Every element in the order of light, then where on the sensor the rest lands."""
 
     def taken(self) -> tuple[tuple[str, float], ...]:
-        """What each element takes, then where the rest lands: (name, share), which add to 1."""
+        """Share that each element takes, then where the rest lands: (name, share), which add to 1."""
         *stops, sensor, own, neighbours = self.by_name
         past = [1.0, *(share.kept for share in stops), sensor.kept]
         lost = [
@@ -119,13 +119,13 @@ class Field:
     status: str
     """"full", "clipped" or "dark"."""
     area_mm2: float
-    """Of its image."""
+    """Area of its image."""
     kept_fraction: float
     """Area against the unclipped FAP disc."""
     lost_fraction: float
     """1 - kept_fraction, exact where it is tiny."""
     centroid_mm: tuple[float, float] | None
-    """Of its image, relative to the microlens axis; None where dark."""
+    """Centroid of its image, relative to the microlens axis; None where dark."""
     axis_ratio: float | None
     """Minor over major axis of the image's second moments; 1 for a disc."""
     ray_budget: RayBudget
@@ -161,7 +161,7 @@ class DepthAssumptions:
     contrast: float
     """Rms, in each octave of detail or of the one period."""
     period_mm: float | None
-    """Of the texture; None has detail of every size."""
+    """Period of the texture; None has detail of every size."""
     gradient_per_pitch: float
     """Rms gradient that views show, after all blurs [contrast per microlens pitch]."""
     views: float
@@ -181,12 +181,12 @@ class Depth:
     sigma_disparity_pitches: float
     """The disparity error that sigma_z comes of."""
     assumes: DepthAssumptions | None
-    """What that comes of; None where the design gives it."""
+    """Assumptions behind the disparity error; None where the design gives it."""
 
 
 @dataclass(frozen=True)
 class Diffraction:
-    """What diffraction at one microlens does."""
+    """Diffraction at one microlens."""
 
     fresnel_number: float
     """N_F = d^2/(4 lambda d_2)."""
@@ -204,7 +204,7 @@ class Verdict:
     text: str
     """The answer with its margin."""
     remedy: str
-    """What would mend it; empty where nothing needs mending."""
+    """Remedy in a sentence; empty where nothing needs mending."""
 
 
 @dataclass(frozen=True)
@@ -216,13 +216,13 @@ class RealLensField:
     status: str
     """"full", "clipped", "dark", or "folded": two sensor points see the same FAP point, a caustic of the pupil."""
     chief_ray: str
-    """What became of the ray through the FAP's centre: "kept", "missed surface 1"."""
+    """Fate of the ray through the FAP's centre: "kept", "missed surface 1"."""
     kept_fraction: float
     """Part of the FAP that the microlens sees."""
     centre_mm: tuple[float, float] | None
     """Image of the FAP's centre, relative to the microlens axis."""
     diameter_mm: float | None
-    """Of the disc with the area of the FAP's image; of its lit part where folded."""
+    """Diameter of the disc with the area of the FAP's image; of its lit part where folded."""
     axis_ratio: float | None
     """Minor over major axis of the lit part's second moments."""
     shift_px: tuple[float, float] | None
@@ -233,7 +233,7 @@ class RealLensField:
     tangential_focus_mm: float | None
     """Where pencils in the meridional plane focus, behind the array; negative before it."""
     sagittal_focus_mm: float | None
-    """The same across it."""
+    """Distance of the sagittal focus, likewise."""
     tangential_focus_pitches: float | None
     """The blur on the array that comes of it [microlens pitches], signed like the focus."""
     sagittal_focus_pitches: float | None
@@ -264,7 +264,7 @@ class RealLens:
     x0_max_mm: float
     """Undistorted object radius, measured: as far as microlenses see the whole FAP."""
     x_ml_max_mm: float
-    """The same on the MLA."""
+    """Largest undistorted radius on the MLA."""
     thin_x_ml_max_mm: float
     """Eq. 6's, for the thin twin; infinite where no field is too large."""
     turned_x_ml_max_mm: float | None
@@ -287,7 +287,7 @@ class SeenPart:
     distance_mm: float
     """With a ruler; of an element its sensor-side vertex."""
     diameter_mm: float | None
-    """Of an opening."""
+    """Diameter of an opening."""
     seen_distance_mm: float
     """Infinite where it is seen there."""
     seen_diameter_mm: float | None
@@ -295,7 +295,7 @@ class SeenPart:
 
 @dataclass(frozen=True)
 class MappedField:
-    """What an objective's mapping makes of one field, along its chief ray."""
+    """Effects of an objective's mapping on one field, along its chief ray."""
 
     x_ml_mm: tuple[float, float]
     """The microlens, on the array [mm]."""
@@ -317,18 +317,18 @@ class ObjectiveMapping:
     element: str
     """Which it is."""
     largest_angle_deg: float
-    """That it images, in air."""
+    """Largest angle that it images, in air."""
     fields: tuple[MappedField, ...]
 
 
 @dataclass(frozen=True)
 class LookedThrough:
-    """What light meets beside the main lens: liquid, elements, glass about the array."""
+    """Media and parts that light meets beside the main lens: liquid, elements, glass about the array."""
 
     medium: str
-    """What the scene lies in."""
+    """Medium that the scene lies in."""
     index: float
-    """Of that, at the design's wavelength."""
+    """Index of that medium, at the design's wavelength."""
     parts: tuple[SeenPart, ...]
     """In the order of light, from the focal plane on."""
     mapping: ObjectiveMapping | None = None
@@ -357,14 +357,14 @@ class AtTemperature:
 
 @dataclass(frozen=True)
 class Temperatures:
-    """What temperature does to the camera."""
+    """Effects of temperature on the camera."""
 
     temperature_degc: float
-    """Of every other number of the evaluation."""
+    """Temperature of every other number of the evaluation."""
     housing: str
-    """What spaces the parts; empty where it does not grow."""
+    """Housing that spaces the parts; empty where it does not grow."""
     expansion_per_k: float
-    """Of that."""
+    """Expansion of the housing."""
     at: tuple[AtTemperature, ...]
     """20 degrees C, the camera's own, the ends of its range."""
     index_not_known: tuple[str, ...]

@@ -22,9 +22,9 @@ MARKS = {"good": "✓", "limit": "~", "fault": "✗"}
 COLOURS = {"good": "green", "limit": "yellow", "fault": "red"}
 LENS_EFFECTS = {effect.name for effect in EFFECTS}
 WIDTHS = (18, 15, 0)
-"""Of the columns of the tables of facts, on pages."""
+"""Widths of the columns of the tables of facts, on pages."""
 LEAST = (30, 14, 0)
-"""The same on a terminal [characters]."""
+"""Least widths of these columns on a terminal [characters]."""
 
 
 def fact_tables(result: Evaluation) -> list[Table]:
@@ -84,7 +84,7 @@ def depth_facts(depth: Depth) -> list[tuple[str, str, str]]:
 
 
 def depth_remark(depth: Depth) -> str:
-    """What a depth precision is told for."""
+    """Remark on the disparity error that a depth precision is given for."""
     error = f"1 sigma, for {number(depth.sigma_disparity_pitches, 3)} pitch of disparity error"
     return error + (", as the design gives it" if depth.assumes is None else ", predicted from:")
 
@@ -135,7 +135,7 @@ FAR = 1e9
 
 
 def seen_table(result: Evaluation) -> Table | None:
-    """What light meets beside the main lens; nothing where all is air."""
+    """Table of what light meets beside the main lens; None where all is air."""
     if (through := result.object_space) is None:
         return None
     rows = tuple(
@@ -194,7 +194,7 @@ def temperature_table(result: Evaluation) -> Table | None:
 
 
 def mapping_table(result: Evaluation) -> Table | None:
-    """What the objective's mapping makes of each field; nothing where it is f tan."""
+    """Table of the effects of the objective's mapping on each field; None where it is f tan."""
     if result.object_space is None or (objective := result.object_space.mapping) is None or not objective.fields:
         return None
     rows = tuple(
@@ -235,7 +235,7 @@ def field_table(result: Evaluation) -> Table:
 
 
 def budget_table(result: Evaluation) -> Table:
-    """What each element takes of the rays that fill the pupil, a row a field."""
+    """Table of the share of the rays filling the pupil that each element takes, a row a field."""
     budgets = [[part for part in field.ray_budget.taken() if part[0] != "FAP"] for field in result.fields]
     rows = (
         (place(field.x_ml_mm), *(f"{fixed(100 * share, 2)} %" for _, share in budget))

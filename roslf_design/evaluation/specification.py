@@ -1,4 +1,4 @@
-"""What a data sheet says of a camera, in the terms of the endoscope standards (ISO 8600)."""
+"""Specification of a camera on its data sheet, in the terms of the endoscope standards (ISO 8600)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ Place = tuple[float, float]
 
 CRITERION = "a point spreads over one microlens pitch, by rays"
 AT_TIP = 0.01
-"""Of the focal plane's distance: what begins nearer counts as beginning at the tip."""
+"""Share of the focal plane's distance: what begins nearer counts as beginning at the tip."""
 BEYOND = 2.0
 """Where the working range has no end, the data sheet's farthest plane, in distances of the focal plane."""
 LEVELS = (0.5, 0.1)
@@ -53,7 +53,7 @@ class FieldOfView:
 
 @dataclass(frozen=True)
 class ObjectField:
-    """What is seen on a plane ahead of the tip."""
+    """Field on a plane ahead of the tip."""
 
     at_mm: float
     plane: str
@@ -105,7 +105,7 @@ class FieldPoint:
     x0_mm: float | None
     """From the axis to where its chief ray meets the plane; None, as what follows, where a real lens loses that ray."""
     angle_deg: float | None
-    """Of the chief ray to the axis, in the medium of the scene."""
+    """Angle of the chief ray to the axis, in the medium of the scene."""
     distortion_percent: float | None
     local_magnification: float | None
     """Array over object, along the field's radius."""
@@ -151,7 +151,7 @@ class Colour:
     name: str
     wavelength_nm: float
     share: float
-    """Of all pixels."""
+    """Share of all pixels."""
     spacing_px: float
     """To the nearest pixels of the colour: half a period of the finest detail of a microlens image that they tell."""
     views_across: float
@@ -366,7 +366,7 @@ def _depth_precision(design: Design, images: MicrolensImages, stations: Mapping[
 
 
 def depth_assumptions(design: Design, camera: Camera, error: float) -> DepthAssumptions | None:
-    """What a predicted disparity error comes of."""
+    """Assumptions behind a predicted disparity error; None where the design gives the error."""
     if design.depth.disparity_error is not None:
         return None
     across = min(float(QUANTITIES[name](camera)) for name in ("views_independent", "views_geometric"))
@@ -394,7 +394,7 @@ def _object_field(ends: MicrolensImages, at: float, plane: str) -> ObjectField:
 def _across(
     rays: Array, between: Callable[[Array, Array], Array], thin: Callable[[int], Array]
 ) -> tuple[float, float, float]:
-    """What is between the rays of the field's ends, over width, height and diagonal.
+    """Sizes between the rays of the field's ends, over width, height and diagonal.
 
     Where a real main lens does not show all of them, its thin twin's.
     """

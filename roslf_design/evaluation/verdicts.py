@@ -28,7 +28,7 @@ SLACK_PX = 0.5
 TOUCHING_PX = 1e-6
 """Overlap or gap that is told as touching: rounding, not optics [px]."""
 OVERLAP_SLACK, GAP_SLACK = 0.01, 0.05
-"""The same as shares of the pitch, where that allows more: overlap mixes views, a gap only wastes pixels."""
+"""Slacks as shares of the pitch, where that allows more: overlap mixes views, a gap only wastes pixels."""
 LEAST_VIEWS = 2
 """Pixels across a microlens image from which a camera tells directions apart."""
 ROUNDING = 1e-9
@@ -204,7 +204,7 @@ def _thin(f: FNumber, lens: RealLens) -> Verdict:
 
 
 def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
-    """What is no error but must not go unsaid."""
+    """Warnings about what is no error but must not go unsaid."""
     array = design.microlens_array
     for side, mla, sensor in zip(("wide", "high"), array.size, design.sensor_size, strict=True):
         if sensor > mla * (1 + 1e-9):
@@ -256,7 +256,7 @@ class Near(NamedTuple):
     """Relative; 0 is on it."""
     near: bool
     says: str
-    """What that means for this design; empty where it is not near."""
+    """Sentence on what that means for this design; empty where it is not near."""
 
 
 def near_cases(design: Design) -> tuple[Near, ...]:

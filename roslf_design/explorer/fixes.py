@@ -1,4 +1,4 @@
-"""What to change to mend a design: each proposal with its one number, what it brings, and what it costs."""
+"""Proposals to mend a design: each a change of one number, what it brings, and what it costs."""
 
 from __future__ import annotations
 
@@ -41,13 +41,13 @@ class Fix:
     changes: Mapping[str, float] = field(default_factory=dict)
     """The paper's symbols and their new values [mm], for `Design.replace`; empty where it cannot be done."""
     outcome: str = ""
-    """What it brings and what it costs."""
+    """Benefit and cost of the change, in words."""
     why_not: str = ""
     """Why it cannot be done, or need not be; "" where it can."""
 
 
 class Facts(NamedTuple):
-    """What a change is judged by; of the thin lens."""
+    """Numbers that a change is judged by; of the thin lens."""
 
     fill_factor: float
     undistorted_mm: float
@@ -87,7 +87,7 @@ def proposals(design: Design) -> tuple[Fix, ...]:
 
 
 def facts(design: Design) -> Facts:
-    """What of a design the proposals change."""
+    """Numbers of a design that the proposals change."""
     camera = Camera.of(design.thin_twin)
     limit = field_limit(camera)
     return Facts(

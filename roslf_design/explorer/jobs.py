@@ -34,7 +34,7 @@ class Progress:
     share: float | None
     """Done, 0 to 1; None where nobody knows."""
     text: str
-    """What is being done."""
+    """Description of the step at work."""
     seconds: float
 
 

@@ -39,19 +39,19 @@ Options = Mapping[str, Sequence[str]]
 """A form as the browser sends it: every field's name with the values chosen."""
 
 GRADES = ("commercial", "precision", "high")
-"""Of the shipped table, from loose to tight."""
+"""Grades of the shipped table, from loose to tight."""
 TRIALS = 16384
 """Builds where nobody says otherwise."""
 TRIALS_TRACED = 1024
-"""The same behind a real lens, whose every build is traced."""
+"""Number of trials behind a real lens, whose every build is traced."""
 CURVE_TRIALS = 4096
 """Most builds for one point of the yield curve, and for the other grades."""
 SCALES = (0.25, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
-"""Of all tolerances at once."""
+"""Factors on all tolerances at once."""
 
 
 class Wish(NamedTuple):
-    """What may be wanted of a design, or kept from getting worse."""
+    """Objective: a quantity wanted of a design, or kept from getting worse."""
 
     label: str
     quantity: str
@@ -79,9 +79,9 @@ GOALS = {
 }
 """Goals by their keys, with their directions."""
 VARIABLES = ("D", "f", "d_f", "d_1", "D_F", "d_3", "d", "d_2")
-"""What may vary, but for which of f, d_f and d_1 follows."""
+"""Variables that may be chosen, but for which of f, d_f and d_1 follows."""
 USUAL = ("D_F", "d_3", "d_2")
-"""What varies where nobody says otherwise."""
+"""Variables that are chosen by default."""
 HELD = {
     "depth": Wish("depth precision", "sigma_z_mm", "max"),
     "field": Wish("field", "field_half_width_mm", "min"),
@@ -90,7 +90,7 @@ HELD = {
     "length": Wish("total length", "total_length_mm", "max"),
     "light": Wish("light", "light_sr", "min"),
 }
-"""What may be kept from getting worse, with the side of its limit."""
+"""Quantities that may be kept from getting worse, with the side of their limit."""
 GIVE = 1e-3
 """Part of a held value that may be given up, so that the design itself is inside its limits."""
 REACH = 2.0
@@ -111,7 +111,7 @@ SEED = {RANGE: (0, 2**32 - 1)}
 
 @dataclass(frozen=True)
 class ToleranceRequest:
-    """What is asked of a tolerance run."""
+    """Request for a tolerance run, as the form has it."""
 
     design: Design
     grade: str = field(default=GRADES[1], metadata={KNOWN: GRADES})
@@ -123,7 +123,7 @@ class ToleranceRequest:
 
 @dataclass(frozen=True)
 class ToleranceResult(Yields):
-    """What a tolerance run found."""
+    """Result of a tolerance run."""
 
     limits: tuple[tuple[str, YieldShare], ...]
     """Each limit alone."""
@@ -136,7 +136,7 @@ class ToleranceResult(Yields):
 
 @dataclass(frozen=True)
 class OptimiseRequest:
-    """What is asked of an optimisation run."""
+    """Request for an optimisation run, as the form has it."""
 
     design: Design
     goal: str = field(default="depth", metadata={KNOWN: GOALS})
@@ -159,7 +159,7 @@ class OptimiseRequest:
 
 @dataclass(frozen=True)
 class OptimiseResult:
-    """What an optimisation run found."""
+    """Result of an optimisation run."""
 
     goal: Wish
     before: float
@@ -180,11 +180,11 @@ class OptimiseResult:
 
 @dataclass(frozen=True)
 class MeasureRequest:
-    """What is asked of a simulated measurement."""
+    """Request for a simulated measurement, as the form has it."""
 
     design: Design
     place: tuple[float, float] = (0.0, 0.0)
-    """Of the microlens that is in the middle, on the array [mm]."""
+    """Place of the microlens that is in the middle, on the array [mm]."""
     exposures: int = field(default=8, metadata={RANGE: (1, 64)})
     seed: int = field(default=0, metadata=SEED)
 
@@ -193,7 +193,7 @@ Request = TypeVar("Request", ToleranceRequest, OptimiseRequest, MeasureRequest)
 
 
 def forms(state: State) -> dict[str, Any]:
-    """What the forms offer, and what is chosen before anyone chooses."""
+    """Content of the forms, with what is chosen by default."""
     design = state.design
     traced = design.main_lens.prescription is not None
     return {
@@ -220,7 +220,9 @@ def _offered(symbol: str, state: State) -> dict[str, Any]:
 
 
 def read_form(kind: type[Request], design: Design, options: Options) -> Request:
-    """What a form asks for: a tick is there or not, of several boxes those that are known, one text of what may be.
+    """Request from a form's controls.
+
+    A tick is there or not, of several boxes those that are known, one text of what may be.
 
     Raises
     ------
@@ -612,7 +614,7 @@ KINDS: dict[str, tuple[type[Any], Work, Callable[[Any], dict[str, Any]]]] = {
     "optimise": (OptimiseRequest, run_optimise, _optimum),
     "measure": (MeasureRequest, run_measure, _measured),
 }
-"""Of each kind of run: what it asks for, what does it, and what the page shows of its result."""
+"""Kinds of run: the request, the work, and what the page shows of its result."""
 
 
 @dataclass(frozen=True)
@@ -620,7 +622,7 @@ class Run:
     """A run, and the design that it was started for."""
 
     kind: str
-    """Of `KINDS`."""
+    """Kind of run, one of `KINDS`."""
     design: Design
     job: ProcessJob[Any]
 
@@ -638,6 +640,6 @@ class Run:
 
     @property
     def result(self) -> Any:
-        """What was found; None before the end."""
+        """Result of the run; None before the end."""
         state = self.job.poll()
         return state.result if isinstance(state, Done) else None

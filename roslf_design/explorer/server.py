@@ -45,7 +45,8 @@ POLICY = (
     "img-src 'self' data: blob:; connect-src 'self' {socket}; worker-src 'self' blob:; "
     "object-src 'none'; base-uri 'self'; frame-ancestors 'none'"
 )
-"""What the page may load: nothing from another host. Vue makes functions of its templates, hence unsafe-eval."""
+"""Content security policy of the page: nothing from another host. Vue makes functions of its templates, hence
+unsafe-eval."""
 
 AUTHORITY = re.compile(r"(?:([a-z0-9._-]+)|\[([0-9a-f:.]+)\])(?::([0-9]{1,5}))?", re.IGNORECASE | re.ASCII)
 """A host as browsers name it: a name or an address, IPv6 in brackets, with or without a port."""

@@ -1,4 +1,4 @@
-"""What one tab does: requests of the page in, the page's values out. Holds the tab's history; draws what is seen."""
+"""Session of one tab: requests of the page in, the page's values out. Holds the tab's history; draws what is shown."""
 
 from __future__ import annotations
 
@@ -386,12 +386,15 @@ class Session:
         return [*lights(source.evaluation), TRACING] if traced is None else traced
 
     def _fixes(self) -> list[dict[str, str]]:
-        """What would mend the design; with nothing promised while it is still being changed."""
+        """Proposals to mend the design; without their outcome while it is still being changed."""
         fixes, settled = self._after_a_pause(_proposals)
         return proposed(settled or fixes or (), settled is not None)
 
     def _after_a_pause(self, find: Callable[[Design], Known]) -> tuple[Known | None, Known | None]:
-        """What takes about a picture's time: as it was found last, and of the design once that has stood still."""
+        """Latest result of a task that takes about a picture's time.
+
+        Also that of the design once it has stood still.
+        """
         design, (of, known) = self.design, self._known.get(find, (None, None))
         if of == design:
             return known, known
@@ -456,7 +459,7 @@ class Session:
 
 
 def _tried(find: Callable[[], Known], otherwise: Callable[[str], Known]) -> Known:
-    """What is found, or else what stands for it, made from why it cannot be: one fault leaves the rest of the page."""
+    """Result of a task or, where it fails, a stand-in made from the cause: one fault leaves the rest of the page."""
     try:
         return find()
     except FAULTS as error:
@@ -469,7 +472,7 @@ def _verdicts(design: Design) -> list[dict[str, str]]:
 
 
 def _proposals(design: Design) -> tuple[Fix, ...]:
-    """What would mend a design."""
+    """Proposals to mend a design."""
     return _tried(lambda: proposals(design), lambda why: (Fix("none", "No proposals", why_not=why),))
 
 

@@ -1,4 +1,4 @@
-"""What a browser tab shows, as frozen values: the design and its numbers, what of it is looked at, history, link."""
+"""State of a browser tab, as frozen values: the design and its numbers, the view, history, link."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def kept(follows: str, changed: Collection[str]) -> tuple[str, ...]:
 
 
 Choice = Literal["medium", "window", "window_material", "mapping"]
-"""What is chosen beside numbers."""
+"""Choices beside numbers."""
 
 
 class NumberField(NamedTuple):
@@ -63,15 +63,15 @@ class NumberField(NamedTuple):
     scale: Literal["log", "linear"] = "log"
     """How the slider runs."""
     kind: str = "length"
-    """Of the unit; "" of a plain number."""
+    """Kind of the unit; "" of a plain number."""
     ends: tuple[float, float] | None = None
-    """Of the slider; None: about the design that was loaded."""
+    """Ends of the slider; None: about the design that was loaded."""
     left_out: str = ""
-    """What it is where a design leaves it out; "" where none can."""
+    """Text that stands for a value which a design leaves out; "" where none can."""
 
     @property
     def per_unit(self) -> float:
-        """What the unit is in mm, lx or s."""
+        """Size of the unit in mm, lx or s."""
         return float(UNITS[self.kind][self.unit]) if self.kind else 1.0
 
 
@@ -97,7 +97,7 @@ WINDOW = (
     NumberField("window_distance", "To the lens", "Bore", "mm", "linear"),
     NumberField("window_diameter", "Aperture", "Bore", "mm"),
 )
-"""Of the outermost window, where a design has one."""
+"""Fields of the outermost window, where a design has one."""
 
 LIGHT = (
     NumberField("light.illuminance", "Illuminance", "Light", "lx", "log", "illuminance", (1e1, 1e6)),
@@ -109,19 +109,19 @@ LIGHT = (
     NumberField("depth.window", "Microlenses", "Matching", "", "linear", "", (1, 41)),
     NumberField("depth.disparity_error", "Fixed error", "Matching", "", "log", "", (1e-4, 1.0), "predicted"),
 )
-"""What depth is told for, by its place in a design file."""
+"""Fields of the light that depth errors are computed for, by their place in a design file."""
 
 CONTROLS = BY_SYMBOL | {field.symbol: field for field in (*WINDOW, *LIGHT)}
 """Every field that a design may have."""
 
 MEDIA = ("air", *(name for name in ("water", "saline") if name.upper() in catalogue()))
-"""What the scene can be told to lie in by name."""
+"""Media that the scene can lie in by name."""
 
 GLASSES = tuple(name for name in ("sapphire", "fused silica", "N-BK7") if name.upper() in catalogue())
-"""Of windows, as the page proposes them; any other can be typed."""
+"""Materials of windows that the page proposes; any other can be typed."""
 
 EXAMPLES = {"mm": "2.9 mm", "um": "63 um", "nm": "550 nm", "lx": "1e5 lx", "ms": "10 ms", "": "0.1"}
-"""What may be typed, by the field's unit."""
+"""Examples of what may be typed, by the field's unit."""
 
 VISIBLE = (380e-6, 1000e-6)
 """Wavelengths that a slider reaches, whatever the design [mm]."""
@@ -246,7 +246,7 @@ def new_window(design: Design) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Fault:
-    """What was typed into a field and is not a design."""
+    """Text typed into a field that makes no design, with the reason."""
 
     symbol: str
     text: str
@@ -266,7 +266,7 @@ class State:
     faults: tuple[Fault, ...] = ()
     """At most one a field."""
     message: str = ""
-    """What went wrong with something that is not a field: a file, a link."""
+    """Message about a fault of something that is not a field: a file, a link."""
 
     @classmethod
     def of(cls, design: Design, follows: Follower | None = None) -> State:
@@ -294,7 +294,7 @@ class State:
         return symbol != self.follows and not (symbol == "f" and "f" not in self.followers)
 
     def fault(self, symbol: str) -> Fault | None:
-        """What is wrong with what was typed into a field."""
+        """Fault of what was typed into a field; None where there is none."""
         return next((fault for fault in self.faults if fault.symbol == symbol), None)
 
     def follow(self, symbol: str) -> State:
@@ -452,9 +452,9 @@ class History:
     past: tuple[State, ...] = ()
     """Oldest first."""
     future: tuple[State, ...] = ()
-    """What was undone, the nearest first."""
+    """States that were undone, the nearest first."""
     gesture: str = ""
-    """What the last change belongs to: all of one slider's move are one step."""
+    """Gesture that the last change belongs to: all of one slider's move are one step."""
 
     def record(self, state: State, gesture: str = "") -> History:
         """Go on to a new state: no step where design and follower are the old ones, or the gesture is the last's."""
@@ -485,7 +485,7 @@ TABS = {"camera": "Camera", "depth": "Depth", "tolerance": "Tolerance", "optimis
 """Views of the explorer with their labels, first the one it opens with."""
 
 WHOLE: dict[str, bool | None] = {"auto": None, "object": True, "instrument": False}
-"""What the meridional section shows: what suits, from the object plane on, or from the outermost stop on."""
+"""Extents of the meridional section: what suits, from the object plane on, or from the outermost stop on."""
 
 PLACES = ("centre", "edge", "corner")
 """Microlenses with a name: of what the sensor sees."""
@@ -496,7 +496,7 @@ Place = Literal["centre", "edge", "corner"] | tuple[Coordinate, Coordinate]
 
 
 def key_of(names: Mapping[str, object]) -> AfterValidator:
-    """What refuses text that is not among the names."""
+    """Validator that refuses text that is not among the names."""
 
     def known(name: str) -> str:
         if name not in names:
@@ -508,7 +508,7 @@ def key_of(names: Mapping[str, object]) -> AfterValidator:
 
 @checked_dataclass(frozen=True)
 class Look:
-    """What of a design is looked at; not part of what undo takes back.
+    """View of a design in a tab; not part of what undo takes back.
 
     Raises
     ------
@@ -539,7 +539,7 @@ def on_array(design: Design, x: float, y: float) -> tuple[float, float]:
 # The link that brings all of it back.
 
 VERSION = "1"
-"""Of links: what they begin with."""
+"""Version of links, with which they begin."""
 
 LIMIT = 50_000
 """Largest unpacked link [bytes], ten times a lens of many surfaces: one from elsewhere must not keep others waiting."""
@@ -559,7 +559,7 @@ def encode(state: State, look: Look) -> str:
 
 
 def decode(text: str) -> tuple[State, Look]:
-    """What `encode` packed.
+    """State and view that `encode` packed.
 
     Raises
     ------

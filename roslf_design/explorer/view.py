@@ -1,4 +1,4 @@
-"""What the page shows of a session: its pictures, and its numbers, verdicts and proposals as plain values."""
+"""Values that the page shows of a session: its pictures, and its numbers, verdicts and proposals."""
 
 from __future__ import annotations
 
@@ -65,26 +65,26 @@ LEAST, MOST = 160, 3000
 
 @dataclass(frozen=True)
 class PictureSource:
-    """What pictures are made of: a design, what of it is looked at, and what runs found."""
+    """Source of pictures: a design, the view of it, and results of runs."""
 
     design: Design
     """With an ideal lens: the pictures are of the thin twin."""
     evaluate: Callable[[Design], Evaluation]
-    """Of what it has been asked before, it knows the answer."""
+    """Evaluation of a design; one asked for before is known."""
     look: Look
     limits: tuple[float, float] | None = None
     """Where the axes of the plane of d_3 and D_F end [mm], kept still while its point is dragged."""
     runs: Mapping[str, Any] = field(default_factory=dict)
-    """What the last run of each kind found."""
+    """Result of the last run of each kind."""
 
     @cached_property
     def evaluation(self) -> Evaluation:
-        """Of the design."""
+        """Evaluation of the design."""
         return self.evaluate(self.design)
 
     @cached_property
     def place(self) -> tuple[float, float]:
-        """Of the microlens that is shown [mm]."""
+        """Place of the microlens that is shown [mm]."""
         place = place_on_mla(self.design, self.look.place)
         return nearest_microlens(self.design, place, inward=isinstance(self.look.place, str))
 
@@ -117,13 +117,13 @@ class Drawing(NamedTuple):
     size: Size
     """[px], until the browser tells how much room there is."""
     inputs: Callable[[PictureSource], tuple[Any, ...] | None]
-    """What it is a function of, besides its size: equal inputs, equal picture; None where there is none."""
+    """Values that the drawing depends on, besides its size: equal inputs, equal picture; None where there is none."""
     make: Callable[..., Picture]
     """Takes the inputs, then the size."""
 
 
 def _of(run: str, part: Callable[[Any], Any] = lambda result: result) -> Callable[[PictureSource], Any]:
-    """What a picture takes of a run's result; None before there is any."""
+    """Inputs of a picture from a run's result; None before there is any."""
 
     def inputs(source: PictureSource) -> tuple[Any] | None:
         value = part(source.runs[run]) if run in source.runs else None
@@ -212,7 +212,7 @@ def controls(state: State) -> dict[str, Any]:
 
 
 def _bore(state: State) -> dict[str, Any]:
-    """What the scene lies in, and whether a window stands at the tip, of what."""
+    """Values of the bore's controls: the scene's medium, the window at the tip and its material."""
     medium, k = state.design.object_space.medium, window_of(state.design)
     faults = {what: state.fault(what) for what in ("medium", "window", "window_material", "mapping")}
     objective = objective_of(state.design)
@@ -339,7 +339,7 @@ def _signed(value: float) -> str:
 
 
 def depth_unknown(why: str) -> dict[str, Any]:
-    """The same as `depth_known` gives, where it cannot be found."""
+    """Values in the form of `depth_known`, where no depth can be computed."""
     return {"tone": "bad", "text": to_html(f"Depth is unknown: {why}"), "remedy": "", "rows": []}
 
 
@@ -384,7 +384,7 @@ def _assumed_rows(depth: Any) -> list[dict[str, str]]:
 
 
 def glance(evaluation: Evaluation) -> list[dict[str, str]]:
-    """What one asks of a camera first, in numbers."""
+    """Main numbers of a camera at a glance."""
     number, field, image = evaluation.f_number, evaluation.non_distortion, evaluation.microlens_image
     sampling, depth, light = evaluation.sampling, evaluation.depth, evaluation.diffraction
     views = f"{short(sampling.views_geometric, 3)}, {short(sampling.views_independent, 3)}"
@@ -408,7 +408,7 @@ def glance(evaluation: Evaluation) -> list[dict[str, str]]:
 
 
 def proposed(fixes: Iterable[Fix], settled: bool) -> list[dict[str, str]]:
-    """What would mend the design, in words; nothing is promised of one that is still being changed."""
+    """Proposals to mend the design, in words; without outcomes while the design is still being changed."""
     return [
         {
             "key": fix.key,
@@ -421,6 +421,6 @@ def proposed(fixes: Iterable[Fix], settled: bool) -> list[dict[str, str]]:
 
 
 def looked_at(state: State, look: Look) -> dict[str, Any]:
-    """What is looked at, and the link that brings all of it back."""
+    """View of the design, and the link that brings all of it back."""
     place = look.place if isinstance(look.place, str) else "chosen"
     return {**asdict(look), "place": place, "link": encode(state, look)}

@@ -68,7 +68,7 @@ class Region(NamedTuple):
         return Region(self.column - by, self.row - by, self.columns + 2 * by, self.rows + 2 * by)
 
     def common(self, other: Region) -> Region:
-        """What both have; of none rows or columns are not above 0."""
+        """Region common to both; where there is none, its rows or columns are not above 0."""
         left, top = max(self.column, other.column), max(self.row, other.row)
         right = min(self.column + self.columns, other.column + other.columns)
         bottom = min(self.row + self.rows, other.row + other.rows)
@@ -158,7 +158,7 @@ class ImageLattice:
     axes: Floats
     """Columns: steps of a microlens in its array's frame [mm], shape (2, 2)."""
     turned: Floats
-    """The same along the main lens's axes: turned as the array is."""
+    """Steps of a microlens along the main lens's axes, turned as the array is [mm]."""
     offset: Floats
     """The array's centre from the main lens's [mm], shape (2,)."""
     grow: float

@@ -99,7 +99,7 @@ def _png(content: io.BytesIO, pixels: NDArray[Any], description: str) -> None:
 
 
 def _portable(value: Any) -> Any:
-    """The same without folders in file names, which mean nothing elsewhere."""
+    """Notes without folders in file names, which mean nothing elsewhere."""
     if isinstance(value, dict):
         return {key: Path(item).name if key == "file" else _portable(item) for key, item in value.items()}
     return [_portable(item) for item in value] if isinstance(value, (list, tuple)) else value

@@ -61,7 +61,7 @@ LensRays = Callable[[Floats, Floats, Floats, Floats], ObjectRays]
 
 
 def real_camera(design: Design, scene: Scene, plan: Plan) -> RealLensTracer | None:
-    """What traces a design's real lens for a plan; None where the lens is ideal, or all its faults are off.
+    """Tracer of a design's real lens for a plan; None where the lens is ideal, or all its effects are off.
 
     Raises
     ------
@@ -110,8 +110,8 @@ class RealLensTracer:
     ways: tuple[LensRays, ...]
     """One a wavelength."""
     sight: Floats
-    """What takes the focal plane's points to where the main lens sees them, and rays from there to the scene: A and E
-    (x, y) of its `ImagedPlane`, the FAP and that plane as seen [mm], then `Layout.front`, (16,)."""
+    """Apparent pupil and focal plane, for rays to the scene: A and E (x, y) of the focal plane's `ImagedPlane`, the FAP
+    and that plane as seen [mm], then `Layout.front`, (16,)."""
     surfaces: Surfaces | None
     """None for a uniform scene."""
     level: float

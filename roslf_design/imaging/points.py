@@ -39,7 +39,7 @@ RAYS = 1 << 18
 
 
 class PointOpening(NamedTuple):
-    """What rims leave of the FAP for one point: the common part of discs on the FAP's plane."""
+    """Opening that rims leave of the FAP for one point: the common part of discs on the FAP's plane."""
 
     centres: Floats
     """(K, 2), against the main lens's axis [mm]."""
@@ -76,11 +76,11 @@ class PointSource:
         return np.array(self.camera.lens_centre, float)
 
     def slope(self, pupil: Floats) -> Floats:
-        """Of the ideal wave at places (..., 2) of the FAP."""
+        """Slope of the ideal wave at places (..., 2) of the FAP."""
         return np.asarray((pupil - (self.x, self.y)) / self.reach)
 
     def wavefront(self, wavelength: float) -> Wavefront | None:
-        """Of exact rays in one colour; None where no light comes."""
+        """Wavefront of exact rays in one colour; None where no light comes."""
         return Wavefront.of(self, wavelength)
 
     @property
@@ -105,7 +105,7 @@ class PointSource:
 
     @cached_property
     def opening(self) -> PointOpening:
-        """What the FAP, the lens and further rims leave open for this point."""
+        """Opening that the FAP, the lens and further rims leave for this point."""
         centres, radii = [], []
         for rim in (self.camera.fap, *self.camera.rims):
             grow = self.reach / (self.distance - float(rim.distance))
@@ -251,7 +251,7 @@ def _clipped_field(source: PointSource, u_x: Floats, u_y: Floats, wavelength: fl
 
 
 def _traced_field(front: Wavefront, wavelength: float, beyond: float) -> RoundField:
-    """The same for a wave through exact elements, over what they leave open, chord by chord."""
+    """Field on the array of a wave through exact elements, over the opening that they leave, chord by chord."""
     source, k = front.source, math.pi / wavelength
     throw, defocus, radius = source.throw, source.defocus, front.radius
     farthest = abs(throw * defocus) * radius + beyond

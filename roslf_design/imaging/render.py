@@ -31,7 +31,7 @@ from .white import MOST_ORDERS, MOST_ROWS, HarmonicSeries, WhiteGeometry, add_fa
 
 @dataclass(frozen=True, eq=False)
 class RawImage:
-    """What the sensor recorded, and how it was computed."""
+    """Raw image that the sensor recorded, and how it was computed."""
 
     pixels: Image
     """Relative intensities, shape (rows, columns), row 0 at the lowest y: 1 is a fully lit pixel, behind colour filters
@@ -49,7 +49,7 @@ class RawImage:
     seconds: float
     """Wall time."""
     accuracy: dict[str, Any] | None = None
-    """What its pixels are worth, as told where it was made; None where nobody asked."""
+    """Accuracy of its pixels, as stated where it was made; None where nobody asked."""
 
     def metadata(self) -> dict[str, Any]:
         """Everything but the pixels, JSON-ready."""

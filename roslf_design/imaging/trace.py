@@ -65,7 +65,7 @@ WELL_OUTSIDE = 2.0
 MOST = 64
 """Candidate microlenses that one pixel may have."""
 DIMENSIONS = 6
-"""Of the Sobol points: pixel (x, y), microlens aperture (x, y), diffraction at the FAP (radius, angle)."""
+"""Dimensions of the Sobol points: pixel (x, y), microlens aperture (x, y), diffraction at the FAP (radius, angle)."""
 
 POSED, PINHOLE, IN_FOCUS, OWN_ONLY, KICKED, ROUND, THROUGH, EXACT = range(8)
 """Flags: something is tilted or rotated; rays through microlens centres; object taken on the focal plane; neighbours'
@@ -90,7 +90,7 @@ class RaySampling:
 
 
 class Surfaces(NamedTuple):
-    """What rays may meet."""
+    """Surfaces that rays may meet."""
 
     rows: Floats
     """One row a surface, shape (S, 20)."""
@@ -200,7 +200,7 @@ def distance(s: Any, hx: float, hy: float, ox: float, oy: float) -> float:
 
 @kernel()
 def first_hit(rows: Any, mouth: float, hx: float, hy: float, ox: float, oy: float) -> Any:
-    """What the ray (hx - ox Z, hy - oy Z) meets first beyond the bore's mouth: Z, which surface, and (u, v) on it.
+    """First surface beyond the bore's mouth that the ray (hx - ox Z, hy - oy Z) meets: Z, its number, and (u, v) on it.
 
     FAR and -1 where it meets nothing.
     """
@@ -290,7 +290,7 @@ class Tracer:
     mouth: float
     """Z of the bore's mouth [mm]."""
     colours: tuple[FacesAhead, ...]
-    """What rays go through before the main lens, once a wavelength; where they are not exact one that is empty."""
+    """Faces that rays go through before the main lens, once a wavelength; empty where these are not exact."""
 
     @classmethod
     def of(cls, design: Design, plan: Plan, scene: Scene) -> Tracer:

@@ -1,4 +1,4 @@
-"""What a microlens's aperture does to the incoherent image of the pupil behind it: its transfer function at work.
+"""Convolution of images with the microlens aperture's transfer function, for the incoherent pupil behind it.
 
 A uniform scene fills the FAP with incoherent light (van Cittert-Zernike), and every point of it lights the sensor with
 the same pattern |Fresnel transform of the microlens aperture|^2, shifted. So the microlens image is its geometric shape

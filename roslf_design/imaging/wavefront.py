@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 DEGREE = 9
-"""Of the polynomial of the path."""
+"""Degree of the polynomial of the path."""
 POWERS = np.array([(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i) if i + j > 0])
 SAMPLES = 400
 """Rays that it is fitted to."""
@@ -70,7 +70,7 @@ class Wavefront:
         return np.asarray(polyval2d(*self._on_disc(pupil), self.terms))
 
     def slopes(self, pupil: Floats) -> Floats:
-        """What is added to the ideal wave's slopes there, (..., 2)."""
+        """Slopes in addition to the ideal wave's there, (..., 2)."""
         at = self._on_disc(pupil)
         return np.asarray(
             np.stack([polyval2d(*at, polyder(self.terms, axis=k)) for k in (0, 1)], axis=-1) / self.radius
@@ -146,7 +146,7 @@ def _gradient(at: Floats, axis: int) -> Floats:
 
 
 def _extra_slopes(source: PointSource, faces: FacesAhead, pupil: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """What exact rays from the point through places of the FAP have over the ideal wave's slopes, and which are.
+    """Slopes of exact rays from the point through places of the FAP, less the ideal wave's, and True where a ray comes.
 
     Paraxial elements move a ray's place at the point by ``A d_3 - B`` times its slope, and an objective's mapping
     stretches that: the inverse, time and again, takes the miss away.

@@ -54,7 +54,7 @@ MOST_IMAGES = 400
 MOST_SUBPIXELS = 256
 """Subpixels across the patch and its surroundings."""
 ALWAYS_ON = ("+microlens_diffraction", "+overlap")
-"""What is on whatever its size."""
+"""Effects that are on whatever their size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,7 +77,7 @@ class WhiteGeometry:
         return cls(camera, ImageLattice.of(camera), plan.on("cos4"), not plan.on("overlap"))
 
     def by_snell(self, error: float, wavelength: float) -> WhiteGeometry | None:
-        """The same with shapes where exact rays through elements put them.
+        """Geometry with shapes where exact rays through elements put them.
 
         Parameters
         ----------
@@ -186,7 +186,7 @@ class HarmonicSeries:
 
     @cached_property
     def products(self) -> tuple[tuple[bool, float, Floats, Floats], ...]:
-        """What the image is a sum of: even or odd, |y frequency|, and the x frequencies it goes with, weighted.
+        """Terms that the image is a sum of: even or odd, |y frequency|, and the x frequencies it goes with, weighted.
 
         ``cos(a + b)`` is ``cos a cos b - sin a sin b``. Of mirror images G and (G_x, -G_y), which every upright
         lattice has, the second parts cancel.
@@ -269,7 +269,7 @@ def _pixels(camera: Camera, frequencies: Floats) -> Floats:
 def interference_series(
     camera: Camera, transfer: MicrolensTransfer, pixel: bool = True, reach: int = INTERFERING
 ) -> HarmonicSeries:
-    """What interference of neighbouring microlenses adds to `harmonic_series`, which leaves it out.
+    """Series that interference of neighbouring microlenses adds to `harmonic_series`, which leaves it out.
 
     Parameters
     ----------

@@ -37,7 +37,7 @@ F_LINE, D_LINE, C_LINE = 0.4861327, 0.5875618, 0.6562725
 
 @dataclass(frozen=True)
 class Warming:
-    """What temperature does to a medium.
+    """Warming of a medium: its expansion, and how its index follows temperature.
 
     Attributes
     ----------
@@ -149,11 +149,11 @@ class Glass:
         return warmed
 
     def with_offset(self, change: float) -> Glass:
-        """The same glass with its index raised by `change`."""
+        """Glass with its index raised by `change`."""
         return replace(self, offset=self.offset + change)
 
     def at(self, temperature: float) -> Glass:
-        """The same glass at a temperature [degrees C]; itself where nothing is known of its index."""
+        """Glass at a temperature [degrees C]; itself where nothing is known of its index."""
         known = self.warming.law != "none" and temperature != self.temperature
         return replace(self, temperature=temperature) if known else self
 

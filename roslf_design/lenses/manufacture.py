@@ -176,7 +176,7 @@ class LensBuilds(NamedTuple):
 
     @property
     def stack(self) -> SurfaceStack:
-        """What rays are traced through."""
+        """Stack of surfaces that rays are traced through."""
         return SurfaceStack(self.table, self.media)
 
 
@@ -302,7 +302,7 @@ def _sound(lens: Prescription, table: Array, gaps: Array, values: Mapping[str, A
 
 
 def _offsets(lens: Prescription, wavelength: float, values: Mapping[str, Array], trials: int) -> Array:
-    """What is missed of the indices after the surfaces, told at the design's wavelength, (S, T)."""
+    """Errors of the indices after the surfaces, as given at the design's wavelength, (S, T)."""
     offsets = np.zeros((len(lens.surfaces), trials))
     for row, surface in enumerate(lens.surfaces):
         name, glass = f"surfaces.{row + 1}", surface.glass

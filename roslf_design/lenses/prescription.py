@@ -180,7 +180,7 @@ class Prescription:
         )
 
     def warmed(self, temperature: float, barrel: float = 0.0) -> Prescription:
-        """The same lens at another temperature [degrees C]; `barrel` is the expansion of what spaces it [1/K]."""
+        """Lens at another temperature [degrees C]; `barrel` is the expansion of what spaces it [1/K]."""
         if temperature == self.temperature and all(s.glass == s.glass.at(temperature) for s in self.surfaces):
             return self
         surfaces = []
@@ -237,7 +237,7 @@ class IdealLens(Prescription):
 
     @classmethod
     def of(cls, focal_length: float, diameter: float) -> IdealLens:
-        """Of a focal length and a clear diameter [mm]."""
+        """Ideal lens of a focal length and a clear diameter [mm]."""
         return cls((Surface(0.0, diameter / 2),), "ideal lens", power=1 / focal_length)
 
     def at(self, wavelength: ArrayLike) -> SurfaceStack:

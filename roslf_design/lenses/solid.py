@@ -1,4 +1,4 @@
-"""What housings, spacers and sensors are made of: how lengths grow with temperature."""
+"""Solids of housings, spacers and sensors: how lengths grow with temperature."""
 
 from __future__ import annotations
 

@@ -27,11 +27,12 @@ Pair = tuple[ArrayLike, ArrayLike] | Array
 BLOCK = 256
 """Rays in a block; eight rows of them are 16 kB."""
 ROWS = 8
-"""Of a block: position, direction, state, and room to work."""
+"""Rows of a block: position, direction, state, and room to work."""
 
 KEPT = 0
 CLIPPED, MISSED, REFLECTED, NO_PLANE, INVALID, STOPPED = 1, 2, 3, 4, 5, 6
-"""What stopped a ray; its state is eight times the number of the surface or stop (from 1; else 0) plus one of these."""
+"""Reasons why a ray was stopped; its state is eight times the number of the surface or stop (from 1; else 0) plus one
+of these."""
 REASONS = {
     CLIPPED: "clipped at surface {}",
     MISSED: "missed surface {}",
@@ -48,19 +49,19 @@ the places of curvature and conic, and its length in that of the first aspheric 
 an ideal lens beside it has bent, with its focal length in the place of the conic, the way to the entrance pupil in that
 of a rod's length, and the largest height that it images, f p, in that of the semi-diameter."""
 COLUMNS = 34
-"""Of a surface: vertex x y z, c, 1 + k, semi-diameter squared, kind, turned?, rotation (9), asphere (8), sag bound,
-irregularity (7), one over its normalising radius."""
+"""Columns of a surface: vertex x y z, c, 1 + k, semi-diameter squared, kind, turned?, rotation (9), asphere (8), sag
+bound, irregularity (7), one over its normalising radius."""
 MODES, FORM = 7, 26
 """Zernike modes of an irregularity, Noll's 5 to 11, and where their coefficients stand."""
 LENGTH, COARSE = 17, 18
 """Where a rod's length stands, and whether rays through it are only for pixels."""
 TERMS = 16
-"""Of a rod's series."""
+"""Terms of a rod's series."""
 STEP, LONGEST = 0.1, 0.7
 """Steps in a rod's phase: a tenth of how far the series converges, and no longer than that; what is left out is some
 1e-14 of a ray's height."""
 KICK_ERROR = 1e-7
-"""Of a ray's height and slope for each step through a rod, where rays are for pixels."""
+"""Error of a ray's height and slope for each step through a rod, where rays are for pixels."""
 KICK_AT, KICK_APART = 0.5 - sqrt(3.0) / 6, sqrt(3.0) / 3
 """Shares of such a step at which rays are bent by what a rod has beyond a harmonic one: Gauss's two points."""
 SAMPLES = 64
@@ -76,7 +77,7 @@ _spent = [0]
 
 
 def describe(state: int) -> str:
-    """What a ray's state says: "kept", "clipped at surface 3"; surfaces count from 1 at the scene."""
+    """Words for a ray's state: "kept", "clipped at surface 3"; surfaces count from 1 at the scene."""
     return "kept" if state == KEPT else REASONS[state % 8].format(state // 8)
 
 
@@ -88,7 +89,7 @@ class Passed(NamedTuple):
     slope: Array
     """dx/dz and dy/dz, (2, ...); 0 for a lost ray."""
     state: NDArray[np.int16]
-    """What became of it (`describe`), (...)."""
+    """State of the ray (`describe`), (...)."""
     room: Array
     """Least of 1 - r^2/semi-diameter^2 over the surfaces, (...); -1 or less for a stopped ray."""
 
@@ -173,7 +174,7 @@ def copy(source: Any, target: Any, m: int) -> None:
 
 @kernel()
 def near_vertex(buffer: Any, i: int, vx: float, vy: float, vz: float) -> tuple[float, float, float]:
-    """Of a ray, the point nearest a vertex, from there: nothing far away cancels from here on."""
+    """Point of a ray nearest a vertex, from there: nothing far away cancels from here on."""
     x, y, z = buffer[i] - vx, buffer[BLOCK + i] - vy, buffer[2 * BLOCK + i] - vz
     dx, dy, dz = buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i]
     near = -(x * dx + y * dy + z * dz)

@@ -81,7 +81,7 @@ class EquivalentPupil:
     kept_bore: Array
     """Light through bore and main lens, over that of the unclipped equivalent pupil; may be above 1."""
     kept_pupil: Array
-    """The same through the equivalent pupil and the main lens."""
+    """Light through equivalent pupil and main lens, over that of the unclipped equivalent pupil."""
     misplaced: Array
     """Share of the pupil's light that one lets through and the other does not."""
     worst_kept_difference: float
@@ -100,7 +100,7 @@ class EquivalentPupil:
 
     @property
     def cost(self) -> tuple[float, float]:
-        """What is made small."""
+        """Costs to minimise, in this order: the worst misplaced share of light, and the sum over fields."""
         return self.worst_misplaced, float(self.misplaced.sum())
 
     def close_to(self, other: EquivalentPupil) -> bool:

@@ -1,4 +1,4 @@
-"""What of a real main lens may vary: thicknesses, air gaps and radii; the bending and focal length of a custom lens.
+"""Variables of a real main lens: thicknesses, air gaps and radii; the bending and focal length of a custom lens.
 
 A custom lens is a spherical singlet or cemented doublet. Bent, every curvature grows by the same amount, which to first
 order leaves the power of each of its glasses as it is. Then all are scaled together until the focal length is the one
@@ -31,7 +31,7 @@ OWN = re.compile(r"main_lens\.surfaces\.\d+\.(radius|thickness)")
 NEWTON = 12
 """Steps from a thin lens's scale to the thick one's."""
 STEEPEST = 0.98
-"""Of a surface's radius, what its clear semi-diameter may be."""
+"""Largest ratio of clear semi-diameter to radius of a surface."""
 
 
 def varies_lens(place: str) -> bool:
@@ -46,7 +46,7 @@ def places_that_vary(lens: Prescription) -> tuple[str, ...]:
 
 
 def why_not_bent(lens: Prescription) -> str | None:
-    """What makes a lens no singlet or cemented doublet of spheres; None where it is one."""
+    """Reason why a lens is no singlet or cemented doublet of spheres; None where it is one."""
     pieces, surfaces = len(lens.elements), len(lens.surfaces)
     if pieces > 1 or surfaces not in (2, 3):
         return f"it has {pieces} element{'s' if pieces > 1 else ''} of {surfaces} surfaces"
@@ -58,7 +58,7 @@ def why_not_bent(lens: Prescription) -> str | None:
 
 
 def lens_faults(lens: Prescription, names: Collection[str]) -> Iterator[str]:
-    """What is wrong with variables (dotted places) of a real lens."""
+    """Faults of variables (dotted places) of a real lens."""
     own, shaped = sorted(n for n in names if in_lens(n)), sorted({BENDING, FOCAL} & set(names))
     for name in own:
         number, what = int(name.split(".")[2]), name.rpartition(".")[2]
@@ -90,7 +90,7 @@ class VariedLens(NamedTuple):
     rear: Array
     """Foremost and hindmost point on the axis or at the rims."""
     rooms: dict[str, Array]
-    """What must not be below 0, by what it says."""
+    """Clearances that must not be below 0, by label."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ class LensVariation:
     wavelength: float
     """At which its focal length is told [mm]."""
     focal_length: float
-    """That a bent lens keeps where it does not vary [mm]."""
+    """Focal length that a bent lens keeps where it does not vary [mm]."""
 
     @cached_property
     def _media(self) -> list[float]:

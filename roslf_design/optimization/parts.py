@@ -30,7 +30,7 @@ from .lens_variables import with_glasses
 Kind = Literal["lenses", "microlens_arrays", "sensors", "windows"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 Choice = Literal[Kind, "orientations", "glasses"]
-"""What a study chooses among: parts, and of a real main lens which way round it stands and what it is made of."""
+"""Kind of choice in a study: parts, and of a real main lens its orientation and its glasses."""
 
 Confidence = Literal["measured", "datasheet", "secondary", "unverified", "typical"]
 """measured: by whom the provenance says; datasheet: read in the maker's own; secondary: read where others quote the
@@ -44,7 +44,7 @@ ALIKE = 0.05
 """Relative difference up to which a prescription's focal length is that of its catalogue line."""
 
 ELEMENT = "element."
-"""What places begin with of the element that a part is chosen for."""
+"""Prefix of places in the element that a part is chosen for."""
 
 SHIPPED = Path(__file__).with_name("catalogue")
 
@@ -63,7 +63,7 @@ class Option(StrictTable):
 
 
 class Entry(Option):
-    """What every part has."""
+    """Fields common to all parts of the catalogue."""
 
     maker: str = ""
     provenance: str
@@ -168,7 +168,7 @@ class SensorPart(Entry):
 
     @property
     def size(self) -> tuple[float, float]:
-        """Of the pixel field [mm]."""
+        """Width and height of the pixel field [mm]."""
         return self.pixels[0] * self.pixel, self.pixels[1] * self.pixel
 
     @model_validator(mode="after")

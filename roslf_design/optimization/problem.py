@@ -56,7 +56,7 @@ LOG_ABOVE = 4.0
 """Ratio of bounds from which a variable is scaled by its logarithm."""
 
 CUSTOM = ", custom"
-"""What the names of lenses end with that an optimum has otherwise than drawn."""
+"""Suffix to the name of a lens that an optimum has otherwise than drawn."""
 
 DERIVED = {
     "working_distance": "from the bore's tip (the farthest of FAP, stops and elements) to the focal plane; sets d_f",
@@ -177,9 +177,9 @@ class _Asked(StrictTable):
     at: Length | None = None
     """Ahead of the bore's tip [mm]."""
     field: Annotated[tuple[AnyLength, AnyLength] | None, BeforeValidator(_place)] = None
-    """Of the microlens, on the array [mm]."""
+    """Position of the microlens on the array [mm]."""
     temperature: Temperature | None = None
-    """Of the camera [degrees C]; that of its design where left out."""
+    """Temperature of the camera [degrees C]; the design's where left out."""
 
     @model_validator(mode="after")
     def _distance(self) -> _Asked:
@@ -222,7 +222,7 @@ class _Asked(StrictTable):
         return self.quantity(camera, self.at)
 
     def each(self, camera: Camera, over: SensorField | None = None) -> Array:
-        """The same, or (K, ...) of each of several rims; of the magnitude of something of either sign, that.
+        """Values of the quantity, (K, ...) where there are several rims; magnitudes where it has either sign.
 
         What hangs on how much the sensor sees is taken for the rectangle `over`, where one is given.
         """
@@ -234,7 +234,7 @@ class _Asked(StrictTable):
         return (self.quantity.signed or self.quantity.of)(camera, self.at)
 
     def judged(self, camera: Camera, traces: FieldTraces | None = None) -> Array:
-        """What designs are judged by: the quantity or, of what may have gone past infinity, the twin that goes on."""
+        """Values by which designs are judged: the quantity or, where it may pass infinity, its finite twin."""
         beyond = self.quantity.past_infinity
         return self.values(camera, traces) if beyond is None else beyond(self.warm(camera), self.at)
 
@@ -255,7 +255,7 @@ class Constraint(_Asked):
     min: Annotated[float, Field(allow_inf_nan=True)] | None = None
     """Text with a unit for lengths, or a number in the unit that the quantity's name ends with."""
     max: Annotated[float, Field(allow_inf_nan=True)] | None = None
-    """The same."""
+    """Largest value allowed; None where there is no limit."""
 
     @field_validator("min", "max", mode="before")
     @classmethod
@@ -290,7 +290,7 @@ class Constraint(_Asked):
         return f"{self.label} {SIGNS[side]}"
 
     def measured(self, camera: Camera, traces: FieldTraces | None = None) -> Array:
-        """What its rows are made of: the quantity, of each rim where there are several, or what is finite in its place.
+        """Values that the rows are made of: the quantity, one for each rim, or a finite stand-in.
 
         Of a fill factor the inverse, of the undistorted field `field_margins`.
         """
@@ -338,7 +338,7 @@ class Goal(_Asked):
         return 1.0 if self.direction == "min" else -1.0
 
     def worse(self, value: float, by: float) -> float:
-        """What is worse than a value by so much; infinity stays."""
+        """Worse value by so much in the goal's direction; infinity stays."""
         return value if math.isinf(value) else value + self.sign * by
 
     def held(self, value: float) -> Constraint:
@@ -396,9 +396,9 @@ class DesignProblem:
     in_focus: bool = False
     """Whether f_ml follows the focus of the microlenses."""
     given: Mapping[str, Any] = field(default_factory=dict)
-    """What stands in place of the base design's: a bore (its tip among it), parts of the catalogue."""
+    """Values in place of the base design's: a bore (its tip among it), parts of the catalogue."""
     scales: tuple[tuple[float, ...], tuple[float, ...]] | None = None
-    """What differences of constraints and goals are counted in; None: their spread over the box."""
+    """Units of the differences of constraints and of goals; None: their spread over the box."""
 
     @cached_property
     def base(self) -> Camera:
@@ -471,7 +471,7 @@ class DesignProblem:
         return self.base.replace(self.values(units), in_focus=self.in_focus)
 
     def following(self, unit: Array) -> dict[str, float]:
-        """What moves with the variables and is none, by its symbol where it has one, to its value [mm] at one point.
+        """Lengths that follow from the variables, by symbol or place, with their value [mm] at one point.
 
         Of f, d_f and d_1 the third; f_ml in focus; what a derived length sets.
         """
@@ -481,7 +481,7 @@ class DesignProblem:
         return {symbols.get(place, place): float(camera[place]) for place in dict.fromkeys(moved) if place not in own}
 
     def traces(self, cameras: Camera, lens: VariedLens | None = None) -> FieldTraces | None:
-        """What lies at the fields of cameras behind a real lens; None behind an ideal one, or where none is asked."""
+        """Traces at the fields of cameras behind a real lens; None where no field is asked for."""
         fields = tuple(dict.fromkeys(p.field for p in (*self.goals, *self.constraints) if p.field is not None))
         return None if self.design.lens is None or not fields else FieldTraces(self.design, fields, cameras, lens)
 
@@ -528,7 +528,7 @@ class DesignProblem:
         return sum(row.constraint < 0 for row in self.rows)
 
     def _always(self) -> Iterator[LimitRow]:
-        """What every camera must be, whatever the limits."""
+        """Rows that hold for every camera, whatever the limits."""
 
         def row(label: str, room: Callable[[Camera], Number]) -> LimitRow:
             return _own(label, lambda builds: room(builds.camera))
@@ -559,7 +559,7 @@ class DesignProblem:
                 yield _own(label, lambda builds, label=label: builds.lens.rooms[label])  # type: ignore[misc]
 
     def _kept_apart(self) -> Iterator[tuple[End, End, str]]:
-        """What must not come closer than to touch: elements, stops and elements, as they stand in the base design."""
+        """Pairs of ends that must not overlap: elements, stops and elements, in the order of the base design."""
         base, chain = self.base, self.base.chain
         named = [f"{element.kind} {k}" for k, element in enumerate(chain.elements, 1)]
 
@@ -666,7 +666,10 @@ class DesignProblem:
         )
 
     def sides(self) -> Iterator[DesignProblem]:
-        """Of each kink of the merit its two sides, both smooth: a goal kept finite, and infinite, where it is none."""
+        """Smooth problems on both sides of each kink of the merit.
+
+        A goal kept finite, and infinite, where it is none.
+        """
         limited, wanted = self._spreads
         for goal in self._bent if len(self.goals) > 1 else ():
             k = self.goals.index(goal)
@@ -678,25 +681,25 @@ class DesignProblem:
             )
 
     def with_scales(self) -> DesignProblem:
-        """The same problem with its scales written down, so that merits on other parts compare."""
+        """Problem with its present scales written down, so that merits on other parts compare."""
         return replace(self, scales=self._spreads)
 
     def goal_scale(self, goal: int) -> float:
-        """What a goal of either sign is counted in."""
+        """Unit in which a goal of either sign is counted."""
         return self._spreads[1][goal]
 
     def without(self, keep: frozenset[int]) -> DesignProblem:
-        """The same problem with only some of its constraints."""
+        """Problem with only some of its constraints."""
         scales = self.scales and (tuple(s for i, s in enumerate(self.scales[0]) if i in keep), self.scales[1])
         return replace(self, constraints=tuple(c for i, c in enumerate(self.constraints) if i in keep), scales=scales)
 
     def without_goals(self) -> DesignProblem:
-        """The same problem with nothing but its limits."""
+        """Problem with its limits and no goals."""
         return replace(self, goals=(), scales=self.scales and (self.scales[0], ()))
 
 
 def _own(label: str, room: Callable[[PosedBuilds], Number]) -> LimitRow:
-    """What every camera must be: not below 0."""
+    """Row of a clearance that no camera may have below 0."""
     return LimitRow(-1, "min", label, 1.0, lambda builds: np.asarray(ROOM - room(builds)))
 
 
@@ -727,7 +730,7 @@ IDLE = (".tilt.", ".wedge.", ".rotation", "microlens_array.decentre", "sensor.de
 
 
 def name_faults(names: Sequence[str], numbers: Mapping[str, Number], own: Sequence[str] = ()) -> Iterator[str]:
-    """What is wrong with variables' names: not known, or setting a place twice.
+    """Faults of variables' names: unknown, or setting a place twice.
 
     In a design with these numbers, and a real lens with places of its `own`.
     """

@@ -64,11 +64,11 @@ FOCAL, _, DISTANCE = CONJUGATES
 Flags = NDArray[np.bool_]
 
 Nearby = Literal["smooth", "zero", "pole", "jump"]
-"""What a quantity does where the focal plane comes to the bore: nothing, go to zero, or to infinity, from above or with
-either sign."""
+"""Behaviour of a quantity where the focal plane comes to the bore: it stays, goes to zero, or to infinity, from
+above or with either sign."""
 
 ROUNDING = 1e-9
-"""What bounds leave for rounding, relative."""
+"""Allowance of bounds for rounding, relative."""
 CHUNK = 8_000
 """Boxes evaluated at once: their corners stay in a processor's cache."""
 CORNERS = 500
@@ -98,7 +98,7 @@ class CatalogueTable(StrictTable):
     """Parts to choose among."""
 
     kinds: Annotated[tuple[Choice, ...], Field(min_length=1)] = ("lenses", "microlens_arrays", "sensors")
-    """Of a real main lens also which way round it stands, and what a custom one is made of."""
+    """Kinds of parts to choose; of a real main lens also its orientation, and the glasses of a custom one."""
     where: dict[Kind, Conditions] = Field(default_factory=dict)
     """Kind to conditions for its parts, as `roslf catalogue --where` takes them: lenses = ["focal_length<=20 mm"]."""
     only: dict[Choice, tuple[str, ...]] = Field(default_factory=dict)
@@ -112,7 +112,7 @@ class CatalogueTable(StrictTable):
     keep: Annotated[int, Field(ge=1, le=100)] = 10
 
     def faults_behind(self, lens: Prescription, shaped: Sequence[str]) -> Iterator[Problem]:
-        """What does not go together with a real main lens, of which places vary."""
+        """Faults of a choice that does not go together with a real main lens, given its variables."""
         if "windows" in self.kinds:
             words = f"with a real main lens ({lens.name}) windows are not chosen; leave the kind out"
             yield Problem("catalogue.kinds", words)
@@ -191,7 +191,7 @@ class Combinations:
     problem: DesignProblem
     kinds: tuple[Choice, ...]
     parts: tuple[tuple[Option, ...], ...]
-    """Of each kind."""
+    """Parts of each kind."""
     element: int | None = None
     """Which of the design's a window is for."""
 
@@ -253,7 +253,7 @@ class Combinations:
         ]
 
     def _numbers(self, part: Option) -> dict[str, Any]:
-        """What a part gives by its place; of a material also the index that the problem's light has in it."""
+        """Numbers that a part sets, by place; of a material also the index that the problem's light has in it."""
         numbers = {placed(place, self.element): value for place, value in part.numbers.items()}
         wavelength, environment = float(self.problem.base.wavelength), self.problem.design.environment
         if isinstance(part, LensPart) and self.problem.design.lens is not None and part.prescription is not None:
@@ -527,7 +527,7 @@ def _sensor_fields(cameras: Camera, ahead: Flags) -> tuple[SensorField, SensorFi
 
 @lru_cache(maxsize=256)
 def _near_the_bore(part: Constraint | Goal, base: Camera) -> Nearby:
-    """What a quantity does where the focal plane comes to the bore, from two cameras where it nearly does."""
+    """Behaviour of a quantity as the focal plane comes to the bore, from two cameras where it nearly does."""
     gaps = np.array([1e-6, 1e-9])
     values = part.each(base.replace({"aperture.distance": base[CONJUGATES[1]] * (1 - gaps)}), sensor_field(base))
     near, nearer = np.broadcast_arrays(np.abs(values), gaps)[0].reshape(-1, 2)[0]
@@ -560,7 +560,7 @@ class Ranking:
     nearest: int | None = None
     """Where none is feasible, the combination that comes nearest among those that were searched."""
     conflict: Conflict | None = None
-    """What stands in its way; None where it makes no camera at all."""
+    """Conflict that keeps it from being feasible; None where it makes no camera at all."""
 
 
 def rank(

@@ -31,11 +31,11 @@ SHARP = (0.3, 0.1, 0.03, 0.01)
 FRESH = 16
 """Times as many trials for the final figures."""
 HARD = 20.0
-"""What a share of the yield, or of the goal, that is missing costs against what is maximised."""
+"""Penalty on a missing share of the yield, or of the goal, against what is maximised."""
 
 
 class PerturbTable(StrictTable):
-    """What a build misses."""
+    """Perturbation of one or more places in a robust study."""
 
     place: tuple[str, ...]
     tolerance: str | float
@@ -49,7 +49,7 @@ class PerturbTable(StrictTable):
 
 
 class RobustTable(StrictTable):
-    """What to make of builds that scatter."""
+    """Settings of a robust optimisation."""
 
     maximise: Literal["yield", "quantile"] = "yield"
     """"yield": the share of builds that hold every constraint; "quantile": the first goal, as `quantile` of the builds
@@ -64,7 +64,7 @@ class RobustTable(StrictTable):
 
 @dataclass(frozen=True)
 class Scatter:
-    """What builds miss, and their deviations."""
+    """Perturbations of builds, and their deviations."""
 
     perturbations: tuple[Perturbation, ...]
     deviations: Array
@@ -72,7 +72,7 @@ class Scatter:
     fresh: Array
     """Others, for the final figures."""
     relative: tuple[bool, ...]
-    """Of each, whether its tolerance is a share of the nominal value."""
+    """True where a perturbation's tolerance is a share of the nominal value."""
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class BuildStatistics:
     yield_: Yield
     goal_nominal: float
     goal_quantile: float
-    """What `quantile` of the builds reach; not finite where too many are no cameras."""
+    """Value of the goal that `quantile` of the builds reach; not finite where too many are no cameras."""
     each: tuple[float, ...]
     """Share of builds that hold each constraint."""
 
@@ -96,7 +96,7 @@ class Robust:
     nominal: BuildStatistics
     robust: BuildStatistics
     constraint_yields: tuple[tuple[str, float, float], ...]
-    """Of each constraint: label, share of nominal and of robust builds that hold it."""
+    """Yields of each constraint: label, share of nominal and of robust builds that hold it."""
     trials: int
     evaluations: int
 
@@ -189,7 +189,7 @@ def maximise_robustness(
 
 @dataclass(frozen=True)
 class _Aim:
-    """What is made of the builds."""
+    """Merit of a design over its builds."""
 
     problem: DesignProblem
     """With the first goal alone."""

@@ -19,12 +19,13 @@ from numpy.typing import ArrayLike, NDArray
 from .._arrays import Array
 
 Vector = Callable[[Array], Array]
-"""What is searched: merit and rows that must not be above 0, shape (1 + rows, N), at points (N, n) of the unit box."""
+"""Function that is searched: merit and rows that must not be above 0, shape (1 + rows, N), at points (N, n) of the
+unit box."""
 
 Global = Literal["crs2", "isres"]
 
 BIG = 1e6
-"""What stands for infinity: far beyond any merit or row of a camera."""
+"""Stand-in for infinity: far beyond any merit or row of a camera."""
 FEASIBLE = 1e-9
 """Largest violation of a scaled row that counts as none: 1e-9 of a limit."""
 XTOL, FTOL = 1e-11, 1e-14
@@ -36,10 +37,10 @@ ROW_TOLERANCE = 1e-11
 NEAR = 1e-7
 """Rows this close to their limit are put exactly on it in the end."""
 LARGEST_SLACK = 50.0
-"""Of a scaled row that is relaxed; what is worse is cut off there."""
+"""Largest slack of a scaled row that is relaxed; what is worse is cut off there."""
 
 STEP = 5e-4
-"""Of differences, in the unit box."""
+"""Step of finite differences, in the unit box."""
 CENTRAL = (np.array([-2.0, -1.0, 1.0, 2.0]), np.array([1.0, -8.0, 8.0, -1.0]) / 12)
 FORWARD = (np.array([1.0, 2.0, 3.0, 4.0]), np.array([48.0, -36.0, 16.0, -3.0]) / 12)
 """Offsets in steps, and weights; FORWARD also takes -25/12 of the middle."""
@@ -109,13 +110,13 @@ class SearchBudget:
 
     @property
     def ended(self) -> Literal["", "evaluations", "seconds"]:
-        """What ran out; "" where more may be tried."""
+        """Budget that ran out first; "" where more may be tried."""
         if self.evaluations <= 0:
             return "evaluations"
         return "seconds" if time.monotonic() > self.deadline else ""
 
     def at_least(self, evaluations: float, seconds: float) -> SearchBudget:
-        """The same with so much left."""
+        """Budget with at least so much left."""
         return SearchBudget(max(self.evaluations, evaluations), max(self.deadline, time.monotonic() + seconds))
 
 
@@ -349,7 +350,7 @@ def least_violation(
 
 @dataclass(frozen=True)
 class Search:
-    """What one search found."""
+    """Result of one search."""
 
     unit: Array
     """Scaled variables."""

@@ -54,7 +54,7 @@ TOUCHING = 1e-6
 FRESH = 6
 """Sobol points from which it is asked whether some of the limits can hold, and for the ends of a front."""
 HAIR = 1e-6
-"""What an end of a front gives of its own goal, relatively, to be told apart from worse designs as good in it."""
+"""Relative loss in its own goal that an end of a front accepts, to leave worse designs that are as good in it."""
 
 LARGEST = 1e300
 """Where numbers are compared, what stands for infinity."""
@@ -71,7 +71,7 @@ class SolverTable(StrictTable):
     starts: Annotated[int, Field(ge=1, le=4096)] = 16
     """Local searches, from Sobol points."""
     evaluations: Annotated[int, Field(ge=10)] = 300
-    """Of one local run."""
+    """Evaluations of one local run."""
     budget: Annotated[int, Field(ge=100)] = 30_000
     """Evaluations for the whole problem; a front, robustness and a catalogue have as many more each."""
     seconds: Annotated[float, Field(gt=0)] | None = None
@@ -83,11 +83,11 @@ class SolverTable(StrictTable):
 
 
 class Settings(SolverTable):
-    """The same with what a command may say instead."""
+    """Settings of the solver, those that only a command gives included."""
 
     seed: int = 0
     accuracy: float | None = None
-    """What the merit may be off by (0.01: 1 % of a goal); None polishes every search to rounding."""
+    """Error allowed in the merit (0.01: 1 % of a goal); None polishes every search to rounding."""
 
     def fresh(self) -> SearchBudget:
         """All that may be tried, from now on."""
@@ -112,12 +112,12 @@ USUAL = Settings()
 
 @dataclass(frozen=True)
 class Check:
-    """What another solver found."""
+    """Result of the second solver."""
 
     solver: str
     evaluations: int
     merit: float | None
-    """Of its own best feasible point; None where it met none."""
+    """Merit of its own best feasible point; None where it met none."""
     polished: Search
     """A local search from its best point."""
 
@@ -139,14 +139,14 @@ class Active:
     limit: str
     """E.g. ``fill_factor <= 1`` or ``d_3 <= 8 mm``."""
     unit: str
-    """Of the limit."""
+    """Unit of the limit."""
     multiplier: float
     """Change of the scaled merit per unit of the scaled row; 0 where the limit only happens to be touched."""
     merit_gain_per_unit: float | None
     """By how much the merit falls (0.01: the goals get 1 % better) where the limit is relaxed by one unit; None where
     it cannot be."""
     goal_gain_per_unit: float | None
-    """The same for a single goal, in the goal's unit: how much better it gets."""
+    """Gain of a single goal per unit of the limit, in the goal's unit: how much better it gets."""
     bound: bool = False
     """Whether it is a variable's bound, else a limit."""
     always: bool = False
@@ -172,13 +172,13 @@ class Relaxation:
     limit: float
     """As asked."""
     needed: float | None
-    """What it would have to be; None where moving it alone does not help."""
+    """Limit that would make the problem feasible; None where moving it alone does not help."""
     unit: str
 
 
 @dataclass(frozen=True)
 class Conflict:
-    """What stands in the way."""
+    """Conflict of limits, where nothing is feasible."""
 
     unit: Array
     """The least-violating point."""
@@ -193,7 +193,7 @@ class Conflict:
     """Bounds of variables that the least-violating point touches: relaxing these may help too."""
     feasible_after_all: bool = False
     always: tuple[str, ...] = ()
-    """What every camera must be and the least-violating point is not."""
+    """Conditions on every camera that the least-violating point breaks."""
     undefined: tuple[str, ...] = ()
     """Goals that are undefined where the limits hold."""
 
@@ -210,7 +210,7 @@ class Conflict:
 
 @dataclass(frozen=True)
 class Answer:
-    """What was found."""
+    """Answer of the optimiser, with how far to trust it."""
 
     problem: DesignProblem
     """As solved: of a lexicographic order, the last stage."""
@@ -224,8 +224,8 @@ class Answer:
     active: tuple[Active, ...]
     """Limits that the optimum rests on; none where infeasible."""
     residual: float
-    """Of the first-order conditions: length of what no multiplier explains, over the length of the merit's gradient;
-    infinite where the merit has none."""
+    """Residual of the first-order conditions: length of what no multiplier explains, over the length of the merit's
+    gradient; infinite where the merit has none."""
     conflict: Conflict | None
     """Why nothing is feasible; None where something is."""
     searches: tuple[Search, ...]
@@ -237,7 +237,7 @@ class Answer:
     notes: tuple[str, ...]
     settings: Settings
     ended: Literal["", "evaluations", "seconds"] = ""
-    """What the search was ended by before its own end."""
+    """Budget that ended the search before its own end; "" where none did."""
     gained: float = 0.0
     """By how much the merit fell when the best was polished once more: what the searches had left."""
 
@@ -601,7 +601,7 @@ class _Pool:
         return violation_of(rows) <= FEASIBLE
 
     def alone(self, index: int, side: Side) -> Relaxation:
-        """What one limit would have to be, all others kept."""
+        """Relaxation of one limit, all others kept, that makes the problem feasible."""
         constraint = self.problem.constraints[index]
         soft = np.array([row.constraint == index and row.side == side for row in self.problem.rows])
         guard = Guard(self.problem.without_goals().vector, self.budget)

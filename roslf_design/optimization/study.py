@@ -90,11 +90,11 @@ class StudyTable(StrictTable):
 
     @property
     def rims(self) -> tuple[Stop, ...]:
-        """Of the bore; empty where the design's aperture stands."""
+        """Rims of the bore; empty where the design's aperture stands."""
         return () if self.bore is None else self.bore.rims
 
     def faults(self, design: Design) -> Iterator[Problem]:
-        """What does not go together, in a study of a design."""
+        """Faults of a study against its design."""
         names, numbers = tuple(self.variables), Camera.of(design).numbers
         own = () if design.lens is None else places_that_vary(design.lens)
         yield from (Problem("variables", words) for words in name_faults(names, numbers, own))
@@ -145,7 +145,7 @@ class StudyTable(StrictTable):
                 yield Problem("catalogue", words)
 
     def _faults_behind(self, design: Design, lens: Prescription) -> Iterator[Problem]:
-        """What does not go together with a real main lens."""
+        """Faults of a study with a real main lens."""
         places = {PATHS.get(name, name) for name in self.variables}
         shaped = sorted(place for place in places if varies_lens(place))
         if PATHS["D"] in places:
@@ -229,7 +229,7 @@ def read_study(
     seed: int | None = None,
     design: Design | None = None,
 ) -> OptimizeStudy:
-    """The same from nested values, with `folder` for the files they name; a design takes the place of their own."""
+    """Study from nested values, with `folder` for the files they name; a design takes the place of their own."""
     faults: list[Problem] = []
     data, design = studied(data, folder, design, faults)
     table = None
@@ -259,7 +259,7 @@ class Result:
     retrace: Retrace | None
     """Behind a real lens."""
     part_retraces: tuple[Retrace, ...]
-    """The same of the best combinations of parts, in their order."""
+    """Retraces of the best combinations of parts, in their order."""
     seconds: float
 
 

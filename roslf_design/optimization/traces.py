@@ -1,4 +1,4 @@
-"""What lies at single fields of cameras behind a real main lens, traced: the same builds that tolerance studies trace.
+"""Traces at single fields of cameras behind a real main lens: the same builds that tolerance studies trace.
 
 What belongs to the camera as a whole follows from the lens's own first order, its focal length and principal planes.
 """
@@ -30,11 +30,11 @@ Field = tuple[float, float]
 """A microlens's place on the array [mm]."""
 
 AHEAD = ("aperture", "stops.", "elements.")
-"""What begins the places of all that stands before the lens."""
+"""Prefixes of places of all that stands before the lens."""
 
 
 def faults_behind(design: Design, name: str, quantity: Quantity, at_field: bool) -> Iterator[str]:
-    """What is wrong with asking for a quantity of a design behind a real lens."""
+    """Faults of asking for a quantity of a design behind a real lens."""
     assert design.lens is not None
     lens = design.lens.name
     if quantity.name in AS_IF_THIN:
@@ -115,7 +115,7 @@ class FieldTraces:
 
 @dataclass(frozen=True)
 class Clearance:
-    """What must not stand inside a real lens."""
+    """Clearance around a real lens, which nothing may stand inside."""
 
     label: str
     room: Callable[[Camera, VariedLens], Number]
@@ -123,7 +123,7 @@ class Clearance:
 
 
 def clearances(design: Design, moved: set[str]) -> Iterator[Clearance]:
-    """Of the array, and of stops and elements of which places move."""
+    """Clearances of the array, and of stops and elements of which places move."""
     focal = float(Camera.of(design).f)
 
     def array(c: Camera, lens: VariedLens) -> Number:

@@ -43,7 +43,7 @@ class Layout(NamedTuple):
     """The farthest element's scene side: distance; A, B, C, D, index, E and F (x, y) of its `ImagedPlane`; where the
     scene sees the entrance pupil; (11,)."""
     law: Floats
-    """Of an objective with a mapping (`..lenses.angles`); no rows where there is none."""
+    """Mapping of an objective (`..lenses.angles`); no rows where there is none."""
 
 
 def lay_out(camera: Camera) -> Layout:

@@ -24,7 +24,7 @@ Floats = NDArray[np.float64]
 NODES = 9
 """Microlenses along each axis of the array at which exact outlines are sought."""
 POINTS = 24
-"""Of an outline."""
+"""Points of an outline."""
 STEPS = 40
 """Towards it, each of which leaves as much of the miss as exact rays differ from first order."""
 SETTLED = 1e-10
@@ -41,7 +41,7 @@ class ExactDiscs:
     rims: tuple[int, ...]
     """Which of the stops of `stop_discs`; the FAP is 0."""
     middle: Floats
-    """Of that part, from the main lens's centre (2,) [mm]."""
+    """Middle of that part of the array, from the main lens's centre (2,) [mm]."""
     half: Floats
     """Half its size (2,) [mm]."""
     moves: Floats

@@ -1,4 +1,4 @@
-"""What a report is made of: plain frozen data that HTML (and any later format) is written from.
+"""Blocks of a report: plain frozen data that HTML (and any later format) is written from.
 
 In all text, symbols written as ``d_3`` or ``D_F`` are set with a subscript.
 """
@@ -42,7 +42,7 @@ class Statement:
     text: str
     """The answer with its margin."""
     remedy: str = ""
-    """What would mend it; empty where nothing needs mending."""
+    """Remedy in a sentence; empty where nothing needs mending."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class Figure:
     """Short and unique on the page; the anchor is ``figure-`` and this."""
     title: str
     caption: str
-    """What to see, and what follows for the design."""
+    """Caption: what to see, and what follows for the design."""
     content: str | bytes
     """SVG text, or the bytes of a PNG."""
     description: str = ""
@@ -125,13 +125,13 @@ def _plain(letter: str) -> str:
 
 
 class Finding(NamedTuple):
-    """What a study found of a design, for that design's report."""
+    """Finding of a study about a design, for that design's report."""
 
     section: Section
     statement: Statement | None = None
     """The answer, for the summary."""
     seed: str = ""
-    """Of what chance had a part in, as a sentence."""
+    """Sentence about the seed of what chance had a part in; empty where it had none."""
 
 
 @dataclass(frozen=True)

@@ -28,12 +28,12 @@ if TYPE_CHECKING:
 
 Paper = Literal["a4", "letter"]
 PAGES = {"a4": "a4", "letter": "us-letter"}
-"""What typst calls them."""
+"""Paper sizes by typst's names."""
 DOCUMENT = Path(__file__).with_name("templates") / "report.typ"
 
 SCRIPT = Path(__file__).with_name("templates") / "viewer.js"
 POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
-"""Of pages without scripts. Drawings and tables bring their own styles."""
+"""Content security policy of pages without scripts. Drawings and tables bring their own styles."""
 
 
 def render_html(report: Report) -> str:
@@ -47,7 +47,7 @@ def render_html(report: Report) -> str:
 
 
 def _policy(scripts: Iterable[str]) -> str:
-    """What the page may do: show what is in it, and run these scripts of its own, whatever else got into it."""
+    """Content security policy of a page: it shows what is in it, and runs these scripts of its own, nothing else."""
     hashes = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
     allowed = " ".join(f"'sha256-{value}'" for value in hashes)
     return POLICY + (f"; script-src {allowed}" if allowed else "")
@@ -132,7 +132,7 @@ def render_tables(report: Report) -> dict[str, bytes]:
 
 
 def _packed(pdf: bytes) -> bytes:
-    """The same document, its tags for screen readers packed as well: nearly half as large; as it is without pikepdf."""
+    """PDF with its tags for screen readers packed as well: nearly half as large. Unchanged where pikepdf is missing."""
     try:
         import pikepdf
     except ModuleNotFoundError:
@@ -189,7 +189,10 @@ def _block(block: Block, root: Path) -> dict[str, Any]:
 
 
 def _share_of_page(content: str | bytes) -> float:
-    """Of the text's width: drawings narrower than the page stay so, and letters as large as in all others."""
+    """Share of the text's width that a drawing takes.
+
+    Drawings narrower than the page stay so, and letters as large as in all others.
+    """
     width = re.search(r'width="([\d.]+)(pt|)"', content[:400]) if isinstance(content, str) else None
     pixels = {"pt": 96 / 72, "": 1.0}
     return 1.0 if width is None else min(1.0, float(width[1]) * pixels[width[2]] / PAGE)

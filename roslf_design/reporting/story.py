@@ -49,7 +49,7 @@ from .tolerance.pages import tolerance_finding
 
 TAKES = re.compile(r"best|robust|parts-\d\d")
 STUDIES = ("optimize", "tolerance", "calibration", "calibrated")
-"""What a part may be."""
+"""Kinds of study that a part may be."""
 
 
 class Opening(StrictTable):
@@ -70,7 +70,7 @@ class StoryPart(StrictTable):
     calibrated: str | None = None
     """Folder of a calibration that was made, relative to the story."""
     take: str = "best"
-    """Of an optimisation: which of its designs goes on."""
+    """Name of the design of an optimisation that goes on to the next part."""
 
     @field_validator("take")
     @classmethod
@@ -114,14 +114,14 @@ class Story:
     table: StoryTable
     design: Design
     studies: Mapping[int, Mapping[str, Any]]
-    """What a part's file says, by the part's index; so for calibrations."""
+    """Content of a part's study file, by the part's index; so for calibrations."""
     folder: Path
     origin: str
     calibrations: Mapping[int, Calibrated]
 
 
 def load_story_or_study(path: Path) -> tuple[Kind, Story | None]:
-    """What kind of file a path (or a preset's name) names, and the story where it is one; errors as of `read_story`."""
+    """Kind of file that a path (or a preset's name) names, and the story where it is one. Errors as of `read_story`."""
     if not path.exists() and (str(path) in preset_names() or not path.suffix):  # what is no preset, `load` tells
         return "design", None
     data = read_toml(path, str(path))
@@ -365,12 +365,12 @@ class Walked(NamedTuple):
     """A part of a story that has run."""
 
     outcome: Result | StudyResult | AsBuilt | CalibrationPart | Calibrated
-    """What it found; of a plan what is asked for."""
+    """Result of the part; of a plan the captures asked for."""
     before: Design
     design: Design
-    """That goes on."""
+    """Design that goes on to the next part."""
     name: str
-    """Of its study."""
+    """Name of the part's study."""
     take: str
 
 
@@ -440,7 +440,7 @@ def datasheet_of(
 
 
 def _basis_of(story: Story, parts: Sequence[Walked]) -> Basis:
-    """What the parts of a story tell of the design that it ends with."""
+    """Sources of tolerances among the parts of a story, for the design that it ends with."""
     design = parts[-1].design
     built: AsBuilt | None = None
     known: Known | None = None
@@ -472,7 +472,7 @@ def _known_if_told(calibration: Path, named: Design) -> Known | None:
 
 
 def _first_look(design: Design, seed: int, progress: Tell, known: Mapping[str, Finding]) -> dict[str, Finding]:
-    """What is known of a design, with a first look at tolerances and a calibration plan where these are not."""
+    """Findings about a design, with a first look at tolerances and a calibration plan where these are not known."""
     findings = dict(known)
     if "tolerances" not in known:
         look = quick_tolerances(design, seed, _counted(progress, "tolerances"))
@@ -506,7 +506,7 @@ def _nothing(result: Result, name: str) -> str:
 
 
 def _without_design(result: Result, *, command: str = "", stamp: tuple[str, ...] = ()) -> Report:
-    """Of an optimisation that found no design: what stands in the way."""
+    """Report of an optimisation that found no design: what stands in the way."""
     asked, finding = result.answer.asked, optimization_finding(result)
     summary = Section("Summary", (Statements(tuple(statements(result))),))
     sections = (summary, finding.section, making(command, (finding.seed,), stamp))

@@ -13,7 +13,7 @@ from ..theory.sweep import Sweep
 from ..words import in_words
 
 TALL = 230.0
-"""Of each panel [px]."""
+"""Height of each panel [px]."""
 
 
 def sweep_picture(swept: Sweep, design: str) -> Picture:

@@ -1,4 +1,4 @@
-"""What is looked at: white field, textured planes, point sources, spheres, tubes; TOML in."""
+"""Scenes before the camera: white field, textured planes, point sources, spheres, tubes; TOML in."""
 
 from .objects import Checkerboard, Noise, PictureTexture, Plane, Points, Sinusoid, Sphere, Tube, Uniform, White
 from .scene import WHITE_FIELD, Scene, SceneError, SceneLight, load_scene, loads_scene, make_scene

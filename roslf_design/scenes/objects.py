@@ -1,4 +1,4 @@
-"""What may stand in object space, and the textures on it.
+"""Objects that may stand in object space, and the textures on them.
 
 Positions are (x, y) [mm] off the axis and distances Z from the main lens [mm]. A texture gives the radiance over a
 surface's own coordinates (u, v) [mm]; 1 is fully lit white.
@@ -28,7 +28,7 @@ Level = Annotated[float, Field(ge=0, le=MOST_LIGHT)]
 
 
 class Uniform(Part):
-    """The same everywhere."""
+    """Texture that is uniform."""
 
     kind: Literal["uniform"] = "uniform"
     level: Level = 1.0

@@ -48,10 +48,10 @@ class SceneLight(Part):
 
 
 class Scene(Part):
-    """What the camera looks at. Radiance 1 is fully lit white; an object hides what lies behind it."""
+    """Scene that the camera looks at. Radiance 1 is fully lit white; an object hides what lies behind it."""
 
     name: str = ""
-    """What the scene is called."""
+    """Name of the scene."""
     objects: Annotated[tuple[Object, ...], Field(max_length=200)] = (White(),)
     """In any order."""
     background: Level = 0.0
@@ -84,7 +84,7 @@ class Scene(Part):
         return tuple(thing for thing in self.objects if not isinstance(thing, Points))
 
     def in_light(self, wavelengths: tuple[float, ...]) -> Scene:
-        """The same in equal parts of light at some wavelengths [mm]."""
+        """Scene in equal parts of light at some wavelengths [mm]."""
         return self.model_copy(update={"light": self.light.model_copy(update={"wavelengths": wavelengths})})
 
     def brief(self, design: Design) -> SceneBrief:

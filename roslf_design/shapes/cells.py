@@ -162,7 +162,7 @@ def _arcs_inside(discs: Floats, arcs: Floats, count: int, polygon: Floats, work:
 
 
 def _edges_inside(discs: Floats, polygon: Floats) -> float:
-    """The same integral along those parts of the polygon's edges that lie in all discs."""
+    """Boundary integral along those parts of the polygon's edges that lie in all discs."""
     corners = len(polygon)
     total = 0.0
     for e in range(corners):

@@ -219,7 +219,7 @@ def exclude(start: float, length: float, origin: float, m: int, intervals: Float
 
 @kernel()
 def leave(origin: float, m: int, intervals: Floats, out: Floats, filled: int) -> int:
-    """What the union of m >= 1 excluded intervals leaves of a turn: rows (start, end) of ``out``, from `filled` on.
+    """Part of a turn outside m >= 1 excluded intervals: rows (start, end) of ``out``, from `filled` on.
 
     `origin` must be the start of one of the intervals, so that no part that is left runs across it. Returns the number
     of rows then filled.

@@ -21,7 +21,7 @@ Floats = NDArray[np.float64]
 Array = Floats
 
 EMPTY, CLIPPED, FULL = 0, 1, 2
-"""What is left of disc 0."""
+"""States of disc 0: nothing left, part left, whole."""
 
 
 INTERPRETED_BELOW = 4096
@@ -32,7 +32,7 @@ LARGEST = 1e70
 
 
 class ClipStatus(IntEnum):
-    """What is left of disc 0."""
+    """State of disc 0: what other discs leave of it."""
 
     EMPTY = EMPTY
     CLIPPED = CLIPPED
@@ -184,7 +184,7 @@ class Chords(NamedTuple):
     height: Array
     """Where each lies along y [mm], shape (..., N)."""
     weight: Array
-    """Of each in an integral along y [mm]."""
+    """Weight of each chord in an integral along y [mm]."""
     left: Array
     """Where each begins along x [mm]."""
     right: Array
@@ -236,7 +236,7 @@ def heights(low: ArrayLike, high: ArrayLike, rows: int) -> tuple[Array, Array]:
 
 
 class Outline(NamedTuple):
-    """What a closed line through points encloses, from its first edge to its last; straight between points' heights."""
+    """Outline of a closed line through points, from its first edge to its last; straight between points' heights."""
 
     steps: Array
     """Heights of the points, rising, shape (K,) [mm]."""
@@ -246,7 +246,7 @@ class Outline(NamedTuple):
 
     @classmethod
     def of(cls, points: Array) -> Outline:
-        """Of points (K, 2) [mm] whose line does not cross itself."""
+        """Outline of points (K, 2) [mm] whose line does not cross itself."""
         steps = np.unique(points[:, 1])
         (x0, y0), (x1, y1) = points.T[..., None, None], np.roll(points, -1, axis=0).T[..., None, None]
         between = np.stack([steps[:-1], steps[1:]], axis=-1)

@@ -48,7 +48,7 @@ def intersect_ellipses(centres: ArrayLike, matrices: ArrayLike) -> DiscIntersect
 
 @kernel()
 def value(p: Array, c: float, s: float) -> float:
-    """Of a trigonometric polynomial of degree 2, coefficients of 1, cos, sin, cos 2x and sin 2x."""
+    """Value of a trigonometric polynomial of degree 2, coefficients of 1, cos, sin, cos 2x and sin 2x."""
     at: float = p[0] + p[1] * c + p[2] * s + p[3] * (c * c - s * s) + p[4] * 2.0 * c * s
     return at
 

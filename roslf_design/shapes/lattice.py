@@ -28,7 +28,7 @@ class Lattice(NamedTuple):
     """Width and height of the array along its own axes [mm]."""
     layout: Layout = "square"
     rotation: float = 0.0
-    """Of the array about its own centre [rad], counterclockwise."""
+    """Rotation of the array about its own centre [rad], counterclockwise."""
     decentre: tuple[float, float] = (0.0, 0.0)
     """Where its centre is [mm]."""
 

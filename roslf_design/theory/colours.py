@@ -32,7 +32,7 @@ class ColourFilter(NamedTuple):
     """Electrons per photon of its band, over the bare sensor's quantum efficiency: what the filter lets pass, and less
     in red and blue, where silicon tells less. An assumption, about as such curves have it at their peaks."""
     share: float
-    """Of all pixels."""
+    """Share of all pixels that have this filter."""
     spacing: float
     """Between a pixel of the colour and the nearest others [pixels]: finer detail than two of these, in the worst
     direction, is folded."""
@@ -43,7 +43,7 @@ FILTERS = (
     ColourFilter("G", "green", 535e-6, 0.8, 1 / 2, 2.0**0.5),
     ColourFilter("B", "blue", 460e-6, 0.7, 1 / 4, 2.0),
 )
-"""Of a Bayer pattern, whatever its order."""
+"""Filters of a Bayer pattern, whatever its order."""
 GREEN = FILTERS[1]
 
 
@@ -58,7 +58,7 @@ def per_watt(one: ColourFilter) -> float:
 
 
 BRIGHTEST = max(map(per_watt, FILTERS))
-"""Of the brightest colour."""
+"""Signal per watt of the brightest colour's pixels."""
 
 
 def mixed(c: Camera) -> Camera:

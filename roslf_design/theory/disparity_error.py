@@ -62,7 +62,8 @@ MANY = 32
 NEARLY_ALIKE, CELL = 256, 0.05
 """Images from which series stand in for sums, and the side of the cells that they are for, in logarithms: to 1e-5."""
 WIDE_DEGREE, WIDE_CELL = 5, 0.4
-"""Of the series where images differ by more than two such cells: to 5e-4 rms, 1.5e-3 at most."""
+"""Degree and cell of the series where images differ by more than two finer cells: errors of 5e-4 rms, 1.5e-3 at most.
+"""
 NESTED = np.array([0.0, 1.0, -1.0, -0.577, 0.659, -0.839])
 """Places along an axis, each where it adds most to those before it (Leja)."""
 CLOSE, STEP = 0.02, 1e-5
@@ -84,7 +85,7 @@ class Seen(NamedTuple):
 
 
 class Spectrum(NamedTuple):
-    """What a texture has at some waves, each with its mirror image; shape (..., W), leading axes broadcast."""
+    """Spectrum of a texture at some waves, each with its mirror image; shape (..., W), leading axes broadcast."""
 
     x: Array
     """kappa along the lattice's x [periods per microlens pitch]."""
@@ -97,13 +98,13 @@ class Texture(NamedTuple):
     """Spectra that differ in how fine and how strong they are, and in nothing else."""
 
     fine: Array
-    """What `waves` count in [periods per microlens pitch], shape (...)."""
+    """Unit of the waves' frequencies [periods per microlens pitch], shape (...)."""
     strength: Array
-    """What their power counts in, shape (...)."""
+    """Unit of the waves' power, shape (...)."""
     waves: Spectrum
     """Shape (W,)."""
     lens_shape: str | None = None
-    """Of the microlenses whose width is yet to blur them; None: they are as single views show them."""
+    """Shape of the microlenses whose width is yet to blur the waves; None: they are as single views show them."""
 
     def at(self, index: NDArray[np.intp]) -> Texture:
         """Some of them."""
@@ -121,7 +122,7 @@ Spectra = tuple[Complex, Complex, Complex]
 
 
 class _Array(NamedTuple):
-    """Of a microlens array what its images hang on beside lengths."""
+    """Kind of microlens array: what its images depend on beside lengths."""
 
     layout: str
     lens_shape: str
@@ -210,7 +211,7 @@ def view_gradient(c: Camera, plane: Seen) -> Array:
 
 
 def _footprint(lens_shape: str, x: Array, y: Array) -> Array:
-    """What the microlens's own width passes of detail of so many periods per pitch."""
+    """Transfer of the microlens's own width at detail of so many periods per pitch."""
     if lens_shape == "square":
         return np.asarray(np.sinc(x) * np.sinc(y))
     from scipy.special import j1
@@ -413,17 +414,18 @@ def _sharpened(images: _Images, c: _Array, level: int, whole: bool) -> Array:
 
 
 class _Spectra(NamedTuple):
-    """What stops leave of each wave, before diffraction; arrays of shape (N, 1 + W, S, S)."""
+    """Spectra of the light of each wave that stops leave, before diffraction; arrays of shape (N, 1 + W, S, S)."""
 
     kx: Array
-    """Of no wave, which all of the light is divided over, and of the texture's; shape (N, 1 + W, 1, 1)."""
+    """Frequencies along x: of the uniform light, by which all is divided, then of the texture's waves; shape (N, 1 + W,
+    1, 1)."""
     ky: Array
     fx: Array
     fy: Array
     cell: float
     parts: Spectra
     power: Array
-    """Of the texture's waves, shape (N, W)."""
+    """Power of the texture's waves, shape (N, W)."""
 
 
 def _spectra(images: _Images, waves: Spectrum, c: _Array, level: int, whole: bool) -> _Spectra:
@@ -478,7 +480,7 @@ def _whole(images: _Images, fx: Array, fy: Array) -> Spectra:
 
 
 def _cut(images: _Images, fx: Array, fy: Array) -> Spectra:
-    """The same of a disc that others cut, row by row."""
+    """Fourier transforms of a disc that others cut and of its first moments along x and y [pitches], row by row."""
     finest = 2 * math.pi * float((np.abs(fy).max((1, 2, 3)) * images.radii.min(1)).max(initial=0.0))
     bottoms, tops = (images.apart[..., 1] + sign * images.radii for sign in (-1, 1))
     rows = max(ROWS, math.ceil(finest) + ROWS // 2)
@@ -503,7 +505,7 @@ def _cut(images: _Images, fx: Array, fy: Array) -> Spectra:
 
 
 def _transfer(images: _Images, c: _Array, fx: Array, fy: Array) -> Array:
-    """What diffraction, defocus and the pixel leave of each frequency [periods per pitch]."""
+    """Transfer of diffraction, defocus and the pixel at each frequency [periods per pitch]."""
     per_mm = (1 / images.pitch)[:, None, None, None]
     box = images.pixel[:, None, None, None] * per_mm
     pixel = pixel_box(fx, box) * pixel_box(fy, box)
@@ -521,7 +523,7 @@ def _transfer(images: _Images, c: _Array, fx: Array, fy: Array) -> Array:
 
 
 class ImageParts(NamedTuple):
-    """What the microlenses around a place add to its light; the first axis counts lattice steps.
+    """Light that reaches a place from the microlenses around it; the first axis counts lattice steps.
 
     The place belongs to the microlens of step (0, 0), the middle one.
     """

@@ -1,4 +1,4 @@
-"""What the pupil looks like from the sensor side: exit pupil, pitch, diameter and shift of the microlens images.
+"""Exit pupil, the pupil as the sensor's side sees it, and pitch, diameter and shift of the microlens images.
 
 The flexible angular plane (FAP) is the system's aperture stop and, having no lens before it, its own entrance pupil:
 diameter D_F, d_3 before the main lens. The exit pupil is its image by the main lens. Every microlens images the exit

@@ -56,7 +56,7 @@ def approximate_fill_factor(c: Camera) -> Array:
 
 
 def traditional_fill_factor(c: Camera) -> Array:
-    """The same with the main lens for a pupil, ``D d_2/(d_1 d)``: 1 where Eq. 9 holds."""
+    """Fill factor with the main lens for a pupil, ``D d_2/(d_1 d)``: 1 where Eq. 9 holds."""
     return ratio(c.D, c.seen.d_1) * ratio(c.seen.d_2, c.d)
 
 

@@ -45,7 +45,7 @@ def ends(field: SensorField) -> tuple[tuple[Place, Place], ...]:
 
 
 def widest(values: Sequence[Array]) -> Across:
-    """Of values between those ends."""
+    """Widest of the values between those ends, along each direction."""
     width, height, up, down = values
     return Across(width, height, np.maximum(up, down))
 

@@ -96,7 +96,7 @@ def chief_spread(c: Camera) -> Number:
 
 
 def chief_slope(c: Camera) -> Array:
-    """That slope for a microlens a millimetre off the axis [1/mm]."""
+    """Slope of the chief ray in the scene for a microlens a millimetre off the axis [1/mm]."""
     return ratio(c.seen.inverse_m * chief_spread(c), c.seen.gap)
 
 
@@ -198,7 +198,7 @@ def on_array(c: Camera, points: ArrayLike) -> Array:
 
 
 def sensor_field(c: Camera, margin: ArrayLike = 0.0) -> SensorField:
-    """What the sensor sees of the array: microlenses whose image centres lie on the sensor, or up to the array's end.
+    """Field of the array whose image centres lie on the sensor, or up to the array's end.
 
     Half the sensor over ``1 + d_2/L``, the image pitch over the pitch; decentred parts move it.
 

@@ -91,11 +91,11 @@ class FacesAhead:
     media: Floats
     """Indices on the scene's and on the sensor's side of each, (..., S, 2)."""
     takers: NDArray[np.uint8]
-    """What a ray that each clips is said to be stopped by: `Status`, (S,)."""
+    """Fates of rays that each face or opening clips, as `Status`, (S,)."""
     law: Floats
     """`law_of`."""
     names: tuple[str, ...] = ()
-    """What each is called: "plate 1, back", "stop 2"."""
+    """Names of the faces and openings: "plate 1, back", "stop 2"."""
 
     @classmethod
     def of(cls, camera: Camera, *, clip: bool = True) -> FacesAhead:
@@ -130,7 +130,7 @@ class FacesAhead:
 
     @property
     def for_pixels(self) -> FacesAhead:
-        """The same, with rays through rods to some millionths of their heights and slopes: ten times as fast."""
+        """Faces for pixels: rays run through rods to some millionths of their heights and slopes, ten times as fast."""
         table = self.table.copy()
         table[table[..., KIND] == ROD, COARSE] = 1.0
         return replace(self, table=table)
@@ -184,7 +184,7 @@ class FacesAhead:
     def rays_at(
         self, distances: Sequence[float], height: tuple[ArrayLike, ArrayLike], slope: tuple[ArrayLike, ArrayLike]
     ) -> Iterator[Outside]:
-        """The same rays past only what stands nearer than each of some growing distances [mm]; then past all.
+        """Rays past only what stands nearer than each of some growing distances [mm]; then past all.
 
         They go on straight from there, be it in glass; in a gradient-index rod they are where they are inside. A ray is
         lost from where it is lost on.

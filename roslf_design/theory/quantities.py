@@ -47,10 +47,10 @@ class Quantity:
     name: str
     unit: str
     words: str
-    """What it is, in a line."""
+    """Description in a line."""
     of: Callable[[Camera, Depth], Array] | None = None
-    """Of straight cameras (tilts left out), at a distance where `at` allows one: shape of the builds, or (K, ...) where
-    `worst` is set. None: it exists only per field."""
+    """Function of straight cameras (tilts left out), at a distance where `at` allows one: shape of the builds, or (K,
+    ...) where `worst` is set. None: it exists only per field."""
     local: Callable[[MicrolensImages], Number] | None = None
     """At the fields of misaligned builds, shape (fields, builds); None: the camera has it only as a whole."""
     equation: str = ""
@@ -60,7 +60,7 @@ class Quantity:
     at: Literal["never", "optional", "needed"] = "never"
     """Whether it is asked for at a distance."""
     worst: Callable[[Array], Array] | None = None
-    """Of several values (one a rim) the one that counts."""
+    """Function that takes the value that counts out of several (one a rim)."""
     monotone: bool = True
     """Whether `of` rises or falls in each single design length throughout, also beyond d_3 = d_f, the others held, f
     excepted where `bent_in_f`: its extremes over a box then lie at corners."""
@@ -73,15 +73,15 @@ class Quantity:
     """Whether chief rays are traced for it where something stands before the main lens: it then neither has derivatives
     by complex numbers nor its extremes at corners."""
     signed: Callable[[Camera, Depth], Array] | None = None
-    """Of the magnitude of something of either sign: that something."""
+    """Function for the signed value of a quantity that is a magnitude."""
     infinite: bool = False
     """Whether it is infinite for cameras that can be built: builds are then told apart by its `finite` twin."""
     past_infinity: Callable[[Camera, Depth], Array] | None = None
-    """Of what may be infinite and is above 0: -1 over it, going on above 0 where it has gone past infinity. Smooth, so
-    that an optimiser finds its way into and out of infinity."""
+    """Function for -1 over a quantity that may be infinite and is above 0, going on above 0 where it has gone past
+    infinity. Smooth, so that an optimiser finds its way into and out of infinity."""
     over: Callable[[Camera, Depth, SensorField], Array] | None = None
-    """Of what hangs on how much of the array the sensor sees: the same for a rectangle that is given. `monotone` means
-    this then, and the rectangle's ends are further lengths in which it rises or falls."""
+    """Function of a given rectangle of the array, for a quantity that depends on how much of it the sensor sees.
+    `monotone` is then about this function, and the rectangle's ends are further lengths in which it rises or falls."""
 
     def __call__(self, camera: Camera, at: Depth = None) -> Array:
         """Its value for every build; of several values the one that counts; NaN behind the tip, where nothing can be.
@@ -147,7 +147,7 @@ def finite(values: Array | float) -> Array:
 
 
 def from_finite(twins: Array | float) -> Array:
-    """What has these finite twins."""
+    """Values of which these are the finite twins."""
     twins = np.asarray(twins, float)
     with np.errstate(divide="ignore"):
         beyond = np.where(twins < 0, -1 / np.where(twins < 0, twins, -1.0), np.inf)

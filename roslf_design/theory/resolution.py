@@ -200,7 +200,7 @@ class FieldTransfer:
     along: float
     """Millimetres on the plane per millimetre on the array, along the field's radius."""
     across: float
-    """The same across it."""
+    """Millimetres on the plane per millimetre on the array, across the field's radius."""
     way: tuple[float, float]
     """Unit vector of the field's radius; along x on the axis."""
 
@@ -423,7 +423,7 @@ class FieldTransfer:
 
     @cached_property
     def _period(self) -> float:
-        """Of the images, or less where they stand alone and their light does not come so far [mm]."""
+        """Period of the images, or less where they stand alone and their light does not come so far [mm]."""
         lens = self._microlens
         apart = max(abs(float(microlens_image_pitch(self.camera))), 1e-6 * self._width)
         if len(self._pairs) > 1:

@@ -126,7 +126,7 @@ def project(point: Projected, through: Vector, weight: Number, plane: Frame) -> 
     """
 
     def against(axis: Vector) -> tuple[Vector, Number]:
-        """What gives a homogeneous point's coordinate along an axis of the plane, and that of the centre."""
+        """Coefficients of a homogeneous point's coordinate along an axis of the plane, and the centre's coordinate."""
         offset = minus(0.0, dot(axis, plane.origin))
         return (axis[0], axis[1], offset), plus(dot(axis, through), times(weight, offset))
 
@@ -261,7 +261,7 @@ class MicrolensImages:
 
     @cached_property
     def from_lens(self) -> Array:
-        """The same counted from the main lens's centre."""
+        """Microlens axes against the main lens's centre, tilts left out: shape (fields, 2) for one camera [mm]."""
         n = self.camera
         turn = n["microlens_array.rotation"]
         cos, sin = np.cos(turn), np.sin(turn)
@@ -276,7 +276,10 @@ class MicrolensImages:
 
     @cached_property
     def stretch(self) -> tuple[Number, Number]:
-        """Of a microlens's part of the focal plane against that on the axis, along the field's radius and across it."""
+        """Stretch of a microlens's part of the focal plane against that on the axis.
+
+        Along the field's radius and across it.
+        """
         along, across = self.scales(None)
         axial = object_scale(self.camera)
         return ratio(along, axial), ratio(across, axial)

@@ -28,7 +28,7 @@ class Sweep:
     values: Mapping[str, Array]
     """Quantity to its values, shape (N,) or (N, M); nan where there is no camera."""
     units: Mapping[str, str]
-    """Of each place and quantity."""
+    """Unit of each place and quantity."""
     valid: NDArray[np.bool_]
     """Where there is a camera, shape (N,) or (N, M)."""
     follows: str | None

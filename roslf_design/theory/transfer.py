@@ -1,4 +1,4 @@
-"""What a microlens's own aperture and defocus pass of the pupil's image behind it: a transfer function."""
+"""Transfer function of a microlens's own aperture and defocus, for the pupil's image behind it."""
 
 from __future__ import annotations
 
@@ -117,7 +117,7 @@ class MicrolensTransfer:
     circular: bool
     """Shape of the aperture."""
     rotation: float = 0.0
-    """Of the square aperture's sides [rad]."""
+    """Rotation of the square aperture's sides [rad]."""
     beyond_rays: bool = False
     """Whether this is only what it has beyond diffraction in focus of the rays' own blur."""
 
@@ -181,7 +181,7 @@ class MicrolensTransfer:
 def pair_transfer(
     transfer: MicrolensTransfer, frequency: Floats, apart: Floats, vergence: float, detail: ArrayLike = (0.0, 0.0)
 ) -> Floats:
-    """What a microlens and another one, `apart` from it, pass together by interference; 1 for one alone at frequency 0.
+    """Transfer by interference of a microlens with another, `apart` from it; 1 for one alone at frequency 0.
 
     Where both light the sensor, from an incoherent pupil, a frequency G comes of pairs of points ``a = lambda d_2 G``
     apart: of the overlap of one aperture with the other, shifted by a. In the overlap, of offset ``a - apart`` and with
@@ -222,7 +222,7 @@ def pair_transfer(
 def pair_line(
     transfer: MicrolensTransfer, wavelength: float, frequency: Floats, apart: Floats, vergence: float, detail: ArrayLike
 ) -> Floats:
-    """What two square microlenses pass together along one of their sides, as `pair_transfer`; all broadcast."""
+    """Transfer by interference of two square microlenses along one of their sides, as `pair_transfer`."""
     shift, cycles = _paths(transfer, wavelength, frequency, apart, vergence, detail)
     overlap = np.maximum(transfer.width - np.abs(shift), 0.0)
     return np.asarray(overlap / transfer.width * np.sinc(cycles * overlap))

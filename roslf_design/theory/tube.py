@@ -1,4 +1,4 @@
-"""What lies in the tube of a scope and how wide it is."""
+"""Tube of a scope: the parts in it and how wide it is."""
 
 from __future__ import annotations
 

@@ -155,7 +155,7 @@ def on_focal_plane(c: Camera, radii: Array) -> Array:
 
 
 def field_margins(c: Camera) -> Array:
-    """What limits on the undistorted field are judged by where no field may be too large.
+    """Margins by which limits on the undistorted field are judged where no field may be too large.
 
     Parameters
     ----------
@@ -181,7 +181,7 @@ def field_margins(c: Camera) -> Array:
 
 
 class FieldLimit(NamedTuple):
-    """What ends the undistorted field of one camera."""
+    """Limit of the undistorted field of one camera."""
 
     radius: float
     """Largest undistorted object radius at d_f, in the worst direction [mm]; inf where no field is too large."""

@@ -1,4 +1,4 @@
-"""What a real build will do: what may be missed, Monte Carlo, yield, sensitivities, inverse tolerances, adjustments.
+"""Tolerancing of builds: what may be missed, Monte Carlo, yield, sensitivities, inverse tolerances, adjustments.
 
 `load_plan` reads a study, `run_trials` runs it wherever asked, `analyse` says what it means; `one_trial` gives any
 trial again, and `evaluate_builds` is the batched engine under all of them.

@@ -1,4 +1,4 @@
-"""What trials say: yields and what meets a wanted one, distributions, sensitivities, Sobol indices, inverse tolerances.
+"""Analysis of trials: yields, distributions, sensitivities, Sobol indices, inverse tolerances.
 
 What is undefined is counted beside: it fails every limit and is never averaged away.
 """
@@ -28,14 +28,14 @@ from .study import TolerancePlan
 from .trials import BLOCK, differences, final_faults, measure, measure_finally
 
 CONFIDENCE = 0.95
-"""Of every interval."""
+"""Confidence level of every interval."""
 SCALES = (0.25, 0.35, 0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 1.7, 2.0, 2.8, 4.0)
-"""Of all tolerances at once, for the yield curve."""
+"""Factors on all tolerances at once, for the yield curve."""
 CURVE_TRIALS, CURVE_TRIALS_ADJUSTED = 16384, 4096
 """Trials for each point of a curve; fewer where each trial is adjusted."""
 HISTOGRAM_BINS = 60
 STEP = 1e-4
-"""Of a tolerance, for derivatives: the error of a central difference is then far below a percent of anything asked."""
+"""Step of numerical derivatives, in tolerances: small enough that a central difference errs far below a percent."""
 IMAGINARY = 1e-40
 """Step for exact derivatives, as a share of the number; its square vanishes against 1."""
 LOOSEST = 1e3
@@ -101,7 +101,7 @@ def first_draws(draws: Draws, trials: int) -> Array:
 
 
 def fresh(draws: Draws) -> Draws:
-    """The same builds drawn anew, none of them a run's: by these is judged what was tuned to the first."""
+    """Draws with another seed, independent of the run's: they judge what was tuned on the first."""
     seed = np.random.SeedSequence(draws.seed, spawn_key=(2**32 + 1,)).generate_state(1, np.uint64)
     return replace(draws, seed=int(seed[0]))
 
@@ -119,7 +119,7 @@ def least_passed(share: float, trials: int) -> int:
 def promised(
     search: Callable[[float], T | None], judged: Callable[[T], Yield], target: float
 ) -> tuple[T, Yield] | None:
-    """What a search comes up with whose yield is the target for sure, and that yield, on draws of its own.
+    """Best candidate whose yield surely reaches the target, with that yield on fresh draws; None where there is none.
 
     Whatever was tuned until some builds hold a target holds it better on these than on others. So the search aims at
     the lower end of the yield's interval, other builds judge, and where these fall short it aims higher by as much.
@@ -355,7 +355,7 @@ class Sensitivity:
     derivatives: Array
     """As built, by central differences [column's unit per mm or rad], shape (C, P)."""
     exact: Array
-    """The same from closed forms, NaN where there is none, shape (C, P)."""
+    """Derivatives from closed forms, NaN where there is none, shape (C, P)."""
     plus: Array
     minus: Array
     """Change of the column at the two ends of the tolerance, as built and after adjustment, shape (V, C, P); NaN where
@@ -363,7 +363,7 @@ class Sensitivity:
     twin_derivatives: Array
     twin_plus: Array
     twin_minus: Array
-    """The same of the finite twin of what may be infinite; of all else the same."""
+    """Derivatives of the finite twins of columns that may be infinite, and of all other columns themselves."""
 
     @property
     def worst(self) -> Array:
@@ -444,7 +444,7 @@ def rss_rows(plan: TolerancePlan, moves: Sensitivity, as_built: Variant) -> Iter
 
 @dataclass(frozen=True)
 class Allowed:
-    """What one perturbation may be: alone until a limit fails, and as its share of the limits' room."""
+    """Allowed half-widths of one perturbation: alone until a limit fails, and as its share of the limits' room."""
 
     place: str
     tolerance: float

@@ -1,4 +1,4 @@
-"""What reaches the wanted yield for the least money, and what may be looser: single changes, each tried on builds.
+"""Cheapest changes that reach the wanted yield, and parts that may be looser: single changes, each tried on builds.
 
 A change is one part to a better grade, one more adjustment, one part measured and sorted to what suffices, or, where no
 single one does, several grades or all tolerances together. Costs are the grades file's; the same draws serve every
@@ -28,29 +28,31 @@ Kind = Literal["grade", "adjustment", "tightening", "several grades", "all toler
 MOST_TRIALS, STEPS_TRIALS = 4096, 1024
 """Builds that a change is searched by, and those by which the next of several steps is chosen."""
 HALVINGS = 12
-"""Of a bisection for what suffices: to 1/4096 of the tolerance."""
+"""Number of halvings in a bisection: it ends at 1/4096 of the tolerance."""
 UNNOTICED = 0.002
 """Share of builds that loosening may cost where the wanted yield is out of reach anyhow."""
 
 
 class CostedPart(NamedTuple):
-    """What is toleranced by one line: a place with its two axes."""
+    """Part with a cost, toleranced by one line: a place with its two axes."""
 
     place: str
     """Without the axis."""
     rows: tuple[int, ...]
-    """Of the perturbations."""
+    """Indices of its perturbations."""
     tolerance: float
     """[mm, rad or none]."""
     kind: str
-    """What it measures, as `perturbable` has it."""
+    """Kind of number that the place is, as `perturbable` has it."""
     line: GradeLine | None
-    """Of the grades; None where no line speaks of it: its cost is not known."""
+    """Line of the grades that covers it; None where no line does: its cost is not known."""
     widths: tuple[float, ...]
     """Its half-widths in every grade, loose to tight."""
 
     def cost(self, tolerance: float) -> float | None:
-        """Of one such part, between grades by the logarithm of its tolerance; beyond the tightest at the same rate.
+        """Cost of one such part, interpolated between grades by the logarithm of its tolerance.
+
+        Beyond the tightest it goes on at the same rate.
 
         None where it is not known; what is looser than every grade costs as the loosest.
         """
@@ -68,7 +70,7 @@ class CostedPart(NamedTuple):
         return float(np.interp(fine, at, costs)) + max(beyond, 0.0)
 
     def extra(self, tolerance: float) -> float | None:
-        """What another tolerance costs more than the present one."""
+        """Additional cost of another tolerance over the present one."""
         new, now = self.cost(tolerance), self.cost(self.tolerance)
         return None if new is None or now is None else new - now
 
@@ -82,7 +84,7 @@ class Change:
     cost: float | None
     """More than now, in the grades file's unit; None where some cost is not known."""
     result: Yield
-    """Of builds of its own, whose interval is not below the wanted yield."""
+    """Yield on fresh builds, whose interval is not below the wanted yield."""
 
 
 @dataclass(frozen=True)
@@ -98,11 +100,11 @@ class Looser:
 
 @dataclass(frozen=True)
 class ToleranceBudget:
-    """What would reach a wanted yield, and what may be looser."""
+    """Changes that reach a wanted yield, and parts that may be looser."""
 
     target: float
     changes: tuple[Change, ...]
-    """That reach it, cheapest first; empty where the study does already, or nothing known does."""
+    """Changes that reach the target, cheapest first; empty where the study does already, or nothing known does."""
     looser: tuple[Looser, ...]
     """Together, after the cheapest change where one is needed."""
     result: Yield
@@ -110,7 +112,7 @@ class ToleranceBudget:
 
     @property
     def cost(self) -> float | None:
-        """Of the cheapest change less what looser parts save; None where some cost is not known."""
+        """Cost of the cheapest change less what looser parts save; None where some cost is not known."""
         spent = [self.changes[0].cost if self.changes else 0.0]
         saved = [part.saved for part in self.looser]
         if None in spent or None in saved:
@@ -132,7 +134,7 @@ class Builds(NamedTuple):
         return self._replace(factors=factors)
 
     def columns(self, trials: int, draws: Draws | None = None) -> Array:
-        """What is limited, of the first trials, (C, trials)."""
+        """Values of all metrics in the first trials, (C, trials)."""
         return measure_finally(self.plan, first_draws(draws or self.plan.draws, trials) * self.factors[:, None])
 
     def passed(self, trials: int, draws: Draws | None = None) -> int:
@@ -144,18 +146,18 @@ class Builds(NamedTuple):
         return Yield(self.passed(FRESH * trials, fresh(self.plan.draws)), FRESH * trials)
 
     def used(self, target: float, trials: int) -> float:
-        """What the wanted share of builds uses of the limits' room at most: 1 is a yield on target."""
+        """Largest share of the limits' room that the wanted share of builds uses: 1 is a yield on target."""
         worst = np.nan_to_num(self.plan.used_room(self.columns(trials)), posinf=1e9)
         return float(np.quantile(worst, target, method="higher"))
 
 
 class Aim(NamedTuple):
-    """What a search holds changes to."""
+    """Acceptance criterion of a search for changes: so many of so many builds pass."""
 
     passed: int
     """Builds that must hold all limits."""
     trials: int
-    """Of so many."""
+    """Number of builds tried."""
 
     @classmethod
     def at(cls, share: float, trials: int) -> Aim:
@@ -168,7 +170,7 @@ class Aim(NamedTuple):
 
 
 def parts_of(plan: TolerancePlan, grades: Grades) -> tuple[CostedPart, ...]:
-    """What a study's perturbations are as parts that a shop makes; a tolerance of zero is none."""
+    """Parts that a shop makes, from a study's perturbations; a tolerance of zero is none."""
     design = plan.question.design
     kinds, rows = perturbable(design), dict[str, list[int]]()
     for index, p in enumerate(plan.draws.perturbations):
@@ -186,7 +188,7 @@ def parts_of(plan: TolerancePlan, grades: Grades) -> tuple[CostedPart, ...]:
 def budget(
     plan: TolerancePlan, study: Study, grades: Grades, given: Yield, scaled: tuple[float, Yield] | None = None
 ) -> ToleranceBudget:
-    """What would reach a study's wanted yield, and what may be looser.
+    """Budget of changes that reach a study's wanted yield, and of parts that may be looser.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ Sampling = Literal["random", "sobol"]
 SMALLEST = 2.0**-53
 """Uniform numbers are kept this far from 0 and 1, so that no deviation is infinite."""
 BITS = 32
-"""Of a coordinate of the Sobol sequence, which so has 2^32 points."""
+"""Bits of a coordinate of the Sobol sequence, which so has 2^32 points."""
 
 
 def deviation(distribution: Distribution, uniform: ArrayLike, truncation: float = 2.0) -> Array:
@@ -86,7 +86,7 @@ class Perturbation:
     """Half-width, in the same unit."""
     distribution: Distribution = "normal"
     truncation: float = 2.0
-    """Of "normal": the tolerance in sigmas."""
+    """Truncation of "normal": the tolerance in sigmas."""
     group: str | None = None
     """Perturbations with the same group share their chance."""
     opposed: bool = False

@@ -59,7 +59,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Question:
-    """What is asked of every build: a nominal design, metrics, fields, and where the depth target stands."""
+    """Question put to every build: a nominal design, metrics, fields, and where the depth target stands."""
 
     design: Design
     metrics: tuple[str, ...]

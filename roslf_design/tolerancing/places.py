@@ -1,4 +1,4 @@
-"""What a build can miss and by how much: places of a design, tolerances as they are written, grades of a workshop.
+"""Places of a design that a build can miss, tolerances as they are written, grades of a workshop.
 
 Behind a real main lens the places are those of its drawing, as `lenses.manufacture` names them, after ``main_lens.``;
 its focal length then follows.
@@ -32,10 +32,10 @@ Value = TypeVar("Value")
 SHORT = {"relay": "sensor.relay_magnification", "rotation": "microlens_array.rotation"}
 """Short names beside the paper's symbols."""
 LENS = "main_lens."
-"""What places in a real main lens begin with."""
+"""Prefix of places in a real main lens."""
 FOCAL_LENGTH = "main_lens.focal_length"
 LENSLETS, SAG = "microlens_array.lenslets.", "microlens_array.sag"
-"""What places of single microlenses begin with, those looked at in a study's fields, and where their sag stands."""
+"""Prefix of places of single microlenses, those at a study's fields, and the place of their sag."""
 MOST_LENSLETS = 9
 """Fields whose microlenses can be out of place on their own."""
 BARE = {"ratio": '"0.3 %" or 0.003', "number": '0.0005 or "0.1 %"', "curvature": '"1e-5 /mm" or "0.1 %"'}
@@ -52,7 +52,7 @@ SHOWN = {
 FORMS = dict(
     zip("0123456", ("astig. 45", "astig. 0", "coma y", "coma x", "trefoil y", "trefoil x", "spherical"), strict=True)
 )
-"""What modes of a surface's irregularity are called."""
+"""Names of the modes of a surface's irregularity, by digit."""
 SHIPPED = Path(__file__).with_name("grades.toml")
 """The grades that ship: makers' charts and engineering judgement, to be replaced by a shop's own figures."""
 
@@ -122,7 +122,7 @@ def in_lens(place: str) -> bool:
 
 
 def of_lens(values: Mapping[str, Value]) -> dict[str, Value]:
-    """What is of a real lens's surfaces or elements, named as in `lenses.manufacture`."""
+    """Values of a real lens's own surfaces and elements, named as in `lenses.manufacture`."""
     return {place.removeprefix(LENS): value for place, value in values.items() if in_lens(place)}
 
 
@@ -175,7 +175,7 @@ def _matching(known: Iterable[str], name: str) -> tuple[str, ...]:
 
 
 def short_name(place: str, design: Design | None = None) -> str:
-    """What to call a place on a figure or in a table: "d_3", "FAP decentre x", "MLA rotation", "plate 1 wedge x".
+    """Short name of a place on a figure or in a table: "d_3", "FAP decentre x", "MLA rotation", "plate 1 wedge x".
 
     Without the design elements before the main lens go by their number alone.
     """
@@ -227,7 +227,7 @@ _ISO = re.compile(rf"3/\s*{_NUMBER}?\s*(?:\(\s*{_NUMBER}\s*(?:/\s*{_NUMBER}\s*)?
 
 
 class FormTolerance(NamedTuple):
-    """What a drawing says of a surface's form by ISO 10110-5, ``3/A(B/C) RMSi < D``, in fringes; None says nothing."""
+    """Form tolerance of a surface by ISO 10110-5, ``3/A(B/C) RMSi < D``, in fringes; None where not stated."""
 
     power: float | None
     """A: of the sagitta."""
@@ -349,7 +349,7 @@ class GradeLine(NamedTuple):
     provenance: str
     """Where the figures come from."""
     costs: tuple[float, ...]
-    """Of one such part in every grade; differences count."""
+    """Cost of one such part in every grade; differences count."""
 
 
 class AdjustmentLine(NamedTuple):

@@ -49,7 +49,7 @@ SCHEMA = "roslf.tolerance/1"
 FINEST = 1e-5
 """A finer yield takes more trials than a study may have."""
 SIGMAS = 2.0
-"""Of a standard error: what a share is off by in at most 5 % of runs."""
+"""Width of an error bound in standard errors: a share is off by more in at most 5 % of runs."""
 PARTS, LEAST = 20, 10
 """Parts of the kept trials whose scatter is measured, and trials of each at least."""
 SHAPES = ("kept_fraction", "image_area_mm2", "axis_ratio")
@@ -79,7 +79,7 @@ class WorstTrial:
 
 @dataclass(frozen=True)
 class StandardError:
-    """Of a share of builds."""
+    """Standard error of a share of builds."""
 
     expected: float
     """From the binomial law."""
@@ -94,7 +94,8 @@ class Precision:
     accuracy: Accuracy
     yield_: StandardError
     ranks: StandardError
-    """Of quantiles: expected, the largest over those asked for; measured, mean square over all defined columns."""
+    """Error of quantiles: expected, the largest over those asked for; measured, mean square over all defined columns.
+    """
 
     def to_dict(self, times: bool = False) -> dict[str, Any]:
         """JSON-ready."""
@@ -131,8 +132,8 @@ class StudyResult:
     scale_for_target: tuple[float, Yield] | None
     """Common factor on all tolerances that meets the wanted yield."""
     budget: ToleranceBudget | None
-    """What reaches the wanted yield, by cost, and what may be looser; None where the nominal design misses a limit, or
-    nobody asked."""
+    """Cheapest changes that reach the wanted yield, and what may be looser; None where the nominal design misses a
+    limit, or nobody asked."""
     grades: tuple[GradeYield, ...]
     correlations: Array
     """Columns with perturbations, shape (C, P)."""
@@ -404,7 +405,7 @@ def trials_for(accuracy: float, sampling: str = "random") -> int:
 def precision(
     plan: TolerancePlan, tally: Tally, final: Variant, asked: float | None = None, seconds: float | None = None
 ) -> Precision:
-    """What a run's shares are worth.
+    """Precision of a run's shares and quantiles.
 
     Parameters
     ----------
@@ -436,7 +437,7 @@ def precision(
         by = f"{PARTS} parts of the first {len(tally.measured)} trials" + (", scaled" if share < 1 else "")
 
         def error(good: NDArray[np.bool_], of: NDArray[np.bool_] | np.bool_ = np.True_) -> Array:
-            """Of shares of builds, from the builds that are good, shape (..., trials), of those that count."""
+            """Standard errors of the share of good builds, shape (..., trials), among those that count."""
             counts = np.broadcast_to(of, good.shape[-1:]).reshape(PARTS, each).sum(axis=-1)
             shares = good.reshape(*good.shape[:-1], PARTS, each).sum(axis=-1) / np.maximum(counts, 1)
             return np.asarray(shares.std(axis=-1, ddof=1) * math.sqrt(share / PARTS))

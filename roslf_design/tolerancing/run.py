@@ -55,8 +55,9 @@ WORKER_ENVIRONMENT = {f"{name}_NUM_THREADS": 1 for name in ("OMP", "MKL", "OPENB
     "MALLOC_MMAP_THRESHOLD_": 2**20,
     "MALLOC_TRIM_THRESHOLD_": 2**26,
 }
-"""Of Dask workers that are started here. Dask's own has freed memory handed back at once: fetching it anew for every
-array takes as long as the arithmetic. What a block's arrays took is kept for the next, longer ones are handed back."""
+"""Environment of Dask workers that are started here. Dask's own has freed memory handed back at once: fetching it
+anew for every array takes as long as the arithmetic. What a block's arrays took is kept for the next, longer ones
+are handed back."""
 CONNECT = 2
 """Seconds that a Dask scheduler has to answer."""
 MANIFEST = "manifest.json"
@@ -75,13 +76,13 @@ MAGNITUDE = 2**63 - 1
 _SHIFT, _FIRST = 52 - SPLIT_BITS, (1023 + SMALLEST) << SPLIT_BITS
 _POSITIVE = ((np.arange(HALF + 1, dtype=np.int64) + _FIRST) << _SHIFT).view(np.float64)
 EDGES = np.concatenate([-_POSITIVE[::-1], _POSITIVE])
-"""Of the bins, in deviation from nominal, shape (BINS + 1,); the middle bin is [-2^-50, 2^-50]."""
+"""Edges of the bins, in deviation from nominal, shape (BINS + 1,); the middle bin is [-2^-50, 2^-50]."""
 
 SUMMED = (
     *("trials", "passed", "held", "undefined", "infinite", "impossible", "faults"),
     *("counts", "moments", "total", "square", "x", "xx", "xy"),
 )
-"""What adds up over chunks."""
+"""Fields of a `Tally` that add up over chunks."""
 
 
 class ChunkLostError(RuntimeError):
@@ -406,9 +407,9 @@ class Tally:
     x: Array
     """Sum of the perturbations' deviations [tolerances] over trials where the column is defined, shape (C, P)."""
     xx: Array
-    """Of their squares, shape (C, P)."""
+    """Sums of the squares of these deviations, shape (C, P)."""
     xy: Array
-    """Of their products with the final variant's deviations, shape (C, P)."""
+    """Sums of the products of these deviations with the final variant's deviation from nominal, shape (C, P)."""
     worst: Counts
     """Numbers of the worst trials, worst first, shape (k,)."""
     scores: Array

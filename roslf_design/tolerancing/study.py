@@ -114,7 +114,7 @@ FieldPlace = Annotated[Any, BeforeValidator(_field_place)]
 
 
 class Perturb(StrictTable):
-    """What a build misses; several places share one line. Places that a grade covers need no line of their own."""
+    """Perturbation of one or more places. Places that a grade covers need no line of their own."""
 
     place: Annotated[tuple[str, ...], BeforeValidator(_listed), AfterValidator(_expanded)]
     """Dotted places, pairs or symbols of the paper."""
@@ -122,7 +122,7 @@ class Perturb(StrictTable):
     """Half-width: "0.05 mm", "3 mrad", "1 %"; the study's grade where left out."""
     distribution: Distribution | None = None
     truncate: Annotated[float, Field(ge=1e-3, le=1e3)] | None = None
-    """Of "normal": the tolerance in sigmas."""
+    """Truncation of "normal": the tolerance in sigmas."""
     group: str | None = None
     """Members of a group move together: decentres along x, decentres along y, each tilt, and all others as one."""
     opposed: bool = False
@@ -139,7 +139,7 @@ class Group(StrictTable):
 
     name: str
     correlation: Annotated[float, Field(gt=0, le=1)] = 1.0
-    """Of the members' normal scores; 1: they share their deviation."""
+    """Correlation of the members' normal scores; 1: they share their deviation."""
 
 
 class MetricGoal(StrictTable):
@@ -185,7 +185,7 @@ class Study(StrictTable):
 
     name: str
     question: str = ""
-    """What it asks, for the report."""
+    """Question that the study asks, for the report."""
     design: str
     """Design file, relative to the study, or the name of a preset."""
     grade: str | None = None
@@ -280,7 +280,7 @@ class Adjuster:
 
 @dataclass(frozen=True)
 class TolerancePlan:
-    """What runs."""
+    """Plan of a tolerance study, ready to run."""
 
     name: str
     question: Question
@@ -314,7 +314,7 @@ class TolerancePlan:
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """What is measured of each build."""
+        """Columns measured of each build: metrics at fields."""
         return self.question.columns
 
     @cached_property
@@ -328,7 +328,7 @@ class TolerancePlan:
         return self.question.infinite
 
     def judged(self, values: Array, columns: Sequence[int] | NDArray[np.intp] | slice = slice(None)) -> Array:
-        """What builds are told apart by: values of some columns, shape (columns, ...), infinite ones by their twins."""
+        """Values by which builds are compared, shape (columns, ...): infinite ones as their finite twins."""
         which = self.infinite[columns]
         if not which.any():
             return values
@@ -352,7 +352,7 @@ class TolerancePlan:
         return np.array([(values[l.column] >= l.low) & (values[l.column] <= l.high) for l in self.limits])
 
     def used_room(self, values: Array) -> Array:
-        """What each trial uses of its limits' room at most, (trials,), for values of shape (columns, trials).
+        """Largest share of its limits' room that each trial uses, (trials,), for values of shape (columns, trials).
 
         0 at nominal, 1 at a limit; infinite where something limited is undefined.
         """

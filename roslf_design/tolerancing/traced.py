@@ -51,7 +51,7 @@ SPOT_RADII, SPOT_TURNS = 4, 12
 CHECKED = 4
 """Builds that are traced once more on their own, of the study's own, its first."""
 POINTS = 768
-"""Of an oracle's boundary: where rims cut an image, its own area is then right to 4e-5."""
+"""Number of boundary points of an oracle: where rims cut an image, its own area is then right to 4e-5."""
 METHOD = (
     "Exact rays through every build's own lens, aimed at the FAP; images integrated by Fourier series along the FAP's "
     "rim, and by polynomials of the fifth degree where rims cut them."
@@ -69,14 +69,14 @@ class Mounted(NamedTuple):
 
     lens: LensBuilds
     train: Train
-    """That lens, and what stands before it."""
+    """Train of surfaces of the main lens, and of what stands before it."""
     planes: Planes
     twins: dict[str, Array]
     """Where the numbers of their thin twins differ from the nominal design's: what closed forms take."""
     sound: NDArray[np.bool_]
     """Which can be put together, (T,)."""
     world: Array
-    """What the system's frame is shifted by against the lens's [mm], (T, 3)."""
+    """Shift of the system's frame against the lens's [mm], (T, 3)."""
 
 
 def mounted(design: Design, values: Mapping[str, Array], trials: int) -> Mounted:
@@ -139,7 +139,7 @@ def mounted(design: Design, values: Mapping[str, Array], trials: int) -> Mounted
 
 
 def _warmed(design: Design, values: Mapping[str, Array]) -> dict[str, Array]:
-    """What stands around the lens, at the temperatures of builds; where parts stand, not what lenses do."""
+    """Places of the parts around the lens at the temperatures of builds; the lens's own stay."""
     camera = Camera.of(design)
     assert camera.growth is not None
     numbers = {**camera.numbers, **{place: value for place, value in values.items() if not in_lens(place)}}
@@ -149,7 +149,7 @@ def _warmed(design: Design, values: Mapping[str, Array]) -> dict[str, Array]:
 
 
 def _around(design: Design, values: Mapping[str, Any]) -> Camera:
-    """What stands around the nominal lens, its object-side principal plane at 0; the lens and the focus as drawn."""
+    """Camera around the nominal lens, its object-side principal plane at 0; the lens and the focus as drawn."""
     changed = {place: value for place, value in values.items() if not in_lens(place) and place not in CONJUGATES}
     return Camera.of(design.thin_twin).as_measured.replace(changed)
 
@@ -200,7 +200,7 @@ class LocalMaps(NamedTuple):
     place: Array
     """(n, 2)."""
     terms: Array
-    """Of 1, u, v, u^2, u v and v^2, the steps from the place, (n, 6, 2)."""
+    """Coefficients of 1, u, v, u^2, u v and v^2, the steps from the place, (n, 6, 2)."""
 
     def at(self, x: Array, y: Array) -> Array:
         """Image centres at places (n, T) of the array, (n, T, 2)."""
@@ -230,14 +230,14 @@ class Reference(NamedTuple):
     points: Array
     """Object points that nominal chief rays meet at the object's distance, in the system's frame [mm], (F, 3)."""
     axis_points: Array
-    """The same on the axis at the depths of a calibration, (3, 3)."""
+    """Points on the axis at the depths of a calibration, (3, 3)."""
     centres: LocalMaps
     end_centres: LocalMaps
     axis_centres: LocalMaps
     slopes: Array
     """Nominal slopes at those depths along each field's chief ray, (F, 3)."""
     axis_slopes: Array
-    """The same on the axis, (3,)."""
+    """Slopes on the axis, (3,)."""
 
 
 @lru_cache(maxsize=8)
@@ -313,7 +313,7 @@ def traced(mount: Mounted, half: Array, wanted: Aims, rays: int, own: bool = Fal
 
 
 def thin_aims(camera: Camera, nominal: Aims) -> Aims:
-    """The same rays for each of T builds, found from its thin twin; builds slowest.
+    """Targets of the nominal rays for each of T builds, found from its thin twin; builds slowest.
 
     Where builds are far from the nominal camera, whose own rays are then no place to start from.
     """
@@ -364,7 +364,7 @@ def epi_slopes(
 
 
 class TracedShapes(NamedTuple):
-    """What rims leave of images, each (fields, trials); nan where the nominal image is folded."""
+    """Shapes of images as rims leave them, each (fields, trials); nan where the nominal image is folded."""
 
     area: Array
     kept_fraction: Array
@@ -447,7 +447,10 @@ class TracedBuilds(IdealBuilds):
 
     @cached_property
     def stretch(self) -> tuple[Number, Number]:
-        """Of a microlens's part of the focal plane against that on the axis, along the field's radius and across it."""
+        """Stretch of a microlens's part of the focal plane against that on the axis.
+
+        Along the field's radius and across it.
+        """
         x, y = (at[..., None] + self.half[:, None] * CROSS[:, k] for k, at in enumerate((self.x, self.y)))
         fields, trials = len(self.fields), self.trials
         rows = (np.moveaxis(part, -1, 1).reshape(-1, trials) for part in (x, y, *np.moveaxis(self._neighbours, -1, 0)))
@@ -548,7 +551,10 @@ class TracedBuilds(IdealBuilds):
 
     @cached_property
     def correction(self) -> Array:
-        """What an affine calibration adds to the nominal centres, (3, trials, 2): at the middle, per mm in x, in y."""
+        """Corrections of an affine calibration to the nominal centres, (3, trials, 2).
+
+        At the middle, per mm in x, in y.
+        """
         at = self._grid(self._aimed(self.known.ends, 1).landed[:, 0]) / np.asarray(self.camera.q)[..., None]
         scale = np.broadcast_to(self.nominal.d / np.asarray(self.camera.d), (self.trials,))
         x, y = (self.reach * np.array(way)[:, None] for way in ((1.0, -1.0, 0.0, 0.0), (0.0, 0.0, 1.0, -1.0)))
@@ -584,7 +590,7 @@ class TracedBuilds(IdealBuilds):
 
     @cached_property
     def spot_pitches(self) -> Number:
-        """The same of the points in each build's focus that its own chief rays come from."""
+        """Spot radius [pitches] of the points in each build's focus that its own chief rays come from."""
         points = self.points_in_focus
         known = np.asarray(np.isfinite(points).all(axis=-1))
         rows = [self._spot_radii(ORIGIN, point)[0] for point in np.where(known[..., None], points, 0.0)]
@@ -596,7 +602,10 @@ class TracedBuilds(IdealBuilds):
         return self._met_in_focus(self.x, self.y, *self.chief)
 
     def _met_in_focus(self, x: Array, y: Array, px: Number, py: Number) -> Array:
-        """The same of rays through places of the array and the sensor, (n, T) each, in their own coordinates [mm]."""
+        """Points where rays meet the plane in focus [mm].
+
+        The rays go through places of the array and of the sensor, (n, T) each, in their own frames.
+        """
         array, sensor, fap = self.mount.planes.array, self.mount.planes.sensor, self.mount.planes.rims[:, 0, 2]
         start = np.stack([(array[:, k] + x * array[:, 3 + k] + y * array[:, 6 + k]).T for k in range(3)])
         end = np.stack([(sensor[:, k] + px * sensor[:, 3 + k] + py * sensor[:, 6 + k]).T for k in range(3)])
@@ -609,7 +618,7 @@ class TracedBuilds(IdealBuilds):
         return np.stack(np.broadcast_arrays(x, y, z), axis=-1).swapaxes(0, 1)
 
     def _spot_radii(self, points: Array, world: Array) -> Array:
-        """Of object points (n, 3) in frames shifted by `world`, (n, T) [mm]."""
+        """Spot radii of object points (n, 3) in frames shifted by `world`, (n, T) [mm]."""
         nodes, weights = np.polynomial.legendre.leggauss(SPOT_RADII)
         radius, turn = np.sqrt(0.5 + 0.5 * nodes), 2 * np.pi * np.arange(SPOT_TURNS) / SPOT_TURNS
         pupil = np.stack([np.outer(radius, np.cos(turn)).ravel(), np.outer(radius, np.sin(turn)).ravel()], axis=-1)
@@ -625,12 +634,12 @@ class TraceCheck:
     builds: int
     """How many were compared; images undefined in a study are left out."""
     largest: dict[str, float]
-    """Of image centres [px], of image diameters, as a share, and of the parts of the FAP that are seen."""
+    """Largest differences: image centres [px], image diameters as a share, and visible parts of the FAP."""
     folded: tuple[tuple[float, float], ...]
     """Fields whose nominal image is folded [mm]."""
 
     def notes(self) -> tuple[str, ...]:
-        """What a study says of it."""
+        """Sentences about the check for a study's report."""
         centre, diameter, kept = self.largest.values()
         how = (
             f"{METHOD} {self.builds} builds traced one at a time differ by up to {centre:.1g} px in image centres, "

@@ -31,7 +31,7 @@ ITERATIONS = 3
 CONVERGED = 2e-3
 """Part of a build's squares: what a step must promise to lower them by, and keep of it for no other to follow."""
 DAMPING = 1e-10
-"""Of the largest curvature, against adjusters that do the same."""
+"""Damping of adjusters that do the same, relative to the largest curvature."""
 
 
 class MeasuredTrials(NamedTuple):

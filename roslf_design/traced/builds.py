@@ -222,7 +222,7 @@ class Aims(NamedTuple):
 
 
 class Aimed(NamedTuple):
-    """What became of N jobs of n rays, nan for those that do not come through."""
+    """Aimed rays: N jobs of n each, nan for those that do not come through."""
 
     landed: Array
     """Sensor points, in its own coordinates [mm], (N, n, 2)."""
@@ -295,7 +295,7 @@ def aimed(train: Train, planes: Planes, half: Array, wanted: Aims, trial: Ints, 
 
 
 def counted(part: SurfaceStack) -> tuple[Array, int, Array]:
-    """What kernels take of a stack: its table, how many surfaces, the media between."""
+    """Arguments that kernels take of a stack: its table, how many surfaces, the media between."""
     return part.table, part.media.shape[1] - 1, part.media
 
 

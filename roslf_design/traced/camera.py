@@ -62,11 +62,11 @@ class TracedPlane:
     """Place along z of what it is turned about [mm]."""
     x: float = 0.0
     y: float = 0.0
-    """What it is turned about; a stop's decentre [mm]."""
+    """Coordinate of the point that the plane is turned about; a stop's decentre [mm]."""
     tilt: tuple[float, float] = (0.0, 0.0)
     """About x, then about y [rad]."""
     diameter: float = math.inf
-    """Of a stop [mm]."""
+    """Diameter of a stop [mm]."""
 
     @property
     def centre(self) -> Array:
@@ -80,7 +80,7 @@ class TracedPlane:
 
     @property
     def pose(self) -> Array:
-        """What it is turned about and its axes, (12,), as `builds.Planes` has them."""
+        """Pose of the plane: the point that it is turned about and its axes, (12,), as `builds.Planes` has them."""
         return np.concatenate([[self.x, self.y, self.z], self.axes.ravel()])
 
     def lifted(self, point: ArrayLike) -> Array:
@@ -106,12 +106,12 @@ class TracedPlane:
 
 
 class Train(NamedTuple):
-    """What rays meet on either side of the FAP, in the lens's frame; builds lead."""
+    """Train of surfaces that rays meet on either side of the FAP, in the lens's frame; builds lead."""
 
     lens: SurfaceStack
     """The main lens, and before it what stands between it and the FAP."""
     beyond: SurfaceStack
-    """What stands before the FAP; without surfaces where that is nothing."""
+    """Surfaces before the FAP; a stack without surfaces where there are none."""
 
     @classmethod
     def of(cls, lens: SurfaceStack, ahead: FacesAhead | None = None, origin: ArrayLike = 0.0) -> Train:
@@ -289,7 +289,7 @@ class LensCamera:
 
     @property
     def faces(self) -> FacesAhead:
-        """What stands before the lens, at the camera's own wavelength."""
+        """Faces of what stands before the lens, at the camera's own wavelength."""
         assert self.ahead is not None
         return _faces(self.ahead, self.wavelength)
 
@@ -300,7 +300,7 @@ class LensCamera:
         return not (np.any(table[:, :2]) or np.any(table[:, 7]))
 
     def train(self, wavelength: float) -> Train:
-        """What rays of a wavelength [mm] meet."""
+        """Train of surfaces that rays of a wavelength [mm] meet."""
         lens = self.lens.at(wavelength)
         if self.ahead is None:
             return Train.of(lens)
@@ -327,7 +327,7 @@ class LensCamera:
         return Passed(out.height, out.slope, state, np.minimum(rays.room, out.room))
 
     def describe(self, state: int) -> str:
-        """What a ray's state says; faces before the lens by their names."""
+        """Words for a ray's state; faces before the lens by their names."""
         face = state // 8 - len(self.lens.surfaces) - 1
         if self.ahead is None or face < 0 or state % 8 == STOPPED:
             return describe(state)
@@ -466,7 +466,7 @@ class Views(NamedTuple):
     slope: Array
     """dx/dz and dy/dz in front of all elements, (..., 2)."""
     state: NDArray[np.int16]
-    """What became of the ray (`LensCamera.describe`), (...)."""
+    """State of the ray (`LensCamera.describe`), (...)."""
     fap_room: Array
     """1 - r^2/(D_F/2)^2 about the FAP's centre, (...): positive inside."""
     room: Array

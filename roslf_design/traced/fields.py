@@ -73,13 +73,16 @@ class LensImages(MicrolensImages):
         return (self._light(self.places, seen.area, seen.centroid, seen.second_moments) / uncut)[:, None]
 
     def _light(self, places: Array, area: Array, centroid: Array, moments: Array) -> Array:
-        """Of lit parts, centroids counted from the microlenses' axes [sr], (n,)."""
+        """Etendue of lit parts, centroids counted from the microlenses' axes [sr], (n,)."""
         shape = np.column_stack([area, places + centroid - self.lens.detector.centre, moments])
         return received(shape, places - self.lens.array.centre, self.lens.array.pose, self.lens.detector.pose)
 
     @cached_property
     def stretch(self) -> tuple[Number, Number]:
-        """Of a microlens's part of the focal plane against that on the axis, along the field's radius and across it."""
+        """Stretch of a microlens's part of the focal plane against that on the axis.
+
+        Along the field's radius and across it.
+        """
         along, across = self._magnified(None)
         scale = object_scale(self.camera)
         return along[:, None] / scale, across[:, None] / scale
@@ -108,7 +111,7 @@ class LensImages(MicrolensImages):
         return stretches(ways, self.places, 1.0)
 
     def _scales(self, field: int, at: float | None) -> tuple[float, float]:
-        """The same at one field; first order's where its chief rays are lost."""
+        """Scales at one field; first order's where its chief rays are lost."""
         along, across = (float(scale[field]) for scale in self._magnified(at))
         if math.isfinite(along * across):
             return along, across
@@ -161,7 +164,7 @@ class LensImages(MicrolensImages):
         return sensor_of_pupil(self.lens, self.places[:, None], self._pupil)
 
     def _beam(self, field: int, at: float | None) -> Beam | None:
-        """Of the object point that a microlens's chief ray meets on a plane; None where too few of its rays come."""
+        """Beam of the object point that a microlens's chief ray meets on a plane; None of too few rays."""
         point, z = self._met(at)[field, 0], self._plane(at)
         if not np.isfinite(point).all():
             return None
@@ -212,7 +215,7 @@ class TracedTransfer(FieldTransfer):
     outline: Array
     """Boundary of what is lit, from the microlens's axis, (K, 2) [mm]."""
     beam: Beam
-    """Of the plane."""
+    """Beam of the plane's object point."""
 
     @property
     def round(self) -> bool:
@@ -273,7 +276,10 @@ class TracedTransfer(FieldTransfer):
 
 
 def uncut_light(light: Array, camera: Camera) -> Array:
-    """Of microlenses on the axis, as traced; by first order where the lens does not show them the whole FAP [sr]."""
+    """Light of microlenses on the axis, as traced [sr].
+
+    By first order where the lens does not show them the whole FAP.
+    """
     return np.where(np.isnan(light), solid_angle(camera), light)
 
 

@@ -1,4 +1,4 @@
-"""What a real lens does over the field: microlens images as they really are, and the aberrations that make them so.
+"""Microlens images behind a real lens, as they really are, and the aberrations that make them so.
 
 A microlens at c sees the flexible angular plane (FAP) through the lens; its image is the set of sensor points whose
 backward ray passes the FAP, every surface and every further stop. The map from sensor point to FAP point is smooth, so
@@ -68,7 +68,7 @@ class TracedImages(NamedTuple):
     area: Array
     """Lit area [mm^2], (...)."""
     centroid: Array
-    """Of the lit area [mm], (..., 2); the chief point where dark."""
+    """Centroid of the lit area [mm], (..., 2); the chief point where dark."""
     second_moments: Array
     """Central, per unit area, (xx, xy, yy) [mm^2], (..., 3); 0 where dark."""
     kept_fraction: Array
@@ -412,7 +412,7 @@ def _root(room: Callable[[float], float], low: float, high: float, inside: float
 
 
 class RealField(NamedTuple):
-    """What a real lens does to microlenses (N); lengths in mm, nan where there is no light to tell it by."""
+    """Images and aberrations of microlenses (N) behind a real lens; lengths in mm, nan where there is no light."""
 
     images: TracedImages
     thin_centre: Array
@@ -429,7 +429,7 @@ class RealField(NamedTuple):
     lateral_colour: Array
     """Between the F and the C line on the array, (N); nan outside the glasses' range."""
     chief: tuple[str, ...]
-    """What became of each chief ray."""
+    """Fate of each chief ray."""
 
 
 def real_field(design: Design, axes: Sequence[tuple[float, float]] | ArrayLike) -> RealField:

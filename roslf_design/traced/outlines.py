@@ -26,15 +26,16 @@ Ints = NDArray[np.int64]
 RIM = 16
 """Rays along the FAP's rim, a multiple of four; the outline's area converges exponentially in them."""
 HARMONICS = 6
-"""Of a ray's squared height on a surface, along the FAP's rim."""
+"""Harmonics of a ray's squared height on a surface, along the FAP's rim."""
 RINGS = ((0.5, 8), (0.8, 8))
 """Radii and rays of the rings inside, where rims cut."""
 DEGREE, TERMS = 5, 21
-"""Of the polynomials over the FAP's disc: products x^a y^b with a + b <= 5, b running fastest."""
+"""Degree of the polynomials over the FAP's disc and number of their terms: products x^a y^b with a + b <= 5, b running
+fastest."""
 POWERS = np.array([(a, b) for a in range(DEGREE + 1) for b in range(DEGREE + 1 - a)])
 MISFIT = 3e-3
-"""Of polynomials at the rays that they are laid through, in image widths and squared heights: up to that shares of the
-FAP are right to 1e-3, beyond it no polynomials are taken."""
+"""Misfit of polynomials at the rays that they are laid through, in image widths and squared heights: up to that shares
+of the FAP are right to 1e-3, beyond it no polynomials are taken."""
 SCAN = 32
 """Directions in which the nearest rim is asked for, before corners are looked for between them."""
 HALVINGS = 12

@@ -109,7 +109,7 @@ LEAST_NOISE, MOST_NOISE = 1e-6, 1e3
 
 
 class CalibrationPart(StrictTable):
-    """What one means to capture; what is left open is chosen to suit the design, or is what careful work reaches."""
+    """Captures that are planned; what is left open is chosen to suit the design, or is what careful work reaches."""
 
     board: str | None = None
     """Cells across, cells down, size of one."""
@@ -122,7 +122,7 @@ class CalibrationPart(StrictTable):
     range: Distance | None = None
     """Farthest minus nearest [mm]."""
     noise: Annotated[float, Field(ge=LEAST_NOISE, le=MOST_NOISE)] = 0.06
-    """Of a corner in one view [microlens pitches]."""
+    """Noise of a corner in one view [microlens pitches]."""
     f_sigma: str = "1 %"
     """How well f is known."""
     d_sigma: str = "0.1 %"
@@ -175,7 +175,7 @@ class LenientTable(BaseModel):
 
 
 class FoundQuantity(LenientTable):
-    """What was found of one quantity."""
+    """Estimate of one quantity in calibration.json, with its errors."""
 
     estimate: float
     unit: str
@@ -246,7 +246,7 @@ class BoardDistances(StrictTable):
     relative: bool = False
     """Measured from any one place, as a rail shows them, instead of from the main lens."""
     distances: Annotated[dict[str, AnyLength], Field(min_length=1)]
-    """Of each board's middle [mm], by the name of its image; growing away from the camera."""
+    """Distance of each board's middle [mm], by the name of its image; growing away from the camera."""
 
     @model_validator(mode="after")
     def _before_the_lens(self) -> BoardDistances:
@@ -260,7 +260,7 @@ class BoardDistances(StrictTable):
 
 @dataclass(frozen=True, eq=False)
 class Calibrated:
-    """What the folder of a calibration holds."""
+    """Content of a calibration's folder."""
 
     data: Mapping[str, Any]
     """Its calibration.json."""
@@ -382,7 +382,7 @@ def calibration_report(result: Outcome, drawings: Mapping[str, str], command: st
 
 
 def statements(result: Outcome) -> Iterator[Statement]:
-    """What an engineer came for."""
+    """Statements of a calibration's main results."""
     fitted = result.calibration
     yield Statement("caution" if result.warnings else "good", f"{_pair(result.to_dict())}.")
     images, total = len(fitted.observations.names), len(fitted.observations.names) + len(fitted.observations.missing)
@@ -606,7 +606,7 @@ def data_sheet(design: Design, board: Board, asked: CalibrationPart) -> DataShee
 
 
 def captures_for(design: Design, asked: CalibrationPart) -> Captures:
-    """What to capture with a design: what is asked for, else what suits it."""
+    """Captures planned for a design: numbers that are asked for, else those that suit it."""
     return Captures.for_design(
         design,
         board=None if asked.board is None else Board.parse(asked.board),

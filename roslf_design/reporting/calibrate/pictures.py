@@ -1,4 +1,4 @@
-"""What a calibration found: what the fit left over, Eq. 12's line, the posterior, what it means for depths."""
+"""Drawings of a calibration: residuals of the fit, Eq. 12's line, the posterior, what it means for depths."""
 
 from __future__ import annotations
 

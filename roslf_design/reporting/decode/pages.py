@@ -56,7 +56,7 @@ def decoding_pictures(result: Decoded) -> dict[str, Picture]:
 
 
 def statements(result: Decoded) -> Iterator[Statement]:
-    """What was decoded, and what to mind."""
+    """Statements about a decoded light field, warnings among them."""
     field, sample_unit = result.field, result.units[1]
     if result.raw is not None:
         centres, lattice = result.raw.centres, result.raw.centres.lattice

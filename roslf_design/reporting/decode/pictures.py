@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 Pixels = NDArray[np.floating]
 Units = tuple[str, str]
-"""Of s and t, and of u and v, as labels have them."""
+"""Units of s and t, and of u and v, as labels have them."""
 _SHOWN = 1500
 """Most pixels of an image in a picture along an axis: more would only make the picture larger."""
 _CELLS = 7.0
@@ -174,7 +174,7 @@ def refocus_sheet(field: LightField, stack: Sequence[FocusPlane], units: Units) 
 
 
 def plane_name(plane: FocusPlane, units: Units) -> str:
-    """What a refocused picture is called."""
+    """Name of a refocused picture."""
     disparity = f"disparity {fixed(plane.disparity, 2, '+')} {units[1]}".replace("-", "−")
     return disparity if plane.distance is None else f"{plane.distance:.4g} mm ({disparity})"
 

@@ -53,7 +53,7 @@ def capture_report(measured: MeasuredCapture, pictures: dict[str, Picture], comm
 
 
 def capture_answers(measured: MeasuredCapture) -> tuple[Block, ...]:
-    """What was measured, and how sure it is; the numbers behind it."""
+    """Statements of the depths measured in a capture and how sure they are, and the numbers behind them."""
     return Statements(tuple(capture_statements(measured))), _numbers(measured)
 
 
@@ -134,7 +134,7 @@ def _numbers(measured: MeasuredCapture) -> Table:
 
 
 def capture_basis(measured: MeasuredCapture) -> tuple[Block, ...]:
-    """What depths and errors rest on."""
+    """Table of what depths and errors of a capture rest on: camera, noise, window."""
     run, noise = measured.first, measured.noise.pixel
     low, high = run.disparities.search
     camera = measured.camera or "nothing says: disparities only"

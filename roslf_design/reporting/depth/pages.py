@@ -86,7 +86,7 @@ def measurement_report(
 
 
 def answers(trial: Trial) -> tuple[Block, ...]:
-    """What was measured, the verdicts, the numbers behind them."""
+    """Blocks that answer a simulated measurement: what was measured, the verdicts, the numbers behind them."""
     return Paragraph(_what(trial)), Statements(tuple(statements(trial))), summary_table(trial)
 
 
@@ -174,7 +174,7 @@ def _believe(trial: Trial, ratio: float) -> str:
 
 
 def summary_table(trial: Trial) -> Table:
-    """The same in numbers."""
+    """Table of bias, spread and predicted errors of the measured depths."""
     summary = trial.summary()
     rows = [
         ("bias", summary.bias_mm, "mean error"),
@@ -197,7 +197,7 @@ def _spread_note(trial: Trial) -> str:
 
 
 def basis(trial: Trial) -> tuple[Block, ...]:
-    """What the prediction, and the noise of the picture, assume."""
+    """Assumptions behind the predicted errors and the noise of the picture."""
     design, given = trial.raw.design, trial.assumes()
     light, sensor = design.light, design.sensor
     source = (

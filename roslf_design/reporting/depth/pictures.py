@@ -1,4 +1,4 @@
-"""What a measurement of depth gave: map, profile, errors against prediction, epipolar-plane image."""
+"""Drawings of measured depth: map, profile, errors against prediction, epipolar-plane image."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def depth_map(trial: Measurement, reasons: dict[int, str]) -> Picture:
 
 
 class _Words(NamedTuple):
-    """Of a measurement's axes."""
+    """Words on the axes of a measurement's drawings."""
 
     quantity: str
     unit: str
@@ -132,7 +132,7 @@ def profile(trial: Measurement, size: Point = (PAGE, 440.0)) -> Picture:
 
 
 def _off(trial: Measurement, row: int, size: float) -> tuple[Panel, list[Key]]:
-    """What a row is off by, against the errors told and predicted."""
+    """Panel of the errors along a row, against the errors that each depth comes with and those predicted."""
     run, words = trial.first, _Words.of(trial.first)
     x, known = run.x_ml[row, :, 0], run.measured[row]
     sigma = np.where(known, run.sigma[row], np.nan)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 DIFFERENT, SAME, ABSENT = "≠", "", "-"
 LETTERS = "ABC"
-"""What designs are called; as many as fit beside each other."""
+"""Letters that designs go by; as many as fit beside each other."""
 
 
 def comparison_report(

@@ -126,7 +126,7 @@ class FieldCurve(NamedTuple):
     """Depth precision over the field."""
 
     place: Array
-    """Of the microlens, from the centre of what the sensor sees to its corner [mm on the array], shape (N,)."""
+    """Place of the microlens, from the centre of what the sensor sees to its corner [mm on the array], shape (N,)."""
     sigma: Array
     """sigma_Z at the focal plane [mm]; inf where it is unknown."""
 
@@ -201,7 +201,7 @@ class MatchingPlane(NamedTuple):
     exact: Array
     """D_F that matches at each (Eq. 7) [mm]; NaN-free: inf where there is none."""
     approximate: Array
-    """The same by Eq. 8."""
+    """Diameter of the FAP that matches at each distance approximately, by Eq. 8."""
     band: Array
     """D_F at which images are a pixel smaller and larger than their pitch [mm], shape (2, N)."""
     D_F: Array

@@ -49,7 +49,7 @@ POINTS = 120
 LEFT, TOP, RIGHT, BELOW = 52.0, 26.0, 12.0, 42.0
 """Margins [px]."""
 TWINS = (line_key("thin twin", "grey", 1.4, "6 4"), line_key("real lens", "blue", 2))
-"""What the outlines of a microlens image behind a real lens are."""
+"""Keys of the two outlines of a microlens image behind a real lens."""
 
 _HALF = (-9.0, 0.0, 0.0, -9.0), (0.0, 9.0, 9.0, 0.0)
 _TALL = (-5.0, -5.0, 5.0, 5.0)
@@ -231,7 +231,7 @@ class LensCurves(NamedTuple):
     shift_px: Array
     """Image centre against the thin twin's, outwards positive."""
     diameter_px: Array
-    """Of the disc with the image's area; NaN where the image is folded."""
+    """Diameter of the disc with the image's area; NaN where the image is folded."""
     thin_diameter_px: float
     axis_ratio: Array
     kept: Array

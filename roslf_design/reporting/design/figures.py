@@ -58,7 +58,7 @@ def _ray_sheet(design: Design, result: Evaluation) -> Figure:
 
 
 def _twin_told(design: Design) -> str:
-    """What pictures of rays show behind a real lens."""
+    """Sentence on what pictures of rays show behind a real lens; empty for an ideal one."""
     if design.lens is None:
         return ""
     return f" Lens and rays are those of the thin twin; through {design.lens.name} they are traced further below."

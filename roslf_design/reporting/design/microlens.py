@@ -64,7 +64,7 @@ class ImageView(NamedTuple):
     """A microlens image; lengths relative to its microlens's axis [mm]."""
 
     centres: Array
-    """Of the rims' discs, the FAP first, shape (K, 2)."""
+    """Centres of the rims' discs, the FAP first, shape (K, 2)."""
     radii: Array
     """Shape (K,)."""
     outline: Array
@@ -275,7 +275,7 @@ def _beyond(view: ImageView, x: Scale, y: Scale) -> list[Mark]:
 
 
 def image_keys(design: Design, on_picture: bool = False) -> list[Key]:
-    """What the lines of a microlens image mean, on plain ground or on a picture of its light."""
+    """Keys of the lines of a microlens image, on plain ground or on a picture of its light."""
     rims = dict(_rims(design, on_picture))
     discs = [line_key(f"disc of {name}", colour, 1.2, "5 3") for name, colour in rims.items()]
     chief = dot_key("chief ray", "vermillion", "+", 6, width=2)

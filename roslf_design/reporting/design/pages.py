@@ -83,7 +83,7 @@ WARMTH = (
 
 
 STUDIES = ("optimisation", "tolerances", "calibration")
-"""What a report may hold findings of, in their order."""
+"""Studies that a report may hold findings of, in their order."""
 
 
 def design_report(
@@ -170,7 +170,7 @@ def verdicts(result: Evaluation, prefix: str = "") -> Statements:
 
 
 def key_figures(design: Design, result: Evaluation) -> Table:
-    """What the camera is and does, in a handful of numbers."""
+    """Table of the camera's main numbers, a handful of them."""
     field, sampled, depth = result.non_distortion, result.sampling, result.depth
     front = max(0.0, float(Camera.of(design).tip))
     openings = [part.diameter for part in (*design.all_stops, *design.elements) if part.diameter is not None]
@@ -331,7 +331,7 @@ def _stops(design: Design) -> Iterator[Table]:
 
 
 def _real_lens(design: Design, result: Evaluation, progress: Callable[[str], None]) -> tuple[Section, ...]:
-    """What the traced lens does, its thin twin beside it; nothing for an ideal one."""
+    """Section on the traced lens, its thin twin beside it; nothing for an ideal one."""
     if result.real_lens is None:
         return ()
     progress("real main lens")
@@ -344,7 +344,7 @@ def _effects(result: Evaluation) -> tuple[Block, ...]:
 
 
 def _assumptions(design: Design, result: Evaluation) -> tuple[Block, ...]:
-    """What the report takes for granted, and which effects it leaves out."""
+    """Assumptions of the report, and the effects that it leaves out."""
     items = [IDEAL if result.real_lens is None else REAL, *MODEL]
     if design.sensor.colours != "mono":
         items.append(

@@ -1,4 +1,4 @@
-"""What a design is made of, part by part, and which parts of the catalogue are the same or come nearest."""
+"""Parts list of a design, and which parts of the catalogue are the same or come nearest."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 ALIKE = 0.01
 """Relative difference up to which a length of a part counts as the design's."""
 ANOTHER = math.log(1.2)
-"""What another material counts for, as logarithm of a ratio."""
+"""Penalty for another material, as logarithm of a ratio."""
 FAR = math.log(2)
 """Sum of logarithms of ratios beyond which a part is not worth naming."""
 
@@ -72,7 +72,7 @@ def parts_section(design: Design) -> Section:
 
 
 OWN = "to be made or bought"
-"""What is said of an element that the catalogue has no kind for."""
+"""Remark on an element that the catalogue has no kind for."""
 
 
 def _part_name(element: AnyElement, number: int) -> str:
@@ -82,7 +82,7 @@ def _part_name(element: AnyElement, number: int) -> str:
 def catalogue_match(
     design: Design, catalogue: Catalogue, kind: Kind, window: Plate | None = None
 ) -> tuple[str, Entry | None]:
-    """What to say of a part of the design (of windows, of one), and the catalogue's where it is the same or near.
+    """Remark on a part of the design (of windows, on one), and the catalogue's where it is the same or near.
 
     The same is one whose lengths agree and that lacks nothing; the nearest has the ratios to what is wanted least.
     """
@@ -102,7 +102,7 @@ def catalogue_match(
 
 
 def _unlike(design: Design, part: Entry, window: Plate | None) -> tuple[list[str], float]:
-    """What of a part is not as the design wants it, and how far apart they are: a sum of logarithms of ratios."""
+    """Differences of a catalogue part from the design's, and their size: a sum of logarithms of ratios."""
     lengths: tuple[tuple[str, float, float], ...] = ()  # name, the part's, the design's
     lacks: list[str] = []
     short = 0.0

@@ -71,7 +71,7 @@ def labelled_fans(design: Design) -> list[LabelledFan]:
 
 
 def medium_told(design: Design) -> str:
-    """What the scene lies in, with its index; nothing for air."""
+    """Name of the medium that the scene lies in, with its index; empty for air."""
     medium = design.object_space.medium
     return "" if medium == AIR else material_told(medium, design.wavelength)
 
@@ -165,7 +165,7 @@ def _front(design: Design) -> float:
 
 
 def _instrument_share(design: Design) -> float:
-    """Of the length from the object plane to the sensor."""
+    """Share of the length from the object plane to the sensor that the instrument takes."""
     end = design.d_1 + design.d_2
     return (end + _front(design)) / (end + design.d_f)
 
@@ -186,9 +186,9 @@ class SectionLayout(NamedTuple):
     sides: dict[str, int]
     """Where each diameter is told: 1 behind its element, -1 before it, 0 with its name as there is no room."""
     names: tuple[tuple[float, str], ...]
-    """Of elements, each with where it stands [mm]."""
+    """Distance of each element [mm], with its name."""
     rows: tuple[int, ...]
-    """Of the names."""
+    """Row of each name, so that names do not overlap."""
     whole: bool
     """Whether the object plane is in it."""
 
@@ -237,7 +237,7 @@ def _section(design: Design, drawn: list[LabelledFan], size: Point, whole: bool,
 
 
 def _sides(design: Design, along: float, before: float, whole: bool) -> dict[str, int]:
-    """Of `SectionLayout.sides`, with pixels per millimetre and before the FAP."""
+    """Sides of the labels for `SectionLayout.sides`, from pixels per millimetre and those before the FAP."""
     spans = [(stop.distance, stop.distance) for stop in design.all_stops if stop.distance > 0]
     spans += [(element.distance, element.distance + element.length) for element in design.elements]
     inner = [near for near, _ in spans]
@@ -266,7 +266,7 @@ def _named(design: Design, sides: Mapping[str, int], whole: bool) -> list[tuple[
 
 
 def name_of_drawn(element: AnyElement, number: int) -> str:
-    """What an element is called in a picture; of a prism that it is drawn unfolded."""
+    """Name of an element in a picture; of a prism also that it is drawn unfolded."""
     unfolded = f", unfolded: turns by {math.degrees(element.turn):.3g}°" if element.turn else ""
     return element_name(element, number) + unfolded
 
@@ -543,7 +543,7 @@ class SchematicPart(NamedTuple):
     says: tuple[str, ...]
     """Lines that are written above it."""
     glass: AnyElement | None = None
-    """What it is, of those that stand before the main lens."""
+    """Element before the main lens that it is; None of other parts."""
 
 
 def dimensions(design: Design) -> Picture:
@@ -640,7 +640,7 @@ def _all_elements(design: Design) -> list[SchematicPart]:
 
 
 def _dimension_lines(design: Design) -> list[tuple[str, str, str]]:
-    """What each dimension line says, and the elements it runs between."""
+    """Text of each dimension line, and the two parts it runs between."""
     stops = {"FAP" if k == 0 else f"stop {k}": stop.distance for k, stop in enumerate(design.all_stops)}
     stops |= {element_name(element, k): element.distance for k, element in enumerate(design.elements, 1)}
     ends = stops | {element_name(e, k): e.distance + e.length for k, e in enumerate(design.elements, 1)}

@@ -163,7 +163,7 @@ def _optimum(answer: Answer, reached: str) -> Statement:
 
 
 def _about_trace(retrace: Retrace) -> Statement:
-    """What was traced behind a real lens, and how well the optimum's own trace agrees."""
+    """Statement about the fields traced behind a real lens, and how well the optimum's own trace agrees."""
     folded = ", ".join(f"{x:g}, {y:g} mm" for x, y in retrace.check.folded)
     text = (
         f"Behind the real lens ({retrace.lens}) what is asked at a field was traced at every design tried, the rest "
@@ -318,7 +318,7 @@ def _held(answer: Answer) -> Table:
 
 
 def _bought(active: Active, goals: tuple[Goal, ...]) -> str:
-    """What relaxing a limit by a unit buys: of the one goal, else of the merit."""
+    """Gain from relaxing a limit by a unit: of the one goal, else of the merit."""
     if active.multiplier < 1e-9:
         return "nothing: touched, not pressed"
     if active.merit_gain_per_unit is None:

@@ -1,4 +1,4 @@
-"""What an optimum changed, how it was searched for, what it costs and what it holds."""
+"""Drawings of an optimisation: what it changed, its search, what it costs and what it holds."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class SearchEnd(NamedTuple):
     kind: str
     """"start", "check", or "bad" where a limit fails."""
     solver: str = ""
-    """Of a check."""
+    """Solver of a check; empty for the main search."""
 
 
 @dataclass(frozen=True)

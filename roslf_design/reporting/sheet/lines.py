@@ -46,7 +46,7 @@ SIGMAS = 2.0
 FEW = 48
 """Builds that tell the scatter of lines at a distance or a field, to a tenth; a view's MTF takes 10 ms of each."""
 MANY = 1024
-"""The same of quantities that the study does not report, to some two in a hundred."""
+"""Number of builds for quantities that the study does not report: their scatter to some two in a hundred."""
 REAL = (
     "The main lens is real: angles and widths of view, resolution, distortion and light over the field are what rays "
     "through it tell. Distances of sharpness, magnification on the axis and spreads of what builds have as a whole are "
@@ -77,21 +77,22 @@ class SheetLine(NamedTuple):
     text: str = ""
     """Instead of a number."""
     of: Callable[[Camera], float] | None = None
-    """Of what is no quantity of a whole camera, but at a distance or a field: its value for one build."""
+    """Function for the value of one build, where the line is no quantity of a whole camera but at a distance or a
+    field."""
 
     @property
     def key(self) -> str:
-        """What its scatter goes by."""
+        """Key of the line's scatter."""
         return self.quantity or f"{self.subject}: {self.name}"
 
     def values(self, builds: Camera, most: int | None = None) -> Array:
-        """Of builds one after the other, `most` of them where that is given; NaN where there is none."""
+        """Values of builds one after the other, of the first `most` where that is given; NaN where there is none."""
         assert self.of is not None
         return np.array([self.of(builds.build(k)) for k in range(builds.shape[0])[:most]])
 
 
 class AsBuilt(NamedTuple):
-    """What a tolerance study's builds tell."""
+    """Spread of the builds of a tolerance study."""
 
     plan: TolerancePlan
     final: Variant
@@ -121,17 +122,17 @@ class AsBuilt(NamedTuple):
 
 
 class Known(NamedTuple):
-    """What a calibration tells of one instrument, or will."""
+    """Spread that a calibration leaves, or will leave, of one instrument."""
 
     words: str
-    """What it is, as "as planned"."""
+    """Description of the calibration, as "as planned"."""
     design: Design
-    """That it knows the lengths of."""
+    """Design whose lengths it knows."""
     covariance: LengthCovariance
 
 
 class Basis(NamedTuple):
-    """What the lines' tolerances come from."""
+    """Sources of the lines' tolerances: a tolerance study's builds, a calibration."""
 
     sentences: tuple[str, ...]
     sigma: Mapping[str, float]
@@ -293,18 +294,18 @@ class Corner:
     against: bool = False
 
     def over(self, images: MicrolensImages) -> Array:
-        """Of builds at those ends, (T,)."""
+        """Values of builds at those ends, (T,)."""
         values = np.asarray(QUANTITIES[self.name].at_fields(images), float)
         middle, corner = np.broadcast_to(values, (2, *(images.camera.shape or (1,))))
         return np.asarray(self.factor * corner / (middle if self.against else 1.0))
 
     def __call__(self, camera: Camera) -> float:
-        """Of one build behind an ideal lens."""
+        """Value of one build behind an ideal lens."""
         return float(self.over(MicrolensImages(camera, self.ends))[0])
 
 
 def _colour_lines(design: Design, colours: tuple[Colour, ...]) -> Iterator[SheetLine]:
-    """What a Bayer pattern makes of pixels, light and depth: by green, the others beside."""
+    """Lines on a Bayer pattern's effect on pixels, light and depth: of green, the other colours beside."""
     (green,), others = ([one for one in colours if (one.name == "green") is wanted] for wanted in (True, False))
     subject = f"Colours, {design.sensor.colours}"
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 COLOURS = ("blue", "orange", "green")
 WIDTHS = (4.6, 2.8, 1.2)
-"""Of the lines: where they lie on each other, each shows beside the next."""
+"""Widths of the lines: where they lie on each other, each shows beside the next."""
 PLACES = ("centre", "edge", "corner")
 COLUMNS, ROWS = 15, 13
 """Fields and distances of the map."""

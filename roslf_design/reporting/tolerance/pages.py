@@ -290,7 +290,7 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
 
 
 def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
-    """What reaches the wanted yield, cheapest first, and what may be looser."""
+    """Tables of changes that reach the wanted yield, cheapest first, and of tolerances that may be looser."""
     design = result.plan.question.design
     if budget.changes:
         columns: tuple[Column, ...] = (
@@ -494,7 +494,7 @@ def _largest(sizes: NDArray[np.float64]) -> NDArray[np.intp]:
 
 
 def _ends_lost(result: StudyResult) -> list[str]:
-    """What at an end of its tolerance alone leaves the weakest metric undefined."""
+    """Tolerances at an end of which, alone, the weakest metric is undefined."""
     lost = np.flatnonzero(np.isinf(result.sensitivity.worst[-1, _weakest_row(result)]))
     return _names(result, lost)
 

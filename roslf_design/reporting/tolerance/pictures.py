@@ -1,4 +1,4 @@
-"""What a tolerance run gave: yields, what spoils builds and how numbers scatter."""
+"""Drawings of a tolerance run: yields, what spoils builds and how numbers scatter."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class Yields:
 
     grade: str
     share: YieldShare
-    """Of the run itself."""
+    """Yield of the run itself."""
     grades: tuple[tuple[str, YieldShare], ...]
     curve: tuple[tuple[float, YieldShare], ...]
     """Over a common factor on all tolerances."""
@@ -50,7 +50,7 @@ class Yields:
 
 @dataclass(frozen=True)
 class Offender:
-    """What one tolerance alone, at its end, does."""
+    """Effect of one tolerance alone, at its end."""
 
     place: str
     """Where in the design, in words."""
@@ -175,7 +175,7 @@ def offender_bars(offenders: Sequence[Offender], size: Point = (560, 300), *, mo
 
 
 def _used(row: Offender) -> tuple[str, ...]:
-    """What it uses of which limit, from long to short."""
+    """Words for the share of which limit it uses, from long to short."""
     label = row.limited_by.split(",")[0]
     if math.isinf(row.used):
         return f"{row.limited_by} undefined", f"{label} undefined", "undefined"
