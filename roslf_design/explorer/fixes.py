@@ -27,6 +27,8 @@ NOTEWORTHY = 0.005
 """Relative change from which a consequence is told."""
 BLUR_PX = 0.5
 """Microlens defocus that a change of d_2 may leave without f_ml following [px]."""
+BORE_PLACES = 2001
+"""Places along a bore that are tried for the FAP."""
 PLACES, ROUNDS = 65, 8
 """A search looks at so many places at once and goes on between two of them: 2e-12 of the range is left."""
 
@@ -76,12 +78,11 @@ def proposals(design: Design) -> tuple[Fix, ...]:
         those that cannot, or have nothing to do, say why.
     """
     camera, now = Camera.of(design.thin_twin), facts(design)
-    telecentric = "it is image-space telecentric already" if is_telecentric(camera) else float(camera.f)
     every = (
         *((f"match-{symbol}", f"Match f-number by {symbol}", symbol, way) for symbol, way in _matching(camera, now)),
         ("undistort-d_3", "Free the whole sensor by d_3", "d_3", _undistorting(camera)),
         ("widest-field-d_3", "Largest undistorted field by d_3", "d_3", _widest(camera)),
-        ("telecentric", "Go telecentric (d_3 = f)", "d_3", telecentric),
+        ("telecentric", "Go telecentric (d_3 = f)", "d_3", _telecentric(camera)),
     )
     return tuple(_with_consequences(design, now, *proposal) for proposal in every)
 
@@ -117,7 +118,40 @@ def _matching(camera: Camera, now: Facts) -> Iterator[tuple[str, Change]]:
         if abs(now.fill_factor - 1) < 1e-9:
             yield symbol, "the f-number is matched already"
         else:
-            yield symbol, float(answer.value) if answer.exists else why_not[symbol]
+            place = float(answer.value) if answer.exists else None
+            if symbol == "d_3" and camera.chain.bends:  # where it is seen in another size wherever it stands
+                place = _nearest_place(camera, lambda d_3: fill_factor(camera.replace({"d_3": d_3})) - 1)
+            yield symbol, why_not[symbol] if place is None else place
+
+
+def _telecentric(camera: Camera) -> Change:
+    """The FAP in the plane that the main lens sees at its focus."""
+    if is_telecentric(camera):
+        return "it is image-space telecentric already"
+
+    def off(d_3: Floats | float) -> Floats:
+        plane = camera.plane(d_3)
+        return np.asarray(plane.b - camera.f * plane.a)
+
+    if camera.chain.in_air:
+        return float(camera.f)
+    place = _nearest_place(camera, off)
+    return "no place before the focal plane is seen at the main lens's focus" if place is None else place
+
+
+def _nearest_place(camera: Camera, off: Callable[[Floats | float], Floats]) -> float | None:
+    """Distance of the FAP [mm, with a ruler] at which a function is 0, the one nearest to today's; None without."""
+    from scipy.optimize import brentq
+
+    ends = np.linspace(0.0, float(camera[PATHS["d_f"]]), BORE_PLACES)[:-1]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        values = off(ends)
+    turns = np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) <= 0)
+    places = [float(brentq(lambda z: float(off(z)), ends[k], ends[k + 1], xtol=1e-12)) for k in turns]
+    # Beyond a pole a function changes its sign, too.
+    scale = float(np.nanmedian(np.abs(values[np.isfinite(values)])))
+    zeros = [place for place in places if abs(float(off(place))) < 1e-6 * max(scale, 1.0)]
+    return min(zeros, key=lambda place: abs(place - float(camera[PATHS["d_3"]])), default=None)
 
 
 def _undistorting(camera: Camera) -> Change:

@@ -160,3 +160,16 @@ def test_a_fap_beyond_a_rim_of_the_bore_can_go_to_it():
 def test_a_real_lens_is_mended_by_its_thin_twin():
     for fix in proposals(roslf.load("paper-singlet")):
         assert bool(fix.changes) != bool(fix.why_not)
+
+
+@pytest.mark.parametrize("name", ["cystoscope", "grin-needle", "video-otoscope", "arthroscope"])
+def test_fixes_behind_a_bore_do_what_they_say(name):
+    design = roslf.load(name)
+    design = design.replace(d_2=1.1 * design.d_2)
+    fixes = {fix.key: fix for fix in proposals(design)}
+    done = {key: Camera.of(design.replace(**fix.changes)) for key, fix in fixes.items() if fix.changes}
+    for key in done.keys() & {"match-d_2", "match-D_F", "match-d_3"}:
+        assert mismatch_px(done[key]) == pytest.approx(0, abs=1e-6), key
+    if "telecentric" in done:
+        assert is_telecentric(done["telecentric"])
+    assert {"match-d_2", "match-D_F"} <= done.keys()
