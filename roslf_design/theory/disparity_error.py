@@ -265,7 +265,9 @@ def disparity_information(images: MicrolensImages, plane: Seen, waves: Spectrum 
     level = np.where(usable, np.minimum(2 * np.ceil(rows.finest / 2), SHARPEST).clip(2, None), 0).astype(int)
     information = np.zeros(fill.size)
     level = np.where(usable & (rows.finest > SHARPEST), SHARPEST + 1, level)
-    for detail, uncut in itertools.product(np.unique(level[level > 0]).tolist(), (False, True)):
+    for detail, uncut in itertools.product(
+        (np.flatnonzero(np.bincount(level, minlength=2)[1:]) + 1).tolist(), (False, True)
+    ):
         mine = np.flatnonzero((level == detail) & (whole == uncut))
         if mine.size:
             information[mine] = (_interpolated if uncut else _each)(rows.at(mine), array, detail, uncut)
