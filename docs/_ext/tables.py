@@ -15,7 +15,7 @@ from sphinx.pycode import ModuleAnalyzer
 
 from roslf_design.bore.material import Material
 from roslf_design.bore.real_lens import Lens
-from roslf_design.evaluation.result import Numbers
+from roslf_design.evaluation.groups import Numbers
 from roslf_design.lenses.glass import Glass
 from roslf_design.lenses.solid import Solid
 from roslf_design.theory.quantities import QUANTITIES

@@ -14,7 +14,7 @@ from ..errors import refusal
 from ..evaluation import evaluate as compute
 from ..evaluation.evaluate import evaluation_accuracy
 from ..evaluation.fields import MOST_FIELDS
-from ..evaluation.show import print_evaluation
+from ..evaluation.result import print_evaluation
 from ..evaluation.specification import specification
 from ..tables import csv_bytes
 from ..units import COLDEST, FARTHEST, HOTTEST, read_quantity

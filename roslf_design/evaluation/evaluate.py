@@ -29,9 +29,8 @@ from ..theory.stop_images import MicrolensImages
 from ..theory.vignetting import field_limit
 from ..words import length
 from .fields import default_fields, evaluate_fields, rays_for, trace_lens
-from .result import (
+from .groups import (
     AtTemperature,
-    Evaluation,
     LookedThrough,
     MappedField,
     Numbers,
@@ -39,6 +38,7 @@ from .result import (
     SeenPart,
     Temperatures,
 )
+from .result import Evaluation
 from .specification import depth_assumptions
 from .verdicts import verdicts_of, warnings_of
 

@@ -25,7 +25,7 @@ from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages, stop_openings
 from ..traced.camera import camera_of
 from ..traced.images import measured_bound, real_field
-from .result import Field, Numbers, RayBudget, RealLens, RealLensField, Share
+from .groups import Field, Numbers, RayBudget, RealLens, RealLensField, Share
 
 Place = tuple[float, float]
 Shares = tuple[Array, Array, float, float]

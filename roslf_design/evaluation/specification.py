@@ -28,7 +28,7 @@ from ..theory.stop_images import MicrolensImages
 from ..traced.fields import LensImages, images_of
 from ..words import number
 from .fields import default_fields
-from .result import DepthAssumptions
+from .groups import DepthAssumptions
 
 Place = tuple[float, float]
 

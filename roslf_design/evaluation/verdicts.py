@@ -22,7 +22,7 @@ from ..theory.photometry import accepted, response
 from ..theory.quantities import QUANTITIES
 from ..words import listed, place
 from .fields import default_fields, field_openings
-from .result import Field, Numbers, RealLens, Verdict
+from .groups import Field, Numbers, RealLens, Verdict
 
 SLACK_PX = 0.5
 """Overlap or gap of neighbouring microlens images that still counts as matched [px]."""

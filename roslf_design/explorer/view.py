@@ -16,7 +16,7 @@ from ..drawing.marks import Point
 from ..drawing.picture import Picture
 from ..drawing.theme import short
 from ..evaluation import Evaluation
-from ..evaluation.show import depth_facts
+from ..evaluation.result import depth_facts
 from ..lenses.glass import Glass
 from ..reporting.depth.pictures import normalised, profile
 from ..reporting.design.curves import depth_over_field, depth_precision, field_curve, matching_plane

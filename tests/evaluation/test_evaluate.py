@@ -15,8 +15,8 @@ from roslf_design.cli import main
 from roslf_design.commands.report import maker
 from roslf_design.design import DesignError, preset_names
 from roslf_design.evaluation.fields import evaluate_fields, rays_for
-from roslf_design.evaluation.result import RayBudget, Share
-from roslf_design.evaluation.show import budget_table, seen_table
+from roslf_design.evaluation.groups import RayBudget, Share
+from roslf_design.evaluation.result import budget_table, seen_table
 from roslf_design.reporting.design.pages import accuracy_section
 from roslf_design.theory.stop_images import MicrolensImages
 

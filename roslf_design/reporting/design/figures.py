@@ -12,7 +12,7 @@ from ...camera import Camera
 from ...drawing.picture import PAGE
 from ...drawing.solid import NoViewerError, library, outlines, scene_data
 from ...evaluation import default_fields
-from ...evaluation.show import depth_basis
+from ...evaluation.result import depth_basis
 from ...imaging.transfer import encircled
 from ...words import number, spaced
 from ..blocks import Figure

@@ -13,7 +13,7 @@ from ...design import dumps
 from ...design.files import WRITTEN
 from ...evaluation import evaluate
 from ...evaluation.evaluate import evaluation_accuracy
-from ...evaluation.show import (
+from ...evaluation.result import (
     WIDTHS,
     absent_effects,
     budget_table,

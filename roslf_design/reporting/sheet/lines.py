@@ -12,7 +12,7 @@ import numpy as np
 
 from ..._arrays import Array
 from ...camera import Camera
-from ...evaluation.show import depth_basis
+from ...evaluation.result import depth_basis
 from ...evaluation.specification import (
     CRITERION,
     Colour,
