@@ -250,7 +250,7 @@ def disparity_information(images: MicrolensImages, plane: Seen, waves: Spectrum 
         colour filters of a texture without colour, in white light: what the pixels of each colour tell, added up.
     """
     c = images.camera
-    if parts := [(one.share, type(images)(through_filter(c, one), images.fields)) for one in filters(c.colours)]:
+    if parts := [(one.share, images.by(through_filter(c, one))) for one in filters(c.colours)]:
         return np.asarray(sum(share * disparity_information(part, plane, waves) for share, part in parts))
     one = np.ones(())
     rows = _rows_of(images, plane, texture(c, plane) if waves is None else _Texture(one, one, waves))
@@ -668,6 +668,10 @@ def axial_disparity_sigma(c: Camera, plane: Seen) -> Array:
 
 class _Uncut(MicrolensImages):
     """The microlens on the axis and the FAP as its only stop."""
+
+    def by(self, camera: Camera) -> MicrolensImages:
+        """Image on the axis of another camera."""
+        return _Uncut(camera, self.fields)
 
     @property
     def openings(self) -> Openings:

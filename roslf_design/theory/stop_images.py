@@ -345,6 +345,10 @@ class MicrolensImages:
         self.x, self.y = self.fields[:, :1], self.fields[:, 1:]
         self.microlens = camera.microlens(self.x, self.y)
 
+    def by(self, camera: Camera) -> MicrolensImages:
+        """Images of another camera at the same fields, by closed forms."""
+        return MicrolensImages(camera, self.fields)
+
     @cached_property
     def in_system(self) -> Array:
         """Microlens axes against the optical axis, tilts left out: shape (fields, 2) for one camera [mm]."""

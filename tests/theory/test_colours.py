@@ -22,6 +22,8 @@ from roslf_design.theory.photometry import electrons, exposure, response, throug
 from roslf_design.theory.quantities import QUANTITIES, seen_at
 from roslf_design.theory.resolution import fold
 from roslf_design.theory.stop_images import MicrolensImages
+from roslf_design.tolerancing.metrics import Question, evaluate_builds
+from roslf_design.traced.fields import images_of
 from studies.depth.prediction_proof import rendered_information
 
 PAPER = roslf.load("paper")
@@ -136,6 +138,18 @@ def test_depth_of_a_mosaic():
     assert abs(summary.bias_mm) < 0.7 * summary.told_mm
     assert 0.5 < summary.inside_68 < 0.9
     assert summary.spread_mm < 2.5 * summary.predicted_mm
+
+
+@pytest.mark.parametrize("name", ["paper", "paper-singlet"])
+def test_depth_over_the_field_of_a_mosaic_goes_on_from_the_axis(name):
+    """At fields of a data sheet and in tolerance studies as on the axis, behind an ideal lens and a real one."""
+    design = roslf.load(name).replace({"sensor.colours": "RGGB"})
+    fields = ((0.0, 0.0), (3.0, 0.0))
+    builds = evaluate_builds(Question(design, ("sigma_z_at_field_mm",), fields, 350.0), {}, 1)[:, 0]
+    alone = np.asarray(QUANTITIES["sigma_z_at_field_mm"].at_fields(images_of(design, fields)))[:, 0]
+    assert_allclose(builds, alone, rtol=1e-9)  # twins of builds have their lenses' own focal lengths
+    assert alone[0] == pytest.approx(float(QUANTITIES["sigma_z_mm"](Camera.of(design))), rel=1e-9)
+    assert alone[0] < alone[1] < 1.01 * alone[0]  # slanting light is weaker
 
 
 def test_slanting_light_is_lost_in_picture_and_prediction():
