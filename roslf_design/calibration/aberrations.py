@@ -11,10 +11,11 @@ from dataclasses import replace
 import numpy as np
 
 from ..design import Design
+from ..fates import ImageFate
 from ..lenses.prescription import LensError
 from ..traced.camera import LensCamera, views
 from ..traced.camera import camera_of as traced_camera
-from ..traced.images import FULL, real_images
+from ..traced.images import real_images
 from .fit import Calibration, calibrate
 from .frames import Array, CalibrationError
 from .lattice import bend_columns
@@ -71,7 +72,7 @@ def _traced_corners(camera: LensCamera, design: Design, result: Calibration, ben
     axes = (np.linspace(-side, side, max(5, round(_NODES * side / reach))) for side in half)
     nodes = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
     images = real_images(camera, nodes, points=32)
-    whole = images.status == FULL
+    whole = images.status == ImageFate.FULL
 
     def columns(c: Array) -> Array:
         straight = np.concatenate([np.ones((*c.shape[:-1], 1)), c / reach], axis=-1)

@@ -22,7 +22,7 @@ from ..calibration.decoding import LightField
 from ..calibration.lattice import CentreLattice
 from ..camera import Camera
 from ..design import Design
-from ..lenses.tracer import KEPT
+from ..fates import RayFate
 from ..shapes.lattice import PACKINGS
 from ..theory.colours import panchromatic
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
@@ -114,7 +114,7 @@ class TracedViews:
             centre = sensor_of_pupil(mounted, places, fap.centre)
             apart = chief_slope(mounted, places, fap.centre + offsets) - chief_slope(mounted, places, fap.centre)
             rays = views(mounted, places, centre.sensor + mounted.d_2 * apart, clip=False)
-            return rays.pupil, centre.ok & (rays.state == KEPT)
+            return rays.pupil, centre.ok & (rays.state == RayFate.KEPT)
 
         middle = sensor_of_pupil(mounted, c, fap.centre)
         first, comes = through(np.broadcast_to(c[:, None], (len(c), len(points), 2)))

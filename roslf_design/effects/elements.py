@@ -17,6 +17,7 @@ from ..camera import Camera
 from ..camera.camera import place_of
 from ..design import Design
 from ..design.parts import PATHS
+from ..fates import RayFate
 from ..rays.backward import behind_elements, mapped, scene_side
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.light import outer_slope
@@ -87,7 +88,7 @@ def exact_minus_paraxial(
         coloured = camera if wavelength == design.wavelength else camera.replace({"wavelength": wavelength})
         space = ObjectSpaceFaces.unclipped(coloured)
         *at_rims, exact = space.rays_at([float(rim.ruler_distance) for rim in rims], height, slope)
-        good = passed & (exact.status == 0)
+        good = passed & (exact.status == RayFate.KEPT)
         lost |= bool((passed & ~good).any())
         there = {rim.part: rays for rim, rays in zip(rims, at_rims, strict=True)}
         image = max(image, _clipping(camera, there, (lx, ly, ox, oy), good, radius))

@@ -18,8 +18,8 @@ import numpy as np
 
 from ..camera import Camera
 from ..design import Design
+from ..fates import ImageFate, RayFate
 from ..lenses.prescription import first_order
-from ..lenses.tracer import KEPT
 from ..traced.camera import camera_of
 from ..traced.images import field_map, real_field
 from .effect import Effect, Estimate, Subject, Unit
@@ -66,8 +66,8 @@ def _traced_faults(design: Design, x_ml: float) -> _LensAberrations:
     straight |= {f"{part}.decentre": (0.0, 0.0) for part in centred}
     field = real_field(design.replace({**straight, "microlens_array.rotation": 0.0}), axes)
     diameter = field.thin_diameter
-    whole = (field.images.status == 2) & np.isfinite(field.rim_shift)
-    lit = field.maps.status == KEPT
+    whole = (field.images.status == ImageFate.FULL) & np.isfinite(field.rim_shift)
+    lit = field.maps.status == RayFate.KEPT
     foci = np.maximum(np.abs(field.maps.tangential_focus), np.abs(field.maps.sagittal_focus))
     apart = np.abs(field.maps.tangential_focus - field.maps.sagittal_focus)
     return _LensAberrations(

@@ -13,10 +13,9 @@ from .._arrays import Array, sunflower
 from ..accuracy.statement import check_accuracy
 from ..camera import Camera
 from ..design import Design
+from ..fates import ImageFate, RayFate
 from ..lenses.prescription import LensError
-from ..lenses.tracer import KEPT
-from ..rays import Status, trace_pupil
-from ..shapes.discs import ClipStatus
+from ..rays import trace_pupil
 from ..shapes.lattice import cell_polygon
 from ..shapes.openings import Openings
 from ..theory.exit_pupil import microlens_image_pitch
@@ -31,9 +30,6 @@ Place = tuple[float, float]
 Shares = tuple[Array, Array, float, float]
 """Shares of the rays that fill the FAP: past each rim in the order of the file, and of light; on the sensor; in the
 cell."""
-
-STATUS = {ClipStatus.FULL: "full", ClipStatus.CLIPPED: "clipped", ClipStatus.EMPTY: "dark"}
-TRACED_STATUS = ("dark", "clipped", "full", "folded")
 
 RAYS = 65_536
 """Rays per microlens, evenly over the FAP, where no accuracy is asked for."""
@@ -129,7 +125,7 @@ def evaluate_fields(design: Design, axes: Sequence[Place], rays: int = RAYS) -> 
     return tuple(
         Field(
             x_ml_mm=axis,
-            status=STATUS[ClipStatus(int(shape.status[i, 0]))],
+            status=ImageFate(shape.status[i, 0]).words,
             area_mm2=float(shape.area[i, 0]),
             kept_fraction=float(shape.kept_fraction[i, 0]),
             lost_fraction=float(shape.lost_fraction[i, 0]),
@@ -165,7 +161,7 @@ def _exact_shares(images: MicrolensImages) -> list[Shares]:
     names = [rim.name for rim in (camera.fap, *camera.rims)]
     in_light = [names.index(rim.name) for rim in camera.in_light_order]
 
-    cut = images.shapes.status[:, 0] != ClipStatus.FULL
+    cut = images.shapes.status[:, 0] != ImageFate.FULL
 
     cutting = np.any(openings.rooms < 0, axis=0)  # the others hold the FAP's image in theirs
 
@@ -227,13 +223,13 @@ def _clipped_to_box(polygon: Array, low: Array, high: Array) -> Array:
 
 def _counted_shares(camera: Camera, axis: Place, points: Array) -> Shares:
     rays = trace_pupil(camera, (points[0], points[1]), axis)
-    traceable = rays.status != Status.UNTRACEABLE
+    traceable = rays.status != RayFate.MISSED
     kept, past = (
         np.logical_and.accumulate([rays.passes[rim.name] & traceable for rim in rims]).mean(axis=1)
         for rims in ((camera.fap, *camera.rims), camera.in_light_order)
     )
-    own = rays.status == Status.KEPT
-    on_sensor = own | (rays.status == Status.NEIGHBOUR)
+    own = rays.status == RayFate.KEPT
+    on_sensor = own | (rays.status == RayFate.NEIGHBOUR)
     return kept, past, float(on_sensor.mean()), float(own.mean())
 
 
@@ -298,7 +294,7 @@ def _traced_fields(design: Design, axes: Sequence[Place]) -> tuple[RealLensField
     images, maps, diameter = traced.images, traced.maps, traced.thin_diameter
     twin = Camera.of(design)
     cone = float(twin.seen.D_F / twin.seen.A) / design.d
-    kept = maps.status == KEPT
+    kept = maps.status == RayFate.KEPT
     columns = {
         "diameter_mm": diameter * (1 + traced.widening),
         "widening_px": diameter * traced.widening / design.q,
@@ -318,11 +314,11 @@ def _traced_fields(design: Design, axes: Sequence[Place]) -> tuple[RealLensField
     return tuple(
         RealLensField(
             x_ml_mm=axis,
-            status=TRACED_STATUS[int(images.status[i])],
+            status=ImageFate(images.status[i]).words,
             chief_ray=traced.chief[i],
             kept_fraction=float(images.kept_fraction[i]),
             centre_mm=_pair(images.chief[i]) if kept[i] else None,
-            axis_ratio=float(images.axis_ratio[i]) if images.status[i] else None,
+            axis_ratio=float(images.axis_ratio[i]) if images.status[i] != ImageFate.DARK else None,
             shift_px=_pair(traced.shift[i] / design.q) if kept[i] else None,
             **known[i],
         )

@@ -285,7 +285,7 @@ def sobol_points(count: int) -> NDArray[np.uint32]:
     return np.asarray(points * 2.0**32).astype(np.uint32)
 
 
-NOTHING = ObjectSpaceFaces(np.zeros((0, COLUMNS)), np.zeros((0, 2)), np.zeros(0, np.uint8), NO_LAW)
+NOTHING = ObjectSpaceFaces(np.zeros((0, COLUMNS)), np.zeros((0, 2)), np.zeros(0, np.int16), NO_LAW)
 
 
 @dataclass(frozen=True, eq=False)
@@ -384,7 +384,7 @@ class Tracer:
                 _trace.compiled(
                     x, y, float(camera.q) / fine, lattice.axes, lattice.image_axes, np.linalg.inv(lattice.image_axes),
                     lattice.image_origin, lattice.half_size, lattice.reach, lattice.neighbours, self.flags,
-                    *self.layout, space.table, space.media, space.clip_status, *self.surfaces, self.kicks, self.falloff,
+                    *self.layout, space.table, space.media, space.openings, *self.surfaces, self.kicks, self.falloff,
                     self.mouth, float(camera.seen.d_3), float(camera.seen.d_f), points, counts,
                     sampling.tolerance * fine, place, image, used,
                 )  # fmt: skip
@@ -425,14 +425,14 @@ def _hash3(a: Any, b: Any, c: Any) -> Any:
 
 @kernel()
 def _to_scene(
-    flags: Any, k: Any, front: Any, law: Any, table: Any, media: Any, takers: Any, buffer: Any, work: Any,
+    flags: Any, k: Any, front: Any, law: Any, table: Any, media: Any, openings: Any, buffer: Any, work: Any,
     d_3: float, d_f: float, kick_x: float, kick_y: float, hx: float, hy: float, ox: float, oy: float,
 ) -> Any:  # fmt: skip
     """A ray that leaves the main lens, as it goes on before all elements, and whether it gets there."""
     ex, ey, tx, ty, fate, imaged = hx, hy, ox, oy, 0, True
     fx, fy, gx, gy = hx, hy, ox, oy
     if flags[EXACT]:
-        ex, ey, tx, ty, fate = outwards(table, media, takers, law, buffer, work, hx, hy, ox, oy)
+        ex, ey, tx, ty, fate = outwards(table, media, openings, law, buffer, work, hx, hy, ox, oy)
         if fate != 0 or (law.shape[0] == 0 and not flags[IN_FOCUS] and kick_x == 0.0 and kick_y == 0.0):
             return ex, ey, tx, ty, fate == 0
         fx, fy, gx, gy = behind_elements(front, k[LENS_X], k[LENS_X + 1], hx, hy, ox, oy)
@@ -461,7 +461,7 @@ def _share_of_light(law: Any, slope: float) -> float:
 def _trace(
     x: Any, y: Any, pixel: float, axes: Any, image_axes: Any, inverse: Any, origin: Any, half_size: Any, reach: float,
     neighbours: int, flags: Any, k: Any, maps: Any, rims: Any, front: Any, law: Any, table: Any, media: Any,
-    takers: Any, rows: Any, pictures: Any, beyond: float, mirrored: Any, kicks: Any, falloff: float,
+    openings: Any, rows: Any, pictures: Any, beyond: float, mirrored: Any, kicks: Any, falloff: float,
     mouth: float, d_3: float, d_f: float, points: Any, counts: Any, tolerance: float, place: Any, image: Any,
     spent: Any,
 ) -> None:  # fmt: skip
@@ -476,7 +476,7 @@ def _trace(
         near_x, near_y = np.empty(MOST), np.empty(MOST)
         buffer, work = np.empty(ROWS * BLOCK), np.empty(BLOCK)
         # Shared ones are counted by all threads.
-        faces, indices, takes, own = table.copy(), media.copy(), takers.copy(), law.copy()
+        faces, indices, takes, own = table.copy(), media.copy(), openings.copy(), law.copy()
         used = 0
         for i in range(x.size):
             n = 0

@@ -16,6 +16,7 @@ from numpy.polynomial.polynomial import polyder, polyval2d
 from numpy.typing import NDArray
 
 from .._arrays import sunflower
+from ..fates import RayFate
 from ..theory.object_space import ObjectSpaceFaces, SceneRays
 
 if TYPE_CHECKING:
@@ -86,7 +87,7 @@ class Wavefront:
         slope = self.source.slope(pupil) + self.slopes(pupil)
         height = pupil + slope * float(camera.seen.d_3)
         met = _carried(self.faces, height + self.source.lens, slope)
-        return np.asarray((met.status == 0) & (np.hypot(*np.moveaxis(height, -1, 0)) <= float(camera.D) / 2))
+        return np.asarray((met.status == RayFate.KEPT) & (np.hypot(*np.moveaxis(height, -1, 0)) <= float(camera.D) / 2))
 
     @property
     def steepest(self) -> float:
@@ -166,7 +167,7 @@ def _extra_slopes(source: PointSource, faces: ObjectSpaceFaces, pupil: Floats) -
         height = pupil + slope * float(camera.seen.d_3) + source.lens
         out = _carried(faces, height, slope)
         miss = np.moveaxis(out.height - out.slope * z, 0, -1) - [x, y]
-        alive = out.status == 0
+        alive = out.status == RayFate.KEPT
         comes = alive & (np.max(np.abs(miss), axis=-1) <= near)
         if np.all(comes | ~alive):
             break

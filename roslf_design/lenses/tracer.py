@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._jit import kernel
+from ..fates import FATES, RayFate
 from .angles import LAW_COLUMNS, first_order, stretch
 
 Array = NDArray[np.float64]
@@ -29,18 +30,9 @@ BLOCK = 256
 ROWS = 8
 """Rows of a block: position, direction, state, and room to work."""
 
-KEPT = 0
-CLIPPED, MISSED, REFLECTED, NO_PLANE, INVALID, STOPPED = 1, 2, 3, 4, 5, 6
-"""Reasons why a ray was stopped; its state is eight times the number of the surface or stop (from 1; else 0) plus one
-of these."""
-REASONS = {
-    CLIPPED: "clipped at surface {}",
-    MISSED: "missed surface {}",
-    REFLECTED: "total internal reflection at surface {}",
-    NO_PLANE: "never reaches the plane",
-    STOPPED: "clipped at stop {}",
-    INVALID: "not a ray (not finite)",
-}
+CLIPPED, MISSED, REFLECTED = int(RayFate.CLIPPED), int(RayFate.MISSED), int(RayFate.REFLECTED)
+NO_PLANE, INVALID = int(RayFate.NO_PLANE), int(RayFate.INVALID)
+"""Fates as kernels take them; states count surfaces from 1 at the scene."""
 
 SPHERE, CONIC, ASPHERE, IRREGULAR = 1, 2, 3, 4
 THIN, ROD, MAPPED, MIRROR = 11, 12, 13, 14
@@ -79,11 +71,6 @@ importing numba 0.4 s. Which of the two runs makes no difference to a single bit
 _spent = [0]
 
 
-def describe(state: int) -> str:
-    """Words for a ray's state: "kept", "clipped at surface 3"; surfaces count from 1 at the scene."""
-    return "kept" if state == KEPT else REASONS[state % 8].format(state // 8)
-
-
 class Passed(NamedTuple):
     """Rays on the far side of a lens, told by where they cross a plane."""
 
@@ -92,7 +79,7 @@ class Passed(NamedTuple):
     slope: Array
     """dx/dz and dy/dz, (2, ...); 0 for a lost ray."""
     state: NDArray[np.int16]
-    """State of the ray (`describe`), (...)."""
+    """State of the ray (`..fates`), (...)."""
     margin: Array
     """Least of 1 - r^2/semi-diameter^2 over the surfaces, (...); -1 or less for a stopped ray."""
 
@@ -694,7 +681,7 @@ def pass_surfaces(
         k = count - 1 - j if backward else j
         first = k * COLUMNS
         before, after = (media[k + 1], media[k]) if backward else (media[k], media[k + 1])
-        kind, code, mu = int(table[first + 6]), 8.0 * (k + 1), before / after
+        kind, code, mu = int(table[first + 6]), 1.0 * FATES * (k + 1), before / after
         limit = table[first + 5] if clip else 1e300
         turned = table[first + 7] != 0
         mine = squares[k * BLOCK : k * BLOCK + m]
@@ -721,7 +708,7 @@ def pass_surfaces(
 
 
 @kernel()
-def _reach_plane(buffer: Any, m: int, z: float, s: float, code: float) -> None:
+def _reach_plane(buffer: Any, m: int, z: float, s: float) -> None:
     """Carry a block straight on to the plane at `z`."""
     for i in range(m):
         dz = buffer[5 * BLOCK + i]
@@ -732,7 +719,7 @@ def _reach_plane(buffer: Any, m: int, z: float, s: float, code: float) -> None:
         buffer[i] = buffer[i] + t * buffer[3 * BLOCK + i] if moves else buffer[i]
         buffer[BLOCK + i] = buffer[BLOCK + i] + t * buffer[4 * BLOCK + i] if moves else buffer[BLOCK + i]
         buffer[2 * BLOCK + i] = z if moves else buffer[2 * BLOCK + i]
-        buffer[6 * BLOCK + i] = code + NO_PLANE if alive and not meets else buffer[6 * BLOCK + i]
+        buffer[6 * BLOCK + i] = 1.0 * NO_PLANE if alive and not meets else buffer[6 * BLOCK + i]
 
 
 @kernel()
@@ -764,7 +751,7 @@ def trace_slopes(
                 buffer[3 * BLOCK + i], buffer[4 * BLOCK + i] = sx * shrink, sy * shrink
                 buffer[5 * BLOCK + i], buffer[6 * BLOCK + i] = shrink, 0.0 if good else 1.0 * INVALID
             pass_surfaces(buffer, m, lens, index, count, backward, clip, squares)
-            _reach_plane(buffer, m, plane[build], s, 8.0 * (count + 1))
+            _reach_plane(buffer, m, plane[build], s)
             states, rooms = state[start : start + m], room[start : start + m]
             for i in range(m):
                 kept = buffer[6 * BLOCK + i] == 0.0

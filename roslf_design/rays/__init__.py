@@ -1,6 +1,5 @@
 """Rays through stops, main lens and microlenses, every one with a fate."""
 
-from ..theory.object_space import Status
 from .pupil import PASSED, Fan, PupilRays, fans, glass_shares, paths, trace_pupil
 
-__all__ = ["PASSED", "Fan", "PupilRays", "Status", "fans", "glass_shares", "paths", "trace_pupil"]
+__all__ = ["PASSED", "Fan", "PupilRays", "fans", "glass_shares", "paths", "trace_pupil"]

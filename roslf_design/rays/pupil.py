@@ -12,8 +12,9 @@ from ..bore.chain import COVER, SUBSTRATE
 from ..camera import Camera, Rim, Vector
 from ..camera.frames import along, dot, minus, times
 from ..design.parts import PATHS
+from ..fates import RayFate, state_at
 from ..shapes.lattice import PACKINGS
-from ..theory.object_space import Status
+from ..theory.object_space import FAP, MAIN_LENS
 from ..theory.stop_images import Projected, lens_point, project
 
 Floats = NDArray[np.float64]
@@ -21,15 +22,16 @@ Mask = NDArray[np.bool_]
 Point = tuple[ArrayLike, ArrayLike]
 
 
-PASSED = (int(Status.KEPT), int(Status.NEIGHBOUR), int(Status.OFF_SENSOR))
+PASSED = (RayFate.KEPT, RayFate.NEIGHBOUR, RayFate.OFF_SENSOR)
 """Past every rim, wherever on the sensor's plane it landed."""
 
 
 class PupilRays(NamedTuple):
     """Rays through the pupil: their fate, where they land, and their course in object space."""
 
-    status: NDArray[np.uint8]
-    """`Status` codes: the first element in the order of light that takes a ray."""
+    status: NDArray[np.int16]
+    """State of the ray (`..fates`): the first opening in the order of light that takes it, where it lands, or `MISSED`
+    of one that meets some element from behind, along its plane or at infinity."""
     sensor: tuple[Floats, Floats]
     """(x, y) in the sensor's frame [mm]."""
     height: tuple[Floats, Floats]
@@ -93,7 +95,7 @@ def trace_pupil(camera: Camera, pupil: Point, microlens: Point) -> PupilRays:
         on_sensor = (np.abs(px) <= width / 2) & (np.abs(py) <= tall / 2)
         own = _own_cell(camera, cx, cy, landing, px, py)
     status = _status_of(camera, shape, passes, on_sensor=on_sensor, own_cell=own, traceable=good)
-    lit = status != Status.UNTRACEABLE
+    lit = status != RayFate.MISSED
 
     def pair(x: Floats, y: Floats) -> tuple[Floats, Floats]:
         return np.where(lit, x, 0.0), np.where(lit, y, 0.0)
@@ -109,17 +111,16 @@ def _status_of(
     on_sensor: Mask,
     own_cell: Mask,
     traceable: Mask,
-) -> NDArray[np.uint8]:
+) -> NDArray[np.int16]:
     """Status of every ray: who takes it first, in the order of light; the masks broadcast to `shape`."""
-    codes = {"main lens": int(Status.MAIN_LENS)}
-    codes |= {rim.name: Status.APERTURE + k for k, rim in enumerate(camera.openings_ahead)}
-    status = np.full(shape, Status.KEPT, np.uint8)
+    numbers = {"main lens": MAIN_LENS} | {rim.name: FAP + k for k, rim in enumerate(camera.openings_ahead)}
+    status = np.full(shape, RayFate.KEPT, np.int16)
     # Light's first obstacle overrules what would take the ray later.
-    np.copyto(status, np.uint8(Status.NEIGHBOUR), where=~own_cell)
-    np.copyto(status, np.uint8(Status.OFF_SENSOR), where=~on_sensor)
+    np.copyto(status, np.int16(RayFate.NEIGHBOUR), where=~own_cell)
+    np.copyto(status, np.int16(RayFate.OFF_SENSOR), where=~on_sensor)
     for rim in reversed(camera.in_light_order):
-        np.copyto(status, np.uint8(codes[rim.name]), where=~passes[rim.name])
-    np.copyto(status, np.uint8(Status.UNTRACEABLE), where=~traceable)
+        np.copyto(status, np.int16(state_at(numbers[rim.name])), where=~passes[rim.name])
+    np.copyto(status, np.int16(RayFate.MISSED), where=~traceable)
     return status
 
 
@@ -175,8 +176,8 @@ class Fan(NamedTuple):
     """Height in the meridional plane, likewise. A stopped ray repeats the point where it ended."""
     y: Floats
     """Height across it: 0 unless something is tilted about x, rotated or decentred in y."""
-    status: NDArray[np.uint8]
-    """`Status` codes; shape (microlenses, rays)."""
+    status: NDArray[np.int16]
+    """`PupilRays.status`, shape (microlenses, rays)."""
 
 
 def fans(
@@ -255,8 +256,8 @@ def paths(camera: Camera, rays: PupilRays, microlens: Point, start: float) -> Fl
     ]
     shape = rays.status.shape
     drawn = np.stack([np.stack([np.broadcast_to(x, shape) for x in vertex], -1) for vertex in vertices], -2)
-    takers = [(int(Status.MAIN_LENS), camera.rims[0])]
-    takers += [(Status.APERTURE + k, rim) for k, rim in enumerate(camera.openings_ahead)]
+    takers = [(state_at(MAIN_LENS), camera.rims[0])]
+    takers += [(state_at(FAP + k), rim) for k, rim in enumerate(camera.openings_ahead)]
     reached = np.array([*planes, *[-1.0] * (len(vertices) - len(planes))])
     for code, rim in takers:
         stands = float(rim.ruler_distance)

@@ -8,20 +8,20 @@ from __future__ import annotations
 
 import functools
 import math
-from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._jit import Kernel, kernel
+from ..fates import ImageFate
 from .circles import INSIDE, NODES, WEIGHTS, between, cap, trace
 
 Floats = NDArray[np.float64]
 Array = Floats
 
-EMPTY, CLIPPED, FULL = 0, 1, 2
-"""States of disc 0: nothing left, part left, whole."""
+EMPTY, CLIPPED, FULL = int(ImageFate.DARK), int(ImageFate.CLIPPED), int(ImageFate.FULL)
+"""Fates of disc 0 as kernels take them: nothing left, part left, whole."""
 
 
 INTERPRETED_BELOW = 4096
@@ -29,14 +29,6 @@ INTERPRETED_BELOW = 4096
 
 LARGEST = 1e70
 """Lengths [mm] beyond which squares of areas overflow."""
-
-
-class ClipStatus(IntEnum):
-    """State of disc 0: what other discs leave of it."""
-
-    EMPTY = EMPTY
-    CLIPPED = CLIPPED
-    FULL = FULL
 
 
 class DiscIntersection(NamedTuple):
@@ -54,7 +46,7 @@ class DiscIntersection(NamedTuple):
     lost_fraction: Array
     """1 - kept_fraction, shape (...), right relative to itself: where little is lost, it is what was computed."""
     status: NDArray[np.int8]
-    """`ClipStatus`, shape (...): is disc 0 whole (FULL), cut (CLIPPED) or gone (EMPTY)."""
+    """`ImageFate`, shape (...): is disc 0 whole (FULL), cut (CLIPPED) or gone (DARK)."""
     clipping: NDArray[np.bool_]
     """Shape (..., K): which discs other than 0 cut. Those whose circle bounds the part or, where that is empty, a pair
     without a common point, or all that bound the empty part together."""
@@ -62,7 +54,7 @@ class DiscIntersection(NamedTuple):
     @property
     def lit(self) -> NDArray[np.bool_]:
         """Whether there is any common part at all, shape (...)."""
-        return np.asarray(self.status != ClipStatus.EMPTY)
+        return np.asarray(self.status != ImageFate.DARK)
 
     @property
     def axis_ratio(self) -> Array:

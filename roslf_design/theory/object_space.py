@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from enum import IntEnum
 from math import sqrt
 from typing import Any, NamedTuple
 
@@ -22,11 +21,13 @@ from ..bore.elements import element_name
 from ..bore.faces import KIND, LIMIT, OPEN, TURNED, Face, Surroundings, axes_of, plane_row, vertex_of
 from ..bore.part import PartNumbers
 from ..camera import Camera, Number
+from ..fates import FATES
 from ..lenses.tracer import (
     BLOCK,
     CLIPPED,
     COARSE,
     COLUMNS,
+    INVALID,
     LENGTH,
     MAPPED,
     MISSED,
@@ -42,27 +43,9 @@ from ..lenses.tracer import (
 Floats = NDArray[np.float64]
 
 
-class Status(IntEnum):
-    """Fate of one ray; stored as one byte. ``APERTURE + k`` is rim k of `Camera.rims`, an element's face or a stop."""
-
-    KEPT = 0
-    """Passed everything; it landed in its own microlens's cell."""
-    MAIN_LENS = 1
-    """Clipped by the main lens's clear aperture."""
-    MICROLENS = 2
-    """Outside the clear aperture of its microlens."""
-    OFF_SENSOR = 3
-    """Missed the sensor."""
-    NEIGHBOUR = 4
-    """Landed on the sensor, outside its own microlens's cell."""
-    UNTRACEABLE = 5
-    """Meets some element from behind, along its plane or at infinity, or is not finite: no light travels there."""
-    REFLECTED = 6
-    """Totally reflected inside a window, prism, rod or lens before the main lens."""
-    ELEMENT = 7
-    """Outside a surface of a lens before the main lens that has no rim of its own in the design."""
-    APERTURE = 16
-    """Clipped by the flexible angular plane (FAP); behind it count the rims that follow the main lens's."""
+MAIN_LENS, FAP = 1, 2
+"""Numbers of openings in rays' states: the main lens, the flexible angular plane (FAP), then the others of
+`Camera.openings_ahead`; 0 for an element's face that no opening of the design stands for."""
 
 
 class SceneRays(NamedTuple):
@@ -72,8 +55,8 @@ class SceneRays(NamedTuple):
     """Points where the rays, prolonged, meet z = 0, (2, ...) [mm]; of a lost ray 0, as its slope."""
     slope: Floats
     """dx/dz and dy/dz, (2, ...)."""
-    status: NDArray[np.uint8]
-    """`Status`: what took a ray first, from the main lens outwards, (...)."""
+    status: NDArray[np.int16]
+    """State of the ray (`..fates`): what took it first, from the main lens outwards, and at which opening, (...)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +70,8 @@ class ObjectSpaceFaces:
     """A row a face, stop, ideal lens or rod, (..., S, 26)."""
     media: Floats
     """Indices on the scene's and on the sensor's side of each, (..., S, 2)."""
-    clip_status: NDArray[np.uint8]
-    """Fates of rays that each face or opening clips, as `Status`, (S,)."""
+    openings: NDArray[np.int16]
+    """Number of the opening that each face belongs to, as rays' states count them, (S,)."""
     law: Floats
     """`law_of`."""
     names: tuple[str, ...] = ()
@@ -111,11 +94,11 @@ class ObjectSpaceFaces:
             table[..., k, :], media[..., k, 0], media[..., k, 1] = face.row, face.scene, face.sensor
         if not clip:
             table[..., LIMIT] = OPEN
-        codes = {rim.part: int(Status.APERTURE) + k for k, rim in enumerate(camera.openings_ahead)}
+        numbers = {rim.part: FAP + k for k, rim in enumerate(camera.openings_ahead)}
         # Of a thin element both faces are one opening; one that no aperture takes rays at is lost in the element.
-        others = (codes.get(f"{face.opening.rpartition('.')[0]}.0", int(Status.ELEMENT)) for face in faces)
-        takers = [codes.get(face.opening, other) for face, other in zip(faces, others, strict=True)]
-        return cls(table, media, np.array(takers, np.uint8), law_of(camera), tuple(face.name for face in faces))
+        others = (numbers.get(f"{face.opening.rpartition('.')[0]}.0", 0) for face in faces)
+        openings = [numbers.get(face.opening, other) for face, other in zip(faces, others, strict=True)]
+        return cls(table, media, np.array(openings, np.int16), law_of(camera), tuple(face.name for face in faces))
 
     @classmethod
     def unclipped(cls, camera: Camera) -> ObjectSpaceFaces:
@@ -148,17 +131,17 @@ class ObjectSpaceFaces:
             np.ascontiguousarray(part.reshape(count, *part.shape[-2:])) for part in (self.table, self.media)
         )
         rays = np.ascontiguousarray(lines.reshape(4, -1, count).transpose(2, 0, 1))
-        out, status = np.zeros_like(rays), np.zeros((count, rays.shape[2]), np.uint8)
+        out, status = np.zeros_like(rays), np.zeros((count, rays.shape[2]), np.int16)
         room = np.empty(ROWS * BLOCK), np.empty(BLOCK)
         # Angles from sines come out of numpy and of the compiler a bit apart.
         if len(self.law) or use_compiled(_carry_builds, status.size * table.shape[1]):
-            _carry_builds.compiled(table, media, self.clip_status, self.law, *room, rays, out, status)
+            _carry_builds.compiled(table, media, self.openings, self.law, *room, rays, out, status)
         else:
             buffer, work = (_plain(part) for part in room)
             for k in range(count):
                 faces, indices = ([_plain(row) for row in part[k]] for part in (table, media))
                 carry.interpreted(
-                    faces, indices, self.clip_status, self.law, buffer, work, _plain(rays[k]), out[k], status[k]
+                    faces, indices, self.openings, self.law, buffer, work, _plain(rays[k]), out[k], status[k]
                 )
         outside = out.transpose(1, 2, 0).reshape(4, *shape)
         return SceneRays(outside[:2], outside[2:], status.T.reshape(shape))
@@ -174,7 +157,7 @@ class ObjectSpaceFaces:
 
     def _only(self, rows: NDArray[np.intp]) -> ObjectSpaceFaces:
         return replace(
-            self, table=self.table[..., rows, :], media=self.media[..., rows, :], clip_status=self.clip_status[rows],
+            self, table=self.table[..., rows, :], media=self.media[..., rows, :], openings=self.openings[rows],
             names=tuple(self.names[row] for row in rows),
         )  # fmt: skip
 
@@ -186,7 +169,7 @@ class ObjectSpaceFaces:
         They go on straight from there, be it in glass; in a gradient-index rod they are where they are inside. A ray is
         lost from where it is lost on.
         """
-        lost, first, rest = np.zeros((), np.uint8), 0, self._some(0, len(self.table))
+        lost, first, rest = np.zeros((), np.int16), 0, self._some(0, len(self.table))
         for distance in (*distances, math.inf):
             nearer = -rest.table[:, 2] < distance
             end = len(nearer) if nearer.all() else max(first, int(np.argmin(nearer)))
@@ -207,7 +190,7 @@ class ObjectSpaceFaces:
         """Copies of the faces from one to another."""
         some = slice(first, end)
         return ObjectSpaceFaces(
-            self.table[some].copy(), self.media[some].copy(), self.clip_status[some], self.law, self.names[some]
+            self.table[some].copy(), self.media[some].copy(), self.openings[some], self.law, self.names[some]
         )
 
 
@@ -285,10 +268,10 @@ def _cross_flat(
 
 @kernel()
 def outwards(
-    table: Any, media: Any, takers: Any, law: Any, buffer: Any, work: Any,
+    table: Any, media: Any, openings: Any, law: Any, buffer: Any, work: Any,
     hx: float, hy: float, ox: float, oy: float,
 ) -> Any:  # fmt: skip
-    """Height at z = 0 and slope of one ray outside, and its status; `buffer` and `work` are room for a block."""
+    """Height at z = 0 and slope of one ray outside, and its state; `buffer` and `work` are room for a block."""
     shrink = -1.0 / sqrt(1.0 + ox * ox + oy * oy)
     x, y, z, dx, dy, dz = hx, hy, 0.0, ox * shrink, oy * shrink, shrink
     for s in range(len(table)):
@@ -303,41 +286,34 @@ def outwards(
             buffer[0], buffer[BLOCK], buffer[2 * BLOCK] = x, y, z
             buffer[3 * BLOCK], buffer[4 * BLOCK], buffer[5 * BLOCK], buffer[6 * BLOCK] = dx, dy, dz, 0.0
             pass_surfaces(buffer, 1, row, media[s], 1, True, True, work)
-            fate = int(buffer[6 * BLOCK]) % 8
+            fate = int(buffer[6 * BLOCK]) % FATES
             x, y, z = buffer[0], buffer[BLOCK], buffer[2 * BLOCK]
             dx, dy, dz = buffer[3 * BLOCK], buffer[4 * BLOCK], buffer[5 * BLOCK]
-        if fate == CLIPPED:
-            return 0.0, 0.0, 0.0, 0.0, int(takers[s])
-        if fate == REFLECTED:
-            return 0.0, 0.0, 0.0, 0.0, TOTALLY_REFLECTED
         if fate != 0 or not dz < 0.0:
-            return 0.0, 0.0, 0.0, 0.0, UNTRACEABLE
+            return 0.0, 0.0, 0.0, 0.0, FATES * int(openings[s]) + (fate if fate != 0 else MISSED)
     sx, sy = dx / dz, dy / dz
     return x - sx * z, y - sy * z, sx, sy, 0
 
 
-TOTALLY_REFLECTED, UNTRACEABLE = int(Status.REFLECTED), int(Status.UNTRACEABLE)
-
-
 @kernel()
 def carry(
-    table: Any, media: Any, takers: Any, law: Any, buffer: Any, work: Any, rays: Any, out: Any, status: Any
+    table: Any, media: Any, openings: Any, law: Any, buffer: Any, work: Any, rays: Any, out: Any, status: Any
 ) -> None:
     """Rays of x, y, dx/dz, dy/dz at the main lens to the same outside, (4, N); `buffer` and `work` are room."""
     for i in range(rays.shape[1]):
         hx, hy, ox, oy = rays[0, i], rays[1, i], rays[2, i], rays[3, i]
         if not abs(hx) + abs(hy) + abs(ox) + abs(oy) < OPEN:
-            status[i] = UNTRACEABLE
+            status[i] = INVALID
             continue
         out[0, i], out[1, i], out[2, i], out[3, i], status[i] = outwards(
-            table, media, takers, law, buffer, work, hx, hy, ox, oy
+            table, media, openings, law, buffer, work, hx, hy, ox, oy
         )
 
 
 @kernel()
 def _carry_builds(
-    table: Any, media: Any, takers: Any, law: Any, buffer: Any, work: Any, rays: Any, out: Any, status: Any
+    table: Any, media: Any, openings: Any, law: Any, buffer: Any, work: Any, rays: Any, out: Any, status: Any
 ) -> None:
-    """`carry` through builds, the first axis of all but `clip_status` and `law`."""
+    """`carry` through builds, the first axis of all but `openings` and `law`."""
     for build in range(len(table)):
-        carry(table[build], media[build], takers, law, buffer, work, rays[build], out[build], status[build])
+        carry(table[build], media[build], openings, law, buffer, work, rays[build], out[build], status[build])

@@ -22,6 +22,7 @@ from ..camera import TIP, Camera, Number
 from ..camera.frames import frame
 from ..design import Design
 from ..design.parts import PATHS
+from ..fates import ImageFate
 from ..lenses.manufacture import LensBuilds, as_made, lens_builds
 from ..lenses.prescription import first_order
 from ..lenses.tracer import BLOCK
@@ -30,7 +31,7 @@ from ..theory.object_space import ObjectSpaceFaces
 from ..theory.stop_images import lens_point
 from ..traced.camera import aims, camera_of, microlenses, sensor_of_pupil
 from ..traced.fields import stretches, uncut_light
-from ..traced.images import FOLDED, real_images
+from ..traced.images import real_images
 from ..traced.outlines import RIM, Outlines, circle, lit_parts, outlines
 from ..traced.train import AimedRays, Planes, RayTargets, Train, aimed, crossings, etendue_sr, landings, spot_radii
 from .ideal import IdealBuilds, azimuths, fractional
@@ -292,7 +293,8 @@ def reference(
 
 def folded(design: Design, fields: ArrayLike) -> NDArray[np.bool_]:
     """Whether the nominal images at fields (F, 2) [mm] are folded, (F,)."""
-    return np.asarray(real_images(camera_of(design), microlenses(design, np.asarray(fields))).status == FOLDED)
+    images = real_images(camera_of(design), microlenses(design, np.asarray(fields)))
+    return np.asarray(images.status == ImageFate.FOLDED)
 
 
 def notes(design: Design, fields: Sequence[tuple[float, float]]) -> tuple[str, ...]:

@@ -25,9 +25,10 @@ from ..camera import Camera
 from ..design import Design, Stop
 from ..design.parts import MicrolensArray, Sensor
 from ..errors import Problem
+from ..fates import FATES, RayFate, describe, state_at
 from ..lenses.manufacture import turned
 from ..lenses.prescription import FirstOrder, IdealLens, LensError, Prescription, first_order, rotation
-from ..lenses.tracer import BLOCK, COLUMNS, KEPT, REASONS, STOPPED, Passed, SurfaceStack, describe
+from ..lenses.tracer import BLOCK, COLUMNS, Passed, SurfaceStack
 from ..theory.object_space import ObjectSpaceFaces
 from .train import FOUND, TOLERANCE, Planes, RayTargets, Train, beyond_fap, fap_of, nearest
 
@@ -224,9 +225,19 @@ class LensCamera:
         """Rays that cross the upright plane through the FAP's centre, on to the scene, prolonged back to that plane."""
         return rays
 
+    @property
+    def rims_at(self) -> int:
+        """Place of the FAP in rays' states; further stops come behind it."""
+        return len(self.lens.surfaces) + 1
+
+    def place_name(self, place: int) -> str:
+        """Name of a place that rays' states count: surfaces of the lens, then what stands before it."""
+        stop = place - self.rims_at
+        return f"surface {place}" if stop < 0 else f"stop {stop}" if stop else "FAP"
+
     def describe(self, state: int) -> str:
         """Words for a ray's state."""
-        return describe(state)
+        return describe(state, self.place_name)
 
     def aimed(
         self, pupil: Array, point: Array, wavelength: float, *, clip: bool = False
@@ -316,25 +327,28 @@ class _BoreCamera(LensCamera):
 
         States count all faces before the lens behind the lens's own, from the lens outwards (`describe`).
         """
-        own, faces = len(self.lens.surfaces), len(self.faces.clip_status)
+        own, faces = len(self.lens.surfaces), len(self.faces.names)
         fap = fap_of(self.faces)
-        near, why = np.divmod(rays.state, 8)
+        near, why = np.divmod(rays.state, FATES)
         near = np.where(near > fap, near - fap, np.where(near > 0, own + 1 + fap - near, 0))
-        state = np.asarray(8 * near + why, np.int16)
+        state = np.asarray(FATES * near + why, np.int16)
         if not train.beyond.table.size:
             return rays._replace(state=state)
         out = train.beyond.through(rays.height, rays.slope, start=self.fap.z, end=self.fap.z, clip=clip)
-        far, there = np.divmod(out.state, 8)
+        far, there = np.divmod(out.state, FATES)
         far = np.where(far > 0, own + 1 + faces - far, 0)
-        state = np.asarray(np.where(state != KEPT, state, 8 * far + there), np.int16)
+        state = np.asarray(np.where(state != RayFate.KEPT, state, FATES * far + there), np.int16)
         return Passed(out.height, out.slope, state, np.minimum(rays.margin, out.margin))
 
-    def describe(self, state: int) -> str:
-        """Words for a ray's state; faces before the lens by their names."""
-        face = state // 8 - len(self.lens.surfaces) - 1
-        if face < 0 or state % 8 == STOPPED:
-            return describe(state)
-        return REASONS[state % 8].replace("surface {}", self.faces.names[face])
+    @property
+    def rims_at(self) -> int:
+        """Place of the FAP in rays' states, among the faces before the lens."""
+        return super().rims_at + fap_of(self.faces)
+
+    def place_name(self, place: int) -> str:
+        """Name of a place that rays' states count: surfaces of the lens, then faces from there outwards."""
+        face = place - len(self.lens.surfaces) - 1
+        return self.faces.names[face] if face >= 0 else f"surface {place}"
 
 
 @lru_cache(maxsize=64)
@@ -430,7 +444,7 @@ def views(
     rays = train.lens.through(end[:2], run[:2] / run[2], start=end[2], end=camera.fap.z, clip=clip)
     ahead = camera.beyond(rays, train, clip=clip)
     place, slope, room, state = ahead.height, ahead.slope, ahead.margin, ahead.state
-    lost = state != KEPT
+    lost = state != RayFate.KEPT
     pupil, fap_room = place, room
     for number, rim in sorted(enumerate(camera.rims), key=lambda item: -item[1].z):  # nearest to the lens first
         crossing = rim.crossed(rays.height, rays.slope, camera.fap.z)
@@ -441,7 +455,7 @@ def views(
         else:
             room = np.minimum(room, left)
         if clip:
-            state[(state == KEPT) & (left < 0)] = 8 * (number + 1) + STOPPED
+            state[(state == RayFate.KEPT) & (left < 0)] = state_at(camera.rims_at + number)
     pupil, place, slope = (np.moveaxis(part, 0, -1) for part in (pupil, place, slope))
     return _Views(pupil, place, slope, state, fap_room, room)
 
@@ -504,7 +518,7 @@ def sensor_of_pupil(
         best[first : first + rays], left[first : first + rays] = point, far
     found = (best + camera.detector.centre).reshape(c.shape)
     back = views(camera, c, found, clip=False)
-    return SensorPoints(found, back, (back.state == KEPT) & (left <= FOUND * TOLERANCE).reshape(shape))
+    return SensorPoints(found, back, (back.state == RayFate.KEPT) & (left <= FOUND * TOLERANCE).reshape(shape))
 
 
 def aims(

@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from .._arrays import Complex
 from ..camera import Camera, Number
 from ..design import Design
+from ..fates import ImageFate
 from ..shapes.discs import Outline, gauss_legendre, heights
 from ..shapes.openings import Openings
 from ..theory.light import object_scale, solid_angle
@@ -26,7 +27,7 @@ from ..theory.quantities import QUANTITIES, image_rate
 from ..theory.resolution import FieldTransfer, sparse
 from ..theory.stop_images import MicrolensImages
 from .camera import SensorPoints, camera_of, microlenses, sensor_of_pupil
-from .images import FOLDED, TracedImages, forward_rays, real_images
+from .images import TracedImages, forward_rays, real_images
 from .outlines import circle, polygon_moments
 from .train import etendue_sr
 
@@ -138,7 +139,7 @@ class LensImages(MicrolensImages):
         """MTF at a field, on a plane ahead of the tip or on the focal plane."""
         images, place = self.traced, self.places[field]
         beam = self._beam(field, at)
-        known = beam is not None and images.kept_fraction[field] > 0 and images.status[field] != FOLDED
+        known = beam is not None and images.kept_fraction[field] > 0 and images.status[field] != ImageFate.FOLDED
         outline = images.boundary[field]
         away = float(np.hypot(*place))
         x, y = images.centroid[field].tolist()

@@ -23,7 +23,7 @@ from .._arrays import sunflower
 from ..camera import Camera
 from ..design import Design
 from ..errors import InputError
-from ..lenses.tracer import KEPT, MISSED
+from ..fates import ImageFate, RayFate, state_at
 from ..theory.vignetting import undistorted_radii
 from .camera import LensCamera, TracedPlane, camera_of, chief_slope, microlenses, sensor_of_pupil, views
 from .outlines import circle, lit_parts, polygon_moments
@@ -38,12 +38,6 @@ SPOT_RAYS = 200
 RIM_POINTS = 32
 VISIBLE = (486.1e-6, 656.3e-6)
 """F and C lines [mm]: lateral colour is told between them."""
-DARK, CLIPPED, FULL, FOLDED = 0, 1, 2, 3
-"""Status of an image: no light, cut, whole, or folded.
-
-A folded image is one where the lens is so aberrated that two sensor points behind a microlens see the same FAP point: a
-caustic of the pupil lies in it, and it is no longer a distorted disc.
-"""
 
 
 class TracedImages(NamedTuple):
@@ -68,7 +62,7 @@ class TracedImages(NamedTuple):
     kept_fraction: Array
     """Part of the FAP, by its own area, from which light comes, (...)."""
     status: NDArray[np.int8]
-    """FULL, CLIPPED, DARK or FOLDED, (...)."""
+    """`ImageFate`, (...)."""
 
     @property
     def diameter(self) -> Array:
@@ -118,7 +112,7 @@ def _images(camera: LensCamera, c: Array, points: int) -> TracedImages:
     whole = np.where(in_sight, whole, math.nan)
     cut = ~(in_sight & np.all(rim.views.margin >= 0, axis=-1))
     folded = _folded(camera, c)
-    status = np.where(cut, CLIPPED, FULL).astype(np.int8)
+    status = np.where(cut, ImageFate.CLIPPED, ImageFate.FULL).astype(np.int8)
     boundary, area, kept = outline.copy(), whole.copy(), np.ones(len(c))
     odd = cut | folded
     if np.any(odd):
@@ -132,10 +126,10 @@ def _images(camera: LensCamera, c: Array, points: int) -> TracedImages:
         boundary[odd] = np.where(some[:, None, None], edge - aside[:, None], chief[odd][:, None])
         centroid[odd] = np.where(some[:, None], shape[:, 1:3] - aside, chief[odd])
         moments[odd] = shape[:, 3:]
-        status[odd] = np.where(some, CLIPPED, DARK)
+        status[odd] = np.where(some, ImageFate.CLIPPED, ImageFate.DARK)
     for index in np.flatnonzero(folded):
         area[index], centroid[index], moments[index], kept[index] = _quadrature(camera, c[index])
-        status[index] = FOLDED
+        status[index] = ImageFate.FOLDED
     return TracedImages(chief, outline, boundary, whole, area, centroid, moments, kept, status)
 
 
@@ -215,9 +209,9 @@ def field_map(camera: LensCamera, microlens: ArrayLike, colours: ArrayLike = ())
     fap, waves = camera.fap, np.atleast_1d(np.asarray(colours, float))
     chief = sensor_of_pupil(camera, c, fap.centre)
     # A chief ray that Newton's method did not find has the state of its nearest approach, else it missed.
-    unfound = np.where(chief.views.state == KEPT, 8 + MISSED, chief.views.state)
+    unfound = np.where(chief.views.state == RayFate.KEPT, state_at(1, RayFate.MISSED), chief.views.state)
     state = np.where(chief.ok, chief.views.state, unfound).astype(np.int16)
-    good = state == KEPT
+    good = state == RayFate.KEPT
     point = chief.views.at(fap.z - camera.focal_plane)
     depth, aside = camera.focus
     ideal = np.hypot(*np.moveaxis((camera.straightened(point) - aside) * camera.d_1 / depth, -1, 0))
@@ -253,7 +247,7 @@ def forward_rays(
     there = lens.through(end[:2], slopes, start=end[2], end=camera.array.z, backward=False, clip=clip)
     way = np.tensordot(camera.array.axes, np.stack([*there.slope, np.ones(x.shape[:-1])]), axes=1)
     height = camera.array.crossed(there.height, there.slope, camera.array.z)
-    return height, way[:2] / way[2], comes & (there.state == KEPT)
+    return height, way[:2] / way[2], comes & (there.state == RayFate.KEPT)
 
 
 def _focus(camera: LensCamera, point: Array, axis: Array) -> Array:
@@ -404,9 +398,9 @@ def real_field(design: Design, axes: Sequence[tuple[float, float]] | ArrayLike) 
     except InputError:  # a glass that is not known so far
         maps = field_map(camera, c)
         colour = np.full(len(c), math.nan)
-    own = np.where(images.status == FOLDED, 2 * np.sqrt(images.area / np.pi), images.diameter)
-    lost = maps.status != KEPT
-    guessed = lost | ((images.status == CLIPPED) & np.isnan(images.whole_area))
+    own = np.where(images.status == ImageFate.FOLDED, 2 * np.sqrt(images.area / np.pi), images.diameter)
+    lost = maps.status != RayFate.KEPT
+    guessed = lost | ((images.status == ImageFate.CLIPPED) & np.isnan(images.whole_area))
     return _RealField(
         images,
         thin_centre,

@@ -18,8 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 from .._arrays import DISC_RULE
 from .._jit import kernel
 from ..bore.faces import KIND
-from ..lenses.tracer import BLOCK, COLUMNS, KEPT, MAPPED, ROWS, SurfaceStack, pass_surfaces
-from ..theory.object_space import ObjectSpaceFaces, Status
+from ..fates import RayFate
+from ..lenses.tracer import BLOCK, COLUMNS, MAPPED, ROWS, SurfaceStack, pass_surfaces
+from ..theory.object_space import FAP, ObjectSpaceFaces
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -87,7 +88,7 @@ class Train(NamedTuple):
 
 def fap_of(ahead: ObjectSpaceFaces) -> int:
     """Number of faces between main lens and FAP."""
-    return int(np.flatnonzero(ahead.clip_status == Status.APERTURE)[0])
+    return int(np.flatnonzero(ahead.openings == FAP)[0])
 
 
 class Planes(NamedTuple):
@@ -532,7 +533,7 @@ def landings(train: Train, planes: Planes, world: Array, point: ArrayLike, pupil
     place = np.stack([*passed.height, np.broadcast_to(end[:, None], z.shape)], axis=-1)
     way = np.stack([*passed.slope, np.ones(z.shape)], axis=-1)
     landed = np.concatenate([crossings(place, way, plane[:, None]) for plane in (planes.array, planes.sensor)], axis=-1)
-    landed[passed.state != KEPT] = np.nan
+    landed[passed.state != RayFate.KEPT] = np.nan
     return landed
 
 

@@ -18,13 +18,14 @@ from roslf_design.design import DesignError, dumps, loads
 from roslf_design.effects.effect import Subject
 from roslf_design.effects.geometry import blur_on_mla, cos4
 from roslf_design.evaluation.fields import evaluate_fields
+from roslf_design.fates import FATES, RayFate
 from roslf_design.lenses.angles import angle_in_air, illumination, image_height, stretch
-from roslf_design.rays import Status, trace_pupil
+from roslf_design.rays import trace_pupil
 from roslf_design.rays.backward import behind_elements, lay_out, mapped
 from roslf_design.rays.pupil import paths
 from roslf_design.scenes.scene import _view
 from roslf_design.theory.light import falloff
-from roslf_design.theory.object_space import ObjectSpaceFaces
+from roslf_design.theory.object_space import FAP, ObjectSpaceFaces
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing.ideal import IdealBuilds
 
@@ -236,7 +237,7 @@ def test_exact_rays_through_a_mapped_objective_and_its_window(name):
     x = np.array([0.0, 0.3, 1.1, 1.9])
     rays = trace_pupil(camera, (np.array([[0.0], [0.6]]), 0.0), (x, 0.0))
     found = ObjectSpaceFaces.of(camera, clip=False).rays(rays.height, rays.slope)
-    assert (found.status == Status.KEPT).all()
+    assert (found.status == RayFate.KEPT).all()
     with mp.workdps(30):
         for at in np.ndindex(2, 4):
             height, slope = mp_ray(design, rays.height[0][at], rays.slope[0][at], 121.0, name)
@@ -309,14 +310,13 @@ def test_beyond_90_degrees_rays_are_blocked_by_name():
     layout = lay_out(camera)
     *out, imaged = mapped(layout.law, layout.front, *behind_elements(layout.front, 0, 0, *rays.height, *rays.slope))
     names = [rim.name for rim in (camera.fap, *camera.rims[1:])]
-    stopped = np.array([code >= Status.APERTURE and names[code - Status.APERTURE] == "lens 6, mapping"
-                        for code in rays.status])  # fmt: skip
+    stopped = np.array([place >= FAP and names[place - FAP] == "lens 6, mapping" for place in rays.status // FATES])
     assert stopped.any()
     np.testing.assert_array_equal(stopped, ~imaged)
     exact = ObjectSpaceFaces.of(camera).rays(
         rays.height, rays.slope
     )  # met the other way round: the relay takes some before
-    assert (exact.status[stopped] >= Status.APERTURE).all()
+    assert (exact.status[stopped] // FATES >= FAP).all()
     assert not exact.status[x < 1.9].any()
     assert np.isfinite(np.array(out)).all()
     result = roslf.evaluate(design, [(5.5, 0.0)])

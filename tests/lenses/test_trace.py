@@ -11,11 +11,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from roslf_design.errors import InputError
+from roslf_design.fates import describe
 from roslf_design.lenses import tracer
 from roslf_design.lenses.glass import AIR, Glass
 from roslf_design.lenses.lens_file import load_lens, shipped_names
 from roslf_design.lenses.prescription import LensError, Prescription, Surface, first_order
-from roslf_design.lenses.tracer import describe
 from tests.lenses.vector_rays import Rays, trace
 from tests.oracles.lenses import RAY_COUNT, WAVELENGTH, incoming, vector_trace
 

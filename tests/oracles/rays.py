@@ -12,9 +12,12 @@ from typing import Any, NamedTuple
 import mpmath as mp
 
 from roslf_design.design import Design
-from roslf_design.rays import Status
+from roslf_design.fates import FATES, RayFate, state_at
+from roslf_design.theory.object_space import FAP, MAIN_LENS
 
 DIGITS = 60
+MICROLENS = -1
+"""Place of the microlens's own aperture, which no state counts."""
 Vector = tuple[Any, Any, Any]
 
 
@@ -82,7 +85,7 @@ class Traced(NamedTuple):
     direction: Vector
     """Of the light there."""
     misses: dict[int, tuple[Any, Any]]
-    """Status code of an element: (distance from its centre, its radius)."""
+    """State of a ray that an element takes: (distance from its centre, its radius)."""
     order: list[int]
     """Codes as light meets the elements."""
     crossings: list[tuple[Any, Any]]
@@ -99,7 +102,7 @@ class Traced(NamedTuple):
     @property
     def status(self) -> int:
         taken = [code for code in self.order if self.misses[code][0] > self.misses[code][1]]
-        return taken[0] if taken else Status.KEPT
+        return taken[0] if taken else RayFate.KEPT
 
     @property
     def clearance(self) -> Any:
@@ -134,13 +137,13 @@ def backward(design: Design, sensor: Any, microlens: Any, offset: Any = (0.0, 0.
         misses = {}
         crossings = [stop.local(stop.meet(on_lens, back)) for stop in stops]
         for k, crossing in enumerate(crossings):
-            misses[Status.APERTURE + k] = (mp.hypot(*crossing), mp.mpf(design.all_stops[k].diameter) / 2)
-        order = sorted(misses, key=lambda code: (-design.all_stops[code - Status.APERTURE].distance, code))
-        misses[int(Status.MAIN_LENS)] = (mp.hypot(*lens.local(on_lens)), mp.mpf(design.D) / 2)
+            misses[state_at(FAP + k)] = (mp.hypot(*crossing), mp.mpf(design.all_stops[k].diameter) / 2)
+        order = sorted(misses, key=lambda code: (-design.all_stops[code // FATES - FAP].distance, code))
+        misses[state_at(MAIN_LENS)] = (mp.hypot(*lens.local(on_lens)), mp.mpf(design.D) / 2)
         v = [abs(mp.mpf(float(x))) for x in offset]
         reach = mp.hypot(*v) if design.microlens_array.lens_shape == "circular" else max(v)
-        misses[int(Status.MICROLENS)] = (reach, mp.mpf(design.d) / 2)
-        order += [int(Status.MAIN_LENS), int(Status.MICROLENS)]
+        misses[MICROLENS] = (reach, mp.mpf(design.d) / 2)
+        order += [state_at(MAIN_LENS), MICROLENS]
         return Traced(on_lens, add((0, 0, 0), back, -1), misses, order, crossings)
 
 

@@ -11,9 +11,11 @@ import pytest
 import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.design import Design
-from roslf_design.rays import PASSED, Status, fans, trace_pupil
+from roslf_design.fates import FATES, RayFate, state_at
+from roslf_design.rays import PASSED, fans, trace_pupil
 from roslf_design.rays.backward import aligned_ray, crossing, lay_out, posed_ray
 from roslf_design.theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
+from roslf_design.theory.object_space import FAP, MAIN_LENS
 from roslf_design.theory.stop_images import stop_discs
 from roslf_design.theory.vignetting import room_at
 from tests.oracles.object_space import object_side
@@ -113,7 +115,7 @@ def test_rays_of_the_pupil_run_through_the_pupil_point_the_microlens_and_the_sen
         camera = Camera.of(design)
         c, pupil = rng.uniform(-10, 10, (2, 6)) * design.d, rng.uniform(-1.1, 1.1, (2, 6))
         rays = trace_pupil(camera, (pupil[0], pupil[1]), (c[0], c[1]))
-        for i in np.flatnonzero(rays.status != Status.UNTRACEABLE):
+        for i in np.flatnonzero(rays.status != RayFate.MISSED):
             landing = np.array([x[i] for x in rays.sensor])
             exact = backward(design, landing, c[:, i])
             steep = (1 + max(abs(x[i]) for x in rays.slope)) ** 2
@@ -127,21 +129,21 @@ def test_rays_of_the_pupil_run_through_the_pupil_point_the_microlens_and_the_sen
                 for got, want in zip(rays.at(z), exact.at(mp.mpf(z)), strict=True):
                     assert abs(got[i] - want) < 64 * EPS * height * (1 + z / design.f)
             passed = rays.status[i] in PASSED
-            assert (Status.KEPT if passed else rays.status[i]) == exact.status
+            assert (RayFate.KEPT if passed else rays.status[i]) == exact.status
             fates.add(int(exact.status))
-    assert fates == {Status.KEPT, Status.MAIN_LENS, *(Status.APERTURE + k for k in range(3))}
+    assert fates == {RayFate.KEPT, state_at(MAIN_LENS), *(state_at(FAP + k) for k in range(3))}
 
 
 def test_fates_after_the_last_opening():
     # P1's image of 1.005 pitches reaches into the neighbours' cells.
     expected = {
-        ((0.0, 0.0), (11.0, 0.0)): Status.KEPT,
-        ((0.9999, 0.0), (11.0, 0.0)): Status.NEIGHBOUR,
-        ((0.0, 0.9999), (11.0, 0.0)): Status.NEIGHBOUR,
-        ((0.7, 0.7), (11.0, 0.0)): Status.KEPT,
-        ((0.0, 0.0), (11.3, 0.0)): Status.OFF_SENSOR,
-        ((0.0, 0.0), (0.0, -7.6)): Status.OFF_SENSOR,
-        ((1.0 + 2 * EPS, 0.0), (3.0, 0.0)): Status.APERTURE,
+        ((0.0, 0.0), (11.0, 0.0)): RayFate.KEPT,
+        ((0.9999, 0.0), (11.0, 0.0)): RayFate.NEIGHBOUR,
+        ((0.0, 0.9999), (11.0, 0.0)): RayFate.NEIGHBOUR,
+        ((0.7, 0.7), (11.0, 0.0)): RayFate.KEPT,
+        ((0.0, 0.0), (11.3, 0.0)): RayFate.OFF_SENSOR,
+        ((0.0, 0.0), (0.0, -7.6)): RayFate.OFF_SENSOR,
+        ((1.0 + 2 * EPS, 0.0), (3.0, 0.0)): state_at(FAP),
     }
     camera = Camera.of(PAPER)
     for (pupil, microlens), status in expected.items():
@@ -152,7 +154,7 @@ def test_a_pupil_whose_image_lies_on_the_array_sends_no_traceable_rays():
     # Binary fractions: f = 64, d_1 = d_f = d_3 = 128.
     camera = Camera.of(PAPER, {"f": 64.0, "d_1": 128.0, "d_3": 128.0})
     rays = trace_pupil(camera, (np.linspace(-1, 1, 5), 0.0), (1.0, 0.0))
-    np.testing.assert_array_equal(rays.status, Status.UNTRACEABLE)
+    np.testing.assert_array_equal(rays.status, RayFate.MISSED)
     np.testing.assert_array_equal(rays.sensor, 0.0)
 
 
@@ -207,12 +209,12 @@ def test_a_fan_runs_from_the_focal_plane_to_the_image():
 
 def test_a_stopped_ray_ends_where_it_is_stopped():
     fan = fans(Camera.of(PAPER), 3.0, rays=7, fill=1.5)
-    clipped = fan.status == Status.APERTURE
+    clipped = fan.status == state_at(FAP)
     np.testing.assert_array_equal(clipped, [True, False, False, False, False, False, True])
     np.testing.assert_allclose(fan.z[clipped][:, 1:], -120.0)
     np.testing.assert_allclose(np.abs(fan.x[clipped][:, 1:]), 1.45 * 1.5)
     fan = fans(Camera.of(PAPER, {"D": 12.0}), 4.0, rays=9)
-    clipped = fan.status == Status.MAIN_LENS
+    clipped = fan.status == state_at(MAIN_LENS)
     assert 0 < clipped.sum() < 9
     np.testing.assert_array_equal(fan.z[clipped][:, 1:], 0.0)
     assert np.all(np.abs(fan.x[clipped][:, 1:]) > 6.0)
@@ -227,18 +229,18 @@ def test_corners_of_fans_lie_on_tilted_elements():
         fan = fans(Camera.of(design), rng.uniform(-10, 10) * design.d, rays=5, distance=2 * design.d_f)
         points = np.stack([fan.x, fan.y, fan.z], -1)
         for ray, status in zip(points, fan.status, strict=True):
-            if status == Status.UNTRACEABLE:
+            if status == RayFate.MISSED:
                 continue
             ended.add(int(status))
             corners = list(zip((lens, array, sensor), ray[1:], strict=True))
             if status not in PASSED:
                 np.testing.assert_array_equal(ray[1], ray[3])
-                corners = [(lens if status == Status.MAIN_LENS else stops[status - Status.APERTURE], ray[1])]
+                corners = [(lens if status == state_at(MAIN_LENS) else stops[status // FATES - FAP], ray[1])]
             for plane, at in corners:
                 offset = [mp.mpf(float(x)) - v for x, v in zip(at, plane.vertex, strict=True)]
                 off = mp.fsum(n * x for n, x in zip(plane.normal, offset, strict=True))
                 assert abs(off) < 1e-11 * (1 + np.abs(at).max())  # rounding of coordinates far from the vertex
-    assert ended >= {Status.MAIN_LENS, Status.APERTURE + 1, Status.APERTURE + 2}
+    assert ended >= {state_at(MAIN_LENS), state_at(FAP + 1), state_at(FAP + 2)}
 
 
 def test_a_camera_focused_at_infinity_is_drawn_from_beyond_its_stops():

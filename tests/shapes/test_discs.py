@@ -8,7 +8,8 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from roslf_design.shapes.discs import ClipStatus, boundary_arcs, intersect, outline
+from roslf_design.fates import ImageFate
+from roslf_design.shapes.discs import boundary_arcs, intersect, outline
 from studies.accuracy.oracles import discs as oracle
 
 log_gap = st.floats(-12, 0)
@@ -39,7 +40,7 @@ def check_pair(centres, radii):
         if lost > 0:
             assert relative_error(shape.lost_fraction, lost) < 16 * 2.2e-16
         assert shape.lit == (area > 0)
-        assert (shape.status == ClipStatus.FULL) == (lost == 0)
+        assert (shape.status == ImageFate.FULL) == (lost == 0)
 
 
 @given(log_radius, log_radius, log_gap, angle, st.sampled_from([-1, 1]), st.booleans())
@@ -213,10 +214,10 @@ def test_large_and_small_batches_agree(discs):
 
 def test_which_disc_clips():
     shape = intersect([[[0, 0], [0.5, 0], [0, 9]], [[0, 0], [5, 0], [0, 9]]], [1, 1, 10])
-    np.testing.assert_array_equal(shape.status, [ClipStatus.CLIPPED, ClipStatus.EMPTY])
+    np.testing.assert_array_equal(shape.status, [ImageFate.CLIPPED, ImageFate.DARK])
     np.testing.assert_array_equal(shape.clipping, [[False, True, False], [False, True, False]])
     np.testing.assert_array_equal(shape.lit, [True, False])
-    assert intersect([[0, 0], [0.5, 0]], [1, 2]).status == ClipStatus.FULL
+    assert intersect([[0, 0], [0.5, 0]], [1, 2]).status == ImageFate.FULL
     assert intersect([[0, 0], [0.5, 0]], [2, 1]).clipping.tolist() == [False, True]
 
 
@@ -225,13 +226,13 @@ def test_empty_part_has_finite_numbers():
     np.testing.assert_array_equal(shape.centroid, [3, 4])
     np.testing.assert_array_equal(shape.second_moments, 0)
     assert (shape.area, shape.kept_fraction, shape.lost_fraction, shape.axis_ratio) == (0, 0, 1, 0)
-    assert intersect([[0, 0]], [0]).status == ClipStatus.EMPTY
+    assert intersect([[0, 0]], [0]).status == ImageFate.DARK
 
 
 def test_three_discs_that_meet_in_pairs_only():
     corners = np.stack([np.cos([0.5, 2.6, 4.7]), np.sin([0.5, 2.6, 4.7])], -1)
     shape = intersect(corners, [0.9, 0.9, 0.9])
-    assert shape.status == ClipStatus.EMPTY
+    assert shape.status == ImageFate.DARK
     np.testing.assert_array_equal(shape.clipping, [False, True, True])
 
 

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roslf_design.shapes.discs import ClipStatus, intersect
+from roslf_design.fates import ImageFate
+from roslf_design.shapes.discs import intersect
 from roslf_design.shapes.ellipses import ellipse_shapes, intersect_ellipses
 
 
@@ -53,7 +54,7 @@ def test_an_ellipse_inside_all_others_is_whole_exactly():
     assert found.kept_fraction[0] == 1.0
     assert found.area[0] == np.pi * np.sqrt(0.8 - 0.01)
     assert tuple(found.centroid[0]) == (0.0, 0.0)
-    assert found.status[0] == ClipStatus.FULL
+    assert found.status[0] == ImageFate.FULL
     assert not found.clipping.any()
 
 
@@ -63,7 +64,7 @@ def test_apart_and_touching_ellipses_have_nothing_in_common():
     centres[:, 1, 0] = 3.0, 2.0 + 1e-9, 2.0
     found = intersect_ellipses(centres, one)
     np.testing.assert_allclose(found.area, 0.0, atol=1e-12)
-    assert found.status[0] == ClipStatus.EMPTY
+    assert found.status[0] == ImageFate.DARK
     assert found.axis_ratio[0] == 0
     assert found.clipping[0].tolist() == [False, True]
 

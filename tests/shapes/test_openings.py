@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from roslf_design.bore.opening import ClearAperture, inside
+from roslf_design.fates import ImageFate
 from roslf_design.shapes.cells import area_in_rectangle
-from roslf_design.shapes.discs import ClipStatus
 from roslf_design.shapes.ellipses import ellipse_shapes
 from roslf_design.shapes.openings import Openings
 
@@ -221,17 +221,17 @@ def test_sides_that_touch(things):
 def test_whole_cut_and_dark():
     box, disc = (0.1, 0, 0.5, 0.2, 0.7), (0, 0, 2.0)
     part = row_of([box, disc]).common()
-    assert part.status == ClipStatus.FULL
+    assert part.status == ImageFate.FULL
     assert part.kept_fraction == 1
     assert part.lost_fraction == 0
     assert not part.clipping.any()
     np.testing.assert_allclose(part.second_moments[[0, 2]].sum(), (0.5**2 + 0.2**2) / 3, rtol=1e-14)
     part = row_of([disc, box]).common()
-    assert part.status == ClipStatus.CLIPPED
+    assert part.status == ImageFate.CLIPPED
     assert part.clipping.tolist() == [False, True]
     assert part.kept_fraction == pytest.approx(0.4 / (4 * math.pi), rel=1e-12)
     part = row_of([box, (3, 0, 0.5)]).common()
-    assert part.status == ClipStatus.EMPTY
+    assert part.status == ImageFate.DARK
     assert part.clipping.tolist() == [False, True]
     assert part.area == 0
 

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 
 from roslf_design._arrays import sunflower
 from roslf_design.design import load
+from roslf_design.fates import ImageFate
 from roslf_design.lenses.prescription import first_order
 from roslf_design.reporting.story import run_tolerances
 from roslf_design.tolerancing.metrics import METRICS, Question, builds_of, evaluate_builds, faults_of
@@ -18,7 +19,7 @@ from roslf_design.tolerancing.study import plan_from
 from roslf_design.tolerancing.traced import as_built, real_lens_builds
 from roslf_design.tolerancing.trials import one_trial
 from roslf_design.traced.camera import camera_of, microlenses
-from roslf_design.traced.images import FULL, real_field, real_images
+from roslf_design.traced.images import real_field, real_images
 from tests.lenses.vector_rays import Rays, trace
 from tests.tolerancing.alone import apart
 from tests.traced.brute import lit_part
@@ -109,7 +110,7 @@ def test_builds_equal_one_at_a_time_tracing(name):
         assert_allclose(found["image_diameter_mm"][:, trial], images.diameter, rtol=1e-8)
         for k in range(len(FIELDS)):
             area, ratio, kept = images.area[k], images.axis_ratio[k], images.kept_fraction[k]
-            if images.status[k] != FULL:
+            if images.status[k] != ImageFate.FULL:
                 area, ratio, kept = lit_part(camera, microlenses(one, FIELDS[k]))
             assert found["kept_fraction"][k, trial] == pytest.approx(kept, abs=2e-6)
             assert found["image_area_mm2"][k, trial] == pytest.approx(area, rel=1e-6)

@@ -10,9 +10,9 @@ from roslf_design.design import load
 from roslf_design.design.check import DesignError
 from roslf_design.errors import InputError
 from roslf_design.evaluation import evaluate
-from roslf_design.lenses.tracer import KEPT
+from roslf_design.fates import ImageFate, RayFate
 from roslf_design.traced.camera import camera_of, sensor_of_pupil, views
-from roslf_design.traced.images import FULL, field_map, measured_bound, real_field
+from roslf_design.traced.images import field_map, measured_bound, real_field
 
 WATER = {"index": 1.333, "abbe": 55.8}
 WINDOW = {
@@ -130,7 +130,7 @@ def test_rays_are_those_of_every_surface_and_face(name):
         for c in ((0.0, 0.0), (6.0, -2.0), (-9.0, 5.0)):
             p = sensor_of_pupil(camera, c, camera.fap.centre + np.array([0.7, -0.9])).sensor
             seen = views(camera, c, p)
-            assert seen.state == KEPT
+            assert seen.state == RayFate.KEPT
             truth = by_hand(design, p, c, design.d_3)
             assert_allclose(seen.pupil, truth, rtol=0, atol=1e-11)
             for z in (design.d_f, design.d_f + 150.0):
@@ -156,7 +156,7 @@ def test_light_from_points_of_the_scene_goes_the_same_way_back(elements, fap):
     back = lens.through(
         tuple(pupil.T), tuple(slopes), start=camera.fap.z, end=camera.array.z, backward=False, clip=True
     )
-    assert np.all(back.state == KEPT)
+    assert np.all(back.state == RayFate.KEPT)
     assert_allclose(back.height.T, c, rtol=0, atol=1e-9)  # aimed to 1e-11 mm and farther spread by the lens
 
 
@@ -225,7 +225,7 @@ def test_glass_about_the_array_is_air_of_reduced_length():
 def test_what_stands_before_the_lens_clips_and_is_named():
     narrow = bench({**WINDOW, "diameter": 3.2}, fap=115.0)
     images = real_field(narrow, [(0.0, 0.0), (9.0, 0.0), (11.0, 0.0)]).images
-    assert images.status[0] == FULL
+    assert images.status[0] == ImageFate.FULL
     assert np.all(images.kept_fraction[1:] < 1)
     camera = camera_of(narrow)
     c = np.array([11.0, 0.0])

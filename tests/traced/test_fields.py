@@ -9,16 +9,16 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.evaluation.specification import specification, transfer_at
+from roslf_design.fates import ImageFate, describe
 from roslf_design.lenses.lens_file import load_lens
 from roslf_design.lenses.prescription import Prescription, first_order
-from roslf_design.lenses.tracer import describe
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.theory.stop_images import MicrolensImages
 from roslf_design.tolerancing.metrics import Question, evaluate_builds
 from roslf_design.tolerancing.traced import as_built
 from roslf_design.traced.camera import camera_of, sensor_of_pupil
 from roslf_design.traced.fields import LensImages, images_of
-from roslf_design.traced.images import CLIPPED, FULL, field_map, real_images, thin_twin, undistorted_field
+from roslf_design.traced.images import field_map, real_images, thin_twin, undistorted_field
 from roslf_design.traced.outlines import circle
 from tests.traced.test_images import GREEN, bench, mounted
 
@@ -140,8 +140,8 @@ def test_measured_bound_is_where_images_begin_to_be_cut(name, reverse):
     camera = bench(name, reverse=reverse)
     bound = undistorted_field(camera)
     radius = float(bound.mla_radius)
-    assert real_images(camera, [radius * (1 - 1e-6), 0.0]).status == FULL
-    assert real_images(camera, [radius * (1 + 1e-4), 0.0]).status == CLIPPED
+    assert real_images(camera, [radius * (1 - 1e-6), 0.0]).status == ImageFate.FULL
+    assert real_images(camera, [radius * (1 + 1e-4), 0.0]).status == ImageFate.CLIPPED
     chief = sensor_of_pupil(camera, [radius, 0.0], [0.0, 0.0])
     assert float(bound.object_radius) == pytest.approx(
         abs(chief.views.at(camera.fap.z - camera.focal_plane)[0]), rel=1e-12

@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import roslf_design as roslf
-from roslf_design.lenses.tracer import KEPT
+from roslf_design.fates import RayFate
 from roslf_design.tolerancing.metrics import Question, builds_of
 from roslf_design.traced.camera import camera_of, sensor_of_pupil, views
 from roslf_design.traced.images import field_map, real_field
@@ -43,7 +43,7 @@ def test_rays_are_those_of_the_lens_and_then_of_the_law(name, more):
         for c in FIELDS[[1, 3]]:  # the oracle is of a meridian
             p = sensor_of_pupil(camera, c, camera.fap.centre + np.array([0.1, 0.0])).sensor
             there = views(camera, c, p)
-            assert there.state == KEPT
+            assert there.state == RayFate.KEPT
             height = by_hand(design, p, c, 0.0)
             slope = height - by_hand(design, p, c, 1.0)
             x, o = mp_ray(design, height[0], slope[0], design.d_f, name)
@@ -67,7 +67,7 @@ def test_light_from_points_of_the_scene_goes_the_same_way_back(mapping, fap):
     lens = camera.train(camera.wavelength).lens
     ends = {"start": camera.fap.z, "end": camera.array.z, "backward": False, "clip": True}
     landed = lens.through(tuple(pupil.T), tuple(slopes), **ends)
-    assert np.all(landed.state == KEPT)
+    assert np.all(landed.state == RayFate.KEPT)
     assert_allclose(landed.height.T, fields, rtol=0, atol=1e-9)  # aimed to 1e-11 mm, magnified
 
 

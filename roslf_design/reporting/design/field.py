@@ -33,12 +33,12 @@ from ...drawing.picture import PAGE, Picture, as_tall, beside, legend_height, on
 from ...drawing.theme import FIELDS, short
 from ...evaluation import default_fields
 from ...evaluation.fields import field_openings
-from ...lenses.tracer import KEPT
+from ...fates import ImageFate, RayFate
 from ...theory.exit_pupil import pupil_angle
 from ...theory.light import on_array, sensor_field
 from ...theory.vignetting import field_limit
 from ...traced.camera import camera_of, microlenses, views
-from ...traced.images import FOLDED, measured_bound, real_field
+from ...traced.images import measured_bound, real_field
 
 if TYPE_CHECKING:
     from ...design import Design
@@ -254,7 +254,7 @@ def lens_curves(design: Design, points: int = 46) -> LensCurves:
     real = real_field(design, np.stack([x, np.zeros(points)], axis=-1))
     cone = float(pupil_angle(camera)) / design.d
     maps, images = real.maps, real.images
-    traced, folded = maps.status == KEPT, images.status == FOLDED
+    traced, folded = maps.status == RayFate.KEPT, images.status == ImageFate.FOLDED
 
     def where(condition: NDArray[np.bool_], values: Array) -> Array:
         return np.where(condition, values, np.nan)
@@ -337,12 +337,17 @@ def lens_image(design: Design, place: Point) -> tuple[tuple[Line | Area, ...], s
     centre, radius = traced.thin_centre[0], traced.thin_diameter / 2 / design.q
     turn = np.linspace(0, 2 * np.pi, 181)
     marks: list[Line | Area] = [Line(radius * np.cos(turn), radius * np.sin(turn), "grey", 1.4, "6 4")]
-    status = int(traced.images.status[0])
-    if status:
-        edge = (traced.images.boundary[0] - centre) / design.q if status != FOLDED else _folded(design, place, centre)
+    fate = ImageFate(traced.images.status[0])
+    if fate != ImageFate.DARK:
+        edge = (
+            (traced.images.boundary[0] - centre) / design.q
+            if fate != ImageFate.FOLDED
+            else _folded(design, place, centre)
+        )
         marks.append(Area(edge[:, 0], edge[:, 1], "blue", 0.25, "blue", 2.0))
     kept = 100 * float(traced.images.kept_fraction[0])
-    return tuple(marks), ("dark", f"cut, {kept:.3g} % kept", "whole", f"folded, {kept:.3g} % kept")[status]
+    words = {ImageFate.DARK: "dark", ImageFate.CLIPPED: f"cut, {kept:.3g} % kept", ImageFate.FULL: "whole"}
+    return tuple(marks), words.get(fate, f"folded, {kept:.3g} % kept")
 
 
 def _folded(design: Design, place: Point, centre: Array) -> Array:
