@@ -23,6 +23,7 @@ from ..calibration.lattice import CentreLattice
 from ..camera import Camera
 from ..design import Design
 from ..fates import RayFate
+from ..polynomials import Polynomials, nodes_between, products
 from ..shapes.lattice import PACKINGS
 from ..theory.colours import panchromatic
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
@@ -80,19 +81,18 @@ class TracedViews:
             shape (2, t, s, v, u).
         """
         x, y = (axis * float(self.camera.d) for axis in (field.u, field.v))
-        along, down = (_nodes(axis) for axis in (x, y))
+        along, down = (nodes_between(axis.min(), axis.max(), NODES) for axis in (x, y))
         points = np.concatenate([np.zeros((1, 2)), *(_ring(radius) for radius in RINGS)])
-        looks, good = self.view_coordinates(np.stack(np.meshgrid(along, down), -1).reshape(-1, 2), points)
+        nodes = np.stack(np.meshgrid(along, down), -1).reshape(-1, 2)
+        looks, good = self.view_coordinates(nodes, points)
         # Polynomials over the pupil at each place, then over the places what these are made of.
-        table = np.einsum("kp,lnpc->nlck", np.linalg.pinv(_monomials(points.T).T), looks)
+        over_pupil = np.linalg.pinv(_over_pupil(points.T).T)
         degree = next((n for n in (FIELD_DEGREE, 3, 1) if good.sum() >= ENOUGH * (n + 1) * (n + 2) / 2), -1)
         dark = np.ones((len(y), len(x)), np.bool_)
-        coefficients = np.zeros((*table.shape[1:], *dark.shape))
+        coefficients = np.zeros((2, 2, len(over_pupil), *dark.shape))
         if degree >= 0:
-            basis = _products(_over(along, along, degree), _over(down, down, degree)).reshape(-1, len(good)).T
-            fitted = np.linalg.lstsq(basis[good], table[good].reshape(good.sum(), -1), rcond=None)[0]
-            over = _products(_over(x, along, degree), _over(y, down, degree))
-            coefficients = np.tensordot(fitted.T, over, 1).reshape(coefficients.shape)
+            table = np.einsum("kp,lnpc->lckn", over_pupil, looks[:, good])
+            coefficients = Polynomials.fitted(*_box(x, y), degree, nodes[good].T, table).on_grid(x, y)
             column, row = (np.abs(at - axis[:, None]).argmin(1) for at, axis in ((along, x), (down, y)))
             dark = ~good.reshape(NODES, NODES)[np.ix_(row, column)]
         powers = self._powers(field, np.asarray(pupil))
@@ -156,7 +156,7 @@ class TracedViews:
         return np.where(good, size, 1.0)
 
     def _powers(self, field: LightField, pupil: NDArray[np.floating]) -> NDArray[np.float32]:
-        """Means of `_monomials` over the light of each sample, shape (terms, t, s) or (terms, t, s, v, u).
+        """Means of `_over_pupil` over the light of each sample, shape (terms, t, s) or (terms, t, s, v, u).
 
         A pixel and diffraction take in a good part of the pupil. Of cut images the means are those at where their light
         comes from on average, and the same spread about it as in whole images.
@@ -178,17 +178,15 @@ class TracedViews:
         )  # fmt: skip
         pixel = abs(float(camera.q) / pitch)
         passed = lens(fx / abs(pitch), fy / abs(pitch)) * pixel_box(fx, pixel) * pixel_box(fy, pixel)
-        blurred = np.fft.ifft2(np.fft.fft2(np.fft.ifftshift(inside * _monomials(own), axes=(1, 2))) * passed).real
+        blurred = np.fft.ifft2(np.fft.fft2(np.fft.ifftshift(inside * _over_pupil(own), axes=(1, 2))) * passed).real
         blurred = np.fft.fftshift(blurred, axes=(1, 2))
         s, t = (axis / field.pitch for axis in (field.s, field.t))
         means = np.stack([RectBivariateSpline(at, at, part)(t, s) for part in blurred])
-        light = means[_TERMS.index((0, 0))]
-        means = np.divide(means, light, out=np.zeros_like(means), where=light > 1e-3)
-        middle = means[[_TERMS.index((1, 0)), _TERMS.index((0, 1))]]
-        spread = means - _monomials(middle)
+        means = np.divide(means, means[0], out=np.zeros_like(means), where=means[0] > 1e-3)
+        spread = means - products(means[PUPIL_DEGREE + 1], means[1], PUPIL_DEGREE)
         if pupil.ndim > 3:
             spread = spread[..., None, None]
-        return np.asarray(_monomials(np.asarray(pupil, np.float32)) + spread, np.float32)
+        return np.asarray(_over_pupil(np.asarray(pupil, np.float32)) + spread, np.float32)
 
     def chief_rays(self, places: Array) -> Array:
         """Rays through the FAP's middle, before all elements, from places in the array's frame (n, 2) [mm].
@@ -235,10 +233,10 @@ def _turned(design: Design) -> Array:
     return np.array([[cosine, sine], [-sine, cosine]])
 
 
-def _nodes(axis: Array) -> Array:
-    """Chebyshev's places over what an axis spans."""
-    middle, half = (axis.max() + axis.min()) / 2, max(np.ptp(axis) / 2, 1e-9)
-    return np.asarray(middle + half * np.cos(np.pi * (np.arange(NODES) + 0.5) / NODES))
+def _box(x: Array, y: Array) -> tuple[Array, Array]:
+    """Middle and half the size of the box that axes span."""
+    low, high = np.array([[axis.min(), axis.max()] for axis in (x, y)]).T
+    return (low + high) / 2, np.maximum((high - low) / 2, 1e-9)
 
 
 def _ring(radius: float) -> Array:
@@ -246,24 +244,9 @@ def _ring(radius: float) -> Array:
     return radius * np.stack([np.cos(turn), np.sin(turn)], -1)
 
 
-def _monomials(at: NDArray[Any]) -> NDArray[Any]:
-    """Monomials of points on the pupil (2, ...), up to `PUPIL_DEGREE` together, shape (terms, ...)."""
-    return np.stack([at[0] ** i * at[1] ** j for i, j in _TERMS])
-
-
-_TERMS = [(i, j) for i in range(PUPIL_DEGREE + 1) for j in range(PUPIL_DEGREE + 1 - i)]
-
-
-def _over(axis: Array, nodes: Array, degree: int) -> Array:
-    """Chebyshev polynomials over what nodes span, shape (degree + 1, n)."""
-    middle, half = (nodes.max() + nodes.min()) / 2, np.ptp(nodes) / 2
-    return np.asarray(np.polynomial.chebyshev.chebvander((axis - middle) / half, degree).T)
-
-
-def _products(across: Array, down: Array) -> Array:
-    """Products of polynomials along both axes, up to their degree together, shape (terms, v, u)."""
-    count = len(across)
-    return np.stack([np.multiply.outer(down[j], across[i]) for i in range(count) for j in range(count - i)])
+def _over_pupil(at: NDArray[Any]) -> NDArray[Any]:
+    """Products of polynomials over points on the pupil (2, ...) [diameters], shape (terms, ...)."""
+    return products(2 * at[0], 2 * at[1], PUPIL_DEGREE)
 
 
 def _spread(coefficients: NDArray[np.float32], powers: NDArray[np.float32]) -> NDArray[np.float32]:

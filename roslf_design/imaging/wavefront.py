@@ -12,11 +12,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.polynomial.polynomial import polyder, polyval2d
 from numpy.typing import NDArray
 
 from .._arrays import sunflower
 from ..fates import RayFate
+from ..polynomials import Polynomials
 from ..theory.object_space import ObjectSpaceFaces, SceneRays
 
 if TYPE_CHECKING:
@@ -26,9 +26,8 @@ Floats = NDArray[np.float64]
 
 DEGREE = 9
 """Degree of the polynomial of the path."""
-POWERS = np.array([(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i) if i + j > 0])
-SAMPLES = 400
-"""Rays that it is fitted to."""
+SAMPLES, FEWEST = 400, 108
+"""Rays that it is fitted to, and below how many there is none."""
 MARGIN = 1.05
 """Width over which these are spread, against the opening's."""
 STEPS, NEAR = 60, 1e-10
@@ -43,11 +42,10 @@ class Wavefront:
     source: PointSource
     faces: ObjectSpaceFaces
     """Faces with their clear apertures."""
-    middle: Floats
     radius: float
-    """Disc that the polynomial is told on [mm]."""
-    terms: Floats
-    """Path by which the wave runs ahead [mm], in powers of x and y on that disc, (10, 10)."""
+    """Radius of the disc about its middle that the path is fitted on [mm]."""
+    ahead: Polynomials
+    """Path by which the wave runs ahead [mm]."""
 
     @classmethod
     def of(cls, source: PointSource, wavelength: float) -> Wavefront | None:
@@ -59,27 +57,23 @@ class Wavefront:
         disc = np.concatenate([sunflower(SAMPLES).T, _circle(48)])
         pupil = middle + radius * disc
         extra, comes = _extra_slopes(source, free, pupil)
-        if np.count_nonzero(comes) < 2 * len(POWERS):
+        if np.count_nonzero(comes) < FEWEST:
             return None
-        columns = np.concatenate([_gradient(disc[comes], axis) for axis in (0, 1)])
-        terms = np.zeros((DEGREE + 1, DEGREE + 1))
-        terms[tuple(POWERS.T)] = np.linalg.lstsq(columns, np.concatenate(list(extra[comes].T)) * radius, rcond=None)[0]
-        return cls(source, faces, middle, radius, terms)
+        path = Polynomials.with_gradient(middle, np.full(2, radius), DEGREE, pupil[comes].T, extra[comes].T)
+        return cls(source, faces, radius, path)
+
+    @property
+    def middle(self) -> Floats:
+        """Middle of the disc, (2,) [mm]."""
+        return self.ahead.middle
 
     def path(self, pupil: Floats) -> Floats:
         """Path by which the wave runs ahead at places (..., 2) of the FAP [mm]."""
-        return np.asarray(polyval2d(*self._on_disc(pupil), self.terms))
+        return self.ahead.at(pupil[..., 0], pupil[..., 1])
 
     def slopes(self, pupil: Floats) -> Floats:
         """Slopes in addition to the ideal wave's there, (..., 2)."""
-        at = self._on_disc(pupil)
-        return np.asarray(
-            np.stack([polyval2d(*at, polyder(self.terms, axis=k)) for k in (0, 1)], axis=-1) / self.radius
-        )
-
-    def _on_disc(self, pupil: Floats) -> tuple[Floats, Floats]:
-        x, y = np.moveaxis((pupil - self.middle) / self.radius, -1, 0)
-        return x, y
+        return np.moveaxis(self.ahead.gradient.at(pupil[..., 0], pupil[..., 1]), 0, -1)
 
     def lit(self, pupil: Floats) -> NDArray[np.bool_]:
         """Whether light comes through places (..., 2) of the FAP: past every rim, face by face, and the main lens."""
@@ -135,15 +129,6 @@ def _carried(faces: ObjectSpaceFaces, height: Floats, slope: Floats) -> SceneRay
 def _circle(count: int) -> Floats:
     turn = 2 * math.pi * np.arange(count) / count
     return np.stack([np.cos(turn), np.sin(turn)], axis=-1)
-
-
-def _gradient(at: Floats, axis: int) -> Floats:
-    """Derivatives of all powers at places (..., 2), (..., terms)."""
-    x, y = at[..., :1], at[..., 1:]
-    i, j = POWERS.T
-    if axis == 0:
-        return np.asarray(i * x ** np.maximum(i - 1, 0) * y**j)
-    return np.asarray(j * x**i * y ** np.maximum(j - 1, 0))
 
 
 def _extra_slopes(source: PointSource, faces: ObjectSpaceFaces, pupil: Floats) -> tuple[Floats, NDArray[np.bool_]]:

@@ -11,10 +11,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from ..camera import Camera, Rim
+from ..polynomials import Polynomials, nodes_between
 from ..theory.exit_pupil import stop_angle
 from ..theory.object_space import ObjectSpaceFaces
 from ..theory.stop_images import stop_discs
@@ -40,12 +40,9 @@ class ExactDiscs:
     camera: Camera
     rims: tuple[int, ...]
     """Indices of its stops in `stop_discs`; the FAP is 0."""
-    middle: Floats
-    """Middle of that part of the array, from the main lens's centre (2,) [mm]."""
-    half: Floats
-    """Half its size (2,) [mm]."""
-    moves: Floats
-    """Differences of centres (x, y) and radii from first order: Chebyshev series, (NODES, NODES, K, 3) [mm]."""
+    moves: Polynomials
+    """Differences of centres (x, y) and radii from first order over that part of the array, from the main lens's
+    centre, (K, 3) functions [mm]."""
     error: float
     """Largest distance of exact outlines from these discs [mm, on the sensor]."""
 
@@ -71,12 +68,13 @@ class ExactDiscs:
         if camera.chain.in_air or camera.tilted or not _circles(camera):
             return None
         middle, half = (low + high) / 2, np.maximum((high - low) / 2, 1e-9)
-        nodes = chebyshev.chebpts1(NODES)
+        nodes = nodes_between(-1.0, 1.0, NODES)
         between = (nodes[1:] + nodes[:-1]) / 2
-        (x, y), others = (
-            middle[:, None] + half[:, None] * np.stack([part.ravel() for part in np.meshgrid(on, on, indexing="ij")])
+        places, others = (
+            middle[:, None] + half[:, None] * np.stack([part.ravel() for part in np.meshgrid(on, on)])
             for on in (nodes, between)
         )
+        x, y = places
         outlines = _Outlines.of(camera, wavelength)
         chosen = outlines.cutting(x, y)
         if chosen is None:
@@ -91,10 +89,8 @@ class ExactDiscs:
             (*(middle - centres[:, k].T), radius - radii[:, k])
             for k, (middle, radius, _) in zip(chosen, at_nodes, strict=True)
         ]
-        values = np.moveaxis(np.array(moved), -1, 0).reshape(NODES, NODES, len(chosen), 3)
-        inverse = np.linalg.inv(chebyshev.chebvander(nodes, NODES - 1))
-        moves = np.einsum("ai,bj,ijkc->abkc", inverse, inverse, values)
-        discs = cls(camera, tuple(chosen), middle, half, moves, 0.0)
+        moves = Polynomials.fitted(middle, half, NODES - 1, places, np.array(moved), each=True)
+        discs = cls(camera, tuple(chosen), moves, 0.0)
         placed, sizes = discs.at(*others)
         away = [np.hypot(*(p - placed[:, k].T[..., None])) - sizes[:, k, None] for k, p in enumerate(check)]
         error = max(float(np.abs(away).max()), *(float(out.max()) for *_, out in at_nodes))
@@ -103,8 +99,8 @@ class ExactDiscs:
     @property
     def farthest(self) -> float:
         """Largest distance that the edge of the FAP's image moves [mm]."""
-        size = np.abs(self.moves[..., 0, :]).sum((0, 1))
-        return float(np.hypot(size[0], size[1]) + size[2])
+        across, along, wider = self.moves.bound[0]
+        return float(np.hypot(across, along) + wider)
 
     def at(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
         """Centres relative to microlens axes, (..., K, 2), and radii, (..., K) [mm]; beyond the part as at its edge.
@@ -115,13 +111,9 @@ class ExactDiscs:
             Axes of microlenses from the main lens's centre [mm].
         """
         centres, radii = stop_discs(self.camera, x, y)
-        on = np.clip(
-            (np.stack([x, y]) - self.middle.reshape(2, *(1,) * np.ndim(x))) / self.half.reshape(2, *(1,) * np.ndim(x)),
-            -1,
-            1,
-        )
-        across, along = (chebyshev.chebvander(part, NODES - 1) for part in on)
-        moved = np.einsum("...a,...b,abkc->...kc", across, along, self.moves, optimize=True)
+        middle, half = self.moves.middle, self.moves.half
+        inside = (np.clip(part, m - h, m + h) for part, m, h in zip((x, y), middle, half, strict=True))
+        moved = np.moveaxis(self.moves.at(*inside), (0, 1), (-2, -1))
         rims = list(self.rims)
         return centres[..., rims, :] + moved[..., :2], radii[..., rims] + moved[..., 2]
 

@@ -20,6 +20,7 @@ from .._arrays import Complex
 from ..camera import Camera, Number
 from ..design import Design
 from ..fates import ImageFate
+from ..polynomials import Polynomials
 from ..shapes.discs import Outline, gauss_legendre, heights
 from ..shapes.openings import Openings
 from ..theory.light import object_scale, solid_angle
@@ -34,10 +35,9 @@ from .train import etendue_sr
 Array = NDArray[np.float64]
 
 DEGREE = 5
-"""Degree of the polynomials over the FAP: products x^a y^b with a + b <= 5, b running fastest."""
-POWERS = np.array([(a, b) for a in range(DEGREE + 1) for b in range(DEGREE + 1 - a)])
-RINGS, SPOKES = 5, 12
-"""Rays of an object point, over the FAP."""
+"""Degree of the polynomials over the FAP."""
+RINGS, SPOKES, FEWEST = 5, 12, 42
+"""Rays of an object point, over the FAP; and how many must come through."""
 SOFT = 0.6
 """Frequencies times `_Beam.spread` by which light so spread has lost its contrast, an even disc's by 0.31."""
 NODES = 12
@@ -151,7 +151,7 @@ class LensImages(MicrolensImages):
             *self._scales(field, at),
             (float(place[0] / away), float(place[1] / away)) if away > 1e-12 * float(self.camera.d) else (1.0, 0.0),
             outline,
-            beam or _Beam(np.zeros(2), 1.0, np.zeros((len(POWERS), 2)), 0.0),
+            beam or _Beam(Polynomials(np.zeros(2), np.ones(2), np.zeros((2, 1, 1))), 0.0),
         )
 
     @cached_property
@@ -174,42 +174,26 @@ class LensImages(MicrolensImages):
             return None
         moved, _, comes = forward_rays(self.lens, point, self._pupil, self.lens.wavelength, z=z)
         comes &= self._shown.ok[field]
-        if not comes[0] or np.count_nonzero(comes) < 2 * len(POWERS):
+        if not comes[0] or np.count_nonzero(comes) < FEWEST:
             return None
         ways, place = moved.T[comes], self._shown.sensor[field][comes] - self.places[field]
-        size = float(np.ptp(place, axis=0).max()) / 2
-        powers = np.prod(((place - place[0]) / size)[:, None, :] ** POWERS, axis=-1)
+        half = np.full(2, np.ptp(place, axis=0).max() / 2)
         spread = float(np.std(ways - float(image_rate(self.camera, at)) * place, axis=0).max())
-        return _Beam(place[0], size, np.linalg.lstsq(powers, ways - ways[0], rcond=None)[0], spread)
+        return _Beam(Polynomials.fitted(place[0], half, DEGREE, place.T, (ways - ways[0]).T), spread)
 
 
 class _Beam(NamedTuple):
     """Light of an object point behind the array's plane, about its chief ray."""
 
-    middle: Array
-    """Image of the FAP's centre behind the microlens, (2,) [mm]."""
-    size: float
-    """Unit of the places [mm]."""
-    terms: Array
-    """Ways on the array of light through the FAP's points shown at places: of the products `POWERS`, (21, 2) [mm]."""
-
+    ways: Polynomials
+    """Ways on the array (x, y) of light through the FAP's points by where a microlens shows those [mm]."""
     spread: float
     """Standard deviation of what no refocusing undoes of them, along the axis where it is larger [mm]."""
 
-    def along(self, x: Array, y: Array, axes: ArrayLike) -> Array:
-        """Way along a direction of light that goes to places of the sensor, of one shape [mm]."""
-        u, v = (x - self.middle[0]) / self.size, (y - self.middle[1]) / self.size
-        terms, total = self.terms @ np.asarray(axes), np.zeros(np.broadcast_shapes(x.shape, y.shape))
-        last = len(terms)
-        for a in range(DEGREE, -1, -1):
-            last -= DEGREE + 1 - a
-            row = np.full(v.shape, terms[last + DEGREE - a])
-            for b in range(DEGREE - a - 1, -1, -1):
-                row *= v
-                row += terms[last + b]
-            total *= u
-            total += row
-        return total
+    def along(self, x: Array, y: Array, axes: Array) -> Array:
+        """Way along a direction of light that goes to places of the sensor [mm]."""
+        ways = self.ways
+        return Polynomials(ways.middle, ways.half, axes[0] * ways.terms[0] + axes[1] * ways.terms[1]).at(x, y)
 
 
 @dataclass(frozen=True, eq=False)
@@ -243,7 +227,7 @@ class _TracedTransfer(FieldTransfer):
         turns += min(np.abs(along).max(initial=0.0) * 2 * half.max(initial=0.0), self._most)
         nodes, weights = gauss_legendre(sparse(NODES + math.ceil(math.pi / 2 * turns)))
         x, y = middle + half * nodes, y[:, None]
-        astray = self._astray(x, np.broadcast_to(y, x.shape), axes, shift)
+        astray = self._astray(x, y, axes, shift)
         wave = weight[:, None] * half * weights * np.exp(2j * math.pi * (nu * astray + along[:1].sum() * x))
         light = np.empty((len(y), len(along)), complex)
         step = np.exp(2j * math.pi * (along[1] - along[0]) * x) if len(along) > 1 else np.ones(1)
