@@ -273,9 +273,16 @@ class Design(Part, RulerSymbols[float]):
 
         Tilts of elements before the lens move the images of stops, which stay discs.
         """
-        tilts = [self.main_lens.tilt, self.microlens_array.tilt, self.sensor.tilt]
-        tilts += [stop.tilt for stop in self.all_stops]
-        return all(tilt == (0.0, 0.0) for tilt in tilts)
+        return self.has_exact_areas and all(stop.tilt == (0.0, 0.0) for stop in self.all_stops)
+
+    @property
+    def has_exact_areas(self) -> bool:
+        """True where FAP, main lens, array and sensor stand straight.
+
+        Closed forms then know every stop's image on the sensor, that of a further stop or of a mirror as it leans.
+        """
+        parts = (self.aperture, self.main_lens, self.microlens_array, self.sensor)
+        return all(part.tilt == (0.0, 0.0) for part in parts)
 
     @property
     def sees_discs(self) -> bool:

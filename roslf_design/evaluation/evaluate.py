@@ -60,6 +60,8 @@ COUNTED = (
     "parts."
 )
 
+UPRIGHT = "Tilted stops cut images as they lean; bounds of the undistorted field take them as upright."
+
 
 def evaluate(
     design: Design | str | Path,
@@ -98,7 +100,7 @@ def evaluate(
     1.00506
     """
     design = as_design(design)
-    rays = rays_for(None if design.sees_discs else accuracy)
+    rays = rays_for(None if design.has_exact_areas else accuracy)
     axes = default_fields(design) if fields is None else _axes(fields)
     camera = Camera.of(design)
     limit = field_limit(camera)
@@ -116,8 +118,10 @@ def evaluate(
     traced = trace_lens(design, axes, non_distortion)
     depth = _depth(design, camera)
     method = [METHOD]
-    if not design.sees_discs:
+    if not design.has_exact_areas:
         method.append(COUNTED.format(rays=rays, error=COUNTED_ERROR if accuracy is None else accuracy))
+    elif not design.aligned:
+        method.append(UPRIGHT)
     if traced is not None:
         method.append(TRACED)
     return Evaluation(
@@ -265,7 +269,7 @@ def check_evaluation_accuracy(design: Design, accuracy: float | None) -> None:
     """
     if accuracy is not None:
         check_accuracy(accuracy)
-        rays_for(None if design.sees_discs else accuracy)
+        rays_for(None if design.has_exact_areas else accuracy)
 
 
 def evaluation_accuracy(
@@ -282,8 +286,8 @@ def evaluation_accuracy(
     seconds : float, optional
         That it took.
     """
-    if design.sees_discs:
-        method = "closed forms and exact disc areas"
+    if design.has_exact_areas:
+        method = f"closed forms and exact {'disc ' if design.sees_discs else ''}areas"
         return Accuracy("every number, relative", method, ROUNDING, asked=asked, seconds=seconds)
     rays = rays_for(asked)
     measured, by = None, ""

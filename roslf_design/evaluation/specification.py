@@ -275,19 +275,17 @@ def transfer_at(images: MicrolensImages, field: int, at: float | None) -> FieldT
     if isinstance(images, LensImages):
         return images.transfer(field, at)
     camera = images.camera
-    openings, shapes = images.openings.at(np.s_[field, 0]), images.shapes
-    lit = bool(shapes.lit[field, 0])
+    openings = images.openings.at(np.s_[field, 0])
+    part = openings.common()
     x, y = (float(np.broadcast_to(axis, (len(images.fields), 1))[field, 0]) for axis in images.microlens[:2])
     away = math.hypot(x, y)
     along, across = (float(np.broadcast_to(scale, (len(images.fields), 1))[field, 0]) for scale in images.scales(at))
-    # Tilted parts' shapes count from the FAP's image.
-    u, v = shapes.centroid[field, 0] + (openings.centres[0] if camera.tilted else 0.0)
-    cuts = shapes.clipping[field, 0] if not camera.tilted else np.ones(openings.total, np.bool_)
-    cuts = cuts | (np.arange(len(cuts)) == 0)
+    u, v = part.centroid.tolist()
+    cuts = part.clipping | (np.arange(openings.total) == 0)
     return FieldTransfer(
         camera,
         openings.some(np.flatnonzero(cuts).tolist()),
-        (float(u), float(v)) if lit else None,
+        (u, v) if part.lit else None,
         float(image_rate(camera, at)),
         along,
         across,

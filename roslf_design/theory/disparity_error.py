@@ -237,7 +237,7 @@ def disparity_information(images: MicrolensImages, plane: Seen, waves: Spectrum 
     Parameters
     ----------
     images : MicrolensImages
-        At the fields asked for; their tilts are left out.
+        At the fields asked for; tilts of FAP, main lens, array and sensor are left out.
     plane : Seen
         The plane looked at; it broadcasts with the builds.
     waves : Spectrum, shape (W,), optional
@@ -300,6 +300,14 @@ def _rows_of(images: MicrolensImages, plane: Seen, texture: _Texture) -> _Images
         turned = np.stack([u * a + v * b, v * a - u * b], -1) * per_pitch[..., None, None, None]
         return np.broadcast_to(turned, (*shape, *turned.shape[-3:])).reshape(math.prod(shape), *turned.shape[-3:])
 
+    xx, xy, yy = np.moveaxis(openings.matrices, -1, 0)
+    a, b, square = cos[..., None], sin[..., None], np.square(per_pitch)[..., None]
+    turned = (
+        a * a * xx + 2 * a * b * xy + b * b * yy,
+        a * b * (yy - xx) + (a * a - b * b) * xy,
+        b * b * xx - 2 * a * b * xy + a * a * yy,
+    )
+    forms = np.stack([part * square for part in turned], -1)
     across = np.broadcast_to(openings.radii * per_pitch[..., None], (*shape, openings.total))
     across = across.reshape(-1, openings.total)
     scaled = Openings(
@@ -307,6 +315,8 @@ def _rows_of(images: MicrolensImages, plane: Seen, texture: _Texture) -> _Images
         across,
         along_lattice(openings.corners),
         openings.polygons,
+        np.broadcast_to(forms, (*shape, *forms.shape[-2:])).reshape(math.prod(shape), *forms.shape[-2:]),
+        openings.ellipses,
     )
     wide = 2 * across[:, 0]
     if 0 in openings.polygons:
@@ -638,7 +648,7 @@ def disparity_sigma(images: MicrolensImages, plane: Seen) -> Array:
     Parameters
     ----------
     images : MicrolensImages
-        At the fields asked for; their tilts are left out.
+        At the fields asked for; tilts of FAP, main lens, array and sensor are left out.
     plane : Seen
         The plane looked at.
 

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from .._arrays import Array, floats, magnitude, product, ratio
 from ..bore.opening import ClearAperture, farthest
 from ..camera import Camera, Frame, Number, Rim, Vector
-from ..camera.frames import cross, dot, minus, plus, times, total
+from ..camera.frames import cross, dot, frame, minus, plus, times, total
 from ..shapes.discs import DiscIntersection
 from ..shapes.ellipses import intersect_ellipses
 from ..shapes.openings import Openings
@@ -296,20 +296,53 @@ def stop_discs(c: Camera, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
 
 
 def stop_openings(c: Camera, x: ArrayLike, y: ArrayLike) -> Openings:
-    """Openings that the FAP and the rims cut out of the light behind pinhole microlenses, as `stop_discs`."""
+    """Openings that the FAP and the rims cut out of the light behind pinhole microlenses, as `stop_discs`.
+
+    Further rims lean as they do: those of tilted stops and of mirrors are ellipses, or quadrilaterals.
+    """
     centres, radii = stop_discs(c, x, y)
     every = (c.fap, *c.rims)
     straight = tuple(k for k in range(len(every)) if every[k].outline.straight)
-    if not straight:
+    leaning = {k: _leaning_image(c, rim, x, y) for k, rim in enumerate(every) if k > 1 and _leans(c, rim)}
+    if not straight and not leaning:
         return Openings.of_discs(centres, radii)
     corners = np.empty((*radii.shape[:-1], len(straight), 4, 2))
+    ellipses = tuple(k for k in leaning if k not in straight)
+    forms = np.empty((*radii.shape[:-1], len(ellipses), 3))
     for n, k in enumerate(straight):
         scale = product(c.seen.d_2, stop_angle(c, every[k].distance))  # of either sign, and so are corners
-        for m, corner in enumerate(every[k].outline.corners):
+        upright = [(x * scale, y * scale) for x, y in every[k].outline.corners]
+        seen = leaning[k].image(every[k].outline) if k in leaning else None
+        for m, corner in enumerate(upright):
             for axis in (0, 1):
-                corners[..., n, m, axis] = centres[..., k, axis] + np.asarray(scale * corner[axis])
+                at = centres[..., k, axis] + np.asarray(corner[axis])
+                corners[..., n, m, axis] = seen.corners[m][axis] if isinstance(seen, _Polygon) else at
         radii[..., k] = math.inf
-    return Openings(centres, radii, corners, straight)
+    for n, k in enumerate(ellipses):
+        seen = leaning[k].ellipse(every[k].radius)
+        centres[..., k, 0], centres[..., k, 1], radii[..., k] = seen.x, seen.y, math.inf
+        forms[..., n, 0], forms[..., n, 1], forms[..., n, 2] = seen.xx, seen.xy, seen.yy
+    return Openings(centres, radii, corners, straight, forms, ellipses)
+
+
+def _leans(c: Camera, rim: Rim) -> bool:
+    """Whether a rim that may cut is tilted, or leans by design, in any build."""
+    return bool(np.any(np.isfinite(rim.outline.reach))) and any(np.any(tilt) for tilt in c.tilt(rim.part))
+
+
+def _leaning_image(c: Camera, rim: Rim, x: ArrayLike, y: ArrayLike) -> Projected:
+    """Image on the sensor of a rim's plane, from the axis of a microlens at (x, y), as if all else stood straight.
+
+    A point a of that plane is seen ``d_2 (c (1 + a_z/f) - a) / (d_1 - a_z (1 - d_1/f))`` from the axis of the microlens
+    at c.
+    """
+    pose, cx, cy = frame(c.decentre(rim.part), -rim.distance, c.tilt(rim.part)), *floats(x, y)
+    d_1, d_2 = c.seen.d_1, c.seen.d_2
+    bend, columns = 1 - d_1 / c.f, []
+    for own, (ax, ay, az) in zip((1.0, 0.0, 0.0), (pose.origin, pose.x, pose.y), strict=True):
+        share = own + az / c.f
+        columns.append((d_2 * (cx * share - ax), d_2 * (cy * share - ay), own * d_1 - az * bend))
+    return Projected(*zip(*columns, strict=True))
 
 
 def _disc(c: Camera, rim: Rim) -> tuple[Number, tuple[Number, Number], Number]:

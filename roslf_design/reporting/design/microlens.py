@@ -154,7 +154,7 @@ def microlens_image(
     Parameters
     ----------
     design : Design
-        A real lens is taken as its thin twin, and tilts are left out.
+        A real lens is taken as its thin twin; tilts of FAP, main lens, array and sensor are left out.
     place : (x, y)
         On the MLA [mm]; the nearest microlens is shown.
     size : (width, height)
@@ -251,8 +251,8 @@ def _lines(design: Design, view: _ImageView, on_picture: bool) -> list[Mark]:
 
 def _rim_mark(rim: Openings, colour: str, width: float, dash: str) -> Mark:
     """One rim's own image."""
-    if rim.polygons:
-        return Area(*xy(UM * rim.corners[0]), "none", 1.0, colour, width, dash)
+    if rim.polygons or rim.ellipses:
+        return Area(*xy(UM * rim.outline()), "none", 1.0, colour, width, dash)
     ((x, y),), (radius,) = rim.centres, rim.radii
     return Disc(UM * x, UM * y, UM * radius, edge=colour, width=width, dash=dash)
 

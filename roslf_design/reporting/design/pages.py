@@ -362,15 +362,10 @@ def _assumptions(design: Design, result: Evaluation) -> tuple[Block, ...]:
             )
     if design.sensor.relay_magnification != 1:
         items.append("The relay to the sensor is ideal: it only scales the pixels.")
-    if not design.aligned:
+    if not design.has_exact_areas:
         items.append(
             "Tilts are traced in the ray diagrams, the 3D view and the table of microlens images over the field; drawn "
-            "microlens images and maps are those of the untilted parts."
-        )
-    elif not design.sees_discs:
-        items.append(
-            "Rims of mirrors lean in the verdicts, the ray diagrams, the 3D view and the table of microlens images "
-            "over the field; drawn microlens images and maps take them as upright."
+            "microlens images and maps are those of FAP, main lens, array and sensor untilted."
         )
     exceeded = [spaced(e.name) for e in result.effects if e.on and abs(e.estimate) > e.budget]
     left = [spaced(e.name) for e in result.effects if not e.on and e.estimate != 0]

@@ -57,7 +57,7 @@ DEPTH = "Depth accuracy, 1 σ"
 SHARP = f"Sharp: {CRITERION}."
 PARTS = "parts"
 NOMINAL = "Nominal values: no tolerance study is at hand."
-TILTED = "Parts are tilted; the data sheet is of the straight ones."
+TILTED = "Parts are tilted; the data sheet is of the straight ones, but for what tilted stops cut."
 
 
 class _SheetLine(NamedTuple):
