@@ -102,7 +102,8 @@ def test_what_robustness_may_cost_is_kept():
 
 def test_a_quantile_holds_the_wanted_yield():
     _, found = made_robust(maximise="quantile", wanted_yield=0.8)
-    assert found.robust.yield_.value > 0.75  # wanted on 256 builds, told on 4096 others
+    assert found.robust.yield_.interval[0] >= 0.8  # judged by 4096 builds that the search did not see
+    assert found.nominal.yield_.interval[0] < 0.8
     assert found.robust.goal_quantile < 1.2 * found.nominal.goal_quantile
 
 
