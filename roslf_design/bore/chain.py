@@ -95,17 +95,17 @@ class Chain:
     """Elements before the main lens, the medium before them, and the glass about the microlens array."""
 
     elements: tuple[AnyElement, ...]
-    lenslets: str = "scene"
-    """Side that the lenslets on a substrate face."""
     housing: float = 0.0
     """Expansion of what spaces the surfaces of an element by prescription [1/K]."""
-    plates: tuple[str, ...] = ()
-    """Places of the plates about the array: `SUBSTRATE`, `COVER`."""
+    plates_before: tuple[str, ...] = ()
+    """Places of the glass before the microlenses: `SUBSTRATE` where they face the sensor."""
+    plates_behind: tuple[str, ...] = ()
+    """Places of the glass behind them: `SUBSTRATE`, `COVER`."""
 
     @property
     def in_air(self) -> bool:
         """Whether light meets nothing but the main lens, stops and microlenses."""
-        return not self.elements and not self.plates
+        return not (self.elements or self.plates_before or self.plates_behind)
 
     @cached_property
     def order(self) -> tuple[int, ...]:
@@ -337,12 +337,11 @@ class Chain:
 
     def before_array(self, numbers: Mapping[str, Number]) -> Number:
         """Length that glass before the microlenses takes off d_1, ``t (1 - 1/n)`` [mm]."""
-        return _shortened(numbers, SUBSTRATE) if self.lenslets == "sensor" else 0.0
+        return sum((_shortened(numbers, place) for place in self.plates_before), 0.0)
 
     def behind_array(self, numbers: Mapping[str, Number]) -> Number:
         """Length that glass behind the microlenses takes off d_2 [mm]."""
-        substrate = _shortened(numbers, SUBSTRATE) if self.lenslets == "scene" else 0.0
-        return substrate + _shortened(numbers, COVER)
+        return sum((_shortened(numbers, place) for place in self.plates_behind), 0.0)
 
     def followed(self, numbers: Mapping[str, Number], key: str) -> Number:
         """The value of one of f, d_f and d_1 that the other two in `numbers` give [mm]."""
@@ -362,7 +361,5 @@ def _all(flags: bool | Flags) -> bool:
 
 
 def _shortened(numbers: Mapping[str, Number], part: str) -> Number:
-    if f"{part}.thickness" not in numbers:
-        return 0.0
     index = numbers[f"{part}.index"]
     return numbers[f"{part}.thickness"] * (index - 1) / index

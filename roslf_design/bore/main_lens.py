@@ -59,7 +59,7 @@ class MainLensKind:
 
     @property
     def glasses(self) -> tuple[tuple[str, Glass | None], ...]:
-        """Every material of it by its place."""
+        """Every material of it by its key."""
         raise NotImplementedError
 
     @property
@@ -150,7 +150,7 @@ class IdealMainLens(MainLensKind):
     @property
     def glasses(self) -> tuple[tuple[str, Glass | None], ...]:
         """Its material."""
-        return (("main_lens.material", self.material),)
+        return (("material", self.material),)
 
     def about(self, values: Mapping[str, float | None], turned: bool, wavelength: float | None) -> Iterator[Problem]:
         """Being turned round, which says nothing."""
@@ -218,7 +218,7 @@ class RealMainLens(MainLensKind):
     @property
     def glasses(self) -> tuple[tuple[str, Glass | None], ...]:
         """Glass of each surface."""
-        return tuple(("main_lens.prescription", surface.glass) for surface in self.prescription.surfaces)
+        return tuple(("prescription", surface.glass) for surface in self.prescription.surfaces)
 
     @property
     def prescribed(self) -> tuple[Prescription, ...]:

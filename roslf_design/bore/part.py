@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict
 
 from .._arrays import by_value
+from ..lenses.glass import Glass
+from ..lenses.prescription import Prescription
 from ..units import Angle, AnyLength, Length
 
 Number = float | NDArray[np.float64]
@@ -32,6 +34,30 @@ class Part(BaseModel):
         """Fields that differ from their defaults."""
         fields = type(self).model_fields
         yield from ((name, value) for name, value in super().__repr_args__() if value != fields[str(name)].default)
+
+
+class OpticalPart(Part):
+    """Part that light meets, and what all of them answer."""
+
+    @property
+    def glass(self) -> Glass | None:
+        """Material of its index; None of one that has no index, or one that is a number."""
+        return None
+
+    @property
+    def glasses(self) -> tuple[tuple[str, Glass | None], ...]:
+        """Every material of it by its key."""
+        return ()
+
+    @property
+    def prescribed(self) -> tuple[Prescription, ...]:
+        """Lens that gives it by surfaces, as in the design file."""
+        return ()
+
+    @property
+    def grows(self) -> bool:
+        """Whether it is known what temperature does to it."""
+        return True
 
 
 @by_value

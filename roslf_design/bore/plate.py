@@ -19,6 +19,14 @@ from .material import Material
 from .part import Number, PartNumbers, Tilt
 
 
+def glass_rows(name: str, at: float, thickness: float, glass: Glass, semi: float) -> list[SequenceRow]:
+    """Rows of flat glass whose sensor's side stands at a place behind the main lens's reference plane [mm]."""
+    return [
+        SequenceRow(f"{name}, front", at - thickness, Surface(0.0, semi, glass=glass)),
+        SequenceRow(f"{name}, back", at, Surface(0.0, semi)),
+    ]
+
+
 class Block(Element):
     """Glass between two flat faces."""
 
@@ -65,10 +73,7 @@ class Block(Element):
 
     def rows(self, name: str, at: float, semi: float) -> list[SequenceRow]:
         """Rows of both faces."""
-        return [
-            SequenceRow(f"{name}, front", at - self.thickness, Surface(0.0, semi, glass=self.material)),
-            SequenceRow(f"{name}, back", at, Surface(0.0, semi)),
-        ]
+        return glass_rows(name, at, self.thickness, self.material, semi)
 
     def words(self) -> tuple[str, ...]:
         """Thickness and material."""

@@ -26,8 +26,7 @@ from ..bore.part import TEMPERATURE, Number
 from ..bore.rod import SECTION_WORD
 from ..design import Design, DesignError, Problem
 from ..design.check import at
-from ..design.environment import Growth
-from ..design.light_path import chain_numbers, chain_of, materials_of
+from ..design.growth import Growth
 from ..design.parts import PATHS, Colours, Layout, Symbols
 from ..lenses.angles import AngleMap, Law
 from .frames import Frame, Vector, along, cross, dot, frame, minus, plus, times, total
@@ -827,9 +826,7 @@ def _nominal(design: Design) -> Camera:
         places += [f"tube.{name}" for name in known]
     if design.environment is not None:
         places.append(TEMPERATURE)
-    numbers, chain = {**{place: design[place] for place in places}, TIP: 0.0}, chain_of(design)
-    materials = materials_of(design)
-    growth = Growth.of(design, materials)
-    numbers |= chain_numbers(design)
-    kind = array.layout, array.lens_shape, design.main_lens.kind, chain, materials, growth, design.sensor.colours
+    numbers = {**{place: design[place] for place in places}, TIP: 0.0, **design.bore_numbers}
+    beside = design.chain, design.materials, Growth.of(design), design.sensor.colours
+    kind = array.layout, array.lens_shape, design.main_lens.kind, *beside
     return Camera(numbers, *kind)

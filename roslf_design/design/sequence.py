@@ -62,21 +62,10 @@ def sequence_of(design: Design) -> tuple[SequenceRow, ...]:
 
 def _behind(design: Design, rear: float) -> Iterator[SequenceRow]:
     """The microlens, the sensor and the glass about them."""
-    array, sensor = design.microlens_array, design.sensor
     at, end, half = rear + design.d_1, rear + design.d_1 + design.d_2, max(design.sensor_size)
-    lenslet = SequenceRow("microlens", at, Surface(0.0, design.d / 2), float(design.f_ml))
-    plate = array.substrate
-    before = plate is not None and plate.lenslets == "sensor"
-    if plate is not None and before:
-        yield SequenceRow("substrate, front", at - plate.thickness, Surface(0.0, half, glass=plate.material))
-        yield SequenceRow("substrate, back", at, Surface(0.0, half))
-    yield lenslet
-    if plate is not None and not before:
-        yield SequenceRow("substrate, front", at, Surface(0.0, half, glass=plate.material))
-        yield SequenceRow("substrate, back", at + plate.thickness, Surface(0.0, half))
-    if sensor.cover is not None:
-        yield SequenceRow("cover, front", end - sensor.cover.thickness, Surface(0.0, half, glass=sensor.cover.material))
-        yield SequenceRow("cover, back", end, Surface(0.0, half))
+    yield SequenceRow("microlens", at, Surface(0.0, design.d / 2), float(design.f_ml))
+    for plate in design.plates:
+        yield from plate.part.rows(plate.name, rear - plate.near, half)
     yield SequenceRow("sensor", end, Surface(0.0, half))
 
 

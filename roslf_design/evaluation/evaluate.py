@@ -18,16 +18,15 @@ from ..bore.opening import ClearAperture
 from ..bore.part import TEMPERATURE
 from ..camera import Camera
 from ..design import Design
-from ..design.environment import not_known, not_named
 from ..design.files import as_design
-from ..design.parts import PATHS, Substrate
+from ..design.growth import not_known, not_named
+from ..design.parts import PATHS
 from ..effects.plan import plan
 from ..lenses.glass import AIR, ROOM
 from ..theory import exit_pupil
 from ..theory.quantities import QUANTITIES, depth_error
 from ..theory.stop_images import MicrolensImages
 from ..theory.vignetting import field_limit
-from ..words import length
 from .fields import default_fields, evaluate_fields, rays_for, trace_lens
 from .groups import (
     AtTemperature,
@@ -199,14 +198,10 @@ def _looked_through(design: Design, camera: Camera, axes: Sequence[tuple[float, 
         sides = None if made.half is None else (2 * float(made.half[0]), 2 * float(made.half[1]))
         parts.append(SeenPart(rim.name, "opening", float(rim.ruler_distance), own, float(rim.distance), seen, sides))
     parts.sort(key=lambda part: -part.distance_mm)
-    glass = {"MLA": design.microlens_array.substrate, "sensor": design.sensor.cover}
-    for name, ruler, apparent in (("MLA", design.d_1, camera.seen.d_1), ("sensor", design.d_2, camera.seen.d_2)):
-        plate = glass[name]
-        kind = "cover" if name == "sensor" else "substrate"
-        what = "" if plate is None else f"{kind} {length(plate.thickness)} of {plate.material.name}"
-        if isinstance(plate, Substrate):
-            what += f", lenslets towards the {plate.lenslets}"
-        parts.append(SeenPart(name, what, ruler, None, float(apparent), None))
+    glass = {plate.held_by: f"{plate.name} {', '.join(plate.part.words())}" for plate in design.plates}
+    array, sensor = glass.get("microlens_array", ""), glass.get("sensor", "")
+    parts.append(SeenPart("MLA", array, design.d_1, None, float(camera.seen.d_1), None))
+    parts.append(SeenPart("sensor", sensor, design.d_2, None, float(camera.seen.d_2), None))
     index = float(medium.index(design.wavelength))
     return LookedThrough(medium.name, index, tuple(parts), _mapping(design, camera, axes, sigma))
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..camera import Camera
 from ..design import Design
-from ..design.environment import not_known, not_named
+from ..design.growth import not_known, not_named
 from ..lenses.glass import ROOM
 from ..shapes.lattice import PACKINGS
 from ..theory import tube

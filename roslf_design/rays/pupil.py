@@ -290,7 +290,7 @@ def glass_shares(camera: Camera) -> tuple[list[tuple[float, float]], list[tuple[
     numbers, (d_1, d_2) = camera.numbers, (float(camera[PATHS[symbol]]) for symbol in ("d_1", "d_2"))
     if (substrate := numbers.get(f"{SUBSTRATE}.thickness")) is not None:
         thick = float(substrate)
-        if camera.chain.lenslets == "sensor":
+        if SUBSTRATE in camera.chain.plates_before:
             to_array.append(((d_1 - thick) / float(camera.seen.d_1), (d_1 - thick) / d_1))
         else:
             reduced = thick / float(numbers[f"{SUBSTRATE}.index"])

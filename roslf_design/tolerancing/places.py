@@ -97,8 +97,7 @@ def nominal_values(design: Design) -> Mapping[str, float]:
 
 def _lenslet_sag(design: Design) -> float:
     """Sag of a microlens across its pitch, ``d^2/(8 (n - 1) f_ml)`` [mm]; 0 where nothing says what it is made of."""
-    array = design.microlens_array
-    glass = array.material or (None if array.substrate is None else array.substrate.material)
+    glass = design.microlens_array.made_of
     return 0.0 if glass is None else design.d**2 / (8 * (float(glass.index(design.wavelength)) - 1) * design.f_ml)
 
 

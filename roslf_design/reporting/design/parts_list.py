@@ -44,9 +44,7 @@ def parts_section(design: Design) -> Section:
             bought, entry = catalogue_match(design, known, kind, element)
         entries = (*entries, *([entry] if entry is not None and entry not in entries else []))
         rows.append((f"{element.trade_name or element.kind} ({name})", ", ".join(made_of(element)), bought))
-    for name, plate in (("cover glass of the sensor", design.sensor.cover), ("MLA substrate", mla.substrate)):
-        if plate is not None:
-            rows.append((name, f"{length(plate.thickness)} of {plate.material.name}", "comes with its part"))
+    rows += [(at.part.trade_name, at.part.words()[0], "comes with its part") for at in design.plates]
     filters = f", {own.words}" if (own := PIXEL_FILTERS[design.sensor.colours]).kinds else ""
     rows += [
         ("microlens array", f"{microlenses}, {' x '.join(map(length, mla.size))}", array),
