@@ -15,11 +15,11 @@ from pydantic import Field, StrictBool, ValidationInfo, field_validator, model_v
 from pydantic_core import PydanticCustomError
 
 from ..bore.main_lens import MainLensKind, main_lens_kind
-from ..bore.material import Material
 from ..bore.opening import TURN, ClearAperture
 from ..bore.part import Number, Offset, Part, Size, Tilt
 from ..bore.real_lens import Lens
 from ..lenses.glass import Glass
+from ..lenses.material import Material
 from ..units import Angle, Distance, Illuminance, Length, Radiance, Time, format_quantity, read_quantity
 
 N = TypeVar("N", float, Number)
