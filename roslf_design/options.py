@@ -6,10 +6,10 @@ import os
 from collections.abc import Iterable
 from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
+from pydantic import AfterValidator, BeforeValidator, ValidationError
 
 from .errors import Argument, InputError
-from .toml_files import problems_of
+from .toml_files import StrictTable, problems_of
 
 FileName = Annotated[str, BeforeValidator(lambda name: os.fspath(name) if isinstance(name, os.PathLike) else name)]
 """Name of a file, or of a preset."""
@@ -49,10 +49,8 @@ def up_to(most: int) -> AfterValidator:
     return AfterValidator(check)
 
 
-class Options(BaseModel):
+class Options(StrictTable):
     """Options of a job; the description of a field is its help in the shell."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     @classmethod
     def of(cls, **values: Any) -> Self:

@@ -13,10 +13,10 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 from sphinx.pycode import ModuleAnalyzer
 
-from roslf_design.bore.material import Material
 from roslf_design.bore.real_lens import Lens
 from roslf_design.evaluation.groups import Numbers
 from roslf_design.lenses.glass import Glass
+from roslf_design.lenses.material import Material
 from roslf_design.lenses.solid import Solid
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing.study import FieldPlace

@@ -7,10 +7,10 @@ from typing import Annotated
 from pydantic import Field
 
 from ..lenses.glass import AIR, Glass
+from ..lenses.material import Material
 from ..words import length
 from .group import LensGroup
 from .lens import FieldLens
-from .material import Material
 from .mirror import Mirror
 from .part import OpticalPart
 from .plate import Plate, Prism

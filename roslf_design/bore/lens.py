@@ -10,6 +10,7 @@ from pydantic import ValidationInfo, field_validator
 
 from ..lenses.angles import Law
 from ..lenses.glass import Glass
+from ..lenses.material import Material
 from ..lenses.prescription import Surface
 from ..lenses.tracer import LENGTH, MAPPED, THIN
 from ..units import AnyLength
@@ -18,7 +19,6 @@ from .element import Element, Flags, Matrix, Outline, face
 from .export import SequenceRow
 from .faces import KIND, TURNED, Face, Surroundings, axes_of, plane_row, vertex_of
 from .mapping import COLLINEAR, AnyMapping, MappingTable, mapping_fault, mapping_law
-from .material import Material
 from .part import Number, PartNumbers
 
 IMAGE = ".image"

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict
 
 from .._arrays import by_value
 from ..lenses.glass import Glass
 from ..lenses.prescription import Prescription
+from ..toml_files import StrictTable
 from ..units import Angle, AnyLength, Length
 
 Number = float | NDArray[np.float64]
@@ -25,10 +25,8 @@ WAVELENGTH, TEMPERATURE = "light.wavelength", "environment.temperature"
 """Places of a design that every part may depend on."""
 
 
-class Part(BaseModel):
+class Part(StrictTable):
     """Base of every part: frozen, comparable, hashable, picklable; unknown keys are errors."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
         """Fields that differ from their defaults."""

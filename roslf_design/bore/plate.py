@@ -9,13 +9,13 @@ import numpy as np
 from pydantic import Field
 
 from ..lenses.glass import Glass
+from ..lenses.material import Material
 from ..lenses.prescription import Surface, rotation
 from ..units import Angle, Length
 from ..words import length
 from .element import Element, Flags, Matrix, degrees
 from .export import SequenceRow
 from .faces import Face, Surroundings, axes_of, plane_row, vertex_of
-from .material import Material
 from .part import Number, PartNumbers, Tilt
 
 

@@ -16,12 +16,12 @@ from pydantic_core import PydanticCustomError
 
 from ..bore.export import SequenceRow
 from ..bore.main_lens import MainLensKind, main_lens_kind
-from ..bore.material import Material
 from ..bore.opening import TURN, ClearAperture
 from ..bore.part import Number, Offset, OpticalPart, Part, Size, Tilt
 from ..bore.plate import glass_rows
 from ..bore.real_lens import Lens
 from ..lenses.glass import Glass
+from ..lenses.material import Material
 from ..lenses.prescription import Prescription
 from ..units import Angle, Distance, Illuminance, Length, Radiance, Time, format_quantity, read_quantity
 from ..words import length

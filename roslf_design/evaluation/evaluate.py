@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from .._arrays import ratio
 from ..accuracy.statement import Accuracy, check_accuracy
 from ..bore.elements import made_of
-from ..bore.material import material_label
 from ..bore.opening import ClearAperture
 from ..bore.part import TEMPERATURE
 from ..camera import Camera
@@ -23,6 +22,7 @@ from ..design.growth import not_known, not_named
 from ..design.parts import PATHS
 from ..effects.plan import plan
 from ..lenses.glass import AIR, ROOM
+from ..lenses.material import material_label
 from ..theory import exit_pupil
 from ..theory.quantities import QUANTITIES, depth_error
 from ..theory.stop_images import MicrolensImages

@@ -20,7 +20,7 @@ from ..errors import InputError, Problem
 from ..shapes.discs import intersect
 from ..theory.light import sensor_field
 from ..theory.stop_images import stop_discs
-from ..tolerancing.study import StrictTable
+from ..toml_files import StrictTable
 from ..units import Distance, Length
 from .problem import DesignProblem
 from .search import derivative_free

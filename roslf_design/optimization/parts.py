@@ -14,16 +14,15 @@ from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 import numpy as np
 from pydantic import Field, InstanceOf, ValidationError, model_validator
 
-from ..bore.material import Material
 from ..bore.real_lens import Lens, focal_length_at
 from ..design.parts import Colours
 from ..errors import InputError, Problem, refusal
 from ..lenses.glass import catalogue as glass_catalogue
 from ..lenses.glass import find_glass
 from ..lenses.manufacture import D_LINE
+from ..lenses.material import Material
 from ..lenses.prescription import LensError, Prescription
-from ..tolerancing.study import StrictTable
-from ..toml_files import nearest, problems_of, read_toml
+from ..toml_files import StrictTable, nearest, problems_of, read_toml
 from ..units import Angle, Length, read_quantity
 from .lens_variables import with_glasses
 

@@ -33,8 +33,7 @@ from ..theory.stop_images import MicrolensImages
 from ..theory.tube import housed
 from ..theory.vignetting import field_margins
 from ..tolerancing.draws import sobol_points
-from ..tolerancing.study import StrictTable
-from ..toml_files import nearest
+from ..toml_files import StrictTable, nearest
 from ..units import AnyLength, Length, Temperature, format_quantity, in_file
 from ..words import number as in_digits
 from .lens_variables import BENDING, FOCAL, LensVariation, VariedLens, varies_lens

@@ -32,8 +32,7 @@ from ..theory import chief_rays
 from ..theory.f_number import inverse_fill_factor
 from ..theory.light import SensorField, sensor_field
 from ..tolerancing.places import in_lens
-from ..tolerancing.study import StrictTable
-from ..toml_files import nearest
+from ..toml_files import StrictTable, nearest
 from ..traced.camera import camera_of
 from .lens_variables import why_not_bent
 from .parts import (

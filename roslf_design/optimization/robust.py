@@ -23,7 +23,7 @@ from ..errors import InputError, Problem
 from ..tolerancing.analyses import Yield, least_passed
 from ..tolerancing.draws import Distribution, Draws, Perturbation
 from ..tolerancing.places import expand, nominal_values, tolerance_at
-from ..tolerancing.study import StrictTable
+from ..toml_files import StrictTable
 from .problem import IDLE, DesignProblem
 from .search import BIG, FEASIBLE, SearchBudget, derivative_free
 

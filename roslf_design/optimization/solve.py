@@ -21,7 +21,7 @@ from .._arrays import Array, by_value
 from ..accuracy.statement import Accuracy
 from ..json_data import plain
 from ..theory.quantity import finite, from_finite
-from ..tolerancing.study import StrictTable
+from ..toml_files import StrictTable
 from .problem import (
     ROOM,
     Constraint,

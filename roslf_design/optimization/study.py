@@ -24,8 +24,7 @@ from ..errors import InputError, Problem
 from ..json_data import plain
 from ..lenses.glass import find_glass
 from ..lenses.prescription import Prescription
-from ..tolerancing.study import StrictTable
-from ..toml_files import nearest, problems_of, read_toml
+from ..toml_files import StrictTable, nearest, problems_of, read_toml
 from ..units import Length
 from .bore import BoreTable, EquivalentPupil, solve_through
 from .lens_variables import lens_faults, places_that_vary, varies_lens

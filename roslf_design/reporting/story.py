@@ -32,8 +32,8 @@ from ..optimization.study import read_study as read_optimisation
 from ..tolerancing.analyses import summarise
 from ..tolerancing.result import StudyResult, analyse
 from ..tolerancing.run import Tally, run_trials
-from ..tolerancing.study import StrictTable, TolerancePlan, tolerance_plan
-from ..toml_files import read_toml, validated
+from ..tolerancing.study import TolerancePlan, tolerance_plan
+from ..toml_files import StrictTable, read_toml, validated
 from .blocks import Block, Bullets, Finding, Paragraph, Report, Section, Statements
 from .calibrate.pages import Calibrated, calibrated_finding, plan_finding, read_calibration
 from .design.pages import design_report, making

@@ -187,11 +187,11 @@ def test_more_contradictions():
         ('"none.zmx"', "none.zmx: no such file"),
         ('""', "expected a lens file"),
         ("3", "expected a lens file"),
-        ("{ name = 'x' }", "surfaces: a lens needs at least one surface"),
+        ("{ name = 'x' }", r"\.surfaces: a lens needs at least one surface"),
     ],
 )
 def test_lenses_that_cannot_be_read(value, told):
-    with pytest.raises(DesignError, match=f"^main_lens.prescription: .*{told}"):
+    with pytest.raises(DesignError, match=rf"^main_lens.prescription(: )?.*{told}"):
         loads(text(f'prescription = {value}\nfocal_plane = "350 mm"\n'))
 
 
@@ -206,6 +206,6 @@ def test_every_fault_of_lens_and_design_is_told_at_once(tmp_path):
     assert len(lines) == 3
     assert all(line.startswith(f"{tmp_path / 'd.toml'}: ") for line in lines)
     assert "main_lens.prescription: " in lines[0]
-    assert "lens.toml: surfaces.1.glas: is not a known key; did you mean 'glass'?" in lines[0]
-    assert "surfaces.1.diameter" in lines[1]
+    assert "lens.toml: surfaces.1.diameter" in lines[0]
+    assert "lens.toml: surfaces.1.glas: is not a known key; did you mean 'glass'?" in lines[1]
     assert "aperture.diameter" in lines[2]

@@ -209,8 +209,8 @@ def test_a_lens_file_tells_every_fault_at_once():
         "bad.toml: surfaces.2.conic: must be a finite number",
         "bad.toml: surfaces.2.asphere.r3: is not a known key",
         "bad.toml: surfaces.2.asphere.r4: expected a number of mm^-3",
-        "bad.toml: surfaces.2.shift: must be a list of 3 lengths",
-        "bad.toml: surfaces.2.tilt: \"1 mm\": 'mm' is a unit of length",
+        "bad.toml: surfaces.2.shift: must be a list of 3, got",
+        "bad.toml: surfaces.2.tilt.0: \"1 mm\": 'mm' is a unit of length",
         "bad.toml: surfaces.2.glass: 'N-BK8' is not a known glass; the nearest known is 'N-BK7'",
     ):
         assert any(line.startswith(start) for line in told), start
@@ -224,7 +224,10 @@ def test_a_lens_file_tells_every_fault_at_once():
         ("surfaces = 3", "surfaces: must be a list of tables"),
         ("surfaces = [3]", "surfaces.1: must be a table"),
         ("name = 3\n[[surfaces]]\nradius='inf'\ndiameter='5 mm'", "name: must be text"),
-        ("wavelength = '-5 nm'\n[[surfaces]]\nradius='inf'\ndiameter='5 mm'", "wavelength: .*positive"),
+        (
+            "wavelength = '-5 nm'\n[[surfaces]]\nradius='inf'\ndiameter='5 mm'",
+            "wavelength: .-5 nm. must be greater than zero",
+        ),
         ("[[surfaces]]\nradius='0 mm'\ndiameter='5 mm'", "is a point"),
         ("[[surfaces]]\nradius='inf'", "surfaces.1.diameter: is missing"),
         ("[[surfaces]]\ndiameter='5 mm'", "surfaces.1.radius: is missing"),
@@ -335,8 +338,8 @@ def test_glasses_whose_numbers_look_alike_stay_apart():
 @pytest.mark.parametrize(
     ("glass", "said"),
     [
-        ("{index = 0.5}", "surfaces.1.glass.index: an index must be a number from 1 to 5"),
-        ("{index = 1.5, abe = 60}", "surfaces.1.glass.abe: 'abe' is not known of a material"),
+        ("{index = 0.5}", 'surfaces.1.glass.index: "0.5" must be at least 1'),
+        ("{index = 1.5, abe = 60}", "surfaces.1.glass.abe: is not a known key; did you mean 'abbe'?"),
         ("{formula = {a = 1}}", "surfaces.1.glass: a glass by its formula stands in [glasses]"),
         ("[1]", "surfaces.1.glass: must be a glass's name or a table"),
     ],

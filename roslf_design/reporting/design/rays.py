@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from ..._arrays import Array
 from ...bore.elements import AnyElement, made_of
-from ...bore.material import material_label
 from ...camera import Camera
 from ...design.assembly import Placed
 from ...drawing.marks import Area, Dots, Key, Line, Mark, Point, Text, bars, box_key, joined, line_key, parted, xy
@@ -21,6 +20,7 @@ from ...drawing.picture import PAGE, Picture, beside, legend_height, one_panel
 from ...drawing.theme import FIELDS, SMALL, rows_of_names, short, stop_colour, text_width
 from ...evaluation import default_fields
 from ...lenses.glass import AIR
+from ...lenses.material import material_label
 from ...rays import PASSED, fans, glass_shares, trace_pupil
 from ...words import length
 
