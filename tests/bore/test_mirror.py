@@ -15,6 +15,7 @@ from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.design.files import save
 from roslf_design.effects import plan
+from roslf_design.fates import state_at
 from roslf_design.imaging.camera import Region
 from roslf_design.imaging.trace import RaySampling, Tracer
 from roslf_design.reporting.design.instrument import instrument_scene
@@ -79,8 +80,8 @@ def test_rays_in_unfolded_space_are_those_reflected_in_real_space(design, seed):
     places, ways_there = real.unfolded(points_there, ways_there)
     space = ObjectSpaceFaces.of(Camera.of(design))
     out = space.rays((points[:, 0], points[:, 1]), (ways[:, 0] / ways[:, 2], ways[:, 1] / ways[:, 2]))
-    names = dict(zip(space.clip_status.tolist(), space.names, strict=True))
-    assert [names.get(int(code), "nobody").split(",")[0] for code in out.status] == [real.name(k) for k in took]
+    names = {state_at(int(place)): name for place, name in zip(space.openings, space.names, strict=True)}
+    assert [names.get(int(state), "nobody").split(",")[0] for state in out.status] == [real.name(k) for k in took]
     good = took < 0
     slope = ways_there[good, :2] / ways_there[good, 2:]
     height = places[good, :2] - slope * places[good, 2:]
