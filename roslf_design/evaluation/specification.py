@@ -22,10 +22,9 @@ from ..theory.depth_of_field import Kind, depth_of_field
 from ..theory.disparity_error import view_gradient
 from ..theory.light import on_array
 from ..theory.photometry import exposure, through_filter
-from ..theory.quantities import QUANTITIES, depth_error, image_rate, seen_at
-from ..theory.resolution import FieldTransfer
+from ..theory.quantities import QUANTITIES, depth_error, seen_at
 from ..theory.stop_images import MicrolensImages
-from ..traced.fields import LensImages, images_of
+from ..traced.fields import DesignImages, IdealImages, images_of
 from ..words import number
 from .fields import default_fields
 from .result import DepthAssumptions
@@ -270,34 +269,9 @@ def planes(camera: Camera) -> dict[str, float]:
     return dict([first, ("focal plane", focus), last])
 
 
-def transfer_at(images: MicrolensImages, field: int, at: float | None) -> FieldTransfer:
-    """MTF at a field of a single camera, on a plane ahead of the tip or on the focal plane."""
-    if isinstance(images, LensImages):
-        return images.transfer(field, at)
-    camera = images.camera
-    openings, shapes = images.openings.at(np.s_[field, 0]), images.shapes
-    lit = bool(shapes.lit[field, 0])
-    x, y = (float(np.broadcast_to(axis, (len(images.fields), 1))[field, 0]) for axis in images.microlens[:2])
-    away = math.hypot(x, y)
-    along, across = (float(np.broadcast_to(scale, (len(images.fields), 1))[field, 0]) for scale in images.scales(at))
-    # Tilted parts' shapes count from the FAP's image.
-    u, v = shapes.centroid[field, 0] + (openings.centres[0] if camera.tilted else 0.0)
-    cuts = shapes.clipping[field, 0] if not camera.tilted else np.ones(openings.total, np.bool_)
-    cuts = cuts | (np.arange(len(cuts)) == 0)
-    return FieldTransfer(
-        camera,
-        openings.some(np.flatnonzero(cuts).tolist()),
-        (float(u), float(v)) if lit else None,
-        float(image_rate(camera, at)),
-        along,
-        across,
-        (x / away, y / away) if away > 1e-12 * float(camera.d) else (1.0, 0.0),
-    )
-
-
-def resolved(images: MicrolensImages, field: int, at: float, image: Kind) -> Resolved:
+def resolved(images: IdealImages | DesignImages, field: int, at: float, image: Kind) -> Resolved:
     """Detail that one field shows of a plane ahead of the tip."""
-    transfer = transfer_at(images, field, at)
+    transfer = images.transfer(field, at)
     tangential = transfer.limits(LEVELS, image, "tangential")
     if transfer.round and transfer.along > 0:
         sagittal = [limit * transfer.along / transfer.across for limit in tangential]
