@@ -22,10 +22,9 @@ from ..theory.depth_of_field import Kind, depth_of_field
 from ..theory.disparity_error import view_gradient
 from ..theory.light import on_array
 from ..theory.photometry import exposure, through_filter
-from ..theory.quantities import QUANTITIES, depth_error, image_rate, seen_at
-from ..theory.resolution import FieldTransfer
+from ..theory.quantities import QUANTITIES, depth_error, seen_at
 from ..theory.stop_images import MicrolensImages
-from ..traced.fields import LensImages, images_of
+from ..traced.fields import DesignImages, IdealImages, images_of
 from ..words import number
 from .fields import default_fields
 from .groups import DepthAssumptions
@@ -270,32 +269,9 @@ def planes(camera: Camera) -> dict[str, float]:
     return dict([first, ("focal plane", focus), last])
 
 
-def transfer_at(images: MicrolensImages, field: int, at: float | None) -> FieldTransfer:
-    """MTF at a field of a single camera, on a plane ahead of the tip or on the focal plane."""
-    if isinstance(images, LensImages):
-        return images.transfer(field, at)
-    camera = images.camera
-    openings = images.openings.at(np.s_[field, 0])
-    part = openings.common()
-    x, y = (float(np.broadcast_to(axis, (len(images.fields), 1))[field, 0]) for axis in images.microlens[:2])
-    away = math.hypot(x, y)
-    along, across = (float(np.broadcast_to(scale, (len(images.fields), 1))[field, 0]) for scale in images.scales(at))
-    u, v = part.centroid.tolist()
-    cuts = part.clipping | (np.arange(openings.total) == 0)
-    return FieldTransfer(
-        camera,
-        openings.some(np.flatnonzero(cuts).tolist()),
-        (u, v) if part.lit else None,
-        float(image_rate(camera, at)),
-        along,
-        across,
-        (x / away, y / away) if away > 1e-12 * float(camera.d) else (1.0, 0.0),
-    )
-
-
-def resolved(images: MicrolensImages, field: int, at: float, image: Kind) -> Resolved:
+def resolved(images: IdealImages | DesignImages, field: int, at: float, image: Kind) -> Resolved:
     """Detail that one field shows of a plane ahead of the tip."""
-    transfer = transfer_at(images, field, at)
+    transfer = images.transfer(field, at)
     tangential = transfer.limits(LEVELS, image, "tangential")
     if transfer.round and transfer.along > 0:
         sagittal = [limit * transfer.along / transfer.across for limit in tangential]

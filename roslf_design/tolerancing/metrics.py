@@ -155,8 +155,8 @@ class _RealMount(_IdealMount):
 
     def __init__(self, design: Design, values: Mapping[str, Array], trials: int) -> None:
         super().__init__(design, values, trials)
-        self.mount = real_lens_builds(design, values, trials)
-        self.nominal, self.changes, self.sound = self.nominal.as_measured, self.mount.thin_equivalents, self.mount.sound
+        self.made = real_lens_builds(design, values, trials)
+        self.nominal, self.changes, self.sound = self.nominal.as_measured, self.made.thin_equivalents, self.made.sound
 
     @property
     def faults(self) -> dict[str, NDArray[np.bool_]]:
@@ -170,7 +170,7 @@ class _RealMount(_IdealMount):
 
     def builds(self, camera: Camera, rest: _Asked, afresh: bool) -> IdealBuilds:
         """Builds with everything of a field traced."""
-        return TracedBuilds(self.design, self.mount, camera, *rest, afresh=afresh)
+        return TracedBuilds(self.design, self.made, camera, *rest, afresh=afresh)
 
 
 _MOUNTS = {IdealMainLens: _IdealMount, RealMainLens: _RealMount}

@@ -145,7 +145,7 @@ def test_twins_of_builds_have_their_lenses_constants():
     for trial in range(5):
         one = as_built(design, one_of(values, trial))
         own = first_order(one.lens, one.wavelength)
-        assert twins.mount.lens.power[trial] == pytest.approx(own.power, rel=1e-13)
+        assert twins.made.lens.power[trial] == pytest.approx(own.power, rel=1e-13)
         assert twins.camera.d_1[trial] == pytest.approx(one.d_1, rel=1e-13)
         assert twins.camera.d_f[trial] == pytest.approx(one.d_f, rel=1e-12)
         assert twins.camera.d_3[trial] == pytest.approx(one.d_3, rel=1e-12)
