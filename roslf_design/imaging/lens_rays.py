@@ -27,6 +27,7 @@ from ..errors import InputError, Problem
 from ..rays.backward import behind_elements, lay_out
 from ..scenes import Scene
 from ..shapes.lattice import Lattice, lens_centres
+from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import microlens_defocus_blur
 from ..traced.camera import LensCamera, camera_of, microlenses, tilted_parts, views
 from .camera import Floats, Image, Region, pixel_centres, straightened
@@ -68,7 +69,7 @@ def real_camera(design: Design, scene: Scene, plan: Plan) -> _RealLensTracer | N
     InputError
         Combinations that are not rendered: point sources, tilts of other parts than the main lens, FAP diffraction.
     """
-    if design.lens is None or not any(plan.on(name) for name in LENS_EFFECTS):
+    if not any(plan.on(name) for name in LENS_EFFECTS):
         return None
     straight = straightened(design, plan)
     off = "switch off " + ", ".join(f"-{name}" for name in LENS_EFFECTS) + " to take the lens as thin"
@@ -148,7 +149,7 @@ class _RealLensTracer:
             encode(scene, design.d_f, camera.chain.mirrored) if level is None else None,
             0.0 if level is None else level,
             finite,
-            not plan.on("object_defocus") and camera.law is None,  # which bends the plane in focus
+            not plan.on("object_defocus") and not camera.mapping.bends,
             plan.on("cos4"),
             level is not None and not plan.on("overlap"),
             float(camera.tip),
@@ -242,14 +243,8 @@ class _RealLensTracer:
         # Steps from the plastic number: low discrepancy along both axes and over any block.
         u = np.mod(turn + 0.7548776662466927 * i + 0.5698402909980532 * j, 1.0)
         v = np.mod(turn + 0.5698402909980532 * i + 0.3294 * j + 0.2 * u, 1.0)
-        half = float(self.camera.d) / 2
-        if self.camera.lens_shape == "circular":
-            radius, angle = half * np.sqrt(u), 2 * np.pi * v
-            return radius * np.cos(angle), radius * np.sin(angle)
-        x, y = (2 * u - 1) * half, (2 * v - 1) * half
         turned = float(self.camera["microlens_array.rotation"])
-        c, s = math.cos(turned), math.sin(turned)
-        return c * x - s * y, s * x + c * y
+        return LENS_SHAPES[self.camera.lens_shape].places(u, v, float(self.camera.d) / 2, turned)
 
 
 def _way(camera: LensCamera, wavelength: float, only_fap: bool) -> LensRays:

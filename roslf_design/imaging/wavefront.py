@@ -18,6 +18,7 @@ from .._arrays import sunflower
 from ..fates import RayFate
 from ..polynomials import Polynomials
 from ..theory.object_space import ObjectSpaceFaces, SceneRays
+from ..traced.train import FOUND, Train, beyond_fap
 
 if TYPE_CHECKING:
     from .point_source import PointSource
@@ -30,8 +31,6 @@ SAMPLES, FEWEST = 400, 108
 """Rays that it is fitted to, and below how many there is none."""
 MARGIN = 1.05
 """Width over which these are spread, against the opening's."""
-STEPS, NEAR = 60, 1e-10
-"""Corrections of a ray's aim at most, and how near it must come to the point [mm, per 100 mm of reach]."""
 HALVINGS, TURNS = 40, 128
 
 
@@ -132,34 +131,11 @@ def _circle(count: int) -> Floats:
 
 
 def _extra_slopes(source: PointSource, faces: ObjectSpaceFaces, pupil: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-    """Slopes of exact rays from the point through places of the FAP, less the ideal wave's, and True where a ray comes.
-
-    Paraxial elements move a ray's place at the point by ``A d_3 - B`` times its slope, and an objective's mapping
-    stretches that: the inverse, time and again, takes the miss away.
-    """
+    """Slopes of exact rays from the point through places of the FAP, less the ideal wave's, and where rays come."""
     assert source.place is not None
-    camera, (x, y, z) = source.camera, source.place
-    plane = camera.plane(z)
-    rate, ideal = float(plane.a * camera.seen.d_3 - plane.b), source.slope(pupil)
-    extra, near = np.zeros_like(pupil), NEAR * (1 + abs(z) / 100)
-    comes = np.zeros(len(pupil), np.bool_)
-    along, across = 1.0, 1.0
-    if camera.law is not None:
-        _, p = camera.straight_ray(x, y, z)
-        along, across = float(camera.tangential_stretch(p)), float(camera.sagittal_stretch(p))
-    for _ in range(STEPS):
-        slope = ideal + extra
-        height = pupil + slope * float(camera.seen.d_3) + source.lens
-        out = _carried(faces, height, slope)
-        miss = np.moveaxis(out.height - out.slope * z, 0, -1) - [x, y]
-        alive = out.status == RayFate.KEPT
-        comes = alive & (np.max(np.abs(miss), axis=-1) <= near)
-        if np.all(comes | ~alive):
-            break
-        if along != across:
-            way = np.moveaxis(out.slope, 0, -1)
-            way = way / np.maximum(np.hypot(*out.slope), 1e-300)[:, None]
-            radial = np.sum(miss * way, axis=-1, keepdims=True) * way
-            miss = radial / along + (miss - radial) / across
-        extra = extra - np.where(alive[:, None], miss, 0.0) / rate
-    return extra, comes
+    x, y, z = source.place
+    d_3, start = float(source.camera.seen.d_3), pupil + source.lens
+    ends = np.concatenate([start, np.broadcast_to([-d_3, x, y, -z], (len(pupil), 4))], axis=1)
+    (slope,), (far,), _ = beyond_fap(Train.before(faces), ends[None])
+    comes = (far <= FOUND) & (_carried(faces, start + slope * d_3, slope).status == RayFate.KEPT)
+    return slope - source.slope(pupil), comes

@@ -181,7 +181,11 @@ class _Outlines:
         return np.asarray(there.height - there.slope * z - centre[:, None, None])
 
     def points(self, k: int, x: Floats, y: Floats) -> Floats:
-        """Outline of a stop through microlenses, relative to their axes, (2, ..., POINTS) [mm]."""
+        """Outline of a stop through microlenses, relative to their axes, (2, ..., POINTS) [mm].
+
+        Rays need not meet one point of the rim but any near it: first order's inverse does that in one to four of them,
+        where `traced.train`'s aimer would take three for its derivatives alone.
+        """
         rim, c = self.stops[k], self.camera
         (centre, radius), turn = stop_discs(c, x, y), np.linspace(0, 2 * np.pi, POINTS, endpoint=False)
         around = np.stack([np.cos(turn), np.sin(turn)])

@@ -92,13 +92,13 @@ class ObjectSpaceFaces:
         media = np.empty((*camera.shape, len(faces), 2))
         for k, face in enumerate(faces):
             table[..., k, :], media[..., k, 0], media[..., k, 1] = face.row, face.scene, face.sensor
+        *_, parts, names = zip(*faces, strict=True)
         if not clip:
             table[..., LIMIT] = OPEN
         numbers = {rim.part: FAP + k for k, rim in enumerate(camera.openings_ahead)}
         # Of a thin element both faces are one opening; one that no aperture takes rays at is lost in the element.
-        others = (numbers.get(f"{face.opening.rpartition('.')[0]}.0", 0) for face in faces)
-        openings = [numbers.get(face.opening, other) for face, other in zip(faces, others, strict=True)]
-        return cls(table, media, np.array(openings, np.int16), law_of(camera), tuple(face.name for face in faces))
+        openings = [numbers.get(part, numbers.get(f"{part.rpartition('.')[0]}.0", 0)) for part in parts]
+        return cls(table, media, np.array(openings, np.int16), law_of(camera), names)
 
     @classmethod
     def unclipped(cls, camera: Camera) -> ObjectSpaceFaces:

@@ -60,7 +60,7 @@ class Train(NamedTuple):
         ----------
         lens : SurfaceStack
             T builds.
-        ahead : FacesAhead
+        ahead : ObjectSpaceFaces
             Of the same builds.
         origin : array_like
             Where those faces' frame has its origin in the lens's [mm], (3,) or (T, 3).
@@ -70,13 +70,8 @@ class Train(NamedTuple):
         table[..., :3] += np.broadcast_to(np.asarray(origin, float), (builds, 3))[:, None]
         media = np.broadcast_to(ahead.media, (builds, *ahead.media.shape[-2:]))
         fap = fap_of(ahead)
-
-        def stack(part: slice, medium: Array) -> SurfaceStack:
-            """Some of the faces in the order of the light, which comes out of the last into a medium."""
-            rows, sides = table[:, part][:, ::-1], media[:, part][:, ::-1]
-            return SurfaceStack(rows.reshape(builds, -1), np.concatenate([sides[..., 0], medium], axis=1))
-
-        near, far = stack(slice(fap), media[:, :1, 1]), stack(slice(fap + 1, None), media[:, fap, :1])
+        near = _stack(table[:, :fap], media[:, :fap], media[:, :1, 1])
+        far = _stack(table[:, fap + 1 :], media[:, fap + 1 :], media[:, fap, :1])
         law = np.broadcast_to(ahead.law.ravel(), (builds, ahead.law.size))
         near_law, far_law = (law, law[:, :0]) if MAPPED in ahead.table[..., :fap, KIND] else (law[:, :0], law)
         own = SurfaceStack(
@@ -84,6 +79,19 @@ class Train(NamedTuple):
             np.concatenate([near.media[:, :-1], lens.media], axis=1),
         )
         return cls(own, far._replace(table=np.concatenate([far.table, far_law], axis=1)))
+
+    @classmethod
+    def before(cls, ahead: ObjectSpaceFaces) -> Train:
+        """All that stands before an ideal lens, of one build and in its own frame, beyond the FAP as that sees it."""
+        far = _stack(ahead.table[None], ahead.media[None], ahead.media[None, 0, 1:])
+        table = np.concatenate([far.table, ahead.law.reshape(1, -1)], axis=1)
+        return cls(SurfaceStack(np.empty((1, 0)), np.ones((1, 1))), far._replace(table=table))
+
+
+def _stack(rows: Array, sides: Array, medium: Array) -> SurfaceStack:
+    """Faces (T, S) from the lens outwards in the order of the light, which comes out of the last into a medium."""
+    rows, sides = rows[:, ::-1], sides[:, ::-1]
+    return SurfaceStack(rows.reshape(len(rows), -1), np.concatenate([sides[..., 0], medium], axis=1))
 
 
 def fap_of(ahead: ObjectSpaceFaces) -> int:
