@@ -619,6 +619,15 @@ class Camera(Symbols[Number]):
         return self.largest_tilt != 0 or bool(self.leaning)
 
     @cached_property
+    def straight(self) -> bool:
+        """True where nothing but further stops is tilted in any build; mirrors may lean."""
+        return not any(
+            np.any(tilt)
+            for place, tilt in self._numbers.items()
+            if ".tilt." in place and not place.startswith("stops.")
+        )
+
+    @cached_property
     def leaning(self) -> tuple[int, ...]:
         """Which of `rims` lean by design and may cut."""
         if not self.chain.leans:

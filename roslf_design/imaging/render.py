@@ -200,7 +200,7 @@ class _Job:
         real = real_camera(design, scene, effects)
         self.traced = scene.white is None and bool(scene.surfaces or scene.background)
         exact = effects.on("plate_aberration")
-        self.white = self._white(exact) if scene.white is not None and real is None and not self.camera.tilted else ()
+        self.white = self._white(exact) if scene.white is not None and real is None and self.camera.straight else ()
         self.traced |= scene.white is not None and not self.white
         self.transfer = MicrolensTransfer.of(self.camera, effects, scene.light.wavelengths)
         self.lit = None

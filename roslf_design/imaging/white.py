@@ -59,7 +59,7 @@ ALWAYS_ON = ("+microlens_diffraction", "+overlap")
 
 @dataclass(frozen=True, eq=False)
 class WhiteGeometry:
-    """Shapes of a straight camera's microlens images under uniform light."""
+    """Shapes of microlens images under uniform light, of a camera in which nothing but further stops leans."""
 
     camera: Camera
     """Camera as planned: whatever clips is in it."""

@@ -25,8 +25,9 @@ INTERPRETED_BELOW = 64
 """Common parts up to which compiling, or even loading compiled code, takes longer than it saves."""
 LEAST_ROWS = 12
 """Gauss-Legendre rows between two heights at which a side bends, at least."""
-SIDES = 128
-"""Sides of the polygons of the same area that stand for ellipses where pixels are covered: right to 1.5e-4 radii."""
+NEAR, AWAY = 48, 16
+"""Sides of the polygons that stand for ellipses where pixels are covered: where they may cut the first opening, and
+elsewhere. They take no more than they leave, and lie within 5e-4 of that opening's width of the ellipse."""
 TRIALS, CLOSER, ROUNDS = 64, 0.55, 32
 """Directions tried at first; share of their step that each further trial of three has; how many of those."""
 LEVELS, FINE = 6, 64
@@ -230,11 +231,33 @@ class Openings(NamedTuple):
         """Share of each pixel that they cover, relative to microlens axes [mm]; the rest as of `coverage_image`."""
         some, corners = self.discs, self.corners
         if self.ellipses:
-            step = 2 * math.pi / SIDES
-            turn, size = np.arange(SIDES, dtype=float) * step, math.sqrt(step / math.sin(step))
-            rims = self.centres[..., list(self.ellipses), None, :] + size * _rims(self.matrices, turn)
-            corners = _more_corners(corners, rims)
+            corners = _more_corners(corners, self._sides_of_ellipses())
         return coverage_image(axes, self.centres[..., some, :], self.radii[..., some], corners=corners, **keywords)
+
+    def _sides_of_ellipses(self) -> Array:
+        """Corners of polygons in place of the ellipses (..., E, NEAR + AWAY, 2), most near the first opening."""
+        some = list(self.ellipses)
+        xx, xy, yy = np.moveaxis(self.matrices, -1, 0)
+        wide = np.sqrt(xx)
+        high = np.sqrt(yy - xy * xy / xx)
+        u, v = np.moveaxis(self.centres[..., :1, :] - self.centres[..., some, :], -1, 0)
+        u = u / wide  # where the ellipse is the unit circle
+        v = (v - xy / wide * u) / high
+        narrow = wide * high / np.sqrt((xx + yy + np.hypot(xx - yy, 2 * xy)) / 2)  # the lesser half axis
+        away, reach = np.hypot(u, v), self.spans[..., :1] / (2 * narrow)
+        least = (1 + away * away - reach * reach) / np.maximum(2 * away, 1e-300)
+        most = math.pi * (NEAR - 1) / (NEAR + AWAY)  # all steps are alike there
+        half = np.clip(np.arccos(np.clip(least, -1.0, 1.0)), 1e-3, most)[..., None]
+        close, wide_apart = 2 * half / (NEAR - 1), 2 * (math.pi - half) / (AWAY + 1)
+        turn = (
+            np.concatenate([close * np.arange(NEAR) - half, half + wide_apart * np.arange(1, AWAY + 1)], -1)
+            + np.arctan2(v, u)[..., None]
+        )
+        step = np.where(np.arange(NEAR + AWAY) < NEAR, close, wide_apart)
+        size = np.sqrt(step / np.sin(step))
+        x, y = size * np.cos(turn), size * np.sin(turn)
+        corners = np.stack([wide[..., None] * x, (xy / wide)[..., None] * x + high[..., None] * y], -1)
+        return np.asarray(self.centres[..., some, None, :] + corners)
 
     def outline(self, step: float = math.pi / 90) -> Array:
         """Points along the boundary of one common part, as `discs.outline`."""
@@ -408,15 +431,6 @@ def _least_of_a_turn(value: Callable[[Array], Array], lead: tuple[int, ...]) -> 
         at, step = at + offsets[best], step * CLOSER
         offsets = step * np.array([-1.0, 0.0, 1.0])
     return np.asarray(values.min(-1))
-
-
-def _rims(forms: Array, turn: Array) -> Array:
-    """Points of ellipses of such matrices (..., 3) about their centres, (..., N, 2), counterclockwise."""
-    xx, xy, yy = (forms[..., k, None] for k in range(3))
-    wide = np.sqrt(xx)
-    across = xy / wide
-    x, y = wide * np.cos(turn), across * np.cos(turn) + np.sqrt(yy - across * across) * np.sin(turn)
-    return np.stack(np.broadcast_arrays(x, y), -1)
 
 
 def _more_corners(one: Array, other: Array) -> Array:
