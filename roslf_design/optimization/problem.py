@@ -36,9 +36,11 @@ from ..tolerancing.draws import sobol_points
 from ..toml_files import StrictTable, nearest
 from ..units import AnyLength, Length, Temperature, format_quantity, in_file
 from ..words import number as in_digits
-from .lens_variables import BENDING, FOCAL, LensVariation, VariedLens, varies_lens
-from .search import BIG, FTOL
-from .traces import FieldTraces, clearances
+from .lens_variables import BENDING, FOCAL, VariedLens
+from .main_lens import IdealLensSearch, lens_search
+from .search import BIG
+from .traces import Field as ArrayPlace
+from .traces import FieldTraces
 
 Side = Literal["min", "max", "equal"]
 SIGNS: Mapping[Side, str] = {"min": ">=", "max": "<=", "equal": "="}
@@ -46,17 +48,11 @@ SIGNS: Mapping[Side, str] = {"min": ">=", "max": "<=", "equal": "="}
 ROOM = 1e-6
 """Relative distance kept from cameras that are none: d_f = f, the focal plane inside the bore, images of no pitch."""
 
-TRACED_FTOL = 1e-9
-"""Change of a merit of traced rays that is theirs, and not of their rounding."""
-
 TRIED = 8
 """Places that are looked at for each start behind a real lens."""
 
 LOG_ABOVE = 4.0
 """Ratio of bounds from which a variable is scaled by its logarithm."""
-
-CUSTOM = ", custom"
-"""Suffix to the name of a lens that an optimum has otherwise than drawn."""
 
 DERIVED = {
     "working_distance": "from the bore's tip (the farthest of FAP, stops and elements) to the focal plane; sets d_f",
@@ -416,15 +412,26 @@ class DesignProblem:
         """Number of variables."""
         return len(self.variables)
 
+    @cached_property
+    def main_lens(self) -> IdealLensSearch:
+        """The main lens, as searches have it."""
+        return lens_search(self.design)
+
+    @property
+    def _fields(self) -> tuple[ArrayPlace, ...]:
+        """Fields that goals and limits name."""
+        asked = (part.field for part in (*self.goals, *self.constraints))
+        return tuple(dict.fromkeys(field for field in asked if field is not None))
+
     @property
     def traced(self) -> bool:
         """Whether a goal or limit is told from rays through a real lens."""
-        return self.design.lens is not None and any(part.field for part in (*self.goals, *self.constraints))
+        return bool(self.main_lens.traced(self._fields))
 
     @property
     def finest(self) -> float:
         """Change of the merit that ends a polished search: rounding, or what Newton's steps leave of traced rays."""
-        return TRACED_FTOL if self.traced else FTOL
+        return self.main_lens.finest(self._fields)
 
     @property
     def summed(self) -> bool:
@@ -432,41 +439,20 @@ class DesignProblem:
         numeric = [part.quantity for part in (*self.goals, *self.constraints) if part.quantity.numeric]
         return self.traced or any(quantity.monotone_with not in self.base.numbers for quantity in numeric)
 
-    @cached_property
-    def lens_variation(self) -> LensVariation | None:
-        """How variables change the real main lens; None where it is ideal."""
-        lens = self.design.lens
-        return None if lens is None else LensVariation(lens, self.design.wavelength, float(self.design.f))
-
-    @cached_property
-    def shapes_lens(self) -> bool:
-        """Whether a variable is of the real lens itself."""
-        return self.design.lens is not None and any(varies_lens(PATHS.get(name, name)) for name in self.variables)
-
     def _values(self, units: Array) -> dict[str, Array]:
         """Variables by their places."""
         return {PATHS.get(s, s): v.value(units[..., i]) for i, (s, v) in enumerate(self.variables.items())}
 
     def varied_lens(self, units: Array) -> VariedLens | None:
         """The real lens at scaled variables; None behind an ideal one."""
-        if self.lens_variation is None:
-            return None
-        values = self._values(units)
-        return self.lens_variation.at({place: value for place, value in values.items() if varies_lens(place)})
+        return self.main_lens.varied(self._values(units))
 
     def values(self, units: Array) -> dict[str, Array]:
         """Place of a camera to its values [mm]; units as for `cameras`.
 
         Derived lengths are turned into those that they set, and what varies of a real lens into its focal length.
         """
-        values = self._values(units)
-        if self.shapes_lens:
-            assert self.lens_variation is not None
-            own = {place: value for place, value in values.items() if varies_lens(place)}
-            values = {place: value for place, value in values.items() if place not in own}
-            if own.keys() - {BENDING}:
-                values[FOCAL] = self.lens_variation.at(own).focal_length
-        return _spread(values, self.base)
+        return _spread(self.main_lens.as_lengths(self._values(units)), self.base)
 
     def named(self, unit: Array) -> dict[str, float]:
         """Variable name to its value at one point [mm]."""
@@ -488,8 +474,7 @@ class DesignProblem:
 
     def traces(self, cameras: Camera, lens: VariedLens | None = None) -> FieldTraces | None:
         """Traces at the fields of cameras behind a real lens; None where no field is asked for."""
-        fields = tuple(dict.fromkeys(p.field for p in (*self.goals, *self.constraints) if p.field is not None))
-        return None if self.design.lens is None or not fields else FieldTraces(self.design, fields, cameras, lens)
+        return self.main_lens.traces(self._fields, cameras, lens)
 
     def number(self, part: Constraint | Goal, unit: Array) -> float:
         """Value of a constraint's or goal's quantity at one point."""
@@ -508,20 +493,12 @@ class DesignProblem:
         changed = (*self._set_places, *((PATHS["f_ml"],) if self.in_focus else ()))
         given = {place: value for place, value in self.given.items() if place != TIP}
         changes = {place: float(np.ravel(camera[place])[0]) for place in changed}
-        if self.shapes_lens:
-            changes |= self._lens_at(unit)
+        if lens := self.main_lens.redrawn(self._values(unit)):
+            changes |= lens
             changes.pop(FOCAL, None)
             if not changes.keys() & CONJUGATES[1:]:
                 changes[CONJUGATES[2]] = float(np.ravel(camera.seen.d_1)[0])
         return self.design.replace({**given, **changes, "name": name or titled(self.name, "optimised")})
-
-    def _lens_at(self, unit: Array) -> dict[str, Any]:
-        """The real lens at one point, as it stands in the camera."""
-        assert self.lens_variation is not None
-        values = {place: float(value) for place, value in self._values(unit).items() if varies_lens(place)}
-        lens = self.lens_variation.prescription(values)
-        named = replace(lens, name=lens.name if lens.name.endswith(CUSTOM) else f"{lens.name}{CUSTOM}")
-        return {"main_lens.prescription": named, "main_lens.reversed": False}
 
     @cached_property
     def rows(self) -> tuple[_LimitRow, ...]:
@@ -556,16 +533,9 @@ class DesignProblem:
             for near, far, label in self._kept_apart():
                 yield row(label, lambda c, near=near, far=far: (far(c) - near(c)) / c.tip)  # type: ignore[misc]
         yield row("microlens images of positive pitch", lambda c: 1 + c.seen.d_2 * c.seen.vergence)
-        if self.design.lens is not None:
-            standing = self.base.numbers if self.shapes_lens else {*self._set_places, *self.given}
-            for clearance in clearances(self.design, set(standing)):
-                yield _own(clearance.label, lambda builds, c=clearance: c.room(*builds))  # type: ignore[misc]
-        if self.shapes_lens:
-            lens, focal = self.varied_lens(np.full(self.n, 0.5)), float(self.design.f)
-            assert lens is not None
-            yield _own("a lens that converges light", lambda builds: focal / builds.lens.focal_length)  # type: ignore[union-attr]
-            for label in lens.rooms:
-                yield _own(label, lambda builds, label=label: builds.lens.rooms[label])  # type: ignore[misc]
+        values = self._values(np.full(self.n, 0.5))
+        for label, room in self.main_lens.rooms(values, (*self._set_places, *self.given)):
+            yield _own(label, lambda builds, room=room: room(*builds))  # type: ignore[misc]
 
     def _kept_apart(self) -> Iterator[tuple[End, End, str]]:
         """Pairs of ends that must not overlap: elements, stops and elements, in the order of the base design."""

@@ -22,7 +22,7 @@ from pydantic import AfterValidator, Field
 
 from .._arrays import Array, by_value
 from ..bore.conjugates import CONJUGATES, REFRACTING
-from ..bore.real_lens import focal_length_at
+from ..bore.main_lens import MainLensKind
 from ..camera import TIP, Camera, Number
 from ..design import PATHS, Design
 from ..errors import InputError, Problem
@@ -44,9 +44,7 @@ from .parts import (
     Choice,
     Entry,
     Kind,
-    LensPart,
     Option,
-    SensorPart,
     given_by,
     glass_choices,
     parse_condition,
@@ -135,8 +133,8 @@ class CatalogueTable(StrictTable):
             words = f"glasses are chosen for spherical singlets and cemented doublets ({lens.name}: {wrong})"
             yield Problem("catalogue.kinds", f"{words}; leave the kind out")
 
-    def chosen(self, catalogue: Catalogue, *, traced: bool) -> Catalogue:
-        """The parts of a catalogue that a study asks for; behind a real main lens lenses that have a prescription.
+    def chosen(self, catalogue: Catalogue, lens: MainLensKind) -> Catalogue:
+        """The parts of a catalogue that a study asks for, and that fit a main lens.
 
         Raises
         ------
@@ -163,9 +161,9 @@ class CatalogueTable(StrictTable):
                 )
             if names is not None:
                 parts = tuple(part for part in parts if part.part in names)
-            if traced and kind == "lenses" and parts:
-                tell = "of the lenses asked for none has a prescription that could be traced; see `roslf catalogue`"
-                parts = tuple(part for part in parts if isinstance(part, LensPart) and part.prescription is not None)
+            if parts and not any(part.fits(lens) for part in parts):
+                tell = f"of the {kind} asked for none has a prescription that could be traced; see `roslf catalogue`"
+            parts = tuple(part for part in parts if part.fits(lens))
             if not parts and not faults:
                 faults.append(Problem("catalogue", tell))
             left[kind] = parts
@@ -228,13 +226,12 @@ class Combinations:
         left = {name: v for name, v in problem.variables.items() if PATHS.get(name, name) not in given}
         in_focus = problem.in_focus and "microlens_arrays" not in kinds
         posed = replace(problem, variables=left, in_focus=in_focus, order="weighted")
-        lens = problem.design.main_lens.prescription
         parts: list[tuple[Option, ...]] = []
         for kind in kinds:
             if kind == "orientations":
                 parts.append(ORIENTATIONS)
             elif kind == "glasses":
-                assert lens is not None
+                (lens,) = problem.design.main_lens.kind.prescribed
                 parts.append(glass_choices(lens, glasses, problem.design.wavelength))
                 if not parts[-1]:
                     words = f"{lens.name} cannot be made of these glasses in its focal length; name others"
@@ -263,13 +260,9 @@ class Combinations:
 
     def _numbers(self, part: Option) -> dict[str, Any]:
         """Numbers that a part sets, by place; of a material also the index that the problem's light has in it."""
-        numbers = {placed(place, self.element): value for place, value in part.numbers.items()}
         wavelength, environment = float(self.problem.base.wavelength), self.problem.design.environment
-        if isinstance(part, LensPart) and self.problem.design.lens is not None and part.prescription is not None:
-            lens = part.prescription
-            if environment is not None:
-                lens = lens.warmed(environment.temperature, environment.expansion)
-            numbers |= {LENS_PRESCRIPTION: part.prescription, FOCAL: focal_length_at(lens, wavelength)}
+        own = part.behind(self.problem.design.main_lens.kind, wavelength, environment)
+        numbers = {placed(place, self.element): value for place, value in own.items()}
         warm = None if environment is None else environment.temperature
         glasses = {place: value for place, value in numbers.items() if isinstance(value, Glass)}
         return numbers | {
@@ -300,10 +293,8 @@ class Combinations:
         parts = self.chosen(number)
         numbers = {place: value for part in parts for place, value in self._numbers(part).items()}
         design, given = self.problem.design, {**self.problem.given, **numbers}
-        if said := {
-            place: value for part in parts if isinstance(part, SensorPart) for place, value in part.said.items()
-        }:
-            design = design.replace(said)
+        if declared := {place: value for part in parts for place, value in part.declared.items()}:
+            design = design.replace(declared)
         own = {place: given.pop(place) for place in (LENS_PRESCRIPTION, LENS_REVERSED) if place in given}
         if own:
             own |= {place: given.pop(place) for place in (PATHS["D"],) if place in numbers}

@@ -101,7 +101,7 @@ def questions() -> tuple[Question, ...]:
         (Goal(quantity="image_diameter_mm", field=AXIS, direction="max"),),
     )
     glasses = ("N-BK7", "N-LAK22", "SF5", "N-SF11")
-    parts = table.chosen(load_catalogue(), traced=True)
+    parts = table.chosen(load_catalogue(), BENCH.main_lens.kind)
     return (
         Question(
             "which of four lenses, either way round",
