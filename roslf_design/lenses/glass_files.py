@@ -23,7 +23,7 @@ AGF_FORMULAS = {1: "schott", 2: "sellmeier", 6: "sellmeier", 11: "sellmeier"}
 LISTED = 20
 
 
-def load_glass(path: Path, name: str, origin: str = "") -> Glass:
+def _load_glass(path: Path, name: str, origin: str = "") -> Glass:
     """A glass out of a file.
 
     Parameters
@@ -61,7 +61,7 @@ def _glass_of_file(table: Mapping[str, Any], folder: Path | None, name: str = ""
     Raises
     ------
     InputError
-        Other keys, no text, no folder to look in, or what `load_glass` refuses.
+        Other keys, no text, no folder to look in, or what `_load_glass` refuses.
     """
     place, called = table.get("file"), table.get("name", name)
     if not isinstance(place, str) or not isinstance(called, str) or table.keys() - {"file", "name"}:
@@ -70,7 +70,7 @@ def _glass_of_file(table: Mapping[str, Any], folder: Path | None, name: str = ""
         )
     if folder is None:
         raise InputError((Problem("file", f"'{place}': this text may not open files; write the glass's numbers"),))
-    glass = load_glass(folder / place, called, place)
+    glass = _load_glass(folder / place, called, place)
     return replace(glass, name=name) if name else glass
 
 
