@@ -263,7 +263,7 @@ def _pixels(camera: Camera, frequencies: Floats) -> Floats:
     return np.asarray(pixel_box(frequencies, float(camera.q)).prod(-1))
 
 
-def interference_series(
+def _interference_series(
     camera: Camera, transfer: MicrolensTransfer, pixel: bool = True, reach: int = INTERFERING
 ) -> HarmonicSeries:
     """Series that interference of neighbouring microlenses adds to `harmonic_series`, which leaves it out.
@@ -295,7 +295,7 @@ def neighbour_interference(camera: Camera, transfer: MicrolensTransfer) -> float
     least = transfer.width**2 / (MOST_INTERFERING * transfer.sensor_distance)
     limited = replace(transfer, wavelengths=tuple(max(wavelength, least) for wavelength in transfer.wavelengths))
     reach = transfer.shape.neighbours
-    series, lattice = interference_series(camera, limited, reach=reach), ImageLattice.of(camera)
+    series, lattice = _interference_series(camera, limited, reach=reach), ImageLattice.of(camera)
     sides = np.abs(lattice.image_axes).sum(1)
     at = np.linspace(0, 1, 8 * math.ceil((reach + 1) * limited.cutoff * sides.max()))
     x, y = (side * at + origin for side, origin in zip(sides, lattice.image_origin, strict=True))

@@ -81,7 +81,7 @@ def illumination(law: Any, p: Any) -> Any:
 
 
 @kernel()
-def image_height(law: Any, angle: Any) -> Any:
+def _image_height(law: Any, angle: Any) -> Any:
     """P = g(theta) of angles in air [rad]; beyond what is imaged, the largest."""
     largest = law[0, 1]
     kind = law[0, 0]
@@ -102,7 +102,7 @@ def image_height(law: Any, angle: Any) -> Any:
 @kernel()
 def first_order(law: Any, slope: Any, n: Any) -> Any:
     """Inverse of p/n times `stretch`: p, of a slope in a medium of index n."""
-    return image_height(law, np.arcsin(np.minimum(n * np.sin(np.arctan(slope)), 1.0)))
+    return _image_height(law, np.arcsin(np.minimum(n * np.sin(np.arctan(slope)), 1.0)))
 
 
 NO_LAW = np.zeros((0, LAW_COLUMNS))
@@ -205,7 +205,7 @@ class AngleLaw(AngleMap):
 
     def height(self, angle: Any) -> Any:
         """Inverse of the angle."""
-        return image_height(self.law, angle)
+        return _image_height(self.law, angle)
 
     def dim(self, row: Any, along: Any, across: Any) -> None:
         """Darken by `illumination`."""

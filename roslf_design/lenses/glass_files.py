@@ -22,7 +22,7 @@ AGF_FORMULAS = {1: "schott", 2: "sellmeier", 6: "sellmeier", 11: "sellmeier"}
 LISTED = 20
 
 
-def load_glass(path: Path, name: str, origin: str = "") -> Glass:
+def _load_glass(path: Path, name: str, origin: str = "") -> Glass:
     """A glass out of a file.
 
     Parameters
@@ -61,11 +61,11 @@ class _GlassFile(StrictTable):
     name: str = ""
 
     def glass(self, folder: Path | None) -> Glass:
-        """Glass out of the file; an InputError where none may be opened, or as of `load_glass`."""
+        """Glass out of the file; an InputError where none may be opened, or as of `_load_glass`."""
         if folder is None:
             message = f"'{self.file}': this text may not open files; write the glass's numbers"
             raise InputError((Problem("file", message),))
-        return load_glass(folder / self.file, self.name, self.file)
+        return _load_glass(folder / self.file, self.name, self.file)
 
 
 def glass_of_table(table: Mapping[str, Any], folder: Path | None) -> Glass:

@@ -68,7 +68,7 @@ def load_lens(path: str | os.PathLike[str]) -> Prescription:
     """
     place, origin = Path(path), os.fspath(path)
     if origin.lower() in shipped_names() and not place.exists():
-        return loads_lens(files(__package__).joinpath("shipped", f"{origin.lower()}.toml").read_text("utf-8"), origin)
+        return _loads_lens(files(__package__).joinpath("shipped", f"{origin.lower()}.toml").read_text("utf-8"), origin)
     if place.suffix.lower() == ".zmx":
         return _read_zmx(place)
     known = ", ".join(name.upper() for name in shipped_names())
@@ -83,7 +83,7 @@ def shipped_names() -> tuple[str, ...]:
     return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
 
 
-def loads_lens(text: str, origin: str = "") -> Prescription:
+def _loads_lens(text: str, origin: str = "") -> Prescription:
     """Read a lens from TOML text; `origin` is what errors call it."""
     return lens_of(parse_toml(text, origin, refusal=LensError), origin)
 
@@ -247,7 +247,7 @@ def _with_own_glass(row: Any, own: Mapping[str, Glass] | None) -> Any:
 
 
 def dumps_lens(lens: Prescription) -> str:
-    """Write a lens as TOML text that `loads_lens` turns into an equal lens."""
+    """Write a lens as TOML text that `_loads_lens` turns into an equal lens."""
     import tomli_w
 
     return tomli_w.dumps(table_of(lens))
@@ -337,7 +337,7 @@ def _read_zmx(path: str | os.PathLike[str]) -> Prescription:
     """
     origin = os.fspath(path)
     content = read_bytes(Path(path), origin, most=MOST_TEXT, refusal=LensError)
-    return parse_zmx(_decode(content, origin), origin)
+    return _parse_zmx(_decode(content, origin), origin)
 
 
 def _failed(origin: str, message: str) -> LensError:
@@ -366,7 +366,7 @@ def _decode(content: bytes, origin: str) -> str:
     return text
 
 
-def parse_zmx(text: str, origin: str = "") -> Prescription:
+def _parse_zmx(text: str, origin: str = "") -> Prescription:
     """Read the lens in the text of a .zmx file; `origin` is what errors call it."""
     problems: list[Problem] = []
     rows: list[_Row] = []

@@ -138,10 +138,10 @@ class SurfaceStack(NamedTuple):
         work = planes, np.empty(ROWS * BLOCK), np.empty(count * BLOCK)
         arrays: list[Any] = [part.reshape(-1) for part in (*lens, *work, rays, out, state, room)]
         has_law = self.table.shape[1] > count * COLUMNS  # whose sines numpy and the compiler take a bit apart
-        if has_law or use_compiled(trace_slopes, total * count):
-            trace_slopes.compiled(total // builds, builds, count, backward, clip, *arrays)
+        if has_law or use_compiled(_trace_slopes, total * count):
+            _trace_slopes.compiled(total // builds, builds, count, backward, clip, *arrays)
         else:  # plain floats out, not numpy's slow and noisy scalars
-            trace_slopes.interpreted(
+            _trace_slopes.interpreted(
                 total // builds, builds, count, backward, clip, *[memoryview(array) for array in arrays]
             )
         return Passed(out[:2], out[2:], state, room)
@@ -723,7 +723,7 @@ def _reach_plane(buffer: Any, m: int, z: float, s: float) -> None:
 
 
 @kernel()
-def trace_slopes(
+def _trace_slopes(
     each: int, builds: int, count: int, backward: bool, clip: bool, table: Any, media: Any, plane: Any, buffer: Any,
     squares: Any, rays: Any, out: Any, state: Any, room: Any,
 ) -> None:  # fmt: skip

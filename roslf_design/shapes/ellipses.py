@@ -53,7 +53,7 @@ def intersect_ellipses(
     sets = (part.reshape(math.prod(lead), *part.shape[len(lead) :]) for part in (c, s, p))
     c, s, p = (np.ascontiguousarray(part) for part in sets)
     middle, form = (c[:, first], s[:, first]) if first < k else _spans(p[:, first - k])
-    return common(ellipse_shapes, INTERPRETED_BELOW, lead, k + p.shape[1], middle, form, c, s, p, first)
+    return common(_ellipse_shapes, INTERPRETED_BELOW, lead, k + p.shape[1], middle, form, c, s, p, first)
 
 
 def _spans(polygon: Array) -> tuple[Array, Array]:
@@ -287,7 +287,7 @@ def _whole(centre: Array, matrix: Array, row: Array) -> None:
 
 
 @kernel()
-def ellipse_shapes(
+def _ellipse_shapes(
     middle: Array, form: Array, centres: Array, matrices: Array, polygons: Array, first: int,
     table: Array, status: NDArray[np.int8], clips: NDArray[np.bool_],
 ) -> None:  # fmt: skip

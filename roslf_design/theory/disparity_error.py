@@ -231,7 +231,7 @@ def view_gradient(c: Camera, plane: Seen) -> Array:
     return np.asarray(2 * math.pi * np.sqrt(((waves.x**2 + waves.y**2) * waves.power).sum(-1)))
 
 
-def disparity_information(images: MicrolensImages, plane: Seen, waves: Spectrum | None = None) -> Array:
+def _disparity_information(images: MicrolensImages, plane: Seen, waves: Spectrum | None = None) -> Array:
     """Fisher information that one exposure of one microlens image has of B [1/pitch^2].
 
     Parameters
@@ -251,7 +251,7 @@ def disparity_information(images: MicrolensImages, plane: Seen, waves: Spectrum 
     """
     c = images.camera
     if parts := [(one.share, images.by(through_filter(c, one))) for one in filters(c.colours)]:
-        return np.asarray(sum(share * disparity_information(part, plane, waves) for share, part in parts))
+        return np.asarray(sum(share * _disparity_information(part, plane, waves) for share, part in parts))
     one = np.ones(())
     rows = _rows_of(images, plane, texture(c, plane) if waves is None else _Texture(one, one, waves))
     builds = _builds(images, plane)
@@ -663,7 +663,7 @@ def disparity_sigma(images: MicrolensImages, plane: Seen) -> Array:
     if fixed is not None:
         lit = images.shapes.lit
         return np.where(lit, np.broadcast_to(np.asarray(fixed), lit.shape), np.inf)
-    total = disparity_information(images, plane) * c["depth.window"] ** 2
+    total = _disparity_information(images, plane) * c["depth.window"] ** 2
     with np.errstate(divide="ignore"):
         return np.asarray(1 / np.sqrt(np.maximum(total, 0.0)))
 

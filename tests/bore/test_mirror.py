@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import roslf_design as roslf
-from roslf_design.calibration.decoding import HexagonalRows, LightField
+from roslf_design.calibration.decoding import LightField, _HexagonalRows
 from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.design.files import save
@@ -285,7 +285,7 @@ def test_a_light_field_turned_over_shows_every_point_reversed_at_the_same_slope(
     shape, rows = (3, 5, 4, 7), None
     values, weight = (rng.uniform(0.5, 1, shape).astype(np.float32) for _ in range(2))
     if layout == "hexagonal":
-        rows = HexagonalRows(values, weight, np.array([-3.0, -2.5, -3.0, -2.5]))
+        rows = _HexagonalRows(values, weight, np.array([-3.0, -2.5, -3.0, -2.5]))
     axes = (np.arange(-2.0, 3), np.arange(-1.0, 2), np.arange(-3.0, 4), np.arange(-1.0, 3))
     field = LightField(values, weight, *axes, 13.0, rows)
     turned = field.turned_over(along)

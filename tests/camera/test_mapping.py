@@ -16,10 +16,10 @@ from roslf_design.calibration.space import SceneSide
 from roslf_design.camera import Camera
 from roslf_design.design import DesignError, dumps, loads
 from roslf_design.effects.effect import Subject
-from roslf_design.effects.geometry import blur_on_mla, cos4
+from roslf_design.effects.geometry import _blur_on_mla, cos4
 from roslf_design.evaluation.fields import evaluate_fields
 from roslf_design.fates import FATES, RayFate
-from roslf_design.lenses.angles import angle_in_air, illumination, image_height, stretch
+from roslf_design.lenses.angles import _image_height, angle_in_air, illumination, stretch
 from roslf_design.rays import trace_pupil
 from roslf_design.rays.backward import behind_elements, lay_out, mapped
 from roslf_design.rays.pupil import paths
@@ -89,7 +89,7 @@ def test_angle_and_slope_are_those_of_the_law(name, index):
     assert_allclose(angle_in_air(law, p), np.array(true, float), rtol=1e-14)
     assert_allclose(stretch(law, p, index), ratio, rtol=1e-13)
     assert_allclose([stretch.compiled(law, x, index) for x in p], ratio, rtol=1e-13)
-    assert_allclose(image_height(law, angles), p, rtol=1e-14)
+    assert_allclose(_image_height(law, angles), p, rtol=1e-14)
 
 
 @pytest.mark.parametrize("name", G)
@@ -119,7 +119,7 @@ def test_a_table_is_the_law_that_it_was_made_of(name):
     p = np.linspace(0, float(G[name](mp.radians(60))), 200)
     assert_allclose(angle_in_air(made, p), angle_in_air(known, p), atol=3e-6)
     assert_allclose(illumination(made, p), illumination(known, p), atol=1e-4)
-    assert_allclose(image_height(made, angle_in_air(made, p)), p, rtol=0, atol=1e-14)
+    assert_allclose(_image_height(made, angle_in_air(made, p)), p, rtol=0, atol=1e-14)
 
 
 def test_a_measured_f_tan_is_f_tan():
@@ -385,7 +385,9 @@ def test_blur_off_the_axis_is_that_of_rays(fap):
         rims = (camera.fap.outline.rim(sign * way[0], sign * way[1]) for sign in (1, -1))
         ends = [np.array(u, float) * design.d for _, u in builds._landings(x, y, distance, rims)]
         spreads.append(float(np.hypot(*(ends[1] - ends[0]))))
-    assert blur_on_mla(camera, distance, place) == pytest.approx(max(*spreads, blur_on_mla(camera, distance)), rel=0.02)
+    assert _blur_on_mla(camera, distance, place) == pytest.approx(
+        max(*spreads, _blur_on_mla(camera, distance)), rel=0.02
+    )
 
 
 def test_a_decoder_that_knows_the_mapping_tells_depths_off_the_axis():

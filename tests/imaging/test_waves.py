@@ -14,8 +14,8 @@ from roslf_design.imaging.trace import RaySampling
 from roslf_design.imaging.transfer import MicrolensTransfer, bands, encircled
 from roslf_design.imaging.white import (
     WhiteGeometry,
+    _interference_series,
     harmonic_series,
-    interference_series,
     neighbour_interference,
 )
 from roslf_design.scenes import WHITE_FIELD, Plane, Scene, Sinusoid, Uniform
@@ -127,7 +127,7 @@ def test_interference_of_square_neighbours_against_huygens_quadrature(f_ml):
     _, seen, transfer = planned(PAPER.replace(f_ml=f_ml), ["+microlens_defocus"])
     axis, area = np.linspace(-0.5, 0.5, 5) * 0.0627, np.pi * (2.9 * 35 / 23 * 2 / 140 / 2) ** 2
     near, far = (huygens.square_interference(seen, axis, axis, n, 48, 60 + 10 * n) * area for n in (4, 8))
-    series = interference_series(seen, transfer, pixel=False, reach=8).at(axis, axis)
+    series = _interference_series(seen, transfer, pixel=False, reach=8).at(axis, axis)
     assert np.abs(series - (2 * far - near)).max() < 6e-4
     assert np.abs(series).max() > (0.003 if f_ml == 2.0 else 0.028)
 
@@ -142,7 +142,7 @@ def test_interference_of_round_neighbours_against_huygens_quadrature(layout):
     centres = lattice.microlens(np.stack(np.meshgrid(*[np.arange(-6, 7)] * 2), -1).reshape(-1, 2))
     centres = centres[np.hypot(*centres.T) < 3.01 * seen.d]
     truth = huygens.round_interference(seen, places, centres, 14, 14) * np.pi * (2.9 * 35 / 23 * 2 / 140 / 2) ** 2
-    series = interference_series(seen, transfer, pixel=False)
+    series = _interference_series(seen, transfer, pixel=False)
     found = [series.at(x, y)[0, 0] for x, y in places[..., None]]
     assert np.abs(found - truth).max() < 4e-3
     assert np.abs(truth).max() > 0.02
@@ -155,7 +155,7 @@ def test_interference_of_the_bench_is_0_4_percent_and_fades_with_the_fresnel_num
     for wavelength in (5.5e-4, 2e-4):
         _, seen, transfer = planned(ROUND.replace(wavelength=wavelength), ["+microlens_diffraction"])
         sizes.append(neighbour_interference(seen, transfer))
-        many = interference_series(seen, transfer, reach=2).at(*[np.linspace(0, 0.0627, 60)] * 2)
+        many = _interference_series(seen, transfer, reach=2).at(*[np.linspace(0, 0.0627, 60)] * 2)
         assert np.abs(many).max() <= 1.05 * sizes[-1]  # beyond 4 N_F = 8 a bound
     assert sizes[0] > 0.02
 

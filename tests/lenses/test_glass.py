@@ -11,7 +11,7 @@ import pytest
 
 from roslf_design.errors import InputError
 from roslf_design.lenses.glass import AIR, find_glass, read_glass
-from roslf_design.lenses.glass_files import load_glass
+from roslf_design.lenses.glass_files import _load_glass
 
 DATA = tomllib.loads(files("roslf_design.lenses").joinpath("glasses.toml").read_text())
 D_LINE, F_LINE, C_LINE = 587.5618e-6, 486.1327e-6, 656.2725e-6
@@ -177,4 +177,4 @@ def test_a_page_without_coefficients_is_told(tmp_path):
             f"  - type: formula 1\n    wavelength_range: 0.3 2.5\n    coefficients: {coefficients}\nSPECS:\n"
         )
         with pytest.raises(InputError, match=said):
-            load_glass(page, "")
+            _load_glass(page, "")

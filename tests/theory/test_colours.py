@@ -17,7 +17,7 @@ from roslf_design.imaging.trace import RaySampling
 from roslf_design.imaging.white import white_patch
 from roslf_design.scenes import Noise, Plane, Scene, SceneError
 from roslf_design.theory.colours import FILTERS, mosaic
-from roslf_design.theory.disparity_error import Spectrum, disparity_information, disparity_sigma
+from roslf_design.theory.disparity_error import Spectrum, _disparity_information, disparity_sigma
 from roslf_design.theory.photometry import electrons, exposure, response, through_filter
 from roslf_design.theory.quantities import QUANTITIES, seen_at
 from roslf_design.theory.resolution import fold
@@ -87,11 +87,11 @@ def test_information_against_differences_of_rendered_mosaics(light_from_48_px):
     camera = Camera.of(design)
     wave = Spectrum(np.array([periods]), np.zeros(1), np.full(1, 0.5**2 / 2 * np.sinc(periods) ** 2))
     seen = seen_at(camera, None)._replace(disparity=np.asarray(0.5))
-    ours = float(disparity_information(MicrolensImages(camera, [(0.0, 0.0)]), seen, wave)[0, 0])
+    ours = float(_disparity_information(MicrolensImages(camera, [(0.0, 0.0)]), seen, wave)[0, 0])
     brute = rendered_information(design, (0.0, 0.0), periods, 0.0, 0.5, rays=32)
     assert math.sqrt(brute / ours) == pytest.approx(1.0, abs=0.02)
     grey = Camera.of(design.replace({"sensor.colours": "mono"}))
-    assert ours < 0.5 * float(disparity_information(MicrolensImages(grey, [(0.0, 0.0)]), seen, wave)[0, 0])
+    assert ours < 0.5 * float(_disparity_information(MicrolensImages(grey, [(0.0, 0.0)]), seen, wave)[0, 0])
 
 
 def test_a_mosaic_is_put_together_from_pictures_in_each_colour(near_light):

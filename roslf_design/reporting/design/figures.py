@@ -204,7 +204,7 @@ def _effects_sheet(_: Design, result: Evaluation) -> Figure:
     )
 
 
-def picture_sheet(design: Design, _: Evaluation | None = None) -> Figure:
+def _picture_sheet(design: Design, _: Evaluation | None = None) -> Figure:
     """The 3D view, with the scene to turn where the library for that is installed."""
     scene = instrument_scene(design)
     caption = (
@@ -220,7 +220,7 @@ def picture_sheet(design: Design, _: Evaluation | None = None) -> Figure:
     return replace(sheet, scene=scene_data(scene))
 
 
-def dimensions_sheet(design: Design, _: Evaluation | None = None) -> Figure:
+def _dimensions_sheet(design: Design, _: Evaluation | None = None) -> Figure:
     """The drawing with dimensions."""
     caption = (
         "Elements in their order along the axis. The numbers are the dimensions; the drawing is not to scale, the ray "
@@ -231,10 +231,10 @@ def dimensions_sheet(design: Design, _: Evaluation | None = None) -> Figure:
 
 
 SHEETS: dict[str, Callable[[Design, Evaluation], Figure]] = {
-    "dimensions": dimensions_sheet,
+    "dimensions": _dimensions_sheet,
     "rays": _ray_sheet,
     "cells": _cells_sheet,
-    "view": picture_sheet,
+    "view": _picture_sheet,
     "images": _image_sheet,
     "waves": _wave_sheet,
     "maps": _map_sheet,

@@ -121,7 +121,7 @@ def design_report(
     progress("evaluating")
     studied = [findings[name] for name in STUDIES if name in findings] if findings else []
     result = evaluate(design, accuracy=accuracy)
-    figures = design_figures(design, result, progress)
+    figures = _design_figures(design, result, progress)
     progress("sections")
     answers = Statements((*verdicts(result).items, *(one.statement for one in studied if one.statement)))
     twin = "" if result.real_lens is None else " of the thin twin"
@@ -129,7 +129,7 @@ def design_report(
     progress("data sheet")
     sections = (
         sheet or datasheet_section(basis(design)),
-        Section("Summary", (*opening, answers, key_figures(design, result))),
+        Section("Summary", (*opening, answers, _key_figures(design, result))),
         Section("The design", (figures["dimensions"], parameters, *_seen(result), *_stops(design))),
         parts_section(design),
         Section("Evaluation", (*fact_tables(result), *_mapping(result), field_table(result), budget_table(result))),
@@ -140,14 +140,14 @@ def design_report(
         Section(f"Design space{twin}", (figures["plane"], figures["depth"])),
         Section("Effects", (figures["effects"], *_effects(result))),
         *(one.section for one in studied),
-        accuracy_section(design, result, accuracy),
+        _accuracy_section(design, result, accuracy),
         Section("Assumptions and what was left out", _assumptions(design, result)),
         making(command, tuple(one.seed for one in studied if one.seed), stamp, design),
     )
     return Report(title or design.name, design.source, sections)
 
 
-def design_figures(design: Design, result: Evaluation, progress: Callable[[str], None]) -> dict[str, Figure]:
+def _design_figures(design: Design, result: Evaluation, progress: Callable[[str], None]) -> dict[str, Figure]:
     """The figures of every design, by name."""
     figures = {}
     for name, make in sheets.SHEETS.items():
@@ -162,7 +162,7 @@ def verdicts(result: Evaluation, prefix: str = "") -> Statements:
     return Statements((*items, *(Statement("caution", prefix + sentence(text)) for text in result.warnings)))
 
 
-def key_figures(design: Design, result: Evaluation) -> Table:
+def _key_figures(design: Design, result: Evaluation) -> Table:
     """Table of the camera's main numbers, a handful of them."""
     field, sampled, depth = result.non_distortion, result.sampling, result.depth
     front = max(0.0, float(Camera.of(design).tip))
@@ -232,7 +232,7 @@ def misalignments(design: Design) -> list[tuple[str, str]]:
     return moved
 
 
-def accuracy_section(design: Design, result: Evaluation, asked: float | None = None) -> Section:
+def _accuracy_section(design: Design, result: Evaluation, asked: float | None = None) -> Section:
     """How far the numbers can be trusted: the method behind each, its expected error, and hard cases near by.
 
     `result` is of the design at its default fields, evaluated to the accuracy `asked`.

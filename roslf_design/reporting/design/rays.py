@@ -60,7 +60,7 @@ class _LabelledFan(NamedTuple):
     """Heights there [mm]."""
 
 
-def labelled_fans(design: Design) -> list[_LabelledFan]:
+def _labelled_fans(design: Design) -> list[_LabelledFan]:
     """Fans of centre, edge and corner; of both edges where decentres make the sides differ."""
     (x, _), (edge, _), corner = default_fields(design)
     if is_centred(design):
@@ -117,7 +117,7 @@ def meridional(
     """
     thin = design.thin_twin
     whole = math.isfinite(design.d_f) and (_instrument_share(design) > SMALLEST_SHARE if whole is None else whole)
-    drawn = labelled_fans(thin)
+    drawn = _labelled_fans(thin)
     keys = [
         line_key(fan.label if fan.kept.any() else f"{fan.label} (dark)", colour, 1.9)
         for fan, colour in zip(drawn, FIELDS, strict=True)
