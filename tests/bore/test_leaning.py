@@ -10,16 +10,16 @@ import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.effects import plan
 from roslf_design.evaluation.fields import field_openings
-from roslf_design.evaluation.specification import transfer_at
 from roslf_design.imaging.camera import Region, planned_camera
 from roslf_design.imaging.trace import RaySampling, Tracer
 from roslf_design.imaging.white import WhiteGeometry
 from roslf_design.reporting.design.field import field_map
-from roslf_design.reporting.design.microlens import image_view
+from roslf_design.reporting.design.microlens import _image_view
 from roslf_design.scenes import Scene
-from roslf_design.theory.disparity_error import disparity_information
+from roslf_design.theory.disparity_error import _disparity_information
 from roslf_design.theory.quantities import seen_at
 from roslf_design.theory.stop_images import MicrolensImages
+from roslf_design.traced.fields import IdealImages
 from tests.bore.folded import area, outline_by_rays
 from tests.shapes.test_openings import clipped
 
@@ -62,7 +62,7 @@ def test_openings_that_are_drawn_are_what_rays_find(design):
         if not 0.02 < share < 1:
             continue
         cut += 1
-        view = image_view(design, microlens)
+        view = _image_view(design, microlens)
         assert_allclose(view.openings.contain(true * 0.999 + true.mean(0) * 0.001), True)
         assert not view.openings.contain(true.mean(0) + 1.001 * (true - true.mean(0))).any()
         # Chords of the drawn line, four degrees of its middle long at most, lie within.
@@ -73,7 +73,7 @@ def test_openings_that_are_drawn_are_what_rays_find(design):
 
 def test_pixels_of_a_drawn_image_are_covered_as_rays_find():
     """Each by clipping the outline that rays find; polygons stand for ellipses, to 5e-4 of 13 pixels."""
-    view, q = image_view(MIRROR, FIELDS[1]), MIRROR.q
+    view, q = _image_view(MIRROR, FIELDS[1]), MIRROR.q
     outline = outline_by_rays(MIRROR, FIELDS[1], count=400)
     for j, y in enumerate(view.y[:-1]):
         for i, x in enumerate(view.x[:-1]):
@@ -134,11 +134,11 @@ def overlap(polygon, by):
 
 @pytest.mark.parametrize("design", CASES.values(), ids=CASES)
 def test_the_refocused_image_has_the_transfer_of_the_pupil_that_is_left(design):
-    images = MicrolensImages(Camera.of(design), [(4.0, 0.0), (-3.0, -4.0)])
-    whole = MicrolensImages(Camera.of(PAPER), images.fields)
+    images = IdealImages(Camera.of(design), [(4.0, 0.0), (-3.0, -4.0)])
+    whole = IdealImages(Camera.of(PAPER), images.fields)
     for k, microlens in enumerate(images.fields):
         true = outline_by_rays(design, microlens)
-        transfer, bare = (transfer_at(some, k, None) for some in (images, whole))
+        transfer, bare = (some.transfer(k, None) for some in (images, whole))
         own = outline_by_rays(design, microlens, only_fap=True)
         for direction, axes in (("tangential", transfer.way), ("sagittal", (-transfer.way[1], transfer.way[0]))):
             scale = transfer.scale(direction)
@@ -158,7 +158,7 @@ def test_depth_errors_follow_the_second_moment_of_what_is_left(design):
     fine = {"light.wavelength": 1e-9, "sensor.pixel": PAPER.q / 8, "sensor.read_noise": 0.0, "sensor.bits": 24}
     fields = [(4.0, 0.0), (-3.0, -4.0), (3.0, 3.0)]
     cut, bare = (
-        disparity_information(MicrolensImages(Camera.of(some), fields), seen_at(Camera.of(some), None))[:, 0]
+        _disparity_information(MicrolensImages(Camera.of(some), fields), seen_at(Camera.of(some), None))[:, 0]
         for some in (design.replace(fine), PAPER.replace(fine))
     )
 
@@ -178,8 +178,8 @@ def test_depth_errors_follow_the_second_moment_of_what_is_left(design):
 
 def numbers_of(design):
     """Kept shares, MTFs and depth errors of cut microlens images."""
-    images = MicrolensImages(Camera.of(design), FIELDS[1:4])
-    transfer = [transfer_at(images, k, None) for k in range(3)]
+    images = IdealImages(Camera.of(design), FIELDS[1:4])
+    transfer = [images.transfer(k, None) for k in range(3)]
     mtf = [
         one(np.array([1.0, 2.0]) / one.scale(way), kind, way)
         for one in transfer for kind in ("view", "refocused") for way in ("tangential", "sagittal")
