@@ -127,22 +127,18 @@ class Projected(NamedTuple):
 
     def ellipse(self, radius: Number) -> _Ellipse:
         """Image of the circle of that radius about the stop's centre."""
-        scale = 1.0 / self.w[0]
+        scale, square = 1.0 / self.w[0], times(radius, radius)
         bu, bv = times(self.u[0], scale), times(self.v[0], scale)
         ga, gb = times(self.w[1], scale), times(self.w[2], scale)
-        ja, jb = (times(minus(self.u[k], times(bu, self.w[k])), scale) for k in (1, 2))
-        ka, kb = (times(minus(self.v[k], times(bv, self.w[k])), scale) for k in (1, 2))
-        xx, yy, xy = total(0.0, ja, ja, jb, jb), total(0.0, ka, ka, kb, kb), total(0.0, ja, ka, jb, kb)
-        square = times(radius, radius)
-        slant = total(0.0, ga, ga, gb, gb)
-        if isinstance(slant, float) and slant == 0.0:
-            return _Ellipse(bu, bv, times(square, xx), times(square, xy), times(square, yy))
-        # Dual conic of the circle, N diag(r^2, r^2, -1) N^T, with the image of its centre as the origin.
-        left = np.asarray(1.0 - square * slant)
+        left = np.asarray(1.0 - square * total(0.0, ga, ga, gb, gb))
         beyond = left.real <= 0
         if beyond.any():  # it leans through an image of the plane in focus: as if upright
-            upright = np.where(beyond, 0.0, 1.0)
+            upright = np.where(beyond, 0.0, 1.0)[()]
             ga, gb, left = times(ga, upright), times(gb, upright), np.where(beyond, 1.0, left)
+        ja, jb = (minus(times(self.u[k], scale), times(bu, g)) for k, g in ((1, ga), (2, gb)))
+        ka, kb = (minus(times(self.v[k], scale), times(bv, g)) for k, g in ((1, ga), (2, gb)))
+        xx, yy, xy = total(0.0, ja, ja, jb, jb), total(0.0, ka, ka, kb, kb), total(0.0, ja, ka, jb, kb)
+        # Dual conic of the circle, N diag(r^2, r^2, -1) N^T, with the image of its centre as the origin.
         size = square / left[()]
         vu, vv = total(0.0, ja, ga, jb, gb), total(0.0, ka, ga, kb, gb)
         return _Ellipse(
