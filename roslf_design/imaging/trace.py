@@ -379,14 +379,15 @@ class Tracer:
         spent = np.zeros((len(self.colours), y.size), np.int64)
         place = np.array([region.column * fine, region.row * fine, sampling.seed])
         points = sobol_points(int(counts[1]))
+        inverse = np.linalg.inv(lattice.image_axes)
+        steps = lattice.axes, lattice.image_axes, inverse, lattice.half_size, lattice.neighbours
+        lengths = self.mouth, float(camera.seen.d_3), float(camera.seen.d_f)
         with THREADS:
             for space, image, used in zip(self.colours, images, spent, strict=True):
                 _trace.compiled(
-                    x, y, float(camera.q) / fine, lattice.axes, lattice.image_axes, np.linalg.inv(lattice.image_axes),
-                    lattice.image_origin, lattice.half_size, lattice.reach, lattice.neighbours, self.flags,
-                    *self.layout, space.table, space.media, space.openings, *self.surfaces, self.kicks, self.falloff,
-                    self.mouth, float(camera.seen.d_3), float(camera.seen.d_f), points, counts,
-                    sampling.tolerance * fine, place, image, used,
+                    x, y, float(camera.q) / fine, steps, lattice.image_origin, lattice.reach, self.flags,
+                    tuple(self.layout), (space.table, space.media, space.openings), tuple(self.surfaces), self.kicks,
+                    self.falloff, lengths, points, counts, sampling.tolerance * fine, place, image, used,
                 )  # fmt: skip
         return images[0] if len(images) == 1 else images.mean(0), int(spent.sum())
 
@@ -457,78 +458,127 @@ def _share_of_light(law: Any, slope: float) -> float:
     return float(illumination(law, slope))
 
 
+@kernel()
+def _candidates(
+    lattice: Any, margin: float, bx: float, by: float, lens_x: Any, lens_y: Any, away_x: Any, away_y: Any
+) -> int:
+    """How many microlenses may light a pixel at a place from the lattice's origin.
+
+    Their axes in the array's frame go to `lens_x` and `lens_y`, how far the pixel is from their images' centres to
+    `away_x` and `away_y`.
+    """
+    axes, image_axes, inverse, half_size, neighbours = lattice
+    n = 0
+    m0 = math.floor(inverse[0, 0] * bx + inverse[0, 1] * by + 0.5)
+    n0 = math.floor(inverse[1, 0] * bx + inverse[1, 1] * by + 0.5)
+    for dm in range(-neighbours, neighbours + 1):
+        for dn in range(-neighbours, neighbours + 1):
+            m, l = m0 + dm, n0 + dn
+            gx = bx - (image_axes[0, 0] * m + image_axes[0, 1] * l)
+            gy = by - (image_axes[1, 0] * m + image_axes[1, 1] * l)
+            if gx * gx + gy * gy > margin * margin:
+                continue
+            cx, cy = axes[0, 0] * m + axes[0, 1] * l, axes[1, 0] * m + axes[1, 1] * l
+            if abs(cx) > half_size[0] or abs(cy) > half_size[1]:
+                continue
+            if n < MOST:
+                lens_x[n], lens_y[n], away_x[n], away_y[n] = cx, cy, gx, gy
+                n += 1
+    return n
+
+
+@kernel()
+def _seeds(place: Any, column: int, row: int) -> Any:
+    """Scrambles of a pixel's six dimensions."""
+    code = _hash3(np.uint64(place[0] + column + 1048576), np.uint64(place[1] + row + 1048576), np.uint64(place[2]))
+    s01 = _hash3(code, np.uint64(1), np.uint64(2))
+    s23 = _hash3(code, np.uint64(3), np.uint64(4))
+    s45 = _hash3(code, np.uint64(5), np.uint64(6))
+    low, half = np.uint64(0xFFFFFFFF), np.uint64(32)
+    return (
+        np.uint32(s01 & low), np.uint32(s01 >> half), np.uint32(s23 & low), np.uint32(s23 >> half),
+        np.uint32(s45 & low), np.uint32(s45 >> half),
+    )  # fmt: skip
+
+
+@kernel(inline=True)
+def _on_microlens(is_round: bool, a: float, b: float, half: float) -> Any:
+    """Point of a microlens for two numbers from 0 to 1 [mm]."""
+    if is_round:
+        rho, phi = half * math.sqrt(a), 2.0 * math.pi * b
+        return rho * math.cos(phi), rho * math.sin(phi)
+    return (2.0 * a - 1.0) * half, (2.0 * b - 1.0) * half
+
+
+@kernel(inline=True)
+def _through_lens(
+    posed: bool, k: Any, maps: Any, rims: Any, px: float, py: float, cx: float, cy: float, vx: float, vy: float
+) -> Any:
+    """Backward ray past the main lens, in the system's axes: height there, slope, and whether all rims pass it."""
+    lens_square = k[LENS_RADIUS] * k[LENS_RADIUS]
+    if posed:
+        lx, ly, ox, oy, good = posed_ray(k, maps, px, py, cx, cy, vx, vy)
+        if not good or lx * lx + ly * ly > lens_square:
+            return lx, ly, ox, oy, False
+        for t in range(rims.shape[0]):
+            ax, ay, _, _, ahead = crossing(maps[3 + t], lx, ly, ox, oy)
+            if not (ahead and inside(rims[t], 3, ax, ay)):
+                return lx, ly, ox, oy, False
+        return crossing(maps[2], lx, ly, ox, oy)
+    lx, ox = aligned_ray(k[D_1], k[PER_D_2], k[PER_F_ML], k[PER_F], k[SENSOR_X], k[ARRAY_X], px, cx, vx)
+    ly, oy = aligned_ray(k[D_1], k[PER_D_2], k[PER_F_ML], k[PER_F], k[SENSOR_X + 1], k[ARRAY_X + 1], py, cy, vy)
+    if lx * lx + ly * ly > lens_square:
+        return lx, ly, ox, oy, False
+    for t in range(rims.shape[0]):
+        ax, ay = lx + rims[t, 0] - ox * rims[t, 2], ly + rims[t, 1] - oy * rims[t, 2]
+        if not inside(rims[t], 3, ax, ay):
+            return lx, ly, ox, oy, False
+    return lx + k[LENS_X], ly + k[LENS_X + 1], ox, oy, True
+
+
 @kernel(parallel=True)
 def _trace(
-    x: Any, y: Any, pixel: float, axes: Any, image_axes: Any, inverse: Any, origin: Any, half_size: Any, reach: float,
-    neighbours: int, flags: Any, k: Any, maps: Any, rims: Any, front: Any, law: Any, table: Any, media: Any,
-    openings: Any, rows: Any, pictures: Any, beyond: float, mirrored: Any, kicks: Any, falloff: float,
-    mouth: float, d_3: float, d_f: float, points: Any, counts: Any, tolerance: float, place: Any, image: Any,
-    spent: Any,
+    x: Any, y: Any, pixel: float, lattice: Any, origin: Any, reach: float, flags: Any, layout: Any, space: Any,
+    surfaces: Any, kicks: Any, falloff: float, lengths: Any, points: Any, counts: Any, tolerance: float, place: Any,
+    image: Any, spent: Any,
 ) -> None:  # fmt: skip
-    """Values of pixels by backward rays."""
-    d_1, per_d_2, per_f_ml, per_f = k[D_1], k[PER_D_2], k[PER_F_ML], k[PER_F]
-    lens_square = k[LENS_RADIUS] * k[LENS_RADIUS]
-    half = k[HALF]
-    unit = 1.0 / 4294967296.0
-    margin = reach + pixel * 0.7072
+    """Values of pixels by backward rays; tuples as `Tracer.image` makes them."""
+    axes, image_axes, inverse, half_size, neighbours = lattice
+    k, maps, rims, front, law = layout
+    table, media, openings = space
+    rows, pictures, beyond, mirrored = surfaces
+    mouth, d_3, d_f = lengths
+    half, margin, unit = k[HALF], reach + pixel * 0.7072, 1.0 / 4294967296.0
     for j in prange(y.size):
         lens_x, lens_y = np.empty(MOST), np.empty(MOST)
-        near_x, near_y = np.empty(MOST), np.empty(MOST)
+        away_x, away_y = np.empty(MOST), np.empty(MOST)
         buffer, work = np.empty(ROWS * BLOCK), np.empty(BLOCK)
         # Shared ones are counted by all threads.
         faces, indices, takes, own = table.copy(), media.copy(), openings.copy(), law.copy()
         used = 0
         for i in range(x.size):
-            n = 0
             bx, by = x[i] - origin[0], y[j] - origin[1]
-            mid_m = inverse[0, 0] * bx + inverse[0, 1] * by
-            mid_n = inverse[1, 0] * bx + inverse[1, 1] * by
-            m0, n0 = math.floor(mid_m + 0.5), math.floor(mid_n + 0.5)
+            n = _candidates(
+                (axes, image_axes, inverse, half_size, neighbours), margin, bx, by, lens_x, lens_y, away_x, away_y
+            )
+            if n == 0:
+                continue
             # At the pixel's own place, as in white images: what falls off there must fall off here, pixel by pixel.
+            mid_m, mid_n = inverse[0, 0] * bx + inverse[0, 1] * by, inverse[1, 0] * bx + inverse[1, 1] * by
             at_x = axes[0, 0] * mid_m + axes[0, 1] * mid_n + k[ARRAY_X]
             at_y = axes[1, 0] * mid_m + axes[1, 1] * mid_n + k[ARRAY_X + 1]
             gain = _share_of_light(law, falloff * math.hypot(at_x, at_y))
-            for dm in range(-neighbours, neighbours + 1):
-                for dn in range(-neighbours, neighbours + 1):
-                    m, l = m0 + dm, n0 + dn
-                    gx = bx - (image_axes[0, 0] * m + image_axes[0, 1] * l)
-                    gy = by - (image_axes[1, 0] * m + image_axes[1, 1] * l)
-                    far = gx * gx + gy * gy
-                    if far > margin * margin:
-                        continue
-                    cx, cy = axes[0, 0] * m + axes[0, 1] * l, axes[1, 0] * m + axes[1, 1] * l
-                    if abs(cx) > half_size[0] or abs(cy) > half_size[1]:
-                        continue
-                    if n < MOST:
-                        lens_x[n], lens_y[n] = cx, cy
-                        near_x[n], near_y[n] = x[i] - gx, y[j] - gy
-                        n += 1
-            if n == 0:
-                continue
-            code = _hash3(np.uint64(place[0] + i + 1048576), np.uint64(place[1] + j + 1048576), np.uint64(place[2]))
-            s01 = _hash3(code, np.uint64(1), np.uint64(2))
-            s23 = _hash3(code, np.uint64(3), np.uint64(4))
-            s45 = _hash3(code, np.uint64(5), np.uint64(6))
-            low = np.uint64(0xFFFFFFFF)
-            s0, s1 = np.uint32(s01 & low), np.uint32(s01 >> np.uint64(32))
-            s2, s3 = np.uint32(s23 & low), np.uint32(s23 >> np.uint64(32))
-            s4, s5 = np.uint32(s45 & low), np.uint32(s45 >> np.uint64(32))
+            s0, s1, s2, s3, s4, s5 = _seeds(place, i, j)
             total, squares, batches, done = 0.0, 0.0, 0, 0
             while done < counts[1]:
                 batch = 0.0
                 for r in range(done, done + counts[2]):
                     px = x[i] + ((np.uint32(points[r, 0] ^ s0) + 0.5) * unit - 0.5) * pixel
                     py = y[j] + ((np.uint32(points[r, 1] ^ s1) + 0.5) * unit - 0.5) * pixel
-                    vx, vy = 0.0, 0.0
+                    vx, vy, kick_x, kick_y = 0.0, 0.0, 0.0, 0.0
                     if not flags[PINHOLE]:
                         a = (np.uint32(points[r, 2] ^ s2) + 0.5) * unit
-                        b = (np.uint32(points[r, 3] ^ s3) + 0.5) * unit
-                        if flags[ROUND]:
-                            rho, phi = half * math.sqrt(a), 2.0 * math.pi * b
-                            vx, vy = rho * math.cos(phi), rho * math.sin(phi)
-                        else:
-                            vx, vy = (2.0 * a - 1.0) * half, (2.0 * b - 1.0) * half
-                    kick_x, kick_y = 0.0, 0.0
+                        vx, vy = _on_microlens(flags[ROUND], a, (np.uint32(points[r, 3] ^ s3) + 0.5) * unit, half)
                     if flags[KICKED]:
                         near = int(np.uint32(points[r, 4] ^ s4) * unit * kicks.shape[0])
                         turn = int(np.uint32(points[r, 5] ^ s5) * unit * kicks.shape[0])
@@ -538,40 +588,15 @@ def _trace(
                     if flags[OWN_ONLY]:
                         best = 1e300
                         for c in range(n):
-                            far = (px - near_x[c]) ** 2 + (py - near_y[c]) ** 2
+                            far = (px - (x[i] - away_x[c])) ** 2 + (py - (y[j] - away_y[c])) ** 2
                             if far < best:
                                 best, first, last = far, c, c + 1
                     for c in range(first, last):
-                        cx, cy = lens_x[c], lens_y[c]
-                        if flags[POSED]:
-                            lx, ly, ox, oy, good = posed_ray(k, maps, px, py, cx, cy, vx, vy)
-                            if not good or lx * lx + ly * ly > lens_square:
-                                continue
-                            kept = True
-                            for t in range(rims.shape[0]):
-                                ax, ay, _, _, ahead = crossing(maps[3 + t], lx, ly, ox, oy)
-                                kept = kept and ahead and inside(rims[t], 3, ax, ay)
-                            if not kept:
-                                continue
-                            hx, hy, ox, oy, ahead = crossing(maps[2], lx, ly, ox, oy)
-                            if not ahead:
-                                continue
-                        else:
-                            lx, ox = aligned_ray(d_1, per_d_2, per_f_ml, per_f, k[SENSOR_X], k[ARRAY_X], px, cx, vx)
-                            ly, oy = aligned_ray(
-                                d_1, per_d_2, per_f_ml, per_f, k[SENSOR_X + 1], k[ARRAY_X + 1], py, cy, vy
-                            )
-                            if lx * lx + ly * ly > lens_square:
-                                continue
-                            kept = True
-                            for t in range(rims.shape[0]):
-                                ax, ay = lx + rims[t, 0] - ox * rims[t, 2], ly + rims[t, 1] - oy * rims[t, 2]
-                                if not inside(rims[t], 3, ax, ay):
-                                    kept = False
-                                    break
-                            if not kept:
-                                continue
-                            hx, hy = lx + k[LENS_X], ly + k[LENS_X + 1]
+                        hx, hy, ox, oy, kept = _through_lens(
+                            flags[POSED], k, maps, rims, px, py, lens_x[c], lens_y[c], vx, vy
+                        )
+                        if not kept:
+                            continue
                         hx, hy, ox, oy, kept = _to_scene(
                             flags, k, front, own, faces, indices, takes, buffer, work, d_3, d_f, kick_x, kick_y, hx, hy,
                             ox, oy,
