@@ -49,7 +49,7 @@ MODES, FORM = 7, 26
 LENGTH, COARSE = 17, 18
 """Columns of a rod's length, and of whether rays through it are only for pixels."""
 MOVED = 17
-"""Where a mirror's turn (9) and then its shift (3) of rays stand, from the sensor's side to the scene's."""
+"""Where a mirror's turn about its vertex (9) and then its shift (3) of rays stand, from the sensor's side on."""
 TERMS = 16
 """Terms of a rod's series."""
 STEP, LONGEST = 0.1, 0.7
@@ -500,7 +500,10 @@ def _meet_mirror(
     """Clip a block at a flat mirror, and move it from one side's unfolded space to the other's."""
     vx, vy, vz = table[first], table[first + 1], table[first + 2]
     nx, ny, nz = table[first + 10], table[first + 13], table[first + 16]
-    tx, ty, tz = table[first + MOVED + 9], table[first + MOVED + 10], table[first + MOVED + 11]
+    tx, ty, tz = _moved(table, first, vx, vy, vz)
+    tx, ty, tz = (
+        vx + table[first + MOVED + 9] - tx, vy + table[first + MOVED + 10] - ty, vz + table[first + MOVED + 11] - tz,
+    )  # fmt: skip
     for i in range(m):
         squares[i] = -1.0
         if buffer[6 * BLOCK + i] != 0.0:

@@ -130,6 +130,38 @@ def from_sensor(design, microlens, spots):
     return points, -np.column_stack([slope, np.ones(len(height))])
 
 
+class SphericalLens:
+    """A main lens of spherical and flat surfaces, in its own frame: first vertex at z = 0."""
+
+    def __init__(self, lens, wavelength):
+        self.surfaces, z, before, rows = [], 0.0, 1.0, np.eye(2)
+        for surface in lens.surfaces:
+            index = float(surface.glass.index(wavelength))
+            self.surfaces.append((z, surface.curvature, surface.semi_diameter, before, index))
+            rows = np.array([[1, 0], [-surface.curvature * (index - before), 1]]) @ rows  # height, index times slope
+            rows = np.array([[1, surface.thickness / index], [0, 1]]) @ rows
+            z, before = z + surface.thickness, index
+        (a, _), (c, d) = rows
+        self.front_principal = (1 - d) / -c  # behind the first vertex
+        self.rear_principal = z + (1 - a) / c
+
+    def outwards(self, points, ways):
+        """Rays from the sensor's side on: points, unit directions, which of them pass all clear apertures."""
+        passed = np.ones(len(points), bool)
+        ways = ways / np.linalg.norm(ways, axis=-1, keepdims=True)
+        for z, curvature, semi, beyond, within in reversed(self.surfaces):
+            off = points - [0.0, 0.0, z]
+            b = curvature * (off * ways).sum(-1) - ways[:, 2]
+            c = curvature * (off * off).sum(-1) - 2 * off[:, 2]
+            reach = -c / (b + np.sqrt(b * b - curvature * c))  # to the sheet at the vertex, as ways go to -z
+            points = points + reach[:, None] * ways
+            normal = np.array([0.0, 0.0, 1.0]) - curvature * (points - [0.0, 0.0, z])
+            passed &= np.hypot(*points[:, :2].T) <= semi
+            cosine, mu = -(ways * normal).sum(-1), within / beyond
+            ways = mu * ways + (mu * cosine - np.sqrt(1 - mu**2 * (1 - cosine**2)))[:, None] * normal
+        return points, ways, passed
+
+
 def outline_by_rays(design, microlens, only_fap=False, count=2000):
     """Rim of what light reaches behind a pinhole microlens, from its axis, by halving; None where it is dark.
 

@@ -18,12 +18,14 @@ from roslf_design.effects import plan
 from roslf_design.fates import state_at
 from roslf_design.imaging.camera import Region
 from roslf_design.imaging.trace import RaySampling, Tracer
+from roslf_design.lenses.tracer import KEPT
 from roslf_design.reporting.design.instrument import instrument_scene
 from roslf_design.scenes import Scene
 from roslf_design.theory.chief_rays import chief_rays
 from roslf_design.theory.light import sensor_field
 from roslf_design.theory.object_space import ObjectSpaceFaces
-from tests.bore.folded import Folded, area, from_sensor, outline_by_rays, turned_towards
+from roslf_design.traced.camera import camera_of, views
+from tests.bore.folded import Folded, SphericalLens, area, from_sensor, outline_by_rays, turned_towards
 
 PAPER = roslf.load("paper")
 MIRROR = {"kind": "mirror", "distance": 60.0, "angle": math.pi / 4, "azimuth": math.pi / 2, "diameter": 60.0}
@@ -34,7 +36,7 @@ def share(low, high):
 
 
 @st.composite
-def folded(draw):
+def folded(draw, base=PAPER):
     """Cameras with mirrors, windows and lenses before them, the FAP anywhere between, all a little out of place."""
 
     def pair(size):
@@ -63,7 +65,7 @@ def folded(draw):
         "tilt": pair(0.02),
     }
     try:
-        return PAPER.replace({"elements": elements, "aperture": fap, "main_lens.focal_plane": place + 100.0})
+        return base.replace({"elements": elements, "aperture": fap, "main_lens.focal_plane": place + 100.0})
     except roslf.InputError:
         return None
 
@@ -87,6 +89,42 @@ def test_rays_in_unfolded_space_are_those_reflected_in_real_space(design, seed):
     height = places[good, :2] - slope * places[good, 2:]
     assert_allclose(out.slope.T[good], slope, rtol=0, atol=1e-12)
     assert_allclose(out.height.T[good], height, rtol=0, atol=1e-10)
+
+
+REAL = {
+    name: roslf.load("paper-singlet").replace({"main_lens.prescription": name}) for name in ("LA1050-A", "AC254-100-A")
+}
+
+
+@given(st.data(), st.sampled_from(sorted(REAL)), st.booleans(), st.integers(0, 10**6))
+@settings(max_examples=60)
+def test_rays_of_real_main_lenses_are_those_reflected_in_real_space(data, name, reversed_, seed):
+    """Through its surfaces, then past and off all that stands before it: where they go, and who of them gets there."""
+    design = data.draw(folded(REAL[name].replace({"main_lens.reversed": reversed_})))
+    try:
+        camera = None if design is None else camera_of(design)
+    except roslf.InputError:  # something stands in the lens
+        camera = None
+    if camera is None:
+        return
+    lens = SphericalLens(design.lens, design.wavelength)
+    assert_allclose(camera.array.z, lens.rear_principal + design.d_1, rtol=1e-12)
+    rng = np.random.default_rng(seed)
+    microlens = rng.uniform(-6, 6, (200, 2))
+    spots = (microlens - rng.uniform(-8, 8, (200, 2))) * (design.d_2 / design.d_1)  # towards points of the lens
+    points = np.column_stack([microlens, np.full(200, lens.rear_principal + design.d_1)])
+    points, ways, passed = lens.outwards(points, -np.column_stack([spots / design.d_2, np.ones(200)]))
+    real = Folded(design)
+    points, ways, took, _ = real.outwards(points - [0.0, 0.0, lens.front_principal], ways)
+    points, ways = real.unfolded(points, ways)
+    slope = ways[:, :2] / ways[:, 2:]
+    met = views(camera, microlens, microlens + spots, clip=False)
+    assert (met.state == KEPT).all()
+    assert_allclose(met.slope, slope, rtol=0, atol=1e-12)
+    at_fap = points[:, :2] - slope * (points[:, 2:] + design.aperture.distance)
+    assert_allclose(met.place, at_fap, rtol=0, atol=1e-10)
+    kept = views(camera, microlens, microlens + spots).state == KEPT
+    assert kept.tolist() == (passed & (took < 0)).tolist()
 
 
 SMALL = PAPER.replace({"main_lens.diameter": 30.0, "aperture.distance": 120.0})
