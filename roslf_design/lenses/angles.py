@@ -6,8 +6,9 @@ A law is an array: a row of kind and largest p; of a table also a row an interva
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, ClassVar
+from collections.abc import Callable, Iterator, Sequence
+from itertools import repeat
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ from numpy.typing import NDArray
 from .._jit import kernel
 
 Law = NDArray[np.float64]
+T = TypeVar("T")
+Way = TypeVar("Way")
 
 THETA, SINE, STEREOGRAPHIC, TABLE = range(4)
 NOTHING = 1e-150
@@ -176,6 +179,17 @@ class AngleMap:
         """Point of the first order's object space that stands for one; `drawn` finds it along a straight ray."""
         return at
 
+    def images(self, image: Callable[[Way], T], ways: Sequence[Way]) -> Iterator[T]:
+        """Image of a point through each of some points of the pupil: of f tan the same through all."""
+        return repeat(image(ways[0]), len(ways))
+
+    def undrawn(self, distance: Any, along: Callable[[], Any], pupil: Callable[[], Any]) -> Any:
+        """Distance of a point from the one that the first order draws it at; the entrance pupil stands at `pupil`.
+
+        A small step along the field's radius is drawn `along` times as long.
+        """
+        return distance
+
 
 class AngleLaw(AngleMap):
     """Objective that maps angles by a law of its own."""
@@ -238,6 +252,15 @@ class AngleLaw(AngleMap):
     def straight(self, at: Any, drawn: Callable[[], Any]) -> Any:
         """Point drawn along a straight ray."""
         return drawn()
+
+    def images(self, image: Callable[[Way], T], ways: Sequence[Way]) -> Iterator[T]:
+        """Each sees the point elsewhere."""
+        return map(image, ways)
+
+    def undrawn(self, distance: Any, along: Callable[[], Any], pupil: Callable[[], Any]) -> Any:
+        """As if the radius were drawn for so much farther away."""
+        stands = pupil()
+        return stands + (distance - stands) / along()
 
 
 F_TAN = AngleMap()

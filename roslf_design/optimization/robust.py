@@ -24,8 +24,9 @@ from ..tolerancing.analyses import Yield, least_passed
 from ..tolerancing.draws import Distribution, Draws, Perturbation
 from ..tolerancing.places import expand, nominal_values, tolerance_at
 from ..toml_files import StrictTable
-from .problem import IDLE, DesignProblem
+from .problem import DesignProblem
 from .search import BIG, FEASIBLE, SearchBudget, derivative_free
+from .variables import IDLE
 
 SHARP = (0.3, 0.1, 0.03, 0.01)
 """Widths at which the yield's step is softened, one after the other, in units of a scaled row's spread."""

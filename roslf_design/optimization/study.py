@@ -29,34 +29,18 @@ from ..theory.quantity import Quantity
 from ..toml_files import StrictTable, nearest, problems_of, read_toml
 from ..units import Length
 from .bore import BoreTable, EquivalentPupil, solve_through
+from .combinations import CatalogueTable, Combinations
+from .front import Front, ParetoTable, pareto_front
+from .goals import Constraint, Goal
 from .lens_variables import lens_faults, places_that_vary, varies_lens
 from .parts import given_by, load_catalogue
-from .problem import (
-    NUMBERS,
-    Constraint,
-    DesignProblem,
-    Goal,
-    NumberVariable,
-    Variable,
-    lengths_and_numbers,
-    name_faults,
-    titled,
-)
-from .ranking import CatalogueTable, Combinations, Ranking, rank
+from .problem import DesignProblem, titled
+from .ranking import Ranking, rank
 from .robust import Robust, RobustTable, maximise_robustness, scatter_of, tolerances
-from .solve import (
-    Answer,
-    Front,
-    ParetoTable,
-    Settings,
-    SolverTable,
-    Tell,
-    optimum_accuracy,
-    pareto_front,
-    solve,
-)
+from .solve import Answer, Settings, SolverTable, Tell, optimum_accuracy, solve
 from .traces import Field as ArrayPlace
 from .traces import Retrace, faults_behind
+from .variables import NUMBERS, NumberVariable, Variable, lengths_and_numbers, name_faults
 
 SCHEMA = "roslf.optimization/1"
 DIVERGES = re.compile(r"elements\.\d+\.focal_length|main_lens\.surfaces\.\d+\.radius")

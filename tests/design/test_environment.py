@@ -10,7 +10,7 @@ from roslf_design.lenses.glass import find_glass
 from roslf_design.lenses.lens_file import _loads_lens, dumps_lens, load_lens
 from roslf_design.lenses.prescription import first_order
 from roslf_design.lenses.solid import find_solid
-from roslf_design.optimization.problem import Constraint
+from roslf_design.optimization import Constraint
 from roslf_design.tolerancing.analyses import exact_derivatives
 from roslf_design.tolerancing.metrics import Question, builds_of, evaluate_builds
 from roslf_design.tolerancing.study import tolerance_plan

@@ -5,11 +5,12 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.errors import InputError
+from roslf_design.optimization.combinations import Combinations
+from roslf_design.optimization.front import pareto_front
 from roslf_design.optimization.parts import load_catalogue, read_condition, rows
-from roslf_design.optimization.ranking import Combinations, rank
+from roslf_design.optimization.ranking import rank
 from roslf_design.optimization.robust import RobustTable, builds, maximise_robustness, scatter_of, tolerances
 from roslf_design.optimization.search import QUICK, SearchBudget, search
-from roslf_design.optimization.solve import pareto_front
 from tests.optimization.posing import PAPER, goal, limit, posed
 
 

@@ -15,12 +15,13 @@ from roslf_design.lenses.glass import find_glass
 from roslf_design.lenses.lens_file import load_lens, shipped_names
 from roslf_design.lenses.prescription import Prescription, Surface, first_order
 from roslf_design.optimization import Constraint, Goal, Settings, solve
+from roslf_design.optimization.combinations import CatalogueTable, Combinations
 from roslf_design.optimization.lens_variables import BENDING, FOCAL, LensVariation, with_glasses
 from roslf_design.optimization.parts import load_catalogue
-from roslf_design.optimization.problem import NumberVariable
-from roslf_design.optimization.ranking import CatalogueTable, Combinations, rank
+from roslf_design.optimization.ranking import rank
 from roslf_design.optimization.search import SearchBudget
 from roslf_design.optimization.traces import FieldTraces
+from roslf_design.optimization.variables import NumberVariable
 from roslf_design.traced.camera import camera_of, microlenses
 from roslf_design.traced.images import real_images
 from tests.optimization.posing import posed

@@ -6,7 +6,7 @@ import pytest
 from roslf_design.cli import main
 from roslf_design.design import load, preset_path
 from roslf_design.errors import InputError
-from roslf_design.optimization.problem import Constraint
+from roslf_design.optimization import Constraint
 from roslf_design.tolerancing.places import (
     SHIPPED,
     display,

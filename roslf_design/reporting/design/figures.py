@@ -26,6 +26,7 @@ from .rays import cells, dimensions, is_centred, ray_diagrams
 
 if TYPE_CHECKING:
     from ...design import Design
+    from ...evaluation.groups import RealLens
     from ...evaluation.result import Evaluation
 
 PLACES = ("centre", "edge", "corner")
@@ -132,10 +133,8 @@ def _map_sheet(design: Design, result: Evaluation) -> Figure:
     return Figure.of("maps", "Microlens images over the array", caption, field_maps(design, fields))
 
 
-def lens_sheets(design: Design, result: Evaluation) -> tuple[Figure, Figure]:
+def lens_sheets(design: Design, result: Evaluation, lens: RealLens) -> tuple[Figure, Figure]:
     """Microlens images and aberrations of a real main lens over the field, and its images beside the thin lens's."""
-    lens = result.real_lens
-    assert lens is not None
     edge = lens.fields[1]
     moved = "The sensor's edge has no whole image."
     if edge.shift_px is not None and edge.widening_percent is not None:

@@ -331,10 +331,10 @@ def _stops(design: Design) -> Iterator[Table]:
 
 def _real_lens(design: Design, result: Evaluation, progress: Callable[[str], None]) -> tuple[Section, ...]:
     """Section on the traced lens, its thin twin beside it; nothing for an ideal one."""
-    if result.real_lens is None:
+    if (lens := result.real_lens) is None:
         return ()
     progress("real main lens")
-    return (Section("Real main lens", (*sheets.lens_sheets(design, result), lens_table(result.real_lens))),)
+    return (Section("Real main lens", (*sheets.lens_sheets(design, result, lens), lens_table(lens))),)
 
 
 def _effects(result: Evaluation) -> tuple[Block, ...]:

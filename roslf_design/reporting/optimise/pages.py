@@ -10,12 +10,14 @@ import numpy as np
 
 from ..._version import __version__
 from ...drawing.picture import Picture
-from ...optimization.problem import NUMBERS, Constraint, Goal
+from ...optimization.front import Front
+from ...optimization.goals import Constraint, Goal
 from ...optimization.ranking import Ranking
 from ...optimization.search import BIG
-from ...optimization.solve import Active, Answer, Front, optimum_accuracy
+from ...optimization.solve import Active, Answer, optimum_accuracy
 from ...optimization.study import Result
 from ...optimization.traces import Retrace
+from ...optimization.variables import NUMBERS
 from ...tables import Column
 from ...theory.quantities import in_words
 from ...tolerancing.analyses import Yield
