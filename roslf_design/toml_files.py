@@ -134,16 +134,16 @@ def problems_of(error: ValidationError, model: type[BaseModel]) -> tuple[Problem
     details = error.errors(include_url=False)
     faulty = {detail["loc"][:-1] for detail in details}  # lists that pydantic calls short where entries are wrong
     told = [detail for detail in details if detail["type"] != "too_short" or detail["loc"] not in faulty]
-    problems = (_problems_within(detail) or [_problem(detail, model)] for detail in told)
+    problems = (_problems_within(detail, model) or [_problem(detail, model)] for detail in told)
     return tuple(dict.fromkeys(chain.from_iterable(problems)))
 
 
-def _problems_within(detail: ErrorDetails) -> list[Problem]:
+def _problems_within(detail: ErrorDetails, model: type[BaseModel]) -> list[Problem]:
     """Faults of a table that reads itself, or of another file that a key names, each a line of its own."""
     error = detail.get("ctx", {}).get("error")
     if not isinstance(error, InputError):
         return []
-    key = ".".join(map(str, detail["loc"]))
+    key = _at(model, detail["loc"]).key
     if error.origin or not key:
         return [Problem(key, str(InputError((problem,), error.origin))) for problem in error.problems]
     return [Problem(".".join(filter(None, (key, problem.key))), problem.message) for problem in error.problems]
@@ -154,8 +154,8 @@ def _problem(detail: ErrorDetails, model: type[BaseModel]) -> Problem:
     at = _at(model, detail["loc"])
     key, name = at.key, str(detail["loc"][-1]) if detail["loc"] else ""
     if kind == "extra_forbidden":
-        around = _at(model, detail["loc"][:-1]).models
-        return Problem(key, "is not a known key; " + nearest(name, _keys(around[0]) if around else ()))
+        known = dict.fromkeys(key for table in _at(model, detail["loc"][:-1]).models for key in _keys(table))
+        return Problem(key, "is not a known key; " + nearest(name, known))
     such_as = f" such as {json.dumps(at.examples[0])}" if at.examples else ""
     in_list = bool(detail["loc"]) and isinstance(detail["loc"][-1], int)
     if kind == "missing" and in_list:
