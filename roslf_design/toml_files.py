@@ -154,8 +154,8 @@ def _problem(detail: ErrorDetails, model: type[BaseModel]) -> Problem:
     at = _at(model, detail["loc"])
     key, name = at.key, str(detail["loc"][-1]) if detail["loc"] else ""
     if kind == "extra_forbidden":
-        around = _at(model, detail["loc"][:-1]).models
-        return Problem(key, "is not a known key; " + nearest(name, _keys(around[0]) if around else ()))
+        known = dict.fromkeys(key for table in _at(model, detail["loc"][:-1]).models for key in _keys(table))
+        return Problem(key, "is not a known key; " + nearest(name, known))
     such_as = f" such as {json.dumps(at.examples[0])}" if at.examples else ""
     in_list = bool(detail["loc"]) and isinstance(detail["loc"][-1], int)
     if kind == "missing" and in_list:

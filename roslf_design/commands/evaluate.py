@@ -8,7 +8,6 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from ..accuracy.statement import check_accuracy
 from ..design import load
 from ..errors import refusal
 from ..evaluation import evaluate as compute
@@ -51,8 +50,6 @@ def evaluate(
         What shares of light may be off by where parts are tilted and rays are counted, as 1e-4. Default: 0.002.
         Straight designs are exact.
     """
-    if accuracy is not None:
-        check_accuracy(accuracy)
     if output is not None:
         check_target(output, (".json", ".csv"))
         if json:

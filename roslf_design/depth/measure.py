@@ -353,7 +353,7 @@ class PictureOptions(Options):
         1,
         description="Pictures, which differ by noise alone.",
     )
-    rays: int | None = Field(
+    rays: Annotated[int, Field(ge=1)] | None = Field(
         None,
         description="Rays of each pixel. Default: as many as the light calls for.",
     )

@@ -21,13 +21,15 @@ from ..design.files import as_design
 from ..design.growth import not_known, not_named
 from ..design.parts import PATHS
 from ..effects.plan import plan
+from ..errors import refusal
 from ..lenses.glass import AIR, ROOM
 from ..lenses.material import material_label
 from ..theory import exit_pupil
 from ..theory.quantities import QUANTITIES, depth_error
 from ..theory.stop_images import MicrolensImages
 from ..theory.vignetting import field_limit
-from .fields import default_fields, evaluate_fields, rays_for, trace_lens
+from ..units import FARTHEST
+from .fields import MOST_FIELDS, default_fields, evaluate_fields, rays_for, trace_lens
 from .groups import (
     AtTemperature,
     LookedThrough,
@@ -89,8 +91,10 @@ def evaluate(
     ------
     DesignError
         A design file that cannot be used.
+    InputError
+        More than `MOST_FIELDS` fields; an accuracy that is none, or that no number of rays reaches.
     ValueError
-        A field that is not finite; an accuracy that no number of rays reaches.
+        A field that is not finite.
 
     Examples
     --------
@@ -98,6 +102,8 @@ def evaluate(
     >>> round(roslf.evaluate("paper").f_number.fill_factor, 5)
     1.00506
     """
+    if accuracy is not None:
+        check_accuracy(accuracy)
     design = as_design(design)
     rays = rays_for(None if design.has_exact_areas else accuracy)
     axes = default_fields(design) if fields is None else _axes(fields)
@@ -239,7 +245,10 @@ def _size(outline: ClearAperture, width: float) -> dict[str, Any]:
 
 def _axes(fields: Any) -> tuple[tuple[float, float], ...]:
     one = isinstance(fields, (int, float)) or getattr(fields, "ndim", 1) == 0
-    return tuple(map(_axis, [fields] if one else fields))
+    places = [fields] if one else list(fields)
+    if len(places) > MOST_FIELDS:
+        raise refusal("fields", f"{len(places)} are too many; give {MOST_FIELDS} at most, the others in another call")
+    return tuple(map(_axis, places))
 
 
 def _axis(field: Any) -> tuple[float, float]:
@@ -252,6 +261,8 @@ def _axis(field: Any) -> tuple[float, float]:
         raise ValueError(f"field {field!r} is no position; give x or (x, y) in mm on the MLA")
     if not all(map(math.isfinite, numbers)):
         raise ValueError(f"field {field!r} is not finite; give mm on the MLA")
+    if max(map(abs, numbers)) > FARTHEST["length"]:
+        raise ValueError(f"field {field!r} is beyond {FARTHEST['length']:g} mm; give mm on the MLA")
     return numbers[0], numbers[1] if len(numbers) == 2 else 0.0
 
 

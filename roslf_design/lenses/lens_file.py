@@ -246,13 +246,6 @@ def _with_own_glass(row: Any, own: Mapping[str, Glass] | None) -> Any:
     return {**row, "glass": own.get(name.upper(), name)}
 
 
-def dumps_lens(lens: Prescription) -> str:
-    """Write a lens as TOML text that `_loads_lens` turns into an equal lens."""
-    import tomli_w
-
-    return tomli_w.dumps(table_of(lens))
-
-
 def table_of(lens: Prescription) -> dict[str, Any]:
     """The nested values of a lens file that `lens_of` turns into an equal lens."""
     data: dict[str, Any] = {key: text for key in ("name", "source") if (text := getattr(lens, key))}
