@@ -72,7 +72,8 @@ def keys_table(model: type[BaseModel], own: Mapping[str, str] = {}) -> str:
     own : mapping
         What to say of keys that the code leaves undescribed, or says in words that need the code.
     """
-    told = descriptions(model) | own
+    options = {name: field.description for name, field in model.model_fields.items() if field.description}
+    told = descriptions(model) | options | own
     hints = get_type_hints(model, include_extras=True)
     rows = []
     for name, field in model.model_fields.items():
