@@ -118,6 +118,8 @@ class AngleMap:
     """True where it bends the plane in focus, and draws what lies off the axis smaller."""
     words: ClassVar[str] = ""
     """Words for why light falls off otherwise than by cos^4."""
+    law: Law | None = None
+    """Law; None of f tan."""
     kernel: Law = NO_LAW
     """As kernels take it; no rows of f tan."""
     end: float = math.inf

@@ -44,11 +44,8 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
         part(rim.name, rim.part, 2 * ClearAperture.of(numbers, rim.part).reach, rim.ruler_distance)
         for rim in c.stop_openings
     ]
-    for k, element in enumerate(c.chain.elements):
-        key = f"elements.{k}"
-        if f"{key}.diameter" in numbers:
-            end = numbers[f"{key}.distance"] + c.chain.length(numbers, k)
-            parts.append(part(f"{element.kind} {k + 1}", key, numbers[f"{key}.diameter"], end))
+    wide = (at for at in c.in_bore if f"{at.at.place}.diameter" in numbers)
+    parts += [part(at.name, at.at.place, at.diameter, at.end) for at in wide]
     array, d_2 = -numbers[PATHS["d_1"]], numbers[PATHS["d_2"]]
     parts.append(part("main lens", "main_lens", numbers[PATHS["D"]], 0.0))
     parts.append(part("microlens array", "microlens_array", diagonal("microlens_array"), array))
