@@ -68,7 +68,7 @@ class ImagedPlane(NamedTuple):
         return self.medium * self.magnification**2
 
 
-class ChainStep(NamedTuple):
+class _ChainStep(NamedTuple):
     """Light somewhere before the main lens, in air."""
 
     matrix: tuple[Number, Number, Number, Number]
@@ -78,7 +78,7 @@ class ChainStep(NamedTuple):
     place: Number
     """Distance before the main lens [mm]."""
 
-    def propagated(self, gap: Number) -> ChainStep:
+    def propagated(self, gap: Number) -> _ChainStep:
         """Straight on by a reduced length; the place stays."""
         (a, b, c, d), ((e_x, f_x), (e_y, f_y)) = self.matrix, self.shifts
         shifts = (minus(e_x, times(gap, f_x)), f_x), (minus(e_y, times(gap, f_y)), f_y)
@@ -122,7 +122,7 @@ class BoreWalk(NamedTuple):
     """The bore of a camera as light goes through it, from the main lens outwards: what all planes share."""
 
     parts: tuple[StandingElement, ...]
-    steps: tuple[ChainStep, ...]
+    steps: tuple[_ChainStep, ...]
     """Light at the main lens, then on the scene's side of each element in turn."""
 
 
@@ -229,7 +229,7 @@ class Chain:
     def walk(self, numbers: Mapping[str, Number]) -> BoreWalk:
         """Light through all elements, from the main lens outwards."""
         parts = self.standing(numbers)
-        steps = [ChainStep((1.0, 0.0, 0.0, 1.0), ((0.0, 0.0), (0.0, 0.0)), 0.0)]
+        steps = [_ChainStep((1.0, 0.0, 0.0, 1.0), ((0.0, 0.0), (0.0, 0.0)), 0.0)]
         for part in parts:
             step = steps[-1].propagated(part.start - steps[-1].place)
             steps.append(self._through(part, step, part.length, np.True_))
@@ -258,7 +258,7 @@ class Chain:
         beyond = np.maximum(z - step.place, back) / medium
         return step.propagated(beyond).plane(_either(np.greater_equal(z, step.place), medium, index))
 
-    def _through(self, part: StandingElement, step: ChainStep, inside: Number, passed: Flags) -> ChainStep:
+    def _through(self, part: StandingElement, step: _ChainStep, inside: Number, passed: Flags) -> _ChainStep:
         """Light past as much of an element."""
         element, at = part.element, part.at
         p, q, r, s = forward = element.forward(at, inside, passed)
@@ -266,7 +266,7 @@ class Chain:
         matrix = s * a + q * c, s * b + q * d, r * a + p * c, r * b + p * d
         beyond = at.numbers.get(MEDIUM, 1.0) if part.k == self.order[-1] else 1.0
         x, y = (element.shifted(at, axis, forward, inside, step.shifts[axis], beyond) for axis in (0, 1))
-        return ChainStep(matrix, (x, y), part.end)
+        return _ChainStep(matrix, (x, y), part.end)
 
     def mapped_images(self, walk: BoreWalk) -> Iterator[tuple[StandingElement, ImagedPlane]]:
         """Each objective with a mapping, and its image plane of what is far: heights there are focal length times p."""

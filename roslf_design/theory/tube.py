@@ -25,6 +25,11 @@ class _Housed(NamedTuple):
     place: Number
     """Its end towards the scene [mm before the main lens, below 0 behind it]."""
 
+    def inside(self, c: Camera) -> Array:
+        """Whether it lies in the tube: no farther behind the tip than that is long."""
+        numbers = c.numbers
+        return np.asarray(self.place >= c.tip - numbers[LENGTH] if LENGTH in numbers else np.True_)
+
 
 def housed(c: Camera) -> tuple[_Housed, ...]:
     """FAP, stops, elements, main lens, array and sensor.
@@ -54,15 +59,9 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
     return tuple(parts)
 
 
-def inside(c: Camera, part: _Housed) -> Array:
-    """Whether a part lies in the tube: no farther behind the tip than it is long."""
-    numbers = c.numbers
-    return np.asarray(part.place >= c.tip - numbers[LENGTH] if LENGTH in numbers else np.True_)
-
-
 def outer_diameters(c: Camera) -> Array:
     """Outer diameter of a tube about each of `housed` [mm], shape (K, ...); for what lies behind it, about the FAP."""
     parts, wall = housed(c), c.numbers.get(WALL, 0.0)
     fap = parts[0].width
-    widths = [np.where(inside(c, part), part.width, fap) + 2 * wall for part in parts]
+    widths = [np.where(part.inside(c), part.width, fap) + 2 * wall for part in parts]
     return np.stack(np.broadcast_arrays(*widths))

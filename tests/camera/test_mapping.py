@@ -18,7 +18,7 @@ from roslf_design.design import DesignError, dumps, loads
 from roslf_design.effects.effect import Subject
 from roslf_design.effects.geometry import _blur_on_mla, cos4
 from roslf_design.evaluation.fields import evaluate_fields
-from roslf_design.lenses.angles import _image_height, angle_in_air, illumination, stretch
+from roslf_design.lenses.angles import _angle_in_air, _image_height, illumination, stretch
 from roslf_design.rays import Status, trace_pupil
 from roslf_design.rays.backward import behind_elements, lay_out, mapped
 from roslf_design.rays.pupil import paths
@@ -85,7 +85,7 @@ def test_angle_and_slope_are_those_of_the_law(name, index):
         slopes = [mp.tan(mp.asin(mp.sin(t) / mp.mpf(index))) for t in true]
         ratio = [float(s * mp.mpf(index) / mp.mpf(x)) if x else 1.0 for s, x in zip(slopes, p, strict=True)]
     # At 85 degrees the inverse of sin has a condition of 11, tan of 12.
-    assert_allclose(angle_in_air(law, p), np.array(true, float), rtol=1e-14)
+    assert_allclose(_angle_in_air(law, p), np.array(true, float), rtol=1e-14)
     assert_allclose(stretch(law, p, index), ratio, rtol=1e-13)
     assert_allclose([stretch.compiled(law, x, index) for x in p], ratio, rtol=1e-13)
     assert_allclose(_image_height(law, angles), p, rtol=1e-14)
@@ -116,9 +116,9 @@ def test_a_table_is_the_law_that_it_was_made_of(name):
     """2.5 degrees apart, away from the table's end: cubic splines miss 1e-6 rad, their derivative more."""
     known, made = angle_map(name, 1.0).law, with_mapping(table(name)).elements[OBJECTIVE].angle_map.law
     p = np.linspace(0, float(G[name](mp.radians(60))), 200)
-    assert_allclose(angle_in_air(made, p), angle_in_air(known, p), atol=3e-6)
+    assert_allclose(_angle_in_air(made, p), _angle_in_air(known, p), atol=3e-6)
     assert_allclose(illumination(made, p), illumination(known, p), atol=1e-4)
-    assert_allclose(_image_height(made, angle_in_air(made, p)), p, rtol=0, atol=1e-14)
+    assert_allclose(_image_height(made, _angle_in_air(made, p)), p, rtol=0, atol=1e-14)
 
 
 def test_a_measured_f_tan_is_f_tan():
