@@ -14,7 +14,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..lenses.angles import Law
+from ..lenses.angles import F_TAN, AngleMap
 from ..units import Distance, Length
 from .export import SequenceRow
 from .faces import Face, Surroundings
@@ -84,9 +84,9 @@ class Element(OpticalPart):
         return float(getattr(self, "thickness", 0.0))
 
     @property
-    def law(self) -> Law | None:
-        """Mapping of angles, for kernels; None as to first order."""
-        return None
+    def angle_map(self) -> AngleMap:
+        """Mapping of angles."""
+        return F_TAN
 
     @property
     def mapping_name(self) -> str:

@@ -25,6 +25,37 @@ WAVELENGTH, TEMPERATURE = "light.wavelength", "environment.temperature"
 """Places of a design that every part may depend on."""
 
 
+def times(a: Number, b: Number) -> Number:
+    """Product; exact zeros and ones cost nothing."""
+    if isinstance(a, float):
+        if a == 0.0:
+            return 0.0
+        if a == 1.0:
+            return b
+    if isinstance(b, float):
+        if b == 0.0:
+            return 0.0
+        if b == 1.0:
+            return a
+    return a * b
+
+
+def plus(a: Number, b: Number) -> Number:
+    """Sum; exact zeros cost nothing."""
+    if isinstance(a, float) and a == 0.0:
+        return b
+    if isinstance(b, float) and b == 0.0:
+        return a
+    return a + b
+
+
+def minus(a: Number, b: Number) -> Number:
+    """Difference; exact zeros cost nothing."""
+    if isinstance(b, float) and b == 0.0:
+        return a
+    return a - b
+
+
 class Part(StrictTable):
     """Base of every part: frozen, comparable, hashable, picklable; unknown keys are errors."""
 

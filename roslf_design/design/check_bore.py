@@ -120,7 +120,7 @@ def _about_mapping(design: Assembly) -> list[Problem]:
     """
     problems = []
     for lens in design.in_bore:
-        if lens.part.law is None:
+        if not lens.part.mapping_name:
             continue
         for place, _, element, near, _ in design.in_bore:
             if near <= lens.near:

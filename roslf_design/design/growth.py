@@ -12,10 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..bore.chain import Chain
-from ..bore.elements import AnyElement
 from ..bore.lens import power_ratio
 from ..bore.main_lens import MainLensKind
-from ..bore.part import Number, PartNumbers
+from ..bore.part import Number
 from ..errors import Problem
 from ..lenses.glass import Glass, growth
 from .assembly import Assembly
@@ -154,19 +153,15 @@ class Growth:
                 result[place] = value * self.lens.wider(before, after, self.housing, housing)
             elif name == "diameter" or part.endswith(("decentre", "sides")) or kind in ("tube", "tip"):
                 result[place] = value * housing
-        for element, at in self._elements(numbers):
-            result |= {f"{at.place}.{key}": value for key, value in element.moved(at, before, after).items()}
+        for standing in self.chain.standing(numbers):
+            moved = standing.element.moved(standing.at, before, after)
+            result |= {f"{standing.at.place}.{key}": value for key, value in moved.items()}
         return {place: value[()] if isinstance(value, np.ndarray) else value for place, value in result.items()}
-
-    def _elements(self, numbers: Mapping[str, Number]) -> Iterator[tuple[AnyElement, PartNumbers]]:
-        """Elements with their numbers."""
-        for k, element in enumerate(self.chain.elements):
-            yield element, self.chain.at(numbers, k)
 
     def _spans(
         self, numbers: Mapping[str, Number], before: Number, after: Number, housing: Number
     ) -> Iterator[tuple[Number, Number, Number]]:
         """Elements: where each begins, its length, and how much more it grows than the housing."""
-        for element, at in self._elements(numbers):
-            length, times = element.lengthened(at, before, after)
-            yield at["distance"], length, times - housing
+        for part in self.chain.standing(numbers):
+            length, times = part.element.lengthened(part.at, before, after)
+            yield part.start, length, times - housing

@@ -196,6 +196,11 @@ class Verdict:
     remedy: str
     """Remedy in a sentence; empty where nothing needs mending."""
 
+    @classmethod
+    def of(cls, name: str, text: str, remedy: str = "") -> Verdict:
+        """Answer that is good where there is nothing to mend."""
+        return cls(name, not remedy, "fault" if remedy else "good", text, remedy)
+
 
 @dataclass(frozen=True)
 class RealLensField:

@@ -27,7 +27,7 @@ LAW_COLUMNS = 5
 
 
 @kernel()
-def angle_in_air(law: Any, p: Any) -> Any:
+def _angle_in_air(law: Any, p: Any) -> Any:
     """Angle theta [rad] with g(theta) = p, where p does not exceed the law's largest."""
     kind = law[0, 0]
     if kind == THETA:
@@ -49,7 +49,7 @@ def stretch(law: Any, p: Any, n: Any) -> Any:
     Beyond the law's largest p that of the largest.
     """
     held = np.minimum(p, law[0, 1]) + NOTHING
-    angle = angle_in_air(law, held)
+    angle = _angle_in_air(law, held)
     sine, cosine = np.sin(angle), np.cos(angle)
     return sine / np.sqrt((n - 1.0) * (n + 1.0) + cosine * cosine) * (n / held)
 
@@ -67,7 +67,7 @@ def illumination(law: Any, p: Any) -> Any:
     f sin. Flat windows and liquid change nothing: n^2 cos(theta) dOmega is the same in each.
     """
     held = np.minimum(p, law[0, 1]) + NOTHING
-    angle = angle_in_air(law, held)
+    angle = _angle_in_air(law, held)
     light = np.sin(angle) * np.cos(angle) / held
     kind = law[0, 0]
     if kind == THETA:
@@ -88,7 +88,7 @@ def _image_height(law: Any, angle: Any) -> Any:
     """P = g(theta) of angles in air [rad]; beyond what is imaged, the largest."""
     largest = law[0, 1]
     kind = law[0, 0]
-    held = np.minimum(angle, angle_in_air(law, largest))
+    held = np.minimum(angle, _angle_in_air(law, largest))
     if kind == THETA:
         return held * 1.0
     if kind == SINE:
@@ -98,7 +98,7 @@ def _image_height(law: Any, angle: Any) -> Any:
     p, step = held * 0.0, largest
     for _ in range(60):  # the angle rises with p
         step = step / 2.0
-        p = p + step * (angle_in_air(law, p + step) < held)
+        p = p + step * (_angle_in_air(law, p + step) < held)
     return p
 
 
@@ -121,6 +121,8 @@ class AngleMap:
     """True where it bends the plane in focus, and draws what lies off the axis smaller."""
     words: ClassVar[str] = ""
     """Words for why light falls off otherwise than by cos^4."""
+    law: Law | None = None
+    """Law; None of f tan."""
     kernel: Law = NO_LAW
     """As kernels take it; no rows of f tan."""
     end: float = math.inf
@@ -203,11 +205,11 @@ class AngleLaw(AngleMap):
     @property
     def widest(self) -> float:
         """Angle of the law's largest p."""
-        return float(angle_in_air(self.law, self.end))
+        return float(_angle_in_air(self.law, self.end))
 
     def angle(self, slope: Any) -> Any:
         """Angle by the law; beyond what is imaged, the largest."""
-        return angle_in_air(self.law, np.minimum(slope, self.end))
+        return _angle_in_air(self.law, np.minimum(slope, self.end))
 
     def light(self, slope: Any) -> Any:
         """Light by `illumination`."""

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..bore.chain import COVER, SUBSTRATE
+from ..bore.part import minus, times
 from ..camera import Camera, Rim, Vector
-from ..camera.frames import along, dot, minus, times
+from ..camera.frames import along, dot
 from ..design.parts import PATHS
 from ..fates import RayFate, state_at
 from ..shapes.lattice import PACKINGS
@@ -272,9 +273,8 @@ def paths(camera: Camera, rays: PupilRays, microlens: Point, start: float) -> Fl
 def _planes(camera: Camera) -> list[float]:
     """Planes where rays bend before the main lens [mm], the farthest first."""
     planes: list[float] = []
-    for k in reversed(camera.chain.order):
-        near, length = float(camera[f"elements.{k}.distance"]), float(camera.chain.length(camera.numbers, k))
-        steps = camera.chain.elements[k].steps
+    for part in reversed(camera.chain.standing(camera.numbers)):
+        near, length, steps = float(part.start), float(part.length), part.element.steps
         planes += [near + length * (steps - i) / steps for i in range(steps if length else 0)]
         planes.append(near)
     return planes

@@ -14,7 +14,7 @@ import re
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -312,8 +312,8 @@ def study_report(
         design, findings = tolerances.plan.question.design, {"tolerances": tolerance_finding(tolerances)}
         sheet = datasheet_section(basis(design, BuildSpread(tolerances.plan, tolerances.final)))
     findings = _first_look(design, seed or 0, progress, findings)
-    title = str(data.get("name", design.name))
-    return design_report(design, findings=findings, sheet=sheet, title=title, progress=progress, **options)
+    report = design_report(design, findings=findings, sheet=sheet, progress=progress, **options)
+    return replace(report, title=str(data.get("name", design.name)))
 
 
 def story_report(story: _Story, *, seed: int | None = None, progress: Tell = lambda _: None, **options: Any) -> Report:
@@ -349,10 +349,9 @@ def story_report(story: _Story, *, seed: int | None = None, progress: Tell = lam
     opening: tuple[Block, ...] = (Bullets(tuple(steps)),)
     if story.table.story.question:
         opening = (Paragraph(story.table.story.question), *opening)
-    title, sheet = story.table.story.title, datasheet_section(_basis_of(story, parts))
-    return design_report(
-        design, findings=findings, sheet=sheet, opening=opening, title=title, progress=progress, **options
-    )
+    sheet = datasheet_section(_basis_of(story, parts))
+    report = design_report(design, findings=findings, sheet=sheet, opening=opening, progress=progress, **options)
+    return replace(report, title=story.table.story.title)
 
 
 class _Walked(NamedTuple):

@@ -65,11 +65,9 @@ def past_infinity(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Arr
     """
     inside = 1 - _share(c, kind, blur)
     seen = c.seen.d_3 * inside + c.seen.gap
-    less, more = seen - c.tip * inside, inside
-    if c.chain.elements:
-        place, front = c.front
-        more = front.d * inside - front.c * seen
-        less = front.medium * (front.a * seen - front.b * inside) + (place - c.tip) * more
+    place, front = c.front
+    more = front.d * inside - front.c * seen
+    less = front.medium * (front.a * seen - front.b * inside) + (place - c.tip) * more
     inverse = np.asarray(ratio(more, less), float)
     return np.where(np.isinf(depth_of_field(c, kind, blur).far), np.abs(inverse), -inverse)[()]
 

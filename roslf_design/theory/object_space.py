@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._jit import kernel
 from ..bore.chain import MEDIUM
-from ..bore.elements import element_name
 from ..bore.faces import KIND, LIMIT, OPEN, TURNED, Face, Surroundings, axes_of, plane_row, vertex_of
 from ..bore.part import PartNumbers
 from ..camera import Camera, Number
@@ -206,8 +205,8 @@ def _plain(array: Floats) -> Any:
 
 def _units(camera: Camera) -> Iterator[tuple[tuple[float, int], list[Face]]]:
     """Stops and elements, each with where it begins; a stop on an element's vertex comes before that."""
-    n, chain = camera.numbers, camera.chain
-    medium_from = chain.end(n)
+    n = camera.numbers
+    medium_from = camera.chain.end(n)
     medium = n.get(MEDIUM, 1.0)
 
     def around(z: Number) -> Number:
@@ -217,10 +216,9 @@ def _units(camera: Camera) -> Iterator[tuple[tuple[float, int], list[Face]]]:
         at, z = PartNumbers(n, rim.part), rim.ruler_distance
         row = plane_row(vertex_of(at, z), axes_of(at), at["diameter"] / 2)
         yield (_first(z), 0), [Face(row, around(z), around(z), rim.part, rim.name)]
-    for k, element in enumerate(chain.elements):
-        at = chain.at(n, k)
-        surroundings = Surroundings(around(at["distance"] + element.span(at)), camera.pupil_seen_before)
-        yield (_first(at["distance"]), 1), element.faces(at, element_name(element, k + 1), surroundings)
+    for part in camera.in_bore:
+        surroundings = Surroundings(around(part.end), camera.pupil_seen_before)
+        yield (_first(part.start), 1), part.element.faces(part.at, part.name, surroundings)
 
 
 def _first(value: Number) -> float:

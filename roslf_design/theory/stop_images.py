@@ -18,8 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array, floats, magnitude, product, ratio
 from ..bore.opening import ClearAperture, farthest
+from ..bore.part import minus, plus, times
 from ..camera import Camera, Frame, Number, Rim, Vector
-from ..camera.frames import cross, dot, frame, minus, plus, times, total
+from ..camera.frames import cross, dot, frame, total
 from ..shapes.discs import DiscIntersection
 from ..shapes.ellipses import intersect_ellipses
 from ..shapes.openings import Openings

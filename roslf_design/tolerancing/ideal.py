@@ -14,8 +14,9 @@ from functools import cached_property
 import numpy as np
 
 from .._arrays import Array
+from ..bore.part import minus
 from ..camera import Camera, Number, Vector
-from ..camera.frames import along, cross, dot, minus, total
+from ..camera.frames import along, cross, dot, total
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.light import field_stretch
 from ..theory.stop_images import MicrolensImages

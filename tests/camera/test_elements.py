@@ -463,3 +463,14 @@ def test_materials_by_name_come_back_from_a_file_by_name(name):
 def test_a_wavelength_that_no_glass_is_known_at_is_told_with_its_place():
     with pytest.raises(DesignError, match=r"light.wavelength: 100 nm is outside the range of N-LASF9 .365 nm"):
         roslf.load("arthroscope").replace({"light.wavelength": 1e-4})
+
+
+@pytest.mark.parametrize("z", [-5.0, 0.0, 120.0, math.inf, np.array([-1.0, 40.0]), np.array([3.0 + 1e-30j])])
+def test_an_empty_bore_leaves_every_plane_where_it_is(z):
+    """To the bit: behind the main lens, at infinity and with complex steps too."""
+    camera = Camera.of(PAPER)
+    plane = camera.plane(z)
+    assert np.array_equal(plane.distance, z)
+    assert np.all(plane.magnification == 1)
+    assert np.all(plane.medium == 1)
+    assert np.array_equal(camera.plane_seen_at(z), z)

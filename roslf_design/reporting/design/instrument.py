@@ -101,9 +101,9 @@ def _glass(design: Design, camera: Camera, wall: float) -> list[Body]:
 
 def _pose(camera: Camera, k: int) -> Frame:
     """Vertex and axes of an element, which its openings share."""
-    at, element = camera.chain.at(camera.numbers, k), camera.chain.elements[k]
-    (_, place), *_ = element.openings(at)
-    return frame(at.pair("decentre"), -place, element.lean(at))
+    part = camera.in_bore[k]
+    (_, place), *_ = part.element.openings(part.at)
+    return frame(part.at.pair("decentre"), -place, part.element.lean(part.at))
 
 
 def _elements(design: Design, camera: Camera, wall: float) -> list[Body]:

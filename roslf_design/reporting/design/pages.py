@@ -85,7 +85,6 @@ def design_report(
     findings: Mapping[str, Finding] | None = None,
     sheet: Section | None = None,
     opening: tuple[Block, ...] = (),
-    title: str = "",
     command: str = "",
     stamp: tuple[str, ...] = (),
     accuracy: float | None = None,
@@ -102,8 +101,6 @@ def design_report(
         Its data sheet where a study knows tolerances; by default the nominal one.
     opening : tuple of Block
         Stands before the verdicts: what was asked.
-    title : str
-        Instead of the design's name.
     command : str
         What reproduces the report; empty leaves it out.
     stamp : tuple of str
@@ -144,7 +141,7 @@ def design_report(
         Section("Assumptions and what was left out", _assumptions(design, result)),
         making(command, tuple(one.seed for one in studied if one.seed), stamp, design),
     )
-    return Report(title or design.name, design.source, sections)
+    return Report(design.name, design.source, sections)
 
 
 def _design_figures(design: Design, result: Evaluation, progress: Callable[[str], None]) -> dict[str, Figure]:
