@@ -304,7 +304,8 @@ def stop_openings(c: Camera, x: ArrayLike, y: ArrayLike) -> Openings:
         return Openings.of_discs(centres, radii)
     corners = np.empty((*radii.shape[:-1], len(straight), 4, 2))
     for n, k in enumerate(straight):
-        scale = product(c.seen.d_2, stop_angle(c, every[k].distance))  # of either sign, and so are corners
+        upright = 1.0 if (plane := every[k].plane) is None else np.sign(plane.magnification)
+        scale = -upright * product(c.seen.d_2, stop_angle(c, every[k].distance))
         for m, corner in enumerate(every[k].outline.corners):
             for axis in (0, 1):
                 corners[..., n, m, axis] = centres[..., k, axis] + np.asarray(scale * corner[axis])
@@ -316,7 +317,7 @@ def _disc(c: Camera, rim: Rim) -> tuple[Number, tuple[Number, Number], Number]:
     """One of `stop_discs`: how far its centre lies aside per millimetre of the microlens, and on the axis; radius."""
     scale = product(c.seen.d_2, stop_angle(c, rim.distance))
     e_x, e_y = c.decentre(rim.part)
-    reach = rim.outline.narrowest / 2 if rim is not c.fap else rim.radius
+    reach = rim.outline.inradius if rim is not c.fap else rim.radius
     return scale * ((c.f - rim.distance) / c.f), (scale * e_x, scale * e_y), reach * np.abs(scale)
 
 
