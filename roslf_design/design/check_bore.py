@@ -14,15 +14,14 @@ from .check import shown, stop_beyond_focus
 
 
 def about_shapes(design: Assembly) -> Iterator[Problem]:
-    """Stops whose straight sides are followed in air and behind an ideal main lens alone."""
-    reason = "".join(f"elements.0 ({element.kind}) stands before it" for element in design.elements[:1])
-    if design.thin_twin is not design:
-        reason = "main_lens.prescription makes it a real one"
+    """Stops whose straight sides are followed behind an ideal main lens alone."""
+    if design.thin_twin is design:
+        return
     for k, stop in enumerate(design.all_stops):
-        if reason and stop.outline.straight:
+        if stop.outline.straight:
             message = (
-                f'"{stop.shape}" is followed through air and an ideal main lens only, and {reason}; '
-                "give a circle, or drop that"
+                f'"{stop.shape}" is followed behind an ideal main lens only, and main_lens.prescription makes it a '
+                "real one; give a circle, or drop that"
             )
             yield Problem(f"stops.{k - 1}.shape" if k else "aperture.shape", message)
 

@@ -99,8 +99,8 @@ Shape = Literal["circle", "rectangle"]
 """Shapes of a stop's clear opening."""
 
 
-class Stop(OpticalPart):
-    """An opening in object space: the flexible angular plane (FAP), or a further rim of the bore."""
+class Opening(OpticalPart):
+    """A clear opening of some shape."""
 
     shape: Shape = "circle"
     """Shape of the opening."""
@@ -110,12 +110,6 @@ class Stop(OpticalPart):
     """Sides of a rectangle [mm]; None of a circle."""
     turn: Angle = 0.0
     """Angle of a rectangle's first side to x, about the axis [rad]."""
-    distance: Distance
-    """d_3, distance in front of the main lens [mm]; 0 is at the lens."""
-    decentre: Offset = (0.0, 0.0)
-    """Offset from the axis [mm]."""
-    tilt: Tilt = (0.0, 0.0)
-    """[rad]."""
 
     @field_validator("diameter", "sides", mode="after")
     @classmethod
@@ -145,6 +139,17 @@ class Stop(OpticalPart):
         if self.sides is None:
             return ClearAperture((self.diameter or math.nan) / 2)
         return ClearAperture(math.inf, (self.sides[0] / 2, self.sides[1] / 2), self.turn)
+
+
+class Stop(Opening):
+    """An opening in object space: the flexible angular plane (FAP), or a further rim of the bore."""
+
+    distance: Distance
+    """d_3, distance in front of the main lens [mm]; 0 is at the lens."""
+    decentre: Offset = (0.0, 0.0)
+    """Offset from the axis [mm]."""
+    tilt: Tilt = (0.0, 0.0)
+    """[rad]."""
 
     @property
     def number_keys(self) -> tuple[str, ...]:

@@ -82,6 +82,18 @@ class Openings(NamedTuple):
             held &= yy * x * x - 2 * xy * x * y + xx * y * y <= (xx * yy - xy * xy) * slack
         return np.asarray(held)
 
+    def off_rim(self, k: int, points: Array) -> Array:
+        """Distances of points (..., N, 2) from the rim of one, whose sides go on beyond their corners."""
+        if k not in self.polygons:
+            off = points - self.centres[..., k, None, :]
+            return np.abs(np.hypot(off[..., 0], off[..., 1]) - self.radii[..., k, None])
+        corners = self.corners[..., self.polygons.index(k), :, :]
+        way = np.roll(corners, -1, -2) - corners
+        way = way / np.hypot(way[..., :1], way[..., 1:])
+        off = points[..., None, :] - corners[..., None, :, :]
+        aside = way[..., None, :, 0] * off[..., 1] - way[..., None, :, 1] * off[..., 0]
+        return np.asarray(np.abs(aside).min(-1))
+
     @property
     def first_is_disc(self) -> bool:
         """Whether the first is a disc."""

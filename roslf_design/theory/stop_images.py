@@ -307,7 +307,8 @@ def stop_openings(c: Camera, x: ArrayLike, y: ArrayLike) -> Openings:
     ellipses = tuple(k for k in leaning if k not in straight)
     forms = np.empty((*radii.shape[:-1], len(ellipses), 3))
     for n, k in enumerate(straight):
-        scale = product(c.seen.d_2, stop_angle(c, every[k].distance))  # of either sign, and so are corners
+        sign = 1.0 if (plane := every[k].plane) is None else np.sign(plane.magnification)
+        scale = -sign * product(c.seen.d_2, stop_angle(c, every[k].distance))
         upright = [(x * scale, y * scale) for x, y in every[k].outline.corners]
         seen = leaning[k].image(every[k].outline) if k in leaning else None
         for m, corner in enumerate(upright):
@@ -346,7 +347,7 @@ def _disc(c: Camera, rim: Rim) -> tuple[Number, tuple[Number, Number], Number]:
     """One of `stop_discs`: how far its centre lies aside per millimetre of the microlens, and on the axis; radius."""
     scale = product(c.seen.d_2, stop_angle(c, rim.distance))
     e_x, e_y = c.decentre(rim.part)
-    reach = rim.outline.narrowest / 2 if rim is not c.fap else rim.radius
+    reach = rim.outline.inradius if rim is not c.fap else rim.radius
     return scale * ((c.f - rim.distance) / c.f), (scale * e_x, scale * e_y), reach * np.abs(scale)
 
 
