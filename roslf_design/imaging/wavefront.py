@@ -136,6 +136,6 @@ def _extra_slopes(source: PointSource, faces: ObjectSpaceFaces, pupil: Floats) -
     x, y, z = source.place
     d_3, start = float(source.camera.seen.d_3), pupil + source.lens
     ends = np.concatenate([start, np.broadcast_to([-d_3, x, y, -z], (len(pupil), 4))], axis=1)
-    (slope,), (far,), _ = beyond_fap(Train.before(faces), ends[None])
+    (slope,), (far,), _ = beyond_fap(Train.before(*faces.bending), ends[None])
     comes = (far <= FOUND) & (_carried(faces, start + slope * d_3, slope).status == RayFate.KEPT)
     return slope - source.slope(pupil), comes

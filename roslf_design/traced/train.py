@@ -81,11 +81,12 @@ class Train(NamedTuple):
         return cls(own, far._replace(table=np.concatenate([far.table, far_law], axis=1)))
 
     @classmethod
-    def before(cls, ahead: ObjectSpaceFaces) -> Train:
-        """All that stands before an ideal lens, of one build and in its own frame, beyond the FAP as that sees it."""
-        far = _stack(ahead.table[None], ahead.media[None], ahead.media[None, 0, 1:])
-        table = np.concatenate([far.table, ahead.law.reshape(1, -1)], axis=1)
-        return cls(SurfaceStack(np.empty((1, 0)), np.ones((1, 1))), far._replace(table=table))
+    def before(cls, *ahead: ObjectSpaceFaces) -> Train:
+        """Faces before an ideal lens in air, from there outwards, of one build and in its own frame, all `beyond`."""
+        rows, sides = (np.concatenate(parts)[None] for parts in zip(*((a.table, a.media) for a in ahead), strict=True))
+        far = _stack(rows, sides, np.ones((1, 1)))
+        far = far._replace(table=np.concatenate([far.table, ahead[0].law.reshape(1, -1)], axis=1))
+        return cls(SurfaceStack(np.empty((1, 0)), np.ones((1, 1))), far)
 
 
 def _stack(rows: Array, sides: Array, medium: Array) -> SurfaceStack:
