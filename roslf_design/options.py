@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable
+from numbers import Integral
 from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, ValidationError
+from pydantic import AfterValidator, BeforeValidator, ValidationError
 
-from .errors import Argument, InputError
-from .toml_files import problems_of
+from .errors import Argument, InputError, refusal
+from .toml_files import StrictTable, problems_of
 
 FileName = Annotated[str, BeforeValidator(lambda name: os.fspath(name) if isinstance(name, os.PathLike) else name)]
 """Name of a file, or of a preset."""
@@ -19,7 +20,7 @@ SEEDS = 2**63
 """Below which seeds lie: what files, generators and compiled kernels hold alike."""
 
 
-def usable_seed(seed: int) -> int:
+def _usable_seed(seed: int) -> int:
     """Seed as it is.
 
     Raises
@@ -34,7 +35,17 @@ def usable_seed(seed: int) -> int:
     return seed
 
 
-Seed = Annotated[int, AfterValidator(usable_seed)]
+def check_seed(seed: int) -> int:
+    """Seed as it is; refused, by its keyword, where it is none."""
+    if not isinstance(seed, Integral):
+        raise refusal("seed", f"{seed!r} is no whole number; give one from 0")
+    try:
+        return _usable_seed(seed)
+    except ValueError as error:
+        raise refusal("seed", str(error)) from None
+
+
+Seed = Annotated[int, AfterValidator(_usable_seed)]
 """Seed of random numbers."""
 
 
@@ -49,10 +60,8 @@ def up_to(most: int) -> AfterValidator:
     return AfterValidator(check)
 
 
-class Options(BaseModel):
+class Options(StrictTable):
     """Options of a job; the description of a field is its help in the shell."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     @classmethod
     def of(cls, **values: Any) -> Self:

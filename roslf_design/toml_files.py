@@ -7,12 +7,15 @@ that is.
 from __future__ import annotations
 
 import difflib
+import json
 import tomllib
 from collections.abc import Collection, Sequence
+from itertools import chain
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar, get_args, get_origin
+from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails
 
 from .errors import InputError, Problem
@@ -21,10 +24,36 @@ from .input_files import read_text, strange
 Model = TypeVar("Model", bound=BaseModel)
 FROM_ZERO = {"greater_than": "must be greater than zero", "greater_than_equal": "must not be negative"}
 """Messages about a value below its least, where that is 0."""
+BOUNDS = {"greater_than": "above", "greater_than_equal": "at least", "less_than": "below", "less_than_equal": "at most"}
+"""Words for a bound, by the kind of fault and as pydantic calls it."""
+TYPES = {
+    "string_type": "text",
+    "bool_type": "true or false",
+    "bool_parsing": "true or false",
+    "int_type": "a whole number",
+    "int_parsing": "a whole number",
+    "int_from_float": "a whole number",
+    "float_type": "a finite number without a unit",
+    "float_parsing": "a finite number without a unit",
+    "finite_number": "a finite number without a unit",
+    "list_type": "a list",
+    "tuple_type": "a list",
+}
+"""Words for what a value must be, by the kind of fault."""
 KIND = "kind"
 """Key that tells which table one is, where it may be several."""
 TAG = "%"
 """Prefix that pydantic puts before the kind of a value that may be a name or a table."""
+
+
+class StrictTable(BaseModel):
+    """Base of every table of a file: frozen, unknown keys are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+PlainNumber = Annotated[float, Field(strict=True)]
+"""A number that is not written as text."""
 
 
 def read_toml(
@@ -74,20 +103,22 @@ def nearest(name: str, known: Collection[str], otherwise: str = "") -> str:
     return f"did you mean '{near[0]}'?" if near else otherwise or f"known here: {', '.join(known)}"
 
 
-def validated(model: type[Model], data: Any, origin: str = "", **context: Any) -> Model:
+def validated(
+    model: type[Model], data: Any, origin: str = "", *, refusal: type[InputError] = InputError, **context: Any
+) -> Model:
     """A file's nested values as their model; `context` is what its validators go by.
 
     Raises
     ------
     InputError
-        Every fault of them; `origin` is what it calls the file.
+        Every fault of them; `origin` is what it calls the file, `refusal` the `InputError` of this kind of file.
     """
     try:
         return model.model_validate(data, context={"from_file": True, **context})
     except ValidationError as error:
-        raise InputError(problems_of(error, model), origin) from None
+        raise refusal(problems_of(error, model), origin) from None
     except UnicodeEncodeError as error:  # bytes of a command line that are no letters
-        raise InputError((Problem("", f'"{error.object}" is no UTF-8 text; write it again'),), origin) from None
+        raise refusal((Problem("", f'"{error.object}" is no UTF-8 text; write it again'),), origin) from None
 
 
 def problems_of(error: ValidationError, model: type[BaseModel]) -> tuple[Problem, ...]:
@@ -100,20 +131,22 @@ def problems_of(error: ValidationError, model: type[BaseModel]) -> tuple[Problem
     model : type
         The model they were validated against, for its known keys.
     """
-    return tuple(
-        problem
-        for detail in error.errors(include_url=False)
-        for problem in (_problems_within(detail) or [_problem(detail, model)])
-    )
+    details = error.errors(include_url=False)
+    faulty = {detail["loc"][:-1] for detail in details}  # lists that pydantic calls short where entries are wrong
+    told = [detail for detail in details if detail["type"] != "too_short" or detail["loc"] not in faulty]
+    problems = (_problems_within(detail, model) or [_problem(detail, model)] for detail in told)
+    return tuple(dict.fromkeys(chain.from_iterable(problems)))
 
 
-def _problems_within(detail: ErrorDetails) -> list[Problem]:
-    """Faults of another file that a key names, each a line of its own: the file, the place in it, what is wrong."""
+def _problems_within(detail: ErrorDetails, model: type[BaseModel]) -> list[Problem]:
+    """Faults of a table that reads itself, or of another file that a key names, each a line of its own."""
     error = detail.get("ctx", {}).get("error")
     if not isinstance(error, InputError):
         return []
-    key = ".".join(map(str, detail["loc"]))
-    return [Problem(key, str(InputError((problem,), error.origin))) for problem in error.problems]
+    key = _at(model, detail["loc"]).key
+    if error.origin or not key:
+        return [Problem(key, str(InputError((problem,), error.origin))) for problem in error.problems]
+    return [Problem(".".join(filter(None, (key, problem.key))), problem.message) for problem in error.problems]
 
 
 def _problem(detail: ErrorDetails, model: type[BaseModel]) -> Problem:
@@ -121,21 +154,28 @@ def _problem(detail: ErrorDetails, model: type[BaseModel]) -> Problem:
     at = _at(model, detail["loc"])
     key, name = at.key, str(detail["loc"][-1]) if detail["loc"] else ""
     if kind == "extra_forbidden":
-        around = _at(model, detail["loc"][:-1]).models
-        return Problem(key, "is not a known key; " + nearest(name, [*around[0].model_fields] if around else ()))
+        known = dict.fromkeys(key for table in _at(model, detail["loc"][:-1]).models for key in _keys(table))
+        return Problem(key, "is not a known key; " + nearest(name, known))
+    such_as = f" such as {json.dumps(at.examples[0])}" if at.examples else ""
+    in_list = bool(detail["loc"]) and isinstance(detail["loc"][-1], int)
+    if kind == "missing" and in_list:
+        several = f"a list of {at.entries}" if at.entries else "a longer list"
+        return Problem(key.rpartition(".")[0], f"must be {several}{such_as}, got {value!r}")
     if kind == "missing":
-        return Problem(key, _missing(at))
+        return Problem(key, _missing(at, name))
     if kind == "value_error":
         return Problem(key, detail["msg"].removeprefix("Value error, "))
-    if kind in FROM_ZERO:
-        least = context.get("gt", context.get("ge"))
-        bound = f"must be {'above' if kind == 'greater_than' else 'at least'} {least}"
-        return Problem(key, f'"{value}" {FROM_ZERO[kind] if least == 0 else bound}')
+    if kind in BOUNDS:
+        bound = next(iter(context.values()))
+        below_zero = kind in FROM_ZERO and bound == 0
+        return Problem(key, f'"{value}" ' + (FROM_ZERO[kind] if below_zero else f"must be {BOUNDS[kind]} {bound:g}"))
     if kind == "literal_error":
         return Problem(key, f'"{value}" is not known; write {context["expected"]}')
     if kind == "too_long":
         counts = f"{context['actual_length']} entries, at most {context['max_length']} can be used"
         return Problem(key, f"has {counts}; leave some out")
+    if kind == "too_short" and context["actual_length"]:
+        return Problem(key, f"has {context['actual_length']} of at least {context['min_length']} entries; add some")
     if kind.startswith("union_tag"):
         names = [_tag(one) for one in at.models]
         remedy = f"write one of {', '.join(names)}"
@@ -143,9 +183,13 @@ def _problem(detail: ErrorDetails, model: type[BaseModel]) -> Problem:
         fault = "is missing; " + remedy if tag is None else f'"{tag}" is not known; {nearest(str(tag), names, remedy)}'
         return Problem(f"{key}.{KIND}", fault)
     if kind in ("model_type", "dict_type", "model_attributes_type"):
-        return Problem(key, f"must be a table of keys ([{key}] in the file), got {value!r}")
+        head = f"[[{key.rpartition('.')[0]}]]" if at.listed else f"[{key}]"
+        return Problem(key, f"must be a table of keys ({head} in the file), got {value!r}")
     if kind == "tuple_type" and at.models:
         return Problem(key, f"must be tables, each headed [[{key}]], got {value!r}")
+    if kind in TYPES:
+        several = f" of {at.entries}" if kind == "tuple_type" and at.entries else ""
+        return Problem(key, f"must be {TYPES[kind]}{several}{'' if in_list else such_as}, got {value!r}")
     return Problem(key, f"{detail['msg'][0].lower()}{detail['msg'][1:]}, got {value!r}")
 
 
@@ -158,11 +202,16 @@ class _Place(NamedTuple):
     """Models that may stand there: one table, or several; empty for values."""
     listed: bool
     """Whether there are several, each headed by double brackets."""
+    entries: int
+    """Count of a list of values that has just so many; 0 elsewhere."""
+    examples: Sequence[Any]
+    """Values that a field says could stand there."""
 
 
 def _at(model: type[BaseModel], place: Sequence[int | str]) -> _Place:
     names: list[int | str] = []
-    models, listed = [model], False
+    models, listed, entries = [model], False, 0
+    examples: Sequence[Any] = ()
     for step in place:
         if str(step).startswith(TAG):
             continue
@@ -172,10 +221,21 @@ def _at(model: type[BaseModel], place: Sequence[int | str]) -> _Place:
             continue
         names.append('""' if step == "" else step)
         if isinstance(step, str):
-            field = models[0].model_fields.get(step) if len(models) == 1 else None
+            field = _field(models[0], step) if len(models) == 1 else None
             kind = None if field is None else field.annotation
-            models, listed = _tables(kind), get_origin(kind) in (list, tuple)
-    return _Place(".".join(map(str, names)), models, listed)
+            models, entries = _tables(kind), _entries(kind)
+            listed = get_origin(kind) in (list, tuple) or get_args(kind)[:1] == (int,)
+            examples = () if field is None else field.examples or ()
+    return _Place(".".join(map(str, names)), models, listed, entries, examples)
+
+
+def _field(table: type[BaseModel], key: str) -> FieldInfo | None:
+    fields = table.model_fields
+    return fields.get(key) or next((field for field in fields.values() if field.alias == key), None)
+
+
+def _keys(table: type[BaseModel]) -> list[str]:
+    return [field.alias or name for name, field in table.model_fields.items()]
 
 
 def _tables(kind: Any) -> list[type[BaseModel]]:
@@ -185,13 +245,21 @@ def _tables(kind: Any) -> list[type[BaseModel]]:
     return [table for part in get_args(kind) for table in _tables(part)]
 
 
+def _entries(kind: Any) -> int:
+    """Count of values in a list of a type that has just so many; 0 of any other."""
+    if get_origin(kind) is tuple:
+        return 0 if Ellipsis in get_args(kind) else len(get_args(kind))
+    return max(map(_entries, get_args(kind)), default=0)
+
+
 def _tag(table: type[BaseModel]) -> str:
     return str(get_args(table.model_fields[KIND].annotation)[0]) if KIND in table.model_fields else ""
 
 
-def _missing(at: _Place) -> str:
+def _missing(at: _Place, name: str) -> str:
     if len(at.models) != 1:
-        return "is missing; add it"
+        example = f", e.g. {name} = {' or '.join(map(json.dumps, at.examples))}" if at.examples else ""
+        return f"is missing; add it{example}"
     # A default that is validated is none: it stands for a value that another key gives.
     fields = at.models[0].model_fields.items()
     needed = ", ".join(name for name, field in fields if field.is_required() or field.validate_default)

@@ -90,6 +90,8 @@ _BASE = {
     "temperature": "degC",
     "temperature difference": "K",
 }
+_LACKING = _BASE | {"angle": "deg"}
+"""Units that messages offer for a number without one."""
 # Possessive, or a text of thousand digits that is no quantity takes ten seconds to refuse.
 _NUMBER = re.compile(r"\s*([+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?)\s*(\S*)\s*")
 
@@ -111,12 +113,12 @@ def parse_quantity(text: object, dimension: str, *, unit_required: bool = True) 
     ValueError
         Says what is wrong and what to write instead.
     """
-    example, base = _EXAMPLE[dimension], _BASE[dimension]
+    example, unit = _EXAMPLE[dimension], _LACKING[dimension]
     if isinstance(text, bool) or not isinstance(text, (str, Real)):  # a numpy float32 is a number, too
         raise ValueError(f'expected a {dimension} such as "{example}", got {text!r}')
     if not isinstance(text, str):
         if unit_required and text != 0:  # which is the same in every unit
-            raise ValueError(f'{text!r} has no unit; write it as text with one, e.g. "{text!r} {base}"')
+            raise ValueError(f'{text!r} has no unit; write it as text with one, e.g. "{text!r} {unit}"')
         value = float(text)
         if not math.isfinite(value):
             raise ValueError(f"{text!r} is not a finite number")
@@ -124,12 +126,12 @@ def parse_quantity(text: object, dimension: str, *, unit_required: bool = True) 
     match = _NUMBER.fullmatch(text)
     if match is None:
         raise ValueError(f'cannot read "{text}" as a {dimension}; write e.g. "{example}"')
-    number, unit = match.groups()
-    if not unit:
-        raise ValueError(f'"{text}" has no unit; write e.g. "{number} {base}"')
-    factor = UNITS[dimension].get(unit)
+    number, given = match.groups()
+    if not given:
+        raise ValueError(f'"{text}" has no unit; write e.g. "{number} {unit}"')
+    factor = UNITS[dimension].get(given)
     if factor is None:
-        raise ValueError(f'"{text}": {_about_unit(unit, dimension)}')
+        raise ValueError(f'"{text}": {_about_unit(given, dimension)}')
     value = float(number)
     if math.isfinite(value) and value:  # decimals reach no further than floats
         value = float(Decimal(number) * factor)

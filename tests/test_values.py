@@ -32,7 +32,7 @@ import roslf_design as roslf
 from roslf_design.calibration.decoding import LightField
 from roslf_design.camera import Camera
 from roslf_design.depth.estimate import DisparityMap
-from roslf_design.evaluation.result import Numbers
+from roslf_design.evaluation.groups import Numbers
 from roslf_design.lenses.glass import D_LINE
 from roslf_design.traced.images import real_field
 

@@ -13,10 +13,10 @@ from pydantic import BaseModel
 from pydantic_core import PydanticUndefined
 from sphinx.pycode import ModuleAnalyzer
 
-from roslf_design.bore.material import Material
 from roslf_design.bore.real_lens import Lens
-from roslf_design.evaluation.result import Numbers
+from roslf_design.evaluation.groups import Numbers
 from roslf_design.lenses.glass import Glass
+from roslf_design.lenses.material import Material
 from roslf_design.lenses.solid import Solid
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing.study import FieldPlace
@@ -72,7 +72,8 @@ def keys_table(model: type[BaseModel], own: Mapping[str, str] = {}) -> str:
     own : mapping
         What to say of keys that the code leaves undescribed, or says in words that need the code.
     """
-    told = descriptions(model) | own
+    options = {name: field.description for name, field in model.model_fields.items() if field.description}
+    told = descriptions(model) | options | own
     hints = get_type_hints(model, include_extras=True)
     rows = []
     for name, field in model.model_fields.items():

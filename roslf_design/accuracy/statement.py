@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 from ..errors import refusal
@@ -28,9 +29,10 @@ def check_accuracy(accuracy: float, least: float = LEAST, why: str = "") -> floa
     InputError
         Not between `least` and 1.
     """
-    if not least <= accuracy <= 1:
+    if not (isinstance(accuracy, Real) and least <= accuracy <= 1):
+        given = f"{accuracy:g}" if isinstance(accuracy, Real) else repr(accuracy)
         reason = f" ({why})" if why else ""
-        raise refusal("accuracy", f"{accuracy:g} is out of range; give {least:g} to 1, as 1e-3{reason}")
+        raise refusal("accuracy", f"{given} is out of range; give {least:g} to 1, as 1e-3{reason}")
     return accuracy
 
 

@@ -99,7 +99,7 @@ class AccuracyTable:
         return f'{head}, "rows": [\n  {lines}\n]}}\n'
 
 
-def read_table(path: Path) -> AccuracyTable:
+def _read_table(path: Path) -> AccuracyTable:
     """A table file.
 
     Raises
@@ -132,13 +132,13 @@ def cache_file() -> Path:
 def current_table() -> AccuracyTable:
     """The user's own table where there is one, else the shipped one; read once."""
     own = cache_file()
-    return read_table(own) if own.is_file() else shipped_table()
+    return _read_table(own) if own.is_file() else shipped_table()
 
 
 @cache
 def shipped_table() -> AccuracyTable:
     """Measured on another machine: errors hold here as well, times only in proportion."""
-    return read_table(Path(str(files("roslf_design.accuracy") / SHIPPED)))
+    return _read_table(Path(str(files("roslf_design.accuracy") / SHIPPED)))
 
 
 # --- the choice -------------------------------------------------------------------------------------------------------

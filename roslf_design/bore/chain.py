@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._arrays import ratio
-from ..lenses.angles import F_TAN, AngleLaw, AngleMap, Law
+from ..lenses.angles import F_TAN, AngleMap, Law
 from .conjugates import CONJUGATES, followed
 from .elements import AnyElement, element_name
 from .fold import Reflection, fold_of
-from .part import Number, PartNumbers
+from .part import Number, PartNumbers, minus, plus, times
 
 Flags = np.bool_ | NDArray[np.bool_]
 
@@ -68,7 +68,7 @@ class ImagedPlane(NamedTuple):
         return self.medium * self.magnification**2
 
 
-class ChainStep(NamedTuple):
+class _ChainStep(NamedTuple):
     """Light somewhere before the main lens, in air."""
 
     matrix: tuple[Number, Number, Number, Number]
@@ -78,11 +78,11 @@ class ChainStep(NamedTuple):
     place: Number
     """Distance before the main lens [mm]."""
 
-    def propagated(self, gap: Number) -> ChainStep:
+    def propagated(self, gap: Number) -> _ChainStep:
         """Straight on by a reduced length; the place stays."""
         (a, b, c, d), ((e_x, f_x), (e_y, f_y)) = self.matrix, self.shifts
-        shifts = (e_x - gap * f_x, f_x), (e_y - gap * f_y, f_y)
-        return self._replace(matrix=(a + gap * c, b + gap * d, c, d), shifts=shifts)
+        shifts = (minus(e_x, times(gap, f_x)), f_x), (minus(e_y, times(gap, f_y)), f_y)
+        return self._replace(matrix=(plus(a, times(gap, c)), plus(b, times(gap, d)), c, d), shifts=shifts)
 
     def plane(self, medium: Number) -> ImagedPlane:
         """The plane there, with an index on its scene's side."""
@@ -90,22 +90,58 @@ class ChainStep(NamedTuple):
         return ImagedPlane(*self.matrix, (e_x, e_y), (f_x, f_y), medium)
 
 
+class StandingElement(NamedTuple):
+    """An element where it stands in a camera."""
+
+    k: int
+    """Which of the design's elements it is, from 0."""
+    element: AnyElement
+    at: PartNumbers
+    start: Number
+    """Distance of its sensor-side vertex before the main lens [mm]."""
+    length: Number
+    """Length along the axis [mm]."""
+
+    @property
+    def end(self) -> Number:
+        """Distance of its scene's side before the main lens [mm]."""
+        return self.start + self.length
+
+    @property
+    def name(self) -> str:
+        """Name, "plate 1"."""
+        return element_name(self.element, self.k + 1)
+
+    @property
+    def diameter(self) -> Number:
+        """Clear aperture [mm]; infinite where it lets everything through."""
+        return self.at.get("diameter", math.inf)
+
+
+class BoreWalk(NamedTuple):
+    """The bore of a camera as light goes through it, from the main lens outwards: what all planes share."""
+
+    parts: tuple[StandingElement, ...]
+    steps: tuple[_ChainStep, ...]
+    """Light at the main lens, then on the scene's side of each element in turn."""
+
+
 @dataclass(frozen=True)
 class Chain:
     """Elements before the main lens, the medium before them, and the glass about the microlens array."""
 
     elements: tuple[AnyElement, ...]
-    lenslets: str = "scene"
-    """Side that the lenslets on a substrate face."""
     housing: float = 0.0
     """Expansion of what spaces the surfaces of an element by prescription [1/K]."""
-    plates: tuple[str, ...] = ()
-    """Places of the plates about the array: `SUBSTRATE`, `COVER`."""
+    plates_before: tuple[str, ...] = ()
+    """Places of the glass before the microlenses: `SUBSTRATE` where they face the sensor."""
+    plates_behind: tuple[str, ...] = ()
+    """Places of the glass behind them: `SUBSTRATE`, `COVER`."""
 
     @property
     def in_air(self) -> bool:
         """Whether light meets nothing but the main lens, stops and microlenses."""
-        return not self.elements and not self.plates
+        return not (self.elements or self.plates_before or self.plates_behind)
 
     @cached_property
     def order(self) -> tuple[int, ...]:
@@ -113,11 +149,14 @@ class Chain:
         return tuple(sorted(range(len(self.elements)), key=lambda k: self.elements[k].distance))
 
     @cached_property
+    def _outwards(self) -> tuple[tuple[int, AnyElement], ...]:
+        """Elements from the main lens outwards, with which of the design's each is."""
+        return tuple((k, self.elements[k]) for k in self.order)
+
+    @cached_property
     def folding(self) -> tuple[AnyElement, ...]:
         """Elements that turn the axis or reverse pictures, from the main lens outwards."""
-        return tuple(
-            element for element in map(self.elements.__getitem__, self.order) if element.turn or element.reverses
-        )
+        return tuple(part for _, part in self._outwards if part.turn or part.reverses)
 
     @cached_property
     def reflections(self) -> tuple[Reflection, ...]:
@@ -132,7 +171,7 @@ class Chain:
     @cached_property
     def signed(self) -> frozenset[str]:
         """Places of numbers that may have either sign."""
-        return frozenset(f"elements.{k}.{key}" for k in self.order for key in self.elements[k].signed)
+        return frozenset(f"elements.{k}.{key}" for k, part in self._outwards for key in part.signed)
 
     @cached_property
     def fold(self) -> NDArray[np.float64]:
@@ -158,7 +197,7 @@ class Chain:
     @cached_property
     def mapped(self) -> int | None:
         """Index of the element that is an objective with a mapping; None where light goes on as to first order."""
-        return next((k for k, element in enumerate(self.elements) if element.law is not None), None)
+        return next((k for k, part in self._outwards if part.mapping_name), None)
 
     def mapped_from(self, numbers: Mapping[str, Number]) -> Number:
         """Distance of that objective from the main lens [mm], beyond which its mapping holds; else infinite."""
@@ -167,12 +206,12 @@ class Chain:
     @property
     def law(self) -> Law | None:
         """Mapping of angles by the objective; None where it is f tan (`..lenses.angles`)."""
-        return None if self.mapped is None else self.elements[self.mapped].law
+        return self.mapping.law
 
     @cached_property
     def mapping(self) -> AngleMap:
         """Mapping of angles by the objective, f tan where it has none of its own."""
-        return F_TAN if self.law is None else AngleLaw(self.law)
+        return next((part.angle_map for _, part in self._outwards if part.mapping_name), F_TAN)
 
     def at(self, numbers: Mapping[str, Number], k: int) -> PartNumbers:
         """Numbers of an element."""
@@ -182,67 +221,64 @@ class Chain:
         """Length of an element along the axis [mm]."""
         return self.elements[k].span(self.at(numbers, k))
 
-    def prefix_matrices(self, numbers: Mapping[str, Number]) -> tuple[ChainStep, ...]:
-        """Light at the main lens, then on the scene's side of each element in turn: what all planes share."""
-        steps = [ChainStep((1.0, 0.0, 0.0, 1.0), ((0.0, 0.0), (0.0, 0.0)), 0.0)]
-        for k in self.order:
-            start, length = numbers[f"elements.{k}.distance"], self.length(numbers, k)
-            step = steps[-1].propagated(start - steps[-1].place)
-            steps.append(self._through(numbers, k, step, length, np.True_)._replace(place=start + length))
-        return tuple(steps)
+    def standing(self, numbers: Mapping[str, Number]) -> tuple[StandingElement, ...]:
+        """Elements where they stand, from the main lens outwards."""
+        numbered = ((k, part, self.at(numbers, k)) for k, part in self._outwards)
+        return tuple(StandingElement(k, part, at, at["distance"], part.span(at)) for k, part, at in numbered)
 
-    def plane(self, numbers: Mapping[str, Number], z: Number, walk: tuple[ChainStep, ...] | None = None) -> ImagedPlane:
+    def walk(self, numbers: Mapping[str, Number]) -> BoreWalk:
+        """Light through all elements, from the main lens outwards."""
+        parts = self.standing(numbers)
+        steps = [_ChainStep((1.0, 0.0, 0.0, 1.0), ((0.0, 0.0), (0.0, 0.0)), 0.0)]
+        for part in parts:
+            step = steps[-1].propagated(part.start - steps[-1].place)
+            steps.append(self._through(part, step, part.length, np.True_))
+        return BoreWalk(parts, tuple(steps))
+
+    def plane(self, numbers: Mapping[str, Number], z: Number, walk: BoreWalk | None = None) -> ImagedPlane:
         """The plane at z before the main lens [mm]; on a thin lens, the lens not yet passed.
 
-        `prefix_matrices` is that of the numbers, for many planes.
+        `walk` is that of the numbers, for many planes.
         """
-        if not self.elements:
-            return ImagedPlane(1.0, z, 0.0, 1.0, (0.0, 0.0), (0.0, 0.0), 1.0)
-        steps = self.prefix_matrices(numbers) if walk is None else walk
+        parts, steps = self.walk(numbers) if walk is None else walk
         behind = 0  # elements that every build's plane has behind it
-        while behind < len(self.order):
-            start = numbers[f"elements.{self.order[behind]}.distance"]
-            if not (_all(z > start) and _all(z >= steps[behind + 1].place)):
-                break
+        while behind < len(parts) and _all(z > parts[behind].start) and _all(z >= steps[behind + 1].place):
             behind += 1
-        step = steps[behind]
+        step, back = steps[behind], np.minimum(z, 0.0)
         index: Number = 1.0
-        for k in self.order[behind:]:
-            start, length = numbers[f"elements.{k}.distance"], self.length(numbers, k)
-            step = step.propagated(np.maximum(np.minimum(start, z) - step.place, 0.0))
-            passed = np.greater(z, start)
+        for part in parts[behind:]:
+            step = step.propagated(np.maximum(np.minimum(part.start, z) - step.place, back))
+            passed = np.greater(z, part.start)
             if not np.any(passed):
                 return step.plane(index)
-            inside = np.minimum(np.maximum(z - start, 0.0), length)
-            step = self._through(numbers, k, step, inside, passed)._replace(place=start + length)
-            glass = numbers.get(f"elements.{k}.index", 1.0)
-            index = np.where(passed & np.less(z, step.place), glass, 1.0)[()]
+            inside = np.minimum(np.maximum(z - part.start, 0.0), part.length)
+            step = self._through(part, step, inside, passed)
+            index = _either(passed & np.less(z, step.place), part.at.get("index", 1.0), 1.0)
         medium = numbers.get(MEDIUM, 1.0)
-        outside = np.greater_equal(z, step.place)
-        return step.propagated(np.maximum(z - step.place, 0.0) / medium).plane(np.where(outside, medium, index)[()])
+        beyond = np.maximum(z - step.place, back) / medium
+        return step.propagated(beyond).plane(_either(np.greater_equal(z, step.place), medium, index))
 
-    def _through(
-        self, numbers: Mapping[str, Number], k: int, step: ChainStep, inside: Number, passed: Flags
-    ) -> ChainStep:
+    def _through(self, part: StandingElement, step: _ChainStep, inside: Number, passed: Flags) -> _ChainStep:
         """Light past as much of an element."""
-        element, at = self.elements[k], self.at(numbers, k)
+        element, at = part.element, part.at
         p, q, r, s = forward = element.forward(at, inside, passed)
         a, b, c, d = step.matrix
         matrix = s * a + q * c, s * b + q * d, r * a + p * c, r * b + p * d
-        beyond = numbers.get(MEDIUM, 1.0) if k == self.order[-1] else 1.0
+        beyond = at.numbers.get(MEDIUM, 1.0) if part.k == self.order[-1] else 1.0
         x, y = (element.shifted(at, axis, forward, inside, step.shifts[axis], beyond) for axis in (0, 1))
-        return ChainStep(matrix, (x, y), step.place)
+        return _ChainStep(matrix, (x, y), part.end)
 
-    def mapped_image(self, numbers: Mapping[str, Number], walk: tuple[ChainStep, ...]) -> ImagedPlane:
-        """Image plane of what is far, by the objective with a mapping: heights there are focal length times p."""
-        assert self.mapped is not None
-        part, step = f"elements.{self.mapped}", walk[1 + self.order.index(self.mapped)]
-        f, (_, _, c, d) = numbers[f"{part}.focal_length"], step.matrix
-        shifts = (-f * lean for _, lean in step.shifts)
-        off = (numbers[f"{part}.decentre.{k}"] - numbers[f"main_lens.decentre.{k}"] for k in (0, 1))
-        # Its middle is where p = 0, whatever the decentre of the part.
-        x, y = (shift + by for shift, by in zip(shifts, off, strict=True))
-        return ImagedPlane(f * c, f * d, 0.0, 0.0, (x, y), (0.0, 0.0), 1.0)
+    def mapped_images(self, walk: BoreWalk) -> Iterator[tuple[StandingElement, ImagedPlane]]:
+        """Each objective with a mapping, and its image plane of what is far: heights there are focal length times p."""
+        for part, step in zip(walk.parts, walk.steps[1:], strict=True):
+            if part.k != self.mapped:
+                continue
+            f, (_, _, c, d) = part.at["focal_length"], step.matrix
+            shifts = (-f * lean for _, lean in step.shifts)
+            centre = (part.at.numbers[f"main_lens.decentre.{axis}"] for axis in (0, 1))
+            # Its middle is where p = 0, whatever the decentre of the part.
+            x, y = (s + (own - at) for s, own, at in zip(shifts, part.at.pair("decentre"), centre, strict=True))
+            yield part, ImagedPlane(f * c, f * d, 0.0, 0.0, (x, y), (0.0, 0.0), 1.0)
 
     def telecentric(self, numbers: Mapping[str, Number], fap: Number) -> Flags:
         """Whether the scene sees what stands at `fap` [mm before the main lens] at infinity, or all but."""
@@ -283,71 +319,60 @@ class Chain:
 
     def plane_seen_at(self, numbers: Mapping[str, Number], distance: Number) -> Number:
         """Distance of the plane before the farthest element that is seen at a distance before the main lens [mm]."""
-        if not self.elements:
-            return distance
         far, last = self.front(numbers)
-        return far + ratio(last.medium * (distance * last.a - last.b), last.d - distance * last.c)
+        here = times(last.medium, minus(times(distance, last.a), last.b))
+        return plus(far, _over(here, minus(last.d, times(distance, last.c))))
 
-    def front(
-        self, numbers: Mapping[str, Number], walk: tuple[ChainStep, ...] | None = None
-    ) -> tuple[Number, ImagedPlane]:
+    def front(self, numbers: Mapping[str, Number], walk: BoreWalk | None = None) -> tuple[Number, ImagedPlane]:
         """The farthest element's scene side: its distance [mm before the main lens], and the plane, all passed."""
-        last = (self.prefix_matrices(numbers) if walk is None else walk)[-1]
+        last = (self.walk(numbers) if walk is None else walk).steps[-1]
         return last.place, last.plane(numbers.get(MEDIUM, 1.0))
 
     @property
     def bends(self) -> bool:
         """Whether anything in it changes what size things are seen in."""
-        return any(element.bends for element in self.elements)
+        return any(part.bends for _, part in self._outwards)
 
     def stands_at(self, numbers: Mapping[str, Number], distance: Number) -> Number:
         """Distance by a ruler of a plane that is seen at a distance through flat glass [mm]; nan inside glass."""
         place: Number = 0.0
         reduced: Number = 0.0
         stands: Number = np.full(np.shape(distance), np.nan)
-        for k in self.order:
-            start, length = numbers[f"elements.{k}.distance"], self.length(numbers, k)
-            before = np.greater_equal(distance, reduced) & np.less_equal(distance, reduced + (start - place))
+        for part in self.standing(numbers):
+            before = np.greater_equal(distance, reduced) & np.less_equal(distance, reduced + (part.start - place))
             stands = np.where(before, place + (distance - reduced), stands)
-            reduced = reduced + (start - place) + self.elements[k].forward(self.at(numbers, k), length, np.True_)[1]
-            place = start + length
+            through = part.element.forward(part.at, part.length, np.True_)[1]
+            reduced = reduced + (part.start - place) + through
+            place = part.end
         medium = numbers.get(MEDIUM, 1.0)
         return np.where(np.greater_equal(distance, reduced), place + medium * (distance - reduced), stands)[()]
 
     def end(self, numbers: Mapping[str, Number]) -> Number:
         """The scene's side of the farthest element [mm before the main lens]; 0 where there is none."""
-        if not self.elements:
-            return 0.0
-        k = self.order[-1]
-        return numbers[f"elements.{k}.distance"] + self.length(numbers, k)
+        return sum((numbers[f"elements.{k}.distance"] + self.length(numbers, k) for k in self.order[-1:]), 0.0)
 
-    def apart(self, numbers: Mapping[str, Number], stops: Mapping[str, Number]) -> Iterator[tuple[str, Flags]]:
+    def apart(self, walk: BoreWalk, stops: Mapping[str, Number]) -> Iterator[tuple[str, Flags]]:
         """Pairs of elements and stops that might stand in each other, in words, and True where they do not."""
-        names = [element_name(element, k) for k, element in enumerate(self.elements, 1)]
-        for k, (name, stop) in product(self.order, stops.items()):
-            start = numbers[f"elements.{k}.distance"]
-            clear = np.less_equal(stop, start) | np.greater_equal(stop, start + self.length(numbers, k))
-            yield f"{name} and {names[k]} collide", clear
-        for k, farther in pairwise(self.order):
-            ends = numbers[f"elements.{k}.distance"] + self.length(numbers, k)
-            wide, tall = (numbers.get(f"elements.{part}.diameter", math.inf) for part in (k, farther))
-            between = self.elements[k].reach(wide, tall / 2) + self.elements[farther].reach(tall, wide / 2)
-            clear = np.less_equal(ends + between, numbers[f"elements.{farther}.distance"])
-            yield f"{names[k]} and {names[farther]} collide", clear
+        for part, (name, stop) in product(walk.parts, stops.items()):
+            clear = np.less_equal(stop, part.start) | np.greater_equal(stop, part.end)
+            yield f"{name} and {part.name} collide", clear
+        for part, farther in pairwise(walk.parts):
+            wide, tall = part.diameter, farther.diameter
+            between = part.element.reach(wide, tall / 2) + farther.element.reach(tall, wide / 2)
+            yield f"{part.name} and {farther.name} collide", np.less_equal(part.end + between, farther.start)
 
     def before_array(self, numbers: Mapping[str, Number]) -> Number:
         """Length that glass before the microlenses takes off d_1, ``t (1 - 1/n)`` [mm]."""
-        return _shortened(numbers, SUBSTRATE) if self.lenslets == "sensor" else 0.0
+        return sum((_shortened(numbers, place) for place in self.plates_before), 0.0)
 
     def behind_array(self, numbers: Mapping[str, Number]) -> Number:
         """Length that glass behind the microlenses takes off d_2 [mm]."""
-        substrate = _shortened(numbers, SUBSTRATE) if self.lenslets == "scene" else 0.0
-        return substrate + _shortened(numbers, COVER)
+        return sum((_shortened(numbers, place) for place in self.plates_behind), 0.0)
 
     def followed(self, numbers: Mapping[str, Number], key: str) -> Number:
         """The value of one of f, d_f and d_1 that the other two in `numbers` give [mm]."""
         array = 0.0 if key == DISTANCE else numbers[DISTANCE] - self.before_array(numbers)
-        if key == PLANE and self.elements:  # in vergences: what is in focus may be seen at infinity and beyond
+        if key == PLANE and self.order:  # in vergences: what is in focus may be seen at infinity and beyond
             f = numbers[FOCAL]
             return self.plane_of_vergence(numbers, (array - f) / (array * f))
         apparent = {**numbers, DISTANCE: array}
@@ -361,8 +386,18 @@ def _all(flags: bool | Flags) -> bool:
     return flags if isinstance(flags, bool) else bool(np.all(flags))
 
 
+def _either(flags: Flags, a: Number, b: Number) -> Number:
+    """A where flags hold, else b."""
+    if isinstance(a, float) and isinstance(b, float) and a == b:
+        return a
+    return np.where(flags, a, b)[()]
+
+
+def _over(a: Number, b: Number) -> Number:
+    """Quotient with its limits; exact ones cost nothing."""
+    return a if isinstance(b, float) and b == 1.0 else ratio(a, b)
+
+
 def _shortened(numbers: Mapping[str, Number], part: str) -> Number:
-    if f"{part}.thickness" not in numbers:
-        return 0.0
     index = numbers[f"{part}.index"]
     return numbers[f"{part}.thickness"] * (index - 1) / index

@@ -14,13 +14,11 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..lenses.angles import Law
-from ..lenses.glass import Glass
-from ..lenses.prescription import Prescription
+from ..lenses.angles import F_TAN, AngleMap
 from ..units import Distance, Length
 from .export import SequenceRow
 from .faces import Face, Surroundings
-from .part import Number, Offset, Part, PartNumbers, Tilt
+from .part import Number, Offset, OpticalPart, PartNumbers, Tilt
 
 Matrix = tuple[Number, Number, Number, Number]
 """A, B, C and D of light towards the sensor, its slopes times index."""
@@ -31,7 +29,7 @@ Shift = tuple[Number, Number]
 """Along one axis, where the main lens's axis is [mm], and index times its slope."""
 
 
-class Element(Part):
+class Element(OpticalPart):
     """Something transparent before the main lens."""
 
     distance: Distance
@@ -86,34 +84,14 @@ class Element(Part):
         return float(getattr(self, "thickness", 0.0))
 
     @property
-    def glass(self) -> Glass | None:
-        """Material of its index; None of one that has no index, or one that is a number."""
-        return None
-
-    @property
-    def glasses(self) -> tuple[tuple[str, Glass | None], ...]:
-        """Every material of it by its key."""
-        return ()
-
-    @property
-    def prescribed(self) -> Prescription | None:
-        """Lens that gives it by surfaces, as in the design file."""
-        return None
-
-    @property
-    def law(self) -> Law | None:
-        """Mapping of angles, for kernels; None as to first order."""
-        return None
+    def angle_map(self) -> AngleMap:
+        """Mapping of angles."""
+        return F_TAN
 
     @property
     def mapping_name(self) -> str:
         """Name of its mapping of angles; empty where that is f tan."""
         return ""
-
-    @property
-    def grows(self) -> bool:
-        """Whether it is known what temperature does to it."""
-        return True
 
     @property
     def half_height(self) -> float | None:

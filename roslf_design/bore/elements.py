@@ -6,13 +6,13 @@ from typing import Annotated
 
 from pydantic import Field
 
-from ..lenses.glass import AIR
+from ..lenses.glass import AIR, Glass
+from ..lenses.material import Material
 from ..words import length
 from .group import LensGroup
 from .lens import FieldLens
-from .material import Material
 from .mirror import Mirror
-from .part import Part
+from .part import OpticalPart
 from .plate import Plate, Prism
 from .rod import Grin
 
@@ -20,11 +20,21 @@ AnyElement = Annotated[Plate | Prism | Mirror | FieldLens | Grin | LensGroup, Fi
 """Element of `[[elements]]`, of any kind."""
 
 
-class ObjectSpace(Part):
+class ObjectSpace(OpticalPart):
     """Medium that the scene lies in."""
 
     medium: Material = AIR
     """Medium in front of the farthest element, which seals it off."""
+
+    @property
+    def glass(self) -> Glass:
+        """The medium."""
+        return self.medium
+
+    @property
+    def glasses(self) -> tuple[tuple[str, Glass | None], ...]:
+        """The medium."""
+        return (("medium", self.medium),)
 
 
 def element_name(element: AnyElement, number: int) -> str:

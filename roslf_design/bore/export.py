@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ..lenses.prescription import Prescription, Surface
+from .opening import ClearAperture
 
 
 @dataclass(frozen=True)
@@ -21,6 +22,13 @@ class SequenceRow:
     is_stop: bool = False
     mirror: tuple[float, float] | None = None
     """Angle between the axis and a mirror's surface, and the azimuth into which that turns the view [rad]."""
+    opening: ClearAperture | None = None
+    """Clear opening; None is the disc of the surface's semi-diameter."""
+
+    @property
+    def clip(self) -> ClearAperture:
+        """Clear opening."""
+        return ClearAperture(self.surface.semi_diameter) if self.opening is None else self.opening
 
 
 def lens_surfaces(name: str, lens: Prescription, start: float) -> list[SequenceRow]:

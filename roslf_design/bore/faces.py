@@ -10,12 +10,16 @@ from numpy.typing import NDArray
 
 from ..lenses.prescription import rotation
 from ..lenses.tracer import COLUMNS, SPHERE
+from .opening import ROW, ClearAperture
 from .part import Number, PartNumbers
 
 Floats = NDArray[np.float64]
 
 KIND, LIMIT, TURNED = 6, 5, 7
 """Columns of a row: its kind, square of its semi-diameter, whether its axes are turned."""
+STOP, HOLE = 15, 17
+"""Kind of the row of a stop, which the tracer does not know as it bends nothing, and where the numbers of its opening
+stand (`opening.inside`)."""
 OPEN = 1e300
 """Square of a semi-diameter that lets everything through."""
 
@@ -61,6 +65,14 @@ def plane_row(vertex: Floats, axes: Floats, radius: Number, *others: Number) -> 
     row[..., :3], row[..., 4], row[..., LIMIT] = vertex, 1.0, np.minimum(np.square(radius), OPEN)
     row[..., KIND], row[..., TURNED] = SPHERE, is_turned(axes)
     row[..., 8:17] = axes.reshape(*axes.shape[:-2], 9)
+    return row
+
+
+def stop_row(vertex: Floats, axes: Floats, opening: ClearAperture) -> Floats:
+    """Row of a stop."""
+    hole = opening.row()
+    row = plane_row(vertex, axes, opening.reach, hole[..., 0])
+    row[..., KIND], row[..., HOLE : HOLE + ROW] = STOP, hole
     return row
 
 

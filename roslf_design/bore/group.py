@@ -48,9 +48,9 @@ class LensGroup(Element):
         return tuple(("prescription", surface.glass) for surface in self.prescription.surfaces)
 
     @property
-    def prescribed(self) -> Prescription | None:
-        """Lens that gives it by surfaces, as in the design file."""
-        return self.prescription
+    def prescribed(self) -> tuple[Prescription, ...]:
+        """Its own."""
+        return (self.prescription,)
 
     @property
     def half_height(self) -> float:

@@ -8,8 +8,9 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from pydantic import ValidationInfo, field_validator
 
-from ..lenses.angles import Law
+from ..lenses.angles import AngleMap
 from ..lenses.glass import Glass
+from ..lenses.material import Material
 from ..lenses.prescription import Surface
 from ..lenses.tracer import LENGTH, MAPPED, THIN
 from ..units import AnyLength
@@ -17,8 +18,7 @@ from ..words import length
 from .element import Element, Flags, Matrix, Outline, face
 from .export import SequenceRow
 from .faces import KIND, TURNED, Face, Surroundings, axes_of, plane_row, vertex_of
-from .mapping import COLLINEAR, AnyMapping, MappingTable, mapping_fault, mapping_law
-from .material import Material
+from .mapping import COLLINEAR, AnyMapping, MappingTable, angle_map, mapping_fault
 from .part import Number, PartNumbers
 
 IMAGE = ".image"
@@ -55,9 +55,9 @@ class FieldLens(Element):
         return value
 
     @property
-    def law(self) -> Law | None:
-        """Mapping for kernels; None of f tan."""
-        return mapping_law(self.mapping, float(self.focal_length) if isinstance(self.mapping, MappingTable) else 1.0)
+    def angle_map(self) -> AngleMap:
+        """Its mapping; of a table that of its focal length."""
+        return angle_map(self.mapping, float(self.focal_length) if self.mapping_name == "table" else 1.0)
 
     @property
     def mapping_name(self) -> str:
@@ -92,9 +92,9 @@ class FieldLens(Element):
         row = plane_row(vertex, axes, at.get("diameter", math.inf) / 2, f)
         row[..., KIND], row[..., TURNED], row[..., 3] = THIN, 0.0, 1 / f
         faces = [Face(row, around.medium, 1.0, opening, name)]
-        if (law := self.law) is not None:
+        if self.mapping_name:
             reach, image = around.pupil_ahead(np.nextafter(z, np.inf)) - z, np.abs(f)
-            bent = plane_row(vertex, axes, image * float(law[0, 1]), reach)
+            bent = plane_row(vertex, axes, image * self.angle_map.end, reach)
             bent[..., KIND], bent[..., LENGTH], bent[..., TURNED], bent[..., 4] = MAPPED, reach, 0.0, image
             faces.append(Face(bent, around.medium, 1.0, f"{at.place}{IMAGE}", f"{name}, mapping"))
         return faces
@@ -114,7 +114,7 @@ class FieldLens(Element):
 
     def rows(self, name: str, at: float, semi: float) -> list[SequenceRow]:
         """A paraxial surface; there is none for a mapping."""
-        if self.law is not None:
+        if self.mapping_name:
             raise ValueError("a lens with a mapping")
         return [SequenceRow(name, at, Surface(0.0, semi), float(self.focal_length))]
 

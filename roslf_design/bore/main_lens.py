@@ -59,7 +59,7 @@ class MainLensKind:
 
     @property
     def glasses(self) -> tuple[tuple[str, Glass | None], ...]:
-        """Every material of it by its place."""
+        """Every material of it by its key."""
         raise NotImplementedError
 
     @property
@@ -134,6 +134,19 @@ class MainLensKind:
         """A design of it with an ideal lens of the same focal length and clear aperture."""
         return design
 
+    def replaced_by(self, other: MainLensKind) -> bool:
+        """Whether another lens can stand in its place, told as exactly."""
+        return True
+
+    def replacement(
+        self, other: MainLensKind, wavelength: float, temperature: float | None = None, housing: float = 0.0
+    ) -> dict[str, Any]:
+        """Place to what another lens in its place has beside focal length and diameter.
+
+        Warmed to a temperature [degrees C] in a housing of an expansion [1/K], where one is given.
+        """
+        return {}
+
 
 @dataclass(frozen=True)
 class IdealMainLens(MainLensKind):
@@ -150,7 +163,7 @@ class IdealMainLens(MainLensKind):
     @property
     def glasses(self) -> tuple[tuple[str, Glass | None], ...]:
         """Its material."""
-        return (("main_lens.material", self.material),)
+        return (("material", self.material),)
 
     def about(self, values: Mapping[str, float | None], turned: bool, wavelength: float | None) -> Iterator[Problem]:
         """Being turned round, which says nothing."""
@@ -218,7 +231,7 @@ class RealMainLens(MainLensKind):
     @property
     def glasses(self) -> tuple[tuple[str, Glass | None], ...]:
         """Glass of each surface."""
-        return tuple(("main_lens.prescription", surface.glass) for surface in self.prescription.surfaces)
+        return tuple(("prescription", surface.glass) for surface in self.prescription.surfaces)
 
     @property
     def prescribed(self) -> tuple[Prescription, ...]:
@@ -317,6 +330,18 @@ class RealMainLens(MainLensKind):
         ideal = {"prescription": None, "reversed": False, "focal_length": design.f, "diameter": design.D}
         twin: ThinDesign = design.model_copy(update={"main_lens": design.main_lens.model_copy(update=ideal)})
         return twin
+
+    def replaced_by(self, other: MainLensKind) -> bool:
+        """Whether the other's surfaces are known."""
+        return bool(other.prescribed)
+
+    def replacement(
+        self, other: MainLensKind, wavelength: float, temperature: float | None = None, housing: float = 0.0
+    ) -> dict[str, Any]:
+        """The other's surfaces, and the focal length that these have."""
+        (lens,) = other.prescribed
+        warm = lens if temperature is None else lens.warmed(temperature, housing)
+        return {"main_lens.prescription": lens, FOCAL: focal_length_at(warm, wavelength)}
 
 
 def main_lens_kind(

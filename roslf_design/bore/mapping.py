@@ -19,7 +19,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BeforeValidator, Discriminator, Field, Tag, model_validator
 
-from ..lenses.angles import SINE, STEREOGRAPHIC, TABLE, THETA, Law, angle_in_air
+from ..lenses.angles import F_TAN, SINE, STEREOGRAPHIC, TABLE, THETA, AngleLaw, AngleMap, Law
 from ..toml_files import TAG, nearest
 from ..units import Angle, AnyLength, format_quantity
 from .part import Part
@@ -88,30 +88,28 @@ def mapping_fault(mapping: MappingTable, focal_length: float) -> str | None:
             f"the table begins like a lens of focal length {own}, not {format_quantity(focal_length, 'length')}; "
             "mend one of them"
         )
-    law = mapping_law(mapping, focal_length)
-    assert law is not None
-    p = np.linspace(0, law[0, 1], 50 * len(q))
-    if not (np.diff(angle_in_air(law, p)) > 0).all():
+    law = angle_map(mapping, focal_length)
+    if not (np.diff(law.angle(np.linspace(0, law.end, 50 * len(q)))) > 0).all():
         return "between its entries the table's angles do not rise with its heights; mend the entry that jumps"
     return None
 
 
 @lru_cache(maxsize=64)
-def mapping_law(mapping: str | MappingTable, focal_length: float) -> Law | None:
-    """Mapping as kernels take it; None of f tan.
+def angle_map(mapping: str | MappingTable, focal_length: float) -> AngleMap:
+    """Mapping of angles; that of a table depends on the focal length, on which others do not.
 
     Of a table, theta/p is a cubic spline of p^2 through its entries, which keeps the angle odd in p and its first order
     that of the focal length.
     """
+    if mapping == COLLINEAR:
+        return F_TAN
     if isinstance(mapping, MappingTable):
         from scipy.interpolate import CubicSpline
 
         q, ratios = mapping.ratios(focal_length)
         pieces = np.column_stack([q[:-1], CubicSpline(q, ratios).c.T])
         law = np.vstack([[TABLE, math.sqrt(q[-1]), 0.0, 0.0, 0.0], pieces])
-    elif mapping == COLLINEAR:
-        return None
     else:
         law = np.array([[*KINDS[mapping], 0.0, 0.0, 0.0]], float)
     law.setflags(write=False)
-    return law
+    return AngleLaw(law)

@@ -129,11 +129,11 @@ class Mirror(Element):
         vertex = np.stack(np.broadcast_arrays(x, y, -z - self._depth(at)), axis=-1)
         row = plane_row(vertex, rotation(*self.lean(at)), at["diameter"] / 2, *(part for line in turn for part in line))
         row[..., KIND], row[..., TURNED] = MIRROR, 0.0
-        pivot = 0.0, 0.0, np.negative(z)
+        pivot = np.negative(x), np.negative(y), self._depth(at)  # where the axis meets it, from the row's vertex
         for i, line in enumerate(turn):
             for j, part in enumerate(line):
                 row[..., MOVED + 3 * i + j] = part
-            row[..., MOVED + 9 + i] = moved[i] + pivot[i] - line[2] * pivot[2]
+            row[..., MOVED + 9 + i] = moved[i] + pivot[i] - _inner((line[0], line[1], line[2]), pivot)
         return [Face(row, 1.0, 1.0, f"{at.place}.0", name)]
 
     def profile(self, ends: tuple[float, float], thick: float) -> list[tuple[Outline, Outline]]:

@@ -45,8 +45,8 @@ class ClearAperture(NamedTuple):
         first, second = (f"{part}.{key}" for key in SIDES)
         if first not in numbers:
             return cls(numbers[f"{part}.{DIAMETER}"] / 2)
-        if np.all(np.isinf(numbers[first])):  # it cuts nothing
-            return cls(math.inf)
+        if np.all(np.isinf(numbers[first])):
+            return UNBOUNDED
         return cls(math.inf, (numbers[first] / 2, numbers[second] / 2), numbers[f"{part}.{TURN}"])
 
     @property
@@ -125,7 +125,12 @@ class ClearAperture(NamedTuple):
     @property
     def narrowest(self) -> Number:
         """Its least extent in any direction."""
-        return 2 * self.radius if self.half is None else 2 * np.minimum(*self.half)
+        return 2 * self.inradius
+
+    @property
+    def inradius(self) -> Number:
+        """Distance of its nearest side from its centre."""
+        return self.radius if self.half is None else np.minimum(*self.half)
 
     @property
     def slimness(self) -> Number:
@@ -149,13 +154,15 @@ class ClearAperture(NamedTuple):
 
     def scaled(self, factor: Number) -> ClearAperture:
         """The opening as it is seen so much larger."""
-        half = None if self.half is None else (self.half[0] * factor, self.half[1] * factor)
-        return ClearAperture(self.radius * factor, half, self.turn)
+        if self.half is None:
+            return ClearAperture(self.radius * factor)
+        return self._replace(half=(self.half[0] * factor, self.half[1] * factor))
 
     def over(self, factor: Number) -> ClearAperture:
         """The opening as it is seen so much smaller."""
-        half = None if self.half is None else (self.half[0] / factor, self.half[1] / factor)
-        return ClearAperture(self.radius / factor, half, self.turn)
+        if self.half is None:
+            return ClearAperture(self.radius / factor)
+        return self._replace(half=(self.half[0] / factor, self.half[1] / factor))
 
     def sized(self, width: Number) -> ClearAperture:
         """The opening as it is seen so wide."""
@@ -229,6 +236,15 @@ class ClearAperture(NamedTuple):
         reach = 1 / np.maximum(np.abs(u[0] * x + u[1] * y) / a, np.abs(v[0] * x + v[1] * y) / b)
         return reach * x, reach * y
 
+    def along_rim(self, points: int) -> Array:
+        """Points of its rim, shape (points, 2), counterclockwise: as many along each side, within its ends."""
+        if self.half is None:
+            angle = np.linspace(0, 2 * math.pi, points, endpoint=False)
+            return np.asarray(self.radius * np.stack([np.cos(angle), np.sin(angle)], -1))
+        corners, each = np.array(self.corners, float), points // len(self.corners)
+        share = ((np.arange(each) + 0.5) / each)[:, None]
+        return np.concatenate([a + share * (b - a) for a, b in zip(corners, np.roll(corners, -1, 0), strict=True)])
+
     @property
     def rule(self) -> Sequence[tuple[Number, Number, float]]:
         """Points (x, y) and weights that average polynomials up to the fifth degree over it exactly."""
@@ -274,9 +290,14 @@ class ClearAperture(NamedTuple):
         return left
 
     def row(self) -> Array:
-        """Numbers of one opening that `inside` takes, shape (ROW,)."""
+        """Numbers that `inside` takes, shape (..., ROW)."""
         half = (math.inf, math.inf) if self.half is None else self.half
-        return np.array([self.radius * self.radius, *half, np.cos(self.turn), np.sin(self.turn)], float)
+        numbers = self.radius * self.radius, *half, np.cos(self.turn), np.sin(self.turn)
+        return np.stack(np.broadcast_arrays(*(np.asarray(number, float) for number in numbers)), -1)
+
+
+UNBOUNDED = ClearAperture(math.inf)
+"""An opening that cuts nothing."""
 
 
 def farthest(points: Sequence[Pair]) -> Number:

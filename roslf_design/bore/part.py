@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict
 
 from .._arrays import by_value
+from ..lenses.glass import Glass
+from ..lenses.prescription import Prescription
+from ..toml_files import StrictTable
 from ..units import Angle, AnyLength, Length
 
 Number = float | NDArray[np.float64]
@@ -23,15 +25,68 @@ WAVELENGTH, TEMPERATURE = "light.wavelength", "environment.temperature"
 """Places of a design that every part may depend on."""
 
 
-class Part(BaseModel):
-    """Base of every part: frozen, comparable, hashable, picklable; unknown keys are errors."""
+def times(a: Number, b: Number) -> Number:
+    """Product; exact zeros and ones cost nothing."""
+    if isinstance(a, float):
+        if a == 0.0:
+            return 0.0
+        if a == 1.0:
+            return b
+    if isinstance(b, float):
+        if b == 0.0:
+            return 0.0
+        if b == 1.0:
+            return a
+    return a * b
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+def plus(a: Number, b: Number) -> Number:
+    """Sum; exact zeros cost nothing."""
+    if isinstance(a, float) and a == 0.0:
+        return b
+    if isinstance(b, float) and b == 0.0:
+        return a
+    return a + b
+
+
+def minus(a: Number, b: Number) -> Number:
+    """Difference; exact zeros cost nothing."""
+    if isinstance(b, float) and b == 0.0:
+        return a
+    return a - b
+
+
+class Part(StrictTable):
+    """Base of every part: frozen, comparable, hashable, picklable; unknown keys are errors."""
 
     def __repr_args__(self) -> Iterator[tuple[str | None, Any]]:
         """Fields that differ from their defaults."""
         fields = type(self).model_fields
         yield from ((name, value) for name, value in super().__repr_args__() if value != fields[str(name)].default)
+
+
+class OpticalPart(Part):
+    """Part that light meets, and what all of them answer."""
+
+    @property
+    def glass(self) -> Glass | None:
+        """Material of its index; None of one that has no index, or one that is a number."""
+        return None
+
+    @property
+    def glasses(self) -> tuple[tuple[str, Glass | None], ...]:
+        """Every material of it by its key."""
+        return ()
+
+    @property
+    def prescribed(self) -> tuple[Prescription, ...]:
+        """Lens that gives it by surfaces, as in the design file."""
+        return ()
+
+    @property
+    def grows(self) -> bool:
+        """Whether it is known what temperature does to it."""
+        return True
 
 
 @by_value

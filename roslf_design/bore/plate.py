@@ -9,14 +9,22 @@ import numpy as np
 from pydantic import Field
 
 from ..lenses.glass import Glass
+from ..lenses.material import Material
 from ..lenses.prescription import Surface, rotation
 from ..units import Angle, Length
 from ..words import length
 from .element import Element, Flags, Matrix, degrees
 from .export import SequenceRow
 from .faces import Face, Surroundings, axes_of, plane_row, vertex_of
-from .material import Material
 from .part import Number, PartNumbers, Tilt
+
+
+def glass_rows(name: str, at: float, thickness: float, glass: Glass, semi: float) -> list[SequenceRow]:
+    """Rows of flat glass whose sensor's side stands at a place behind the main lens's reference plane [mm]."""
+    return [
+        SequenceRow(f"{name}, front", at - thickness, Surface(0.0, semi, glass=glass)),
+        SequenceRow(f"{name}, back", at, Surface(0.0, semi)),
+    ]
 
 
 class Block(Element):
@@ -65,10 +73,7 @@ class Block(Element):
 
     def rows(self, name: str, at: float, semi: float) -> list[SequenceRow]:
         """Rows of both faces."""
-        return [
-            SequenceRow(f"{name}, front", at - self.thickness, Surface(0.0, semi, glass=self.material)),
-            SequenceRow(f"{name}, back", at, Surface(0.0, semi)),
-        ]
+        return glass_rows(name, at, self.thickness, self.material, semi)
 
     def words(self) -> tuple[str, ...]:
         """Thickness and material."""

@@ -66,7 +66,7 @@ def find_corners(picture: ArrayLike, board: Board, weight: ArrayLike | None = No
         if not detected:
             continue
         rough = (np.asarray(corners, float).reshape(-1, 2) + 0.5) / scale - 0.5
-        checked = checked_grid(rough, board, grey.astype(float))
+        checked = _checked_grid(rough, board, grey.astype(float))
         if checked is None:
             continue
         saddles = _placed(pixels, known, checked, checked, board)
@@ -233,7 +233,7 @@ def _followed(
     """Columns and rows of the corners in each chosen view, shape (v, n, 2); NaN where not placed."""
     start, step, rows = _completed(central.corners, board), field.u[1] - field.u[0], field.hexagonal
     foot = LENS_SHAPES[lens_shape].rule(1 / step)
-    grid = None if rows is None else RowGrid((rows.starts - field.u[0]) / step, 1 / step)
+    grid = None if rows is None else _RowGrid((rows.starts - field.u[0]) / step, 1 / step)
     values, weight = (field.values, field.weight) if rows is None else rows[:2]
     places = np.full((len(chosen), len(start), 2), np.nan)
     lever = drift = 0.0
@@ -257,7 +257,7 @@ def _placed(
     shape: Array,
     board: Board,
     foot: Array | None = None,
-    rows: RowGrid | None = None,
+    rows: _RowGrid | None = None,
 ) -> _Saddles:
     """Saddles from `start`, with edges and window as the grid `shape` has them."""
     grid = shape.reshape(*board.inner[::-1], 2)
@@ -269,7 +269,7 @@ def _placed(
 
 
 def _on_markers(
-    corners: Array, board: Board, markers: Markers, shape: tuple[int, int], rows: RowGrid | None
+    corners: Array, board: Board, markers: Markers, shape: tuple[int, int], rows: _RowGrid | None
 ) -> NDArray[np.bool_]:
     """Samples on markers or, blurred, beside them: up to a pixel, or half the way to the cell's edge."""
     starts, spacing = (np.zeros(shape[0]), 1.0) if rows is None else rows
@@ -366,7 +366,7 @@ def _eight_bit(pixels: Array, known: NDArray[np.bool_]) -> NDArray[np.uint8]:
 # --- is it really the board? ------------------------------------------------------------------------------------------
 
 
-def checked_grid(corners: Array, board: Board, picture: Array) -> Array | None:
+def _checked_grid(corners: Array, board: Board, picture: Array) -> Array | None:
     """Corners in the order of `Board.points`, or None where they fit no plane or the cells do not alternate.
 
     `corners` are columns and rows, shape (n, 2), as a detector orders them; the result is turned from across to down as
@@ -424,7 +424,7 @@ _BLUR = (0.15, 4.0)
 """Least and most blur (standard deviation) of an edge, besides the sample's own width [px]."""
 
 
-class RowGrid(NamedTuple):
+class _RowGrid(NamedTuple):
     """Where a picture's samples stand, in rows one view pixel apart."""
 
     starts: Array
@@ -453,7 +453,7 @@ def fit_saddles(
     edges: Array,
     half: int,
     foot: Array | None = None,
-    rows: RowGrid | None = None,
+    rows: _RowGrid | None = None,
 ) -> _Saddles:
     """Fit ``level + slopes + contrast erf(a/w) erf(b/w)`` around each corner, a and b distances from two edges.
 

@@ -18,7 +18,7 @@ DARKEST = 0.05
 """Light of the white image, against its brightest, under which a sample says nothing."""
 
 
-class HexagonalRows(NamedTuple):
+class _HexagonalRows(NamedTuple):
     """Samples of a hexagonal array where its microlenses stand, before they are interpolated to a square grid."""
 
     values: Samples
@@ -52,7 +52,7 @@ class LightField:
     """[microlens pitches]"""
     pitch: float
     """Microlens-image pitch on the sensor [px]."""
-    hexagonal: HexagonalRows | None = None
+    hexagonal: _HexagonalRows | None = None
     """Rows of a hexagonal array; None of a square one."""
 
     def __post_init__(self) -> None:
@@ -81,7 +81,7 @@ class LightField:
         if hexagonal is not None:
             starts = hexagonal.starts[::-1] if along else 1 - hexagonal.starts - hexagonal.values.shape[3]
             samples, light = (np.flip(part, (views, lenses)) for part in (hexagonal.values, hexagonal.weight))
-            hexagonal = HexagonalRows(samples, light, starts)
+            hexagonal = _HexagonalRows(samples, light, starts)
         values, weight = (np.ascontiguousarray(np.flip(part, (views, lenses))) for part in (self.values, self.weight))
         axes = {name: -getattr(self, name)[::-1] for name in ("su" if along == 0 else "tv")}
         return replace(self, values=values, weight=weight, hexagonal=hexagonal, **axes)
@@ -227,7 +227,7 @@ class Decoder:
             first = self.starts + 0.5 * self.rows
             along = lattice.inside(self.shape) @ (1.0, 0.5)
             u = step * np.arange(math.ceil(along.min() / step), math.floor(along.max() / step) + 1)
-            hexagonal = HexagonalRows(values, weight, first)
+            hexagonal = _HexagonalRows(values, weight, first)
             values, weight = squared(values, weight, u, first)
         v = step * self.rows.astype(float)
         return LightField(values, weight, offsets, offsets.copy(), u, v, lattice.pitch, hexagonal)

@@ -4,7 +4,7 @@ A sample of the view s' gets light from all over the pupil's blurred image and f
 the image's rim ever more of it comes from further inside and from next door, so corners move less from view to view
 than Eq. 12 says: left alone, this shortens the baseline and makes d_2 too large (13 % in the paper's camera). The
 white image shows the same blur on an even scene: its cell gives the pupil's radius and the blur, and with them the
-displacement of every corner follows (`apparent_shifts`), which is subtracted.
+displacement of every corner follows (`_apparent_shifts`), which is subtracted.
 """
 
 from __future__ import annotations
@@ -78,7 +78,7 @@ class DiffractionCheck:
     """Reason why it was taken off, or not, as a sentence."""
     expected_blur: float
     """Blur of the design, lambda d_2/d [px]."""
-    image: PupilImage | None = None
+    image: _PupilImage | None = None
     """As the white image has it; None where it was not looked at."""
     misfit: float = 0.0
     """RMS difference between the white image's cell and `image`, relative to the mean."""
@@ -105,8 +105,8 @@ class WhiteImage(NamedTuple):
     lattice: CentreLattice
 
     def cell(self) -> _WhiteCell:
-        """Mean microlens image, as `white_cell` has it."""
-        return white_cell(self.pixels, self.lattice, self.dark)
+        """Mean microlens image, as `_white_cell` has it."""
+        return _white_cell(self.pixels, self.lattice, self.dark)
 
 
 class Corrected(NamedTuple):
@@ -148,13 +148,13 @@ def calibrate_corrected(
     Corrected
         The fit's `systematic` holds the correction's own uncertainty (5 % of what it changed, and the difference
         between the white image's pupil image and the one that the design and the calibration predict), what inner and
-        outer views disagree on (`view_disagreement`) and what a real main lens does beyond the model
+        outer views disagree on (`_view_disagreement`) and what a real main lens does beyond the model
         (`aberration_error`).
     """
     check, bent = _looked_at(design, white, wish), white.lattice.bend is not None
     if not check.corrected or check.image is None:
         plain = calibrate(observations, sheet, distortion=distortion, guess=guess)
-        left = view_disagreement(observations, plain, sheet, distortion)
+        left = _view_disagreement(observations, plain, sheet, distortion)
         systematic = np.concatenate([left, aberration_error(plain, sheet, design, distortion, bent)])
         return Corrected(replace(plain, fit=plain.fit._replace(systematic=systematic)), check)
     straight = _straightened(observations, board, check.image)
@@ -171,7 +171,7 @@ def calibrate_corrected(
     )
     moved = [calibrate(other, sheet, distortion=distortion, guess=camera.A).fit.camera for other in others]
     own = np.stack([other.vector(_NAMES) - camera.vector(_NAMES) for other in moved])
-    left = view_disagreement(straight, result, sheet, distortion)
+    left = _view_disagreement(straight, result, sheet, distortion)
     systematic = np.concatenate([own, left, aberration_error(result, sheet, design, distortion, bent)])
     result = replace(result, fit=result.fit._replace(systematic=systematic))
     check = replace(check, largest=float(np.nanmax(np.hypot(*np.moveaxis(shifts, -1, 0)))), shifts=shifts)
@@ -194,9 +194,9 @@ def _looked_at(design: Design, white: WhiteImage, wish: DiffractionMode) -> Diff
             False, f"The design's microlens diffraction, {expected:.2g} px, is too small to matter", expected
         )
     radius, lattice = float(microlens_image_diameter(c) / (2 * c.q)), white.lattice
-    start = PupilImage(radius, max(expected, _SMALL), lattice.pitch, lattice.layout, c.lens_shape)
+    start = _PupilImage(radius, max(expected, _SMALL), lattice.pitch, lattice.layout, c.lens_shape)
     cell = white.cell()
-    waves, rays = fit_cell(cell, start, blurred=True), fit_cell(cell, start, blurred=False)
+    waves, rays = _fit_cell(cell, start, blurred=True), _fit_cell(cell, start, blurred=False)
     blurred = waves.image.blur > max(_SMALL, _FAINT * expected) and waves.misfit < rays.misfit
     best, warning = waves if blurred or wish == "on" else rays, ""
     if best.misfit > _UNLIKE:
@@ -218,10 +218,10 @@ def _looked_at(design: Design, white: WhiteImage, wish: DiffractionMode) -> Diff
 
 
 def _straightened(
-    observations: Observations, board: Board, image: PupilImage, start: Observations | None = None
+    observations: Observations, board: Board, image: _PupilImage, start: Observations | None = None
 ) -> Observations:
     """Corners where they would be without diffraction; their slopes are found along, from those of `start`."""
-    weights = view_weights(image, observations.views)
+    weights = _view_weights(image, observations.views)
     slopes = fit_lines(observations if start is None else start).slope
     central = fit_lines(observations).central
     tables = [_shifts_of_board(weights, *one, board, image.lens_shape) for one in zip(slopes, central, strict=True)]
@@ -251,13 +251,15 @@ class _ShiftTable(NamedTuple):
         return np.asarray((1 - part) * self.shifts[:, before] + part * self.shifts[:, before + 1])
 
 
-def _shifts_of_board(weights: ViewWeights, slopes: Array, central: Array, board: Board, lens_shape: str) -> _ShiftTable:
+def _shifts_of_board(
+    weights: _ViewWeights, slopes: Array, central: Array, board: Board, lens_shape: str
+) -> _ShiftTable:
     """Displacements over the range of a board's slopes and a little beyond, as taking them off changes slopes."""
     low, high = float(np.nanmin(slopes)), float(np.nanmax(slopes))
     middle, half = 0.5 * (low + high), max(0.55 * (high - low), 5e-3)
     at = middle + half * np.linspace(-1.0, 1.0, _SLOPES)
     edges, window = fit_window(central, board)
-    return _ShiftTable(at, apparent_shifts(weights, at, edges, window, lens_shape))
+    return _ShiftTable(at, _apparent_shifts(weights, at, edges, window, lens_shape))
 
 
 # --- the pupil's image behind a microlens, and what the white image says of it ----------------------------------------
@@ -265,7 +267,7 @@ def _shifts_of_board(weights: ViewWeights, slopes: Array, central: Array, board:
 
 @by_value
 @dataclass(frozen=True)
-class PupilImage:
+class _PupilImage:
     """Image of the evenly lit pupil behind one microlens: a disc, blurred by the microlens's own aperture."""
 
     radius: float
@@ -325,7 +327,7 @@ class _CellSeries(NamedTuple):
     """Inverse of the cell's area [1/px^2]."""
 
     @classmethod
-    def of(cls, image: PupilImage, places: Array) -> _CellSeries:
+    def of(cls, image: _PupilImage, places: Array) -> _CellSeries:
         reciprocal = np.linalg.inv(image.pitch * image.axes).T
         waves = _whole_numbers(math.ceil(1.5 * image.pitch * 1.2)) @ reciprocal.T
         waves = waves[np.hypot(*waves.T) < 1.5]
@@ -334,14 +336,14 @@ class _CellSeries(NamedTuple):
             waves, cosines, (_reading(waves[:, 0]), _reading(waves[:, 1])), float(abs(np.linalg.det(reciprocal)))
         )
 
-    def light(self, image: PupilImage) -> Array:
+    def light(self, image: _PupilImage) -> Array:
         """`PupilImage.cell` at the places, shape (n,)."""
         disc = ClearAperture(image.radius).spectrum(*self.waves.T) * self.area
         x, y = self.reading
         return np.asarray(self.cosines @ (disc * (image.lens(self.waves[:, 0], self.waves[:, 1]) * x * y)))
 
 
-class ViewWeights(NamedTuple):
+class _ViewWeights(NamedTuple):
     """Where the light in the samples of each view came from."""
 
     views: Array
@@ -354,7 +356,7 @@ class ViewWeights(NamedTuple):
     """(s', t') on the pupil's geometric image [px], shape (n, 2)."""
 
 
-def view_weights(image: PupilImage, views: Array, points: int | None = None) -> ViewWeights:
+def _view_weights(image: _PupilImage, views: Array, points: int | None = None) -> _ViewWeights:
     """Where the light of the samples of `views`, (s', t') [px], shape (v, 2), came from; `points` on the pupil.
 
     By default as many as the blur, or a pixel, calls for.
@@ -378,7 +380,7 @@ def view_weights(image: PupilImage, views: Array, points: int | None = None) -> 
         shares.append(map_coordinates(spread, at, order=1))
     light = np.stack(shares, axis=1)
     light /= light.sum(axis=(1, 2), keepdims=True)
-    return ViewWeights(np.asarray(views, float), light, around, places)
+    return _ViewWeights(np.asarray(views, float), light, around, places)
 
 
 def _whole_numbers(most: int) -> Array:
@@ -408,12 +410,12 @@ class _WhiteCell(NamedTuple):
 class _CellFit(NamedTuple):
     """A pupil image fitted to a cell."""
 
-    image: PupilImage
+    image: _PupilImage
     misfit: float
     """RMS difference, relative to the mean."""
 
 
-def white_cell(white: ArrayLike, lattice: CentreLattice, dark: ArrayLike | None = None) -> _WhiteCell:
+def _white_cell(white: ArrayLike, lattice: CentreLattice, dark: ArrayLike | None = None) -> _WhiteCell:
     """Average the microlens images in the middle of the white image; at least three."""
     frame = grey_frame(white, dark, "white image")
     rows, columns = frame.shape
@@ -429,13 +431,13 @@ def white_cell(white: ArrayLike, lattice: CentreLattice, dark: ArrayLike | None 
     return _WhiteCell(np.stack([s.ravel(), t.ravel()], axis=-1), cell.ravel() / cell.mean())
 
 
-def fit_cell(cell: _WhiteCell, start: PupilImage, *, blurred: bool) -> _CellFit:
+def _fit_cell(cell: _WhiteCell, start: _PupilImage, *, blurred: bool) -> _CellFit:
     """Fit the disc's radius, and with `blurred` the blur (else 0), to a cell; the rest is taken from `start`."""
     from scipy.optimize import least_squares
 
     series = _CellSeries.of(start, cell.places)
 
-    def image(x: Array) -> PupilImage:
+    def image(x: Array) -> _PupilImage:
         return replace(start, radius=float(x[0]), blur=float(x[1]) if blurred else 0.0)
 
     def off(x: Array) -> Array:
@@ -455,8 +457,8 @@ def fit_cell(cell: _WhiteCell, start: PupilImage, *, blurred: bool) -> _CellFit:
 # --- where fitted corners come to lie ---------------------------------------------------------------------------------
 
 
-def apparent_shifts(
-    weights: ViewWeights, slopes: Array, edges: tuple[float, float], half: int, lens_shape: str = "square"
+def _apparent_shifts(
+    weights: _ViewWeights, slopes: Array, edges: tuple[float, float], half: int, lens_shape: str = "square"
 ) -> Array:
     """Displacement of fitted corners against where their views should have them [pitches], shape (v, k, 2).
 
@@ -475,7 +477,7 @@ def apparent_shifts(
     aperture = LENS_SHAPES[lens_shape].sample(_PARTS)
     # Of one layout: kernels are compiled once more for another.
     aperture = np.ascontiguousarray(aperture - aperture.mean(axis=0))
-    alike = ViewWeights(*map(np.ascontiguousarray, weights))
+    alike = _ViewWeights(*map(np.ascontiguousarray, weights))
     out = np.empty((size, views * count * len(_PHASES) * size))
     with THREADS:
         _patches.compiled(*alike, np.asarray(slopes, float), normals, _PHASES, aperture, half, out)
@@ -553,7 +555,7 @@ def _patches(
 # --- what views disagree on -------------------------------------------------------------------------------------------
 
 
-def view_disagreement(observations: Observations, result: Calibration, sheet: DataSheet, distortion: int = 0) -> Array:
+def _view_disagreement(observations: Observations, result: Calibration, sheet: DataSheet, distortion: int = 0) -> Array:
     """Difference of (A, m, 1/d_2) between inner views and all, beyond what noise explains.
 
     Corners read between microlenses and pixels are off by up to a hundredth of a pitch in ways that repeat from board

@@ -52,8 +52,8 @@ class Calibration:
     """Calibration of a camera from images of boards, by both ways."""
 
     observations: Observations
-    lines: EpiLines
-    first: StepOne
+    lines: _EpiLines
+    first: _StepOne
     """Zhang's method on the central view."""
     second: _StepTwo
     """Eq. 12 on the epipolar slopes."""
@@ -89,9 +89,9 @@ def calibrate(
         )
     lines, names = fit_lines(observations), shared_names(distortion)
     try:
-        first = step_one(observations, lines, sheet.q, sheet.d, distortion=distortion, guess=guess)
-        second = step_two(observations, lines, first, distorted=distortion > 0)
-        joint = refine(observations, second.camera, first.poses, names)
+        first = _step_one(observations, lines, sheet.q, sheet.d, distortion=distortion, guess=guess)
+        second = _step_two(observations, lines, first, distorted=distortion > 0)
+        joint = _refine(observations, second.camera, first.poses, names)
         _refuse_lost(joint.covariance, joint.camera, joint.poses)
         statistics = corner_statistics(observations, lines, independent_sigma(lines, joint))
         fit = _fit_statistics(statistics, joint.camera, joint.poses, names)
@@ -105,7 +105,7 @@ def calibrate(
     return Calibration(observations, lines, first, second, joint, fit)
 
 
-def independent_sigma(lines: EpiLines, joint: _Refined) -> float:
+def independent_sigma(lines: _EpiLines, joint: _Refined) -> float:
     """Standard deviation of one coordinate by its scatter about the views' lines; where there is none, by the fit's."""
     return lines.sigma if lines.sigma > 0 else joint.sigma
 
@@ -136,7 +136,7 @@ def shared_names(distortion: int) -> tuple[str, ...]:
 # --- lines through the views ------------------------------------------------------------------------------------------
 
 
-class EpiLines(NamedTuple):
+class _EpiLines(NamedTuple):
     """Lines u = u_mean + slope (s - s_mean), v = v_mean + slope (t - t_mean) of board b's corner n.
 
     Means and slope are independent for independent errors of the corners, and hold all that the views say of a corner
@@ -162,7 +162,7 @@ class EpiLines(NamedTuple):
         return self.mean - np.nan_to_num(self.slope)[..., None] * self.at
 
 
-def fit_lines(observations: Observations) -> EpiLines:
+def fit_lines(observations: Observations) -> _EpiLines:
     """Fit every corner's line.
 
     Raises
@@ -188,13 +188,13 @@ def fit_lines(observations: Observations) -> EpiLines:
     rest = moved - np.nan_to_num(slope)[:, None, :, None] * base
     freedom = 2 * seen.sum() - 2 * (count > 0).sum() - (power > 0).sum()
     sigma = float(np.sqrt(np.square(rest).sum() / freedom)) if freedom > 0 and (power > 0).any() else float("nan")
-    return EpiLines(mean, at, slope, count, lever, sigma)
+    return _EpiLines(mean, at, slope, count, lever, sigma)
 
 
 # --- step one ---------------------------------------------------------------------------------------------------------
 
 
-class StepOne(NamedTuple):
+class _StepOne(NamedTuple):
     """The central view's calibration."""
 
     camera: Intrinsics
@@ -204,15 +204,15 @@ class StepOne(NamedTuple):
     """Reprojection error in the central view: RMS distance [pitches] from measured to modelled corner."""
 
 
-def step_one(
+def _step_one(
     observations: Observations,
-    lines: EpiLines,
+    lines: _EpiLines,
     pixel_pitch: float,
     microlens_pitch: float,
     *,
     distortion: int = 0,
     guess: float | None = None,
-) -> StepOne:
+) -> _StepOne:
     """Zhang's method on the central view gives A, the axis, distortion and the boards' poses.
 
     `lines`, of the observations, put each corner in the central view with the help of all views; `guess` is an A [mm]
@@ -246,17 +246,17 @@ def step_one(
     camera = Intrinsics(A, 0.0, 0.0, x_0, y_0, q=pixel_pitch, d=microlens_pitch)
     view = Observations(observations.points, np.zeros((1, 2)), central[:, None], observations.names)
     names = ("A", *GLOBALS[3 : 5 + distortion])
-    fit = refine(view, camera, Poses.from_vector(np.array(poses)), names)
+    fit = _refine(view, camera, Poses.from_vector(np.array(poses)), names)
     for _ in range(_MIRRORED):
         better = _better_mirrored(view, fit)
         if better is None:
             break
-        fit = refine(view, fit.camera, better, names)
+        fit = _refine(view, fit.camera, better, names)
     if fit.camera.A < 0:  # the mirrored solution: depth and A change sign together
         raise CalibrationError("step one went astray: the boards' poses do not fit a camera in front of them")
     if 0.01 * (guess or A) > fit.camera.A:  # no board is foreshortened: A shrinks without end
         raise CalibrationError(f"A not determined: {_PARALLEL}")
-    return StepOne(fit.camera, fit.poses, fit.rms)
+    return _StepOne(fit.camera, fit.poses, fit.rms)
 
 
 def _better_mirrored(view: Observations, fit: _Refined) -> Poses | None:
@@ -299,7 +299,7 @@ def _focal_length(homographies: Array) -> float:
     return math.sqrt(max(square, 0.0))
 
 
-def _all_parallel(observations: Observations, lines: EpiLines) -> bool:
+def _all_parallel(observations: Observations, lines: _EpiLines) -> bool:
     """Whether boards may all be parallel, as far as their corners tell.
 
     Parallel planes share one vanishing line. The lines, with their errors from those of the corners, are compared with
@@ -347,7 +347,7 @@ class _StepTwo(NamedTuple):
     """The line's slope there, shape (k,)."""
 
 
-def step_two(observations: Observations, lines: EpiLines, first: StepOne, *, distorted: bool = False) -> _StepTwo:
+def _step_two(observations: Observations, lines: _EpiLines, first: _StepOne, *, distorted: bool = False) -> _StepTwo:
     """Fit ``slope = alpha + beta (1/Z_F - 1/Z_0)``, beta = -q A^2/(d d_2), alpha = (q A/(d d_2))(m - A/Z_0).
 
     Centred on the mean inverse depth the two columns are orthogonal, so that few or near depths widen the errors of m
@@ -414,7 +414,7 @@ class _Refined(NamedTuple):
     """Covariance of the shared parameters, for independent errors of `sigma`."""
 
 
-def refine(observations: Observations, camera: Intrinsics, poses: Poses, names: tuple[str, ...]) -> _Refined:
+def _refine(observations: Observations, camera: Intrinsics, poses: Poses, names: tuple[str, ...]) -> _Refined:
     """Fit the shared parameters `names` and every pose to all corners in all views at once, from steps one and two.
 
     Raises
@@ -436,7 +436,7 @@ def refine(observations: Observations, camera: Intrinsics, poses: Poses, names: 
     squares = float(np.square(fit.linear.off).sum())
     sigma = float(np.sqrt(squares / max(count - unknown, 1)))
     residuals = np.where(seen[..., None], -fit.linear.off.reshape(measured.shape), np.nan)
-    covariance = covariance_of(fit.linear.information() / max(sigma, 1e-12) ** 2, names)
+    covariance = _covariance_of(fit.linear.information() / max(sigma, 1e-12) ** 2, names)
     return _Refined(fit.camera, fit.poses, residuals, float(np.sqrt(squares / seen.sum())), sigma, covariance)
 
 
@@ -464,7 +464,7 @@ class _CornerStatistics:
         return _whitened(model, self.values[:, None], 1 / self.sigma[:, None])
 
 
-def corner_statistics(observations: Observations, lines: EpiLines, sigma: float) -> _CornerStatistics:
+def corner_statistics(observations: Observations, lines: _EpiLines, sigma: float) -> _CornerStatistics:
     """Summarise observations, of which `lines` are, whose coordinates have independent errors of `sigma` [pitches]."""
     power = lines.lever.sum(axis=-1)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -527,7 +527,7 @@ def fit_at(statistics: _CornerStatistics, camera: Intrinsics, poses: Poses, name
     linear = statistics.linear(camera.vector(), poses.vector)
     linear = linear._replace(shared=linear.shared[..., [GLOBALS.index(name) for name in names]])
     follow = -np.linalg.pinv(linear.own) @ linear.shared
-    return StatisticsFit(camera, poses, statistics, covariance_of(linear.information(), names), follow)
+    return StatisticsFit(camera, poses, statistics, _covariance_of(linear.information(), names), follow)
 
 
 def _beyond(off: Array) -> Array:
@@ -691,7 +691,7 @@ class _Covariance(NamedTuple):
         return self.matrix[np.ix_(at, at)]
 
 
-def covariance_of(information: Array, names: tuple[str, ...]) -> _Covariance:
+def _covariance_of(information: Array, names: tuple[str, ...]) -> _Covariance:
     """Invert an information matrix after scaling it to unit diagonal.
 
     Raises

@@ -13,8 +13,7 @@ from ..design import Design
 from ..errors import refusal
 from ..options import Options, Seed
 from ..tolerancing.places import nominal_values, parse_tolerance, perturbable
-from ..tolerancing.study import StrictTable
-from ..toml_files import nearest
+from ..toml_files import StrictTable, nearest
 from ..units import Angle, AnyLength, Distance, Length
 from .frames import CalibrationError
 from .lengths import LengthCovariance

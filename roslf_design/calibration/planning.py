@@ -103,7 +103,7 @@ class Captures:
         nearest = middle - spread / 2
         board = _fitting_board(design, nearest) if board is None else board
         # Aside by no more than leaves its corners in the field where that is smallest.
-        room = (min(field_at(design, nearest)) - board.cell * max(board.inner)) / 2
+        room = (min(_field_at(design, nearest)) - board.cell * max(board.inner)) / 2
         return cls(
             board=board,
             boards=boards,
@@ -148,7 +148,7 @@ def _shown(design: Design, f: float | None = None) -> ApparentCamera:
     return as_shown(lengths, SceneSide.of(design))
 
 
-def field_at(design: Design, distance: float) -> tuple[float, float]:
+def _field_at(design: Design, distance: float) -> tuple[float, float]:
     """Width and height [mm] of the plane at `distance` from the main lens that the sensor sees, by chief rays."""
     return _field(camera_of(design), pupil_of(design), distance)
 
@@ -161,7 +161,7 @@ def _field(camera: Intrinsics, pupil: float, distance: float) -> tuple[float, fl
 def _fitting_board(design: Design, nearest: float) -> Board:
     """A board whose cells are 1, 2 or 5 times a power of ten."""
     columns, rows = _CELLS
-    width, height = sorted(field_at(design, nearest))
+    width, height = sorted(_field_at(design, nearest))
     largest = _ROOM * min(width / columns, height / rows)
     decade = 10.0 ** math.floor(math.log10(largest))
     cell = max(step * decade for step in (1, 2, 5) if step * decade <= largest * (1 + 1e-9))

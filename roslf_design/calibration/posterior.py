@@ -189,7 +189,7 @@ class _Target:
     """Log-posterior in whitened coordinates."""
 
     def __init__(self, fit: StatisticsFit, sheet: DataSheet) -> None:
-        self.likelihood = ProfileLikelihood(fit)
+        self.likelihood = _ProfileLikelihood(fit)
         self.names = (*self.likelihood.names, "f")
         self._root = np.linalg.cholesky(fit.covariance.matrix)
         self._sheet = sheet
@@ -277,7 +277,7 @@ def posterior_accuracy(draws: CameraDraws, asked: float | None = None) -> Accura
 # --- likelihood -------------------------------------------------------------------------------------------------------
 
 
-class ProfileLikelihood:
+class _ProfileLikelihood:
     """Log-likelihood of the shared parameters, each board's pose taken along.
 
     For a camera off the best fit, each pose is moved as the linear fit says, what of its residuals a pose can still

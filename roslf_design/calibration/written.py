@@ -22,13 +22,13 @@ FILE, CALIBRATED, SCHEMA = "calibration.json", "calibrated.toml", "roslf.calibra
 REMEDY = "name the folder that roslf calibrate wrote"
 
 
-class LenientTable(BaseModel):
+class _LenientTable(BaseModel):
     """Base of what a calibration.json must hold for a report; it may hold more."""
 
     model_config = ConfigDict(frozen=True, allow_inf_nan=False)
 
 
-class FoundQuantity(LenientTable):
+class _FoundQuantity(_LenientTable):
     """Estimate of one quantity in calibration.json, with its errors."""
 
     estimate: float
@@ -41,20 +41,20 @@ class FoundQuantity(LenientTable):
     ess: float | None = None
 
 
-class FoundPosterior(LenientTable):
+class _FoundPosterior(_LenientTable):
     """How its sampling ended."""
 
     message: str
 
 
-class FoundCovariance(LenientTable):
+class _FoundCovariance(_LenientTable):
     """How sure its lengths are, together."""
 
     places: Annotated[tuple[str, ...], Field(min_length=1)]
     matrix: tuple[tuple[float, ...], ...]
 
     @model_validator(mode="after")
-    def _square(self) -> FoundCovariance:
+    def _square(self) -> _FoundCovariance:
         count = len(self.places)
         if len(self.matrix) != count or any(len(row) != count for row in self.matrix):
             raise ValueError(f"matrix is not {count} x {count}")
@@ -69,20 +69,20 @@ class FoundCovariance(LenientTable):
         return self
 
 
-class FoundTable(LenientTable):
+class _FoundTable(_LenientTable):
     """A whole calibration.json."""
 
     schema_: Annotated[str, Field(alias="schema", pattern="^" + re.escape(SCHEMA))]
     design: str
-    quantities: dict[str, FoundQuantity]
-    covariance: FoundCovariance | None = None
-    posterior: FoundPosterior | None = None
+    quantities: dict[str, _FoundQuantity]
+    covariance: _FoundCovariance | None = None
+    posterior: _FoundPosterior | None = None
     converged: bool | None = None
     images_used: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
 
     @model_validator(mode="after")
-    def _enough(self) -> FoundTable:
+    def _enough(self) -> _FoundTable:
         lacking = [name for name in ("H", "d_3") if name not in self.quantities]
         if lacking:
             raise ValueError(f"quantities lacks {', '.join(lacking)}")
@@ -108,9 +108,9 @@ def read_numbers(place: Path) -> Mapping[str, Any]:
     file = file_in(place)
     try:
         data: Mapping[str, Any] = read_json(file, str(file), REMEDY)
-        FoundTable.model_validate_json(json.dumps(data), strict=True)  # no text that reads as a number: data stays
+        _FoundTable.model_validate_json(json.dumps(data), strict=True)  # no text that reads as a number: data stays
     except ValidationError as error:
-        fault = problems_of(error, FoundTable)[0]
+        fault = problems_of(error, _FoundTable)[0]
         message = f"{file} is no calibration, or is damaged ({fault}); {REMEDY}"
         raise InputError((Problem("calibration", message),)) from None
     except InputError as error:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from operator import attrgetter
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -16,21 +17,19 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array, by_value, magnitude, same
-from ..bore.chain import Chain, ChainStep, ImagedPlane
+from ..bore.chain import BoreWalk, Chain, ImagedPlane, StandingElement
 from ..bore.conjugates import CONJUGATES, follower
-from ..bore.elements import element_name
 from ..bore.lens import IMAGE
 from ..bore.main_lens import IdealMainLens, MainLensKind
 from ..bore.opening import SIDES, TURN, ClearAperture
-from ..bore.part import TEMPERATURE, Number
+from ..bore.part import TEMPERATURE, Number, minus, plus, times
 from ..bore.rod import SECTION_WORD
 from ..design import Design, DesignError, Problem
 from ..design.check import at
-from ..design.environment import Growth
-from ..design.light_path import chain_numbers, chain_of, materials_of
+from ..design.growth import Growth
 from ..design.parts import PATHS, Colours, Layout, Symbols
 from ..lenses.angles import AngleMap, Law
-from .frames import Frame, Vector, along, cross, dot, frame, minus, plus, times, total
+from .frames import Frame, Vector, along, cross, dot, frame, total
 from .lengths import ApparentLengths, RulerLengths
 
 if TYPE_CHECKING:
@@ -344,11 +343,16 @@ class Camera(Symbols[Number]):
 
     def plane(self, z: Number) -> ImagedPlane:
         """The plane at z before the main lens [mm, with a ruler], as the main lens sees it."""
-        return self.chain.plane(self._numbers, z, self._prefix_matrices)
+        return self.chain.plane(self._numbers, z, self._walk)
 
     @cached_property
-    def _prefix_matrices(self) -> tuple[ChainStep, ...]:
-        return self.chain.prefix_matrices(self._numbers)
+    def _walk(self) -> BoreWalk:
+        return self.chain.walk(self._numbers)
+
+    @cached_property
+    def in_bore(self) -> tuple[StandingElement, ...]:
+        """Elements before the main lens where they stand, in the order of the design file."""
+        return tuple(sorted(self._walk.parts, key=attrgetter("k")))
 
     def image_of(
         self, x: Number, y: Number, z: Number, pupil: tuple[Number, Number] = (0.0, 0.0)
@@ -388,7 +392,7 @@ class Camera(Symbols[Number]):
     @cached_property
     def front(self) -> tuple[Number, ImagedPlane]:
         """The farthest element's scene side: its distance before the main lens [mm], and the plane, all passed."""
-        return self.chain.front(self._numbers, self._prefix_matrices)
+        return self.chain.front(self._numbers, self._walk)
 
     @cached_property
     def law(self) -> Law | None:
@@ -495,7 +499,7 @@ class Camera(Symbols[Number]):
         """Every opening but the FAP: main lens, further stops and elements, in the order of the design file."""
         lens = Rim("main lens", "main_lens", ClearAperture(self.D / 2), 0.0, 0.0)
         stops = (self._rim(f"stop {k + 1}", f"stops.{k}") for k in range(self.stop_count))
-        return (lens, *stops, *self._mapped_image, *(rim for k in self._apertures for rim in self._faces(k)))
+        return (lens, *stops, *self._mapped_image, *(rim for part in self.in_bore for rim in self._faces(part)))
 
     @property
     def openings(self) -> tuple[Rim, ...]:
@@ -518,25 +522,21 @@ class Camera(Symbols[Number]):
 
         Empty without a mapping.
         """
-        if self.law is None:
-            return ()
-        plane, part = self.chain.mapped_image(self._numbers, self._prefix_matrices), f"elements.{self.chain.mapped}"
-        scale, stands = magnitude(plane.magnification), self._numbers[f"{part}.distance"]
-        radius = magnitude(self._numbers[f"{part}.focal_length"]) * float(self.law[0, 1])
-        name = f"lens {self.chain.mapped + 1}, mapping"  # type: ignore[operator]
-        return (Rim(name, part + IMAGE, ClearAperture(radius / scale), plane.distance, stands, scale, plane),)
+        return tuple(self._end_of_mapping(part, plane) for part, plane in self.chain.mapped_images(self._walk))
 
-    @cached_property
-    def _apertures(self) -> list[int]:
-        """Elements that have a clear aperture."""
-        return [k for k in range(len(self.chain.elements)) if f"elements.{k}.diameter" in self._numbers]
+    def _end_of_mapping(self, part: StandingElement, plane: ImagedPlane) -> Rim:
+        scale = magnitude(plane.magnification)
+        outline = ClearAperture(magnitude(part.at["focal_length"]) * self.mapping.end / scale)
+        name = f"lens {part.k + 1}, mapping"
+        return Rim(name, part.at.place + IMAGE, outline, plane.distance, part.start, scale, plane)
 
-    def _faces(self, k: int) -> Iterator[Rim]:
-        element, at = self.chain.elements[k], self.chain.at(self._numbers, k)
-        name = element_name(element, k + 1)
-        for number, (words, z) in enumerate(element.openings(at)):
-            rim = self._rim(f"{name}{words}", f"{at.place}.{number}", z, ClearAperture(at["diameter"] / 2))
-            yield replace(rim, leans=True) if element.leans else rim
+    def _faces(self, part: StandingElement) -> Iterator[Rim]:
+        """Openings of an element's clear aperture."""
+        if f"{part.at.place}.diameter" not in self._numbers:
+            return
+        for number, (words, z) in enumerate(part.element.openings(part.at)):
+            rim = self._rim(f"{part.name}{words}", f"{part.at.place}.{number}", z, ClearAperture(part.diameter / 2))
+            yield replace(rim, leans=True) if part.element.leans else rim
 
     @cached_property
     def in_light_order(self) -> tuple[Rim, ...]:
@@ -610,14 +610,23 @@ class Camera(Symbols[Number]):
         """Tilt of a part with a ruler [rad]; of an element's opening that of the opening."""
         place = place_of(part)
         if place.startswith("elements."):
-            k = int(place.removeprefix("elements."))
-            return self.chain.elements[k].lean(self.chain.at(self._numbers, k))
+            standing = self.in_bore[int(place.removeprefix("elements."))]
+            return standing.element.lean(standing.at)
         return self._numbers[f"{place}.tilt.0"], self._numbers[f"{place}.tilt.1"]
 
     @cached_property
     def tilted(self) -> bool:
         """Whether any part is tilted in any build, or leans and may cut: stops' images are then not exactly discs."""
         return self.largest_tilt != 0 or bool(self.leaning)
+
+    @cached_property
+    def straight(self) -> bool:
+        """True where nothing but further stops is tilted in any build; mirrors may lean."""
+        return not any(
+            np.any(tilt)
+            for place, tilt in self._numbers.items()
+            if ".tilt." in place and not place.startswith("stops.")
+        )
 
     @cached_property
     def leaning(self) -> tuple[int, ...]:
@@ -794,7 +803,7 @@ class Camera(Symbols[Number]):
             ahead = ahead & (np.asarray(rim.ruler_distance) < plane)
         yield "focal plane in the bore", ahead | (plane <= 0)
         stops = {rim.name: rim.ruler_distance for rim in self.stop_openings}
-        yield from self.chain.apart(self._numbers, stops)
+        yield from self.chain.apart(self._walk, stops)
 
 
 def _shown(value: Number) -> str:
@@ -827,9 +836,7 @@ def _nominal(design: Design) -> Camera:
         places += [f"tube.{name}" for name in known]
     if design.environment is not None:
         places.append(TEMPERATURE)
-    numbers, chain = {**{place: design[place] for place in places}, TIP: 0.0}, chain_of(design)
-    materials = materials_of(design)
-    growth = Growth.of(design, materials)
-    numbers |= chain_numbers(design)
-    kind = array.layout, array.lens_shape, design.main_lens.kind, chain, materials, growth, design.sensor.colours
+    numbers = {**{place: design[place] for place in places}, TIP: 0.0, **design.bore_numbers}
+    beside = design.chain, design.materials, Growth.of(design), design.sensor.colours
+    kind = array.layout, array.lens_shape, design.main_lens.kind, *beside
     return Camera(numbers, *kind)

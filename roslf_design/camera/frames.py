@@ -12,44 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from .._jit import Kernel, kernel
-from ..bore.part import Number
+from ..bore.part import Number, minus, plus, times
 
 Vector = tuple[Number, Number, Number]
 
 REAL = np.dtype(np.float64)
 LONG = 4096
 """Numbers in an array from which compiled passes are worth loading."""
-
-
-def times(a: Number, b: Number) -> Number:
-    """Product."""
-    if isinstance(a, float):
-        if a == 0.0:
-            return 0.0
-        if a == 1.0:
-            return b
-    if isinstance(b, float):
-        if b == 0.0:
-            return 0.0
-        if b == 1.0:
-            return a
-    return a * b
-
-
-def plus(a: Number, b: Number) -> Number:
-    """Sum."""
-    if isinstance(a, float) and a == 0.0:
-        return b
-    if isinstance(b, float) and b == 0.0:
-        return a
-    return a + b
-
-
-def minus(a: Number, b: Number) -> Number:
-    """Difference."""
-    if isinstance(b, float) and b == 0.0:
-        return a
-    return a - b
 
 
 def _long(values: tuple[Number, ...]) -> bool:

@@ -21,6 +21,7 @@ from ..accuracy.table import QUANTITIES, cache_file, check_quantity, current_tab
 from ..design import load
 from ..errors import Argument, InputError, Problem
 from ..options import Options
+from ..reporting.lens_words import lens_words
 from ..reporting.printers import page_files
 from ..scenes import load_scene
 from ..tables import Table, print_table
@@ -131,8 +132,7 @@ def diagrams(
     left_out = [f"{name[0].upper()}{name[1:]} is left out: {why}." for name, why in unfit.items()]
     if not loaded.aligned:
         left_out.append("Tilts are left out: jobs are of straight cameras.")
-    if loaded.lens is not None:
-        left_out.append('The lens counts as thin and ideal in all quantities but "real lens".')
+    left_out += lens_words(loaded.main_lens.kind).uncounted
     groups, scene_text, table = [], "", current_table()  # one that is damaged is told before anything is measured
     with StatusLine("accuracy") as progress:
         for name in (name for name in wanted if name not in unfit):

@@ -8,13 +8,12 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from ..accuracy.statement import check_accuracy
 from ..design import load
 from ..errors import refusal
 from ..evaluation import evaluate as compute
 from ..evaluation.evaluate import evaluation_accuracy
 from ..evaluation.fields import MOST_FIELDS
-from ..evaluation.show import print_evaluation
+from ..evaluation.result import print_evaluation
 from ..evaluation.specification import specification
 from ..tables import csv_bytes
 from ..units import COLDEST, FARTHEST, HOTTEST, read_quantity
@@ -51,8 +50,6 @@ def evaluate(
         What shares of light may be off by where parts are tilted and rays are counted, as 1e-4. Default: 0.002.
         Straight designs are exact.
     """
-    if accuracy is not None:
-        check_accuracy(accuracy)
     if output is not None:
         check_target(output, (".json", ".csv"))
         if json:

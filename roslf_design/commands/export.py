@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
+from ..bore.export import SequenceRow
 from ..camera import Camera
-from ..design import load
+from ..design import Design, load
 from ..design.sequence import D_LINE, lens_rows, optiland, sequence_of, zmx
 from ..input_files import MOST_TEXT, read_bytes
 from ..lenses.glass import ROOM
@@ -28,27 +30,49 @@ def export(name: str, /, *, output: Output) -> None:
         The file to write; what it ends with, .zmx or .json, says of which program.
     """
     kind = check_target(output, WRITERS)
-    lens = _lens(name)
-    if lens is not None:
-        rows, title, wide, warmth = lens_rows(lens), lens.name, 0.0, lens.temperature
-        wavelength = lens.wavelength or D_LINE
-    else:
-        design = load(name)
-        rows, title, wavelength = sequence_of(design), design.name, design.wavelength
-        wide = float(QUANTITIES["field_half_width_mm"](Camera.of(design.thin_twin)))
-        warmth = ROOM if design.environment is None else float(design.environment.temperature)
+    subject = _of_lens(load_lens(name)) if _is_lens(name) else _of_camera(load(name))
+    rows, title, wavelength, warmth, wide, straightened = subject
     text = zmx(rows, title, wavelength, warmth, wide) if kind == ".zmx" else optiland(rows, title, wavelength, wide)
     write_files(output.parent, {output.name: text.encode()})
     say(f"{output}: {len(rows)} surfaces")
-    if lens is None and not (design.aligned and all(element.decentre == (0.0, 0.0) for element in design.elements)):
+    if straightened:
         print("Misalignments are left out.")
 
 
-def _lens(name: str) -> Prescription | None:
-    """A lens by that name, or in that file; None where it is a design."""
+class _Subject(NamedTuple):
+    """Subject of a file: a lens or a camera."""
+
+    rows: tuple[SequenceRow, ...]
+    title: str
+    wavelength: float
+    """[mm]."""
+    warmth: float
+    """Temperature [degrees C]."""
+    wide: float
+    """Half the field's width [mm]."""
+    straightened: bool = False
+    """Whether misalignments are left out."""
+
+
+def _of_lens(lens: Prescription) -> _Subject:
+    return _Subject(lens_rows(lens), lens.name, lens.wavelength or D_LINE, lens.temperature, 0.0)
+
+
+def _of_camera(design: Design) -> _Subject:
+    camera = Camera.of(design.thin_twin)
+    moved = any(
+        value for place, value in camera.numbers.items() if not {"decentre", "tilt"}.isdisjoint(place.split("."))
+    )
+    warmth = ROOM if design.environment is None else float(design.environment.temperature)
+    wide = float(QUANTITIES["field_half_width_mm"](camera))
+    return _Subject(sequence_of(design), design.name, design.wavelength, warmth, wide, moved)
+
+
+def _is_lens(name: str) -> bool:
+    """Whether it is a lens by that name, or in that file, and no design."""
     path = Path(name)
     if path.suffix.lower() == ".zmx" or (name.lower() in shipped_names() and not path.exists()):
-        return load_lens(name)
-    if path.suffix.lower() == ".toml" and path.is_file() and b"[[surfaces]]" in read_bytes(path, name, most=MOST_TEXT):
-        return load_lens(name)
-    return None
+        return True
+    return (
+        path.suffix.lower() == ".toml" and path.is_file() and b"[[surfaces]]" in read_bytes(path, name, most=MOST_TEXT)
+    )

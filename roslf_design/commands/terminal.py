@@ -18,7 +18,7 @@ from cyclopts import Parameter
 from ..design.files import in_the_way, write_atomically
 from ..drawing.svg import file_of
 from ..errors import Argument, InputError, Problem, printable, refusal
-from ..options import usable_seed
+from ..options import check_seed
 from ..reporting.blocks import MARKS, Block, Bullets, Paragraph, Statements, Table
 from ..tables import plain_text, print_table
 
@@ -228,9 +228,9 @@ def check_options(seed: int | None = None, folder: Path | None = None, *others: 
     faults = list(others)
     if seed is not None:
         try:
-            usable_seed(seed)
-        except ValueError as error:
-            faults.append(Argument("seed", str(error)))
+            check_seed(seed)
+        except InputError as error:
+            faults += error.problems
     if folder is not None and (blocked := in_the_way(folder / PAGE)):
         faults.append(Argument("output", blocked))
     if faults:

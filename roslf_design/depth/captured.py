@@ -208,14 +208,14 @@ def measured_noise(
     chi2 = run.disparities.chi2
     some = chi2[chi2 > 0]
     noise = max(FIRST_NOISE * math.sqrt(float(np.median(some))) if some.size else FIRST_NOISE, FAINTEST)
-    alike = noise_alike(run.field, run.pupil, run.disparities)
+    alike = _noise_alike(run.field, run.pupil, run.disparities)
     said = f"what is left between views: {100 * noise:.2g} % of their brightness"
     if alike > 1.05:
         said += f", alike in neighbouring pixels, so that errors are {math.sqrt(alike):.2g} times as large"
     return CaptureNoise(PixelNoise(QUIET, QUIET * noise), level, said, alike)
 
 
-def noise_alike(field: LightField, pupil: NDArray[np.floating], estimate: DisparityMap) -> float:
+def _noise_alike(field: LightField, pupil: NDArray[np.floating], estimate: DisparityMap) -> float:
     """How much more disparities vary than if each sample had noise of its own.
 
     What is left between views that lie on each other is compared with itself a few samples aside: interpolated and

@@ -353,7 +353,7 @@ class PictureOptions(Options):
         1,
         description="Pictures, which differ by noise alone.",
     )
-    rays: int | None = Field(
+    rays: Annotated[int, Field(ge=1)] | None = Field(
         None,
         description="Rays of each pixel. Default: as many as the light calls for.",
     )
@@ -363,7 +363,7 @@ class PictureOptions(Options):
         return Region.checked(Camera.of(design), self.region) if self.region else _default_region(design)
 
 
-class Unexposed(NamedTuple):
+class _Unexposed(NamedTuple):
     """Pictures without noise, of which exposures are made with any light; of a region with its margin."""
 
     scene: RawImage
@@ -379,7 +379,7 @@ class Unexposed(NamedTuple):
         seed: int = 0,
         rays: int = RAYS,
         progress: Callable[[float], None] = lambda share: None,
-    ) -> Unexposed:
+    ) -> _Unexposed:
         """Rendered of a scene and of white, with so many rays a pixel."""
         # Rays through elements go as depth has them, however near that is to first order.
         exact = [f"+{PLATE_ABERRATION.name}"] if PLATE_ABERRATION.available(design) else []
@@ -392,7 +392,7 @@ class Unexposed(NamedTuple):
         return cls(shown(quiet, progress=progress), shown(None))
 
 
-def default_scene(design: Design) -> Scene:
+def _default_scene(design: Design) -> Scene:
     """A slanted wall with texture at the focal plane, which runs through the disparities that it can tell best."""
     camera = Camera.of(design.thin_twin)
     half = float(QUANTITIES["field_half_width_mm"](camera))
@@ -456,7 +456,7 @@ def simulate(
     options: PictureOptions | None = None,
     *,
     believed: Design | None = None,
-    unexposed: Unexposed | None = None,
+    unexposed: _Unexposed | None = None,
     progress: Callable[[str, float], None] = lambda what, share: None,
 ) -> Trial:
     """Take pictures of a scene, with noise, and measure depth in them.
@@ -466,7 +466,7 @@ def simulate(
     design : Design
         The camera, its light and sensor.
     scene : Scene, optional
-        Brightness is relative: on average it is as bright as the design's light says. None is `default_scene`.
+        Brightness is relative: on average it is as bright as the design's light says. None is `_default_scene`.
     options : PictureOptions, optional
     believed : Design, optional
         The camera that depth is computed for, where that is not the one that takes the pictures. Centres of microlens
@@ -485,7 +485,7 @@ def simulate(
     options, believed = options or PictureOptions(), believed or design
     geometry, actual = ArrayGeometry(believed), ArrayGeometry(design)
     camera = actual.camera
-    scene = default_scene(design) if scene is None else scene
+    scene = _default_scene(design) if scene is None else scene
     part = options.part(design)
     wide = _with_margin(camera, part).drawn()
     lattice = lattice_of(camera, wide)
@@ -503,7 +503,7 @@ def simulate(
         raise InputError((Problem("region", message),))
     mean = float(electrons(camera))
     if unexposed is None:
-        unexposed = Unexposed.of(
+        unexposed = _Unexposed.of(
             design, scene, part, seed=options.seed, rays=options.rays or _rays_for(mean),
             progress=lambda done: progress("picture", done),
         )  # fmt: skip

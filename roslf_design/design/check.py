@@ -84,7 +84,8 @@ def design_problems(
             return tuple(dict.fromkeys((*problems, *between)))
 
     def readable(place: str) -> bool:
-        return not any(f"{place}.".startswith(f"{problem.key}.") for problem in problems)
+        faulty = (f"{problem.key}." for problem in problems)
+        return not any(f"{place}.".startswith(key) or key.startswith(f"{place}.") for key in faulty)
 
     stops = data.get("stops")
     given = {
@@ -117,7 +118,7 @@ def _mended(data: Mapping[str, Any], problems: Sequence[Problem]) -> dict[str, A
     mended = copy.deepcopy(dict(data))
     for problem in problems:
         *parents, last = problem.key.split(".")
-        if not parents or last not in WIDTHS or at(mended, problem.key) in (None, TINY):
+        if not parents or "surfaces" in parents or last not in WIDTHS or at(mended, problem.key) in (None, TINY):
             return None
         at(mended, ".".join(parents))[last] = TINY
     return mended

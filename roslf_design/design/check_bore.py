@@ -5,32 +5,28 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 from ..bore.fold import PartOutline, collisions, outlines_of
 from ..errors import Problem
 from ..lenses.glass import AIR
+from .assembly import Assembly
 from .check import shown, stop_beyond_focus
 
-if TYPE_CHECKING:
-    from .design import Design
 
-
-def about_shapes(design: Design) -> Iterator[Problem]:
-    """Stops whose straight sides are followed in air and behind an ideal main lens alone."""
-    reason = "".join(f"elements.0 ({element.kind}) stands before it" for element in design.elements[:1])
-    if design.thin_twin is not design:
-        reason = "main_lens.prescription makes it a real one"
+def about_shapes(design: Assembly) -> Iterator[Problem]:
+    """Stops whose straight sides are followed behind an ideal main lens alone."""
+    if design.thin_twin is design:
+        return
     for k, stop in enumerate(design.all_stops):
-        if reason and stop.outline.straight:
+        if stop.outline.straight:
             message = (
-                f'"{stop.shape}" is followed through air and an ideal main lens only, and {reason}; '
-                "give a circle, or drop that"
+                f'"{stop.shape}" is followed behind an ideal main lens only, and main_lens.prescription makes it a '
+                "real one; give a circle, or drop that"
             )
             yield Problem(f"stops.{k - 1}.shape" if k else "aperture.shape", message)
 
 
-def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, ...]:
+def about_elements(design: Assembly, known: Sequence[Problem]) -> tuple[Problem, ...]:
     """Faults of elements: overlap with each other, stops, the focal plane.
 
     `known` are faults that there are already.
@@ -68,12 +64,10 @@ def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, .
     problems += [] if problems or known else _about_folds(design)
     if problems or known:
         return tuple(problems)
-    substrate, behind = design.microlens_array.substrate, design.sensor.cover
-    plates = [0.0 if plate is None else plate.thickness for plate in (substrate, behind)]
-    before = substrate is not None and substrate.lenslets == "sensor"
+    array = -design.d_1
     for place, room, glass in (
-        ("microlens_array.distance", design.d_1, plates[0] if before else 0.0),
-        ("sensor.distance", design.d_2, plates[1] if before else sum(plates)),
+        ("microlens_array.distance", design.d_1, sum(at.part.thickness for at in design.plates if at.near >= array)),
+        ("sensor.distance", design.d_2, sum(at.part.thickness for at in design.plates if at.near < array)),
     ):
         if glass > room * (1 + 1e-9):
             message = (
@@ -90,7 +84,7 @@ def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, .
     return tuple(problems)
 
 
-def _about_reflection(design: Design) -> list[Problem]:
+def _about_reflection(design: Assembly) -> list[Problem]:
     """Glass that the axis itself does not get through: turned so far that it reflects it totally."""
     problems = []
     farthest = max((at.near for at in design.in_bore), default=0.0)
@@ -107,7 +101,7 @@ def _about_reflection(design: Design) -> list[Problem]:
     return problems
 
 
-def _about_folds(design: Design) -> list[Problem]:
+def _about_folds(design: Assembly) -> list[Problem]:
     """Parts that stand in each other where the axis is folded."""
     outlines = [
         PartOutline("sensor", -design.d_1 - design.d_2, -design.d_1, math.hypot(*design.sensor_size) / 2),
@@ -118,14 +112,14 @@ def _about_folds(design: Design) -> list[Problem]:
     return [Problem(place, message.format(other)) for place, other in collisions(outlines)]
 
 
-def _about_mapping(design: Design) -> list[Problem]:
+def _about_mapping(design: Assembly) -> list[Problem]:
     """Faults of what stands before an objective with a mapping.
 
     Flat glass and the FAP may, other openings and lenses not.
     """
     problems = []
     for lens in design.in_bore:
-        if lens.part.law is None:
+        if not lens.part.mapping_name:
             continue
         for place, _, element, near, _ in design.in_bore:
             if near <= lens.near:

@@ -5,59 +5,29 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Generic, NamedTuple, TypeVar
+from typing import Any
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import ValidationError, model_validator
 from pydantic_core import PydanticCustomError
 
 from ..bore.chain import MEDIUM
 from ..bore.conjugates import CONJUGATES, follower
-from ..bore.elements import AnyElement, ObjectSpace, element_name
 from ..bore.part import TEMPERATURE, Part
 from ..errors import InputError, Problem
 from ..lenses.glass import AIR
 from ..units import format_quantity
+from .assembly import Assembly
 from .check import DISTANCE, FOCAL, MISFIT, PLANE, DesignError, at, checked_places, cross_check, design_problems
 from .check_bore import about_elements, about_shapes
-from .environment import (
-    REFERENCE,
-    Environment,
-    Growth,
-    about_environment,
-    glasses_of,
-    prescriptions_of,
-)
-from .light_path import chain_numbers, chain_of, materials_of
-from .parts import PATHS, DepthSettings, Housing, Light, MainLens, MicrolensArray, RulerSymbols, Sensor, Stop
+from .environment import REFERENCE
+from .growth import Growth, about_environment
+from .parts import PATHS
 
-if TYPE_CHECKING:
-    from ..lenses.prescription import Prescription
-
-
-GIVEN = frozenset({FOCAL, PATHS["D"]})
-"""Places of which the main lens may have numbers of its own."""
-Standing = TypeVar("Standing")
 FAP_SHAPE = ("aperture.shape", "aperture.sides")
 """Beginnings of places that say what shape and size the FAP has."""
-MOST_STOPS = 50
-"""Further stops, or elements, of a design at most: each is met by every ray, and no bore has as many rims."""
 
 
-class Placed(NamedTuple, Generic[Standing]):
-    """A part before the main lens."""
-
-    place: str
-    """Its place in a design file."""
-    name: str
-    """Name in words."""
-    part: Standing
-    near: float
-    """Distance of its end towards the main lens from that [mm]."""
-    far: float
-    """Distance of its end towards the scene [mm]."""
-
-
-class Design(Part, RulerSymbols[float]):
+class Design(Assembly):
     """A whole camera. Values in, values out: `replace` gives a new one.
 
     Any two of f, d_f and d_1 give the third. Where all three are given, f and d_1 are the hardware and d_f follows to
@@ -68,33 +38,6 @@ class Design(Part, RulerSymbols[float]):
     DesignError
         From `replace`, `make` and the readers, with every fault at once.
     """
-
-    name: str
-    """Name of the design."""
-    source: str = ""
-    """Source of its numbers."""
-    main_lens: MainLens
-    """Main lens, at z = 0."""
-    aperture: Stop
-    """The flexible angular plane (FAP): the system's entrance pupil."""
-    stops: Annotated[tuple[Stop, ...], Field(max_length=MOST_STOPS)] = ()
-    """Further rims of a real bore."""
-    object_space: ObjectSpace = ObjectSpace()
-    """Object space: the medium that the scene lies in, air or a liquid."""
-    elements: Annotated[tuple[AnyElement, ...], Field(max_length=MOST_STOPS)] = ()
-    """Windows, prisms, lenses before the main lens."""
-    microlens_array: MicrolensArray
-    """Microlens array, at z = d_1."""
-    sensor: Sensor
-    """Sensor, at z = d_1 + d_2."""
-    tube: Housing | None = None
-    """Housing that the camera is built into; None where nothing need fit."""
-    environment: Environment | None = None
-    """Environment with the temperature of use; None is 20 degrees C, and no place that a temperature has."""
-    light: Light = Light()
-    """Wavelength, and how bright the scene is."""
-    depth: DepthSettings = DepthSettings()
-    """Settings that depth errors are computed for."""
 
     def __init__(self, **data: Any) -> None:
         try:
@@ -108,9 +51,9 @@ class Design(Part, RulerSymbols[float]):
     @model_validator(mode="after")
     def _parts_fit(self) -> Design:
         values = {place: at(self, place) for place in checked_places(len(self.stops))}
-        chain = chain_of(self)
+        chain = self.chain
         try:
-            apparent = chain.apparent_values({**chain_numbers(self), **values})
+            apparent = chain.apparent_values({**self.bore_numbers, **values})
         except InputError as error:  # a glass that is not known at the design's wavelength
             faults = tuple(Problem(PATHS["wavelength"], problem.message) for problem in error.problems)
             raise PydanticCustomError(MISFIT, "parts do not fit", {"problems": faults}) from None
@@ -118,7 +61,7 @@ class Design(Part, RulerSymbols[float]):
         if not chain.in_air or self.object_space.medium != AIR:
             problems += about_elements(self, problems)
         mapped = None if problems else chain.mapped
-        if mapped is not None and chain.telecentric(chain_numbers(self), self.aperture.distance):
+        if mapped is not None and chain.telecentric(self.bore_numbers, self.aperture.distance):
             message = (
                 "the FAP stands in the focus of the objective, which then sees the scene from one angle only; move it, "
                 f"or drop the mapping of elements.{mapped}"
@@ -165,10 +108,10 @@ class Design(Part, RulerSymbols[float]):
         wanted = _by_path(changes or {}, symbols)
         if "q" in symbols:
             wanted[PATHS["q"]] = symbols["q"] * self.sensor.relay_magnification
-        for place in materials_of(self).keys() & wanted.keys():  # what is said of a glass is then its index alone
+        for place in self.materials.keys() & wanted.keys():  # what is said of a glass is then its index alone
             part = place.removesuffix(".index")
             if TEMPERATURE in wanted:  # told at the temperature before
-                glass, after = materials_of(self)[place], wanted[TEMPERATURE]
+                glass, after = self.materials[place], wanted[TEMPERATURE]
                 wanted[place] += float(glass.index(self.wavelength, after) - glass.index(self.wavelength))
             wanted.setdefault(f"{part}.{'medium' if place == MEDIUM else 'material'}", {"index": float(wanted[place])})
             del wanted[place]
@@ -201,87 +144,6 @@ class Design(Part, RulerSymbols[float]):
         )
         return f"<h4>{escape(self.name)}</h4><p>{escape(self.source)}</p><table>{rows}</table>"
 
-    def __getitem__(self, place: str) -> float:
-        """The number at a dotted place [mm, rad]; of f, d_f, d_1 and D also what others give."""
-        own, wavelength = at(self, place), self.light.wavelength
-        if place in GIVEN:
-            own = self.main_lens.kind.given(place, own, wavelength)
-        # Where all three are given, f and d_1 are the hardware.
-        if place == PLANE and self.microlens_array.distance is not None:
-            focal_length = self.main_lens.kind.given(FOCAL, self.main_lens.focal_length, wavelength)
-            own = own if focal_length is None else None
-        if own is None:
-            others = {key: self[key] for key in CONJUGATES if key != place}
-            return float(chain_of(self).followed({**chain_numbers(self), **others}, place))
-        return float(own)
-
-    @property
-    def D_F(self) -> float:
-        """FAP diameter [mm]; of a rectangle the wider of its extents along x and y."""
-        return float(self.aperture.outline.width)
-
-    @property
-    def lens(self) -> Prescription | None:
-        """The real main lens as it stands in the camera: turned round, cut down; None for the ideal lens."""
-        return self.main_lens.kind.lens
-
-    @property
-    def thin_twin(self) -> Design:
-        """Design with an ideal lens of the same focal length and clear aperture; itself where it has one."""
-        return self.main_lens.kind.thin_twin(self)
-
-    @property
-    def traced_through(self) -> tuple[str, ...]:
-        """Words for what rays go through otherwise than to first order; nothing behind an ideal lens in air."""
-        return (*self.main_lens.kind.looks_through, *(("what lies in the bore",) if self.elements else ()))
-
-    @property
-    def openings(self) -> tuple[Placed[Stop], ...]:
-        """The FAP and the further stops, where they stand."""
-        names = (("aperture", "FAP"), *((f"stops.{k}", f"stop {k + 1}") for k in range(len(self.stops))))
-        return tuple(
-            Placed(*name, stop, stop.distance, stop.distance) for name, stop in zip(names, self.all_stops, strict=True)
-        )
-
-    @property
-    def in_bore(self) -> tuple[Placed[AnyElement], ...]:
-        """The elements before the main lens, where they stand."""
-        return tuple(
-            Placed(
-                f"elements.{k}",
-                element_name(element, k + 1),
-                element,
-                element.distance,
-                element.distance + element.length,
-            )
-            for k, element in enumerate(self.elements)
-        )
-
-    @property
-    def placed(self) -> tuple[Placed[Any], ...]:
-        """All that stands before the main lens: openings, then elements."""
-        return (*self.openings, *self.in_bore)
-
-    @property
-    def all_stops(self) -> tuple[Stop, ...]:
-        """The FAP, then the further stops; the main lens is not among them."""
-        return (self.aperture, *self.stops)
-
-    @property
-    def aligned(self) -> bool:
-        """True where nothing is tilted.
-
-        Tilts of elements before the lens move the images of stops, which stay discs.
-        """
-        tilts = [self.main_lens.tilt, self.microlens_array.tilt, self.sensor.tilt]
-        tilts += [stop.tilt for stop in self.all_stops]
-        return all(tilt == (0.0, 0.0) for tilt in tilts)
-
-    @property
-    def sees_discs(self) -> bool:
-        """True where every stop's image on the sensor is a disc: nothing is tilted, and no mirror's rim leans."""
-        return self.aligned and not chain_of(self).leans
-
 
 def build(data: Mapping[str, Any], *, from_file: bool, origin: str = "", folder: str | Path | None = "") -> Design:
     """A design from nested values, or every fault of them in one `DesignError`.
@@ -304,8 +166,8 @@ def _settled(design: Design) -> Design:
     drawn = _with_materials(design, before)
     if before == after:
         return drawn
-    numbers = chain_numbers(drawn) | {key: drawn[key] for key in CONJUGATES} | dict(_lengths(drawn))
-    growth = Growth.of(drawn, materials_of(drawn))
+    numbers = drawn.bore_numbers | {key: drawn[key] for key in CONJUGATES} | dict(_lengths(drawn))
+    growth = Growth.of(drawn)
     assert growth is not None
     moved = growth.moved(numbers, before, after).items()
     changes: dict[str, Any] = {place: float(value) for place, value in moved if not place.endswith(".index")}
@@ -318,12 +180,9 @@ def _with_materials(design: Design, temperature: float) -> Design:
     """Design with its lenses and materials at a temperature [degrees C]."""
     assert design.environment is not None
     barrel = design.environment.expansion
-    changes: dict[str, Any] = {
-        place: glass.at(temperature)
-        for place, glass in glasses_of(design)
-        if glass is not None and not place.endswith(".prescription")
-    }
-    changes |= {f"{part}.prescription": lens.warmed(temperature, barrel) for part, lens in prescriptions_of(design)}
+    glasses = (known for known in design.glasses if not known[0].endswith(".prescription"))
+    changes: dict[str, Any] = {place: glass.at(temperature) for place, glass in glasses}
+    changes |= {f"{part}.prescription": lens.warmed(temperature, barrel) for part, lens in design.prescriptions}
     changes = {place: value for place, value in changes.items() if value is not at(design, place)}
     return _changed(design, {**changes, TEMPERATURE: temperature}) if changes else design
 

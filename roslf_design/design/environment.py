@@ -1,34 +1,24 @@
-"""Environment of a camera: its temperature, and what that does to lengths, curvatures and indices.
+"""Environment of a camera: its temperature, and the materials that hold it.
 
-One rule (`Growth.moved`) takes a camera's numbers from one temperature to another, one camera or arrays of builds.
-Glass grows as glass, all between parts as the housing, wherever light meets both. Lengths of a design hold at
-`Environment.reference` until it is built; built, they are those at `Environment.temperature`.
+Lengths of a design hold at `Environment.reference` until it is built; built, they are those at
+`Environment.temperature`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any
+from collections.abc import Mapping
+from typing import Annotated, Any
 
-import numpy as np
 from pydantic import BeforeValidator, Field, InstanceOf, PlainSerializer, field_validator
 
-from ..bore.elements import AnyElement
-from ..bore.lens import power_ratio
-from ..bore.main_lens import MainLensKind
-from ..bore.part import Number, Part, PartNumbers
-from ..errors import InputError, Problem
-from ..lenses.glass import ROOM, Glass, growth
-from ..lenses.prescription import Prescription
+from ..bore.part import Part
+from ..errors import InputError
+from ..lenses.glass import ROOM
 from ..lenses.solid import Solid, find_solid, solid_of, solids
 from ..units import Temperature
-from .parts import PATHS
-
-if TYPE_CHECKING:
-    from .design import Design
 
 REFERENCE = "environment.reference"
+"""Place of the temperature at which a file's lengths hold."""
 
 
 def _solid(value: Any) -> Solid:
@@ -75,177 +65,3 @@ class Environment(Part):
     def expansion(self) -> float:
         """Expansion of the housing [1/K]."""
         return 0.0 if self.housing is None else self.housing.expansion
-
-
-def glasses_of(design: Design) -> Iterator[tuple[str, Glass | None]]:
-    """Every material of a design by its place; of lenses by prescription each glass."""
-    array = design.microlens_array
-    yield "object_space.medium", design.object_space.medium
-    yield "microlens_array.material", array.material
-    if array.substrate is not None:
-        yield "microlens_array.substrate.material", array.substrate.material
-    if design.sensor.cover is not None:
-        yield "sensor.cover.material", design.sensor.cover.material
-    yield from design.main_lens.kind.glasses
-    for at in design.in_bore:
-        yield from ((f"{at.place}.{key}", glass) for key, glass in at.part.glasses)
-
-
-def prescriptions_of(design: Design) -> Iterator[tuple[str, Prescription]]:
-    """Every lens of a design that is given by its surfaces, by its part."""
-    yield from (("main_lens", lens) for lens in design.main_lens.kind.prescribed)
-    for at in design.in_bore:
-        if at.part.prescribed is not None:
-            yield at.place, at.part.prescribed
-
-
-def about_environment(design: Design) -> tuple[Problem, ...]:
-    """Temperatures that what is known of a material does not reach."""
-    environment, problems = design.environment, []
-    if environment is None:
-        return ()
-    asked = {"temperature": environment.temperature}
-    asked |= dict(zip(("range.1", "range.2"), environment.range or (), strict=False))
-    for place, glass in glasses_of(design):
-        for key, degrees in asked.items():
-            if glass is None or glass.warming.coldest <= degrees <= glass.warming.hottest:
-                continue
-            known = f"{glass.warming.coldest:g} to {glass.warming.hottest:g} degC"
-            message = f"{degrees:g} degC is outside what is known of {glass.name} ({place}): {known}; stay inside"
-            problems.append(Problem(f"environment.{key}", message))
-    return tuple(dict.fromkeys(problems))
-
-
-def not_known(design: Design) -> tuple[str, ...]:
-    """Names of a design's materials whose index is taken not to change with temperature."""
-    glasses = (glass for _, glass in glasses_of(design) if glass is not None and glass.name != "air")
-    return tuple(dict.fromkeys(glass.name for glass in glasses if glass.warming.law == "none"))
-
-
-def not_named(design: Design) -> tuple[str, ...]:
-    """Names of the parts that stay as they are at any temperature, because no material is given for them."""
-    environment, array = design.environment, design.microlens_array
-    silent = {
-        "the housing": environment is None or environment.housing is None,
-        "the main lens": not design.main_lens.kind.grows,
-        "the microlenses": array.material is None and array.substrate is None,
-    }
-    silent |= {at.name: not at.part.grows for at in design.in_bore}
-    return tuple(name for name, is_silent in silent.items() if is_silent)
-
-
-@dataclass(frozen=True)
-class Growth:
-    """Materials of a camera's parts, by which it grows with temperature."""
-
-    housing: float
-    """Expansion of the housing [1/K]."""
-    sensor: float
-    """Expansion of what pixels are made on [1/K]."""
-    lens: MainLensKind
-    """Main lens."""
-    array: Glass | None
-    """Material of the microlenses; None where not given."""
-    elements: tuple[AnyElement, ...]
-    lenslets: str
-    glasses: tuple[tuple[str, Glass], ...]
-    """Glass of each index, by the index's place."""
-
-    @classmethod
-    def of(cls, design: Design, materials: Mapping[str, Glass]) -> Growth | None:
-        """Growth of a design, given the materials of its indices by place; None of one without `[environment]`."""
-        environment, substrate = design.environment, design.microlens_array.substrate
-        if environment is None:
-            return None
-        array = design.microlens_array.material or (None if substrate is None else substrate.material)
-        return cls(
-            environment.expansion,
-            environment.sensor.expansion,
-            design.main_lens.kind,
-            array,
-            design.elements,
-            "scene" if substrate is None else substrate.lenslets,
-            tuple(materials.items()),
-        )
-
-    def moved(
-        self, numbers: Mapping[str, Number], before: Number, after: Number, *, lens_stays: bool = False
-    ) -> dict[str, Number]:
-        """The numbers that change between two temperatures.
-
-        Parameters
-        ----------
-        numbers : mapping
-            Dotted place to number(s), at the first temperature.
-        before, after : float or ndarray
-            [degrees C].
-        lens_stays : bool
-            Whether distances go on counting from the principal planes that a real lens had before.
-        """
-        wavelength, housing = numbers[PATHS["wavelength"]], growth(self.housing, before, after)
-        front, rear = self.lens.principal_shifts(wavelength, before, after, self.housing)
-        spans = list(self._spans(numbers, before, after, housing))
-
-        def stretched(z: Number) -> Number:
-            """Distance from the lens's first vertex, from that."""
-            return housing * z + sum(more * np.clip(z - start, 0.0, length) for start, length, more in spans)
-
-        def before_lens(z: Number) -> Number:
-            return stretched(z - front[0]) + front[0 if lens_stays else 1]
-
-        def behind(length: Number, plates: tuple[str, ...]) -> Number:
-            more = sum(
-                (glasses[plate].grown(before, after) - housing) * numbers[f"{plate}.thickness"]
-                for plate in plates
-                if plate in glasses
-            )
-            return housing * length + more
-
-        glasses = {place.removesuffix(".index"): glass for place, glass in self.glasses}
-        substrate, cover = "microlens_array.substrate", "sensor.cover"
-        sensor = growth(self.sensor, before, after)
-        result: dict[str, Number] = {}
-        for place, value in numbers.items():
-            part, name = place.rsplit(".", 1) if "." in place else (place, "")
-            kind = part.split(".", 1)[0]
-            if place == PATHS["d_1"]:
-                glass = (substrate,) if self.lenslets == "sensor" else ()
-                result[place] = behind(value - rear[0], glass) + rear[1] - (rear[2] if lens_stays else 0.0)
-            elif place == PATHS["d_2"]:
-                result[place] = behind(value, (cover,) if self.lenslets == "sensor" else (substrate, cover))
-            elif place in (PATHS["d"], PATHS["f_ml"]) or part == "microlens_array.size":
-                if self.array is not None:
-                    grows = self.array.grown(before, after)
-                    weaker = power_ratio(self.array, wavelength, before, after) if place == PATHS["f_ml"] else 1.0
-                    result[place] = value * grows * weaker
-            elif place == PATHS["q"] or part == "sensor.size":
-                result[place] = value * sensor
-            elif place == PATHS["f"]:
-                result |= self.lens.moved(numbers, before, after, wavelength, self.housing)
-            elif name == "distance" and kind in ("aperture", "stops", "elements"):
-                result[place] = before_lens(value)
-            elif name == "thickness":
-                result[place] = value * glasses[part].grown(before, after) if part in glasses else value
-            elif name == "index" and part in glasses:
-                glass_in = glasses[part]
-                result[place] = value + (glass_in.index(wavelength, after) - glass_in.index(wavelength, before))
-            elif place == PATHS["D"]:
-                result[place] = value * self.lens.wider(before, after, self.housing, housing)
-            elif name == "diameter" or part.endswith(("decentre", "sides")) or kind in ("tube", "tip"):
-                result[place] = value * housing
-        for element, at in self._elements(numbers):
-            result |= {f"{at.place}.{key}": value for key, value in element.moved(at, before, after).items()}
-        return {place: value[()] if isinstance(value, np.ndarray) else value for place, value in result.items()}
-
-    def _elements(self, numbers: Mapping[str, Number]) -> Iterator[tuple[AnyElement, PartNumbers]]:
-        """Elements with their numbers."""
-        for k, element in enumerate(self.elements):
-            yield element, PartNumbers(numbers, f"elements.{k}", self.housing)
-
-    def _spans(
-        self, numbers: Mapping[str, Number], before: Number, after: Number, housing: Number
-    ) -> Iterator[tuple[Number, Number, Number]]:
-        """Elements: where each begins, its length, and how much more it grows than the housing."""
-        for element, at in self._elements(numbers):
-            length, times = element.lengthened(at, before, after)
-            yield at["distance"], length, times - housing

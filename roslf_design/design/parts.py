@@ -9,18 +9,22 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Generic, Literal, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, Literal, TypeVar
 
 from pydantic import Field, StrictBool, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
+from ..bore.export import SequenceRow
 from ..bore.main_lens import MainLensKind, main_lens_kind
-from ..bore.material import Material
 from ..bore.opening import TURN, ClearAperture
-from ..bore.part import Number, Offset, Part, Size, Tilt
+from ..bore.part import Number, Offset, OpticalPart, Part, Size, Tilt
+from ..bore.plate import glass_rows
 from ..bore.real_lens import Lens
 from ..lenses.glass import Glass
+from ..lenses.material import Material
+from ..lenses.prescription import Prescription
 from ..units import Angle, Distance, Illuminance, Length, Radiance, Time, format_quantity, read_quantity
+from ..words import length
 
 N = TypeVar("N", float, Number)
 Layout = Literal["square", "hexagonal"]
@@ -31,7 +35,7 @@ MOST_PIXELS = 1_000_000
 """Largest number of pixels along one side of a sensor."""
 
 
-class MainLens(Part):
+class MainLens(OpticalPart):
     """The main lens: ideal and thin at z = 0, or a real one, whose principal planes then stand where z = 0 splits.
 
     With a prescription the focal length is the lens's own at the design's wavelength; d_f, d_3 and the further stops
@@ -60,6 +64,21 @@ class MainLens(Part):
         """Main lens that answers for itself."""
         return main_lens_kind(self.prescription, self.reversed, self.diameter, self.material)
 
+    @property
+    def glasses(self) -> tuple[tuple[str, Glass | None], ...]:
+        """Material of an ideal one, glass of each surface of a real one."""
+        return self.kind.glasses
+
+    @property
+    def prescribed(self) -> tuple[Prescription, ...]:
+        """Its own, of a real one."""
+        return self.kind.prescribed
+
+    @property
+    def grows(self) -> bool:
+        """Whether its material is known."""
+        return self.kind.grows
+
     @field_validator("diameter", mode="after")
     @classmethod
     def _needed(cls, value: float | None, info: ValidationInfo) -> float | None:
@@ -80,8 +99,8 @@ Shape = Literal["circle", "rectangle"]
 """Shapes of a stop's clear opening."""
 
 
-class Stop(Part):
-    """An opening in object space: the flexible angular plane (FAP), or a further rim of the bore."""
+class Opening(OpticalPart):
+    """A clear opening of some shape."""
 
     shape: Shape = "circle"
     """Shape of the opening."""
@@ -91,12 +110,6 @@ class Stop(Part):
     """Sides of a rectangle [mm]; None of a circle."""
     turn: Angle = 0.0
     """Angle of a rectangle's first side to x, about the axis [rad]."""
-    distance: Distance
-    """d_3, distance in front of the main lens [mm]; 0 is at the lens."""
-    decentre: Offset = (0.0, 0.0)
-    """Offset from the axis [mm]."""
-    tilt: Tilt = (0.0, 0.0)
-    """[rad]."""
 
     @field_validator("diameter", "sides", mode="after")
     @classmethod
@@ -127,19 +140,57 @@ class Stop(Part):
             return ClearAperture((self.diameter or math.nan) / 2)
         return ClearAperture(math.inf, (self.sides[0] / 2, self.sides[1] / 2), self.turn)
 
+
+class Stop(Opening):
+    """An opening in object space: the flexible angular plane (FAP), or a further rim of the bore."""
+
+    distance: Distance
+    """d_3, distance in front of the main lens [mm]; 0 is at the lens."""
+    decentre: Offset = (0.0, 0.0)
+    """Offset from the axis [mm]."""
+    tilt: Tilt = (0.0, 0.0)
+    """[rad]."""
+
     @property
     def number_keys(self) -> tuple[str, ...]:
         """Keys of its numbers beside its pose."""
         return (*self.outline.keys, *((TURN,) if self.outline.straight else ()), "distance")
 
 
-class Cover(Part):
+class Cover(OpticalPart):
     """A plane plate on the sensor, or between it and the microlens array."""
 
     thickness: Length
     """[mm]."""
     material: Material
     """Material of the cover."""
+
+    name: ClassVar[str] = "cover"
+    trade_name: ClassVar[str] = "cover glass of the sensor"
+    before_lenslets: ClassVar[bool] = False
+    """Whether light goes through it before the microlenses."""
+
+    @property
+    def glass(self) -> Glass:
+        """Its material."""
+        return self.material
+
+    @property
+    def glasses(self) -> tuple[tuple[str, Glass | None], ...]:
+        """Its material."""
+        return (("material", self.material),)
+
+    def ends(self, array: float, sensor: float) -> tuple[float, float]:
+        """Ends towards the sensor and the scene, of array and sensor that stand there [all mm before the main lens]."""
+        return sensor, sensor + self.thickness
+
+    def words(self) -> tuple[str, ...]:
+        """Thickness and material."""
+        return (f"{length(self.thickness)} of {self.material.name}",)
+
+    def rows(self, name: str, at: float, semi: float) -> list[SequenceRow]:
+        """Rows of both faces, the one towards the sensor at a place; see `Element.rows`."""
+        return glass_rows(name, at, self.thickness, self.material, semi)
 
 
 class Substrate(Cover):
@@ -148,8 +199,24 @@ class Substrate(Cover):
     lenslets: Literal["scene", "sensor"] = "scene"
     """Side that the lenslets face: towards the scene the light goes through the plate behind them, else before them."""
 
+    name: ClassVar[str] = "substrate"
+    trade_name: ClassVar[str] = "MLA substrate"
 
-class MicrolensArray(Part):
+    @property
+    def before_lenslets(self) -> bool:  # type: ignore[override]
+        """Whether the lenslets face the sensor."""
+        return self.lenslets == "sensor"
+
+    def ends(self, array: float, sensor: float) -> tuple[float, float]:
+        """Ends of a plate that carries the lenslets on its side towards the sensor, or the scene; see `Cover.ends`."""
+        return (array, array + self.thickness) if self.before_lenslets else (array - self.thickness, array)
+
+    def words(self) -> tuple[str, ...]:
+        """Thickness and material, and where the lenslets face."""
+        return (*super().words(), f"lenslets towards the {self.lenslets}")
+
+
+class MicrolensArray(OpticalPart):
     """The microlens array (MLA)."""
 
     pitch: Length
@@ -175,8 +242,23 @@ class MicrolensArray(Part):
     decentre: Offset = (0.0, 0.0)
     """Offset from the axis [mm]."""
 
+    @property
+    def made_of(self) -> Glass | None:
+        """Material of the microlenses: their own, or their substrate's."""
+        return self.material or (None if self.substrate is None else self.substrate.material)
 
-class Sensor(Part):
+    @property
+    def glasses(self) -> tuple[tuple[str, Glass | None], ...]:
+        """Material of the microlenses, where it is given."""
+        return (("material", self.material),)
+
+    @property
+    def grows(self) -> bool:
+        """Whether the microlenses' material is known."""
+        return self.made_of is not None
+
+
+class Sensor(OpticalPart):
     """The photosensor behind the microlens array."""
 
     distance: Length

@@ -14,6 +14,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 from ..bore.export import SequenceRow, lens_surfaces
+from ..bore.opening import ClearAperture
 from ..errors import InputError, Problem
 from ..lenses.glass import AIR, Glass
 from ..lenses.manufacture import abbe_number
@@ -33,20 +34,17 @@ def sequence_of(design: Design) -> tuple[SequenceRow, ...]:
     Raises
     ------
     InputError
-        A gradient-index rod, or an objective with a mapping: no surface stands for those; a stop that is no circle.
+        A gradient-index rod, or an objective with a mapping: no surface stands for those.
     """
-    for stop in design.openings:
-        if stop.part.outline.straight:
-            message = f'"{stop.part.shape}" is an opening that this does not write for other programs; give it a circle'
-            raise InputError((Problem(f"{stop.place}.shape", message),))
     front, rear = design.main_lens.kind.planes(design.wavelength)
     body = design.main_lens.kind.rows(design.f, design.D)
     medium = design.object_space.medium
     widest = max(design.D, *(float(stop.part.outline.width) for stop in design.openings))
     rows = [SequenceRow("focal plane", front - design.d_f, Surface(0.0, widest, glass=medium)), *body]
     for stop in design.openings:
-        disc = Surface(0.0, float(stop.part.outline.reach))
-        rows.append(SequenceRow(stop.name, front - stop.near, disc, is_stop=stop.part is design.aperture))
+        opening, is_fap = stop.part.outline, stop.part is design.aperture
+        plane = Surface(0.0, float(opening.reach))
+        rows.append(SequenceRow(stop.name, front - stop.near, plane, is_stop=is_fap, opening=opening))
     farthest = max(design.elements, key=lambda element: element.distance, default=None)
     for place, name, element, near, _ in design.in_bore:
         semi = (element.diameter or widest) / 2
@@ -62,21 +60,10 @@ def sequence_of(design: Design) -> tuple[SequenceRow, ...]:
 
 def _behind(design: Design, rear: float) -> Iterator[SequenceRow]:
     """The microlens, the sensor and the glass about them."""
-    array, sensor = design.microlens_array, design.sensor
     at, end, half = rear + design.d_1, rear + design.d_1 + design.d_2, max(design.sensor_size)
-    lenslet = SequenceRow("microlens", at, Surface(0.0, design.d / 2), float(design.f_ml))
-    plate = array.substrate
-    before = plate is not None and plate.lenslets == "sensor"
-    if plate is not None and before:
-        yield SequenceRow("substrate, front", at - plate.thickness, Surface(0.0, half, glass=plate.material))
-        yield SequenceRow("substrate, back", at, Surface(0.0, half))
-    yield lenslet
-    if plate is not None and not before:
-        yield SequenceRow("substrate, front", at, Surface(0.0, half, glass=plate.material))
-        yield SequenceRow("substrate, back", at + plate.thickness, Surface(0.0, half))
-    if sensor.cover is not None:
-        yield SequenceRow("cover, front", end - sensor.cover.thickness, Surface(0.0, half, glass=sensor.cover.material))
-        yield SequenceRow("cover, back", end, Surface(0.0, half))
+    yield SequenceRow("microlens", at, Surface(0.0, design.d / 2), float(design.f_ml))
+    for plate in design.plates:
+        yield from plate.part.rows(plate.name, rear - plate.near, half)
     yield SequenceRow("sensor", end, Surface(0.0, half))
 
 
@@ -123,14 +110,22 @@ def zmx(rows: tuple[SequenceRow, ...], name: str, wavelength: float, temperature
 
 
 def _zmx_surfaces(rows: tuple[SequenceRow, ...]) -> Iterator[list[str]]:
-    """Every surface; mirrors between breaks of the coordinates, behind an odd number of them all is reversed in z."""
+    """Every surface; mirrors and turned openings between breaks of the coordinates.
+
+    Behind an odd number of mirrors all is reversed in z.
+    """
     way = 1.0
     for row in rows:
         part = row.surface
         terms = tuple(way * term for term in part.asphere)
         if row.mirror is None:
-            turned = replace(part, curvature=way * part.curvature + 0.0, thickness=way * part.thickness, asphere=terms)
+            turn, gap = math.degrees(row.clip.turn), way * part.thickness
+            turned = replace(part, curvature=way * part.curvature + 0.0, thickness=0.0 if turn else gap, asphere=terms)
+            if turn:
+                yield _zmx_break(f"{row.name}, turn", 5, turn)
             yield list(_zmx_surface(replace(row, surface=turned)))
+            if turn:
+                yield _zmx_break(f"{row.name}, turn back", 5, -turn, gap)
             continue
         angle, azimuth = (math.degrees(part) for part in row.mirror)
         yield _zmx_break(f"{row.name}, azimuth", 5, azimuth - 90)
@@ -168,7 +163,8 @@ def _zmx_surface(row: SequenceRow) -> Iterator[str]:
     if surface.glass != AIR:
         yield _zmx_glass(surface.glass)
     yield f'DIAM {surface.semi_diameter!r} 1 0 0 1 ""'
-    yield f"CLAP 0 {surface.semi_diameter!r} 0"
+    clip = row.clip
+    yield f"CLAP 0 {clip.radius!r} 0" if clip.half is None else f"SQAP {clip.half[0]!r} {clip.half[1]!r} 0"
 
 
 def _zmx_glass(glass: Glass) -> str:
@@ -231,14 +227,22 @@ def _optiland_surface(number: int, row: SequenceRow, begin: float, wavelength: f
     model = {"type": "RefractiveReflectiveModel", "is_reflective": False, "coating": None, "bsdf": None}
     if row.focal_length is not None:
         model |= {"type": "ThinLensInteractionModel", "focal_length": row.focal_length}
-    rim = {"type": "RadialAperture", "r_max": surface.semi_diameter, "r_min": 0.0, "offset_x": 0.0, "offset_y": 0.0}
     return {
         "type": "Surface",
         "thickness": surface.thickness,
         "geometry": geometry,
         "material_post": medium,
         "is_stop": row.is_stop,
-        "aperture": rim,
+        "aperture": _optiland_aperture(row.clip),
         "comment": row.name,
         "interaction_model": model,
     }
+
+
+def _optiland_aperture(clip: ClearAperture) -> dict[str, Any]:
+    if clip.half is None:
+        return {"type": "RadialAperture", "r_max": clip.radius, "r_min": 0.0, "offset_x": 0.0, "offset_y": 0.0}
+    (a, b), (x, y) = clip.half, zip(*((float(x), float(y)) for x, y in clip.corners), strict=True)
+    if clip.turn:
+        return {"type": "PolygonAperture", "x": x, "y": y}
+    return {"type": "RectangularAperture", "x_min": -a, "x_max": a, "y_min": -b, "y_max": b}

@@ -32,7 +32,7 @@ class Scale(NamedTuple):
     def ticks(self, wanted: int = 6) -> list[float]:
         """Round numbers on the axis: about so many, or 1, 2, 5 of each decade as far as there is room."""
         if self.log:
-            return log_ticks(self.low, self.high, wanted)
+            return _log_ticks(self.low, self.high, wanted)
         return round_ticks(min(self.low, self.high), max(self.low, self.high), wanted)
 
     @staticmethod
@@ -62,7 +62,7 @@ def round_ticks(low: float, high: float, wanted: int = 6) -> list[float]:
     return ticks
 
 
-def log_ticks(low: float, high: float, wanted: int = 6) -> list[float]:
+def _log_ticks(low: float, high: float, wanted: int = 6) -> list[float]:
     """Powers of ten within the two ends, with their 2- and 5-fold where few decades are seen."""
     decades = math.log10(high / low)
     factors = (1, 2, 5) if decades <= wanted / 3 else (1,)

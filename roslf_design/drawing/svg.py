@@ -354,14 +354,14 @@ def _text(
         return ""
     around: Look = {"stroke": halo, "stroke_width": 3.5, "paint_order": "stroke", "stroke_linejoin": "round"}
     return tag(
-        "text", with_subscripts(content), x=at[0], y=at[1], fill=colour, font_size=size,
+        "text", _with_subscripts(content), x=at[0], y=at[1], fill=colour, font_size=size,
         text_anchor="" if anchor == "start" else anchor, font_weight="600" if bold else "",
         transform=f"rotate(-90 {px(at[0])} {px(at[1])})" if turned else "", **(around if halo else {}),
         data_testid=testid,
     )  # fmt: skip
 
 
-def with_subscripts(content: str) -> str:
+def _with_subscripts(content: str) -> str:
     """Text as SVG: escaped, d_3 with a subscript that every browser knows; selecting it still gives its letters."""
 
     def lower(match: Match[str]) -> str:

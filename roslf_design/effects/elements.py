@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..bore.opening import ClearAperture
 from ..camera import Camera
 from ..camera.camera import place_of
 from ..design import Design
@@ -35,6 +36,8 @@ ROUNDED = 1e-11
 """Rounding error where nothing moves [mm]."""
 NEARLY = 1.02
 """Rays that far outside a rim still count."""
+POINT = ClearAperture(0.0)
+"""A point, as an opening."""
 
 
 class _ExactMinusParaxial(NamedTuple):
@@ -75,7 +78,7 @@ def exact_minus_paraxial(
     passed = np.ones(lx.shape, np.bool_)
     for rim in camera.openings:
         x, y = camera.decentre(rim.part)
-        passed &= np.hypot(lx - ox * rim.distance - x, ly - oy * rim.distance - y) <= NEARLY * rim.radius
+        passed &= rim.outline.scaled(NEARLY).contains(lx - ox * rim.distance - x, ly - oy * rim.distance - y)
     *closed, imaged = mapped(law, front, *behind_elements(front, lens_x, lens_y, *height, *slope))
     passed &= imaged
     if not passed.any():
@@ -109,12 +112,13 @@ def _rays(camera: Camera, radius: float) -> tuple[Floats, Floats, Floats, Floats
     turn = np.linspace(0, 2 * np.pi, RIM, endpoint=False)
     poses = (".decentre.", ".tilt.", ".wedge.")
     posed = any(value for place, value in camera.numbers.items() if any(pose in place for pose in poses))
+    posed |= any(rim.outline.straight for rim in camera.openings)
     ways = turn if posed else turn[:1]
     turn = turn if posed else turn[: RIM // 2 + 1]  # the other half is its mirror image
     fields = np.array([[r * np.cos(way), r * np.sin(way)] for r in RADII for way in ways]) * radius
     aside = np.array(camera.decentre("aperture"))
-    rim = np.concatenate([[[0.0, 0.0]], np.stack([np.cos(turn), np.sin(turn)], -1)])
-    pupil, points = aside + float(camera.fap.radius) * rim, -fields[:, None] * float(camera.seen.inverse_m)
+    rim = np.stack(camera.fap.outline.places(np.append(0.0, np.cos(turn)), np.append(0.0, np.sin(turn))), -1)
+    pupil, points = aside + rim, -fields[:, None] * float(camera.seen.inverse_m)
     slope = (pupil - points) / float(camera.seen.gap)
     height = points + slope * float(camera.seen.d_f)
     return height[..., 0], height[..., 1], slope[..., 0], slope[..., 1]
@@ -140,7 +144,8 @@ def _clipping(
     apart = np.hypot(*(middle - middle[0]).T) + np.hypot(*((aside - middle) - (aside - middle)[0]).T)
     posed = len(lx) > len(RADII)  # the FAP's edge is then sampled all around, but in no field's own direction
     moved: list[float] = []
-    for rim, deep, size in zip(camera.openings, apart + radii[0] - radii, radii, strict=True):
+    inner = [size * float(rim.outline.inradius / rim.radius) for rim, size in zip(camera.openings, radii, strict=True)]
+    for rim, deep, size in zip(camera.openings, apart + radii[0] - inner, radii, strict=True):
         if not rim.size_places:  # a stop for slopes, which flat faces behind it keep
             moved.append(0.0)
             continue
@@ -156,10 +161,11 @@ def _clipping(
         if rim is camera.fap or camera.tilted:
             continue
         # What a rim does not reach into, by first order nor by Snell's law, it changes by no more than that.
-        part, own = place_of(rim.part), float(rim.radius * rim.scale)
-        middle_of = (camera[f"{part}.decentre.{axis}"] for axis in (0, 1))
-        reach = float(np.max(np.hypot(*(at - off for at, off in zip(place, middle_of, strict=True)))))
-        cut = ((NEARLY if posed else 1.0) * reach / own - 1) * size
+        part, own, nearly = place_of(rim.part), rim.outline.scaled(rim.scale), NEARLY if posed else 1.0
+        off_x, off_y = (
+            nearly * (at - camera[f"{part}.decentre.{axis}"]) for at, axis in zip(place, (0, 1), strict=True)
+        )
+        cut = -float(np.min(own.room(POINT, off_x, off_y))) / float(own.reach) * float(size)
         moved[-1] = min(moved[-1], max(max(cut, deep) + moved[0], 0.0))
     return max(moved)
 

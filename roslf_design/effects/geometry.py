@@ -19,7 +19,7 @@ from . import lens
 from .effect import Effect, Estimate, Subject
 
 
-def pupil_geometry(s: Subject) -> Estimate:
+def _pupil_geometry(s: Subject) -> Estimate:
     """Centre shift X_ml d_2/L at the field's rim [px], signed: negative towards the axis (Eqs. 2-4)."""
     shift = s.x_ml * float(s.camera.seen.d_2 * s.camera.seen.vergence) / s.design.q
     return Estimate(shift, f"image centre {shift:.3g} px from the microlens axis {s.at}")
@@ -65,7 +65,7 @@ def overlap(s: Subject) -> Estimate:
     return Estimate(width, f"images overlap by {width:.3g} px")
 
 
-def blur_on_mla(c: Camera, distance: float, place: float = 0.0) -> float:
+def _blur_on_mla(c: Camera, distance: float, place: float = 0.0) -> float:
     """Width on the MLA over which an object point at Z = `distance` spreads [mm].
 
     D_F d_1 |1/(H Z_F) - 1/d_f| with Z_F = Z - d_3, in the form D_F (d_1/d_f) |d_f - Z|/(Z - d_3) that does not
@@ -111,7 +111,7 @@ def object_defocus(s: Subject) -> Estimate:
     """Spread over the MLA [microlens pitches] of the scene's nearest or farthest point; zero for a uniform scene."""
     if s.brief.distances is None:
         return Estimate(0.0, "the scene lies on the focal plane")
-    spread = max(blur_on_mla(s.camera, distance, s.x_ml) for distance in s.brief.distances) / s.design.d
+    spread = max(_blur_on_mla(s.camera, distance, s.x_ml) for distance in s.brief.distances) / s.design.d
     nearest, farthest = s.brief.distances
     if s.brief.white:
         return Estimate(0.0, f"a uniform scene looks alike at any distance (detail would spread {spread:.3g} pitches)")
@@ -201,7 +201,7 @@ def _decentres(s: Subject) -> Estimate:
     return Estimate(images, f"decentres move microlens images by {images:.3g} px")
 
 
-PUPIL_GEOMETRY = Effect("pupil_geometry", "Pupil geometry", "px", pupil_geometry, always=True)
+PUPIL_GEOMETRY = Effect("pupil_geometry", "Pupil geometry", "px", _pupil_geometry, always=True)
 VIGNETTING = Effect("vignetting", "Vignetting", "px", _vignetting, cost_per_pixel=5e-9)
 OVERLAP = Effect(
     "overlap",

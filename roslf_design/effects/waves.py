@@ -120,7 +120,7 @@ def _finite_microlens_aperture(s: Subject) -> Estimate:
     return Estimate(loss, f"object footprint {width:.3g} mm against detail of period {period:.3g} mm")
 
 
-def pixel_integration(s: Subject) -> Estimate:
+def _pixel_integration(s: Subject) -> Estimate:
     """Share that a pixel takes of the highest harmonic of the image pitch that diffraction lets pass."""
     order = max(1, math.floor(abs(s.pitch) / float(light.diffraction_width(s.camera))))
     cycles = order * s.design.q / abs(s.pitch)
@@ -178,5 +178,5 @@ FINITE_MICROLENS_APERTURE = Effect(
     _finite_microlens_aperture,
     cost_per_pixel=64 * 25e-9,
 )
-PIXEL_INTEGRATION = Effect("pixel_integration", "Pixel box", "intensity", pixel_integration, always=True)
+PIXEL_INTEGRATION = Effect("pixel_integration", "Pixel box", "intensity", _pixel_integration, always=True)
 NOISE = Effect("noise", "Shot and read noise", "intensity", _noise, cost_per_pixel=50e-9)

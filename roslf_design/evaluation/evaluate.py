@@ -13,25 +13,25 @@ from numpy.typing import NDArray
 from .._arrays import ratio
 from ..accuracy.statement import Accuracy, check_accuracy
 from ..bore.elements import made_of
-from ..bore.material import material_label
 from ..bore.opening import ClearAperture
 from ..bore.part import TEMPERATURE
 from ..camera import Camera
 from ..design import Design
-from ..design.environment import not_known, not_named
 from ..design.files import as_design
-from ..design.parts import PATHS, Substrate
+from ..design.growth import not_known, not_named
+from ..design.parts import PATHS
 from ..effects.plan import plan
+from ..errors import refusal
 from ..lenses.glass import AIR, ROOM
+from ..lenses.material import material_label
 from ..theory import exit_pupil
 from ..theory.quantities import QUANTITIES, depth_error
 from ..theory.stop_images import MicrolensImages
 from ..theory.vignetting import field_limit
-from ..words import length
-from .fields import default_fields, evaluate_fields, rays_for, trace_lens
-from .result import (
+from ..units import FARTHEST
+from .fields import MOST_FIELDS, default_fields, evaluate_fields, rays_for, trace_lens
+from .groups import (
     AtTemperature,
-    Evaluation,
     LookedThrough,
     MappedField,
     Numbers,
@@ -39,6 +39,7 @@ from .result import (
     SeenPart,
     Temperatures,
 )
+from .result import Evaluation
 from .specification import depth_assumptions
 from .verdicts import verdicts_of, warnings_of
 
@@ -59,6 +60,8 @@ COUNTED = (
     "counted from {rays} rays each (error of a share up to {error:g}); all other numbers are those of the untilted "
     "parts."
 )
+
+UPRIGHT = "Tilted stops cut images as they lean; bounds of the undistorted field take them as upright."
 
 
 def evaluate(
@@ -88,8 +91,10 @@ def evaluate(
     ------
     DesignError
         A design file that cannot be used.
+    InputError
+        More than `MOST_FIELDS` fields; an accuracy that is none, or that no number of rays reaches.
     ValueError
-        A field that is not finite; an accuracy that no number of rays reaches.
+        A field that is not finite.
 
     Examples
     --------
@@ -97,8 +102,10 @@ def evaluate(
     >>> round(roslf.evaluate("paper").f_number.fill_factor, 5)
     1.00506
     """
+    if accuracy is not None:
+        check_accuracy(accuracy)
     design = as_design(design)
-    rays = rays_for(None if design.sees_discs else accuracy)
+    rays = rays_for(None if design.has_exact_areas else accuracy)
     axes = default_fields(design) if fields is None else _axes(fields)
     camera = Camera.of(design)
     limit = field_limit(camera)
@@ -116,8 +123,10 @@ def evaluate(
     traced = trace_lens(design, axes, non_distortion)
     depth = _depth(design, camera)
     method = [METHOD]
-    if not design.sees_discs:
+    if not design.has_exact_areas:
         method.append(COUNTED.format(rays=rays, error=COUNTED_ERROR if accuracy is None else accuracy))
+    elif not design.aligned:
+        method.append(UPRIGHT)
     if traced is not None:
         method.append(TRACED)
     return Evaluation(
@@ -195,14 +204,10 @@ def _looked_through(design: Design, camera: Camera, axes: Sequence[tuple[float, 
         sides = None if made.half is None else (2 * float(made.half[0]), 2 * float(made.half[1]))
         parts.append(SeenPart(rim.name, "opening", float(rim.ruler_distance), own, float(rim.distance), seen, sides))
     parts.sort(key=lambda part: -part.distance_mm)
-    glass = {"MLA": design.microlens_array.substrate, "sensor": design.sensor.cover}
-    for name, ruler, apparent in (("MLA", design.d_1, camera.seen.d_1), ("sensor", design.d_2, camera.seen.d_2)):
-        plate = glass[name]
-        kind = "cover" if name == "sensor" else "substrate"
-        what = "" if plate is None else f"{kind} {length(plate.thickness)} of {plate.material.name}"
-        if isinstance(plate, Substrate):
-            what += f", lenslets towards the {plate.lenslets}"
-        parts.append(SeenPart(name, what, ruler, None, float(apparent), None))
+    glass = {plate.held_by: f"{plate.name} {', '.join(plate.part.words())}" for plate in design.plates}
+    array, sensor = glass.get("microlens_array", ""), glass.get("sensor", "")
+    parts.append(SeenPart("MLA", array, design.d_1, None, float(camera.seen.d_1), None))
+    parts.append(SeenPart("sensor", sensor, design.d_2, None, float(camera.seen.d_2), None))
     index = float(medium.index(design.wavelength))
     return LookedThrough(medium.name, index, tuple(parts), _mapping(design, camera, axes, sigma))
 
@@ -240,7 +245,10 @@ def _size(outline: ClearAperture, width: float) -> dict[str, Any]:
 
 def _axes(fields: Any) -> tuple[tuple[float, float], ...]:
     one = isinstance(fields, (int, float)) or getattr(fields, "ndim", 1) == 0
-    return tuple(map(_axis, [fields] if one else fields))
+    places = [fields] if one else list(fields)
+    if len(places) > MOST_FIELDS:
+        raise refusal("fields", f"{len(places)} are too many; give {MOST_FIELDS} at most, the others in another call")
+    return tuple(map(_axis, places))
 
 
 def _axis(field: Any) -> tuple[float, float]:
@@ -253,6 +261,8 @@ def _axis(field: Any) -> tuple[float, float]:
         raise ValueError(f"field {field!r} is no position; give x or (x, y) in mm on the MLA")
     if not all(map(math.isfinite, numbers)):
         raise ValueError(f"field {field!r} is not finite; give mm on the MLA")
+    if max(map(abs, numbers)) > FARTHEST["length"]:
+        raise ValueError(f"field {field!r} is beyond {FARTHEST['length']:g} mm; give mm on the MLA")
     return numbers[0], numbers[1] if len(numbers) == 2 else 0.0
 
 
@@ -265,7 +275,7 @@ def check_evaluation_accuracy(design: Design, accuracy: float | None) -> None:
     """
     if accuracy is not None:
         check_accuracy(accuracy)
-        rays_for(None if design.sees_discs else accuracy)
+        rays_for(None if design.has_exact_areas else accuracy)
 
 
 def evaluation_accuracy(
@@ -282,8 +292,8 @@ def evaluation_accuracy(
     seconds : float, optional
         That it took.
     """
-    if design.sees_discs:
-        method = "closed forms and exact disc areas"
+    if design.has_exact_areas:
+        method = f"closed forms and exact {'disc ' if design.sees_discs else ''}areas"
         return Accuracy("every number, relative", method, ROUNDING, asked=asked, seconds=seconds)
     rays = rays_for(asked)
     measured, by = None, ""

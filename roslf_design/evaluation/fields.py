@@ -24,7 +24,7 @@ from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages, stop_openings
 from ..traced.camera import camera_of
 from ..traced.images import measured_bound, real_field
-from .result import Field, Numbers, RayBudget, RealLens, RealLensField, Share
+from .groups import Field, Numbers, RayBudget, RealLens, RealLensField, Share
 
 Place = tuple[float, float]
 Shares = tuple[Array, Array, float, float]
@@ -60,7 +60,7 @@ def field_openings(design: Design, axes: ArrayLike) -> Openings:
     Parameters
     ----------
     design : Design
-        Its tilts are left out.
+        Tilts of FAP, main lens, array and sensor are left out.
     axes : array_like, shape (N, 2)
         Microlens axes, on the MLA [mm].
 
@@ -99,24 +99,25 @@ def evaluate_fields(design: Design, axes: Sequence[Place], rays: int = RAYS) -> 
     axes : sequence of (x, y)
         Microlens axes, on the MLA [mm].
     rays : int
-        Counted for the budget where something is tilted.
+        Counted for the budget where FAP, main lens, array or sensor is tilted.
 
     Returns
     -------
     tuple of Field
-        From exact areas. Where something is tilted, stops are ellipses on the sensor, still exactly, but shares of the
-        ray budget are counted from rays.
+        From exact areas. Where FAP, main lens, array or sensor is tilted, stops are ellipses on the sensor, still
+        exactly, but shares of the ray budget are counted from rays.
     """
     if not axes:
         return ()
     camera = Camera.of(design)
     images = MicrolensImages(camera, axes)
     shape, offset = images.shapes, np.zeros((len(axes), 2))
-    if design.sees_discs:
+    if design.has_exact_areas:
         shares = _exact_shares(images)
     else:
         points = sunflower(rays)
         shares = [_counted_shares(camera, axis, points) for axis in axes]
+    if camera.tilted:  # shapes count from the FAP's image
         middle = np.stack(np.broadcast_arrays(images.outline.x, images.outline.y, images.x)[:2], -1)[:, 0]
         offset = middle + np.asarray(camera.decentre("sensor")) - images.from_lens
     spreads = np.asarray(QUANTITIES["sigma_z_at_field_mm"].at_fields(images))
@@ -133,7 +134,7 @@ def evaluate_fields(design: Design, axes: Sequence[Place], rays: int = RAYS) -> 
             axis_ratio=float(ratio[i]) if lit[i] else None,
             ray_budget=_budget(camera, *shares[i]),
             sigma_z_mm=float(depth_error[i]) if np.isfinite(depth_error[i]) else None,
-            rays=None if design.sees_discs else rays,
+            rays=None if design.has_exact_areas else rays,
         )
         for i, axis in enumerate(axes)
     )

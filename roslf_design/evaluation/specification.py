@@ -22,13 +22,12 @@ from ..theory.depth_of_field import Kind, depth_of_field
 from ..theory.disparity_error import view_gradient
 from ..theory.light import on_array
 from ..theory.photometry import exposure, through_filter
-from ..theory.quantities import QUANTITIES, depth_error, image_rate, seen_at
-from ..theory.resolution import FieldTransfer
+from ..theory.quantities import QUANTITIES, depth_error, seen_at
 from ..theory.stop_images import MicrolensImages
-from ..traced.fields import LensImages, images_of
+from ..traced.fields import DesignImages, IdealImages, images_of
 from ..words import number
 from .fields import default_fields
-from .result import DepthAssumptions
+from .groups import DepthAssumptions
 
 Place = tuple[float, float]
 
@@ -51,6 +50,14 @@ class _FieldOfView:
     diagonal: float
     at_mm: float | None
     """Plane on which the tip sees the field; angles from the entrance pupil are the same on all."""
+
+    @classmethod
+    def of(cls, ends: MicrolensImages, at: float | None) -> _FieldOfView:
+        """Angles from the entrance pupil, or under which the tip sees a plane [mm ahead of it]."""
+        names = [f"{'' if at is None else 'tip_'}field_of_view_{part}deg" for part in ("width_", "height_", "")]
+        ways = ends.directions if at is None else np.stack(np.broadcast_arrays(*ends.on_plane(at), at), axis=-1)
+        angles = _across(ways, field_of_view.between, lambda k: QUANTITIES[names[k]](ends.camera, at))
+        return cls("entrance pupil" if at is None else "distal tip", *angles, at)
 
 
 @dataclass(frozen=True)
@@ -119,6 +126,11 @@ class _Ends:
     refocused: tuple[float, float]
     criterion: str = CRITERION
 
+    @classmethod
+    def of(cls, camera: Camera) -> _Ends:
+        """Depth of field of a camera, of one view and refocused."""
+        return cls(_sharp(camera, "view"), _sharp(camera, "refocused"))
+
 
 @dataclass(frozen=True)
 class _FieldPoint:
@@ -133,6 +145,21 @@ class _FieldPoint:
     local_magnification: float | None
     """Array over object, along the field's radius."""
     relative_illumination: float
+
+    @classmethod
+    def of(cls, images: MicrolensImages, focus: float) -> tuple[_FieldPoint, ...]:
+        """Each of the fields, on the focal plane so far ahead of the tip [mm]."""
+        shape = len(images.fields), 1
+        names = ("distortion_percent", "local_magnification", "relative_illumination")
+        local = [np.broadcast_to(QUANTITIES[name].at_fields(images), shape)[:, 0].tolist() for name in names]
+        met = np.broadcast_to(np.hypot(*images.on_plane(focus)), shape)[:, 0]
+        ways = np.broadcast_to(images.directions, (*shape, 3))[:, 0]
+        angles = np.rad2deg(np.arctan2(np.hypot(ways[:, 0], ways[:, 1]), ways[:, 2]))
+        rows = zip(images.fields.tolist(), met.tolist(), angles.tolist(), *local, strict=True)
+        return tuple(
+            cls((at[0], at[1]), _known(x0), _known(angle), _known(bent), _known(along), light)
+            for at, x0, angle, bent, along, light in rows
+        )
 
 
 @dataclass(frozen=True)
@@ -270,34 +297,9 @@ def planes(camera: Camera) -> dict[str, float]:
     return dict([first, ("focal plane", focus), last])
 
 
-def transfer_at(images: MicrolensImages, field: int, at: float | None) -> FieldTransfer:
-    """MTF at a field of a single camera, on a plane ahead of the tip or on the focal plane."""
-    if isinstance(images, LensImages):
-        return images.transfer(field, at)
-    camera = images.camera
-    openings, shapes = images.openings.at(np.s_[field, 0]), images.shapes
-    lit = bool(shapes.lit[field, 0])
-    x, y = (float(np.broadcast_to(axis, (len(images.fields), 1))[field, 0]) for axis in images.microlens[:2])
-    away = math.hypot(x, y)
-    along, across = (float(np.broadcast_to(scale, (len(images.fields), 1))[field, 0]) for scale in images.scales(at))
-    # Tilted parts' shapes count from the FAP's image.
-    u, v = shapes.centroid[field, 0] + (openings.centres[0] if camera.tilted else 0.0)
-    cuts = shapes.clipping[field, 0] if not camera.tilted else np.ones(openings.total, np.bool_)
-    cuts = cuts | (np.arange(len(cuts)) == 0)
-    return FieldTransfer(
-        camera,
-        openings.some(np.flatnonzero(cuts).tolist()),
-        (float(u), float(v)) if lit else None,
-        float(image_rate(camera, at)),
-        along,
-        across,
-        (x / away, y / away) if away > 1e-12 * float(camera.d) else (1.0, 0.0),
-    )
-
-
-def resolved(images: MicrolensImages, field: int, at: float, image: Kind) -> Resolved:
+def resolved(images: IdealImages | DesignImages, field: int, at: float, image: Kind) -> Resolved:
     """Detail that one field shows of a plane ahead of the tip."""
-    transfer = transfer_at(images, field, at)
+    transfer = images.transfer(field, at)
     tangential = transfer.limits(LEVELS, image, "tangential")
     if transfer.round and transfer.along > 0:
         sagittal = [limit * transfer.along / transfer.across for limit in tangential]
@@ -339,28 +341,25 @@ def specification(design: Design | str | Path) -> Specification:
     ends = images_of(design, on_array(camera, corners))
     stations = planes(camera)
     distances = tuple(stations.values())
-    view, refocused = _sharp(camera, "view"), _sharp(camera, "refocused")
+    sharp = _Ends.of(camera)
     rows = [resolved(images, k, at, "refocused") for at in distances for k in range(len(axes))]
     rows += [resolved(images, 0, at, "view") for at in distances]
     if design.main_lens.kind.faults:  # views, too, are less sharp off the axis
         rows += [resolved(images, k, distances[1], "view") for k in range(1, len(axes))]
-    points = _points(images, distances[1])
+    points = _FieldPoint.of(images, distances[1])
     farthest = corner(points)
     value = {name: float(QUANTITIES[name](camera)) for name in _NAMES}
     return Specification(
-        field_of_view_deg=(
-            _FieldOfView("entrance pupil", *_angles(ends, None), None),
-            *(_FieldOfView("distal tip", *_angles(ends, at), at) for at in distances),
-        ),
+        field_of_view_deg=tuple(_FieldOfView.of(ends, at) for at in (None, *distances)),
         direction_of_view_deg=value["direction_of_view_deg"],
-        working_range_mm=view,
+        working_range_mm=sharp.view,
         working_distance_mm=distances[1],
         hyperfocal_mm=_known(value["hyperfocal_mm"]),
         view_hyperfocal_mm=_known(value["view_hyperfocal_mm"]),
         object_field=tuple(_ObjectField.of(ends, at, plane) for plane, at in stations.items()),
         depth_precision=_DepthPrecision.of(design, images, stations),
         resolution=tuple(rows),
-        depth_of_field_mm=_Ends(view, refocused),
+        depth_of_field_mm=sharp,
         field=points,
         distortion=farthest.distortion_percent,
         relative_illumination=farthest.relative_illumination,
@@ -395,13 +394,6 @@ def _known(value: float) -> float | None:
     return None if math.isnan(value) else value
 
 
-def _angles(ends: MicrolensImages, at: float | None) -> tuple[float, float, float]:
-    """Over the field's width, height and diagonal, from the entrance pupil or under which the tip sees a plane."""
-    names = [f"{'' if at is None else 'tip_'}field_of_view_{part}deg" for part in ("width_", "height_", "")]
-    ways = ends.directions if at is None else np.stack(np.broadcast_arrays(*ends.on_plane(at), at), axis=-1)
-    return _across(ways, field_of_view.between, lambda k: QUANTITIES[names[k]](ends.camera, at))
-
-
 def depth_assumptions(design: Design, camera: Camera, error: float) -> DepthAssumptions | None:
     """Assumptions behind a predicted disparity error; None where the design gives the error."""
     if design.depth.disparity_error is not None:
@@ -427,7 +419,7 @@ def _across(
     Where a real main lens does not show all of them, its thin twin's.
     """
     one, other = rays.reshape(4, 2, -1).swapaxes(0, 1)
-    sizes = field_of_view.widest(list(between(one, other)))
+    sizes = field_of_view.Across.widest(list(between(one, other)))
     width, height, diagonal = (float(thin(k) if np.isnan(size) else size) for k, size in enumerate(sizes))
     return width, height, diagonal
 
@@ -437,20 +429,6 @@ def _samples(camera: Camera) -> tuple[int, int]:
     rows = PACKINGS[camera.layout].rise
     across, up = (2 * float(half) / float(camera.d) for half in light.sensor_field(camera).half)
     return math.floor(across + 1e-9), math.floor(up / rows + 1e-9)
-
-
-def _points(images: MicrolensImages, focus: float) -> tuple[_FieldPoint, ...]:
-    shape = len(images.fields), 1
-    names = ("distortion_percent", "local_magnification", "relative_illumination")
-    local = [np.broadcast_to(QUANTITIES[name].at_fields(images), shape)[:, 0].tolist() for name in names]
-    met = np.broadcast_to(np.hypot(*images.on_plane(focus)), shape)[:, 0]
-    ways = np.broadcast_to(images.directions, (*shape, 3))[:, 0]
-    angles = np.rad2deg(np.arctan2(np.hypot(ways[:, 0], ways[:, 1]), ways[:, 2]))
-    rows = zip(images.fields.tolist(), met.tolist(), angles.tolist(), *local, strict=True)
-    return tuple(
-        _FieldPoint((at[0], at[1]), _known(x0), _known(angle), _known(bent), _known(along), light)
-        for at, x0, angle, bent, along, light in rows
-    )
 
 
 def corner(points: Sequence[_FieldPoint]) -> _FieldPoint:

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..camera import Camera
 from ..design import Design
-from ..design.environment import not_known, not_named
+from ..design.growth import not_known, not_named
 from ..lenses.glass import ROOM
 from ..shapes.lattice import PACKINGS
 from ..theory import tube
@@ -22,7 +22,7 @@ from ..theory.photometry import accepted, response
 from ..theory.quantities import QUANTITIES
 from ..words import listed, place
 from .fields import default_fields, field_openings
-from .result import Field, Numbers, RealLens, Verdict
+from .groups import Field, Numbers, RealLens, Verdict
 
 SLACK_PX = 0.5
 """Overlap or gap of neighbouring microlens images that still counts as matched [px]."""
@@ -56,17 +56,12 @@ def verdicts_of(
     return (*answers, *([_fits(camera)] if tube.OUTER in camera.numbers else []))
 
 
-def _answer(name: str, text: str, remedy: str = "") -> Verdict:
-    """Good where there is nothing to mend."""
-    return Verdict(name, not remedy, "fault" if remedy else "good", text, remedy)
-
-
 def _matched(camera: Camera, f: Numbers) -> Verdict:
     kind = "overlap by" if f.mismatch_px > 0 else "leave gaps of"
     images = f"images {kind} {abs(f.mismatch_px):.3g} px" if abs(f.mismatch_px) >= TOUCHING_PX else "images just touch"
     half_a_pixel = abs(f.mismatch_px) <= SLACK_PX and float(geometric_views(camera)) >= LEAST_VIEWS
     if half_a_pixel or -GAP_SLACK <= f.fill_factor - 1 <= OVERLAP_SLACK:
-        return _answer("f_number_matched", f"f-number matched: fill factor {f.fill_factor:.5g}, {images}")
+        return Verdict.of("f_number_matched", f"f-number matched: fill factor {f.fill_factor:.5g}, {images}")
     text = (
         f"f-number not matched: microlens f/{f.microlens:.4g} against pupil f/{f.pupil:.4g}, fill factor "
         f"{f.fill_factor:.4g}, {images}"
@@ -75,7 +70,7 @@ def _matched(camera: Camera, f: Numbers) -> Verdict:
     lengths = [f"{symbol} = {float(way.value):.5g} mm" for symbol, way in ways.items() if way.exists]
     remedy = f"any one of these matches it exactly: {', '.join(lengths)}"
     none = "no single change of d_2, D_F or d_3 matches it; change the microlens pitch or the focus"
-    return _answer("f_number_matched", text, remedy if lengths else none)
+    return Verdict.of("f_number_matched", text, remedy if lengths else none)
 
 
 def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdict:
@@ -90,26 +85,26 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
             f"({lens.x0_max_mm:.4g} mm object radius; thin lens, Eq. 6: {lens.thin_x_ml_max_mm:.4g} mm)"
         )
         if lens.undistorted_in_field:
-            return _answer("field_undistorted", f"field undistorted: {bound}; {sees}")
+            return Verdict.of("field_undistorted", f"field undistorted: {bound}; {sees}")
         folded = [field.x_ml_mm for field in lens.fields if field.status == "folded"]
         where = f"; folded at {', '.join(f'{place(x_ml)} mm' for x_ml in folded)}" if folded else ""
         other = lens.turned_x_ml_max_mm
         turned = f"turned round the lens sees whole images out to {other:.4g} mm; " if other is not None else ""
         ways = "a better corrected or wider lens, a FAP closer to it or a smaller sensor helps"
         text = f"field distorted: {bound}{where}; {sees}"
-        return _answer("field_undistorted", text, f"{turned}{by_thin or ways}")
+        return Verdict.of("field_undistorted", text, f"{turned}{by_thin or ways}")
     if by_thin:
         text = (
             f"field distorted: cat's-eye images beyond {thin.x0_max_mm:.4g} mm object radius "
             f"({thin.x_ml_max_mm:.4g} mm on the MLA), cut by the {thin.limited_by}; {sees}"
         )
-        return _answer("field_undistorted", text, by_thin)
+        return Verdict.of("field_undistorted", text, by_thin)
     bound = (
         f"out to {thin.x0_max_mm:.4g} mm object radius, limited by the {thin.limited_by}"
         if math.isfinite(thin.x0_max_mm)
         else "at any field"
     )
-    return _answer(
+    return Verdict.of(
         "field_undistorted", f"field undistorted: microlens images are full {camera.fap.outline.kind}s {bound}; {sees}"
     )
 
@@ -117,17 +112,17 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
 def _fits(camera: Camera) -> Verdict:
     outer, wall = (float(camera[place]) for place in (tube.OUTER, tube.WALL))
     room = outer - 2 * wall
-    within = [part for part in tube.housed(camera) if tube.inside(camera, part)]
+    within = [part for part in tube.housed(camera) if part.inside(camera)]
     wide = [part for part in within if part.width > room * (1 + ROUNDING)]
     holds = f"{outer:.4g} mm outside and a wall of {wall:.4g} mm leave {room:.4g} mm"
     if not wide:
         widest = max(within, key=lambda part: float(part.width))
         text = f"fits inside the tube: {holds}; widest is the {widest.name}, {float(widest.width):.4g} mm"
-        return _answer("fits_tube", text)
+        return Verdict.of("fits_tube", text)
     parts = [f"{part.name} ({float(part.width):.4g} mm, {float(part.width) - room:.4g} mm too much)" for part in wide]
     text = f"does not fit inside the tube: {holds}; too wide: {', '.join(parts)}"
     needed = _rounded_up(max(float(part.width) for part in wide) + 2 * wall)
-    return _answer("fits_tube", text, f"smaller ones, or a tube of {needed} mm outside")
+    return Verdict.of("fits_tube", text, f"smaller ones, or a tube of {needed} mm outside")
 
 
 def _field_remedy(camera: Camera, field: Numbers) -> str:
@@ -156,7 +151,7 @@ def _resolved(camera: Camera, sampling: Numbers) -> Verdict:
     views, kind = views / filters.spacing, filters.pixels
     if views < LEAST_VIEWS:
         pixel = 1e3 * float(camera.q)
-        return _answer(
+        return Verdict.of(
             "views_resolved",
             f"no light-field camera: {views:.3g} {kind} across a microlens image, which take all its directions as one",
             f"check sensor.pixel: pixels are {pixel:.4g} um wide, a microlens image "
@@ -164,7 +159,7 @@ def _resolved(camera: Camera, sampling: Numbers) -> Verdict:
         )
     if independent >= views:
         text = f"views resolved: {views:.3g} {kind} across a microlens image, {independent:.3g} independent views"
-        return _answer("views_resolved", text)
+        return Verdict.of("views_resolved", text)
     # The band that diffraction lets pass ends where 8 N_F samples across an image hold all of it.
     enough = 2 * independent
     pixels = (
@@ -186,14 +181,14 @@ def _thin(f: Numbers, lens: RealLens) -> Verdict:
     """Whether microlens images lie where the thin lens puts them, and are as large."""
     name, other = "thin_lens_holds", "calibrate image centres rather than compute them, or take a better corrected lens"
     if not lens.fields:
-        return _answer(name, "thin lens: no field was asked for")
+        return Verdict.of(name, "thin lens: no field was asked for")
     images = [
         (math.hypot(*field.shift_px), field.widening_px, field.widening_percent, field.x_ml_mm)
         for field in lens.fields
         if field.shift_px is not None and field.widening_px is not None and field.widening_percent is not None
     ]
     if not images:
-        return _answer(name, "thin lens fails: no field asked for has a whole image", other)
+        return Verdict.of(name, "thin lens fails: no field asked for has a whole image", other)
     # A rim of the image moves by half of what it widens.
     moved, wider, percent, at = max(images, key=lambda image: image[0] + abs(image[1]) / 2)
     size = (
@@ -201,8 +196,8 @@ def _thin(f: Numbers, lens: RealLens) -> Verdict:
         f"{percent:.3g} % (fill factor {f.fill_factor * (1 + percent / 100):.3g})"
     )
     if moved + abs(wider) / 2 <= SLACK_PX and len(images) == len(lens.fields):
-        return _answer(name, f"thin lens holds: {size}")
-    return _answer(name, f"thin lens does not hold: {size}", other)
+        return Verdict.of(name, f"thin lens holds: {size}")
+    return Verdict.of(name, f"thin lens does not hold: {size}", other)
 
 
 def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
@@ -260,6 +255,14 @@ class Near(NamedTuple):
     says: str
     """Sentence on what that means for this design; empty where it is not near."""
 
+    @classmethod
+    def of(cls, case: str, distance: float, says: str) -> Near:
+        """Case, with what its loss of digits means where it is near."""
+        near = distance < NEAR
+        lost = min(16.0, -math.log10(max(distance, 2.0**-52)))
+        text = f"{says}; a formula that cancels there loses {lost:.0f} of 16 digits, the forms used lose none"
+        return cls(case, distance, near, text if near else "")
+
 
 def near_cases(design: Design) -> tuple[Near, ...]:
     """Distance from every place where a textbook formula loses digits, closest first."""
@@ -279,20 +282,15 @@ def near_cases(design: Design) -> tuple[Near, ...]:
         inner = float((abs(openings.rooms[:, 1:]) / r).min())
     at_lens = Near("d_3 → 0", 0.0, True, "the aperture is at the main lens; margins are exact there")
     cases = [
-        _near("d_3 → d_f", (d_f - d_3) / d_f, "the bore's end lies almost in the focal plane"),
-        _near("d_3 → f", abs(d_3 - f) / f, "image-space telecentric"),
-        _near("d_f → f", (d_f - f) / f, "the object is almost in the front focus"),
-        _near("d_f → ∞", f / d_f, "focused almost at infinity"),
-        _near("images just touch", abs(D_F / touching - 1), f"fill factor {fill:.6g}"),
-        _near("d_3 → 0", d_3 / d_f, "the aperture is almost at the main lens") if d_3 > 0 else at_lens,
-        _near("barely clipped", inner, "a rim almost touches the pupil's image from outside, somewhere in the field"),
-        _near("discs near tangency", outer, "a rim leaves almost nothing of the pupil's image somewhere in the field"),
+        Near.of("d_3 → d_f", (d_f - d_3) / d_f, "the bore's end lies almost in the focal plane"),
+        Near.of("d_3 → f", abs(d_3 - f) / f, "image-space telecentric"),
+        Near.of("d_f → f", (d_f - f) / f, "the object is almost in the front focus"),
+        Near.of("d_f → ∞", f / d_f, "focused almost at infinity"),
+        Near.of("images just touch", abs(D_F / touching - 1), f"fill factor {fill:.6g}"),
+        Near.of("d_3 → 0", d_3 / d_f, "the aperture is almost at the main lens") if d_3 > 0 else at_lens,
+        Near.of("barely clipped", inner, "a rim almost touches the pupil's image from outside, somewhere in the field"),
+        Near.of(
+            "discs near tangency", outer, "a rim leaves almost nothing of the pupil's image somewhere in the field"
+        ),
     ]
     return tuple(sorted(cases, key=lambda one: one.distance))
-
-
-def _near(case: str, distance: float, says: str) -> Near:
-    near = distance < NEAR
-    lost = min(16.0, -math.log10(max(distance, 2.0**-52)))
-    text = f"{says}; a formula that cancels there loses {lost:.0f} of 16 digits, the forms used lose none"
-    return Near(case, distance, near, text if near else "")

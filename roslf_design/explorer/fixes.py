@@ -29,9 +29,13 @@ NOTEWORTHY = 0.005
 BLUR_PX = 0.5
 """Microlens defocus that a change of d_2 may leave without f_ml following [px]."""
 BORE_PLACES = 2001
-"""Places along a bore that are tried for the FAP."""
-PLACES, ROUNDS = 65, 8
-"""A search looks at so many places at once and goes on between two of them: 2e-12 of the range is left."""
+"""Evenly spaced places along a bore that are tried for the FAP."""
+SAME_PLACE = 1e-9
+"""Share of a bore's length below which two places are one."""
+PEAKS = 8
+"""Highest of them, at most, that are looked at more closely."""
+PLACES, ROUNDS = 17, 10
+"""A search between two places looks at so many, and goes on between two of them: 1e-12 of the range is left."""
 
 
 @dataclass(frozen=True)
@@ -150,7 +154,7 @@ def _nearest_place(camera: Camera, off: Callable[[Floats | float], Floats]) -> f
     """Distance of the FAP [mm, with a ruler] at which a function is 0, the one nearest to today's; None without."""
     from scipy.optimize import brentq
 
-    ends = np.linspace(0.0, float(camera[PATHS["d_f"]]), BORE_PLACES)[:-1]
+    ends = _bore(camera)
     with np.errstate(divide="ignore", invalid="ignore"):
         values = off(ends)
     turns = np.flatnonzero(np.sign(values[:-1]) * np.sign(values[1:]) <= 0)
@@ -167,54 +171,65 @@ def _undistorting(camera: Camera) -> Change:
     def rooms(d_3: Floats | float) -> Floats:
         return corner_room(camera.replace({"d_3": d_3}))
 
+    def least(d_3: Floats) -> Floats:
+        return np.asarray(rooms(d_3).min(axis=0))
+
     here = float(camera[PATHS["d_3"]])  # with a ruler, as what replaces it
     if rooms(here).min() >= 0:
         return "the whole sensor is undistorted already"
-    # Room times the gap is concave in d_3, so the distances with room are one interval.
-    best = _highest(lambda d_3: rooms(d_3).min(axis=0), camera, float(camera[PATHS["d_f"]]) * (1 - 1e-9))
-    if rooms(best).min() < 0:
-        limit = field_limit(camera.replace({"d_3": best}))
-        return f"no FAP distance frees it: the {limit.rim} is too small for this FAP and sensor"
-    inside, outside = best, here
+    # What the sensor sees changes with the distance, too: room may come, go and come again.
+    places = _with_peaks(least, camera)
+    room = least(places)
+    free = places[room >= 0]
+    if not free.size:
+        tightest = int(np.argmin(rooms(float(places[int(np.argmax(room))]))))
+        return f"no FAP distance frees it: the {camera.rims[tightest].opening} is too small for this FAP and sensor"
+    inside = float(free[int(np.argmin(np.abs(free - here)))])
+    outside = here
     for _ in range(ROUNDS):
-        places = np.linspace(inside, outside, PLACES)
-        last = int(np.argmax(rooms(places).min(axis=0) < 0)) - 1
-        inside, outside = float(places[last]), float(places[last + 1])
+        between = np.linspace(inside, outside, PLACES)
+        last = int(np.argmax(least(between) < 0)) - 1
+        inside, outside = float(between[last]), float(between[last + 1])
     return inside
 
 
 def _widest(camera: Camera) -> Change:
     def radius(d_3: Floats | float) -> Floats:
-        least = undistorted_radii(camera.replace({"d_3": d_3})).min(axis=0)
-        return np.asarray(np.maximum(least, 0.0))
+        return np.asarray(undistorted_radii(camera.replace({"d_3": d_3})).min(axis=0))
 
-    now = float(camera[PATHS["d_3"]])
-    best = _highest(radius, camera, max(now, *_rims(camera)))
-    if radius(best) == 0:
+    places = _with_peaks(radius, camera)
+    best = float(places[int(np.argmax(radius(places)))])
+    if radius(best) <= 0:
         return "no FAP distance leaves any field undistorted: the FAP is wider than a rim"
-    if radius(best) <= radius(now) * (1 + 1e-9):
+    if radius(best) <= radius(float(camera[PATHS["d_3"]])) * (1 + 1e-9):
         return "no other FAP distance gives a larger undistorted field"
     return best
 
 
-def _rims(camera: Camera) -> list[float]:
-    """Distances of the rims that the FAP's pencils pass: the lens's, which is 0, and those of further stops."""
-    return [float(rim.ruler_distance) for rim in camera.rims]
+def _bore(camera: Camera) -> Floats:
+    """Distances of the FAP that are tried [mm, with a ruler]: evenly spaced, today's, and every rim's own."""
+    end = float(camera[PATHS["d_f"]])
+    own = [place for place in (float(rim.ruler_distance) for rim in camera.rims) if 0 <= place < end]
+    even = np.linspace(0.0, end, BORE_PLACES)[:-1]
+    places = np.union1d(even, [*own, float(camera[PATHS["d_3"]])])
+    return places[np.diff(places, prepend=-end) > SAME_PLACE * end]
 
 
-def _highest(value: Callable[[Floats], Floats], camera: Camera, high: float) -> float:
-    """The d_3 from 0 to `high` at which a function is largest that rises up to the last rim at most, and then falls.
-
-    A rim's own place is tried as it is, and where there is but the lens, nothing else is.
-    """
-    corners = [place for place in _rims(camera) if place <= high]
-    low, top = 0.0, max(corners)
+def _with_peaks(value: Callable[[Floats], Floats], camera: Camera) -> Floats:
+    """Distances that are tried, and where between them a function of them is largest."""
+    places = _bore(camera)
+    values = value(places)
+    rises = np.concatenate([[True], values[1:] > values[:-1]])
+    falls = np.concatenate([values[1:] <= values[:-1], [True]])
+    peaks = np.flatnonzero(rises & falls)
+    top = peaks[np.argsort(values[peaks])[-PEAKS:]]
+    low, high = places[np.maximum(top - 1, 0)], places[np.minimum(top + 1, len(places) - 1)]
+    rows = np.arange(len(top))
     for _ in range(ROUNDS):
-        places = np.linspace(low, top, PLACES)
-        best = int(np.argmax(value(places)))
-        low, top = float(places[max(best - 1, 0)]), float(places[min(best + 1, PLACES - 1)])
-    tried = np.array([*corners, 0.5 * (low + top)])
-    return float(tried[int(np.argmax(value(tried)))])
+        tried = np.linspace(low, high, PLACES, axis=1)
+        best = np.argmax(value(tried.ravel()).reshape(tried.shape), axis=1)
+        low, high = tried[rows, np.maximum(best - 1, 0)], tried[rows, np.minimum(best + 1, PLACES - 1)]
+    return np.union1d(places, 0.5 * (low + high))
 
 
 def _with_consequences(design: Design, now: Facts, key: str, label: str, symbol: str, change: Change) -> Fix:

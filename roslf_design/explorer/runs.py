@@ -33,6 +33,7 @@ from ..tolerancing.study import TolerancePlan, make_plan, tolerance_plan
 from ..units import format_quantity
 from ..words import to_html
 from .jobs import Done, Failure, ProcessJob, Progress, Tell
+from .main_lens import TRIALS, explored_lens
 from .state import BY_SYMBOL, CONJUGATE, PLACES, State, fixed_conjugates, read, show
 
 Options = Mapping[str, Sequence[str]]
@@ -40,10 +41,6 @@ Options = Mapping[str, Sequence[str]]
 
 GRADES = ("commercial", "precision", "high")
 """Grades of the shipped table, from loose to tight."""
-TRIALS = 16384
-"""Builds where nobody says otherwise."""
-TRIALS_TRACED = 1024
-"""Number of trials behind a real lens, whose every build is traced."""
 CURVE_TRIALS = 4096
 """Most builds for one point of the yield curve, and for the other grades."""
 SCALES = (0.25, 0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0)
@@ -235,14 +232,14 @@ Request = TypeVar("Request", ToleranceRequest, OptimiseRequest, MeasureRequest)
 def forms(state: State) -> dict[str, Any]:
     """Content of the forms, with what is chosen by default."""
     design = state.design
-    traced = design.main_lens.prescription is not None
+    lens = explored_lens(design)
     return {
         "grades": [{"key": grade, "chosen": grade == GRADES[1]} for grade in GRADES],
-        "trials": TRIALS_TRACED if traced else TRIALS,
+        "trials": lens.trials,
         "goals": [{"key": key, "label": goal.label} for key, goal in GOALS.items()],
         "variables": [_offered(s, state) for s in VARIABLES],
         "held": [{"key": key, "label": held.label} for key, held in HELD.items()],
-        "lens": traced,
+        "lens": lens.named_apart,
         "of": state.reference.name,
     }
 
@@ -476,10 +473,7 @@ def run_optimise(request: OptimiseRequest, tell: Tell = lambda share, text: None
     InputError
         Nothing may vary, what varies does not go together, or the main lens is a real one.
     """
-    design = request.design
-    if design.lens is not None:
-        message = f"{design.lens.name} is a real lens, and the search varies ideal ones; optimise its thin twin"
-        raise InputError((Problem("main lens", message),))
+    design = explored_lens(request.design).searched(request.design)
     tell(None, "first search")
     result = run_optimisation(
         _optimise_study(request), design, origin="optimise", tell=lambda text: tell(_part_done(text), text)

@@ -29,6 +29,7 @@ from trame_server import Server
 
 from ..errors import refusal
 from .session import DownloadError, Session
+from .view import with_cards
 
 PAGE = Path(__file__).parent / "page"
 """Templates, script and style of the page."""
@@ -80,7 +81,7 @@ class _Tab:
         server.enable_module({"vue_use": ["roslfExplorer"]})
         state = server.state
         state.trame__title = "roslf explore"
-        state.trame__template_main = (PAGE / "page.html").read_text(encoding="utf-8")
+        state.trame__template_main = with_cards((PAGE / "page.html").read_text(encoding="utf-8"))
         state.trame__template_error = (PAGE / "gone.html").read_text(encoding="utf-8")
         state.update({**self.session.page(), "tab_key": self.key, "answered": 0})
         for name in self.session.requests:

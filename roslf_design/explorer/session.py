@@ -25,6 +25,7 @@ from ..evaluation import evaluate
 from ..reporting.design.instrument import scene
 from .fixes import Fix, proposals
 from .jobs import Later, Progress
+from .main_lens import explored_lens
 from .runs import KINDS, Options, Run, forms, summary
 from .state import (
     BY_SYMBOL,
@@ -195,7 +196,7 @@ class Session:
             return None
         picture = drawing.make(*inputs, self._sizes[name.removesuffix(".svg")])
         # On the page the card says so.
-        twin = "-thin-lens" if self.design.lens is not None and drawing.tab in ("camera", "depth") else ""
+        twin = explored_lens(self.design).twin if drawing.tab in ("camera", "depth") else ""
         return _Download(f"{stem}{twin}-{name}", "image/svg+xml", picture.svg_file())
 
     async def _report(self, stem: str) -> bytes:
@@ -378,11 +379,10 @@ class Session:
 
     def _lights(self, source: PictureSource) -> list[dict[str, str]]:
         """Verdicts of the thin twin at once; those of the real lens once it has been traced."""
-        if self.design.main_lens.prescription is None:
-            return lights(source.evaluation)
         # In the loop, not in a thread: compiled kernels may not be entered by two threads at once.
-        _, traced = self._after_a_pause(_verdicts)
-        return [*lights(source.evaluation), TRACING] if traced is None else traced
+        return explored_lens(self.design).lights(
+            lights(source.evaluation), [TRACING], lambda: self._after_a_pause(_verdicts)[1]
+        )
 
     def _fixes(self) -> list[dict[str, str]]:
         """Proposals to mend the design; without their outcome while it is still being changed."""

@@ -21,7 +21,7 @@ from ..design import PATHS, Design, DesignError, dumps, loads
 from ..design.parts import MOST_CONTRAST
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
-from ..lenses.glass import AIR, Glass, catalogue, find_glass, glass_of_index
+from ..lenses.glass import AIR, Glass, catalogue, find_glass, read_glass
 from ..theory.quantities import QUANTITIES
 from ..units import UNITS, parse_quantity
 
@@ -415,7 +415,7 @@ def _material(text: str) -> Glass:
         index = float(text.replace(",", "."))
     except ValueError:
         return find_glass(text)
-    return glass_of_index({"index": index})
+    return read_glass({"index": index})
 
 
 def _readable(faults: Iterable[_Fault]) -> dict[str, float]:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
+from html import escape
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +18,7 @@ from ..drawing.marks import Point
 from ..drawing.picture import Picture
 from ..drawing.theme import short
 from ..evaluation import Evaluation
-from ..evaluation.show import depth_facts
+from ..evaluation.result import depth_facts
 from ..lenses.glass import Glass
 from ..reporting.depth.pictures import normalised, profile
 from ..reporting.design.curves import depth_over_field, depth_precision, field_curve, matching_plane
@@ -118,7 +120,7 @@ class _Drawing(NamedTuple):
     """Drawing of the page."""
 
     tab: str
-    """The view that shows it."""
+    """View that shows it."""
     label: str
     """Heading of the drawing."""
     size: Size
@@ -127,16 +129,25 @@ class _Drawing(NamedTuple):
     """Values that the drawing depends on, besides its size: equal inputs, equal picture; None where there is none."""
     make: Callable[..., Picture]
     """Takes the inputs, then the size."""
+    run: str = ""
+    """Kind of run among whose results it stands; empty of a drawing of the design itself."""
 
 
-def _of(run: str, part: Callable[[Any], Any] = lambda result: result) -> Callable[[PictureSource], Any]:
-    """Inputs of a picture from a run's result; None before there is any."""
+def _of(
+    run: str,
+    label: str,
+    size: Size,
+    make: Callable[..., Picture],
+    part: Callable[[Any], Any] = lambda result: result,
+    tab: str = "",
+) -> _Drawing:
+    """Drawing of a run's result, or of a part of it; in the view of that name, unless another is given."""
 
     def inputs(source: PictureSource) -> tuple[Any] | None:
         value = part(source.runs[run]) if run in source.runs else None
         return None if value is None else (value,)
 
-    return inputs
+    return _Drawing(tab or run, label, size, inputs, make, run)
 
 
 DRAWINGS = {
@@ -156,32 +167,40 @@ DRAWINGS = {
         "camera", "Pupil diameter and distance", (340, 330), lambda s: (s.design, s.limits),
         lambda design, limits, size: matching_plane(design, size, limits=limits),
     ),
-    "depth": _Drawing("depth", "Depth precision", (520, 360), lambda s: (s.design,), depth_precision),
+    "depth": _Drawing("depth", "Depth precision over distance", (520, 360), lambda s: (s.design,), depth_precision),
     "depth-field": _Drawing(
         "depth", "Depth precision over the field", (520, 360), lambda s: (s.design,), depth_over_field
     ),
     "effects": _Drawing(
         "depth", "Effects against their budgets", (520, 420), lambda s: (s.evaluation.effects,), effects_budget
     ),
-    "measured-profile": _Drawing("depth", "Depth measured along a row", (520, 440), _of("measure"), profile),
-    "measured-errors": _Drawing("depth", "Errors of the depths measured", (520, 440), _of("measure"), normalised),
-    "yield": _Drawing("tolerance", "Yield of each grade", (420, 200), _of("tolerance"), yield_bars),
-    "yield-curve": _Drawing("tolerance", "Yield over tolerance", (420, 260), _of("tolerance"), yield_curve),
-    "offenders": _Drawing(
-        "tolerance", "Worst offenders", (560, 300), _of("tolerance", lambda r: r.offenders), offender_bars
-    ),
-    "spreads": _Drawing(
-        "tolerance", "Scatter of the limited numbers", (560, 300), _of("tolerance", lambda r: r.spreads), spread_bars
-    ),
-    "changes": _Drawing("optimise", "What changed", (560, 240), _of("optimise", lambda r: r.changes), change_bars),
-    "search": _Drawing(
-        "optimise", "Where the searches ended", (420, 260), _of("optimise", lambda r: r.ends), search_history
-    ),
-    "front": _Drawing(
-        "optimise", "Goal against goal", (420, 300), _of("optimise", lambda r: r if r.front else None), front
-    ),
+    "measured-profile": _of("measure", "Depth measured along a row", (520, 440), profile, tab="depth"),
+    "measured-errors": _of("measure", "Errors of the depths measured", (520, 440), normalised, tab="depth"),
+    "yield": _of("tolerance", "Yield of each grade", (420, 200), yield_bars),
+    "yield-curve": _of("tolerance", "Yield over a common factor on all tolerances", (420, 260), yield_curve),
+    "offenders": _of("tolerance", "Worst offenders, each alone", (560, 300), offender_bars, lambda r: r.offenders),
+    "spreads": _of("tolerance", "Scatter of the limited numbers", (560, 300), spread_bars, lambda r: r.spreads),
+    "changes": _of("optimise", "What changed, between its bounds", (560, 240), change_bars, lambda r: r.changes),
+    "search": _of("optimise", "Where the searches ended", (420, 260), search_history, lambda r: r.ends),
+    "front": _of("optimise", "Goal against goal", (420, 300), front, lambda r: r if r.front else None),
 }  # fmt: skip
-"""Drawings by the name that addresses and the page use."""
+"""Drawings by the name that addresses and the page use; those of the camera's view have their places in `page.html`,
+others stand where it has the cards of their view or kind of run."""
+
+
+def with_cards(template: str) -> str:
+    """Template of the page with the cards of each view and kind of run where it says so, one for each drawing."""
+
+    def card(name: str, drawing: _Drawing) -> str:
+        picture = f"picture_{name.replace('-', '_')}"
+        shown = f'v-show="{picture}"' if drawing.run else ':lens="lens_name"'
+        drawn = f'<rx-picture name="{name}" :svg="{picture}"></rx-picture>'
+        return f'<rx-card name="{name}" label="{escape(drawing.label)}" {shown}>{drawn}</rx-card>'
+
+    def cards(match: re.Match[str]) -> str:
+        return "\n".join(card(name, one) for name, one in DRAWINGS.items() if (one.run or one.tab) == match[1])
+
+    return re.sub(r"<!-- cards: (\w+) -->", cards, template)
 
 
 def fitting(size: Any, fallback: Size) -> Size:

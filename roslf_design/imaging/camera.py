@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from numbers import Integral
 from typing import NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ from ..camera import Camera
 from ..design import Design
 from ..effects import Plan
 from ..effects.geometry import tilt_shift
-from ..errors import InputError, Problem
+from ..errors import refusal
 from ..input_files import MOST_SAMPLES
 from ..shapes.lattice import PACKINGS
 from ..theory.light import microlens_defocus_blur
@@ -82,12 +83,13 @@ class Region(NamedTuple):
             Outside the sensor, or empty.
         """
         width, height = camera.pixels
-        piece = cls(0, 0, width, height) if region is None else cls(*region)
-        inside = 0 <= piece.column < piece.column + piece.columns <= width
-        if not (inside and 0 <= piece.row < piece.row + piece.rows <= height):
-            message = f"{tuple(piece)} is no part of the sensor; give column, row, columns, rows within"
-            raise InputError((Problem("region", f"{message} {width} x {height}"),))
-        return piece
+        piece = (0, 0, width, height) if region is None else tuple(region)
+        if len(piece) == 4 and all(isinstance(number, Integral) for number in piece):
+            column, row, columns, rows = piece
+            if 0 <= column < column + columns <= width and 0 <= row < row + rows <= height:
+                return cls(*piece)
+        message = f"{piece} is no part of the sensor; give column, row, columns, rows within {width} x {height}"
+        raise refusal("region", message)
 
     def drawn(self) -> Region:
         """Itself, where a picture of it can be.
@@ -102,7 +104,7 @@ class Region(NamedTuple):
                 f"{self.columns} x {self.rows} pixels are more than the {MOST_SAMPLES / 1e6:.0f} million of a picture; "
                 "name a smaller part of the sensor, or give it fewer pixels (sensor.pixel, sensor.size)"
             )
-            raise InputError((Problem("region", message),))
+            raise refusal("region", message)
         return self
 
 

@@ -62,7 +62,7 @@ def point_image(source: PointSource, region: Region, wavelengths: tuple[float, .
 def _lit_lenses(source: PointSource, lattice: ImageLattice, beyond: float) -> Floats:
     """Indices of the microlenses within the ideal geometric spot and `beyond` around it, shape (N, 2)."""
     d, spread, opening = float(source.camera.d), source.throw * source.defocus, source.opening
-    reach = abs(spread) * opening.radii[0] + beyond + d
+    reach = abs(spread) * opening.spans[0] / 2 + beyond + d
     centre = source.spot - spread * opening.centres[0]
     span = min(WIDEST, math.ceil(reach / d * 1.2) + 1)
     steps = np.arange(-span, span + 1)

@@ -17,6 +17,7 @@ from ..effects import Budget, Plan, plan
 from ..effects.geometry import mapped_blur
 from ..effects.waves import add_noise
 from ..errors import InputError, Problem, refusal
+from ..options import check_seed
 from ..scenes import WHITE_FIELD, Scene
 from ..theory.colours import BRIGHTEST, FILTERS, ColourFilter, filters, mosaic, per_watt
 from ..theory.light import chief_spread, falloff, outer_slope
@@ -119,8 +120,9 @@ def render(
     scene.check(design)
     if effects is None:
         effects = plan(design, scene, budget, overrides)
-    if seed < 0:
-        raise InputError((Problem("seed", f"{seed} is negative; give a whole number from 0 on"),))
+    check_seed(seed)
+    if threads is not None and threads < 1:
+        raise refusal("threads", f"{threads} is out of range; give a whole number from 1, or leave it out")
     if sampling is None:
         sampling = RaySampling(tolerance=max(budget.intensity, 1e-4), seed=seed)
     piece = Region.checked(Camera.of(design), region).drawn()
@@ -200,7 +202,7 @@ class _Job:
         real = real_camera(design, scene, effects)
         self.traced = scene.white is None and bool(scene.surfaces or scene.background)
         exact = effects.on("plate_aberration")
-        self.white = self._white(exact) if scene.white is not None and real is None and not self.camera.tilted else ()
+        self.white = self._white(exact) if scene.white is not None and real is None and self.camera.straight else ()
         self.traced |= scene.white is not None and not self.white
         self.transfer = MicrolensTransfer.of(self.camera, effects, scene.light.wavelengths)
         self.lit = None

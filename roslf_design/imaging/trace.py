@@ -315,7 +315,9 @@ class Tracer:
         if exact:  # rims are met in order, on the way: beforehand only what is far outside the FAP's is left out
             slack = exact_minus_paraxial(design, Subject(design).lens_field, ()).image
             near = layout.rims[:1].copy()
-            near[0, 3] *= (1 + WELL_OUTSIDE * slack / (float(np.abs(microlens_image_diameter(camera))) / 2)) ** 2
+            pupil = camera.fap.outline
+            narrowest = float(np.abs(microlens_image_diameter(camera)) * pupil.slimness)
+            near[0, 3:] = pupil.scaled(1 + WELL_OUTSIDE * slack / (narrowest / 2)).row()
             lattice, layout = replace(lattice, reach=lattice.reach + slack), layout._replace(rims=near)
         # Where microlenses diffract, a ray blurred at the FAP too would count one uncertainty of place and direction
         # twice: against points carried as coherent waves, rays left alone are nearer the truth.

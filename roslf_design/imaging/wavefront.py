@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from .._arrays import sunflower
 from ..fates import RayFate
 from ..polynomials import Polynomials
+from ..shapes.discs import heights
 from ..theory.object_space import ObjectSpaceFaces, SceneRays
 from ..traced.train import FOUND, Train, beyond_fap
 
@@ -32,6 +33,8 @@ SAMPLES, FEWEST = 400, 108
 MARGIN = 1.05
 """Width over which these are spread, against the opening's."""
 HALVINGS, TURNS = 40, 128
+CLOSER, ROUNDS = 16, 4
+"""Ends of what is lit: how much finer each further grid of directions is, and their number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +55,7 @@ class Wavefront:
         camera = source.camera.replace({"wavelength": wavelength})
         faces, free = ObjectSpaceFaces.of(camera), ObjectSpaceFaces.of(camera, clip=False)
         opening = source.opening
-        middle, radius = opening.centres[0], MARGIN * float(opening.radii[0])
+        middle, radius = opening.centres[0], MARGIN * float(opening.spans[0]) / 2
         disc = np.concatenate([sunflower(SAMPLES).T, _circle(48)])
         pupil = middle + radius * disc
         extra, comes = _extra_slopes(source, free, pupil)
@@ -94,22 +97,26 @@ class Wavefront:
         lit, way = self.lit(trial), _circle(TURNS)
         if not lit.any():
             return np.zeros(0), np.zeros(0), np.zeros(0), np.zeros(0)
-        edge = self._edge(np.broadcast_to(trial[lit].mean(axis=0), way.shape), way)
-        ends = []
+        centre, ends = trial[lit].mean(axis=0), []
+        edge = self._edge(np.broadcast_to(centre, way.shape), way)
         for sign in (-1, 1):
-            last = int(np.argmax(sign * edge[:, 1]))
-            near = edge[[last - 1, last, (last + 1) % TURNS]]
-            bend, slope = np.array([[0.5, -1.0, 0.5], [-0.5, 0.0, 0.5]]) @ near[:, 1]
-            step = -slope / (2 * bend) if bend else 0.0
-            across = near[1, 0] + step * (near[2, 0] - near[0, 0]) / 2
-            ends.append((across, near[1, 1] + step * slope / 2))
+            angle, step = int(np.argmax(sign * edge[:, 1])) * (2 * math.pi / TURNS), 2 * math.pi / TURNS
+            for _ in range(ROUNDS):  # a grid that closes in: the end may be a corner
+                turn = angle + step * np.linspace(-1, 1, 2 * CLOSER + 1)
+                way = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
+                near = self._edge(np.broadcast_to(centre, way.shape), way)
+                best = int(np.argmax(sign * near[:, 1]))
+                angle, step = float(turn[best]), step / CLOSER
+            ends.append(near[best])
         (low_x, low), (high_x, high) = ends
-        at, weight = np.polynomial.legendre.leggauss(rows)
-        angle, half = at * (math.pi / 2), (high - low) / 2
-        y = (high + low) / 2 + half * np.sin(angle)
+        # As far from both ends as to first order: sides bend at about the same shares of the height.
+        first = self.source.opening.chords(rows)
+        y, weight = (first.height, first.weight) if first.weight.any() else heights(-1.0, 1.0, rows)
+        tall, middle = weight.sum(), (weight @ y) / weight.sum()
+        y, weight = (high + low) / 2 + (y - middle) * ((high - low) / tall), weight * ((high - low) / tall)
         inside = np.stack([low_x + (high_x - low_x) * (y - low) / (high - low), y], axis=-1)
         left, right = (self._edge(inside, np.broadcast_to([sign, 0.0], inside.shape))[:, 0] for sign in (-1.0, 1.0))
-        return y, weight * (math.pi / 2) * half * np.cos(angle), left, right
+        return y, weight, left, right
 
     def _edge(self, inside: Floats, way: Floats) -> Floats:
         """Places where light ends along ways from places (..., 2)."""

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..camera import Camera
 from ..design import Design
 from ..effects import Plan, plan
-from ..rays.exact_discs import ExactDiscs
+from ..rays.exact_openings import ExactOpenings
 from ..shapes.coverage import LARGEST_PART, coverage, coverage_bands
 from ..shapes.discs import shapes
 from ..shapes.openings import Openings
@@ -59,7 +59,7 @@ ALWAYS_ON = ("+microlens_diffraction", "+overlap")
 
 @dataclass(frozen=True, eq=False)
 class WhiteGeometry:
-    """Shapes of a straight camera's microlens images under uniform light."""
+    """Shapes of microlens images under uniform light, of a camera in which nothing but further stops leans."""
 
     camera: Camera
     """Camera as planned: whatever clips is in it."""
@@ -68,7 +68,7 @@ class WhiteGeometry:
     """Whether brightness falls off with the chief ray's angle."""
     own_only: bool
     """Whether light on top of a neighbour's is left out: no pixel gets more than a whole image gives."""
-    exact: ExactDiscs | None = None
+    exact: ExactOpenings | None = None
     """Shapes by Snell's law; None leaves them where first order has them."""
 
     @classmethod
@@ -89,11 +89,11 @@ class WhiteGeometry:
         Returns
         -------
         WhiteGeometry or None
-            None where no discs are known that near.
+            None where no openings are known that near.
         """
         half, pixel = np.array(self.camera.pixels) * float(self.camera.q) / 2, float(self.camera.q)
         axis = self.lattice.microlens(self.lattice.indices(-half[0], half[0], -half[1], half[1]))
-        exact = ExactDiscs.of(self.camera, axis.min(0), axis.max(0), wavelength) if len(axis) else None
+        exact = ExactOpenings.of(self.camera, axis.min(0), axis.max(0), wavelength) if len(axis) else None
         if exact is None or exact.error > error * pixel:
             return None
         farther = replace(self.lattice, reach=self.lattice.reach + exact.farthest)
@@ -140,9 +140,7 @@ class WhiteGeometry:
     def _openings(self, left: float, right: float, low: float, high: float) -> tuple[Floats, Openings]:
         """Microlens axes in the sensor's frame (n, 2), openings that cut relative to them [mm]."""
         axis = self.lattice.microlens(self.lattice.indices(left, right, low, high))
-        openings = (
-            stop_openings(self.camera, *axis.T) if self.exact is None else Openings.of_discs(*self.exact.at(*axis.T))
-        )
+        openings = stop_openings(self.camera, *axis.T) if self.exact is None else self.exact.at(*axis.T)
         cuts = np.any(openings.rooms < 0, axis=0, keepdims=True)[0]
         cuts[0] = True
         place = axis - np.array(self.camera.decentre("sensor"))
@@ -263,7 +261,7 @@ def _pixels(camera: Camera, frequencies: Floats) -> Floats:
     return np.asarray(pixel_box(frequencies, float(camera.q)).prod(-1))
 
 
-def interference_series(
+def _interference_series(
     camera: Camera, transfer: MicrolensTransfer, pixel: bool = True, reach: int = INTERFERING
 ) -> HarmonicSeries:
     """Series that interference of neighbouring microlenses adds to `harmonic_series`, which leaves it out.
@@ -295,7 +293,7 @@ def neighbour_interference(camera: Camera, transfer: MicrolensTransfer) -> float
     least = transfer.width**2 / (MOST_INTERFERING * transfer.sensor_distance)
     limited = replace(transfer, wavelengths=tuple(max(wavelength, least) for wavelength in transfer.wavelengths))
     reach = transfer.shape.neighbours
-    series, lattice = interference_series(camera, limited, reach=reach), ImageLattice.of(camera)
+    series, lattice = _interference_series(camera, limited, reach=reach), ImageLattice.of(camera)
     sides = np.abs(lattice.image_axes).sum(1)
     at = np.linspace(0, 1, 8 * math.ceil((reach + 1) * limited.cutoff * sides.max()))
     x, y = (side * at + origin for side, origin in zip(sides, lattice.image_origin, strict=True))

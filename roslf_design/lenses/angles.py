@@ -6,8 +6,9 @@ A law is an array: a row of kind and largest p; of a table also a row an interva
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from typing import Any, ClassVar
+from collections.abc import Callable, Iterator, Sequence
+from itertools import repeat
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,8 @@ from numpy.typing import NDArray
 from .._jit import kernel
 
 Law = NDArray[np.float64]
+T = TypeVar("T")
+Way = TypeVar("Way")
 
 THETA, SINE, STEREOGRAPHIC, TABLE = range(4)
 NOTHING = 1e-150
@@ -24,7 +27,7 @@ LAW_COLUMNS = 5
 
 
 @kernel()
-def angle_in_air(law: Any, p: Any) -> Any:
+def _angle_in_air(law: Any, p: Any) -> Any:
     """Angle theta [rad] with g(theta) = p, where p does not exceed the law's largest."""
     kind = law[0, 0]
     if kind == THETA:
@@ -46,7 +49,7 @@ def stretch(law: Any, p: Any, n: Any) -> Any:
     Beyond the law's largest p that of the largest.
     """
     held = np.minimum(p, law[0, 1]) + NOTHING
-    angle = angle_in_air(law, held)
+    angle = _angle_in_air(law, held)
     sine, cosine = np.sin(angle), np.cos(angle)
     return sine / np.sqrt((n - 1.0) * (n + 1.0) + cosine * cosine) * (n / held)
 
@@ -64,7 +67,7 @@ def illumination(law: Any, p: Any) -> Any:
     f sin. Flat windows and liquid change nothing: n^2 cos(theta) dOmega is the same in each.
     """
     held = np.minimum(p, law[0, 1]) + NOTHING
-    angle = angle_in_air(law, held)
+    angle = _angle_in_air(law, held)
     light = np.sin(angle) * np.cos(angle) / held
     kind = law[0, 0]
     if kind == THETA:
@@ -81,11 +84,11 @@ def illumination(law: Any, p: Any) -> Any:
 
 
 @kernel()
-def image_height(law: Any, angle: Any) -> Any:
+def _image_height(law: Any, angle: Any) -> Any:
     """P = g(theta) of angles in air [rad]; beyond what is imaged, the largest."""
     largest = law[0, 1]
     kind = law[0, 0]
-    held = np.minimum(angle, angle_in_air(law, largest))
+    held = np.minimum(angle, _angle_in_air(law, largest))
     if kind == THETA:
         return held * 1.0
     if kind == SINE:
@@ -95,14 +98,14 @@ def image_height(law: Any, angle: Any) -> Any:
     p, step = held * 0.0, largest
     for _ in range(60):  # the angle rises with p
         step = step / 2.0
-        p = p + step * (angle_in_air(law, p + step) < held)
+        p = p + step * (_angle_in_air(law, p + step) < held)
     return p
 
 
 @kernel()
 def first_order(law: Any, slope: Any, n: Any) -> Any:
     """Inverse of p/n times `stretch`: p, of a slope in a medium of index n."""
-    return image_height(law, np.arcsin(np.minimum(n * np.sin(np.arctan(slope)), 1.0)))
+    return _image_height(law, np.arcsin(np.minimum(n * np.sin(np.arctan(slope)), 1.0)))
 
 
 NO_LAW = np.zeros((0, LAW_COLUMNS))
@@ -118,6 +121,8 @@ class AngleMap:
     """True where it bends the plane in focus, and draws what lies off the axis smaller."""
     words: ClassVar[str] = ""
     """Words for why light falls off otherwise than by cos^4."""
+    law: Law | None = None
+    """Law; None of f tan."""
     kernel: Law = NO_LAW
     """As kernels take it; no rows of f tan."""
     end: float = math.inf
@@ -176,6 +181,17 @@ class AngleMap:
         """Point of the first order's object space that stands for one; `drawn` finds it along a straight ray."""
         return at
 
+    def images(self, image: Callable[[Way], T], ways: Sequence[Way]) -> Iterator[T]:
+        """Image of a point through each of some points of the pupil: of f tan the same through all."""
+        return repeat(image(ways[0]), len(ways))
+
+    def undrawn(self, distance: Any, along: Callable[[], Any], pupil: Callable[[], Any]) -> Any:
+        """Distance of a point from the one that the first order draws it at; the entrance pupil stands at `pupil`.
+
+        A small step along the field's radius is drawn `along` times as long.
+        """
+        return distance
+
 
 class AngleLaw(AngleMap):
     """Objective that maps angles by a law of its own."""
@@ -189,11 +205,11 @@ class AngleLaw(AngleMap):
     @property
     def widest(self) -> float:
         """Angle of the law's largest p."""
-        return float(angle_in_air(self.law, self.end))
+        return float(_angle_in_air(self.law, self.end))
 
     def angle(self, slope: Any) -> Any:
         """Angle by the law; beyond what is imaged, the largest."""
-        return angle_in_air(self.law, np.minimum(slope, self.end))
+        return _angle_in_air(self.law, np.minimum(slope, self.end))
 
     def light(self, slope: Any) -> Any:
         """Light by `illumination`."""
@@ -205,7 +221,7 @@ class AngleLaw(AngleMap):
 
     def height(self, angle: Any) -> Any:
         """Inverse of the angle."""
-        return image_height(self.law, angle)
+        return _image_height(self.law, angle)
 
     def dim(self, row: Any, along: Any, across: Any) -> None:
         """Darken by `illumination`."""
@@ -238,6 +254,15 @@ class AngleLaw(AngleMap):
     def straight(self, at: Any, drawn: Callable[[], Any]) -> Any:
         """Point drawn along a straight ray."""
         return drawn()
+
+    def images(self, image: Callable[[Way], T], ways: Sequence[Way]) -> Iterator[T]:
+        """Each sees the point elsewhere."""
+        return map(image, ways)
+
+    def undrawn(self, distance: Any, along: Callable[[], Any], pupil: Callable[[], Any]) -> Any:
+        """As if the radius were drawn for so much farther away."""
+        stands = pupil()
+        return stands + (distance - stands) / along()
 
 
 F_TAN = AngleMap()

@@ -12,19 +12,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
-from typing import Any
+from itertools import chain
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydantic import ConfigDict, Discriminator, Field, Tag, ValidationInfo, field_validator
 
 from ..errors import InputError, Problem
-from ..units import format_quantity, read_quantity
+from ..toml_files import TAG, PlainNumber, StrictTable, validated
+from ..units import AnyLength, format_quantity
 
 Array = NDArray[np.float64]
 
 COEFFICIENTS = {"sellmeier": ("b", "c"), "schott": ("a",), "abbe": ("index", "abbe"), "constant": ("index",)}
 """The keys of a glass table that hold its formula's coefficients."""
-WARMING_KEYS = ("cte", "dndt", "warming_source")
 MOST_EXPANSION = 1e-2
 """No solid grows faster [1/K]."""
 MOST_WARMED = 0.5
@@ -238,9 +240,7 @@ def catalogue() -> Mapping[str, Glass]:
     for name, table in data["glasses"].items():
         entries = {key: value for key, value in table.items() if key not in ("also", "nd", "vd")}
         entries |= {key: data["sources"][entries[key]] for key in ("source", "warming_source") if key in entries}
-        glass, problems = read_glass(name, entries)
-        if glass is None:
-            raise InputError(problems, "glasses.toml")
+        glass = read_glass({"name": name, **entries})
         for spelling in (name, *table.get("also", ())):
             glasses[spelling.upper()] = glass
     return glasses
@@ -272,123 +272,170 @@ def find_glass(name: str, extra: Mapping[str, Glass] | None = None) -> Glass:
     near = difflib.get_close_matches(name.upper(), known, 1, 0.5)
     hint = f"the nearest known is '{known[near[0]].name}'" if near else f"known: {', '.join(sorted(known))}"
     remedy = "check the spelling, or describe it: {index = 1.5, abbe = 60}"
-    raise InputError((Problem("glass", f"'{name}' is not a known glass; {hint}; {remedy}"),))
+    raise InputError((Problem("", f"'{name}' is not a known glass; {hint}; {remedy}"),))
 
 
-def glass_of_index(table: Mapping[str, Any]) -> Glass:
-    """A medium from its ``index`` at 587.6 nm and, where it has one, its Abbe number ``abbe``.
-
-    Raises
-    ------
-    InputError
-        Other keys, an index outside 1 to 5, an Abbe number that is not positive.
-    """
-    problems = [Problem(key, f"'{key}' is not known of a material; known: index, abbe") for key in table
-                if key not in ("index", "abbe")]  # fmt: skip
-    index, number = table.get("index"), table.get("abbe")
-    if not (_is_number(index) and 1 <= index < 5):  # type: ignore[operator]
-        problems.append(Problem("index", f"an index must be a number from 1 to 5, got {index!r}"))
-    if number is not None and not (_is_number(number) and number > 0):
-        problems.append(Problem("abbe", f"an Abbe number must be positive, got {number!r}"))
-    if problems:
-        raise InputError(tuple(problems))
-    name = f"n = {index:g}" + ("" if number is None else f", V = {number:g}")
-    if number is None:
-        return Glass(name, "constant", (float(index),))  # type: ignore[arg-type]
-    return Glass(name, "abbe", (float(index), float(number)))  # type: ignore[arg-type]
+_Side = Literal["air", "vacuum"]
+_Numbers = Annotated[tuple[PlainNumber, ...], Field(min_length=1)]
+_Span = Annotated[tuple[AnyLength, AnyLength], Field(examples=[["0.35 um", "2.5 um"]])]
 
 
-def read_glass(name: str, table: Mapping[str, Any]) -> tuple[Glass | None, tuple[Problem, ...]]:
-    """A glass from a table such as those of `glasses.toml`, or every fault in it.
+class _Rate(StrictTable):
+    """Change of index with temperature at a constant rate."""
+
+    rate: Annotated[PlainNumber, Field(gt=-1, lt=1)]
+    against: _Side = "air"
+
+    def law(self) -> tuple[str, tuple[float, ...], str]:
+        """Law, coefficients and what they are relative to, as `Warming` has them."""
+        return "rate", (self.rate,), self.against
+
+
+class _SchottRate(StrictTable):
+    """Change of index with temperature by Schott's formula."""
+
+    d: tuple[PlainNumber, PlainNumber, PlainNumber]
+    e: tuple[PlainNumber, PlainNumber]
+    lambda_tk: PlainNumber
+
+    def law(self) -> tuple[str, tuple[float, ...], str]:
+        """Law, coefficients and what they are relative to, as `Warming` has them."""
+        return "schott", (*self.d, *self.e, self.lambda_tk), "vacuum"
+
+
+def _kind_of_law(value: object) -> str | None:
+    if isinstance(value, Mapping):
+        return TAG + ("rate" if "rate" in value else "schott")
+    return f"{TAG}water" if value == "water" else None
+
+
+_LAWS = 'must be {d = [D0, D1, D2], e = [E0, E1], lambda_tk = um}, {rate = -8.5e-5} per K or "water"'
+_Law = Annotated[
+    Annotated[Literal["water"], Tag(f"{TAG}water")]
+    | Annotated[_Rate, Tag(f"{TAG}rate")]
+    | Annotated[_SchottRate, Tag(f"{TAG}schott")],
+    Discriminator(_kind_of_law, custom_error_type="law", custom_error_message=_LAWS),
+]
+
+
+class _GlassTable(StrictTable):
+    """Glass in a file; each kind adds the coefficients of its formula."""
+
+    model_config = ConfigDict(defer_build=True)
+
+    name: str = ""
+    formula: str = ""
+    range: _Span | None = None
+    source: str = ""
+    against: _Side = "air"
+    cte: Annotated[PlainNumber, Field(gt=-MOST_EXPANSION, lt=MOST_EXPANSION)] = 0.0
+    dndt: _Law | None = None
+    warming_source: str = ""
+
+    @field_validator("range", mode="after")
+    @classmethod
+    def _rises(cls, ends: tuple[float, float] | None) -> tuple[float, float] | None:
+        if ends is not None and not 0 <= ends[0] < ends[1]:
+            raise ValueError("must be two rising wavelengths; write the shorter one first")
+        return ends
+
+    @property
+    def coefficients(self) -> tuple[float, ...]:
+        """Coefficients as `Glass` has them."""
+        raise NotImplementedError
+
+    def glass(self, formula: str) -> Glass:
+        """Glass by a formula; an InputError where the coefficients give no index in the range."""
+        shortest, longest = (float(end) for end in self.range or (0.0, np.inf))
+        if self.range:
+            with np.errstate(all="ignore"):
+                real = _index(formula, self.coefficients, np.linspace(shortest or longest / 8, longest, 9) * 1e3)
+            if not np.all((real >= 1) & (real < 5)):
+                given = f"from {np.min(real):.3g} to {np.max(real):.3g}"
+                message = f"give an index {given} in the range; check them and the range"
+                raise InputError((Problem(COEFFICIENTS[formula][0], message),))
+        numbers = zip("nV", self.coefficients, strict=False) if formula in ("abbe", "constant") else ()
+        name = self.name or ", ".join(f"{sign} = {value:g}" for sign, value in numbers)
+        span, offset = (shortest, longest), 0.0
+        return Glass(name, formula, self.coefficients, *span, self.source, offset, self.against, self._warming())
+
+    def _warming(self) -> Warming:
+        if self.dndt is None:
+            return Warming(self.cte, source=self.warming_source)
+        law, terms, against = ("water", (), "vacuum") if self.dndt == "water" else self.dndt.law()
+        coldest, hottest = WARMING.get(law, (-np.inf, np.inf))
+        return Warming(self.cte, law, terms, against, coldest, hottest, self.warming_source)
+
+
+class _Sellmeier(_GlassTable):
+    b: _Numbers
+    c: _Numbers
+    range: _Span
+
+    @field_validator("c", mode="after")
+    @classmethod
+    def _paired(cls, value: tuple[float, ...], info: ValidationInfo) -> tuple[float, ...]:
+        if len(value) != len(info.data.get("b", value)):
+            raise ValueError(f"has {len(value)} numbers where b has {len(info.data['b'])}; pair them")
+        return value
+
+    @property
+    def coefficients(self) -> tuple[float, ...]:
+        return tuple(chain.from_iterable(zip(self.b, self.c, strict=True)))
+
+
+class _Schott(_GlassTable):
+    a: Annotated[tuple[PlainNumber, ...], Field(min_length=2)]
+    range: _Span
+
+    @property
+    def coefficients(self) -> tuple[float, ...]:
+        return self.a
+
+
+class _Constant(_GlassTable):
+    index: Annotated[PlainNumber, Field(ge=1, lt=5)]
+
+    @property
+    def coefficients(self) -> tuple[float, ...]:
+        return (self.index,)
+
+
+class _Abbe(_Constant):
+    abbe: Annotated[PlainNumber, Field(gt=0)]
+
+    @property
+    def coefficients(self) -> tuple[float, ...]:
+        return self.index, self.abbe
+
+
+_TABLES: dict[str, type[_GlassTable]] = {
+    "sellmeier": _Sellmeier,
+    "schott": _Schott,
+    "abbe": _Abbe,
+    "constant": _Constant,
+}
+
+
+def read_glass(table: Mapping[str, Any]) -> Glass:
+    """A glass from a table such as those of `glasses.toml`, or from index and Abbe number alone.
 
     Parameters
     ----------
-    name : str
-        The glass's name.
     table : mapping
         ``formula``, its coefficients (``b`` and ``c``, ``a``, ``index`` and ``abbe``, or ``index``), ``range``,
         ``source``, and ``against = "vacuum"`` where it is that to which the coefficients are relative. Where known,
         ``cte`` [1/K], ``dndt`` (``{d = [D0, D1, D2], e = [E0, E1], lambda_tk}``, ``{rate}`` [1/K] with its own
-        ``against``, or ``"water"``) and ``warming_source``.
+        ``against``, or ``"water"``) and ``warming_source``. Without ``formula`` index and Abbe number say it.
+
+    Raises
+    ------
+    InputError
+        Every fault of it.
     """
-    formula = table.get("formula")
-    if not isinstance(formula, str) or formula not in COEFFICIENTS:
-        known = ", ".join(COEFFICIENTS)
-        return None, (Problem("formula", f"{formula!r} is not a known formula; write one of {known}"),)
-    needed = COEFFICIENTS[formula]
-    allowed = ("formula", "source", "range", "against", *needed, *WARMING_KEYS)
-    unknown = f"is not a known key of a {formula} glass; known: {', '.join(allowed)}"
-    problems = [Problem(key, unknown) for key in table if key not in allowed]
-    columns: list[tuple[float, ...]] = []
-    for key in needed:
-        values = [table.get(key)] if key in ("index", "abbe") else table.get(key)
-        if not isinstance(values, list) or not values or not all(_is_number(value) for value in values):
-            problems.append(Problem(key, f"must hold finite numbers (wavelengths in um), got {table.get(key)!r}"))
-        else:
-            columns.append(tuple(float(value) for value in values))
-    if formula == "sellmeier" and len(columns) == 2 and len(columns[0]) != len(columns[1]):
-        problems.append(Problem("c", f"has {len(columns[1])} numbers where b has {len(columns[0])}; pair them"))
-    if formula == "schott" and columns and len(columns[0]) < 2:
-        problems.append(Problem("a", "needs at least a_0 and a_1"))
-    against = table.get("against", "air")
-    if against not in ("air", "vacuum"):
-        problems.append(Problem("against", f'must be "air" or "vacuum", got {against!r}'))
-    bounds, faults = _read_range(table.get("range"), formula)
-    warming, wrong = _read_warming(table)
-    problems += faults + wrong
-    if problems:
-        return None, tuple(problems)
-    coefficients = tuple(v for pair in zip(*columns, strict=True) for v in pair) if len(columns) == 2 else columns[0]
-    source = str(table.get("source", ""))
-    glass = Glass(name, formula, coefficients, *bounds, source, against=str(against), warming=warming)
-    ends = np.linspace(*bounds, 9) * 1e3 if np.isfinite(bounds[1]) else np.ones(1)
-    with np.errstate(all="ignore"):
-        real = _index(formula, coefficients, ends[ends > 0])
-    if not np.all((real >= 1) & (real < 5)):
-        message = f"give an index from {np.min(real):.3g} to {np.max(real):.3g} in the range; check them and the range"
-        return None, (Problem(needed[0], message),)
-    return glass, ()
-
-
-def _read_warming(table: Mapping[str, Any]) -> tuple[Warming, list[Problem]]:
-    expansion, law, problems = table.get("cte", 0.0), table.get("dndt"), []
-    if not (_is_number(expansion) and abs(expansion) < MOST_EXPANSION):
-        message = f"must be a coefficient of linear expansion [1/K] such as 7.1e-6, got {expansion!r}"
-        problems, expansion = [Problem("cte", message)], 0.0
-    source = str(table.get("warming_source", ""))
-    if law is None:
-        return Warming(float(expansion), source=source), problems
-    if law == "water":
-        return Warming(float(expansion), "water", (), "vacuum", *WARMING["water"], source), problems
-    rows = law if isinstance(law, Mapping) else {}
-    rate, against = _row([rows.get("rate")], 1), rows.get("against", "air")
-    if rows.keys() <= {"rate", "against"} and rate and abs(rate[0]) < 1 and against in ("air", "vacuum"):
-        return Warming(float(expansion), "rate", (rate[0],), against, source=source), problems
-    terms = (*_row(rows.get("d"), 3), *_row(rows.get("e"), 2), *_row([rows.get("lambda_tk")], 1))
-    if rows.keys() == {"d", "e", "lambda_tk"} and len(terms) == 6:
-        return Warming(float(expansion), "schott", terms, "vacuum", *WARMING["schott"], source), problems
-    message = f"must be {{d = [D0, D1, D2], e = [E0, E1], lambda_tk = um}} or {{rate = -8.5e-5}} per K, got {law!r}"
-    return NOT_KNOWN, [*problems, Problem("dndt", message)]
-
-
-def _row(values: object, count: int) -> list[float]:
-    right = isinstance(values, list) and len(values) == count and all(_is_number(value) for value in values)
-    return [float(value) for value in values] if right else []  # type: ignore[attr-defined]
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and bool(np.isfinite(value))
-
-
-def _read_range(value: object, formula: str) -> tuple[tuple[float, float], list[Problem]]:
-    if value is None and formula in ("constant", "abbe"):
-        return (0.0, np.inf), []
-    if not isinstance(value, list) or len(value) != 2:
-        return (0.0, 0.0), [Problem("range", f'must be two wavelengths such as ["0.35 um", "2.5 um"], got {value!r}')]
-    try:
-        low, high = (read_quantity(end, "length") for end in value)
-    except ValueError as error:
-        return (0.0, 0.0), [Problem("range", str(error))]
-    if not 0 <= low < high:
-        return (0.0, 0.0), [Problem("range", f"{value!r} must be two rising wavelengths")]
-    return (low, high), []
+    plain = "constant" if table.keys() <= _Constant.model_fields.keys() else "abbe"
+    formula = table.get("formula", plain)
+    if not isinstance(formula, str) or formula not in _TABLES:
+        message = f"{formula!r} is not a known formula; write one of {', '.join(_TABLES)}"
+        raise InputError((Problem("formula", message),))
+    return validated(_TABLES[formula], table).glass(formula)

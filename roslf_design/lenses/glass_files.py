@@ -8,22 +8,21 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError, Problem
 from ..input_files import MOST_TEXT, read_bytes
-from ..toml_files import nearest
-from .glass import Glass, glass_of_index, read_glass
+from ..toml_files import StrictTable, nearest, validated
+from .glass import Glass, read_glass
 
 AGF_FORMULAS = {1: "schott", 2: "sellmeier", 6: "sellmeier", 11: "sellmeier"}
 """Zemax's numbers: Schott, Sellmeier 1, 3 and 5."""
 LISTED = 20
 
 
-def load_glass(path: Path, name: str, origin: str = "") -> Glass:
+def _load_glass(path: Path, name: str, origin: str = "") -> Glass:
     """A glass out of a file.
 
     Parameters
@@ -55,59 +54,44 @@ def load_glass(path: Path, name: str, origin: str = "") -> Glass:
     return _made(name.strip(), _agf_table(entry, origin), origin, path.name)
 
 
-def _glass_of_file(table: Mapping[str, Any], folder: Path | None, name: str = "") -> Glass:
-    """A glass by ``file`` and, where it is called otherwise there, ``name``; relative to a folder.
+class _GlassFile(StrictTable):
+    """Glass out of a file, and its name there where it is called otherwise."""
 
-    Raises
-    ------
-    InputError
-        Other keys, no text, no folder to look in, or what `load_glass` refuses.
-    """
-    place, called = table.get("file"), table.get("name", name)
-    if not isinstance(place, str) or not isinstance(called, str) or table.keys() - {"file", "name"}:
-        raise InputError(
-            (Problem("file", f'must be e.g. {{file = "schott.agf", name = "N-FK58"}}, got {dict(table)!r}'),)
-        )
-    if folder is None:
-        raise InputError((Problem("file", f"'{place}': this text may not open files; write the glass's numbers"),))
-    glass = load_glass(folder / place, called, place)
-    return replace(glass, name=name) if name else glass
+    file: str
+    name: str = ""
+
+    def glass(self, folder: Path | None) -> Glass:
+        """Glass out of the file; an InputError where none may be opened, or as of `_load_glass`."""
+        if folder is None:
+            message = f"'{self.file}': this text may not open files; write the glass's numbers"
+            raise InputError((Problem("file", message),))
+        return _load_glass(folder / self.file, self.name, self.file)
 
 
-def glass_of_table(table: Mapping[str, Any], folder: Path | None, name: str = "") -> Glass:
+def glass_of_table(table: Mapping[str, Any], folder: Path | None) -> Glass:
     """A glass as a table tells it: out of a file, by a formula's coefficients, or by index and Abbe number.
 
     Parameters
     ----------
     table : mapping
-        With ``file``, as of `_glass_of_file`; with ``formula``, as of `read_glass`; or ``index`` and ``abbe``.
+        With ``file`` and, where it is called otherwise there, ``name``; else as of `read_glass`.
     folder : Path or None
         What a file's path counts from; None where none may be opened.
-    name : str
-        What the glass is to be called.
 
     Raises
     ------
     InputError
         Every fault of it.
     """
-    if "file" in table:
-        return _glass_of_file(table, folder, name)
-    if "formula" in table:
-        called = name or str(table.get("name", ""))
-        glass, problems = read_glass(called, {key: value for key, value in table.items() if name or key != "name"})
-        if glass is None:
-            raise InputError(problems)
-        return glass
-    glass = glass_of_index(table)
-    return replace(glass, name=name) if name else glass
+    return validated(_GlassFile, table).glass(folder) if "file" in table else read_glass(table)
 
 
 def _made(name: str, table: Mapping[str, Any], origin: str, source: str) -> Glass:
-    glass, problems = read_glass(name, {**table, "source": source, "warming_source": source})
-    if glass is None:
-        raise InputError(tuple(Problem(f"{name}.{problem.key}", problem.message) for problem in problems), origin)
-    return glass
+    try:
+        return read_glass({**table, "name": name, "source": source, "warming_source": source})
+    except InputError as error:
+        faults = tuple(Problem(f"{name}.{problem.key}", problem.message) for problem in error.problems)
+        raise InputError(faults, origin) from None
 
 
 def _agf(text: str) -> dict[str, dict[str, list[str]]]:

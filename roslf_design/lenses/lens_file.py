@@ -36,29 +36,25 @@ import codecs
 import math
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from functools import cache
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
 
 from ..errors import InputError, Problem
 from ..input_files import MOST_TEXT, read_bytes
-from ..toml_files import nearest, parse_toml, read_toml
-from ..units import FARTHEST, format_quantity, read_quantity
-from .glass import AIR, COEFFICIENTS, ROOM, Glass, Warming, find_glass, is_shipped, read_glass
-from .glass_files import glass_of_table
-from .prescription import ASPHERE_TERMS, LensError, Prescription, Surface, faults
+from ..toml_files import PlainNumber, StrictTable, parse_toml, read_toml, validated
+from ..units import FARTHEST, Angle, AnyLength, Length, Temperature, format_quantity, read_quantity
+from .glass import AIR, ROOM, Glass, find_glass, is_shipped
+from .material import Material, glass_table, numbers_of
+from .prescription import LensError, Prescription, Surface, faults
 from .tracer import MODES
 
-TOP = ("name", "source", "wavelength", "temperature", "surfaces", "glasses")
-SURFACE = (
-    *("radius", "curvature", "thickness", "glass", "diameter", "conic", "asphere", "index_offset"),
-    *("shift", "tilt", "irregularity"),
-)
-POWERS = tuple(f"r{2 * i}" for i in range(1, ASPHERE_TERMS + 1))
 _POWER = re.compile(r"\s*([+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?)\s*mm(?:\^|\*\*)(-?\d+)\s*")
 
 
@@ -72,7 +68,7 @@ def load_lens(path: str | os.PathLike[str]) -> Prescription:
     """
     place, origin = Path(path), os.fspath(path)
     if origin.lower() in shipped_names() and not place.exists():
-        return loads_lens(files(__package__).joinpath("shipped", f"{origin.lower()}.toml").read_text("utf-8"), origin)
+        return _loads_lens(files(__package__).joinpath("shipped", f"{origin.lower()}.toml").read_text("utf-8"), origin)
     if place.suffix.lower() == ".zmx":
         return _read_zmx(place)
     known = ", ".join(name.upper() for name in shipped_names())
@@ -87,7 +83,7 @@ def shipped_names() -> tuple[str, ...]:
     return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
 
 
-def loads_lens(text: str, origin: str = "") -> Prescription:
+def _loads_lens(text: str, origin: str = "") -> Prescription:
     """Read a lens from TOML text; `origin` is what errors call it."""
     return lens_of(parse_toml(text, origin, refusal=LensError), origin)
 
@@ -97,161 +93,157 @@ def lens_of(data: Mapping[str, Any], origin: str = "", folder: Path | None = Non
 
     `origin` is what errors call it, `folder` where glass files that it names are looked for; None: it may name none.
     """
-    problems: list[Problem] = []
-    top = _Table(data, "", TOP, problems)
-    own: dict[str, Glass] = {}
-    for name, table in _Table(data.get("glasses", {}), "glasses", None, problems).table.items():
-        glass, wrong = _own_glass(name, _Table(table, f"glasses.{name}", None, problems).table, folder)
-        problems += [Problem(f"glasses.{name}.{problem.key}", problem.message) for problem in wrong]
-        if glass is not None:
-            own[name.upper()] = glass
-    rows = data.get("surfaces", [])
-    if not isinstance(rows, list):
-        top.fault("surfaces", "must be a list of tables; write [[surfaces]] once for each surface")
-        rows = []
-    places = [_Table(row, f"surfaces.{n}", SURFACE, problems) for n, row in enumerate(rows, start=1)]
-    surfaces = [_surface(place, own, folder) for place in places]
-    wavelength = top.length("wavelength") if "wavelength" in data else None
-    texts = {key: data.get(key, "") for key in ("name", "source")}
-    problems += [Problem(k, f"must be text, got {v!r}") for k, v in texts.items() if not isinstance(v, str)]
-    warmth = top.quantity("temperature", data["temperature"], "temperature") if "temperature" in data else ROOM
-    whole = tuple(surface for surface in surfaces if surface is not None)
+    read = validated(_LensFile, data, origin, refusal=LensError, folder=folder)
+    surfaces, warmth = tuple(row.surface for row in read.surfaces.values()), float(read.temperature)
     if warmth != ROOM:
-        whole = tuple(replace(surface, glass=surface.glass.at(warmth)) for surface in whole)
-    if len(whole) == len(rows):
-        problems += faults(whole)
-    if not problems:
-        try:
-            return Prescription(whole, texts["name"], texts["source"], wavelength, warmth)
-        except LensError as error:
-            problems += error.problems
-    raise LensError(tuple(problems), origin)
+        surfaces = tuple(replace(surface, glass=surface.glass.at(warmth)) for surface in surfaces)
+    wavelength = None if read.wavelength is None else float(read.wavelength)
+    return Prescription(surfaces, read.name, read.source, wavelength, warmth)
 
 
-def _own_glass(name: str, table: Mapping[str, Any], folder: Path | None) -> tuple[Glass | None, tuple[Problem, ...]]:
-    """A glass by its numbers, or out of a catalogue's file."""
-    if not table.keys() & {"file", "index"}:
-        return read_glass(name, table)
-    try:
-        return glass_of_table(table, folder, name), ()
-    except InputError as error:
-        return None, _of_file(error, "file")
+def _inverse_length(power: int) -> BeforeValidator:
+    """Validator of a number of mm^power."""
+    unit = f"mm^{power}"
 
-
-def _of_file(error: InputError, key: str) -> tuple[Problem, ...]:
-    """Faults of a glass, each with the file that it came out of, if any."""
-    origin = f"{error.origin}: " if error.origin else ""
-    return tuple(Problem(problem.key or key, f"{origin}{problem.message}") for problem in error.problems)
-
-
-class _Table:
-    """A table that is being read: values by key, and what is wrong with them added to the list of all faults."""
-
-    def __init__(self, table: Any, place: str, known: Sequence[str] | None, problems: list[Problem]) -> None:
-        self.place, self.problems, self.before = place, problems, len(problems)
-        self.table: Mapping[str, Any] = table if isinstance(table, Mapping) else {}
-        if self.table is not table:
-            problems.append(Problem(place, f"must be a table of keys, got {table!r}"))
-        for key in self.table if known is not None else ():
-            if key not in (known or ()):
-                self.fault(key, f"is not a known key; {nearest(key, known or ())}")
-
-    def fault(self, key: str, message: str) -> float:
-        """Tell a fault; nan, as the number that is not to be had."""
-        self.problems.append(Problem(f"{self.place}.{key}".strip("."), message))
-        return math.nan
-
-    def quantity(self, key: str, value: Any, dimension: str = "length") -> float:
-        """A quantity with its unit [mm or rad]."""
-        try:
-            return read_quantity(value, dimension)
-        except ValueError as error:
-            return self.fault(key, str(error))
-
-    def length(self, key: str) -> float:
-        """A length that must be there [mm]."""
-        if key not in self.table:
-            return self.fault(key, f'is missing; add it, e.g. {key} = "50.8 mm"')
-        return self.quantity(key, self.table[key])
-
-    def number(self, key: str) -> float:
-        """A number without a unit, 0 where left out."""
-        value = self.table.get(key, 0.0)
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-            return self.fault(key, f"must be a finite number without a unit, got {value!r}")
-        return float(value)
-
-    def inverse_length(self, key: str, power: int) -> float:
-        """A number of mm^power, 0 where left out."""
-        text, unit = self.table.get(key, f"0 mm^{power}"), f"mm^{power}"
+    def read(text: object) -> float:
         match = _POWER.fullmatch(text) if isinstance(text, str) else None
         if match is None or int(match[2]) != power:
-            return self.fault(key, f'expected a number of {unit} such as "1.2e-5 {unit}", got {text!r}')
+            raise ValueError(f'expected a number of {unit} such as "1.2e-5 {unit}", got {text!r}')
         return float(match[1])
 
-    def several(self, key: str, count: int, dimension: str) -> list[float]:
-        """So many quantities, zeros where left out."""
-        values = self.table.get(key)
-        if values is not None and (not isinstance(values, list) or len(values) != count):
-            self.fault(key, f"must be a list of {count} {dimension}s, got {values!r}")
-            values = None
-        return [0.0] * count if values is None else [self.quantity(key, value, dimension) for value in values]
+    return BeforeValidator(read)
 
 
-def _surface(row: _Table, own: Mapping[str, Glass], folder: Path | None) -> Surface | None:
-    values = row.table
-    curvature = _curvature(row)
-    thickness = row.length("thickness") if "thickness" in values else 0.0
-    diameter = row.length("diameter")
-    if diameter <= 0:
-        row.fault("diameter", f'"{values["diameter"]}" must be greater than zero')
-    conic, offset = row.number("conic"), row.number("index_offset")
-    if abs(offset) >= 1:
-        row.fault("index_offset", f"{offset:g} is no melt's departure from the catalogue; write one such as 0.0005")
-    terms = _Table(values.get("asphere", {}), f"{row.place}.asphere", POWERS, row.problems)
-    asphere = [terms.inverse_length(key, 1 - 2 * i) for i, key in enumerate(POWERS, start=1)]
-    while asphere and asphere[-1] == 0:
-        asphere.pop()
-    x, y, z = row.several("shift", 3, "length")
-    alpha, beta = row.several("tilt", 2, "angle")
-    form = tuple(row.several("irregularity", MODES, "length")) if "irregularity" in values else ()
-    given, glass = values.get("glass", "air"), AIR
-    if isinstance(given, Mapping) and "formula" in given:
-        row.fault("glass", "a glass by its formula stands in [glasses], and its name here")
-    elif not isinstance(given, (str, Mapping)):
-        row.fault("glass", f"must be a glass's name or a table such as {{index = 1.5, abbe = 60}}, got {given!r}")
-    else:
-        try:
-            glass = find_glass(given, own) if isinstance(given, str) else glass_of_table(given, folder)
-            glass = glass.with_offset(offset)
-        except InputError as error:
-            for problem in _of_file(error, ""):
-                row.fault(f"glass.{problem.key}" if problem.key != "glass" else "glass", problem.message)
-    if len(row.problems) > row.before:
+def _radius(text: object, info: ValidationInfo) -> float | None:
+    if "curvature" not in info.data:  # whose own fault is told
         return None
-    return Surface(curvature, diameter / 2, thickness, glass, conic, tuple(asphere), (x, y, z), (alpha, beta), form)
+    curved = info.data["curvature"] is not None
+    if text is None and not curved:
+        raise ValueError('is missing; add e.g. radius = "51.5 mm", or "inf"')
+    if text is None:
+        return None
+    if curved:
+        raise ValueError("radius and curvature: both are given; drop one")
+    if isinstance(text, str) and text.strip().lower().removesuffix("mm").strip() in _PLANES:
+        return math.inf
+    radius = read_quantity(text, "length")
+    if radius == 0:
+        raise ValueError('"0 mm" is a point; write "inf" for a plane')
+    return radius
 
 
-def _curvature(row: _Table) -> float:
-    values = row.table
-    if "radius" in values and "curvature" in values:
-        return row.fault("radius", "radius and curvature: both are given; drop one")
-    if "curvature" in values:
-        return row.inverse_length("curvature", -1)
-    if "radius" not in values:
-        return row.fault("radius", 'is missing; add e.g. radius = "51.5 mm", or "inf"')
-    text = values["radius"]
-    if isinstance(text, str) and text.strip().lower().removesuffix("mm").strip() in ("inf", "+inf", "-inf", "infinity"):
-        return 0.0
-    radius = row.length("radius")
-    return row.fault("radius", '"0 mm" is a point; write "inf" for a plane') if radius == 0 else 1 / radius
+class _Asphere(StrictTable):
+    """Terms of an even asphere."""
+
+    r2: Annotated[float, _inverse_length(-1)] = 0.0
+    r4: Annotated[float, _inverse_length(-3)] = 0.0
+    r6: Annotated[float, _inverse_length(-5)] = 0.0
+    r8: Annotated[float, _inverse_length(-7)] = 0.0
+    r10: Annotated[float, _inverse_length(-9)] = 0.0
+    r12: Annotated[float, _inverse_length(-11)] = 0.0
+    r14: Annotated[float, _inverse_length(-13)] = 0.0
+    r16: Annotated[float, _inverse_length(-15)] = 0.0
+
+    @property
+    def terms(self) -> tuple[float, ...]:
+        """Terms of r^2, r^4 and so on, up to the last that is not 0."""
+        terms = list(self.model_dump().values())
+        while terms and terms[-1] == 0:
+            terms.pop()
+        return tuple(terms)
 
 
-def dumps_lens(lens: Prescription) -> str:
-    """Write a lens as TOML text that `loads_lens` turns into an equal lens."""
-    import tomli_w
+_Form = Annotated[tuple[AnyLength, ...], Field(min_length=MODES, max_length=MODES)]
+_PLANES = ("inf", "+inf", "-inf", "infinity")
 
-    return tomli_w.dumps(table_of(lens))
+
+class _SurfaceTable(StrictTable):
+    """One of a lens file's [[surfaces]]."""
+
+    model_config = ConfigDict(defer_build=True)
+
+    curvature: Annotated[float, _inverse_length(-1)] | None = None
+    radius: Annotated[float | None, Field(allow_inf_nan=True, validate_default=True), BeforeValidator(_radius)] = None
+    thickness: AnyLength = 0.0
+    glass: Material = AIR
+    diameter: Annotated[Length, Field(examples=["50.8 mm"])]
+    conic: PlainNumber = 0.0
+    asphere: _Asphere = _Asphere()
+    index_offset: Annotated[PlainNumber, Field(gt=-1, lt=1)] = 0.0
+    shift: tuple[AnyLength, AnyLength, AnyLength] = (0.0, 0.0, 0.0)
+    tilt: tuple[Angle, Angle] = (0.0, 0.0)
+    irregularity: _Form = ()
+
+    @field_validator("glass", mode="before")
+    @classmethod
+    def _by_name(cls, value: object) -> object:
+        if isinstance(value, Mapping) and "formula" in value:
+            raise ValueError("a glass by its formula stands in [glasses], and its name here")
+        return value
+
+    @property
+    def surface(self) -> Surface:
+        """Surface that it describes."""
+        curvature = (self.curvature or 0.0) if self.radius is None else 1 / self.radius
+        poses: tuple[Any, ...] = tuple(
+            tuple(map(float, values)) for values in (self.shift, self.tilt, self.irregularity)
+        )
+        glass = self.glass.with_offset(self.index_offset)
+        return Surface(
+            curvature, self.diameter / 2, float(self.thickness), glass, self.conic, self.asphere.terms, *poses
+        )
+
+
+class _LensFile(StrictTable):
+    """A lens file; its glasses come first, for the surfaces name them."""
+
+    model_config = ConfigDict(defer_build=True)
+
+    name: str = ""
+    source: str = ""
+    wavelength: Length | None = None
+    temperature: Temperature = ROOM
+    glasses: dict[str, Material] = Field(default={})
+    surfaces: dict[int, _SurfaceTable] = Field(default=(), validate_default=True)
+
+    @field_validator("glasses", mode="before")
+    @classmethod
+    def _named(cls, glasses: object) -> object:
+        """Glasses, each with the name before its table unless the table gives another."""
+        if not isinstance(glasses, Mapping):
+            return glasses
+        return {name: {"name": name, **one} if isinstance(one, Mapping) else one for name, one in glasses.items()}
+
+    @field_validator("glasses", mode="after")
+    @classmethod
+    def _findable(cls, glasses: dict[str, Glass]) -> dict[str, Glass]:
+        return {name.upper(): replace(glass, name=name) for name, glass in glasses.items()}
+
+    @field_validator("surfaces", mode="before")
+    @classmethod
+    def _numbered(cls, rows: object, info: ValidationInfo) -> object:
+        """Surfaces by their numbers, from 1 on, with the file's own glasses in place of their names."""
+        if not isinstance(rows, (list, tuple)):
+            raise ValueError("must be a list of tables; write [[surfaces]] once for each surface")
+        return {n: _with_own_glass(row, info.data.get("glasses")) for n, row in enumerate(rows, start=1)}
+
+    @field_validator("surfaces", mode="after")
+    @classmethod
+    def _fit(cls, rows: dict[int, _SurfaceTable], info: ValidationInfo) -> dict[int, _SurfaceTable]:
+        if "glasses" in info.data and (problems := [*faults(tuple(row.surface for row in rows.values()))]):
+            inner = (Problem(p.key.removeprefix("surfaces").lstrip("."), p.message) for p in problems)
+            raise InputError(tuple(inner))
+        return rows
+
+
+def _with_own_glass(row: Any, own: Mapping[str, Glass] | None) -> Any:
+    """Table of a surface with the file's own glass in place of its name; without, where those have faults."""
+    name = row.get("glass") if isinstance(row, Mapping) else None
+    if not isinstance(name, str):
+        return row
+    if own is None:
+        return {**row, "glass": AIR}
+    return {**row, "glass": own.get(name.upper(), name)}
 
 
 def table_of(lens: Prescription) -> dict[str, Any]:
@@ -297,42 +289,6 @@ def _radius_text(curvature: float) -> dict[str, Any]:
     return {"curvature": f"{Decimal(repr(curvature))} mm^-1"}
 
 
-def numbers_of(glass: Glass) -> dict[str, float]:
-    """Index and Abbe number of a glass that was given by them; empty of one with a name of its own."""
-    if glass.formula not in ("constant", "abbe") or not glass.name.startswith("n ="):
-        return {}
-    return dict(zip(COEFFICIENTS[glass.formula], glass.coefficients, strict=True))
-
-
-def glass_table(glass: Glass) -> dict[str, Any]:
-    """The nested values that `read_glass` turns into an equal glass, but for its name and offset."""
-    table: dict[str, Any] = {"formula": glass.formula}
-    if glass.formula == "sellmeier":
-        table |= {"b": list(glass.coefficients[::2]), "c": list(glass.coefficients[1::2])}
-    elif glass.formula == "schott":
-        table["a"] = list(glass.coefficients)
-    else:
-        table |= dict(zip(COEFFICIENTS[glass.formula], glass.coefficients, strict=True))
-    if glass.against != "air":
-        table["against"] = glass.against
-    if math.isfinite(glass.longest):
-        table["range"] = [format_quantity(glass.shortest, "length"), format_quantity(glass.longest, "length")]
-    if glass.source:
-        table["source"] = glass.source
-    return table | _warming_table(glass.warming)
-
-
-def _warming_table(warming: Warming) -> dict[str, Any]:
-    laws: dict[str, Any] = {"water": "water"}
-    if warming.law == "schott":
-        *terms, resonance = warming.coefficients
-        laws["schott"] = {"d": terms[:3], "e": terms[3:], "lambda_tk": resonance}
-    elif warming.law == "rate":
-        laws["rate"] = {"rate": warming.coefficients[0], "against": warming.against}
-    entries = {"cte": warming.expansion, "dndt": laws.get(warming.law), "warming_source": warming.source}
-    return {key: value for key, value in entries.items() if value}
-
-
 # What the old camera looked at and how it was computed, drawn or optimised: nothing of the lens itself.
 _HEADER = """
 VERS NOTE PFIL LANG ENPD FNUM OBNA FLOA EFFL GFAC GCAT RAIM PUSH SDMA FTYP ROPD PICB XFLN YFLN FWGN VDXN VDYN
@@ -374,7 +330,7 @@ def _read_zmx(path: str | os.PathLike[str]) -> Prescription:
     """
     origin = os.fspath(path)
     content = read_bytes(Path(path), origin, most=MOST_TEXT, refusal=LensError)
-    return parse_zmx(_decode(content, origin), origin)
+    return _parse_zmx(_decode(content, origin), origin)
 
 
 def _failed(origin: str, message: str) -> LensError:
@@ -403,7 +359,7 @@ def _decode(content: bytes, origin: str) -> str:
     return text
 
 
-def parse_zmx(text: str, origin: str = "") -> Prescription:
+def _parse_zmx(text: str, origin: str = "") -> Prescription:
     """Read the lens in the text of a .zmx file; `origin` is what errors call it."""
     problems: list[Problem] = []
     rows: list[_Row] = []

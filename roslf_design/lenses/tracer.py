@@ -49,7 +49,7 @@ MODES, FORM = 7, 26
 LENGTH, COARSE = 17, 18
 """Columns of a rod's length, and of whether rays through it are only for pixels."""
 MOVED = 17
-"""Where a mirror's turn (9) and then its shift (3) of rays stand, from the sensor's side to the scene's."""
+"""Where a mirror's turn about its vertex (9) and then its shift (3) of rays stand, from the sensor's side on."""
 TERMS = 16
 """Terms of a rod's series."""
 STEP, LONGEST = 0.1, 0.7
@@ -138,10 +138,10 @@ class SurfaceStack(NamedTuple):
         work = planes, np.empty(ROWS * BLOCK), np.empty(count * BLOCK)
         arrays: list[Any] = [part.reshape(-1) for part in (*lens, *work, rays, out, state, room)]
         has_law = self.table.shape[1] > count * COLUMNS  # whose sines numpy and the compiler take a bit apart
-        if has_law or use_compiled(trace_slopes, total * count):
-            trace_slopes.compiled(total // builds, builds, count, backward, clip, *arrays)
+        if has_law or use_compiled(_trace_slopes, total * count):
+            _trace_slopes.compiled(total // builds, builds, count, backward, clip, *arrays)
         else:  # plain floats out, not numpy's slow and noisy scalars
-            trace_slopes.interpreted(
+            _trace_slopes.interpreted(
                 total // builds, builds, count, backward, clip, *[memoryview(array) for array in arrays]
             )
         return Passed(out[:2], out[2:], state, room)
@@ -500,7 +500,10 @@ def _meet_mirror(
     """Clip a block at a flat mirror, and move it from one side's unfolded space to the other's."""
     vx, vy, vz = table[first], table[first + 1], table[first + 2]
     nx, ny, nz = table[first + 10], table[first + 13], table[first + 16]
-    tx, ty, tz = table[first + MOVED + 9], table[first + MOVED + 10], table[first + MOVED + 11]
+    tx, ty, tz = _moved(table, first, vx, vy, vz)
+    tx, ty, tz = (
+        vx + table[first + MOVED + 9] - tx, vy + table[first + MOVED + 10] - ty, vz + table[first + MOVED + 11] - tz,
+    )  # fmt: skip
     for i in range(m):
         squares[i] = -1.0
         if buffer[6 * BLOCK + i] != 0.0:
@@ -723,7 +726,7 @@ def _reach_plane(buffer: Any, m: int, z: float, s: float) -> None:
 
 
 @kernel()
-def trace_slopes(
+def _trace_slopes(
     each: int, builds: int, count: int, backward: bool, clip: bool, table: Any, media: Any, plane: Any, buffer: Any,
     squares: Any, rays: Any, out: Any, state: Any, room: Any,
 ) -> None:  # fmt: skip

@@ -9,11 +9,15 @@ choose parts.
 from ..theory.quantities import QUANTITIES, quantity_named
 from ..theory.quantity import Quantity
 from .bore import EquivalentPupil, reduce_bore
+from .combinations import Combinations
+from .front import Front, pareto_front
+from .goals import Constraint, Goal
 from .parts import Catalogue, load_catalogue
-from .problem import Constraint, DesignProblem, Goal, Variable
-from .ranking import Combinations, Ranking, rank
-from .solve import Answer, Front, Settings, pareto_front, solve
+from .problem import DesignProblem
+from .ranking import Ranking, rank
+from .solve import Answer, Settings, solve
 from .study import OptimizeStudy, Result, load_study, read_study, run
+from .variables import Variable
 
 __all__ = [
     "QUANTITIES",

@@ -16,11 +16,11 @@ from pydantic import model_validator
 from .._arrays import Array, by_value
 from ..camera import Camera
 from ..design import Design, Stop
+from ..design.parts import Opening
 from ..errors import InputError, Problem
-from ..shapes.discs import intersect
 from ..theory.light import sensor_field
-from ..theory.stop_images import stop_discs
-from ..tolerancing.study import StrictTable
+from ..theory.stop_images import stop_openings
+from ..toml_files import StrictTable
 from ..units import Distance, Length
 from .problem import DesignProblem
 from .search import derivative_free
@@ -28,17 +28,22 @@ from .solve import Answer, Settings, Tell, solve
 
 FIELDS = 9
 """Places from the axis to the corner of what the sensor sees."""
+DIRECTIONS = 8
+"""Directions of these, over half a turn, where not all stops are round."""
 PASSES = 12
 """Most times that a bore is reduced again for the field of the optimum."""
 SETTLED = 1e-6
 """Relative change of D_F and d_3 at which the bore's reduction has settled."""
 
 
-class StopTable(StrictTable):
+class StopTable(Opening):
     """Rim of the bore."""
 
-    diameter: Length
     distance: Distance
+
+    def at(self, distance: float) -> Stop:
+        """Rim of its shape at a distance [mm]."""
+        return Stop(shape=self.shape, diameter=self.diameter, sides=self.sides, turn=self.turn, distance=distance)
 
 
 class TubeTable(StopTable):
@@ -63,9 +68,8 @@ class BoreTable(StrictTable):
     def rims(self) -> tuple[Stop, ...]:
         """Every rim; of a tube the nearer end first."""
         if self.tube is None:
-            return tuple(Stop(diameter=stop.diameter, distance=stop.distance) for stop in self.stops)
-        ends = self.tube.distance, self.tube.distance + self.tube.length
-        return tuple(Stop(diameter=self.tube.diameter, distance=end) for end in ends)
+            return tuple(stop.at(stop.distance) for stop in self.stops)
+        return tuple(self.tube.at(end) for end in (self.tube.distance, self.tube.distance + self.tube.length))
 
 
 @by_value
@@ -74,11 +78,11 @@ class EquivalentPupil:
     """Stop in place of a bore."""
 
     pupil_diameter_mm: float
-    """D_F."""
+    """D_F: of a stop that is no disc the wider of its extents along x and y."""
     pupil_distance_mm: float
     """d_3."""
     fields_mm: Array
-    """Microlens positions that were compared, along the diagonal."""
+    """Distances of the microlenses that were compared from the axis; each in the direction where most is misplaced."""
     kept_bore: Array
     """Light through bore and main lens, over that of the unclipped equivalent pupil; may be above 1."""
     kept_pupil: Array
@@ -113,8 +117,8 @@ class EquivalentPupil:
 def reduce_bore(design: Design, rims: Sequence[Stop]) -> EquivalentPupil:
     """One stop that stands for the rims of a bore (without the main lens), for the field that a design's sensor sees.
 
-    The design gives lens, focus and array; its own aperture and stops are not looked at. Exact (nothing misplaced) for
-    a single rim, and where one rim is the only one that ever cuts.
+    The design gives lens, focus, array and the shape of the stop; its own stops are not looked at. Exact (nothing
+    misplaced) for a single rim of that shape, and where one such rim is the only one that ever cuts.
 
     Raises
     ------
@@ -152,26 +156,24 @@ def judge_pupil(design: Design, rims: Sequence[Stop], diameter: float, distance:
 
 
 def _behind(design: Design, rims: Sequence[Stop]) -> Camera:
-    if design.aperture.outline.straight:
-        words = (
-            f'"{design.aperture.shape}" of aperture.shape cannot stand for the circles of a bore; give it a diameter'
-        )
-        raise InputError((Problem("bore", words),))
     centred = {f"{part}.decentre": (0.0, 0.0) for part in ("main_lens", "aperture")}
     return Camera.of(design.replace({"stops": tuple(rims), **centred}))
 
 
 def _judged(bore: Camera, diameter: float, distance: float) -> EquivalentPupil:
-    camera = bore.replace({"aperture.diameter": diameter, "aperture.distance": distance})
+    camera = bore.replace({"D_F": diameter, "aperture.distance": distance})
     fields = np.linspace(0.0, float(sensor_field(camera).radius), FIELDS)
-    centres, radii = stop_discs(camera, fields, 0.0)
-    whole = np.pi * radii[:, 0] ** 2
-    pupil, through, both = (
-        intersect(centres[:, some], radii[:, some]).area / whole for some in (slice(2), slice(1, None), slice(None))
-    )
+    # Stops are centred: opposite fields are alike.
+    turns = DIRECTIONS if any(rim.outline.straight for rim in camera.openings) else 1
+    turn = np.linspace(0, np.pi, turns, endpoint=False)[:, None]
+    openings = stop_openings(camera, fields * np.cos(turn), fields * np.sin(turn))
+    every = range(openings.total)
+    pupil, through, both = (openings.some(some).common().area / openings.area for some in (every[:2], every[1:], every))
     misplaced = np.maximum(pupil - both, 0.0) + np.maximum(through - both, 0.0)
-    worst = float(np.abs(through - pupil).max()), float(misplaced.max())
-    return EquivalentPupil(diameter, distance, fields, through, pupil, misplaced, *worst)
+    worst = np.argmax(misplaced, axis=0), np.arange(FIELDS)
+    pupil, through, misplaced = (share[worst] for share in (pupil, through, misplaced))
+    most = float(np.abs(through - pupil).max()), float(misplaced.max())
+    return EquivalentPupil(diameter, distance, fields, through, pupil, misplaced, *most)
 
 
 def solve_through(
@@ -212,5 +214,7 @@ def solve_through(
 
 
 def _behind_pupil(problem: DesignProblem, pupil: EquivalentPupil) -> DesignProblem:
-    stop = dict(zip(("aperture.diameter", "aperture.distance"), pupil.stop, strict=True))
-    return replace(problem, given={**problem.given, **stop})
+    stop = dict(zip(("D_F", "d_3"), pupil.stop, strict=True))
+    camera = Camera.of(problem.design).replace(stop)
+    places = [*camera.fap.size_places, "aperture.distance"]
+    return replace(problem, given={**problem.given, **{place: float(camera[place]) for place in places}})

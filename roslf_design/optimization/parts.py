@@ -14,16 +14,17 @@ from typing import Annotated, Any, ClassVar, Literal, Self, get_args
 import numpy as np
 from pydantic import Field, InstanceOf, ValidationError, model_validator
 
-from ..bore.material import Material
+from ..bore.main_lens import MainLensKind, main_lens_kind
 from ..bore.real_lens import Lens, focal_length_at
+from ..design.environment import Environment
 from ..design.parts import Colours
 from ..errors import InputError, Problem, refusal
 from ..lenses.glass import catalogue as glass_catalogue
 from ..lenses.glass import find_glass
 from ..lenses.manufacture import D_LINE
+from ..lenses.material import Material
 from ..lenses.prescription import LensError, Prescription
-from ..tolerancing.study import StrictTable
-from ..toml_files import nearest, problems_of, read_toml
+from ..toml_files import StrictTable, nearest, problems_of, read_toml
 from ..units import Angle, Length, read_quantity
 from .lens_variables import with_glasses
 
@@ -61,6 +62,19 @@ class Option(StrictTable):
         """Place of a design to what this gives there [mm]; words for a layout and a shape."""
         return {place: read(self) for place, read in self.gives.items()}
 
+    @property
+    def declared(self) -> dict[str, Any]:
+        """Place of a design to what is known of this one, beside numbers that all of its kind have."""
+        return {}
+
+    def fits(self, lens: MainLensKind) -> bool:
+        """Whether it can be chosen for a camera with such a main lens."""
+        return True
+
+    def behind(self, lens: MainLensKind, wavelength: float, environment: Environment | None) -> dict[str, Any]:
+        """Numbers that this gives a camera with such a main lens."""
+        return self.numbers
+
 
 class Entry(Option):
     """Fields common to all parts of the catalogue."""
@@ -70,6 +84,11 @@ class Entry(Option):
     """Source of the figures."""
     confidence: Confidence
     remark: str = ""
+
+    @property
+    def row(self) -> dict[str, Any]:
+        """Plain values, lengths in mm."""
+        return {key: value for key, value in self.model_dump().items() if value not in (None, "")}
 
 
 class _Round(Entry):
@@ -84,6 +103,14 @@ class _Round(Entry):
     def aperture(self) -> float:
         """Clear aperture [mm]."""
         return self.clear_aperture if self.clear_aperture is not None else 0.9 * self.diameter
+
+    @property
+    def row(self) -> dict[str, Any]:
+        """Plain values; whether the clear aperture is assumed."""
+        return super().row | {
+            "clear_aperture": self.aperture,
+            "clear_aperture_assumed": self.clear_aperture is None,
+        }
 
     @model_validator(mode="after")
     def _inside(self) -> Self:
@@ -105,6 +132,28 @@ class LensPart(_Round):
     prescription: Lens = None
     """Its surfaces: the name of a lens that ships, a lens file beside the catalogue's, or a table. Behind a real main
     lens only parts that have them are chosen."""
+
+    @property
+    def kind(self) -> MainLensKind:
+        """Main lens that it makes."""
+        return main_lens_kind(self.prescription, turned=False)
+
+    @property
+    def row(self) -> dict[str, Any]:
+        """Plain values; the name of its prescription."""
+        row = super().row
+        for lens in self.kind.prescribed:
+            row["prescription"] = lens.name
+        return row
+
+    def fits(self, lens: MainLensKind) -> bool:
+        """Whether its surfaces are known, where the camera's are."""
+        return lens.replaced_by(self.kind)
+
+    def behind(self, lens: MainLensKind, wavelength: float, environment: Environment | None) -> dict[str, Any]:
+        """Numbers and, where the camera's main lens has them, surfaces and their own focal length."""
+        warmth = () if environment is None else (environment.temperature, environment.expansion)
+        return self.numbers | lens.replacement(self.kind, wavelength, *warmth)
 
     @model_validator(mode="after")
     def _same(self) -> Self:
@@ -161,8 +210,8 @@ class SensorPart(Entry):
     """Filters on its pixels; None where it is sold with and without."""
 
     @property
-    def said(self) -> dict[str, Any]:
-        """Places of a design to what is known beside numbers that all sensors have."""
+    def declared(self) -> dict[str, Any]:
+        """Acceptance and colours."""
         keys = {"sensor.acceptance": self.acceptance, "sensor.colours": self.colours}
         return {place: value for place, value in keys.items() if value is not None}
 
@@ -170,6 +219,11 @@ class SensorPart(Entry):
     def size(self) -> tuple[float, float]:
         """Width and height of the pixel field [mm]."""
         return self.pixels[0] * self.pixel, self.pixels[1] * self.pixel
+
+    @property
+    def row(self) -> dict[str, Any]:
+        """Plain values, its size among them."""
+        return super().row | {"size": list(self.size)}
 
     @model_validator(mode="after")
     def _some(self) -> SensorPart:
@@ -298,14 +352,7 @@ def rows(catalogue: Catalogue, kinds: Iterable[Kind] = KINDS) -> Iterator[dict[s
     """Every part as plain values, lengths in mm."""
     for kind in kinds:
         for entry in catalogue.of(kind):
-            row = {"kind": kind} | {key: value for key, value in entry.model_dump().items() if value not in (None, "")}
-            if isinstance(entry, LensPart) and entry.prescription is not None:
-                row["prescription"] = entry.prescription.name
-            if isinstance(entry, _Round):
-                row |= {"clear_aperture": entry.aperture, "clear_aperture_assumed": entry.clear_aperture is None}
-            elif isinstance(entry, SensorPart):
-                row["size"] = list(entry.size)
-            yield row
+            yield {"kind": kind} | entry.row
 
 
 COMPARE: Mapping[str, Callable[[Any, Any], Any]] = {"=": eq, "<": lt, "<=": le, ">": gt, ">=": ge}

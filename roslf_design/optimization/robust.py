@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -19,12 +20,13 @@ from ..bore.conjugates import CONJUGATES
 from ..camera import Camera
 from ..design import Design
 from ..errors import InputError, Problem
-from ..tolerancing.analyses import Yield
+from ..tolerancing.analyses import Yield, least_passed
 from ..tolerancing.draws import Distribution, Draws, Perturbation
 from ..tolerancing.places import expand, nominal_values, tolerance_at
-from ..tolerancing.study import StrictTable
-from .problem import IDLE, DesignProblem
+from ..toml_files import StrictTable
+from .problem import DesignProblem
 from .search import BIG, FEASIBLE, SearchBudget, derivative_free
+from .variables import IDLE
 
 SHARP = (0.3, 0.1, 0.03, 0.01)
 """Widths at which the yield's step is softened, one after the other, in units of a scaled row's spread."""
@@ -53,7 +55,7 @@ class RobustTable(StrictTable):
 
     maximise: Literal["yield", "quantile"] = "yield"
     """"yield": the share of builds that hold every constraint; "quantile": the first goal, as `quantile` of the builds
-    reach it, with at least `wanted_yield`."""
+    reach it, with at least `wanted_yield` for sure: the lower end of the yield's interval reaches it."""
     quantile: Annotated[float, Field(gt=0, lt=1)] = 0.9
     wanted_yield: Annotated[float, Field(gt=0, le=1)] = 0.9
     give_up: Annotated[float, Field(gt=0)] | None = None
@@ -186,8 +188,9 @@ def maximise_robustness(
         spent += count
         budget.evaluations -= count
     before, after = aim.statistics(nominal), aim.statistics(best)
-    first, last, wanted = before.yield_.value, after.yield_.value, table.wanted_yield
-    if first > last if table.maximise == "yield" else first >= wanted > last:
+    first, last = before.yield_, after.yield_
+    lost = first.interval[0] >= table.wanted_yield > last.interval[0]
+    if lost if table.maximise == "quantile" else first.value > last.value:
         best, after = nominal, before  # fresh numbers are the judge
     labels = [constraint.label for constraint in problem.constraints]
     yields = tuple(zip(labels, before.each, after.each, strict=True))
@@ -205,6 +208,11 @@ class _Aim:
     scatter: Scatter
     goal_at_nominal: float
 
+    @cached_property
+    def least_yield(self) -> float:
+        """Share of the trials that must hold every constraint for the wanted yield to be sure."""
+        return least_passed(self.table.wanted_yield, self.table.trials) / self.table.trials
+
     def cost(self, unit: Array, width: float) -> float:
         """Finite everywhere, small is good; the yield's steps softened by a width."""
         problem, table = self.problem, self.table
@@ -216,7 +224,7 @@ class _Aim:
         soft = float(np.mean(1 / (1 + np.exp(np.clip(worst / (0.1 * width), -50, 50)))))
         if table.maximise == "quantile":
             merit, _ = self._quantile(built, table.trials)
-            return float(np.clip(merit, -BIG, BIG)) + HARD * max(0.0, table.wanted_yield - soft)
+            return float(np.clip(merit, -BIG, BIG)) + HARD * max(0.0, self.least_yield - soft)
         # Far from any yield, the margin itself leads the way.
         total = 1e-3 * float(np.clip(worst, 0, 5).mean()) - soft
         if table.give_up is not None:

@@ -1,7 +1,6 @@
 """Solving a problem: many starts, a second solver as a check, and an answer that says how far to trust it.
 
-Where nothing is feasible, why: the least-violating point, the smallest set of limits that conflict, and remedies. Where
-goals compete, a front: all but one limited, going from limit to limit, each warm-started.
+Where nothing is feasible, `conflict` says why.
 """
 
 from __future__ import annotations
@@ -10,31 +9,20 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, product
 from operator import itemgetter
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field
 
 from .._arrays import Array, by_value
 from ..accuracy.statement import Accuracy
-from ..json_data import plain
-from ..theory.quantity import finite, from_finite
-from ..tolerancing.study import StrictTable
-from .problem import (
-    ROOM,
-    Constraint,
-    DesignProblem,
-    Goal,
-    Side,
-    lengths_and_numbers,
-    promising_starts,
-    sobol_units,
-)
+from ..toml_files import StrictTable
+from .conflict import Conflict, explain
+from .goals import Constraint, Goal
+from .problem import ROOM, DesignProblem, promising_starts, sobol_units
 from .search import (
     BIG,
-    FEASIBLE,
     FTOL,
     GLOBAL_FTOL,
     Global,
@@ -43,10 +31,8 @@ from .search import (
     SearchBudget,
     globally,
     gradient_error,
-    least_violation,
     search,
     value_and_jacobian,
-    violation_of,
 )
 
 AGREE = 1e-6
@@ -61,16 +47,6 @@ LOOSE = 0.01
 TOUCHING = 1e-6
 """Scaled rows and variables this close to their limit count as on it."""
 
-FRESH = 6
-"""Sobol points from which it is asked whether some of the limits can hold, and for the ends of a front."""
-HAIR = 1e-6
-"""Relative loss in its own goal that an end of a front accepts, to leave worse designs that are as good in it."""
-
-LARGEST = 1e300
-"""Where numbers are compared, what stands for infinity."""
-
-EXPLAINING = 10_000, 10.0
-"""Evaluations, and seconds where there is a clock, that why nothing is feasible may take at least."""
 
 Tell = Callable[[str], None]
 
@@ -162,77 +138,6 @@ class Active:
     """Whether it is a variable's bound, else a limit."""
     always: bool = False
     """Whether it is what every camera must be, which no study can relax."""
-
-
-@dataclass(frozen=True)
-class _Violation:
-    """How far a limit is missed at the least-violating point."""
-
-    limit: str
-    """E.g. ``fill_factor <=``."""
-    value: float
-    wanted: float
-    unit: str
-
-
-@dataclass(frozen=True)
-class _Relaxation:
-    """A limit that, moved alone, makes the whole problem feasible."""
-
-    label: str
-    limit: float
-    """Limit as asked."""
-    needed: float | None
-    """Limit that would make the problem feasible; None where moving it alone does not help."""
-    unit: str
-
-
-@by_value
-@dataclass(frozen=True)
-class Conflict:
-    """Conflict of limits, where nothing is feasible."""
-
-    unit: Array
-    """The least-violating point."""
-    violation: float
-    violations: tuple[_Violation, ...] = ()
-    smallest: tuple[str, ...] = ()
-    """Constraints that cannot hold together within the bounds, while any fewer of them can, as far as searches tell."""
-    complete: bool = True
-    """Whether every smaller set was shown to be feasible before the budget was spent."""
-    relaxations: tuple[_Relaxation, ...] = ()
-    bounds: tuple[str, ...] = ()
-    """Bounds of variables that the least-violating point touches: relaxing these may help too."""
-    feasible_after_all: bool = False
-    always: tuple[str, ...] = ()
-    """Conditions on every camera that the least-violating point breaks."""
-    undefined: tuple[str, ...] = ()
-    """Goals that are undefined where the limits hold."""
-
-    @property
-    def reason(self) -> str:
-        """Reason why nothing is feasible, in words."""
-        if self.undefined:
-            return f"where the limits hold, {' and '.join(self.undefined)} is undefined"
-        if not self.smallest:
-            return f"within the bounds stands no camera ({', '.join(self.always) or 'nothing can be built'})"
-        doubt = "" if self.complete else " (a smaller set was not excluded before the budget was spent)"
-        return f"within the bounds, these cannot hold together: {' and '.join(self.smallest)}{doubt}"
-
-    def to_dict(self) -> dict[str, Any]:
-        """As results have it."""
-        return {
-            "violations": self.violations,
-            "cannot_hold_together": self.smallest,
-            "smaller_sets_shown_feasible": self.complete,
-            "reason": self.reason,
-            "no_camera": self.always,
-            "goals_undefined": self.undefined,
-            "relaxations": [
-                {"limit": r.label, "from": r.limit, "to": r.needed, "unit": r.unit} for r in self.relaxations
-            ],
-            "bounds_touched": self.bounds,
-        }
 
 
 @by_value
@@ -548,258 +453,3 @@ def optimum_accuracy(answer: Answer, seconds: float | None = None) -> Accuracy |
         seconds,
         model="that no better optimum lies elsewhere is only as sure as the starts and checks agree",
     )
-
-
-def explain(problem: DesignProblem, points: Sequence[Array], budget: SearchBudget, seed: int) -> Conflict:
-    """Find what stands in the way of a problem, from where searches ended (best first) and Sobol points by the seed.
-
-    Where the budget is spent, some more is taken.
-    """
-    pool = _Pool(problem, budget.at_least(*EXPLAINING), [*points, *sobol_units(problem.n, FRESH, seed + 1)])
-    unit, rows = pool.relaxed(frozenset(range(len(problem.constraints))))
-    violation = violation_of(rows)
-    if violation <= FEASIBLE:
-        lost = tuple(goal.label for goal in problem.goals if math.isnan(problem.number(goal, unit)))
-        return Conflict(unit, 0.0, feasible_after_all=True, undefined=lost or tuple(g.label for g in problem.goals))
-    smallest, complete = _smallest(pool, len(problem.constraints))
-    clashing = sorted(smallest)
-    missed = {
-        constraint.limit_words(row.side): _Violation(
-            constraint.limit_words(row.side),
-            problem.number(constraint, unit),
-            constraint.limits[row.side],
-            constraint.quantity.unit,
-        )
-        for row, over in zip(problem.rows, rows, strict=True)
-        if over > FEASIBLE and row.constraint >= 0
-        for constraint in [problem.constraints[row.constraint]]
-    }
-    over = zip(problem.rows, rows, strict=True)
-    missing = dict.fromkeys(row.label for row, by in over if row.constraint < 0 and by > FEASIBLE)
-    return Conflict(
-        unit=unit,
-        violation=violation,
-        violations=tuple(missed.values()),
-        smallest=tuple(str(problem.constraints[index]) for index in clashing),
-        complete=complete,
-        relaxations=tuple(pool.alone(index, side) for index in clashing for side in problem.constraints[index].limits),
-        bounds=tuple(
-            f"{name} {variable.end(place > 0.5)}"
-            for (name, variable), place in zip(problem.variables.items(), unit, strict=True)
-            if variable.max > variable.min and not 1e-6 <= place <= 1 - 1e-6
-        ),
-        always=tuple(missing),
-    )
-
-
-class _Pool:
-    """Points met so far, and which constraints each of them holds."""
-
-    def __init__(self, problem: DesignProblem, budget: SearchBudget, starts: Sequence[Array]) -> None:
-        self.problem, self.budget = problem, budget
-        self.starts = [np.clip(start, 0, 1) for start in starts]
-        self.held: list[frozenset[int]] = []
-        self.add(np.concatenate([np.stack(self.starts), sobol_units(problem.n, 2048, 5)]))
-
-    def add(self, units: Array) -> None:
-        good = self.problem.without_goals().vector(units)[1:] <= FEASIBLE
-        owner = np.array([row.constraint for row in self.problem.rows])
-        each = np.stack([good[owner == index].all(axis=0) for index in range(-1, len(self.problem.constraints))])
-        for column in np.unique(each[:, each[0]], axis=1).T:
-            self.held.append(frozenset(np.flatnonzero(column[1:]).tolist()))
-
-    def relaxed(self, keep: frozenset[int]) -> tuple[Array, Array]:
-        """Least violation of some of the constraints; rows are those of the problem with only these."""
-        part = self.problem.without(keep).without_goals()
-        guard = Guard(part.vector, self.budget)
-        weights = [10.0 if row.constraint < 0 else 1.0 for row in part.rows]
-        unit, rows = least_violation(guard, self.starts[: 2 * FRESH], weights)
-        self.add(unit[None])
-        if guard.unit is not None:
-            self.add(guard.unit[None])
-            if guard.feasible:
-                unit, rows = guard.unit, part.vector(guard.unit[None])[1:, 0]
-        return unit, rows
-
-    def possible(self, keep: frozenset[int]) -> bool:
-        """Whether some constraints can hold together, as far as searches tell."""
-        if any(keep <= held for held in self.held):
-            return True
-        _, rows = self.relaxed(keep)
-        return violation_of(rows) <= FEASIBLE
-
-    def alone(self, index: int, side: Side) -> _Relaxation:
-        """Relaxation of one limit, all others kept, that makes the problem feasible."""
-        constraint = self.problem.constraints[index]
-        soft = np.array([row.constraint == index and row.side == side for row in self.problem.rows])
-        guard = Guard(self.problem.without_goals().vector, self.budget)
-        unit, rows = least_violation(guard, self.starts[: 2 * FRESH], np.where(soft, 1.0, np.inf).tolist())
-        value = self.problem.number(constraint, unit)
-        helps = violation_of(rows[~soft]) <= 1e-7 and np.isfinite(value)
-        needed, unit_name = value if helps else None, constraint.quantity.unit
-        return _Relaxation(constraint.limit_words(side), constraint.limits[side], needed, unit_name)
-
-
-def _smallest(pool: _Pool, count: int) -> tuple[frozenset[int], bool]:
-    """By size: the first set that cannot hold. Points met on the way settle most sets without a search."""
-    for size in range(count + 1):
-        for keep in combinations(range(count), size):
-            if pool.budget.ended:
-                return _by_deletion(pool, count), False
-            if not pool.possible(frozenset(keep)):
-                return frozenset(keep), True
-    return frozenset(range(count)), True
-
-
-def _by_deletion(pool: _Pool, count: int) -> frozenset[int]:
-    """Where the budget is spent: leave out what the conflict does not need, one after the other."""
-    pool.budget = pool.budget.at_least(*(share / 2 for share in EXPLAINING))
-    keep = set(range(count))
-    for index in range(count):
-        if not pool.budget.ended and not pool.possible(frozenset(keep - {index})):
-            keep.discard(index)
-    return frozenset(keep)
-
-
-class ParetoTable(StrictTable):
-    """Two or three goals to trade."""
-
-    goals: Annotated[tuple[str, ...], Field(min_length=2, max_length=3)]
-    """Names of quantities among [[goals]]."""
-    points: Annotated[int, Field(ge=3, le=100)] = 13
-    """Number of points along each limited goal."""
-
-
-@dataclass(frozen=True)
-class _FrontPoint:
-    """Design of a front."""
-
-    goals: dict[str, float]
-    """Label to value, in the order of the front's goals."""
-    variables_mm: dict[str, float]
-
-    def to_dict(self) -> dict[str, Any]:
-        """As results have it."""
-        return {"goals": self.goals, **lengths_and_numbers(self.variables_mm)}
-
-
-@dataclass(frozen=True)
-class Front:
-    """Designs of which none is better in every goal."""
-
-    goals: tuple[Goal, ...]
-    points: tuple[_FrontPoint, ...] = ()
-    """Designs in the order of the first limited goal."""
-    limits_without_design: int = 1
-    dominated: int = 0
-    """Designs left out since another was better in every goal."""
-    evaluations: int = 0
-    complete: bool = False
-    """Whether all limits were tried before the budget was spent."""
-
-    def to_dict(self) -> dict[str, Any]:
-        """As results have it."""
-        goals = [{"goal": g.label, "direction": g.direction, "unit": g.quantity.unit} for g in self.goals]
-        return {**plain(self), "goals": goals, "points": [plain(point.to_dict()) for point in self.points]}
-
-
-def pareto_front(
-    problem: DesignProblem,
-    goals: Sequence[Goal],
-    points: int,
-    known: Sequence[Array],
-    budget: SearchBudget,
-    seed: int = 0,
-    tell: Callable[[str], None] = lambda _: None,
-) -> Front:
-    """Trade two or three goals, of which the first is optimised while the others are limited.
-
-    Parameters
-    ----------
-    problem : DesignProblem
-        Its own goals are not looked at.
-    goals : sequence of Goal
-    points : int
-        Limits along the second goal; of the third a third as many.
-    known : sequence of ndarray
-        Feasible points, scaled; searches start there, and from Sobol points by the seed.
-    budget : SearchBudget
-        It is spent.
-    """
-    met: list[Array] = []
-    spent = 0
-
-    def best_of(wanted: Goal, limits: Sequence[Constraint], starts: Sequence[Array]) -> Array | None:
-        nonlocal spent
-        posed = replace(problem, goals=(wanted,), constraints=(*problem.constraints, *limits))
-        results = [searched(posed, start, budget, tolerance=posed.finest) for start in starts]
-        spent += sum(result.evaluations for result in results)
-        feasible = [result for result in results if result.feasible]
-        return min(feasible, key=lambda result: result.merit).unit if feasible else None
-
-    def values(units: Sequence[Array]) -> Array:
-        return np.array([[problem.number(goal, unit) for goal in goals] for unit in units])
-
-    for number, goal in enumerate(goals):
-        tell(f"front: end {number + 1} of {len(goals)}")
-        end = best_of(goal, (), [*known, *sobol_units(problem.n, FRESH, seed)])
-        if end is None:
-            return Front(tuple(goals), evaluations=spent)
-        value = problem.number(goal, end)
-        if number or math.isinf(value):
-            # Of designs equally good in this goal, the one that is best in the first, or that in the next.
-            refined = best_of(
-                goals[0 if number else 1], [goal.as_constraint(goal.worse(value, HAIR * abs(value)))], [end]
-            )
-            end = end if refined is None else refined
-        met.append(end)
-    ends, payoff = list(met), values(met)
-    ladders = [_ladder(payoff[:, k], goals[k], points if k == 1 else max(3, points // 3)) for k in range(1, len(goals))]
-    grid = [limits[::-1] for limits in product(*ladders[::-1])]
-    failed, complete, warm = 0, True, ends[0]
-    for number, limits in enumerate(grid, 1):
-        if budget.ended:
-            complete = False
-            break
-        tell(f"front: limit {number} of {len(grid)}")
-        if limits[0] == ladders[0][0]:
-            warm = ends[0]
-        held = [goal.as_constraint(value) for goal, value in zip(goals[1:], limits, strict=True)]
-        best = best_of(goals[0], held, [warm])
-        if best is None:
-            best = best_of(goals[0], held, ends)
-        if best is None:
-            failed += 1
-        else:
-            warm = best
-            met.append(best)
-    reached = values(met)
-    labels = [goal.label for goal in goals]
-    front = tuple(
-        _FrontPoint(dict(zip(labels, reached[i].tolist(), strict=True)), problem.named(met[i]))
-        for i in _undominated(np.clip(reached, -LARGEST, LARGEST) * [goal.sign for goal in goals])
-    )
-    return Front(tuple(goals), front, failed, len(met) - len(front), spent, complete)
-
-
-def _ladder(values: Array, goal: Goal, count: int) -> list[float]:
-    """Limits from the worst value at another goal's end to the best: in equal ratios where ratios count.
-
-    In equal steps of the finite twin of what may be infinite.
-    """
-    worst, best = (goal.sign * float(end) for end in ((goal.sign * values).max(), (goal.sign * values).min()))
-    if goal.quantity.infinite:
-        return [worst, *from_finite(np.linspace(finite(worst), finite(best), count)[1:-1]).tolist(), best]
-    return list(map(float, (np.geomspace if goal.quantity.positive else np.linspace)(worst, best, count)))
-
-
-def _undominated(values: Array) -> list[int]:
-    """Which designs none is better than, small is good; each once, in the order of the second value."""
-    tiny = 1e-7 * np.maximum(np.abs(values), 1e-12)
-    front: list[int] = []
-    for i, own in enumerate(values):
-        better = (values <= own + tiny[i]).all(axis=1) & (values < own - tiny[i]).any(axis=1)
-        twin = any(np.allclose(values[j], own, rtol=1e-6, atol=0) for j in front)
-        if not better.any() and not twin:
-            front.append(i)
-    return sorted(front, key=lambda i: tuple(values[i][1:][::-1]))

@@ -7,6 +7,7 @@ import re
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -24,37 +25,22 @@ from ..errors import InputError, Problem
 from ..json_data import plain
 from ..lenses.glass import find_glass
 from ..lenses.prescription import Prescription
-from ..tolerancing.study import StrictTable
-from ..toml_files import nearest, problems_of, read_toml
+from ..theory.quantity import Quantity
+from ..toml_files import StrictTable, nearest, problems_of, read_toml
 from ..units import Length
 from .bore import BoreTable, EquivalentPupil, solve_through
+from .combinations import CatalogueTable, Combinations
+from .front import Front, ParetoTable, pareto_front
+from .goals import Constraint, Goal
 from .lens_variables import lens_faults, places_that_vary, varies_lens
 from .parts import given_by, load_catalogue
-from .problem import (
-    NUMBERS,
-    Constraint,
-    DesignProblem,
-    Goal,
-    NumberVariable,
-    Variable,
-    lengths_and_numbers,
-    name_faults,
-    titled,
-)
-from .ranking import CatalogueTable, Combinations, Ranking, rank
+from .problem import DesignProblem, titled
+from .ranking import Ranking, rank
 from .robust import Robust, RobustTable, maximise_robustness, scatter_of, tolerances
-from .solve import (
-    Answer,
-    Front,
-    ParetoTable,
-    Settings,
-    SolverTable,
-    Tell,
-    optimum_accuracy,
-    pareto_front,
-    solve,
-)
-from .traces import Retrace, faults_behind, retraced
+from .solve import Answer, Settings, SolverTable, Tell, optimum_accuracy, solve
+from .traces import Field as ArrayPlace
+from .traces import Retrace, faults_behind
+from .variables import NUMBERS, NumberVariable, Variable, lengths_and_numbers, name_faults
 
 SCHEMA = "roslf.optimization/1"
 DIVERGES = re.compile(r"elements\.\d+\.focal_length|main_lens\.surfaces\.\d+\.radius")
@@ -346,7 +332,7 @@ def run(study: OptimizeStudy, tell: Tell = lambda _: None) -> Result:
     if table.catalogue is not None:
         files = [study.folder / name for name in table.catalogue.files]
         shipped = load_catalogue(files, shipped=table.catalogue.shipped)
-        catalogue = table.catalogue.chosen(shipped, traced=problem.design.lens is not None)
+        catalogue = table.catalogue.chosen(shipped, problem.design.main_lens.kind)
         for name in table.catalogue.only.get("glasses", ()):
             _ = find_glass(name)
     if table.rims:
@@ -365,23 +351,34 @@ def run(study: OptimizeStudy, tell: Tell = lambda _: None) -> Result:
         combinations = Combinations.of(problem, catalogue, table.catalogue.kinds, element, glasses)
         ranking = rank(combinations, table.catalogue.keep, settings.fresh(), settings.seed, tell, settings.starts)
     retrace, part_retraces = None, list[Retrace]()
-    if problem.design.lens is not None and answer.feasible:
+    if answer.feasible:
         asked: tuple[Goal | Constraint, ...] = (*answer.asked.goals, *answer.asked.constraints)
-        retrace = _retraced(answer.problem, asked, answer.unit)
-    if problem.design.lens is not None and ranking is not None:
-        for place, ranked in enumerate(ranking.best, 1):
-            tell(f"tracing combination {place} of {len(ranking.best)} again")
-            posed = ranking.combinations.problem_at(ranked.number)
-            part_retraces.append(_retraced(posed, (*posed.goals, *posed.constraints), ranked.search.unit))
+        retrace = problem.main_lens.retraced(partial(_optimum, answer.problem, asked, answer.unit))
+    if ranking is not None:
+        again = [
+            problem.main_lens.retraced(partial(_combination, ranking, number, tell))
+            for number in range(len(ranking.best))
+        ]
+        part_retraces = [trace for trace in again if trace is not None]
     seconds = time.monotonic() - began
     return Result(study, answer, bore, front, robust, ranking, retrace, tuple(part_retraces), seconds)
 
 
-def _retraced(problem: DesignProblem, asked: Sequence[Constraint | Goal], unit: NDArray[np.float64]) -> Retrace:
-    """An optimum as its design file has it, traced again."""
+def _optimum(
+    problem: DesignProblem, asked: Sequence[Constraint | Goal], unit: NDArray[np.float64]
+) -> tuple[Design, list[tuple[Quantity, ArrayPlace, float]]]:
+    """An optimum as its design file has it, and what the search had for quantities at fields."""
     parts = [part for part in asked if part.temperature is None]
     at_fields = [(part.quantity, part.field, problem.number(part, unit)) for part in parts if part.field is not None]
-    return retraced(problem.design_at(unit), at_fields)
+    return problem.design_at(unit), at_fields
+
+
+def _combination(ranking: Ranking, number: int, tell: Tell) -> tuple[Design, list[tuple[Quantity, ArrayPlace, float]]]:
+    """One of the best combinations of parts, likewise."""
+    tell(f"tracing combination {number + 1} of {len(ranking.best)} again")
+    ranked = ranking.best[number]
+    posed = ranking.combinations.problem_at(ranked.number)
+    return _optimum(posed, (*posed.goals, *posed.constraints), ranked.search.unit)
 
 
 def _part(answer: Answer, part: Constraint | Goal) -> dict[str, Any]:

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..bore.chain import COVER, SUBSTRATE
+from ..bore.part import minus, times
 from ..camera import Camera, Rim, Vector
-from ..camera.frames import along, dot, minus, times
+from ..camera.frames import along, dot
 from ..design.parts import PATHS
 from ..fates import RayFate, state_at
 from ..shapes.lattice import PACKINGS
@@ -272,9 +273,8 @@ def paths(camera: Camera, rays: PupilRays, microlens: Point, start: float) -> Fl
 def _planes(camera: Camera) -> list[float]:
     """Planes where rays bend before the main lens [mm], the farthest first."""
     planes: list[float] = []
-    for k in reversed(camera.chain.order):
-        near, length = float(camera[f"elements.{k}.distance"]), float(camera.chain.length(camera.numbers, k))
-        steps = camera.chain.elements[k].steps
+    for part in reversed(camera.chain.standing(camera.numbers)):
+        near, length, steps = float(part.start), float(part.length), part.element.steps
         planes += [near + length * (steps - i) / steps for i in range(steps if length else 0)]
         planes.append(near)
     return planes
@@ -290,7 +290,7 @@ def glass_shares(camera: Camera) -> tuple[list[tuple[float, float]], list[tuple[
     numbers, (d_1, d_2) = camera.numbers, (float(camera[PATHS[symbol]]) for symbol in ("d_1", "d_2"))
     if (substrate := numbers.get(f"{SUBSTRATE}.thickness")) is not None:
         thick = float(substrate)
-        if camera.chain.lenslets == "sensor":
+        if SUBSTRATE in camera.chain.plates_before:
             to_array.append(((d_1 - thick) / float(camera.seen.d_1), (d_1 - thick) / d_1))
         else:
             reduced = thick / float(numbers[f"{SUBSTRATE}.index"])

@@ -29,6 +29,8 @@ class _LensWords:
     """Sentence below MTF curves."""
     unmeasured: tuple[str, ...] = ("real lens",)
     """Quantities of the accuracy table that it does not have."""
+    uncounted: tuple[str, ...] = ()
+    """Sentences on what the study of accuracy leaves out of it."""
 
     def __init__(self, lens: MainLensKind) -> None:
         self.title = lens.name or lens.words
@@ -54,6 +56,7 @@ class _RealLensWords(_LensWords):
         "part of the FAP sees, the image refocused by one shift for all of it has them all."
     )
     unmeasured = ()
+    uncounted = ('The lens counts as thin and ideal in all quantities but "real lens".',)
 
     def __init__(self, lens: MainLensKind) -> None:
         super().__init__(lens)

@@ -14,7 +14,7 @@ import re
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -32,8 +32,8 @@ from ..optimization.study import read_study as read_optimisation
 from ..tolerancing.analyses import summarise
 from ..tolerancing.result import StudyResult, analyse
 from ..tolerancing.run import Tally, run_trials
-from ..tolerancing.study import StrictTable, TolerancePlan, tolerance_plan
-from ..toml_files import read_toml, validated
+from ..tolerancing.study import TolerancePlan, tolerance_plan
+from ..toml_files import StrictTable, read_toml, validated
 from .blocks import Block, Bullets, Finding, Paragraph, Report, Section, Statements
 from .calibrate.pages import Calibrated, calibrated_finding, plan_finding, read_calibration
 from .design.pages import design_report, making
@@ -94,7 +94,7 @@ class StoryPart(StrictTable):
         return self.optimize or self.tolerance
 
 
-class StoryTable(StrictTable):
+class _StoryTable(StrictTable):
     """A whole file."""
 
     story: StoryHeader
@@ -105,7 +105,7 @@ class StoryTable(StrictTable):
 class _Story:
     """A story ready to run."""
 
-    table: StoryTable
+    table: _StoryTable
     design: Design
     studies: Mapping[int, Mapping[str, Any]]
     """Content of a part's study file, by the part's index; so for calibrations."""
@@ -115,15 +115,15 @@ class _Story:
 
 
 def load_story_or_study(path: Path) -> tuple[Kind, _Story | None]:
-    """Kind of file that a path (or a preset's name) names, and the story where it is one. Errors as of `read_story`."""
+    """Kind of file that a path (or a preset's name) names, and the story where it is one; errors of `_read_story`."""
     if not path.exists() and (str(path) in preset_names() or not path.suffix):  # what is no preset, `load` tells
         return "design", None
     data = read_toml(path, str(path))
     kind = kind_of(data, str(path))
-    return kind, read_story(data, path.parent, str(path)) if kind == "story" else None
+    return kind, _read_story(data, path.parent, str(path)) if kind == "story" else None
 
 
-def read_story(data: Mapping[str, Any], folder: Path = Path(), origin: str = "") -> _Story:
+def _read_story(data: Mapping[str, Any], folder: Path = Path(), origin: str = "") -> _Story:
     """A story from nested values, with its design and its studies; `folder` is for the files they name.
 
     Raises
@@ -131,7 +131,7 @@ def read_story(data: Mapping[str, Any], folder: Path = Path(), origin: str = "")
     InputError
         Names the file and every fault in it and in these.
     """
-    table = validated(StoryTable, data, origin)
+    table = validated(_StoryTable, data, origin)
     faults: list[Problem] = []
     studies: dict[int, Mapping[str, Any]] = {}
     calibrations: dict[int, Calibrated] = {}
@@ -170,7 +170,7 @@ QUESTION = (
 )
 
 
-def run_tolerances(
+def _run_tolerances(
     data: Mapping[str, Any],
     design: Design | None = None,
     folder: Path = Path(),
@@ -205,7 +205,7 @@ def _builds_alone(
     progress: Callable[[int, int], None] | None = None,
     seed: int | None = None,
 ) -> BuildSpread:
-    """The trials of a tolerance study without its analyses; arguments as of `run_tolerances`."""
+    """The trials of a tolerance study without its analyses; arguments as of `_run_tolerances`."""
     plan, *_ = tolerance_plan(_seeded(data, seed), design, folder, origin)
     return BuildSpread(plan, summarise(plan, _tally(plan, progress))[-1])
 
@@ -226,12 +226,12 @@ def run_optimisation(
         raise error if error.origin else InputError(error.problems, origin) from None
 
 
-def quick_tolerances(
+def _quick_tolerances(
     design: Design, seed: int = 0, progress: Callable[[int, int], None] | None = None, trials: int = TRIALS
 ) -> StudyResult:
     """The first look; behind a real main lens, builds are what `roslf tolerance` makes of them."""
     # What nobody asked for needs no budget.
-    return run_tolerances(quick_study(design, seed) | {"trials": trials}, design, progress=progress, budgets=False)
+    return _run_tolerances(quick_study(design, seed) | {"trials": trials}, design, progress=progress, budgets=False)
 
 
 def quick_study(design: Design, seed: int = 0) -> dict[str, Any]:
@@ -308,12 +308,12 @@ def study_report(
             return _without_design(result, **options)
         design, findings = best, {"optimisation": optimization_finding(result)}
     else:
-        tolerances = run_tolerances(data, None, path.parent, origin, _counted(progress, "tolerances"), seed)
+        tolerances = _run_tolerances(data, None, path.parent, origin, _counted(progress, "tolerances"), seed)
         design, findings = tolerances.plan.question.design, {"tolerances": tolerance_finding(tolerances)}
         sheet = datasheet_section(basis(design, BuildSpread(tolerances.plan, tolerances.final)))
     findings = _first_look(design, seed or 0, progress, findings)
-    title = str(data.get("name", design.name))
-    return design_report(design, findings=findings, sheet=sheet, title=title, progress=progress, **options)
+    report = design_report(design, findings=findings, sheet=sheet, progress=progress, **options)
+    return replace(report, title=str(data.get("name", design.name)))
 
 
 def story_report(story: _Story, *, seed: int | None = None, progress: Tell = lambda _: None, **options: Any) -> Report:
@@ -349,10 +349,9 @@ def story_report(story: _Story, *, seed: int | None = None, progress: Tell = lam
     opening: tuple[Block, ...] = (Bullets(tuple(steps)),)
     if story.table.story.question:
         opening = (Paragraph(story.table.story.question), *opening)
-    title, sheet = story.table.story.title, datasheet_section(_basis_of(story, parts))
-    return design_report(
-        design, findings=findings, sheet=sheet, opening=opening, title=title, progress=progress, **options
-    )
+    sheet = datasheet_section(_basis_of(story, parts))
+    report = design_report(design, findings=findings, sheet=sheet, opening=opening, progress=progress, **options)
+    return replace(report, title=story.table.story.title)
 
 
 class _Walked(NamedTuple):
@@ -372,7 +371,7 @@ def _walked(
     story: _Story,
     seed: int | None,
     progress: Tell,
-    tolerances: Callable[..., StudyResult | BuildSpread] = run_tolerances,
+    tolerances: Callable[..., StudyResult | BuildSpread] = _run_tolerances,
 ) -> Iterator[_Walked]:
     """Run a story's parts, tolerance studies by `tolerances`."""
     design = story.design
@@ -472,7 +471,7 @@ def _first_look(design: Design, seed: int, progress: Tell, known: Mapping[str, F
     """Findings about a design, with a first look at tolerances and a calibration plan where these are not known."""
     findings = dict(known)
     if "tolerances" not in known:
-        look = quick_tolerances(design, seed, _counted(progress, "tolerances"))
+        look = _quick_tolerances(design, seed, _counted(progress, "tolerances"))
         findings["tolerances"] = tolerance_finding(look, first_look=True)
     if "calibration" not in known:
         progress("calibration plan")

@@ -133,7 +133,7 @@ def common(
     )
 
 
-def boundary_arcs(centres: ArrayLike, radii: ArrayLike) -> tuple[_Arc, ...]:
+def _boundary_arcs(centres: ArrayLike, radii: ArrayLike) -> tuple[_Arc, ...]:
     """Boundary of one common part, counterclockwise: one arc of a whole turn for a full disc, () if empty.
 
     Parameters
@@ -164,7 +164,7 @@ def outline(centres: ArrayLike, radii: ArrayLike, step: float = math.pi / 90) ->
         raise ValueError(f"step must be above 0 rad, not {step}")
     centre, radius = np.asarray(centres, float), np.asarray(radii, float)
     points = [np.empty((0, 2))]
-    for arc in boundary_arcs(centres, radii):
+    for arc in _boundary_arcs(centres, radii):
         angles = np.linspace(arc.start, arc.end, math.ceil((arc.end - arc.start) / step) + 1)[:-1]
         points.append(centre[arc.disc] + radius[arc.disc] * np.stack([np.cos(angles), np.sin(angles)], -1))
     return np.concatenate(points)
@@ -196,7 +196,7 @@ def chords(centres: ArrayLike, radii: ArrayLike, rows: int, between: tuple[float
     """
     centre, radius = np.asarray(centres, float), np.asarray(radii, float)
     ends: list[float] = []
-    for disc, start, end in boundary_arcs(centre, radius):
+    for disc, start, end in _boundary_arcs(centre, radius):
         angles = [start, end, *(top for k in range(-3, 8) if start < (top := math.pi / 2 * (2 * k + 1)) < end)]
         ends += [centre[disc, 1] + radius[disc] * math.sin(angle) for angle in angles]
     low, high = (min(ends), max(ends)) if ends else (0.0, 0.0)

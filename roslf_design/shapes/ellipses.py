@@ -53,7 +53,7 @@ def intersect_ellipses(
     sets = (part.reshape(math.prod(lead), *part.shape[len(lead) :]) for part in (c, s, p))
     c, s, p = (np.ascontiguousarray(part) for part in sets)
     middle, form = (c[:, first], s[:, first]) if first < k else _spans(p[:, first - k])
-    return common(ellipse_shapes, INTERPRETED_BELOW, lead, k + p.shape[1], middle, form, c, s, p, first)
+    return common(_ellipse_shapes, INTERPRETED_BELOW, lead, k + p.shape[1], middle, form, c, s, p, first)
 
 
 def _spans(polygon: Array) -> tuple[Array, Array]:
@@ -278,6 +278,17 @@ def _add_boundary(
 
 
 @kernel()
+def _contains(own: Array, edges: Array, polygon: int) -> bool:
+    """Whether all corners of a polygon lie well inside an ellipse, which then bounds nothing of what is cut out."""
+    for e in range(len(edges)):
+        if int(edges[e, OWNER]) == polygon:
+            px, py = edges[e, X] - own[0], edges[e, Y] - own[1]
+            if own[5] * px * px + 2 * own[6] * px * py + own[7] * py * py > 1 - 1e-6:
+                return False
+    return True
+
+
+@kernel()
 def _whole(centre: Array, matrix: Array, row: Array) -> None:
     """The row of an ellipse that nothing cuts: kept exactly, not to rounding."""
     row[0] = math.pi * math.sqrt(matrix[0] * matrix[2] - matrix[1] * matrix[1])
@@ -287,7 +298,7 @@ def _whole(centre: Array, matrix: Array, row: Array) -> None:
 
 
 @kernel()
-def ellipse_shapes(
+def _ellipse_shapes(
     middle: Array, form: Array, centres: Array, matrices: Array, polygons: Array, first: int,
     table: Array, status: NDArray[np.int8], clips: NDArray[np.bool_],
 ) -> None:  # fmt: skip
@@ -297,7 +308,7 @@ def ellipse_shapes(
     unit, poly, edges = np.empty((rims, 8)), np.empty((rims + most + 2, 5)), np.empty((most, EDGE))
     places, sums = np.empty(4 * rims + 2 * most + 2), np.empty(6)
     corner = np.empty((corners, 2))
-    apart = np.empty((rims, rims), np.bool_)
+    apart, index = np.empty((rims, rims), np.bool_), np.empty(rims, np.int64)
     for n in range(len(centres)):
         clips[n] = False
         status[n] = FULL
@@ -314,14 +325,19 @@ def ellipse_shapes(
         sums[:] = 0.0
         apart[:] = False
         status[n] = EMPTY
+        near = 0
         for i in range(rims):
-            bounds = _add_boundary(unit, edges[:sides], i, i == first, poly, places, apart, sums)
+            if first < rims or not _contains(unit[i], edges[:sides], first):
+                unit[near], index[near] = unit[i], i
+                near += 1
+        for i in range(near):
+            bounds = _add_boundary(unit[:near], edges[:sides], i, i == first, poly, places, apart, sums)
             if i == first and bounds == 2:
                 status[n] = FULL
                 break
             if bounds:
                 status[n] = CLIPPED
-                clips[n, i] = i != first
+                clips[n, index[i]] = i != first
         if status[n] == FULL:
             _whole(middle[n], form[n], table[n])
             continue
@@ -329,7 +345,7 @@ def ellipse_shapes(
         if uncut:
             area_of_first = 0.0
         for e in range(sides):
-            bounds, owner = _add_edge(unit, edges, sides, e, sums), int(edges[e, OWNER])
+            bounds, owner = _add_edge(unit[:near], edges, sides, e, sums), int(edges[e, OWNER])
             if owner == first:
                 uncut = uncut and bounds == 2
                 area_of_first += 0.5 * edges[e, LENGTH] * (edges[e, X] * edges[e, DY] - edges[e, Y] * edges[e, DX])
@@ -343,7 +359,7 @@ def ellipse_shapes(
             table[n] = 0.0
             table[n, 2] = 1.0
             table[n, 3], table[n, 4] = middle[n, 0], middle[n, 1]
-            _name_empty(apart, first, clips[n])
+            _name_empty(apart[:near, :near], index, first, clips[n])
             continue
         if uncut:
             status[n] = FULL
@@ -361,7 +377,7 @@ def ellipse_shapes(
 
 
 @kernel()
-def _name_empty(apart: NDArray[np.bool_], first: int, clips: NDArray[np.bool_]) -> None:
+def _name_empty(apart: NDArray[np.bool_], index: NDArray[np.int64], first: int, clips: NDArray[np.bool_]) -> None:
     """Which openings leave nothing: a pair of ellipses without a common point, else all together."""
     for k in range(len(clips)):
         clips[k] = k != first
@@ -369,5 +385,5 @@ def _name_empty(apart: NDArray[np.bool_], first: int, clips: NDArray[np.bool_]) 
         for j in range(i):
             if apart[i, j] and apart[j, i]:
                 for k in range(len(clips)):
-                    clips[k] = k != first and k in (i, j)
+                    clips[k] = k != first and k in (index[i], index[j])
                 return

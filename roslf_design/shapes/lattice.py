@@ -133,7 +133,7 @@ class Lattice(NamedTuple):
         return self.pitch * PACKINGS[self.layout].rise
 
 
-def lens_indices(lattice: Lattice) -> NDArray[np.int64]:
+def _lens_indices(lattice: Lattice) -> NDArray[np.int64]:
     """Indices (i, j) of all lenses, shape (N, 2): j counts rows from the centre, i lenses along a row; row by row."""
     _check(lattice)
     rows = np.arange(-_rows(lattice), _rows(lattice) + 1)
@@ -143,8 +143,8 @@ def lens_indices(lattice: Lattice) -> NDArray[np.int64]:
 
 
 def lens_centres(lattice: Lattice, indices: ArrayLike | None = None) -> Array:
-    """Centres [mm] of the lenses of these indices (..., 2), or of all as `lens_indices` lists them; shape (..., 2)."""
-    index = lens_indices(lattice) if indices is None else np.asarray(indices)
+    """Centres [mm] of the lenses of these indices (..., 2), or of all as `_lens_indices` lists them; shape (..., 2)."""
+    index = _lens_indices(lattice) if indices is None else np.asarray(indices)
     _check(lattice)
     x = lattice.pitch * (index[..., 0] + _offset(lattice, index[..., 1]))
     return _turned(np.stack([x, lattice.row_spacing * index[..., 1]], -1), lattice.rotation) + lattice.decentre

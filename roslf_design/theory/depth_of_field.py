@@ -27,7 +27,7 @@ class _DepthOfField(NamedTuple):
     """inf where everything beyond is sharp."""
 
 
-def pupil_part(c: Camera, kind: Kind) -> Array:
+def _pupil_part(c: Camera, kind: Kind) -> Array:
     """Width e of the FAP that a point's light counts through, as the main lens sees it [mm]."""
     whole = magnitude(c.seen.D_F)
     if kind == "refocused":
@@ -65,18 +65,16 @@ def past_infinity(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> Arr
     """
     inside = 1 - _share(c, kind, blur)
     seen = c.seen.d_3 * inside + c.seen.gap
-    less, more = seen - c.tip * inside, inside
-    if c.chain.elements:
-        place, front = c.front
-        more = front.d * inside - front.c * seen
-        less = front.medium * (front.a * seen - front.b * inside) + (place - c.tip) * more
+    place, front = c.front
+    more = front.d * inside - front.c * seen
+    less = front.medium * (front.a * seen - front.b * inside) + (place - c.tip) * more
     inverse = np.asarray(ratio(more, less), float)
     return np.where(np.isinf(depth_of_field(c, kind, blur).far), np.abs(inverse), -inverse)[()]
 
 
 def _share(c: Camera, kind: Kind, blur: float) -> Array:
     """Change of 1/Z_F from the focal plane to an end, over its own at the focal plane."""
-    share = ratio(blur * c.d, product(pupil_part(c, kind), magnitude(c.seen.m)))
+    share = ratio(blur * c.d, product(_pupil_part(c, kind), magnitude(c.seen.m)))
     # Behind a relay the FAP may be seen beyond the focal plane: nearer planes then lie at larger Z_F.
     return np.asarray(share * np.where(np.real(c.seen.gap) < 0, -1.0, 1.0))
 

@@ -231,13 +231,13 @@ def view_gradient(c: Camera, plane: Seen) -> Array:
     return np.asarray(2 * math.pi * np.sqrt(((waves.x**2 + waves.y**2) * waves.power).sum(-1)))
 
 
-def disparity_information(images: MicrolensImages, plane: Seen, waves: Spectrum | None = None) -> Array:
+def _disparity_information(images: MicrolensImages, plane: Seen, waves: Spectrum | None = None) -> Array:
     """Fisher information that one exposure of one microlens image has of B [1/pitch^2].
 
     Parameters
     ----------
     images : MicrolensImages
-        At the fields asked for; their tilts are left out.
+        At the fields asked for; tilts of FAP, main lens, array and sensor are left out.
     plane : Seen
         The plane looked at; it broadcasts with the builds.
     waves : Spectrum, shape (W,), optional
@@ -250,8 +250,8 @@ def disparity_information(images: MicrolensImages, plane: Seen, waves: Spectrum 
         colour filters of a texture without colour, in white light: what the pixels of each colour tell, added up.
     """
     c = images.camera
-    if parts := [(one.share, type(images)(through_filter(c, one), images.fields)) for one in filters(c.colours)]:
-        return np.asarray(sum(share * disparity_information(part, plane, waves) for share, part in parts))
+    if parts := [(one.share, images.by(through_filter(c, one))) for one in filters(c.colours)]:
+        return np.asarray(sum(share * _disparity_information(part, plane, waves) for share, part in parts))
     one = np.ones(())
     rows = _rows_of(images, plane, texture(c, plane) if waves is None else _Texture(one, one, waves))
     builds = _builds(images, plane)
@@ -300,6 +300,14 @@ def _rows_of(images: MicrolensImages, plane: Seen, texture: _Texture) -> _Images
         turned = np.stack([u * a + v * b, v * a - u * b], -1) * per_pitch[..., None, None, None]
         return np.broadcast_to(turned, (*shape, *turned.shape[-3:])).reshape(math.prod(shape), *turned.shape[-3:])
 
+    xx, xy, yy = np.moveaxis(openings.matrices, -1, 0)
+    a, b, square = cos[..., None], sin[..., None], np.square(per_pitch)[..., None]
+    turned = (
+        a * a * xx + 2 * a * b * xy + b * b * yy,
+        a * b * (yy - xx) + (a * a - b * b) * xy,
+        b * b * xx - 2 * a * b * xy + a * a * yy,
+    )
+    forms = np.stack([part * square for part in turned], -1)
     across = np.broadcast_to(openings.radii * per_pitch[..., None], (*shape, openings.total))
     across = across.reshape(-1, openings.total)
     scaled = Openings(
@@ -307,6 +315,8 @@ def _rows_of(images: MicrolensImages, plane: Seen, texture: _Texture) -> _Images
         across,
         along_lattice(openings.corners),
         openings.polygons,
+        np.broadcast_to(forms, (*shape, *forms.shape[-2:])).reshape(math.prod(shape), *forms.shape[-2:]),
+        openings.ellipses,
     )
     wide = 2 * across[:, 0]
     if 0 in openings.polygons:
@@ -638,7 +648,7 @@ def disparity_sigma(images: MicrolensImages, plane: Seen) -> Array:
     Parameters
     ----------
     images : MicrolensImages
-        At the fields asked for; their tilts are left out.
+        At the fields asked for; tilts of FAP, main lens, array and sensor are left out.
     plane : Seen
         The plane looked at.
 
@@ -653,7 +663,7 @@ def disparity_sigma(images: MicrolensImages, plane: Seen) -> Array:
     if fixed is not None:
         lit = images.shapes.lit
         return np.where(lit, np.broadcast_to(np.asarray(fixed), lit.shape), np.inf)
-    total = disparity_information(images, plane) * c["depth.window"] ** 2
+    total = _disparity_information(images, plane) * c["depth.window"] ** 2
     with np.errstate(divide="ignore"):
         return np.asarray(1 / np.sqrt(np.maximum(total, 0.0)))
 
@@ -668,6 +678,10 @@ def axial_disparity_sigma(c: Camera, plane: Seen) -> Array:
 
 class _Uncut(MicrolensImages):
     """The microlens on the axis and the FAP as its only stop."""
+
+    def by(self, camera: Camera) -> MicrolensImages:
+        """Image on the axis of another camera."""
+        return _Uncut(camera, self.fields)
 
     @property
     def openings(self) -> Openings:

@@ -58,7 +58,7 @@ def mismatch_px(c: Camera) -> Array:
     return (product(c.seen.d_2 * apart / c.f, ratio(c.seen.d_f - c.f, c.seen.gap)) - order * c.d) / c.q
 
 
-class Matched(NamedTuple):
+class _Matched(NamedTuple):
     """Length that makes the f-numbers match."""
 
     value: Array
@@ -67,7 +67,7 @@ class Matched(NamedTuple):
     """Whether there is one."""
 
 
-def matched(c: Camera, symbol: Literal["d_2", "D_F", "d", "d_3"], *, exact: bool = True) -> Matched:
+def matched(c: Camera, symbol: Literal["d_2", "D_F", "d", "d_3"], *, exact: bool = True) -> _Matched:
     """Solve Eq. 7, or Eq. 8 where not `exact`, for one length, the others held.
 
     Parameters
@@ -101,7 +101,7 @@ def matched(c: Camera, symbol: Literal["d_2", "D_F", "d", "d_3"], *, exact: bool
             stands = np.full(np.shape(length), np.nan) if c.chain.bends else c.chain.stands_at(c.numbers, length)
             length = np.asarray(stands)
             exists = exists & np.isfinite(length)
-        return Matched(np.where(exists, length, np.inf)[()], exists)
+        return _Matched(np.where(exists, length, np.inf)[()], exists)
     bend = (f - d3) / f if exact else np.zeros(())
     if symbol == "d_2":
         length, image = ratio(c.seen.A, de / d - bend) + (c[PATHS["d_2"]] - c.seen.d_2), de > 0
@@ -110,4 +110,4 @@ def matched(c: Camera, symbol: Literal["d_2", "D_F", "d", "d_3"], *, exact: bool
     else:
         length = ratio(de * d2, magnitude(c.seen.A + product(d2, bend)))
     exists = image & (length > 0) & np.isfinite(length)
-    return Matched(np.where(exists, length, np.inf)[()], exists)
+    return _Matched(np.where(exists, length, np.inf)[()], exists)

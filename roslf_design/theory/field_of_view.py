@@ -29,6 +29,12 @@ class Across(NamedTuple):
     height: Array
     diagonal: Array
 
+    @classmethod
+    def widest(cls, values: Sequence[Array]) -> Across:
+        """Widest of the values between the field's `ends`, along each direction."""
+        width, height, up, down = values
+        return cls(width, height, np.maximum(up, down))
+
 
 def between(first: Array, second: Array) -> Array:
     """Angle between vectors, shape (..., 3) [degrees]."""
@@ -43,12 +49,6 @@ def ends(field: SensorField) -> tuple[tuple[Place, Place], ...]:
     return ((x0, y), (x1, y)), ((x, y0), (x, y1)), ((x0, y0), (x1, y1)), ((x0, y1), (x1, y0))
 
 
-def widest(values: Sequence[Array]) -> Across:
-    """Widest of the values between those ends, along each direction."""
-    width, height, up, down = values
-    return Across(width, height, np.maximum(up, down))
-
-
 def _of_ends(c: Camera, field: SensorField) -> tuple[tuple[ChiefRays, ChiefRays], ...]:
     """Chief rays of the field's `ends`, in that order."""
     every = [place for pair in ends(field) for place in pair]
@@ -60,7 +60,7 @@ def _of_ends(c: Camera, field: SensorField) -> tuple[tuple[ChiefRays, ChiefRays]
 
 def field_of_view(c: Camera, field: SensorField) -> Across:
     """Full angles between the chief rays of the field's ends, from the entrance pupil [degrees]."""
-    return widest([between(a.directions, b.directions) for a, b in _of_ends(c, field)])
+    return Across.widest([between(a.directions, b.directions) for a, b in _of_ends(c, field)])
 
 
 def tip_field_of_view(c: Camera, field: SensorField, ahead: Number | None) -> Across:
@@ -73,13 +73,13 @@ def tip_field_of_view(c: Camera, field: SensorField, ahead: Number | None) -> Ac
     def direction(rays: ChiefRays) -> Array:
         return np.stack(np.broadcast_arrays(*rays.on_plane(c.tip + away), away), axis=-1)
 
-    return widest([between(direction(a), direction(b)) for a, b in _of_ends(c, field)])
+    return Across.widest([between(direction(a), direction(b)) for a, b in _of_ends(c, field)])
 
 
 def object_field(c: Camera, field: SensorField, ahead: Number | None) -> Across:
     """Width, height and diagonal of the field on a plane `ahead` of the tip, or the focal plane if None [mm]."""
     z = c.tip + (focus_ahead(c) if ahead is None else ahead)
-    return widest([_apart(a.on_plane(z), b.on_plane(z)) for a, b in _of_ends(c, field)])
+    return Across.widest([_apart(a.on_plane(z), b.on_plane(z)) for a, b in _of_ends(c, field)])
 
 
 def _apart(one: Places, other: Places) -> Array:

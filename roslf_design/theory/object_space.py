@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._jit import kernel
 from ..bore.chain import MEDIUM
-from ..bore.elements import element_name
-from ..bore.faces import KIND, LIMIT, OPEN, TURNED, Face, Surroundings, axes_of, plane_row, vertex_of
+from ..bore.faces import HOLE, KIND, LIMIT, OPEN, STOP, TURNED, Face, Surroundings, axes_of, stop_row, vertex_of
+from ..bore.opening import UNBOUNDED, ClearAperture, inside
 from ..bore.part import PartNumbers
 from ..camera import Camera, Number
 from ..fates import FATES
@@ -87,7 +87,7 @@ class ObjectSpaceFaces:
         clip : bool
             Whether clear apertures stop rays.
         """
-        faces = [face for _, unit in sorted(_units(camera), key=lambda unit: unit[0]) for face in unit]
+        faces = [face for _, unit in sorted(_units(camera, clip), key=lambda unit: unit[0]) for face in unit]
         table = np.empty((*camera.shape, len(faces), COLUMNS))
         media = np.empty((*camera.shape, len(faces), 2))
         for k, face in enumerate(faces):
@@ -150,7 +150,8 @@ class ObjectSpaceFaces:
     def bending(self) -> tuple[ObjectSpaceFaces, ObjectSpaceFaces]:
         """Only what bends rays: what stands between main lens and FAP, and what stands before the FAP."""
         table, index = self.table, self.media
-        bends = (table[..., KIND] != SPHERE) | (table[..., 3] != 0) | (index[..., 0] != index[..., 1])
+        flat = np.isin(table[..., KIND], (SPHERE, STOP)) & (table[..., 3] == 0)
+        bends = ~flat | (index[..., 0] != index[..., 1])
         rows = np.flatnonzero(bends.reshape(-1, bends.shape[-1]).any(0))
         fap = self.names.index("FAP")
         return self._only(rows[rows < fap]), self._only(rows[rows > fap])
@@ -174,15 +175,15 @@ class ObjectSpaceFaces:
             nearer = -rest.table[:, 2] < distance
             end = len(nearer) if nearer.all() else max(first, int(np.argmin(nearer)))
             stage, rod = rest._some(first, end), rest.table[end - 1] if end > first else rest.table[0]
-            left = rod[LENGTH] - rod[2] - distance
-            inside = end > first and rod[KIND] == ROD and left > 0
-            if inside:  # cut in two, with its axial index between: slope times index goes on as it is
+            left = rod[LENGTH] - rod[2] - distance if rod[KIND] == ROD else 0.0
+            within = end > first and left > 0
+            if within:  # cut in two, with its axial index between: slope times index goes on as it is
                 depth = rod[LENGTH] - left
                 stage.table[-1, LENGTH], stage.media[-1, 0] = depth, rod[3]
                 rod[:3] -= depth * rod[[10, 13, 16]]
                 rod[LENGTH], rest.media[end - 1, 1] = left, rod[3]
             (h_x, h_y), (s_x, s_y), status = stage.rays(height, slope)
-            height, slope, first = (h_x, h_y), (s_x, s_y), end - inside
+            height, slope, first = (h_x, h_y), (s_x, s_y), end - within
             lost = np.where(lost, lost, status)
             yield SceneRays(np.stack(height), np.stack(slope), lost)
 
@@ -204,10 +205,13 @@ def _plain(array: Floats) -> Any:
     return memoryview(array)  # type: ignore[arg-type]
 
 
-def _units(camera: Camera) -> Iterator[tuple[tuple[float, int], list[Face]]]:
-    """Stops and elements, each with where it begins; a stop on an element's vertex comes before that."""
-    n, chain = camera.numbers, camera.chain
-    medium_from = chain.end(n)
+def _units(camera: Camera, clip: bool) -> Iterator[tuple[tuple[float, int], list[Face]]]:
+    """Stops and elements, each with where it begins; a stop on an element's vertex comes before that.
+
+    Stops that do not clip let everything through.
+    """
+    n = camera.numbers
+    medium_from = camera.chain.end(n)
     medium = n.get(MEDIUM, 1.0)
 
     def around(z: Number) -> Number:
@@ -215,12 +219,11 @@ def _units(camera: Camera) -> Iterator[tuple[tuple[float, int], list[Face]]]:
 
     for rim in camera.stop_openings:
         at, z = PartNumbers(n, rim.part), rim.ruler_distance
-        row = plane_row(vertex_of(at, z), axes_of(at), at["diameter"] / 2)
+        row = stop_row(vertex_of(at, z), axes_of(at), ClearAperture.of(n, rim.part) if clip else UNBOUNDED)
         yield (_first(z), 0), [Face(row, around(z), around(z), rim.part, rim.name)]
-    for k, element in enumerate(chain.elements):
-        at = chain.at(n, k)
-        surroundings = Surroundings(around(at["distance"] + element.span(at)), camera.pupil_seen_before)
-        yield (_first(at["distance"]), 1), element.faces(at, element_name(element, k + 1), surroundings)
+    for part in camera.in_bore:
+        surroundings = Surroundings(around(part.end), camera.pupil_seen_before)
+        yield (_first(part.start), 1), part.element.faces(part.at, part.name, surroundings)
 
 
 def _first(value: Number) -> float:
@@ -267,6 +270,21 @@ def _cross_flat(
 
 
 @kernel()
+def _cross_stop(row: Any, x: float, y: float, z: float, dx: float, dy: float, dz: float) -> Any:
+    """One ray through a stop, however it is turned: position, and 0 or why not."""
+    nx, ny, nz = row[10], row[13], row[16]
+    cosine = dx * nx + dy * ny + dz * nz
+    if not cosine < 0.0:
+        return x, y, z, MISSED
+    t = -((x - row[0]) * nx + (y - row[1]) * ny + (z - row[2]) * nz) / cosine
+    x, y, z = x + t * dx, y + t * dy, z + t * dz
+    px, py, pz = x - row[0], y - row[1], z - row[2]
+    across = row[8] * px + row[11] * py + row[14] * pz
+    along = row[9] * px + row[12] * py + row[15] * pz
+    return x, y, z, 0 if inside(row, HOLE, across, along) else CLIPPED
+
+
+@kernel()
 def outwards(
     table: Any, media: Any, openings: Any, law: Any, buffer: Any, work: Any,
     hx: float, hy: float, ox: float, oy: float,
@@ -278,6 +296,8 @@ def outwards(
         row = table[s]
         if int(row[KIND]) == SPHERE and row[3] == 0.0:
             x, y, z, dx, dy, dz, fate = _cross_flat(row, media[s][0], media[s][1], x, y, z, dx, dy, dz)
+        elif int(row[KIND]) == STOP:
+            x, y, z, fate = _cross_stop(row, x, y, z, dx, dy, dz)
         elif int(row[KIND]) == MAPPED:
             x, y, sx, sy, p = bend_mapped(law, row[LENGTH], media[s][0], False, x, y, dx / dz, dy / dz)
             shrink = -1.0 / sqrt(1.0 + sx * sx + sy * sy)

@@ -1,8 +1,7 @@
 """Every number of a camera, once: name, unit, words, equation and function.
 
 `roslf evaluate`, the metrics of tolerance studies, the goals and limits of the optimiser, the explorer, the report and
-the documentation's tables all read `QUANTITIES`. A new number is one more entry here (or `register`), and every command
-knows it.
+the documentation's tables all read `QUANTITIES`. A new number is one more entry here, and every command knows it.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ QUANTITIES: dict[str, Quantity] = {}
 """Every quantity by its name; the paper's symbols too."""
 
 
-def register(*quantities: Quantity) -> None:
+def _register(*quantities: Quantity) -> None:
     """Add quantities, each under its name.
 
     Raises
@@ -285,7 +284,7 @@ def _axis_ratio(images: MicrolensImages) -> Number:
     return np.where(images.shapes.lit, images.shapes.axis_ratio, np.nan)
 
 
-register(
+_register(
     # Pupils.
     Quantity(
         "aperture_constant",

@@ -171,7 +171,7 @@ class FieldTransfer:
     """MTF at one field of one camera, for a plane of the scene."""
 
     camera: Camera
-    """One build; its tilts and the array's rotation are left out."""
+    """One build; the array's rotation and tilts, but for those of further stops, are left out."""
     openings: Openings
     """Openings that stops cut out of the microlens image [mm]."""
     middle: tuple[float, float] | None
@@ -250,7 +250,7 @@ class FieldTransfer:
     @property
     def round(self) -> bool:
         """Whether a quarter turn changes nothing but the scale."""
-        return self.openings.total == 1 and not self.openings.polygons
+        return self.openings.total == 1 and self.openings.first_is_disc
 
     @property
     def softest(self) -> float:

@@ -18,8 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array, floats, magnitude, product, ratio
 from ..bore.opening import ClearAperture, farthest
+from ..bore.part import minus, plus, times
 from ..camera import Camera, Frame, Number, Rim, Vector
-from ..camera.frames import cross, dot, minus, plus, times, total
+from ..camera.frames import cross, dot, frame, total
 from ..shapes.discs import DiscIntersection
 from ..shapes.ellipses import intersect_ellipses
 from ..shapes.openings import Openings
@@ -127,22 +128,18 @@ class Projected(NamedTuple):
 
     def ellipse(self, radius: Number) -> _Ellipse:
         """Image of the circle of that radius about the stop's centre."""
-        scale = 1.0 / self.w[0]
+        scale, square = 1.0 / self.w[0], times(radius, radius)
         bu, bv = times(self.u[0], scale), times(self.v[0], scale)
         ga, gb = times(self.w[1], scale), times(self.w[2], scale)
-        ja, jb = (times(minus(self.u[k], times(bu, self.w[k])), scale) for k in (1, 2))
-        ka, kb = (times(minus(self.v[k], times(bv, self.w[k])), scale) for k in (1, 2))
-        xx, yy, xy = total(0.0, ja, ja, jb, jb), total(0.0, ka, ka, kb, kb), total(0.0, ja, ka, jb, kb)
-        square = times(radius, radius)
-        slant = total(0.0, ga, ga, gb, gb)
-        if isinstance(slant, float) and slant == 0.0:
-            return _Ellipse(bu, bv, times(square, xx), times(square, xy), times(square, yy))
-        # Dual conic of the circle, N diag(r^2, r^2, -1) N^T, with the image of its centre as the origin.
-        left = np.asarray(1.0 - square * slant)
+        left = np.asarray(1.0 - square * total(0.0, ga, ga, gb, gb))
         beyond = left.real <= 0
         if beyond.any():  # it leans through an image of the plane in focus: as if upright
-            upright = np.where(beyond, 0.0, 1.0)
+            upright = np.where(beyond, 0.0, 1.0)[()]
             ga, gb, left = times(ga, upright), times(gb, upright), np.where(beyond, 1.0, left)
+        ja, jb = (minus(times(self.u[k], scale), times(bu, g)) for k, g in ((1, ga), (2, gb)))
+        ka, kb = (minus(times(self.v[k], scale), times(bv, g)) for k, g in ((1, ga), (2, gb)))
+        xx, yy, xy = total(0.0, ja, ja, jb, jb), total(0.0, ka, ka, kb, kb), total(0.0, ja, ka, jb, kb)
+        # Dual conic of the circle, N diag(r^2, r^2, -1) N^T, with the image of its centre as the origin.
         size = square / left[()]
         vu, vv = total(0.0, ja, ga, jb, gb), total(0.0, ka, ga, kb, gb)
         return _Ellipse(
@@ -296,27 +293,61 @@ def stop_discs(c: Camera, x: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
 
 
 def stop_openings(c: Camera, x: ArrayLike, y: ArrayLike) -> Openings:
-    """Openings that the FAP and the rims cut out of the light behind pinhole microlenses, as `stop_discs`."""
+    """Openings that the FAP and the rims cut out of the light behind pinhole microlenses, as `stop_discs`.
+
+    Further rims lean as they do: those of tilted stops and of mirrors are ellipses, or quadrilaterals.
+    """
     centres, radii = stop_discs(c, x, y)
     every = (c.fap, *c.rims)
     straight = tuple(k for k in range(len(every)) if every[k].outline.straight)
-    if not straight:
+    leaning = {k: _leaning_image(c, rim, x, y) for k, rim in enumerate(every) if k > 1 and _leans(c, rim)}
+    if not straight and not leaning:
         return Openings.of_discs(centres, radii)
     corners = np.empty((*radii.shape[:-1], len(straight), 4, 2))
+    ellipses = tuple(k for k in leaning if k not in straight)
+    forms = np.empty((*radii.shape[:-1], len(ellipses), 3))
     for n, k in enumerate(straight):
-        scale = product(c.seen.d_2, stop_angle(c, every[k].distance))  # of either sign, and so are corners
-        for m, corner in enumerate(every[k].outline.corners):
+        sign = 1.0 if (plane := every[k].plane) is None else np.sign(plane.magnification)
+        scale = -sign * product(c.seen.d_2, stop_angle(c, every[k].distance))
+        upright = [(x * scale, y * scale) for x, y in every[k].outline.corners]
+        seen = leaning[k].image(every[k].outline) if k in leaning else None
+        for m, corner in enumerate(upright):
             for axis in (0, 1):
-                corners[..., n, m, axis] = centres[..., k, axis] + np.asarray(scale * corner[axis])
+                at = centres[..., k, axis] + np.asarray(corner[axis])
+                corners[..., n, m, axis] = seen.corners[m][axis] if isinstance(seen, _Polygon) else at
         radii[..., k] = math.inf
-    return Openings(centres, radii, corners, straight)
+    for n, k in enumerate(ellipses):
+        seen = leaning[k].ellipse(every[k].radius)
+        centres[..., k, 0], centres[..., k, 1], radii[..., k] = seen.x, seen.y, math.inf
+        forms[..., n, 0], forms[..., n, 1], forms[..., n, 2] = seen.xx, seen.xy, seen.yy
+    return Openings(centres, radii, corners, straight, forms, ellipses)
+
+
+def _leans(c: Camera, rim: Rim) -> bool:
+    """Whether a rim that may cut is tilted, or leans by design, in any build."""
+    return bool(np.any(np.isfinite(rim.outline.reach))) and any(np.any(tilt) for tilt in c.tilt(rim.part))
+
+
+def _leaning_image(c: Camera, rim: Rim, x: ArrayLike, y: ArrayLike) -> Projected:
+    """Image on the sensor of a rim's plane, from the axis of a microlens at (x, y), as if all else stood straight.
+
+    A point a of that plane is seen ``d_2 (c (1 + a_z/f) - a) / (d_1 - a_z (1 - d_1/f))`` from the axis of the microlens
+    at c.
+    """
+    pose, cx, cy = frame(c.decentre(rim.part), -rim.distance, c.tilt(rim.part)), *floats(x, y)
+    d_1, d_2 = c.seen.d_1, c.seen.d_2
+    bend, columns = 1 - d_1 / c.f, []
+    for own, (ax, ay, az) in zip((1.0, 0.0, 0.0), (pose.origin, pose.x, pose.y), strict=True):
+        share = own + az / c.f
+        columns.append((d_2 * (cx * share - ax), d_2 * (cy * share - ay), own * d_1 - az * bend))
+    return Projected(*zip(*columns, strict=True))
 
 
 def _disc(c: Camera, rim: Rim) -> tuple[Number, tuple[Number, Number], Number]:
     """One of `stop_discs`: how far its centre lies aside per millimetre of the microlens, and on the axis; radius."""
     scale = product(c.seen.d_2, stop_angle(c, rim.distance))
     e_x, e_y = c.decentre(rim.part)
-    reach = rim.outline.narrowest / 2 if rim is not c.fap else rim.radius
+    reach = rim.outline.inradius if rim is not c.fap else rim.radius
     return scale * ((c.f - rim.distance) / c.f), (scale * e_x, scale * e_y), reach * np.abs(scale)
 
 
@@ -344,6 +375,10 @@ class MicrolensImages:
         self.fields = np.asarray(fields, np.float64).reshape(-1, 2)
         self.x, self.y = self.fields[:, :1], self.fields[:, 1:]
         self.microlens = camera.microlens(self.x, self.y)
+
+    def by(self, camera: Camera) -> MicrolensImages:
+        """Images of another camera at the same fields, by closed forms."""
+        return MicrolensImages(camera, self.fields)
 
     @cached_property
     def in_system(self) -> Array:

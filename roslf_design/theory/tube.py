@@ -25,6 +25,11 @@ class _Housed(NamedTuple):
     place: Number
     """Its end towards the scene [mm before the main lens, below 0 behind it]."""
 
+    def inside(self, c: Camera) -> Array:
+        """Whether it lies in the tube: no farther behind the tip than that is long."""
+        numbers = c.numbers
+        return np.asarray(self.place >= c.tip - numbers[LENGTH] if LENGTH in numbers else np.True_)
+
 
 def housed(c: Camera) -> tuple[_Housed, ...]:
     """FAP, stops, elements, main lens, array and sensor.
@@ -44,11 +49,8 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
         part(rim.name, rim.part, 2 * ClearAperture.of(numbers, rim.part).reach, rim.ruler_distance)
         for rim in c.stop_openings
     ]
-    for k, element in enumerate(c.chain.elements):
-        key = f"elements.{k}"
-        if f"{key}.diameter" in numbers:
-            end = numbers[f"{key}.distance"] + c.chain.length(numbers, k)
-            parts.append(part(f"{element.kind} {k + 1}", key, numbers[f"{key}.diameter"], end))
+    wide = (at for at in c.in_bore if f"{at.at.place}.diameter" in numbers)
+    parts += [part(at.name, at.at.place, at.diameter, at.end) for at in wide]
     array, d_2 = -numbers[PATHS["d_1"]], numbers[PATHS["d_2"]]
     parts.append(part("main lens", "main_lens", numbers[PATHS["D"]], 0.0))
     parts.append(part("microlens array", "microlens_array", diagonal("microlens_array"), array))
@@ -57,15 +59,9 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
     return tuple(parts)
 
 
-def inside(c: Camera, part: _Housed) -> Array:
-    """Whether a part lies in the tube: no farther behind the tip than it is long."""
-    numbers = c.numbers
-    return np.asarray(part.place >= c.tip - numbers[LENGTH] if LENGTH in numbers else np.True_)
-
-
 def outer_diameters(c: Camera) -> Array:
     """Outer diameter of a tube about each of `housed` [mm], shape (K, ...); for what lies behind it, about the FAP."""
     parts, wall = housed(c), c.numbers.get(WALL, 0.0)
     fap = parts[0].width
-    widths = [np.where(inside(c, part), part.width, fap) + 2 * wall for part in parts]
+    widths = [np.where(part.inside(c), part.width, fap) + 2 * wall for part in parts]
     return np.stack(np.broadcast_arrays(*widths))

@@ -23,7 +23,7 @@ from ..theory import chief_rays
 from ..theory.quantities import QUANTITIES
 from ..theory.quantity import finite, from_finite
 from .draws import Draws, sobol_points
-from .metrics import METRICS
+from .metrics import METRICS, mount_of
 from .places import of_parts
 from .run import Tally, quantiles, rebin
 from .study import TolerancePlan
@@ -438,7 +438,7 @@ def exact_derivatives(plan: TolerancePlan) -> Array:
     """
     perturbations, design = plan.draws.perturbations, plan.question.design
     exact = np.full((len(plan.columns), len(perturbations)), np.nan)
-    if not design.sees_discs or design.lens is not None:
+    if not mount_of(design).in_closed_form(design):
         return exact
     steps = IMAGINARY * np.array([abs(p.nominal) or 1.0 for p in perturbations])
     at = {p.place: p.nominal + 1j * row for p, row in zip(perturbations, np.diag(steps), strict=True)}

@@ -8,16 +8,17 @@ and turns that into a depth by the design it believes in.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
 
 from .._arrays import Array
+from ..bore.part import minus
 from ..camera import Camera, Number, Vector
-from ..camera.frames import along, cross, dot, minus, total
+from ..camera.frames import along, cross, dot, total
 from ..theory.exit_pupil import microlens_image_pitch
-from ..theory.light import outer_slope
+from ..theory.light import field_stretch
 from ..theory.stop_images import MicrolensImages
 
 Place = tuple[Number, Number]
@@ -80,9 +81,8 @@ class IdealBuilds(MicrolensImages):
         # Chief ray, per unit of c: on the lens at l = H d_3/d_1, slope (c - l)/d_1 behind the lens and l/f more before.
         height = n.seen.d_3 * n.seen.d_f / ((n.seen.d_f - n.seen.d_3) * n.seen.d_1)
         slope = (1 - height) / n.seen.d_1 + height / n.f
-        stretch = plane.a * height - plane.b * slope
-        if n.law is not None:
-            stretch = stretch * n.sagittal_stretch(outer_slope(n, np.hypot(self.x, self.y)))
+        _, across = field_stretch(n, np.hypot(self.x, self.y))
+        stretch = (plane.a * height - plane.b * slope) * across
         return self.x * stretch, self.y * stretch
 
     @cached_property
@@ -144,9 +144,9 @@ class IdealBuilds(MicrolensImages):
             zero, one = np.zeros((1, 1)), np.ones((1, 1))
             known = [self._slope(zero, zero, z, (one, zero)) for z in self.calibration_depths]
             depth = fractional(slope, known, self.calibration_depths)
-        if n.law is not None:  # the field's radius is drawn as if it were so much farther away
-            along = n.tangential_stretch(outer_slope(n, np.hypot(self.x, self.y)))
-            depth = n.entrance_pupil_distance + (depth - n.entrance_pupil_distance) / along
+        depth = n.mapping.undrawn(
+            depth, lambda: field_stretch(n, np.hypot(self.x, self.y))[0], lambda: n.entrance_pupil_distance
+        )
         return depth - self.object_distance
 
     def _slope(self, x: Array, y: Array, z: float, azimuth: tuple[Array, Array]) -> Number:
@@ -174,17 +174,15 @@ class IdealBuilds(MicrolensImages):
         return np.sqrt(total)
 
     def _landings(
-        self, x: Array, y: Array, z: float, ways: Iterable[tuple[Array | float, Array | float]]
+        self, x: Array, y: Array, z: float, ways: Sequence[tuple[Array | float, Array | float]]
     ) -> Iterator[tuple[Place, Place]]:
         """Pixel [pixels] and microlens [indices] that object points reach through points of the FAP.
 
         Those are given in its own coordinates [mm].
         """
         c, fap = self.camera, self.camera.apparent_pose("aperture")
-        point = None
-        for a, b in ways:
-            if point is None or c.law is not None:  # then each point of the FAP sees the object elsewhere
-                point = self._before_lens(c.image_of(x, y, z, (a, b)))
+        points = c.mapping.images(lambda way: self._before_lens(c.image_of(x, y, z, way)), ways)
+        for (a, b), point in zip(ways, points, strict=True):
             yield self._landing(point, along(fap.origin, a, fap.x, b, fap.y))
 
     def _before_lens(self, apparent: Vector) -> Vector:

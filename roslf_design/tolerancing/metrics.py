@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from ..design import PATHS, Design
 from ..theory.quantities import DECODED, QUANTITIES
 from .ideal import IdealBuilds
 from .places import LENSLETS, of_parts
-from .traced import TracedBuilds, as_built, real_lens_builds
+from .traced import AS_IF_THIN, TracedBuilds, as_built, real_lens_builds
 
 METRICS = {
     name: quantity
@@ -131,6 +132,9 @@ _Asked = tuple[tuple[tuple[float, float], ...], float, bool, tuple[Number, Numbe
 class _IdealMount:
     """Builds of a design behind an ideal lens: cameras with other numbers."""
 
+    left_out: ClassVar[Mapping[str, str]] = {}
+    """Quantities whose formulas leave out what its lens does, and what they leave out."""
+
     def __init__(self, design: Design, values: Mapping[str, Array], trials: int) -> None:
         self.design, self.nominal, self.changes = design, Camera.of(design.thin_twin), values
         self.sound = np.ones(trials, np.bool_)
@@ -145,6 +149,17 @@ class _IdealMount:
         """One build as a design."""
         return design.replace(changes)
 
+    @staticmethod
+    def method(shapes: bool, discs: bool) -> str:
+        """How each build is computed: shapes asked for or not, their rims discs on the sensor or not."""
+        rims = "discs (to 1e-15)" if discs else "ellipses (to 1e-13)"
+        return f"each by closed forms{f', shapes as common parts of {rims}' if shapes else ''}"
+
+    @staticmethod
+    def in_closed_form(design: Design) -> bool:
+        """True where all fields of a build have the same value, a closed form of its lengths."""
+        return design.sees_discs
+
     def builds(self, camera: Camera, rest: _Asked, afresh: bool) -> IdealBuilds:
         """Builds whose cameras, or their thin twins, are known; `rest` as `IdealBuilds` takes it."""
         return IdealBuilds(camera, self.nominal, *rest)
@@ -153,10 +168,12 @@ class _IdealMount:
 class _RealMount(_IdealMount):
     """Builds of a design behind a real lens, whose parts keep the places that the nominal lens gave them."""
 
+    left_out = AS_IF_THIN
+
     def __init__(self, design: Design, values: Mapping[str, Array], trials: int) -> None:
         super().__init__(design, values, trials)
-        self.mount = real_lens_builds(design, values, trials)
-        self.nominal, self.changes, self.sound = self.nominal.as_measured, self.mount.thin_equivalents, self.mount.sound
+        self.made = real_lens_builds(design, values, trials)
+        self.nominal, self.changes, self.sound = self.nominal.as_measured, self.made.thin_equivalents, self.made.sound
 
     @property
     def faults(self) -> dict[str, NDArray[np.bool_]]:
@@ -168,9 +185,19 @@ class _RealMount(_IdealMount):
         """One build, whose lens is as made."""
         return as_built(design, changes)
 
+    @staticmethod
+    def method(shapes: bool, discs: bool) -> str:
+        """By rays, whatever is asked for."""
+        return "each by exact rays through its own lens, shapes by series along the pupil's rim"
+
+    @staticmethod
+    def in_closed_form(design: Design) -> bool:
+        """False: rays tell."""
+        return False
+
     def builds(self, camera: Camera, rest: _Asked, afresh: bool) -> IdealBuilds:
         """Builds with everything of a field traced."""
-        return TracedBuilds(self.design, self.mount, camera, *rest, afresh=afresh)
+        return TracedBuilds(self.design, self.made, camera, *rest, afresh=afresh)
 
 
 _MOUNTS = {IdealMainLens: _IdealMount, RealMainLens: _RealMount}
@@ -178,12 +205,17 @@ _MOUNTS = {IdealMainLens: _IdealMount, RealMainLens: _RealMount}
 
 def _mount(design: Design, values: Mapping[str, Array], trials: int) -> _IdealMount:
     """Builds of a design at numbers of its places, behind its own kind of main lens."""
-    return _MOUNTS[type(design.main_lens.kind)](design, of_parts(design, values), trials)
+    return mount_of(design)(design, of_parts(design, values), trials)
+
+
+def mount_of(design: Design) -> type[_IdealMount]:
+    """Builds behind a design's own kind of main lens, before there are any."""
+    return _MOUNTS[type(design.main_lens.kind)]
 
 
 def design_built(design: Design, changes: Mapping[str, float]) -> Design:
     """Design of one build with these numbers at its places."""
-    return _MOUNTS[type(design.main_lens.kind)].built(design, changes)
+    return mount_of(design).built(design, changes)
 
 
 def builds_of(

@@ -9,11 +9,13 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Annotated, Any, NamedTuple, TypeVar
+
+from pydantic import BeforeValidator, Field, create_model
 
 from ..bore.chain import MEDIUM
 from ..bore.conjugates import REFRACTING
@@ -24,7 +26,7 @@ from ..design import PATHS, Design
 from ..errors import InputError, Problem
 from ..lenses.glass import AIR
 from ..lenses.tracer import MODES
-from ..toml_files import read_toml
+from ..toml_files import PlainNumber, StrictTable, read_toml, validated
 from ..units import FARTHEST, read_quantity, within_reach
 
 Value = TypeVar("Value")
@@ -97,8 +99,7 @@ def nominal_values(design: Design) -> Mapping[str, float]:
 
 def _lenslet_sag(design: Design) -> float:
     """Sag of a microlens across its pitch, ``d^2/(8 (n - 1) f_ml)`` [mm]; 0 where nothing says what it is made of."""
-    array = design.microlens_array
-    glass = array.material or (None if array.substrate is None else array.substrate.material)
+    glass = design.microlens_array.made_of
     return 0.0 if glass is None else design.d**2 / (8 * (float(glass.index(design.wavelength)) - 1) * design.f_ml)
 
 
@@ -353,13 +354,16 @@ class GradeLine(NamedTuple):
     """Cost of one such part in every grade; differences count."""
 
 
-class _AdjustmentLine(NamedTuple):
+_Cost = Annotated[PlainNumber, Field(ge=0)]
+
+
+class _AdjustmentLine(StrictTable):
     """A part that could be adjusted on each build, or "calibration" of the decoder, and what that costs."""
 
     place: str
-    range: str
+    range: str = ""
     """How far it can be moved either way; empty for calibration."""
-    cost: float
+    cost: _Cost
     provenance: str
 
 
@@ -428,69 +432,39 @@ def load_grades(path: Path = SHIPPED) -> Grades:
     names = data.get("grades")
     if not isinstance(names, dict) or not names:
         raise InputError((Problem("grades", 'is missing; list them as [grades] with name = "meaning"'),), str(path))
-    problems = [
-        Problem(f"grades.{name}", f"must be a sentence on what it means, got {meaning!r}")
-        for name, meaning in names.items()
-        if not isinstance(meaning, str)
-    ]
-    lines = _rows(data, "line", ("place", *names, "provenance"), ("cost",), tuple(names), problems)
-    parts = _rows(data, "adjustment", ("place", "cost", "provenance"), ("range",), (), problems)
-    for index, line in enumerate(lines):
-        costs = line.get("cost", [])
-        if "cost" in line and not (
-            isinstance(costs, list) and len(costs) == len(names) and all(_is_cost(cost) for cost in costs)
-        ):
-            example = [1.0 * step for step in range(1, len(names) + 1)]
-            message = f"must be one number for each of {', '.join(names)}, none below 0, e.g. {example}; got {costs!r}"
-            problems.append(Problem(f"line.{index}.cost", message))
-    for index, part in enumerate(parts):
-        if "cost" in part and not _is_cost(part["cost"]):
-            message = f"must be a number that is not negative, got {part['cost']!r}"
-            problems.append(Problem(f"adjustment.{index}.cost", message))
-    if problems:
-        raise InputError(tuple(problems), str(path))
-    usual = [1.0 * step for step in range(len(names))]
-    rows = (
-        GradeLine(
-            line["place"],
-            tuple(str(line[n]) for n in names),
-            line["provenance"],
-            tuple(float(cost) for cost in line.get("cost", usual)),
-        )
-        for line in lines
+    file = validated(_grades_file(tuple(names)), data, str(path))
+    lines = (
+        GradeLine(line.place, tuple(getattr(line, key) for key in _grade_keys(names)), line.provenance, line.cost)
+        for line in file.line
     )
-    adjusted = (_AdjustmentLine(p["place"], p.get("range", ""), float(p["cost"]), p["provenance"]) for p in parts)
-    return Grades(tuple(names), tuple(names.values()), tuple(rows), tuple(adjusted))
+    return Grades(tuple(file.grades), tuple(file.grades.values()), tuple(lines), file.adjustment)
 
 
-def _rows(
-    data: Mapping[str, Any],
-    key: str,
-    wanted: tuple[str, ...],
-    more: tuple[str, ...],
-    widths: tuple[str, ...],
-    problems: list[Problem],
-) -> list[dict[str, Any]]:
-    """The tables [[key]] of a file of grades: keys `wanted`, `more` if need be; `widths` may be numbers."""
-    lines = data.get(key, [])
-    if not isinstance(lines, list) or not all(isinstance(line, dict) for line in lines):
-        problems.append(Problem(key, f"must be tables, each headed [[{key}]]"))
-        return []
-    known = (*wanted, *more)
-    for index, line in enumerate(lines):
-        at = f"{key}.{index}"
-        problems += [
-            Problem(f"{at}.{name}", f"must be text, got {line[name]!r}")
-            for name in known
-            if name in line
-            and name != "cost"
-            and not isinstance(line[name], (str, int, float) if name in widths else str)
-        ]
-        problems += [Problem(f"{at}.{name}", "is missing; add it") for name in wanted if name not in line]
-        unknown = [name for name in line if name not in known]
-        problems += [Problem(f"{at}.{name}", f"is not known; known are {', '.join(known)}") for name in unknown]
-    return lines
+def _grade_keys(names: Collection[str]) -> list[str]:
+    return [f"grade_{index}" for index in range(len(names))]
 
 
-def _is_cost(value: object) -> bool:
-    return isinstance(value, (int, float)) and not isinstance(value, bool) and 0 <= value < math.inf
+def _tolerance_text(value: object) -> str:
+    if isinstance(value, bool) or not isinstance(value, (str, int, float)):
+        raise ValueError(f'must be text such as "1 %", got {value!r}')
+    return str(value)
+
+
+@lru_cache(maxsize=8)
+def _grades_file(names: tuple[str, ...]) -> Any:
+    """Model of a file with grades of these names: each of its lines has a tolerance in every one."""
+    usual = tuple(float(step) for step in range(len(names)))
+    cost = Field(default=usual, min_length=len(names), max_length=len(names), examples=[usual])
+    text = Annotated[str, BeforeValidator(_tolerance_text)]
+    grades: dict[str, Any] = {
+        key: (text, Field(alias=name)) for key, name in zip(_grade_keys(names), names, strict=True)
+    }
+    tail: dict[str, Any] = {"provenance": (str, ...), "cost": (tuple[_Cost, ...], cost)}
+    line = create_model("GradeTable", __base__=StrictTable, place=(str, ...), **grades, **tail)
+    return create_model(
+        "GradesFile",
+        __base__=StrictTable,
+        grades=(dict[str, str], ...),
+        line=(tuple[line, ...], ()),
+        adjustment=(tuple[_AdjustmentLine, ...], ()),
+    )

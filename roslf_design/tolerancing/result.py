@@ -37,11 +37,11 @@ from .analyses import (
     yield_curve,
 )
 from .budgets import ToleranceBudget, budget
-from .metrics import METRICS
+from .metrics import METRICS, mount_of
 from .places import Grades
 from .run import Tally
 from .study import MOST_TRIALS, Study, TolerancePlan, make_plan
-from .traced import AS_IF_THIN, notes
+from .traced import notes
 from .trials import measure_one, one_trial
 
 SCHEMA = "roslf.tolerance/1"
@@ -272,10 +272,10 @@ def _warnings(
     tilts = any(".tilt." in p.place for p in plan.draws.perturbations)
     if tilts and "non_distortion_room_mm" in plan.question.metrics:
         yield "non_distortion_room_mm is right to first order in tilts; kept_fraction is exact in them"
-    if plan.question.design.lens is not None:
-        for name in plan.question.metrics:
-            if name in AS_IF_THIN:
-                yield f"{name} is not traced behind the real lens: its formula leaves out {AS_IF_THIN[name]}"
+    left_out = mount_of(plan.question.design).left_out
+    for name in plan.question.metrics:
+        if name in left_out:
+            yield f"{name} is not traced behind the real lens: its formula leaves out {left_out[name]}"
     axial = [name for name in plan.question.metrics if METRICS[name].local is None]
     if axial and any(".tilt." in p.place and not p.place.startswith("elements.") for p in plan.draws.perturbations):
         yield f"of the whole camera, on its axis, so blind to decentres and tilts: {', '.join(axial)}"
@@ -391,10 +391,6 @@ def precision(
 
 def shapes_text(plan: TolerancePlan) -> str:
     """How each build is computed: always the exact way, as that is the quicker one, too."""
-    if plan.question.design.lens is not None:
-        return "each by exact rays through its own lens, shapes by series along the pupil's rim"
-    if not any(name in SHAPES for name in plan.question.metrics):
-        return "each by closed forms"
-    tilted = not plan.question.design.sees_discs or any(".tilt." in p.place for p in plan.draws.perturbations)
-    rims = "ellipses (to 1e-13)" if tilted else "discs (to 1e-15)"
-    return f"each by closed forms, shapes as common parts of {rims}"
+    design, shapes = plan.question.design, any(name in SHAPES for name in plan.question.metrics)
+    discs = design.sees_discs and not any(".tilt." in p.place for p in plan.draws.perturbations)
+    return mount_of(design).method(shapes, discs)

@@ -19,9 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import (
     AfterValidator,
-    BaseModel,
     BeforeValidator,
-    ConfigDict,
     Field,
     ValidationError,
     ValidationInfo,
@@ -39,7 +37,7 @@ from ..evaluation import default_fields
 from ..evaluation.fields import MOST_FIELDS
 from ..options import Options, Seed, up_to
 from ..theory.quantity import finite
-from ..toml_files import nearest, problems_of, read_toml
+from ..toml_files import StrictTable, nearest, problems_of, read_toml
 from ..units import Length, in_file, read_quantity
 from .draws import BITS, Distribution, Draws, Perturbation, Sampling
 from .ideal import bore_end
@@ -59,12 +57,6 @@ FORMAT = 8
 """Raised when the same plan would give other bytes; part of the digest that guards a resumed run."""
 TIED = ": "
 """Between a group's name and the pose that its members share."""
-
-
-class StrictTable(BaseModel):
-    """Base of every table of a study: frozen, unknown keys are errors."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 def _design(info: ValidationInfo) -> Design | None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,24 +25,19 @@ from ..design.parts import PATHS
 from ..fates import ImageFate
 from ..lenses.manufacture import LensBuilds, as_made, lens_builds
 from ..lenses.prescription import first_order
-from ..lenses.tracer import BLOCK
-from ..theory.light import object_scale, on_array
+from ..theory.light import on_array
 from ..theory.object_space import ObjectSpaceFaces
-from ..theory.stop_images import lens_point
-from ..traced.camera import aims, camera_of, microlenses, sensor_of_pupil
-from ..traced.fields import stretches, uncut_light
+from ..traced.camera import camera_of, microlenses, nominal_targets, sensor_of_pupil
 from ..traced.images import real_images
-from ..traced.outlines import RIM, Outlines, circle, lit_parts, outlines
-from ..traced.train import AimedRays, Planes, RayTargets, Train, aimed, crossings, etendue_sr, landings, spot_radii
+from ..traced.microlens import CROSS, MIDDLE, FieldRays, LensImages, Mount, thin_targets
+from ..traced.train import Planes, Train, aimed, landings, spot_radii
 from .ideal import IdealBuilds, azimuths, fractional
 from .places import in_lens, nominal_values, of_lens, of_parts, stops_of
 
 FOCAL, PLANE, DISTANCE = CONJUGATES
 STEP = 0.25
 """Between the places that tell how image centres move over the array [mm]."""
-MIDDLE = np.zeros((1, 2))
 ORIGIN = np.zeros((1, 3))
-CROSS = np.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])
 STENCIL = np.array([[0, 0], [-1, 0], [1, 0], [0, -1], [0, 1], [-1, -1], [1, 1], [-1, 1], [1, -1]])
 ALONG_X = np.ones((1, 1)), np.zeros((1, 1))
 """Direction along which views of targets on the axis are taken."""
@@ -64,15 +59,11 @@ class _RealLensBuilds(NamedTuple):
     """T builds of a camera behind a real lens."""
 
     lens: LensBuilds
-    train: Train
-    """Train of surfaces of the main lens, and of what stands before it."""
-    planes: Planes
+    mount: Mount
     thin_equivalents: dict[str, Array]
     """Where the numbers of their thin twins differ from the nominal design's: what closed forms take."""
     sound: NDArray[np.bool_]
     """True where a build can be put together, (T,)."""
-    world: Array
-    """Shift of the system's frame against the lens's [mm], (T, 3)."""
 
 
 def real_lens_builds(design: Design, values: Mapping[str, Array], trials: int) -> _RealLensBuilds:
@@ -131,7 +122,9 @@ def real_lens_builds(design: Design, values: Mapping[str, Array], trials: int) -
     sound = lens.sound & (mla - before > lens.rear)
     for z in (fronts | elements).values():
         sound = sound & (z <= np.minimum(lens.front, camera.front))
-    return _RealLensBuilds(lens, train, planes, twins, sound, -np.stack([lens_x, lens_y, 0 * lens_x], axis=-1))
+    world = -np.stack([lens_x, lens_y, 0 * lens_x], axis=-1)
+    mount = Mount(train, planes, lens.front_principal, lens.rear_principal, world)
+    return _RealLensBuilds(lens, mount, twins, sound)
 
 
 def _warmed(design: Design, values: Mapping[str, Array]) -> dict[str, Array]:
@@ -207,18 +200,9 @@ class _LocalMaps(NamedTuple):
 class _Reference(NamedTuple):
     """All that builds of one question share: rays in the nominal camera, and what its decoder knows. F fields."""
 
-    chief: RayTargets
-    """Rays to the FAP's centre, F."""
-    rim: RayTargets
-    """Rays to its rim, F times `builds.RIM`."""
-    neighbours: RayTargets
-    """To its centre, from half a pitch left, right, below and above, F times 4."""
-    ends: RayTargets
-    """To its centre, from the ends of both axes of the array at `IdealBuilds.reach`, 4."""
-    axis: Array
-    """Where the nominal lens's axis meets the array, in its own coordinates, (2,) [mm]."""
-    axis_rim: RayTargets
-    """Rays to the FAP's rim from there, `builds.RIM`."""
+    rays: FieldRays
+    ends: Array
+    """Ends of both axes of the array at `IdealBuilds.reach`, (4, 2) [mm]."""
     folded: NDArray[np.bool_]
     """Fields whose nominal image is folded: it has no outline, (F,)."""
     points: Array
@@ -240,19 +224,12 @@ def reference(
 ) -> _Reference:
     """Trace the nominal camera of a question; arguments as `TracedBuilds` has them."""
     camera, at = camera_of(design), np.array(fields, float).reshape(-1, 2)
-    mount, thin = real_lens_builds(design, {}, 1), Camera.of(design)
-    rim = circle(RIM)
-
-    def wanted(base: Array, target: Array, offset: Array = MIDDLE) -> RayTargets:
-        """Every offset and target at every place, the places slowest."""
-        per = max(len(target), len(offset))
-        start = np.repeat(base, per, axis=0)
-        nudge, goal = (np.tile(np.broadcast_to(part, (per, 2)), (len(base), 1)) for part in (offset, target))
-        return aims(camera, start, goal, microlenses(design, start + nudge * design.d / 2), nudge)
+    mount, thin = Mount.of(design), Camera.of(design)
+    rays = FieldRays(partial(nominal_targets, design), at, on_array(thin, np.zeros(2)))
 
     def centres(place: Array) -> _LocalMaps:
-        rays = wanted((place[:, None] + STEP * STENCIL).reshape(-1, 2), MIDDLE)
-        landed = _traced(mount, np.array([design.d / 2]), rays, 1).landed
+        wanted = rays.to((place[:, None] + STEP * STENCIL).reshape(-1, 2), MIDDLE)
+        landed = aimed(mount.train, mount.planes, np.array([design.d / 2]), wanted, 1).landed
         o, w, e, s, n, sw, ne, nw, se = np.moveaxis(landed.reshape(-1, 9, 2), 1, 0)
         bends = (e - 2 * o + w) / 2, (ne + sw - nw - se) / 4, (n - 2 * o + s) / 2
         terms = o, (e - w) / 2 / STEP, (n - s) / 2 / STEP, *(bend / STEP**2 for bend in bends)
@@ -261,25 +238,20 @@ def reference(
     front = camera.first_order.front_principal
 
     def along_chief(depth: float) -> Array:
-        rays = sensor_of_pupil(camera, microlenses(design, at), np.array([camera.fap.x, camera.fap.y]))
-        aside = rays.views.at(depth - design.d_3) + np.asarray(design.main_lens.decentre)
-        aside[~rays.ok] = np.nan
+        chief = sensor_of_pupil(camera, microlenses(design, at), np.array([camera.fap.x, camera.fap.y]))
+        aside = chief.views.at(depth - design.d_3) + np.asarray(design.main_lens.decentre)
+        aside[~chief.ok] = np.nan
         return np.concatenate([aside, np.full((len(at), 1), front - depth)], axis=1)
 
     def slopes(points: Array, azimuth: tuple[Array, Array], maps: _LocalMaps) -> Array:
         return _epi_slopes(mount, thin, points, azimuth, lambda x, y: maps.at(x, y) / design.q)[:, 0]
 
     near, axis = centres(at), centres(MIDDLE)
-    on_lens = on_array(thin, np.zeros(2))
     on_axis = np.array([[0.0, 0.0, front - depth] for depth in depths])
     ends = -reach * CROSS
     return _Reference(
-        chief=wanted(at, MIDDLE),
-        rim=wanted(at, rim),
-        neighbours=wanted(at, MIDDLE, CROSS),
-        ends=wanted(ends, MIDDLE),
-        axis=on_lens,
-        axis_rim=wanted(on_lens[None], rim),
+        rays=rays,
+        ends=ends,
         folded=folded(design, at),
         points=along_chief(distance),
         axis_points=on_axis,
@@ -306,50 +278,8 @@ def notes(design: Design, fields: Sequence[tuple[float, float]]) -> tuple[str, .
     return (METHOD, shape) if where else (METHOD,)
 
 
-def _traced(mount: _RealLensBuilds, half: Array, wanted: RayTargets, rays: int, own: bool = False) -> AimedRays:
-    """Rays of every field of T builds, (T * fields, rays) with the fields running fastest; `half` a pitch, (T,).
-
-    `own` says that every build has aims of its own, the builds slowest.
-    """
-    trials, fields = len(half), len(wanted.base) // rays // (len(half) if own else 1)
-    together = next(count for count in range(fields, 0, -1) if fields % count == 0 and count * rays <= BLOCK)
-    groups = fields // together
-    trial = np.repeat(np.arange(trials), groups)
-    begin = np.tile(np.arange(groups) * together * rays, trials) + (trial * fields * rays if own else 0)
-    rows = aimed(mount.train, mount.planes, half, wanted, trial, begin, together * rays)
-    return AimedRays(*(part.reshape(trials * fields, rays, *part.shape[2:]) for part in rows))
-
-
-def _thin_ray_targets(camera: Camera, nominal: RayTargets) -> RayTargets:
-    """Targets of the nominal rays for each of T builds, found from its thin twin; builds slowest.
-
-    Where builds are far from the nominal camera, whose own rays are then no place to start from.
-    """
-    trials, (base, offset, target) = camera.shape[0], nominal[:3]
-    half, radius = (np.broadcast_to(np.asarray(part), trials) for part in (camera.d / 2, camera.fap.radius))
-    at = base[:, None] + offset[:, None] * half[:, None]
-    microlens = camera.microlens(at[..., 0], at[..., 1])
-    point = lens_point(camera, camera.fap, microlens)
-    there = target[:, None] * radius[:, None]
-
-    def slopes(aside: Array) -> Array:
-        x, y = point.at(aside[..., 0], aside[..., 1])
-        ways = ((c - l) / camera.seen.d_1 for c, l in zip(microlens[:2], (x, y), strict=True))
-        return np.asarray(np.stack(np.broadcast_arrays(*ways), axis=-1) + 0 * there)
-
-    start = slopes(there)
-    columns = [(slopes(there + radius[:, None] * way) - start) for way in np.eye(2)]
-    inverse = np.stack(columns, axis=-1)
-
-    def flat(part: Array) -> Array:
-        return np.ascontiguousarray(np.swapaxes(part, 0, 1).reshape(trials * len(base), -1))
-
-    again, aside, goal = (np.tile(part, (trials, 1)) for part in (base, offset, target))
-    return RayTargets(again, aside, goal, flat(start), flat(inverse.reshape(*inverse.shape[:2], 4)))
-
-
 def _epi_slopes(
-    mount: _RealLensBuilds,
+    mount: Mount,
     camera: Camera,
     points: Array,
     azimuth: tuple[Array, Array],
@@ -371,26 +301,17 @@ def _epi_slopes(
     return np.asarray(((u0 - u1) * cos + (v0 - v1) * sin) / camera.d / across)
 
 
-class _TracedShapes(NamedTuple):
-    """Shapes of images as rims leave them, each (fields, trials); nan where the nominal image is folded."""
+class TracedBuilds(LensImages, IdealBuilds):
+    """Builds (`made`) of a design behind a real lens, and what its decoder makes of them.
 
-    area: Array
-    kept_fraction: Array
-    axis_ratio: Array
-
-    @property
-    def lit(self) -> NDArray[np.bool_]:
-        """Whether anything is."""
-        return self.kept_fraction > 0
-
-
-class TracedBuilds(IdealBuilds):
-    """Builds (`mount`) of a design behind a real lens: their thin twins, with everything of a field traced instead."""
+    `afresh` is for builds far from the nominal camera, whose rays are then no place to start from, and whose images are
+    not folded because its are.
+    """
 
     def __init__(
         self,
         design: Design,
-        mount: _RealLensBuilds,
+        made: _RealLensBuilds,
         camera: Camera,
         fields: tuple[tuple[float, float], ...],
         object_distance: float,
@@ -398,133 +319,14 @@ class TracedBuilds(IdealBuilds):
         strays: tuple[Number, Number] | None = None,
         afresh: bool = False,
     ) -> None:
-        super().__init__(camera, Camera.of(design), fields, object_distance, calibrated, strays)
-        self.mount, self.trials, self.afresh = mount, len(mount.sound), afresh
-        self.half = np.broadcast_to(np.asarray(camera.d) / 2, (self.trials,)).copy()
-        self.known = reference(design, fields, self.reach, object_distance, self.calibration_depths)
-        if afresh:  # whether the nominal images are folded says nothing of builds far from it
-            known = self.known
-            chief, rim, neighbours = (
-                _thin_ray_targets(camera, rays) for rays in (known.chief, known.rim, known.neighbours)
-            )
-            unfolded = np.zeros_like(known.folded)
-            self.known = known._replace(chief=chief, rim=rim, neighbours=neighbours, folded=unfolded)
-
-    def _aimed(self, wanted: RayTargets, rays: int) -> AimedRays:
-        return _traced(self.mount, self.half, wanted, rays, self.afresh)
-
-    def _rays(self, wanted: RayTargets) -> int:
-        """How many of them belong to one field of one build."""
-        return len(wanted.base) // len(self.fields) // (self.trials if self.afresh else 1)
-
-    def _grid(self, column: Array) -> Array:
-        """From (trials * fields, ...) to (fields, trials, ...)."""
-        return np.swapaxes(column.reshape(self.trials, -1, *column.shape[1:]), 0, 1)
-
-    @cached_property
-    def rim(self) -> AimedRays:
-        """Rays of the FAP's rim."""
-        return self._aimed(self.known.rim, self._rays(self.known.rim))
-
-    @cached_property
-    def uncut(self) -> Outlines:
-        """Images as if nothing cut them."""
-        return outlines(self.rim)
-
-    @cached_property
-    def chief(self) -> tuple[Number, Number]:
-        """Images of the FAP's centre [mm]."""
-        x, y = np.moveaxis(self._grid(self._aimed(self.known.chief, 1).landed[:, 0]), -1, 0)
-        return x, y
-
-    @cached_property
-    def diameter(self) -> Number:
-        """Diameter of the disc as large as the uncut image [mm]."""
-        return self._grid(2 * np.sqrt(self.uncut.shape[:, 0] / np.pi))
-
-    @cached_property
-    def _neighbours(self) -> Array:
-        """Image centres half a pitch left, right, below and above, (fields, T, 4, 2) [mm]."""
-        return self._grid(self._aimed(self.known.neighbours, 4).landed)
-
-    @cached_property
-    def pitch(self) -> Number:
-        """Distance between neighbouring images [mm]."""
-        at = self._neighbours
-        across, up = at[..., 1, :] - at[..., 0, :], at[..., 3, :] - at[..., 2, :]
-        return np.sqrt(np.abs(across[..., 0] * up[..., 1] - across[..., 1] * up[..., 0]))
-
-    @cached_property
-    def stretch(self) -> tuple[Number, Number]:
-        """Stretch of a microlens's part of the focal plane against that on the axis.
-
-        Along the field's radius and across it.
-        """
-        x, y = (at[..., None] + self.half[:, None] * CROSS[:, k] for k, at in enumerate((self.x, self.y)))
-        fields, trials = len(self.fields), self.trials
-        rows = (np.moveaxis(part, -1, 1).reshape(-1, trials) for part in (x, y, *np.moveaxis(self._neighbours, -1, 0)))
-        met = np.moveaxis(self._met_in_focus(*rows).reshape(fields, 4, trials, 3)[..., :2], 1, -1)
-        ways = np.stack([met[..., 1] - met[..., 0], met[..., 3] - met[..., 2]], axis=-1)
-        (x, y), turn = self.microlens[:2], self.camera["microlens_array.rotation"]
-        cos, sin = np.cos(turn), np.sin(turn)
-        place = np.stack(np.broadcast_arrays(x * cos + y * sin, y * cos - x * sin), axis=-1)
-        return stretches(ways / (2 * self.half[:, None, None]), place, object_scale(self.camera))
-
-    @cached_property
-    def illumination(self) -> Number:
-        """Light of a microlens against one whose image nothing cuts, on the nominal lens's axis."""
-        wanted = _thin_ray_targets(self.camera, self.known.axis_rim) if self.afresh else self.known.axis_rim
-        axis = outlines(self._aimed(wanted, RIM)).shape
-        whole = uncut_light(self._received(axis, self.known.axis[None]), self.camera)
-        return self._received(self._lit[0], np.asarray(self.fields, float)) / whole
-
-    def _received(self, shape: Array, base: Array) -> Array:
-        """Light of lit parts (T * n, 6) behind n microlenses (n, 2), (n, T)."""
-        planes = (np.repeat(plane, len(base), axis=0) for plane in self.mount.planes[:2])
-        light = etendue_sr(shape, np.tile(base, (self.trials, 1)), *planes)
-        return np.asarray(light.reshape(self.trials, -1).T)
-
-    @cached_property
-    def clearance(self) -> Number:
-        """Room between the pencil and the nearest rim or surface, on that [mm]; negative where it is cut."""
-        own, beyond = (part.radii for part in self.mount.train)
-        radii = np.concatenate([own, self.mount.planes.rims[:, 1:, 12], beyond], axis=1)
-        room: Array = np.min(radii * (1 - np.sqrt(self._grid(self.uncut.peaks))), axis=-1)
-        return room + 0 * self.diameter
-
-    @cached_property
-    def through_lens(self) -> tuple[Number, Number]:
-        """Where straight lines from the middle of the image-side principal plane (Eq. 4) meet the sensor [mm]."""
-        plane, lens = self.mount.planes.array, self.mount.lens
-        start = [plane[:, k] + self.x * plane[:, 3 + k] + self.y * plane[:, 6 + k] for k in range(3)]
-        run = np.stack([*start[:2], start[2] - lens.rear_principal], axis=-1)
-        x, y = np.moveaxis(crossings(np.stack(start, axis=-1), run / run[..., 2:], self.mount.planes.sensor), -1, 0)
-        return x, y
-
-    @cached_property
-    def shapes(self) -> _TracedShapes:  # type: ignore[override]
-        """The lit parts."""
-        shape, share = self._lit
-        xx, xy, yy = shape[:, 3], shape[:, 4], shape[:, 5]
-        major = 0.5 * (xx + yy) + np.hypot(0.5 * (xx - yy), xy)
-        ratio = np.sqrt(np.maximum(xx * yy - xy * xy, 0.0)) / major
-        return _TracedShapes(*map(self._grid, (shape[:, 0], share, ratio)))
-
-    @cached_property
-    def _lit(self) -> tuple[Array, Array]:
-        """Lit shapes (T * fields, 6) and seen parts of the FAP (T * fields,)."""
-        rim, uncut = self.rim, self.uncut
-        shape, share = uncut.shape.copy(), np.ones(len(uncut.shape))
-        cut = np.flatnonzero(np.any(~(uncut.peaks <= 1), axis=1))
-        if len(cut):
-            trial, base = cut // len(self.fields), np.asarray(self.fields, float)[cut % len(self.fields)]
-            scale = np.broadcast_to(np.asarray(self.camera.seen.d_2 / self.camera.seen.d_1), (self.trials,))[trial]
-            elsewhere = base * (1 + scale)[:, None], 0.6 * float(self.nominal.D) * np.abs(scale)
-            lit = lit_parts(self.mount.train, self.mount.planes, base, trial, rim.landed[cut], elsewhere)
-            shape[cut], share[cut] = lit[:2]
-        folded = np.tile(self.known.folded, self.trials)
-        shape[folded], share[folded] = np.nan, np.nan
-        return shape, share
+        IdealBuilds.__init__(self, camera, Camera.of(design), fields, object_distance, calibrated, strays)
+        self.made = made
+        self.known = known = reference(design, fields, self.reach, object_distance, self.calibration_depths)
+        rays, folded = known.rays, known.folded
+        if afresh:
+            rays = FieldRays(partial(thin_targets, camera), rays.fields, rays.axis, own=True)
+            folded = np.zeros_like(folded)
+        LensImages.__init__(self, camera, fields, made.mount, rays, folded)
 
     def _believed(self, maps: _LocalMaps) -> Callable[[Array, Array], Array]:
         """Image centres that the decoder believes in [px] at places of the array [mm], near those of some maps."""
@@ -545,7 +347,8 @@ class TracedBuilds(IdealBuilds):
 
         At the middle, per mm in x, in y.
         """
-        at = self._grid(self._aimed(self.known.ends, 1).landed[:, 0]) / np.asarray(self.camera.q)[..., None]
+        landed = self._aimed(self.rays.to(self.known.ends, MIDDLE), 1).landed[:, 0]
+        at = self._grid(landed) / np.asarray(self.camera.q)[..., None]
         scale = np.broadcast_to(self.nominal.d / np.asarray(self.camera.d), (self.trials,))
         x, y = (self.reach * np.array(way)[:, None] for way in ((1.0, -1.0, 0.0, 0.0), (0.0, 0.0, 1.0, -1.0)))
         off = at - self.known.end_centres.at(x * scale, y * scale) / self.nominal.q
@@ -585,27 +388,6 @@ class TracedBuilds(IdealBuilds):
         known = np.asarray(np.isfinite(points).all(axis=-1))
         rows = [self._spot_radii(ORIGIN, point)[0] for point in np.where(known[..., None], points, 0.0)]
         return np.where(known, np.stack(rows), np.nan) / self.camera.d
-
-    @cached_property
-    def points_in_focus(self) -> Array:
-        """Where chief rays, traced, meet each build's own plane in focus, in the lens's frame [mm], (fields, T, 3)."""
-        return self._met_in_focus(self.x, self.y, *self.chief)
-
-    def _met_in_focus(self, x: Array, y: Array, px: Number, py: Number) -> Array:
-        """Points where rays meet the plane in focus [mm].
-
-        The rays go through places of the array and of the sensor, (n, T) each, in their own frames.
-        """
-        array, sensor, fap = self.mount.planes.array, self.mount.planes.sensor, self.mount.planes.rims[:, 0, 2]
-        start = np.stack([(array[:, k] + x * array[:, 3 + k] + y * array[:, 6 + k]).T for k in range(3)])
-        end = np.stack([(sensor[:, k] + px * sensor[:, 3 + k] + py * sensor[:, 6 + k]).T for k in range(3)])
-        run, (lens, beyond) = start - end, self.mount.train
-        rays = lens.through(start[:2], run[:2] / run[2], start=start[2], end=fap)
-        if beyond.table.size:
-            rays = beyond.through(rays.height, rays.slope, start=fap[:, None], end=fap)
-        z = np.broadcast_to(self.mount.lens.front_principal - np.asarray(self.camera[PLANE]), fap.shape)[:, None]
-        x, y = rays.height + rays.slope * (z - fap[:, None])
-        return np.stack(np.broadcast_arrays(x, y, z), axis=-1).swapaxes(0, 1)
 
     def _spot_radii(self, points: Array, world: Array) -> Array:
         """Spot radii of object points (n, 3) in frames shifted by `world`, (n, T) [mm]."""

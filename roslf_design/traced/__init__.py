@@ -2,7 +2,8 @@
 
 - `camera`: a design's lens with FAP, array and sensor; the backward ray from sensor point to scene, and its inverse
 - `images`: microlens images, distortion, field curvature, colour, the measured non-distortion bound
-- `fields`: light and magnification of single microlenses, for the data sheet
+- `microlens`: fields of one design or of many builds: image, pitch, light, stretch, chief rays in the scene
+- `fields`: fields of a single design, with the detail that they show
 - `train`: what rays meet in one build or many, rays aimed through it, their image points and spots
 - `outlines`: shapes of microlens images, whole or cut
 

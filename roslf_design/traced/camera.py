@@ -472,20 +472,28 @@ def chief_slope(camera: LensCamera, microlens: ArrayLike, pupil: ArrayLike) -> A
     return np.asarray((slope * np.asarray(microlens, float) - (np.asarray(pupil, float) - aside) / scale) / reach)
 
 
-class SensorPoints(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _SensorPoints:
     """Sensor points that see given points of the FAP's plane."""
 
+    camera: LensCamera
+    microlens: Array
     sensor: Array
     """[mm], (..., 2)."""
-    views: _Views
-    """Views of the backward rays, apertures not counted."""
+    heights: Array
+    """Squared heights of the rays, as `AimedRays` has them, (..., S + R - 1)."""
     ok: NDArray[np.bool_]
     """Whether the point was found, (...); elsewhere the nearest approach."""
+
+    @cached_property
+    def views(self) -> _Views:
+        """Views of the backward rays, apertures not counted."""
+        return views(self.camera, self.microlens, self.sensor, clip=False)
 
 
 def sensor_of_pupil(
     camera: LensCamera, microlens: ArrayLike, pupil: ArrayLike, *, start: ArrayLike | None = None
-) -> SensorPoints:
+) -> _SensorPoints:
     """Sensor points behind microlenses that see given points of the FAP's plane; inverse of `views`.
 
     Parameters
@@ -500,7 +508,7 @@ def sensor_of_pupil(
     Returns
     -------
     SensorPoints
-        To 1e-11 of the FAP's radius, apertures left aside (`views.room` tells of them).
+        To 1e-11 of the FAP's radius, apertures left aside (`heights` tells of them).
     """
     c, a = np.broadcast_arrays(np.asarray(microlens, float), np.asarray(pupil, float))
     p = c + camera.d_2 * chief_slope(camera, c, a) if start is None else np.broadcast_to(start, c.shape)
@@ -512,31 +520,21 @@ def sensor_of_pupil(
     begin = np.arange(0, len(flat), max(rays, 1)).clip(max=len(flat) - rays)
     wanted = RayTargets(flat - camera.array.centre, np.zeros_like(flat), there, slopes, np.full((len(flat), 4), np.nan))
     train, job = camera.train(camera.wavelength), np.zeros(len(begin), int)
-    landed, _, miss = nearest(train._replace(beyond=AIR), camera.planes, np.zeros(1), wanted, home, job, begin, rays)
-    best, left = np.empty_like(flat), np.empty(len(flat))
-    for first, point, far in zip(begin, landed, miss, strict=True):
-        best[first : first + rays], left[first : first + rays] = point, far
-    found = (best + camera.detector.centre).reshape(c.shape)
-    back = views(camera, c, found, clip=False)
-    return SensorPoints(found, back, (back.state == RayFate.KEPT) & (left <= FOUND * TOLERANCE).reshape(shape))
+    found = nearest(train, camera.planes, np.zeros(1), wanted, home, job, begin, rays)
+    landed, heights, left = (np.empty((len(flat), *part.shape[2:])) for part in found)
+    for first, *parts in zip(begin, *found, strict=True):
+        for column, part in zip((landed, heights, left), parts, strict=True):
+            column[first : first + rays] = part
+    sensor = (landed + camera.detector.centre).reshape(c.shape)
+    ok = (left <= FOUND * TOLERANCE).reshape(shape)
+    return _SensorPoints(camera, c, sensor, heights.reshape(*shape, heights.shape[-1]), ok)
 
 
-def aims(
-    camera: LensCamera, base: ArrayLike, target: ArrayLike, there: Array, offset: ArrayLike = (0.0, 0.0)
-) -> RayTargets:
-    """Find rays in the nominal camera.
-
-    Parameters
-    ----------
-    camera : LensCamera
-        As drawn.
-    base, offset, target : array_like, (n, 2) or (2,)
-        As `RayTargets` has them.
-    there : ndarray, (n, 2)
-        Those places of the array in the camera's own counting (`camera.microlenses`).
-    """
-    a, fap = np.broadcast_to(np.asarray(target, float), there.shape), camera.fap
-    nominal = sensor_of_pupil(camera, there, fap.centre + fap.diameter / 2 * a)
+def nominal_targets(design: Design, base: Array, offset: Array, target: Array) -> RayTargets:
+    """Targets of rays, found in the nominal camera; base, offset and target (n, 2) as `RayTargets` has them."""
+    camera, there = camera_of(design), microlenses(design, base + offset * design.d / 2)
+    fap = camera.fap
+    nominal = sensor_of_pupil(camera, there, fap.centre + fap.diameter / 2 * target)
     nudge = 1e-3 * float(np.hypot(*np.ptp(nominal.sensor - there, axis=0))) + 1e-6 * camera.d_2
     columns, rates = [], []
     for step in nudge * np.eye(2):
@@ -547,5 +545,4 @@ def aims(
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = np.stack(rates, axis=-1) @ np.linalg.pinv(np.stack(columns, axis=-1))
     start = np.where(nominal.ok[:, None], camera.slopes(there, nominal.sensor), np.nan)
-    at, aside, goal = (np.broadcast_to(np.asarray(part, float), there.shape).copy() for part in (base, offset, a))
-    return RayTargets(at, aside, goal, start, inverse.reshape(-1, 4))
+    return RayTargets(base, offset, target, start, inverse.reshape(-1, 4))

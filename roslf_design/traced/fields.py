@@ -1,4 +1,4 @@
-"""Fields of a design behind a real main lens, in the terms that those of an ideal one are told in.
+"""Fields of a single design and the detail that they show, behind an ideal main lens and a real one.
 
 Detail is blurred by what the lens does to the light of an object point. Its ray through a point of the FAP meets the
 array at u; p' is where a microlens shows that point of the FAP. The ideal lens has u = rho p'; this one's u over p' is
@@ -10,27 +10,27 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Complex
-from ..camera import Camera, Number
+from ..camera import Camera
 from ..design import Design
 from ..fates import ImageFate
 from ..polynomials import Polynomials
 from ..shapes.discs import Outline, gauss_legendre, heights
 from ..shapes.openings import Openings
-from ..theory.light import object_scale, solid_angle
+from ..theory.light import on_array
 from ..theory.quantities import QUANTITIES, image_rate
 from ..theory.resolution import FieldTransfer, sparse
 from ..theory.stop_images import MicrolensImages
-from .camera import SensorPoints, camera_of, microlenses, sensor_of_pupil
+from .camera import camera_of, microlenses
 from .images import TracedImages, forward_rays, real_images
-from .outlines import circle, polygon_moments
-from .train import etendue_sr
+from .microlens import FieldRays, LensImages, Mount, thin_targets
+from .outlines import circle
 
 Array = NDArray[np.float64]
 
@@ -38,6 +38,13 @@ DEGREE = 5
 """Degree of the polynomials over the FAP."""
 RINGS, SPOKES, FEWEST = 5, 12, 42
 """Rays of an object point, over the FAP; and how many must come through."""
+PUPIL = np.concatenate(
+    [
+        np.zeros((1, 2)),
+        (np.sqrt((np.polynomial.legendre.leggauss(RINGS)[0] + 1) / 2)[:, None, None] * circle(SPOKES)).reshape(-1, 2),
+    ]
+)
+"""Points of the FAP that object points send rays through, its centre first [radii], (R, 2)."""
 SOFT = 0.6
 """Frequencies times `_Beam.spread` by which light so spread has lost its contrast, an even disc's by 0.31."""
 NODES = 12
@@ -50,92 +57,57 @@ GAUSS = 1 / math.sqrt(3)
 """Two places so far from the middle of a stretch have its mean, of cubic polynomials."""
 
 
-def images_of(design: Design, fields: ArrayLike) -> MicrolensImages:
-    """Microlens images of a design at fields (N, 2) of its array [mm]; traced where its main lens is real."""
-    return MicrolensImages(Camera.of(design), fields) if design.lens is None else LensImages(design, fields)
+class IdealImages(MicrolensImages):
+    """Microlens images of a single design's ideal lens."""
+
+    def transfer(self, field: int, at: float | None) -> FieldTransfer:
+        """MTF at a field, on a plane ahead of the tip or on the focal plane."""
+        camera, shape, openings = self.camera, (len(self.fields), 1), self.openings.at(np.s_[field, 0])
+        part = openings.common()
+        x, y = (float(np.broadcast_to(axis, shape)[field, 0]) for axis in self.microlens[:2])
+        away = math.hypot(x, y)
+        along, across = (float(np.broadcast_to(scale, shape)[field, 0]) for scale in self.scales(at))
+        u, v = part.centroid.tolist()
+        cuts = part.clipping | (np.arange(openings.total) == 0)
+        return FieldTransfer(
+            camera,
+            openings.some(np.flatnonzero(cuts).tolist()),
+            (u, v) if part.lit else None,
+            float(image_rate(camera, at)),
+            along,
+            across,
+            (x / away, y / away) if away > 1e-12 * float(camera.d) else (1.0, 0.0),
+        )
 
 
-class LensImages(MicrolensImages):
-    """Microlens images of a single design's thin twin, with light and magnification as its real lens makes them."""
+class DesignImages(LensImages):
+    """Microlens images of a single design behind its real lens."""
 
     def __init__(self, design: Design, fields: ArrayLike) -> None:
-        super().__init__(Camera.of(design), fields)
-        self.lens, self.places = camera_of(design), microlenses(design, self.fields)
+        camera, at = Camera.of(design), np.asarray(fields, float).reshape(-1, 2)
+        rays = FieldRays(partial(thin_targets, camera), at, on_array(camera, np.zeros(2)), own=True)
+        super().__init__(camera, at, Mount.of(design), rays, np.zeros(len(at), np.bool_))
+        self.lens, self.places = camera_of(design), microlenses(design, at)
 
     @cached_property
     def traced(self) -> TracedImages:
-        """Images as the lens makes them."""
+        """Images with their boundaries, folded ones as well."""
         return real_images(self.lens, self.places)
 
     @cached_property
-    def illumination(self) -> Number:
-        """Light of a microlens against one whose image nothing cuts, on the lens's axis."""
-        fap = self.lens.fap
-        rim = sensor_of_pupil(self.lens, np.zeros(2), fap.centre + fap.diameter / 2 * circle(SPOKES))
-        area, *rest = polygon_moments(rim.sensor[None])
-        uncut = uncut_light(self._light(np.zeros((1, 2)), np.where(rim.ok.all(), area, np.nan), *rest), self.camera)
-        seen = self.traced
-        return (self._light(self.places, seen.area, seen.centroid, seen.second_moments) / uncut)[:, None]
-
-    def _light(self, places: Array, area: Array, centroid: Array, moments: Array) -> Array:
-        """Etendue of lit parts, centroids counted from the microlenses' axes [sr], (n,)."""
-        shape = np.column_stack([area, places + centroid - self.lens.detector.centre, moments])
-        return etendue_sr(shape, places - self.lens.array.centre, self.lens.array.pose, self.lens.detector.pose)
-
-    @cached_property
-    def stretch(self) -> tuple[Number, Number]:
-        """Stretch of a microlens's part of the focal plane against that on the axis.
-
-        Along the field's radius and across it.
-        """
-        along, across = self._magnified(None)
-        scale = object_scale(self.camera)
-        return along[:, None] / scale, across[:, None] / scale
-
-    @cached_property
-    def _chief(self) -> SensorPoints:
-        """Chief rays of the microlenses and of places half a pitch right, left, above and below, (n, 5)."""
-        half = float(self.camera.d) / 2
-        offsets = np.array([[0.0, 0.0], [half, 0.0], [-half, 0.0], [0.0, half], [0.0, -half]])
-        return sensor_of_pupil(self.lens, self.places[:, None] + offsets, self.lens.fap.centre)
-
-    def _plane(self, at: float | None) -> float:
-        """Place along z of a plane ahead of the tip, or of the focal plane, in the lens's frame [mm]."""
-        tip = self.lens.first_order.front_principal - float(self.camera.tip)
-        return self.lens.focal_plane if at is None else tip - at
-
-    def _met(self, at: float | None) -> Array:
-        """Points where those rays meet a plane, in the lens's frame [mm], (n, 5, 2)."""
-        met = self._chief.views.at(self.lens.fap.z - self._plane(at))
-        return np.where(self._chief.ok[..., None], met, np.nan)
-
-    def _magnified(self, at: float | None) -> tuple[Array, Array]:
-        """Millimetres on a plane per millimetre on the array, along the field's radius and across it."""
-        met = self._met(at)
-        ways = np.stack([met[:, 1] - met[:, 2], met[:, 3] - met[:, 4]], axis=-1) / float(self.camera.d)
-        return stretches(ways, self.places, 1.0)
+    def _lit(self) -> tuple[Array, Array]:
+        seen, aside = self.traced, self.places - self.lens.detector.centre
+        return np.column_stack([seen.area, aside + seen.centroid, seen.second_moments]), seen.kept_fraction
 
     def _scales(self, field: int, at: float | None) -> tuple[float, float]:
         """Scales at one field; first order's where its chief rays are lost."""
-        along, across = (float(scale[field]) for scale in self._magnified(at))
+        along, across = (float(np.asarray(scale)[field, 0]) for scale in self.scales(at))
         if math.isfinite(along * across):
             return along, across
         axial = float(QUANTITIES["object_sample_mm"](self.camera, at) / self.camera.d)
         return axial, axial
 
-    def on_plane(self, ahead: Number) -> tuple[Array, Array]:
-        """Points where chief rays meet a plane `ahead` of the tip, from the system's axis [mm]; nan if lost."""
-        x, y = (self._met(float(ahead))[:, 0] + [float(self.camera[f"main_lens.decentre.{k}"]) for k in (0, 1)]).T
-        return x[:, None], y[:, None]
-
-    @property
-    def directions(self) -> Array:
-        """Unit vectors of chief rays away from the bore, in the medium of the scene, (n, 1, 3); nan likewise."""
-        slope = np.where(self._chief.ok[:, :1], self._chief.views.slope[:, 0], np.nan)
-        way = np.concatenate([-slope, np.ones((len(slope), 1))], axis=1)
-        return np.asarray(way / np.linalg.norm(way, axis=1, keepdims=True))[:, None]
-
-    def transfer(self, field: int, at: float | None) -> _TracedTransfer:
+    def transfer(self, field: int, at: float | None) -> FieldTransfer:
         """MTF at a field, on a plane ahead of the tip or on the focal plane."""
         images, place = self.traced, self.places[field]
         beam = self._beam(field, at)
@@ -155,31 +127,31 @@ class LensImages(MicrolensImages):
         )
 
     @cached_property
-    def _pupil(self) -> Array:
-        """Points of the FAP that object points send rays through, its centre first, (R, 2) [mm]."""
-        nodes, _ = np.polynomial.legendre.leggauss(RINGS)
-        rings = np.sqrt((nodes + 1) / 2)[:, None, None] * circle(SPOKES)
-        fap = self.lens.fap
-        return np.asarray(fap.centre + fap.diameter / 2 * np.concatenate([np.zeros((1, 2)), rings.reshape(-1, 2)]))
-
-    @cached_property
-    def _shown(self) -> SensorPoints:
-        """Sensor points at which microlenses show the points of the FAP, (n, R)."""
-        return sensor_of_pupil(self.lens, self.places[:, None], self._pupil)
+    def _shown(self) -> Array:
+        """Sensor points at which microlenses show the points `PUPIL` of the FAP, from their axes (n, R, 2) [mm]."""
+        landed = self._aimed(self.rays.to(self.fields, PUPIL), len(PUPIL)).landed
+        return np.asarray(landed + (self.lens.detector.centre - self.places)[:, None])
 
     def _beam(self, field: int, at: float | None) -> _Beam | None:
         """Beam of the object point that a microlens's chief ray meets on a plane; None of too few rays."""
-        point, z = self._met(at)[field, 0], self._plane(at)
+        z, fap, place = float(self._plane(at)[0, 0]), self.lens.fap, self._shown[field]
+        point = self._chief_ahead.at(self._plane(at))[field, 0]
         if not np.isfinite(point).all():
             return None
-        moved, _, comes = forward_rays(self.lens, point, self._pupil, self.lens.wavelength, z=z)
-        comes &= self._shown.ok[field]
+        pupil = fap.centre + fap.diameter / 2 * PUPIL
+        moved, _, comes = forward_rays(self.lens, point, pupil, self.lens.wavelength, z=z)
+        comes &= np.isfinite(place).all(axis=-1)
         if not comes[0] or np.count_nonzero(comes) < FEWEST:
             return None
-        ways, place = moved.T[comes], self._shown.sensor[field][comes] - self.places[field]
+        ways, place = moved.T[comes], place[comes]
         half = np.full(2, np.ptp(place, axis=0).max() / 2)
         spread = float(np.std(ways - float(image_rate(self.camera, at)) * place, axis=0).max())
         return _Beam(Polynomials.fitted(place[0], half, DEGREE, place.T, (ways - ways[0]).T), spread)
+
+
+def images_of(design: Design, fields: ArrayLike) -> IdealImages | DesignImages:
+    """Microlens images of a design at fields (N, 2) of its array [mm]; traced where its main lens is real."""
+    return IdealImages(Camera.of(design), fields) if design.lens is None else DesignImages(design, fields)
 
 
 class _Beam(NamedTuple):
@@ -261,30 +233,3 @@ class _TracedTransfer(FieldTransfer):
         ways = np.stack([self._astray(x, y, axis, np.zeros(2)) for axis in np.eye(2)], axis=-1)
         ways[np.hypot(place, place[:, None]) > 1] = np.nan
         return np.diff(ways, axis=0), np.diff(ways.swapaxes(0, 1), axis=0)
-
-
-def uncut_light(light: Array, camera: Camera) -> Array:
-    """Light of microlenses on the axis, as traced [sr].
-
-    By first order where the lens does not show them the whole FAP.
-    """
-    return np.where(np.isnan(light), solid_angle(camera), light)
-
-
-def stretches(moved: Array, place: Array, scale: Number) -> tuple[Array, Array]:
-    """Stretch of microlenses' parts of the focal plane against the axis, along the field's radius and across.
-
-    Parameters
-    ----------
-    moved : ndarray, (..., 2, 2)
-        What chief rays' points on that plane move in x, y per microlens's way along x, y.
-    place : ndarray, (..., 2)
-        Microlenses, from the lens's axis, along the same axes as their ways.
-    scale : float or ndarray
-        `object_scale`.
-    """
-    radius = np.hypot(place[..., 0], place[..., 1])[..., None]
-    way = np.where(radius > 0, place / np.where(radius > 0, radius, 1.0), np.array([1.0, 0.0]))
-    aside = np.stack([-way[..., 1], way[..., 0]], axis=-1)
-    along, across = (np.linalg.norm(np.einsum("...ij,...j", moved, u), axis=-1) / scale for u in (way, aside))
-    return along, across

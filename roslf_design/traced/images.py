@@ -26,7 +26,8 @@ from ..errors import InputError
 from ..fates import ImageFate, RayFate, state_at
 from ..theory.vignetting import undistorted_radii
 from .camera import LensCamera, TracedPlane, camera_of, chief_slope, microlenses, sensor_of_pupil, views
-from .outlines import circle, lit_parts, polygon_moments
+from .outlines import Outlines, circle, lit_images
+from .train import AimedRays
 
 Array = NDArray[np.float64]
 
@@ -105,32 +106,24 @@ def real_images(camera: LensCamera, microlens: ArrayLike, *, points: int = 96) -
 def _images(camera: LensCamera, c: Array, points: int) -> TracedImages:
     fap = camera.fap
     middle = sensor_of_pupil(camera, c, fap.centre)
-    rim = sensor_of_pupil(camera, c[:, None, :], fap.centre + fap.diameter / 2 * circle(points))
-    outline, chief = rim.sensor - c[:, None, :], middle.sensor - c
-    whole, centroid, moments = polygon_moments(outline)
-    in_sight = middle.ok & np.all(rim.ok, axis=-1)
-    whole = np.where(in_sight, whole, math.nan)
-    cut = ~(in_sight & np.all(rim.views.margin >= 0, axis=-1))
-    folded = _folded(camera, c)
-    status = np.where(cut, ImageFate.CLIPPED, ImageFate.FULL).astype(np.int8)
-    boundary, area, kept = outline.copy(), whole.copy(), np.ones(len(c))
-    odd = cut | folded
-    if np.any(odd):
-        aside = c[odd] - camera.detector.centre
-        known = aside[:, None] + np.where(rim.ok[odd][..., None], outline[odd], math.nan)
-        scale = camera.d_2 / camera.d_1
-        elsewhere = aside + c[odd] * scale, 0.6 * camera.lens.clear_diameter * abs(scale)
-        parts = camera.train(camera.wavelength), camera.planes, c[odd] - camera.array.centre
-        shape, share, edge = lit_parts(*parts, np.zeros(len(aside), int), known, elsewhere, points)
-        kept[odd], area[odd], some = share, shape[:, 0], share > 0
-        boundary[odd] = np.where(some[:, None, None], edge - aside[:, None], chief[odd][:, None])
-        centroid[odd] = np.where(some[:, None], shape[:, 1:3] - aside, chief[odd])
-        moments[odd] = shape[:, 3:]
-        status[odd] = np.where(some, ImageFate.CLIPPED, ImageFate.DARK)
+    rays = sensor_of_pupil(camera, c[:, None, :], fap.centre + fap.diameter / 2 * circle(points))
+    outline, chief, aside = rays.sensor - c[:, None, :], middle.sensor - c, c - camera.detector.centre
+    ok, landed = (rays.ok & middle.ok[:, None])[..., None], rays.sensor - camera.detector.centre
+    rim = AimedRays(*(np.where(ok, part, math.nan) for part in (landed, rays.heights)))
+    uncut, folded = Outlines.of(rim), _folded(camera, c)
+    scale = camera.d_2 / camera.d_1
+    elsewhere = aside + c * scale, np.full(len(c), 0.6 * camera.lens.clear_diameter * abs(scale))
+    parts = camera.train(camera.wavelength), camera.planes, c - camera.array.centre, np.zeros(len(c), int)
+    shape, kept, some, edge = lit_images(*parts, uncut, elsewhere, spokes=points, odd=folded)
+    boundary, area, dark = outline.copy(), shape[:, 0], ~(kept > 0)
+    centroid, moments = np.where(dark[:, None], chief, shape[:, 1:3] - aside), shape[:, 3:]
+    boundary[some] = np.where(dark[some][:, None, None], chief[some][:, None], edge - aside[some][:, None])
+    status = np.full(len(c), ImageFate.FULL, np.int8)
+    status[some] = np.where(dark[some], ImageFate.DARK, ImageFate.CLIPPED)
     for index in np.flatnonzero(folded):
         area[index], centroid[index], moments[index], kept[index] = _quadrature(camera, c[index])
         status[index] = ImageFate.FOLDED
-    return TracedImages(chief, outline, boundary, whole, area, centroid, moments, kept, status)
+    return TracedImages(chief, outline, boundary, uncut.shape[:, 0], area, centroid, moments, kept, status)
 
 
 def _grid(camera: LensCamera, c: Array, count: int) -> tuple[Array, float]:
@@ -315,9 +308,9 @@ def undistorted_field(camera: LensCamera, angle: float = 0.0) -> _FieldBound:
 
     def room(radius: float) -> float:
         """Least room of the FAP's rim, between the points looked at as well; -1 where some of it is out of sight."""
-        back = sensor_of_pupil(camera, radius * way, rim)
-        rooms = back.views.margin
-        if not np.all(back.ok & (rooms > -1)):
+        rays = sensor_of_pupil(camera, radius * way, rim)
+        rooms = 1 - rays.heights.max(axis=-1)
+        if not np.all(rays.ok & (rooms > -1)):
             return -1.0
         low = int(np.argmin(rooms))
         left, least, right = (float(rooms[(low + step) % RIM_POINTS]) for step in (-1, 0, 1))

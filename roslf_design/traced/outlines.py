@@ -57,7 +57,7 @@ def circle(count: int, first: float = 0.0) -> Array:
     return np.stack([np.cos(turns), np.sin(turns)], axis=-1)
 
 
-def polygon_moments(outline: ArrayLike) -> tuple[Array, Array, Array]:
+def _polygon_moments(outline: ArrayLike) -> tuple[Array, Array, Array]:
     """Area, centroid and central second moments (xx, xy, yy) per unit area inside closed curves through points.
 
     Parameters
@@ -89,6 +89,8 @@ def polygon_moments(outline: ArrayLike) -> tuple[Array, Array, Array]:
 class Outlines(NamedTuple):
     """Microlens images of N build-and-field pairs as if nothing cut them, from `RIM` rays each."""
 
+    rim: Array
+    """Images of points evenly spaced along the FAP's rim, nan where they are not in sight [mm], (N, P, 2)."""
     shape: Array
     """Area, centroid, central second moments (xx, xy, yy) [mm], (N, 6)."""
     peaks: Array
@@ -96,18 +98,56 @@ class Outlines(NamedTuple):
     turns: Array
     """Angles on the FAP's rim [rad], likewise."""
 
+    @classmethod
+    def of(cls, rim: AimedRays) -> Outlines:
+        """Areas, moments and largest heights from rays along the FAP's rim."""
+        area, centroid, moments = _polygon_moments(rim.landed)
+        peaks, turns = np.empty((len(area), rim.heights.shape[2])), np.empty((len(area), rim.heights.shape[2]))
+        points = rim.landed.shape[1]
+        waves = np.exp(-2j * np.pi * np.arange(points) / points)
+        _highest.compiled(rim.heights, waves, np.empty(HARMONICS + 1, complex), peaks, turns)
+        return cls(rim.landed, np.concatenate([area[:, None], centroid, moments], axis=1), peaks, turns)
 
-def outlines(rim: AimedRays) -> Outlines:
-    """Areas, moments and largest heights from rays along the FAP's rim."""
-    area, centroid, moments = polygon_moments(rim.landed)
-    peaks, turns = np.empty((len(area), rim.heights.shape[2])), np.empty((len(area), rim.heights.shape[2]))
-    points = rim.landed.shape[1]
-    waves = np.exp(-2j * np.pi * np.arange(points) / points)
-    _highest.compiled(rim.heights, waves, np.empty(HARMONICS + 1, complex), peaks, turns)
-    return Outlines(np.concatenate([area[:, None], centroid, moments], axis=1), peaks, turns)
+
+def lit_images(
+    train: Train,
+    planes: Planes,
+    base: Array,
+    trial: Ints,
+    uncut: Outlines,
+    elsewhere: tuple[Array, Array],
+    *,
+    spokes: int = SCAN,
+    odd: NDArray[np.bool_] | None = None,
+) -> tuple[Array, Array, Ints, Array]:
+    """Images of N builds and fields, whole or cut.
+
+    Parameters
+    ----------
+    uncut : Outlines
+        Images as if nothing cut them.
+    odd : ndarray of bool, (N,), optional
+        Images that are followed in any case.
+    train, planes, base, trial, elsewhere, spokes
+        As of `_lit_parts`.
+
+    Returns
+    -------
+    (shape, share, followed, edge)
+        As `_lit_parts` has them, but for boundaries, which are known of those M images alone that were `followed`, as
+        something cuts them: (M,), (M, spokes, 2) [mm].
+    """
+    cut = np.any(~(uncut.peaks <= 1), axis=1) | np.isnan(uncut.shape[:, 0])
+    some = np.flatnonzero(cut if odd is None else cut | odd)
+    shape, share, edge = uncut.shape.copy(), np.ones(len(base)), np.empty((0, spokes, 2))
+    if len(some):
+        places, wide = (part[some] for part in elsewhere)
+        parts = _lit_parts(train, planes, base[some], trial[some], uncut.rim[some], (places, wide), spokes)
+        shape[some], share[some], edge = parts
+    return shape, share, some, edge
 
 
-def lit_parts(
+def _lit_parts(
     train: Train,
     planes: Planes,
     base: Array,
@@ -436,7 +476,7 @@ def _follow_images(
     sensor: Any, rims: Any, base: Any, about: Any, reach: Any, nodes: Any, weights: Any, slopes: Any, joints: Any,
     shape: Any, share: Any, edge: Any,
 ) -> None:  # fmt: skip
-    """Lit parts of N images; arguments as of `train.aim` and `lit_parts`.
+    """Lit parts of N images; arguments as of `train.aim` and `_lit_parts`.
 
     Parameters
     ----------

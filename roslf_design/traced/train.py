@@ -457,26 +457,29 @@ class AimedRays(NamedTuple):
     """Squared heights over those of every surface, every further stop, all before the FAP, (N, n, S + R - 1)."""
 
 
-def aimed(
-    train: Train, planes: Planes, half: Array, wanted: RayTargets, trial: Ints, begin: Ints, rays: int
-) -> AimedRays:
-    """Trace rays of N jobs.
+def aimed(train: Train, planes: Planes, half: Array, wanted: RayTargets, rays: int, *, own: bool = False) -> AimedRays:
+    """Trace rays of every place in each of T builds, (T * places, rays) with the places running fastest.
 
     Parameters
     ----------
     train, planes, half
         T builds; `half` of the microlens pitch [mm], (T,).
-    wanted : Aims
+    wanted : RayTargets
         The rays.
-    trial, begin : ndarray of int, (N,)
-        The build of each job, and its first ray in the list.
     rays : int
-        Rays of a job, at most `BLOCK`.
+        Rays of a place, at most `BLOCK`.
+    own : bool
+        Whether every build has targets of its own, the builds slowest.
     """
-    landed, heights, miss = nearest(train, planes, half, wanted, wanted.start, trial, begin, rays)
+    trials, places = len(half), len(wanted.base) // rays // (len(half) if own else 1)
+    together = next(count for count in range(places, 0, -1) if places % count == 0 and count * rays <= BLOCK)
+    groups = places // together
+    trial = np.repeat(np.arange(trials), groups)
+    begin = np.tile(np.arange(groups) * together * rays, trials) + (trial * places * rays if own else 0)
+    landed, heights, miss = nearest(train, planes, half, wanted, wanted.start, trial, begin, together * rays)
     lost = ~(miss <= FOUND * TOLERANCE)
     landed[lost], heights[lost] = np.nan, np.nan
-    return AimedRays(landed, heights)
+    return AimedRays(*(part.reshape(trials * places, rays, -1) for part in (landed, heights)))
 
 
 def nearest(
@@ -484,8 +487,17 @@ def nearest(
 ) -> tuple[Array, Array, Array]:
     """Landing places, heights and misses of what comes nearest to the rays wanted, in the FAP's radius.
 
-    Parameters as of `aimed`; lost rays turn back to slopes `home` (n, 2). Where inverses are nan, they are taken from
-    nudged rays, and corrections go on for longer.
+    Lost rays turn back to slopes `home` (n, 2). Where inverses are nan, they are taken from nudged rays, and
+    corrections go on for longer.
+
+    Parameters
+    ----------
+    trial, begin : ndarray of int, (N,)
+        The build of each job, and its first ray in the list.
+    rays : int
+        Rays of a job, at most `BLOCK`.
+    train, planes, half, wanted
+        As of `aimed`.
     """
     n, (lens, beyond) = len(trial), train
     assert rays <= BLOCK

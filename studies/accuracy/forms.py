@@ -57,7 +57,7 @@ def _of(form: Callable[..., Any], *more: str, infinite: str = "") -> Callable[..
 
 
 def _matched(symbol: Any) -> Callable[..., Any]:
-    def solved(c: Camera, exact: bool) -> f_number.Matched:
+    def solved(c: Camera, exact: bool) -> f_number._Matched:
         return f_number.matched(c, symbol, exact=exact)
 
     solved.__doc__ = f_number.matched.__doc__

@@ -19,7 +19,7 @@ from roslf_design.design import Design
 from roslf_design.errors import InputError, Problem
 from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import RaySampling
-from roslf_design.lenses.tracer import trace_slopes
+from roslf_design.lenses.tracer import _trace_slopes
 from roslf_design.scenes import Scene
 from roslf_design.shapes.coverage import coverage
 
@@ -68,7 +68,7 @@ def _silent(what: str) -> None:
 
 def load_kernels() -> None:
     """Have compiled code in memory: times are those of a program at work, not of its first second."""
-    for kernel in (trace_slopes, coverage):
+    for kernel in (_trace_slopes, coverage):
         assert kernel.compiled is not None
 
 

@@ -15,7 +15,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from roslf_design.shapes.discs import boundary_arcs, intersect
+from roslf_design.shapes.discs import _boundary_arcs, intersect
 
 from .jobs import CUT, Job
 from .jobs import WAVES as ALIKE
@@ -216,7 +216,7 @@ def outline_nodes(centres: Floats, radii: Floats, nodes: int) -> tuple[Floats, F
     """Points along the outline of a common part, shape (N, 2), and weights of dy; quarter turns or less at a time."""
     u, w = gauss(nodes)
     points, steps = [np.empty((0, 2))], [np.empty(0)]
-    for arc in boundary_arcs(centres, radii):
+    for arc in _boundary_arcs(centres, radii):
         pieces = math.ceil((arc.end - arc.start) / (0.5 * math.pi))
         turn = (arc.end - arc.start) / pieces
         angle = (arc.start + turn * (np.arange(pieces)[:, None] + u)).ravel()

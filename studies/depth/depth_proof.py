@@ -20,7 +20,7 @@ from scipy.interpolate import make_interp_spline
 
 from roslf_design.camera import Camera
 from roslf_design.depth.geometry import depth_of, disparity_of
-from roslf_design.depth.measure import PictureOptions, Trial, Unexposed, assumed, simulate
+from roslf_design.depth.measure import PictureOptions, Trial, _Unexposed, assumed, simulate
 from roslf_design.design import Design, load
 from roslf_design.drawing.marks import Area, Dots, Line, Mark, box_key, dot_key
 from roslf_design.drawing.panel import Panel, Scale
@@ -108,10 +108,10 @@ def trials(
 ) -> Iterator[tuple[str, Trial]]:  # fmt: skip
     """What pictures of a wall tell, by light; noise differs, the rendered picture is the same."""
     scene, region = view_of(case, texture, side)
-    picture: Unexposed | None = None
+    picture: _Unexposed | None = None
     for light in lights:
         if picture is None:
-            picture = Unexposed.of(case.design, scene, region, seed=SEED, rays=rays)
+            picture = _Unexposed.of(case.design, scene, region, seed=SEED, rays=rays)
         design = lit(case.design, LIGHTS[light])
         yield (
             light,

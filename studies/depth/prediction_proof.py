@@ -23,7 +23,7 @@ from roslf_design.imaging.camera import ImageLattice
 from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import RaySampling
 from roslf_design.scenes import Plane, Scene, Sinusoid, White
-from roslf_design.theory.disparity_error import Spectrum, disparity_information
+from roslf_design.theory.disparity_error import Spectrum, _disparity_information
 from roslf_design.theory.light_field import rim_disparity
 from roslf_design.theory.photometry import dark_variance, electrons
 from roslf_design.theory.quantities import seen_at
@@ -153,7 +153,7 @@ def compared(case: Case, rays: int = RAYS) -> dict[str, float]:
         rendered = rendered_information(case.design, case.field, case.periods, angle, case.disparity, rays)
         waves = np.array([case.periods if name == axis else 0.0 for axis in "xy"])
         wave = Spectrum(waves[:1], waves[1:], np.array([power]))
-        predicted = np.average(disparity_information(images, plane, wave)[:, 0], weights=weight)
+        predicted = np.average(_disparity_information(images, plane, wave)[:, 0], weights=weight)
         ratios[name] = math.sqrt(rendered / float(predicted))
     return {**ratios, "kept": kept}
 

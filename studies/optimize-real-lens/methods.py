@@ -23,11 +23,12 @@ from scipy.optimize import Bounds, differential_evolution
 import roslf_design as roslf
 from roslf_design.errors import InputError
 from roslf_design.optimization import Constraint, Goal
+from roslf_design.optimization.combinations import CatalogueTable, Combinations
 from roslf_design.optimization.lens_variables import BENDING
 from roslf_design.optimization.parts import load_catalogue
-from roslf_design.optimization.problem import DesignProblem, NumberVariable, Variable, promising_starts, sobol_units
-from roslf_design.optimization.ranking import CatalogueTable, Combinations
+from roslf_design.optimization.problem import DesignProblem, promising_starts, sobol_units
 from roslf_design.optimization.search import Guard, SearchBudget, derivative_free, globally, search
+from roslf_design.optimization.variables import NumberVariable, Variable
 from roslf_design.traced.camera import camera_of, microlenses
 from roslf_design.traced.images import real_images
 
@@ -101,7 +102,7 @@ def questions() -> tuple[Question, ...]:
         (Goal(quantity="image_diameter_mm", field=AXIS, direction="max"),),
     )
     glasses = ("N-BK7", "N-LAK22", "SF5", "N-SF11")
-    parts = table.chosen(load_catalogue(), traced=True)
+    parts = table.chosen(load_catalogue(), BENCH.main_lens.kind)
     return (
         Question(
             "which of four lenses, either way round",

@@ -24,7 +24,7 @@ from roslf_design.drawing.theme import THEMES
 from roslf_design.evaluation import default_fields, evaluate
 from roslf_design.evaluation.result import Evaluation
 from roslf_design.lenses.manufacture import as_made, lens_values
-from roslf_design.reporting.design.field import LensCurves, lens_curves, lens_image
+from roslf_design.reporting.design.field import _lens_curves, _lens_image, _LensCurves
 from roslf_design.traced.camera import camera_of, microlenses
 from roslf_design.traced.images import real_images
 
@@ -54,7 +54,7 @@ def designs() -> dict[str, Design]:
     }
 
 
-def beyond_linear(curves: LensCurves) -> float:
+def beyond_linear(curves: _LensCurves) -> float:
     """What is left of the shift when a linear fit of the centres over the sensor's half width is taken off [px].
 
     A decoder calibrates image centres with an affine lattice, so that is what it would not see coming.
@@ -65,7 +65,7 @@ def beyond_linear(curves: LensCurves) -> float:
     return float(np.max(np.abs(shift - scale * x)))
 
 
-def facts(design: Design, curves: LensCurves, result: Evaluation) -> dict[str, Any]:
+def facts(design: Design, curves: _LensCurves, result: Evaluation) -> dict[str, Any]:
     """One lens in numbers."""
     assert result.real_lens is not None
     edge = result.real_lens.fields[1]
@@ -121,12 +121,12 @@ def made(design: Design) -> dict[str, dict[str, float]]:
     return facts
 
 
-def field_figure(curves: dict[str, LensCurves]) -> Figure:
+def field_figure(curves: dict[str, _LensCurves]) -> Figure:
     """Shift, growth, foci and distortion along x, every lens beside the thin one."""
     with drawing():
         figure = Figure(figsize=(9.6, 6.4), layout="constrained")
         panels = figure.subplots(2, 2, sharex=True)
-        what: tuple[tuple[Callable[[LensCurves], Floats], str, str], ...] = (
+        what: tuple[tuple[Callable[[_LensCurves], Floats], str, str], ...] = (
             (lambda c: c.shift_px, "shift of image centres [px]", "microlens images move"),
             (lambda c: 100 * (c.diameter_px / c.thin_diameter_px - 1), "growth of diameters [%]", "and grow"),
             (lambda c: c.tangential, "tangential blur on the array [pitches]", "the focal surface bends"),
@@ -162,7 +162,7 @@ def image_figure(cases: dict[str, Design]) -> Figure:
         for column, (label, design) in enumerate(cases.items()):
             for row, place in enumerate(default_fields(design)):
                 ax = panels[row, column]
-                marks, words = lens_image(design, place)
+                marks, words = _lens_image(design, place)
                 draw(Panel((0, 0, 1, 1), Scale(-26, 12), Scale(-19, 19), marks, equal=True), ax, THEMES["light"])
                 ax.set_title(words, fontsize=8, fontweight="normal")
                 if row == 0:
@@ -188,7 +188,7 @@ def main() -> None:
     out = parser.parse_args().output
     out.mkdir(parents=True, exist_ok=True)
     cases = designs()
-    curves = {label: lens_curves(design) for label, design in cases.items()}
+    curves = {label: _lens_curves(design) for label, design in cases.items()}
     facts_of = {label: facts(design, curves[label], evaluate(design)) for label, design in cases.items()}
     bent = made(cases["LB1630-A, bi-convex"])
     (out / "as-made.json").write_text(json.dumps(bent, indent=1, allow_nan=False) + "\n")

@@ -10,10 +10,10 @@ from roslf_design.accuracy.table import (
     QUANTITIES,
     AccuracyTable,
     Row,
+    _read_table,
     cache_file,
     choose,
     ranked,
-    read_table,
     shipped_table,
 )
 from roslf_design.errors import InputError
@@ -124,7 +124,7 @@ def test_calibrating_measures_and_comes_back_from_its_file(tmp_path):
     table = calibrate(PAPER, ["depth"], extra=1)
     path = tmp_path / "table.json"
     path.write_text(table.to_json(), encoding="utf-8")
-    again = read_table(path)
+    again = _read_table(path)
     assert [row.level for row in again.rows] == [row.level for row in table.rows]
     assert again.of("depth")[0].method == "closed form"
     errors = [row.error for row in again.rows if row.method == "Monte Carlo"]
@@ -136,7 +136,7 @@ def test_what_is_no_table_is_refused_with_a_remedy(tmp_path, text):
     path = tmp_path / "table.json"
     path.write_text(text)
     with pytest.raises(InputError, match="calibrate"):
-        read_table(path)
+        _read_table(path)
 
 
 def test_own_table_lies_in_the_cache_folder(monkeypatch, tmp_path):

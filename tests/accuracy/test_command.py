@@ -5,7 +5,7 @@ import sys
 
 import pytest
 
-from roslf_design.accuracy.table import QUANTITIES, read_table
+from roslf_design.accuracy.table import QUANTITIES, _read_table
 from roslf_design.cli import main
 from studies.accuracy import hard_rows, promises
 
@@ -80,7 +80,7 @@ def test_calibrate_writes_where_it_is_told(tmp_path, capsys, monkeypatch):
     monkeypatch.setattr(promises, "calibrate", quick)
     path = tmp_path / "deep" / "table.json"
     assert main(["accuracy", "calibrate", "-o", str(path)]) == 0
-    assert read_table(path).of("depth")
+    assert _read_table(path).of("depth")
     assert str(path) in capsys.readouterr().out
 
 

@@ -46,7 +46,7 @@ class Folded:
         elements = list(design.elements if elements is None else elements)
         items = [(e.distance, 1, e) for e in elements]
         items += [(s.distance, 0, s) for s in (design.aperture, *design.stops)]
-        last = max(elements, key=lambda e: e.distance)
+        last = max(elements, key=lambda e: e.distance, default=None)
         medium = float(design.object_space.medium.index(design.wavelength))
         for distance, is_element, part in sorted(items, key=lambda item: item[:2]):
             vertex, own = np.array([0.0, 0.0, -distance]), tilted(part.tilt)
@@ -128,3 +128,69 @@ def from_sensor(design, microlens, spots):
     slope = slope + height / design.f
     points = np.column_stack([height, np.zeros(len(height))])
     return points, -np.column_stack([slope, np.ones(len(height))])
+
+
+class SphericalLens:
+    """A main lens of spherical and flat surfaces, in its own frame: first vertex at z = 0."""
+
+    def __init__(self, lens, wavelength):
+        self.surfaces, z, before, rows = [], 0.0, 1.0, np.eye(2)
+        for surface in lens.surfaces:
+            index = float(surface.glass.index(wavelength))
+            self.surfaces.append((z, surface.curvature, surface.semi_diameter, before, index))
+            rows = np.array([[1, 0], [-surface.curvature * (index - before), 1]]) @ rows  # height, index times slope
+            rows = np.array([[1, surface.thickness / index], [0, 1]]) @ rows
+            z, before = z + surface.thickness, index
+        (a, _), (c, d) = rows
+        self.front_principal = (1 - d) / -c  # behind the first vertex
+        self.rear_principal = z + (1 - a) / c
+
+    def outwards(self, points, ways):
+        """Rays from the sensor's side on: points, unit directions, which of them pass all clear apertures."""
+        passed = np.ones(len(points), bool)
+        ways = ways / np.linalg.norm(ways, axis=-1, keepdims=True)
+        for z, curvature, semi, beyond, within in reversed(self.surfaces):
+            off = points - [0.0, 0.0, z]
+            b = curvature * (off * ways).sum(-1) - ways[:, 2]
+            c = curvature * (off * off).sum(-1) - 2 * off[:, 2]
+            reach = -c / (b + np.sqrt(b * b - curvature * c))  # to the sheet at the vertex, as ways go to -z
+            points = points + reach[:, None] * ways
+            normal = np.array([0.0, 0.0, 1.0]) - curvature * (points - [0.0, 0.0, z])
+            passed &= np.hypot(*points[:, :2].T) <= semi
+            cosine, mu = -(ways * normal).sum(-1), within / beyond
+            ways = mu * ways + (mu * cosine - np.sqrt(1 - mu**2 * (1 - cosine**2)))[:, None] * normal
+        return points, ways, passed
+
+
+def outline_by_rays(design, microlens, only_fap=False, count=2000):
+    """Rim of what light reaches behind a pinhole microlens, from its axis, by halving; None where it is dark.
+
+    Of what all stops leave, or of the FAP alone.
+    """
+    real, turn = Folded(design), np.linspace(0, 2 * math.pi, count, endpoint=False)
+    fap = next(k for k, part in enumerate(real.parts) if part["part"] is design.aperture)
+
+    def passes(spots):
+        points, ways = from_sensor(design, np.broadcast_to(microlens, spots.shape), spots)
+        _, _, took, where = real.outwards(points, ways)
+        inside = np.linalg.norm(where[fap] - real.parts[fap]["centre"], axis=-1) <= design.D_F / 2
+        return inside & (only_fap | (took < 0) & (np.hypot(*points[:, :2].T) <= design.D / 2))
+
+    side = np.linspace(-0.06, 0.06, 121)
+    spots = np.stack(np.meshgrid(side, side), -1).reshape(-1, 2)
+    lit = passes(spots)
+    if not lit.any():
+        return None
+    middle, ways = spots[lit].mean(0), np.stack([np.cos(turn), np.sin(turn)], -1)
+    low, high = np.zeros(count), np.full(count, 0.1)
+    for _ in range(40):
+        half = (low + high) / 2
+        good = passes(middle + half[:, None] * ways)
+        low, high = np.where(good, half, low), np.where(good, high, half)
+    return middle + low[:, None] * ways
+
+
+def area(polygon):
+    """Area of a polygon, corners counterclockwise."""
+    x, y = (polygon - polygon.mean(0)).T
+    return (x * np.roll(y, -1) - y * np.roll(x, -1)).sum() / 2

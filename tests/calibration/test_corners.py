@@ -22,8 +22,8 @@ from roslf_design.calibration import (
     observe_pictures,
     random_poses,
 )
-from roslf_design.calibration.corners import RowGrid, checked_grid, fit_saddles
-from roslf_design.calibration.fit import fit_lines, step_one
+from roslf_design.calibration.corners import _checked_grid, _RowGrid, fit_saddles
+from roslf_design.calibration.fit import _step_one, fit_lines
 from roslf_design.calibration.model import project_boards, rotation_matrix
 from roslf_design.theory.lens_shapes import LENS_SHAPES
 from tests.oracles.calibration import board_view
@@ -113,15 +113,15 @@ def test_a_wrong_grid_is_not_taken_for_the_board():
     across, down = np.meshgrid([9.5, 19.5, 29.5, 39.5], [9.5, 19.5, 29.5, 39.5, 49.5])
     true = np.stack([across, down], axis=-1).reshape(-1, 2)
     board = Board(5, 6, 1.0)
-    np.testing.assert_array_equal(checked_grid(true, board, picture), true)
-    np.testing.assert_array_equal(checked_grid(true[::-1].copy(), board, picture), true)  # half a turn
+    np.testing.assert_array_equal(_checked_grid(true, board, picture), true)
+    np.testing.assert_array_equal(_checked_grid(true[::-1].copy(), board, picture), true)  # half a turn
     mirrored = true.reshape(5, 4, 2)[:, ::-1].reshape(-1, 2)
-    np.testing.assert_array_equal(checked_grid(mirrored, board, picture), true)
+    np.testing.assert_array_equal(_checked_grid(mirrored, board, picture), true)
     skipping = true.copy().reshape(5, 4, 2)
     skipping[2:, :, 1] += 10.0
-    assert checked_grid(skipping.reshape(-1, 2), board, np.pad(picture, (0, 20))) is None
-    assert checked_grid(true + np.array([10.0, 0.0]), board, np.pad(picture, (0, 20), constant_values=1.0)) is None
-    assert checked_grid(true * 0.1, board, picture) is None
+    assert _checked_grid(skipping.reshape(-1, 2), board, np.pad(picture, (0, 20))) is None
+    assert _checked_grid(true + np.array([10.0, 0.0]), board, np.pad(picture, (0, 20), constant_values=1.0)) is None
+    assert _checked_grid(true * 0.1, board, picture) is None
 
 
 def test_saddles_are_exact_on_exact_pictures():
@@ -160,7 +160,7 @@ def test_saddles_of_round_microlenses_in_a_hexagonal_array():
         sides = [math.cos(angle) * y - math.sin(angle) * x for angle in (first, second)]
         picture = np.sign(sides[0] * sides[1]).mean(axis=-1)
         start = 14 + at[None] / step + rng.normal(0, 0.2, (1, 2))
-        edges, grid = np.array([[first, second]]), RowGrid(starts / step + 14, 1 / step)
+        edges, grid = np.array([[first, second]]), _RowGrid(starts / step + 14, 1 / step)
         known = np.ones(picture.shape, bool)
         found = fit_saddles(picture, known, start, edges, 4, LENS_SHAPES["circular"].rule(1 / step), grid)
         assert found.settled.all()
@@ -179,7 +179,7 @@ def test_real_views_of_a_first_generation_lytro(shared_data):
     observations = observe_pictures(pictures, Board(23, 20, 4.0))
     assert len(observations.names) == len(pictures) == 9
     assert observations.missing == ()
-    found = step_one(observations, fit_lines(observations), 1.0, 1.0, distortion=2)
+    found = _step_one(observations, fit_lines(observations), 1.0, 1.0, distortion=2)
     assert found.rms <= 0.15
     assert abs(found.camera.A - 539.0) < 0.02 * 539.0
     poses = json.loads((folder / "CalInfo.json").read_text())["EstCamPosesV"]

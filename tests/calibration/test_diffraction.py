@@ -18,13 +18,13 @@ from roslf_design.calibration import (
     synthetic_observations,
 )
 from roslf_design.calibration.diffraction import (
-    PupilImage,
-    ViewWeights,
     WhiteImage,
-    apparent_shifts,
-    fit_cell,
-    view_weights,
-    white_cell,
+    _apparent_shifts,
+    _fit_cell,
+    _PupilImage,
+    _view_weights,
+    _ViewWeights,
+    _white_cell,
 )
 from roslf_design.camera import Camera
 from roslf_design.cli import main
@@ -36,13 +36,13 @@ from tests.calibration.made import study
 
 PAPER = load("paper")
 VIEWS = np.array([[0.0, 0.0], [3.0, 0.0], [-3.0, 0.0], [0.0, 4.0], [2.0, 2.0]])
-IMAGE = PupilImage(6.5, 3.6, 12.94)
+IMAGE = _PupilImage(6.5, 3.6, 12.94)
 
 
 def pupil_of(design):
     c, array = Camera.of(design), design.microlens_array
     lengths = microlens_image_diameter(c) / 2, diffraction_width(c), microlens_image_pitch(c)
-    return PupilImage(*(float(x / c.q) for x in lengths), array.layout, array.lens_shape)
+    return _PupilImage(*(float(x / c.q) for x in lengths), array.layout, array.lens_shape)
 
 
 @pytest.mark.parametrize(
@@ -55,14 +55,14 @@ def test_a_rendered_white_image_gives_its_pupil_and_its_blur(layout, shape, slow
     )
     pixels = render(design, region=(2100, 1340, 400, 400)).pixels
     lattice = find_centres(pixels, layout=layout).lattice
-    cell, true = white_cell(pixels, lattice), pupil_of(design)
-    start = PupilImage(1.1 * true.radius, 0.8 * true.blur, lattice.pitch, layout, shape)
-    found = fit_cell(cell, start, blurred=True)
+    cell, true = _white_cell(pixels, lattice), pupil_of(design)
+    start = _PupilImage(1.1 * true.radius, 0.8 * true.blur, lattice.pitch, layout, shape)
+    found = _fit_cell(cell, start, blurred=True)
     # The render is exact to its budget of 1 %; cubic interpolation and 30 microlenses across leave a few thousandths.
     assert found.image.radius == pytest.approx(true.radius, rel=5e-3)
     assert found.image.blur == pytest.approx(true.blur, rel=1e-2)
     assert found.misfit < 5e-3
-    assert fit_cell(cell, start, blurred=False).misfit > 10 * found.misfit
+    assert _fit_cell(cell, start, blurred=False).misfit > 10 * found.misfit
 
 
 def test_a_white_image_without_diffraction_shows_none():
@@ -70,8 +70,8 @@ def test_a_white_image_without_diffraction_shows_none():
         PAPER, overrides=["-microlens_diffraction", "-microlens_defocus"], region=(2100, 1340, 400, 400)
     ).pixels
     lattice = find_centres(pixels, layout="square").lattice
-    cell, true = white_cell(pixels, lattice), pupil_of(PAPER)
-    sharp, blurred = (fit_cell(cell, true, blurred=b) for b in (False, True))
+    cell, true = _white_cell(pixels, lattice), pupil_of(PAPER)
+    sharp, blurred = (_fit_cell(cell, true, blurred=b) for b in (False, True))
     assert sharp.image.radius == pytest.approx(true.radius, rel=2e-3)
     assert sharp.misfit < 0.02
     assert blurred.image.blur < 0.1 * true.blur
@@ -105,7 +105,7 @@ def baseline(weights):
 
 
 def test_views_look_from_further_inside_as_a_sum_over_the_pupil_has_it():
-    weights = view_weights(IMAGE, VIEWS, points=2000)
+    weights = _view_weights(IMAGE, VIEWS, points=2000)
     np.testing.assert_allclose(weights.shares.sum(axis=(1, 2)), 1, rtol=1e-12)
     found = baseline(weights)
     np.testing.assert_allclose(found[0], 0, atol=0.02)
@@ -113,12 +113,12 @@ def test_views_look_from_further_inside_as_a_sum_over_the_pupil_has_it():
     np.testing.assert_allclose(found[1], -found[2], atol=0.03)
     assert found[3, 1] == pytest.approx(brute_baseline(4.0, IMAGE), abs=0.02)
     assert 2.0 < found[1, 0] < 2.8
-    sharp = baseline(view_weights(PupilImage(6.5, 0.0, 12.94), VIEWS, points=2000))
+    sharp = baseline(_view_weights(_PupilImage(6.5, 0.0, 12.94), VIEWS, points=2000))
     np.testing.assert_allclose(sharp[[0, 1, 4]], VIEWS[[0, 1, 4]], atol=0.05)  # inside the rim nothing moves
 
 
 EDGES = (0.15, 0.15 + math.pi / 2)
-LARGE = PupilImage(32.6, 2.35, 65.3, "hexagonal", "circular")
+LARGE = _PupilImage(32.6, 2.35, 65.3, "hexagonal", "circular")
 """A 100 um microlens on pixels of 1.55 um."""
 
 
@@ -127,7 +127,7 @@ def test_views_of_a_large_pupil_look_from_where_they_are(s):
     """400 places on it, 2.9 px apart, put views up to 0.5 px beside: either way, by the slope's sign."""
     at = np.array([[s, 0.0], [-s, 0.0], [0.0, s]])
     true = brute_baseline(s, replace(LARGE, lens_shape="square"))
-    found = baseline(view_weights(replace(LARGE, lens_shape="square"), at))
+    found = baseline(_view_weights(replace(LARGE, lens_shape="square"), at))
     np.testing.assert_allclose(found, true / s * at, atol=0.06)
 
 
@@ -135,37 +135,37 @@ def test_shifts_are_smooth_in_the_slope_and_those_of_a_smaller_pupil_with_finer_
     """Nothing about a view depends on pixels but their own width, here a tenth of the blur's effect."""
     slopes = np.array([-0.12, -0.11, -0.1, 0.1, 0.11, 0.12])
     views = np.array([[0.0, 0.0], [14.0, 0.0], [26.0, 0.0]])
-    shifts = apparent_shifts(view_weights(LARGE, views), slopes, EDGES, 4, lens_shape="circular")
+    shifts = _apparent_shifts(_view_weights(LARGE, views), slopes, EDGES, 4, lens_shape="circular")
     np.testing.assert_allclose(shifts[0], 0, atol=2e-3)  # the middle view is what it is by symmetry
     assert np.abs(np.diff(shifts[:, :3], axis=1)).max() < 4e-3
     assert np.abs(np.diff(shifts[:, 3:], axis=1)).max() < 4e-3
-    finer = PupilImage(2 * LARGE.radius, 2 * LARGE.blur, 2 * LARGE.pitch, "hexagonal", "circular")
-    same = apparent_shifts(view_weights(finer, 2 * views), slopes / 2, EDGES, 4, lens_shape="circular")
+    finer = _PupilImage(2 * LARGE.radius, 2 * LARGE.blur, 2 * LARGE.pitch, "hexagonal", "circular")
+    same = _apparent_shifts(_view_weights(finer, 2 * views), slopes / 2, EDGES, 4, lens_shape="circular")
     np.testing.assert_allclose(same, shifts, atol=3e-3)
 
 
 def as_weights(places, shares, neighbours=((0.0, 0.0),)):
     shares = np.asarray(shares, float).reshape(1, len(neighbours), len(places))
-    return ViewWeights(np.array([[3.0, -2.0]]), shares, np.array(neighbours), np.array(places, float))
+    return _ViewWeights(np.array([[3.0, -2.0]]), shares, np.array(neighbours), np.array(places, float))
 
 
 def test_light_from_elsewhere_on_the_pupil_moves_corners_by_the_slope():
     slopes = np.array([-0.2, 0.0, 0.25])
-    nominal = apparent_shifts(as_weights([(3.0, -2.0)], [1.0]), slopes, EDGES, 8)
+    nominal = _apparent_shifts(as_weights([(3.0, -2.0)], [1.0]), slopes, EDGES, 8)
     np.testing.assert_allclose(nominal, 0, atol=5e-3)  # bins of an eighth of a pitch
-    inside = apparent_shifts(as_weights([(2.0, -1.5)], [1.0]), slopes, EDGES, 8)
+    inside = _apparent_shifts(as_weights([(2.0, -1.5)], [1.0]), slopes, EDGES, 8)
     np.testing.assert_allclose(inside[0], slopes[:, None] * [-1.0, 0.5], atol=5e-3)
-    both = apparent_shifts(as_weights([(2.0, -2.0), (4.0, -2.0)], [0.5, 0.5]), slopes, EDGES, 8)
+    both = _apparent_shifts(as_weights([(2.0, -2.0), (4.0, -2.0)], [0.5, 0.5]), slopes, EDGES, 8)
     np.testing.assert_allclose(both, 0, atol=5e-3)
 
 
 def test_a_neighbour_s_light_moves_corners_by_less_than_its_share():
     next_door = as_weights([(3.0, -2.0)], [0.8, 0.2], ((0.0, 0.0), (1.0, 0.0)))
-    shift = apparent_shifts(next_door, np.array([0.0]), EDGES, 8)[0, 0]
+    shift = _apparent_shifts(next_door, np.array([0.0]), EDGES, 8)[0, 0]
     assert -0.2 < shift[0] < -0.1
     assert abs(shift[1]) < 0.02
     far = as_weights([(3.0, -2.0)], [0.8, 0.2], ((0.0, 0.0), (3.0, 0.0)))
-    assert abs(apparent_shifts(far, np.array([0.0]), EDGES, 8)[0, 0, 0]) < 0.3  # its mean displacement is 0.6
+    assert abs(_apparent_shifts(far, np.array([0.0]), EDGES, 8)[0, 0, 0]) < 0.3  # its mean displacement is 0.6
 
 
 @pytest.fixture(scope="module")

@@ -25,8 +25,8 @@ from roslf_design.calibration import (
     undistorted_radius,
     variance_shares,
 )
-from roslf_design.calibration.diffraction import view_disagreement
-from roslf_design.calibration.fit import Linear, corner_statistics, covariance_of, fit_lines, refine, settle
+from roslf_design.calibration.diffraction import _view_disagreement
+from roslf_design.calibration.fit import Linear, _covariance_of, _refine, corner_statistics, fit_lines, settle
 from roslf_design.calibration.model import GLOBALS, Markers, project_boards, rotation_matrix
 from roslf_design.camera import Camera as Whole
 from roslf_design.design import load
@@ -170,7 +170,7 @@ def test_fit_on_statistics_is_the_joint_fit():
     found = calibrate(captured(Captures(boards=8)), SHEET)
     plain, off = off_by(found)
     assert off < 1e-4
-    matrix = covariance_of(plain.linear.information(), NAMES).matrix
+    matrix = _covariance_of(plain.linear.information(), NAMES).matrix
     np.testing.assert_allclose(matrix, found.joint.covariance.matrix, rtol=1e-6)
     place, slope = scales(found)
     assert place == pytest.approx(1.0, abs=0.15)
@@ -275,11 +275,11 @@ def test_slopes_that_rise_with_inverse_depth_are_mirrored_views():
 
 def test_rank_loss_names_the_parameter():
     with pytest.raises(CalibrationError, match="do not determine x_0"):
-        covariance_of(np.diag([1.0, 1.0, 1.0, 0.0, 1.0]), NAMES)
+        _covariance_of(np.diag([1.0, 1.0, 1.0, 0.0, 1.0]), NAMES)
     information = np.eye(5)
     information[1:3, 1:3] = 1.0
     with pytest.raises(CalibrationError, match="do not determine m, d_2: rank loss"):
-        covariance_of(information, NAMES)
+        _covariance_of(information, NAMES)
 
 
 def test_too_few_corners_are_refused():
@@ -297,7 +297,7 @@ def test_too_few_corners_are_refused():
         calibrate(replace(observations, uv=uv), SHEET)
     few = Observations(observations.points[:4], observations.views[:1], observations.uv[:2, :1, :4])
     with pytest.raises(CalibrationError, match="cannot determine"):
-        refine(few, CAMERA, poses_of(2), NAMES)
+        _refine(few, CAMERA, poses_of(2), NAMES)
     with pytest.raises(ValueError, match="0, 1 or 2 radial"):
         calibrate(observations, SHEET, distortion=3)
 
@@ -333,7 +333,7 @@ def test_views_that_look_from_further_inside_are_seen_to_disagree():
     clean = captured(QUIET)
     found = calibrate(clean, KNOWN)
     sigma = found.fit.covariance.sigma["inverse_d_2"]
-    agreed = view_disagreement(clean, found, KNOWN)
+    agreed = _view_disagreement(clean, found, KNOWN)
     assert agreed.shape == (1, 3)
     assert abs(agreed[0, 2]) < 2.5 * sigma  # by chance more than once in a hundred, but the seed is fixed
     # The outermost views see what those 4 % further inside do: slopes of 3.54 (m - A/Z) pitches a pixel.
@@ -343,11 +343,11 @@ def test_views_that_look_from_further_inside_are_seen_to_disagree():
     pulled = np.where(outer[:, None], -0.04 * clean.views, 0.0)
     spoilt = replace(clean, uv=clean.uv + slope[:, None, :, None] * pulled[None, :, None, :])
     worse = calibrate(spoilt, KNOWN)
-    shift = view_disagreement(spoilt, worse, KNOWN)
+    shift = _view_disagreement(spoilt, worse, KNOWN)
     assert abs(shift[0, 2]) > 5 * sigma
     assert abs(worse.fit.camera.inverse_d_2 - CAMERA.inverse_d_2) < 2 * abs(shift[0, 2])
     few = replace(clean, views=clean.views[:4], uv=clean.uv[:, :4])
-    assert len(view_disagreement(few, found, KNOWN)) == 0
+    assert len(_view_disagreement(few, found, KNOWN)) == 0
 
 
 def test_systematic_errors_widen_every_interval_that_follows():

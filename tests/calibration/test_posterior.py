@@ -20,7 +20,7 @@ from roslf_design.calibration import (
 from roslf_design.calibration.lengths import LengthCovariance
 from roslf_design.calibration.model import Observations, derived, project_boards
 from roslf_design.calibration.posterior import (
-    ProfileLikelihood,
+    _ProfileLikelihood,
     most_steps_for,
     posterior_accuracy,
     sample_size_for,
@@ -66,7 +66,7 @@ def brute_force(fit, camera):
 
 
 def test_likelihood_is_the_misfit_with_every_pose_fitted(fit):
-    likelihood = ProfileLikelihood(fit)
+    likelihood = _ProfileLikelihood(fit)
     root = np.linalg.cholesky(fit.covariance.matrix)
     rng = np.random.default_rng(1)
     for _ in range(3):
@@ -78,7 +78,7 @@ def test_likelihood_is_the_misfit_with_every_pose_fitted(fit):
 
 
 def test_boards_behind_the_camera_are_impossible_not_undefined(fit):
-    likelihood = ProfileLikelihood(fit)
+    likelihood = _ProfileLikelihood(fit)
     cameras = np.tile(likelihood.best, (3, 1))
     cameras[0, 0], cameras[1, 1], cameras[2, 2] = -92.0, -0.4, -0.5
     assert (likelihood(cameras) == -np.inf).all()

@@ -23,7 +23,7 @@ from roslf_design.calibration import (
     with_distortion,
 )
 from roslf_design.calibration.aberrations import aberration_error
-from roslf_design.calibration.fit import _better_mirrored, refine
+from roslf_design.calibration.fit import _better_mirrored, _refine
 from roslf_design.calibration.misfit import misfit_of
 from roslf_design.calibration.model import QUANTITIES, Observations, Poses, project_boards
 from roslf_design.calibration.options import PlanOptions, calibration_plan
@@ -151,10 +151,10 @@ def test_a_board_tilted_the_other_way_is_turned_back():
     view = Observations(captures.board.points, np.zeros((1, 2)), uv)
     wrong = poses.rotation.copy()
     wrong[3, :2] *= -1
-    stuck = refine(view, CAMERA, Poses(wrong, poses.translation), ("A",))
+    stuck = _refine(view, CAMERA, Poses(wrong, poses.translation), ("A",))
     turned = _better_mirrored(view, stuck)
     assert turned is not None
-    again = refine(view, stuck.camera, turned, ("A",))
+    again = _refine(view, stuck.camera, turned, ("A",))
     np.testing.assert_allclose(again.poses.rotation, poses.rotation, atol=1e-6)
     assert pytest.approx(CAMERA.A, rel=1e-6) == again.camera.A
     assert _better_mirrored(view, again) is None

@@ -431,7 +431,7 @@ def test_files_hold_elements():
         ),
         (
             {"elements": [{**PLATE, "material": {"index": 0.5}}]},
-            r"elements.0.material: an index must be a number from 1",
+            r'elements.0.material.index: "0.5" must be at least 1',
         ),
         (  # by Snell's law in the plane: 74.5 degrees, 30.5 inside, 44 on the other face; 31.8 is the most
             {"elements": [{**PLATE, "material": {"index": 1.9}, "wedge": (1.3, 0.0)}]},
@@ -463,3 +463,14 @@ def test_materials_by_name_come_back_from_a_file_by_name(name):
 def test_a_wavelength_that_no_glass_is_known_at_is_told_with_its_place():
     with pytest.raises(DesignError, match=r"light.wavelength: 100 nm is outside the range of N-LASF9 .365 nm"):
         roslf.load("arthroscope").replace({"light.wavelength": 1e-4})
+
+
+@pytest.mark.parametrize("z", [-5.0, 0.0, 120.0, math.inf, np.array([-1.0, 40.0]), np.array([3.0 + 1e-30j])])
+def test_an_empty_bore_leaves_every_plane_where_it_is(z):
+    """To the bit: behind the main lens, at infinity and with complex steps too."""
+    camera = Camera.of(PAPER)
+    plane = camera.plane(z)
+    assert np.array_equal(plane.distance, z)
+    assert np.all(plane.magnification == 1)
+    assert np.all(plane.medium == 1)
+    assert np.array_equal(camera.plane_seen_at(z), z)

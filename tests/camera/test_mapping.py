@@ -10,16 +10,16 @@ from numpy.testing import assert_allclose
 from scipy.optimize import root
 
 import roslf_design as roslf
-from roslf_design.bore.mapping import mapping_law
+from roslf_design.bore.mapping import angle_map
 from roslf_design.calibration.frames import CalibrationError
 from roslf_design.calibration.space import SceneSide
 from roslf_design.camera import Camera
 from roslf_design.design import DesignError, dumps, loads
 from roslf_design.effects.effect import Subject
-from roslf_design.effects.geometry import blur_on_mla, cos4
+from roslf_design.effects.geometry import _blur_on_mla, cos4
 from roslf_design.evaluation.fields import evaluate_fields
 from roslf_design.fates import FATES, RayFate
-from roslf_design.lenses.angles import angle_in_air, illumination, image_height, stretch
+from roslf_design.lenses.angles import _angle_in_air, _image_height, illumination, stretch
 from roslf_design.rays import trace_pupil
 from roslf_design.rays.backward import behind_elements, lay_out, mapped
 from roslf_design.rays.pupil import paths
@@ -75,7 +75,7 @@ def simple(mapping, fap=2.0, **changes):
 @pytest.mark.parametrize("index", [1.0, 1.333])
 def test_angle_and_slope_are_those_of_the_law(name, index):
     """Rounding alone: the inverse of g in 40 digits, then Snell's law."""
-    law = mapping_law(name, 1.0)
+    law = angle_map(name, 1.0).law
     angles = np.radians([0.0, 1e-6, 5.0, 40.0, 70.0, 85.0])
     with mp.workdps(40):
         p = np.array([float(G[name](mp.mpf(a))) for a in angles])
@@ -86,16 +86,16 @@ def test_angle_and_slope_are_those_of_the_law(name, index):
         slopes = [mp.tan(mp.asin(mp.sin(t) / mp.mpf(index))) for t in true]
         ratio = [float(s * mp.mpf(index) / mp.mpf(x)) if x else 1.0 for s, x in zip(slopes, p, strict=True)]
     # At 85 degrees the inverse of sin has a condition of 11, tan of 12.
-    assert_allclose(angle_in_air(law, p), np.array(true, float), rtol=1e-14)
+    assert_allclose(_angle_in_air(law, p), np.array(true, float), rtol=1e-14)
     assert_allclose(stretch(law, p, index), ratio, rtol=1e-13)
     assert_allclose([stretch.compiled(law, x, index) for x in p], ratio, rtol=1e-13)
-    assert_allclose(image_height(law, angles), p, rtol=1e-14)
+    assert_allclose(_image_height(law, angles), p, rtol=1e-14)
 
 
 @pytest.mark.parametrize("name", G)
 def test_fall_off_is_etendue_over_image_area(name):
     """By differences: light through a flat opening from a small patch of angles, over the patch of image it fills."""
-    law, step = mapping_law(name, 1.0), mp.mpf("1e-12")
+    law, step = angle_map(name, 1.0).law, mp.mpf("1e-12")
     with mp.workdps(40):
         for degrees in (1, 20, 45, 60, 80):
             t = mp.radians(degrees)
@@ -106,20 +106,20 @@ def test_fall_off_is_etendue_over_image_area(name):
 
 def test_fall_off_in_closed_form():
     t = np.radians([1e-9, 10, 45, 80])
-    assert_allclose(illumination(mapping_law("f sin", 1.0), np.sin(t)), 1.0, rtol=0)
-    assert_allclose(illumination(mapping_law("f theta", 1.0), t), np.sin(t) * np.cos(t) / t, rtol=1e-14)
-    half = illumination(mapping_law("2f tan(theta/2)", 1.0), 2 * np.tan(t / 2))
+    assert_allclose(illumination(angle_map("f sin", 1.0).law, np.sin(t)), 1.0, rtol=0)
+    assert_allclose(illumination(angle_map("f theta", 1.0).law, t), np.sin(t) * np.cos(t) / t, rtol=1e-14)
+    half = illumination(angle_map("2f tan(theta/2)", 1.0).law, 2 * np.tan(t / 2))
     assert_allclose(half, np.cos(t) * np.cos(t / 2) ** 4, rtol=1e-13)
 
 
 @pytest.mark.parametrize("name", G)
 def test_a_table_is_the_law_that_it_was_made_of(name):
     """2.5 degrees apart, away from the table's end: cubic splines miss 1e-6 rad, their derivative more."""
-    known, made = mapping_law(name, 1.0), with_mapping(table(name)).elements[OBJECTIVE].law
+    known, made = angle_map(name, 1.0).law, with_mapping(table(name)).elements[OBJECTIVE].angle_map.law
     p = np.linspace(0, float(G[name](mp.radians(60))), 200)
-    assert_allclose(angle_in_air(made, p), angle_in_air(known, p), atol=3e-6)
+    assert_allclose(_angle_in_air(made, p), _angle_in_air(known, p), atol=3e-6)
     assert_allclose(illumination(made, p), illumination(known, p), atol=1e-4)
-    assert_allclose(image_height(made, angle_in_air(made, p)), p, rtol=0, atol=1e-14)
+    assert_allclose(_image_height(made, _angle_in_air(made, p)), p, rtol=0, atol=1e-14)
 
 
 def test_a_measured_f_tan_is_f_tan():
@@ -385,7 +385,9 @@ def test_blur_off_the_axis_is_that_of_rays(fap):
         rims = (camera.fap.outline.rim(sign * way[0], sign * way[1]) for sign in (1, -1))
         ends = [np.array(u, float) * design.d for _, u in builds._landings(x, y, distance, rims)]
         spreads.append(float(np.hypot(*(ends[1] - ends[0]))))
-    assert blur_on_mla(camera, distance, place) == pytest.approx(max(*spreads, blur_on_mla(camera, distance)), rel=0.02)
+    assert _blur_on_mla(camera, distance, place) == pytest.approx(
+        max(*spreads, _blur_on_mla(camera, distance)), rel=0.02
+    )
 
 
 def test_a_decoder_that_knows_the_mapping_tells_depths_off_the_axis():

@@ -2,14 +2,19 @@
 
 import json
 import math
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 from roslf_design import load, loads
+from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.design.files import dumps
 from roslf_design.lenses.glass import find_glass
 from roslf_design.lenses.lens_file import load_lens, shipped_names
+from roslf_design.theory.object_space import ObjectSpaceFaces
+from tests.oracles import optiland_rectangles as boxes
 
 WAVE = 550e-6
 
@@ -53,6 +58,52 @@ def test_the_plane_in_focus_meets_the_microlens(name, tmp_path):
     assert gaps[:-1] == pytest.approx([thickness for _, thickness, *_ in rows[:-1]], abs=1e-12)
     bends = [float(line.split()[1]) for line in lines if line.startswith("  CURV")]
     assert bends == pytest.approx([curvature for curvature, *_ in rows], abs=1e-15)
+
+
+def test_rectangles_in_optilands_file_pass_the_rays_that_ours_pass(tmp_path):
+    """Openings as Optiland has them, the plane in focus, and 1000 rays that it traced through its file."""
+    surfaces = json.loads(boxes.exported(tmp_path, "boxes.json"))["surface_group"]["surfaces"]
+    z = [one["geometry"]["cs"]["z"] for one in surfaces]
+    by_name = {one["comment"]: one for one in surfaces}
+    fap, first, second = (by_name[name]["aperture"] for name in ("FAP", "stop 1", "stop 2"))
+    corners = np.array(boxes.DESIGN.aperture.outline.corners)
+    assert fap["type"] == "PolygonAperture"
+    np.testing.assert_array_equal(np.stack([fap["x"], fap["y"]], -1), corners)
+    assert first == {"type": "RectangularAperture", "x_min": -2.5, "x_max": 2.5, "y_min": -2.0, "y_max": 2.0}
+    assert second["r_max"] == 15.0
+    rows = [
+        (0.0, after - here, one["material_post"]["index"], one.get("interaction_model", {}).get("focal_length"))
+        for one, here, after in zip(surfaces, z, [*z[1:], z[-1]], strict=True)
+    ]
+    heights = axial(rows)
+    assert heights[list(by_name).index("microlens") - 1] == pytest.approx(0, abs=1e-9 * max(map(abs, heights)))
+    traced = np.load(Path(boxes.__file__).with_name("rectangle_rays.npz"))
+    found = ObjectSpaceFaces.of(Camera.of(boxes.DESIGN)).rays(tuple(traced["height"]), tuple(traced["slope"]))
+    np.testing.assert_array_equal(found.status == 0, traced["passed"])
+    assert 100 < traced["passed"].sum() < 900
+
+
+def test_rectangles_in_a_zmx_file_are_turned_by_breaks_about_them(tmp_path):
+    text = boxes.exported(tmp_path, "boxes.zmx")
+    surfaces = [
+        {line.split()[0]: line.split()[1:] for line in part.splitlines()[1:]} for part in text.split("SURF ")[1:]
+    ]
+    names = [" ".join(surface["COMM"]) for surface in surfaces]
+    before, fap, after = surfaces[1:4]
+    assert names[1:4] == ["FAP, turn", "FAP", "FAP, turn back"]
+    turn = math.degrees(boxes.DESIGN.aperture.turn)
+    assert [float(one["PARM"][1]) for one in (before, after)] == [turn, -turn]
+    assert {one["PARM"][0] for one in (before, after)} == {"5"}  # about z
+    assert "STOP" in fap
+    assert [float(part) for part in fap["SQAP"][:2]] == [1.45, 0.95]
+    assert [float(part) for part in surfaces[names.index("stop 1")]["SQAP"][:2]] == [2.5, 2.0]
+    assert float(surfaces[names.index("stop 2")]["CLAP"][1]) == 15.0
+    gaps = [float(surface["DISZ"][0]) for surface in surfaces]
+    places = dict(zip(names, [0.0, *np.cumsum(gaps)], strict=False))
+    camera = Camera.of(boxes.DESIGN)
+    assert places["main lens"] == pytest.approx(float(camera.ruler.d_f), rel=1e-14)
+    for name, distance in (("FAP", 120.0), ("stop 1", 100.0), ("stop 2", 30.0)):
+        assert places["main lens"] - places[name] == pytest.approx(distance, rel=1e-13)
 
 
 def test_lenses_come_back_from_their_zmx(tmp_path):

@@ -13,13 +13,13 @@ from scipy import ndimage
 import roslf_design as roslf
 from roslf_design.calibration import Board, observe_pictures
 from roslf_design.calibration.decoding import decode
-from roslf_design.calibration.fit import fit_lines, step_one
+from roslf_design.calibration.fit import _step_one, fit_lines
 from roslf_design.calibration.lattice import CentreLattice
 from roslf_design.calibration.lengths import LengthCovariance
 from roslf_design.calibration.model import project_boards, rotation_matrix
 from roslf_design.camera import Camera
 from roslf_design.cli import main
-from roslf_design.depth.captured import noise_alike, on_array
+from roslf_design.depth.captured import _noise_alike, on_array
 from roslf_design.depth.estimate import PixelNoise, estimate_disparity
 from roslf_design.depth.geometry import ArrayGeometry
 from roslf_design.depth.measure import PictureOptions, lattice_of, simulate
@@ -328,7 +328,7 @@ def test_a_plane_in_real_views_comes_out_plane(shared_data):
     folder = shared_data / "lytro-checkerboard"
     pictures = {path.name: np.asarray(Image.open(path).convert("L")) for path in sorted(folder.glob("*.png"))}
     observations = observe_pictures(pictures, Board(23, 20, 4.0))
-    found = step_one(observations, fit_lines(observations), 1.0, 1.0, distortion=2)
+    found = _step_one(observations, fit_lines(observations), 1.0, 1.0, distortion=2)
     turn, away = rotation_matrix(found.poses.rotation), found.poses.translation
     cameras = -np.einsum("bji,bj->bi", turn, away)
     step, before = 0.5, 3.0  # mm
@@ -357,7 +357,7 @@ def test_a_plane_in_real_views_comes_out_plane(shared_data):
     level, along, down = np.linalg.lstsq(columns, depth, rcond=None)[0]
     off = depth - columns @ (level, along, down)
     # Views of this Lytro are interpolated: their noise is alike in neighbours, which makes errors larger.
-    wider = np.sqrt(noise_alike(field, where, measured))
+    wider = np.sqrt(_noise_alike(field, where, measured))
     inside = np.abs(off) < wider * measured.sigma[known] / unit
     assert 0.5 < inside.mean() < 0.75
     # At 132 to 189 mm, with pixels of 0.3 mm there: residual 0.05 mm, tilt below 0.1 degrees, 0.06 mm nearer.

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from roslf_design.calibration.decoding import HexagonalRows, LightField
+from roslf_design.calibration.decoding import LightField, _HexagonalRows
 from roslf_design.depth import DisparityStatus, PixelNoise, epipolar_plane, estimate_disparity
 from tests.depth.made import Texture, disc, exposed, field_of, predicted_sigma, sharp
 
@@ -253,7 +253,7 @@ def test_a_hexagonal_array_made_square(disparity):
         square = np.zeros((9, 9, rows, 50), np.float32)
         for v in range(rows):
             square[:, :, v] = CubicSpline(x[v], raw.values[:, :, v], axis=-1)(u)
-        hexagonal = HexagonalRows(raw.values, raw.weight, starts)
+        hexagonal = _HexagonalRows(raw.values, raw.weight, starts)
         field = LightField(square * light, light, raw.s, raw.t, u, np.arange(rows) * step, 9.0, hexagonal)
         result = estimate_disparity(field, pupil, PixelNoise(1000, READ), search=(-4, 4))
         scores.append(((result.disparity - disparity) / result.sigma)[INNER])

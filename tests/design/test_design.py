@@ -213,7 +213,7 @@ def test_every_fault_at_once_with_place_and_remedy():
         "aperture.diamter": "did you mean 'diameter'",
         "microlens_array.pitch": "unit of angle",
         "microlens_array.focal_length": "greater than zero",
-        "microlens_array.size": "missing",
+        "microlens_array.size": "must be a list of 2",
         "microlens_array.layout": "square",
         "sensor.size": "is missing",
         "aperture.distance": "inside the bore",

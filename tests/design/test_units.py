@@ -57,6 +57,12 @@ def test_what_cannot_be_read_says_why(text, said):
         parse_quantity(text, "length")
 
 
+def test_an_angle_without_a_unit_is_offered_degrees():
+    for angle in ("45", 45):
+        with pytest.raises(ValueError, match=r'45"? has no unit; write .* "45 deg"'):
+            parse_quantity(angle, "angle")
+
+
 def test_bare_numbers_are_millimetres_only_in_python():
     assert parse_quantity(0, "length") == parse_quantity(-0.0, "angle") == 0.0  # the same in every unit
     assert parse_quantity(120, "length", unit_required=False) == 120.0

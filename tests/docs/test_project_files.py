@@ -1,6 +1,7 @@
 """What the project says of itself in several places is the same in all."""
 
 import re
+import tomllib
 
 import yaml
 
@@ -43,3 +44,11 @@ def test_pages_are_all_in_the_contents(root):
 def test_changelog_counts_the_presets(root):
     words = ("six", "seven", "eight", "nine", "ten", "eleven", "twelve")
     assert f"{words[len(preset_names()) - 6]} presets" in " ".join((root / "CHANGELOG.md").read_text().split())
+
+
+def test_keys_described_on_the_pages_are_those_of_classes_there_are(root):
+    """A class of another name would leave its table of the reference without words, and the pages unbuilt."""
+    code = "\n".join(path.read_text() for path in (root / "roslf_design").rglob("*.py"))
+    classes = set(re.findall(r"(?m)^class (\w+)", code))
+    described = tomllib.loads((root / "docs/_ext/keys.toml").read_text())
+    assert {name for name in described if not name.startswith("[")} - {"evaluation"} <= classes

@@ -15,9 +15,9 @@ from roslf_design.cli import main
 from roslf_design.commands.report import maker
 from roslf_design.design import DesignError, preset_names
 from roslf_design.evaluation.fields import evaluate_fields, rays_for
-from roslf_design.evaluation.result import RayBudget, Share
-from roslf_design.evaluation.show import budget_table, seen_table
-from roslf_design.reporting.design.pages import accuracy_section
+from roslf_design.evaluation.groups import RayBudget, Share
+from roslf_design.evaluation.result import budget_table, seen_table
+from roslf_design.reporting.design.pages import _accuracy_section
 from roslf_design.theory.stop_images import MicrolensImages
 
 PAPER = roslf.load("paper")
@@ -452,7 +452,7 @@ def test_a_report_passes_it_on(tmp_path):
     roslf.save(tilted, path)
     for names, compare in (((str(path),), False), ((str(path), "paper"), True)):
         assert maker(names, compare, None, 0.01).keywords["accuracy"] == 0.01
-    section = accuracy_section(tilted, roslf.evaluate(tilted, accuracy=0.01), 0.01)
+    section = _accuracy_section(tilted, roslf.evaluate(tilted, accuracy=0.01), 0.01)
     assert f"{rays_for(0.01)} rays" in str(section)
     assert "asked for 0.01" in str(section)
 

@@ -7,8 +7,8 @@ import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.design import DesignError, dumps, loads, save
-from roslf_design.optimization.problem import name_faults
 from roslf_design.optimization.solve import Settings, solve
+from roslf_design.optimization.variables import name_faults
 from tests.optimization.posing import goal, limit, posed
 
 TUBE = {"outer_diameter": 10.0, "wall": 0.25}

@@ -196,7 +196,7 @@ def test_white_images_by_snells_law_are_discs_between_the_edges_that_rays_find()
         height = c - slope * alone.d_1
         return object_side(height, slope + height / alone.f, glass, 1, [alone.d_3], True)[0]
 
-    (centres, radii), (first, _) = white.exact.at(np.array([c]), np.array([0.0])), stop_discs(camera, c, 0.0)
+    (centres, radii, *_), (first, _) = white.exact.at(np.array([c]), np.array([0.0])), stop_discs(camera, c, 0.0)
     edges = sorted(float(mp.findroot(lambda p, e=e: at_fap(p) - e * alone.D_F / 2, first[0, 0])) for e in (-1, 1))
     seen = centres[0, 0, 0] + radii[0, 0] * np.array([-1, 1])
     np.testing.assert_allclose(seen, edges, rtol=0, atol=white.exact.error)

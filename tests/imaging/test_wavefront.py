@@ -97,10 +97,13 @@ def test_the_path_is_the_integral_of_exact_slopes():
             assert abs(found) == pytest.approx((n * n - 1) / (8 * n**3) * 40 * angle**4, rel=0.7)
 
 
-@pytest.mark.parametrize("distance", [60.0, 125.0])
-def test_glass_of_index_1_leaves_the_image(distance):
-    """The quadrature over the traced opening against that over the disc."""
-    design, _ = behind({**SLAB, "distance": distance, "thickness": 5.0, "material": {"index": 1.0}})
+BOX = {"shape": "rectangle", "sides": (2.9, 1.6), "turn": 0.35, "distance": 120.0}
+
+
+@pytest.mark.parametrize(("distance", "changes"), [(60.0, {}), (125.0, {}), (60.0, {"aperture": BOX})])
+def test_glass_of_index_1_leaves_the_image(distance, changes):
+    """The quadrature over the traced opening against that over the disc, or the rectangle."""
+    design, _ = behind({**SLAB, "distance": distance, "thickness": 5.0, "material": {"index": 1.0}}, **changes)
     region, place = central(design, 78), (0.05, -0.02, 330.0)
     one, other = (point_image(source_at(design, place, e), region, (design.wavelength,), 0.05) for e in (True, False))
     assert_allclose(one, other, rtol=0, atol=1e-4 * other.max())

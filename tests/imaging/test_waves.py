@@ -1,5 +1,7 @@
 """Diffraction against Huygens quadrature and against a coherent wave carried through the whole camera."""
 
+import math
+
 import numpy as np
 import pytest
 
@@ -14,8 +16,8 @@ from roslf_design.imaging.trace import RaySampling
 from roslf_design.imaging.transfer import MicrolensTransfer, bands, encircled
 from roslf_design.imaging.white import (
     WhiteGeometry,
+    _interference_series,
     harmonic_series,
-    interference_series,
     neighbour_interference,
 )
 from roslf_design.scenes import WHITE_FIELD, Plane, Scene, Sinusoid, Uniform
@@ -127,7 +129,7 @@ def test_interference_of_square_neighbours_against_huygens_quadrature(f_ml):
     _, seen, transfer = planned(PAPER.replace(f_ml=f_ml), ["+microlens_defocus"])
     axis, area = np.linspace(-0.5, 0.5, 5) * 0.0627, np.pi * (2.9 * 35 / 23 * 2 / 140 / 2) ** 2
     near, far = (huygens.square_interference(seen, axis, axis, n, 48, 60 + 10 * n) * area for n in (4, 8))
-    series = interference_series(seen, transfer, pixel=False, reach=8).at(axis, axis)
+    series = _interference_series(seen, transfer, pixel=False, reach=8).at(axis, axis)
     assert np.abs(series - (2 * far - near)).max() < 6e-4
     assert np.abs(series).max() > (0.003 if f_ml == 2.0 else 0.028)
 
@@ -142,7 +144,7 @@ def test_interference_of_round_neighbours_against_huygens_quadrature(layout):
     centres = lattice.microlens(np.stack(np.meshgrid(*[np.arange(-6, 7)] * 2), -1).reshape(-1, 2))
     centres = centres[np.hypot(*centres.T) < 3.01 * seen.d]
     truth = huygens.round_interference(seen, places, centres, 14, 14) * np.pi * (2.9 * 35 / 23 * 2 / 140 / 2) ** 2
-    series = interference_series(seen, transfer, pixel=False)
+    series = _interference_series(seen, transfer, pixel=False)
     found = [series.at(x, y)[0, 0] for x, y in places[..., None]]
     assert np.abs(found - truth).max() < 4e-3
     assert np.abs(truth).max() > 0.02
@@ -155,7 +157,7 @@ def test_interference_of_the_bench_is_0_4_percent_and_fades_with_the_fresnel_num
     for wavelength in (5.5e-4, 2e-4):
         _, seen, transfer = planned(ROUND.replace(wavelength=wavelength), ["+microlens_diffraction"])
         sizes.append(neighbour_interference(seen, transfer))
-        many = interference_series(seen, transfer, reach=2).at(*[np.linspace(0, 0.0627, 60)] * 2)
+        many = _interference_series(seen, transfer, reach=2).at(*[np.linspace(0, 0.0627, 60)] * 2)
         assert np.abs(many).max() <= 1.05 * sizes[-1]  # beyond 4 N_F = 8 a bound
     assert sizes[0] > 0.02
 
@@ -193,6 +195,9 @@ def test_encircled_energy_of_a_hexagonal_cell_by_summing_the_huygens_image():
     assert encircled(Camera.of(PAPER)).cell - summed > 0.02
 
 
+BOX = {"shape": "rectangle", "sides": (2.9, 1.6), "turn": 0.35, "distance": 120.0}
+
+
 @pytest.mark.parametrize("point", [(0.02, 0.03, 350.0), (0.02, 0.0, 320.0)])
 def test_point_source_against_a_wave_through_the_whole_camera(point):
     """In and out of focus; 5 x 5 microlenses in the reference, all that count in the package."""
@@ -206,6 +211,31 @@ def test_point_source_against_a_wave_through_the_whole_camera(point):
     assert np.abs(error).max() < 4e-3 * truth.max()
     assert np.sqrt(np.mean(error**2)) < 1e-3 * truth.max()
     assert image.sum() == pytest.approx(truth.sum(), abs=3e-3)
+
+
+def test_point_source_through_a_rectangle_against_a_wave_through_the_whole_camera():
+    """As far as the light that is left out in its tails allows, whose field adds to what is there."""
+    design, point = PAPER.replace({"aperture": {**BOX, "turn": 0.0}}), (0.02, 0.03, 350.0)
+    width, height = design.pixels
+    region = Region(width // 2 - 26, height // 2 - 26, 52, 52)
+    truth = coherent.pixel_sums(*coherent.sensor_intensity(design, point), (np.arange(53) - 26) * design.q)
+    image = point_image(PointSource(Camera.of(design), *point), region, (design.wavelength,), 0.05)
+    error = image - truth
+    assert np.abs(error).max() < 0.05 * truth.max()
+    assert np.sqrt(np.mean(error**2)) < 2.5e-3 * truth.max()
+    assert image.sum() == pytest.approx(truth.sum(), abs=5e-3)
+
+
+def test_rays_from_a_point_through_a_rectangle_fill_it():
+    """Out of focus the lit microlenses are the rectangle's shadow: moments of its light are as the rectangle's."""
+    design = PAPER.replace({"aperture": BOX})
+    image = point_image(PointSource(Camera.of(design), 0.0, 0.0, 250.0), Region(0, 0, *design.pixels), (), 0.01)
+    assert image.sum() == pytest.approx(1.0, abs=1e-3)
+    (a, b), turn = BOX["sides"], BOX["turn"]
+    x, y = (((np.arange(pixels) + 0.5) - pixels / 2) * design.q for pixels in design.pixels)
+    xx, yy, xy = image.sum(0) @ x**2, image.sum(1) @ y**2, y @ image @ x
+    assert 0.5 * math.atan2(2 * xy, xx - yy) == pytest.approx(turn, abs=0.02)
+    assert (xx + yy) / math.hypot(xx - yy, 2 * xy) == pytest.approx((a * a + b * b) / (a * a - b * b), rel=0.03)
 
 
 def test_clipped_pupil_takes_light_away_and_the_two_integrals_agree():

@@ -6,11 +6,11 @@ import mpmath
 import numpy as np
 import pytest
 
-from roslf_design.bore.mapping import MappingTable, mapping_law
-from roslf_design.lenses.angles import F_TAN, AngleLaw
+from roslf_design.bore.mapping import MappingTable, angle_map
+from roslf_design.lenses.angles import F_TAN
 
 ANGLES = np.linspace(0.0, 1.2, 240)
-TABLE = AngleLaw(mapping_law(MappingTable(angles=tuple(ANGLES), heights=tuple(np.tan(ANGLES))), 1.0))
+TABLE = angle_map(MappingTable(angles=tuple(ANGLES), heights=tuple(np.tan(ANGLES))), 1.0)
 NAMED = {
     "f theta": (lambda angle: angle, lambda a: mpmath.sin(a) * mpmath.cos(a) / a),
     "f sin": (mpmath.sin, lambda a: mpmath.mpf(1)),
@@ -44,7 +44,7 @@ def test_a_table_of_tangents_is_f_tan(slope):
 @pytest.mark.parametrize("angle", [0.05, 0.6, 1.3])
 def test_laws_by_name_answer_as_their_formulas(name, angle):
     height, light = NAMED[name]
-    law = AngleLaw(mapping_law(name, 1.0))
+    law = angle_map(name, 1.0)
     with mpmath.workdps(40):
         p, true = float(height(mpmath.mpf(angle))), float(light(mpmath.mpf(angle)))
         slope = float(mpmath.tan(angle))
@@ -57,7 +57,7 @@ def test_laws_by_name_answer_as_their_formulas(name, angle):
 
 def test_rays_turn_about_the_entrance_pupil():
     """Drawn rays meet those of the first order where the pupil stands, and are as much steeper as asked."""
-    law = AngleLaw(mapping_law("f sin", 1.0))
+    law = angle_map("f sin", 1.0)
     ((height, slope),) = law.redrawn([(0.4, 0.2)], lambda: 1.7, lambda: 3.0)
     assert slope == pytest.approx(0.34)
     assert height - slope * 3.0 == pytest.approx(0.4 - 0.2 * 3.0)

@@ -7,11 +7,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import tomli_w
 
 from roslf_design.camera import Camera
 from roslf_design.design import Design, DesignError, dumps, load, loads, preset_path, save
 from roslf_design.lenses.glass import find_glass
-from roslf_design.lenses.lens_file import dumps_lens, load_lens, shipped_names
+from roslf_design.lenses.lens_file import load_lens, shipped_names, table_of
 from roslf_design.lenses.prescription import Prescription, Surface, first_order
 
 from .test_prescription import missed
@@ -93,7 +94,7 @@ def test_lens_files_lie_beside_the_design_and_saved_designs_need_none(tmp_path):
     folder.mkdir()
     other.mkdir()
     lens = missed(load_lens("LB1630-A"), surfaces_1_radius=0.5)
-    (folder / "lens.toml").write_text(dumps_lens(replace(lens, name="mine")))
+    (folder / "lens.toml").write_text(tomli_w.dumps(table_of(replace(lens, name="mine"))))
     (folder / "lens.zmx").write_text(GOOD)
     (folder / "d.toml").write_text(text('prescription = "lens.toml"\nfocal_plane = "350 mm"\n'))
     (folder / "z.toml").write_text(text('prescription = "lens.zmx"\nfocal_plane = "350 mm"\n'))
@@ -107,7 +108,7 @@ def test_lens_files_lie_beside_the_design_and_saved_designs_need_none(tmp_path):
 
 def test_a_file_called_like_a_shipped_lens_comes_first(tmp_path):
     lens = load_lens("AC254-100-A")
-    (tmp_path / "LB1630-A").write_text(dumps_lens(lens))
+    (tmp_path / "LB1630-A").write_text(tomli_w.dumps(table_of(lens)))
     (tmp_path / "d.toml").write_text(text('prescription = "LB1630-A"\nfocal_plane = "350 mm"\n'))
     assert load(tmp_path / "d.toml").lens == lens
 
@@ -187,11 +188,11 @@ def test_more_contradictions():
         ('"none.zmx"', "none.zmx: no such file"),
         ('""', "expected a lens file"),
         ("3", "expected a lens file"),
-        ("{ name = 'x' }", "surfaces: a lens needs at least one surface"),
+        ("{ name = 'x' }", r"\.surfaces: a lens needs at least one surface"),
     ],
 )
 def test_lenses_that_cannot_be_read(value, told):
-    with pytest.raises(DesignError, match=f"^main_lens.prescription: .*{told}"):
+    with pytest.raises(DesignError, match=rf"^main_lens.prescription(: )?.*{told}"):
         loads(text(f'prescription = {value}\nfocal_plane = "350 mm"\n'))
 
 
@@ -206,6 +207,6 @@ def test_every_fault_of_lens_and_design_is_told_at_once(tmp_path):
     assert len(lines) == 3
     assert all(line.startswith(f"{tmp_path / 'd.toml'}: ") for line in lines)
     assert "main_lens.prescription: " in lines[0]
-    assert "lens.toml: surfaces.1.glas: is not a known key; did you mean 'glass'?" in lines[0]
-    assert "surfaces.1.diameter" in lines[1]
+    assert "lens.toml: surfaces.1.diameter" in lines[0]
+    assert "lens.toml: surfaces.1.glas: is not a known key; did you mean 'glass'?" in lines[1]
     assert "aperture.diameter" in lines[2]

@@ -8,11 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import tomli_w
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from roslf_design.lenses.glass import AIR, Glass, find_glass
-from roslf_design.lenses.lens_file import dumps_lens, load_lens, loads_lens, shipped_names
+from roslf_design.lenses.lens_file import _loads_lens, load_lens, shipped_names, table_of
 from roslf_design.lenses.manufacture import as_made, lens_values
 from roslf_design.lenses.prescription import LensError, Prescription, Surface, first_order
 from tests.lenses.vector_rays import Rays, trace
@@ -48,7 +49,11 @@ def test_lenses_ship_with_the_makers_numbers():
 
 def test_values_compare_hash_pickle_and_come_back_from_a_file():
     for lens in map(load_lens, shipped_names()):
-        for other in (pickle.loads(pickle.dumps(lens)), loads_lens(dumps_lens(lens)), lens.reversed().reversed()):
+        for other in (
+            pickle.loads(pickle.dumps(lens)),
+            _loads_lens(tomli_w.dumps(table_of(lens))),
+            lens.reversed().reversed(),
+        ):
             assert other == lens
             assert hash(other) == hash(lens)
         assert lens.reversed() != lens
@@ -75,7 +80,7 @@ def test_any_lens_comes_back_from_its_file(curvature, conic, asphere, semi, shif
         asphere.pop()
     front = Surface(curvature, semi, 3.0, glass.with_offset(offset), conic, tuple(asphere), shift, tilt)
     lens = Prescription((front, Surface(0.0, semi / 3)), "any", wavelength=0.55e-3)
-    again = loads_lens(dumps_lens(lens))
+    again = _loads_lens(tomli_w.dumps(table_of(lens)))
     expected = replace(front, semi_diameter=semi)
     assert again == replace(lens, surfaces=(expected, lens.surfaces[1]))
 
@@ -197,7 +202,7 @@ tilt = ["1 mm", "2 mrad"]
 
 def test_a_lens_file_tells_every_fault_at_once():
     with pytest.raises(LensError) as caught:
-        loads_lens(BROKEN, "bad.toml")
+        _loads_lens(BROKEN, "bad.toml")
     told = str(caught.value).splitlines()
     for start in (
         "bad.toml: nam: is not a known key; did you mean 'name'?",
@@ -209,8 +214,8 @@ def test_a_lens_file_tells_every_fault_at_once():
         "bad.toml: surfaces.2.conic: must be a finite number",
         "bad.toml: surfaces.2.asphere.r3: is not a known key",
         "bad.toml: surfaces.2.asphere.r4: expected a number of mm^-3",
-        "bad.toml: surfaces.2.shift: must be a list of 3 lengths",
-        "bad.toml: surfaces.2.tilt: \"1 mm\": 'mm' is a unit of length",
+        "bad.toml: surfaces.2.shift: must be a list of 3, got",
+        "bad.toml: surfaces.2.tilt.0: \"1 mm\": 'mm' is a unit of length",
         "bad.toml: surfaces.2.glass: 'N-BK8' is not a known glass; the nearest known is 'N-BK7'",
     ):
         assert any(line.startswith(start) for line in told), start
@@ -224,7 +229,10 @@ def test_a_lens_file_tells_every_fault_at_once():
         ("surfaces = 3", "surfaces: must be a list of tables"),
         ("surfaces = [3]", "surfaces.1: must be a table"),
         ("name = 3\n[[surfaces]]\nradius='inf'\ndiameter='5 mm'", "name: must be text"),
-        ("wavelength = '-5 nm'\n[[surfaces]]\nradius='inf'\ndiameter='5 mm'", "wavelength: .*positive"),
+        (
+            "wavelength = '-5 nm'\n[[surfaces]]\nradius='inf'\ndiameter='5 mm'",
+            "wavelength: .-5 nm. must be greater than zero",
+        ),
         ("[[surfaces]]\nradius='0 mm'\ndiameter='5 mm'", "is a point"),
         ("[[surfaces]]\nradius='inf'", "surfaces.1.diameter: is missing"),
         ("[[surfaces]]\ndiameter='5 mm'", "surfaces.1.radius: is missing"),
@@ -236,7 +244,7 @@ def test_a_lens_file_tells_every_fault_at_once():
 )
 def test_broken_lens_texts(text, told):
     with pytest.raises(LensError, match=told):
-        loads_lens(text, "bad.toml")
+        _loads_lens(text, "bad.toml")
 
 
 def test_files_that_cannot_be_read(tmp_path):
@@ -271,12 +279,12 @@ def test_own_glasses_of_every_kind_come_back_from_a_file(glass):
         {glass}
         range = ["400 nm", "700 nm"]
         """
-    lens = loads_lens(text)
-    assert loads_lens(dumps_lens(lens)) == lens
+    lens = _loads_lens(text)
+    assert _loads_lens(tomli_w.dumps(table_of(lens))) == lens
 
 
 def test_own_glass_in_a_lens_file():
-    lens = loads_lens(
+    lens = _loads_lens(
         """
         [glasses.polymer]
         formula = "constant"
@@ -316,31 +324,31 @@ diameter = "10 mm"
 )
 def test_glasses_by_index_and_abbe_number(glass, more):
     """Against the lensmaker's equation, and n_F - n_C = (n_d - 1)/V."""
-    lens = loads_lens(SINGLET.format(glass=glass) + more)
+    lens = _loads_lens(SINGLET.format(glass=glass) + more)
     n, r_1, r_2, t = 1.5168, 20.0, -30.0, 3.0
     power = (n - 1) * (1 / r_1 - 1 / r_2 + (n - 1) * t / (n * r_1 * r_2))
     assert first_order(lens, 587.5618e-6).focal_length == pytest.approx(1 / power, rel=1e-12)
     f_line, c_line = (float(lens.surfaces[0].glass.index(wave)) for wave in (486.1327e-6, 656.2725e-6))
     assert f_line - c_line == pytest.approx((n - 1) / 64.17, rel=1e-12)
-    assert loads_lens(dumps_lens(lens)) == lens
+    assert _loads_lens(tomli_w.dumps(table_of(lens))) == lens
 
 
 def test_glasses_whose_numbers_look_alike_stay_apart():
     glasses = [f"{{index = {index!r}, abbe = 64.17}}" for index in (1.5168, 1.51680001)]
     text = "".join(SINGLET.split("[[surfaces]]")[1].join(["[[surfaces]]", ""]).format(glass=glass) for glass in glasses)
-    lens = loads_lens(text + '[[surfaces]]\nradius = "inf"\ndiameter = "10 mm"\n')
-    assert loads_lens(dumps_lens(lens)) == lens
+    lens = _loads_lens(text + '[[surfaces]]\nradius = "inf"\ndiameter = "10 mm"\n')
+    assert _loads_lens(tomli_w.dumps(table_of(lens))) == lens
 
 
 @pytest.mark.parametrize(
     ("glass", "said"),
     [
-        ("{index = 0.5}", "surfaces.1.glass.index: an index must be a number from 1 to 5"),
-        ("{index = 1.5, abe = 60}", "surfaces.1.glass.abe: 'abe' is not known of a material"),
+        ("{index = 0.5}", 'surfaces.1.glass.index: "0.5" must be at least 1'),
+        ("{index = 1.5, abe = 60}", "surfaces.1.glass.abe: is not a known key; did you mean 'abbe'?"),
         ("{formula = {a = 1}}", "surfaces.1.glass: a glass by its formula stands in [glasses]"),
         ("[1]", "surfaces.1.glass: must be a glass's name or a table"),
     ],
 )
 def test_glasses_of_surfaces_with_a_fault_say_which(glass, said):
     with pytest.raises(LensError, match=re.escape(said)):
-        loads_lens(SINGLET.format(glass=glass))
+        _loads_lens(SINGLET.format(glass=glass))

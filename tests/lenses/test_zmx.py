@@ -10,7 +10,7 @@ import pytest
 from roslf_design.cli import main
 from roslf_design.design import dumps, load
 from roslf_design.lenses.glass import find_glass
-from roslf_design.lenses.lens_file import load_lens, parse_zmx
+from roslf_design.lenses.lens_file import _parse_zmx, load_lens
 from roslf_design.lenses.prescription import LensError, first_order
 
 GOOD = """VERS 90910 258 36214
@@ -74,7 +74,7 @@ MOFF 0 1 "" 0 0 0 1 1 0 0.0 "" 0
 
 
 def test_a_catalogue_file_is_the_lens_that_ships():
-    lens, shipped = parse_zmx(GOOD, "ac.zmx"), load_lens("AC254-050-A")
+    lens, shipped = _parse_zmx(GOOD, "ac.zmx"), load_lens("AC254-050-A")
     assert lens.name == "AC254-050-A"
     assert lens.wavelength == pytest.approx(587.6e-6)
     for ours, theirs in zip(lens.surfaces, shipped.surfaces, strict=True):
@@ -89,7 +89,7 @@ def test_encodings(tmp_path, encoding):
     for ending in ("\n", "\r\n"):
         path.write_bytes(text.replace("\n", ending).encode(encoding))
         lens = load_lens(path)
-        assert (lens.surfaces, lens.source) == (parse_zmx(GOOD, "").surfaces, "lens.zmx")
+        assert (lens.surfaces, lens.source) == (_parse_zmx(GOOD, "").surfaces, "lens.zmx")
 
 
 @pytest.mark.parametrize(("unit", "scale"), [("MM", 1.0), ("CM", 10.0), ("IN", 25.4), ("METER", 1000.0)])
@@ -97,7 +97,7 @@ def test_units(unit, scale):
     text = GOOD.replace("UNIT MM", f"UNIT {unit}").replace(
         "TYPE STANDARD\n  CURV 2", "TYPE EVENASPH\n  PARM 2 1E-7\n  CURV 2"
     )
-    lens, plain = parse_zmx(text, ""), parse_zmx(GOOD, "")
+    lens, plain = _parse_zmx(text, ""), _parse_zmx(GOOD, "")
     for big, small in zip(lens.surfaces, plain.surfaces, strict=True):
         assert big.radius == pytest.approx(scale * small.radius, rel=1e-15)
         assert big.semi_diameter == pytest.approx(scale * small.semi_diameter)
@@ -115,7 +115,7 @@ def test_conic_asphere_clear_aperture_and_stop():
         .replace("  STOP\n", "")
     )
     text = text.replace("SURF 3\n  TYPE STANDARD", "SURF 3\n  STOP\n  TYPE EVENASPH")
-    lens = parse_zmx(text, "x.zmx")
+    lens = _parse_zmx(text, "x.zmx")
     assert lens.surfaces[0].semi_diameter == 11.0
     assert lens.surfaces[2].conic == -1.5
     assert lens.surfaces[2].asphere == (0.0, 0.0, -2e-9)
@@ -134,12 +134,12 @@ def spaced(stop):
 
 
 def test_planes_in_air_are_left_out_unless_they_stop_light():
-    assert parse_zmx(spaced(False), "").surfaces == parse_zmx(GOOD, "").surfaces
-    stopped = parse_zmx(spaced(True), "a.zmx")
+    assert _parse_zmx(spaced(False), "").surfaces == _parse_zmx(GOOD, "").surfaces
+    stopped = _parse_zmx(spaced(True), "a.zmx")
     assert len(stopped.surfaces) == 4
     assert (stopped.surfaces[0].semi_diameter, stopped.surfaces[0].thickness) == (8.0, 5.0)
     assert "clear diameters of surfaces 1 are the file's automatic ones" in stopped.source
-    a, b = (first_order(lens, 550e-6).focal_length for lens in (stopped, parse_zmx(GOOD, "")))
+    a, b = (first_order(lens, 550e-6).focal_length for lens in (stopped, _parse_zmx(GOOD, "")))
     assert a == pytest.approx(b, rel=1e-14)
 
 
@@ -268,6 +268,6 @@ def test_same_index_on_both_sides_leaves_no_surface():
     text = swap("CURV 2.999400119976E-2", "CURV 0.0").replace(
         "GLAS N-BAF10 0 0 1.67 4.7E+1 0 0 0 0 0 0\n", "COMM none\n"
     )
-    lens = parse_zmx(text.replace("  STOP\n", ""), "")
+    lens = _parse_zmx(text.replace("  STOP\n", ""), "")
     assert [surface.glass for surface in lens.surfaces] == [find_glass("SF10"), find_glass("air")]
     assert np.isfinite(first_order(lens, 550e-6).focal_length)

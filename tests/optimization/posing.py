@@ -1,7 +1,7 @@
 """Problems in a line."""
 
 import roslf_design as roslf
-from roslf_design.optimization.problem import Constraint, DesignProblem, Goal, Variable
+from roslf_design.optimization import Constraint, DesignProblem, Goal, Variable
 
 PAPER = roslf.load("paper").replace({"depth.disparity_error": 0.1})
 """Depth errors are then closed forms, for oracles."""

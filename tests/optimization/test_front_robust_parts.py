@@ -5,11 +5,12 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.errors import InputError
+from roslf_design.optimization.combinations import Combinations
+from roslf_design.optimization.front import pareto_front
 from roslf_design.optimization.parts import load_catalogue, read_condition, rows
-from roslf_design.optimization.ranking import Combinations, rank
+from roslf_design.optimization.ranking import rank
 from roslf_design.optimization.robust import RobustTable, builds, maximise_robustness, scatter_of, tolerances
 from roslf_design.optimization.search import QUICK, SearchBudget, search
-from roslf_design.optimization.solve import pareto_front
 from tests.optimization.posing import PAPER, goal, limit, posed
 
 
@@ -102,7 +103,8 @@ def test_what_robustness_may_cost_is_kept():
 
 def test_a_quantile_holds_the_wanted_yield():
     _, found = made_robust(maximise="quantile", wanted_yield=0.8)
-    assert found.robust.yield_.value > 0.75  # wanted on 256 builds, told on 4096 others
+    assert found.robust.yield_.interval[0] >= 0.8  # judged by 4096 builds that the search did not see
+    assert found.nominal.yield_.interval[0] < 0.8
     assert found.robust.goal_quantile < 1.2 * found.nominal.goal_quantile
 
 

@@ -10,10 +10,12 @@ import pytest
 import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.design import PATHS
+from roslf_design.optimization.combinations import Combinations
+from roslf_design.optimization.front import pareto_front
 from roslf_design.optimization.parts import load_catalogue
-from roslf_design.optimization.ranking import Combinations, rank
+from roslf_design.optimization.ranking import rank
 from roslf_design.optimization.search import SearchBudget
-from roslf_design.optimization.solve import Settings, pareto_front, solve
+from roslf_design.optimization.solve import Settings, solve
 from roslf_design.optimization.study import read_study, run
 from roslf_design.reporting.optimise.pages import statements
 from roslf_design.theory.quantities import QUANTITIES

@@ -15,12 +15,13 @@ from roslf_design.lenses.glass import find_glass
 from roslf_design.lenses.lens_file import load_lens, shipped_names
 from roslf_design.lenses.prescription import Prescription, Surface, first_order
 from roslf_design.optimization import Constraint, Goal, Settings, solve
+from roslf_design.optimization.combinations import CatalogueTable, Combinations
 from roslf_design.optimization.lens_variables import BENDING, FOCAL, LensVariation, with_glasses
 from roslf_design.optimization.parts import load_catalogue
-from roslf_design.optimization.problem import NumberVariable
-from roslf_design.optimization.ranking import CatalogueTable, Combinations, rank
+from roslf_design.optimization.ranking import rank
 from roslf_design.optimization.search import SearchBudget
 from roslf_design.optimization.traces import FieldTraces
+from roslf_design.optimization.variables import NumberVariable
 from roslf_design.traced.camera import camera_of, microlenses
 from roslf_design.traced.images import real_images
 from tests.optimization.posing import posed
@@ -165,7 +166,7 @@ def test_no_bought_lens_is_better_than_ours():
         design=SINGLET,
     )
     table = CatalogueTable(kinds=("lenses", "orientations"), only={"lenses": names})
-    parts = table.chosen(load_catalogue(), traced=True)
+    parts = table.chosen(load_catalogue(), SINGLET.main_lens.kind)
     combinations = Combinations.of(problem, parts, table.kinds)
     ranking = rank(combinations, 4, SearchBudget(), starts=2)
     assert ranking.optimised == len(combinations) == 4

@@ -8,7 +8,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 import roslf_design as roslf
-from roslf_design.optimization.problem import Goal, sobol_units
+from roslf_design.optimization.goals import Goal
+from roslf_design.optimization.problem import sobol_units
 from roslf_design.optimization.search import search, value_and_jacobian
 from roslf_design.optimization.solve import Settings, solve
 from roslf_design.theory import disparity_error

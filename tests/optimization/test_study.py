@@ -75,6 +75,20 @@ def test_a_bore_becomes_a_pupil(capsys, tmp_path):
     assert (tmp_path / "out" / "bore.png").exists()
 
 
+def test_a_square_bore_becomes_a_square_pupil(capsys, tmp_path):
+    square = {"shape": "rectangle", "sides": (1.0, 1.0), "distance": 100.0}
+    save(PAPER.replace({"aperture": square}), tmp_path / "b.toml")
+    text = GOOD.replace('D_F = {min = "1 mm", max = "4 mm", start = "9 mm"}\n', "").replace("starts = 4", "starts = 2")
+    text = text.replace('"paper"', '"b.toml"')
+    text += '[bore.tube]\nshape = "rectangle"\nsides = ["6 mm", "6 mm"]\nlength = "20 mm"\ndistance = "110 mm"\n'
+    code, out, err = run(capsys, "optimize", study(tmp_path, text), "-o", tmp_path / "out", "--json")
+    assert (code, err) == (0, "")
+    bore, best = json.loads(out)["bore"], roslf.load(tmp_path / "out" / "best.toml")
+    assert bore["settled"]
+    assert best.aperture.sides == pytest.approx([bore["pupil_diameter_mm"]] * 2)
+    assert 110 <= best.d_3 <= 130
+
+
 def test_an_order_of_goals_and_goals_that_do_not_compete(capsys, tmp_path):
     text = "order = 'lexicographic'\nslack = 0.05\n" + GOOD.replace("weight = 0.1", "")
     text = text.replace("starts = 4\ncheck = false", "starts = 3\nisres = true")

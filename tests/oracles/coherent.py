@@ -19,13 +19,21 @@ def disc_share(x, y, radius, step):
     return np.clip((radius - np.hypot(x, y)) / step + 0.5, 0, 1)
 
 
+def box_share(x, y, sides, step):
+    """Share of each sample inside an upright rectangle, to its edge."""
+    across, along = (
+        np.clip((side / 2 - np.abs(at)) / step + 0.5, 0, 1) for at, side in zip((x, y), sides, strict=True)
+    )
+    return across * along
+
+
 def sensor_intensity(design, point, *, path=None, lenses=5, coarse=(1024, 6e-3), fine=(2048, 5e-4)):
     """Intensity on the sensor behind `lenses` x `lenses` microlenses about the axis.
 
     Parameters
     ----------
     design : Design
-        Straight and centred, square microlenses.
+        Straight and centred, square microlenses; a rectangular FAP is not turned.
     point : (x, y, Z)
     path : callable, optional
         Optical path from the point to places (x, y) of the FAP [mm], where it is not that of air.
@@ -44,10 +52,13 @@ def sensor_intensity(design, point, *, path=None, lenses=5, coarse=(1024, 6e-3),
     reach = distance - design.d_3
     field = np.exp(1j * np.pi / (wave * reach) * ((x - x0) ** 2 + (x[:, None] - y0) ** 2))
     if path is not None:  # behind the FAP's rim it does not matter
-        near = np.abs(x) < design.D_F / 2 + step
+        near = np.abs(x) < design.D_F / 2 + step  # the wider extent of a rectangle
         field = np.zeros((n, n), complex)
         field[np.ix_(near, near)] = np.exp(2j * np.pi / wave * path(x[near], x[near][:, None]))
-    opening = disc_share(x, x[:, None], design.D_F / 2, step)
+    if design.aperture.sides is None:
+        opening = disc_share(x, x[:, None], design.D_F / 2, step)
+    else:
+        opening = box_share(x, x[:, None], design.aperture.sides, step)
     field = field * opening / np.sqrt((opening**2).sum() * step**2)
     field = propagate(field, step, design.d_3, wave)
     field = field * np.exp(-1j * np.pi / (wave * design.f) * (x**2 + x[:, None] ** 2))

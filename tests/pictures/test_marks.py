@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 from PIL import Image as Pixels
 
 from roslf_design.drawing.marks import Area, Disc, Dots, Image, Line, Text, bars, line_key, where_above
-from roslf_design.drawing.panel import Panel, Scale, log_ticks, round_ticks
+from roslf_design.drawing.panel import Panel, Scale, _log_ticks, round_ticks
 from roslf_design.drawing.picture import Picture, beside, one_panel
-from roslf_design.drawing.svg import px, tag, with_subscripts
+from roslf_design.drawing.svg import _with_subscripts, px, tag
 from roslf_design.drawing.theme import SMALL, THEMES, rows_of_names, short, text_width, theme_named, wrapped
 
 length = st.floats(-1e4, 1e4)
@@ -38,7 +38,7 @@ def test_round_ticks_are_few_even_and_inside(low, span, wanted):
 
 @given(st.floats(1e-6, 1e3), st.floats(1.5, 1e9))
 def test_log_ticks_stay_within_the_axis(low, ratio):
-    ticks = log_ticks(low, low * ratio)
+    ticks = _log_ticks(low, low * ratio)
     assert ticks == sorted(ticks)
     assert all(low * (1 - 1e-6) <= tick <= low * ratio * (1 + 1e-6) for tick in ticks)
 
@@ -68,7 +68,7 @@ def test_numbers_are_short(value, told):
 
 
 def test_text_is_escaped_and_symbols_are_set():
-    made = with_subscripts('d_3 < "5" & um')
+    made = _with_subscripts('d_3 < "5" & um')
     assert "".join(ET.fromstring(f"<t>{made}</t>").itertext()).replace("\u200b", "") == 'd3 < "5" & µm'
     assert "&lt;" in made
     assert tag("g", data_testid='a"b') == '<g data-testid="a&quot;b"/>'

@@ -17,24 +17,24 @@ from roslf_design.evaluation.fields import field_openings
 from roslf_design.imaging.render import render
 from roslf_design.imaging.white import ALWAYS_ON, white_patch
 from roslf_design.reporting.design.curves import (
+    _depth_curve,
+    _plane_of,
     depth_comparison,
-    depth_curve,
     depth_over_field,
     depth_precision,
     matching_plane,
-    plane_of,
 )
 from roslf_design.reporting.design.effects import effects_budget
 from roslf_design.reporting.design.field import field_map, field_maps, mla_map
 from roslf_design.reporting.design.microlens import (
-    image_view,
+    _image_view,
     microlens_image,
     microlens_images,
     nearest_microlens,
     preview,
     rays_and_waves,
 )
-from roslf_design.reporting.design.rays import cells, dimensions, labelled_fans, meridional, ray_diagrams
+from roslf_design.reporting.design.rays import _labelled_fans, cells, dimensions, meridional, ray_diagrams
 from roslf_design.theory.vignetting import room_at
 from tests.pictures.designs import DESIGNS, EXTREMES, PAPER, THROUGH
 
@@ -123,13 +123,13 @@ def test_axes_have_labels_with_units_for_every_printer(name):
 def test_blocked_rays_end_at_an_opening_they_miss_and_kept_ones_on_the_sensor(name):
     design = ALL[name].thin_twin
     openings = {-float(rim.ruler_distance) for rim in (Camera.of(design).fap, *Camera.of(design).rims)}
-    for fan in labelled_fans(design):
+    for fan in _labelled_fans(design):
         # Within half a millimetre per mm of stop radius for the stop that is tilted in one of them.
         np.testing.assert_allclose(fan.z[fan.kept, -1], design.d_1 + design.d_2, rtol=1e-12)
         for z in fan.z[~fan.kept, -1]:
             assert min(abs(z - plane) for plane in openings) < 0.5
     if name == "vignetted":
-        edge = labelled_fans(design)[1]
+        edge = _labelled_fans(design)[1]
         inside = np.abs(edge.x[:, -1]) > design.D / 2
         assert (inside | (edge.z[:, -1] == -design.d_3)).all()
 
@@ -160,7 +160,7 @@ def test_pixels_of_a_microlens_are_its_exact_coverage():
 def test_pixels_hold_what_a_fine_grid_of_points_finds(name):
     design = DESIGNS[name]
     place = (0.93 * design.sensor_size[0] / 2, 0.4 * design.sensor_size[1] / 2) if name != "strange" else (2.0, 1.0)
-    view = image_view(design, place)
+    view = _image_view(design, place)
     n = 24
     fine = (np.arange(n) + 0.5) / n * design.q
     x, y = ((edges[:-1, None] + fine).ravel() for edges in (view.x, view.y))
@@ -180,9 +180,9 @@ def test_pixels_hold_what_a_fine_grid_of_points_finds(name):
 
 def test_pixels_lie_where_the_sensor_has_them():
     design = DESIGNS["rigid-scope"]
-    assert image_view(design, (0.0, 0.0)).on_sensor == pytest.approx(1, abs=1e-9)
-    assert image_view(design, (design.sensor_size[0] / 2, 0.0)).on_sensor == 0
-    edges = image_view(design, (0.3, 0.2)).x + 0.3
+    assert _image_view(design, (0.0, 0.0)).on_sensor == pytest.approx(1, abs=1e-9)
+    assert _image_view(design, (design.sensor_size[0] / 2, 0.0)).on_sensor == 0
+    edges = _image_view(design, (0.3, 0.2)).x + 0.3
     steps = (edges + design.pixels[0] * design.q / 2) / design.q
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
 
@@ -228,7 +228,7 @@ def test_extreme_numbers_are_drawn_or_told_within_little_memory(change):
 
 def test_a_dark_microlens_is_called_dark():
     corner = default_fields(ALL["dark"])[2]
-    view = image_view(ALL["dark"], corner)
+    view = _image_view(ALL["dark"], corner)
     assert (view.kept_fraction, view.outline.shape, view.coverage.any()) == (0, (0, 2), False)
     svg = microlens_image(ALL["dark"], corner).svg()
     assert _find(svg, "microlens-kept")[0].text == "dark"
@@ -275,13 +275,13 @@ def test_maps_and_images_follow_a_turned_and_shifted_array():
     right, high, low = 11.15 / grow - 0.5, (0.25 + 7.466) / grow, (0.25 - 7.466) / grow
     np.testing.assert_allclose((sensor.x.min(), sensor.x.max()), (low, high), rtol=1e-12)
     np.testing.assert_allclose((sensor.y.min(), sensor.y.max()), (-right, 11.5), rtol=1e-12)
-    view, straight = image_view(moved, (2.0, 1.0)), image_view(PAPER, (-1.0 + 0.5, 2.0))
+    view, straight = _image_view(moved, (2.0, 1.0)), _image_view(PAPER, (-1.0 + 0.5, 2.0))
     np.testing.assert_allclose(view.openings.centres, straight.openings.centres, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["paper", "ear-speculum", "rigid-scope", "pipe-bore"])
 def test_matched_curve_passes_through_matched_designs(name):
-    plane = plane_of(DESIGNS[name])
+    plane = _plane_of(DESIGNS[name])
     for d_3, D_F in list(zip(plane.d_3, plane.exact, strict=True))[::40]:
         # 1e-12: a few roundings of quantities of order one.
         assert evaluate(DESIGNS[name].replace(d_3=d_3, D_F=D_F)).f_number.fill_factor == pytest.approx(1, abs=1e-12)
@@ -290,7 +290,7 @@ def test_matched_curve_passes_through_matched_designs(name):
 @pytest.mark.parametrize("name", roslf.preset_names())
 def test_plane_shows_design_and_curve_and_agrees_with_the_verdict(name):
     design = DESIGNS[name].thin_twin
-    plane, result = plane_of(design), evaluate(design)
+    plane, result = _plane_of(design), evaluate(design)
     assert 0 <= design.d_3 < plane.d_3[-1]
     assert 0 < design.D_F < plane.D_F[-1]
     assert np.count_nonzero((plane.exact > 0) & (plane.exact < plane.D_F[-1])) > 0.3 * plane.d_3.size
@@ -336,9 +336,9 @@ def test_depth_over_the_field_of_a_single_microlens_is_a_dot():
 
 
 def test_depth_curve_passes_through_the_evaluation_at_the_focal_plane():
-    assert depth_curve(PAPER).in_focus == pytest.approx(evaluate(PAPER).depth.sigma_z_mm, rel=1e-9)
+    assert _depth_curve(PAPER).in_focus == pytest.approx(evaluate(PAPER).depth.sigma_z_mm, rel=1e-9)
     fixed = PAPER.replace({"depth.disparity_error": 0.1})
-    curve, told = depth_curve(fixed), evaluate(fixed).depth
+    curve, told = _depth_curve(fixed), evaluate(fixed).depth
     at_focus = np.interp(PAPER.d_f, curve.distance, np.sqrt(curve.sigma)) ** 2  # sqrt of a parabola is linear
     assert at_focus == pytest.approx(told.sigma_z_mm, rel=1e-9)
     away = curve.distance - PAPER.d_f
@@ -399,11 +399,11 @@ def test_waves_and_raw_images_are_shown_with_their_scales():
 def test_depth_precision_is_told_where_a_ruler_finds_the_object(name):
     """At the focal plane as `evaluate` says; beside it the spread of a point is that of two traced rays."""
     design = THROUGH[name]
-    curve = depth_curve(design, 15)
+    curve = _depth_curve(design, 15)
     assert curve.in_focus == pytest.approx(evaluate(design).depth.sigma_z_mm, rel=1e-9)
     assert float(np.interp(design.d_f, curve.distance, curve.blur)) == pytest.approx(0, abs=1e-6 * curve.blur.max())
     # sigma is the disparity error over how fast disparity changes with the object's place.
-    near, at = depth_curve(design.replace({"depth.disparity_error": 0.1}), 100_001), 60_000
+    near, at = _depth_curve(design.replace({"depth.disparity_error": 0.1}), 100_001), 60_000
     rate = abs(near.blur[at + 1] - near.blur[at - 1]) / (near.distance[at + 1] - near.distance[at - 1])
     assert near.sigma[at] == pytest.approx(0.1 / rate, rel=1e-6)
     assert curve.distance[0] > max(design.d_3, float(Camera.of(design).tip)) - 1e-9

@@ -203,13 +203,12 @@ def test_bad_openings_get_one_message(keys, place, words):
     assert words in problem.message
 
 
-@pytest.mark.parametrize(("name", "words"), [("cystoscope", "elements.0"), ("paper-singlet", "main_lens.prescription")])
-def test_what_is_not_followed_is_refused(name, words):
-    design = roslf.load(name)
+def test_what_is_not_followed_is_refused():
+    design = roslf.load("paper-singlet")
     with pytest.raises(InputError, match="ideal main lens only") as error:
         design.replace({"stops": [stop((4.0, 3.0), distance=design.d_3)]})
     assert error.value.problems[0].key == "stops.0.shape"
-    assert words in error.value.problems[0].message
+    assert "main_lens.prescription" in error.value.problems[0].message
 
 
 def test_depth_behind_a_whole_rectangle_is_that_of_one_that_is_hardly_cut():

@@ -14,7 +14,7 @@ BLANK = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="9pt" h
 def without_figures(monkeypatch):
     """Blank figures in every design's report."""
     blank = {name: Figure(name, name, name, BLANK) for name in NAMES}
-    monkeypatch.setattr(design, "design_figures", lambda *_: blank)
+    monkeypatch.setattr(design, "_design_figures", lambda *_: blank)
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ def few_builds(patch):
 
     Without predicted depth precision, which is many times the work of all else.
     """
-    look, study = story.quick_tolerances, story.quick_study
+    look, study = story._quick_tolerances, story.quick_study
 
     def without_depth(design, seed=0):
         data = study(design, seed)
@@ -19,7 +19,7 @@ def few_builds(patch):
     patch.setattr(datasheet, "FEW", 6)
     patch.setattr(datasheet, "MANY", 64)
     patch.setattr(story, "quick_study", without_depth)
-    patch.setattr(story, "quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))
+    patch.setattr(story, "_quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))
     patch.setattr(
         result, "yield_curve", lambda plan, own: tuple((s, result.yield_at(plan, s, 200)) for s in (0.5, 1.0, 2.0))
     )

@@ -6,7 +6,7 @@ import pytest
 from pydantic import ValidationError
 
 from roslf_design.calibration.options import PlanOptions, calibration_plan
-from roslf_design.calibration.planning import Captures, field_at
+from roslf_design.calibration.planning import Captures, _field_at
 from roslf_design.cli import main
 from roslf_design.design import load
 from roslf_design.drawing.svg import file_of
@@ -14,7 +14,7 @@ from roslf_design.errors import InputError
 from roslf_design.reporting.blocks import Report
 from roslf_design.reporting.calibrate.pages import calibrated_finding, plan_finding, read_calibration
 from roslf_design.reporting.printers import render_html
-from roslf_design.reporting.story import read_story
+from roslf_design.reporting.story import _read_story
 
 SHARES = {"images": 0.25, "f": 0.7, "q": 0.0, "d": 0.0, "board": 0.0, "systematic": 0.05}
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="9pt" height="9pt">\n<text>ridge</text>\n</svg>'
@@ -148,10 +148,10 @@ def test_a_drawing_that_is_none_of_ours_does_not_come_into_a_report(tmp_path, ca
 def test_a_story_may_end_in_a_calibration(tmp_path):
     written(tmp_path)
     data = {"story": {"title": "t", "design": "paper"}, "parts": [{"calibrated": "."}]}
-    story = read_story(data, tmp_path, "story.toml")
+    story = _read_story(data, tmp_path, "story.toml")
     assert story.calibrations[0].data["quantities"]["d_3"]["sigma"] == 2.34
     with pytest.raises(InputError, match=r"story.toml: parts.0.calibrated: .*no such file"):
-        read_story({**data, "parts": [{"calibrated": "gone"}]}, tmp_path, "story.toml")
+        _read_story({**data, "parts": [{"calibrated": "gone"}]}, tmp_path, "story.toml")
 
 
 @pytest.mark.parametrize("name", ["paper", "rigid-scope", "ear-speculum"])
@@ -160,7 +160,7 @@ def test_a_board_of_our_own_choosing_is_seen_whole_at_its_nearest(name):
     captures = Captures.for_design(design)
     board = captures.board
     sides = sorted((board.columns * board.cell, board.rows * board.cell))
-    seen = sorted(field_at(design, captures.distance - captures.distance_range / 2))
+    seen = sorted(_field_at(design, captures.distance - captures.distance_range / 2))
     assert all(0.2 * field < side < field for side, field in zip(sides, seen, strict=True))
 
 

@@ -18,9 +18,9 @@ from roslf_design.evaluation import evaluate
 from roslf_design.optimization.parts import Catalogue, load_catalogue
 from roslf_design.reporting.blocks import Figure, Report, Section, Table
 from roslf_design.reporting.design.compare import comparison_report
-from roslf_design.reporting.design.figures import picture_sheet
-from roslf_design.reporting.design.pages import design_report, key_figures
-from roslf_design.reporting.design.parts_list import catalogue_match, parts_section
+from roslf_design.reporting.design.figures import _picture_sheet
+from roslf_design.reporting.design.pages import _key_figures, design_report
+from roslf_design.reporting.design.parts_list import _catalogue_match, parts_section
 from roslf_design.reporting.printers import render_html
 from roslf_design.reporting.story import full_report
 from tests.pictures.designs import DESIGNS, THROUGH
@@ -101,7 +101,7 @@ def test_a_real_lens_has_its_own_section(text, without_figures):
     page = render_html(report)
     assert "Exact rays through LA1050-A reversed" in page
     assert "its thin twin: an ideal lens" in page
-    assert "Lens and rays are those of the thin twin" in picture_sheet(load("paper-singlet")).caption
+    assert "Lens and rays are those of the thin twin" in _picture_sheet(load("paper-singlet")).caption
     assert "The main lens is ideal and thin" not in page
     assert "<h2>Real main lens</h2>" in page
     assert "<h2>Real main lens</h2>" not in text
@@ -144,7 +144,7 @@ def test_a_missing_library_leaves_the_picture_and_says_what_to_install(monkeypat
     solid.library.cache_clear()
     solid.viewer.cache_clear()
     try:
-        sheet = picture_sheet(load("paper"))
+        sheet = _picture_sheet(load("paper"))
         page = render_html(Report("a", "", (Section("Rays", (sheet,)),)))
     finally:
         solid.library.cache_clear()
@@ -212,9 +212,9 @@ def test_parts_of_the_catalogue_are_found_again():
         )
         for sensor in known.sensors:
             both = changed.replace({"sensor.pixel": sensor.pixel, "sensor.size": sensor.size})
-            assert catalogue_match(both, known, "microlens_arrays")[1] == array
-            assert catalogue_match(both, known, "sensors")[1] == sensor
-            assert "the same as" in catalogue_match(both, known, "microlens_arrays")[0]
+            assert _catalogue_match(both, known, "microlens_arrays")[1] == array
+            assert _catalogue_match(both, known, "sensors")[1] == sensor
+            assert "the same as" in _catalogue_match(both, known, "microlens_arrays")[0]
 
 
 @pytest.mark.parametrize(
@@ -227,7 +227,7 @@ def test_parts_of_the_catalogue_are_found_again():
     ],
 )
 def test_what_differs_from_the_nearest_part_is_named(changes, said):
-    text, nearest = catalogue_match(load("paper").replace(changes), load_catalogue(), "microlens_arrays")
+    text, nearest = _catalogue_match(load("paper").replace(changes), load_catalogue(), "microlens_arrays")
     assert text.startswith("to be made; nearest is paper 63 um / 2 mm: ")
     assert said in text
     assert nearest.part == "paper 63 um / 2 mm"
@@ -237,12 +237,15 @@ def test_larger_sensors_far_parts_and_real_lenses():
     known = load_catalogue()
     design = load("mismatched-borescope")  # IMX250; a larger one, read out in part, is the same
     assert (
-        catalogue_match(design.replace({"sensor.size": (4.0, 3.0)}), known, "sensors")[0] == "the same as Sony IMX250"
+        _catalogue_match(design.replace({"sensor.size": (4.0, 3.0)}), known, "sensors")[0] == "the same as Sony IMX250"
     )
-    assert "only 2448 x 2048 px" in catalogue_match(design.replace({"sensor.size": (8.6, 7.2)}), known, "sensors")[0]
-    assert catalogue_match(load("rigid-scope"), known, "lenses") == ("to be made; the catalogue has nothing near", None)
-    assert catalogue_match(load("paper-singlet"), known, "lenses") == ("LA1050-A reversed, as prescribed", None)
-    assert catalogue_match(load("paper"), Catalogue(), "lenses") == ("the catalogue has none", None)
+    assert "only 2448 x 2048 px" in _catalogue_match(design.replace({"sensor.size": (8.6, 7.2)}), known, "sensors")[0]
+    assert _catalogue_match(load("rigid-scope"), known, "lenses") == (
+        "to be made; the catalogue has nothing near",
+        None,
+    )
+    assert _catalogue_match(load("paper-singlet"), known, "lenses") == ("LA1050-A reversed, as prescribed", None)
+    assert _catalogue_match(load("paper"), Catalogue(), "lenses") == ("the catalogue has none", None)
 
 
 def differences(designs):
@@ -325,7 +328,7 @@ def test_a_report_lists_what_stands_before_the_lens(name):
         assert f"({element.kind} {k})" in bought
     figures = {figure.name: figure for figure in blocks(report, Figure)}
     assert all(f"{e.kind} {k}" in figures["dimensions"].content for k, e in enumerate(design.elements, 1))
-    key = {row[0]: row[1] for row in key_figures(design, evaluate(design)).rows}
+    key = {row[0]: row[1] for row in _key_figures(design, evaluate(design)).rows}
     tip = max(design.d_3, *(e.distance + e.length for e in design.elements))
     assert float(key["working distance"].split()[0]) == pytest.approx(design.d_f - tip, rel=1e-4)
     assert render_html(report)
@@ -339,7 +342,7 @@ def test_windows_are_looked_for_in_the_catalogue():
 
     def told(**changes):
         window = type(scope.elements[-1]).model_validate({**glass, **changes}, context={"from_file": False})
-        return catalogue_match(scope, known, "windows", window)
+        return _catalogue_match(scope, known, "windows", window)
 
     assert told(diameter=part.aperture)[0].startswith("the same as")
     assert told(diameter=part.aperture)[1].thickness == part.thickness

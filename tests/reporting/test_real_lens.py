@@ -8,7 +8,7 @@ import pytest
 from roslf_design.design import load
 from roslf_design.evaluation import evaluate
 from roslf_design.reporting.design import figures as sheets
-from roslf_design.reporting.design.field import lens_curves, lens_image, lens_over_field
+from roslf_design.reporting.design.field import _lens_curves, _lens_image, lens_over_field
 from roslf_design.traced.images import real_field
 
 SINGLET = load("paper-singlet")
@@ -16,7 +16,7 @@ CONVEX_FIRST = SINGLET.replace({"main_lens.reversed": False})
 
 
 def test_curves_are_the_traced_fields():
-    curves = lens_curves(SINGLET, 12)
+    curves = _lens_curves(SINGLET, 12)
     field = real_field(SINGLET, [(curves.x[7], 0.0)])
     assert curves.shift_px[7] == pytest.approx(field.shift[0, 0] / SINGLET.q)
     assert curves.diameter_px[7] == pytest.approx(float(field.images.diameter[0]) / SINGLET.q)
@@ -28,11 +28,11 @@ def test_curves_are_the_traced_fields():
 
 
 def test_folded_and_dark_fields_are_told():
-    curves = lens_curves(CONVEX_FIRST, 20)
+    curves = _lens_curves(CONVEX_FIRST, 20)
     assert curves.folded.any()
     assert np.isnan(curves.diameter_px[curves.folded]).all()
     assert "folded or dark" in {key.text for key in lens_over_field(CONVEX_FIRST, curves).keys}
-    titles = [lens_image(CONVEX_FIRST, place)[1] for place in ((0, 0), (11.15, 0), (11.15, 7.4))]
+    titles = [_lens_image(CONVEX_FIRST, place)[1] for place in ((0, 0), (11.15, 0), (11.15, 7.4))]
     assert titles == ["whole", "folded, 62.3 % kept", "dark"]
 
 

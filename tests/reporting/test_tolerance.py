@@ -6,11 +6,11 @@ import pytest
 from roslf_design.commands.tolerance import summary
 from roslf_design.reporting.blocks import Figure, Statements, Table
 from roslf_design.reporting.tolerance.pages import (
+    _tolerance_section,
+    _yield_statement,
     ranking,
     tables,
     tolerance_pictures,
-    tolerance_section,
-    yield_statement,
 )
 from roslf_design.tolerancing.result import analyse, save_worst
 from roslf_design.tolerancing.run import tally_chunk
@@ -35,7 +35,7 @@ def result():
 
 
 def test_the_section_answers_first_and_shows_every_part(result):
-    section = tolerance_section(result, "roslf tolerance study.toml -o out")
+    section = _tolerance_section(result, "roslf tolerance study.toml -o out")
     statements = next(block for block in section.blocks if isinstance(block, Statements))
     assert f"Yield {100 * result.final.result.value:.2f} %" in statements.items[0].text
     assert statements.items[0].tone == ("good" if result.final.result.value >= 0.95 else "bad")
@@ -60,7 +60,7 @@ def test_figures_have_the_same_bytes_each_time(result):
 
 
 def test_a_nominal_that_misses_is_told_and_of_every_metric_the_weakest_field_is_brief(result):
-    assert yield_statement(result, "study").text.endswith("wanted 95 % (study).")
+    assert _yield_statement(result, "study").text.endswith("wanted 95 % (study).")
     assert [len(table.rows) for table in tables(result)] >= [len(table.rows) for table in tables(result, brief=True)]
     brief, whole = tables(result, brief=True)[1], tables(result)[1]
     assert len({row[0].partition("@")[0] for row in brief.rows}) == len(brief.rows)
@@ -111,7 +111,7 @@ def test_builds_that_cannot_be_put_together_are_told_first_and_by_what_collides(
     assert count > 300
     share = f"{100 * count / 2000:.3g} %"
     told = f"{share} of the builds cannot be put together: {words} in {share}."
-    statements = next(block for block in tolerance_section(colliding).blocks if isinstance(block, Statements))
+    statements = next(block for block in _tolerance_section(colliding).blocks if isinstance(block, Statements))
     assert statements.items[0].text == told
     assert " ".join(summary(colliding).split("\n")[1:3]).startswith(told)
     assert f"no design: {words}" in summary(colliding)
@@ -125,7 +125,7 @@ def test_builds_that_cannot_be_put_together_are_told_first_and_by_what_collides(
 def test_one_at_a_time_moves_are_drawn_beside_an_end_that_is_no_camera(colliding):
     (figure,) = (
         block
-        for block in tolerance_section(colliding).blocks
+        for block in _tolerance_section(colliding).blocks
         if isinstance(block, Figure) and block.name == "tolerance-sensitivity"
     )
     assert figure.caption.endswith("No bar at an end where the build has no such number: d_3.")

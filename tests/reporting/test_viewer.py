@@ -15,7 +15,7 @@ from roslf_design.design import load
 from roslf_design.drawing.solid import library
 from roslf_design.reporting.blocks import Figure, Report, Section
 from roslf_design.reporting.design.curves import depth_precision
-from roslf_design.reporting.design.figures import picture_sheet
+from roslf_design.reporting.design.figures import _picture_sheet
 from roslf_design.reporting.printers import render_html
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -32,7 +32,7 @@ PICTURE = depth_precision(load("paper")).to_png(72)
 def test_the_page_turns_the_scene_in_a_browser_without_a_network(tmp_path):
     api = pytest.importorskip("playwright.sync_api", reason="the playwright package is not installed")
     (tmp_path / "index.html").write_text(
-        render_html(Report("a", "", (Section("Rays", (picture_sheet(load("rigid-scope")),)),)))
+        render_html(Report("a", "", (Section("Rays", (_picture_sheet(load("rigid-scope")),)),)))
     )
     asked, complaints = [], []
     with api.sync_playwright() as driver:
@@ -86,7 +86,7 @@ ATTACKS = (
 def test_the_page_runs_and_loads_nothing_but_its_own_whatever_got_into_it(tmp_path):
     api = pytest.importorskip("playwright.sync_api", reason="the playwright package is not installed")
     still = Report("still", "", (Section("Rays", (Figure("a", "A", "", PICTURE), Figure("b", "B", "", DRAWING))),))
-    turned = Report("turned", "", (Section("Rays", (picture_sheet(load("rigid-scope")),)),))
+    turned = Report("turned", "", (Section("Rays", (_picture_sheet(load("rigid-scope")),)),))
     with api.sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
         for report in (still, turned):
@@ -110,7 +110,7 @@ def test_the_page_runs_and_loads_nothing_but_its_own_whatever_got_into_it(tmp_pa
 
 
 def test_the_policy_allows_scripts_by_what_they_say_alone():
-    turned = render_html(Report("a", "", (Section("Rays", (picture_sheet(load("rigid-scope")),)),)))
+    turned = render_html(Report("a", "", (Section("Rays", (_picture_sheet(load("rigid-scope")),)),)))
     still = render_html(Report("a", "", (Section("Rays", (Figure("a", "A", "", DRAWING),)),)))
     policies = [re.search(r'Content-Security-Policy" content="([^"]*)"', text)[1] for text in (turned, still)]
     for policy in policies:

@@ -9,7 +9,7 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from roslf_design.fates import ImageFate
-from roslf_design.shapes.discs import boundary_arcs, intersect, outline
+from roslf_design.shapes.discs import _boundary_arcs, intersect, outline
 from studies.accuracy.oracles import discs as oracle
 
 log_gap = st.floats(-12, 0)
@@ -247,7 +247,7 @@ def test_axes_of_a_cats_eye():
 @given(sets)
 def test_arcs_close_and_bound_the_part(discs):
     centres, radii = discs[:, :2], discs[:, 2]
-    shape, arcs = intersect(centres, radii), boundary_arcs(centres, radii)
+    shape, arcs = intersect(centres, radii), _boundary_arcs(centres, radii)
     assert bool(arcs) == shape.lit
     ends = [
         [centres[a.disc] + radii[a.disc] * np.array([math.cos(t), math.sin(t)]) for t in (a.start, a.end)] for a in arcs

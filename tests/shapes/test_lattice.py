@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from roslf_design.shapes.lattice import Lattice, cell_polygon, lens_centres, lens_indices, nearest_lens
+from roslf_design.shapes.lattice import Lattice, _lens_indices, cell_polygon, lens_centres, nearest_lens
 
 layouts = st.sampled_from(["square", "hexagonal"])
 lattices = st.builds(
@@ -23,13 +23,13 @@ lattices = st.builds(
 @given(lattices)
 def test_neighbours_are_a_pitch_apart(lattice):
     centres = lens_centres(lattice)
-    assert len(centres) == len(lens_indices(lattice))
-    assert len({tuple(i) for i in lens_indices(lattice)}) == len(centres)
+    assert len(centres) == len(_lens_indices(lattice))
+    assert len({tuple(i) for i in _lens_indices(lattice)}) == len(centres)
     distances = np.hypot(*np.moveaxis(centres[:, None] - centres, -1, 0))
     distances[np.diag_indices(len(centres))] = np.inf
     if len(centres) > 1:
         assert distances.min() >= lattice.pitch * (1 - 1e-12)
-    at_centre = np.flatnonzero((lens_indices(lattice) == 0).all(axis=1))
+    at_centre = np.flatnonzero((_lens_indices(lattice) == 0).all(axis=1))
     np.testing.assert_array_equal(centres[at_centre], [lattice.decentre])
     neighbours = 6 if lattice.layout == "hexagonal" else 4
     assert (np.sum(distances < lattice.pitch * 1.001, axis=1) <= neighbours).all()
@@ -60,7 +60,7 @@ def test_array_is_its_own_image_turned_half_around(lattice):
 def test_nearest_lens_by_looking_at_all(lattice, points):
     points, centres = np.array(points), lens_centres(lattice)
     found = nearest_lens(lattice, points)
-    assert {tuple(i) for i in found} <= {tuple(i) for i in lens_indices(lattice)}
+    assert {tuple(i) for i in found} <= {tuple(i) for i in _lens_indices(lattice)}
     distance = np.hypot(*(lens_centres(lattice, found) - points).T)
     best = np.hypot(*np.moveaxis(points[:, None] - centres, -1, 0)).min(axis=1)
     np.testing.assert_allclose(distance, best, rtol=0, atol=1e-12)
@@ -68,13 +68,13 @@ def test_nearest_lens_by_looking_at_all(lattice, points):
 
 def test_paper_array():
     """365 microlenses of 63 um fit into 23 mm, 237 into the sensor's height."""
-    assert len(lens_indices(Lattice(0.063, (23.0, 14.932)))) == 365 * 237
-    assert len(lens_indices(Lattice(0.1, (0.3, 0.3)))) == 9  # a multiple of the pitch but for rounding
+    assert len(_lens_indices(Lattice(0.063, (23.0, 14.932)))) == 365 * 237
+    assert len(_lens_indices(Lattice(0.1, (0.3, 0.3)))) == 9  # a multiple of the pitch but for rounding
 
 
 def test_hexagonal_array_by_hand():
     lattice = Lattice(2.0, (4.0, 6.0), "hexagonal")
-    np.testing.assert_array_equal(lens_indices(lattice), [[-1, -1], [0, -1], [0, 0], [-1, 1], [0, 1]])
+    np.testing.assert_array_equal(_lens_indices(lattice), [[-1, -1], [0, -1], [0, 0], [-1, 1], [0, 1]])
     np.testing.assert_allclose(
         lens_centres(lattice), [[-1, -math.sqrt(3)], [1, -math.sqrt(3)], [0, 0], [-1, math.sqrt(3)], [1, math.sqrt(3)]]
     )
@@ -82,7 +82,7 @@ def test_hexagonal_array_by_hand():
 
 def test_one_column_leaves_odd_rows_without_lenses():
     lattice = Lattice(1.0, (1.0, 4.0), "hexagonal")
-    np.testing.assert_array_equal(lens_indices(lattice)[:, 0], 0)
+    np.testing.assert_array_equal(_lens_indices(lattice)[:, 0], 0)
     assert nearest_lens(lattice, [0.0, 0.9]).tolist() in ([0, 0], [0, 2])
 
 
@@ -109,4 +109,4 @@ def test_cell_has_the_area_per_lens_and_its_edges_halfway(layout, pitch, rotatio
 )
 def test_bad_lattices_are_named(change, message):
     with pytest.raises(ValueError, match=message):
-        lens_indices(Lattice(1.0, (3.0, 3.0))._replace(**change))
+        _lens_indices(Lattice(1.0, (3.0, 3.0))._replace(**change))

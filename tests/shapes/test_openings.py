@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from roslf_design.bore.opening import ClearAperture, inside
 from roslf_design.fates import ImageFate
 from roslf_design.shapes.cells import area_in_rectangle
-from roslf_design.shapes.ellipses import ellipse_shapes
+from roslf_design.shapes.ellipses import _ellipse_shapes
 from roslf_design.shapes.openings import Openings
 
 TOLERANCE = 1e-9
@@ -325,7 +325,7 @@ def test_compiled_and_interpreted_agree():
     things = [[(0, 0, 1.0), (*rng.uniform(-0.5, 0.5, 2), *rng.uniform(0.3, 1.2, 3))] for _ in range(200)]
     rows = [row_of(some) for some in things]
     row = Openings(*(np.stack([getattr(one, name) for one in rows]) for name in ("centres", "radii", "corners")), (1,))
-    _ = ellipse_shapes.compiled
+    _ = _ellipse_shapes.compiled
     many = row.common()
     for k in (0, 50, 199):
         area, middle, moments = by_rows(things[k])

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from roslf_design.evaluation import evaluate
-from roslf_design.reporting.design.field import lens_curves
+from roslf_design.reporting.design.field import _lens_curves
 from roslf_design.traced.camera import camera_of, views
 
 FOLDER = Path(__file__).parents[2] / "studies" / "paper-real-lens"
@@ -47,7 +47,7 @@ def test_diameters_at_the_edge_by_counting_rays(label):
 
 
 def test_the_shift_beyond_a_lattice_is_blind_to_scale():
-    curves = lens_curves(CASES[ROUND])
+    curves = _lens_curves(CASES[ROUND])
     stretched = curves._replace(shift_px=curves.shift_px + 0.3 * curves.x)
     assert study.beyond_linear(stretched) == pytest.approx(study.beyond_linear(curves), rel=1e-9)
     assert study.beyond_linear(curves._replace(shift_px=0.3 * curves.x)) == pytest.approx(0, abs=1e-12)
@@ -72,7 +72,7 @@ def test_the_readme_tells_the_numbers_that_were_written():
 def test_the_numbers_that_were_written_are_those_of_the_study():
     found = json.loads((Path("reports") / "paper-real-lens" / "facts.json").read_text())
     design = CASES[ROUND]
-    again = study.facts(design, lens_curves(design), evaluate(design))
+    again = study.facts(design, _lens_curves(design), evaluate(design))
     for key, value in again["edge"].items():
         assert found[ROUND]["edge"][key] == (pytest.approx(value, rel=1e-6) if isinstance(value, float) else value)
 

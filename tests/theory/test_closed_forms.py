@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
-from roslf_design.optimization.problem import Constraint
+from roslf_design.optimization import Constraint
 from roslf_design.theory import exit_pupil, f_number, light, light_field, vignetting
 from roslf_design.theory.quantities import QUANTITIES
 from studies.accuracy.forms import CLOSED, left_out

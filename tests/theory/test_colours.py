@@ -17,11 +17,13 @@ from roslf_design.imaging.trace import RaySampling
 from roslf_design.imaging.white import white_patch
 from roslf_design.scenes import Noise, Plane, Scene, SceneError
 from roslf_design.theory.colours import FILTERS, mosaic
-from roslf_design.theory.disparity_error import Spectrum, disparity_information, disparity_sigma
+from roslf_design.theory.disparity_error import Spectrum, _disparity_information, disparity_sigma
 from roslf_design.theory.photometry import electrons, exposure, response, through_filter
 from roslf_design.theory.quantities import QUANTITIES, seen_at
 from roslf_design.theory.resolution import fold
 from roslf_design.theory.stop_images import MicrolensImages
+from roslf_design.tolerancing.metrics import Question, evaluate_builds
+from roslf_design.traced.fields import images_of
 from studies.depth.prediction_proof import rendered_information
 
 PAPER = roslf.load("paper")
@@ -85,11 +87,11 @@ def test_information_against_differences_of_rendered_mosaics(light_from_48_px):
     camera = Camera.of(design)
     wave = Spectrum(np.array([periods]), np.zeros(1), np.full(1, 0.5**2 / 2 * np.sinc(periods) ** 2))
     seen = seen_at(camera, None)._replace(disparity=np.asarray(0.5))
-    ours = float(disparity_information(MicrolensImages(camera, [(0.0, 0.0)]), seen, wave)[0, 0])
+    ours = float(_disparity_information(MicrolensImages(camera, [(0.0, 0.0)]), seen, wave)[0, 0])
     brute = rendered_information(design, (0.0, 0.0), periods, 0.0, 0.5, rays=32)
     assert math.sqrt(brute / ours) == pytest.approx(1.0, abs=0.02)
     grey = Camera.of(design.replace({"sensor.colours": "mono"}))
-    assert ours < 0.5 * float(disparity_information(MicrolensImages(grey, [(0.0, 0.0)]), seen, wave)[0, 0])
+    assert ours < 0.5 * float(_disparity_information(MicrolensImages(grey, [(0.0, 0.0)]), seen, wave)[0, 0])
 
 
 def test_a_mosaic_is_put_together_from_pictures_in_each_colour(near_light):
@@ -136,6 +138,18 @@ def test_depth_of_a_mosaic():
     assert abs(summary.bias_mm) < 0.7 * summary.told_mm
     assert 0.5 < summary.inside_68 < 0.9
     assert summary.spread_mm < 2.5 * summary.predicted_mm
+
+
+@pytest.mark.parametrize("name", ["paper", "paper-singlet"])
+def test_depth_over_the_field_of_a_mosaic_goes_on_from_the_axis(name):
+    """At fields of a data sheet and in tolerance studies as on the axis, behind an ideal lens and a real one."""
+    design = roslf.load(name).replace({"sensor.colours": "RGGB"})
+    fields = ((0.0, 0.0), (3.0, 0.0))
+    builds = evaluate_builds(Question(design, ("sigma_z_at_field_mm",), fields, 350.0), {}, 1)[:, 0]
+    alone = np.asarray(QUANTITIES["sigma_z_at_field_mm"].at_fields(images_of(design, fields)))[:, 0]
+    assert_allclose(builds, alone, rtol=1e-9)  # twins of builds have their lenses' own focal lengths
+    assert alone[0] == pytest.approx(float(QUANTITIES["sigma_z_mm"](Camera.of(design))), rel=1e-9)
+    assert alone[0] < alone[1] < 1.01 * alone[0]  # slanting light is weaker
 
 
 def test_slanting_light_is_lost_in_picture_and_prediction():

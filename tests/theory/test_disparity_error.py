@@ -13,7 +13,7 @@ from roslf_design.evaluation import default_fields
 from roslf_design.theory.disparity_error import (
     Seen,
     Spectrum,
-    disparity_information,
+    _disparity_information,
     disparity_sigma,
     image_parts,
     view_gradient,
@@ -33,7 +33,7 @@ def information(design, field=(0.0, 0.0), disparity=0.0):
     """One microlens's, of the texture that the design assumes."""
     camera = Camera.of(design)
     seen = seen_at(camera, None)._replace(disparity=np.asarray(disparity))
-    return float(disparity_information(MicrolensImages(camera, [field]), seen)[0, 0])
+    return float(_disparity_information(MicrolensImages(camera, [field]), seen)[0, 0])
 
 
 def test_electrons_by_hand():
@@ -174,7 +174,7 @@ def test_prediction_against_differences_of_rendered_pictures(design, field, peri
         brute = rendered_information(design, field, periods, angle, disparity)
         wave = Spectrum(np.array([x]), np.array([y]), power)
         seen = seen_at(camera, None)._replace(disparity=np.asarray(disparity))
-        ours = float(disparity_information(MicrolensImages(camera, [field]), seen, wave)[0, 0])
+        ours = float(_disparity_information(MicrolensImages(camera, [field]), seen, wave)[0, 0])
         assert np.sqrt(brute / ours) == pytest.approx(1.0, abs=0.02), angle
 
 
@@ -312,7 +312,7 @@ def test_where_next_to_nothing_is_left_fields_at_once_are_those_taken_one_by_one
     design = roslf.load("paper-mismatched").replace({"sensor.distance": 10.0, "light.wavelength": 925e-6})
     fields = default_fields(design)
     camera = Camera.of(design)
-    together = disparity_information(MicrolensImages(camera, fields), seen_at(camera, None))[:, 0]
+    together = _disparity_information(MicrolensImages(camera, fields), seen_at(camera, None))[:, 0]
     assert_allclose(together, [information(design, field) for field in fields], rtol=1e-12)
 
 
@@ -323,4 +323,4 @@ def test_a_plane_seen_upside_down_has_the_texture_of_one_seen_upright(texture):
     upright, inverted = (Seen(np.zeros(()), np.asarray(scale)) for scale in (2.5, -2.5))
     assert_allclose(view_gradient(camera, inverted), view_gradient(camera, upright), rtol=1e-15)
     fields = MicrolensImages(camera, [(0.0, 0.0)])
-    assert_allclose(disparity_information(fields, inverted), disparity_information(fields, upright), rtol=1e-15)
+    assert_allclose(_disparity_information(fields, inverted), _disparity_information(fields, upright), rtol=1e-15)

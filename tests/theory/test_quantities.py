@@ -12,7 +12,7 @@ import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.reporting.sheet.lines import lines
 from roslf_design.theory.field_of_view import focus_ahead
-from roslf_design.theory.quantities import QUANTITIES, in_words, quantity_named, register
+from roslf_design.theory.quantities import QUANTITIES, _register, in_words, quantity_named
 from roslf_design.theory.quantity import Listed, Quantity
 from roslf_design.theory.stop_images import MicrolensImages
 from roslf_design.theory.vignetting import field_limit
@@ -34,7 +34,7 @@ def test_names_and_words():
     with pytest.raises(ValueError, match="did you mean 'fill_factor'"):
         quantity_named("fil_factor")
     with pytest.raises(ValueError, match="already"):
-        register(QUANTITIES["fill_factor"])
+        _register(QUANTITIES["fill_factor"])
     with pytest.raises(ValueError, match="belongs to a field"):
         QUANTITIES["kept_fraction"](Camera.of(PAPER))
 

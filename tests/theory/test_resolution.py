@@ -13,7 +13,7 @@ from roslf_design.imaging.camera import Region
 from roslf_design.imaging.points import PointSource, point_image
 from roslf_design.shapes.openings import Openings
 from roslf_design.theory import light_field, resolution
-from roslf_design.theory.depth_of_field import depth_of_field, hyperfocal, pupil_part
+from roslf_design.theory.depth_of_field import _pupil_part, depth_of_field, hyperfocal
 from roslf_design.theory.lens_shapes import LENS_SHAPES
 from roslf_design.theory.light import view_baseline
 from roslf_design.theory.quantities import QUANTITIES, image_rate
@@ -278,7 +278,7 @@ def test_depth_of_field_ends_where_a_point_spreads_over_a_pitch(name):
     """Rays from both ends of the part of the FAP, through what stands before the lens, to the array."""
     camera = Camera.of(roslf.load(name))
     for kind in ("refocused", "view"):
-        sharp, width = depth_of_field(camera, kind), float(pupil_part(camera, kind))
+        sharp, width = depth_of_field(camera, kind), float(_pupil_part(camera, kind))
         for end in sharp:
             if not 0 < float(end) < math.inf:
                 continue

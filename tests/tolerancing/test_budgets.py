@@ -151,7 +151,7 @@ def test_several_grades_where_no_single_one_does(shop):
     ("text", "key"),
     [
         (SHOP.replace("[0, 2, 10]", "[0, 2]"), "line.0.cost"),
-        (SHOP.replace("[0, 2, 10]", "[0, -2, 3]"), "line.0.cost"),
+        (SHOP.replace("[0, 2, 10]", "[0, -2, 3]"), "line.0.cost.1"),
         (SHOP.replace("cost = 9", 'cost = "9"'), "adjustment.0.cost"),
         (SHOP.replace("cost = 9", "cost = 9\nrang = 3"), "adjustment.0.rang"),
     ],

@@ -6,7 +6,7 @@ import pytest
 from roslf_design.cli import main
 from roslf_design.design import load, preset_path
 from roslf_design.errors import InputError
-from roslf_design.optimization.problem import Constraint
+from roslf_design.optimization import Constraint
 from roslf_design.tolerancing.places import (
     SHIPPED,
     display,
@@ -226,13 +226,13 @@ provenance = "judgement"
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ('tight = "as good as it gets"', "tight = 7", "grades.tight: must be a sentence"),
+        ('tight = "as good as it gets"', "tight = 7", "grades.tight: must be text, got 7"),
         ('[grades]\ntight = "as good as it gets"', "grades = 7", "grades: is missing"),
         (GRADES, "line = 7\n[grades]\ntight = 'x'", "line: must be tables, each headed [[line]]"),
-        (GRADES, "line = [7]\n[grades]\ntight = 'x'", "line: must be tables, each headed [[line]]"),
+        (GRADES, "line = [7]\n[grades]\ntight = 'x'", "line.0: must be a table of keys ([[line]] in the file)"),
         ('place = "main_lens.focal_length"', "place = 7", "line.0.place: must be text, got 7"),
         ('provenance = "judgement"', "provenance = []", "line.0.provenance: must be text, got []"),
-        ('tight = "1 %"', "tight = []", "line.0.tight: must be text, got []"),
+        ('tight = "1 %"', "tight = []", 'line.0.tight: must be text such as "1 %", got []'),
         ('tight = "1 %"', "", "line.0.tight: is missing"),
         ('place = "main_lens.focal_length"', 'place = "nothing"', "nothing.tight: 'nothing' is not a number"),
         ('tight = "1 %"', 'tight = "1e9999999 mm"', "not a finite number"),

@@ -11,7 +11,7 @@ from roslf_design._arrays import sunflower
 from roslf_design.design import load
 from roslf_design.fates import ImageFate
 from roslf_design.lenses.prescription import first_order
-from roslf_design.reporting.story import run_tolerances
+from roslf_design.reporting.story import _run_tolerances
 from roslf_design.tolerancing.metrics import METRICS, Question, builds_of, evaluate_builds, faults_of
 from roslf_design.tolerancing.places import LENS, LENSLETS, load_grades, nominal_values, perturbable
 from roslf_design.tolerancing.run import WorkerSettings, run_trials
@@ -145,7 +145,7 @@ def test_twins_of_builds_have_their_lenses_constants():
     for trial in range(5):
         one = as_built(design, one_of(values, trial))
         own = first_order(one.lens, one.wavelength)
-        assert twins.mount.lens.power[trial] == pytest.approx(own.power, rel=1e-13)
+        assert twins.made.lens.power[trial] == pytest.approx(own.power, rel=1e-13)
         assert twins.camera.d_1[trial] == pytest.approx(one.d_1, rel=1e-13)
         assert twins.camera.d_f[trial] == pytest.approx(one.d_f, rel=1e-12)
         assert twins.camera.d_3[trial] == pytest.approx(one.d_3, rel=1e-12)
@@ -272,7 +272,7 @@ def test_a_study_says_what_goes_by_a_formula_behind_a_real_lens():
     moved = {"place": "aperture.distance", "tolerance": "10 um"}
     data = {"name": "n", "trials": 64, "perturb": [moved], "goals": [{"metric": "undistorted_field_mm", "min": 0.5}]}
     for design, behind in (("paper-singlet", True), ("paper", False)):
-        warnings = run_tolerances({**data, "design": design}, budgets=False).warnings
+        warnings = _run_tolerances({**data, "design": design}, budgets=False).warnings
         assert any("undistorted_field_mm is not traced behind the real lens" in w for w in warnings) == behind
 
 

@@ -8,16 +8,15 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
-from roslf_design.evaluation.specification import specification, transfer_at
+from roslf_design.evaluation.specification import specification
 from roslf_design.fates import ImageFate, describe
 from roslf_design.lenses.lens_file import load_lens
 from roslf_design.lenses.prescription import Prescription, first_order
 from roslf_design.theory.quantities import QUANTITIES
-from roslf_design.theory.stop_images import MicrolensImages
 from roslf_design.tolerancing.metrics import Question, evaluate_builds
 from roslf_design.tolerancing.traced import as_built
-from roslf_design.traced.camera import camera_of, sensor_of_pupil
-from roslf_design.traced.fields import LensImages, images_of
+from roslf_design.traced.camera import camera_of, microlenses, sensor_of_pupil
+from roslf_design.traced.fields import DesignImages, IdealImages, images_of
 from roslf_design.traced.images import field_map, real_images, thin_twin, undistorted_field
 from roslf_design.traced.outlines import circle
 from tests.traced.test_images import GREEN, bench, mounted
@@ -246,11 +245,31 @@ def test_builds_are_lit_and_drawn_as_each_is_alone():
             assert theirs == pytest.approx(ours, rel=off, abs=off), name
 
 
+def test_chief_rays_of_images_are_those_of_rays_aimed_one_by_one():
+    """Of a turned and decentred array behind a decentred lens, whose far corner it does not show."""
+    turned = {"microlens_array.rotation": 0.3, "microlens_array.decentre": (0.2, -0.1)}
+    design = roslf.load("paper-singlet").replace(
+        {**turned, "main_lens.decentre": (0.4, 0.1), "aperture.tilt": (0.02, 0.0)}
+    )
+    fields = np.array([(3.0, 1.0), (11.0, -6.0), (30.0, 20.0)])
+    camera, images = camera_of(design), images_of(design, fields)
+    chief = sensor_of_pupil(camera, microlenses(design, fields), camera.fap.centre)
+    assert chief.ok.tolist() == [True, True, False]
+    for ahead in (150.0, 230.0):
+        told = chief.views.at(camera.fap.z - camera.first_order.front_principal + images.camera.tip + ahead)
+        told = np.where(chief.ok[:, None], told + design.main_lens.decentre, np.nan)
+        assert np.stack(images.on_plane(ahead), axis=-1)[:, 0] == pytest.approx(told, abs=1e-9, nan_ok=True)
+    assert images.directions[:2, 0, :2] / images.directions[:2, 0, 2:] == pytest.approx(
+        -chief.views.slope[:2], abs=1e-12
+    )
+    assert np.isnan(images.directions[2]).all()
+
+
 def test_an_ideal_lens_traced_shows_the_detail_that_formulas_say():
     design, fields = roslf.load("paper"), ((0.0, 0.0), (8.0, 5.0))
-    traced, thin = LensImages(design, fields), MicrolensImages(roslf.Camera.of(design), fields)
+    traced, thin = DesignImages(design, fields), IdealImages(roslf.Camera.of(design), fields)
     for at, field in ((None, 1), (200.0, 0), (200.0, 1), (330.0, 1)):
-        ours, theirs = (transfer_at(images, field, at) for images in (traced, thin))
+        ours, theirs = (images.transfer(field, at) for images in (traced, thin))
         detail = np.linspace(0.0, 1.2 * theirs.fold("tangential"), 6)
         for kind in ("view", "refocused"):
             for way in ("tangential", "sagittal"):
@@ -325,7 +344,7 @@ class Waves:
 def test_detail_behind_a_real_lens_is_what_waves_show():
     design, place = roslf.load("paper-singlet"), np.array([6.0, 0.0])
     camera = camera_of(design)
-    transfer = LensImages(design, [place]).transfer(0, None)
+    transfer = DesignImages(design, [place]).transfer(0, None)
     chief = sensor_of_pupil(
         camera, place + 0.05 * np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1]]), camera.fap.centre
     )

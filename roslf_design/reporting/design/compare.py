@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from ...evaluation import evaluate
-from ...evaluation.show import effects_table, fact_tables, field_table
+from ...evaluation.result import effects_table, fact_tables, field_table
 from ...theory.colours import PIXEL_FILTERS
 from ...words import length
 from ..blocks import Figure, Report, Section, Table

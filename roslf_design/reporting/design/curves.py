@@ -63,7 +63,7 @@ class _DepthCurve(NamedTuple):
     """sigma_Z at the focal plane [mm]."""
 
 
-def depth_curve(design: Design, points: int = 241) -> _DepthCurve:
+def _depth_curve(design: Design, points: int = 241) -> _DepthCurve:
     """Depth precision from 0.4 to 1.8 times the focal plane's depth, both counted from the FAP or what is before it."""
     camera = Camera.of(design)
     start = design.d_3 if camera.chain.in_air else max(design.d_3, float(camera.tip))
@@ -81,7 +81,7 @@ def depth_precision(design: Design, size: Point = (560, 320)) -> Picture:
 
     The picture's mapping takes pixels to Z and sigma_Z [mm].
     """
-    distance, sigma, blur, focus = depth_curve(design, 121)
+    distance, sigma, blur, focus = _depth_curve(design, 121)
     keys = [
         line_key("σ_Z, standard error of depth", "blue", 2.2),
         line_key("spread of a point on the MLA (right axis)", "orange", 1.8, "7 4"),
@@ -177,7 +177,7 @@ def depth_comparison(designs: Mapping[str, Design]) -> Picture:
     keys: list[Key] = []
     xs, ys = [], []
     for (name, design), (colour, dash) in zip(designs.items(), LOOKS, strict=False):
-        curve = depth_curve(design)
+        curve = _depth_curve(design)
         known = np.isfinite(curve.sigma)
         xs.append((curve.distance - design.d_3)[known])
         ys.append(curve.sigma[known])
@@ -210,7 +210,7 @@ class _MatchingPlane(NamedTuple):
     """Smallest non-distortion margin at the sensor's corner (Eqs. 5-6) [mm^2], shape (M, N); full discs where >= 0."""
 
 
-def plane_of(design: Design, limits: Point | None = None) -> _MatchingPlane:
+def _plane_of(design: Design, limits: Point | None = None) -> _MatchingPlane:
     """Curves and map over ranges in which the design and the matched curve are both seen.
 
     `limits` are other ends of the ranges, of d_3 and D_F [mm]; d_3 stops short of the focal plane.
@@ -277,7 +277,7 @@ def matching_plane(design: Design, size: Point = (560, 400), *, limits: Point | 
     from contourpy import contour_generator
 
     thin = design.thin_twin
-    plane = plane_of(thin, limits)
+    plane = _plane_of(thin, limits)
     across = Scale(0.0, float(plane.d_3[-1]) if limits is None else limits[0])
     up = Scale(0.0, float(plane.D_F[-1]))
     per_px = across.high / (size[0] - 72)

@@ -222,7 +222,7 @@ def _frame_keys(design: Design) -> list[Key]:
     return [line_key("what the sensor sees", "blue", 2), line_key(f"Eq. 6: undistorted {bound}", "vermillion", 2)]
 
 
-class LensCurves(NamedTuple):
+class _LensCurves(NamedTuple):
     """Along x from the axis to the distance of the sensor's corner; NaN where there is no light to tell it by."""
 
     x: Array
@@ -247,7 +247,7 @@ class LensCurves(NamedTuple):
     """Measured non-distortion bound on the array [mm]."""
 
 
-def lens_curves(design: Design, points: int = 46) -> LensCurves:
+def _lens_curves(design: Design, points: int = 46) -> _LensCurves:
     """Trace a design's real lens along x."""
     camera = Camera.of(design)
     x = np.linspace(0.0, float(sensor_field(camera).radius), points)
@@ -259,7 +259,7 @@ def lens_curves(design: Design, points: int = 46) -> LensCurves:
     def where(condition: NDArray[np.bool_], values: Array) -> Array:
         return np.where(condition, values, np.nan)
 
-    return LensCurves(
+    return _LensCurves(
         x=x,
         shift_px=real.shift[:, 0] / design.q,
         diameter_px=where(~folded, real.thin_diameter * (1 + real.widening) / design.q),
@@ -275,12 +275,12 @@ def lens_curves(design: Design, points: int = 46) -> LensCurves:
     )
 
 
-def lens_over_field(design: Design, curves: LensCurves | None = None) -> Picture:
+def lens_over_field(design: Design, curves: _LensCurves | None = None) -> Picture:
     """Draw shift and growth of images against the thin twin's, foci and lateral colour, distortion.
 
-    `curves` are those of `lens_curves` where they are known already.
+    `curves` are those of `_lens_curves` where they are known already.
     """
-    c = lens_curves(design) if curves is None else curves
+    c = _lens_curves(design) if curves is None else curves
     parts = {
         ("microlens images", "real less thin [px]"): [
             ("image centre, shift", c.shift_px, "blue", ""),
@@ -318,7 +318,7 @@ def lens_over_field(design: Design, curves: LensCurves | None = None) -> Picture
 
 def lens_images(design: Design, places: Mapping[str, Point]) -> Picture:
     """Draw microlens images as the real lens makes them, and the thin twin's, to one scale; places on the MLA [mm]."""
-    drawn = {label: lens_image(design, place) for label, place in places.items()}
+    drawn = {label: _lens_image(design, place) for label, place in places.items()}
     reach = max(float(np.nanmax(np.abs(np.stack([mark.x, mark.y])))) for marks, _ in drawn.values() for mark in marks)
     scale, each = Scale(-1.06 * reach, 1.06 * reach), PAGE / max(len(drawn), 1)
     side = min(each - 68, 240.0)
@@ -331,7 +331,7 @@ def lens_images(design: Design, places: Mapping[str, Point]) -> Picture:
     return beside("lens-images", f"Microlens images behind the real lens of {design.name}", pictures, TWINS)
 
 
-def lens_image(design: Design, place: Point) -> tuple[tuple[Line | Area, ...], str]:
+def _lens_image(design: Design, place: Point) -> tuple[tuple[Line | Area, ...], str]:
     """Outlines of a microlens image and its thin twin's [px] from the thin image's centre, and what became of it."""
     traced = real_field(design, [place])
     centre, radius = traced.thin_centre[0], traced.thin_diameter / 2 / design.q

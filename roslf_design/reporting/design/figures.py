@@ -12,7 +12,7 @@ from ...camera import Camera
 from ...drawing.picture import PAGE
 from ...drawing.solid import NoViewerError, library, outlines, scene_data
 from ...evaluation import default_fields
-from ...evaluation.show import depth_basis
+from ...evaluation.result import depth_basis
 from ...imaging.transfer import encircled
 from ...words import number, spaced
 from ..blocks import Figure
@@ -26,6 +26,7 @@ from .rays import cells, dimensions, is_centred, ray_diagrams
 
 if TYPE_CHECKING:
     from ...design import Design
+    from ...evaluation.groups import RealLens
     from ...evaluation.result import Evaluation
 
 PLACES = ("centre", "edge", "corner")
@@ -132,10 +133,8 @@ def _map_sheet(design: Design, result: Evaluation) -> Figure:
     return Figure.of("maps", "Microlens images over the array", caption, field_maps(design, fields))
 
 
-def lens_sheets(design: Design, result: Evaluation) -> tuple[Figure, Figure]:
+def lens_sheets(design: Design, result: Evaluation, lens: RealLens) -> tuple[Figure, Figure]:
     """Microlens images and aberrations of a real main lens over the field, and its images beside the thin lens's."""
-    lens = result.real_lens
-    assert lens is not None
     edge = lens.fields[1]
     moved = "The sensor's edge has no whole image."
     if edge.shift_px is not None and edge.widening_percent is not None:
@@ -204,7 +203,7 @@ def _effects_sheet(_: Design, result: Evaluation) -> Figure:
     )
 
 
-def picture_sheet(design: Design, _: Evaluation | None = None) -> Figure:
+def _picture_sheet(design: Design, _: Evaluation | None = None) -> Figure:
     """The 3D view, with the scene to turn where the library for that is installed."""
     scene = instrument_scene(design)
     caption = (
@@ -220,7 +219,7 @@ def picture_sheet(design: Design, _: Evaluation | None = None) -> Figure:
     return replace(sheet, scene=scene_data(scene))
 
 
-def dimensions_sheet(design: Design, _: Evaluation | None = None) -> Figure:
+def _dimensions_sheet(design: Design, _: Evaluation | None = None) -> Figure:
     """The drawing with dimensions."""
     caption = (
         "Elements in their order along the axis. The numbers are the dimensions; the drawing is not to scale, the ray "
@@ -231,10 +230,10 @@ def dimensions_sheet(design: Design, _: Evaluation | None = None) -> Figure:
 
 
 SHEETS: dict[str, Callable[[Design, Evaluation], Figure]] = {
-    "dimensions": dimensions_sheet,
+    "dimensions": _dimensions_sheet,
     "rays": _ray_sheet,
     "cells": _cells_sheet,
-    "view": picture_sheet,
+    "view": _picture_sheet,
     "images": _image_sheet,
     "waves": _wave_sheet,
     "maps": _map_sheet,

@@ -91,20 +91,19 @@ def _glass(design: Design, camera: Camera, wall: float) -> list[Body]:
             name = called + (f" piece {piece + 1}" if piece else "")
             parts.append(Body(name, "round", turned(rim[:, ::-1], frame=pose), bands(len(rim)), "sky", 0.35))
         parts.append(_lines(f"{called} rim", [_circle(radius, 0.0, pose)], "sky", 2.0))
-    substrate, cover = design.microlens_array.substrate, design.sensor.cover
-    if substrate is not None:
-        depth = substrate.thickness * (1 if substrate.lenslets == "scene" else -1)
-        parts.append(_slab("substrate", camera.ruler_pose("microlens_array"), design.microlens_array.size, depth))
-    if cover is not None:
-        parts.append(_slab("cover", camera.ruler_pose("sensor"), design.sensor_size, -cover.thickness))
+    sizes = {"microlens_array": design.microlens_array.size, "sensor": design.sensor_size}
+    for plate in design.plates:
+        pose = camera.ruler_pose(plate.held_by)
+        ends = -plate.far - float(pose.origin[2]), -plate.near - float(pose.origin[2])
+        parts.append(_slab(plate.name, pose, sizes[plate.held_by], ends))
     return parts
 
 
 def _pose(camera: Camera, k: int) -> Frame:
     """Vertex and axes of an element, which its openings share."""
-    at, element = camera.chain.at(camera.numbers, k), camera.chain.elements[k]
-    (_, place), *_ = element.openings(at)
-    return frame(at.pair("decentre"), -place, element.lean(at))
+    part = camera.in_bore[k]
+    (_, place), *_ = part.element.openings(part.at)
+    return frame(part.at.pair("decentre"), -place, part.element.lean(part.at))
 
 
 def _elements(design: Design, camera: Camera, wall: float) -> list[Body]:
@@ -180,10 +179,10 @@ def _plate(name: str, frame: Frame, size: tuple[float, float], colour: str, opac
     return Body(name, "plate", points, np.array([4, 0, 1, 2, 3]), colour, opacity)
 
 
-def _slab(name: str, frame: Frame, size: tuple[float, float], depth: float) -> Body:
-    """A plate from its frame's plane to `depth` along its normal [mm]."""
+def _slab(name: str, frame: Frame, size: tuple[float, float], ends: tuple[float, float]) -> Body:
+    """A plate between two planes along its frame's normal [mm]."""
     flat = 0.5 * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]) * size
-    corners = np.concatenate([np.column_stack([flat, np.full(4, z)]) for z in (0.0, depth)])
+    corners = np.concatenate([np.column_stack([flat, np.full(4, z)]) for z in ends])
     points = corners @ np.array([frame.x, frame.y, frame.z]) + np.asarray(frame.origin)
     sides = [(0, 1, 2, 3), (4, 5, 6, 7), *((k, (k + 1) % 4, 4 + (k + 1) % 4, 4 + k) for k in range(4))]
     return Body(name, "plate", points, np.array([[4, *side] for side in sides]).ravel(), "sky", 0.3)

@@ -91,7 +91,7 @@ class _ImageView(NamedTuple):
         return len(self.x) > 1 and len(self.y) > 1
 
 
-def image_view(design: Design, place: Point, most: float = math.inf) -> _ImageView:
+def _image_view(design: Design, place: Point, most: float = math.inf) -> _ImageView:
     """The image behind the microlens at a place on the MLA [mm]; `most` pixels in view are looked at one by one."""
     openings = field_openings(design, [place]).at(0)
     middle, spans = openings.centres[0], openings.spans
@@ -154,7 +154,7 @@ def microlens_image(
     Parameters
     ----------
     design : Design
-        A real lens is taken as its thin twin, and tilts are left out.
+        A real lens is taken as its thin twin; tilts of FAP, main lens, array and sensor are left out.
     place : (x, y)
         On the MLA [mm]; the nearest microlens is shown.
     size : (width, height)
@@ -173,7 +173,7 @@ def microlens_image(
         Its mapping takes pixels to places relative to the microlens's axis [um].
     """
     place = nearest_microlens(design, place) if snap else place
-    view = image_view(design.thin_twin, place, MOST_PIXELS)
+    view = _image_view(design.thin_twin, place, MOST_PIXELS)
     keys = _image_keys(design, waves and pixels) if key else []
     foot = legend_height(keys, size[0] - 24)
     width, height = size[0] - LEFT - RIGHT, size[1] - TOP - BELOW - foot
@@ -215,7 +215,7 @@ def microlens_images(designs: Mapping[str, tuple[Design, Point]]) -> tuple[Pictu
         for label, (design, place) in designs.items()
     ]
     keys = {key.text: key for design, _ in designs.values() for key in _image_keys(design)}
-    least = min(image_view(design.thin_twin, place, 0).on_sensor for design, place in designs.values())
+    least = min(_image_view(design.thin_twin, place, 0).on_sensor for design, place in designs.values())
     title = f"Microlens images: {'; '.join(p.title for p in pictures)}"
     return beside("images", title, pictures, list(keys.values())), least
 
@@ -251,8 +251,8 @@ def _lines(design: Design, view: _ImageView, on_picture: bool) -> list[Mark]:
 
 def _rim_mark(rim: Openings, colour: str, width: float, dash: str) -> Mark:
     """One rim's own image."""
-    if rim.polygons:
-        return Area(*xy(UM * rim.corners[0]), "none", 1.0, colour, width, dash)
+    if rim.polygons or rim.ellipses:
+        return Area(*xy(UM * rim.outline()), "none", 1.0, colour, width, dash)
     ((x, y),), (radius,) = rim.centres, rim.radii
     return Disc(UM * x, UM * y, UM * radius, edge=colour, width=width, dash=dash)
 

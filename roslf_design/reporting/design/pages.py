@@ -13,7 +13,7 @@ from ...design import dumps
 from ...design.files import WRITTEN
 from ...evaluation import evaluate
 from ...evaluation.evaluate import evaluation_accuracy
-from ...evaluation.show import (
+from ...evaluation.result import (
     WIDTHS,
     absent_effects,
     budget_table,
@@ -85,7 +85,6 @@ def design_report(
     findings: Mapping[str, Finding] | None = None,
     sheet: Section | None = None,
     opening: tuple[Block, ...] = (),
-    title: str = "",
     command: str = "",
     stamp: tuple[str, ...] = (),
     accuracy: float | None = None,
@@ -102,8 +101,6 @@ def design_report(
         Its data sheet where a study knows tolerances; by default the nominal one.
     opening : tuple of Block
         Stands before the verdicts: what was asked.
-    title : str
-        Instead of the design's name.
     command : str
         What reproduces the report; empty leaves it out.
     stamp : tuple of str
@@ -121,7 +118,7 @@ def design_report(
     progress("evaluating")
     studied = [findings[name] for name in STUDIES if name in findings] if findings else []
     result = evaluate(design, accuracy=accuracy)
-    figures = design_figures(design, result, progress)
+    figures = _design_figures(design, result, progress)
     progress("sections")
     answers = Statements((*verdicts(result).items, *(one.statement for one in studied if one.statement)))
     twin = "" if result.real_lens is None else " of the thin twin"
@@ -129,7 +126,7 @@ def design_report(
     progress("data sheet")
     sections = (
         sheet or datasheet_section(basis(design)),
-        Section("Summary", (*opening, answers, key_figures(design, result))),
+        Section("Summary", (*opening, answers, _key_figures(design, result))),
         Section("The design", (figures["dimensions"], parameters, *_seen(result), *_stops(design))),
         parts_section(design),
         Section("Evaluation", (*fact_tables(result), *_mapping(result), field_table(result), budget_table(result))),
@@ -140,14 +137,14 @@ def design_report(
         Section(f"Design space{twin}", (figures["plane"], figures["depth"])),
         Section("Effects", (figures["effects"], *_effects(result))),
         *(one.section for one in studied),
-        accuracy_section(design, result, accuracy),
+        _accuracy_section(design, result, accuracy),
         Section("Assumptions and what was left out", _assumptions(design, result)),
         making(command, tuple(one.seed for one in studied if one.seed), stamp, design),
     )
-    return Report(title or design.name, design.source, sections)
+    return Report(design.name, design.source, sections)
 
 
-def design_figures(design: Design, result: Evaluation, progress: Callable[[str], None]) -> dict[str, Figure]:
+def _design_figures(design: Design, result: Evaluation, progress: Callable[[str], None]) -> dict[str, Figure]:
     """The figures of every design, by name."""
     figures = {}
     for name, make in sheets.SHEETS.items():
@@ -162,7 +159,7 @@ def verdicts(result: Evaluation, prefix: str = "") -> Statements:
     return Statements((*items, *(Statement("caution", prefix + sentence(text)) for text in result.warnings)))
 
 
-def key_figures(design: Design, result: Evaluation) -> Table:
+def _key_figures(design: Design, result: Evaluation) -> Table:
     """Table of the camera's main numbers, a handful of them."""
     field, sampled, depth = result.non_distortion, result.sampling, result.depth
     front = max(0.0, float(Camera.of(design).tip))
@@ -232,7 +229,7 @@ def misalignments(design: Design) -> list[tuple[str, str]]:
     return moved
 
 
-def accuracy_section(design: Design, result: Evaluation, asked: float | None = None) -> Section:
+def _accuracy_section(design: Design, result: Evaluation, asked: float | None = None) -> Section:
     """How far the numbers can be trusted: the method behind each, its expected error, and hard cases near by.
 
     `result` is of the design at its default fields, evaluated to the accuracy `asked`.
@@ -331,10 +328,10 @@ def _stops(design: Design) -> Iterator[Table]:
 
 def _real_lens(design: Design, result: Evaluation, progress: Callable[[str], None]) -> tuple[Section, ...]:
     """Section on the traced lens, its thin twin beside it; nothing for an ideal one."""
-    if result.real_lens is None:
+    if (lens := result.real_lens) is None:
         return ()
     progress("real main lens")
-    return (Section("Real main lens", (*sheets.lens_sheets(design, result), lens_table(result.real_lens))),)
+    return (Section("Real main lens", (*sheets.lens_sheets(design, result, lens), lens_table(lens))),)
 
 
 def _effects(result: Evaluation) -> tuple[Block, ...]:
@@ -362,15 +359,10 @@ def _assumptions(design: Design, result: Evaluation) -> tuple[Block, ...]:
             )
     if design.sensor.relay_magnification != 1:
         items.append("The relay to the sensor is ideal: it only scales the pixels.")
-    if not design.aligned:
+    if not design.has_exact_areas:
         items.append(
             "Tilts are traced in the ray diagrams, the 3D view and the table of microlens images over the field; drawn "
-            "microlens images and maps are those of the untilted parts."
-        )
-    elif not design.sees_discs:
-        items.append(
-            "Rims of mirrors lean in the verdicts, the ray diagrams, the 3D view and the table of microlens images "
-            "over the field; drawn microlens images and maps take them as upright."
+            "microlens images and maps are those of FAP, main lens, array and sensor untilted."
         )
     exceeded = [spaced(e.name) for e in result.effects if e.on and abs(e.estimate) > e.budget]
     left = [spaced(e.name) for e in result.effects if not e.on and e.estimate != 0]

@@ -27,7 +27,7 @@ def parts_section(design: Design) -> Section:
     """The parts list, beside the shipped catalogue."""
     known = load_catalogue()
     kinds: tuple[Kind, ...] = ("lenses", "microlens_arrays", "sensors")
-    (lens, array, sensor), entries = zip(*(catalogue_match(design, known, kind) for kind in kinds), strict=True)
+    (lens, array, sensor), entries = zip(*(_catalogue_match(design, known, kind) for kind in kinds), strict=True)
     mla, (across, up) = design.microlens_array, design.pixels
     aperture = f"clear aperture {length(design.D)}"
     words = lens_words(design.main_lens.kind)
@@ -41,12 +41,10 @@ def parts_section(design: Design) -> Section:
     for _, name, element, _, _ in design.in_bore:
         bought, entry = element.bought or OWN, None
         for kind in element.catalogue:
-            bought, entry = catalogue_match(design, known, kind, element)
+            bought, entry = _catalogue_match(design, known, kind, element)
         entries = (*entries, *([entry] if entry is not None and entry not in entries else []))
         rows.append((f"{element.trade_name or element.kind} ({name})", ", ".join(made_of(element)), bought))
-    for name, plate in (("cover glass of the sensor", design.sensor.cover), ("MLA substrate", mla.substrate)):
-        if plate is not None:
-            rows.append((name, f"{length(plate.thickness)} of {plate.material.name}", "comes with its part"))
+    rows += [(at.part.trade_name, at.part.words()[0], "comes with its part") for at in design.plates]
     filters = f", {own.words}" if (own := PIXEL_FILTERS[design.sensor.colours]).kinds else ""
     rows += [
         ("microlens array", f"{microlenses}, {' x '.join(map(length, mla.size))}", array),
@@ -74,7 +72,7 @@ OWN = "to be made or bought"
 """Remark on an element that the catalogue has no kind for."""
 
 
-def catalogue_match(
+def _catalogue_match(
     design: Design, catalogue: Catalogue, kind: Kind, window: AnyElement | None = None
 ) -> tuple[str, Entry | None]:
     """Remark on a part of the design (of windows, on one), and the catalogue's where it is the same or near.

@@ -12,15 +12,15 @@ from numpy.typing import NDArray
 
 from ..._arrays import Array
 from ...bore.elements import AnyElement, made_of
-from ...bore.material import material_label
 from ...camera import Camera
-from ...design.design import Placed
+from ...design.assembly import Placed
 from ...drawing.marks import Area, Dots, Key, Line, Mark, Point, Text, bars, box_key, joined, line_key, parted, xy
 from ...drawing.panel import Panel, Scale
 from ...drawing.picture import PAGE, Picture, beside, legend_height, one_panel
 from ...drawing.theme import FIELDS, SMALL, rows_of_names, short, stop_colour, text_width
 from ...evaluation import default_fields
 from ...lenses.glass import AIR
+from ...lenses.material import material_label
 from ...rays import PASSED, fans, glass_shares, trace_pupil
 from ...words import length
 
@@ -60,7 +60,7 @@ class _LabelledFan(NamedTuple):
     """Heights there [mm]."""
 
 
-def labelled_fans(design: Design) -> list[_LabelledFan]:
+def _labelled_fans(design: Design) -> list[_LabelledFan]:
     """Fans of centre, edge and corner; of both edges where decentres make the sides differ."""
     (x, _), (edge, _), corner = default_fields(design)
     if is_centred(design):
@@ -117,7 +117,7 @@ def meridional(
     """
     thin = design.thin_twin
     whole = math.isfinite(design.d_f) and (_instrument_share(design) > SMALLEST_SHARE if whole is None else whole)
-    drawn = labelled_fans(thin)
+    drawn = _labelled_fans(thin)
     keys = [
         line_key(fan.label if fan.kept.any() else f"{fan.label} (dark)", colour, 1.9)
         for fan, colour in zip(drawn, FIELDS, strict=True)
@@ -373,9 +373,7 @@ def _glass(design: Design, section: _SectionLayout) -> list[Mark]:
             marks += _view(element.turn, (near, middle + 0.45 * radius), VIEW, section.panel.per_px)
         # The denser, the darker.
         marks += [_block(far, near, middle - k * radius, middle + k * radius, "sky", 0.2) for k in element.cores]
-    mla, plates = design.microlens_array, [(design.d_1 + a, design.d_1 + b) for a, b in _behind_array(design)]
-    if mla.substrate is not None and mla.substrate.lenslets == "sensor":
-        plates.append((design.d_1 - mla.substrate.thickness, design.d_1))
+    mla, plates = design.microlens_array, [(-plate.far, -plate.near) for plate in design.plates]
     (x, _), height = mla.decentre, mla.size[0] / 2
     return marks + [_block(*plate, x - height, x + height, *GLASS, edge="sky", width=0.8) for plate in plates]
 
@@ -498,22 +496,15 @@ def cells(design: Design, places: Mapping[str, float]) -> Picture:
             marks.append(Area([*-bulge, *bulge[::-1]], y, "pale", 1.0, "grey", 0.9))
         low = min(float(axes[0] - 0.6 * pitch), float(landing.min()))
         high = max(float(axes[-1] + 0.6 * pitch), float(landing.max()))
-        for near, far in _behind_array(design):
-            marks.insert(0, _block(1e3 * near, 1e3 * far, low, high, *GLASS, edge="sky", width=0.8, testid="glass"))
+        for plate in (each for each in design.plates if not each.part.before_lenslets):
+            near, far = (-1e3 * (z + design.d_1) for z in (plate.far, plate.near))
+            marks.insert(0, _block(near, far, low, high, *GLASS, edge="sky", width=0.8, testid="glass"))
         marks += _pixel_row(design, 1e3 * origin, low, high, depth)
         x, title = Scale(-0.16 * depth, 1.16 * depth), f"{label}, x = {short(place)} mm"
         panel = Panel((0, 0, 1, 1), x, Scale(low, high), tuple(marks), *labels, title, grid="")
         size = PAGE / len(places), 310.0
         pictures.append(one_panel(f"cells-{label}", label, size, panel, left=62, top=26, right=12))
     return beside("cells", f"Light cones behind 5 microlenses of {design.name}", pictures)
-
-
-def _behind_array(design: Design) -> list[tuple[float, float]]:
-    """Where plates between array and sensor start and end [mm behind the array]; a cover lies on the sensor."""
-    plates, substrate, cover = [], design.microlens_array.substrate, design.sensor.cover
-    if substrate is not None and substrate.lenslets == "scene":
-        plates.append((0.0, substrate.thickness))
-    return plates if cover is None else [*plates, (design.d_2 - cover.thickness, design.d_2)]
 
 
 def _pixel_row(design: Design, origin: float, low: float, high: float, depth: float) -> list[Mark]:

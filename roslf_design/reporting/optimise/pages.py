@@ -10,14 +10,17 @@ import numpy as np
 
 from ..._version import __version__
 from ...drawing.picture import Picture
-from ...optimization.problem import NUMBERS, Constraint, Goal
+from ...optimization.front import Front
+from ...optimization.goals import Constraint, Goal
 from ...optimization.ranking import Ranking
 from ...optimization.search import BIG
-from ...optimization.solve import Active, Answer, Front, optimum_accuracy
+from ...optimization.solve import Active, Answer, optimum_accuracy
 from ...optimization.study import Result
 from ...optimization.traces import Retrace
+from ...optimization.variables import NUMBERS
 from ...tables import Column
 from ...theory.quantities import in_words
+from ...tolerancing.analyses import Yield
 from ...words import number, sentence
 from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
 from .pictures import bore_and_stop, ends_of, goal_front, robust_yields, search_history
@@ -84,6 +87,12 @@ def statements(result: Result) -> Iterator[Statement]:
         yield replace(statement, text=in_words(statement.text), remedy=in_words(statement.remedy))
 
 
+def _share(measured: Yield) -> str:
+    """Words for a yield and its interval."""
+    low, high = measured.interval
+    return f"{100 * measured.value:.1f} % (95 % interval {100 * low:.1f} to {100 * high:.1f} %)"
+
+
 def _statements(result: Result) -> Iterator[Statement]:
     answer = result.answer
     if answer.feasible:
@@ -99,9 +108,12 @@ def _statements(result: Result) -> Iterator[Statement]:
             for goal in answer.asked.goals
         ]
         text = (
-            f"Of builds, {100 * robust.nominal.yield_.value:.1f} % of the nominal optimum's hold every limit, "
-            f"{100 * robust.robust.yield_.value:.1f} % of the robust design's; the price: {', '.join(costs)}."
+            f"Of builds, {_share(robust.nominal.yield_)} of the nominal optimum's hold every limit, "
+            f"{_share(robust.robust.yield_)} of the robust design's; the price: {', '.join(costs)}."
         )
+        table = result.study.table.robust
+        if table is not None and table.maximise == "quantile" and robust.robust.yield_.interval[0] < table.wanted_yield:
+            text += f" A yield of {100 * table.wanted_yield:g} % was wanted, which the interval does not promise."
         yield Statement("plain", text)
     if result.front is not None:
         yield from _about_front(result.front)

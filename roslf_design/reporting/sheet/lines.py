@@ -12,7 +12,7 @@ import numpy as np
 
 from ..._arrays import Array
 from ...camera import Camera
-from ...evaluation.show import depth_basis
+from ...evaluation.result import depth_basis
 from ...evaluation.specification import (
     CRITERION,
     Colour,
@@ -31,6 +31,7 @@ from ...theory.quantities import QUANTITIES
 from ...theory.quantity import Listed, Quantity
 from ...theory.stop_images import MicrolensImages
 from ...tolerancing.trials import first_builds
+from ...traced.fields import IdealImages
 from ...words import number
 from ..blocks import Block, Figure, Paragraph, Report, Section, Table
 from ..lens_words import lens_words
@@ -57,7 +58,7 @@ DEPTH = "Depth accuracy, 1 σ"
 SHARP = f"Sharp: {CRITERION}."
 PARTS = "parts"
 NOMINAL = "Nominal values: no tolerance study is at hand."
-TILTED = "Parts are tilted; the data sheet is of the straight ones."
+TILTED = "Parts are tilted; the data sheet is of the straight ones, but for what tilted stops cut."
 
 
 class _SheetLine(NamedTuple):
@@ -266,7 +267,7 @@ def _at_distance(quantity: Quantity, at: float | None, factor: float, camera: Ca
 def _resolution(row: Resolved, focal: bool, camera: Camera) -> float:
     """At the row's distance, or on the build's own focal plane."""
     at = float(focus_ahead(camera)) if focal else row.at_mm
-    value = resolved(MicrolensImages(camera, [row.x_ml_mm]), 0, at, row.image).usable_lp_per_mm
+    value = resolved(IdealImages(camera, [row.x_ml_mm]), 0, at, row.image).usable_lp_per_mm
     return math.nan if value is None else value
 
 

@@ -13,7 +13,7 @@ from ...drawing.panel import Panel, Scale, colour_bar, round_ticks
 from ...drawing.picture import PAGE, Picture, beside, one_panel
 from ...drawing.theme import SMALL
 from ...evaluation.fields import default_fields
-from ...evaluation.specification import BEYOND, planes, transfer_at
+from ...evaluation.specification import BEYOND, planes
 from ...theory.light import on_array, sensor_field
 from ...traced.fields import images_of
 from ..lens_words import lens_words
@@ -32,7 +32,7 @@ COLUMNS, ROWS = 15, 13
 def mtf_curves(design: Design) -> Picture:
     """MTF at the focal plane of the centre, the edge and the corner: of the refocused image, and of its middle view."""
     images = images_of(design, default_fields(design))
-    transfers = [transfer_at(images, k, None) for k in range(len(PLACES))]
+    transfers = [images.transfer(k, None) for k in range(len(PLACES))]
     fold = min(transfer.fold("tangential") for transfer in transfers)
     detail = np.linspace(0.0, 2.4 * fold, 73)
     pictures = []
@@ -74,7 +74,7 @@ def resolution_map(design: Design) -> Picture:
     values = np.full((ROWS, COLUMNS), math.nan)
     for row, at in enumerate(distances):
         for column in range(COLUMNS):
-            transfer = transfer_at(images, column, float(at))
+            transfer = images.transfer(column, float(at))
             values[row, column] = min(
                 transfer.limits((0.5,), "refocused", way)[0] for way in ("tangential", "sagittal")
             )

@@ -67,10 +67,10 @@ number = partial(words.number, digits=4, zero=1e-9)
 def tolerance_report(result: StudyResult, command: str) -> Report:
     """A study as a page of its own."""
     plan = result.plan
-    return Report(f"Tolerances of {plan.question.design.name}", plan.name, (tolerance_section(result, command),))
+    return Report(f"Tolerances of {plan.question.design.name}", plan.name, (_tolerance_section(result, command),))
 
 
-def tolerance_section(result: StudyResult, command: str = "", *, first_look: bool = False) -> Section:
+def _tolerance_section(result: StudyResult, command: str = "", *, first_look: bool = False) -> Section:
     """A study as a section of a report; the command that reruns it is printed where given."""
     blocks: list[Block] = [Paragraph(result.study.question)] if result.study.question else []
     blocks.append(Statements(tuple(_statements(result, first_look))))
@@ -92,8 +92,8 @@ def tolerance_finding(result: StudyResult, *, first_look: bool = False) -> Findi
     """A study in a design's report; of a first look, whose limits nobody asked for, no verdict in the summary."""
     plan = result.plan
     title = "A first look at tolerances, by default limits" if first_look else "Tolerances and yield"
-    section = Section(title, tolerance_section(result, first_look=first_look).blocks, "tolerances")
-    said = None if first_look else yield_statement(result, plan.name)
+    section = Section(title, _tolerance_section(result, first_look=first_look).blocks, "tolerances")
+    said = None if first_look else _yield_statement(result, plan.name)
     return Finding(section, said, f"Seed of the {plan.trials} builds: {plan.draws.seed}.")
 
 
@@ -122,7 +122,7 @@ def impossible_words(variant: Variant) -> str:
     return f"{percent(variant.impossible)} of the builds cannot be put together: {', '.join(reasons)}."
 
 
-def yield_statement(result: StudyResult, name: str = "", first_look: bool = False) -> Statement:
+def _yield_statement(result: StudyResult, name: str = "", first_look: bool = False) -> Statement:
     """The yield as an answer, with what would mend it; neither good nor bad by limits of a first look."""
     target = result.study.yield_target
     if first_look:
@@ -150,7 +150,7 @@ def yield_statement(result: StudyResult, name: str = "", first_look: bool = Fals
 def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
     if lost := impossible_words(result.final):
         yield Statement("caution", lost, "Change nominal distances or their tolerances so that these parts keep clear.")
-    yield yield_statement(result, first_look=first_look)
+    yield _yield_statement(result, first_look=first_look)
     if result.precision is not None:
         accuracy = result.precision.accuracy
         yield Statement("caution" if accuracy.kept is False else "plain", words.sentence(accuracy.sentence(False)))

@@ -1,0 +1,67 @@
+"""The main lens in the explorer, ideal or real: how many builds are traced, what is searched, whose verdicts stand."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import ClassVar
+
+from ..bore.main_lens import IdealMainLens, RealMainLens
+from ..design import Design
+from ..errors import InputError, Problem
+
+Lights = list[dict[str, str]]
+
+TRIALS = 16384
+"""Builds of a tolerance run where nobody says otherwise."""
+
+
+class _IdealLens:
+    """An ideal main lens, of which all is told at once."""
+
+    trials: ClassVar[int] = TRIALS
+    """Builds of a tolerance run that the form offers."""
+    named_apart: ClassVar[bool] = False
+    """Whether the page says which pictures are of a thin lens."""
+    twin: ClassVar[str] = ""
+    """Ending of names of files with pictures of its thin twin."""
+
+    def searched(self, design: Design) -> Design:
+        """The design that an optimisation starts from.
+
+        Raises
+        ------
+        InputError
+            Its main lens is not varied.
+        """
+        return design
+
+    def lights(self, thin: Lights, waiting: Lights, traced: Callable[[], Lights | None]) -> Lights:
+        """Verdicts to show, of the thin twin's and traced ones; as long as those are not known, what is waited for."""
+        return thin
+
+
+class _RealLens(_IdealLens):
+    """A real main lens, of which verdicts and builds are traced."""
+
+    trials = 1024
+    named_apart = True
+    twin = "-thin-lens"
+
+    def searched(self, design: Design) -> Design:
+        """None: its thin twin is searched."""
+        name = design.main_lens.kind.name
+        message = f"{name} is a real lens, and the search varies ideal ones; optimise its thin twin"
+        raise InputError((Problem("main lens", message),))
+
+    def lights(self, thin: Lights, waiting: Lights, traced: Callable[[], Lights | None]) -> Lights:
+        """Traced ones, or the thin twin's until they are known."""
+        known = traced()
+        return [*thin, *waiting] if known is None else known
+
+
+_LENSES = {IdealMainLens: _IdealLens(), RealMainLens: _RealLens()}
+
+
+def explored_lens(design: Design) -> _IdealLens:
+    """The main lens of a design as the explorer has it."""
+    return _LENSES[type(design.main_lens.kind)]

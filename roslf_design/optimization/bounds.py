@@ -1,0 +1,253 @@
+"""Bounds of goals and limits over boxes of variables.
+
+The closed forms rise or fall in each single length throughout, whichever way; then their extremes over a box lie at its
+corners, and corners are cheap. Quantities for which that does not hold bound nothing, and rule nothing out.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from itertools import product
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._arrays import Array
+from ..bore.conjugates import CONJUGATES, REFRACTING
+from ..camera import TIP, Camera, Number
+from ..design import PATHS
+from ..theory import chief_rays
+from ..theory.f_number import inverse_fill_factor
+from ..theory.light import SensorField, sensor_field
+from ..tolerancing.places import in_lens
+from .combinations import Combinations
+from .goals import Constraint, Goal
+from .problem import ROOM, DesignProblem
+from .variables import DERIVED
+
+Flags = NDArray[np.bool_]
+Nearby = Literal["smooth", "zero", "pole", "jump"]
+"""Behaviour of a quantity where the focal plane comes to the bore: it stays, goes to zero, or to infinity, from
+above or with either sign."""
+ROUNDING = 1e-9
+"""Allowance of bounds for rounding, relative."""
+CHUNK = 8_000
+"""Boxes evaluated at once: their corners stay in a processor's cache."""
+CORNERS = 500
+"""Corners of boxes that count as one evaluation, for they take as long."""
+SLICES = 5
+"""Parts of a side that are tried when shaving."""
+
+
+class Boxes:
+    """Boxes of scaled variables, each belonging to a combination."""
+
+    def __init__(self, combinations: Combinations, owner: NDArray[np.intp], low: Array, high: Array) -> None:
+        self.combinations, self.owner, self.low, self.high = combinations, owner, low, high
+
+    def __len__(self) -> int:
+        return len(self.owner)
+
+    def where(self, keep: Flags) -> Boxes:
+        """Some of them."""
+        return Boxes(self.combinations, self.owner[keep], self.low[keep], self.high[keep])
+
+    def split(self) -> Boxes:
+        """Boxes each split in two, across the widest side."""
+        axis = np.argmax(self.high - self.low, axis=1)
+        row = np.arange(len(self))
+        left, right = self.high.copy(), self.low.copy()
+        left[row, axis] = right[row, axis] = (self.low[row, axis] + self.high[row, axis]) / 2
+        owner = np.concatenate([self.owner, self.owner])
+        return Boxes(self.combinations, owner, np.concatenate([self.low, right]), np.concatenate([left, self.high]))
+
+    def shaved(self, threshold: float) -> Boxes:
+        """Each with the ends of its sides cut off where nothing feasible, or nothing below a merit, can lie."""
+        low, high = self.low.copy(), self.high.copy()
+        alive = np.ones(len(self), bool)
+        for axis in range(low.shape[1]):
+            start, side = low[:, axis].copy(), high[:, axis] - low[:, axis]
+            possible = np.empty((SLICES, len(self)), bool)
+            for index in range(SLICES):
+                left, right = low.copy(), high.copy()
+                left[:, axis] = start + side * (index / SLICES)
+                right[:, axis] = start + side * ((index + 1) / SLICES)
+                possible[index] = Boxes(self.combinations, self.owner, left, right).bound() < threshold
+            first = np.argmax(possible, axis=0)
+            last = SLICES - np.argmax(possible[::-1], axis=0)
+            alive &= possible.any(axis=0)
+            low[:, axis] = np.where(first > 0, start + side * (first / SLICES), start)
+            high[:, axis] = np.where(last < SLICES, start + side * (last / SLICES), high[:, axis])
+        return Boxes(self.combinations, self.owner, low, high).where(alive)
+
+    def bound(self) -> Array:
+        """Least merit that a box can hold, shape (B,); infinite where nothing in it is feasible."""
+        bounds = np.empty(len(self))
+        for start in range(0, len(self), CHUNK):
+            piece = slice(start, start + CHUNK)
+            bounds[piece] = _bound(self.combinations, self.owner[piece], self.low[piece], self.high[piece])
+        return bounds
+
+
+def prunable(problem: DesignProblem, part: Constraint | Goal) -> bool:
+    """Whether a quantity's extremes over boxes of these variables lie at corners."""
+    quantity, names = part.quantity, {PATHS.get(name, name) for name in problem.variables}
+    if part.field is not None or part.temperature is not None:
+        return False
+    monotone = quantity.monotone or quantity.monotone_with in problem.base.numbers
+    if not monotone or (problem.in_focus and quantity.name in ("f_ml", "microlens_defocus_px")):
+        return False
+    chain = problem.base.chain
+    if not chain.in_air and (chain.bends or any(name.startswith(REFRACTING) for name in names)):
+        return False
+    if quantity.traced and chief_rays.traced(problem.base):
+        return False
+    decentred = any(value for place, value in problem.base.numbers.items() if ".decentre." in place)
+    if quantity.over is not None and decentred:
+        return False  # how far off the axis the sensor sees has its least inside a box
+    if quantity.bent_in_f and CONJUGATES[0] in names:
+        return False
+    if any(in_lens(name) for name in names):
+        return False
+    if names & (DERIVED.keys() - {"working_distance"}):
+        return False
+    with_plane = ("total_length_mm", "vergence_at_mla_per_mm", "microlens_defocus_px")
+    if "working_distance" in names and quantity.name in with_plane:
+        return False
+    if TIP in problem.given and "aperture.distance" in names:
+        return False
+    stops_matter = part.at is not None or quantity.name in ("non_distortion_room_mm", "total_length_mm")
+    moves = any(name == "aperture.distance" or name.startswith("stops.") for name in names)
+    return not (problem.design.stops and moves and stops_matter)
+
+
+def _bound(combinations: Combinations, owner: NDArray[np.intp], low: Array, high: Array) -> Array:
+    problem = combinations.problem
+    corners = np.array(list(product((0.0, 1.0), repeat=problem.n)))
+    units = low + corners[:, None, :] * (high - low)
+    numbers = {**combinations.values(owner), **problem.values(units)}
+    focal, chain = numbers.get(CONJUGATES[0], problem.base.f), problem.base.chain
+    least = focal * (1 + 2 * ROOM)
+    if not chain.in_air:
+        glass = problem.base.replace({place: number for place, number in numbers.items() if place not in CONJUGATES})
+        leasts = glass.plane_seen_at(least), least + chain.before_array(glass.numbers)
+    else:
+        leasts = least, least
+    for place, lowest in zip(CONJUGATES[1:], leasts, strict=True):
+        if place in numbers and not (CONJUGATES[1] in numbers and CONJUGATES[2] in numbers):
+            # What lies beyond holds no camera; the corner moves to where cameras begin.
+            numbers[place] = np.maximum(numbers[place], lowest)
+    with np.errstate(all="ignore"):
+        cameras = problem.base.replace(numbers, in_focus=problem.in_focus)
+        shape = units.shape[:2]
+        image = np.broadcast_to(cameras.seen.d_f > cameras.f * (1 + ROOM), shape)
+        ahead = np.broadcast_to(cameras[CONJUGATES[1]] * (1 - ROOM) > cameras.tip, shape)
+        certain = image.all(axis=0)
+        # d_f > f and d_f > tip hold somewhere in the box only if they do at a corner: both are monotone.
+        possible = image.any(axis=0) & (ahead | ~image).any(axis=0)
+        for constraint in problem.constraints:
+            if prunable(problem, constraint):
+                nearby = _near_the_bore(constraint, problem.base)
+                possible &= ~(certain & _impossible(constraint, nearby, cameras, ahead))
+        merit = np.zeros(shape[1])
+        weights = sum(goal.weight for goal in problem.goals)
+        for index, goal in enumerate(problem.goals):
+            if not prunable(problem, goal):
+                merit[:] = -np.inf
+                break
+            least, most = _extremes(goal, _near_the_bore(goal, problem.base), cameras, ahead)
+            best = least if goal.sign > 0 else most
+            size = np.log(np.maximum(best, 0)) if goal.quantity.positive else best / problem.goal_scale(index)
+            merit += goal.weight * goal.sign * size / weights
+        merit = np.where(certain & ~np.isnan(merit), merit - ROUNDING * (1 + np.abs(merit)), -np.inf)
+    return np.where(possible, merit, np.inf)
+
+
+def _impossible(constraint: Constraint, nearby: Nearby, cameras: Camera, ahead: Flags) -> Flags:
+    """Whether no camera in a box, that has its focal plane in front of the bore, holds a constraint."""
+    low, high, wrong = constraint.min, constraint.max, np.zeros(ahead.shape[1], bool)
+    least, greatest = _extremes(constraint, nearby, cameras, ahead)
+    finite = np.where(np.isfinite(least), np.abs(least), 0) + np.where(np.isfinite(greatest), np.abs(greatest), 0)
+    room = ROUNDING * (finite + abs(low or 0.0) + abs(high or 0.0))
+    if low is not None:
+        wrong |= greatest + room < low
+    if high is not None:
+        wrong |= least - room > high
+    return wrong
+
+
+def _extremes(part: Constraint | Goal, nearby: Nearby, cameras: Camera, ahead: Flags) -> tuple[Array, Array]:
+    """Least and greatest value in a box, over its cameras that have their focal plane in front of the bore."""
+    quantity, shape = part.quantity, ahead.shape
+    if quantity.name == "fill_factor":
+        inverse = np.broadcast_to(inverse_fill_factor(cameras), shape)
+        least, most = inverse.min(axis=0), inverse.max(axis=0)
+        # A box with images of no pitch in it has no largest fill factor.
+        nearest = np.maximum(np.maximum(least, -most), 0.0)
+        with np.errstate(divide="ignore"):
+            return 1 / np.maximum(most, -least), 1 / nearest
+    values: Array
+    if quantity.over is None:
+        values = part.each(cameras)
+    else:  # what the sensor sees counts as one more length, with corners of its own
+        extremes = [part.each(cameras, over) for over in _sensor_fields(cameras, ahead)]
+        rims = () if quantity.worst is None else (len(extremes[0]),)
+        values = np.concatenate([np.broadcast_to(v, (*rims, *shape)) for v in extremes], axis=-2)
+        ahead = np.concatenate([ahead, ahead])
+        shape = ahead.shape
+    if quantity.worst is not None:
+        every = np.broadcast_to(values, (len(values), *shape))
+        least, most = quantity.worst(every.min(axis=1)), quantity.worst(every.max(axis=1))
+    else:
+        values = np.broadcast_to(values, shape)
+        least = (np.where(ahead, values, np.inf) if nearby == "pole" else values).min(axis=0)
+        most = values.max(axis=0)
+    every_ahead = ahead.all(axis=0)
+    if nearby in ("pole", "jump"):
+        most = np.where(every_ahead, most, np.inf)
+    if nearby in ("zero", "jump"):
+        least = np.where(every_ahead, least, 0.0 if nearby == "zero" else -np.inf)
+    if quantity.signed is None:
+        return least, most
+    crosses = (least <= 0) & (most >= 0)
+    sizes = np.abs(least), np.abs(most)
+    return np.where(crosses, 0.0, np.minimum(*sizes)), np.maximum(*sizes)
+
+
+def _sensor_fields(cameras: Camera, ahead: Flags) -> tuple[SensorField, SensorField]:
+    """Least and most of the array that the sensor sees, over boxes of centred cameras.
+
+    Interval arithmetic: 1/L bends in f, its factors ``(f - d_3)/f`` and ``d_f/(d_1 (d_f - d_3))`` do not.
+    """
+
+    def ends(values: Number) -> tuple[Array, Array]:
+        every = np.broadcast_to(values, ahead.shape)
+        return every.min(axis=0), every.max(axis=0)
+
+    bend, angle = (
+        ends(1 - cameras.seen.d_3 / cameras.f),
+        ends(cameras.seen.d_2 * cameras.seen.inverse_m / cameras.seen.gap),
+    )
+    grows = [1 + a * b for a in bend for b in angle]
+    least, most = np.minimum.reduce(grows), np.maximum.reduce(grows)
+    known = ahead.all(axis=0) & (angle[0] > 0) & (least * most > 0)
+    least, most = np.sort(np.abs([least, most]), axis=0)
+    narrow, wide = [], []
+    for array, sensor in zip(cameras.array_size, cameras.sensor_size, strict=True):
+        (array_low, array_high), (sensor_low, sensor_high) = ends(array), ends(sensor)
+        narrow.append(np.where(known, np.minimum(array_low, sensor_low / most), 0.0) / 2)
+        wide.append(np.where(known, np.minimum(array_high, sensor_high / least), array_high) / 2)
+    (a, b), (c, d) = narrow, wide
+    return SensorField((-a, -b), (a, b)), SensorField((-c, -d), (c, d))
+
+
+@lru_cache(maxsize=256)
+def _near_the_bore(part: Constraint | Goal, base: Camera) -> Nearby:
+    """Behaviour of a quantity as the focal plane comes to the bore, from two cameras where it nearly does."""
+    gaps = np.array([1e-6, 1e-9])
+    values = part.each(base.replace({"aperture.distance": base[CONJUGATES[1]] * (1 - gaps)}), sensor_field(base))
+    near, nearer = np.broadcast_arrays(np.abs(values), gaps)[0].reshape(-1, 2)[0]
+    if nearer > 30 * near:
+        return "pole" if part.quantity.positive else "jump"
+    return "zero" if part.quantity.positive and nearer < near / 30 else "smooth"

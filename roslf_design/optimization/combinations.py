@@ -1,0 +1,276 @@
+"""Combinations of a catalogue's parts: which a study asks for, and the problem that remains with each."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Annotated, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import AfterValidator, Field
+
+from .._arrays import Array
+from ..bore.conjugates import CONJUGATES
+from ..bore.main_lens import MainLensKind
+from ..design import PATHS, Design
+from ..errors import InputError, Problem
+from ..lenses.glass import Glass
+from ..lenses.prescription import Prescription
+from ..toml_files import StrictTable, nearest
+from ..traced.camera import camera_of
+from .lens_variables import why_not_bent
+from .parts import (
+    KINDS,
+    LENS_PRESCRIPTION,
+    LENS_REVERSED,
+    ORIENTATIONS,
+    Catalogue,
+    Choice,
+    Entry,
+    Kind,
+    Option,
+    given_by,
+    glass_choices,
+    parse_condition,
+    placed,
+    read_condition,
+    rows,
+)
+from .problem import DesignProblem, sobol_units
+
+FOCAL, _, DISTANCE = CONJUGATES
+
+TRIED = 64
+"""Places from which a first camera behind another lens is looked for."""
+
+
+def _condition(text: str) -> str:
+    parse_condition(text)
+    return text
+
+
+Conditions = tuple[Annotated[str, AfterValidator(_condition)], ...]
+
+
+class CatalogueTable(StrictTable):
+    """Parts to choose among."""
+
+    kinds: Annotated[tuple[Choice, ...], Field(min_length=1)] = ("lenses", "microlens_arrays", "sensors")
+    """Kinds of parts to choose; of a real main lens also its orientation, and the glasses of a custom one."""
+    where: dict[Kind, Conditions] = Field(default_factory=dict)
+    """Kind to conditions for its parts, as `roslf catalogue --where` takes them: lenses = ["focal_length<=20 mm"]."""
+    only: dict[Choice, tuple[str, ...]] = Field(default_factory=dict)
+    """Kind to names of those parts, or glasses, alone: lenses = ["AC050-008-A", "AC080-016-A"]."""
+    files: tuple[str, ...] = ()
+    """Further catalogue files, beside the study."""
+    shipped: bool = True
+    """Whether the shipped catalogue takes part."""
+    element: Annotated[int, Field(ge=0)] | None = None
+    """For which of [[elements]], from 0, a window is chosen; may be left out where there is one plate."""
+    keep: Annotated[int, Field(ge=1, le=100)] = 10
+
+    def faults_behind(self, lens: Prescription, shaped: Sequence[str]) -> Iterator[Problem]:
+        """Faults of a choice that does not go together with a real main lens, given its variables."""
+        if "windows" in self.kinds:
+            words = f"with a real main lens ({lens.name}) windows are not chosen; leave the kind out"
+            yield Problem("catalogue.kinds", words)
+        if "lenses" in self.kinds and "glasses" in self.kinds:
+            yield Problem("catalogue.kinds", "a bought lens has its glasses; leave lenses or glasses out")
+        if "lenses" in self.kinds and shaped:
+            words = f"a bought lens stays as it is, and '{shaped[0]}' varies; drop it, or leave the kind lenses out"
+            yield Problem("catalogue.kinds", words)
+        wrong = why_not_bent(lens) if "glasses" in self.kinds else None
+        if wrong is not None:
+            words = f"glasses are chosen for spherical singlets and cemented doublets ({lens.name}: {wrong})"
+            yield Problem("catalogue.kinds", f"{words}; leave the kind out")
+
+    def chosen(self, catalogue: Catalogue, lens: MainLensKind) -> Catalogue:
+        """The parts of a catalogue that a study asks for, and that fit a main lens.
+
+        Raises
+        ------
+        InputError
+            A name that no part has, conditions that none meets, no lens to trace.
+        """
+        left: dict[str, tuple[Entry, ...]] = {}
+        faults: list[Problem] = []
+        for kind in (kind for kind in KINDS if kind in self.kinds):
+            parts, names = catalogue.of(kind), self.only.get(kind)
+            tell = f"holds no {kind}; add some, or leave the kind out"
+            known = [part.part for part in parts]
+            for name in names or ():
+                if name not in known:
+                    words = f"'{name}' is no part of the catalogue; {nearest(name, known, 'see `roslf catalogue`')}"
+                    faults.append(Problem(f"catalogue.only.{kind}", words))
+            conditions = [read_condition(text) for text in self.where.get(kind, ())]
+            rows_of_kind = zip(parts, rows(catalogue, [kind]), strict=True)
+            parts = tuple(part for part, row in rows_of_kind if all(holds(row) for holds in conditions))
+            if known and not parts:
+                asked = " and ".join(self.where[kind])
+                tell = (
+                    f"none of {len(known)} {kind.replace('_', ' ')} meets {asked}; see `roslf catalogue --kind {kind}`"
+                )
+            if names is not None:
+                parts = tuple(part for part in parts if part.part in names)
+            if parts and not any(part.fits(lens) for part in parts):
+                tell = f"of the {kind} asked for none has a prescription that could be traced; see `roslf catalogue`"
+            parts = tuple(part for part in parts if part.fits(lens))
+            if not parts and not faults:
+                faults.append(Problem("catalogue", tell))
+            left[kind] = parts
+        if faults:
+            raise InputError(tuple(faults))
+        return catalogue.model_copy(update=left)
+
+    def plate(self, design: Design) -> int | None:
+        """The element that windows are chosen for; None where none are.
+
+        Raises
+        ------
+        ValueError
+            The design has no such plate, or several and the study does not say which.
+        """
+        if "windows" not in self.kinds:
+            return None
+        plates = [k for k, at in enumerate(design.in_bore) if "windows" in at.part.catalogue]
+        if self.element is None and len(plates) == 1:
+            return plates[0]
+        if self.element in plates:
+            return self.element
+        if not plates:
+            raise ValueError("windows are for plates, and the design has none; add one to its [[elements]]")
+        raise ValueError(f"say for which plate a window is wanted: element = {' or '.join(map(str, plates))}")
+
+
+@dataclass(frozen=True)
+class Combinations:
+    """Every combination of some kinds of parts, numbered with the last kind running fastest."""
+
+    problem: DesignProblem
+    kinds: tuple[Choice, ...]
+    parts: tuple[tuple[Option, ...], ...]
+    """Parts of each kind."""
+    element: int | None = None
+    """Index of the design's element that a window is for."""
+
+    @classmethod
+    def of(
+        cls,
+        problem: DesignProblem,
+        catalogue: Catalogue,
+        kinds: Sequence[Choice],
+        element: int | None = None,
+        glasses: Sequence[str] = (),
+    ) -> Combinations:
+        """Combinations of a catalogue; kinds left out keep the base design's part.
+
+        What the parts give does not vary any more; an array's microlenses have the focal length that they have.
+
+        Raises
+        ------
+        InputError
+            A glass that is not known; none that the lens can be made of.
+        """
+        if element is not None and problem.design.elements[element].diameter is None:  # any, for parts to replace
+            problem = replace(problem, design=problem.design.replace({f"elements.{element}.diameter": 1.0}))
+        given = given_by(kinds, element)
+        left = {name: v for name, v in problem.variables.items() if PATHS.get(name, name) not in given}
+        in_focus = problem.in_focus and "microlens_arrays" not in kinds
+        posed = replace(problem, variables=left, in_focus=in_focus, order="weighted")
+        parts: list[tuple[Option, ...]] = []
+        for kind in kinds:
+            if kind == "orientations":
+                parts.append(ORIENTATIONS)
+            elif kind == "glasses":
+                (lens,) = problem.design.main_lens.kind.prescribed
+                parts.append(glass_choices(lens, glasses, problem.design.wavelength))
+                if not parts[-1]:
+                    words = f"{lens.name} cannot be made of these glasses in its focal length; name others"
+                    raise InputError((Problem("catalogue.only.glasses", words),))
+            else:
+                parts.append(catalogue.of(kind))
+        return cls(posed.with_scales(), tuple(kinds), tuple(parts), element)
+
+    @property
+    def _shape(self) -> tuple[int, ...]:
+        return tuple(len(parts) for parts in self.parts)
+
+    def __len__(self) -> int:
+        return int(np.prod(self._shape))
+
+    def chosen(self, number: int) -> tuple[Option, ...]:
+        """The parts of a combination."""
+        return tuple(parts[i] for parts, i in zip(self.parts, np.unravel_index(number, self._shape), strict=True))
+
+    @cached_property
+    def _columns(self) -> list[dict[str, Array]]:
+        return [
+            {place: np.array([self._numbers(part)[place] for part in parts]) for place in self._numbers(parts[0])}
+            for parts in self.parts
+        ]
+
+    def _numbers(self, part: Option) -> dict[str, Any]:
+        """Numbers that a part sets, by place; of a material also the index that the problem's light has in it."""
+        wavelength, environment = float(self.problem.base.wavelength), self.problem.design.environment
+        own = part.behind(self.problem.design.main_lens.kind, wavelength, environment)
+        numbers = {placed(place, self.element): value for place, value in own.items()}
+        warm = None if environment is None else environment.temperature
+        glasses = {place: value for place, value in numbers.items() if isinstance(value, Glass)}
+        return numbers | {
+            f"{place.rpartition('.')[0]}.index": float(glass.index(wavelength, warm))
+            for place, glass in glasses.items()
+        }
+
+    def values(self, numbers: NDArray[np.intp]) -> dict[str, Array]:
+        """Place to the parts' numbers, for many combinations at once."""
+        which = np.unravel_index(numbers, self._shape) if self.parts else ()
+        return {
+            place: column[index]
+            for index, columns in zip(which, self._columns, strict=True)
+            for place, column in columns.items()
+            if column.dtype == np.float64
+        }
+
+    def problem_at(self, number: int) -> DesignProblem:
+        """The problem with a combination's parts; of the base design d_1 stays, and d_f follows a new lens.
+
+        Here alone it counts what only some sensors' entries say (colour filters, acceptance).
+
+        Raises
+        ------
+        InputError
+            Behind a real lens: within the variables' bounds there is no camera.
+        """
+        parts = self.chosen(number)
+        numbers = {place: value for part in parts for place, value in self._numbers(part).items()}
+        design, given = self.problem.design, {**self.problem.given, **numbers}
+        if declared := {place: value for part in parts for place, value in part.declared.items()}:
+            design = design.replace(declared)
+        own = {place: given.pop(place) for place in (LENS_PRESCRIPTION, LENS_REVERSED) if place in given}
+        if own:
+            own |= {place: given.pop(place) for place in (PATHS["D"],) if place in numbers}
+            given.pop(FOCAL, None)
+            design = self._behind(own, design)
+        return replace(self.problem, design=design, given=given)
+
+    def _behind(self, own: Mapping[str, Any], base: Design) -> Design:
+        """Some camera that can be built behind another real lens, by what it is made of; the search moves the rest."""
+        problem = self.problem
+        units = sobol_units(problem.n, TRIED, 0)
+        numbers = problem.values(units) if problem.n else {}
+        numbers = {place: value for place, value in numbers.items() if place != FOCAL}
+        fault = InputError((Problem("catalogue", "no camera"),))
+        for k in range(-1, len(units)):
+            moved = {place: float(value[k]) for place, value in numbers.items()} if k >= 0 else {}
+            if not moved.keys() & CONJUGATES[1:]:
+                moved[DISTANCE] = float(base.d_1)
+            try:
+                design = base.replace({**own, **moved})
+                camera_of(design)
+            except InputError as error:
+                fault = error
+            else:
+                return design
+        raise fault
