@@ -141,8 +141,8 @@ def _extra_slopes(source: PointSource, faces: ObjectSpaceFaces, pupil: Floats) -
     """Slopes of exact rays from the point through places of the FAP, less the ideal wave's, and where rays come."""
     assert source.place is not None
     x, y, z = source.place
-    d_3, start = float(source.camera.seen.d_3), pupil + source.lens
+    d_3, ideal, start = float(source.camera.seen.d_3), source.slope(pupil), pupil + source.lens
     ends = np.concatenate([start, np.broadcast_to([-d_3, x, y, -z], (len(pupil), 4))], axis=1)
-    (slope,), (far,), _ = beyond_fap(Train.before(faces), ends[None])
+    (slope,), (far,), _ = beyond_fap(Train.before(*faces.bending), ends[None], ideal)
     comes = (far <= FOUND) & (_carried(faces, start + slope * d_3, slope).status == RayFate.KEPT)
-    return slope - source.slope(pupil), comes
+    return slope - ideal, comes

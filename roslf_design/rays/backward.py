@@ -3,6 +3,9 @@
 Backward rays need no aiming. The kernels have no branches, so the same source runs on numpy arrays (interpreted,
 broadcasting) and on floats inside compiled loops. What they need of a camera is laid out once: constants by their
 places, rigid maps as 3 x 4 blocks ``[R | t]`` (new = R old + t), rims as rows.
+
+The ideal lens is no row of the ray tracer here: a `THIN` row bends the same rays, in thirty times the time (70 ns, not
+2.3) and with twice the rounding errors.
 """
 
 from __future__ import annotations

@@ -162,7 +162,8 @@ def _past_elements(c: Camera, at: Array) -> Array:
     met, slope, miss = to_fap(height)
     if len(near.names):
         plane, size = c.plane(c["aperture.distance"]), c.fap.radius * c.fap.scale
-        # dh/dx of rays through the microlens, x where they meet the FAP: to first order, then by Broyden's method.
+        # dh/dx of rays through the microlens, x where they meet the FAP: to first order, then by Broyden's method; in
+        # numpy, as the aimer of `traced.train` is compiled, whose loading takes longer than all of `evaluate`.
         rate = np.zeros((2, *at.shape)) + ratio(1.0, plane.a - plane.b / c.seen.d_f)
         rate[0, 1], rate[1, 0] = 0.0, 0.0
         for _ in range(STEPS):

@@ -81,11 +81,12 @@ class Train(NamedTuple):
         return cls(own, far._replace(table=np.concatenate([far.table, far_law], axis=1)))
 
     @classmethod
-    def before(cls, ahead: ObjectSpaceFaces) -> Train:
-        """All that stands before an ideal lens, of one build and in its own frame, beyond the FAP as that sees it."""
-        far = _stack(ahead.table[None], ahead.media[None], ahead.media[None, 0, 1:])
-        table = np.concatenate([far.table, ahead.law.reshape(1, -1)], axis=1)
-        return cls(SurfaceStack(np.empty((1, 0)), np.ones((1, 1))), far._replace(table=table))
+    def before(cls, *ahead: ObjectSpaceFaces) -> Train:
+        """Faces before an ideal lens in air, from there outwards, of one build and in its own frame, all `beyond`."""
+        rows, sides = (np.concatenate(parts)[None] for parts in zip(*((a.table, a.media) for a in ahead), strict=True))
+        far = _stack(rows, sides, np.ones((1, 1)))
+        far = far._replace(table=np.concatenate([far.table, ahead[0].law.reshape(1, -1)], axis=1))
+        return cls(SurfaceStack(np.empty((1, 0)), np.ones((1, 1))), far)
 
 
 def _stack(rows: Array, sides: Array, medium: Array) -> SurfaceStack:
@@ -325,8 +326,8 @@ def _aim(
 def _aim_all(outer: Any, outer_count: int, outer_media: Any, ends: Any, slopes: Any, far: Any, tallest: Any) -> None:
     """Aim from points of the FAP at points of the scene, both in `ends` (T, n, 6).
 
-    `slopes` (T, n, 2) get those at the FAP, `far` (T, n) by how many `NEAR` rays miss the point, and `tallest` (T, n)
-    their largest squared height over that of a face.
+    `slopes` (T, n, 2), which hold first guesses where something stands between, get those at the FAP, `far` (T, n) by
+    how many `NEAR` rays miss the point, and `tallest` (T, n) their largest squared height over that of a face.
     """
     work = _room_to_aim(outer_count)
     radii, left = work[1], work[4]
@@ -343,7 +344,7 @@ def _aim_all(outer: Any, outer_count: int, outer_media: Any, ends: Any, slopes: 
                 enough[i] = NEAR * (1.0 + 0.01 * abs(goal[2][i] - ray[2][i]))
                 run = 1.0 if outer_count else ray[2][i] - goal[2][i]
                 for k in range(2):
-                    slope[k][i] = 0.0 if outer_count else (ray[k][i] - goal[k][i]) / run
+                    slope[k][i] = slopes[t, first + i, k] if outer_count else (ray[k][i] - goal[k][i]) / run
                 left[i] = 0.0
             if outer_count:
                 _aim_block(
@@ -557,10 +558,14 @@ def landings(train: Train, planes: Planes, world: Array, point: ArrayLike, pupil
     return landed
 
 
-def beyond_fap(train: Train, ends: Array) -> tuple[Array, Array, Array]:
-    """Slopes (T, n, 2) at points of the FAP of rays to points of the scene, both in `ends` (T, n, 6); as `_aim_all`."""
+def beyond_fap(train: Train, ends: Array, start: ArrayLike = 0.0) -> tuple[Array, Array, Array]:
+    """Slopes (T, n, 2) at points of the FAP of rays to points of the scene, both in `ends` (T, n, 6); as `_aim_all`.
+
+    From slopes `start`, where something stands between.
+    """
     shape = ends.shape[:2]
     slopes, far, tallest = np.empty((*shape, 2)), np.empty(shape), np.empty(shape)
+    slopes[...] = start
     _aim_all.compiled(*kernel_args(train.beyond), np.ascontiguousarray(ends), slopes, far, tallest)
     return slopes, far, tallest
 
