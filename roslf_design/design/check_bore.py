@@ -11,6 +11,7 @@ from ..bore.fold import PartOutline, collisions, outlines_of
 from ..errors import Problem
 from ..lenses.glass import AIR
 from .check import shown, stop_beyond_focus
+from .light_path import chain_numbers, chain_of
 
 if TYPE_CHECKING:
     from .design import Design
@@ -82,6 +83,9 @@ def about_elements(design: Design, known: Sequence[Problem]) -> tuple[Problem, .
             problems.append(Problem(place, message))
     d_f, tip = design.d_f, max([far for *_, far in spans], default=0.0)
     if not tip <= d_f < math.inf:
+        if design.main_lens.focal_plane is None and chain_of(design).past_infinity(chain_numbers(design), d_f):
+            message = f"{shown(design.d_1)} focuses beyond infinity, where nothing is; focus nearer by making it longer"
+            return (*problems, Problem("microlens_array.distance", message))
         message = f"{shown(d_f)} is not in front of the farthest element, which ends at {shown(tip)}; focus farther out"
         problems.append(Problem("main_lens.focal_plane", message))
     for stop in design.openings:
