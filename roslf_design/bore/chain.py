@@ -328,10 +328,31 @@ class Chain:
         last = (self.walk(numbers) if walk is None else walk).steps[-1]
         return last.place, last.plane(numbers.get(MEDIUM, 1.0))
 
+    @cached_property
+    def foremost_power(self) -> int:
+        """How many elements reach up to the farthest that changes what size things are seen in; 0 where none does."""
+        return max((n for n, (_, part) in enumerate(self._outwards, 1) if part.bends), default=0)
+
     @property
     def bends(self) -> bool:
         """Whether anything in it changes what size things are seen in."""
-        return any(part.bends for _, part in self._outwards)
+        return self.foremost_power > 0
+
+    def past_infinity(self, numbers: Mapping[str, Number], plane: Number) -> Flags:
+        """True where light would have to come in converging, to be in focus on the array as a plane is.
+
+        Backwards from the array, such light diverges as it leaves the foremost part with power. A plane in the bore
+        that it does come together at lies between that part and the end.
+        """
+        past = ~np.greater_equal(plane, self.end(numbers))
+        if not np.any(past):
+            return np.asarray(past)
+        steps = self.walk(numbers).steps
+        (a, b, c, d), last = steps[self.foremost_power].matrix, steps[-1].matrix
+        # Flat glass and air behind it: A and B grow by their reduced length, times C and D.
+        room = ((last[0] - a) * c + (last[1] - b) * d) / (c * c + d * d)
+        ahead = (plane - steps[-1].place) / numbers.get(MEDIUM, 1.0) + room
+        return np.asarray(past & ~np.greater(ahead, 0))
 
     def stands_at(self, numbers: Mapping[str, Number], distance: Number) -> Number:
         """Distance by a ruler of a plane that is seen at a distance through flat glass [mm]; nan inside glass."""

@@ -797,11 +797,12 @@ class Camera(Symbols[Number]):
 
     def _fits(self) -> Iterator[tuple[str, Any]]:
         plane = np.asarray(self._numbers[PATHS["d_f"]])
-        yield "in focus beyond infinity", plane > 0
+        past = self.chain.past_infinity(self._numbers, plane)
+        yield "in focus beyond infinity", ~past
         ahead: Any = plane >= self.chain.end(self._numbers)
         for rim in self.openings_ahead:
             ahead = ahead & (np.asarray(rim.ruler_distance) < plane)
-        yield "focal plane in the bore", ahead | (plane <= 0)
+        yield "focal plane in the bore", ahead | past
         stops = {rim.name: rim.ruler_distance for rim in self.stop_openings}
         yield from self.chain.apart(self._walk, stops)
 

@@ -30,6 +30,7 @@ from ..imaging.trace import RaySampling, seen_distances
 from ..json_data import plain
 from ..options import Options, Seed
 from ..scenes import Noise, Plane, Scene
+from ..scenes.scene import chief_ray_limits
 from ..shapes.lattice import PACKINGS
 from ..theory.colours import filters
 from ..theory.disparity_error import Seen, disparity_sigma
@@ -54,6 +55,8 @@ DETAIL = 2.5
 """Period of the finest detail of the scene that is looked at where none is given [microlenses]."""
 SLANT = 0.5
 """Half the range of disparities over the width of that scene [pitches]."""
+SHARE_OF_SIGHT = 0.5
+"""Part that the slope of that scene takes at most of one along the outermost chief ray, which meets it at infinity."""
 MARGIN = 0.5
 """Disparities searched beyond those of the scene [pitches]."""
 BESIDE = 3
@@ -61,8 +64,8 @@ BESIDE = 3
 neighbours and windows of all others."""
 SHIFTING = "+microlens_defocus", "+finite_microlens_aperture", "+object_defocus"
 """Effects that depth sees where no pixel does: what each side of a microlens shows is another place and direction."""
-STRIP = 32
-"""Microlenses across the strip that is looked at where no part of the sensor is named."""
+STRIP, STRIP_TRACED = 32, 10
+"""Microlenses across the strip that is looked at where no part of the sensor is named; where rays go face by face."""
 RENDERING = 0.6
 """Share of a measurement's time that goes into the picture, about."""
 POINTS = 2000
@@ -401,16 +404,18 @@ def _default_scene(design: Design) -> Scene:
     slope = min(
         abs(end - design.d_f) / half if math.isfinite(end) else math.inf for end in (max(ends[0], nearest), ends[1])
     )
+    slope = min(slope, 3.0, float(ratio(SHARE_OF_SIGHT, abs(chief_ray_limits(design)[0]))))
     contrast = min(design.depth.contrast, MOST_CONTRAST)  # that of a single period may be more
     texture = Noise(finest=DETAIL * float(QUANTITIES["object_sample_mm"](camera)), contrast=contrast, seed=1)
-    return Scene(name="slanted wall", objects=(Plane(tilt=(0.0, math.atan(min(slope, 3.0))), texture=texture),))
+    return Scene(name="slanted wall", objects=(Plane(tilt=(0.0, math.atan(slope)), texture=texture),))
 
 
 def _default_region(design: Design) -> Region:
     """A strip of microlenses through the middle, all of the sensor's width."""
     camera = Camera.of(design.thin_twin)
     width, height = camera.pixels
-    rows = min(height, math.ceil(STRIP * abs(float(QUANTITIES["image_pitch_mm"](camera)) / float(camera.q))))
+    strip = STRIP_TRACED if design.traced_through else STRIP
+    rows = min(height, math.ceil(strip * abs(float(QUANTITIES["image_pitch_mm"](camera)) / float(camera.q))))
     return Region(0, (height - rows) // 2, width, rows)
 
 

@@ -76,6 +76,9 @@ def about_elements(design: Assembly, known: Sequence[Problem]) -> tuple[Problem,
             problems.append(Problem(place, message))
     d_f, tip = design.d_f, max([far for *_, far in spans], default=0.0)
     if not tip <= d_f < math.inf:
+        if design.main_lens.focal_plane is None and design.chain.past_infinity(design.bore_numbers, d_f):
+            message = f"{shown(design.d_1)} focuses beyond infinity, where nothing is; focus nearer by making it longer"
+            return (*problems, Problem("microlens_array.distance", message))
         message = f"{shown(d_f)} is not in front of the farthest element, which ends at {shown(tip)}; focus farther out"
         problems.append(Problem("main_lens.focal_plane", message))
     for stop in design.openings:

@@ -411,29 +411,44 @@ def _meet_irregular(
 
 
 @kernel()
+def cross_thin(
+    table: Any, first: int, before: float, after: float, s: float, x: float, y: float, z: float, dx: float, dy: float,
+    dz: float,
+) -> Any:  # fmt: skip
+    """Place of a ray on an ideal lens, its direction behind it, and r^2 about its axis.
+
+    The lens's tilt matters where liquid begins at it.
+    """
+    t = (table[first + 2] - z) / dz
+    x, y = x + t * dx, y + t * dy
+    off_x, off_y = x - table[first], y - table[first + 1]
+    lean_x, lean_y = table[first + 10] / table[first + 16], table[first + 13] / table[first + 16]
+    sx, sy = dx / dz, dy / dz
+    sx = (before * sx - s * (off_x * table[first + 3]) + (after - before) * lean_x) / after
+    sy = (before * sy - s * (off_y * table[first + 3]) + (after - before) * lean_y) / after
+    shrink = s / sqrt(1.0 + sx * sx + sy * sy)
+    return x, y, sx * shrink, sy * shrink, shrink, off_x * off_x + off_y * off_y
+
+
+@kernel()
 def _meet_thin(
     buffer: Any, squares: Any, m: int, table: Any, first: int, limit: float, before: float, after: float, s: float,
     code: float,
 ) -> None:  # fmt: skip
-    """Bend a block at an ideal lens, whose tilt matters where liquid begins at it."""
-    lean_x, lean_y = table[first + 10] / table[first + 16], table[first + 13] / table[first + 16]
+    """Bend a block at an ideal lens."""
     for i in range(m):
         if buffer[6 * BLOCK + i] != 0.0:
             squares[i] = -1.0
             continue
-        t = (table[first + 2] - buffer[2 * BLOCK + i]) / buffer[5 * BLOCK + i]
-        x, y = buffer[i] + t * buffer[3 * BLOCK + i], buffer[BLOCK + i] + t * buffer[4 * BLOCK + i]
-        buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i] = x, y, table[first + 2]
-        x, y = x - table[first], y - table[first + 1]
-        squares[i] = x * x + y * y
-        if squares[i] > limit:
+        x, y, dx, dy, dz, r2 = cross_thin(
+            table, first, before, after, s, buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i],
+            buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i],
+        )  # fmt: skip
+        buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i], squares[i] = x, y, table[first + 2], r2
+        if r2 > limit:
             buffer[6 * BLOCK + i] = code + CLIPPED
             continue
-        sx, sy = buffer[3 * BLOCK + i] / buffer[5 * BLOCK + i], buffer[4 * BLOCK + i] / buffer[5 * BLOCK + i]
-        sx = (before * sx - s * (x * table[first + 3]) + (after - before) * lean_x) / after
-        sy = (before * sy - s * (y * table[first + 3]) + (after - before) * lean_y) / after
-        shrink = s / sqrt(1.0 + sx * sx + sy * sy)
-        buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i] = sx * shrink, sy * shrink, shrink
+        buffer[3 * BLOCK + i], buffer[4 * BLOCK + i], buffer[5 * BLOCK + i] = dx, dy, dz
 
 
 @kernel()

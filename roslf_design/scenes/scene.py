@@ -97,7 +97,7 @@ class Scene(Part):
         """
         self.check(design)
         details = [detail(thing) for thing in self.objects]
-        reach = [z for thing in self.objects for z in depths(thing, design.d_f, *_view(design))]
+        reach = [z for thing in self.objects for z in depths(thing, design.d_f, *chief_ray_limits(design))]
         in_focus = all(abs(z - design.d_f) <= 1e-9 * design.d_f for z in reach)
         in_focus &= not (reach and Camera.of(design).mapping.bends)
         return SceneBrief(
@@ -129,7 +129,7 @@ WHITE_FIELD = Scene(name="white field")
 """The default scene."""
 
 
-def _view(design: Design) -> tuple[float, float]:
+def chief_ray_limits(design: Design) -> tuple[float, float]:
     """How far off the axis chief rays go, ``slope Z + height``: slope, height [mm]."""
     camera = Camera.of(design)
     slope = Subject(design).x_ml * float(camera.seen.inverse_m) / float(camera.seen.gap)
@@ -153,7 +153,7 @@ def _view(design: Design) -> tuple[float, float]:
 def _misplaced(scene: Scene, design: Design) -> Iterator[Problem]:
     mouth = float(Camera.of(design).tip)
     for number, thing in enumerate(scene.objects):
-        reach = list(depths(thing, design.d_f, *_view(design)))
+        reach = list(depths(thing, design.d_f, *chief_ray_limits(design)))
         if not reach:
             continue
         key, nearest = f"objects.{number}", min(reach)

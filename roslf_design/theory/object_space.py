@@ -35,7 +35,9 @@ from ..lenses.tracer import (
     ROD,
     ROWS,
     SPHERE,
+    THIN,
     bend_mapped,
+    cross_thin,
     pass_surfaces,
     use_compiled,
 )
@@ -298,6 +300,9 @@ def outwards(
             x, y, z, dx, dy, dz, fate = _cross_flat(row, media[s][0], media[s][1], x, y, z, dx, dy, dz)
         elif int(row[KIND]) == STOP:
             x, y, z, fate = _cross_stop(row, x, y, z, dx, dy, dz)
+        elif int(row[KIND]) == THIN and row[TURNED] == 0.0:
+            x, y, dx, dy, dz, r2 = cross_thin(row, 0, media[s][1], media[s][0], -1.0, x, y, z, dx, dy, dz)
+            z, fate = row[2], CLIPPED if r2 > row[LIMIT] else 0
         elif int(row[KIND]) == MAPPED:
             x, y, sx, sy, p = bend_mapped(law, row[LENGTH], media[s][0], False, x, y, dx / dz, dy / dz)
             shrink = -1.0 / sqrt(1.0 + sx * sx + sy * sy)

@@ -234,9 +234,9 @@ class FieldTransfer:
         for _ in range(MOST_CLOSER):
             limit, dip = _falls(grid, passed, level)
             tried = limit if math.isnan(dip) else dip
-            value = self._complex(np.array([tried * self.scale(direction)]), kind, direction)
             if tried in grid:
-                break
+                return limit
+            value = self._complex(np.array([tried * self.scale(direction)]), kind, direction)
             k = int(np.searchsorted(grid, tried))
             grid, passed = np.insert(grid, k, tried), np.insert(passed, k, value)
             if tried == limit and abs(abs(value.item()) - level) < CLOSE:
@@ -334,8 +334,7 @@ class FieldTransfer:
         camera, lens, period = self.camera, self._microlens, self._period
         moved, paired = nu * self.rate * axes, len(self._pairs) > 1
         ends = [(-moved, self._most / self._width), (0.0 * axes, self._most / float(camera.q))]
-        reach = max(int(pair.max()) for pair in self._pairs) or 1
-        ends.append((0.0 * axes, reach * lens.width / (lens.wavelengths[0] * lens.sensor_distance)))
+        ends.append((0.0 * axes, self._farthest * lens.width / (lens.wavelengths[0] * lens.sensor_distance)))
         bend = lens.defocus * lens.sensor_distance
         if bend != 0 and not paired:
             ends.append((-nu * axes / bend, self._most / abs(lens.width * bend)))
@@ -401,6 +400,11 @@ class FieldTransfer:
         reach = np.arange(-farthest, farthest + 1) if float(independent_views(self.camera)) < views else [0]
         pairs = [np.array([i, j]) for i in reach for j in reach]
         return sorted(pairs, key=lambda pair: float(np.abs(pair).sum()))
+
+    @cached_property
+    def _farthest(self) -> int:
+        """Most steps along an axis between such microlenses, or 1."""
+        return max(int(pair.max()) for pair in self._pairs) or 1
 
     @cached_property
     def _period(self) -> float:

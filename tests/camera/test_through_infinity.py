@@ -3,6 +3,8 @@ focus at infinity and beyond."""
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.optimize import brentq
 
 import roslf_design as roslf
@@ -12,6 +14,7 @@ from roslf_design.depth.geometry import depth_of, disparity_of
 from roslf_design.design import DesignError
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.theory.stop_images import MicrolensImages
+from tests.oracles.relays import in_focus, relay_scopes
 
 SCOPE = roslf.load("cystoscope")
 PLANE = 121.0
@@ -136,3 +139,59 @@ def test_a_calibration_tells_the_lengths_from_what_boards_show(share):
     by_ruler = sheet.space_at(lengths).ruler(lengths)
     for name in ("d_1", "d_2", "d_3", "d_f"):
         assert by_ruler[name] == pytest.approx(float(getattr(camera.ruler, name)), rel=1e-9), name
+
+
+NEARNESS = st.builds(lambda side, power: side * 10.0**-power, st.sampled_from([-1, 1]), st.floats(1, 15))
+
+
+@given(relay_scopes(), NEARNESS)
+@settings(max_examples=25)
+def test_any_relay_is_in_focus_where_matrices_say(scope, share):
+    d_1 = scope.f * (1 + share)
+    plane, together = in_focus(scope, d_1)
+    camera = Camera.of(scope, {"d_1": d_1})
+    tip = float(Camera.of(scope).tip)
+    if plane > tip:
+        assert camera.valid.all()
+        # Distances ahead of the tip come of lengths up to plane / f_objective larger, good to 1e-16 of theirs.
+        assert scope.replace(d_1=d_1).d_f == pytest.approx(float(plane), rel=1e-9)
+        return
+    told = [words for words, flags in camera.faults().items() if flags.any()]
+    assert told == ["focal plane in the bore" if together else "in focus beyond infinity"]
+    words = "is not in front of the farthest element" if together else "focuses beyond infinity"
+    with pytest.raises(DesignError, match=words):
+        scope.replace(d_1=d_1)
+
+
+def numbers_of(data, place=""):
+    """Every number of a JSON object, by its place."""
+    if isinstance(data, dict):
+        for key, value in data.items():
+            yield from numbers_of(value, f"{place}.{key}")
+    elif isinstance(data, list | tuple):
+        for key, value in enumerate(data):
+            yield from numbers_of(value, f"{place}.{key}")
+    elif isinstance(data, float):
+        yield place, data
+
+
+@given(relay_scopes(), st.floats(6, 15))
+@settings(max_examples=4)
+def test_evaluate_goes_through_f_without_a_step(scope, power):
+    """Both sides of f, and f itself, within what the slope of the plane in focus allows."""
+    step = 10.0**-power
+    here, *sides = (
+        dict(numbers_of(roslf.evaluate(scope.replace(d_1=scope.f * (1 + share))).to_dict()))
+        for share in (0.0, -step, step)
+    )
+    ahead = scope.d_f - float(Camera.of(scope).tip)
+    moved = max(abs(float(in_focus(scope, scope.f * (1 + share))[0]) - scope.d_f) for share in (-step, step)) / ahead
+    for side in sides:
+        assert side.keys() == here.keys()
+        for place, value in here.items():
+            assert np.isfinite(value), place
+            there = side[place]
+            if "seen_distance" in place or "seen_diameter" in place:  # of what is at infinity as the main lens sees it
+                value, there = 1 / value, 1 / there
+            # Optics changes as the working distance does; what crosses 0 there, as its own size.
+            assert there == pytest.approx(value, rel=30 * moved + 1e-6, abs=30 * moved + 1e-7), place

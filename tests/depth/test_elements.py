@@ -5,14 +5,17 @@ import math
 import mpmath as mp
 import numpy as np
 import pytest
+from hypothesis import given, settings
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.depth.geometry import ArrayGeometry, depth_of, disparity_of
+from roslf_design.depth.measure import default_scene
 from roslf_design.depth.traced_views import STEP
 from roslf_design.imaging import transfer
 from roslf_design.scenes import Noise, Plane, Scene
 from tests.oracles.object_space import object_side
+from tests.oracles.relays import relay_scopes
 
 WATER = {"index": 1.333, "abbe": 55.8}
 WINDOW = {"kind": "plate", "distance": 118.0, "thickness": 25.0, "material": {"index": 1.5}, "diameter": 60.0}
@@ -106,3 +109,10 @@ def test_a_wall_stands_where_it_is(name, disparity, aside, finest, least, around
     assert first.measured.mean() > least
     # Four windows and more of 0.015 pitches each.
     assert abs(float((first.disparities.disparity[first.measured] - disparity).mean())) < 0.03
+
+
+@given(relay_scopes())
+@settings(max_examples=10)
+def test_the_wall_looked_at_by_default_stands_in_view_behind_any_relay(scope):
+    nearest, farthest = default_scene(scope).brief(scope).distances
+    assert float(Camera.of(scope).tip) < nearest < scope.d_f < farthest < math.inf
