@@ -28,8 +28,9 @@ from ..tables import Table, print_table
 from .evaluate import parse_field
 from .terminal import (
     PAGE,
-    Flag,
+    DesignName,
     Flat,
+    Json,
     OptionalOutput,
     StatusLine,
     check_options,
@@ -97,12 +98,12 @@ OPTIONS = _Options()
 
 @accuracy.default
 def diagrams(
-    design: str,
+    design: DesignName,
     /,
     *,
     options: Annotated[_Options, Flat] = OPTIONS,
     output: OptionalOutput = None,
-    json: Flag = False,
+    json: Json = False,
 ) -> None:
     """What each digit costs in time on a design, and which method is chosen.
 
@@ -110,12 +111,8 @@ def diagrams(
 
     Parameters
     ----------
-    design
-        A design file, or the name of a preset (see `roslf presets`).
     output
         Folder for index.html, accuracy.json and tables/ (CSV), made if needed. Default: only print.
-    json
-        Print JSON instead of tables.
     """
     options.check(output)
     scene, quantity, jobs, seed = options.scene, options.quantity, options.jobs, options.seed
@@ -201,11 +198,11 @@ def calibrate(
 
 @accuracy.command(name="hard-cases")
 def hard_cases(
-    design: str = "paper",
+    design: DesignName = "paper",
     /,
     *,
     output: OptionalOutput = None,
-    json: Flag = False,
+    json: Json = False,
     seed: int = 0,
 ) -> int:
     """Walk from a design to every place where formulas break, and compare each result with 60 digits.
@@ -216,12 +213,8 @@ def hard_cases(
 
     Parameters
     ----------
-    design
-        A design file, or the name of a preset (see `roslf presets`).
     output
         Folder for index.html, hard-cases.json and tables/ (CSV), made if needed. Default: only print.
-    json
-        Print JSON instead of the table.
     seed
         Of the walks; the same seed gives the same bytes.
     """

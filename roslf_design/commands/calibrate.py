@@ -25,6 +25,7 @@ from .refused import refused
 from .terminal import (
     Flag,
     Flat,
+    Json,
     OptionalOutput,
     Repeated,
     StatusLine,
@@ -86,7 +87,7 @@ def calibrate(
     /,
     *,
     output: OptionalOutput = None,
-    json: Flag = False,
+    json: Json = False,
     options: Annotated[_Options, Flat] = OPTIONS,
     sigma: Repeated = None,
     no_posterior: Flag = False,
@@ -105,8 +106,6 @@ def calibrate(
         Raw images: white.tif (or .png), perhaps dark.tif, and images of the board by any other name.
     output
         Folder for calibration.json, calibrated.toml, figures and index.html.
-    json
-        Print the JSON object instead of tables.
     sigma
         Standard deviation of a number of what stands before the lens or about the array, as
         "elements.1.thickness=0.02 mm", "elements.0.index=0.001", "object_space.index=0.1 %" or

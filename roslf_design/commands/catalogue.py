@@ -12,7 +12,7 @@ from cyclopts import Parameter
 from ..lenses.lens_file import shipped_names
 from ..optimization.parts import KINDS, Kind, load_catalogue, read_condition, rows
 from ..tables import Table, print_table
-from .terminal import Flag, Repeated, json_text, say
+from .terminal import Json, Repeated, json_text, say
 
 SHOWN: dict[Kind, tuple[str, ...]] = {
     "lenses": ("diameter", "clear_aperture", "focal_length", "prescription"),
@@ -30,7 +30,7 @@ def catalogue(
     kind: Annotated[list[Kind] | None, Parameter(negative=())] = None,
     where: Repeated = None,
     file: Annotated[list[Path] | None, Parameter(negative=())] = None,
-    json: Flag = False,
+    json: Json = False,
 ) -> None:
     """Parts that can be bought, with where their figures come from and how sure they are.
 
@@ -45,8 +45,6 @@ def catalogue(
         may be given several times, and all must hold. Parts without the key are left out.
     file
         Further catalogue files of your own, in the same format.
-    json
-        Print JSON instead of tables.
     """
     conditions = [read_condition(text) for text in where or []]
     parts = load_catalogue(file or [])

@@ -19,8 +19,8 @@ from ..reporting.decode.pictures import contrast
 from ..reporting.printers import render_html, render_tables
 from .refused import refused
 from .terminal import (
-    Flag,
     Flat,
+    Json,
     OptionalOutput,
     StatusLine,
     check_options,
@@ -50,7 +50,7 @@ def decode(
     *,
     options: Annotated[_Options, Flat] = OPTIONS,
     output: OptionalOutput = None,
-    json: Flag = False,
+    json: Json = False,
 ) -> None:
     """From a raw light-field image to pictures: views, refocus stack, epipolar-plane image, microlens centres.
 
@@ -64,8 +64,6 @@ def decode(
         benchmark), or a .mat file of LFToolbox.
     output
         Folder for pictures, views/, refocus/, decoding.json, tables/ (CSV) and index.html. Default: decoded-<image>.
-    json
-        Print the JSON object instead of tables.
     """
     folder = Path(f"decoded-{re.sub(r'[^A-Za-z0-9._-]+', '-', image.stem) or 'image'}") if output is None else output
     check_options(None, folder)

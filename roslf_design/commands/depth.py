@@ -27,9 +27,9 @@ from ..reporting.depth.pages import answers, basis, depth_report, measurement_pi
 from ..reporting.printers import page_files
 from ..scenes import load_scene
 from .render import parse_region
-from .terminal import (
-    Flag,
+from .terminal import (  # fmt: skip
     Flat,
+    Json,
     OptionalOutput,
     Repeated,
     StatusLine,
@@ -44,7 +44,7 @@ from .terminal import (
     say,
     typed,
     write_files,
-)  # fmt: skip
+)
 
 
 class _Options(CaptureOptions):
@@ -100,7 +100,7 @@ def depth(
     region: str | None = None,
     options: Annotated[_Options, Flat] = OPTIONS,
     sigma: Repeated = None,
-    json: Flag = False,
+    json: Json = False,
 ) -> None:
     """Measure depth: in pictures of a scene, taken as a design would, with noise; or in a picture that a camera took.
 
@@ -123,8 +123,6 @@ def depth(
     sigma
         How surely a length of the camera is known that no calibration tells, as aperture.diameter=1% or
         aperture.diameter="20 um"; may be repeated. What that leaves open counts in the errors. Default: as designed.
-    json
-        Print the JSON object instead of text.
     """
     capture = _is_capture(subject) or bool(options.model_fields_set) or sigma is not None
     check_options(simulation.seed, output, *simulation.faults(capture))

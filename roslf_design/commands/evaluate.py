@@ -17,16 +17,16 @@ from ..evaluation.result import print_evaluation
 from ..evaluation.specification import specification
 from ..tables import csv_bytes
 from ..units import COLDEST, FARTHEST, HOTTEST, read_quantity
-from .terminal import Flag, OptionalOutput, check_target, json_text, say, write_files
+from .terminal import DesignName, Json, OptionalOutput, check_target, json_text, say, write_files
 
 
 def evaluate(
-    design: str,
+    design: DesignName,
     /,
     *,
     field: Annotated[list[str] | None, Parameter(allow_leading_hyphen=True, negative=())] = None,
     temperature: Annotated[str | None, Parameter(allow_leading_hyphen=True, negative=())] = None,
-    json: Flag = False,
+    json: Json = False,
     output: OptionalOutput = None,
     accuracy: float | None = None,
 ) -> None:
@@ -34,15 +34,11 @@ def evaluate(
 
     Parameters
     ----------
-    design
-        A design file, or the name of a preset (see `roslf presets`).
     field
         Microlens position on the MLA in mm, along x ("11.15") or "x,y"; may be given several times. Default: centre,
         edge and corner of what the sensor sees.
     temperature
         Of the camera, as "37degC". Default: what the design's [environment] says, else 20 degC.
-    json
-        Print JSON instead of tables.
     output
         Write all numbers to this file instead, as .json, or as .csv for spreadsheets: a row for each, by its place in
         the JSON.

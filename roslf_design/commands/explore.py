@@ -15,14 +15,14 @@ from ..errors import InputError, Problem
 from ..explorer.server import application, is_local, serve
 from ..explorer.session import Session
 from ..imaging.white import warm_up
-from .terminal import say
+from .terminal import DesignName, say
 
 PACKAGES = ("trame", "trame_client", "trame_server", "trame_vtk", "aiohttp")
 """Packages that the explorer needs beyond the rest of the library."""
 
 
 def explore(
-    design: str = "paper",
+    design: DesignName = "paper",
     /,
     *,
     port: int | None = None,
@@ -33,8 +33,6 @@ def explore(
 
     Parameters
     ----------
-    design
-        A design file, or the name of a preset (see `roslf presets`).
     port
         Where to listen; 0 lets the system choose. Default: the first free one from 8517 on.
     host

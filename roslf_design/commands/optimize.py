@@ -12,7 +12,7 @@ from ..optimization.search import QUICK
 from ..optimization.study import load_study, run
 from ..reporting.optimise.pages import optimisation_pictures, optimization_report
 from ..reporting.printers import page_files
-from .terminal import Flag, Output, StatusLine, check_options, json_text, listed, print_titled, say, typed, write_files
+from .terminal import Json, Output, StatusLine, check_options, json_text, listed, print_titled, say, typed, write_files
 
 
 def optimize(
@@ -20,7 +20,7 @@ def optimize(
     /,
     *,
     output: Output,
-    json: Flag = False,
+    json: Json = False,
     seed: int | None = None,
     accuracy: float | None = None,
 ) -> None:
@@ -32,8 +32,6 @@ def optimize(
         A study file: what may vary, what must hold, what is wanted.
     output
         Folder for results.json, the designs found, figures and a page.
-    json
-        Print the JSON object instead of tables.
     seed
         Instead of the study's; the same seed gives the same bytes.
     accuracy

@@ -4,17 +4,11 @@ from __future__ import annotations
 
 from ..design import load, preset_names, preset_path
 from ..tables import Table, print_table
-from .terminal import Flag, json_text
+from .terminal import Json, json_text
 
 
-def presets(*, json: Flag = False) -> None:
-    """The designs that ship, and where their files are.
-
-    Parameters
-    ----------
-    json
-        Print JSON instead of a table.
-    """
+def presets(*, json: Json = False) -> None:
+    """The designs that ship, and where their files are."""
     designs = {name: load(preset_path(name)) for name in preset_names()}
     if json:
         rows = [

@@ -4,19 +4,13 @@ from __future__ import annotations
 
 from ..tables import Table, print_table
 from ..theory.quantities import QUANTITIES
-from .terminal import Flag, json_text
+from .terminal import Json, json_text
 
 ASKED = {"never": "", "optional": "at, or in focus", "needed": "at"}
 
 
-def quantities(*, json: Flag = False) -> None:
-    """Every number of a camera by its name, as `sweep`, studies and `roslf_design.quantity` take it.
-
-    Parameters
-    ----------
-    json
-        Print JSON instead of a table.
-    """
+def quantities(*, json: Json = False) -> None:
+    """Every number of a camera by its name, as `sweep`, studies and `roslf_design.quantity` take it."""
     if json:
         rows = [
             {

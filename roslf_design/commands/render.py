@@ -22,7 +22,7 @@ from ..options import Options
 from ..reporting.design.microlens import preview as zooms
 from ..scenes import WHITE_FIELD, load_scene
 from ..tables import Table, print_table
-from .terminal import Flag, Flat, OptionalOutput, StatusLine, bar, check_options, json_text, say
+from .terminal import DesignName, Flag, Flat, Json, OptionalOutput, StatusLine, bar, check_options, json_text, say
 
 
 class _Options(Options):
@@ -74,7 +74,7 @@ OPTIONS = _Options()
 
 
 def render(
-    design: str,
+    design: DesignName,
     /,
     *,
     scene: Annotated[list[Path] | None, Parameter(negative=())] = None,
@@ -83,7 +83,7 @@ def render(
     depth: Literal["float", "16"] = "float",
     preview: Flag = False,
     plan_only: Flag = False,
-    json: Flag = False,
+    json: Json = False,
 ) -> None:
     """The raw light-field image that the sensor would record, with only the physics that the scene calls for.
 
@@ -91,8 +91,6 @@ def render(
 
     Parameters
     ----------
-    design
-        A design file, or the name of a preset (see `roslf presets`).
     scene
         A scene file; none is a white field. Several scenes make a folder of images.
     output
@@ -104,8 +102,6 @@ def render(
         Also write a picture with zooms at centre, edge and corner.
     plan_only
         Print which effects would be on, with sizes and reasons, and stop.
-    json
-        Print JSON instead of tables.
     """
     loaded = load(design)
     scenes = [load_scene(path) for path in scene or []] or [WHITE_FIELD]

@@ -21,7 +21,7 @@ from ..theory.sweep import sweep as compute
 from ..theory.sweep import unit_of
 from ..units import read_quantity
 from .report import folder_name
-from .terminal import OptionalOutput, check_target, say, write_files
+from .terminal import DesignName, OptionalOutput, check_target, say, write_files
 
 if TYPE_CHECKING:
     from ..theory.sweep import Sweep
@@ -41,7 +41,7 @@ NUMBER = r"[-+]?\d*\.?\d+(?:[eE][-+]?\d+)?"
 
 
 def sweep(
-    design: str,
+    design: DesignName,
     /,
     *,
     set: Annotated[list[str], Parameter(name="--set", negative=())],
@@ -56,8 +56,6 @@ def sweep(
 
     Parameters
     ----------
-    design
-        A design file, or the name of a preset.
     set
         A dotted place or a symbol, and from where to where: "aperture.distance=0..150 mm"; may be given twice.
     quantity

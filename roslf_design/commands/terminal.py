@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 Flag = Annotated[bool, Parameter(negative=())]
 """A switch that is off unless given."""
+Json = Annotated[bool, Parameter(negative=(), help="Print JSON instead of tables.")]
+DesignName = Annotated[str, Parameter(help="A design file, or the name of a preset (see `roslf presets`).")]
 Output = Annotated[Path, Parameter(name=["--output", "-o"])]
 OptionalOutput = Annotated[Path | None, Parameter(name=["--output", "-o"])]
 Repeated = Annotated[list[str] | None, Parameter(negative=())]

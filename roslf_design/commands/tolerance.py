@@ -31,6 +31,7 @@ from ..words import sentence
 from .terminal import (
     Flag,
     Flat,
+    Json,
     Output,
     bar,
     check_options,
@@ -56,7 +57,7 @@ def tolerance(
     /,
     *,
     output: Output,
-    json: Flag = False,
+    json: Json = False,
     options: Annotated[RunOptions, Flat] = OPTIONS,
     workers: int | None = None,
     scheduler: str | None = None,
@@ -71,8 +72,6 @@ def tolerance(
     output
         Folder for index.html, results.json, summary.txt, trials.npz, figures, the worst trials as design files, and
         the run's chunks.
-    json
-        Print the JSON object instead of tables.
     workers
         Processes; changes the time, never the results. Default: 1 for small runs, else one a core.
     scheduler

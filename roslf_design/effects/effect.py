@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..design import Design
@@ -125,6 +126,10 @@ class Estimate(NamedTuple):
     """Note on where the number comes from, for the plan's reason."""
 
 
+Detected = Callable[[NDArray[np.float32], SceneBrief, np.random.Generator], NDArray[np.float32]]
+"""Rows of pixels, 1 fully lit, as the sensor gives them: of a scene, by random numbers that go on from row to row."""
+
+
 @dataclass(frozen=True)
 class Effect:
     """Effect of physics on an image."""
@@ -148,3 +153,9 @@ class Effect:
     """Why it has none there, in words."""
     needs: str = "a traced main lens, and this design's is ideal"
     """Requirement on a design for the effect, in words."""
+    straight: Callable[[Design], Mapping[str, Any]] = lambda design: {}
+    """Values, by their places, of a design that is drawn without it."""
+    simplified: Callable[[Camera], Camera] = lambda camera: camera
+    """Camera that is drawn without it."""
+    detected: Detected | None = None
+    """Change of a picture's rows once all light has reached the sensor; None of what happens to light before."""

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
 from .._arrays import magnitude
 from ..camera import Camera, Number
+from ..design import Design
 from ..design.parts import PATHS
 from ..errors import InputError, Problem
 from ..lenses.angles import F_TAN
@@ -202,7 +204,28 @@ def _decentres(s: Subject) -> Estimate:
 
 
 PUPIL_GEOMETRY = Effect("pupil_geometry", "Pupil geometry", "px", _pupil_geometry, always=True)
-VIGNETTING = Effect("vignetting", "Vignetting", "px", _vignetting, cost_per_pixel=5e-9)
+
+
+def _rimless(c: Camera) -> Camera:
+    """Camera of which no rim but the FAP's clips."""
+    return c.replace({place: math.inf for rim in c.rims for place in rim.size_places})
+
+
+def _untilted(design: Design) -> dict[str, Any]:
+    return {f"{place}.tilt": (0.0, 0.0) for place in _movable(design)}
+
+
+def _undecentred(design: Design) -> dict[str, Any]:
+    """Centred parts; what tilted and wedged elements do is shift what is seen through them."""
+    values = {f"{place}.decentre": (0.0, 0.0) for place in _movable(design)}
+    return values | {f"{at.place}.{pose}": (0.0, 0.0) for at in design.in_bore for pose in at.part.poses}
+
+
+def _movable(design: Design) -> tuple[str, ...]:
+    return ("main_lens", *(stop.place for stop in design.openings), "microlens_array", "sensor")
+
+
+VIGNETTING = Effect("vignetting", "Vignetting", "px", _vignetting, cost_per_pixel=5e-9, simplified=_rimless)
 OVERLAP = Effect(
     "overlap",
     "Overlap with neighbours",
@@ -213,6 +236,8 @@ OVERLAP = Effect(
 )
 OBJECT_DEFOCUS = Effect("object_defocus", "Object out of focus", "pitch", object_defocus)
 COS4 = Effect("cos4", "cos^4 fall-off", "intensity", cos4)
-MLA_ROTATION = Effect("mla_rotation", "MLA rotation", "px", _mla_rotation)
-TILTS = Effect("tilts", "Tilts", "px", _tilts)
-DECENTRES = Effect("decentres", "Decentres", "px", _decentres)
+MLA_ROTATION = Effect(
+    "mla_rotation", "MLA rotation", "px", _mla_rotation, straight=lambda design: {"microlens_array.rotation": 0.0}
+)
+TILTS = Effect("tilts", "Tilts", "px", _tilts, straight=_untilted)
+DECENTRES = Effect("decentres", "Decentres", "px", _decentres, straight=_undecentred)

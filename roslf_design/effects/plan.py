@@ -32,6 +32,7 @@ EFFECTS: tuple[Effect, ...] = (
     waves.NOISE,
 )
 """Every effect known, in the order in which a plan lists them."""
+_BY_NAME = {effect.name: effect for effect in EFFECTS}
 
 
 class PlanError(InputError):
@@ -119,6 +120,16 @@ class Plan:
         return Plan(tuple(replace(line, on=line.on and line.name != name) for line in self.effects))
 
     @property
+    def drawn(self) -> tuple[Effect, ...]:
+        """Effects that are on."""
+        return tuple(_BY_NAME[line.name] for line in self if line.on)
+
+    @property
+    def left_out(self) -> tuple[Effect, ...]:
+        """Effects that are off."""
+        return tuple(_BY_NAME[line.name] for line in self if not line.on)
+
+    @property
     def cost(self) -> float:
         """Expected extra time of all that is on [s]."""
         return sum(line.cost for line in self.effects if line.on)
@@ -193,7 +204,7 @@ def _decide(effect: Effect, size: float, limit: float, user: list[str]) -> tuple
 
 
 def _wanted(overrides: Iterable[str], design: Design) -> dict[str, bool]:
-    known = {effect.name: effect for effect in EFFECTS}
+    known = _BY_NAME
     wanted: dict[str, bool] = {}
     for override in overrides:
         if override in ("all", "none"):

@@ -12,7 +12,7 @@ from ..design.parts import PATHS
 from ..theory import light
 from ..theory.f_number import fill_factor
 from ..theory.transfer import pixel_box
-from .effect import Effect, Estimate, Subject
+from .effect import Effect, Estimate, SceneBrief, Subject
 
 LONGEST_GRATING = 4.0
 """Period in microlens pitches up to which what a texture loses falls with it."""
@@ -164,13 +164,25 @@ def add_noise(
     return electrons / np.float32(exposure)
 
 
+def _exposed(image: NDArray[np.float32], scene: SceneBrief, generator: np.random.Generator) -> NDArray[np.float32]:
+    """An image as one exposure of the scene would record it; itself where none is asked for."""
+    return image if scene.exposure is None else add_noise(image, scene.exposure, scene.read_noise, generator)
+
+
 MICROLENS_DIFFRACTION = Effect(
     "microlens_diffraction", "Microlens diffraction", "px", microlens_diffraction, cost_per_pixel=20e-9
 )
 FAP_DIFFRACTION = Effect(
     "fap_diffraction", "FAP diffraction at the MLA", "pitch", _fap_diffraction, cost_per_pixel=100e-9
 )
-MICROLENS_DEFOCUS = Effect("microlens_defocus", "Microlens defocus", "px", _microlens_defocus, cost_per_pixel=5e-9)
+MICROLENS_DEFOCUS = Effect(
+    "microlens_defocus",
+    "Microlens defocus",
+    "px",
+    _microlens_defocus,
+    cost_per_pixel=5e-9,
+    simplified=lambda camera: camera.replace({}, in_focus=True),  # microlenses image the exit pupil onto the sensor
+)
 FINITE_MICROLENS_APERTURE = Effect(
     "finite_microlens_aperture",
     "Finite microlens aperture",
@@ -179,4 +191,4 @@ FINITE_MICROLENS_APERTURE = Effect(
     cost_per_pixel=64 * 25e-9,
 )
 PIXEL_INTEGRATION = Effect("pixel_integration", "Pixel box", "intensity", _pixel_integration, always=True)
-NOISE = Effect("noise", "Shot and read noise", "intensity", _noise, cost_per_pixel=50e-9)
+NOISE = Effect("noise", "Shot and read noise", "intensity", _noise, cost_per_pixel=50e-9, detected=_exposed)

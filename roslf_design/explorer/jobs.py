@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import multiprocessing
-import os
 import signal
 import sys
 import threading
@@ -16,6 +15,7 @@ from typing import Any, Generic, TypeVar
 
 from .._arrays import by_value
 from ..errors import FAULTS, InputError
+from ..tolerancing.run import end_with_parent
 
 Result = TypeVar("Result")
 Tell = Callable[[float | None, str], None]
@@ -122,7 +122,7 @@ def _run(sender: Connection, work: Callable[[Any, Tell], Any], request: Any) -> 
     # An interrupt at the terminal goes to the whole group, but only the parent decides what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    end_with_parent()
 
     def tell(share: float | None, text: str) -> None:
         sender.send(("progress", (share, text)))
@@ -137,14 +137,6 @@ def _run(sender: Connection, work: Callable[[Any, Tell], Any], request: Any) -> 
     signal.signal(signal.SIGTERM, signal.SIG_DFL)
     sender.send(message)
     sender.close()
-
-
-def _end_with_parent() -> None:
-    """End with a parent that was killed and could not say so."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
 
 
 class Later:

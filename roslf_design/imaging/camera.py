@@ -26,28 +26,16 @@ Image = NDArray[np.float32]
 
 
 def planned_camera(design: Design, plan: Plan) -> Camera:
-    """The camera of a design without what the plan leaves out, its main lens ideal.
-
-    Misalignments that are off become zero; without vignetting no rim but the FAP's clips; without microlens defocus
-    the microlenses image the exit pupil onto the sensor.
-    """
+    """The camera of a design without what the plan leaves out, its main lens ideal."""
     camera = Camera.of(straightened(design, plan).thin_twin)
-    wide = {} if plan.on("vignetting") else {place: math.inf for rim in camera.rims for place in rim.size_places}
-    return camera.replace(wide, in_focus=not plan.on("microlens_defocus"))
+    for effect in plan.left_out:
+        camera = effect.simplified(camera)
+    return camera
 
 
 def straightened(design: Design, plan: Plan) -> Design:
     """The design without the misalignments that the plan leaves out; a real main lens stays."""
-    places = ("main_lens", *(stop.place for stop in design.openings), "microlens_array", "sensor")
-    straight: dict[str, object] = {}
-    if not plan.on("tilts"):
-        straight |= {f"{place}.tilt": (0.0, 0.0) for place in places}
-    if not plan.on("decentres"):  # what tilted and wedged elements do is shift what is seen through them
-        straight |= {f"{place}.decentre": (0.0, 0.0) for place in places}
-        straight |= {f"{at.place}.{pose}": (0.0, 0.0) for at in design.in_bore for pose in at.part.poses}
-    if not plan.on("mla_rotation"):
-        straight["microlens_array.rotation"] = 0.0
-    return design.replace(straight)
+    return design.replace({place: value for off in plan.left_out for place, value in off.straight(design).items()})
 
 
 class Region(NamedTuple):

@@ -15,7 +15,6 @@ from ..camera import Camera, Number
 from ..design import Design
 from ..effects import Budget, Plan, plan
 from ..effects.geometry import mapped_blur
-from ..effects.waves import add_noise
 from ..errors import InputError, Problem, refusal
 from ..options import check_seed
 from ..scenes import WHITE_FIELD, Scene
@@ -141,11 +140,12 @@ def render(
         rows = piece._replace(row=piece.row + row, rows=min(CORE, piece.rows - row))
         if (taken := pixel_response(camera, rows)) is not None:
             pixels[row : row + CORE] *= taken
-    if effects.on("noise") and scene.light.exposure is not None:
+    for change in filter(None, (effect.detected for effect in effects.drawn)):
+        brief = scene.brief(design)
         # Rows in fixed groups: memory stays small, and the bytes do not depend on anything but the region and the seed.
         for row in range(0, piece.rows, CORE):
             part = pixels[row : row + CORE]
-            part[:] = add_noise(part, scene.light.exposure, scene.light.read_noise, generator)
+            part[:] = change(part, brief, generator)
     seconds = time.perf_counter() - start
     rays = sum(job.rays for _, job in jobs)
     return RawImage(pixels, piece, design, scene, effects, seed, jobs[0][1].method, rays, seconds)

@@ -232,7 +232,7 @@ def _in_pool(work: Work, indices: Sequence[int], workers: int) -> Iterator[tuple
     # Not fork: the parent may hold threads (progress bar, numba) that a forked child would inherit half-alive.
     context = multiprocessing.get_context("spawn")
     while left:
-        pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_end_with_parent)
+        pool = ProcessPoolExecutor(workers, mp_context=context, initializer=_ready_for_work)
         try:
             with _ctrl_c_later():
                 running = {pool.submit(work, index): index for index in left}
@@ -282,11 +282,16 @@ def _ctrl_c_later() -> Iterator[None]:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
-def _end_with_parent() -> None:
-    """End this worker when its parent is killed (it would else wait for work for ever), and quietly on Ctrl-C."""
+def _ready_for_work() -> None:
+    """Let this worker end with its parent, and quietly on Ctrl-C."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+    end_with_parent()
+
+
+def end_with_parent() -> None:
+    """End this process when its parent is killed and cannot say so: it would else wait for work for ever."""
     parent = multiprocessing.parent_process()
     assert parent is not None
 
