@@ -20,10 +20,10 @@ from ..bore.conjugates import CONJUGATES
 from ..camera import Camera
 from ..design import Design
 from ..errors import InputError, Problem
-from ..tolerancing.analyses import Yield, least_passed
 from ..tolerancing.draws import Distribution, Draws, Perturbation
 from ..tolerancing.places import expand, nominal_values, tolerance_at
 from ..tolerancing.study import StrictTable
+from ..tolerancing.yields import Yield, least_passed
 from .problem import DesignProblem
 from .search import BIG, FEASIBLE, SearchBudget, derivative_free
 from .variables import IDLE
