@@ -28,8 +28,9 @@ from .scenes import Scene, load_scene
 from .theory.quantities import quantity_named
 from .theory.quantity import Quantity
 from .tolerancing.result import StudyResult, analyse
-from .tolerancing.run import merged, tally_chunk
+from .tolerancing.run import tally_chunk
 from .tolerancing.study import RunOptions
+from .tolerancing.tally import merged
 
 
 def _scene(scene: Scene | str | Path | None) -> Scene | None:

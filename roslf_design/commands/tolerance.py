@@ -25,8 +25,9 @@ from ..reporting.tolerance.pages import (
 )
 from ..tables import plain_text
 from ..tolerancing.result import analyse, precision, save_worst, trial_arrays, trials_for
-from ..tolerancing.run import ChunkLostError, WorkerSettings, npz_bytes, run_trials
+from ..tolerancing.run import ChunkLostError, WorkerSettings, run_trials
 from ..tolerancing.study import RunOptions
+from ..tolerancing.tally import npz_bytes
 from ..words import sentence
 from .terminal import (
     Flag,

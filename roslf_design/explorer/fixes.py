@@ -59,7 +59,7 @@ class Fix:
         return {"key": self.key, "label": to_html(self.label), **told}
 
 
-class Facts(NamedTuple):
+class _Facts(NamedTuple):
     """Numbers that a change is judged by; of the thin lens."""
 
     fill_factor: float
@@ -73,8 +73,8 @@ class Facts(NamedTuple):
     """Pixels across a microlens image."""
 
     @classmethod
-    def of(cls, design: Design) -> Facts:
-        """Facts of a design, or of its thin twin."""
+    def of(cls, design: Design) -> _Facts:
+        """_Facts of a design, or of its thin twin."""
         camera = Camera.of(design.thin_twin)
         limit = field_limit(camera)
         return cls(
@@ -101,7 +101,7 @@ def proposals(design: Design) -> tuple[Fix, ...]:
         undistorted field by d_3; image-space telecentricity. `changes` applied to the design do what the label says;
         those that cannot, or have nothing to do, say why.
     """
-    camera, now = Camera.of(design.thin_twin), Facts.of(design)
+    camera, now = Camera.of(design.thin_twin), _Facts.of(design)
     every = (
         *((f"match-{symbol}", f"Match f-number by {symbol}", symbol, way) for symbol, way in _matching(camera, now)),
         ("undistort-d_3", "Free the whole sensor by d_3", "d_3", _undistorting(camera)),
@@ -111,7 +111,7 @@ def proposals(design: Design) -> tuple[Fix, ...]:
     return tuple(_with_consequences(design, now, *proposal) for proposal in every)
 
 
-def _matching(camera: Camera, now: Facts) -> Iterator[tuple[str, Change]]:
+def _matching(camera: Camera, now: _Facts) -> Iterator[tuple[str, Change]]:
     at_lens = float(fill_factor(camera.replace({"d_3": 0.0})))
     no_distance = "no FAP distance in front of the focal plane matches; use a larger FAP or a longer d_2"
     if at_lens > 1:
@@ -232,7 +232,7 @@ def _with_peaks(value: Callable[[Floats], Floats], camera: Camera) -> Floats:
     return np.union1d(places, 0.5 * (low + high))
 
 
-def _with_consequences(design: Design, now: Facts, key: str, label: str, symbol: str, change: Change) -> Fix:
+def _with_consequences(design: Design, now: _Facts, key: str, label: str, symbol: str, change: Change) -> Fix:
     """The proposal with what follows from it, told from the changed design itself."""
     if isinstance(change, str):
         return Fix(key, label, why_not=change)
@@ -245,7 +245,7 @@ def _with_consequences(design: Design, now: Facts, key: str, label: str, symbol:
             changed = design.replace(**changes)
     except DesignError as error:
         return Fix(key, label, why_not=error.problems[0].message)
-    return Fix(key, label, changes, _outcome(changes, now, Facts.of(changed)))
+    return Fix(key, label, changes, _outcome(changes, now, _Facts.of(changed)))
 
 
 def _in_focus(design: Design, changed: Design) -> float | None:
@@ -257,7 +257,7 @@ def _in_focus(design: Design, changed: Design) -> float | None:
     return 1 / power if power > 0 else None
 
 
-def _outcome(changes: Mapping[str, float], before: Facts, after: Facts) -> str:
+def _outcome(changes: Mapping[str, float], before: _Facts, after: _Facts) -> str:
     brings: list[str] = []
     costs: list[str] = []
     b, a = before, after

@@ -26,10 +26,13 @@ from ..reporting.story import CENTRE, DEPTH, FILL, KEPT, quick_study, run_optimi
 from ..reporting.tolerance.pages import impossible_words
 from ..reporting.tolerance.pictures import LimitSpread, Offender, Yields
 from ..theory.quantities import in_words, quantity_named
-from ..tolerancing.analyses import Variant, Yield, sensitivity, summarise, yield_at
 from ..tolerancing.places import perturbable, short_name
-from ..tolerancing.run import merged, tally_chunk
+from ..tolerancing.run import tally_chunk
+from ..tolerancing.sensitivities import sensitivity
 from ..tolerancing.study import TolerancePlan, make_plan, tolerance_plan
+from ..tolerancing.summaries import Variant, summarise
+from ..tolerancing.tally import merged
+from ..tolerancing.yields import Yield, yield_at
 from ..units import format_quantity
 from ..words import to_html
 from .jobs import Done, Failure, ProcessJob, Progress, Tell

@@ -23,7 +23,7 @@ from ..theory.stop_images import stop_openings
 from ..toml_files import StrictTable
 from ..units import Distance, Length
 from .problem import DesignProblem
-from .search import derivative_free
+from .search import SearchBudget, derivative_free
 from .solve import Answer, Settings, Tell, solve
 
 FIELDS = 9
@@ -146,7 +146,9 @@ def reduce_bore(design: Design, rims: Sequence[Stop]) -> EquivalentPupil:
         return _judged(camera, *(low + unit * (high - low)).tolist())
 
     start = (np.array(best.stop) - low) / (high - low)
-    unit, _ = derivative_free("LN_NELDERMEAD", lambda unit: pupil(unit).cost, start, xtol=1e-7, evaluations=400)
+    unit, _ = derivative_free(
+        "LN_NELDERMEAD", lambda unit: pupil(unit).cost, start, xtol=1e-7, budget=SearchBudget().at_most(400)
+    )
     return min(best, pupil(unit), key=lambda each: each.cost)
 
 

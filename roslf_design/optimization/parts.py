@@ -245,17 +245,17 @@ class WindowPart(_Round):
     material: Material
 
 
-class Orientation(Option):
-    """Orientation of a real main lens."""
+class _Orientation(Option):
+    """_Orientation of a real main lens."""
 
     gives: ClassVar[Gives] = {LENS_REVERSED: attrgetter("turned")}
     turned: bool
 
 
-ORIENTATIONS = Orientation(part="as catalogued", turned=False), Orientation(part="turned round", turned=True)
+ORIENTATIONS = _Orientation(part="as catalogued", turned=False), _Orientation(part="turned round", turned=True)
 
 
-class GlassChoice(Option):
+class _GlassChoice(Option):
     """A custom singlet or cemented doublet of other glasses; its focal length and shape factor are as before."""
 
     gives: ClassVar[Gives] = {LENS_PRESCRIPTION: attrgetter("lens")}
@@ -268,7 +268,7 @@ def _optical_solids(wavelength: float) -> tuple[str, ...]:
     return tuple(name for name, glass in every.items() if glass.shortest <= wavelength <= glass.longest)
 
 
-def glass_choices(lens: Prescription, names: Iterable[str], wavelength: float) -> tuple[GlassChoice, ...]:
+def glass_choices(lens: Prescription, names: Iterable[str], wavelength: float) -> tuple[_GlassChoice, ...]:
     """A lens of every ordered set of glasses, cemented ones different; those that cannot be made are left out.
 
     Raises
@@ -282,7 +282,7 @@ def glass_choices(lens: Prescription, names: Iterable[str], wavelength: float) -
         if all(one != other for one, other in pairwise(glasses)):
             with suppress(LensError):
                 lens_of_them = with_glasses(lens, glasses, wavelength)
-                made.append(GlassChoice(part=" + ".join(glass.name for glass in glasses), lens=lens_of_them))
+                made.append(_GlassChoice(part=" + ".join(glass.name for glass in glasses), lens=lens_of_them))
     return tuple(made)
 
 

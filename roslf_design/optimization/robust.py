@@ -20,9 +20,9 @@ from ..bore.conjugates import CONJUGATES
 from ..camera import Camera
 from ..design import Design
 from ..errors import InputError, Problem
-from ..tolerancing.analyses import Yield, least_passed
 from ..tolerancing.draws import Distribution, Draws, Perturbation
 from ..tolerancing.places import expand, nominal_values, tolerance_at
+from ..tolerancing.yields import Yield, least_passed
 from ..toml_files import StrictTable
 from .problem import DesignProblem
 from .search import BIG, FEASIBLE, SearchBudget, derivative_free
@@ -77,6 +77,21 @@ class Scatter:
     relative: tuple[bool, ...]
     """True where a perturbation's tolerance is a share of the nominal value."""
 
+    def tolerances(self, problem: DesignProblem, unit: Array) -> dict[str, float]:
+        """Place to its tolerance at a design [mm or rad]: shares are of that design's own numbers."""
+        nominal = problem.cameras(unit)
+        return {
+            miss.place: miss.tolerance * (abs(float(nominal[miss.place]) / miss.nominal) if relative else 1.0)
+            for miss, relative in zip(self.perturbations, self.relative, strict=True)
+        }
+
+    def builds(self, problem: DesignProblem, unit: Array, deviations: Array) -> Camera:
+        """Builds of a design, shape (T,): its hardware with deviations, f and d_1 among it; the focal plane follows."""
+        nominal = problem.cameras(unit[None])
+        applied = self.tolerances(problem, unit).items()
+        changes = {place: nominal[place] + size * row for (place, size), row in zip(applied, deviations, strict=True)}
+        return nominal.replace(changes)
+
 
 @dataclass(frozen=True)
 class _BuildStatistics:
@@ -106,8 +121,12 @@ class Robust:
     robust: _BuildStatistics
     constraint_yields: tuple[tuple[str, float, float], ...]
     """Yields of each constraint: label, share of nominal and of robust builds that hold it."""
-    trials: int
     evaluations: int
+
+    @property
+    def trials(self) -> int:
+        """Number of builds that judge both."""
+        return len(self.scatter.fresh[0])
 
 
 def scatter_of(table: RobustTable, design: Design, seed: int) -> Scatter:
@@ -143,23 +162,6 @@ def scatter_of(table: RobustTable, design: Design, seed: int) -> Scatter:
     return Scatter(perturbations, draws.deviations(common), draws.deviations(fresh), relative)
 
 
-def tolerances(problem: DesignProblem, scatter: Scatter, unit: Array) -> dict[str, float]:
-    """Place to its tolerance at a design [mm or rad]: shares are of that design's own numbers."""
-    nominal = problem.cameras(unit)
-    return {
-        miss.place: miss.tolerance * (abs(float(nominal[miss.place]) / miss.nominal) if relative else 1.0)
-        for miss, relative in zip(scatter.perturbations, scatter.relative, strict=True)
-    }
-
-
-def builds(problem: DesignProblem, scatter: Scatter, unit: Array, deviations: Array) -> Camera:
-    """Builds of a design, shape (T,): its hardware with deviations, f and d_1 among it; the focal plane follows."""
-    nominal = problem.cameras(unit[None])
-    applied = tolerances(problem, scatter, unit).items()
-    changes = {place: nominal[place] + size * row for (place, size), row in zip(applied, deviations, strict=True)}
-    return nominal.replace(changes)
-
-
 def maximise_robustness(
     problem: DesignProblem,
     table: RobustTable,
@@ -182,8 +184,7 @@ def maximise_robustness(
             best,
             step=0.05,
             xtol=1e-5,
-            evaluations=150 * problem.n,
-            budget=budget,
+            budget=budget.at_most(150 * problem.n),
         )
         spent += count
         budget.evaluations -= count
@@ -194,7 +195,7 @@ def maximise_robustness(
         best, after = nominal, before  # fresh numbers are the judge
     labels = [constraint.label for constraint in problem.constraints]
     yields = tuple(zip(labels, before.each, after.each, strict=True))
-    return Robust(scatter, best, before, after, yields, scatter.fresh.shape[1], spent)
+    return Robust(scatter, best, before, after, yields, spent)
 
 
 @by_value
@@ -218,7 +219,7 @@ class _Aim:
         problem, table = self.problem, self.table
         if np.isnan(problem.vector(unit[None])[0, 0]):
             return 1e6
-        built = builds(problem, self.scatter, unit, self.scatter.deviations)
+        built = self.scatter.builds(problem, unit, self.scatter.deviations)
         rows = problem.rows_of(built, table.trials)
         worst = np.clip(np.where(np.isnan(rows), 1e3, rows).max(axis=0, initial=-1e3), -50.0, 50.0)
         soft = float(np.mean(1 / (1 + np.exp(np.clip(worst / (0.1 * width), -50, 50)))))
@@ -249,7 +250,7 @@ class _Aim:
         """Statistics on fresh deviations."""
         problem, fresh = self.problem, self.scatter.fresh
         count = fresh.shape[1]
-        built = builds(problem, self.scatter, unit, fresh)
+        built = self.scatter.builds(problem, unit, fresh)
         held = np.nan_to_num(problem.rows_of(built, count), nan=np.inf) <= FEASIBLE
         owner = np.array([row.constraint for row in problem.rows])
         each = tuple(float(held[owner == k].all(axis=0).mean()) for k in range(len(problem.constraints)))

@@ -115,6 +115,10 @@ class SearchBudget:
             return "evaluations"
         return "seconds" if time.monotonic() > self.deadline else ""
 
+    def at_most(self, evaluations: int) -> SearchBudget:
+        """Budget of a search that tries so many points at most, its start among them."""
+        return SearchBudget(min(self.evaluations, evaluations - 1), self.deadline)
+
     def at_least(self, evaluations: float, seconds: float) -> SearchBudget:
         """Budget with at least so much left."""
         return SearchBudget(max(self.evaluations, evaluations), max(self.deadline, time.monotonic() + seconds))
@@ -209,7 +213,7 @@ def slsqp(guard: Guard, start: ArrayLike, evaluations: int = 300, ftol: float = 
     if ftol > FTOL:
         optimiser.set_ftol_abs(ftol)
     optimiser.set_xtol_rel(XTOL)
-    _run(optimiser, begin, XTOL, evaluations, guard.budget)
+    _run(optimiser, begin, XTOL, guard.budget.at_most(evaluations))
 
 
 def globally(
@@ -238,8 +242,7 @@ def globally(
         [lambda unit, k=k: float(guard.rows(unit)[0][k]) for k in held],  # type: ignore[misc]
         ftol=ftol,
         xtol=XTOL,
-        evaluations=evaluations,
-        budget=guard.budget,
+        budget=guard.budget.at_most(evaluations),
     )
     return guard.unit if algorithm == "isres" and guard.unit is not None else unit
 
@@ -253,8 +256,7 @@ def derivative_free(
     step: float = 0.1,
     ftol: float = 0.0,
     xtol: float,
-    evaluations: int,
-    budget: SearchBudget | None = None,
+    budget: SearchBudget,
 ) -> tuple[Array, int]:
     """The point of least cost that one of nlopt's algorithms meets from a start, and how many points it tried.
 
@@ -280,11 +282,11 @@ def derivative_free(
         optimiser.add_inequality_constraint(lambda x, _, limit=limit: limit(x), FEASIBLE)
     optimiser.set_initial_step(np.full(len(start), step))
     optimiser.set_ftol_rel(ftol)
-    _run(optimiser, start, xtol, evaluations, budget or SearchBudget())
+    _run(optimiser, start, xtol, budget)
     return best[1], count
 
 
-def _run(optimiser: Any, start: ArrayLike, xtol: float, evaluations: int, budget: SearchBudget) -> None:
+def _run(optimiser: Any, start: ArrayLike, xtol: float, budget: SearchBudget) -> None:
     """Run; callers keep the best point, for on round-off and where a search breaks down nlopt gives none back."""
     import nlopt
 
@@ -294,7 +296,7 @@ def _run(optimiser: Any, start: ArrayLike, xtol: float, evaluations: int, budget
     optimiser.set_lower_bounds(np.zeros(n))
     optimiser.set_upper_bounds(np.ones(n))
     optimiser.set_xtol_abs(xtol)
-    optimiser.set_maxeval(int(min(evaluations, 1 + budget.evaluations)))  # the start is known already
+    optimiser.set_maxeval(int(1 + budget.evaluations))  # the start is known already
     if math.isfinite(budget.deadline):
         optimiser.set_maxtime(max(budget.deadline - time.monotonic(), 1e-3))  # 0 would be no limit
     # From one version of nlopt to the next its exceptions change their names, and whether they are RuntimeErrors.

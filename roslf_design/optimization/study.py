@@ -36,7 +36,7 @@ from .lens_variables import lens_faults, places_that_vary, varies_lens
 from .parts import given_by, load_catalogue
 from .problem import DesignProblem, titled
 from .ranking import Ranking, rank
-from .robust import Robust, RobustTable, maximise_robustness, scatter_of, tolerances
+from .robust import Robust, RobustTable, maximise_robustness, scatter_of
 from .solve import Answer, Settings, SolverTable, Tell, optimum_accuracy, solve
 from .traces import Field as ArrayPlace
 from .traces import Retrace, faults_behind
@@ -419,7 +419,7 @@ def _robust(result: Result) -> dict[str, Any] | None:
     if robust is None or table is None:
         return None
 
-    applied, before = (tolerances(result.answer.problem, robust.scatter, u) for u in (robust.unit, result.answer.unit))
+    applied, before = (robust.scatter.tolerances(result.answer.problem, u) for u in (robust.unit, result.answer.unit))
 
     return {
         "maximised": table.maximise,

@@ -29,10 +29,11 @@ from ..evaluation import default_fields
 from ..optimization.solve import Tell
 from ..optimization.study import Result, run
 from ..optimization.study import read_study as read_optimisation
-from ..tolerancing.analyses import summarise
 from ..tolerancing.result import StudyResult, analyse
-from ..tolerancing.run import Tally, run_trials
+from ..tolerancing.run import run_trials
 from ..tolerancing.study import TolerancePlan, tolerance_plan
+from ..tolerancing.summaries import summarise
+from ..tolerancing.tally import Tally
 from ..toml_files import StrictTable, read_toml, validated
 from .blocks import Block, Bullets, Finding, Paragraph, Report, Section, Statements
 from .calibrate.pages import Calibrated, calibrated_finding, plan_finding, read_calibration

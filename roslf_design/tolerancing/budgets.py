@@ -15,11 +15,11 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from .._arrays import Array
-from .analyses import FRESH, Yield, curve_trials, first_draws, fresh, least_passed, promised, search_trials
 from .draws import Draws
 from .places import GradeLine, Grades, expand, parse_tolerance, perturbable
 from .study import CALIBRATION, Adjuster, Study, TolerancePlan
 from .trials import measure_finally
+from .yields import FRESH, Yield, curve_trials, first_draws, fresh, least_passed, promised, search_trials
 
 Steps = tuple[tuple[str, str, float], ...]
 """Places, grades (empty where a step is to none of them), and half-widths, or an adjuster's reach [mm or rad]."""

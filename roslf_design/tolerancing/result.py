@@ -17,32 +17,25 @@ from ..design import save
 from ..design.files import WRITTEN
 from ..errors import InputError
 from ..json_data import plain
-from .analyses import (
-    CONFIDENCE,
+from .budgets import ToleranceBudget, budget
+from .metrics import METRICS, mount_of
+from .places import Grades
+from .sensitivities import (
     Allowed,
     RssRow,
     Sensitivity,
     SobolIndices,
-    Variant,
-    Yield,
-    correlations,
-    curve_trials,
     inverse_sensitivity,
     rss_rows,
-    scale_for_yield,
     sensitivity,
     sobol_indices,
-    summarise,
-    yield_at,
-    yield_curve,
 )
-from .budgets import ToleranceBudget, budget
-from .metrics import METRICS, mount_of
-from .places import Grades
-from .run import Tally
 from .study import MOST_TRIALS, Study, TolerancePlan, make_plan
+from .summaries import Variant, correlations, summarise
+from .tally import Tally
 from .traced import notes
 from .trials import measure_one, one_trial
+from .yields import CONFIDENCE, Yield, curve_trials, scale_for_yield, yield_at, yield_curve
 
 SCHEMA = "roslf.tolerance/1"
 FINEST = 1e-5

@@ -155,7 +155,12 @@ def by_simplex(name: Any) -> Callable[[Counted, Sequence[Array]], Outcome]:
         ends = []
         for start in starts:
             unit, _ = derivative_free(
-                name, lambda unit: (counted.penalised(unit),), start, step=0.1, xtol=1e-6, evaluations=200
+                name,
+                lambda unit: (counted.penalised(unit),),
+                start,
+                step=0.1,
+                xtol=1e-6,
+                budget=SearchBudget().at_most(200),
             )
             ends.append((counted.penalised(unit), unit))
         return min(ends, key=lambda end: end[0])
@@ -209,7 +214,7 @@ def all_at_once(combinations: Combinations) -> tuple[roslf.Design, int]:
         number = min(int(unit[0] * len(counters)), len(counters) - 1)
         return (counters[number].penalised(unit[1:]),)
 
-    unit, _ = derivative_free("GN_CRS2_LM", cost, np.full(1 + n, 0.5), xtol=1e-7, evaluations=4000)
+    unit, _ = derivative_free("GN_CRS2_LM", cost, np.full(1 + n, 0.5), xtol=1e-7, budget=SearchBudget().at_most(4000))
     number = min(int(unit[0] * len(counters)), len(counters) - 1)
     return counters[number].problem.design_at(unit[1:]), sum(counter.points for counter in counters)
 

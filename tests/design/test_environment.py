@@ -12,8 +12,8 @@ from roslf_design.lenses.lens_file import _loads_lens, load_lens, table_of
 from roslf_design.lenses.prescription import first_order
 from roslf_design.lenses.solid import find_solid
 from roslf_design.optimization import Constraint
-from roslf_design.tolerancing.analyses import exact_derivatives
 from roslf_design.tolerancing.metrics import Question, builds_of, evaluate_builds
+from roslf_design.tolerancing.sensitivities import sensitivity
 from roslf_design.tolerancing.study import tolerance_plan
 from roslf_design.tolerancing.trials import differences
 from tests.tolerancing.alone import apart
@@ -183,7 +183,7 @@ def test_derivatives_by_temperature_are_exact():
     data = {"name": "warmth", "trials": 16, "perturb": [{"place": TEMPERATURE, "tolerance": "10 K"}]}
     data["goals"] = [{"metric": name, "min": -1e9} for name in ("fill_factor", "image_diameter_mm", "sigma_z_mm")]
     plan, *_ = tolerance_plan(data, design)
-    slopes = exact_derivatives(plan)
+    slopes = sensitivity(plan).exact
     central = differences(plan, [(TEMPERATURE, 0.5)])
     known = np.isfinite(slopes)
     assert known.sum() >= 2

@@ -9,7 +9,7 @@ from roslf_design.optimization.combinations import Combinations
 from roslf_design.optimization.front import pareto_front
 from roslf_design.optimization.parts import load_catalogue, read_condition, rows
 from roslf_design.optimization.ranking import rank
-from roslf_design.optimization.robust import RobustTable, builds, maximise_robustness, scatter_of, tolerances
+from roslf_design.optimization.robust import RobustTable, maximise_robustness, scatter_of
 from roslf_design.optimization.search import QUICK, SearchBudget, search
 from tests.optimization.posing import PAPER, goal, limit, posed
 
@@ -87,10 +87,10 @@ def test_robust_design_beside_the_nominal_one():
         )
         seen = roslf.evaluate(build, [])
         held += 0.98 <= seen.f_number.fill_factor <= 1.0 and seen.non_distortion.room_at_corner_mm >= 0
-    own = (TIGHT.rows_of(builds(TIGHT, scatter, found.unit, scatter.fresh[:, :count]), count) <= 1e-9).all(axis=0).sum()
+    own = (TIGHT.rows_of(scatter.builds(TIGHT, found.unit, scatter.fresh[:, :count]), count) <= 1e-9).all(axis=0).sum()
     assert held == own
     # What is told is what was applied: 0.4 % of this design's own d_2, not of the base design's.
-    told = tolerances(TIGHT, scatter, found.unit)
+    told = scatter.tolerances(TIGHT, found.unit)
     assert told["sensor.distance"] == pytest.approx(0.004 * hardware.d_2, rel=1e-12)
     assert told["aperture.diameter"] == pytest.approx(0.01)
     assert abs(hardware.d_2 / PAPER.d_2 - 1) > 0.1

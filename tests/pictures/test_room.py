@@ -16,7 +16,7 @@ from roslf_design.reporting.design.field import field_map, field_maps, mla_map
 from roslf_design.reporting.design.microlens import ON_PICTURE, microlens_image
 from roslf_design.reporting.design.rays import cells, dimensions, meridional, ray_diagrams
 from roslf_design.reporting.tolerance.pictures import Yields, yield_bars
-from roslf_design.tolerancing.analyses import Yield
+from roslf_design.tolerancing.yields import Yield
 from tests.pictures.designs import DESIGNS, PAPER, THROUGH
 
 LOOKING = THROUGH | {name: design for name, design in DESIGNS.items() if design.elements}

@@ -29,7 +29,7 @@ from roslf_design.reporting.tolerance.pictures import (
     yield_bars,
     yield_curve,
 )
-from roslf_design.tolerancing.analyses import Yield
+from roslf_design.tolerancing.yields import Yield
 
 SVG = "{http://www.w3.org/2000/svg}"
 HALF, MOST = Yield(2000, 4000), Yield(3600, 4000)

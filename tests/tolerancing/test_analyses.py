@@ -10,24 +10,19 @@ from scipy import stats
 from roslf_design.camera import Camera
 from roslf_design.design import PATHS, load
 from roslf_design.theory.quantities import QUANTITIES
-from roslf_design.tolerancing.analyses import (
-    Yield,
-    correlations,
-    exact_derivatives,
-    inverse_sensitivity,
-    root_sum_square,
-    saltelli_jansen,
-    scale_for_yield,
-    sensitivity,
-    sobol_indices,
-    summarise,
-    yield_at,
-)
 from roslf_design.tolerancing.draws import sobol_points
 from roslf_design.tolerancing.metrics import METRICS, Question, evaluate_builds
 from roslf_design.tolerancing.run import tally_chunk
+from roslf_design.tolerancing.sensitivities import (
+    inverse_sensitivity,
+    saltelli_jansen,
+    sensitivity,
+    sobol_indices,
+)
 from roslf_design.tolerancing.study import plan_from
+from roslf_design.tolerancing.summaries import correlations, summarise
 from roslf_design.tolerancing.trials import Compensator, measure, one_trial
+from roslf_design.tolerancing.yields import Yield, scale_for_yield, yield_at
 
 from .test_budgets import surely
 
@@ -49,7 +44,7 @@ def shifts(rho, **more):
 def test_linear_response_rss_equals_monte_carlo():
     plan = shifts(0)
     tally = tally_chunk(plan, 0)
-    rss = root_sum_square(plan, sensitivity(plan))
+    rss = sensitivity(plan).root_sum_square(plan.draws.covariance())
     pitch = 1 + 2.0 * -1 / 460.0
     assert rss[0] == pytest.approx(0.05 / plan.question.design.q * np.hypot(pitch, 1), rel=1e-6)
     column = summarise(plan, tally)[0].distributions[0]
@@ -67,7 +62,7 @@ def test_a_correlated_pair_has_the_variance_of_a_difference(rho):
     plan = shifts(rho)
     pitch = 1 + 2.0 * -1 / 460.0
     expected = 0.05 / plan.question.design.q * np.sqrt(pitch**2 + 1 - 2 * rho * pitch)
-    assert root_sum_square(plan, sensitivity(plan))[0] == pytest.approx(expected, rel=1e-5)
+    assert sensitivity(plan).root_sum_square(plan.draws.covariance())[0] == pytest.approx(expected, rel=1e-5)
     column = summarise(plan, tally_chunk(plan, 0))[0].distributions[0]
     assert column.deviation == pytest.approx(expected, rel=0.02)
 
@@ -122,7 +117,7 @@ def test_analytic_derivatives_against_60_digits():
         x = [mp.mpf(getattr(design, symbol)) for symbol in symbols]
         names = list(closed_forms(*x))
         plan = study([{"metric": names[0], "max": 9}], [{"place": places, "tolerance": tolerance}], report=names)
-        found = exact_derivatives(plan)
+        found = sensitivity(plan).exact
         for row, column in zip(found, plan.columns, strict=True):
             for k, slope in enumerate(row):
                 step = x[k] * mp.mpf("1e-20")
@@ -150,7 +145,7 @@ def test_finite_differences_agree_with_the_analytic_ones():
 
 def test_where_d_f_is_given_the_array_is_refocused():
     plan = study([{"metric": "magnification", "max": 1}], [{"place": "main_lens.focal_plane", "tolerance": "1 mm"}])
-    assert exact_derivatives(plan)[0, 0] == pytest.approx(-100 / 250**2, rel=1e-12)  # m = f/(d_f - f)
+    assert sensitivity(plan).exact[0, 0] == pytest.approx(-100 / 250**2, rel=1e-12)  # m = f/(d_f - f)
 
 
 def test_inverse_sensitivity_uses_its_share_of_the_limit_exactly():

@@ -7,11 +7,12 @@ from scipy.stats import binomtest
 
 from roslf_design.design import load
 from roslf_design.errors import InputError
-from roslf_design.tolerancing.analyses import scale_for_yield, summarise
 from roslf_design.tolerancing.budgets import budget, parts_of
 from roslf_design.tolerancing.places import load_grades
 from roslf_design.tolerancing.run import tally_chunk
 from roslf_design.tolerancing.study import tolerance_plan
+from roslf_design.tolerancing.summaries import summarise
+from roslf_design.tolerancing.yields import scale_for_yield
 
 SHOP = """
 [grades]

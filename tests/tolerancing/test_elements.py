@@ -10,9 +10,9 @@ from roslf_design.camera import Camera
 from roslf_design.design import Design, dumps, loads
 from roslf_design.errors import InputError
 from roslf_design.theory.stop_images import MicrolensImages
-from roslf_design.tolerancing.analyses import exact_derivatives
 from roslf_design.tolerancing.metrics import Question, builds_of, evaluate_builds
 from roslf_design.tolerancing.places import display, expand, load_grades, nominal_values, perturbable, short_name
+from roslf_design.tolerancing.sensitivities import sensitivity
 from roslf_design.tolerancing.study import plan_from, tolerance_plan
 from roslf_design.tolerancing.trials import differences, one_trial
 from tests.oracles.object_space import object_side
@@ -286,7 +286,7 @@ def test_exact_derivatives_through_glass(scope):
         },
         scope,
     )
-    exact = exact_derivatives(plan)
+    exact = sensitivity(plan).exact
     steps = [(p.place, 1e-3 * p.tolerance) for p in plan.draws.perturbations]
     near = differences(plan, steps)
     for row, column in enumerate(plan.columns):

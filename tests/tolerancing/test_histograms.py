@@ -6,14 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from roslf_design.tolerancing import run
+from roslf_design.tolerancing import tally
 
 
 def count(values):
     """Bin counts of one column."""
     row = np.array(values, dtype=float)[None]
-    counts, (total, square, low, high) = np.zeros((1, run.BINS), np.int64), np.zeros((4, 1))
-    run.add_up.compiled(row, row.view(np.int64), counts, total, square, low, high, np.zeros(1, np.int64))
+    counts, (total, square, low, high) = np.zeros((1, tally.BINS), np.int64), np.zeros((4, 1))
+    tally.add_up.compiled(row, row.view(np.int64), counts, total, square, low, high, np.zeros(1, np.int64))
     assert total[0] == pytest.approx(row.sum(), rel=1e-9, abs=1e-6)
     assert (low[0], high[0]) == (row.min(initial=np.inf), row.max(initial=-np.inf))
     return counts[0]
@@ -23,11 +23,11 @@ def count(values):
 def test_quantiles_lie_between_the_order_statistics_around_them(values, p):
     counts = count(values)
     assert counts.sum() == len(values)
-    (found,) = run.quantiles(counts, [p], values.min(), values.max())
+    (found,) = tally.quantiles(counts, [p], values.min(), values.max())
     ordered = np.sort(values)
     rank = p * len(values)
     low, high = ordered[max(int(np.floor(rank)) - 1, 0)], ordered[min(int(np.ceil(rank)), len(values) - 1)]
-    slack = 2.0 / run.SPLIT
+    slack = 2.0 / tally.SPLIT
 
     def wider(value, way):
         return value + way * (abs(value) * slack + 2.0**-49)
@@ -42,7 +42,7 @@ def test_counts_add_up(values, cut):
 
 def test_every_value_lies_in_its_bin():
     values = np.concatenate([10.0 ** np.linspace(-14, 8, 3001), -(10.0 ** np.linspace(-14, 8, 3001)), [0.0]])
-    bounds = run.EDGES
+    bounds = tally.EDGES
     for value in values:
         (index,) = np.flatnonzero(count(np.array([value])))
         assert bounds[index] <= value <= bounds[index + 1]
@@ -50,26 +50,26 @@ def test_every_value_lies_in_its_bin():
 
 def test_a_million_normals_have_the_quantiles_of_the_normal():
     x = np.random.default_rng(0).normal(size=1_000_000)
-    found = run.quantiles(count(x), [0.01, 0.25, 0.75, 0.99], x.min(), x.max())
-    np.testing.assert_allclose(found, np.quantile(x, [0.01, 0.25, 0.75, 0.99]), rtol=1 / run.SPLIT)
+    found = tally.quantiles(count(x), [0.01, 0.25, 0.75, 0.99], x.min(), x.max())
+    np.testing.assert_allclose(found, np.quantile(x, [0.01, 0.25, 0.75, 0.99]), rtol=1 / tally.SPLIT)
 
 
 def test_values_at_nominal_are_an_atom():
     x = np.concatenate([np.zeros(900), -np.ones(100)])
     counts = count(x)
-    assert run.quantiles(counts, [0.05, 0.5, 0.99], -1, 0).tolist() == [pytest.approx(-1, rel=0.01), 0, 0]
+    assert tally.quantiles(counts, [0.05, 0.5, 0.99], -1, 0).tolist() == [pytest.approx(-1, rel=0.01), 0, 0]
 
 
 def test_undefined_trials_rank_worst():
     counts = count(np.linspace(1, 2, 90))
-    assert run.quantiles(counts, [0.05, 0.95], 1, 2, above=10)[1] == np.inf
-    assert run.quantiles(counts, [0.05, 0.95], 1, 2, below=10)[0] == -np.inf
-    assert run.quantiles(counts, [0.5], 1, 2, above=10)[0] == pytest.approx(1.55, abs=0.02)
+    assert tally.quantiles(counts, [0.05, 0.95], 1, 2, above=10)[1] == np.inf
+    assert tally.quantiles(counts, [0.05, 0.95], 1, 2, below=10)[0] == -np.inf
+    assert tally.quantiles(counts, [0.5], 1, 2, above=10)[0] == pytest.approx(1.55, abs=0.02)
 
 
 @given(arrays(float, 100, elements=st.floats(-50, 50)))
 def test_rebinning_keeps_every_trial(values):
     cuts = np.concatenate([[-np.inf], np.linspace(-50, 50, 21)[1:-1], [np.inf]])
-    bars = run.rebin(count(values), cuts)
+    bars = tally.rebin(count(values), cuts)
     assert bars.sum() == pytest.approx(100)
     assert (bars >= 0).all()

@@ -10,9 +10,9 @@ from roslf_design.camera import Camera
 from roslf_design.optimization.study import read_study, run
 from roslf_design.reporting.tolerance.pages import tables, tolerance_pictures
 from roslf_design.theory.quantities import QUANTITIES
-from roslf_design.tolerancing.analyses import sobol_indices
 from roslf_design.tolerancing.result import analyse
 from roslf_design.tolerancing.run import tally_chunk
+from roslf_design.tolerancing.sensitivities import sobol_indices
 from roslf_design.tolerancing.study import tolerance_plan
 
 FAR, VIEW_FAR = "depth_of_field_far_mm", "view_depth_of_field_far_mm"

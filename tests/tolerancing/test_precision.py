@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from roslf_design.cli import main
-from roslf_design.tolerancing.analyses import Yield, summarise
 from roslf_design.tolerancing.result import precision, shapes_text, trials_for
-from roslf_design.tolerancing.run import merged, tally_chunk
+from roslf_design.tolerancing.run import tally_chunk
 from roslf_design.tolerancing.study import plan_from
+from roslf_design.tolerancing.summaries import summarise
+from roslf_design.tolerancing.tally import merged
+from roslf_design.tolerancing.yields import Yield
 
 GOALS = [{"metric": "fill_factor", "max": 1.02}]
 PERTURB = [{"place": "sensor.distance", "tolerance": "0.06 mm"}]

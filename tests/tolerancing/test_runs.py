@@ -27,14 +27,12 @@ from roslf_design.tolerancing.run import (
     ChunkLostError,
     WorkerSettings,
     local_cluster,
-    merged,
-    pack,
     run_chunks,
     run_trials,
     tally_chunk,
-    unpack,
 )
 from roslf_design.tolerancing.study import load_plan, plan_from
+from roslf_design.tolerancing.tally import merged, pack, unpack
 
 STUDY = """
 name = "small"

@@ -17,7 +17,7 @@ from roslf_design.tolerancing.places import (
     perturbable,
     short_name,
 )
-from roslf_design.tolerancing.study import MetricGoal, chunk_size, load_plan, plan_from
+from roslf_design.tolerancing.study import MetricGoal, load_plan, plan_from
 
 GOOD = {"name": "s", "design": "paper", "grade": "high", "goals": [{"metric": "fill_factor", "min": 0.9}]}
 
@@ -209,8 +209,20 @@ def test_places_of_a_real_lens_are_told_apart():
 
 
 def test_chunks_stay_few_and_large():
-    assert chunk_size(100) == chunk_size(10**6) == 2**15
-    assert 10**8 / chunk_size(10**8) < 1100
+    few, some, many = (
+        plan_from(
+            {
+                "name": "s",
+                "design": "paper",
+                "goals": [{"metric": "fill_factor", "max": 2.0}],
+                "perturb": [{"place": "d_2", "tolerance": "1 um"}],
+                "trials": trials,
+            }
+        )
+        for trials in (100, 10**6, 10**8)
+    )
+    assert few.chunk == some.chunk == 2**15
+    assert many.chunks < 1100
 
 
 GRADES = """

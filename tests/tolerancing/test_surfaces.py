@@ -16,8 +16,9 @@ from roslf_design.lenses.prescription import LensError, Prescription, Surface, s
 from roslf_design.tolerancing.metrics import Question, builds_of
 from roslf_design.tolerancing.places import expand, perturbable, tolerance_at
 from roslf_design.tolerancing.result import analyse
-from roslf_design.tolerancing.run import merged, tally_chunk
+from roslf_design.tolerancing.run import tally_chunk
 from roslf_design.tolerancing.study import tolerance_plan
+from roslf_design.tolerancing.tally import merged
 from tests.lenses.vector_rays import Rays, trace
 from tests.tolerancing.alone import apart
 

@@ -20,7 +20,7 @@ from ...optimization.traces import Retrace
 from ...optimization.variables import NUMBERS
 from ...tables import Column
 from ...theory.quantities import in_words
-from ...tolerancing.analyses import Yield
+from ...tolerancing.yields import Yield
 from ...words import number, sentence
 from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
 from .pictures import bore_and_stop, ends_of, goal_front, robust_yields, search_history

@@ -41,8 +41,8 @@ from .resolution import mtf_curves, resolution_map
 if TYPE_CHECKING:
     from ...calibration.lengths import LengthCovariance
     from ...design import Design
-    from ...tolerancing.analyses import Variant
     from ...tolerancing.study import TolerancePlan
+    from ...tolerancing.summaries import Variant
 
 SCHEMA = "roslf.datasheet/1"
 SIGMAS = 2.0

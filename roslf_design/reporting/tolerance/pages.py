@@ -17,12 +17,13 @@ from ...drawing.picture import Picture
 from ...tables import Column
 from ...theory.quantities import in_words
 from ...theory.quantity import finite
-from ...tolerancing.analyses import Variant, Yield
 from ...tolerancing.budgets import Change, ToleranceBudget
 from ...tolerancing.metrics import METRICS
 from ...tolerancing.places import display, perturbable, short_name
 from ...tolerancing.result import StudyResult
 from ...tolerancing.study import CALIBRATION
+from ...tolerancing.summaries import Variant
+from ...tolerancing.yields import Yield
 from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
 from .pictures import Yields, distributions, ranked_correlations, ranked_moves, yield_bars, yield_curve
 

@@ -13,7 +13,7 @@ from ...drawing.marks import Area, Dots, Key, Line, Mark, Point, Text, bars, box
 from ...drawing.panel import Panel, Scale, named_ticks, names_width, rows_panel, threshold
 from ...drawing.picture import Picture, as_tall, one_panel
 from ...drawing.theme import PLAIN, SMALL, short, text_width
-from ...tolerancing.analyses import Yield
+from ...tolerancing.yields import Yield
 
 ROW = 24.0
 """Height of a bar's row, its text beside it [px]."""

@@ -1,0 +1,279 @@
+"""Sensitivities: moves by single tolerances, root sums of squares, inverse tolerances, Sobol indices."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .._arrays import Array, by_value
+from ..camera import Camera
+from ..theory import chief_rays
+from ..theory.quantities import QUANTITIES
+from .draws import sobol_points
+from .metrics import mount_of
+from .places import of_parts
+from .study import TolerancePlan
+from .summaries import Variant
+from .trials import differences, final_faults, measure, measure_finally
+from .yields import CONFIDENCE
+
+STEP = 1e-4
+"""Step of numerical derivatives, in tolerances: small enough that a central difference errs far below a percent."""
+IMAGINARY = 1e-40
+"""Step for exact derivatives, as a share of the number; its square vanishes against 1."""
+LOOSEST = 1e3
+"""Inverse sensitivity stops looking beyond this many times the given tolerance."""
+HALVINGS = 40
+"""Steps of its bisection, the first ones doublings: six digits and more."""
+LINEAR = 0.1
+"""|RSS / Monte Carlo - 1| above which a response counts as not linear."""
+RESAMPLES = 256
+"""Bootstrap samples of Sobol indices."""
+
+
+@by_value
+@dataclass(frozen=True)
+class Sensitivity:
+    """Derivatives and finite moves of every column. V variants, C columns, P perturbations."""
+
+    derivatives: Array
+    """As built, by central differences [column's unit per mm or rad], shape (C, P)."""
+    exact: Array
+    """Derivatives from closed forms, NaN where there is none, shape (C, P)."""
+    plus: Array
+    minus: Array
+    """Change of the column at the two ends of the tolerance, as built and after adjustment, shape (V, C, P); NaN where
+    undefined, 0 from infinity to infinity."""
+    twin_derivatives: Array
+    twin_plus: Array
+    twin_minus: Array
+    """Derivatives of the finite twins of columns that may be infinite, and of all other columns themselves."""
+
+    def root_sum_square(self, covariance: Array) -> Array:
+        """Standard deviation of every column if it were linear in perturbations of a covariance, shape (C,)."""
+        slopes = np.where(np.isfinite(self.exact), self.exact, self.derivatives)
+        variance = np.einsum("ci,ij,cj->c", slopes, covariance, slopes)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
+
+    @property
+    def worst(self) -> Array:
+        """Larger of the two moves of the twins, shape (V, C, P); infinite where the column becomes undefined."""
+        size = np.maximum(np.abs(self.twin_plus), np.abs(self.twin_minus))
+        return np.where(np.isnan(size), np.inf, size)
+
+
+def sensitivity(plan: TolerancePlan) -> Sensitivity:
+    """Sensitivity of each column to each perturbation alone."""
+    perturbations = plan.draws.perturbations
+    steps = [(p.place, STEP * p.tolerance) for p in perturbations]
+    derivatives = twins = differences(plan, steps)
+    one, here = np.eye(len(perturbations)), plan.nominal[:, None]
+    ends = [measure(plan, sign * one, settled=0.0).variants for sign in (1.0, -1.0)]
+    with np.errstate(invalid="ignore"):
+        plus, minus = moves = [np.where(np.isinf(end) & (end == here), 0.0, end - here) for end in ends]
+    if plan.infinite.any():
+        twins = differences(plan, steps, judged=True)
+        moves = [np.stack([plan.judged(variant) for variant in end]) - plan.judged(here) for end in ends]
+    return Sensitivity(derivatives, _exact_derivatives(plan), plus, minus, twins, *moves)
+
+
+def _exact_derivatives(plan: TolerancePlan) -> Array:
+    """Derivatives of the closed forms by each perturbed place, shape (C, P); NaN where there is none.
+
+    Of an aligned design behind an ideal lens, whose fields all have the same value, by complex steps: no difference, so
+    nothing cancels. A pose changes what is local to a field; by those there are none.
+    """
+    perturbations, design = plan.draws.perturbations, plan.question.design
+    exact = np.full((len(plan.columns), len(perturbations)), np.nan)
+    if not mount_of(design).in_closed_form(design):
+        return exact
+    steps = IMAGINARY * np.array([abs(p.nominal) or 1.0 for p in perturbations])
+    at = {p.place: p.nominal + 1j * row for p, row in zip(perturbations, np.diag(steps), strict=True)}
+    camera = Camera.of(design).replace(of_parts(design, at))
+    posed = [any(word in p.place for word in ("decentre", "tilt", "rotation")) for p in perturbations]
+    for row, column in enumerate(plan.columns):
+        quantity = QUANTITIES.get(column.metric)
+        if quantity is not None and quantity.analytic and not (quantity.traced and chief_rays.traced(camera)):
+            exact[row] = np.broadcast_to(np.imag(quantity(camera)), steps.shape) / steps
+            if column.field is not None:
+                exact[row, posed] = np.nan
+    return exact
+
+
+@dataclass(frozen=True)
+class RssRow:
+    """Root sum of squares beside Monte Carlo, as built."""
+
+    column: str
+    rss: float
+    monte_carlo: float
+    """Standard deviation; NaN where trials are undefined."""
+    ratio: float
+    """Monte Carlo over RSS; infinite where only Monte Carlo scatters."""
+    mean_shift: float
+    """Mean less nominal: 0 for a linear response."""
+    linear: bool
+    """Whether the RSS figure may be used."""
+
+
+def rss_rows(plan: TolerancePlan, moves: Sensitivity, as_built: Variant) -> Iterator[RssRow]:
+    """Every column's root sum of squares beside its scatter."""
+    deviations = moves.root_sum_square(plan.draws.covariance()).tolist()
+    for column, rss in zip(as_built.distributions, deviations, strict=True):
+        spread, shift = column.deviation, column.mean - column.nominal
+        ratio = math.nan if math.isnan(rss) else spread / rss if rss > 0 else math.inf if spread > 0 else 1.0
+        linear = abs(ratio - 1) <= LINEAR and abs(shift) <= LINEAR * max(rss, 1e-300)
+        yield RssRow(column.label, rss, spread, ratio, shift, linear)
+
+
+@dataclass(frozen=True)
+class Allowed:
+    """Allowed half-widths of one perturbation: alone until a limit fails, and as its share of the limits' room."""
+
+    place: str
+    tolerance: float
+    """Half-width that uses no more than the study's share of any limit's room [mm or rad]; infinite where nothing up to
+    `LOOSEST` times the given one does."""
+    given: float
+    limited_by: str
+    """Label of the column whose share binds, or why the build is no camera beyond; empty where nothing binds."""
+    alone: float
+    """Half-width at which, all else nominal, the first limit fails."""
+    alone_limited_by: str
+
+
+def inverse_sensitivity(plan: TolerancePlan, share: float) -> tuple[Allowed, ...]:
+    """Largest tolerance of each perturbation alone: until a limit fails, and until it uses a share of a limit's room.
+
+    By bisection on the real response, not from a derivative: margins and decentres bend. Where something is adjusted,
+    what is left after adjustment counts.
+
+    Raises
+    ------
+    ValueError
+        The nominal design itself does not hold a limit.
+    """
+    misses = plan.nominal_misses()
+    if misses:
+        raise ValueError(f"the nominal design misses its own limits: {', '.join(misses)}")
+    perturbations, limits = plan.draws.perturbations, plan.limits
+    # One case for each perturbation, end of its tolerance and part of the room: all of it, the share.
+    rows, ends, parts = (part.ravel() for part in np.indices((len(perturbations), 2, 2)))
+    cases = np.arange(rows.size)
+    columns = np.array([limit.column for limit in limits])
+    here = plan.judged(plan.nominal[columns, None], columns)
+    room = np.where(parts == 0, 1.0, share)
+    low, high = (
+        np.where(np.isfinite(edge), np.where(parts == 0, twin, here + room * (twin - here)), edge)
+        for edge in np.array([(limit.low, limit.high) for limit in limits]).T[..., None]
+        for twin in [plan.judged(edge, columns)]
+    )
+    inside, outside = np.zeros(rows.size), np.full(rows.size, np.inf)
+    trial, broken = np.ones(rows.size), np.zeros(rows.size, np.intp)
+    for _ in range(HALVINGS):
+        deviations = np.zeros((len(perturbations), rows.size))
+        deviations[rows, cases] = np.where(ends == 0, trial, -trial)
+        value = plan.judged(measure_finally(plan, deviations, settled=0.0)[columns], columns)
+        good = (value >= low) & (value <= high)
+        held = good.all(axis=0)
+        broken = np.where(held, broken, np.argmin(good, axis=0))
+        inside, outside = np.where(held, trial, inside), np.where(held, outside, trial)
+        trial = np.where(
+            np.isinf(outside), np.minimum(2 * inside, LOOSEST), (inside + np.minimum(outside, LOOSEST)) / 2
+        )
+    deviations = np.zeros((len(perturbations), rows.size))
+    deviations[rows, cases] = np.where(ends == 0, 1.0, -1.0) * np.where(np.isfinite(outside), outside, 0.0)
+    faults = np.empty(rows.size, dtype=object)
+    faults[:] = final_faults(plan, deviations)
+    faults = faults.reshape(len(perturbations), 2, 2)
+    widths, broken = (part.reshape(len(perturbations), 2, 2) for part in (inside, broken))
+
+    def narrower(index: int, part: int) -> tuple[float, str]:
+        end = int(np.argmin(widths[index, :, part]))
+        width = float(widths[index, end, part])
+        if width >= LOOSEST * (1 - 1e-9):
+            return math.inf, ""
+        fails = plan.columns[limits[broken[index, end, part]].column].label
+        return width * perturbations[index].tolerance, ", ".join(faults[index, end, part]) or fails
+
+    allowed = []
+    for index, p in enumerate(perturbations):
+        (alone, fails), (tolerance, binds) = narrower(index, 0), narrower(index, 1)
+        allowed.append(Allowed(p.place, tolerance, p.tolerance, binds, alone, fails))
+    return tuple(allowed)
+
+
+@by_value
+@dataclass(frozen=True)
+class SobolIndices:
+    """Indices of C columns for F independent factors, with bootstrap intervals. NaN rows where a column has none."""
+
+    factors: tuple[str, ...]
+    """A free perturbation, a group that moves together, or a partly tied member's own part."""
+    evaluations: int
+    first: Array
+    """Share of the variance that a factor explains alone, shape (C, F)."""
+    first_interval_95: Array
+    """Lower and upper end, shape (C, F, 2)."""
+    total: Array
+    """Share with all its interactions, shape (C, F)."""
+    total_interval_95: Array
+    undefined_evaluations: NDArray[np.int64]
+    """Builds in which a column was undefined, shape (C,); its indices are then NaN rather than of the rest."""
+
+
+def sobol_indices(plan: TolerancePlan, samples: int) -> SobolIndices:
+    """Sobol indices of every column, as finally adjusted: whose scatter its scatter comes from.
+
+    Of what may be infinite those of its finite twin. Of n = `samples` base samples on a scrambled Sobol sequence,
+    n (F + 2) builds in all.
+    """
+    factors = plan.draws.factors
+    count = len(factors)
+    a, b = np.split(sobol_points(2 * count, 0, samples, plan.draws.seed), 2)
+    mixed = (np.where(np.arange(count)[:, None] == index, b, a) for index in range(count))  # one at a time in memory
+    samples_of = (plan.draws.deviations(uniforms) for uniforms in itertools.chain((a, b), mixed))
+    columns = np.stack([plan.judged(measure_finally(plan, deviations)) for deviations in samples_of])
+    undefined = np.isnan(columns).sum(axis=(0, 2))
+    indices = saltelli_jansen(columns[0], columns[1], columns[2:], plan.draws.seed)
+    for part in indices:
+        part[undefined > 0] = np.nan
+    return SobolIndices(factors, samples * (count + 2), *indices, undefined)
+
+
+def saltelli_jansen(f_a: Array, f_b: Array, f_ab: Array, seed: int) -> tuple[Array, Array, Array, Array]:
+    """First-order indices (Saltelli 2010) and their intervals, total ones (Jansen 1999) and theirs.
+
+    Parameters
+    ----------
+    f_a, f_b : ndarray, shape (C, n)
+        Responses to the two base samples.
+    f_ab : ndarray, shape (F, C, n)
+        To the first one with one factor each from the second.
+    seed : int
+        Of the resampling of base samples.
+    """
+    columns, n = f_a.shape
+    factors = len(f_ab)
+    usable = np.asarray(np.isfinite(np.stack([f_a, f_b, *f_ab])).all(axis=(0, 2)))
+    middle = np.where(usable, 0.5 * (f_a.mean(axis=1) + f_b.mean(axis=1)), 0.0)
+    ya, yb, yab = (np.where(usable[:, None], f, 0.0) - middle[:, None] for f in (f_a, f_b, f_ab))
+    # One row a base sample: what is summed for sum y, sum y^2, first and total.
+    sums_of = [(ya + yb)[None], (ya * ya + yb * yb)[None], yb * (yab - ya), 0.5 * (ya - yab) ** 2]
+    terms = np.concatenate(sums_of).reshape(-1, n)
+    stream = np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(2**32,))))
+    weights = np.concatenate([np.ones((1, n)), stream.multinomial(n, np.full(n, 1 / n), size=RESAMPLES)]) / n
+    sums = np.einsum("rn,kn->rk", weights, terms).reshape(len(weights), 2 + 2 * factors, columns)
+    variance = 0.5 * sums[:, 1] - (0.5 * sums[:, 0]) ** 2
+    still = variance <= 1e-24 * np.maximum(middle**2, 1e-30)
+    ratios = np.where(still[:, None], 0.0, sums[:, 2:] / np.where(still, 1.0, variance)[:, None])
+    ratios = np.moveaxis(ratios, 2, 1)
+    ends = np.quantile(ratios[1:], [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2], axis=0)
+    first, total = np.split(ratios[0], 2, axis=1)
+    first_ends, total_ends = np.split(np.moveaxis(ends, 0, -1), 2, axis=1)
+    return first.copy(), first_ends.copy(), total.copy(), total_ends.copy()

@@ -1,0 +1,188 @@
+"""Yields: shares of builds that hold every limit, with their intervals, over a common factor on all tolerances."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_left
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from itertools import takewhile
+from typing import Any, TypeVar
+
+import numpy as np
+
+from .._arrays import Array
+from .draws import Draws
+from .study import TolerancePlan
+from .trials import BLOCK, measure_finally
+
+CONFIDENCE = 0.95
+"""Confidence level of every interval."""
+SCALES = (0.25, 0.35, 0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 1.7, 2.0, 2.8, 4.0)
+"""Factors on all tolerances at once, for the yield curve."""
+CURVE_TRIALS, CURVE_TRIALS_ADJUSTED = 16384, 4096
+"""Trials for each point of a curve; fewer where each trial is adjusted."""
+LOST = 8
+"""Builds that a wanted yield loses at least among those that a change is searched by: fewer tell it from no other."""
+FRESH, ROUNDS = 4, 6
+"""How many times as many builds a change is judged by as it was searched by, and how often it is searched anew."""
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Yield:
+    """A measured yield, the share of builds that hold every limit, with its interval."""
+
+    passed: int
+    trials: int
+
+    @property
+    def value(self) -> float:
+        """Share that passed; 0 of none."""
+        return self.passed / max(self.trials, 1)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """Exact binomial interval (Clopper-Pearson, 95 %); too wide, never too narrow, for Sobol sampling."""
+        from scipy.special import betaincinv
+
+        tail, failed = (1 - CONFIDENCE) / 2, self.trials - self.passed
+        low = float(betaincinv(self.passed, failed + 1, tail)) if self.passed else 0.0
+        high = float(betaincinv(self.passed + 1, failed, 1 - tail)) if failed else 1.0
+        return low, high
+
+    def to_dict(self) -> dict[str, Any]:
+        """As results have it."""
+        return {"yield": self.value, "interval_95": self.interval, "trials": self.trials}
+
+
+def curve_trials(plan: TolerancePlan) -> int:
+    """Trials that a point of a curve is worth."""
+    return min(CURVE_TRIALS_ADJUSTED if plan.adjusters else CURVE_TRIALS, max(plan.trials, 256))
+
+
+def yield_at(plan: TolerancePlan, scale: float, trials: int) -> Yield:
+    """Yield with all tolerances times `scale`; the same draws at every scale."""
+    return Yield(sum(_passing(plan, scale, first_draws(plan.draws, trials))), trials)
+
+
+def _passing(plan: TolerancePlan, scale: float, deviations: Array) -> Iterator[int]:
+    """How many builds hold all limits, block by block."""
+    for at in range(0, deviations.shape[1], BLOCK):
+        block = measure_finally(plan, deviations[:, at : at + BLOCK], scale)
+        yield int(plan.passes(block).all(axis=0).sum())
+
+
+@lru_cache(maxsize=4)
+def first_draws(draws: Draws, trials: int) -> Array:
+    """Deviations of the first trials, which a curve's every point shares."""
+    return draws.deviations(draws.uniforms(0, trials))
+
+
+def fresh(draws: Draws) -> Draws:
+    """Draws with another seed, independent of the run's: they judge what was tuned on the first."""
+    seed = np.random.SeedSequence(draws.seed, spawn_key=(2**32 + 1,)).generate_state(1, np.uint64)
+    return replace(draws, seed=int(seed[0]))
+
+
+def search_trials(trials: int, target: float) -> int:
+    """Trials that tell a wanted yield from a smaller one: so many, or more where it is near 1."""
+    return max(trials, math.ceil(LOST / (1 - target)))
+
+
+def least_passed(share: float, trials: int) -> int:
+    """Fewest trials that must pass for the interval of their yield to begin at a share; one too many where none do."""
+    return bisect_left(range(trials + 1), share, key=lambda passed: Yield(passed, trials).interval[0])
+
+
+def promised(
+    search: Callable[[float], T | None], judged: Callable[[T], Yield], target: float
+) -> tuple[T, Yield] | None:
+    """Best candidate whose yield surely reaches the target, with that yield on fresh draws; None where there is none.
+
+    Whatever was tuned until some builds hold a target holds it better on these than on others. So the search aims at
+    the lower end of the yield's interval, other builds judge, and where these fall short it aims higher by as much.
+
+    Parameters
+    ----------
+    search : callable
+        From the share that the interval's lower end is to reach, on its own builds, to the best that does; None where
+        nothing does.
+    judged : callable
+        Its yield on `fresh` draws.
+    target : float
+        Wanted yield.
+    """
+    aim = target
+    for _ in range(ROUNDS):
+        best = search(aim)
+        if best is None:
+            return None
+        result = judged(best)
+        if result.interval[0] >= target:
+            return best, result
+        aim += target - result.interval[0]
+    return None
+
+
+def yield_curve(plan: TolerancePlan, own: Yield | None = None) -> tuple[tuple[float, Yield], ...]:
+    """Yield over a common factor on all tolerances; at 1 the run's `own` where there is one."""
+    return tuple(
+        (scale, own if own is not None and scale == 1.0 else yield_at(plan, scale, curve_trials(plan)))
+        for scale in SCALES
+    )
+
+
+def scale_for_yield(
+    plan: TolerancePlan, target: float, curve: Sequence[tuple[float, Yield]] = ()
+) -> tuple[float, Yield] | None:
+    """Largest common factor on all tolerances, up to 64, whose yield is the target for sure.
+
+    Parameters
+    ----------
+    plan : TolerancePlan
+    target : float
+    curve : sequence of (factor, yield)
+        As `yield_curve` gives it, in rising factors: below its last point on the target, and above its first one under
+        it, nothing is measured again.
+
+    Returns
+    -------
+    (factor, yield) or None
+        None where even a thousandth of the tolerances misses the target: the nominal design is at fault. The yield is
+        `promised`: that of other draws than the factor was found by, its interval not below the target.
+    """
+    trials = search_trials(curve_trials(plan), target)
+
+    def largest(aim: float) -> float | None:
+        least, loose, tight = least_passed(aim, trials), 64.0, 1e-3
+        held = [scale for scale, _ in takewhile(lambda point: point[1].interval[0] >= aim, curve)]
+        sure, lost = held[-1] if held else tight, curve[len(held)][0] if len(held) < len(curve) else math.inf
+
+        def reaches(scale: float) -> bool:
+            if scale >= lost or tight < scale <= sure:
+                return scale < lost
+            passed, left = 0, trials
+            for count in _passing(plan, scale, first_draws(plan.draws, trials)):  # until it is settled
+                passed, left = passed + count, max(left - BLOCK, 0)
+                if passed >= least or passed + left < least:
+                    break
+            return passed >= least
+
+        if not reaches(tight):
+            return None
+        if reaches(loose):
+            return loose
+        while loose / tight >= 1.001:
+            middle = float(np.sqrt(loose * tight))
+            if reaches(middle):
+                tight = middle
+            else:
+                loose = middle
+        return tight
+
+    def judged(scale: float) -> Yield:
+        return Yield(sum(_passing(plan, scale, first_draws(fresh(plan.draws), FRESH * trials))), FRESH * trials)
+
+    return promised(largest, judged, target)
