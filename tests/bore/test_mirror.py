@@ -15,10 +15,9 @@ from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.design.files import save
 from roslf_design.effects import plan
-from roslf_design.fates import state_at
+from roslf_design.fates import RayFate, state_at
 from roslf_design.imaging.camera import Region
 from roslf_design.imaging.trace import RaySampling, Tracer
-from roslf_design.lenses.tracer import KEPT
 from roslf_design.reporting.design.instrument import instrument_scene
 from roslf_design.scenes import Scene
 from roslf_design.theory.chief_rays import chief_rays
@@ -119,11 +118,11 @@ def test_rays_of_real_main_lenses_are_those_reflected_in_real_space(data, name, 
     points, ways = real.unfolded(points, ways)
     slope = ways[:, :2] / ways[:, 2:]
     met = views(camera, microlens, microlens + spots, clip=False)
-    assert (met.state == KEPT).all()
+    assert (met.state == RayFate.KEPT).all()
     assert_allclose(met.slope, slope, rtol=0, atol=1e-12)
     at_fap = points[:, :2] - slope * (points[:, 2:] + design.aperture.distance)
     assert_allclose(met.place, at_fap, rtol=0, atol=1e-10)
-    kept = views(camera, microlens, microlens + spots).state == KEPT
+    kept = views(camera, microlens, microlens + spots).state == RayFate.KEPT
     assert kept.tolist() == (passed & (took < 0)).tolist()
 
 

@@ -88,7 +88,7 @@ def _image_sheet(design: Design, result: Evaluation) -> Figure:
     follow = (
         "All three are full discs: every microlens sees the whole FAP."
         if all(field.status == "full" for field in result.fields)
-        else "What the dashed discs of other rims cut away is light and views lost there: a cat's eye."
+        else "What other rims, dashed, cut away is light and views lost there: a cat's eye."
     )
     if on_sensor < 0.999:
         follow += (
@@ -97,7 +97,7 @@ def _image_sheet(design: Design, result: Evaluation) -> Figure:
         )
     caption = (
         "Ray-optics images, exact: grey is the share of each pixel that the image covers, the solid line its outline, "
-        "dashed lines the discs of the single rims (those not seen lie outside the view), the green line its own "
+        "dashed lines the single rims (those not seen lie outside the view), the green line its own "
         f"cell, the cross its chief ray. {follow} Diffraction, which blurs them over "
         f"{number(result.diffraction.airy_radius_px, 2)} px (Airy radius), is not drawn."
     )

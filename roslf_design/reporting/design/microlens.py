@@ -237,7 +237,7 @@ def _light(design: Design, view: _ImageView, waves: bool) -> tuple[list[Mark], s
 
 def _lines(design: Design, view: _ImageView, on_picture: bool) -> list[Mark]:
     marks: list[Mark] = []
-    for k, (*_, colour) in enumerate(_rims(design, on_picture)):
+    for k, (_, colour) in enumerate(_rims(design, on_picture)):
         marks.append(_rim_mark(view.openings.some([k]), colour, 1.2, "5 3"))
     if len(view.outline):
         x, y = UM * np.append(view.outline, view.outline[:1], axis=0).T
@@ -257,12 +257,12 @@ def _rim_mark(rim: Openings, colour: str, width: float, dash: str) -> Mark:
     return Disc(UM * x, UM * y, UM * radius, edge=colour, width=width, dash=dash)
 
 
-def _rims(design: Design, on_picture: bool = False) -> list[tuple[str, str, str]]:
-    """Names, shapes and colours of what cuts an image: FAP, main lens, further stops, elements."""
+def _rims(design: Design, on_picture: bool = False) -> list[tuple[str, str]]:
+    """Names and colours of what cuts an image: FAP, main lens, further stops, elements."""
     camera = Camera.of(design)
     colours = [ON_PICTURE if on_picture else "ink", "blue", *map(stop_colour, range(1, camera.stop_count + 1))]
     colours += ["grey"] * (len(camera.openings) - len(colours))
-    return [(rim.opening, rim.outline.kind, colour) for rim, colour in zip(camera.openings, colours, strict=True)]
+    return [(rim.opening, colour) for rim, colour in zip(camera.openings, colours, strict=True)]
 
 
 def _beyond(view: _ImageView, x: Scale, y: Scale) -> list[Mark]:
@@ -284,7 +284,7 @@ def _beyond(view: _ImageView, x: Scale, y: Scale) -> list[Mark]:
 def _image_keys(design: Design, on_picture: bool = False) -> list[Key]:
     """Keys of the lines of a microlens image, on plain ground or on a picture of its light."""
     rims = dict.fromkeys(_rims(design, on_picture))
-    openings = [line_key(f"{kind} of {name}", colour, 1.2, "5 3") for name, kind, colour in rims]
+    openings = [line_key(f"rim of {name}", colour, 1.2, "5 3") for name, colour in rims]
     chief = dot_key("chief ray", "vermillion", "+", 6, width=2)
     return [
         line_key("image", ON_PICTURE if on_picture else "ink", 1.8),
