@@ -17,9 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import DISC_RULE
 from .._jit import kernel
-from ..bore.faces import KIND
+from ..bore.faces import KIND, STOP
 from ..fates import RayFate
-from ..lenses.tracer import BLOCK, COLUMNS, MAPPED, ROWS, SurfaceStack, pass_surfaces
+from ..lenses.tracer import BLOCK, COLUMNS, MAPPED, ROWS, SPHERE, SurfaceStack, pass_surfaces
 from ..theory.object_space import FAP, ObjectSpaceFaces
 
 Array = NDArray[np.float64]
@@ -90,8 +90,12 @@ class Train(NamedTuple):
 
 
 def _stack(rows: Array, sides: Array, medium: Array) -> SurfaceStack:
-    """Faces (T, S) from the lens outwards in the order of the light, which comes out of the last into a medium."""
-    rows, sides = rows[:, ::-1], sides[:, ::-1]
+    """Faces (T, S) from the lens outwards in the order of the light, which comes out of the last into a medium.
+
+    Stops, which the tracer does not know, are planes of their reach.
+    """
+    rows, sides = rows[:, ::-1].copy(), sides[:, ::-1]
+    rows[rows[..., KIND] == STOP, KIND] = SPHERE
     return SurfaceStack(rows.reshape(len(rows), -1), np.concatenate([sides[..., 0], medium], axis=1))
 
 

@@ -180,6 +180,23 @@ def test_a_window_moved_between_two_stops_changes_nothing():
         assert_allclose(a, b, rtol=0, atol=1e-9)
 
 
+def test_stops_beside_a_window_bend_nothing_and_take_what_lies_outside_them():
+    """One on either side of the FAP and of glass of index 1, through which a ray is straight on."""
+    stops = [{"diameter": 12.0, "distance": 40.0}, {"diameter": 20.0, "distance": 200.0}]
+    alone, stopped = (camera_of(bench(AIR, stops=given)) for given in ([], stops))
+    c = np.array([[3.0, 0.0], [8.0, 4.0], [0.0, -6.0]])
+    p = sensor_of_pupil(alone, c, alone.fap.centre).sensor + np.array([0.01, 0.02])
+    free, at = (views(camera, c, p, clip=False) for camera in (alone, stopped))
+    for bare, beside in zip((free.pupil, free.place, free.slope), (at.pupil, at.place, at.slope), strict=True):
+        assert_allclose(beside, bare, rtol=0, atol=1e-13)  # planes on the way cost roundings of some 10 mm
+    room = free.margin
+    for stop in stops:
+        off = np.hypot(*free.at(stop["distance"] - 115.0).T) / (stop["diameter"] / 2)
+        room = np.minimum(room, 1 - off**2)
+    assert_allclose(at.margin, room, rtol=0, atol=1e-12)
+    assert 0 < (room < 0).sum() < len(room)
+
+
 @pytest.mark.parametrize(
     "elements",
     [(WINDOW,), (RELAY,), (ROD,), (GROUP,), (ROD, {**RELAY, "distance": 100.0, "focal_length": 900.0})],
