@@ -50,7 +50,7 @@ class Design(Assembly):
 
     @model_validator(mode="after")
     def _parts_fit(self) -> Design:
-        values = {place: at(self, place) for place in checked_places(len(self.stops))}
+        values = {place: at(self, place) for place in checked_places(opening.place for opening in self.openings)}
         chain = self.chain
         try:
             apparent = chain.apparent_values({**self.bore_numbers, **values})
