@@ -101,6 +101,8 @@ class StandingElement(NamedTuple):
     """Distance of its sensor-side vertex before the main lens [mm]."""
     length: Number
     """Length along the axis [mm]."""
+    beyond: Number
+    """Index of what lies on its scene's side."""
 
     @property
     def end(self) -> Number:
@@ -117,6 +119,14 @@ class StandingElement(NamedTuple):
         """Clear aperture [mm]; infinite where it lets everything through."""
         return self.at.get("diameter", math.inf)
 
+    def through(self, step: _ChainStep, inside: Number, passed: Flags) -> _ChainStep:
+        """Light past as much of it as lies `inside` [mm], of a thin one where it is `passed`."""
+        p, q, r, s = forward = self.element.forward(self.at, inside, passed)
+        a, b, c, d = step.matrix
+        matrix = s * a + q * c, s * b + q * d, r * a + p * c, r * b + p * d
+        x, y = (self.element.shifted(self.at, k, forward, inside, step.shifts[k], self.beyond) for k in (0, 1))
+        return _ChainStep(matrix, (x, y), self.end)
+
 
 class BoreWalk(NamedTuple):
     """The bore of a camera as light goes through it, from the main lens outwards: what all planes share."""
@@ -124,6 +134,54 @@ class BoreWalk(NamedTuple):
     parts: tuple[StandingElement, ...]
     steps: tuple[_ChainStep, ...]
     """Light at the main lens, then on the scene's side of each element in turn."""
+    medium: Number
+    """Index of what lies beyond all elements."""
+
+    @property
+    def front(self) -> tuple[Number, ImagedPlane]:
+        """The farthest element's scene side: its distance [mm before the main lens], and the plane, all passed."""
+        return self.steps[-1].place, self.steps[-1].plane(self.medium)
+
+    def plane(self, z: Number) -> ImagedPlane:
+        """The plane at z before the main lens [mm]; on a thin lens, the lens not yet passed."""
+        parts, steps, medium = self
+        behind = 0  # elements that every build's plane has behind it
+        while behind < len(parts) and _all(z > parts[behind].start) and _all(z >= steps[behind + 1].place):
+            behind += 1
+        step, back = steps[behind], _smaller(z, 0.0)
+        index: Number = 1.0
+        for part in parts[behind:]:
+            step = step.propagated(_larger(_smaller(part.start, z) - step.place, back))
+            passed = np.greater(z, part.start)
+            if not np.any(passed):
+                return step.plane(index)
+            inside = np.minimum(np.maximum(z - part.start, 0.0), part.length)
+            step = part.through(step, inside, passed)
+            index = _either(passed & np.less(z, step.place), part.at.get("index", 1.0), 1.0)
+        beyond = _larger(z - step.place, back) / medium
+        return step.propagated(beyond).plane(_either(z >= step.place, medium, index))
+
+    def mapped_images(self) -> Iterator[tuple[StandingElement, ImagedPlane]]:
+        """Each objective with a mapping, and its image plane of what is far: heights there are focal length times p."""
+        for part, step in zip(self.parts, self.steps[1:], strict=True):
+            if not part.element.mapping_name:
+                continue
+            f, (_, _, c, d) = part.at["focal_length"], step.matrix
+            shifts = (-f * lean for _, lean in step.shifts)
+            centre = (part.at.numbers[f"main_lens.decentre.{axis}"] for axis in (0, 1))
+            # Its middle is where p = 0, whatever the decentre of the part.
+            x, y = (s + (own - at) for s, own, at in zip(shifts, part.at.pair("decentre"), centre, strict=True))
+            yield part, ImagedPlane(f * c, f * d, 0.0, 0.0, (x, y), (0.0, 0.0), 1.0)
+
+    def apart(self, stops: Mapping[str, Number]) -> Iterator[tuple[str, Flags]]:
+        """Pairs of elements and stops that might stand in each other, in words, and True where they do not."""
+        for part, (name, stop) in product(self.parts, stops.items()):
+            clear = np.less_equal(stop, part.start) | np.greater_equal(stop, part.end)
+            yield f"{name} and {part.name} collide", clear
+        for part, farther in pairwise(self.parts):
+            wide, tall = part.diameter, farther.diameter
+            between = part.element.reach(wide, tall / 2) + farther.element.reach(tall, wide / 2)
+            yield f"{part.name} and {farther.name} collide", np.less_equal(part.end + between, farther.start)
 
 
 @dataclass(frozen=True)
@@ -223,8 +281,9 @@ class Chain:
 
     def standing(self, numbers: Mapping[str, Number]) -> tuple[StandingElement, ...]:
         """Elements where they stand, from the main lens outwards."""
-        numbered = ((k, part, self.at(numbers, k)) for k, part in self._outwards)
-        return tuple(StandingElement(k, part, at, at["distance"], part.span(at)) for k, part, at in numbered)
+        last, medium = self.order[-1:], numbers.get(MEDIUM, 1.0)
+        numbered = ((k, part, self.at(numbers, k), medium if k in last else 1.0) for k, part in self._outwards)
+        return tuple(StandingElement(k, part, at, at["distance"], part.span(at), n) for k, part, at, n in numbered)
 
     def walk(self, numbers: Mapping[str, Number]) -> BoreWalk:
         """Light through all elements, from the main lens outwards."""
@@ -232,53 +291,12 @@ class Chain:
         steps = [_ChainStep((1.0, 0.0, 0.0, 1.0), ((0.0, 0.0), (0.0, 0.0)), 0.0)]
         for part in parts:
             step = steps[-1].propagated(part.start - steps[-1].place)
-            steps.append(self._through(part, step, part.length, np.True_))
-        return BoreWalk(parts, tuple(steps))
+            steps.append(part.through(step, part.length, np.True_))
+        return BoreWalk(parts, tuple(steps), numbers.get(MEDIUM, 1.0))
 
-    def plane(self, numbers: Mapping[str, Number], z: Number, walk: BoreWalk | None = None) -> ImagedPlane:
-        """The plane at z before the main lens [mm]; on a thin lens, the lens not yet passed.
-
-        `walk` is that of the numbers, for many planes.
-        """
-        parts, steps = self.walk(numbers) if walk is None else walk
-        behind = 0  # elements that every build's plane has behind it
-        while behind < len(parts) and _all(z > parts[behind].start) and _all(z >= steps[behind + 1].place):
-            behind += 1
-        step, back = steps[behind], np.minimum(z, 0.0)
-        index: Number = 1.0
-        for part in parts[behind:]:
-            step = step.propagated(np.maximum(np.minimum(part.start, z) - step.place, back))
-            passed = np.greater(z, part.start)
-            if not np.any(passed):
-                return step.plane(index)
-            inside = np.minimum(np.maximum(z - part.start, 0.0), part.length)
-            step = self._through(part, step, inside, passed)
-            index = _either(passed & np.less(z, step.place), part.at.get("index", 1.0), 1.0)
-        medium = numbers.get(MEDIUM, 1.0)
-        beyond = np.maximum(z - step.place, back) / medium
-        return step.propagated(beyond).plane(_either(np.greater_equal(z, step.place), medium, index))
-
-    def _through(self, part: StandingElement, step: _ChainStep, inside: Number, passed: Flags) -> _ChainStep:
-        """Light past as much of an element."""
-        element, at = part.element, part.at
-        p, q, r, s = forward = element.forward(at, inside, passed)
-        a, b, c, d = step.matrix
-        matrix = s * a + q * c, s * b + q * d, r * a + p * c, r * b + p * d
-        beyond = at.numbers.get(MEDIUM, 1.0) if part.k == self.order[-1] else 1.0
-        x, y = (element.shifted(at, axis, forward, inside, step.shifts[axis], beyond) for axis in (0, 1))
-        return _ChainStep(matrix, (x, y), part.end)
-
-    def mapped_images(self, walk: BoreWalk) -> Iterator[tuple[StandingElement, ImagedPlane]]:
-        """Each objective with a mapping, and its image plane of what is far: heights there are focal length times p."""
-        for part, step in zip(walk.parts, walk.steps[1:], strict=True):
-            if part.k != self.mapped:
-                continue
-            f, (_, _, c, d) = part.at["focal_length"], step.matrix
-            shifts = (-f * lean for _, lean in step.shifts)
-            centre = (part.at.numbers[f"main_lens.decentre.{axis}"] for axis in (0, 1))
-            # Its middle is where p = 0, whatever the decentre of the part.
-            x, y = (s + (own - at) for s, own, at in zip(shifts, part.at.pair("decentre"), centre, strict=True))
-            yield part, ImagedPlane(f * c, f * d, 0.0, 0.0, (x, y), (0.0, 0.0), 1.0)
+    def plane(self, numbers: Mapping[str, Number], z: Number) -> ImagedPlane:
+        """The plane at z before the main lens [mm]; on a thin lens, the lens not yet passed."""
+        return self.walk(numbers).plane(z)
 
     def telecentric(self, numbers: Mapping[str, Number], fap: Number) -> Flags:
         """Whether the scene sees what stands at `fap` [mm before the main lens] at infinity, or all but."""
@@ -323,10 +341,9 @@ class Chain:
         here = times(last.medium, minus(times(distance, last.a), last.b))
         return plus(far, _over(here, minus(last.d, times(distance, last.c))))
 
-    def front(self, numbers: Mapping[str, Number], walk: BoreWalk | None = None) -> tuple[Number, ImagedPlane]:
+    def front(self, numbers: Mapping[str, Number]) -> tuple[Number, ImagedPlane]:
         """The farthest element's scene side: its distance [mm before the main lens], and the plane, all passed."""
-        last = (self.walk(numbers) if walk is None else walk).steps[-1]
-        return last.place, last.plane(numbers.get(MEDIUM, 1.0))
+        return self.walk(numbers).front
 
     @cached_property
     def foremost_power(self) -> int:
@@ -372,16 +389,6 @@ class Chain:
         """The scene's side of the farthest element [mm before the main lens]; 0 where there is none."""
         return sum((numbers[f"elements.{k}.distance"] + self.length(numbers, k) for k in self.order[-1:]), 0.0)
 
-    def apart(self, walk: BoreWalk, stops: Mapping[str, Number]) -> Iterator[tuple[str, Flags]]:
-        """Pairs of elements and stops that might stand in each other, in words, and True where they do not."""
-        for part, (name, stop) in product(walk.parts, stops.items()):
-            clear = np.less_equal(stop, part.start) | np.greater_equal(stop, part.end)
-            yield f"{name} and {part.name} collide", clear
-        for part, farther in pairwise(walk.parts):
-            wide, tall = part.diameter, farther.diameter
-            between = part.element.reach(wide, tall / 2) + farther.element.reach(tall, wide / 2)
-            yield f"{part.name} and {farther.name} collide", np.less_equal(part.end + between, farther.start)
-
     def before_array(self, numbers: Mapping[str, Number]) -> Number:
         """Length that glass before the microlenses takes off d_1, ``t (1 - 1/n)`` [mm]."""
         return sum((_shortened(numbers, place) for place in self.plates_before), 0.0)
@@ -407,7 +414,17 @@ def _all(flags: bool | Flags) -> bool:
     return flags if isinstance(flags, bool) else bool(np.all(flags))
 
 
-def _either(flags: Flags, a: Number, b: Number) -> Number:
+def _smaller(a: Number, b: Number) -> Number:
+    """The smaller, of plain numbers without numpy's cost."""
+    return min(a, b) if isinstance(a, float) and isinstance(b, float) else np.minimum(a, b)
+
+
+def _larger(a: Number, b: Number) -> Number:
+    """The larger, of plain numbers without numpy's cost."""
+    return max(a, b) if isinstance(a, float) and isinstance(b, float) else np.maximum(a, b)
+
+
+def _either(flags: bool | Flags, a: Number, b: Number) -> Number:
     """A where flags hold, else b."""
     if isinstance(a, float) and isinstance(b, float) and a == b:
         return a

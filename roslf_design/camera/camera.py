@@ -343,7 +343,7 @@ class Camera(Symbols[Number]):
 
     def plane(self, z: Number) -> ImagedPlane:
         """The plane at z before the main lens [mm, with a ruler], as the main lens sees it."""
-        return self.chain.plane(self._numbers, z, self._walk)
+        return self._walk.plane(z)
 
     @cached_property
     def _walk(self) -> BoreWalk:
@@ -392,7 +392,7 @@ class Camera(Symbols[Number]):
     @cached_property
     def front(self) -> tuple[Number, ImagedPlane]:
         """The farthest element's scene side: its distance before the main lens [mm], and the plane, all passed."""
-        return self.chain.front(self._numbers, self._walk)
+        return self._walk.front
 
     @cached_property
     def law(self) -> Law | None:
@@ -522,7 +522,7 @@ class Camera(Symbols[Number]):
 
         Empty without a mapping.
         """
-        return tuple(self._end_of_mapping(part, plane) for part, plane in self.chain.mapped_images(self._walk))
+        return tuple(self._end_of_mapping(part, plane) for part, plane in self._walk.mapped_images())
 
     def _end_of_mapping(self, part: StandingElement, plane: ImagedPlane) -> Rim:
         scale = magnitude(plane.magnification)
@@ -804,7 +804,7 @@ class Camera(Symbols[Number]):
             ahead = ahead & (np.asarray(rim.ruler_distance) < plane)
         yield "focal plane in the bore", ahead | past
         stops = {rim.name: rim.ruler_distance for rim in self.stop_openings}
-        yield from self.chain.apart(self._walk, stops)
+        yield from self._walk.apart(stops)
 
 
 def _shown(value: Number) -> str:

@@ -44,7 +44,7 @@ class Placed(NamedTuple, Generic[Standing]):
         return self.place.rpartition(".")[0]
 
 
-class Assembly(Part, RulerSymbols[float]):
+class Assembly(Part, RulerSymbols[float], defer_build=True):
     """Parts of a camera, not yet checked against each other."""
 
     name: str

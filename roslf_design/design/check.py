@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -43,10 +43,9 @@ def at(value: Any, place: str) -> Any:
     return value
 
 
-def checked_places(stops: int) -> tuple[str, ...]:
-    """Places of the lengths that must fit each other."""
-    distances = (f"{part}.distance" for part in ("aperture", *(f"stops.{index}" for index in range(stops))))
-    return (*CONJUGATES, PATHS["D"], PATHS["wavelength"], *distances)
+def checked_places(openings: Iterable[str]) -> tuple[str, ...]:
+    """Places of the lengths that must fit each other, by the places of the openings."""
+    return (*CONJUGATES, PATHS["D"], PATHS["wavelength"], *(f"{opening}.distance" for opening in openings))
 
 
 def design_problems(
@@ -88,9 +87,10 @@ def design_problems(
         return not any(f"{place}.".startswith(key) or key.startswith(f"{place}.") for key in faulty)
 
     stops = data.get("stops")
+    further = [f"stops.{index}" for index, _ in enumerate(stops if isinstance(stops, (list, tuple)) else ())]
     given = {
         place: at(data, place)
-        for place in checked_places(len(stops) if isinstance(stops, (list, tuple)) else 0)
+        for place in checked_places(("aperture", *further))
         if readable(place) and not (place in (PLANE, DISTANCE) and _refracts(data))
     }
     values = {

@@ -27,7 +27,7 @@ FAP_SHAPE = ("aperture.shape", "aperture.sides")
 """Beginnings of places that say what shape and size the FAP has."""
 
 
-class Design(Assembly):
+class Design(Assembly, defer_build=False):
     """A whole camera. Values in, values out: `replace` gives a new one.
 
     Any two of f, d_f and d_1 give the third. Where all three are given, f and d_1 are the hardware and d_f follows to
@@ -50,7 +50,7 @@ class Design(Assembly):
 
     @model_validator(mode="after")
     def _parts_fit(self) -> Design:
-        values = {place: at(self, place) for place in checked_places(len(self.stops))}
+        values = {place: at(self, place) for place in checked_places(opening.place for opening in self.openings)}
         chain = self.chain
         try:
             apparent = chain.apparent_values({**self.bore_numbers, **values})

@@ -93,12 +93,9 @@ class RayBudget:
 
     def taken(self) -> tuple[tuple[str, float], ...]:
         """Share that each element takes, then where the rest lands: (name, share), which add to 1."""
-        *stops, sensor, own, neighbours = self.by_name
-        past = [1.0, *(share.kept for share in stops), sensor.kept]
-        lost = [
-            (share.name, before - after)
-            for share, before, after in zip((*stops, sensor), past[:-1], past[1:], strict=True)
-        ]
+        *met, own, neighbours = self.by_name
+        past = [1.0, *(share.kept for share in met)]
+        lost = [(share.name, before - share.kept) for share, before in zip(met, past, strict=False)]
         return (*lost, (own.name, own.kept), (neighbours.name, neighbours.kept))
 
 

@@ -7,13 +7,14 @@ at distance 0, which is Eq. 6.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from .._arrays import Array, floats, magnitude, product, ratio
-from ..camera import Camera
+from ..camera import Camera, Rim
 from ..design.parts import PATHS
 from .chief_rays import chief_rays, traced
 from .leaning import leaning_radius, leaning_room
@@ -40,18 +41,23 @@ def room_at(c: Camera, object_radius: ArrayLike) -> Array:
     d_f, d_3, radius, gap = *floats(c.seen.d_f, c.seen.d_3, object_radius), c.seen.gap
     room = 2 * magnitude(gap)
     pupil = c.decentre("aperture")
-    rooms = []
-    for rim in c.rims:
+
+    def at_rim(rim: Rim) -> Array:
         if rim.leans:
-            rooms.append(rim.scale * leaning_room(c, rim, radius))
-            continue
+            return rim.scale * leaning_room(c, rim, radius)
         between = d_f - rim.distance
         x, y = (2 * (o * between - e * gap) for e, o in zip(c.decentre(rim.part), pupil, strict=True))
         axial = rim.outline.scaled(room).room(c.fap.outline.scaled(2 * magnitude(between)), x, y)
         here = settled(ratio(axial - 2 * radius * np.abs(d_3 - rim.distance), room), rim.radius)
         anywhere = room_in_pupil(c, rim)
-        rooms.append(rim.scale * np.where(np.isnan(anywhere), here, anywhere))
-    return np.stack(np.broadcast_arrays(*rooms, np.zeros(c.shape))[:-1])
+        return rim.scale * np.where(np.isnan(anywhere), here, anywhere)
+
+    return _rows(c, at_rim)
+
+
+def _rows(c: Camera, of: Callable[..., Array], *known: Array) -> Array:
+    """One row a rim of `Camera.rims`, of all builds; `of` takes a rim, and its rows of what is known."""
+    return np.stack(np.broadcast_arrays(*map(of, c.rims, *known), np.zeros(c.shape))[:-1])
 
 
 def corner_room(c: Camera, field: SensorField | None = None) -> Array:
@@ -76,15 +82,15 @@ def undistorted_radii(c: Camera) -> Array:
         plane cuts all fields alike: inf where it leaves room, else its room.
     """
     d_3, gap = *floats(c.seen.d_3), magnitude(c.seen.gap)
-    radii = []
-    for rim, room in zip(c.rims, room_at(c, 0.0), strict=True):
+
+    def at_rim(rim: Rim, room: Array) -> Array:
         if rim.leans:
-            radii.append(np.where(room >= 0, leaning_radius(c, rim), room))
-            continue
+            return np.where(room >= 0, leaning_radius(c, rim), room)
         bound = product(ratio(room / rim.scale, np.abs(d_3 - rim.distance)), gap)
         alike = np.where(room >= 0, np.inf, room)
-        radii.append(np.where(np.isnan(room_in_pupil(c, rim)), bound, alike))
-    return np.stack(np.broadcast_arrays(*radii, np.zeros(c.shape))[:-1])
+        return np.where(np.isnan(room_in_pupil(c, rim)), bound, alike)
+
+    return _rows(c, at_rim, room_at(c, 0.0))
 
 
 def on_focal_plane(c: Camera, radii: Array) -> Array:
@@ -115,11 +121,11 @@ def field_margins(c: Camera) -> Array:
     """
     radii, room = on_focal_plane(c, undistorted_radii(c)), room_at(c, 0.0)
     d_3, gap, grown = *floats(c.seen.d_3), magnitude(c.seen.gap), magnitude(c.focus.magnification)
-    first_order = [
-        np.where(np.isnan(room_in_pupil(c, rim)), rim.scale * np.abs(d_3 - rim.distance) / (gap * grown), 0.0)
-        for rim in c.rims
-    ]
-    taken: Array = np.stack(np.broadcast_arrays(*first_order, np.zeros(c.shape))[:-1])
+
+    def first_order(rim: Rim) -> Array:
+        return np.where(np.isnan(room_in_pupil(c, rim)), rim.scale * np.abs(d_3 - rim.distance) / (gap * grown), 0.0)
+
+    taken = _rows(c, first_order)
     if traced(c):  # the radius is that of a traced ray
         taken = np.where(np.isfinite(radii) & (radii != 0), ratio(room, radii), taken)
     return np.stack([radii, *np.broadcast_arrays(room, taken)], axis=1)
