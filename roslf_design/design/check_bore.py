@@ -17,16 +17,12 @@ if TYPE_CHECKING:
 
 
 def about_shapes(design: Design) -> Iterator[Problem]:
-    """Stops whose straight sides are followed in air and behind an ideal main lens alone."""
+    """Stops whose straight sides are followed where nothing stands before the main lens alone."""
     reason = "".join(f"elements.0 ({element.kind}) stands before it" for element in design.elements[:1])
-    if design.thin_twin is not design:
-        reason = "main_lens.prescription makes it a real one"
     for k, stop in enumerate(design.all_stops):
         if reason and stop.outline.straight:
-            message = (
-                f'"{stop.shape}" is followed through air and an ideal main lens only, and {reason}; '
-                "give a circle, or drop that"
-            )
+            message = f'"{stop.shape}" is followed through air and the main lens only, and {reason}'
+            message += "; give a circle, or drop that"
             yield Problem(f"stops.{k - 1}.shape" if k else "aperture.shape", message)
 
 
