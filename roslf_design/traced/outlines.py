@@ -46,7 +46,7 @@ SMOOTH = 1e-4
 """Largest share of its highest term; what is left out is the square of that, and a panel is halved that has more."""
 NODES = 10
 """Nodes of a quadrature."""
-DENSE = 65
+DENSE = 33
 """Places along a straight side at which the pencil's heights are looked at."""
 GRID, ROOMY, FINEST = 7, 0.6, 17
 """Side of the grid on which the roomiest point is looked for, which squared height is low enough, and how many grids
@@ -88,17 +88,10 @@ def _lobatto(count: int) -> tuple[Array, Array, Array, Array]:
 
 
 def _along_sides(values: Array) -> Array:
-    """Largest values of functions along four sides (N, 4 n, ...), from those at `rim_points`, (N, ...).
-
-    By parabolas between dense places: exact at corners.
-    """
-    sides = values.reshape(len(values), 4, -1, *values.shape[2:])
-    places = np.tensordot(_lobatto(sides.shape[2])[3], sides, axes=(1, 2))
-    before, here, after = places[:-2], places[1:-1], places[2:]
-    bend, rise = before - 2 * here + after, after - before
-    within = (bend < 0) & (np.abs(rise) < -2 * bend)
-    inner = np.where(within, here - rise * rise / np.where(within, 8 * bend, 1.0), here)
-    return np.asarray(np.maximum(inner.max(axis=0), np.maximum(places[0], places[-1])).max(axis=1))
+    """Largest values of functions along four sides (N, R), from those at `rim_points`, (N, 4 n, R)."""
+    largest = np.empty((len(values), values.shape[2]))
+    _largest.compiled(np.ascontiguousarray(values), _lobatto(values.shape[1] // 4)[3], largest)
+    return largest
 
 
 def _moments(curve: Array, straight: bool) -> tuple[Array, Array, Array]:
@@ -628,6 +621,35 @@ def _peak(g: Any, waves: Any, series: Any) -> float:
             break
         angle = min(max(angle - slope / curve, start - limit), start + limit)
     return float(max(value, g[best]))
+
+
+@kernel()
+def _largest(values: Any, dense: Any, largest: Any) -> None:
+    """Largest values (N, R) along four sides, from (N, 4 n, R), by parabolas between dense places: exact at corners.
+
+    `dense` takes values at a side's n places to those at dense ones.
+    """
+    places, nodes = dense.shape
+    for i in range(len(values)):
+        for k in range(values.shape[2]):
+            best = -LOST
+            for side in range(4):
+                before, here = 0.0, 0.0
+                for d in range(places):
+                    after = 0.0
+                    for j in range(nodes):
+                        after += dense[d, j] * values[i, side * nodes + j, k]
+                    best = max(best, after)
+                    bend = before - 2.0 * here + after
+                    if d > 1 and here >= before and here >= after and bend < 0.0:
+                        best = max(best, here - (after - before) ** 2 / (8.0 * bend))
+                    if math.isnan(after):  # a ray that is lost
+                        best = after
+                        break
+                    before, here = here, after
+                if math.isnan(best):
+                    break
+            largest[i, k] = best
 
 
 @kernel()
