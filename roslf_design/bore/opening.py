@@ -176,6 +176,27 @@ class ClearAperture(NamedTuple):
         (a, b), (u, v) = self.half, self.axes
         return np.asarray((np.abs(u[0] * x + u[1] * y) <= a) & (np.abs(v[0] * x + v[1] * y) <= b))
 
+    def height(self, x: Number, y: Number) -> Array:
+        """Squared height of points over that of the rim in their directions: above 1 outside."""
+        if self.half is None:
+            return np.asarray((np.square(x) + np.square(y)) / np.square(self.radius))
+        u, v = self.shares(x, y)
+        return np.square(np.maximum(np.abs(u), np.abs(v)))
+
+    def shares(self, x: Number, y: Number) -> tuple[Array, Array]:
+        """Points along its own sides, in units of half of them; of a disc in its radius."""
+        if self.half is None:
+            return np.asarray(x / self.radius), np.asarray(y / self.radius)
+        (a, b), (u, v) = self.half, self.axes
+        return np.asarray((u[0] * x + u[1] * y) / a), np.asarray((v[0] * x + v[1] * y) / b)
+
+    def at_shares(self, p: Number, q: Number) -> tuple[Array, Array]:
+        """Points [mm] that have these `shares`."""
+        if self.half is None:
+            return np.asarray(self.radius * p), np.asarray(self.radius * q)
+        x, y = self._placed(self.half[0] * p, self.half[1] * q)
+        return np.asarray(x), np.asarray(y)
+
     def room(self, other: ClearAperture, x: Number, y: Number) -> Number:
         """Room that it leaves around another opening whose centre lies at (x, y) from its own [mm].
 

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 
+from ..bore.opening import ClearAperture
 from ..calibration.decoding import LightField
 from ..calibration.lattice import CentreLattice
 from ..camera import Camera
@@ -83,6 +84,8 @@ class TracedViews:
         x, y = (axis * float(self.camera.d) for axis in (field.u, field.v))
         along, down = (nodes_between(axis.min(), axis.max(), NODES) for axis in (x, y))
         points = np.concatenate([np.zeros((1, 2)), *(_ring(radius) for radius in RINGS)])
+        if (opening := self.mounted.fap.opening).straight:  # whose corners the rings, too, are to reach
+            points = np.stack(opening.places(*2 * points.T), -1) / opening.width @ _turned(self.design).T
         nodes = np.stack(np.meshgrid(along, down), -1).reshape(-1, 2)
         looks, good = self.view_coordinates(nodes, points)
         # Polynomials over the pupil at each place, then over the places what these are made of.
@@ -169,7 +172,9 @@ class TracedViews:
         # The microlens turns the FAP round.
         side = -math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
         own = side * grid / (2 * radius)
-        inside = np.clip((radius - np.hypot(*grid)) / (WIDE / FINE) + 0.5, 0, 1)
+        image = camera.fap.outline.sized(2 * radius)
+        image = image._replace(turn=image.turn - float(camera["microlens_array.rotation"]))
+        inside = np.clip(np.asarray(image.room(ClearAperture(0.0), *grid)) / (WIDE / FINE) + 0.5, 0, 1)
         frequency = np.fft.fftfreq(FINE, WIDE / FINE)
         fx, fy = np.meshgrid(frequency, frequency)
         lens = MicrolensTransfer(

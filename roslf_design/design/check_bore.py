@@ -14,14 +14,14 @@ from .check import shown, stop_beyond_focus
 
 
 def about_shapes(design: Assembly) -> Iterator[Problem]:
-    """Stops whose straight sides are followed behind an ideal main lens alone."""
-    if design.thin_twin is design:
+    """Stops whose straight sides are not followed: behind a real main lens with elements before it."""
+    if not design.elements or design.thin_twin is design:
         return
     for k, stop in enumerate(design.all_stops):
         if stop.outline.straight:
             message = (
-                f'"{stop.shape}" is followed behind an ideal main lens only, and main_lens.prescription makes it a '
-                "real one; give a circle, or drop that"
+                f'"{stop.shape}" is followed behind a real main lens through air only, and elements.0 '
+                f"({design.elements[0].kind}) stands before it; give a circle, an ideal lens, or drop the element"
             )
             yield Problem(f"stops.{k - 1}.shape" if k else "aperture.shape", message)
 

@@ -64,10 +64,14 @@ def _traced_faults(design: Design, x_ml: float) -> _LensAberrations:
     upright = (*centred, "sensor", *(stop.place for stop in design.openings))
     straight = {f"{part}.tilt": (0.0, 0.0) for part in upright}
     straight |= {f"{part}.decentre": (0.0, 0.0) for part in centred}
-    field = real_field(design.replace({**straight, "microlens_array.rotation": 0.0}), axes)
+    bench = design.replace({**straight, "microlens_array.rotation": 0.0})
+    if any(camera_of(bench).planes.straight):  # no direction then stands for all others
+        turns = [turn * math.pi / 4 for turn in range(8)]
+        axes = [(radius * math.cos(turn), radius * math.sin(turn)) for turn in turns for radius, _ in axes]
+    field = real_field(bench, axes)
     diameter = field.thin_diameter
     whole = (field.images.status == ImageFate.FULL) & np.isfinite(field.rim_shift)
-    lit = field.maps.status == RayFate.KEPT
+    everywhere, lit = whole.reshape(-1, len(RADII)).all(axis=0), field.maps.status == RayFate.KEPT
     foci = np.maximum(np.abs(field.maps.tangential_focus), np.abs(field.maps.sagittal_focus))
     apart = np.abs(field.maps.tangential_focus - field.maps.sagittal_focus)
     return _LensAberrations(
@@ -76,7 +80,7 @@ def _traced_faults(design: Design, x_ml: float) -> _LensAberrations:
         spread=float(np.max(np.where(lit, np.max(field.maps.spread, axis=-1), 0.0))),
         curvature=float(np.max(np.where(lit, foci, 0.0))) * _cone(design),
         refocused=float(np.max(np.where(lit, apart / 2, 0.0))) * _cone(design),
-        whole_to=max((axes[i][0] for i in range(len(axes)) if whole[i]), default=0.0),
+        whole_to=max((share * x_ml for share, all_are in zip(RADII, everywhere, strict=True) if all_are), default=0.0),
         steepest=float(np.max(np.hypot(*np.moveaxis(field.images.outline, -1, 0)))) / camera_of(design).d_2,
     )
 

@@ -54,7 +54,7 @@ class _ObjectRays(NamedTuple):
     slope_x: Floats
     slope_y: Floats
     margin: Floats
-    """Least of 1 - r^2/R^2 over all that clips, negative where clipped."""
+    """Least of 1 less squared heights over those of all that clips, negative where clipped."""
 
 
 LensRays = Callable[[Floats, Floats, Floats, Floats], _ObjectRays]
@@ -250,16 +250,16 @@ class _RealLensTracer:
 def _way(camera: LensCamera, wavelength: float, only_fap: bool) -> LensRays:
     """Rays of a wavelength; with `only_fap` nothing but the FAP clips."""
     train = camera.train(wavelength)
-    rims = [(camera.fap.z - rim.z, rim.x, rim.y, rim.diameter / 2) for rim in camera.rims]
+    rims = [(camera.fap.z - rim.z, rim.x, rim.y, rim.opening) for rim in camera.rims]
 
     def rays(x: Floats, y: Floats, slope_x: Floats, slope_y: Floats) -> _ObjectRays:
         there = train.lens.through((x, y), (slope_x, slope_y), start=camera.array.z, end=camera.fap.z)
         out = camera.beyond(there, train, clip=False)
         (at_x, at_y), (way_x, way_y) = there.height, there.slope
         room = np.where(out.state == there.state, np.inf, -1.0) if only_fap else out.margin
-        for ahead, stop_x, stop_y, radius in rims[: 1 if only_fap else None]:
+        for ahead, stop_x, stop_y, opening in rims[: 1 if only_fap else None]:
             off_x, off_y = at_x - way_x * ahead - stop_x, at_y - way_y * ahead - stop_y
-            room = np.minimum(room, 1 - (off_x**2 + off_y**2) / radius**2)
+            room = np.minimum(room, 1 - opening.height(off_x, off_y))
         (x, y), (slope_x, slope_y) = out.height, out.slope
         return _ObjectRays(x, y, slope_x, slope_y, room)
 

@@ -623,7 +623,8 @@ def image_parts(images: MicrolensImages, x: Array, y: Array) -> ImageParts:
     turns = np.exp(-2j * math.pi * (np.array(steps) @ [first, second]))
     along, across = np.exp(2j * math.pi * fx[0, ..., :1] * x), np.exp(2j * math.pi * fy[0, ..., None] * y)
     averages = []
-    for part in (_whole if rows.whole.all() else _cut)(rows, fx, fy):
+    form = (_whole if rows.openings.first_is_disc else _straight) if rows.whole.all() else _cut
+    for part in form(rows, fx, fy):
         at = np.einsum("nwkl,wklt,wks->wnts", part * passed, across, along, optimize=True)
         averages.append(np.einsum("aw,wnts->ants", turns[:, :count] / count, at[:count], optimize=True).real)
         if len(averages) == 1:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from functools import cached_property, lru_cache, partial
+from functools import cache, cached_property, lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array
 from ..bore.conjugates import CONJUGATES
+from ..bore.opening import ClearAperture
 from ..bore.part import TEMPERATURE
 from ..camera import TIP, Camera, Number
 from ..camera.frames import frame
@@ -30,7 +31,7 @@ from ..theory.object_space import ObjectSpaceFaces
 from ..traced.camera import camera_of, microlenses, nominal_targets, sensor_of_pupil
 from ..traced.images import real_images
 from ..traced.microlens import CROSS, MIDDLE, FieldRays, LensImages, Mount, thin_targets
-from ..traced.train import Planes, Train, aimed, landings, spot_radii
+from ..traced.train import Planes, Train, aimed, landings, rim_row, spot_radii
 from .ideal import IdealBuilds, azimuths, fractional
 from .places import in_lens, nominal_values, of_lens, of_parts, stops_of
 
@@ -41,8 +42,9 @@ ORIGIN = np.zeros((1, 3))
 STENCIL = np.array([[0, 0], [-1, 0], [1, 0], [0, -1], [0, 1], [-1, -1], [1, 1], [-1, 1], [1, -1]])
 ALONG_X = np.ones((1, 1)), np.zeros((1, 1))
 """Direction along which views of targets on the axis are taken."""
-SPOT_RADII, SPOT_TURNS = 4, 12
-"""Rays that an object point's light is taken by: rings of equal weight by Gauss's rule, and rays on each."""
+SPOT_RADII, SPOT_TURNS, SPOT_SIDE = 4, 12, 7
+"""Rays that an object point's light is taken by: rings of equal weight by Gauss's rule, and rays on each; through
+straight sides rows by Gauss's rule, and as many rays on each."""
 METHOD = (
     "Exact rays through every build's own lens, aimed at the FAP; images integrated by Fourier series along the FAP's "
     "rim, and between corners where rims cut them."
@@ -108,7 +110,8 @@ def real_lens_builds(design: Design, values: Mapping[str, Array], trials: int) -
         pose = frame((x - lens_x, y - lens_y), z, pair(f"{part}.tilt"), roll)
         return np.column_stack([np.broadcast_to(part, trials) for vector in pose for part in vector])
 
-    rims = [np.column_stack([placed(stop, z), number(f"{stop}.diameter") / 2]) for stop, z in fronts.items()]
+    numbers: dict[str, Number] = {**nominal, **values}
+    rims = [rim_row(placed(stop, z), ClearAperture.of(numbers, stop)) for stop, z in fronts.items()]
     planes = Planes(
         placed("microlens_array", mla - before, number("microlens_array.rotation")),
         placed("sensor", mla - before + (number("sensor.distance") - behind)),
@@ -225,7 +228,8 @@ def reference(
     """Trace the nominal camera of a question; arguments as `TracedBuilds` has them."""
     camera, at = camera_of(design), np.array(fields, float).reshape(-1, 2)
     mount, thin = Mount.of(design), Camera.of(design)
-    rays = FieldRays(partial(nominal_targets, design), at, on_array(thin, np.zeros(2)))
+    on_lens, straight = on_array(thin, np.zeros(2)), camera.fap.straight
+    rays = FieldRays(partial(nominal_targets, design), at, on_lens, straight=straight)
 
     def centres(place: Array) -> _LocalMaps:
         wanted = rays.to((place[:, None] + STEP * STENCIL).reshape(-1, 2), MIDDLE)
@@ -291,10 +295,10 @@ def _epi_slopes(
     takes places on the array (n, T) [mm] to the image centres believed in [px], (n, T, 2).
     """
     cos, sin = azimuth
-    way = np.concatenate([cos, sin], axis=1)
-    met = landings(
-        mount.train, mount.planes, mount.world, np.concatenate([points, points]), np.concatenate([way, -way])
-    )
+    fap = camera.fap.outline
+    way = np.stack(np.broadcast_arrays(*fap.shares(*fap.rim(cos, sin))), axis=-1).swapaxes(0, 1)
+    ends = np.concatenate([way, -way], axis=1)
+    met = landings(mount.train, mount.planes, mount.world, np.concatenate([points, points]), ends)
     (u0, v0, x0, y0), (u1, v1, x1, y1) = (np.moveaxis(end, (0, 1), (2, 1)) for end in np.split(met, 2, axis=1))
     (s0, t0), (s1, t1) = (np.moveaxis(centre(u, v), -1, 0) for u, v in ((u0, v0), (u1, v1)))
     across = ((x0 / camera.q - s0) - (x1 / camera.q - s1)) * cos + ((y0 / camera.q - t0) - (y1 / camera.q - t1)) * sin
@@ -324,7 +328,7 @@ class TracedBuilds(LensImages, IdealBuilds):
         self.known = known = reference(design, fields, self.reach, object_distance, self.calibration_depths)
         rays, folded = known.rays, known.folded
         if afresh:
-            rays = FieldRays(partial(thin_targets, camera), rays.fields, rays.axis, own=True)
+            rays = FieldRays(partial(thin_targets, camera), rays.fields, rays.axis, straight=rays.straight, own=True)
             folded = np.zeros_like(folded)
         LensImages.__init__(self, camera, fields, made.mount, rays, folded)
 
@@ -391,9 +395,18 @@ class TracedBuilds(LensImages, IdealBuilds):
 
     def _spot_radii(self, points: Array, world: Array) -> Array:
         """Spot radii of object points (n, 3) in frames shifted by `world`, (n, T) [mm]."""
-        nodes, weights = np.polynomial.legendre.leggauss(SPOT_RADII)
-        radius, turn = np.sqrt(0.5 + 0.5 * nodes), 2 * np.pi * np.arange(SPOT_TURNS) / SPOT_TURNS
-        pupil = np.stack([np.outer(radius, np.cos(turn)).ravel(), np.outer(radius, np.sin(turn)).ravel()], axis=-1)
-        weight = np.repeat(weights / 2, SPOT_TURNS) / SPOT_TURNS
         planes = self.mount.planes
-        return spot_radii(self.mount.train, planes.array, planes.rims, world, points, pupil, weight).T
+        pupil = _pupil_rule(self.rays.straight)
+        return spot_radii(self.mount.train, planes.array, planes.rims, world, points, *pupil).T
+
+
+@cache
+def _pupil_rule(straight: bool) -> tuple[Array, Array]:
+    """Points of the FAP by their shares of its opening, (P, 2), and their weights, (P,)."""
+    if straight:
+        nodes, weights = np.polynomial.legendre.leggauss(SPOT_SIDE)
+        return np.stack(np.meshgrid(nodes, nodes), axis=-1).reshape(-1, 2), np.outer(weights, weights).ravel() / 4
+    nodes, weights = np.polynomial.legendre.leggauss(SPOT_RADII)
+    radius, turn = np.sqrt(0.5 + 0.5 * nodes), 2 * np.pi * np.arange(SPOT_TURNS) / SPOT_TURNS
+    pupil = np.stack([np.outer(radius, np.cos(turn)).ravel(), np.outer(radius, np.sin(turn)).ravel()], axis=-1)
+    return pupil, np.repeat(weights / 2, SPOT_TURNS) / SPOT_TURNS

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import by_value
+from ..bore.opening import ClearAperture
 from ..camera import Camera
 from ..design import Design, Stop
 from ..design.parts import MicrolensArray, Sensor
@@ -30,7 +31,7 @@ from ..lenses.manufacture import turned
 from ..lenses.prescription import FirstOrder, IdealLens, LensError, Prescription, first_order, rotation
 from ..lenses.tracer import BLOCK, COLUMNS, Passed, SurfaceStack
 from ..theory.object_space import ObjectSpaceFaces
-from .train import FOUND, TOLERANCE, Planes, RayTargets, Train, beyond_fap, fap_of, nearest
+from .train import FOUND, TOLERANCE, Planes, RayTargets, Train, beyond_fap, fap_of, nearest, rim_row
 
 Array = NDArray[np.float64]
 
@@ -38,9 +39,10 @@ AIR = SurfaceStack(np.empty((1, 0)), np.ones((1, 1)))
 """No surfaces."""
 
 
+@by_value
 @dataclass(frozen=True)
 class TracedPlane:
-    """A plane of the camera, or a circular stop on it; its points count as if it stood upright."""
+    """A plane of the camera, or a stop on it; its points count as if it stood upright."""
 
     z: float
     """Place along z of what it is turned about [mm]."""
@@ -50,7 +52,42 @@ class TracedPlane:
     tilt: tuple[float, float] = (0.0, 0.0)
     """About x, then about y [rad]."""
     diameter: float = math.inf
-    """Diameter of a stop [mm]."""
+    """Diameter of a stop [mm]; of a rectangle the wider of its extents along x and y."""
+    outline: ClearAperture | None = None
+    """A stop's clear opening; None of a disc."""
+
+    @property
+    def opening(self) -> ClearAperture:
+        """Clear opening about the centre."""
+        return self.outline or ClearAperture(self.diameter / 2)
+
+    @property
+    def straight(self) -> bool:
+        """Whether it is a stop with straight sides."""
+        return self.opening.straight
+
+    @property
+    def rim(self) -> Array:
+        """Numbers of a stop, (15,), as `Planes.rims` has them."""
+        return rim_row(self.pose, self.opening)
+
+    def points(self, shares: Array) -> Array:
+        """Points (..., 2) of a stop's plane by their shares (..., 2) of its opening (`ClearAperture.shares`) [mm]."""
+        return np.asarray(self.centre + np.stack(self.opening.at_shares(shares[..., 0], shares[..., 1]), axis=-1))
+
+    def shares(self, points: Array) -> Array:
+        """Shares (..., 2) of a stop's opening of points (..., 2) of its plane [mm]."""
+        off = points - self.centre
+        return np.stack(self.opening.shares(off[..., 0], off[..., 1]), axis=-1)
+
+    def filled(self, disc: Array) -> Array:
+        """Points (..., 2) that fill a stop as evenly as some (..., 2) fill the unit disc, rim to rim [mm]."""
+        return np.asarray(self.centre + np.stack(self.opening.places(disc[..., 0], disc[..., 1]), axis=-1))
+
+    def height(self, place: Array) -> Array:
+        """Squared heights of points (2, ...) over that of a stop's rim."""
+        off = place - self.centre.reshape(2, *(1,) * (place.ndim - 1))
+        return self.opening.height(off[0], off[1])
 
     @property
     def centre(self) -> Array:
@@ -154,7 +191,8 @@ class LensCamera:
     def is_centred(self) -> bool:
         """Whether everything is symmetric about the lens's axis."""
         upright = all(part.tilt == (0.0, 0.0) for part in (*self.rims, self.array, self.detector))
-        return self.lens.is_centred and upright and all((rim.x, rim.y) == (0.0, 0.0) for rim in self.rims)
+        discs = all((rim.x, rim.y) == (0.0, 0.0) and not rim.straight for rim in self.rims)
+        return self.lens.is_centred and upright and discs
 
     @property
     def front(self) -> float:
@@ -209,8 +247,8 @@ class LensCamera:
     @cached_property
     def planes(self) -> Planes:
         """Where everything stands around the lens; the camera is one build."""
-        rims = [np.append(rim.pose, rim.diameter / 2) for rim in self.rims]
-        return Planes(self.array.pose[None], self.detector.pose[None], np.array([rims]))
+        rims = np.array([[rim.rim for rim in self.rims]])
+        return Planes(self.array.pose[None], self.detector.pose[None], rims)
 
     def slopes(self, microlens: Array, sensor: Array) -> Array:
         """Slopes of lines from microlenses to points of the sensor, both (..., 2) [mm]."""
@@ -368,13 +406,14 @@ def camera_of(design: Design) -> LensCamera:
     if design.main_lens.tilt != (0.0, 0.0):
         lens = turned(lens, *design.main_lens.tilt, pivot=(front + rear) / 2)
 
-    def stands(part: Stop | MicrolensArray | Sensor, z: float, diameter: float = math.inf) -> TracedPlane:
+    def stands(part: Stop | MicrolensArray | Sensor, z: float, opening: ClearAperture | None = None) -> TracedPlane:
         x, y = np.subtract(part.decentre, design.main_lens.decentre)
-        return TracedPlane(z, float(x), float(y), part.tilt, diameter)
+        width = math.inf if opening is None else float(opening.width)
+        return TracedPlane(z, float(x), float(y), part.tilt, width, opening)
 
     seen = Camera.of(design)
     mla = rear + float(seen.seen.d_1)
-    rims = tuple(stands(stop, front - stop.distance, 2 * float(stop.outline.reach)) for stop in design.all_stops)
+    rims = tuple(stands(stop, front - stop.distance, stop.outline) for stop in design.all_stops)
     array, detector = stands(design.microlens_array, mla), stands(design.sensor, mla + float(seen.seen.d_2))
     focal_plane = front - design.d_f
     if design.elements:
@@ -409,7 +448,7 @@ class _Views(NamedTuple):
     state: NDArray[np.int16]
     """State of the ray (`LensCamera.describe`), (...)."""
     fap_margin: Array
-    """1 - r^2/(D_F/2)^2 about the FAP's centre, (...): positive inside."""
+    """1 less the squared height over that of the FAP's rim, (...): positive inside."""
     margin: Array
     """Least of the same over the lens's surfaces, the further stops and the elements, (...); -1 or less where one was
     not met."""
@@ -448,8 +487,7 @@ def views(
     pupil, fap_room = place, room
     for number, rim in sorted(enumerate(camera.rims), key=lambda item: -item[1].z):  # nearest to the lens first
         crossing = rim.crossed(rays.height, rays.slope, camera.fap.z)
-        at = crossing - rim.centre.reshape(2, *(1,) * lost.ndim)
-        left = np.where(lost, -1.0, 1 - np.sum(np.square(at), axis=0) / (rim.diameter / 2) ** 2)
+        left = np.where(lost, -1.0, 1 - rim.height(crossing))
         if number == 0:
             pupil, fap_room = crossing, left
         else:
@@ -515,7 +553,7 @@ def sensor_of_pupil(
     middle = c + camera.d_2 * chief_slope(camera, c, np.zeros(2))
     flat, shape = c.reshape(-1, 2), c.shape[:-1]
     slopes, home = (camera.slopes(c, q).reshape(-1, 2) for q in (p, middle))
-    there = (a.reshape(-1, 2) - camera.fap.centre) / (camera.fap.diameter / 2)
+    there = camera.fap.shares(a.reshape(-1, 2))
     rays = min(len(flat), BLOCK)
     begin = np.arange(0, len(flat), max(rays, 1)).clip(max=len(flat) - rays)
     wanted = RayTargets(flat - camera.array.centre, np.zeros_like(flat), there, slopes, np.full((len(flat), 4), np.nan))
@@ -534,13 +572,13 @@ def nominal_targets(design: Design, base: Array, offset: Array, target: Array) -
     """Targets of rays, found in the nominal camera; base, offset and target (n, 2) as `RayTargets` has them."""
     camera, there = camera_of(design), microlenses(design, base + offset * design.d / 2)
     fap = camera.fap
-    nominal = sensor_of_pupil(camera, there, fap.centre + fap.diameter / 2 * target)
+    nominal = sensor_of_pupil(camera, there, fap.points(target))
     nudge = 1e-3 * float(np.hypot(*np.ptp(nominal.sensor - there, axis=0))) + 1e-6 * camera.d_2
     columns, rates = [], []
     for step in nudge * np.eye(2):
         ends = [nominal.sensor + sign * step for sign in (1, -1)]
-        one, other = (views(camera, there, p, clip=False).pupil for p in ends)
-        columns.append((one - other) / (fap.diameter / 2))
+        one, other = (fap.shares(views(camera, there, p, clip=False).pupil) for p in ends)
+        columns.append(one - other)
         rates.append(camera.slopes(there, ends[0]) - camera.slopes(there, ends[1]))
     with np.errstate(divide="ignore", invalid="ignore"):
         inverse = np.stack(rates, axis=-1) @ np.linalg.pinv(np.stack(columns, axis=-1))

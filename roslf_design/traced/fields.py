@@ -44,7 +44,7 @@ PUPIL = np.concatenate(
         (np.sqrt((np.polynomial.legendre.leggauss(RINGS)[0] + 1) / 2)[:, None, None] * circle(SPOKES)).reshape(-1, 2),
     ]
 )
-"""Points of the FAP that object points send rays through, its centre first [radii], (R, 2)."""
+"""Points of the unit disc that stand for those of the FAP, its centre first, (R, 2)."""
 SOFT = 0.6
 """Frequencies times `_Beam.spread` by which light so spread has lost its contrast, an even disc's by 0.31."""
 NODES = 12
@@ -85,9 +85,10 @@ class DesignImages(LensImages):
 
     def __init__(self, design: Design, fields: ArrayLike) -> None:
         camera, at = Camera.of(design), np.asarray(fields, float).reshape(-1, 2)
-        rays = FieldRays(partial(thin_targets, camera), at, on_array(camera, np.zeros(2)), own=True)
-        super().__init__(camera, at, Mount.of(design), rays, np.zeros(len(at), np.bool_))
         self.lens, self.places = camera_of(design), microlenses(design, at)
+        axis, straight = on_array(camera, np.zeros(2)), self.lens.fap.straight
+        rays = FieldRays(partial(thin_targets, camera), at, axis, straight=straight, own=True)
+        super().__init__(camera, at, Mount.of(design), rays, np.zeros(len(at), np.bool_))
 
     @cached_property
     def traced(self) -> TracedImages:
@@ -126,20 +127,24 @@ class DesignImages(LensImages):
             beam or _Beam(Polynomials(np.zeros(2), np.ones(2), np.zeros((2, 1, 1))), 0.0),
         )
 
+    @property
+    def _pupil(self) -> Array:
+        """Points of the FAP that object points send rays through, (R, 2) [mm]."""
+        return self.lens.fap.filled(PUPIL)
+
     @cached_property
     def _shown(self) -> Array:
-        """Sensor points at which microlenses show the points `PUPIL` of the FAP, from their axes (n, R, 2) [mm]."""
-        landed = self._aimed(self.rays.to(self.fields, PUPIL), len(PUPIL)).landed
+        """Sensor points at which microlenses show those, from their axes (n, R, 2) [mm]."""
+        landed = self._aimed(self.rays.to(self.fields, self.lens.fap.shares(self._pupil)), len(PUPIL)).landed
         return np.asarray(landed + (self.lens.detector.centre - self.places)[:, None])
 
     def _beam(self, field: int, at: float | None) -> _Beam | None:
         """Beam of the object point that a microlens's chief ray meets on a plane; None of too few rays."""
-        z, fap, place = float(self._plane(at)[0, 0]), self.lens.fap, self._shown[field]
+        z, place = float(self._plane(at)[0, 0]), self._shown[field]
         point = self._chief_ahead.at(self._plane(at))[field, 0]
         if not np.isfinite(point).all():
             return None
-        pupil = fap.centre + fap.diameter / 2 * PUPIL
-        moved, _, comes = forward_rays(self.lens, point, pupil, self.lens.wavelength, z=z)
+        moved, _, comes = forward_rays(self.lens, point, self._pupil, self.lens.wavelength, z=z)
         comes &= np.isfinite(place).all(axis=-1)
         if not comes[0] or np.count_nonzero(comes) < FEWEST:
             return None

@@ -26,7 +26,7 @@ from ..errors import InputError
 from ..fates import ImageFate, RayFate, state_at
 from ..theory.vignetting import undistorted_radii
 from .camera import LensCamera, TracedPlane, camera_of, chief_slope, microlenses, sensor_of_pupil, views
-from .outlines import Outlines, circle, lit_images
+from .outlines import Outlines, circle, highest, lit_images, rim_points
 from .train import AimedRays
 
 Array = NDArray[np.float64]
@@ -54,6 +54,9 @@ class TracedImages(NamedTuple):
     part about its roomiest point."""
     whole_area: Array
     """Area inside `outline` [mm^2], (...); nan where part of the rim is out of the lens's sight."""
+    diameter: Array
+    """Diameter of the disc as large; of straight sides the wider of the extents along x and y [mm], (...); nan
+    likewise."""
     area: Array
     """Lit area [mm^2], (...)."""
     centroid: Array
@@ -64,11 +67,6 @@ class TracedImages(NamedTuple):
     """Part of the FAP, by its own area, from which light comes, (...)."""
     status: NDArray[np.int8]
     """`ImageFate`, (...)."""
-
-    @property
-    def diameter(self) -> Array:
-        """Diameter of the disc with the FAP image's area [mm], (...)."""
-        return np.asarray(2 * np.sqrt(self.whole_area / np.pi))
 
     @property
     def axis_ratio(self) -> Array:
@@ -106,11 +104,11 @@ def real_images(camera: LensCamera, microlens: ArrayLike, *, points: int = 96) -
 def _images(camera: LensCamera, c: Array, points: int) -> TracedImages:
     fap = camera.fap
     middle = sensor_of_pupil(camera, c, fap.centre)
-    rays = sensor_of_pupil(camera, c[:, None, :], fap.centre + fap.diameter / 2 * circle(points))
+    rays = sensor_of_pupil(camera, c[:, None, :], fap.points(rim_points(points, straight=fap.straight)))
     outline, chief, aside = rays.sensor - c[:, None, :], middle.sensor - c, c - camera.detector.centre
     ok, landed = (rays.ok & middle.ok[:, None])[..., None], rays.sensor - camera.detector.centre
     rim = AimedRays(*(np.where(ok, part, math.nan) for part in (landed, rays.heights)))
-    uncut, folded = Outlines.of(rim), _folded(camera, c)
+    uncut, folded = Outlines.of(rim, straight=fap.straight), _folded(camera, c)
     scale = camera.d_2 / camera.d_1
     elsewhere = aside + c * scale, np.full(len(c), 0.6 * camera.lens.clear_diameter * abs(scale))
     parts = camera.train(camera.wavelength), camera.planes, c - camera.array.centre, np.zeros(len(c), int)
@@ -123,7 +121,8 @@ def _images(camera: LensCamera, c: Array, points: int) -> TracedImages:
     for index in np.flatnonzero(folded):
         area[index], centroid[index], moments[index], kept[index] = _quadrature(camera, c[index])
         status[index] = ImageFate.FOLDED
-    return TracedImages(chief, outline, boundary, uncut.shape[:, 0], area, centroid, moments, kept, status)
+    whole = uncut.shape[:, 0], uncut.width
+    return TracedImages(chief, outline, boundary, *whole, area, centroid, moments, kept, status)
 
 
 def _grid(camera: LensCamera, c: Array, count: int) -> tuple[Array, float]:
@@ -158,7 +157,7 @@ def _quadrature(camera: LensCamera, c: Array) -> tuple[Array, Array, Array, floa
     x, y = np.moveaxis(d - mean, -1, 0)
     moments = np.array([np.sum(weight * x * x), np.sum(weight * x * y), np.sum(weight * y * y)]) / total
     # The part of the FAP that is seen at all: from points all over it back to the sensor, from the nearest lit one.
-    wanted = camera.fap.centre + camera.fap.diameter / 2 * sunflower(PUPIL_SAMPLES).T
+    wanted = camera.fap.filled(sunflower(PUPIL_SAMPLES).T)
     nearest = np.argmin(np.sum(np.square(wanted[:, None] - at.pupil[room >= 0]), axis=-1), axis=1)
     back = sensor_of_pupil(camera, c, wanted, start=p[0][room >= 0][nearest])
     return total * step * step, mean, moments, float(np.mean(back.ok & (back.views.margin >= 0)))
@@ -255,8 +254,8 @@ def _focus(camera: LensCamera, point: Array, axis: Array) -> Array:
 
 def _spot(camera: LensCamera, point: Array, along: Array, across: Array) -> tuple[Array, Array]:
     """Root-mean-square radius, from rays all over the FAP, and extents, from those and more along its rim."""
-    disc = np.concatenate([sunflower(SPOT_RAYS), circle(RIM_POINTS).T], axis=1) * camera.fap.diameter / 2
-    pupil = camera.fap.centre + disc[0][:, None] * along[..., None, :] + disc[1][:, None] * across[..., None, :]
+    disc = np.concatenate([sunflower(SPOT_RAYS), circle(RIM_POINTS).T], axis=1)
+    pupil = camera.fap.filled(disc[0][:, None] * along[..., None, :] + disc[1][:, None] * across[..., None, :])
     height, _, kept = forward_rays(camera, point[..., None, :], pupil, camera.wavelength, clip=True)
     place = np.moveaxis(height, 0, -1)
     even = kept & (np.arange(kept.shape[-1]) < SPOT_RAYS)
@@ -304,18 +303,14 @@ def undistorted_field(camera: LensCamera, angle: float = 0.0) -> _FieldBound:
     """
     way = np.array([np.cos(angle), np.sin(angle)])
     centre = camera.fap.centre
-    rim = centre + camera.fap.diameter / 2 * circle(RIM_POINTS, angle)
+    straight = camera.fap.straight
+    rim = camera.fap.points(rim_points(RIM_POINTS, straight=straight))
 
     def room(radius: float) -> float:
-        """Least room of the FAP's rim, between the points looked at as well; -1 where some of it is out of sight."""
+        """Least room of the FAP's rim; -1 where some of it is out of sight."""
         rays = sensor_of_pupil(camera, radius * way, rim)
-        rooms = 1 - rays.heights.max(axis=-1)
-        if not np.all(rays.ok & (rooms > -1)):
-            return -1.0
-        low = int(np.argmin(rooms))
-        left, least, right = (float(rooms[(low + step) % RIM_POINTS]) for step in (-1, 0, 1))
-        bend = left - 2 * least + right
-        return least - (right - left) ** 2 / (8 * bend) if bend > 0 else least
+        least = 1 - float(highest(rays.heights[None], straight=straight).max()) if rays.ok.all() else -1.0
+        return max(least, -1.0)
 
     twin = thin_twin(camera)
     thin = float(undistorted_radii(twin)[0] * twin.seen.m)
@@ -360,6 +355,8 @@ class _RealField(NamedTuple):
     thin_centre: Array
     """Image of the FAP's centre by the thin twin, relative to the microlens axis, (N, 2)."""
     thin_diameter: float
+    thin_outline: Array
+    """Image of the FAP's rim by the thin twin, likewise, (N, K, 2)."""
     shift: Array
     """Image centres against the thin twin's, (N, 2)."""
     widening: Array
@@ -380,7 +377,7 @@ def real_field(design: Design, axes: Sequence[tuple[float, float]] | ArrayLike) 
     fap = camera.fap
     c = microlenses(design, axes).reshape(-1, 2)
     images = real_images(camera, c)
-    rim = fap.centre + fap.diameter / 2 * circle(images.outline.shape[-2])
+    rim = fap.points(rim_points(images.outline.shape[-2], straight=fap.straight))
     thin_centre = camera.d_2 * chief_slope(camera, c, fap.centre)
     thin_rim = camera.d_2 * chief_slope(camera, c[:, None], rim)
     apart = chief_slope(camera, [0.0, 0.0], [1.0, 0.0]) - chief_slope(camera, [0.0, 0.0], [0.0, 0.0])
@@ -398,6 +395,7 @@ def real_field(design: Design, axes: Sequence[tuple[float, float]] | ArrayLike) 
         images,
         thin_centre,
         thin_diameter,
+        thin_rim,
         np.where(lost[:, None], math.nan, images.chief - thin_centre),
         np.where(guessed, math.nan, own / thin_diameter - 1),
         np.where(guessed, math.nan, np.max(np.hypot(*np.moveaxis(images.outline - thin_rim, -1, 0)), axis=-1)),

@@ -22,7 +22,7 @@ from ..fates import RayFate
 from ..theory.light import solid_angle
 from ..theory.stop_images import MicrolensImages, lens_point
 from .camera import camera_of
-from .outlines import RIM, Outlines, circle, lit_images
+from .outlines import RIM, Outlines, lit_images, rim_points
 from .train import AimedRays, Planes, RayTargets, Train, aimed, crossings, etendue_sr
 
 MIDDLE = np.zeros((1, 2))
@@ -71,14 +71,23 @@ class FieldRays:
         Microlenses, on the array [mm].
     axis : ndarray, (2,)
         Place of the array on the lens's axis [mm].
+    straight : bool
+        Whether the FAP has straight sides.
     own : bool
         Whether every build has targets of its own, the builds slowest.
     """
 
     def __init__(
-        self, find: Callable[[Array, Array, Array], RayTargets], fields: Array, axis: Array, *, own: bool = False
+        self,
+        find: Callable[[Array, Array, Array], RayTargets],
+        fields: Array,
+        axis: Array,
+        *,
+        straight: bool,
+        own: bool = False,
     ) -> None:
-        self.find, self.fields, self.axis, self.own = find, fields, axis, own
+        self.find, self.fields, self.axis, self.straight, self.own = find, fields, axis, straight, own
+        self.rim_points = rim_points(RIM[straight], straight=straight)
 
     def to(self, places: Array, target: Array, offset: Array = MIDDLE) -> RayTargets:
         """Every offset and target at every place, the places slowest."""
@@ -93,8 +102,8 @@ class FieldRays:
 
     @cached_property
     def rim(self) -> RayTargets:
-        """Rays to its rim, F times `RIM`."""
-        return self.to(self.fields, circle(RIM))
+        """Rays to its rim, F times `rim_points`."""
+        return self.to(self.fields, self.rim_points)
 
     @cached_property
     def neighbours(self) -> RayTargets:
@@ -103,8 +112,8 @@ class FieldRays:
 
     @cached_property
     def axis_rim(self) -> RayTargets:
-        """Rays from the axis to the FAP's rim, `RIM`."""
-        return self.to(self.axis[None], circle(RIM))
+        """Rays from the axis to the FAP's rim, `rim_points`."""
+        return self.to(self.axis[None], self.rim_points)
 
 
 def thin_targets(camera: Camera, base: Array, offset: Array, target: Array) -> RayTargets:
@@ -113,19 +122,18 @@ def thin_targets(camera: Camera, base: Array, offset: Array, target: Array) -> R
     Parameters as of `FieldRays`.
     """
     builds = camera.shape or (1,)
-    half, radius = (np.broadcast_to(np.asarray(part), builds) for part in (camera.d / 2, camera.fap.radius))
+    half, fap = np.broadcast_to(np.asarray(camera.d / 2), builds), camera.fap.outline
     at = base[:, None] + offset[:, None] * half[:, None]
     microlens = camera.microlens(at[..., 0], at[..., 1])
     point = lens_point(camera, camera.fap, microlens)
-    there = target[:, None] * radius[:, None]
 
-    def slopes(aside: Array) -> Array:
-        x, y = point.at(aside[..., 0], aside[..., 1])
-        ways = ((c - l) / camera.seen.d_1 for c, l in zip(microlens[:2], (x, y), strict=True))
-        return np.asarray(np.stack(np.broadcast_arrays(*ways), axis=-1) + 0 * there)
+    def slopes(step: Array) -> Array:
+        ends = point.at(*fap.at_shares(*(target + step).T[:, :, None]))
+        ways = ((c - l) / camera.seen.d_1 for c, l in zip(microlens[:2], ends, strict=True))
+        return np.stack(np.broadcast_arrays(*ways, np.empty(at.shape[:-1]))[:2], axis=-1)
 
-    start = slopes(there)
-    columns = [(slopes(there + radius[:, None] * way) - start) for way in np.eye(2)]
+    start = slopes(np.zeros(2))
+    columns = [slopes(way) - start for way in np.eye(2)]
     inverse = np.stack(columns, axis=-1)
 
     def flat(part: Array) -> Array:
@@ -207,7 +215,11 @@ class LensImages(MicrolensImages):
     @cached_property
     def uncut(self) -> Outlines:
         """Images as if nothing cut them."""
-        return Outlines.of(self._aimed(self.rays.rim, RIM))
+        return self._outlines(self.rays.rim)
+
+    def _outlines(self, rim: RayTargets) -> Outlines:
+        """Images by rays to the FAP's rim."""
+        return Outlines.of(self._aimed(rim, len(self.rays.rim_points)), straight=self.rays.straight)
 
     @cached_property
     def chief(self) -> tuple[Number, Number]:
@@ -217,8 +229,8 @@ class LensImages(MicrolensImages):
 
     @cached_property
     def diameter(self) -> Number:
-        """Diameter of the disc as large as the uncut image [mm]."""
-        return self._grid(2 * np.sqrt(self.uncut.shape[:, 0] / np.pi))
+        """Diameter of the disc as large as the uncut image [mm]; of a rectangle its wider extent along x and y."""
+        return self._grid(self.uncut.width)
 
     @cached_property
     def _neighbours(self) -> Array:
@@ -238,7 +250,7 @@ class LensImages(MicrolensImages):
 
         By first order where the lens does not show that one the whole FAP.
         """
-        axis = Outlines.of(self._aimed(self.rays.axis_rim, RIM)).shape
+        axis = self._outlines(self.rays.axis_rim).shape
         whole = self._etendue(axis, self.rays.axis[None])
         whole = np.where(np.isnan(whole), solid_angle(self.camera), whole)
         return self._etendue(self._lit[0], self.fields) / whole
@@ -252,9 +264,9 @@ class LensImages(MicrolensImages):
     @cached_property
     def clearance(self) -> Number:
         """Room between the pencil and the nearest rim or surface, on that [mm]; negative where it is cut."""
-        own, beyond = (part.radii for part in self.mount.train)
-        radii = np.concatenate([own, self.mount.planes.rims[:, 1:, 12], beyond], axis=1)
-        room: Array = np.min(radii * (1 - np.sqrt(self._grid(self.uncut.peaks))), axis=-1)
+        (own, beyond), planes = (part.radii for part in self.mount.train), self.mount.planes
+        radii = np.concatenate([own, planes.lengths, beyond], axis=1)
+        room: Array = np.min(radii * (1 - planes.unsquared(self._grid(self.uncut.peaks), own.shape[1])), axis=-1)
         return room + 0 * self.diameter
 
     @cached_property

@@ -1,9 +1,9 @@
 """Microlens images of builds behind a real lens, from a few rays each.
 
-Whole images need rays along the FAP's rim alone: closed curves, integrated by their Fourier series. Where a rim cuts an
-image, or part of the FAP is out of sight, its boundary on the sensor is followed along spokes from its roomiest point,
-each to where the first rim stops the ray. Between corners, where another rim takes over, the boundary is smooth and
-Gauss's rule integrates it.
+Whole images need rays along the FAP's rim alone: closed curves, integrated by their Fourier series, or sides by
+Legendre's. Where a rim cuts an image, or part of the FAP is out of sight, its boundary on the sensor is followed along
+spokes from its roomiest point, each to where the first rim stops the ray. Between corners, where another rim or side
+takes over, the boundary is smooth and Gauss's rule integrates it.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._jit import kernel
 from ..lenses.tracer import BLOCK, COLUMNS, ROWS, pass_surfaces
-from .train import LOST, AimedRays, Planes, Train, crossing, kernel_args
+from .train import LOST, AimedRays, Planes, Train, crossing, kernel_args, side_height
 
 Array = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-RIM = 16
-"""Rays along the FAP's rim, a multiple of four; the outline's area converges exponentially in them."""
+RIM = {False: 16, True: 32}
+"""Rays along the FAP's rim, without and with straight sides; the outline's area converges exponentially in them."""
 HARMONICS = 6
 """Harmonics of a ray's squared height on a surface, along the FAP's rim."""
 SCAN = 24
@@ -46,6 +46,8 @@ SMOOTH = 1e-4
 """Largest share of its highest term; what is left out is the square of that, and a panel is halved that has more."""
 NODES = 10
 """Nodes of a quadrature."""
+DENSE = 33
+"""Places along a straight side at which the pencil's heights are looked at."""
 GRID, ROOMY, FINEST = 7, 0.6, 17
 """Side of the grid on which the roomiest point is looked for, which squared height is low enough, and how many grids
 there may be for slivers."""
@@ -57,25 +59,65 @@ def circle(count: int, first: float = 0.0) -> Array:
     return np.stack([np.cos(turns), np.sin(turns)], axis=-1)
 
 
-def _polygon_moments(outline: ArrayLike) -> tuple[Array, Array, Array]:
-    """Area, centroid and central second moments (xx, xy, yy) per unit area inside closed curves through points.
+def rim_points(count: int, *, straight: bool) -> Array:
+    """Points along the FAP's rim, counterclockwise, by their shares of its opening, (count, 2).
+
+    Evenly spaced on a disc's; of straight sides Lobatto's nodes on each in turn, both ends included, a quarter of them.
+    """
+    if not straight:
+        return circle(count)
+    along = _lobatto(count // 4)[0]
+    one = np.ones_like(along)
+    sides = (one, along), (-along, one), (-one, -along), (along, -one)
+    return np.concatenate([np.stack(side, axis=-1) for side in sides])
+
+
+@cache
+def _lobatto(count: int) -> tuple[Array, Array, Array, Array]:
+    """Lobatto's nodes on [-1, 1], both ends among them, and their weights; then what takes values there elsewhere.
+
+    To derivatives at the nodes, (n, n), and to values at `DENSE` places evenly spaced, (DENSE, n).
+    """
+    legendre = np.polynomial.legendre.Legendre.basis
+    last = legendre(count - 1)
+    nodes = np.concatenate([[-1.0], np.sort(last.deriv().roots().real), [1.0]])
+    weights = 2 / (count * (count - 1) * last(nodes) ** 2)
+    fit = np.linalg.inv(np.polynomial.legendre.legvander(nodes, count - 1))
+    slopes = np.stack([legendre(k).deriv()(nodes) for k in range(count)], axis=-1) @ fit
+    return nodes, weights, slopes, np.polynomial.legendre.legvander(np.linspace(-1.0, 1.0, DENSE), count - 1) @ fit
+
+
+def _along_sides(values: Array) -> Array:
+    """Largest values of functions along four sides (N, R), from those at `rim_points`, (N, 4 n, R)."""
+    largest = np.empty((len(values), values.shape[2]))
+    _largest.compiled(np.ascontiguousarray(values), _lobatto(values.shape[1] // 4)[3], largest)
+    return largest
+
+
+def _moments(curve: Array, straight: bool) -> tuple[Array, Array, Array]:
+    """Area, centroid and central second moments (xx, xy, yy) per unit area inside closed curves.
 
     Parameters
     ----------
-    outline : array_like
-        Points evenly spaced in some smooth parameter, (..., K, 2) [mm], either way round.
+    curve : ndarray, (..., K, 2)
+        Points [mm], either way round: evenly spaced in some smooth parameter, or of four smooth sides, one after the
+        other, as `rim_points` has them.
 
     Notes
     -----
-    Green's theorem with the curve's derivative from its Fourier series: for a smooth curve the error falls
-    exponentially with K, for one with corners like 1/K^2.
+    Green's theorem with the curve's derivative from its Fourier series, or from Legendre's: the error falls
+    exponentially with K.
     """
-    curve = np.asarray(outline, float)
     start = np.mean(curve, axis=-2, keepdims=True)
     x, y = np.moveaxis(curve - start, -1, 0)
     k = x.shape[-1]
-    waves = 1j * np.fft.fftfreq(k, 1 / k) * (np.arange(k) * 2 != k)
-    dx, dy = (np.fft.ifft(waves * np.fft.fft(part, axis=-1), axis=-1).real * 2 * np.pi / k for part in (x, y))
+    if straight:
+        _, weight, slopes, _ = _lobatto(k // 4)
+        sides = (part.reshape(*part.shape[:-1], 4, -1) @ slopes.T for part in (x, y))
+        dx, dy = (np.tile(weight, 4) * part.reshape(x.shape) for part in sides)
+    else:
+        waves = 1j * np.fft.fftfreq(k, 1 / k) * (np.arange(k) * 2 != k)
+        dx, dy = (np.fft.ifft(waves * np.fft.fft(part, axis=-1), axis=-1).real * 2 * np.pi / k for part in (x, y))
     area = np.sum(x * dy - y * dx, axis=-1) / 2
     turn = np.where(area < 0, -1.0, 1.0)
     safe = np.where(area == 0, 1.0, area)
@@ -87,26 +129,38 @@ def _polygon_moments(outline: ArrayLike) -> tuple[Array, Array, Array]:
 
 
 class Outlines(NamedTuple):
-    """Microlens images of N build-and-field pairs as if nothing cut them, from `RIM` rays each."""
+    """Microlens images of N build-and-field pairs as if nothing cut them, from rays along the FAP's rim."""
 
     rim: Array
-    """Images of points evenly spaced along the FAP's rim, nan where they are not in sight [mm], (N, P, 2)."""
+    """Images of `rim_points`, nan where they are not in sight [mm], (N, P, 2)."""
+    width: Array
+    """Diameter of the disc as large; of straight sides the wider of the extents along x and y [mm], (N,)."""
     shape: Array
     """Area, centroid, central second moments (xx, xy, yy) [mm], (N, 6)."""
     peaks: Array
-    """Largest squared height of the pencil over that of each rim, (N, S + R - 1): above 1 where it is cut."""
-    turns: Array
-    """Angles on the FAP's rim [rad], likewise."""
+    """Largest height of the pencil over that of each rim, as `AimedRays` has them, (N, S + L): above 1 where it is
+    cut."""
 
     @classmethod
-    def of(cls, rim: AimedRays) -> Outlines:
-        """Areas, moments and largest heights from rays along the FAP's rim."""
-        area, centroid, moments = _polygon_moments(rim.landed)
-        peaks, turns = np.empty((len(area), rim.heights.shape[2])), np.empty((len(area), rim.heights.shape[2]))
-        points = rim.landed.shape[1]
-        waves = np.exp(-2j * np.pi * np.arange(points) / points)
-        _highest.compiled(rim.heights, waves, np.empty(HARMONICS + 1, complex), peaks, turns)
-        return cls(rim.landed, np.concatenate([area[:, None], centroid, moments], axis=1), peaks, turns)
+    def of(cls, rim: AimedRays, *, straight: bool) -> Outlines:
+        """Areas, moments and largest heights from rays to `rim_points`."""
+        area, centroid, moments = _moments(rim.landed, straight)
+        if straight:
+            width = np.sum([_along_sides(sign * rim.landed) for sign in (-1, 1)], axis=0).max(axis=-1)
+        else:
+            width = 2 * np.sqrt(area / np.pi)
+        shape = np.concatenate([area[:, None], centroid, moments], axis=1)
+        return cls(rim.landed, width, shape, highest(rim.heights, straight=straight))
+
+
+def highest(heights: Array, *, straight: bool) -> Array:
+    """Largest heights (N, R) along the FAP's rim from those of rays to `rim_points` (N, K, R)."""
+    if straight:
+        return _along_sides(heights)
+    peaks, points = np.empty((len(heights), heights.shape[2])), heights.shape[1]
+    waves = np.exp(-2j * np.pi * np.arange(points) / points)
+    _highest.compiled(heights, waves, np.empty(HARMONICS + 1, complex), peaks)
+    return peaks
 
 
 def lit_images(
@@ -216,6 +270,8 @@ def _rule() -> tuple[Array, Array, Array, Array]:
 def _measure_rays(n: int, build: Any, work: Any) -> None:
     """How near n rays from a point of the array, away from points of the sensor, come to the rims.
 
+    Heights are those of `AimedRays`, the FAP's before the other stops'.
+
     Parameters
     ----------
     build : tuple
@@ -227,7 +283,7 @@ def _measure_rays(n: int, build: Any, work: Any) -> None:
     """
     at, lens, count, index, outer, outer_count, outer_index, rims, screen = build
     buffer, radii, u, v, tallest, first, heights, pupil = work
-    stops = rims.shape[0]
+    stops, beyond = rims.shape[0], len(heights) - outer_count
     for i in range(n):
         x = screen[0] + u[i] * screen[3] + v[i] * screen[6] - at[0]
         y = screen[1] + u[i] * screen[4] + v[i] * screen[7] - at[1]
@@ -242,16 +298,19 @@ def _measure_rays(n: int, build: Any, work: Any) -> None:
             heights[k, i] = radii[k * BLOCK + i] / lens[k * COLUMNS + 5]
         down = buffer[5 * BLOCK + i]
         ox, oy = buffer[3 * BLOCK + i] / down, buffer[4 * BLOCK + i] / down
+        side = count
         for k in range(stops):
-            hx, hy = crossing(buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i], ox, oy, rims[k])
-            hx, hy = hx / rims[k, 12], hy / rims[k, 12]
+            rim = rims[k]
+            hx, hy = crossing(buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i], ox, oy, rim)
             if k == 0:
-                pupil[i, 0], pupil[i, 1] = hx, hy
-            heights[count + k, i] = hx * hx + hy * hy
+                pupil[i, 0], pupil[i, 1] = hx / rim[12], hy / rim[13]
+            for s in range(int(rim[14])):
+                heights[side, i] = side_height(hx, hy, rim, s)
+                side += 1
     pass_surfaces(buffer, n if outer_count else 0, outer, outer_index, outer_count, True, False, radii)
     for i in range(n):
         for k in range(outer_count):
-            heights[count + stops + k, i] = radii[k * BLOCK + i] / outer[k * COLUMNS + 5]
+            heights[beyond + k, i] = radii[k * BLOCK + i] / outer[k * COLUMNS + 5]
         tallest[i], first[i] = 0.0, 0
         for k in range(len(heights)):
             if heights[k, i] > tallest[i]:
@@ -485,7 +544,9 @@ def _follow_images(
     nodes, weights, slopes, joints
         As `_rule` has them.
     """
-    limits, scan, rule = count + rims.shape[1] + outer_count, edge.shape[1], (nodes, weights, slopes, joints)
+    limits = count + int(np.sum(rims[0, :, 14])) + outer_count
+    scan, rule = edge.shape[1], (nodes, weights, slopes, joints)
+    whole = math.pi if rims[0, 0, 14] == 1.0 else 4.0
     heights, pupil = np.empty((limits, BLOCK)), np.empty((BLOCK, 2))
     u, v, tallest, first = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK, np.int64)
     work = np.empty(ROWS * BLOCK), np.empty((count + outer_count) * BLOCK), u, v, tallest, first, heights, pupil
@@ -526,12 +587,12 @@ def _follow_images(
         shape[job, 0], shape[job, 1], shape[job, 2] = area, hub[0] + mx, hub[1] + my
         shape[job, 3], shape[job, 4] = sums[3] / area - mx * mx, sums[4] / area - mx * my
         shape[job, 5] = sums[5] / area - my * my
-        share[job] = min(1.0, abs(sums[6]) / math.pi)
+        share[job] = min(1.0, abs(sums[6]) / whole)
 
 
 @kernel()
-def _peak(g: Any, waves: Any, series: Any) -> tuple[float, float]:
-    """Largest value of a periodic function from its evenly spaced values, and the angle where it is taken.
+def _peak(g: Any, waves: Any, series: Any) -> float:
+    """Largest value of a periodic function from its evenly spaced values.
 
     `waves` holds the unit circle's points, clockwise; `series` is room for the Fourier coefficients.
     """
@@ -559,12 +620,41 @@ def _peak(g: Any, waves: Any, series: Any) -> tuple[float, float]:
         if not curve < 0 or abs(slope) <= 1e-7 * -curve:  # the value is then right to rounding
             break
         angle = min(max(angle - slope / curve, start - limit), start + limit)
-    return max(value, g[best]), angle
+    return float(max(value, g[best]))
 
 
 @kernel()
-def _highest(heights: Any, waves: Any, series: Any, peaks: Any, turns: Any) -> None:
-    """Largest squared heights (N, R) along the FAP's rim and the angles where they are, from (N, K, R) of K rays."""
+def _largest(values: Any, dense: Any, largest: Any) -> None:
+    """Largest values (N, R) along four sides, from (N, 4 n, R), by parabolas between dense places: exact at corners.
+
+    `dense` takes values at a side's n places to those at dense ones.
+    """
+    places, nodes = dense.shape
+    for i in range(len(values)):
+        for k in range(values.shape[2]):
+            best = -LOST
+            for side in range(4):
+                before, here = 0.0, 0.0
+                for d in range(places):
+                    after = 0.0
+                    for j in range(nodes):
+                        after += dense[d, j] * values[i, side * nodes + j, k]
+                    best = max(best, after)
+                    bend = before - 2.0 * here + after
+                    if d > 1 and here >= before and here >= after and bend < 0.0:
+                        best = max(best, here - (after - before) ** 2 / (8.0 * bend))
+                    if math.isnan(after):  # a ray that is lost
+                        best = after
+                        break
+                    before, here = here, after
+                if math.isnan(best):
+                    break
+            largest[i, k] = best
+
+
+@kernel()
+def _highest(heights: Any, waves: Any, series: Any, peaks: Any) -> None:
+    """Largest squared heights (N, R) along the FAP's rim, from (N, K, R) of K rays."""
     for n in range(len(heights)):
         for k in range(heights.shape[2]):
-            peaks[n, k], turns[n, k] = _peak(heights[n, :, k], waves, series)
+            peaks[n, k] = _peak(heights[n, :, k], waves, series)

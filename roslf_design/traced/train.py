@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from .._arrays import DISC_RULE
 from .._jit import kernel
 from ..bore.faces import KIND, STOP
+from ..bore.opening import ClearAperture
 from ..fates import RayFate
 from ..lenses.tracer import BLOCK, COLUMNS, MAPPED, ROWS, SPHERE, SurfaceStack, pass_surfaces
 from ..theory.object_space import FAP, ObjectSpaceFaces
@@ -112,7 +113,50 @@ class Planes(NamedTuple):
     sensor: Array
     """(T, 12)."""
     rims: Array
-    """FAP, then further stops, each with its radius, (T, R, 13)."""
+    """FAP, then further stops, each with its axes along its sides, half of both and their number, 1 of a disc, (T, R,
+    15)."""
+
+    @property
+    def straight(self) -> list[bool]:
+        """Which rims have straight sides, (R,)."""
+        return [bool(count > 1) for count in self.rims[0, :, 14]]
+
+    @property
+    def lengths(self) -> Array:
+        """Distance of every rim's sides from its centre, but for the FAP's, (T, L) [mm]: of a disc its radius."""
+        rows = [self.rims[:, k, [12, 12, 13, 13] if straight else [12]] for k, straight in enumerate(self.straight)]
+        return np.concatenate([self.rims[:, 0, :0], *rows[1:]], axis=1)
+
+    def unsquared(self, heights: Array, before: int) -> Array:
+        """Heights from those of `AimedRays`, of which so many are surfaces' before the stops'."""
+        linear = np.repeat(self.straight[1:], [4 if straight else 1 for straight in self.straight[1:]])
+        squared = np.ones(heights.shape[-1], np.bool_)
+        squared[before : before + len(linear)] = ~linear.astype(np.bool_)
+        return np.where(squared, np.sqrt(np.where(squared, heights, 0.0)), heights)
+
+
+def rim_row(pose: Array, opening: ClearAperture) -> Array:
+    """Numbers (..., 15) of stops, as `Planes.rims` has them, from their poses (..., 12)."""
+    if opening.half is None:
+        half, sides, turn = (opening.radius, opening.radius), 1.0, np.zeros(())
+    else:
+        half, sides, turn = opening.half, 4.0, np.asarray(opening.turn)
+    cosine, sine = np.cos(turn)[..., None], np.sin(turn)[..., None]
+    x, y = pose[..., 3:6], pose[..., 6:9]
+    axes = pose[..., :3], cosine * x + sine * y, cosine * y - sine * x, pose[..., 9:]
+    numbers = (np.broadcast_to(np.asarray(part, float), pose.shape[:-1])[..., None] for part in (*half, sides))
+    return np.concatenate([*(np.broadcast_to(part, (*pose.shape[:-1], 3)) for part in axes), *numbers], axis=-1)
+
+
+@kernel()
+def side_height(x: float, y: float, rim: Any, side: int) -> float:
+    """Height of a point over that of one of a rim's sides: of straight ones, of a disc squared; above 1 outside."""
+    if rim[14] == 1.0:
+        x, y = x / rim[12], y / rim[13]
+        return float(x * x + y * y)
+    if side < 2:
+        return float((x if side == 0 else -x) / rim[12])
+    return float((y if side == 2 else -y) / rim[13])
 
 
 @kernel()
@@ -127,10 +171,10 @@ def crossing(x: float, y: float, z: float, sx: float, sy: float, plane: Any) -> 
 
 @kernel()
 def _meet(
-    n: int, ray: Any, sx: Any, sy: Any, table: Any, media: Any, count: int, target: Any, axes: Any, unit: float,
-    buffer: Any, radii: Any, fx: Any, fy: Any, far: Any,
+    n: int, ray: Any, sx: Any, sy: Any, table: Any, media: Any, count: int, target: Any, axes: Any, buffer: Any,
+    radii: Any, fx: Any, fy: Any, far: Any,
 ) -> None:  # fmt: skip
-    """Trace rays and tell where they cross planes through their targets, from there along two axes, times `unit`.
+    """Trace rays and tell where they cross planes through their targets, from there along two axes.
 
     `far` is the larger of both, `LOST` for a ray that does not come through.
     """
@@ -152,8 +196,8 @@ def _meet(
         lean = axes[6] * wx + axes[7] * wy + axes[8]
         step = -(axes[6] * ox + axes[7] * oy + axes[8] * oz) / lean
         hx, hy, hz = ox + step * wx, oy + step * wy, oz + step
-        fx[i] = (axes[0] * hx + axes[1] * hy + axes[2] * hz) * unit
-        fy[i] = (axes[3] * hx + axes[4] * hy + axes[5] * hz) * unit
+        fx[i] = axes[0] * hx + axes[1] * hy + axes[2] * hz
+        fy[i] = axes[3] * hx + axes[4] * hy + axes[5] * hz
         miss = max(abs(fx[i]), abs(fy[i]))
         far[i] = miss if alive and miss < LOST else LOST
 
@@ -161,7 +205,7 @@ def _meet(
 @kernel()
 def _aim_block(
     n: int, ray: Any, slope: Any, home: Any, inverse: Any, known: bool, table: Any, media: Any, count: int,
-    target: Any, axes: Any, unit: float, tolerance: Any, most: int, work: Any,
+    target: Any, axes: Any, tolerance: Any, most: int, work: Any,
 ) -> None:  # fmt: skip
     """Slopes of n <= BLOCK rays through some surfaces that meet points behind them, and how far they miss those.
 
@@ -173,9 +217,8 @@ def _aim_block(
         First guesses dx/dz, dy/dz, which get the nearest approach; and where to turn back to where those are lost.
     inverse : tuple
         Inverse of d(miss)/d(slope), row by row, (n,) each; not `known`, it is taken from nudged rays.
-    target, axes, unit
-        Points x, y and z; two axes and the normal (9,) of planes through them in which misses are counted, and the
-        unit.
+    target, axes
+        Points x, y and z; two axes, over the units of misses along them, and the normal (9,) of planes through them.
     tolerance : (n,)
         Of a miss; corrections end when all are met, after `most` at the latest.
     work : tuple
@@ -193,7 +236,7 @@ def _aim_block(
                 for i in range(n):
                     ux[i] = (sx[i] if left[i] == LOST else bx[i]) + (NUDGE if probe == 1 else 0.0)
                     uy[i] = (sy[i] if left[i] == LOST else by[i]) + (NUDGE if probe == 2 else 0.0)
-                _meet(n, ray, ux, uy, table, media, count, target, axes, unit, buffer, radii, fx, fy, far)
+                _meet(n, ray, ux, uy, table, media, count, target, axes, buffer, radii, fx, fy, far)
                 for i in range(n):
                     if probe == 0:
                         a[i], b[i], c[i], d[i] = 0.0, 0.0, fx[i], fy[i]
@@ -204,7 +247,7 @@ def _aim_block(
                         area = xx * yy - xy * yx
                         area = 1.0 / area if 0.0 < abs(area) < LOST else 0.0
                         a[i], b[i], c[i], d[i] = yy * area, -xy * area, -yx * area, xx * area
-        _meet(n, ray, sx, sy, table, media, count, target, axes, unit, buffer, radii, fx, fy, far)
+        _meet(n, ray, sx, sy, table, media, count, target, axes, buffer, radii, fx, fy, far)
         moving = False
         for i in range(n):
             if left[i] <= tolerance[i]:
@@ -266,7 +309,7 @@ def _aim(
     trial, begin : (N,)
         The build of each job, and its first ray in the lists of rays.
     table, media, outer, outer_media, array, sensor, rims, half : (T, ...)
-        The builds: lens, what stands before the FAP, planes of 12 numbers, rims (R of 13, the FAP first), half the
+        The builds: lens, what stands before the FAP, planes of 12 numbers, rims (R of 15, the FAP first), half the
         microlens pitch.
     base, offset, target, start, home, inverse : (rays, ...)
         As `RayTargets` has them, and where rays turn back to that are lost; `inverse` where it is `known`. `tolerance`
@@ -274,26 +317,27 @@ def _aim(
     landed, heights, miss : (N, n, ...)
         Get what `AimedRays` has, `LOST` as the miss of a ray that does not come through.
     """
-    n = landed.shape[1]
-    stops = rims.shape[1]
+    n, stops, beyond = landed.shape[1], rims.shape[1], heights.shape[2] - outer_count
     work = _room_to_aim(count + outer_count)
     buffer, radii, ex, ey, left = work[:5]
     ray, goal = (np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)), (np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK))
     slope, away = (np.empty(BLOCK), np.empty(BLOCK)), (np.empty(BLOCK), np.empty(BLOCK))
     turned = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
     (px, py, pz), (gx, gy, gz), (sx, sy), (a, b, c, d) = ray, goal, slope, turned
-    enough = np.full(BLOCK, tolerance)
+    enough, axes = np.full(BLOCK, tolerance), np.empty(9)
     for job in range(len(trial)):
         t, first = trial[job], begin[job]
         lens, index, plane = table[t], media[t], array[t]
         fap = rims[t, 0]
+        for k in range(3):
+            axes[k], axes[3 + k], axes[6 + k] = fap[3 + k] / fap[12], fap[6 + k] / fap[13], fap[9 + k]
         for i in range(n):
             u = base[first + i, 0] + offset[first + i, 0] * half[t]
             v = base[first + i, 1] + offset[first + i, 1] * half[t]
             px[i] = plane[0] + u * plane[3] + v * plane[6]
             py[i] = plane[1] + u * plane[4] + v * plane[7]
             pz[i] = plane[2] + u * plane[5] + v * plane[8]
-            u, v = target[first + i, 0] * fap[12], target[first + i, 1] * fap[12]
+            u, v = target[first + i, 0] * fap[12], target[first + i, 1] * fap[13]
             gx[i] = fap[0] + u * fap[3] + v * fap[6]
             gy[i] = fap[1] + u * fap[4] + v * fap[7]
             gz[i] = fap[2] + u * fap[5] + v * fap[8]
@@ -302,22 +346,24 @@ def _aim(
             a[i], b[i] = inverse[first + i, 0], inverse[first + i, 1]
             c[i], d[i] = inverse[first + i, 2], inverse[first + i, 3]
         _aim_block(
-            n, ray, slope, away, turned, known, lens, index, count, goal, fap[3:12], 1.0 / fap[12], enough,
-            most, work,
+            n, ray, slope, away, turned, known, lens, index, count, goal, axes, enough, most, work,
         )  # fmt: skip
         for i in range(n):
             for k in range(count):
                 heights[job, i, k] = radii[k * BLOCK + i] / lens[k * COLUMNS + 5]
             down = buffer[5 * BLOCK + i]
             ox, oy = buffer[3 * BLOCK + i] / down, buffer[4 * BLOCK + i] / down
+            side = count
             for k in range(1, stops):
                 rim = rims[t, k]
                 hx, hy = crossing(buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i], ox, oy, rim)
-                heights[job, i, count + k - 1] = (hx * hx + hy * hy) / (rim[12] * rim[12])
+                for s in range(int(rim[14])):
+                    heights[job, i, side] = side_height(hx, hy, rim, s)
+                    side += 1
         pass_surfaces(buffer, n if outer_count else 0, outer[t], outer_media[t], outer_count, True, False, radii)
         for i in range(n):
             for k in range(outer_count):
-                heights[job, i, count + stops - 1 + k] = radii[k * BLOCK + i] / outer[t, k * COLUMNS + 5]
+                heights[job, i, beyond + k] = radii[k * BLOCK + i] / outer[t, k * COLUMNS + 5]
             miss[job, i] = left[i] if buffer[6 * BLOCK + i] == 0.0 else LOST
             # What is left of the miss is undone to first order: no ray is spent on the last digits.
             part = 1.0 if left[i] <= FOUND * tolerance else 0.0
@@ -352,8 +398,8 @@ def _aim_all(outer: Any, outer_count: int, outer_media: Any, ends: Any, slopes: 
                 left[i] = 0.0
             if outer_count:
                 _aim_block(
-                    n, ray, slope, home, inverse, False, outer[t], outer_media[t], outer_count, goal, upright, 1.0,
-                    enough, PATIENCE, work,
+                    n, ray, slope, home, inverse, False, outer[t], outer_media[t], outer_count, goal, upright, enough,
+                    PATIENCE, work,
                 )  # fmt: skip
             for i in range(n):
                 slopes[t, first + i, 0], slopes[t, first + i, 1] = slope[0][i], slope[1][i]
@@ -381,7 +427,7 @@ def _spots(
         for first in range(0, total, BLOCK):
             m = min(BLOCK, total - first)
             for i in range(m):
-                u, v = pupil[first + i, 0] * fap[12], pupil[first + i, 1] * fap[12]
+                u, v = pupil[first + i, 0] * fap[12], pupil[first + i, 1] * fap[13]
                 for k in range(3):
                     ray[k][i] = fap[k] + u * fap[3 + k] + v * fap[6 + k]
                     goal[k][i] = point[first + i, k] + world[t, k]
@@ -391,8 +437,8 @@ def _spots(
                 enough[i], cut[i] = NEAR * (1.0 + 0.01 * abs(run)), 0.0
             if outer_count:
                 _aim_block(
-                    m, ray, slope, home, inverse, False, outer[t], outer_media[t], outer_count, goal, upright, 1.0,
-                    enough, PATIENCE, aiming,
+                    m, ray, slope, home, inverse, False, outer[t], outer_media[t], outer_count, goal, upright, enough,
+                    PATIENCE, aiming,
                 )  # fmt: skip
                 for i in range(m):
                     cut[i] = 0.0 if aiming[4][i] <= FOUND * enough[i] else 1.0
@@ -411,7 +457,8 @@ def _spots(
                 for i in range(m):
                     x, y, z, up = buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i], buffer[5 * BLOCK + i]
                     hx, hy = crossing(x, y, z, buffer[3 * BLOCK + i] / up, buffer[4 * BLOCK + i] / up, rim)
-                    cut[i] = 1.0 if hx * hx + hy * hy > rim[12] * rim[12] else cut[i]
+                    for side in range(int(rim[14])):
+                        cut[i] = 1.0 if side_height(hx, hy, rim, side) > 1.0 else cut[i]
             pass_surfaces(buffer, m, lens, media[t], count, False, False, radii)
             for k in range(count):
                 for i in range(m):
@@ -445,7 +492,7 @@ class RayTargets(NamedTuple):
     offset: Array
     """Points of the array, in its own coordinates: base plus offset times half the pitch, (n, 2)."""
     target: Array
-    """Points of the FAP, in its own coordinates and units of its radius, (n, 2)."""
+    """Points of the FAP along its own sides, in half of those, of a disc in its radius, (n, 2)."""
     start: Array
     """Slopes in the nominal camera, (n, 2); nan where it has no such ray."""
     inverse: Array
@@ -458,7 +505,8 @@ class AimedRays(NamedTuple):
     landed: Array
     """Sensor points, in its own coordinates [mm], (N, n, 2)."""
     heights: Array
-    """Squared heights over those of every surface, every further stop, all before the FAP, (N, n, S + R - 1)."""
+    """Squared heights over those of every surface, heights over every side of further stops, squared of discs, and
+    squared ones of all before the FAP, (N, n, S + L)."""
 
 
 def aimed(train: Train, planes: Planes, half: Array, wanted: RayTargets, rays: int, *, own: bool = False) -> AimedRays:
@@ -505,7 +553,7 @@ def nearest(
     """
     n, (lens, beyond) = len(trial), train
     assert rays <= BLOCK
-    limits = sum(part.media.shape[1] - 1 for part in train) + planes.rims.shape[1] - 1
+    limits = sum(part.media.shape[1] - 1 for part in train) + planes.lengths.shape[1]
     landed, heights = np.empty((n, rays, 2)), np.empty((n, rays, limits))
     miss = np.empty((n, rays))
     # Of one layout: kernels are compiled once more for another.
@@ -535,15 +583,15 @@ def landings(train: Train, planes: Planes, world: Array, point: ArrayLike, pupil
         What the object points' frame is shifted by against the lens's [mm].
     point : array_like, (n, 3)
         [mm].
-    pupil : array_like, (n, 2)
-        In units of the FAP's radius.
+    pupil : array_like, (n, 2) or (T, n, 2)
+        Along the FAP's own sides, in half of those.
 
     Returns
     -------
     ndarray
         Points (T, n, 4) [mm], nan for a ray that does not come through; rims stop none.
     """
-    fap, aside = planes.rims[:, 0], np.asarray(pupil, float)[None] * planes.rims[:, :1, 12:]
+    fap, aside = planes.rims[:, 0], np.asarray(pupil, float) * planes.rims[:, :1, 12:14]
     through = fap[:, None, :3] + aside[..., :1] * fap[:, None, 3:6] + aside[..., 1:] * fap[:, None, 6:9]
     start = np.asarray(point, float) + world[:, None]
     run = through - start
@@ -628,14 +676,14 @@ def spot_radii(
     ----------
     train : Train
         T builds.
-    plane, rims : ndarray, (T, 12), (T, R, 13)
+    plane, rims : ndarray, (T, 12), (T, R, 15)
         Where the spots are seen, and what rays pass, as `Planes` has them.
     world : ndarray, (T, 3)
         What the object points' frame is shifted by against the lens's [mm].
     point : array_like, (F, 3)
         Object points [mm].
     pupil, weight : array_like, (P, 2), (P,)
-        Points of the FAP in units of its radius, and how much of the light each stands for.
+        Points of the FAP, as `RayTargets.target`, and how much of the light each stands for.
 
     Returns
     -------

@@ -11,7 +11,7 @@ from roslf_design.camera import Camera
 from roslf_design.design import load
 from roslf_design.effects import EFFECTS, Budget, PlanError, SceneBrief, plan
 from roslf_design.effects.effect import Subject
-from roslf_design.effects.lens import RADII
+from roslf_design.effects.lens import RADII, lens_aberrations
 from roslf_design.effects.waves import footprint
 from roslf_design.theory.light import fresnel_number, microlens_defocus_waves
 from roslf_design.theory.vignetting import room_at
@@ -204,3 +204,16 @@ def test_light_falls_off_by_the_angle_before_the_objective():
     outside = (matrix_to(scope, 95.0) @ [height, slope])[1]  # between objective and window, in air
     assert line.estimate == pytest.approx(1 - math.cos(math.atan(outside)) ** 4, rel=1e-9)
     assert 20 < math.degrees(math.atan(abs(outside))) < 40
+
+
+def test_a_stop_is_looked_at_across_its_longer_side_as_well():
+    """A slot that cuts along y alone, and the same turned by a right angle: fields are asked in all directions."""
+    slot = {"shape": "rectangle", "sides": (60.0, 8.0), "distance": 60.0}
+    found = [
+        lens_aberrations(load("paper-singlet").replace({"stops": [{**slot, "turn": turn}]}), 8.0)
+        for turn in (0.0, math.pi / 2)
+    ]
+    assert found[0].cut > 0
+    assert found[0].whole_to < 8.0
+    assert found[1].cut == pytest.approx(found[0].cut, rel=1e-6)
+    assert found[1].whole_to == found[0].whole_to

@@ -18,6 +18,7 @@ import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.errors import InputError
 from roslf_design.rays import trace_pupil
+from roslf_design.theory.disparity_error import image_parts
 from roslf_design.theory.f_number import matched
 from roslf_design.theory.light import solid_angle
 from roslf_design.theory.quantities import QUANTITIES
@@ -204,11 +205,26 @@ def test_bad_openings_get_one_message(keys, place, words):
 
 
 def test_what_is_not_followed_is_refused():
-    design = roslf.load("paper-singlet")
-    with pytest.raises(InputError, match="ideal main lens only") as error:
+    window = {"kind": "plate", "distance": 20.0, "thickness": 1.0, "material": "N-BK7"}
+    design = roslf.load("paper-singlet").replace({"elements": [window]})
+    with pytest.raises(InputError, match="real main lens through air only") as error:
         design.replace({"stops": [stop((4.0, 3.0), distance=design.d_3)]})
     assert error.value.problems[0].key == "stops.0.shape"
-    assert "main_lens.prescription" in error.value.problems[0].message
+    assert "elements.0" in error.value.problems[0].message
+
+
+def test_where_light_of_a_whole_rectangle_comes_from_is_as_of_one_that_is_hardly_cut():
+    """What undoes crosstalk of views: closed transforms of a whole image, rows of one of which a stop takes a hair."""
+    aperture = {"shape": "rectangle", "sides": (2.9, 2.2), "turn": 0.35, "distance": 120.0}
+    hair = {**aperture, "sides": (2.9 * (1 - 1e-7), 9.0), "distance": 119.9999999}
+    places = np.linspace(-0.5, 0.5, 5)
+    whole, cut = (
+        image_parts(MicrolensImages(Camera.of(bench(aperture, *stops)), [(0.0, 0.0)]), places, places)
+        for stops in ((), (hair,))
+    )
+    assert whole.light.max() > 0.5
+    for ours, theirs in zip(whole[1:], cut[1:], strict=True):
+        assert ours == pytest.approx(theirs, abs=1e-5)
 
 
 def test_depth_behind_a_whole_rectangle_is_that_of_one_that_is_hardly_cut():

@@ -41,4 +41,4 @@ def lit_part(camera, microlens, points=3072):
     u, v = views(camera, microlens, hub + low[:, None] * way, clip=False).pupil.T
     u, v = u - u.mean(), v - v.mean()
     fap = abs(np.sum(u * np.roll(v, -1) - v * np.roll(u, -1))) / 2
-    return area, np.sqrt(low_axis / high_axis), fap / (np.pi / 4 * camera.fap.diameter**2)
+    return area, np.sqrt(low_axis / high_axis), fap / camera.fap.opening.area

@@ -334,9 +334,9 @@ def lens_images(design: Design, places: Mapping[str, Point]) -> Picture:
 def _lens_image(design: Design, place: Point) -> tuple[tuple[Line | Area, ...], str]:
     """Outlines of a microlens image and its thin twin's [px] from the thin image's centre, and what became of it."""
     traced = real_field(design, [place])
-    centre, radius = traced.thin_centre[0], traced.thin_diameter / 2 / design.q
-    turn = np.linspace(0, 2 * np.pi, 181)
-    marks: list[Line | Area] = [Line(radius * np.cos(turn), radius * np.sin(turn), "grey", 1.4, "6 4")]
+    centre = traced.thin_centre[0]
+    twin = (np.vstack([traced.thin_outline[0], traced.thin_outline[0, :1]]) - centre) / design.q
+    marks: list[Line | Area] = [Line(twin[:, 0], twin[:, 1], "grey", 1.4, "6 4")]
     fate = ImageFate(traced.images.status[0])
     if fate != ImageFate.DARK:
         edge = (
