@@ -204,7 +204,7 @@ def test_hard_cases_are_as_near_on_both_sides_of_f(share):
     ahead, beyond = (
         {one.case: one for one in near_cases(scope.replace(d_1=scope.f * (1 + way)))} for way in (share, -share)
     )
-    # Seen at f/share on either side; what is not about d_f changes as the plane in focus does, by 2.7 m times the share.
+    # Seen at f over the share on either side; other cases change as the plane in focus does, by 2.7 m times the share.
     for case in ("d_f → ∞", "d_3 → f", "d_3 → 0"):
         assert ahead[case].distance == pytest.approx(beyond[case].distance, rel=0.05), case
     assert ahead["d_f → ∞"].near
