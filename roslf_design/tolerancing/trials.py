@@ -263,7 +263,7 @@ class Compensator:
     def _restarted(self, values: Mapping[str, Array], moved: Array, columns: Array) -> tuple[Array, Array]:
         """Adjustments and columns that Newton's steps can start from.
 
-        Builds that prediction leaves no cameras, as where nothing is in focus, start at the best along an adjuster's way.
+        Builds that prediction leaves no cameras, as out of all focus, start at the best along an adjuster's way.
         """
         lost = np.flatnonzero(np.isnan(columns).all(axis=0))
         if not lost.size:
