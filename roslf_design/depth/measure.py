@@ -404,7 +404,7 @@ def default_scene(design: Design) -> Scene:
     slope = min(
         abs(end - design.d_f) / half if math.isfinite(end) else math.inf for end in (max(ends[0], nearest), ends[1])
     )
-    slope = min(slope, 3.0, ratio(SHARE_OF_SIGHT, abs(chief_ray_limits(design)[0])))
+    slope = min(slope, 3.0, float(ratio(SHARE_OF_SIGHT, abs(chief_ray_limits(design)[0]))))
     contrast = min(design.depth.contrast, MOST_CONTRAST)  # that of a single period may be more
     texture = Noise(finest=DETAIL * float(QUANTITIES["object_sample_mm"](camera)), contrast=contrast, seed=1)
     return Scene(name="slanted wall", objects=(Plane(tilt=(0.0, math.atan(slope)), texture=texture),))
