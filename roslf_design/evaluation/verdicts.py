@@ -281,13 +281,17 @@ def near_cases(design: Design) -> tuple[Near, ...]:
     if openings.polygons:
         inner = float((abs(openings.rooms[:, 1:]) / r).min())
     at_lens = Near("d_3 → 0", 0.0, True, "the aperture is at the main lens; margins are exact there")
+    # Behind power in the bore d_f may have either sign, and is not where the camera is focused.
+    far, scale = "focused almost at infinity", d_f
+    if camera.chain.bends:
+        far, scale = "the main lens sees the focal plane almost at infinity", f
     cases = [
-        Near.of("d_3 → d_f", (d_f - d_3) / d_f, "the bore's end lies almost in the focal plane"),
+        Near.of("d_3 → d_f", abs(d_f - d_3) / max(abs(d_f), abs(d_3)), "the bore's end lies almost in the focal plane"),
         Near.of("d_3 → f", abs(d_3 - f) / f, "image-space telecentric"),
-        Near.of("d_f → f", (d_f - f) / f, "the object is almost in the front focus"),
-        Near.of("d_f → ∞", f / d_f, "focused almost at infinity"),
+        Near.of("d_f → f", abs(d_f - f) / f, "the object is almost in the front focus"),
+        Near.of("d_f → ∞", abs(f / d_f), far),
         Near.of("images just touch", abs(D_F / touching - 1), f"fill factor {fill:.6g}"),
-        Near.of("d_3 → 0", d_3 / d_f, "the aperture is almost at the main lens") if d_3 > 0 else at_lens,
+        Near.of("d_3 → 0", abs(d_3 / scale), "the aperture is almost at the main lens") if d_3 else at_lens,
         Near.of("barely clipped", inner, "a rim almost touches the pupil's image from outside, somewhere in the field"),
         Near.of(
             "discs near tangency", outer, "a rim leaves almost nothing of the pupil's image somewhere in the field"

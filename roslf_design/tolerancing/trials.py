@@ -29,6 +29,8 @@ ITERATIONS = 3
 """Gauss-Newton steps, each with a Jacobian of its own trial; the responses are close to linear, so these converge."""
 CONVERGED = 2e-3
 """Part of a build's squares: what a step must promise to lower them by, and keep of it for no other to follow."""
+ALONG = np.linspace(-1.0, 1.0, 17)
+"""Shares of an adjuster's reach at which builds that are no cameras are looked for."""
 DAMPING = 1e-10
 """Damping of adjusters that do the same, relative to the largest curvature."""
 
@@ -253,8 +255,35 @@ class Compensator:
         if late.size:
             some = {place: numbers[late] for place, numbers in values.items()}
             moved, columns = moved.copy(), start.copy()
-            moved[:, late], columns[:, late] = self.refined(some, moved[:, late], start[:, late])
+            moved[:, late], columns[:, late] = self.refined(
+                some, *self._restarted(some, moved[:, late], start[:, late])
+            )
         return moved, start, columns
+
+    def _restarted(self, values: Mapping[str, Array], moved: Array, columns: Array) -> tuple[Array, Array]:
+        """Adjustments and columns that Newton's steps can start from.
+
+        Builds that prediction leaves no cameras, as out of all focus, start at the best along an adjuster's way.
+        """
+        lost = np.flatnonzero(np.isnan(columns).all(axis=0))
+        if not lost.size:
+            return moved, columns
+        some = {place: numbers[lost] for place, numbers in values.items()}
+        best, cost = moved[:, lost], np.full(lost.size, np.inf)
+        for row, reach in enumerate(self.reach[:, 0]):
+            for share in ALONG:
+                tried = moved[:, lost]
+                tried[row] = share * reach
+                here = _cost(self.left(some, tried))
+                lower = here < cost
+                best[:, lower], cost[lower] = tried[:, lower], here[lower]
+        saved = np.isfinite(cost)
+        moved, columns = moved.copy(), columns.copy()
+        moved[:, lost[saved]] = best[:, saved]
+        if saved.any():
+            some = {place: numbers[saved] for place, numbers in some.items()}
+            columns[:, lost[saved]] = self.measured(some, best[:, saved])
+        return moved, columns
 
     @cached_property
     def predicts(self) -> bool:

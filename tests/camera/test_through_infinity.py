@@ -12,6 +12,7 @@ from roslf_design.calibration import camera_of, derived, sheet_of
 from roslf_design.camera import Camera
 from roslf_design.depth.geometry import depth_of, disparity_of
 from roslf_design.design import DesignError
+from roslf_design.evaluation.verdicts import near_cases
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.theory.stop_images import MicrolensImages
 from tests.oracles.relays import in_focus, relay_scopes
@@ -195,3 +196,17 @@ def test_evaluate_goes_through_f_without_a_step(scope, power):
                 value, there = 1 / value, 1 / there
             # Optics changes as the working distance does; what crosses 0 there, as its own size.
             assert there == pytest.approx(value, rel=30 * moved + 1e-6, abs=30 * moved + 1e-7), place
+
+
+@pytest.mark.parametrize("share", [1e-3, 1e-6])
+def test_hard_cases_are_as_near_on_both_sides_of_f(share):
+    scope = collimated()
+    ahead, beyond = (
+        {one.case: one for one in near_cases(scope.replace(d_1=scope.f * (1 + way)))} for way in (share, -share)
+    )
+    # Seen at f over the share on either side; other cases change as the plane in focus does, by 2.7 m times the share.
+    for case in ("d_f → ∞", "d_3 → f", "d_3 → 0"):
+        assert ahead[case].distance == pytest.approx(beyond[case].distance, rel=0.05), case
+    assert ahead["d_f → ∞"].near
+    assert "main lens sees" in beyond["d_f → ∞"].says
+    assert not any(cases["d_f → f"].near for cases in (ahead, beyond))

@@ -14,7 +14,7 @@ from roslf_design.tolerancing.metrics import Question, builds_of, evaluate_build
 from roslf_design.tolerancing.places import display, expand, load_grades, nominal_values, perturbable, short_name
 from roslf_design.tolerancing.sensitivities import sensitivity
 from roslf_design.tolerancing.study import plan_from, tolerance_plan
-from roslf_design.tolerancing.trials import differences, one_trial
+from roslf_design.tolerancing.trials import differences, measure, one_trial
 from tests.oracles.object_space import object_side
 
 WATER = {"index": 1.333, "abbe": 55.8}
@@ -296,3 +296,24 @@ def test_exact_derivatives_through_glass(scope):
                 assert exact[row, k] == pytest.approx(near[row, k], rel=1e-5, abs=1e-8 * scale), (column.label, p.place)
     thickness = [p.place for p in plan.draws.perturbations].index("elements.0.thickness")
     assert np.isfinite(exact[:, thickness]).any()
+
+
+def test_builds_of_a_relay_that_focus_on_nothing_are_focused_where_an_adjuster_reaches():
+    """An ocular some tenths of a millimetre off puts the plane in focus beyond infinity; the array brings it back."""
+    plan = plan_from(
+        {
+            "name": "relay",
+            "design": "cystoscope",
+            "trials": 64,
+            "goals": [{"metric": "blur_pitches", "max": 1.0, "fields": [0]}],
+            "perturb": [{"place": "elements.0.distance", "tolerance": "0.4 mm", "distribution": "uniform"}],
+            "compensators": [{"place": "microlens_array.distance", "range": "5 mm"}],
+        }
+    )
+    off = np.linspace(-1.0, 1.0, 11)
+    measured = measure(plan, off[None])
+    assert np.isnan(measured.variants[0]).all(axis=0).sum() > 3
+    assert not np.isnan(measured.variants[-1]).any()
+    # To first order the array follows by (50/16)^2: light between ocular and main lens is all but parallel.
+    assert_allclose(measured.moved[0], (50 / 16) ** 2 * 0.4 * off, atol=0.6)
+    assert np.nanmax(measured.variants[-1]) < 1e-2
