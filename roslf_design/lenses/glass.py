@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import ConfigDict, Discriminator, Field, Tag, ValidationInfo, field_validator
+from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator
 
 from ..errors import InputError, Problem
 from ..toml_files import TAG, PlainNumber, StrictTable, validated
@@ -320,8 +320,6 @@ _Law = Annotated[
 
 class _GlassTable(StrictTable):
     """Glass in a file; each kind adds the coefficients of its formula."""
-
-    model_config = ConfigDict(defer_build=True)
 
     name: str = ""
     formula: str = ""

@@ -44,7 +44,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 from ..errors import InputError, Problem
 from ..input_files import MOST_TEXT, read_bytes
@@ -160,15 +160,13 @@ _PLANES = ("inf", "+inf", "-inf", "infinity")
 class _SurfaceTable(StrictTable):
     """One of a lens file's [[surfaces]]."""
 
-    model_config = ConfigDict(defer_build=True)
-
     curvature: Annotated[float, _inverse_length(-1)] | None = None
     radius: Annotated[float | None, Field(allow_inf_nan=True, validate_default=True), BeforeValidator(_radius)] = None
     thickness: AnyLength = 0.0
     glass: Material = AIR
     diameter: Annotated[Length, Field(examples=["50.8 mm"])]
     conic: PlainNumber = 0.0
-    asphere: _Asphere = _Asphere()
+    asphere: _Asphere = Field(default_factory=lambda: _Asphere())
     index_offset: Annotated[PlainNumber, Field(gt=-1, lt=1)] = 0.0
     shift: tuple[AnyLength, AnyLength, AnyLength] = (0.0, 0.0, 0.0)
     tilt: tuple[Angle, Angle] = (0.0, 0.0)
@@ -196,8 +194,6 @@ class _SurfaceTable(StrictTable):
 
 class _LensFile(StrictTable):
     """A lens file; its glasses come first, for the surfaces name them."""
-
-    model_config = ConfigDict(defer_build=True)
 
     name: str = ""
     source: str = ""
