@@ -280,7 +280,7 @@ _Numbers = Annotated[tuple[PlainNumber, ...], Field(min_length=1)]
 _Span = Annotated[tuple[AnyLength, AnyLength], Field(examples=[["0.35 um", "2.5 um"]])]
 
 
-class _Rate(StrictTable):
+class _Rate(StrictTable, defer_build=True):
     """Change of index with temperature at a constant rate."""
 
     rate: Annotated[PlainNumber, Field(gt=-1, lt=1)]
@@ -291,7 +291,7 @@ class _Rate(StrictTable):
         return "rate", (self.rate,), self.against
 
 
-class _SchottRate(StrictTable):
+class _SchottRate(StrictTable, defer_build=True):
     """Change of index with temperature by Schott's formula."""
 
     d: tuple[PlainNumber, PlainNumber, PlainNumber]
@@ -318,7 +318,7 @@ _Law = Annotated[
 ]
 
 
-class _GlassTable(StrictTable):
+class _GlassTable(StrictTable, defer_build=True):
     """Glass in a file; each kind adds the coefficients of its formula."""
 
     name: str = ""

@@ -132,7 +132,7 @@ def _radius(text: object, info: ValidationInfo) -> float | None:
     return radius
 
 
-class _Asphere(StrictTable):
+class _Asphere(StrictTable, defer_build=True):
     """Terms of an even asphere."""
 
     r2: Annotated[float, _inverse_length(-1)] = 0.0
@@ -157,7 +157,7 @@ _Form = Annotated[tuple[AnyLength, ...], Field(min_length=MODES, max_length=MODE
 _PLANES = ("inf", "+inf", "-inf", "infinity")
 
 
-class _SurfaceTable(StrictTable):
+class _SurfaceTable(StrictTable, defer_build=True):
     """One of a lens file's [[surfaces]]."""
 
     curvature: Annotated[float, _inverse_length(-1)] | None = None
@@ -192,7 +192,7 @@ class _SurfaceTable(StrictTable):
         )
 
 
-class _LensFile(StrictTable):
+class _LensFile(StrictTable, defer_build=True):
     """A lens file; its glasses come first, for the surfaces name them."""
 
     name: str = ""
