@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import ConfigDict, Discriminator, Field, Tag, ValidationInfo, field_validator
+from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator
 
 from ..errors import InputError, Problem
 from ..toml_files import TAG, PlainNumber, StrictTable, validated
@@ -280,7 +280,7 @@ _Numbers = Annotated[tuple[PlainNumber, ...], Field(min_length=1)]
 _Span = Annotated[tuple[AnyLength, AnyLength], Field(examples=[["0.35 um", "2.5 um"]])]
 
 
-class _Rate(StrictTable):
+class _Rate(StrictTable, defer_build=True):
     """Change of index with temperature at a constant rate."""
 
     rate: Annotated[PlainNumber, Field(gt=-1, lt=1)]
@@ -291,7 +291,7 @@ class _Rate(StrictTable):
         return "rate", (self.rate,), self.against
 
 
-class _SchottRate(StrictTable):
+class _SchottRate(StrictTable, defer_build=True):
     """Change of index with temperature by Schott's formula."""
 
     d: tuple[PlainNumber, PlainNumber, PlainNumber]
@@ -318,10 +318,8 @@ _Law = Annotated[
 ]
 
 
-class _GlassTable(StrictTable):
+class _GlassTable(StrictTable, defer_build=True):
     """Glass in a file; each kind adds the coefficients of its formula."""
-
-    model_config = ConfigDict(defer_build=True)
 
     name: str = ""
     formula: str = ""

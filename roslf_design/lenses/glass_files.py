@@ -54,7 +54,7 @@ def _load_glass(path: Path, name: str, origin: str = "") -> Glass:
     return _made(name.strip(), _agf_table(entry, origin), origin, path.name)
 
 
-class _GlassFile(StrictTable):
+class _GlassFile(StrictTable, defer_build=True):
     """Glass out of a file, and its name there where it is called otherwise."""
 
     file: str

@@ -44,7 +44,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 from ..errors import InputError, Problem
 from ..input_files import MOST_TEXT, read_bytes
@@ -132,7 +132,7 @@ def _radius(text: object, info: ValidationInfo) -> float | None:
     return radius
 
 
-class _Asphere(StrictTable):
+class _Asphere(StrictTable, defer_build=True):
     """Terms of an even asphere."""
 
     r2: Annotated[float, _inverse_length(-1)] = 0.0
@@ -157,10 +157,8 @@ _Form = Annotated[tuple[AnyLength, ...], Field(min_length=MODES, max_length=MODE
 _PLANES = ("inf", "+inf", "-inf", "infinity")
 
 
-class _SurfaceTable(StrictTable):
+class _SurfaceTable(StrictTable, defer_build=True):
     """One of a lens file's [[surfaces]]."""
-
-    model_config = ConfigDict(defer_build=True)
 
     curvature: Annotated[float, _inverse_length(-1)] | None = None
     radius: Annotated[float | None, Field(allow_inf_nan=True, validate_default=True), BeforeValidator(_radius)] = None
@@ -168,7 +166,7 @@ class _SurfaceTable(StrictTable):
     glass: Material = AIR
     diameter: Annotated[Length, Field(examples=["50.8 mm"])]
     conic: PlainNumber = 0.0
-    asphere: _Asphere = _Asphere()
+    asphere: _Asphere = Field(default_factory=lambda: _Asphere())
     index_offset: Annotated[PlainNumber, Field(gt=-1, lt=1)] = 0.0
     shift: tuple[AnyLength, AnyLength, AnyLength] = (0.0, 0.0, 0.0)
     tilt: tuple[Angle, Angle] = (0.0, 0.0)
@@ -194,10 +192,8 @@ class _SurfaceTable(StrictTable):
         )
 
 
-class _LensFile(StrictTable):
+class _LensFile(StrictTable, defer_build=True):
     """A lens file; its glasses come first, for the surfaces name them."""
-
-    model_config = ConfigDict(defer_build=True)
 
     name: str = ""
     source: str = ""
