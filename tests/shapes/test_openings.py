@@ -11,10 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from roslf_design.bore.opening import ClearAperture, inside
-from roslf_design.shapes.cells import area_in_rectangle
 from roslf_design.shapes.discs import ClipStatus
 from roslf_design.shapes.ellipses import ellipse_shapes
 from roslf_design.shapes.openings import Openings
+from tests.shapes.blocks import area_in_rectangle
 
 TOLERANCE = 1e-9
 """Of the first opening's area, half width and its square: what the issue asks for; the forms are good to 1e-12."""
