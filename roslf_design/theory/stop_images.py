@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array, floats, magnitude, product, ratio
-from ..bore.opening import ClearAperture, farthest
+from ..bore.opening import ClearAperture, farthest, repeated
 from ..camera import Camera, Frame, Number, Rim, Vector
 from ..camera.frames import cross, dot, minus, plus, times, total
 from ..shapes.discs import DiscIntersection
@@ -302,11 +302,12 @@ def stop_openings(c: Camera, x: ArrayLike, y: ArrayLike) -> Openings:
     straight = tuple(k for k in range(len(every)) if every[k].outline.straight)
     if not straight:
         return Openings.of_discs(centres, radii)
-    corners = np.empty((*radii.shape[:-1], len(straight), 4, 2))
+    most = max(len(every[k].outline.corners) for k in straight)
+    corners = np.empty((*radii.shape[:-1], len(straight), most, 2))
     for n, k in enumerate(straight):
         upright = 1.0 if (plane := every[k].plane) is None else np.sign(plane.magnification)
         scale = -upright * product(c.seen.d_2, stop_angle(c, every[k].distance))
-        for m, corner in enumerate(every[k].outline.corners):
+        for m, corner in enumerate(repeated(every[k].outline.corners, most)):
             for axis in (0, 1):
                 corners[..., n, m, axis] = centres[..., k, axis] + np.asarray(scale * corner[axis])
         radii[..., k] = math.inf
@@ -513,9 +514,10 @@ class MicrolensImages:
         for k, image in enumerate(ellipses):
             centres[..., k, 0], centres[..., k, 1] = image.x - self.outline.x, image.y - self.outline.y
             matrices[..., k, 0], matrices[..., k, 1], matrices[..., k, 2] = image.xx, image.xy, image.yy
-        corners = np.empty((*shape, len(polygons), 4, 2))
+        most = max((len(one.corners) for one in polygons), default=4)
+        corners = np.empty((*shape, len(polygons), most, 2))
         for k, one in enumerate(polygons):
-            for m, (x, y) in enumerate(one.corners):
+            for m, (x, y) in enumerate(repeated(one.corners, most)):
                 corners[..., k, m, 0], corners[..., k, m, 1] = x - self.outline.x, y - self.outline.y
         places = np.argsort(order)
         part = intersect_ellipses(centres, matrices, corners, int(places[0]))
