@@ -62,8 +62,7 @@ class ClearAperture(NamedTuple):
     @property
     def size(self) -> str:
         """Its size in words, as made: "3 mm", "4 mm x 3 mm"."""
-        sides = (2 * self.radius,) if self.half is None else (2 * self.half[0], 2 * self.half[1])
-        return " x ".join(length(float(side)) for side in sides)
+        return " x ".join(length(float(side)) for side in self.lengths)
 
     @property
     def words(self) -> str:
@@ -75,6 +74,11 @@ class ClearAperture(NamedTuple):
     def keys(self) -> tuple[str, ...]:
         """Keys of the lengths that make it as wide as it is."""
         return (DIAMETER,) if self.half is None else SIDES
+
+    @property
+    def lengths(self) -> tuple[Number, ...]:
+        """Lengths at these keys."""
+        return (2 * self.radius,) if self.half is None else (2 * self.half[0], 2 * self.half[1])
 
     @property
     def axes(self) -> tuple[Pair, Pair]:
@@ -319,6 +323,11 @@ class ClearAperture(NamedTuple):
 
 UNBOUNDED = ClearAperture(math.inf)
 """An opening that cuts nothing."""
+
+
+def repeated(corners: tuple[Pair, ...], count: int) -> tuple[Pair, ...]:
+    """Corners, of which the last stands for those that are missing."""
+    return (*corners, *corners[-1:] * (count - len(corners)))
 
 
 def farthest(points: Sequence[Pair]) -> Number:

@@ -41,7 +41,7 @@ _SHARE = 0.05
 """Standard deviation of the correction, relative to itself: what the incoherent model and the fit of one corner to a
 sum of many leave open. Against rendered boards it errs by 2 to 5 %."""
 _UNLIKE = 0.05
-"""RMS difference between a white image's cell and a blurred disc above which it is something else."""
+"""RMS difference between a white image's cell and a blurred pupil above which it is something else."""
 _FAINT = 0.3
 """Share of the design's blur below which the white image's is not taken for diffraction."""
 _ROUNDS = 4
@@ -67,6 +67,8 @@ _DIM = 1e-7
 _PARTS = 5
 """Places across a microlens's aperture, per axis."""
 _NAMES = GLOBALS[:3]
+ROUND = ClearAperture(1.0)
+"""Shape of a disc."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,9 +163,9 @@ def calibrate_corrected(
     shifts = observations.uv - straight.uv
     result = calibrate(straight, sheet, distortion=distortion, guess=guess)
     camera, lengths = result.fit.camera, derived(result.joint.camera.vector(), sheet)
-    # The pupil image that D_F, lambda and the calibrated d_2 and A make.
+    # The pupil image that the FAP, lambda and the calibrated d_2 and A make.
     d_2 = float(lengths["d_2"])
-    radius = abs(float(Camera.of(design).seen.D_F)) / 2 * d_2 / (abs(float(lengths["A"])) * design.q)
+    radius = abs(float(Camera.of(design).fap.radius)) * d_2 / (abs(float(lengths["A"])) * design.q)
     predicted = replace(check.image, radius=radius, blur=design.wavelength * d_2 / (design.d * design.q))
     others = (
         replace(straight, uv=straight.uv + _SHARE * shifts),
@@ -193,16 +195,18 @@ def _looked_at(design: Design, white: WhiteImage, wish: DiffractionMode) -> Diff
         return DiffractionCheck(
             False, f"The design's microlens diffraction, {expected:.2g} px, is too small to matter", expected
         )
-    radius, lattice = float(microlens_image_diameter(c) / (2 * c.q)), white.lattice
-    start = _PupilImage(radius, max(expected, _SMALL), lattice.pitch, lattice.layout, c.lens_shape)
+    pupil, lattice = c.fap.outline, white.lattice
+    radius = float(microlens_image_diameter(c) / (2 * c.q) * (2 * pupil.reach / pupil.width))
+    shape = pupil._replace(turn=pupil.turn - lattice.rotation)
+    start = _PupilImage(radius, max(expected, _SMALL), lattice.pitch, lattice.layout, c.lens_shape, shape)
     cell = white.cell()
     waves, rays = _fit_cell(cell, start, blurred=True), _fit_cell(cell, start, blurred=False)
     blurred = waves.image.blur > max(_SMALL, _FAINT * expected) and waves.misfit < rays.misfit
     best, warning = waves if blurred or wish == "on" else rays, ""
     if best.misfit > _UNLIKE:
         warning = (
-            f"the white image's microlens images differ by {100 * best.misfit:.0f} % RMS from evenly lit discs, blurred"
-            " or not: what diffraction does to the corners cannot be told from it"
+            f"the white image's microlens images differ by {100 * best.misfit:.0f} % RMS from evenly lit {pupil.kind}s,"
+            " blurred or not: what diffraction does to the corners cannot be told from it"
         )
     if wish == "auto" and (best is rays or warning):
         why = "The design" if warning else "The white image shows no microlens diffraction where the design"
@@ -268,10 +272,10 @@ def _shifts_of_board(
 @by_value
 @dataclass(frozen=True)
 class _PupilImage:
-    """Image of the evenly lit pupil behind one microlens: a disc, blurred by the microlens's own aperture."""
+    """Image of the evenly lit pupil behind one microlens, blurred by the microlens's own aperture."""
 
     radius: float
-    """Radius of the disc [px]."""
+    """Radius of a disc, of another shape the distance of its farthest point from its middle [px]."""
     blur: float
     """lambda d_2/d, first zero of a square microlens's diffraction [px]; 0 leaves diffraction out."""
     pitch: float
@@ -279,6 +283,13 @@ class _PupilImage:
     layout: Layout = "square"
     lens_shape: str = "square"
     """Shape of the microlenses."""
+    shape: ClearAperture = ROUND
+    """Shape of the pupil as the lattice's rows lie, of any size."""
+
+    @property
+    def opening(self) -> ClearAperture:
+        """The pupil's geometric image [px]."""
+        return self.shape.scaled(self.radius / self.shape.reach)
 
     @property
     def axes(self) -> Array:
@@ -337,10 +348,10 @@ class _CellSeries(NamedTuple):
         )
 
     def light(self, image: _PupilImage) -> Array:
-        """`PupilImage.cell` at the places, shape (n,)."""
-        disc = ClearAperture(image.radius).spectrum(*self.waves.T) * self.area
+        """`_PupilImage.cell` at the places, shape (n,)."""
+        pupil = image.opening.spectrum(*self.waves.T) * self.area
         x, y = self.reading
-        return np.asarray(self.cosines @ (disc * (image.lens(self.waves[:, 0], self.waves[:, 1]) * x * y)))
+        return np.asarray(self.cosines @ (pupil * (image.lens(self.waves[:, 0], self.waves[:, 1]) * x * y)))
 
 
 class _ViewWeights(NamedTuple):
@@ -363,7 +374,8 @@ def _view_weights(image: _PupilImage, views: Array, points: int | None = None) -
     """
     from scipy.ndimage import map_coordinates
 
-    reach = (_RINGS + 1.5) * image.pitch + image.radius
+    opening = image.opening
+    reach = (_RINGS + 1.5) * image.pitch + float(opening.reach)
     step = max(_STEP, image.blur / 12)
     count = 2 ** math.ceil(math.log2(2 * reach / step))
     frequency, half = (np.asarray(f(count, step), float) for f in (np.fft.fftfreq, np.fft.rfftfreq))
@@ -371,8 +383,8 @@ def _view_weights(image: _PupilImage, views: Array, points: int | None = None) -
     spread = np.fft.fftshift(np.fft.irfft2(image.transfer(half[None, :], frequency[:, None]), (count, count)))
     if points is None:
         width = math.hypot(image.blur, 1.0)
-        points = max(400, math.ceil(math.pi * (_PER_BLUR * image.radius / width) ** 2))
-    places = image.radius * sunflower(points, 0.5).T
+        points = max(400, math.ceil(float(opening.area) * (_PER_BLUR / width) ** 2))
+    places = np.stack(opening.places(*sunflower(points, 0.5)), -1)
     around, shares = image.neighbours(), []
     for neighbour in around:
         away = views[:, None] - image.pitch * neighbour - places
@@ -432,7 +444,7 @@ def _white_cell(white: ArrayLike, lattice: CentreLattice, dark: ArrayLike | None
 
 
 def _fit_cell(cell: _WhiteCell, start: _PupilImage, *, blurred: bool) -> _CellFit:
-    """Fit the disc's radius, and with `blurred` the blur (else 0), to a cell; the rest is taken from `start`."""
+    """Fit the pupil's size, and with `blurred` the blur (else 0), to a cell; the rest is taken from `start`."""
     from scipy.optimize import least_squares
 
     series = _CellSeries.of(start, cell.places)

@@ -371,30 +371,41 @@ def amplitude_spectrum(crop: Array) -> Array:
 
 def _spectral_peaks(crop: Array, expected: float | None) -> Array:
     """Frequencies [1/px] of the two shortest significant, independent peaks, shape (2, 2)."""
-    rows, columns = crop.shape
     amplitude = amplitude_spectrum(crop)
+    rows, columns = amplitude.shape
     radius = np.hypot(np.fft.fftfreq(rows)[:, None], np.fft.fftfreq(columns)[None, :])
     amplitude = np.where((radius >= 1 / _PERIODS[1]) & (radius <= 1 / _PERIODS[0]), amplitude, 0.0)
     strongest = float(amplitude.max())
     noise = float(np.median(amplitude[amplitude > 0])) if strongest > 0 else 0.0
     if strongest < 8 * noise or np.ptp(crop) <= 1e-6 * np.abs(crop).max():
         raise CalibrationError("the white image shows no periodic lattice of microlenses with a pitch of 5 to 100 px")
-    least = max(_SIGNIFICANT * strongest, 4 * noise)
+    least = np.full(amplitude.shape, max(_SIGNIFICANT * strongest, 4 * noise))
+    levels = [least]
     if expected is not None:
         near = (radius >= _NEAR[0] * expected) & (radius <= _NEAR[1] * expected)
-        least = max(least, _BESIDE * float(amplitude[near].max(initial=0.0)))
-    peak = amplitude > least
+        beside = np.maximum(least, _BESIDE * float(amplitude[near].max(initial=0.0)))
+        # Images wider one way than the other leave less of the lattice's order that way.
+        levels = [beside, np.where(near, least, beside)]
+    for level in levels:
+        if (found := _independent_peaks(amplitude, amplitude > level, radius)) is not None:
+            return found
+    raise CalibrationError("the white image is periodic along one direction only: no lattice of microlenses")
+
+
+def _independent_peaks(amplitude: Array, peak: NDArray[np.bool_], radius: Array) -> Array | None:
+    """Frequencies [1/px] of the two shortest independent peaks, shape (2, 2); None where all lie in one direction."""
     for axis, step in ((0, 1), (0, -1), (1, 1), (1, -1)):
-        peak &= amplitude >= np.roll(amplitude, step, axis)
+        peak = peak & (amplitude >= np.roll(amplitude, step, axis))
     at = np.argwhere(peak)
     at = at[np.argsort(radius[at[:, 0], at[:, 1]], kind="stable")]
+    rows, columns = amplitude.shape
     frequencies = np.array([_refined(amplitude, row, column) for row, column in at]) / (columns, rows)
     first = frequencies[0]
     for second in frequencies[1:]:
         cross = abs(first[0] * second[1] - first[1] * second[0])
         if cross > 0.4 * np.hypot(*first) * np.hypot(*second):
             return np.array([first, second])
-    raise CalibrationError("the white image is periodic along one direction only: no lattice of microlenses")
+    return None
 
 
 def _refined(amplitude: Array, row: int, column: int) -> Array:

@@ -71,9 +71,6 @@ def calibrated(
     """
     board, size = options.checkerboard, sample_size_for(options.accuracy)
     _check_medium(design, options.use_in)
-    if design.aperture.outline.straight:
-        message = f'aperture.shape = "{design.aperture.shape}": microlens images are looked for as discs; give a circle'
-        raise refusal("design", message)
     sheet = _sheet(design, board, options)
     stood = None
     if options.distances is not None:

@@ -99,7 +99,8 @@ class Captures:
         middle = design.d_f if distance is None else distance
         pupil = pupil_of(design)
         spread = (design.d_f - pupil) / 4 if distance_range is None else distance_range
-        image = abs(float(microlens_image_diameter(Camera.of(design))))
+        camera = Camera.of(design)
+        image = abs(float(microlens_image_diameter(camera) * camera.fap.outline.slimness))
         nearest = middle - spread / 2
         board = _fitting_board(design, nearest) if board is None else board
         # Aside by no more than leaves its corners in the field where that is smallest.
@@ -117,7 +118,7 @@ class Captures:
         )
 
     def view_grid(self) -> Array:
-        """(s', t') of the views inside the round pupil [px], shape (v, 2)."""
+        """(s', t') of the views inside a disc in the pupil [px], shape (v, 2)."""
         if self.views == 1:
             return np.zeros((1, 2))
         s, t = np.meshgrid(*2 * [np.linspace(-self.reach, self.reach, self.views)])

@@ -21,7 +21,7 @@ from ..bore.chain import BoreWalk, Chain, ImagedPlane, StandingElement
 from ..bore.conjugates import CONJUGATES, follower
 from ..bore.lens import IMAGE
 from ..bore.main_lens import IdealMainLens, MainLensKind
-from ..bore.opening import SIDES, TURN, ClearAperture
+from ..bore.opening import TURN, ClearAperture
 from ..bore.part import TEMPERATURE, Number, minus, plus, times
 from ..bore.rod import SECTION_WORD
 from ..design import Design, DesignError, Problem
@@ -236,17 +236,14 @@ class Camera(Symbols[Number]):
         return camera
 
     def _widened(self, given: Mapping[str, ArrayLike]) -> dict[str, ArrayLike]:
-        """Numbers with D_F told by the sides of a rectangle: both grow alike."""
-        sides = [f"aperture.{key}" for key in SIDES]
-        if PATHS["D_F"] not in given or sides[0] not in self._numbers:
+        """Numbers with D_F as the lengths of a FAP that is no disc: all grow alike."""
+        if PATHS["D_F"] not in given or PATHS["D_F"] in self._numbers:
             return dict(given)
         rest = {place: value for place, value in given.items() if place != PATHS["D_F"]}
-        grown = np.divide(
-            given[PATHS["D_F"]],
-            ClearAperture.of({**self._numbers, **{k: _number(v) for k, v in rest.items()}}, "aperture").width,
-        )
-        wide: dict[str, ArrayLike] = {place: np.multiply(rest.get(place, self[place]), grown) for place in sides}
-        return rest | wide
+        own = ClearAperture.of({**self._numbers, **{k: _number(v) for k, v in rest.items()}}, "aperture")
+        grown = np.divide(given[PATHS["D_F"]], own.width)
+        lengths = zip(own.keys, own.lengths, strict=True)
+        return rest | {f"aperture.{key}": np.multiply(length, grown) for key, length in lengths}
 
     @property
     def as_measured(self) -> Camera:

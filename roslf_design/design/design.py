@@ -117,8 +117,8 @@ class Design(Assembly, defer_build=False):
             del wanted[place]
         own, width = self.aperture.outline, wanted.get(PATHS["D_F"])
         if own.straight and isinstance(width, float | int) and not any(key.startswith(FAP_SHAPE) for key in wanted):
-            sides = own.sized(float(wanted.pop(PATHS["D_F"]))).half or (0.0, 0.0)
-            wanted["aperture.sides"] = tuple(2 * float(half) for half in sides)
+            sized = own.sized(float(wanted.pop(PATHS["D_F"])))
+            wanted |= {f"aperture.{key}": float(size) for key, size in zip(sized.keys, sized.lengths, strict=True)}
         data = _mutable(self)
         for path, value in _with_follower(self, wanted).items():
             _put(data, path, value)

@@ -13,6 +13,8 @@ from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from ..bore.export import SequenceRow, lens_surfaces
 from ..bore.opening import ClearAperture
 from ..errors import InputError, Problem
@@ -242,7 +244,8 @@ def _optiland_surface(number: int, row: SequenceRow, begin: float, wavelength: f
 def _optiland_aperture(clip: ClearAperture) -> dict[str, Any]:
     if clip.half is None:
         return {"type": "RadialAperture", "r_max": clip.radius, "r_min": 0.0, "offset_x": 0.0, "offset_y": 0.0}
-    (a, b), (x, y) = clip.half, zip(*((float(x), float(y)) for x, y in clip.corners), strict=True)
     if clip.turn:
+        x, y = np.array(clip.corners, float).T.tolist()
         return {"type": "PolygonAperture", "x": x, "y": y}
+    a, b = clip.half
     return {"type": "RectangularAperture", "x_min": -a, "x_max": a, "y_min": -b, "y_max": b}

@@ -200,8 +200,8 @@ def _looked_through(design: Design, camera: Camera, axes: Sequence[tuple[float, 
         parts.append(SeenPart(name, ", ".join(made_of(element)), near, None, at, None))
     for rim in camera.stop_openings:
         across, made = 2 * float(rim.radius), rim.outline.scaled(rim.scale)
-        own, seen = (across * float(rim.scale), across) if made.half is None else (None, None)
-        sides = None if made.half is None else (2 * float(made.half[0]), 2 * float(made.half[1]))
+        own, seen = (None, None) if made.straight else (across * float(rim.scale), across)
+        sides = tuple(map(float, made.lengths)) if made.straight else None
         parts.append(SeenPart(rim.name, "opening", float(rim.ruler_distance), own, float(rim.distance), seen, sides))
     parts.sort(key=lambda part: -part.distance_mm)
     glass = {plate.held_by: f"{plate.name} {', '.join(plate.part.words())}" for plate in design.plates}
@@ -237,10 +237,10 @@ def _mapping(
 
 def _size(outline: ClearAperture, width: float) -> dict[str, Any]:
     """Diameter, or sides, of an image of an opening so wide [mm]."""
-    if outline.half is None:
+    if not outline.straight:
         return {"diameter_mm": width, "sides_mm": None}
     grown = width / float(outline.width)
-    return {"diameter_mm": None, "sides_mm": tuple(2 * float(half) * grown for half in outline.half)}
+    return {"diameter_mm": None, "sides_mm": tuple(float(length) * grown for length in outline.lengths)}
 
 
 def _axes(fields: Any) -> tuple[tuple[float, float], ...]:

@@ -310,7 +310,7 @@ class SeenPart:
     seen_distance_mm: float
     """Infinite where it is seen there."""
     seen_diameter_mm: float | None
-    sides_mm: tuple[float, float] | None = None
+    sides_mm: tuple[float, ...] | None = None
     """Sides of a rectangular opening."""
 
     @property

@@ -42,7 +42,7 @@ class Openings(NamedTuple):
     radii: Array
     """Radii of discs [mm], inf of polygons and ellipses, shape (..., K)."""
     corners: Array
-    """Corners of polygons [mm], counterclockwise, shape (..., P, M, 2)."""
+    """Corners of polygons [mm], counterclockwise, shape (..., P, M, 2); of fewer than M the last one is repeated."""
     polygons: tuple[int, ...] = ()
     """Which are polygons."""
     forms: Array | None = None
@@ -59,7 +59,7 @@ class Openings(NamedTuple):
     def of(cls, opening: ClearAperture, shape: tuple[int, ...]) -> Openings:
         """One opening about the origin, its numbers broadcast to a shape."""
         radii = np.broadcast_to(np.asarray(opening.radius, float), shape)[..., None]
-        corners = np.empty((*shape, 1 if opening.straight else 0, 4, 2))
+        corners = np.empty((*shape, 1 if opening.straight else 0, len(opening.corners) or 4, 2))
         for m, corner in enumerate(opening.corners):
             corners[..., 0, m, 0], corners[..., 0, m, 1] = corner
         return cls(np.zeros((*shape, 1, 2)), radii, corners, (0,) if opening.straight else ())
@@ -88,11 +88,7 @@ class Openings(NamedTuple):
             off = points - self.centres[..., k, None, :]
             return np.abs(np.hypot(off[..., 0], off[..., 1]) - self.radii[..., k, None])
         corners = self.corners[..., self.polygons.index(k), :, :]
-        way = np.roll(corners, -1, -2) - corners
-        way = way / np.hypot(way[..., :1], way[..., 1:])
-        off = points[..., None, :] - corners[..., None, :, :]
-        aside = way[..., None, :, 0] * off[..., 1] - way[..., None, :, 1] * off[..., 0]
-        return np.asarray(np.abs(aside).min(-1))
+        return np.asarray(np.abs(_inward(corners, points)).min(-1))
 
     @property
     def first_is_disc(self) -> bool:
@@ -137,7 +133,7 @@ class Openings(NamedTuple):
         return Openings(
             np.concatenate([self.centres, other.centres], -2),
             np.concatenate([self.radii, other.radii], -1),
-            np.concatenate([self.corners, other.corners], -3),
+            _more_corners(self.corners, other.corners),
             self.polygons + tuple(self.total + k for k in other.polygons),
             np.concatenate([self.matrices, other.matrices], -2),
             self.ellipses + tuple(self.total + k for k in other.ellipses),
@@ -156,11 +152,7 @@ class Openings(NamedTuple):
             room = self.radii - (apart + self.radii[..., :1])
             own = first
         for n, k in enumerate(self.polygons):
-            edges = self.corners[..., n, :, :]
-            way = np.roll(edges, -1, -2) - edges
-            way = way / np.hypot(way[..., :1], way[..., 1:])
-            off = own[..., None, :, :] - edges[..., :, None, :]
-            inward = way[..., :, None, 0] * off[..., 1] - way[..., :, None, 1] * off[..., 0]
+            inward = _inward(self.corners[..., n, :, :], own)
             reach = 0.0 if 0 in self.polygons else self.radii[..., 0]
             room[..., k] = inward.min((-2, -1)) - reach
         for n, k in enumerate(self.ellipses):
@@ -443,6 +435,16 @@ def _least_of_a_turn(value: Callable[[Array], Array], lead: tuple[int, ...]) -> 
         at, step = at + offsets[best], step * CLOSER
         offsets = step * np.array([-1.0, 0.0, 1.0])
     return np.asarray(values.min(-1))
+
+
+def _inward(corners: Array, points: Array) -> Array:
+    """How far points (..., N, 2) lie inwards of the sides of polygons (..., M, 2), (..., N, M); inf of no side."""
+    way = np.roll(corners, -1, -2) - corners
+    length = np.hypot(way[..., :1], way[..., 1:])
+    way = (way / np.where(length == 0, 1.0, length))[..., None, :, :]
+    off = points[..., None, :] - corners[..., None, :, :]
+    inward = way[..., 0] * off[..., 1] - way[..., 1] * off[..., 0]
+    return np.where(length[..., None, :, 0] == 0, np.inf, inward)
 
 
 def _more_corners(one: Array, other: Array) -> Array:

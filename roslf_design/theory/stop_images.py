@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array, floats, magnitude, product, ratio
-from ..bore.opening import ClearAperture, farthest
+from ..bore.opening import ClearAperture, farthest, repeated
 from ..bore.part import minus, plus, times
 from ..camera import Camera, Frame, Number, Rim, Vector
 from ..camera.frames import cross, dot, frame, total
@@ -303,7 +303,8 @@ def stop_openings(c: Camera, x: ArrayLike, y: ArrayLike) -> Openings:
     leaning = {k: _leaning_image(c, rim, x, y) for k, rim in enumerate(every) if k > 1 and _leans(c, rim)}
     if not straight and not leaning:
         return Openings.of_discs(centres, radii)
-    corners = np.empty((*radii.shape[:-1], len(straight), 4, 2))
+    most = max((len(every[k].outline.corners) for k in straight), default=4)
+    corners = np.empty((*radii.shape[:-1], len(straight), most, 2))
     ellipses = tuple(k for k in leaning if k not in straight)
     forms = np.empty((*radii.shape[:-1], len(ellipses), 3))
     for n, k in enumerate(straight):
@@ -311,10 +312,10 @@ def stop_openings(c: Camera, x: ArrayLike, y: ArrayLike) -> Openings:
         scale = -sign * product(c.seen.d_2, stop_angle(c, every[k].distance))
         upright = [(x * scale, y * scale) for x, y in every[k].outline.corners]
         seen = leaning[k].image(every[k].outline) if k in leaning else None
-        for m, corner in enumerate(upright):
+        for m, corner in enumerate(repeated(tuple(upright), most)):
             for axis in (0, 1):
                 at = centres[..., k, axis] + np.asarray(corner[axis])
-                corners[..., n, m, axis] = seen.corners[m][axis] if isinstance(seen, _Polygon) else at
+                corners[..., n, m, axis] = repeated(seen.corners, most)[m][axis] if isinstance(seen, _Polygon) else at
         radii[..., k] = math.inf
     for n, k in enumerate(ellipses):
         seen = leaning[k].ellipse(every[k].radius)
@@ -547,9 +548,10 @@ class MicrolensImages:
         for k, image in enumerate(ellipses):
             centres[..., k, 0], centres[..., k, 1] = image.x - self.outline.x, image.y - self.outline.y
             matrices[..., k, 0], matrices[..., k, 1], matrices[..., k, 2] = image.xx, image.xy, image.yy
-        corners = np.empty((*shape, len(polygons), 4, 2))
+        most = max((len(one.corners) for one in polygons), default=4)
+        corners = np.empty((*shape, len(polygons), most, 2))
         for k, one in enumerate(polygons):
-            for m, (x, y) in enumerate(one.corners):
+            for m, (x, y) in enumerate(repeated(one.corners, most)):
                 corners[..., k, m, 0], corners[..., k, m, 1] = x - self.outline.x, y - self.outline.y
         places = np.argsort(order)
         part = intersect_ellipses(centres, matrices, corners, int(places[0]))

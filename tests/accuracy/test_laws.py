@@ -15,7 +15,6 @@ import roslf_design as roslf
 from roslf_design.design import Stop
 from roslf_design.evaluation.fields import evaluate_fields
 from roslf_design.imaging.render import render
-from roslf_design.shapes.cells import area_in_rectangle
 from roslf_design.shapes.coverage import coverage_image
 from roslf_design.shapes.discs import intersect
 from studies.accuracy.forms import CLOSED
@@ -23,6 +22,7 @@ from studies.accuracy.hard_forms import FORMS
 from studies.accuracy.jobs import CUT, Job, random_job
 from studies.accuracy.oracles.closed_forms import ORACLES
 from studies.accuracy.promises import methods
+from tests.shapes.blocks import area_in_rectangle
 from tests.theory.designs import arguments, random_designs
 from tests.theory.test_closed_forms import numbers
 

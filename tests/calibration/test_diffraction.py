@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from roslf_design.bore.opening import ClearAperture
 from roslf_design.calibration import (
     Captures,
     calibrate_corrected,
@@ -29,6 +30,7 @@ from roslf_design.calibration.diffraction import (
 from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.design import load, save
+from roslf_design.imaging.camera import ImageLattice, Region
 from roslf_design.imaging.render import render
 from roslf_design.theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 from roslf_design.theory.light import diffraction_width
@@ -65,6 +67,43 @@ def test_a_rendered_white_image_gives_its_pupil_and_its_blur(layout, shape, slow
     assert _fit_cell(cell, start, blurred=False).misfit > 10 * found.misfit
 
 
+BOX = {"shape": "rectangle", "sides": (2.5, 1.7), "turn": 0.35, "distance": 120.0}
+
+
+@pytest.mark.parametrize("rotation", [0.0, 0.2])
+def test_a_rendered_white_image_through_a_rectangle_gives_it_and_its_blur(rotation):
+    """Turned against the array by the difference of both angles; centres lie where the rectangles' middles do."""
+    design = PAPER.replace({"aperture": BOX, "microlens_array.rotation": rotation})
+    region = Region(2100, 1340, 400, 400)
+    pixels = render(design, region=tuple(region)).pixels
+    lattice, true = find_centres(pixels, layout="square").lattice, ImageLattice.of(Camera.of(design))
+    nodes = np.stack(np.meshgrid(np.arange(-8, 9), np.arange(-8, 9)), -1).reshape(-1, 2)
+    found = lattice.nodes(*nodes.T) + (region.column, region.row) + 0.5 - np.array(design.pixels) / 2
+    index = np.linalg.solve(true.image_axes, (found * design.q - true.image_origin).T)
+    assert np.abs(index - np.round(index)).max() * lattice.pitch < 5e-3
+    captures = Captures(boards=3, views=3, reach=3.0, noise=0.01)
+    rng = np.random.default_rng(1)
+    camera = camera_of(PAPER)
+    observations = synthetic_observations(camera, random_poses(captures, 120.0, rng), captures, rng)
+
+    def looked_at(some):
+        white = WhiteImage(pixels, None, lattice)
+        return calibrate_corrected(observations, captures.board, sheet_of(PAPER), some, white).diffraction
+
+    found = looked_at(design)
+    assert found.corrected
+    assert not found.warning
+    pupil = pupil_of(design)
+    sides = [2 * half * design.q for half in found.image.opening.half]
+    scale = microlens_image_diameter(Camera.of(design)) / design.D_F
+    assert sides == pytest.approx([side * float(scale) for side in BOX["sides"]], rel=5e-3)
+    assert found.image.blur == pytest.approx(pupil.blur, rel=1e-2)
+    assert found.misfit < 5e-3
+    # Taken for a disc, or turned the other way, it is something else.
+    for other in ({"diameter": 2.5, "distance": 120.0}, BOX | {"turn": -0.35}):
+        assert "none was taken off" in looked_at(design.replace({"aperture": other})).reason
+
+
 def test_a_white_image_without_diffraction_shows_none():
     pixels = render(
         PAPER, overrides=["-microlens_diffraction", "-microlens_defocus"], region=(2100, 1340, 400, 400)
@@ -93,7 +132,7 @@ def brute_baseline(s, image):
 
     grid = np.linspace(-image.radius, image.radius, 401)
     across, along = np.meshgrid(grid, grid)
-    inside = np.hypot(across, along) < image.radius
+    inside = image.opening.contains(across, along)
     light = blur(s - across) * blur(-along) * inside
     return (light * across).sum() / light.sum()
 
@@ -102,6 +141,14 @@ def baseline(weights):
     """Mean place on the pupil of the light that each view gets through its own microlens, (v, 2) [px]."""
     own = weights.shares[:, 0]
     return own @ weights.places / own.sum(axis=1)[:, None]
+
+
+def test_views_through_a_rectangle_look_from_where_a_sum_over_it_has_it():
+    image = replace(IMAGE, shape=ClearAperture(math.inf, (1.0, 0.7), 0.0))
+    found = baseline(_view_weights(image, VIEWS, points=4000))
+    assert found[1, 0] == pytest.approx(brute_baseline(3.0, image), abs=0.02)
+    turned = replace(image, shape=image.shape._replace(turn=math.pi / 2))
+    np.testing.assert_allclose(baseline(_view_weights(turned, VIEWS[:, ::-1], points=4000)), found[:, ::-1], atol=0.03)
 
 
 def test_views_look_from_further_inside_as_a_sum_over_the_pupil_has_it():
@@ -168,26 +215,28 @@ def test_a_neighbour_s_light_moves_corners_by_less_than_its_share():
     assert abs(_apparent_shifts(far, np.array([0.0]), EDGES, 8)[0, 0, 0]) < 0.3  # its mean displacement is 0.6
 
 
-@pytest.fixture(scope="module")
-def circle(root, tmp_path_factory):
+def captured(root, place, pixels, cell, **changes):
     """Four boards by a corner of the paper's sensor, by rays and by waves; the design file beside."""
-    place = tmp_path_factory.mktemp("circle")
     module = study(root / "studies" / "calibration-circle" / "captures.py")
-    size = (900 * PAPER.q, 740 * PAPER.q)
-    design = PAPER.replace(
-        {"name": "small sensor", "sensor.size": size, "microlens_array.size": (size[0] + 0.2, size[1] + 0.2)}
-    )
+    size = pixels[0] * PAPER.q, pixels[1] * PAPER.q
+    array = {"microlens_array.size": (size[0] + 0.2, size[1] + 0.2)}
+    design = PAPER.replace({"name": "small sensor", "sensor.size": size, **array, **changes})
     save(design, place / "small.toml")
     with pytest.MonkeyPatch.context() as patch:  # a quarter of the rays less; what is beyond counts as even light
         patch.setattr("roslf_design.imaging.transfer.LEAST_HALO", 32)
         patch.setattr(module, "capture", functools.partial(module.capture, rays=32))  # scatter: a third of noise
-        written = list(module.make(design, place, boards=4, cell=1.8, tilt=35.0))
+        written = list(module.make(design, place, boards=4, cell=cell, tilt=35.0))
     assert len(written) == 10
     return place
 
 
-def calibrated(capsys, circle, kind, out, *options):
-    arguments = ["calibrate", circle / kind, "--design", circle / "small.toml", "--board", "4x5 1.8 mm", "-o", out]
+@pytest.fixture(scope="module")
+def circle(root, tmp_path_factory):
+    return captured(root, tmp_path_factory.mktemp("circle"), (900, 740), 1.8)
+
+
+def calibrated(capsys, circle, kind, out, *options, cell=1.8):
+    arguments = ["calibrate", circle / kind, "--design", circle / "small.toml", "--board", f"4x5 {cell} mm", "-o", out]
     code = main([str(a) for a in (*arguments, "--no-posterior", "--json", *options)])
     said, err = capsys.readouterr()
     assert (code, err) == (0, "")
@@ -215,6 +264,22 @@ def test_full_circle_by_rays_and_with_diffraction(capsys, circle, tmp_path, blan
     assert waves["quantities"]["d_2"]["estimate"] == pytest.approx(TRUTH["d_2"], rel=0.015)
     assert waves["quantities"]["m"]["estimate"] == pytest.approx(TRUTH["m"], rel=1e-3)
     assert waves["quantities"]["d_2"]["variance_shares"]["systematic"] > 0.3  # the correction's own uncertainty
+
+
+def test_captures_through_a_turned_rectangle_are_calibrated_back(capsys, root, tmp_path, blank_pngs):
+    """Its images overlap along x and leave gaps along y: the lattice's first order is weaker one way."""
+    box = {"shape": "rectangle", "sides": (2.5, 1.9), "turn": 0.35, "distance": 120.0}
+    found = calibrated(
+        capsys, captured(root, tmp_path, (600, 500), 1.2, aperture=box), "waves", tmp_path / "out", cell=1.2
+    )
+    for name, true in TRUTH.items():
+        low, high = found["quantities"][name]["interval_95"]
+        assert low < true < high, name
+    told = found["diffraction"]
+    assert told["corrected"] is True
+    assert told["seen_blur_px"] == pytest.approx(told["expected_blur_px"], rel=0.01)
+    assert told["without"]["d_2"] > 1.06 * TRUTH["d_2"]
+    assert told["seen_radius_px"] == pytest.approx(math.hypot(1.25, 0.95) * 2.0 / 92.0 / PAPER.q, rel=5e-3)
 
 
 def test_what_is_asked_what_is_expected_and_what_is_seen_decide():

@@ -254,8 +254,3 @@ def test_depth_of_many_builds_is_that_of_each():
     sigma = roslf.quantity("sigma_z_mm")
     alone = [float(sigma(many.build(k))) for k in range(0, 400, 40)]
     np.testing.assert_allclose(sigma(many)[::40], alone, rtol=1.5e-3)
-
-
-def test_pictures_taken_through_a_rectangle_are_not_calibrated_as_discs(tmp_path):
-    with pytest.raises(InputError, match="looked for as discs; give a circle"):
-        roslf.calibrate(tmp_path, bench(stop((2.9, 2.2), distance=120.0)), "4x5 6 mm")

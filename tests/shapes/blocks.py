@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.shapes.coverage import coverage_image
+from roslf_design.shapes.openings import Openings
 from roslf_design.theory.stop_images import stop_discs
 
 PAPER = roslf.load("paper")
@@ -48,3 +49,22 @@ def paper_discs(axes, changes=None):
     """Discs of the FAP and the rims of the paper's bench, changed, behind microlenses at `axes` (..., 2)."""
     axes = np.asarray(axes, float)
     return stop_discs(Camera.of(PAPER.replace(changes or {})), axes[..., 0], axes[..., 1])
+
+
+def area_in_polygon(centres, radii, polygon):
+    """Area of the common part of discs in a convex polygon (..., M, 2), counterclockwise; leading axes broadcast."""
+    centres, radii, polygon = (np.asarray(part, float) for part in (centres, radii, polygon))
+    lead = np.broadcast_shapes(radii.shape[:-1], polygon.shape[:-2])
+    centres, radii, polygon = (
+        np.broadcast_to(part, (*lead, *part.shape[part.ndim - own :]))
+        for part, own in ((centres, 2), (radii, 1), (polygon, 2))
+    )
+    areas = [Openings.of_discs(centres[at], radii[at]).area_in(polygon[at]) for at in np.ndindex(lead)]
+    return np.array(areas, float).reshape(lead)
+
+
+def area_in_rectangle(centres, radii, low, high):
+    """`area_in_polygon` of an upright rectangle between two corners (..., 2)."""
+    a, b = np.broadcast_arrays(np.asarray(low, float), np.asarray(high, float))
+    corners = [a, np.stack([b[..., 0], a[..., 1]], -1), b, np.stack([a[..., 0], b[..., 1]], -1)]
+    return area_in_polygon(centres, radii, np.stack(corners, -2))

@@ -9,12 +9,11 @@ from hypothesis import strategies as st
 
 from roslf_design._jit import Kernel
 from roslf_design.shapes import coverage as coverage_module
-from roslf_design.shapes.cells import area_in_rectangle
 from roslf_design.shapes.coverage import coverage_image
 from roslf_design.shapes.discs import intersect
 from roslf_design.shapes.lattice import Lattice, lens_centres
 from studies.accuracy.oracles import discs as oracle
-from tests.shapes.blocks import paper_discs, pixel_areas
+from tests.shapes.blocks import area_in_rectangle, paper_discs, pixel_areas
 
 disc = st.tuples(st.floats(-1, 1), st.floats(-1, 1), st.floats(0.2, 2))
 sets = st.lists(disc, min_size=1, max_size=4).map(np.array)

@@ -12,9 +12,9 @@ from hypothesis import strategies as st
 
 from roslf_design.bore.opening import ClearAperture, inside
 from roslf_design.fates import ImageFate
-from roslf_design.shapes.cells import area_in_rectangle
 from roslf_design.shapes.ellipses import _ellipse_shapes
 from roslf_design.shapes.openings import Openings
+from tests.shapes.blocks import area_in_rectangle
 
 TOLERANCE = 1e-9
 """Of the first opening's area, half width and its square: what the issue asks for; the forms are good to 1e-12."""
@@ -390,3 +390,33 @@ def test_sums_over_an_opening(opening):
     shift = 0.2
     pair = rows.beside(rows.moved(np.array([shift * 0.6, shift * 0.8]))).common()
     assert float(opening.overlap(np.array(shift), 0.6, 0.8)) == pytest.approx(float(pair.kept_fraction), abs=1e-12)
+
+
+def test_polygons_of_more_and_of_fewer_corners_are_followed_together():
+    """A hexagon in front of a rectangle and of a disc, and the other way round: areas, rooms, rows across."""
+    turn = 0.2 + np.arange(6) * math.pi / 3
+    hexagon = np.stack([np.cos(turn), np.sin(turn)], -1) + np.array([0.1, -0.2])
+    box = rectangle(0.3, 0.1, 0.9, 0.5, 0.4)
+
+    def alone(corners):
+        return Openings(corners.mean(0)[None], np.array([math.inf]), corners[None], (0,))
+
+    disc = Openings.of_discs(np.array([[0.0, 0.0]]), np.array([9.0]))
+    for one, other in ((hexagon, box), (box, hexagon)):
+        both = alone(one).beside(alone(other)).beside(disc)
+        area, centroid, _ = shoelace(clipped(list(one), other))
+        part = both.common()
+        assert float(part.area) == pytest.approx(area, rel=TOLERANCE)
+        np.testing.assert_allclose(part.centroid, centroid, rtol=0, atol=TOLERANCE)
+        assert float(part.kept_fraction) == pytest.approx(area / shoelace(one)[0], rel=TOLERANCE)
+        rows = both.chords(40)
+        assert rows.weight @ (rows.right - rows.left) == pytest.approx(area, rel=TOLERANCE)
+        assert float(both.area_in(rectangle(0, 0, 9, 9, 0))) == pytest.approx(area, rel=TOLERANCE)
+        inward = [
+            ((b - a)[0] * (p - a)[1] - (b - a)[1] * (p - a)[0]) / math.hypot(*(b - a))
+            for a, b in zip(other, np.roll(other, -1, 0), strict=True)
+            for p in one
+        ]
+        assert both.rooms[1] == pytest.approx(min(inward), rel=1e-12)
+        assert both.rooms[2] == pytest.approx(9 - np.hypot(*one.T).max(), rel=1e-12)
+        assert both.off_rim(1, other.mean(0)[None])[0] == pytest.approx(alone(other).off_rim(0, other.mean(0)[None])[0])
