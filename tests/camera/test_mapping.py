@@ -23,7 +23,7 @@ from roslf_design.lenses.angles import _angle_in_air, _image_height, illuminatio
 from roslf_design.rays import trace_pupil
 from roslf_design.rays.backward import behind_elements, lay_out, mapped
 from roslf_design.rays.pupil import paths
-from roslf_design.scenes.scene import _view
+from roslf_design.scenes.scene import chief_ray_limits
 from roslf_design.theory.light import falloff
 from roslf_design.theory.object_space import FAP, ObjectSpaceFaces
 from roslf_design.theory.quantities import QUANTITIES
@@ -290,7 +290,7 @@ def test_how_far_off_the_axis_scenes_are_looked_at():
     """The line of the corner's chief ray that planes without bounds are judged by."""
     design = simple("f theta", 2.0)
     camera, corner = Camera.of(design), Subject(design).x_ml
-    slope, height = _view(design)
+    slope, height = chief_ray_limits(design)
     rays = trace_pupil(camera, (0.0, 0.0), (corner, 0.0))
     layout = lay_out(camera)
     hx, _, ox, _, _ = mapped(layout.law, layout.front, *behind_elements(layout.front, 0, 0, *rays.height, *rays.slope))

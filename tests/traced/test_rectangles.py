@@ -10,10 +10,11 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
+from roslf_design.fates import ImageFate
 from roslf_design.theory.stop_images import MicrolensImages
 from roslf_design.traced.camera import camera_of, microlenses, views
 from roslf_design.traced.fields import DesignImages
-from roslf_design.traced.images import CLIPPED, DARK, FULL, real_images, undistorted_field
+from roslf_design.traced.images import real_images, undistorted_field
 from tests.traced.brute import lit_part
 
 SQUARE = {"shape": "rectangle", "sides": (2.6, 2.6), "turn": 0.3, "distance": 120.0, "decentre": (0.2, -0.1)}
@@ -69,10 +70,10 @@ def test_images_of_a_singlet_against_thousands_of_spokes(case):
     camera, at = camera_of(design), microlenses(design, np.array(place))
     image, (area, ratio, kept) = real_images(camera, at), lit_part(camera, at, points=6144)
     if case == "dark":
-        assert image.status == DARK
+        assert image.status == ImageFate.DARK
         assert kept == 0
         return
-    assert image.status == (FULL if case == "whole" else CLIPPED)
+    assert image.status == (ImageFate.FULL if case == "whole" else ImageFate.CLIPPED)
     assert image.kept_fraction == pytest.approx(kept, abs=3e-6)  # corners cost polygons 20/K^2
     assert image.area == pytest.approx(area, rel=3e-6)
     assert image.axis_ratio == pytest.approx(ratio, abs=3e-6)
@@ -111,5 +112,5 @@ def test_the_measured_bound_of_a_square_is_where_images_begin_to_be_cut():
     for angle in (0.0, 1.0):
         radius = float(undistorted_field(camera, angle).mla_radius)
         way = np.array([np.cos(angle), np.sin(angle)])
-        assert real_images(camera, radius * (1 - 1e-6) * way).status == FULL
-        assert real_images(camera, radius * (1 + 1e-4) * way).status == CLIPPED
+        assert real_images(camera, radius * (1 - 1e-6) * way).status == ImageFate.FULL
+        assert real_images(camera, radius * (1 + 1e-4) * way).status == ImageFate.CLIPPED
