@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 
+from ..bore.opening import POINT
 from ..calibration.decoding import LightField
 from ..calibration.lattice import CentreLattice
 from ..camera import Camera
@@ -84,7 +85,7 @@ class TracedViews:
         points = np.concatenate([np.zeros((1, 2)), *(_ring(radius) for radius in RINGS)])
         looks, good = self.view_coordinates(np.stack(np.meshgrid(along, down), -1).reshape(-1, 2), points)
         # Polynomials over the pupil at each place, then over the places what these are made of.
-        table = np.einsum("kp,lnpc->nlck", np.linalg.pinv(_monomials(points.T).T), looks)
+        table = np.einsum("kp,lnpc->nlck", np.linalg.pinv(_monomials(self._spread_of_pupil * points.T).T), looks)
         degree = next((n for n in (FIELD_DEGREE, 3, 1) if good.sum() >= ENOUGH * (n + 1) * (n + 2) / 2), -1)
         dark = np.ones((len(y), len(x)), np.bool_)
         coefficients = np.zeros((*table.shape[1:], *dark.shape))
@@ -137,6 +138,12 @@ class TracedViews:
         good &= np.isfinite(looks).all((0, 2, 3))
         return looks, np.asarray(good)
 
+    @property
+    def _spread_of_pupil(self) -> float:
+        """Diameter of the circle that holds the FAP, over D_F: rays go through all of it."""
+        outline = self.camera.fap.outline
+        return float(2 * outline.reach / outline.width)
+
     def widening(self, places: Array) -> Array:
         """How much farther apart, rms over the pupil, views of microlenses look from than by first order.
 
@@ -152,7 +159,7 @@ class TracedViews:
         """
         points = _ring(RINGS[-1] / math.sqrt(2))  # whose second moments are those of a full disc
         (pupil, _), good = self.view_coordinates(places, points)
-        size = np.sqrt((pupil**2).sum(-1).mean(-1) / (points**2).sum(-1).mean())
+        size = np.sqrt((pupil**2).sum(-1).mean(-1) / ((self._spread_of_pupil * points) ** 2).sum(-1).mean())
         return np.where(good, size, 1.0)
 
     def _powers(self, field: LightField, pupil: NDArray[np.floating]) -> NDArray[np.float32]:
@@ -169,7 +176,9 @@ class TracedViews:
         # The microlens turns the FAP round.
         side = -math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
         own = side * grid / (2 * radius)
-        inside = np.clip((radius - np.hypot(*grid)) / (WIDE / FINE) + 0.5, 0, 1)
+        image = camera.fap.outline.sized(2 * radius)
+        image = image._replace(turn=image.turn - camera["microlens_array.rotation"])
+        inside = np.clip(np.asarray(image.room(POINT, *grid)) / (WIDE / FINE) + 0.5, 0, 1)
         frequency = np.fft.fftfreq(FINE, WIDE / FINE)
         fx, fy = np.meshgrid(frequency, frequency)
         lens = MicrolensTransfer(
