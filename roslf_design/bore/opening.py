@@ -321,6 +321,8 @@ class ClearAperture(NamedTuple):
         return np.stack(np.broadcast_arrays(*(np.asarray(number, float) for number in numbers)), -1)
 
 
+POINT = ClearAperture(0.0)
+"""A point, as an opening."""
 UNBOUNDED = ClearAperture(math.inf)
 """An opening that cuts nothing."""
 

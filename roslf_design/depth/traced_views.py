@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import RectBivariateSpline
 
-from ..bore.opening import ClearAperture
+from ..bore.opening import POINT
 from ..calibration.decoding import LightField
 from ..calibration.lattice import CentreLattice
 from ..camera import Camera
@@ -174,7 +174,7 @@ class TracedViews:
         own = side * grid / (2 * radius)
         image = camera.fap.outline.sized(2 * radius)
         image = image._replace(turn=image.turn - float(camera["microlens_array.rotation"]))
-        inside = np.clip(np.asarray(image.room(ClearAperture(0.0), *grid)) / (WIDE / FINE) + 0.5, 0, 1)
+        inside = np.clip(np.asarray(image.room(POINT, *grid)) / (WIDE / FINE) + 0.5, 0, 1)
         frequency = np.fft.fftfreq(FINE, WIDE / FINE)
         fx, fy = np.meshgrid(frequency, frequency)
         lens = MicrolensTransfer(

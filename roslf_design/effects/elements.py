@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bore.opening import ClearAperture
+from ..bore.opening import POINT
 from ..camera import Camera
 from ..camera.camera import place_of
 from ..design import Design
@@ -36,8 +36,6 @@ ROUNDED = 1e-11
 """Rounding error where nothing moves [mm]."""
 NEARLY = 1.02
 """Rays that far outside a rim still count."""
-POINT = ClearAperture(0.0)
-"""A point, as an opening."""
 
 
 class _ExactMinusParaxial(NamedTuple):

@@ -11,7 +11,7 @@ import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.depth.geometry import ArrayGeometry, depth_of, disparity_of
 from roslf_design.depth.measure import _default_scene
-from roslf_design.depth.traced_views import STEP
+from roslf_design.depth.traced_views import STEP, TracedViews
 from roslf_design.imaging import transfer
 from roslf_design.scenes import Noise, Plane, Scene
 from tests.oracles.object_space import object_side
@@ -116,3 +116,19 @@ def test_a_wall_stands_where_it_is(name, disparity, aside, finest, least, around
 def test_the_wall_looked_at_by_default_stands_in_view_behind_any_relay(scope):
     nearest, farthest = _default_scene(scope).brief(scope).distances
     assert float(Camera.of(scope).tip) < nearest < scope.d_f < farthest < math.inf
+
+
+def test_views_through_a_rectangle_and_a_thin_window_look_from_where_first_order_has_them():
+    """In D_F, the wider extent of the rectangle, not in the diameter of the circle that holds it."""
+    window = {"kind": "plate", "distance": 60.0, "thickness": 1e-3, "material": {"index": 1.5}}
+    box = {"shape": "rectangle", "sides": (2.5, 1.7), "turn": 0.35, "distance": 120.0}
+    design = roslf.load("paper").replace({"elements": [window], "aperture": box})
+    camera = Camera.of(design)
+    traced = TracedViews(design, camera, lambda b: depth_of(camera, b))
+    places = np.array([[0.0, 0.0], [4.0, -2.0]])
+    np.testing.assert_allclose(traced.widening(places), 1, rtol=1e-4)
+    sample = np.array([[0.2, -0.1]])
+    looks, good = traced.view_coordinates(places, sample)
+    assert good.all()
+    np.testing.assert_allclose(looks[0, :, 0], np.broadcast_to(sample, (2, 2)), rtol=1e-4)
+    np.testing.assert_allclose(looks[1], 0, atol=1e-4)

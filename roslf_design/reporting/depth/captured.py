@@ -155,10 +155,11 @@ def capture_basis(measured: MeasuredCapture) -> tuple[Block, ...]:
         "At depth steps a window sees two depths: there depth is unknown, or that of the better side.",
     ]
     if isinstance(run.geometry, ArrayGeometry):
-        if "aperture.diameter" not in measured.known_to:
+        keys = run.geometry.design.aperture.outline.keys
+        if not any(f"aperture.{key}" in measured.known_to for key in keys):
             notes.append(
-                "The FAP's diameter is taken as designed, without error: what neighbours shine into an image follows "
-                "from it. --sigma aperture.diameter=1% counts what that leaves open."
+                f"The FAP's {keys[0].partition('.')[0]}: as designed, without error; what neighbours shine into an "
+                f"image follows from that. --sigma aperture.{keys[0]}=1% counts what that leaves open."
             )
         notes += optics_notes(run.geometry.design)
     return Table(tuple(rows), "ll", ("", ""), "Camera, noise, matching"), Bullets(tuple(notes))
