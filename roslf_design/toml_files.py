@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import json
 import tomllib
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin
@@ -212,6 +212,7 @@ def _at(model: type[BaseModel], place: Sequence[int | str]) -> _Place:
     names: list[int | str] = []
     models, listed, entries = [model], False, 0
     examples: Sequence[Any] = ()
+    named = False
     for step in place:
         if str(step).startswith(TAG):
             continue
@@ -220,11 +221,14 @@ def _at(model: type[BaseModel], place: Sequence[int | str]) -> _Place:
             models = chosen
             continue
         names.append('""' if step == "" else step)
-        if isinstance(step, str):
+        if named:  # a key of one's own, of many tables alike
+            named = False
+        elif isinstance(step, str):
             field = _field(models[0], step) if len(models) == 1 else None
             kind = None if field is None else field.annotation
             models, entries = _tables(kind), _entries(kind)
             listed = get_origin(kind) in (list, tuple) or get_args(kind)[:1] == (int,)
+            named = get_origin(kind) in (dict, Mapping) and get_args(kind)[:1] == (str,)
             examples = () if field is None else field.examples or ()
     return _Place(".".join(map(str, names)), models, listed, entries, examples)
 

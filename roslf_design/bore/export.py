@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from .._arrays import by_value
 from ..lenses.prescription import Prescription, Surface
 from .opening import ClearAperture
 
 
+@by_value
 @dataclass(frozen=True)
 class SequenceRow:
     """Surface of a sequence, as one row."""

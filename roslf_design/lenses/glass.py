@@ -17,7 +17,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydantic import Discriminator, Field, Tag, ValidationInfo, field_validator
+from pydantic import AfterValidator, Discriminator, Field, Tag, ValidationInfo, field_validator
 
 from ..errors import InputError, Problem
 from ..toml_files import TAG, PlainNumber, StrictTable, validated
@@ -391,8 +391,14 @@ class _Schott(_GlassTable):
         return self.a
 
 
+def _an_index(value: float) -> float:
+    if not 1 <= value < 5:  # told with its noun, because a medium may be given by its index alone
+        raise ValueError(f"an index must be a number from 1 to 5, got {value:g}")
+    return value
+
+
 class _Constant(_GlassTable):
-    index: Annotated[PlainNumber, Field(ge=1, lt=5)]
+    index: Annotated[PlainNumber, AfterValidator(_an_index)]
 
     @property
     def coefficients(self) -> tuple[float, ...]:

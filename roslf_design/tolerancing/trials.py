@@ -270,7 +270,9 @@ class Compensator:
             return moved, columns
         some = {place: numbers[lost] for place, numbers in values.items()}
         best, cost = moved[:, lost], np.full(lost.size, np.inf)
-        for row, reach in enumerate(self.reach[:, 0]):
+        predicted = np.abs(moved).max(axis=1)  # one without limits is sought as far as prediction sends any build
+        for row, limit in enumerate(self.reach[:, 0]):
+            reach = limit if np.isfinite(limit) else predicted[row]
             for share in ALONG:
                 tried = moved[:, lost]
                 tried[row] = share * reach

@@ -382,7 +382,7 @@ def test_blur_off_the_axis_is_that_of_rays(fap):
     x, y = (float(np.ravel(t)[0]) for t in builds.targets)
     spreads = []
     for way in ((1.0, 0.0), (0.0, 1.0)):
-        rims = (camera.fap.outline.rim(sign * way[0], sign * way[1]) for sign in (1, -1))
+        rims = [camera.fap.outline.rim(sign * way[0], sign * way[1]) for sign in (1, -1)]
         ends = [np.array(u, float) * design.d for _, u in builds._landings(x, y, distance, rims)]
         spreads.append(float(np.hypot(*(ends[1] - ends[0]))))
     assert _blur_on_mla(camera, distance, place) == pytest.approx(

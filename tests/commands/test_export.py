@@ -185,7 +185,7 @@ def test_glasses_out_of_other_catalogues(tmp_path):
         ('{file = "schott.agf", name = "CONRADY"}', "dispersion formula 5"),
         ('{file = "none.agf", name = "X"}', "none.agf"),
         ('{file = "notes.txt", name = "X"}', "neither a .agf catalogue nor a .yml page"),
-        ('{file = 3}', "must be e.g."),
+        ('{file = 3}', "must be text, got 3"),
     ],
 )  # fmt: skip
 def test_glass_files_that_cannot_be_used(text, message, tmp_path):

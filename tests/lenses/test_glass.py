@@ -144,7 +144,7 @@ def test_wavelength_outside_the_measured_range_is_refused(wave):
             {"formula": "constant", "index": 1.5, "against": "ether"},
             "against: .ether. is not known; write 'air' or 'vacuum'",
         ),
-        ({"formula": "constant", "index": 0.2}, "index: .0.2. must be at least 1"),
+        ({"formula": "constant", "index": 0.2}, "index: an index must be a number from 1 to 5"),
         ({"formula": "constant", "index": 1.5, "colour": "red"}, "colour: is not a known key"),
     ],
 )

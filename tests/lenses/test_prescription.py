@@ -343,7 +343,7 @@ def test_glasses_whose_numbers_look_alike_stay_apart():
 @pytest.mark.parametrize(
     ("glass", "said"),
     [
-        ("{index = 0.5}", 'surfaces.1.glass.index: "0.5" must be at least 1'),
+        ("{index = 0.5}", "surfaces.1.glass.index: an index must be a number from 1 to 5"),
         ("{index = 1.5, abe = 60}", "surfaces.1.glass.abe: is not a known key; did you mean 'abbe'?"),
         ("{formula = {a = 1}}", "surfaces.1.glass: a glass by its formula stands in [glasses]"),
         ("[1]", "surfaces.1.glass: must be a glass's name or a table"),

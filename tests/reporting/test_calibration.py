@@ -118,7 +118,7 @@ def without(key):
         (changed(sigma="x"), "quantities.d_3.sigma: "),
         (changed(sigma="0.1"), "quantities.d_3.sigma: "),
         (changed(sigma=-1.0), "must not be negative"),
-        (changed(interval_68=[1.0]), "quantities.d_3.interval_68.1: is missing"),
+        (changed(interval_68=[1.0]), "quantities.d_3.interval_68: must be a list of 2"),
         (changed(variance_shares=[1.0]), "quantities.d_3.variance_shares: "),
         (changed(r_hat=None), "lacks r_hat or ess"),
     ],

@@ -37,6 +37,7 @@ def test_folded_and_dark_fields_are_told():
 
 
 def test_captions_of_fields_without_whole_images():
-    over, seen = sheets.lens_sheets(CONVEX_FIRST, evaluate(CONVEX_FIRST))
+    result = evaluate(CONVEX_FIRST)
+    over, seen = sheets.lens_sheets(CONVEX_FIRST, result, result.real_lens)
     assert "10.09 mm on the array" in over.caption
     assert "Outlines" in seen.caption
