@@ -32,7 +32,7 @@ class LengthCovariance(NamedTuple):
         if (space := sheet.space_at(lengths)) is not None:
             lengths |= space.ruler(lengths)
         own = {PATHS[name]: lengths[name] for name in ("d_3", "d_1", "d_2", "d", "q")} | {PATHS["f"]: draws.draws("f")}
-        drawn = own | {known.place: lengths[known.place] for known in sheet.elements}
+        drawn = own | {known.place: lengths[known.place] for known in sheet.uncertain}
         return cls(tuple(drawn), np.atleast_2d(np.cov(np.stack([*drawn.values()]))))
 
     def carried(self, design: Design, compute: Callable[[Camera], Array]) -> Array:

@@ -431,8 +431,8 @@ class DataSheet:
     """Relative error of the board's cell."""
     space: SceneSide | None = None
     """Space between boards and main lens, and about the array; None: air."""
-    elements: tuple[_KnownNumber, ...] = ()
-    """Numbers of the elements there that are known with an error."""
+    uncertain: tuple[_KnownNumber, ...] = ()
+    """Numbers of `space` that are known with an error."""
 
     def __post_init__(self) -> None:
         for name in ("f", "q", "d"):
@@ -441,7 +441,7 @@ class DataSheet:
         for name in ("f_sigma", "q_sigma", "d_sigma", "cell_sigma"):
             if not 0 <= getattr(self, name) < float("inf"):
                 raise CalibrationError(f"{name} must be zero or positive, got {getattr(self, name)}")
-        for known in self.elements:
+        for known in self.uncertain:
             if known.sigma > 0.2 * abs(known.value):
                 raise CalibrationError(
                     f"{known.place} = {known.value:g} with a standard deviation of {known.sigma:g} is hardly known:"
@@ -452,24 +452,24 @@ class DataSheet:
 
     @property
     def mean(self) -> Array:
-        """f, q, d and the board's relative scale, then `elements`."""
-        return np.array([self.f, self.q, self.d, 1.0, *(known.value for known in self.elements)])
+        """f, q, d and the board's relative scale, then the `uncertain` numbers."""
+        return np.array([self.f, self.q, self.d, 1.0, *(known.value for known in self.uncertain)])
 
     @property
     def sigma(self) -> Array:
         """Standard deviations of these numbers."""
         own = self.f_sigma, self.q_sigma, self.d_sigma, self.cell_sigma
-        return np.array([*own, *(known.sigma for known in self.elements)])
+        return np.array([*own, *(known.sigma for known in self.uncertain)])
 
     def draws(self, count: int, rng: np.random.Generator) -> Array:
         """Independent draws of `mean`, shape (4 or more, count)."""
         return np.asarray(self.mean[:, None] + self.sigma[:, None] * rng.normal(size=(len(self.mean), count)))
 
     def space_at(self, lengths: Mapping[str, Array]) -> SceneSide | None:
-        """`space` with `elements` as `lengths` have them, by their places."""
-        if self.space is None or not self.elements:
+        """`space` with its `uncertain` numbers as `lengths` have them, by their places."""
+        if self.space is None or not self.uncertain:
             return self.space
-        return SceneSide.of(self.space.design, {known.place: lengths[known.place] for known in self.elements})
+        return SceneSide.of(self.space.design, {known.place: lengths[known.place] for known in self.uncertain})
 
     def apparent(self, lengths: Mapping[str, Array]) -> ApparentCamera:
         """The camera of `derived` lengths, as the boards' medium has it."""
@@ -481,17 +481,17 @@ def sheet_of(
     f_relative: float = 0.01,
     d_relative: float = 1e-3,
     cell_sigma: float = 1e-3,
-    elements: Mapping[str, float] | None = None,
+    uncertain: Mapping[str, float] | None = None,
 ) -> DataSheet:
     """Data-sheet values of a design with relative standard deviations of f, d and the board's cell.
 
-    `elements` are standard deviations of what stands before the lens and about the array, by the places of `Camera`.
+    `uncertain` are standard deviations of what stands before the lens and about the array, by the places of `Camera`.
     """
     numbers = Camera.of(design).numbers
-    known = tuple(_KnownNumber(place, float(numbers[place]), sigma) for place, sigma in (elements or {}).items())
+    known = tuple(_KnownNumber(place, float(numbers[place]), sigma) for place, sigma in (uncertain or {}).items())
     return DataSheet(
         design.f, design.q, design.d, f_relative * design.f, d_sigma=d_relative * design.d, cell_sigma=cell_sigma,
-        space=SceneSide.of(design), elements=known,
+        space=SceneSide.of(design), uncertain=known,
     )  # fmt: skip
 
 
@@ -521,14 +521,14 @@ def derived(camera: Array, sheet: DataSheet, drawn: Sequence[ArrayLike] | Array 
         A, m, 1/d_2 (and more, unused) as fitted with the sheet's q and d, shape (..., 3 or more).
     sheet : DataSheet
     drawn : sequence of array_like, optional
-        f, q, d [mm], relative size of the board and the sheet's `elements`, each of shape (...) or a number; the
+        f, q, d [mm], relative size of the board and the sheet's `uncertain` numbers, each of shape (...) or one; the
         sheet's where not given.
 
     Returns
     -------
     dict
         `QUANTITIES`, each of shape (...), as the main lens sees them through what stands before it; ``q``, ``d`` and
-        the sheet's `elements` by their places, as drawn.
+        the sheet's `uncertain` numbers by their places, as drawn.
 
     Raises
     ------
@@ -543,7 +543,7 @@ def derived(camera: Array, sheet: DataSheet, drawn: Sequence[ArrayLike] | Array 
     A, m, inverse_d_2 = np.moveaxis(np.asarray(camera, float)[..., :3], -1, 0)
     values = (np.asarray(value, float) for value in (sheet.mean if drawn is None else drawn))
     f, q, d, board, *others = values
-    elements = dict(zip((known.place for known in sheet.elements), others, strict=True))
+    elements = dict(zip((known.place for known in sheet.uncertain), others, strict=True))
     A, m = A * (d / sheet.d), m * (d / sheet.d) / board
     d_2 = (q / sheet.q) * (d / sheet.d) / (inverse_d_2 * board)
     space = sheet.space_at(elements)

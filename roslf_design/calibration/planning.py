@@ -425,6 +425,6 @@ def _alternatives(captures: Captures, sheet: DataSheet) -> Iterator[tuple[str, C
     for what, name in known.items():
         halved: dict[str, Any] = {name: getattr(sheet, name) / 2}
         yield f"know {what} twice as well", captures, replace(sheet, **halved)
-    if sheet.elements:
-        finer_known = tuple(known._replace(sigma=known.sigma / 2) for known in sheet.elements)
-        yield "know what stands before the lens twice as well", captures, replace(sheet, elements=finer_known)
+    if sheet.uncertain:
+        finer_known = tuple(known._replace(sigma=known.sigma / 2) for known in sheet.uncertain)
+        yield "know what stands before the lens twice as well", captures, replace(sheet, uncertain=finer_known)

@@ -39,7 +39,7 @@ class CameraDraws:
     parameters: Array
     """Draws of them, shape (n, p)."""
     quantities: Mapping[str, Array]
-    """Draws of `QUANTITIES`, data-sheet values drawn along, of q, d and the sheet's `elements`; each of shape (n,)."""
+    """Draws of `QUANTITIES`, of values of the data sheet, q, d and its `uncertain` numbers; each of shape (n,)."""
 
     def draws(self, name: str) -> Array:
         """Draws of a quantity (data-sheet errors included) or, where there is none of that name, of a parameter."""
@@ -383,7 +383,7 @@ def variance_shares(
     steps = {"images": np.pad(images, ((0, 0), (0, sheet_size)))}
     by_sheet = np.eye(sheet_size, count + sheet_size, count) * sheet.sigma[:, None]
     steps |= {name: row[None] for name, row in zip(("f", "q", "d", "board"), by_sheet[:4], strict=True)}
-    steps |= {"elements": by_sheet[4:]} if sheet.elements else {}
+    steps |= {"elements": by_sheet[4:]} if sheet.uncertain else {}
     steps["systematic"] = np.pad(fit.systematic, ((0, 0), (0, count + sheet_size - 3)))
     steps = {source: step @ known.keeps.T for source, step in steps.items()}
     for datum in data:

@@ -200,7 +200,7 @@ class Outcome:
             "data_sheet": {
                 **{f"{name}_mm": getattr(self.sheet, name) for name in ("f", "f_sigma", "q", "d", "d_sigma")},
                 "cell_sigma_relative": self.sheet.cell_sigma,
-                "elements": {at: {"value": value, "sigma": sigma} for at, value, sigma in self.sheet.elements},
+                "elements": {at: {"value": value, "sigma": sigma} for at, value, sigma in self.sheet.uncertain},
             },
             "side_data": _side_dict(self.combined, self.draws),
             "reprojection_rms_pitches": result.joint.rms,

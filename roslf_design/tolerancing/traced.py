@@ -101,8 +101,7 @@ def real_lens_builds(design: Design, values: Mapping[str, Array], trials: int) -
     mla = camera.first_order.rear_principal + _mla_distance(around, values, number(DISTANCE))
     chain, known = around.chain, around.numbers
     before, behind = chain.before_array(known), chain.behind_array(known)
-    fronts = {stop: front - number(f"{stop}.distance") for stop in stops_of(design)}
-    elements = {f"elements.{k}": front - number(f"elements.{k}.distance") for k in range(len(design.elements))}
+    fronts = {at.place: front - number(f"{at.place}.distance") for at in design.placed}
     lens_x, lens_y = pair("main_lens.decentre")
 
     def placed(part: str, z: Array, roll: Number = 0.0) -> Array:
@@ -111,19 +110,19 @@ def real_lens_builds(design: Design, values: Mapping[str, Array], trials: int) -
         return np.column_stack([np.broadcast_to(part, trials) for vector in pose for part in vector])
 
     numbers: dict[str, Number] = {**nominal, **values}
-    rims = [rim_row(placed(stop, z), ClearAperture.of(numbers, stop)) for stop, z in fronts.items()]
+    rims = [rim_row(placed(stop, fronts[stop]), ClearAperture.of(numbers, stop)) for stop in stops_of(design)]
     planes = Planes(
         placed("microlens_array", mla - before, number("microlens_array.rotation")),
         placed("sensor", mla - before + (number("sensor.distance") - behind)),
-        np.stack(rims[: 1 if elements else None], axis=1),
+        np.stack(rims[: 1 if design.elements else None], axis=1),
     )
     origin = np.stack([-lens_x, -lens_y, np.full(trials, front)], axis=-1)
-    train = Train.of(lens.stack, ObjectSpaceFaces.of(around), origin) if elements else Train.in_air(lens.stack)
+    train = Train.of(lens.stack, ObjectSpaceFaces.of(around), origin) if design.elements else Train.in_air(lens.stack)
     twins = {place: value for place, value in values.items() if not in_lens(place) and place != PLANE}
     twins |= {FOCAL: 1 / lens.power, DISTANCE: mla - lens.rear_principal}
-    twins |= {f"{part}.distance": lens.front_principal - z for part, z in (fronts | elements).items()}
+    twins |= {f"{part}.distance": lens.front_principal - z for part, z in fronts.items()}
     sound = lens.sound & (mla - before > lens.rear)
-    for z in (fronts | elements).values():
+    for z in fronts.values():
         sound = sound & (z <= np.minimum(lens.front, camera.front))
     world = -np.stack([lens_x, lens_y, 0 * lens_x], axis=-1)
     mount = Mount(train, planes, lens.front_principal, lens.rear_principal, world)
@@ -177,8 +176,7 @@ def as_built(design: Design, values: Mapping[str, float]) -> Design:
     own = first_order(made, values.get("light.wavelength", design.wavelength))
     d_1 = _mla_distance(_around(design, values), values, values.get(DISTANCE, nominal[DISTANCE]))
     changes[DISTANCE] = constants.rear_principal + d_1 - own.rear_principal
-    elements = (f"elements.{k}" for k in range(len(design.elements)))
-    for place in (f"{part}.distance" for part in (*stops_of(design), *elements)):
+    for place in (f"{at.place}.distance" for at in design.placed):
         changes[place] = own.front_principal - (constants.front_principal - values.get(place, nominal[place]))
     changes |= {"main_lens.prescription": made, "main_lens.reversed": False, "main_lens.diameter": None}
     temperature = changes.pop(TEMPERATURE, None)

@@ -196,7 +196,7 @@ def test_what_is_not_known_of_elements_scatters_calibrations_as_told():
     design = DESIGNS["lens and window"].replace({"sensor.cover": COVERED, "sensor.distance": 2.15})
     known = {**GLASS, "object_space.index": 0.002, "sensor.cover.thickness": 0.02}
     captures = replace(Captures.for_design(design, boards=6, board=Board(4, 5, 6.0)), views=3, noise=1e-5)
-    sheet = replace(sheet_of(design, elements=known), f_sigma=1e-6, d_sigma=0.0, cell_sigma=0.0)
+    sheet = replace(sheet_of(design, uncertain=known), f_sigma=1e-6, d_sigma=0.0, cell_sigma=0.0)
     points, views, distances = captures.board.points, captures.view_grid(), np.array([300.0, 420.0])
 
     def fitted(instrument, seed):

@@ -441,7 +441,7 @@ def _diffraction(result: Outcome, check: DiffractionCheck) -> Statement:
 
 def _method(result: Outcome) -> str:
     lattice, sheet = result.centres.lattice, result.sheet
-    elements = "".join(f", {known.place} = {known.value:.6g} ± {known.sigma:.2g}" for known in sheet.elements)
+    elements = "".join(f", {known.place} = {known.value:.6g} ± {known.sigma:.2g}" for known in sheet.uncertain)
     return (
         f"Microlens centres from the white image ({lattice.layout}, pitch {lattice.pitch:.4f} px,"
         f" {result.centres.rms:.3g} px RMS about the lattice): {_lenses_used(result)}. Decoded;"

@@ -547,36 +547,36 @@ class _SchematicPart(NamedTuple):
 
 
 def dimensions(design: Design) -> Picture:
-    """Draw the elements in their order along the axis with dimension lines; not to scale, the numbers are."""
-    elements = _all_elements(design)
-    gaps = [b.z - a.z for a, b in pairwise(elements)]
+    """Draw the parts in their order along the axis with dimension lines; not to scale, the numbers are."""
+    parts = _schematic_parts(design)
+    gaps = [b.z - a.z for a, b in pairwise(parts)]
     spread = np.cumsum([0.0, *(max(0.28, (gap / max(gaps)) ** ROOM) for gap in gaps)])
     # From 0 at the object plane to 8 at the sensor.
-    place = dict(zip((e.name for e in elements), (8 * spread / spread[-1]).tolist(), strict=True))
-    tallest = max(element.diameter for element in elements)
-    high = {e.name: max(0.16, math.sqrt(e.diameter / tallest)) if e.diameter else 0.8 for e in elements}
+    place = dict(zip((e.name for e in parts), (8 * spread / spread[-1]).tolist(), strict=True))
+    tallest = max(part.diameter for part in parts)
+    high = {e.name: max(0.16, math.sqrt(e.diameter / tallest)) if e.diameter else 0.8 for e in parts}
     x = Scale(-0.45, 8.75)
     unit = PAGE / (x.high - x.low)
     up = 1 / (0.86 * unit)
     marks: list[Mark] = [Line([-0.1, 8.25], [0.0, 0.0], "grey", 0.9, "12 4 3 4")]
-    for element in elements:
-        marks += _drawn(element, place[element.name], high[element.name])
-    # An element's distance is that of its sensor side; the whole ends at the other.
-    thick = {e.name: THICK if e.glass is not None and e.glass.length else 0.0 for e in elements}
+    for part in parts:
+        marks += _drawn(part, place[part.name], high[part.name])
+    # A part's distance is that of its sensor side; the whole ends at the other.
+    thick = {e.name: THICK if e.glass is not None and e.glass.length else 0.0 for e in parts}
     near, far = ({name: at + side * thick[name] for name, at in place.items()} for side in (1, -1))
-    # What each element is stands above it, higher where its neighbour's words would touch.
-    widths = [(max(text_width(line, SMALL) for line in element.says) + 6) / unit for element in elements]
+    # What each part is stands above it, higher where its neighbour's words would touch.
+    widths = [(max(text_width(line, SMALL) for line in part.says) + 6) / unit for part in parts]
     highest, words = WALL, []  # type: float, list[Mark]
-    for element, row in zip(elements, rows_of_names(list(place.values()), widths), strict=True):
-        at, bottom = place[element.name], WALL + (10 + 44 * row) * up
-        stop = element.name == "FAP" or element.name.startswith("stop")
-        top = WALL if stop else high[element.name]
+    for part, row in zip(parts, rows_of_names(list(place.values()), widths), strict=True):
+        at, bottom = place[part.name], WALL + (10 + 44 * row) * up
+        stop = part.name == "FAP" or part.name.startswith("stop")
+        top = WALL if stop else high[part.name]
         marks.append(Line([at, at], [top + 0.03, bottom - 2 * up], "grey", 0.7))
-        for k, line in enumerate(reversed(element.says)):
+        for k, line in enumerate(reversed(part.says)):
             words.append(Text(at, bottom + 13 * k * up, line, "ink", SMALL, "middle", dy=-2, plate=True))
-        highest = max(highest, bottom + (13 * len(element.says) + 6) * up)
-        if element.glass is not None:
-            marks += _view(element.glass.turn, (at - THICK, 0.0), 62.0, (1 / unit, up))
+        highest = max(highest, bottom + (13 * len(part.says) + 6) * up)
+        if part.glass is not None:
+            marks += _view(part.glass.turn, (at - THICK, 0.0), 62.0, (1 / unit, up))
     marks += words  # over the leaders of their neighbours
     level = -WALL - 0.25
     aside: list[Mark] = []
@@ -617,10 +617,10 @@ def _clear_middle(start: float, end: float, crossing: Iterable[float], wide: flo
     return min(places, key=lambda place: abs(place - middle), default=None)
 
 
-def _all_elements(design: Design) -> list[_SchematicPart]:
+def _schematic_parts(design: Design) -> list[_SchematicPart]:
     """Everything on the axis, from the object to the sensor."""
     mla, (wide, tall), say = design.microlens_array, design.sensor_size, length
-    elements = [
+    parts = [
         _SchematicPart("object plane", -design.d_f, 0.0, ("object plane",)),
         _SchematicPart("FAP", -design.d_3, design.D_F, ("FAP", _pupil_size(design))),
         _SchematicPart("main lens", 0.0, design.D, (f"main lens, D = {say(design.D)}", f"f = {say(design.f)}")),
@@ -631,11 +631,11 @@ def _all_elements(design: Design) -> list[_SchematicPart]:
     ]
     for stop in design.openings[1:]:
         wide, words = float(stop.part.outline.width), stop.part.outline.words
-        elements.append(_SchematicPart(stop.name, -stop.near, wide, (stop.name, words)))
+        parts.append(_SchematicPart(stop.name, -stop.near, wide, (stop.name, words)))
     for _, name, part, near, far in design.in_bore:
         tall = 2 * (part.half_height or 0.0)
-        elements.append(_SchematicPart(name, -(near + far) / 2, tall, (name, *made_of(part)), part))
-    return sorted(elements, key=lambda element: element.z)
+        parts.append(_SchematicPart(name, -(near + far) / 2, tall, (name, *made_of(part)), part))
+    return sorted(parts, key=lambda part: part.z)
 
 
 def _pupil_size(design: Design) -> str:
