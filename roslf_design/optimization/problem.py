@@ -252,11 +252,11 @@ class DesignProblem:
     def _rows_of(self, index: int, constraint: Constraint) -> Iterator[_LimitRow]:
         worst = constraint.quantity.worst if constraint.field is None else None
         widest = constraint.quantity.name in ("largest_diameter_mm", "outer_diameter_mm")
-        rims = [f" ({rim.name})" for rim in self.base.rims]
+        of_what = [f" ({rim.name})" for rim in self.base.rims]
         if widest:
             housing = constraint.quantity.name == "outer_diameter_mm"
             openings = [rim for rim in self.base.openings if rim.size_places]
-            rims = [f" ({part.name})" for part in housed(self.base)] if housing else [""] * len(openings)
+            of_what = [f" ({part.name})" for part in housed(self.base)] if housing else [""] * len(openings)
         for side, limit in constraint.limits.items():
             words = f"{SIGNS[side]} {constraint.with_unit(limit)}"
             for end in ("min", "max") if side == "equal" else (side,):
@@ -265,8 +265,8 @@ class DesignProblem:
                     yield _LimitRow(index, side, f"{constraint.label} {words}", size, row)
                 elif end == ("max" if widest else "min"):
                     # All of several values must hold: each is a smooth row of its own, where their worst has kinks.
-                    for k, rim in enumerate(rims):
-                        label = f"{constraint.label}{rim} {words}"
+                    for k, which in enumerate(of_what):
+                        label = f"{constraint.label}{which} {words}"
                         yield _LimitRow(index, side, label, size, _after(row, itemgetter(k)))
                 else:
                     whole = row if constraint.quantity.name == UNDISTORTED else _after(row, worst)

@@ -423,8 +423,8 @@ def camera_of(design: Design) -> LensCamera:
 
 def tilted_parts(design: Design) -> tuple[str, ...]:
     """Parts around the main lens that are tilted."""
-    tilts = {"FAP": design.aperture.tilt, "microlens array": design.microlens_array.tilt, "sensor": design.sensor.tilt}
-    tilts |= {f"stop {number}": stop.tilt for number, stop in enumerate(design.stops, start=1)}
+    tilts = {at.name: at.part.tilt for at in design.openings}
+    tilts |= {"microlens array": design.microlens_array.tilt, "sensor": design.sensor.tilt}
     return tuple(name for name, tilt in tilts.items() if tilt != (0.0, 0.0))
 
 
