@@ -25,8 +25,7 @@ NAMES = (errno.ENAMETOOLONG, errno.ELOOP)
 LISTED = 40
 """Faults that are told one by one."""
 YOUNG = 20_000
-"""Objects made before Python looks for cycles that nothing holds any more. Its own 700 would have it go a hundred times
-through what imports make, all of which stays: a twentieth of what `roslf evaluate` takes."""
+"""Objects made before Python looks for cycles that nothing holds any more: of what imports make, all stays."""
 
 
 class _Command(NamedTuple):
