@@ -90,7 +90,7 @@ def test_difficult_designs_have_whole_reports(name):
     report = design_report(DESIGNS[name])
     assert len({figure.name for figure in report.figures}) == len(report.figures) == 12
     assert all("nan" not in figure.content.lower().split("base64")[0] for figure in report.figures)
-    assert "% in the geometric disc" in next(f.caption for f in report.figures if f.name == "waves")
+    assert "% in the geometric image" in next(f.caption for f in report.figures if f.name == "waves")
     Page(render_html(report))
 
 

@@ -108,7 +108,7 @@ def _wave_sheet(design: Design, _: Evaluation) -> Figure:
     light = encircled(Camera.of(design))
     caption = (
         "Left by rays, right by waves: a uniform scene behind the microlens on the axis, before pixels integrate. Of "
-        f"one image's light, diffraction leaves {100 * light.disc:.1f} % in the geometric disc and "
+        f"one image's light, diffraction leaves {100 * light.disc:.1f} % in the geometric image and "
         f"{100 * light.cell:.1f} % in its cell; the rest lies on the neighbours."
     )
     return Figure.of("waves", "One microlens image by rays and by waves", caption, rays_and_waves(design))
