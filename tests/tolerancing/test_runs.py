@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import hashlib
+import importlib
 import json
 import multiprocessing
 import os
@@ -475,6 +476,7 @@ def test_processes_that_cannot_be_started_are_told_before_anything_is_written(op
     def refuse(*_):
         raise OSError(30, "Read-only file system")
 
+    importlib.import_module("multiprocessing.synchronize")  # which asks the real one for its largest count
     monkeypatch.setattr("_multiprocessing.SemLock", refuse)
     (tmp_path / "study.toml").write_text(
         'name = "x"\ndesign = "paper"\ngrade = "high"\ntrials = 8\n[[goals]]\nmetric = "fill_factor"\nmax = 2\n'
