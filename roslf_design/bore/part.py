@@ -76,7 +76,7 @@ class OpticalPart(Part):
     @property
     def glasses(self) -> tuple[tuple[str, Glass | None], ...]:
         """Every material of it by its key."""
-        return ()
+        return () if self.glass is None else (("material", self.glass),)
 
     @property
     def prescribed(self) -> tuple[Prescription, ...]:

@@ -47,11 +47,6 @@ class Block(Element):
         """Material of its index."""
         return self.material
 
-    @property
-    def glasses(self) -> tuple[tuple[str, Glass | None], ...]:
-        """Every material of it by its key."""
-        return (("material", self.material),)
-
     def forward(self, at: PartNumbers, inside: Number, passed: Flags) -> Matrix:
         """Matrix of a reduced thickness."""
         return 1.0, inside / at["index"], 0.0, 1.0

@@ -175,11 +175,6 @@ class Cover(OpticalPart):
         """Its material."""
         return self.material
 
-    @property
-    def glasses(self) -> tuple[tuple[str, Glass | None], ...]:
-        """Its material."""
-        return (("material", self.material),)
-
     def ends(self, array: float, sensor: float) -> tuple[float, float]:
         """Ends towards the sensor and the scene, of array and sensor that stand there [all mm before the main lens]."""
         return sensor, sensor + self.thickness
