@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal, NamedTuple, TypeAlias
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -126,7 +126,7 @@ class Estimate(NamedTuple):
     """Note on where the number comes from, for the plan's reason."""
 
 
-Detected: TypeAlias = "Callable[[NDArray[np.float32], SceneBrief, np.random.Generator], NDArray[np.float32]]"
+Detected = Callable[[NDArray[np.float32], SceneBrief, "np.random.Generator"], NDArray[np.float32]]
 """Rows of pixels, 1 fully lit, as the sensor gives them: of a scene, by random numbers that go on from row to row."""
 
 
