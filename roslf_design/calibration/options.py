@@ -12,11 +12,11 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 from ..design import Design
 from ..errors import refusal
 from ..options import Options, Seed
+from ..theory.length_covariance import LengthCovariance
 from ..tolerancing.places import nominal_values, parse_tolerance, perturbable
 from ..toml_files import StrictTable, nearest
 from ..units import Angle, AnyLength, Distance, Length
 from .frames import CalibrationError
-from .lengths import LengthCovariance
 from .model import Board, DataSheet, relative_sigma, sheet_of
 from .planning import CapturePlan, Captures, camera_of, plan, reason
 

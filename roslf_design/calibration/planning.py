@@ -13,10 +13,11 @@ import numpy as np
 from ..camera import Camera
 from ..design import Design
 from ..theory.exit_pupil import microlens_image_diameter
+from ..theory.length_covariance import LengthCovariance
 from ..words import sentence
 from .fit import StatisticsFit, corner_statistics, fit_at, fit_lines, shared_names, undetermined
 from .frames import Array, CalibrationError
-from .lengths import LengthCovariance
+from .lengths import drawn_covariance
 from .model import Board, DataSheet, Intrinsics, Observations, Poses, derived, project_boards
 from .posterior import laplace_draws, variance_shares
 from .sidedata import SideDatum, image_pitch, white_pitch
@@ -235,7 +236,7 @@ class _ExpectedErrors(NamedTuple):
     def lengths(self, sheet: DataSheet) -> LengthCovariance:
         """How sure the camera's lengths will be, together, of that set of poses."""
         fit, data = self.typical
-        return LengthCovariance.of(laplace_draws(fit, sheet, DRAWS, np.random.default_rng(0), data), sheet)
+        return drawn_covariance(laplace_draws(fit, sheet, DRAWS, np.random.default_rng(0), data), sheet)
 
 
 class _PlanChange(NamedTuple):

@@ -12,13 +12,14 @@ from ..accuracy.statement import Accuracy
 from ..camera import Camera
 from ..design import Design
 from ..theory.exit_pupil import microlens_image_pitch
+from ..theory.length_covariance import LengthCovariance
 from ..theory.vignetting import field_limit
 from .centres import MicrolensCentres
 from .diffraction import Corrected, DiffractionCheck
 from .distortion import Distortion
 from .fit import Calibration
 from .frames import Array
-from .lengths import LengthCovariance
+from .lengths import drawn_covariance
 from .misfit import DISAGREE, Misfit, misfit_of
 from .model import QUANTITIES, UNITS, Board, DataSheet, derived
 from .options import CalibrateOptions
@@ -128,7 +129,7 @@ class Outcome:
     @property
     def covariance(self) -> LengthCovariance:
         """Covariance of the lengths that `calibrated` has from here, those of elements before the lens included."""
-        return LengthCovariance.of(self.draws, self.sheet)
+        return drawn_covariance(self.draws, self.sheet)
 
     @property
     def calibrated(self) -> Design:

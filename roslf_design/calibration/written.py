@@ -15,8 +15,8 @@ from ..camera import Camera
 from ..design import Design, load
 from ..errors import InputError, Problem, refusal
 from ..input_files import read_json
+from ..theory.length_covariance import LengthCovariance
 from ..toml_files import problems_of
-from .lengths import LengthCovariance
 
 FILE, CALIBRATED, SCHEMA = "calibration.json", "calibrated.toml", "roslf.calibration/"
 REMEDY = "name the folder that roslf calibrate wrote"

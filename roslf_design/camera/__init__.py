@@ -1,7 +1,7 @@
 """The camera that everything computes with."""
 
 from ..bore.part import Number
-from .camera import TIP, VIEWING_CONDITIONS, Camera, Rim
+from .camera import TEMPERATURES, TIP, VIEWING_CONDITIONS, Camera, Rim
 from .frames import Frame, Vector
 
-__all__ = ["TIP", "VIEWING_CONDITIONS", "Camera", "Frame", "Number", "Rim", "Vector"]
+__all__ = ["TEMPERATURES", "TIP", "VIEWING_CONDITIONS", "Camera", "Frame", "Number", "Rim", "Vector"]

@@ -43,14 +43,19 @@ SIGNED = (".rotation", f".{TURN}", ".focal_length")
 AIR_ALONE = Chain(())
 """A chain of nothing."""
 PHOTOMETRIC = (
-    *(f"light.{name}" for name in ("illuminance", "reflectance", "transmission")),
-    *(f"sensor.{name}" for name in ("quantum_efficiency", "full_well", "read_noise", "bits")),
-    *(f"depth.{name}" for name in ("contrast", "window")),
+    *(f"light.{name}" for name in ("illuminance", "reflectance", "transmission", "veil")),
+    *(f"sensor.{name}" for name in ("quantum_efficiency", "full_well", "read_noise", "prnu", "dsnu", "bits")),
+    *(f"depth.{name}" for name in ("contrast", "window", "view_mismatch")),
 )
 """Places of what light, sensor and texture have to do with depth errors."""
+TEMPERATURES = ("environment.range.0", "environment.range.1")
+"""Places of the coldest and the warmest that the camera meets."""
+NOT_NEGATIVE = ("read_noise", "prnu", "dsnu", "veil", "view_mismatch")
+"""Last names of numbers that may be 0."""
 OPTIONAL = (
     *("light.radiance", "light.exposure", "sensor.acceptance"),
     *("depth.period", "depth.finest", "depth.disparity_error"),
+    *TEMPERATURES,
 )
 """Places of numbers that need not be given."""
 VIEWING_CONDITIONS = frozenset((*PHOTOMETRIC, *OPTIONAL))
@@ -781,13 +786,13 @@ class Camera(Symbols[Number]):
                 yield f"{place} is 90 degrees or more", np.abs(value) < np.pi / 2
                 continue
             yield f"{place} is not finite", np.isfinite(value)
-            if place in (TEMPERATURE, PATHS["d_f"]):
+            if place in (TEMPERATURE, *TEMPERATURES, PATHS["d_f"]):
                 continue
             if place == TIP or (name.endswith("distance") and part in ("aperture", "stops", "elements")):
                 yield f"{place} is below 0", np.asarray(value) >= 0
             elif name.endswith("index"):
                 yield f"{place} is below 1", np.asarray(value) >= 1
-            elif name == "read_noise":
+            elif name in NOT_NEGATIVE:
                 yield f"{place} is below 0", np.asarray(value) >= 0
             elif place not in signed and ".decentre." not in place and not place.endswith(SIGNED):
                 yield f"{place} is not above 0", np.asarray(value) > 0

@@ -13,7 +13,6 @@ from pydantic import Field
 from .._arrays import by_value
 from ..calibration.decoding import LightField
 from ..calibration.frames import CalibrationError
-from ..calibration.lengths import LengthCovariance
 from ..calibration.model import relative_sigma
 from ..calibration.raw import OTHER_CAMERA, RawDecoded, from_raw
 from ..calibration.result import image_pitch
@@ -24,6 +23,7 @@ from ..errors import Argument, InputError, Problem, refusal
 from ..imaging.camera import Region
 from ..options import FileName, Options, refuse_idle
 from ..shapes.lattice import PACKINGS
+from ..theory.length_covariance import LengthCovariance
 from ..units import read_quantity
 from .captured import (
     CaptureNoise,

@@ -12,13 +12,14 @@ from numpy.typing import NDArray
 
 from .._arrays import by_value
 from ..calibration.decoding import LightField
-from ..calibration.lengths import LengthCovariance
 from ..camera import Camera
 from ..design import Design
 from ..effects.lens import colour_spread
 from ..errors import InputError, Problem
 from ..theory.colours import filters
-from ..theory.light_field import depth_of_slope, depth_sigma, epi_slope, rim_disparity
+from ..theory.depth_error import depth_told
+from ..theory.length_covariance import LengthCovariance
+from ..theory.light_field import depth_sigma, epi_slope, rim_disparity
 from .traced_views import TracedViews
 from .unmixing import places_on_array, without_crosstalk
 from .view_files import CameraGrid
@@ -98,11 +99,7 @@ def calibration_sigma(design: Design, covariance: LengthCovariance, z: Array) ->
     camera = Camera.of(design)
     slope = np.asarray(epi_slope(camera, camera.plane(z).distance - camera.seen.d_3))
 
-    def depths(many: Camera) -> Array:
-        builds = many.with_axes(1)
-        return np.asarray(builds.plane_seen_at(builds.seen.d_3 + depth_of_slope(builds, slope)))
-
-    return covariance.carried(design, depths)
+    return covariance.carried(camera, lambda builds: depth_told(builds.with_axes(1), slope))
 
 
 class _PreparedViews(NamedTuple):

@@ -31,6 +31,10 @@ Layout = Literal["square", "hexagonal"]
 """Packing of microlenses; hexagonal rows run along the array's x axis."""
 Colours = Literal["mono", "RGGB", "GRBG", "GBRG", "BGGR"]
 """Filters on a sensor's pixels: none, or a Bayer pattern, the first two pixels of its first two rows."""
+VIEW_MISMATCH = 0.02
+"""Share by which views of a raw capture differ where nothing is known: well below what is left in processed 8-bit views
+of two real light fields (0.12 and 0.16; 0.05 to 0.07 among inner views), which resampling and grey levels make worse.
+"""
 MOST_PIXELS = 1_000_000
 """Largest number of pixels along one side of a sensor."""
 
@@ -273,6 +277,10 @@ class Sensor(OpticalPart):
     """Electrons that a pixel holds; about those of 3.45 um global-shutter pixels."""
     read_noise: Annotated[float, Field(ge=0, le=1e6)] = 2.5
     """Rms [electrons]."""
+    prnu: Annotated[float, Field(ge=0, le=1)] = 0.0
+    """Photo-response non-uniformity (EMVA 1288) that flat-fielding leaves: rms share of a pixel's signal."""
+    dsnu: Annotated[float, Field(ge=0, le=1e6)] = 0.0
+    """Dark-signal non-uniformity (EMVA 1288) that a dark frame leaves, rms [electrons]."""
     bits: Annotated[int, Field(ge=1, le=24)] = 12
     """Bits of the digitised full well."""
     acceptance: Angle | None = None
@@ -359,6 +367,8 @@ class Light(Part):
     """[s]; None is 1/60 s, or shorter where the scene's mean would fill more than half the full well."""
     transmission: Annotated[float, Field(gt=0, le=1)] = 0.95
     """Transmission of all optics together."""
+    veil: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Veiling light that every pixel gets beside the picture's own, as a share of the full well."""
 
 
 MOST_CONTRAST = 0.3
@@ -380,6 +390,9 @@ class DepthSettings(Part):
     """Period of the texture's finest detail [mm]; None has all that single views can show, down to two microlenses."""
     window: Annotated[int, Field(ge=1, le=1001)] = 5
     """Microlenses along each side of the square in which disparity is taken to be the same."""
+    view_mismatch: Annotated[float, Field(ge=0, le=1)] = VIEW_MISMATCH
+    """Rms share of brightness by which a pixel differs from what other views say of it, beside noise: unequal pixels,
+    lenslets out of place, aberrations, resampling; counted in `u_z_mm` alone."""
     disparity_error: Annotated[float, Field(gt=0, le=1e3)] | None = None
     """Standard error of the disparity between the FAP's rims [microlens pitches], whatever light and texture; None
     predicts it from them."""

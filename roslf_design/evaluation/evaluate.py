@@ -25,7 +25,10 @@ from ..errors import refusal
 from ..lenses.glass import AIR, ROOM
 from ..lenses.material import material_label
 from ..theory import exit_pupil
-from ..theory.quantities import QUANTITIES, depth_error
+from ..theory.depth_budget import DepthBudget, depth_budget
+from ..theory.depth_error import depth_error
+from ..theory.length_covariance import LengthCovariance
+from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
 from ..theory.vignetting import field_limit
 from ..units import FARTHEST
@@ -68,6 +71,9 @@ def evaluate(
     design: Design | str | Path,
     fields: Sequence[float | tuple[float, float]] | NDArray[Any] | float | None = None,
     accuracy: float | None = None,
+    *,
+    build: LengthCovariance | None = None,
+    calibration: LengthCovariance | None = None,
 ) -> Evaluation:
     """Everything closed forms say of a design.
 
@@ -81,6 +87,8 @@ def evaluate(
     accuracy : float, optional
         What shares of light may be off by where parts are tilted and rays are counted; None is 65 536 rays. Straight
         designs are exact whatever is asked for.
+    build, calibration : LengthCovariance, optional
+        Covariance of the lengths as built and as calibrated, for the budget of depth (`depth_budget`).
 
     Returns
     -------
@@ -121,7 +129,8 @@ def evaluate(
     pupil = _size(camera.fap.outline, float(exit_pupil.exit_pupil_diameter(camera)))
     image = _size(camera.fap.outline, float(exit_pupil.microlens_image_diameter(camera)))
     traced = trace_lens(design, axes, non_distortion)
-    depth = _depth(design, camera)
+    budget = depth_budget(camera, build=build, calibration=calibration)
+    depth = _depth(design, camera, budget)
     method = [METHOD]
     if not design.has_exact_areas:
         method.append(COUNTED.format(rays=rays, error=COUNTED_ERROR if accuracy is None else accuracy))
@@ -145,6 +154,7 @@ def evaluate(
         fields=images,
         sampling=sampling,
         depth=depth,
+        depth_budget=budget,
         diffraction=Numbers.of(camera, "diffraction"),
         effects=tuple(plan(design)),
         verdicts=verdicts_of(camera, f_number, non_distortion, sampling, traced),
@@ -177,10 +187,11 @@ def _temperatures(design: Design, camera: Camera) -> Temperatures | None:
     return Temperatures(float(environment.temperature), *named)
 
 
-def _depth(design: Design, camera: Camera) -> Numbers:
+def _depth(design: Design, camera: Camera, budget: DepthBudget) -> Numbers:
     error = float(QUANTITIES["sigma_disparity_pitches"](camera))
     depth, assumed = float(depth_error(camera, None, error)), depth_assumptions(design, camera, error)
-    return Numbers.of(camera, "depth", sigma_z_mm=depth, sigma_disparity_pitches=error, assumes=assumed)
+    own: dict[str, Any] = {"sigma_z_mm": depth, "sigma_disparity_pitches": error, "assumes": assumed}
+    return Numbers.of(camera, "depth", **own, expected=budget.to_dict())
 
 
 def _looked_through(design: Design, camera: Camera, axes: Sequence[tuple[float, float]], sigma: float) -> LookedThrough:

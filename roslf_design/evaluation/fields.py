@@ -122,6 +122,8 @@ def evaluate_fields(design: Design, axes: Sequence[Place], rays: int = RAYS) -> 
         offset = middle + np.asarray(camera.decentre("sensor")) - images.from_lens
     spreads = np.asarray(QUANTITIES["sigma_z_at_field_mm"].at_fields(images))
     depth_error = np.broadcast_to(spreads, shape.area.shape)[:, 0]
+    wider = np.asarray(QUANTITIES["u_z_at_field_mm"].at_fields(images))
+    expected = np.broadcast_to(wider, shape.area.shape)[:, 0]
     centroid, lit, ratio = shape.centroid[:, 0] + offset, shape.lit[:, 0], shape.axis_ratio[:, 0]
     return tuple(
         Field(
@@ -134,6 +136,7 @@ def evaluate_fields(design: Design, axes: Sequence[Place], rays: int = RAYS) -> 
             axis_ratio=float(ratio[i]) if lit[i] else None,
             ray_budget=_budget(camera, *shares[i]),
             sigma_z_mm=float(depth_error[i]) if np.isfinite(depth_error[i]) else None,
+            u_z_mm=float(expected[i]) if np.isfinite(expected[i]) else None,
             rays=None if design.has_exact_areas else rays,
         )
         for i, axis in enumerate(axes)

@@ -119,7 +119,9 @@ class Field:
     """Minor over major axis of the image's second moments; 1 for a disc."""
     ray_budget: RayBudget
     sigma_z_mm: float | None
-    """Standard error of depth at the focal plane, as far as this image's own cut goes; None where nothing tells it."""
+    """Depth noise (bound) at the focal plane, as far as this image's own cut goes; None where nothing tells it."""
+    u_z_mm: float | None
+    """Depth, expected, there: with view mismatch, veil and temperature, without what lengths add all over the field."""
     rays: int | None
     """Rays that these numbers were counted from, where something is tilted; None for exact areas."""
 
@@ -341,7 +343,7 @@ class MappedField:
     object_sample_mm: tuple[float, float]
     """Footprint of a microlens on the focal plane, along the field's radius and across it."""
     sigma_z_mm: tuple[float, float]
-    """Depth spread there, of views set apart along and across."""
+    """Depth noise (bound) there, of views set apart along and across."""
 
     @property
     def cells(self) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -11,6 +12,7 @@ from ..effects.lens import EFFECTS
 from ..effects.plan import PlannedEffect
 from ..json_data import plain
 from ..tables import Table, plain_text, print_table
+from ..theory.depth_budget import COVERAGE, KINDS, DepthBudget
 from ..theory.quantities import QUANTITIES
 from ..theory.quantity import Quantity
 from ..words import fixed, number, place, spaced
@@ -52,7 +54,9 @@ class Evaluation:
     sampling: Numbers
     """Sampling of space and angle."""
     depth: Numbers
-    """Depth precision at the focal plane."""
+    """Depth noise (bound), and depth as expected, at the focal plane."""
+    depth_budget: DepthBudget
+    """Terms of depth as expected at the focal plane."""
     diffraction: Numbers
     """Diffraction at one microlens."""
     effects: tuple[PlannedEffect, ...]
@@ -79,6 +83,7 @@ class Evaluation:
     def to_dict(self) -> dict[str, Any]:
         """The JSON object of `roslf evaluate --json`; infinite values are None, what all is air has no object space."""
         data = {"schema": SCHEMA, **plain(self, undefined=False)}
+        del data["depth_budget"]  # it is depth.expected
         parts = () if self.object_space is None else data["object_space"]["parts"]
         for group in (data["exit_pupil"], data["microlens_image"], *parts):
             if group["sides_mm"] is None:
@@ -151,14 +156,40 @@ def fact_tables(result: Evaluation) -> list[Table]:
 
 
 def depth_facts(result: Evaluation) -> list[tuple[str, str, str]]:
-    """Depth precision and what it is told for: name, value, remark."""
+    """Depth noise and depth expected, and what they are told for: name, value, remark."""
     assumed = result.depth.assumes
-    return [*_facts(result, "depth"), *(() if assumed is None else assumed.facts)]
+    budget = result.depth_budget
+    expected = f"{number(float(budget.u_z_mm))} mm"
+    told = ("depth, expected", expected, f"1 sigma, of all that is known; most of it {budget.largest.name}")
+    return [*_facts(result, "depth"), *(() if assumed is None else assumed.facts), told]
 
 
 def depth_basis(assumed: DepthAssumptions | None) -> str:
-    """Light, texture and matching that a depth precision is told for, in words."""
+    """Light, texture and matching that depth noise is told for, in words."""
     return "as the design gives it" if assumed is None else str(assumed)
+
+
+def depth_budget_table(result: Evaluation) -> Table:
+    """Terms of depth as expected, the largest named, precision and trueness told apart."""
+    budget = result.depth_budget
+    total = float(budget.u_z_mm)
+
+    def cells(name: str, u: Any, *rest: str) -> tuple[str, ...]:
+        if u is None:
+            return (name, "-", "-", *rest)
+        share = f"{100 * float(u / total) ** 2:.0f} %" if 0 < total < math.inf else "-"
+        return (name, f"{number(float(u), 3)} mm", share, *rest)
+
+    rows = [cells(term.name, term.u_mm, term.type, term.kind, term.remark) for term in budget.terms]
+    words = {"precision": "each microlens its own", "trueness": "all microlenses alike"}
+    known = {term.kind for term in budget.terms if term.u_mm is not None}
+    rows += [
+        cells(f"all {kind}", budget.of_kind(kind) if kind in known else None, "", "", words[kind]) for kind in KINDS
+    ]
+    rows.append(cells("together, u", total, "", "", f"largest: {budget.largest.name}"))
+    rows.append(("expanded, U", f"{number(float(budget.expanded_mm), 3)} mm", "", "", "", f"k = {COVERAGE}"))
+    headings = ("source", "u", "of u²", "type", "", "")
+    return Table(tuple(rows), "ldllll", headings, "Depth, expected, at the focal plane")
 
 
 def seen_table(result: Evaluation) -> Table | None:
@@ -201,8 +232,8 @@ def mapping_table(result: Evaluation) -> Table | None:
         return None
     rows = tuple(field.cells for field in objective.fields)
     caption = (
-        f"The objective, {objective}. Samples and depth spread are those on the focal plane, along the field's radius "
-        "and across it; angles are those in the medium of the scene."
+        f"The objective, {objective}. Samples and depth noise (bound) are those on the focal plane, along the "
+        "field's radius and across it; angles are those in the medium of the scene."
     )
     headings = ("microlens x, y [mm]", "angle [deg]", "height against f tan [%]", "object sample [mm]", "σ_Z [mm]")
     return Table(rows, "lrrrr", headings, "The objective's mapping over the field", caption)
@@ -281,7 +312,7 @@ def _tables(result: Evaluation) -> list[Table]:
     behind_elements, mapping, warm = seen_table(result), mapping_table(result), temperature_table(result)
     fields = fields if mapping is None else [mapping, *fields]
     first, last = ([] if table is None else [table] for table in (behind_elements, warm))
-    return [*first, *fact_tables(result), *last, *fields, *lens, effects_table(result)]
+    return [*first, *fact_tables(result), depth_budget_table(result), *last, *fields, *lens, effects_table(result)]
 
 
 def print_evaluation(result: Evaluation, console: Console) -> None:

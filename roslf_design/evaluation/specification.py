@@ -18,11 +18,12 @@ from ..json_data import plain
 from ..shapes.lattice import PACKINGS
 from ..theory import field_of_view, light, tube
 from ..theory.colours import ColourFilter, filters
+from ..theory.depth_error import depth_error, seen_at
 from ..theory.depth_of_field import Kind, depth_of_field
 from ..theory.disparity_error import view_gradient
 from ..theory.light import on_array
 from ..theory.photometry import exposure, through_filter
-from ..theory.quantities import QUANTITIES, depth_error, seen_at
+from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
 from ..traced.fields import DesignImages, IdealImages, images_of
 from ..words import number

@@ -11,6 +11,11 @@ where it lights it fully), A_all that with its neighbours', X the first moment `
 the views show, in contrast per pitch. Without diffraction J is ``N n <(s - s_mean)^2>``, n the pixels of the image:
 1/16 for a full disc.
 
+Pixels of real cameras differ by more than noise: with an rms share eps of brightness, each pixel by itself, a veil of V
+electrons in all of them and a scatter of s electrons in the dark, the variance in J is
+
+    ``N A_all + V + r^2 + s^2 + (eps (N A_all + V))^2``.
+
 That holds for detail far above a pitch. Here it is taken detail by detail: for a wave of kappa periods per pitch
 neighbours' light in a pixel comes with its own phase, out of focus B turns phases over the FAP, and A and X become
 ``sum over microlenses k of exp(2 pi i kappa k) A(p - k)``: by Poisson's formula a Fourier sum over one cell of the
@@ -37,7 +42,7 @@ from .colours import filters
 from .exit_pupil import microlens_image_diameter, microlens_image_pitch
 from .lens_shapes import LENS_SHAPES
 from .light import microlens_defocus
-from .photometry import dark_variance, electrons, response, through_filter
+from .photometry import NOTHING, Beside, dark_variance, electrons, response, through_filter
 from .stop_images import MicrolensImages
 from .transfer import pixel_box
 
@@ -145,6 +150,11 @@ class _Images(NamedTuple):
     pixel: Array
     light: Array
     dark: Array
+    """Variance without own light, over `shot` [electrons^2]."""
+    uneven: Array
+    """Squared share of brightness that pixels differ by, over `shot`."""
+    shot: Array
+    """Variance per electron of own light: above 1 where views differ by a share of a veil, too."""
     pitch: Array
     bend: Array
     """B over the image's diameter, in pitches."""
@@ -231,7 +241,9 @@ def view_gradient(c: Camera, plane: Seen) -> Array:
     return np.asarray(2 * math.pi * np.sqrt(((waves.x**2 + waves.y**2) * waves.power).sum(-1)))
 
 
-def _disparity_information(images: MicrolensImages, plane: Seen, waves: Spectrum | None = None) -> Array:
+def _disparity_information(
+    images: MicrolensImages, plane: Seen, waves: Spectrum | None = None, beside: Beside = NOTHING
+) -> Array:
     """Fisher information that one exposure of one microlens image has of B [1/pitch^2].
 
     Parameters
@@ -242,6 +254,8 @@ def _disparity_information(images: MicrolensImages, plane: Seen, waves: Spectrum
         The plane looked at; it broadcasts with the builds.
     waves : Spectrum, shape (W,), optional
         Of the texture there, half of each wave's power being that of its mirror image in x. None is `texture`.
+    beside : Beside
+        What pixels have beside the picture's light and its noise.
 
     Returns
     -------
@@ -251,15 +265,15 @@ def _disparity_information(images: MicrolensImages, plane: Seen, waves: Spectrum
     """
     c = images.camera
     if parts := [(one.share, images.by(through_filter(c, one))) for one in filters(c.colours)]:
-        return np.asarray(sum(share * _disparity_information(part, plane, waves) for share, part in parts))
+        return np.asarray(sum(share * _disparity_information(part, plane, waves, beside) for share, part in parts))
     one = np.ones(())
-    rows = _rows_of(images, plane, texture(c, plane) if waves is None else _Texture(one, one, waves))
+    rows = _rows_of(images, plane, texture(c, plane) if waves is None else _Texture(one, one, waves), beside)
     builds = _builds(images, plane)
     shape = (len(images.fields), *builds)
     array = _Array(c.layout, c.lens_shape, bool(c.shape))
     fill, whole = rows.wide, rows.whole
     usable = np.isfinite(fill) & (fill < WIDEST) & (fill > 0) & np.isfinite(rows.light) & (rows.light > 0)
-    usable &= rows.light <= np.broadcast_to(c["sensor.full_well"], shape).ravel()
+    usable &= rows.light <= np.broadcast_to(c["sensor.full_well"] - beside.veil, shape).ravel()
     # A texture too fine for single views has no strength, and tells nothing at whatever cost.
     usable &= np.isfinite(rows.texture.fine) & np.isfinite(rows.texture.strength) & (rows.texture.strength > 0)
     level = np.where(usable, np.minimum(2 * np.ceil(rows.finest / 2), SHARPEST).clip(2, None), 0).astype(int)
@@ -278,7 +292,7 @@ def _builds(images: MicrolensImages, plane: Seen) -> tuple[int, ...]:
     return np.broadcast_shapes(images.camera.shape or (1,), np.shape(plane.disparity), np.shape(plane.scale))
 
 
-def _rows_of(images: MicrolensImages, plane: Seen, texture: _Texture) -> _Images:
+def _rows_of(images: MicrolensImages, plane: Seen, texture: _Texture, beside: Beside = NOTHING) -> _Images:
     """Every field of every build, one after the other."""
     c = images.camera
     openings = images.openings
@@ -288,7 +302,11 @@ def _rows_of(images: MicrolensImages, plane: Seen, texture: _Texture) -> _Images
     bend = ratio(plane.disparity * pitch, magnitude(microlens_image_diameter(c)))
     defocus = -microlens_defocus(c) / c.seen.d_2
     light = electrons(c) * images.level * response(c, np.hypot(*images.microlens[:2]))
-    optics = (c.d, c.seen.d_2, c.wavelength, defocus, c.q, light, dark_variance(c), pitch, bend)
+    uneven = np.square(beside.share)
+    # N A + V + r^2 + s^2 + eps^2 (N A + V)^2, over what the term in N A is multiplied by.
+    shot = 1 + 2 * uneven * beside.veil
+    dark = dark_variance(c) + np.square(beside.dark) + beside.veil + uneven * np.square(beside.veil)
+    optics = (c.d, c.seen.d_2, c.wavelength, defocus, c.q, light, dark / shot, uneven / shot, shot, pitch, bend)
     per_pitch = np.broadcast_to(ratio(1.0, pitch), builds)
     turn = np.asarray(c["microlens_array.rotation"])
     cos, sin = np.cos(turn), np.sin(turn)
@@ -335,16 +353,18 @@ def _each(images: _Images, c: _Array, level: int, whole: bool) -> Array:
 def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
     """Information of whole images; where many are nearly alike, by series through some in their midst.
 
-    Up to light and contrast, it hangs on five ratios: the image's diameter, the detail that diffraction passes, defocus
-    and the pixel, all against the pitch, and dark noise against light; on how far the plane is out of focus; and on how
-    fine the texture is. A few that lie close about the first are taken from tangents there: so are its derivatives.
+    Up to light and contrast, it hangs on six ratios: the image's diameter, the detail that diffraction passes, defocus
+    and the pixel, all against the pitch, dark noise and what pixels differ by against shot noise; on how far the plane
+    is out of focus; and on how fine the texture is. A few that lie close about the first are taken from tangents there:
+    so are its derivatives.
     """
     fine, strength, waves, lens_shape = images.texture
     if images.pitch.size < 3 or not (strength * fine > 0).all():
         return _each(images, c, level, whole)
-    scale = images.light * strength / images.wide**2
+    scale = images.light / images.shot * strength / images.wide**2
     about = np.log([
-        images.finest, images.pixel / images.pitch, images.dark / images.light + 1e-6, fine,
+        images.finest, images.pixel / images.pitch, images.dark / images.light + 1e-6,
+        images.uneven * images.light + 1e-6, fine,
     ])  # fmt: skip
     blurred = images.defocus * images.distance * images.width / images.pitch
     about = np.vstack([about, blurred, images.bend, *images.own_shape])
@@ -421,12 +441,13 @@ def _powers(away: Array, terms: NDArray[np.intp]) -> Iterator[Array]:
 @functools.lru_cache(maxsize=4096)
 def _series(c: _Array, level: int, count: int, nodes: bytes, spectrum: bytes, lens_shape: str | None) -> Array:
     """Logarithm of information at places of an expansion, for a pitch of 1, one electron and full contrast."""
-    sharp, pixel, dark, fine, blurred, bend, *shape = np.frombuffer(nodes).reshape(count, -1)
+    sharp, pixel, dark, uneven, fine, blurred, bend, *shape = np.frombuffer(nodes).reshape(count, -1)
     one = np.ones(sharp.size)
-    dark = np.maximum(np.exp(dark) - 1e-6, 0.0)
+    dark, uneven = (np.maximum(np.exp(part) - 1e-6, 0.0) for part in (dark, uneven))
     image = _opening_of(*shape)
     waves = _Texture(np.exp(fine), one, Spectrum(*np.frombuffer(spectrum).reshape(3, -1)), lens_shape)
-    own = (one, one, np.exp(-sharp), blurred, np.exp(pixel), one, dark, one, bend, one, image, waves)
+    optics = (one, one, np.exp(-sharp), blurred, np.exp(pixel), one, dark, uneven, one, one, bend, one)
+    own = (*optics, image, waves)
     with np.errstate(divide="ignore", invalid="ignore"):  # of what tells nothing there is no series
         values = np.log(_each(_Images(*own), c, level, whole=True))
     values.setflags(write=False)
@@ -482,7 +503,9 @@ def _information(images: _Images, c: _Array, spectra: _Spectra) -> Array:
     passed = _transfer(images, c, fx, fy) * (side * side / cell)
     light, along, across = (np.fft.ifft2(part * passed) for part in parts)
     lit = images.light[:, None, None]
-    variance = lit * np.maximum(light[:, 0].real, 0.0) + images.dark[:, None, None]
+    dark, uneven, shot = (part[:, None, None] for part in (images.dark, images.uneven, images.shot))
+    own_light = lit * np.maximum(light[:, 0].real, 0.0)
+    variance = shot * (own_light + uneven * own_light**2 + dark)
     area = cell / side**2 * (images.pitch / images.pixel) ** 2
     weight = (lit * lit / np.maximum(variance, 1e-300))[:, None] * area[:, None, None, None]
     turned = 2 * math.pi * (kx * along + ky * across)[:, 1:] / images.wide[:, None, None, None]
@@ -643,7 +666,7 @@ def image_parts(images: MicrolensImages, x: Array, y: Array) -> ImageParts:
     return ImageParts(steps, light, s_x, s_y)
 
 
-def disparity_sigma(images: MicrolensImages, plane: Seen) -> Array:
+def disparity_sigma(images: MicrolensImages, plane: Seen, beside: Beside = NOTHING) -> Array:
     """Standard error of the disparity between the FAP's rims [microlens pitches]; inf where nothing tells it.
 
     Parameters
@@ -652,6 +675,8 @@ def disparity_sigma(images: MicrolensImages, plane: Seen) -> Array:
         At the fields asked for; tilts of FAP, main lens, array and sensor are left out.
     plane : Seen
         The plane looked at.
+    beside : Beside
+        What pixels have beside the picture's light and its noise; by default nothing: the bound that noise sets.
 
     Returns
     -------
@@ -664,16 +689,16 @@ def disparity_sigma(images: MicrolensImages, plane: Seen) -> Array:
     if fixed is not None:
         lit = images.shapes.lit
         return np.where(lit, np.broadcast_to(np.asarray(fixed), lit.shape), np.inf)
-    total = _disparity_information(images, plane) * c["depth.window"] ** 2
+    total = _disparity_information(images, plane, beside=beside) * c["depth.window"] ** 2
     with np.errstate(divide="ignore"):
         return np.asarray(1 / np.sqrt(np.maximum(total, 0.0)))
 
 
-def axial_disparity_sigma(c: Camera, plane: Seen) -> Array:
+def axial_disparity_sigma(c: Camera, plane: Seen, beside: Beside = NOTHING) -> Array:
     """`disparity_sigma` of a microlens whose image nothing cuts, shape of the builds; tilts left out."""
     if "depth.disparity_error" in c.numbers:
         return np.asarray(c["depth.disparity_error"])
-    sigma = disparity_sigma(_Uncut(c, [(0.0, 0.0)]), plane)[0]
+    sigma = disparity_sigma(_Uncut(c, [(0.0, 0.0)]), plane, beside)[0]
     return np.asarray(sigma if c.shape or np.ndim(plane.scale) else sigma[0])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -116,6 +117,32 @@ def dark_variance(c: Camera) -> Array:
     """Variance that a pixel has without light [electrons^2]: read noise, and rounding to the sensor's steps."""
     step = c["sensor.full_well"] / 2.0 ** c["sensor.bits"]
     return np.asarray(c["sensor.read_noise"] ** 2 + step**2 / 12)
+
+
+class Beside(NamedTuple):
+    """Brightness and scatter of pixels beside the picture's light and its shot and read noise."""
+
+    share: Number = 0.0
+    """Rms share of brightness that pixels differ by."""
+    dark: Number = 0.0
+    """Rms of what they differ by in the dark [electrons]."""
+    veil: Number = 0.0
+    """Electrons in each that are not the picture's."""
+
+    @classmethod
+    def mismatched(cls, c: Camera) -> Beside:
+        """Unequal views and pixels: view mismatch, PRNU and DSNU, without the veil."""
+        share = np.sqrt(c["depth.view_mismatch"] ** 2 + c["sensor.prnu"] ** 2)
+        return cls(share, c["sensor.dsnu"])
+
+    @classmethod
+    def of(cls, c: Camera) -> Beside:
+        """All of them; the veil with the shot noise and the mismatch of its own brightness."""
+        return cls.mismatched(c)._replace(veil=c["light.veil"] * c["sensor.full_well"])
+
+
+NOTHING = Beside()
+"""Noise alone."""
 
 
 def through_filter(c: Camera, one: ColourFilter) -> Camera:

@@ -16,7 +16,6 @@ from typing import Any, Literal
 import numpy as np
 
 from .._arrays import Array, product, ratio
-from ..bore.chain import ImagedPlane
 from ..bore.opening import ClearAperture
 from ..camera import Camera, Number
 from ..camera.camera import place_of
@@ -35,7 +34,16 @@ from . import (
     tube,
     vignetting,
 )
-from .disparity_error import Seen, axial_disparity_sigma, disparity_sigma
+from .depth_error import (
+    depth_at,
+    depth_error,
+    depth_error_at_fields,
+    expected_error,
+    expected_error_at_fields,
+    plane_at,
+    seen_at,
+)
+from .disparity_error import axial_disparity_sigma
 from .light import SensorField
 from .quantity import Depth, Listed, Quantity
 from .stop_images import MicrolensImages
@@ -73,38 +81,6 @@ def quantity_named(name: str) -> Quantity:
     known = ", ".join(key for key in QUANTITIES if key not in PATHS)
     remedy = f"did you mean '{lowered[near[0]]}'?" if near else f"known are {known}, and the symbols {', '.join(PATHS)}"
     raise ValueError(f"'{name}' is no quantity of a design; {remedy}")
-
-
-def depth_at(c: Camera, at: Depth | Array) -> Array:
-    """Z_F of a point `at` [mm] ahead of the bore's tip, or of the focal plane, as the main lens sees it [mm]."""
-    return c.seen.gap if at is None else np.asarray(_plane_at(c, at).distance - c.seen.d_3)
-
-
-def _plane_at(c: Camera, at: Depth | Array) -> ImagedPlane:
-    return c.focus if at is None else c.plane(at + c.tip)
-
-
-def seen_at(c: Camera, at: Depth | Array) -> Seen:
-    """A plane `at` [mm] ahead of the bore's tip, or the focal plane."""
-    focus = np.zeros(()) if at is None else light_field.rim_disparity(c, depth_at(c, at))
-    return Seen(focus, light.object_scale(c, at))
-
-
-def depth_error(c: Camera, at: Depth | Array, sigma: Number | None = None) -> Array:
-    """Standard error of depth on the axis, `at` [mm] ahead of the bore's tip or at the focal plane [mm].
-
-    The disparity's, which takes milliseconds to predict, may be given [microlens pitches].
-    """
-    sigma = axial_disparity_sigma(c, seen_at(c, at)) if sigma is None else np.asarray(sigma)
-    return light_field.depth_sigma(c, depth_at(c, at), sigma) * _plane_at(c, at).depth
-
-
-def _local_depth_sigma(images: MicrolensImages) -> Number:
-    c = images.camera
-    sigma = light_field.depth_sigma(c, c.seen.gap, disparity_sigma(images, seen_at(c, None))) * c.focus.depth
-    # Views set apart along the field's radius and across it tell of depth as much less as a mapping stretches slopes.
-    along, across = light.field_stretch(c, np.hypot(images.microlens[0], images.microlens[1]))
-    return sigma * np.sqrt(2 / (along**-2.0 + across**-2.0))
 
 
 def _whole(form: Callable[[Camera], Number]) -> Callable[[Camera, Depth], Array]:
@@ -248,7 +224,7 @@ def _hyperfocal(prefix: str, kind: depth_of_field.Kind, image: str) -> Quantity:
 
 
 def _depth_remark(depth: Any) -> str:
-    """Disparity error that a depth precision is told for."""
+    """Disparity error that the depth noise is told for."""
     error = f"1 sigma, for {number(depth.sigma_disparity_pitches, 3)} pitch of disparity error"
     return error + (", as the design gives it" if depth.assumes is None else ", predicted from:")
 
@@ -738,7 +714,7 @@ _register(
         "disparity_pitches_per_mm",
         "pitches/mm",
         "disparity between the FAP's rims per depth, at a distance ahead of the tip or at the focal plane",
-        lambda c, at: light_field.disparity_rate(c, depth_at(c, at)) / _plane_at(c, at).depth,
+        lambda c, at: light_field.disparity_rate(c, depth_at(c, at)) / plane_at(c, at).depth,
         at="optional",
         monotone=False,
         label="disparity per depth",
@@ -747,15 +723,26 @@ _register(
     Quantity(
         "sigma_z_mm",
         "mm",
-        "standard error of depth, at a distance ahead of the tip or at the focal plane: of light, noise and texture, "
-        "or of a given disparity error",
+        "depth noise (bound), at a distance ahead of the tip or at the focal plane: the standard error that light, "
+        "noise and texture leave, or a given disparity error; not what is to be expected, which is u_z_mm",
         depth_error,
         at="optional",
         monotone=False,
         monotone_with="depth.disparity_error",
         numeric=True,
-        label="depth spread σ_Z",
-        evaluated=Listed("depth", "depth precision", _depth_remark),
+        label="depth noise (bound) σ_Z",
+        evaluated=Listed("depth", "depth noise (bound)", _depth_remark),
+    ),
+    Quantity(
+        "u_z_mm",
+        "mm",
+        "depth, expected: combined standard uncertainty at a distance ahead of the tip or at the focal plane, of "
+        "noise, view mismatch, veil and the range of temperatures; that of the lengths comes on top",
+        expected_error,
+        at="optional",
+        monotone=False,
+        numeric=True,
+        label="depth, expected, u_Z",
     ),
     Quantity(
         "sigma_disparity_pitches",
@@ -772,12 +759,22 @@ _register(
     Quantity(
         "sigma_z_at_field_mm",
         "mm",
-        "standard error of depth at the focal plane, as the field's own microlens image is cut; through windows to "
-        "first order",
+        "depth noise (bound) at the focal plane, as the field's own microlens image is cut; through windows to first "
+        "order",
         None,
-        _local_depth_sigma,
+        depth_error_at_fields,
         numeric=True,
-        label="depth spread σ_Z at the field",
+        label="depth noise (bound) σ_Z at the field",
+    ),
+    Quantity(
+        "u_z_at_field_mm",
+        "mm",
+        "depth, expected, at the focal plane, as the field's own microlens image is cut; through windows to first "
+        "order",
+        None,
+        expected_error_at_fields,
+        numeric=True,
+        label="depth, expected, u_Z at the field",
     ),
     # Light.
     Quantity(

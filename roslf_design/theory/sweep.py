@@ -123,7 +123,7 @@ UNITS = {
     "exposure": "s",
     **dict.fromkeys(
         ("index", "relay_magnification", "reflectance", "transmission", "quantum_efficiency", "full_well", "read_noise",
-         "bits", "contrast", "window", "disparity_error"), "",
+         "prnu", "dsnu", "veil", "bits", "contrast", "window", "view_mismatch", "disparity_error"), "",
     ),
 }  # fmt: skip
 """Base unit of places by their last name, where that is no length."""

@@ -30,9 +30,10 @@ from roslf_design.json_data import plain
 from roslf_design.reporting.blocks import Code, Figure, Paragraph, Report, Section, Statement, Statements, Table
 from roslf_design.reporting.printers import render_html
 from roslf_design.scenes import Noise, Plane, Scene
+from roslf_design.theory.depth_error import seen_at
 from roslf_design.theory.disparity_error import view_gradient
 from roslf_design.theory.photometry import exposure
-from roslf_design.theory.quantities import QUANTITIES, seen_at
+from roslf_design.theory.quantities import QUANTITIES
 
 OUT = Path("reports/depth-proof")
 SIDE = 19

@@ -23,10 +23,10 @@ from roslf_design.imaging.camera import ImageLattice
 from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import RaySampling
 from roslf_design.scenes import Plane, Scene, Sinusoid, White
+from roslf_design.theory.depth_error import seen_at
 from roslf_design.theory.disparity_error import Spectrum, _disparity_information
 from roslf_design.theory.light_field import rim_disparity
-from roslf_design.theory.photometry import dark_variance, electrons
-from roslf_design.theory.quantities import seen_at
+from roslf_design.theory.photometry import NOTHING, Beside, dark_variance, electrons
 from roslf_design.theory.stop_images import MicrolensImages
 
 OUT = Path("reports/depth-proof")
@@ -85,6 +85,7 @@ def rendered_information(
     rays: int = 64,
     step: float = 0.02,
     contrast: float = 0.5,
+    beside: Beside = NOTHING,
 ) -> float:
     """Fisher information of B per microlens, a grating's amplitude and phase unknown, by differences.
 
@@ -121,7 +122,8 @@ def rendered_information(
     white = Scene(objects=(White(level=0.5),))
     even = render(design, white, overrides=switches, region=region, sampling=sampling, threads=2).pixels
     mean = 2 * float(electrons(camera)) * even.astype(float).ravel()
-    weight = 1 / (mean + float(dark_variance(camera)))
+    bright = mean + beside.veil
+    weight = 1 / (bright + float(dark_variance(camera)) + beside.dark**2 + (beside.share * bright) ** 2)
     moved = (picture(at(disparity + step)) - picture(at(disparity - step))) / (2 * step)
     nuisance = np.stack([picture(at(disparity), phase) - mean for phase in (0.0, 0.25)], 1)
     mixed = nuisance.T @ (weight * moved)

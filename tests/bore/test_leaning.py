@@ -16,8 +16,8 @@ from roslf_design.imaging.white import WhiteGeometry
 from roslf_design.reporting.design.field import field_map
 from roslf_design.reporting.design.microlens import _image_view
 from roslf_design.scenes import Scene
+from roslf_design.theory.depth_error import seen_at
 from roslf_design.theory.disparity_error import _disparity_information
-from roslf_design.theory.quantities import seen_at
 from roslf_design.theory.stop_images import MicrolensImages
 from roslf_design.traced.fields import IdealImages
 from tests.bore.folded import area, outline_by_rays

@@ -11,7 +11,6 @@ from PIL import Image
 import roslf_design as roslf
 from roslf_design.calibration import Board, CalibrationError, Captures
 from roslf_design.calibration.frames import read_capture, read_image
-from roslf_design.calibration.lengths import LengthCovariance
 from roslf_design.calibration.planning import too_large
 from roslf_design.cli import main
 from roslf_design.commands.terminal import json_text
@@ -21,6 +20,7 @@ from roslf_design.imaging.files import write_image
 from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import RaySampling
 from roslf_design.scenes import make_scene
+from roslf_design.theory.length_covariance import LengthCovariance
 
 CELL = 1.7
 BOARD = f"7x6 {CELL} mm"

@@ -15,7 +15,6 @@ from roslf_design.calibration import Board, observe_pictures
 from roslf_design.calibration.decoding import decode
 from roslf_design.calibration.fit import _step_one, fit_lines
 from roslf_design.calibration.lattice import CentreLattice
-from roslf_design.calibration.lengths import LengthCovariance
 from roslf_design.calibration.model import project_boards, rotation_matrix
 from roslf_design.camera import Camera
 from roslf_design.cli import main
@@ -30,6 +29,7 @@ from roslf_design.imaging.camera import Region
 from roslf_design.imaging.files import write_image
 from roslf_design.imaging.render import render
 from roslf_design.scenes import make_scene
+from roslf_design.theory.length_covariance import LengthCovariance
 from roslf_design.theory.photometry import dark_variance
 from tests.depth.made import field_of
 

@@ -17,9 +17,10 @@ from roslf_design.imaging.trace import RaySampling
 from roslf_design.imaging.white import white_patch
 from roslf_design.scenes import Noise, Plane, Scene, SceneError
 from roslf_design.theory.colours import FILTERS, mosaic
+from roslf_design.theory.depth_error import seen_at
 from roslf_design.theory.disparity_error import Spectrum, _disparity_information, disparity_sigma
 from roslf_design.theory.photometry import electrons, exposure, response, through_filter
-from roslf_design.theory.quantities import QUANTITIES, seen_at
+from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.theory.resolution import fold
 from roslf_design.theory.stop_images import MicrolensImages
 from roslf_design.tolerancing.metrics import Question, evaluate_builds

@@ -10,6 +10,7 @@ from scipy.optimize import brentq
 import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.evaluation import default_fields
+from roslf_design.theory.depth_error import seen_at
 from roslf_design.theory.disparity_error import (
     Seen,
     Spectrum,
@@ -20,7 +21,7 @@ from roslf_design.theory.disparity_error import (
 )
 from roslf_design.theory.exit_pupil import microlens_image_pitch
 from roslf_design.theory.photometry import dark_variance, electrons, exposure
-from roslf_design.theory.quantities import QUANTITIES, seen_at
+from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.theory.stop_images import MicrolensImages
 from studies.depth.prediction_proof import rendered_information
 
@@ -281,7 +282,7 @@ def test_distances_at_once():
     camera = Camera.of(PAPER)
     ahead = np.array([100.0, 200.0, 230.0, 400.0])
     each = [float(QUANTITIES["sigma_z_mm"](camera, float(at))) for at in ahead]
-    from roslf_design.theory.quantities import depth_error
+    from roslf_design.theory.depth_error import depth_error
 
     assert_allclose(depth_error(camera, ahead), each, rtol=1e-9)
     assert np.argmin(np.array(each) / ahead**2) == 2  # out of focus, blur costs beside the square of the distance

@@ -32,9 +32,10 @@ from ...drawing.panel import Panel, Scale
 from ...drawing.picture import PAGE, Picture, legend_height, one_panel
 from ...drawing.theme import SMALL, short, text_width
 from ...evaluation import default_fields
+from ...theory.depth_error import depth_at, depth_error
 from ...theory.f_number import matched, mismatch_px
 from ...theory.light_field import rim_disparity
-from ...theory.quantities import QUANTITIES, depth_at, depth_error
+from ...theory.quantities import QUANTITIES
 from ...theory.stop_images import MicrolensImages
 from ...theory.vignetting import corner_room
 

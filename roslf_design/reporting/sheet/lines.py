@@ -39,8 +39,8 @@ from ..tolerance.pages import impossible_words
 from .resolution import mtf_curves, resolution_map
 
 if TYPE_CHECKING:
-    from ...calibration.lengths import LengthCovariance
     from ...design import Design
+    from ...theory.length_covariance import LengthCovariance
     from ...tolerancing.study import TolerancePlan
     from ...tolerancing.summaries import Variant
 
@@ -130,9 +130,9 @@ class CalibrationSpread(NamedTuple):
 
     def deviations(self, rows: Iterable[_SheetLine]) -> dict[str, float]:
         """Standard deviation that a calibration leaves in the lines, by their keys, to first order."""
-        design, covariance = self.design, self.covariance
+        design, covariance, camera = self.design, self.covariance, Camera.of(self.design)
         left = {
-            line.key: float(covariance.carried(design, QUANTITIES[line.quantity] if line.quantity else line.values))
+            line.key: float(covariance.carried(camera, QUANTITIES[line.quantity] if line.quantity else line.values))
             for line in rows
             if line.quantity or not (line.of is None or (design.lens is not None and isinstance(line.of, _Corner)))
         }

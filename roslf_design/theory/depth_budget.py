@@ -1,0 +1,177 @@
+"""The uncertainty budget of depth, in the terms of the GUM (JCGM 100): what each source adds, and all together.
+
+``u_c^2 = sum of u_i^2``, ``U = k u_c``. Noise, mismatch and veil meet in the Fisher information of one measurement
+(`.disparity_error`), which is not a sum: each has what it adds to those before it, so that squares add up exactly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from .._arrays import Array, by_value
+from ..camera import TEMPERATURES, Camera
+from .depth_error import depth_error, lengths_error, temperature_error
+from .length_covariance import LengthCovariance
+from .photometry import Beside
+from .quantity import Depth
+
+COVERAGE = 2
+"""k: 95 % of depths lie within U where errors are normal."""
+NOISE, MISMATCH, VEIL = "shot and read noise", "view mismatch", "veil"
+BUILT, CALIBRATED, WARMTH = "lengths as built", "lengths as calibrated", "temperature"
+GIVEN = "in the disparity error that the design gives"
+Kind = Literal["precision", "trueness"]
+KINDS: tuple[Kind, ...] = ("precision", "trueness")
+
+
+@by_value
+@dataclass(frozen=True)
+class BudgetTerm:
+    """Source of uncertainty."""
+
+    name: str
+    type: Literal["A", "B"]
+    """"A" where measurements of this camera tell it by their statistics; "B" where data sheets, limits or laws do."""
+    kind: Kind
+    """"precision" where each microlens has an error of its own, "trueness" where all have the same."""
+    u_mm: Array | float | None
+    """Standard uncertainty [mm], of builds in their shape; None where nothing tells it."""
+    remark: str = ""
+    """Basis of the number, or the reason why there is none."""
+
+
+@by_value
+@dataclass(frozen=True)
+class DepthBudget:
+    """Terms of the uncertainty of depth on the axis, at one distance."""
+
+    terms: tuple[BudgetTerm, ...]
+
+    def of_kind(self, kind: Kind | None = None) -> Array:
+        """Root sum of squares of all terms, or of those of a kind [mm]."""
+        known = [t.u_mm for t in self.terms if t.u_mm is not None and kind in (None, t.kind)]
+        return np.asarray(np.sqrt(np.sum([np.square(u) for u in np.broadcast_arrays(0.0, *known)], axis=0)))
+
+    @property
+    def u_z_mm(self) -> Array:
+        """Combined standard uncertainty u_c [mm]."""
+        return self.of_kind()
+
+    @property
+    def expanded_mm(self) -> Array:
+        """Expanded uncertainty U = k u_c [mm]."""
+        return COVERAGE * self.u_z_mm
+
+    @property
+    def largest(self) -> BudgetTerm:
+        """The largest term, of builds by their median."""
+        known = [term for term in self.terms if term.u_mm is not None]
+        return max(known, key=lambda term: float(np.median(np.asarray(term.u_mm))))
+
+    def to_dict(self) -> dict[str, Any]:
+        """`depth.expected` of `roslf evaluate --json`, of one build."""
+        return {
+            "u_z_mm": float(self.u_z_mm),
+            "expanded_mm": float(self.expanded_mm),
+            "k": COVERAGE,
+            "terms": [
+                {
+                    "name": term.name,
+                    "type": term.type,
+                    "u_mm": None if term.u_mm is None else float(term.u_mm),
+                    "kind": term.kind,
+                    "remark": term.remark,
+                }
+                for term in self.terms
+            ],
+        }
+
+
+def depth_budget(
+    c: Camera,
+    at: Depth | Array = None,
+    *,
+    build: LengthCovariance | None = None,
+    calibration: LengthCovariance | None = None,
+) -> DepthBudget:
+    """The uncertainty budget of depth on the axis, of one measurement of ``depth.window`` microlenses.
+
+    Parameters
+    ----------
+    c : Camera
+        Its builds lead all axes.
+    at : float or ndarray, optional
+        Distance ahead of the bore's tip [mm]; None is the focal plane.
+    build : LengthCovariance, optional
+        Of the lengths as a workshop makes them; without those that builds of `c` differ in already.
+    calibration : LengthCovariance, optional
+        Of the lengths as calibrated, the build's being the prior (`LengthCovariance.informed`); it stands in place of
+        the build's. Lengths of the build that it does not know keep a term of their own.
+
+    Returns
+    -------
+    DepthBudget
+        [mm]; depths count from the main lens.
+    """
+    noise = np.abs(depth_error(c, at))
+    if "depth.disparity_error" in c.numbers:
+        terms = [
+            BudgetTerm("disparity error", "B", "precision", noise, "as the design gives it"),
+            BudgetTerm(MISMATCH, "B", "precision", None, GIVEN),
+            BudgetTerm(VEIL, "B", "precision", None, GIVEN),
+        ]
+    else:
+        mismatched, veiled = Beside.mismatched(c), Beside.of(c)
+        uneven = np.abs(depth_error(c, at, beside=mismatched))
+        hazy = np.abs(depth_error(c, at, beside=veiled)) if np.any(veiled.veil) else uneven
+        terms = [
+            BudgetTerm(NOISE, "B", "precision", noise, "the bound"),
+            BudgetTerm(MISMATCH, "B", "precision", _added(uneven, noise), _mismatch_words(c)),
+            BudgetTerm(VEIL, "B", "precision", _added(hazy, uneven), f"{_percent(c['light.veil'])} of full scale"),
+        ]
+    terms += _lengths(c, at, build, calibration)
+    warmth = temperature_error(c, at)
+    remark = "no temperature range is given (environment.range)"
+    if warmth is not None:
+        coldest, warmest = (f"{np.median(c[place]):g}" for place in TEMPERATURES)
+        remark = f"{coldest} to {warmest} °C"
+    return DepthBudget((*terms, BudgetTerm(WARMTH, "B", "trueness", warmth, remark)))
+
+
+def _lengths(
+    c: Camera, at: Depth | Array, build: LengthCovariance | None, calibration: LengthCovariance | None
+) -> list[BudgetTerm]:
+    terms = []
+    if calibration is not None:
+        u = lengths_error(c, at, calibration)
+        terms.append(BudgetTerm(CALIBRATED, "A", "trueness", u, "in place of the build"))
+        unknown = () if build is None else tuple(p for p in build.places if p not in calibration.places)
+        build = build.of(unknown) if build is not None and unknown else None
+        if build is None:
+            return terms
+    made = None if build is None else lengths_error(c, at, build)
+    remark = "no tolerances are given"
+    if made is not None:
+        remark = "tolerances" if calibration is None else "what calibration does not see"
+    return [*terms, BudgetTerm(BUILT, "B", "trueness", made, remark)]
+
+
+def _added(after: Array, before: Array) -> Array:
+    """What was added to a standard uncertainty, in squares; nothing to an infinite one."""
+    with np.errstate(invalid="ignore"):
+        more = np.square(after) - np.square(before)
+    return np.sqrt(np.maximum(np.where(np.isinf(before), 0.0, more), 0.0))[()]
+
+
+def _percent(share: Any) -> str:
+    return f"{100 * float(np.median(share)):.3g} %"
+
+
+def _mismatch_words(c: Camera) -> str:
+    words = f"{_percent(c['depth.view_mismatch'])} of brightness"
+    prnu, dsnu = (float(np.median(c[f"sensor.{name}"])) for name in ("prnu", "dsnu"))
+    words += f", PRNU {_percent(prnu)}" if prnu else ""
+    return words + (f", DSNU {dsnu:.3g} e-" if dsnu else "")

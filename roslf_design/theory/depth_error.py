@@ -1,0 +1,101 @@
+"""Errors of depth in the scene: what those of disparities, lengths and temperature make of it."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from .._arrays import Array
+from ..bore.chain import ImagedPlane
+from ..bore.part import TEMPERATURE
+from ..camera import TEMPERATURES, Camera, Number
+from . import light, light_field
+from .disparity_error import Seen, axial_disparity_sigma, disparity_sigma
+from .length_covariance import LengthCovariance
+from .photometry import NOTHING, Beside
+from .quantity import Depth
+from .stop_images import MicrolensImages
+
+WARMER = 0.5
+"""Step of temperature, for derivatives [K]."""
+
+
+def plane_at(c: Camera, at: Depth | Array) -> ImagedPlane:
+    """Plane `at` [mm] ahead of the bore's tip, or the focal plane."""
+    return c.focus if at is None else c.plane(at + c.tip)
+
+
+def depth_at(c: Camera, at: Depth | Array) -> Array:
+    """Z_F of a point `at` [mm] ahead of the bore's tip, or of the focal plane, as the main lens sees it [mm]."""
+    return c.seen.gap if at is None else np.asarray(plane_at(c, at).distance - c.seen.d_3)
+
+
+def seen_at(c: Camera, at: Depth | Array) -> Seen:
+    """A plane `at` [mm] ahead of the bore's tip, or the focal plane."""
+    focus = np.zeros(()) if at is None else light_field.rim_disparity(c, depth_at(c, at))
+    return Seen(focus, light.object_scale(c, at))
+
+
+def depth_error(c: Camera, at: Depth | Array, sigma: Number | None = None, beside: Beside = NOTHING) -> Array:
+    """Standard error of depth on the axis, `at` [mm] ahead of the bore's tip or at the focal plane [mm].
+
+    Of noise alone, or of what pixels have `beside` too. The disparity's, which takes milliseconds to predict, may be
+    given [microlens pitches].
+    """
+    sigma = axial_disparity_sigma(c, seen_at(c, at), beside) if sigma is None else np.asarray(sigma)
+    return light_field.depth_sigma(c, depth_at(c, at), sigma) * plane_at(c, at).depth
+
+
+def depth_error_at_fields(images: MicrolensImages, beside: Beside = NOTHING) -> Number:
+    """The same at the focal plane, of each field's own microlens image, shape (fields, builds)."""
+    c = images.camera
+    error = disparity_sigma(images, seen_at(c, None), beside)
+    sigma = light_field.depth_sigma(c, c.seen.gap, error) * c.focus.depth
+    # Views set apart along the field's radius and across it tell of depth as much less as a mapping stretches slopes.
+    along, across = light.field_stretch(c, np.hypot(images.microlens[0], images.microlens[1]))
+    return sigma * np.sqrt(2 / (along**-2.0 + across**-2.0))
+
+
+def depth_told(c: Camera, slope: ArrayLike) -> Array:
+    """Distance before the main lens, with a ruler, of what moves by a slope [microlenses per px] from view to view.
+
+    Eq. 12 solved for the depth: what lengths that are off make of the same pictures.
+    """
+    return np.asarray(c.plane_seen_at(c.seen.d_3 + light_field.depth_of_slope(c, slope)))
+
+
+def lengths_error(c: Camera, at: Depth | Array, covariance: LengthCovariance) -> Array:
+    """Standard error that lengths known to a covariance put into depths, the same in all pictures [mm]."""
+    slope = light_field.epi_slope(c, depth_at(c, at))
+    return _finite(covariance.carried(c, lambda builds: depth_told(builds, slope)))
+
+
+def temperature_error(c: Camera, at: Depth | Array) -> Array | None:
+    """Standard uncertainty that the range of temperatures puts into depths told for one, ``|dZ/dT| a/sqrt(3)`` [mm].
+
+    All temperatures within +-a are alike (GUM 4.3.7). None where no range is given, or lengths are as measured.
+    """
+    if c.growth is None or TEMPERATURES[0] not in c.numbers:
+        return None
+    slope, here = light_field.epi_slope(c, depth_at(c, at)), np.asarray(c[TEMPERATURE])
+    coldest, warmest = (c[place] for place in TEMPERATURES)
+    cold, warm = (depth_told(c.replace({TEMPERATURE: here + step}), slope) for step in (-WARMER, WARMER))
+    with np.errstate(invalid="ignore"):
+        return _finite(np.abs(warm - cold) / (2 * WARMER) * (warmest - coldest) / (2 * np.sqrt(3)))
+
+
+def expected_error(c: Camera, at: Depth | Array) -> Array:
+    """Combined standard uncertainty of depth on the axis, but for that of the lengths [mm]."""
+    noise, warmth = depth_error(c, at, beside=Beside.of(c)), temperature_error(c, at)
+    return np.hypot(noise, 0.0 if warmth is None else warmth)
+
+
+def expected_error_at_fields(images: MicrolensImages) -> Number:
+    """The same at the focal plane, of each field's own microlens image, shape (fields, builds)."""
+    warmth = temperature_error(images.camera, None)
+    return np.hypot(depth_error_at_fields(images, Beside.of(images.camera)), 0.0 if warmth is None else warmth)
+
+
+def _finite(error: Array) -> Array:
+    """Errors, infinite where there is nothing to derive."""
+    return np.where(np.isnan(error), np.inf, error)[()]

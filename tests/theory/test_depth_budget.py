@@ -1,0 +1,238 @@
+"""The uncertainty budget of depth, against brute-force Fisher information, 60-digit lengths and the laws of the GUM."""
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import roslf_design as roslf
+from roslf_design.camera import Camera
+from roslf_design.theory.depth_budget import depth_budget
+from roslf_design.theory.depth_error import depth_error, lengths_error, seen_at, temperature_error
+from roslf_design.theory.disparity_error import Spectrum, _disparity_information, axial_disparity_sigma
+from roslf_design.theory.length_covariance import LengthCovariance
+from roslf_design.theory.photometry import Beside, electrons
+from roslf_design.theory.quantities import QUANTITIES
+from roslf_design.theory.stop_images import MicrolensImages
+from studies.depth.prediction_proof import rendered_information
+
+PAPER = roslf.load("paper")
+WARM = roslf.load("cystoscope").replace(
+    {
+        "environment": {"temperature": "25 degC", "range": ["15 degC", "40 degC"], "housing": "316L"},
+        "main_lens.material": "N-BK7",
+    }
+)
+PLACES = ("main_lens.focal_length", "microlens_array.distance", "aperture.distance", "sensor.distance")
+TOLERANCES = np.array([0.3, 0.05, 0.2, 0.004])
+BUILD = LengthCovariance(PLACES, np.diag(TOLERANCES**2))
+
+
+def terms(budget):
+    return {term.name: term for term in budget.terms}
+
+
+# --- the Fisher information ---------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("beside", [Beside(0.05), Beside(0.1, 30.0), Beside(0.03, 5.0, 2000.0)])
+def test_mismatch_enters_each_pixel_before_matching(beside, light_from_48_px):
+    """Brute force over the pixels of rendered pictures, each with its own variance; to 2 % of sigma."""
+    camera, periods = Camera.of(PAPER), 0.25
+    power = np.full(1, 0.5**2 / 2 * np.sinc(periods) ** 2)
+    wave = Spectrum(np.array([periods]), np.array([0.0]), power)
+    brute = rendered_information(PAPER, (0.0, 0.0), periods, 0.0, 0.0, beside=beside)
+    ours = _disparity_information(MicrolensImages(camera, [(0.0, 0.0)]), seen_at(camera, None), wave, beside)
+    assert np.sqrt(brute / ours[0, 0]) == pytest.approx(1.0, abs=0.02)
+
+
+def test_series_through_many_builds_know_the_mismatch():
+    """Series over 600 builds that differ in light, mismatch and veil, against each build alone; to 1e-4."""
+    rng = np.random.default_rng(3)
+    changes = {
+        "light.illuminance": rng.uniform(0.5e5, 1e5, 600),
+        "depth.view_mismatch": rng.uniform(0.015, 0.025, 600),
+        "light.veil": rng.uniform(0.0, 0.1, 600),
+    }
+    design = PAPER.replace({"light.exposure": "8 ms"})
+    many = Camera.of(design, changes)
+    together = axial_disparity_sigma(many, seen_at(many, None), Beside.of(many))
+    for k in range(0, 600, 60):
+        alone = many.build(k)
+        assert together[k] == pytest.approx(
+            float(axial_disparity_sigma(alone, seen_at(alone, None), Beside.of(alone))), rel=1e-4
+        )
+
+
+def test_without_anything_else_it_is_the_bound():
+    bare = Camera.of(PAPER.replace({"depth.view_mismatch": 0.0}))
+    budget = depth_budget(bare)
+    assert float(budget.u_z_mm) == float(QUANTITIES["sigma_z_mm"](bare)) == float(QUANTITIES["u_z_mm"](bare))
+    assert [float(terms(budget)[name].u_mm) for name in ("view mismatch", "veil")] == [0.0, 0.0]
+
+
+def test_the_bound_knows_nothing_of_what_comes_on_top():
+    rough = {"depth.view_mismatch": 0.2, "sensor.prnu": 0.1, "sensor.dsnu": 50.0, "light.veil": 0.3}
+    bound = QUANTITIES["sigma_z_mm"]
+    assert float(bound(Camera.of(PAPER.replace(rough)))) == float(bound(Camera.of(PAPER)))
+
+
+def test_mismatch_alone_does_not_hang_on_the_light():
+    """With eps far above noise, contrast in units of eps is all that counts."""
+    rough = PAPER.replace({"depth.view_mismatch": 0.5, "sensor.full_well": 1e8, "sensor.bits": 24})
+    errors = [depth_error(c, None, beside=Beside.of(c)) for c in
+              (Camera.of(rough.replace({"light.exposure": t})) for t in (0.1, 1.0))]  # fmt: skip
+    assert errors[0] == pytest.approx(errors[1], rel=1e-3)
+
+
+def test_prnu_counts_as_mismatch_and_dsnu_as_read_noise():
+    both = Camera.of(PAPER.replace({"depth.view_mismatch": 0.03, "sensor.prnu": 0.04}))
+    one = Camera.of(PAPER.replace({"depth.view_mismatch": 0.05}))
+    assert float(QUANTITIES["u_z_mm"](both)) == pytest.approx(float(QUANTITIES["u_z_mm"](one)), rel=1e-12)
+    dark = PAPER.replace({"depth.view_mismatch": 0.0, "sensor.dsnu": 40.0})
+    read = PAPER.replace({"sensor.read_noise": float(np.hypot(2.5, 40.0))})
+    expected = float(QUANTITIES["sigma_z_mm"](Camera.of(read)))
+    assert float(QUANTITIES["u_z_mm"](Camera.of(dark))) == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_veil_that_saturates_leaves_nothing():
+    hazy = Camera.of(PAPER.replace({"light.veil": 0.6}))  # beside half of the full well
+    assert float(electrons(hazy)) == pytest.approx(0.5 * 10_500)
+    assert depth_budget(hazy).largest.name == "veil"
+    assert np.isinf(QUANTITIES["u_z_mm"](hazy))
+    assert np.isfinite(QUANTITIES["sigma_z_mm"](hazy))
+
+
+# --- lengths and temperature ----------------------------------------------------------------------------------------
+
+
+def told(f, d_1, d_3, d_2, slope):
+    """Distance from the lens of what has a slope [mm of the array per mm of the sensor], in air, to 60 digits."""
+    d_f = 1 / (1 / f - 1 / d_1)
+    reach, m = d_1 * (d_f - d_3) / d_f, d_1 / d_f
+    return d_3 + reach / (m - slope * d_2 / reach)
+
+
+@pytest.mark.parametrize("at", [None, 60.0])
+def test_lengths_are_carried_by_the_formula_s_own_derivatives(at):
+    camera = Camera.of(PAPER)
+    with mpmath.workdps(60):
+        f, d_1, d_3, d_2 = (mpmath.mpf(float(v)) for v in (camera.f, camera["microlens_array.distance"], 120.0, 2.0))
+        d_f = 1 / (1 / f - 1 / d_1)
+        z = d_f if at is None else d_3 + at
+        reach, m = d_1 * (d_f - d_3) / d_f, d_1 / d_f
+        slope = (m - reach / (z - d_3)) * reach / d_2
+        assert mpmath.almosteq(told(f, d_1, d_3, d_2, slope), z)
+        rates = [
+            mpmath.diff(lambda *x: told(*x, slope), (f, d_1, d_3, d_2), order)
+            for order in np.eye(4, dtype=int).tolist()
+        ]
+    rates = np.array([float(rate) for rate in rates])
+    assert float(lengths_error(camera, at, BUILD)) == pytest.approx(np.linalg.norm(rates * TOLERANCES), rel=2e-3)
+
+
+def test_a_thousandth_of_d_1_moves_the_plane_in_focus():
+    """The plane in focus is told where it would be with the other d_1."""
+    design = PAPER.replace(d_1=140.14)
+    moved = abs(design.d_f - PAPER.d_f)
+    one = LengthCovariance(("microlens_array.distance",), np.array([[0.14**2]]))
+    assert float(lengths_error(Camera.of(PAPER), None, one)) == pytest.approx(moved, rel=0.01)
+
+
+def test_temperature_is_the_shift_over_the_range():
+    """A rectangle of half the range, over sqrt(3): the depth that warm and cold cameras tell of the same picture."""
+    camera = Camera.of(WARM)
+    ends = [Camera.of(WARM, {"environment.temperature": t}) for t in (24.0, 26.0)]
+    # At the focal plane the disparity is 0: what is told is the plane in focus.
+    told_by = [float(c.plane_seen_at(c.seen.d_f)) for c in (ends[0], ends[1])]
+    half = 12.5 * abs(told_by[1] - told_by[0]) / 2
+    assert half > 0
+    assert float(temperature_error(camera, None)) == pytest.approx(half / np.sqrt(3), rel=2e-3)
+
+
+def test_lines_without_a_number_say_why():
+    budget = terms(depth_budget(Camera.of(PAPER)))
+    assert budget["lengths as built"].u_mm is None
+    assert "tolerances" in budget["lengths as built"].remark
+    assert budget["temperature"].u_mm is None
+    assert "environment.range" in budget["temperature"].remark
+    fixed = terms(depth_budget(Camera.of(PAPER.replace({"depth.disparity_error": 0.1}))))
+    assert fixed["view mismatch"].u_mm is None
+    assert fixed["disparity error"].u_mm == pytest.approx(1.2491, rel=1e-3)
+
+
+# --- laws ---------------------------------------------------------------------------------------------------------
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**31 - 1), st.integers(1, 4))
+def test_calibrated_is_never_worse_than_built(seed, rank):
+    rng = np.random.default_rng(seed)
+    known = rng.normal(size=(rank, 4)) * 10.0 ** rng.uniform(-3, 6)
+    information = known.T @ known
+    after = BUILD.informed(information)
+    inverse = np.linalg.inv(np.linalg.inv(BUILD.matrix) + information)
+    scale = np.outer(TOLERANCES, TOLERANCES)
+    assert np.allclose(after.matrix / scale, inverse / scale, atol=1e-6)
+    camera = Camera.of(PAPER)
+    built, calibrated = depth_budget(camera, build=BUILD), depth_budget(camera, build=BUILD, calibration=after)
+    assert "lengths as built" not in terms(calibrated)
+    assert float(calibrated.u_z_mm) <= float(built.u_z_mm) * (1 + 1e-9)
+
+
+def test_what_a_calibration_does_not_see_keeps_its_own_term():
+    seen = LengthCovariance(PLACES[:2], np.diag([1e-4, 1e-4]))
+    budget = terms(depth_budget(Camera.of(PAPER), build=BUILD, calibration=seen))
+    rest = LengthCovariance(PLACES[2:], np.diag(TOLERANCES[2:] ** 2))
+    assert budget["lengths as built"].u_mm == pytest.approx(float(lengths_error(Camera.of(PAPER), None, rest)))
+
+
+@settings(max_examples=15, deadline=None)
+@given(st.floats(0, 0.3), st.floats(0, 0.1), st.floats(0, 100), st.floats(0, 0.4))
+def test_squares_add_up_and_nothing_makes_depth_better(mismatch, prnu, dsnu, veil):
+    changes = {"depth.view_mismatch": mismatch, "sensor.prnu": prnu, "sensor.dsnu": dsnu, "light.veil": veil}
+    camera = Camera.of(WARM.replace(changes))
+    budget = depth_budget(camera)
+    parts = [float(term.u_mm) for term in budget.terms if term.u_mm is not None]
+    assert float(budget.u_z_mm) == pytest.approx(float(np.linalg.norm(parts)))
+    assert float(QUANTITIES["u_z_mm"](camera)) == pytest.approx(float(budget.u_z_mm), rel=1e-9)
+    assert float(budget.u_z_mm) >= float(QUANTITIES["sigma_z_mm"](camera))
+    kinds = [float(budget.of_kind(kind)) for kind in ("precision", "trueness")]
+    assert float(budget.u_z_mm) == pytest.approx(float(np.hypot(*kinds)))
+    assert float(budget.expanded_mm) == 2 * float(budget.u_z_mm)
+
+
+def test_builds_and_distances_lead():
+    camera = Camera.of(WARM, {"aperture.distance": WARM.d_3 * np.linspace(0.99, 1.01, 3)})
+    build = LengthCovariance(("microlens_array.distance",), np.array([[0.01**2]]))
+    budget = depth_budget(camera, build=build)
+    assert budget.u_z_mm.shape == (3,)
+    for k in range(3):
+        assert budget.u_z_mm[k] == pytest.approx(float(depth_budget(camera.build(k), build=build).u_z_mm), rel=1e-6)
+
+
+def test_fields_have_theirs_too():
+    camera = Camera.of(PAPER)
+    images = MicrolensImages(camera, [(0.0, 0.0), (11.0, 7.0)])
+    ours = QUANTITIES["u_z_at_field_mm"].at_fields(images)[:, 0]
+    assert ours[0] == pytest.approx(float(QUANTITIES["u_z_mm"](camera)), rel=1e-4)
+    assert ours[1] > ours[0]
+
+
+def test_what_evaluate_prints_and_writes():
+    result = roslf.evaluate(PAPER, build=BUILD)
+    expected = result.to_dict()["depth"]["expected"]
+    assert expected["k"] == 2
+    assert expected["u_z_mm"] == pytest.approx(np.linalg.norm([t["u_mm"] or 0 for t in expected["terms"]]))
+    assert {t["kind"] for t in expected["terms"]} == {"precision", "trueness"}
+    assert all(t["type"] in ("A", "B") for t in expected["terms"])
+    assert f"largest: {result.depth_budget.largest.name}" in " ".join(str(result).split())
+
+
+@pytest.mark.parametrize(("place", "value"), [
+    ("depth.view_mismatch", -0.1), ("depth.view_mismatch", 1.5), ("sensor.prnu", 2.0), ("sensor.dsnu", -1.0),
+    ("light.veil", 1.0)])  # fmt: skip
+def test_values_that_cannot_be(place, value):
+    with pytest.raises(roslf.DesignError, match=place.replace(".", r"\.")):
+        PAPER.replace({place: value})
