@@ -6,7 +6,7 @@ refused here: a camera that cannot be built keeps its numbers, and `Camera.valid
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from operator import attrgetter
@@ -255,6 +255,10 @@ class Camera(Symbols[Number]):
         """Camera whose lengths are as measured at whatever temperature: `replace` moves none of them with it."""
         own = self.layout, self.lens_shape, self.lens, self.chain, self.materials
         return Camera(self._numbers, *own, colours=self.colours)
+
+    def without(self, places: Collection[str]) -> Camera:
+        """Camera without numbers that need not be given."""
+        return self._with({place: value for place, value in self._numbers.items() if place not in places})
 
     def behind_filter(self, numbers: Mapping[str, Number]) -> Camera:
         """Camera as the pixels of one colour see it, all pixels alike: other light, no other glass.

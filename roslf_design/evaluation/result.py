@@ -12,7 +12,7 @@ from ..effects.lens import EFFECTS
 from ..effects.plan import PlannedEffect
 from ..json_data import plain
 from ..tables import Table, plain_text, print_table
-from ..theory.depth_budget import COVERAGE, KINDS, DepthBudget
+from ..theory.depth_budget import COVERAGE, KINDS, BudgetTerm, DepthBudget
 from ..theory.quantities import QUANTITIES
 from ..theory.quantity import Quantity
 from ..words import fixed, number, place, spaced
@@ -169,7 +169,7 @@ def depth_basis(assumed: DepthAssumptions | None) -> str:
     return "as the design gives it" if assumed is None else str(assumed)
 
 
-def depth_budget_table(result: Evaluation) -> Table:
+def _depth_budget_table(result: Evaluation) -> Table:
     """Terms of depth as expected, the largest named, precision and trueness told apart."""
     budget = result.depth_budget
     total = float(budget.u_z_mm)
@@ -180,7 +180,10 @@ def depth_budget_table(result: Evaluation) -> Table:
         share = f"{100 * float(u / total) ** 2:.0f} %" if 0 < total < math.inf else "-"
         return (name, f"{number(float(u), 3)} mm", share, *rest)
 
-    rows = [cells(term.name, term.u_mm, term.type, term.kind, term.remark) for term in budget.terms]
+    def line(term: BudgetTerm) -> tuple[str, ...]:
+        return cells(term.name, term.u_mm, term.type, term.kind, term.remark)
+
+    rows = [*map(line, budget.terms)]
     words = {"precision": "each microlens its own", "trueness": "all microlenses alike"}
     known = {term.kind for term in budget.terms if term.u_mm is not None}
     rows += [
@@ -312,7 +315,7 @@ def _tables(result: Evaluation) -> list[Table]:
     behind_elements, mapping, warm = seen_table(result), mapping_table(result), temperature_table(result)
     fields = fields if mapping is None else [mapping, *fields]
     first, last = ([] if table is None else [table] for table in (behind_elements, warm))
-    return [*first, *fact_tables(result), depth_budget_table(result), *last, *fields, *lens, effects_table(result)]
+    return [*first, *fact_tables(result), _depth_budget_table(result), *last, *fields, *lens, effects_table(result)]
 
 
 def print_evaluation(result: Evaluation, console: Console) -> None:

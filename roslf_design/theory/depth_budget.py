@@ -42,6 +42,11 @@ class BudgetTerm:
     remark: str = ""
     """Basis of the number, or the reason why there is none."""
 
+    def to_dict(self) -> dict[str, Any]:
+        """Entry of `depth.expected.terms`, of one build."""
+        u = None if self.u_mm is None else float(self.u_mm)
+        return {"name": self.name, "type": self.type, "u_mm": u, "kind": self.kind, "remark": self.remark}
+
 
 @by_value
 @dataclass(frozen=True)
@@ -77,16 +82,7 @@ class DepthBudget:
             "u_z_mm": float(self.u_z_mm),
             "expanded_mm": float(self.expanded_mm),
             "k": COVERAGE,
-            "terms": [
-                {
-                    "name": term.name,
-                    "type": term.type,
-                    "u_mm": None if term.u_mm is None else float(term.u_mm),
-                    "kind": term.kind,
-                    "remark": term.remark,
-                }
-                for term in self.terms
-            ],
+            "terms": [term.to_dict() for term in self.terms],
         }
 
 
@@ -160,7 +156,7 @@ def _lengths(
 
 
 def _added(after: Array, before: Array) -> Array:
-    """What was added to a standard uncertainty, in squares; nothing to an infinite one."""
+    """Growth of a standard uncertainty, in squares; none of an infinite one."""
     with np.errstate(invalid="ignore"):
         more = np.square(after) - np.square(before)
     return np.sqrt(np.maximum(np.where(np.isinf(before), 0.0, more), 0.0))[()]

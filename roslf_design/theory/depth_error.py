@@ -47,7 +47,7 @@ def depth_error(c: Camera, at: Depth | Array, sigma: Number | None = None, besid
 
 
 def depth_error_at_fields(images: MicrolensImages, beside: Beside = NOTHING) -> Number:
-    """The same at the focal plane, of each field's own microlens image, shape (fields, builds)."""
+    """Standard error of depth at the focal plane, of each field's own microlens image, shape (fields, builds)."""
     c = images.camera
     error = disparity_sigma(images, seen_at(c, None), beside)
     sigma = light_field.depth_sigma(c, c.seen.gap, error) * c.focus.depth
@@ -91,7 +91,7 @@ def expected_error(c: Camera, at: Depth | Array) -> Array:
 
 
 def expected_error_at_fields(images: MicrolensImages) -> Number:
-    """The same at the focal plane, of each field's own microlens image, shape (fields, builds)."""
+    """Combined standard uncertainty at the focal plane, of each field's own microlens image, (fields, builds)."""
     warmth = temperature_error(images.camera, None)
     return np.hypot(depth_error_at_fields(images, Beside.of(images.camera)), 0.0 if warmth is None else warmth)
 

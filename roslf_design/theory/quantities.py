@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from operator import attrgetter
 from typing import Any, Literal
 
@@ -898,6 +898,13 @@ def _label_of(name: str) -> str:
     """Plain words for the name of a quantity, of a metric, or of a variable that is no symbol; empty where none."""
     known = QUANTITIES.get(name) or DECODED.get(name)
     return _VARIABLES.get(name, "") if known is None else known.label
+
+
+def bound_note(names: Iterable[str]) -> str:
+    """Sentence on what depth noise is not, where one of the quantities is that; else ""."""
+    if not any(name in ("sigma_z_mm", "sigma_z_at_field_mm") for name in names):
+        return ""
+    return "Depth noise is the bound that light, noise and texture set; what depth is expected to have is u_Z."
 
 
 def in_words(text: str) -> str:

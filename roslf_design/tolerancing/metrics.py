@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from .._arrays import Array
 from ..bore.conjugates import CONJUGATES
 from ..bore.main_lens import IdealMainLens, RealMainLens
-from ..camera import Camera, Number
+from ..bore.part import TEMPERATURE
+from ..camera import TEMPERATURES, Camera, Number
 from ..design import PATHS, Design
 from ..theory.quantities import DECODED, QUANTITIES
 from .ideal import IdealBuilds
@@ -229,6 +230,8 @@ def builds_of(
     rest = question.fields, question.object_distance, calibrated, _lenslet_offsets(question, values)
     mount = _mount(question.design, values, trials)
     nominal, changes = mount.nominal, mount.changes
+    if TEMPERATURE in values:  # builds that differ in it: `u_z_mm` is not to count it once more
+        nominal = nominal.without(TEMPERATURES)
     camera = nominal.replace(changes)
     valid = np.broadcast_to(camera.valid, (trials,))
     if not valid.all():

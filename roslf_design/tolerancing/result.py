@@ -17,6 +17,7 @@ from ..design import save
 from ..design.files import WRITTEN
 from ..errors import InputError
 from ..json_data import plain
+from ..theory.quantities import bound_note
 from .budgets import ToleranceBudget, budget
 from .metrics import METRICS, mount_of
 from .places import Grades
@@ -265,6 +266,8 @@ def _warnings(
     tilts = any(".tilt." in p.place for p in plan.draws.perturbations)
     if tilts and "non_distortion_room_mm" in plan.question.metrics:
         yield "non_distortion_room_mm is right to first order in tilts; kept_fraction is exact in them"
+    if note := bound_note(plan.columns[limit.column].metric for limit in plan.limits):
+        yield note
     left_out = mount_of(plan.question.design).left_out
     for name in plan.question.metrics:
         if name in left_out:

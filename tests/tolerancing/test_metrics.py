@@ -198,7 +198,7 @@ def test_scaling_all_lengths_scales_lengths_and_leaves_ratios(seed, factor):
 def _scaled(data, factor):
     if isinstance(data, dict):
         keep = ("tilt", "rotation", "relay_magnification", "quantum_efficiency", "full_well", "read_noise", "bits")
-        keep += ("illuminance", "reflectance", "transmission", "contrast")
+        keep += ("illuminance", "reflectance", "transmission", "contrast", "prnu", "dsnu", "veil", "view_mismatch")
         return {key: value if key in keep else _scaled(value, factor) for key, value in data.items()}
     if isinstance(data, (list, tuple)):
         return [_scaled(value, factor) for value in data]

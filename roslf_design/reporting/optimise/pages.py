@@ -19,7 +19,7 @@ from ...optimization.study import Result
 from ...optimization.traces import Retrace
 from ...optimization.variables import NUMBERS
 from ...tables import Column
-from ...theory.quantities import in_words
+from ...theory.quantities import bound_note, in_words
 from ...tolerancing.yields import Yield
 from ...words import number, sentence
 from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
@@ -97,6 +97,9 @@ def _statements(result: Result) -> Iterator[Statement]:
     answer = result.answer
     if answer.feasible:
         yield from _about_optimum(result)
+        asked = (*answer.asked.goals, *answer.asked.constraints)
+        if note := bound_note(goal.quantity.name for goal in asked):
+            yield Statement("plain", note)
     elif answer.conflict is not None:
         yield _about_conflict(answer)
     if result.bore is not None:
