@@ -12,7 +12,7 @@ from typing import Any, Literal
 import numpy as np
 
 from .._arrays import Array, by_value
-from ..camera import TEMPERATURES, Camera
+from ..camera import TEMPERATURES, Camera, Number
 from .depth_error import depth_error, lengths_error, temperature_error
 from .length_covariance import LengthCovariance
 from .photometry import Beside
@@ -92,6 +92,7 @@ def depth_budget(
     *,
     build: LengthCovariance | None = None,
     calibration: LengthCovariance | None = None,
+    sigma: Number | None = None,
 ) -> DepthBudget:
     """The uncertainty budget of depth on the axis, of one measurement of ``depth.window`` microlenses.
 
@@ -106,13 +107,15 @@ def depth_budget(
     calibration : LengthCovariance, optional
         Of the lengths as calibrated, the build's being the prior (`LengthCovariance.informed`); it stands in place of
         the build's. Lengths of the build that it does not know keep a term of their own.
+    sigma : float or ndarray, optional
+        Standard error of the disparity that noise leaves, where it is known already [microlens pitches].
 
     Returns
     -------
     DepthBudget
         [mm]; depths count from the main lens.
     """
-    noise = np.abs(depth_error(c, at))
+    noise = np.abs(depth_error(c, at, sigma))
     if "depth.disparity_error" in c.numbers:
         terms = [
             BudgetTerm("disparity error", "B", "precision", noise, "as the design gives it"),
