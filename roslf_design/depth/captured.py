@@ -35,6 +35,12 @@ MOST_ELECTRONS = 1e12
 """Largest number of electrons in a pixel that a file is believed to stand for."""
 SOME_VIEWS = 12
 """Largest number of views whose noise is compared with itself."""
+WIDER, TWICE = 3, 1.0
+"""Times that the search is widened where the scene goes on beyond it, and by how much of its width."""
+BEYOND = 0.01
+"""Share of the microlenses beyond one end of the search from which it is widened there."""
+OFF = 1.2
+"""Factor by which chi-square is off, and everywhere, from which noise is not as believed: 10 % of its deviation."""
 FAINTEST = 1e-4
 """Least noise of such views, against their brightness: what rounding and interpolation leave."""
 
@@ -50,6 +56,10 @@ class CaptureNoise:
     """Source of the noise, in words."""
     alike: float = 1.0
     """Variance of disparities against that of samples whose noise is each its own: more where neighbours' is alike."""
+    measured: bool = False
+    """True where views told it themselves."""
+    times: float = 1.0
+    """Standard deviation against that first believed, where views say that it is another."""
 
     def widened(self, run: Depths) -> Depths:
         """Depths measured with it, their errors widened by what is alike."""
@@ -98,7 +108,12 @@ class MeasuredCapture(Measurement):
             "microlenses": [self.true.shape[1], self.true.shape[0]],
             "window": first.disparities.window,
             "searched_pitches": list(first.disparities.search),
-            "noise": {"electrons": noise.electrons, "read_noise": noise.read_noise, "from": self.noise.source},
+            "noise": {
+                "electrons": noise.electrons,
+                "read_noise": noise.read_noise,
+                "from": self.noise.source,
+                "times_believed": self.noise.times,
+            },
             "summary": summary | {"unknown": self.unknown()},
             "plane": None if flat is None else {f"rms_{unit}": flat.rms, "inside_68": flat.inside_68},
             "points": list(sampled(first, self.true, POINTS)),
@@ -197,22 +212,89 @@ def image_width(camera: Camera) -> float:
     return abs(float(microlens_image_diameter(camera) / camera.q))
 
 
+def measured_wide(
+    geometry: ViewGeometry, field: LightField, noise: PixelNoise, search: tuple[float, float], fixed: bool
+) -> Depths:
+    """Depths, looked for further out as long as much of the scene lies beyond what was searched.
+
+    Parameters
+    ----------
+    geometry, field, noise
+        As `measure` takes them.
+    search : tuple of float
+        Least and largest disparity to begin with [pitches].
+    fixed : bool
+        True where somebody named them: then they stay.
+    """
+    run = measure(geometry, field, noise, search=search)
+    farthest = 0.5 * max(field.values.shape[2:]) * abs(float(field.u[1] - field.u[0]))
+    for _ in range(0 if fixed else WIDER):
+        low, high = search
+        below, above = (share > BEYOND for share in run.disparities.outside)
+        width = TWICE * (high - low)
+        wider = max(low - width * below, -farthest), min(high + width * above, farthest)
+        if wider == search or not wider[0] < wider[1]:
+            break
+        search, run = wider, measure(geometry, field, noise, search=wider)
+    return run
+
+
+def noise_factor(estimate: DisparityMap) -> float:
+    """Standard deviation of noise over that believed, as views differ; 1 where it is off in some places only.
+
+    What occlusion and reflections add is confined to them; noise is everywhere.
+    """
+    some = estimate.chi2[estimate.chi2 > 0]
+    if not some.size:
+        return 1.0
+    least, middle, most = (float(value) for value in np.quantile(some, (0.25, 0.5, 0.75)))
+    return math.sqrt(middle) if least > OFF or most < 1 / OFF else 1.0
+
+
+def measured_with_noise(
+    geometry: ViewGeometry, field: LightField, noise: CaptureNoise, search: tuple[float, float], fixed: bool
+) -> tuple[Depths, CaptureNoise]:
+    """Depths of a light field and its noise, once more where views differ otherwise than that says, everywhere."""
+    run = measured_wide(geometry, field, noise.pixel, search, fixed)
+    if noise.measured:
+        return noise.widened(run), noise
+    # Where the noise is far off, few samples were used with their right weights: the second time tells it better.
+    for _ in range(2):
+        times = noise_factor(run.disparities)
+        if times == 1.0:
+            break
+        noise = replace(noise, pixel=noise.pixel.times(times), times=noise.times * times)
+        run = measured_wide(geometry, field, noise.pixel, run.disparities.search, fixed)
+    return noise.widened(run), noise
+
+
 def measured_noise(
-    geometry: ViewGeometry, field: LightField, search: tuple[float, float], progress: Callable[[str], None]
-) -> CaptureNoise:
-    """Noise of views that nobody knows the sensor of: what is left between them once they lie on each other."""
+    geometry: ViewGeometry, field: LightField, search: tuple[float, float], progress: Callable[[str], None],
+    fixed: bool = True,
+) -> tuple[CaptureNoise, tuple[float, float]]:  # fmt: skip
+    """Noise of views that nobody knows the sensor of, what is left between them once they lie on each other; search."""
     level = _brightness(field) or 1.0
     progress("measuring noise")
     guess = PixelNoise(QUIET, QUIET * FIRST_NOISE)
-    run = measure(geometry, scaled(field, level), guess, search=search)
-    chi2 = run.disparities.chi2
-    some = chi2[chi2 > 0]
+    run = measured_wide(geometry, scaled(field, level), guess, search, fixed)
+    some = run.disparities.chi2[run.disparities.chi2 > 0]
     noise = max(FIRST_NOISE * math.sqrt(float(np.median(some))) if some.size else FIRST_NOISE, FAINTEST)
     alike = _noise_alike(run.field, run.pupil, run.disparities)
     said = f"what is left between views: {100 * noise:.2g} % of their brightness"
     if alike > 1.05:
         said += f", alike in neighbouring pixels, so that errors are {math.sqrt(alike):.2g} times as large"
-    return CaptureNoise(PixelNoise(QUIET, QUIET * noise), level, said, alike)
+    return CaptureNoise(PixelNoise(QUIET, QUIET * noise), level, said, alike, True), run.disparities.search
+
+
+def disagreement(field: LightField, across: int) -> float:
+    """Variance by which views of a small light field differ along their best disparities, in units of its own."""
+    level = _brightness(field)
+    if not level > 0:
+        return 0.0
+    geometry, search = GridGeometry(across), searched(field, float(across))
+    run = measure(geometry, scaled(field, level), PixelNoise(QUIET, QUIET * FIRST_NOISE), search=search)
+    some = run.disparities.chi2[run.disparities.chi2 > 0]
+    return float(np.median(some)) if some.size else 0.0
 
 
 def _noise_alike(field: LightField, pupil: NDArray[np.floating], estimate: DisparityMap) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,9 @@ from ..design import Design, load
 from ..errors import refusal
 from ..options import FileName, Options, refuse_idle
 from ..units import read_quantity
+from .captured import disagreement
 from .view_files import is_views, read_views
+from .view_order import in_order
 
 SCHEMA = "roslf.decoding/1"
 MOST_PLANES = 100
@@ -153,7 +156,10 @@ def decoded(image: Path, options: DecodeOptions, progress: Callable[[str], None]
     if views:
         progress("reading views")
         files = read_views(image)
-        field, kind, distances = files.field, files.kind, files.grid
+        ordered = in_order(files.field, partial(disagreement, across=max(files.field.values.shape[:2])))
+        field, kind, distances = ordered.field, files.kind, files.grid
+        if ordered.warning:
+            warnings.append(ordered.warning)
         source = "parameters.cfg" if files.grid is not None else ""
         if files.missing:
             warnings.append(f"{files.missing} of {field.values[:, :, 0, 0].size} views are missing")

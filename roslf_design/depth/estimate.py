@@ -25,6 +25,11 @@ _MANY = 60
 """Views of which the first corrections may leave out every other one."""
 _QUORUM = 0.25
 """Share of a window's microlenses that must say something of its disparity."""
+_CLIPPED = 0.05
+"""Share of the microlenses about a window near saturation from which that is why it has no disparity."""
+_CLIPPED_SAMPLES = 0.1
+"""Share of a window's samples that are saturated from which nothing is believed of it: those that are not are dark by
+selection."""
 _ALIKE = 9.0
 """Chi-square between two disparities below which neither is the better: three standard errors."""
 
@@ -83,6 +88,10 @@ class PixelNoise:
         for name in ("electrons", "read_noise", "saturation"):  # kernels are compiled once more for whole numbers
             object.__setattr__(self, name, float(getattr(self, name)))
 
+    def times(self, factor: float) -> PixelNoise:
+        """Noise of pixels whose standard deviation is so many times as large."""
+        return replace(self.dimmed(factor**-2), read_noise=self.read_noise / factor)
+
     def dimmed(self, share: float) -> PixelNoise:
         """Noise of pixels that give this share of the signal."""
         return replace(self, electrons=share * self.electrons, saturation=share * self.saturation)
@@ -120,6 +129,8 @@ class DisparityMap:
     """Side of the matching window [microlenses]."""
     search: tuple[float, float]
     """Disparities searched [pitches]."""
+    outside: tuple[float, float]
+    """Shares of the microlenses with light whose disparities lie below and above those searched."""
 
     @property
     def measured(self) -> Flags:
@@ -131,7 +142,7 @@ class DisparityMap:
         part = rows, columns
         return DisparityMap(
             self.disparity[part], self.sigma[part], self.status[part], self.chi2[part], self.views[part],
-            self.picture[part], self.window, self.search,
+            self.picture[part], self.window, self.search, self.outside,
         )  # fmt: skip
 
     def shares(self) -> dict[DisparityStatus, float]:
@@ -200,6 +211,7 @@ def estimate_disparity(
     search: tuple[float, float],
     window: int = 5,
     aside: ArrayLike | None = None,
+    captured: LightField | None = None,
     largest_sigma: float = 0.3,
     largest_chi2: float = 3.0,
     passes: int = 4,
@@ -228,6 +240,8 @@ def estimate_disparity(
     aside : array_like, optional
         How far views see to the side of that, whatever the disparity: the view from s sees at u + B s + aside what the
         pupil's centre sees at u. Along u and along v [microlens pitches], shapes as of `pupil`. None is nothing.
+    captured : LightField, optional
+        As its pixels were read, where neighbours' light has been taken off `field` since: it tells what is saturated.
     largest_sigma : float
         Standard error [pitches] above which there is no disparity. Beyond about 0.3 the wrong one of two likely
         disparities would be taken now and then, and no standard error says so.
@@ -248,7 +262,7 @@ def estimate_disparity(
         raise ValueError(f"window is {window}; give an odd number of microlenses, 3 or more")
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise ValueError(f"search is {search}; give a least and a largest disparity")
-    views = _Views.of(field, pupil, noise, aside)
+    views = _Views.of(field, pupil, noise, aside, captured)
     if not len(views.values):
         return _unlit(views, window, (low, high))
     first = _searched(views, noise, low, high, window)
@@ -303,7 +317,10 @@ class _Views:
     """Microlenses a sample: below 1 where a hexagonal array was made square."""
 
     @classmethod
-    def of(cls, field: LightField, pupil: ArrayLike, noise: PixelNoise, aside: ArrayLike | None = None) -> _Views:
+    def of(
+        cls, field: LightField, pupil: ArrayLike, noise: PixelNoise, aside: ArrayLike | None = None,
+        captured: LightField | None = None,
+    ) -> _Views:  # fmt: skip
         grid, shape = field.values.shape[:2], field.values.shape[2:]
         if min(shape) < 4:
             raise ValueError(f"views of {shape[1]} x {shape[0]} microlenses; disparity needs 4 x 4 or more")
@@ -321,7 +338,7 @@ class _Views:
             beside = np.broadcast_to(beside[:, :, None, None], (2, *values.shape))
         good = known & np.isfinite(values) & (light > 0)
         lit = good.sum(axis=0)
-        full = good & (values * light * np.float32(noise.electrons) >= np.float32(noise.saturation))
+        full = good & _saturated(field if captured is None else captured, noise)[usable]
         light = np.where(good, light, np.float32(0))
         places = np.argwhere(usable)
         steps = (float(field.u[1] - field.u[0]), float(field.v[1] - field.v[0]))
@@ -360,6 +377,19 @@ def _checked(name: str, values: ArrayLike, field: LightField) -> Pictures:
     if array.shape not in ((2, *shape[:2]), (2, *shape)):
         raise ValueError(f"{name} of shape {array.shape}; give (2, t, s) or (2, t, s, v, u) of {shape}")
     return array
+
+
+def _saturated(field: LightField, noise: PixelNoise) -> Flags:
+    """Samples that are saturated, or would be about as often as not where the light about them is as bright."""
+    from scipy import ndimage
+
+    if noise.saturation == math.inf:
+        return np.zeros(field.values.shape, np.bool_)
+    charge = field.weight * np.float32(noise.electrons)
+    lit = field.weight > 0
+    picture = np.where(lit, field.values, 0).sum((0, 1)) / np.maximum(lit.sum((0, 1)), 1)
+    peak = ndimage.maximum_filter(picture, 3)
+    return np.asarray((field.values * charge >= noise.saturation) | (peak * charge >= noise.brightest))
 
 
 def _read_only(part: Pictures) -> Pictures:
@@ -560,14 +590,19 @@ def _judged(
     bare = unsure & (_box(known & (sums[11] > 1), window) <= _QUORUM * window**2)
     # The last that holds is the reason given.
     status[at_odds] = DisparityStatus.INCONSISTENT
-    status[(fit.disparity < search[0] - margin) | (fit.disparity > search[1] + margin)] = DisparityStatus.OUT_OF_RANGE
+    below, above = fit.disparity < search[0] - margin, fit.disparity > search[1] + margin
+    status[below | above] = DisparityStatus.OUT_OF_RANGE
     status[first.alike] = DisparityStatus.AMBIGUOUS
     status[unsure] = DisparityStatus.NO_TEXTURE
     status[bare] = DisparityStatus.NO_LIGHT
     status[unsure & ((views.lit < 2) | (spread < 1e-6))] = DisparityStatus.TOO_FEW_VIEWS
-    status[unsure & (full > 0.05 * lit)] = DisparityStatus.SATURATED
+    clipped = (unsure | at_odds) & (full > _CLIPPED * lit)
+    clipped |= _box(views.saturated, window) > _CLIPPED_SAMPLES * _box(views.lit, window)
+    status[clipped] = DisparityStatus.SATURATED
     status[views.lit == 0] = DisparityStatus.NO_LIGHT
     measured = status == DisparityStatus.MEASURED
+    away, shone = status == DisparityStatus.OUT_OF_RANGE, max(int((views.lit > 0).sum()), 1)
+    outside = float((away & below).sum() / shone), float((away & above).sum() / shone)
     return DisparityMap(
         np.where(measured, fit.disparity, np.nan),
         np.where(measured, sigma, np.inf),
@@ -577,6 +612,7 @@ def _judged(
         np.where(sums[11] > 0, sums[0], 0),
         window,
         search,
+        outside,
     )
 
 
@@ -585,8 +621,9 @@ def _unlit(views: _Views, window: int, search: tuple[float, float]) -> Disparity
     status = np.full(shape, int(DisparityStatus.NO_LIGHT), np.int8)
     zero = np.zeros(shape)
     return DisparityMap(
-        np.full(shape, np.nan), np.full(shape, np.inf), status, zero, np.zeros(shape, np.int16), zero, window, search
-    )
+        np.full(shape, np.nan), np.full(shape, np.inf), status, zero, np.zeros(shape, np.int16), zero, window, search,
+        (0.0, 0.0),
+    )  # fmt: skip
 
 
 def _box(values: NDArray[np.generic], window: int) -> Array:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -28,8 +29,10 @@ from ..units import read_quantity
 from .captured import (
     CaptureNoise,
     MeasuredCapture,
+    disagreement,
     image_width,
     measured_noise,
+    measured_with_noise,
     on_array,
     raw_noise,
     scaled,
@@ -38,9 +41,10 @@ from .captured import (
     with_errors_of,
 )  # fmt: skip
 from .geometry import ArrayGeometry, GridGeometry, ViewGeometry
-from .measure import LEAST, Depths, measure
+from .measure import LEAST, Depths, search_about
 from .unmixing import flat_fielded
 from .view_files import is_views, read_pfm, read_views
+from .view_order import in_order
 
 VIEWS_WINDOW, WIDEST = 7, 99
 """Pixels of views that are matched together along each side, unless told otherwise, and the most."""
@@ -77,7 +81,9 @@ class CaptureOptions(Options):
     )
     between: str | None = Field(
         None,
-        description='Distances between which to look, as "300 mm, 400 mm". Default: wherever something is sharp.',
+        description='Distances between which to look, as "300 mm, 400 mm", or disparities: pixels from view to view '
+        'of files of views, pitches over the pupil of raw images ("-2, 2"; on a command line --between=-2,2). '
+        "Default: wherever something is sharp, or as disp_min and disp_max of parameters.cfg say.",
     )
     window: int | None = Field(
         None,
@@ -114,10 +120,12 @@ class _Capture:
 
     def measured(
         self, geometry: ViewGeometry, field: LightField, noise: CaptureNoise, search: tuple[float, float]
-    ) -> Depths:
-        """Depths of a light field; errors of lengths known to some standard error count."""
-        run = noise.widened(measure(geometry, field, noise.pixel, search=search))
-        return with_errors_of(run, field, noise.pixel, search, self.known_to) if self.known_to else run
+    ) -> tuple[Depths, CaptureNoise]:
+        """Depths of a light field, and its noise as measured; errors of lengths known to some standard error count."""
+        run, noise = measured_with_noise(geometry, field, noise, search, self.options.between is not None)
+        if self.known_to:
+            run = with_errors_of(run, field, noise.pixel, run.disparities.search, self.known_to)
+        return run, noise
 
     @property
     def calibration(self) -> str:
@@ -203,7 +211,7 @@ def _raw(capture: _Capture, progress: Callable[[str], None]) -> MeasuredCapture:
     field = scaled(field, noise.scale)
     if search is None:
         search = searched(field, image_width(camera))
-    run = capture.measured(geometry, field, noise, search)
+    run, noise = capture.measured(geometry, field, noise, search)
     warnings = tuple(raw.source.centres.warnings)
     return MeasuredCapture(
         (run,), np.full(run.depth.shape, np.nan), None, image.name, "raw", design.name,
@@ -257,13 +265,22 @@ def _views(capture: _Capture, progress: Callable[[str], None]) -> MeasuredCaptur
             "views are taken as one sensor pixel apart, the middle one on the axis, as roslf decode has them"
         )
     true, truth = _truth_of(capture, grid, (len(field.v), len(field.u)))
-    search = searched(field, wide) if options.between is None else _between(options.between, geometry)
-    noise = measured_noise(geometry, field, search, progress)
+    ordered = in_order(field, partial(disagreement, across=across))
+    field = ordered.field
+    if ordered.warning:
+        warnings.append(ordered.warning)
+    if options.between is not None:
+        search = _between(options.between, geometry)
+    elif files.disparities is not None and design is None:
+        search = search_about(*sorted(across * end for end in files.disparities))
+    else:
+        search = searched(field, wide)
+    noise, search = measured_noise(geometry, field, search, progress, options.between is not None)
     if not float(field.values.max(initial=0.0)) > 0:
         raise capture.refused("all views are black; check which files they are")
     progress("measuring depth")
     field = scaled(field, noise.scale)
-    run = capture.measured(geometry, field, noise, search)
+    run, noise = capture.measured(geometry, field, noise, search)
     return MeasuredCapture(
         (run,), true, None, image.name, files.kind, camera, capture.calibration, noise, truth,
         capture.known_to, tuple(warnings),
@@ -295,15 +312,28 @@ def _truth(file: Path, grid: GridGeometry, shape: tuple[int, ...]) -> NDArray[np
 
 
 def _between(text: str, geometry: ViewGeometry) -> tuple[float, float]:
-    """Disparities of two distances."""
-    if geometry.unit != "mm":
-        raise refusal("between", "are distances, which take a camera; name it by `design`")
+    """Disparities searched [pitches] between two distances, or two disparities as results have them."""
+    parts = [part.strip() for part in text.split(",")]
+    example = 'give two distances, as "300 mm, 400 mm", or two disparities, as -2,2'
     try:
-        ends = np.array([read_quantity(part.strip(), "length") for part in text.split(",")])
+        disparities = np.array([float(part) for part in parts])
+    except ValueError:
+        pass
+    else:
+        scale = geometry.across if isinstance(geometry, GridGeometry) else 1
+        if disparities.size != 2 or not np.isfinite(disparities).all() or disparities[0] == disparities[1]:
+            raise refusal("between", f'"{text}" is no pair of disparities; {example}')
+        return scale * float(disparities.min()), scale * float(disparities.max())
+    if geometry.unit != "mm":
+        raise refusal(
+            "between", "are distances, which take a camera; name it by `design`, or give disparities, as -2,2"
+        )
+    try:
+        ends = np.array([read_quantity(part, "length") for part in parts])
     except ValueError as error:
-        raise refusal("between", f'{error}; give two distances, as "300 mm, 400 mm"') from None
+        raise refusal("between", f"{error}; {example}") from None
     if ends.size != 2 or not 0 < ends.min() < ends.max():
-        raise refusal("between", f'"{text}" is no pair of distances; give two, as "300 mm, 400 mm"')
+        raise refusal("between", f'"{text}" is no pair of distances; {example}')
     with np.errstate(divide="ignore", invalid="ignore"):
         disparities = geometry.disparity(ends)
         in_view = np.isclose(geometry.depth(disparities), ends, rtol=1e-6)

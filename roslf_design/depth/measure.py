@@ -190,6 +190,8 @@ class Summary:
     """Rms of the standard errors told with the estimates."""
     inside_68: float | None
     """Share of the errors below the standard errors told: 0.68 where these are right."""
+    beyond_5: float | None
+    """Share of the errors beyond five of the standard errors told: nearly none where these are right."""
     measured: float
     """Share of the microlenses with a depth."""
 
@@ -230,7 +232,7 @@ class Measurement:
         if not some.any():
             sigma = self.first.sigma[self.first.measured]
             stated = math.sqrt(float((sigma**2).mean())) if sigma.size and not np.isfinite(self.true).any() else None
-            return Summary(None, None, None, stated, None, share)
+            return Summary(None, None, None, stated, None, None, share)
         errors, sigma = self.errors[:, some], np.stack([run.sigma[some] for run in self.runs])
         if len(self.runs) > 1:
             own = errors - errors.mean(0)
@@ -242,8 +244,8 @@ class Measurement:
             here = some[self.prediction.row, self.prediction.column] & np.isfinite(self.prediction.depth)
             predicted = math.sqrt(float((self.prediction.depth[here] ** 2).mean())) if here.any() else None
         stated = math.sqrt(float((sigma**2).mean()))
-        inside = float((np.abs(errors) < sigma).mean())
-        return Summary(float(errors.mean()), spread, predicted, stated, inside, share)
+        inside, beyond = (float(part.mean()) for part in (np.abs(errors) < sigma, np.abs(errors) > 5 * sigma))
+        return Summary(float(errors.mean()), spread, predicted, stated, inside, beyond, share)
 
     def unknown(self) -> dict[str, float]:
         """Shares of the microlenses without a depth, by reason; over all exposures."""
@@ -265,6 +267,10 @@ class Trial(Measurement):
     """In a pixel that its microlens lights fully, where the scene is as bright as on average."""
     raw: RawImage
     """The picture without noise, of the region with its margin."""
+    saturated: float
+    """Share of its pixels that fill the well."""
+    brightest: float
+    """Electrons over the full well of the brightest pixels, but for one in a thousand."""
 
     def assumes(self) -> dict[str, Any]:
         """Light, texture and matching that the prediction is for, as `evaluate` tells them."""
@@ -288,6 +294,7 @@ class Trial(Measurement):
             "microlenses": [self.true.shape[1], self.true.shape[0]],
             "searched_pitches": list(first.disparities.search),
             "summary": plain(self.summary()) | {"unknown": self.unknown()},
+            "saturated": self.saturated,
             "assumes": self.assumes(),
             "points": list(sampled(first, self.true, POINTS)),
         }
@@ -325,8 +332,11 @@ def measure(
     search : tuple of float
         Least and largest disparity [pitches].
     """
+    captured = field
     field, pupil, aside = geometry.prepared(field)
-    disparities = estimate_disparity(field, pupil, noise, search=search, window=geometry.window, aside=aside)
+    disparities = estimate_disparity(
+        field, pupil, noise, search=search, window=geometry.window, aside=aside, captured=captured
+    )
     z = geometry.depth(disparities.disparity)
     known = np.isfinite(z)
     sigma = np.full(z.shape, np.inf)
@@ -538,7 +548,11 @@ def simulate(
         runs.append(measure(geometry, field, noise, search=search).within(rows, columns))
     true = true[rows, columns]
     prediction = _predict(design, scene, runs[0].field, true, runs[0].disparities.window, actual.traced)
-    return Trial(tuple(runs), true, prediction, scene, part, believed, mean, picture)
+    exposed = picture.pixels * (full / saturation)
+    return Trial(
+        tuple(runs), true, prediction, scene, part, believed, mean, picture,
+        float((exposed >= 1).mean()), float(np.quantile(exposed, 0.999)),
+    )  # fmt: skip
 
 
 def search_about(low: float, high: float) -> tuple[float, float]:

@@ -74,6 +74,8 @@ class ViewFiles:
     """Grid of the cameras, where the folder says how they stood."""
     missing: int = 0
     """Views of the grid that are not there; their weight is 0."""
+    disparities: tuple[float, float] | None = None
+    """Least and largest disparity from view to view [px], where the folder tells them."""
 
 
 def is_views(image: Path) -> bool:
@@ -100,9 +102,9 @@ def read_views(path: Path) -> ViewFiles:
 def _folder(folder: Path) -> ViewFiles:
     if not folder.is_dir():
         raise _refused(folder, "is no folder of views" if folder.exists() else "no such folder; check the path")
-    grid, across = None, None
+    grid, across, disparities = None, None, None
     if (folder / PARAMETERS).exists():
-        grid, across = _parameters(folder / PARAMETERS)
+        grid, across, disparities = _parameters(folder / PARAMETERS)
     places = _places(folder, across)
     cells = np.array(list(places))
     low, size = cells.min(axis=0), np.ptp(cells, axis=0) + 1
@@ -125,7 +127,7 @@ def _folder(folder: Path) -> ViewFiles:
     assert values is not None
     assert weight is not None
     missing = int(math.prod(size.tolist())) - len(places)
-    return ViewFiles(_field(values, weight), "views", grid, missing)
+    return ViewFiles(_field(values, weight), "views", grid, missing, disparities)
 
 
 def _places(folder: Path, across: int | None) -> dict[tuple[int, int], Path]:
@@ -165,8 +167,8 @@ def _view(path: Path) -> tuple[Samples, Any]:
     return view, (view != 0 if notes.get("unmeasured") == 0 else 1.0)
 
 
-def _parameters(path: Path) -> tuple[CameraGrid | None, int]:
-    """Cameras as `parameters.cfg` of the 4D Light Field Benchmark describes them, and how many stand in a row."""
+def _parameters(path: Path) -> tuple[CameraGrid | None, int, tuple[float, float] | None]:
+    """Cameras as `parameters.cfg` of the 4D Light Field Benchmark describes them, how many a row has, disparities."""
     parser = configparser.ConfigParser(interpolation=None)
     try:
         parser.read_string(read_text(path, str(path), "configuration"))
@@ -188,7 +190,22 @@ def _parameters(path: Path) -> tuple[CameraGrid | None, int]:
     width = max(number("intrinsics", f"image_resolution_{axis}_px") for axis in "xy")
     focal = number("intrinsics", "focal_length_mm") / number("intrinsics", "sensor_size_mm") * width
     focus = 1e3 * number("extrinsics", "focus_distance_m")
-    return CameraGrid(number("extrinsics", "baseline_mm"), focal, focus), max(across, 1)
+    ends = [parser.get("meta", key, fallback=None) for key in ("disp_min", "disp_max")]
+    return CameraGrid(number("extrinsics", "baseline_mm"), focal, focus), max(across, 1), _disparities(ends, path)
+
+
+def _disparities(ends: list[str | None], path: Path) -> tuple[float, float] | None:
+    """Least and largest disparity that a configuration tells [px from view to view]; None where it tells none."""
+    if None in ends:
+        return None
+    try:
+        low, high = (float(end or "") for end in ends)
+    except ValueError:
+        low, high = math.nan, math.nan
+    if not (math.isfinite(low) and math.isfinite(high) and low < high):
+        message = f"with disp_max is no range of disparities: {ends[0]!r} to {ends[1]!r}; mend both, or delete them"
+        raise InputError((Problem("meta.disp_min", message),), str(path))
+    return low, high
 
 
 def view_files(field: LightField) -> dict[str, bytes]:

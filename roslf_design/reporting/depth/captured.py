@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 
 import numpy as np
@@ -11,7 +12,7 @@ from ...depth.geometry import ArrayGeometry
 from ...drawing.picture import Picture
 from ...words import length, listed, number, sentence
 from ..blocks import Block, Bullets, Code, Figure, Report, Statement, Statements, Table
-from .pages import FIGURES, RIGHT, known, measurement_report, optics_notes
+from .pages import FIGURES, errors_right, known, measurement_report, optics_notes, places
 
 CAPTIONS = {
     "map": (
@@ -35,8 +36,8 @@ CAPTIONS = {
     ),
 }  # fmt: skip
 """Title and caption of each picture."""
-NOISY = 2.0
-"""Chi-square of views about their picture from which their noise, or what they show, is not as believed."""
+FLAT = 2.0
+"""Rms distance from the best plane over the standard error up to which a scene is taken for a plane."""
 
 
 def capture_report(measured: MeasuredCapture, pictures: dict[str, Picture], command: str) -> Report:
@@ -44,7 +45,7 @@ def capture_report(measured: MeasuredCapture, pictures: dict[str, Picture], comm
     rows, columns = measured.true.shape
     return measurement_report(
         f"Depth in {measured.source}",
-        f"{columns} x {rows} {_places(measured)}",
+        f"{columns} x {rows} {places(measured)}",
         capture_answers(measured),
         capture_basis(measured),
         [Figure.of(f"depth-{name}", *CAPTIONS[name], picture) for name, picture in pictures.items()],
@@ -90,25 +91,29 @@ def _capture_statements(measured: MeasuredCapture) -> Iterator[Statement]:
             "A parameters.cfg beside the views does; or name the camera with --design.",
         )  # fmt: skip
     if summary.bias_mm is not None and summary.inside_68 is not None:
+        rms = math.hypot(summary.bias_mm, summary.spread_mm or 0.0)
         text = (
             f"Is it true? By {measured.truth} it is off by {summary.bias_mm:+.2g} {unit} on average and scatters by"
-            f" {summary.spread_mm:.2g} {unit}; {100 * summary.inside_68:.0f} % lie within the errors told, 68 % would"
-            " be right."
+            f" {summary.spread_mm:.2g} {unit}, together {rms / (summary.told_mm or math.inf):.2g} times the errors"
+            f" reported; {100 * summary.inside_68:.0f} % lie within theirs (68 % would be right),"
+            f" {100 * (summary.beyond_5 or 0.0):.2g} % beyond five times."
         )
-        yield Statement("good" if summary.inside_68 >= RIGHT[0] else "caution", text)
+        if errors_right(summary):
+            yield Statement("good", text)
+        else:
+            yield Statement("caution", text, f"Believe {rms:.2g} {unit} where single {places(measured)} count.")
     flat = run.flatness()
-    if flat is not None:
+    if flat is not None and flat.rms < FLAT * float(np.median(run.noise_sigma[some])):
         text = (
             f"Is it a plane? Off the best one by {flat.rms:.2g} {unit} rms; {100 * flat.inside_68:.0f} % lie within "
             "the errors told for light and texture, 68 % would of a plane."
         )
         yield Statement("plain", text)
-    chi2 = run.disparities.chi2[some]
-    if chi2.size and float(np.median(chi2)) > NOISY:
-        text = f"Is the noise as believed? Views differ by {float(np.median(chi2)) ** 0.5:.2g} times as much."
-        yield Statement(
-            "caution", text, "Errors told are widened by it; say in [sensor] and [light] what the camera has."
+    if measured.noise.times != 1.0:
+        text = (
+            f"Is the noise as believed? It is {measured.noise.times:.2g} times as believed, as views show everywhere."
         )
+        yield Statement("caution", text, "Errors reported are for it; say in [sensor] and [light] what the camera has.")
     for warning in measured.warnings:
         yield Statement("caution", sentence(warning))
 
@@ -128,7 +133,7 @@ def _numbers(measured: MeasuredCapture) -> Table:
         lines.append(("within the error told", f"{100 * summary.inside_68:.1f}", "%", "68 where it is right"))
     if flat is not None:
         lines.append(("off a plane", f"{flat.rms:.3g}", unit, "rms about the best one"))
-    lines.append((f"{_places(measured)} with a {_quantity(measured)}", f"{100 * summary.measured:.1f}", "%", ""))
+    lines.append((f"{places(measured)} with a {_quantity(measured)}", f"{100 * summary.measured:.1f}", "%", ""))
     lines += [("unknown", f"{100 * share:.2g}", "%", reason) for reason, share in measured.unknown().items()]
     return Table(tuple(lines), "lrll", ("", "", "", ""), "In numbers")
 
@@ -148,7 +153,7 @@ def capture_basis(measured: MeasuredCapture) -> tuple[Block, ...]:
         ("camera", camera),
         ("noise", light),
         ("searched", f"disparities from {low:.3g} to {high:.3g} {span}"),
-        ("matched", f"{side} x {side} {_places(measured)}, depth taken as even within"),
+        ("matched", f"{side} x {side} {places(measured)}, depth taken as even within"),
     ]  # fmt: skip
     notes = [
         "What shines, shadows that move, and glass in front show other disparities than the surface itself.",
@@ -167,7 +172,3 @@ def capture_basis(measured: MeasuredCapture) -> tuple[Block, ...]:
 
 def _quantity(measured: MeasuredCapture) -> str:
     return "depth" if measured.first.geometry.unit == "mm" else "disparity"
-
-
-def _places(measured: MeasuredCapture) -> str:
-    return "microlenses" if measured.first.geometry.place_unit == "mm" else "pixels"

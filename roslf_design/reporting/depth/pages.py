@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 
-from ...depth.estimate import epipolar_plane
+from ...depth.estimate import DisparityStatus, epipolar_plane
 from ...depth.measure import REASONS, Measurement, Summary, Trial
 from ...design import Design
 from ...drawing.picture import Picture
@@ -22,6 +22,10 @@ ENOUGH = 30
 """Windows from which bias and spread are told well."""
 FEW = 0.98
 """Share of measured microlenses below which what is missing is a caution."""
+WIDE = 1.3
+"""Rms error over that told up to which errors told are right."""
+TAIL = 0.003
+"""Share of the errors beyond five of those told up to which they are right."""
 FIGURES = {
     "map": (
         "Depth and its standard error at every microlens",
@@ -107,6 +111,13 @@ def _what(trial: Trial) -> str:
 def statements(trial: Trial) -> Iterator[Statement]:
     """A verdict for each question."""
     summary = trial.summary()
+    if trial.saturated > 0:
+        text = (
+            f"Is the exposure right? {_percent(trial.saturated)} of the pixels are full: on average "
+            f"{trial.electrons:.4g} electrons, {trial.brightest:.2g} times the full well in the brightest."
+        )
+        remedy = f"Expose {0.9 / max(trial.brightest, 0.9):.2g} times as long (light.exposure)."
+        yield Statement("bad" if trial.saturated > 1 - FEW else "caution", text, remedy)
     yield known(trial, summary)
     if summary.bias_mm is None or summary.spread_mm is None or summary.told_mm is None or summary.inside_68 is None:
         yield Statement("bad", "How good is it? Nothing to compare: no microlens has both a depth and a truth.")
@@ -136,11 +147,26 @@ def statements(trial: Trial) -> Iterator[Statement]:
         "68 % would be right."
     )
     wrong: tuple[Tone, str] | None = None
-    if inside < RIGHT[0] - room:
-        wrong = "caution", f"They are too small: for this scene believe {_mm(math.hypot(spread, bias))} instead."
+    rms = math.hypot(spread, bias)
+    if inside < RIGHT[0] - room or rms > WIDE * (1 + room) * summary.told_mm:
+        wrong = "caution", f"They are too small: for this scene believe {_mm(rms)} instead."
     elif inside > RIGHT[1] + room:
         wrong = "caution", "They are larger than need be: depths are better than told."
-    yield _judged(text, windows, RIGHT[0] <= inside <= RIGHT[1], wrong)
+    yield _judged(text, windows, errors_right(summary), wrong)
+
+
+def errors_right(summary: Summary) -> bool:
+    """True where errors are as large as those told with each depth, in the middle and at the tails."""
+    if summary.bias_mm is None or summary.spread_mm is None or not summary.told_mm or summary.inside_68 is None:
+        return False
+    rms = math.hypot(summary.spread_mm, summary.bias_mm)
+    in_middle = RIGHT[0] <= summary.inside_68 <= RIGHT[1]
+    return in_middle and rms <= WIDE * summary.told_mm and (summary.beyond_5 or 0.0) <= TAIL
+
+
+def places(trial: Measurement) -> str:
+    """What depth is told of: microlenses, or pixels of views."""
+    return "microlenses" if trial.first.geometry.place_unit == "mm" else "pixels"
 
 
 def _judged(text: str, windows: float, holds: bool, against: tuple[Tone, str] | None) -> Statement:
@@ -157,8 +183,11 @@ def known(trial: Measurement, summary: Summary) -> Statement:
     """How much of the field has a depth, and why the rest has none."""
     reasons = trial.unknown()
     why = listed([f"{_percent(share)} {reason}" for reason, share in reasons.items()]) if reasons else ""
-    text = f"How much of the field has a depth? {_percent(summary.measured)} of the microlenses."
+    quantity = "depth" if trial.first.geometry.unit == "mm" else "disparity"
+    text = f"How much of the field has a {quantity}? {_percent(summary.measured)} of the {places(trial)}."
     remedy = f"The rest is unknown, not guessed: {why}." if why else ""
+    if reasons.get(DisparityStatus.SATURATED.reason, 0.0) > 1 - FEW:
+        remedy += " Expose less: where pixels are full nothing is measured."
     tone: Tone = "good" if summary.measured >= FEW else "caution" if summary.measured > 0 else "bad"
     return Statement(tone, text, remedy)
 

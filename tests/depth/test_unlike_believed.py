@@ -1,0 +1,183 @@
+"""Pictures that are not as believed: other noise, overexposed, views in another order, beyond the search."""
+
+import itertools
+from functools import partial
+
+import numpy as np
+import pytest
+
+import roslf_design as roslf
+from roslf_design.camera import Camera
+from roslf_design.cli import main
+from roslf_design.depth.captured import CaptureNoise, disagreement, measured_with_noise
+from roslf_design.depth.estimate import DisparityStatus, PixelNoise
+from roslf_design.depth.geometry import GridGeometry
+from roslf_design.depth.measure import PictureOptions, simulate
+from roslf_design.depth.view_files import view_files
+from roslf_design.depth.view_order import AS_NAMED, ORDERS, in_order
+from roslf_design.theory.photometry import exposure
+from tests.depth.made import Texture, exposed, fewer_rays, sharp
+
+ACROSS, SIZE, ELECTRONS, READ = 7, (56, 56), 4000.0, 10.0
+SEARCH = (-1.0, 3.0)
+
+
+def pupil_of(rows, columns):
+    """Places of a grid of views as `GridGeometry` has them."""
+    t, s = np.meshgrid(np.arange(rows) - (rows - 1) / 2, np.arange(columns) - (columns - 1) / 2, indexing="ij")
+    return np.stack([-s, -t]) / max(rows, columns)
+
+
+def views_of(disparity, rows=ACROSS, columns=ACROSS, seed=3, size=SIZE):
+    pupil = pupil_of(rows, columns)
+    views = sharp(Texture.of(seed, 0.25), disparity, pupil, np.ones((rows, columns), bool), size)
+    return views, np.ones((rows, columns, 1, 1), np.float32)
+
+
+def believed(times):
+    """Noise that is so many times less than that of the picture."""
+    return CaptureNoise(PixelNoise(ELECTRONS, READ).times(1 / times), 1.0, "a data sheet")
+
+
+@pytest.mark.parametrize("times", [0.7, 1.0, 1.3, 1.6, 2.0, 3.0])
+def test_noise_unlike_the_sheets_is_measured_and_the_wall_known(times):
+    views, light = views_of(1.2)
+    field = exposed(views, light, ELECTRONS, READ, 5)
+    run, noise = measured_with_noise(GridGeometry(ACROSS), field, believed(times), SEARCH, True)
+    inner = (slice(5, -5), slice(5, -5))
+    assert run.measured[inner].mean() >= 0.95
+    # Of 2,116 microlenses' samples; interpolation leaves some 5 % less than pixels have.
+    assert noise.times == pytest.approx(times, rel=0.08) or (times == 1.0 and noise.times == 1.0)
+    score = (run.disparities.disparity - 1.2)[inner] / run.disparities.sigma[inner]
+    score = score[np.isfinite(score)]
+    # 85 windows of 5 x 5 without common microlenses: 68 % to 10 %.
+    assert 0.58 < np.mean(np.abs(score) < 1) < 0.8
+
+
+def test_a_step_in_a_noisy_picture_is_still_a_step():
+    columns = np.arange(float(SIZE[1]))
+    near, light = views_of(2.5)
+    far, _ = views_of(0.0, seed=4)
+    pupil = pupil_of(ACROSS, ACROSS)
+    # The near half covers, in each view, what lies right of its edge.
+    edges = SIZE[1] / 2 + 2.5 * pupil[0]
+    views = np.where(columns > edges[..., None, None], near, far)
+    run, noise = measured_with_noise(
+        GridGeometry(ACROSS), exposed(views, light, ELECTRONS, READ, 6), believed(2.0), (-1.0, 3.5), True
+    )
+    assert noise.times == pytest.approx(2.0, rel=0.15)
+    status = run.disparities.status
+    sides = np.concatenate([status[5:-5, 5:20].ravel(), status[5:-5, 36:-5].ravel()])
+    assert np.mean(sides == DisparityStatus.MEASURED) > 0.95
+    middle = status[5:-5, 25:31]
+    assert np.mean(middle == DisparityStatus.INCONSISTENT) > 0.1
+
+
+def turned(field_values, transposed, rows, columns):
+    values = field_values.swapaxes(0, 1) if transposed else field_values
+    values = values[::-1] if rows else values
+    return values[:, ::-1] if columns else values
+
+
+@pytest.mark.parametrize(("transposed", "rows", "columns"), list(itertools.product([False, True], repeat=3)))
+def test_every_order_of_the_views_is_put_right_but_for_half_a_turn(transposed, rows, columns):
+    """Rows and columns swapped, each or both reversed: the eight ways to name a grid."""
+    views, light = views_of(lambda u: 4.0 + 0.01 * u)
+    values = turned(views, transposed, rows, columns)
+    field = exposed(values, light, ELECTRONS, READ, 7)
+    ordered = in_order(field, partial(disagreement, across=ACROSS))
+    right = exposed(views, light, ELECTRONS, READ, 7).values
+    apart = [np.abs(ordered.field.values - one).mean() for one in (right, right[::-1, ::-1])]
+    # Same noise in other places: two pictures of the same differ by 1.1 sigma of it on average, of others by more.
+    assert min(apart) < 1.5 * np.sqrt(0.4 / ELECTRONS)
+    assert (ordered.order == AS_NAMED) == (not transposed and rows == columns)
+    assert bool(ordered.warning) == (ordered.order != AS_NAMED)
+
+
+def test_views_that_do_not_differ_stay_as_named():
+    views, light = views_of(0.0)
+    ordered = in_order(exposed(views, light, ELECTRONS, READ, 8), partial(disagreement, across=ACROSS))
+    assert ordered.order == AS_NAMED
+
+
+def test_orders_undo_themselves():
+    views, light = views_of(2.0, rows=5, columns=7)
+    field = exposed(views, light, ELECTRONS, READ, 9)
+    for order in ORDERS[:3]:
+        again = order.of(order.of(field))
+        np.testing.assert_array_equal(again.values, field.values)
+        np.testing.assert_array_equal(again.s, field.s)
+
+
+def test_real_views_named_by_column_and_row_are_known(shared_data, tmp_path, capsys):
+    folder = shared_data / "lytro-views"
+    if not folder.is_dir():
+        pytest.skip(f"no {folder}")
+    measured = roslf.capture_depth(folder)
+    assert measured.summary().measured > 0.9
+    assert any("rows and columns of views are swapped" in warning for warning in measured.warnings)
+
+
+def test_the_search_is_widened_where_the_scene_goes_on():
+    views, light = views_of(lambda u: 1.0 + 0.08 * u)
+    field = exposed(views, light, ELECTRONS, READ, 10)
+    noise = believed(1.0)
+    narrow, _ = measured_with_noise(GridGeometry(ACROSS), field, noise, (0.5, 2.0), True)
+    wide, _ = measured_with_noise(GridGeometry(ACROSS), field, noise, (0.5, 2.0), False)
+    assert narrow.measured.mean() < 0.6
+    assert narrow.disparities.outside[1] > 0.1
+    inner = wide.measured[6:-6, 6:-12]
+    assert inner.mean() > 0.95
+    assert wide.disparities.search[0] == 0.5  # nothing is nearer to that end
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Nine views of a wall at 0.3 px from view to view."""
+    place = tmp_path_factory.mktemp("views")
+    views, light = views_of(0.9, rows=3, columns=3, size=(32, 32))
+    for name, content in view_files(exposed(views, light, ELECTRONS, READ, 11)).items():
+        (place / name).write_bytes(content)
+    return place
+
+
+def test_between_takes_disparities_also_negative(folder):
+    measured = roslf.capture_depth(folder, between="-2,2")
+    assert measured.first.disparities.search == (-6.0, 6.0)
+    assert np.median(measured.first.depth[measured.first.measured]) == pytest.approx(0.3, abs=0.01)
+
+
+@pytest.mark.parametrize("text", ["1", "1,1", "1,2,3", "nan,2", "1,x"])
+def test_between_that_is_no_range_is_refused(folder, tmp_path, text, capsys):
+    assert main(["depth", str(folder), f"--between={text}", "-o", str(tmp_path / "out")]) == 2
+    error = capsys.readouterr().err
+    assert "--between" in error
+    assert error.count("\n") <= 2
+
+
+def test_disparities_of_a_benchmark_are_searched(folder, tmp_path):
+    for path in folder.iterdir():
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    numbers = {
+        "intrinsics": {"focal_length_mm": 100, "sensor_size_mm": 35} | {f"image_resolution_{a}_px": 32 for a in "xy"},
+        "extrinsics": {"num_cams_x": 3, "baseline_mm": 50, "focus_distance_m": 8},
+        "meta": {"disp_min": -0.5, "disp_max": 1.5},
+    }
+    lines = [
+        line for section, keys in numbers.items() for line in (f"[{section}]", *(f"{k} = {v}" for k, v in keys.items()))
+    ]
+    (tmp_path / "parameters.cfg").write_text("\n".join(lines))
+    low, high = roslf.capture_depth(tmp_path).first.disparities.search
+    assert low < 3 * -0.5 < 3 * 1.5 < high < 3 * 2.5
+
+
+@pytest.mark.parametrize("times", [2.2, 4.0])
+def test_overexposed_pictures_are_saturated_not_occluded(times):
+    design = roslf.load("paper")
+    longer = design.replace({"light.exposure": times * float(exposure(Camera.of(design)))})
+    with pytest.MonkeyPatch.context() as patch:
+        fewer_rays(patch)
+        trial = simulate(longer, options=PictureOptions(region=(2240, 1480, 110, 110)))
+    assert trial.saturated > 0.3
+    assert trial.brightest > 1
+    assert trial.unknown()[DisparityStatus.SATURATED.reason] > 0.98
