@@ -212,7 +212,7 @@ def image_width(camera: Camera) -> float:
     return abs(float(microlens_image_diameter(camera) / camera.q))
 
 
-def measured_wide(
+def _measured_wide(
     geometry: ViewGeometry, field: LightField, noise: PixelNoise, search: tuple[float, float], fixed: bool
 ) -> Depths:
     """Depths, looked for further out as long as much of the scene lies beyond what was searched.
@@ -239,7 +239,7 @@ def measured_wide(
     return run
 
 
-def noise_factor(estimate: DisparityMap) -> float:
+def _noise_factor(estimate: DisparityMap) -> float:
     """Standard deviation of noise over that believed, as views differ; 1 where it is off in some places only.
 
     What occlusion and reflections add is confined to them; noise is everywhere.
@@ -255,16 +255,16 @@ def measured_with_noise(
     geometry: ViewGeometry, field: LightField, noise: CaptureNoise, search: tuple[float, float], fixed: bool
 ) -> tuple[Depths, CaptureNoise]:
     """Depths of a light field and its noise, once more where views differ otherwise than that says, everywhere."""
-    run = measured_wide(geometry, field, noise.pixel, search, fixed)
+    run = _measured_wide(geometry, field, noise.pixel, search, fixed)
     if noise.measured:
         return noise.widened(run), noise
     # Where the noise is far off, few samples were used with their right weights: the second time tells it better.
     for _ in range(2):
-        times = noise_factor(run.disparities)
+        times = _noise_factor(run.disparities)
         if times == 1.0:
             break
         noise = replace(noise, pixel=noise.pixel.times(times), times=noise.times * times)
-        run = measured_wide(geometry, field, noise.pixel, run.disparities.search, fixed)
+        run = _measured_wide(geometry, field, noise.pixel, run.disparities.search, fixed)
     return noise.widened(run), noise
 
 
@@ -276,7 +276,7 @@ def measured_noise(
     level = _brightness(field) or 1.0
     progress("measuring noise")
     guess = PixelNoise(QUIET, QUIET * FIRST_NOISE)
-    run = measured_wide(geometry, scaled(field, level), guess, search, fixed)
+    run = _measured_wide(geometry, scaled(field, level), guess, search, fixed)
     some = run.disparities.chi2[run.disparities.chi2 > 0]
     noise = max(FIRST_NOISE * math.sqrt(float(np.median(some))) if some.size else FIRST_NOISE, FAINTEST)
     alike = _noise_alike(run.field, run.pupil, run.disparities)

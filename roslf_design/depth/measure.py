@@ -55,8 +55,11 @@ DETAIL = 2.5
 """Period of the finest detail of the scene that is looked at where none is given [microlenses]."""
 SLANT = 0.5
 """Half the range of disparities over the width of that scene [pitches]."""
-SHARE_OF_SIGHT = 0.5
-"""Part that the slope of that scene takes at most of one along the outermost chief ray, which meets it at infinity."""
+LONGEST, STEEPEST = 1.25, 3.0
+"""Length of that scene between two neighbouring microlenses over the frontal one, at most: so its finest detail has two
+microlenses a period wherever it is looked at. Slope at most."""
+SEEN = 2.0
+"""Microlenses a period below which texture aliases."""
 MARGIN = 0.5
 """Disparities searched beyond those of the scene [pitches]."""
 BESIDE = 3
@@ -271,6 +274,8 @@ class Trial(Measurement):
     """Share of its pixels that fill the well."""
     brightest: float
     """Electrons over the full well of the brightest pixels, but for one in a thousand."""
+    aliased: float
+    """Share of the field whose texture is finer than two microlenses."""
 
     def assumes(self) -> dict[str, Any]:
         """Light, texture and matching that the prediction is for, as `evaluate` tells them."""
@@ -295,6 +300,7 @@ class Trial(Measurement):
             "searched_pitches": list(first.disparities.search),
             "summary": plain(self.summary()) | {"unknown": self.unknown()},
             "saturated": self.saturated,
+            "aliased": self.aliased,
             "assumes": self.assumes(),
             "points": list(sampled(first, self.true, POINTS)),
         }
@@ -414,10 +420,38 @@ def _default_scene(design: Design) -> Scene:
     slope = min(
         abs(end - design.d_f) / half if math.isfinite(end) else math.inf for end in (max(ends[0], nearest), ends[1])
     )
-    slope = min(slope, 3.0, float(ratio(SHARE_OF_SIGHT, abs(chief_ray_limits(design)[0]))))
+    slope = min(slope, _steepest(abs(chief_ray_limits(design)[0])))
     contrast = min(design.depth.contrast, MOST_CONTRAST)  # that of a single period may be more
     texture = Noise(finest=DETAIL * float(QUANTITIES["object_sample_mm"](camera)), contrast=contrast, seed=1)
     return Scene(name="slanted wall", objects=(Plane(tilt=(0.0, math.atan(slope)), texture=texture),))
+
+
+def _steepest(sight: float) -> float:
+    """Largest slope of a wall on which neighbouring chief rays, of slopes up to `sight`, lie `LONGEST` apart at most.
+
+    A wall z = z_0 + m x meets the chief ray of slope t at x = t (z_0 - d_3)/(1 - m t): microlenses alike in t lie
+    sqrt(1 + m^2)/(1 - m t)^2 as far apart on it as on one that faces the camera.
+    """
+    slopes = np.linspace(0, min(STEEPEST, 1 / max(sight, 1e-9)), 3001)[:-1]
+    longer = np.sqrt(1 + slopes**2) / (1 - slopes * sight) ** 2
+    return float(slopes[longer <= LONGEST][-1])
+
+
+def _aliased(design: Design, texture: Noise | None, true: Array) -> float:
+    """Share of a field in which a texture's finest detail has fewer than `SEEN` microlenses a period, about."""
+    known = np.isfinite(true)
+    if texture is None or not known.any() or min(true.shape) < 2:
+        return 0.0
+    camera = Camera.of(design.thin_twin)
+    gap = float(design.d_f - design.d_3)
+    step = float(QUANTITIES["object_sample_mm"](camera)) / gap
+    rows, columns = ((np.arange(n) - (n - 1) / 2) * step for n in true.shape)
+    away = true - design.d_3
+    points = np.stack([columns * away, rows[:, None] * away, away])
+    apart = np.max([np.sqrt((np.gradient(points, axis=axis) ** 2).sum(0)) for axis in (1, 2)], axis=0)
+    return (
+        float((apart[np.isfinite(apart)] * SEEN > texture.finest * 1.001).mean()) if np.isfinite(apart).any() else 0.0
+    )
 
 
 def _default_region(design: Design) -> Region:
@@ -551,7 +585,7 @@ def simulate(
     exposed = picture.pixels * (full / saturation)
     return Trial(
         tuple(runs), true, prediction, scene, part, believed, mean, picture,
-        float((exposed >= 1).mean()), float(np.quantile(exposed, 0.999)),
+        float((exposed >= 1).mean()), float(np.quantile(exposed, 0.999)), _aliased(design, _texture_of(scene), true),
     )  # fmt: skip
 
 

@@ -23,7 +23,7 @@ CLEARLY = 0.6
 of a Lytro disagree by 0.2 to 0.6 of what they do in the next best; where nothing moves between views, by the same."""
 
 
-class ViewOrder(NamedTuple):
+class _ViewOrder(NamedTuple):
     """Grid of views against their names. Half a turn more fits alike, with near and far swapped."""
 
     transposed: bool
@@ -48,15 +48,15 @@ class ViewOrder(NamedTuple):
         return "columns of views are reversed" if self.mirrored else ""
 
 
-AS_NAMED = ViewOrder(False, False)
-ORDERS = (AS_NAMED, ViewOrder(True, False), ViewOrder(False, True), ViewOrder(True, True))
+AS_NAMED = _ViewOrder(False, False)
+ORDERS = (AS_NAMED, _ViewOrder(True, False), _ViewOrder(False, True), _ViewOrder(True, True))
 
 
-class OrderedViews(NamedTuple):
+class _OrderedViews(NamedTuple):
     """Light field in the order in which its views agree."""
 
     field: LightField
-    order: ViewOrder
+    order: _ViewOrder
     agreement: float
     """Rms by which views disagree in the named order, over that in this one."""
 
@@ -71,7 +71,7 @@ class OrderedViews(NamedTuple):
         )
 
 
-def in_order(field: LightField, disagreement: Callable[[LightField], float]) -> OrderedViews:
+def in_order(field: LightField, disagreement: Callable[[LightField], float]) -> _OrderedViews:
     """Views in the order in which they agree, near a few windows with texture; as named unless another fits clearly.
 
     Parameters
@@ -82,14 +82,14 @@ def in_order(field: LightField, disagreement: Callable[[LightField], float]) -> 
         Variance by which views of a small light field differ along their best disparities, in any unit.
     """
     if min(field.values.shape[:2]) < 2 or not (windows := _windows(field)):
-        return OrderedViews(field, AS_NAMED, 1.0)
+        return _OrderedViews(field, AS_NAMED, 1.0)
     parts = [_part(field, *window) for window in windows]
     logs = {order: np.log([max(disagreement(order.of(part)), 1e-12) for part in parts]) for order in ORDERS}
     ratio = {order: float(np.exp(np.median(values - logs[AS_NAMED]))) for order, values in logs.items()}
     best = min(ORDERS, key=ratio.__getitem__)
     if ratio[best] > CLEARLY:
-        return OrderedViews(field, AS_NAMED, 1.0)
-    return OrderedViews(best.of(field), best, ratio[best] ** -0.5)
+        return _OrderedViews(field, AS_NAMED, 1.0)
+    return _OrderedViews(best.of(field), best, ratio[best] ** -0.5)
 
 
 def _windows(field: LightField) -> list[tuple[int, int]]:

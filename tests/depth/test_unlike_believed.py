@@ -1,6 +1,7 @@
 """Pictures that are not as believed: other noise, overexposed, views in another order, beyond the search."""
 
 import itertools
+import math
 from functools import partial
 
 import numpy as np
@@ -13,8 +14,12 @@ from roslf_design.depth.captured import CaptureNoise, disagreement, measured_wit
 from roslf_design.depth.estimate import DisparityStatus, PixelNoise
 from roslf_design.depth.geometry import GridGeometry
 from roslf_design.depth.measure import PictureOptions, simulate
+from roslf_design.depth.measure import _default_scene as default_scene
 from roslf_design.depth.view_files import view_files
 from roslf_design.depth.view_order import AS_NAMED, ORDERS, in_order
+from roslf_design.reporting.depth.pages import statements
+from roslf_design.scenes import make_scene
+from roslf_design.scenes.scene import chief_ray_limits
 from roslf_design.theory.photometry import exposure
 from tests.depth.made import Texture, exposed, fewer_rays, sharp
 
@@ -181,3 +186,33 @@ def test_overexposed_pictures_are_saturated_not_occluded(times):
     assert trial.saturated > 0.3
     assert trial.brightest > 1
     assert trial.unknown()[DisparityStatus.SATURATED.reason] > 0.98
+
+
+def walls(name):
+    """The default wall of a camera, the slope of its outermost chief ray and its distance from the FAP."""
+    design = roslf.load(name)
+    plane = default_scene(design).objects[0]
+    return math.tan(plane.tilt[1]), abs(chief_ray_limits(design)[0]), design.d_f - design.d_3
+
+
+@pytest.mark.parametrize("name", ["paper", "rigid-scope", "ear-speculum", "video-otoscope", "cystoscope"])
+def test_the_default_wall_shows_no_texture_finer_than_two_microlenses(name):
+    """Own chief rays, evenly apart in slope, cut with the wall; its finest detail is 2.5 frontal steps."""
+    slope, sight, gap = walls(name)
+    assert slope > 0.02
+    tangents = np.linspace(-sight, sight, 2001)
+    x = tangents * gap / (1 - slope * tangents)
+    steps = np.hypot(np.diff(x), slope * np.diff(x)) / (gap * np.diff(tangents))
+    assert 2.5 / steps.max() >= 2.0
+
+
+def test_texture_too_fine_is_called_aliasing(monkeypatch):
+    design, part = roslf.load("paper"), PictureOptions(region=(2240, 1480, 110, 110))
+    step = float(roslf.quantity("object_sample_mm")(Camera.of(design)))
+    fewer_rays(monkeypatch)
+    for periods, share in ((1.8, 1.0), (2.2, 0.0)):
+        texture = {"kind": "noise", "finest": periods * step, "contrast": 0.2, "seed": 1}
+        scene = make_scene({"objects": [{"kind": "plane", "distance": design.d_f, "texture": texture}]})
+        trial = simulate(design, scene, part)
+        assert trial.aliased == share
+        assert any("aliases" in line.text for line in statements(trial)) == (share > 0)

@@ -119,6 +119,9 @@ def statements(trial: Trial) -> Iterator[Statement]:
         remedy = f"Expose {0.9 / max(trial.brightest, 0.9):.2g} times as long (light.exposure)."
         yield Statement("bad" if trial.saturated > 1 - FEW else "caution", text, remedy)
     yield known(trial, summary)
+    if trial.aliased > 0:
+        text = f"Is the texture seen? In {_percent(trial.aliased)} of the field it aliases: finer than two microlenses."
+        yield Statement("caution", text, "Depth scatters more there than predicted: look at a flatter or nearer part.")
     if summary.bias_mm is None or summary.spread_mm is None or summary.told_mm is None or summary.inside_68 is None:
         yield Statement("bad", "How good is it? Nothing to compare: no microlens has both a depth and a truth.")
         return
@@ -165,7 +168,7 @@ def errors_right(summary: Summary) -> bool:
 
 
 def places(trial: Measurement) -> str:
-    """What depth is told of: microlenses, or pixels of views."""
+    """Name of what has a depth: microlenses, or pixels of views."""
     return "microlenses" if trial.first.geometry.place_unit == "mm" else "pixels"
 
 
