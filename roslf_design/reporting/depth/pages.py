@@ -134,7 +134,11 @@ def statements(trial: Trial) -> Iterator[Statement]:
     yield Statement("plain", text)
     small, chance = abs(bias) <= spread / 3, abs(bias) <= 2 * summary.told_mm / math.sqrt(windows)
     text = f"Is it off on the whole? By {bias:+.2g} mm on average, {_share(abs(bias), spread)} the scatter."
-    remedy = "Averaging does not take this away: calibrate, and believe no depth to better than it."
+    remedy = (
+        "Averaging does not take this away: calibrate, and believe no depth to better than it."
+        if trial.believed is not trial.raw.design
+        else "The camera is known exactly here: this is what the matching itself is off by. Believe no depth to better."
+    )
     yield _judged(text, windows, small, None if small or chance else ("bad", remedy))
     if summary.predicted_mm is None:
         text = "Is it as predicted? Nothing was predicted: neither light nor texture tells depth here."
