@@ -697,7 +697,9 @@ def sampled(depths: Depths, true: Array, most: int) -> Iterator[dict[str, Any]]:
             point |= {"disparity_px": float(depths.depth[at]), "sigma_disparity_px": float(sigma[at])}
         if not on_array:
             point["pixel"] = [int(column), int(row)]
-        if depths.calibration_sigma is not None:
+        if unit == "mm":
+            own = depths.calibration_sigma
             point["sigma_noise_mm"] = float(depths.noise_sigma[at])
-            point["sigma_calibration_mm"] = float(depths.calibration_sigma[at])
+            point["sigma_calibration_mm"] = None if own is None else float(own[at])
+            point["u_mm"] = float(sigma[at])
         yield point

@@ -41,7 +41,10 @@ def test_json_tells_points_summary_and_assumptions(written):
     assert {"electrons", "contrast", "views", "window", "sigma_disparity_pitches"} <= set(data["assumes"])
     assert 0 < len(data["points"]) <= 2000
     for point in data["points"]:
-        assert set(point) == {"x_ml_mm", "true_mm", "depth_mm", "sigma_mm"}
+        parts = {"sigma_noise_mm", "sigma_calibration_mm", "u_mm"}
+        assert set(point) == {"x_ml_mm", "true_mm", "depth_mm", "sigma_mm"} | parts
+        assert point["sigma_calibration_mm"] is None
+        assert point["u_mm"] == point["sigma_mm"] == point["sigma_noise_mm"]
     # The wall slants through the focal plane; near the axis it is within a millimetre of it.
     assert all(abs(point["true_mm"] - 350) < 1 for point in data["points"])
     off = np.array([(p["depth_mm"] - p["true_mm"]) / p["sigma_mm"] for p in data["points"]])
