@@ -169,7 +169,7 @@ def depth_basis(assumed: DepthAssumptions | None) -> str:
     return "as the design gives it" if assumed is None else str(assumed)
 
 
-def _depth_budget_table(result: Evaluation) -> Table:
+def depth_budget_table(result: Evaluation) -> Table:
     """Terms of depth as expected, the largest named, precision and trueness told apart."""
     budget = result.depth_budget
     total = float(budget.u_z_mm)
@@ -315,7 +315,7 @@ def _tables(result: Evaluation) -> list[Table]:
     behind_elements, mapping, warm = seen_table(result), mapping_table(result), temperature_table(result)
     fields = fields if mapping is None else [mapping, *fields]
     first, last = ([] if table is None else [table] for table in (behind_elements, warm))
-    return [*first, *fact_tables(result), _depth_budget_table(result), *last, *fields, *lens, effects_table(result)]
+    return [*first, *fact_tables(result), depth_budget_table(result), *last, *fields, *lens, effects_table(result)]
 
 
 def print_evaluation(result: Evaluation, console: Console) -> None:

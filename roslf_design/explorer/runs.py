@@ -70,7 +70,7 @@ class _WantedQuantity(NamedTuple):
 
 
 GOALS = {
-    "depth": _WantedQuantity("finest depth", "sigma_z_mm", "min"),
+    "depth": _WantedQuantity("least depth noise", "sigma_z_mm", "min"),
     "field": _WantedQuantity("widest field", "field_half_width_mm", "max"),
     "light": _WantedQuantity("most light", "light_sr", "max"),
     "views": _WantedQuantity("most independent views", "views_independent", "max"),
@@ -83,7 +83,7 @@ VARIABLES = ("D", "f", "d_f", "d_1", "D_F", "d_3", "d", "d_2")
 USUAL = ("D_F", "d_3", "d_2")
 """Variables that are chosen by default."""
 HELD = {
-    "depth": _WantedQuantity("depth precision", "sigma_z_mm", "max"),
+    "depth": _WantedQuantity("depth noise", "sigma_z_mm", "max"),
     "field": _WantedQuantity("field", "field_half_width_mm", "min"),
     "views": _WantedQuantity("independent views", "views_independent", "min"),
     "pixels": _WantedQuantity("pixels across an image", "views_geometric", "min"),

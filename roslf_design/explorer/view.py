@@ -167,9 +167,9 @@ DRAWINGS = {
         "camera", "Pupil diameter and distance", (340, 330), lambda s: (s.design, s.limits),
         lambda design, limits, size: matching_plane(design, size, limits=limits),
     ),
-    "depth": _Drawing("depth", "Depth precision over distance", (520, 360), lambda s: (s.design,), depth_precision),
+    "depth": _Drawing("depth", "Depth noise (bound) over distance", (520, 360), lambda s: (s.design,), depth_precision),
     "depth-field": _Drawing(
-        "depth", "Depth precision over the field", (520, 360), lambda s: (s.design,), depth_over_field
+        "depth", "Depth noise (bound) over the field", (520, 360), lambda s: (s.design,), depth_over_field
     ),
     "effects": _Drawing(
         "depth", "Effects against their budgets", (520, 420), lambda s: (s.evaluation.effects,), effects_budget

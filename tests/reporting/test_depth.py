@@ -9,14 +9,20 @@ from roslf_design.depth.measure import Summary
 from roslf_design.reporting.depth.pages import statements
 
 
-def said(windows, spread=0.010, inside=0.68, bias=0.0):
+def said(windows, spread=0.010, inside=0.68, bias=0.0, tail=0.0):
     """Marks of the last three questions: off on the whole, as predicted, errors told; predicted and told are 10 um."""
     trial = SimpleNamespace(
-        summary=lambda: Summary(bias, spread, 0.010, 0.010, inside, 1.0),
+        summary=lambda: Summary(bias, spread, 0.010, 0.010, inside, tail, 1.0),
         unknown=dict,
         compared=np.ones((25, windows), bool),
         runs=(None,),
-        first=SimpleNamespace(disparities=SimpleNamespace(window=5)),
+        first=SimpleNamespace(
+            disparities=SimpleNamespace(window=5), geometry=SimpleNamespace(unit="mm", place_unit="mm")
+        ),
+        saturated=0.0,
+        aliased=0.0,
+        believed=None,
+        raw=SimpleNamespace(design=None),
         assumes=lambda: {"texture": "the scene's"},
     )
     last = list(statements(trial))[-3:]
@@ -35,6 +41,9 @@ def said(windows, spread=0.010, inside=0.68, bias=0.0):
         (3, {"bias": 0.008, "spread": 0.0184, "inside": 0.32}, ["plain", "plain", "plain"]),
         (3, {"bias": 0.080, "spread": 0.0400, "inside": 0.03}, ["bad", "caution", "caution"]),
         (100, {"bias": 0.008, "spread": 0.0184, "inside": 0.32}, ["bad", "caution", "caution"]),
+        # Most within, but some far out: no tick.
+        (100, {"tail": 0.026}, ["good", "good", "caution"]),
+        (100, {"spread": 0.0600, "inside": 0.70}, ["good", "caution", "caution"]),
         # Beyond the mark, but by chance at times: no tick, no fault.
         (40, {"spread": 0.0140, "inside": 0.55}, ["good", "plain", "plain"]),
     ],

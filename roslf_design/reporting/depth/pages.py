@@ -155,10 +155,13 @@ def statements(trial: Trial) -> Iterator[Statement]:
     )
     wrong: tuple[Tone, str] | None = None
     rms = math.hypot(spread, bias)
-    if inside < RIGHT[0] - room or rms > WIDE * (1 + room) * summary.told_mm:
+    if inside < RIGHT[0] - room or rms > WIDE * (1 + math.sqrt(2 / windows)) * summary.told_mm:
         wrong = "caution", f"They are too small: for this scene believe {_mm(rms)} instead."
     elif inside > RIGHT[1] + room:
         wrong = "caution", "They are larger than need be: depths are better than told."
+    elif (summary.beyond_5 or 0.0) > TAIL:
+        tail = 100 * (summary.beyond_5 or 0.0)
+        wrong = "caution", f"Some are far off: {tail:.2g} % by more than five times the errors told."
     yield _judged(text, windows, errors_right(summary), wrong)
 
 

@@ -62,7 +62,7 @@ def comparison_report(
 
 
 def _figures(named: dict[str, Design], results: Sequence[Evaluation]) -> tuple[tuple[Figure, ...], Figure, Figure]:
-    """Each design's rays, the microlens image of each at its sensor's corner, depth precision of all."""
+    """Each design's rays, the microlens image of each at its sensor's corner, depth noise of all."""
     caption = "To scale, each design in a scale of its own. Dashed orange rays end at what blocks them."
     rays = tuple(
         Figure.of(f"rays-{letter}", f"{letter}: {design.name}", caption, ray_diagrams(design))
@@ -82,7 +82,7 @@ def _figures(named: dict[str, Design], results: Sequence[Evaluation]) -> tuple[t
         "One standard deviation of depth for 0.1 microlens pitches of disparity error between the FAP's rims, over "
         "the distance from the bore's end; dots mark the focal planes. The lower curve resolves depth better there."
     )
-    return rays, images, Figure.of("depth", "Depth precision", caption, depth_comparison(named))
+    return rays, images, Figure.of("depth", "Depth noise (bound)", caption, depth_comparison(named))
 
 
 def _parameters(designs: Sequence[Design]) -> Table:

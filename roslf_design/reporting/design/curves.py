@@ -1,4 +1,4 @@
-"""Curves of a design: depth precision over distance; in the plane of D_F and d_3, where f-numbers match."""
+"""Curves of a design: depth noise over distance; in the plane of D_F and d_3, where f-numbers match."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ POINTS = 121
 
 
 class _DepthCurve(NamedTuple):
-    """Depth precision over distance."""
+    """Depth noise (bound) over distance."""
 
     distance: Array
     """Z from the main lens [mm], shape (N,)."""
@@ -65,7 +65,7 @@ class _DepthCurve(NamedTuple):
 
 
 def _depth_curve(design: Design, points: int = 241) -> _DepthCurve:
-    """Depth precision from 0.4 to 1.8 times the focal plane's depth, both counted from the FAP or what is before it."""
+    """Depth noise (bound) from 0.4 to 1.8 times the focal plane's depth, counted from the FAP or what is before it."""
     camera = Camera.of(design)
     start = design.d_3 if camera.chain.in_air else max(design.d_3, float(camera.tip))
     distance = start + np.linspace(0.4, 1.8, points) * (design.d_f - start)
@@ -84,7 +84,7 @@ def depth_precision(design: Design, size: Point = (560, 320)) -> Picture:
     """
     distance, sigma, blur, focus = _depth_curve(design, 121)
     keys = [
-        line_key("σ_Z, standard error of depth", "blue", 2.2),
+        line_key("σ_Z, depth noise (bound)", "blue", 2.2),
         line_key("spread of a point on the MLA (right axis)", "orange", 1.8, "7 4"),
     ]
     known = np.isfinite(sigma)
@@ -111,9 +111,9 @@ def depth_precision(design: Design, size: Point = (560, 320)) -> Picture:
         *dots,
         Text(design.d_f, up.high, words, "ink", SMALL, "start", start - at, 14, halo=True),
     )
-    labels = "object distance from the main lens Z [mm]", "depth precision σ_Z [mm]"
+    labels = "object distance from the main lens Z [mm]", "depth noise (bound) σ_Z [mm]"
     panel = Panel((0, 0, 1, 1), across, up, marks, *labels, y_colour="blue")
-    title = f"Depth precision of {design.name}: {sharp} at the focal plane, {design.d_f:.4g} mm from the lens"
+    title = f"Depth noise (bound) of {design.name}: {sharp} at the focal plane, {design.d_f:.4g} mm from the lens"
     picture = one_panel("depth", title, size, panel, keys, right=56)
     other = Scale(0.0, 1.08 * max(float(np.max(blur)), 1e-9))
     spread = Panel(
@@ -124,7 +124,7 @@ def depth_precision(design: Design, size: Point = (560, 320)) -> Picture:
 
 
 class _FieldCurve(NamedTuple):
-    """Depth precision over the field."""
+    """Depth noise (bound) over the field."""
 
     place: Array
     """Place of the microlens, from the centre of what the sensor sees to its corner [mm on the array], shape (N,)."""
@@ -134,7 +134,7 @@ class _FieldCurve(NamedTuple):
 
 @lru_cache(maxsize=2)
 def field_curve(design: Design) -> _FieldCurve:
-    """Depth precision at the focal plane from the centre of what the sensor sees to its corner."""
+    """Depth noise (bound) at the focal plane from the centre of what the sensor sees to its corner."""
     centre, _, corner = np.array(default_fields(design))
     share = np.linspace(0.0, 1.0, FIELDS)
     images = MicrolensImages(Camera.of(design), centre + share[:, None] * (corner - centre))
@@ -155,10 +155,10 @@ def depth_over_field(design: Design, size: Point = (560, 320)) -> Picture:
     if not place[-1] > 0:  # a single microlens sees all
         drawn = Dots(place[known][:1], shown[known][:1], "blue", size=6, testid="field-curve")
     marks = (*_unknown(place, known, up), drawn)
-    labels = "microlens, from the field's centre to its corner [mm]", "depth precision σ_Z [mm]"
+    labels = "microlens, from the field's centre to its corner [mm]", "depth noise (bound) σ_Z [mm]"
     keys = [line_key("σ_Z in the plane in focus", "blue", 2.2), *([] if known.all() else [UNKNOWN])]
     ends = [f"{short(float(value), 3)} mm" if math.isfinite(value) else "unknown" for value in sigma[[0, -1]]]
-    title = f"Depth precision of {design.name} over the field: {ends[0]} at its centre, {ends[1]} at its corner"
+    title = f"Depth noise (bound) of {design.name} over the field: {ends[0]} at its centre, {ends[1]} at its corner"
     return one_panel("depth-field", title, size, Panel((0, 0, 1, 1), across, up, marks, *labels), keys)
 
 
@@ -190,7 +190,7 @@ def depth_comparison(designs: Mapping[str, Design]) -> Picture:
     every = [np.concatenate(values) for values in (xs, ys)]
     across, up = (Scale(np.min(v, initial=1e9) / 1.15, np.max(v, initial=1e-9) * 1.15, log=True) for v in every)
     panel = Panel((0, 0, 1, 1), across, up, tuple(marks), "object distance from the FAP Z_F [mm]", "σ_Z [mm]")
-    title = f"Depth precision of {', '.join(design.name for design in designs.values())}"
+    title = f"Depth noise (bound) of {', '.join(design.name for design in designs.values())}"
     return one_panel("depth-comparison", title, (PAGE, 320 + legend_height(keys, PAGE - 24)), panel, keys)
 
 

@@ -178,13 +178,13 @@ def _plane_sheet(design: Design, result: Evaluation) -> Figure:
 def _depth_sheet(design: Design, result: Evaluation) -> Figure:
     depth, basis = result.depth, depth_basis(result.depth.assumes)
     caption = (
-        f"One standard deviation of depth: {number(depth.sigma_z_mm, 3)} mm at the focal plane, where the disparity "
+        f"Depth noise (bound), 1 σ: {number(depth.sigma_z_mm, 3)} mm at the focal plane, where the disparity "
         f"between the FAP's rims is known to {number(depth.sigma_disparity_pitches, 3)} microlens pitches ({basis}). "
         f"It grows with the square of the distance from the FAP (at Z = {design.d_3:.4g} mm), and further as views "
         "blur. Errors of calibration come on top. The dashed curve tells how many microlenses an object "
         "point spreads over: far from the focal plane views must be refocused before they are compared."
     )
-    return Figure.of("depth", "Depth precision over distance", caption, depth_precision(design, (PAGE, 330)))
+    return Figure.of("depth", "Depth noise (bound) over distance", caption, depth_precision(design, (PAGE, 330)))
 
 
 def _effects_sheet(_: Design, result: Evaluation) -> Figure:

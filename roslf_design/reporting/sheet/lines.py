@@ -25,6 +25,7 @@ from ...evaluation.specification import (
 )
 from ...tables import csv_bytes
 from ...theory.colours import GREEN
+from ...theory.depth_budget import COVERAGE, depth_budget
 from ...theory.field_of_view import focus_ahead
 from ...theory.photometry import through_filter
 from ...theory.quantities import QUANTITIES
@@ -54,7 +55,7 @@ USABLE = (
     "Finest detail that shows as what it is: the coarser of what still has half its contrast (MTF 50 %) and of half a "
     "period a microlens, beyond which detail folds back."
 )
-DEPTH = "Depth accuracy, 1 σ"
+DEPTH, EXPECTED = "Depth noise (bound), 1 σ", "Depth, expected"
 SHARP = f"Sharp: {CRITERION}."
 PARTS = "parts"
 NOMINAL = "Nominal values: no tolerance study is at hand."
@@ -166,6 +167,7 @@ def lines(design: Design, sheet: Specification) -> Iterator[_SheetLine]:
     angles |= {f"tip_field_of_view_{part}deg": getattr(tip, way) for part, way in ways.items()}
     yield from _whole_camera("Field of view", camera, angles)
     yield from _whole_camera("Distances", camera, {})
+    yield from _expected_lines(design)
     yield from _depth_lines(sheet, traced)
     for field in sheet.object_field:
         at = f"at {number(field.at_mm, 4)} mm ({field.plane})"
@@ -238,6 +240,22 @@ def _whole_camera(subject: str, camera: Camera, known: Mapping[str, float]) -> I
             subject, line.label or quantity.label, None if missing else value, quantity.unit, line.remark_on(camera),
             quantity.name, "none" if missing else "",
         )  # fmt: skip
+
+
+def _expected_lines(design: Design) -> Iterator[_SheetLine]:
+    """Lines on what a measured depth is to be believed to, in the focal plane on the axis, in the terms of the GUM."""
+    camera = Camera.of(design.thin_twin)
+    budget = depth_budget(camera)
+    u, largest = float(QUANTITIES["u_z_mm"](camera)), f"mostly {budget.largest.name}"
+    missing = "" if math.isfinite(u) else "none"
+    twice = partial(_at_distance, QUANTITIES["u_z_mm"], None, COVERAGE)
+    yield _SheetLine(
+        EXPECTED, f"expanded uncertainty U, k = {COVERAGE}", COVERAGE * u, "mm", largest, "", missing, twice
+    )
+    yield _SheetLine(EXPECTED, "standard uncertainty u", u, "mm", "68 of 100 lie within", "u_z_mm", missing)
+    left_out = [f"{term.name}: {term.remark}" for term in budget.terms if term.u_mm is None]
+    if left_out:
+        yield _SheetLine(EXPECTED, "not in it", None, "", "; ".join(left_out), "", "–")
 
 
 def _depth_lines(sheet: Specification, traced: bool) -> Iterator[_SheetLine]:
@@ -319,7 +337,7 @@ def _colour_lines(design: Design, colours: tuple[Colour, ...]) -> Iterator[_Shee
     yield _SheetLine(subject, "electrons in a green pixel", green.electrons, "", white, "pixel_electrons")
     every = float(QUANTITIES["sigma_z_mm"](Camera.of(design)))
     alone = f"scene without colours; green alone {number(green.sigma_z_mm, 3)}, {beside(lambda one: one.sigma_z_mm)}"
-    yield _SheetLine(subject, "depth spread, focal plane, all colours", every, "mm", alone, "sigma_z_mm")
+    yield _SheetLine(subject, "depth noise, focal plane, all colours", every, "mm", alone, "sigma_z_mm")
 
 
 def _in_green(name: str, factor: float, camera: Camera) -> float:
@@ -380,8 +398,9 @@ def datasheet_section(grounds: SpreadSources) -> Section:
     tables: dict[str, list[tuple[str, ...]]] = {}
     captions = {
         "Distances": SHARP,
-        DEPTH: f"One standard deviation of one measurement, {depth_basis(grounds.sheet.depth_precision.assumes)}; "
-        "what a calibration leaves comes on top.",
+        EXPECTED: "What a measured depth is to be believed to, on the axis in the focal plane: the figure to quote.",
+        DEPTH: "What photons and read noise alone allow, one standard deviation of one measurement, "
+        f"{depth_basis(grounds.sheet.depth_precision.assumes)}: no instrument reaches it.",
         "Object field": "Ends are those of the working range.",
         "Resolution": USABLE,
     }
