@@ -12,11 +12,11 @@ from ...depth.geometry import ArrayGeometry
 from ...drawing.picture import Picture
 from ...words import length, listed, number, sentence
 from ..blocks import Block, Bullets, Code, Figure, Report, Statement, Statements, Table
-from .pages import FIGURES, errors_right, known, measurement_report, optics_notes, places
+from .pages import errors_right, known, measurement_report, optics_notes, places
 
 CAPTIONS = {
     "map": (
-        FIGURES["map"][0],
+        "Depth and its standard error over the field",
         "Coloured places have no depth, for the reason that the legend gives; nothing is filled in there.",
     ),
     "profile": (
