@@ -338,11 +338,14 @@ def measure(
     search : tuple of float
         Least and largest disparity [pitches].
     """
-    captured = field
-    field, pupil, aside = geometry.prepared(field)
-    disparities = estimate_disparity(
-        field, pupil, noise, search=search, window=geometry.window, aside=aside, captured=captured
-    )
+    views = geometry.prepared(field)
+    estimate = partial(estimate_disparity, noise=noise, search=search, window=geometry.window, captured=field)
+    disparities = estimate(views.field, views.pupil, aside=views.aside)
+    pupil = geometry.at_phase(views, disparities.disparity, disparities.picture)
+    if pupil is not None:
+        views = views._replace(pupil=pupil)
+        disparities = estimate(views.field, views.pupil, aside=views.aside)
+    field, pupil, aside = views
     z = geometry.depth(disparities.disparity)
     known = np.isfinite(z)
     sigma = np.full(z.shape, np.inf)

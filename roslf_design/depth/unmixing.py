@@ -18,7 +18,7 @@ from .._jit import THREADS, kernel, prange
 from ..calibration.decoding import DARKEST, LightField, squared
 from ..camera import Camera
 from ..theory.colours import panchromatic
-from ..theory.disparity_error import FINEST_PLACES, ImageParts, image_parts
+from ..theory.disparity_error import FINEST_PLACES, ImageParts, image_parts, phase_places
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import microlens_defocus
@@ -37,6 +37,8 @@ FAINT, STRONG, SLOW = 1e-5, 0.02, (1, 3, 6)
 """Share of a neighbour's light in a sample that is let be; up to which it is looked at in some rounds alone; these."""
 FARTHEST = 0.25
 """Pitches from a microlens's middle beyond which no sample is taken to look."""
+SLOWEST = 0.02
+"""Periods across the FAP of a texture that views see from their mean place."""
 LEAST = 0.65
 """Own share of a sample's light under which it is dropped: it tells more of its neighbours."""
 
@@ -126,6 +128,32 @@ def without_crosstalk(camera: Camera, field: LightField) -> _OwnLight:
     if rows.size == 1:
         pupil, aside = pupil[..., 0, 0], aside[..., 0, 0]
     return _OwnLight(_with(field, values, weight), pupil, aside)
+
+
+def phase_shifts(camera: Camera, field: LightField, rates: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Places that views see fine texture from, less those that their light comes from on average.
+
+    Of whole images: on the axis.
+
+    Parameters
+    ----------
+    camera : Camera
+        One build, which took the light field.
+    field : LightField
+    rates : ndarray, shape (R,)
+        Periods of the texture across the FAP, rising from above 0.
+
+    Returns
+    -------
+    ndarray, shape (R, 2, t, s)
+        As `estimate_disparity` takes `pupil`.
+    """
+    images = MicrolensImages(panchromatic(camera), [(0.0, 0.0)])
+    s, t = field.s / field.pitch, field.t / field.pitch
+    few = np.concatenate([[min(SLOWEST, float(rates[0]) / 2)], rates])
+    places = phase_places(images, s, t, few)[:, :, 0]
+    side = math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
+    return np.asarray(side * (places[1:] - places[0]), np.float32)
 
 
 def _aside(

@@ -27,7 +27,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -615,6 +615,82 @@ class ImageParts(NamedTuple):
     y: Array
 
 
+class _WavesOfLenses(NamedTuple):
+    """Waves over the array, as microlens images show them; a mean over waves leaves a single image."""
+
+    first: Array
+    """Periods a step along the lattice's first direction, shape (W,)."""
+    second: Array
+    rows: _Images
+    form: Callable[[_Images, Array, Array], Spectra]
+    fx: Array
+    """Frequencies along x of every order of each wave, shape (fields, W, S, S)."""
+    fy: Array
+    passed: Array
+    along: Array
+    """Waves at the places asked for."""
+    across: Array
+
+    @classmethod
+    def of(
+        cls, images: MicrolensImages, x: Array, y: Array, more: tuple[tuple[float, float], ...] = ()
+    ) -> _WavesOfLenses:
+        """At places of the images; `more` waves beside those of a mean."""
+        array = _Array(images.camera.layout, images.camera.lens_shape)
+        # Images stand alone where they repeat themselves after a few pitches only: a mean over as many waves.
+        some = (np.arange(APART) - APART // 2) / APART
+        first, second = (values.ravel() for values in np.meshgrid(some, some, indexing="ij"))
+        first, second = (np.append(one, [wave[k] for wave in more]) for k, one in enumerate((first, second)))
+        kx, ky = first, PACKINGS[array.layout].wave_up(first, second)
+        none, one = np.zeros(1), np.ones(())
+        rows = _rows_of(images, Seen(np.zeros(()), np.ones(())), _Texture(one, one, Spectrum(none, none, none)))
+        sharp = rows.finest > FINEST_PLACES
+        wider = np.where(sharp, rows.wavelength * rows.finest / FINEST_PLACES, rows.wavelength)
+        rows = rows._replace(wavelength=wider)
+        *orders, cell = _orders(array, float(rows.finest.max(initial=1.0)))
+        waves = (k[:, None, None] + f for k, f in zip((kx, ky), orders, strict=True))
+        fx, fy = (np.broadcast_to(f, (len(rows.pitch), *f.shape)) for f in waves)
+        form = (_whole if rows.openings.first_is_disc else _straight) if rows.whole.all() else _cut
+        along, across = np.exp(2j * math.pi * fx[0, ..., :1] * x), np.exp(2j * math.pi * fy[0, ..., None] * y)
+        return cls(first, second, rows, form, fx, fy, _transfer(rows, array, fx, fy) / cell, along, across)
+
+
+def phase_places(images: MicrolensImages, x: Array, y: Array, rates: Array) -> Array:
+    """Places on the FAP that views see fine texture from: the phase of their own light, over its rate.
+
+    A texture of f periods a pitch at disparity B has nu = f B periods across the FAP. What a view shows of it is turned
+    by the phase of the Fourier transform of the view's light at nu: the mean place where nu is small, and farther out
+    where it is not, as the light of outer views is skew.
+
+    Parameters
+    ----------
+    images : MicrolensImages
+        Of one build, at the fields asked for.
+    x, y : ndarray, shape (S,), (T,)
+        Places from the image's centre, along the lattice's axes [microlens-image pitches].
+    rates : ndarray, shape (R,)
+        nu, rising from above 0 in steps of less than half a period [periods across the FAP].
+
+    Returns
+    -------
+    ndarray, shape (R, 2, fields, T, S)
+        Along x and along y [FAP diameters from its centre].
+    """
+    waves, places = _WavesOfLenses.of(images, x, y), []
+    for axis in (0, 1):
+        turned: Array | None = None
+        phase: Array = np.zeros(())
+        for rate in (0.0, *rates.tolist()):
+            shift = rate / waves.rows.wide[:, None, None, None]
+            part = waves.form(waves.rows, waves.fx + shift * (1 - axis), waves.fy + shift * axis)[0]
+            at = np.einsum("nwkl,wklt,wks->nts", part * waves.passed, waves.across, waves.along, optimize=True)
+            if turned is not None:
+                phase = phase + np.angle(at * turned.conj())
+                places.append(phase / (2 * math.pi * rate))
+            turned = at
+    return np.stack(places).reshape(2, rates.size, *places[0].shape).swapaxes(0, 1)
+
+
 def image_parts(images: MicrolensImages, x: Array, y: Array) -> ImageParts:
     """Light of a microlens and its neighbours at places of its image, and where on the FAP it comes from.
 
@@ -625,28 +701,14 @@ def image_parts(images: MicrolensImages, x: Array, y: Array) -> ImageParts:
     x, y : ndarray, shape (S,), (T,)
         Places from the image's centre, along the lattice's axes [microlens-image pitches].
     """
-    array = _Array(images.camera.layout, images.camera.lens_shape)
-    # Images stand alone where they repeat themselves after a few pitches only: a mean over as many waves.
-    some = (np.arange(APART) - APART // 2) / APART
-    first, second = (values.ravel() for values in np.meshgrid(some, some, indexing="ij"))
-    # Two waves more, which farther lenses show with a quarter of a period's delay.
-    slow, count = 1 / (4 * FAR), first.size
-    first, second = np.append(first, [slow, 0.0]), np.append(second, [0.0, slow])
-    kx, ky = first, PACKINGS[array.layout].wave_up(first, second)
-    none, one = np.zeros(1), np.ones(())
-    rows = _rows_of(images, Seen(np.zeros(()), np.ones(())), _Texture(one, one, Spectrum(none, none, none)))
-    sharp = rows.finest > FINEST_PLACES
-    rows = rows._replace(wavelength=np.where(sharp, rows.wavelength * rows.finest / FINEST_PLACES, rows.wavelength))
-    *orders, cell = _orders(array, float(rows.finest.max(initial=1.0)))
-    waves = (k[:, None, None] + f for k, f in zip((kx, ky), orders, strict=True))
-    fx, fy = (np.broadcast_to(f, (len(rows.pitch), *f.shape)) for f in waves)
-    passed = _transfer(rows, array, fx, fy) / cell
+    slow = 1 / (4 * FAR)  # two waves more, which farther lenses show with a quarter of a period's delay
+    waves = _WavesOfLenses.of(images, x, y, ((slow, 0.0), (0.0, slow)))
+    first, second, rows, form, fx, fy, passed, along, across = waves
+    count = first.size - 2
     reach = range(-REACH, REACH + 1)
     steps = tuple((a, b) for a in reach for b in reach)
     turns = np.exp(-2j * math.pi * (np.array(steps) @ [first, second]))
-    along, across = np.exp(2j * math.pi * fx[0, ..., :1] * x), np.exp(2j * math.pi * fy[0, ..., None] * y)
     averages = []
-    form = (_whole if rows.openings.first_is_disc else _straight) if rows.whole.all() else _cut
     for part in form(rows, fx, fy):
         at = np.einsum("nwkl,wklt,wks->wnts", part * passed, across, along, optimize=True)
         averages.append(np.einsum("aw,wnts->ants", turns[:, :count] / count, at[:count], optimize=True).real)
