@@ -12,7 +12,7 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 from ..design import Design
 from ..errors import refusal
 from ..options import Options, Seed
-from ..theory.length_covariance import LengthCovariance
+from ..theory.length_covariance import CalibratedLengths
 from ..tolerancing.places import nominal_values, parse_tolerance, perturbable
 from ..toml_files import StrictTable, nearest
 from ..units import Angle, AnyLength, Distance, Length
@@ -201,7 +201,7 @@ class BoardDistances(StrictTable):
         return self
 
 
-def planned_lengths(design: Design, asked: PlanOptions) -> LengthCovariance | None:
+def planned_lengths(design: Design, asked: PlanOptions) -> CalibratedLengths | None:
     """How sure a camera's lengths will be after a calibration as planned; None where it cannot determine them."""
     best = calibration_plan(design, asked)
     return None if isinstance(best, str) else best.expected.lengths(data_sheet(design, best.captures.board, asked))

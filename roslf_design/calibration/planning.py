@@ -13,11 +13,11 @@ import numpy as np
 from ..camera import Camera
 from ..design import Design
 from ..theory.exit_pupil import microlens_image_diameter
-from ..theory.length_covariance import LengthCovariance
+from ..theory.length_covariance import CalibratedLengths
 from ..words import sentence
 from .fit import StatisticsFit, corner_statistics, fit_at, fit_lines, shared_names, undetermined
 from .frames import Array, CalibrationError
-from .lengths import drawn_covariance
+from .lengths import calibrated_lengths
 from .model import Board, DataSheet, Intrinsics, Observations, Poses, derived, project_boards
 from .posterior import laplace_draws, variance_shares
 from .sidedata import SideDatum, image_pitch, white_pitch
@@ -233,10 +233,11 @@ class _ExpectedErrors(NamedTuple):
     typical: tuple[StatisticsFit, tuple[SideDatum, ...]]
     """Fit to the set of poses of which half know d_3 better, with its side data."""
 
-    def lengths(self, sheet: DataSheet) -> LengthCovariance:
+    def lengths(self, sheet: DataSheet) -> CalibratedLengths:
         """How sure the camera's lengths will be, together, of that set of poses."""
         fit, data = self.typical
-        return drawn_covariance(laplace_draws(fit, sheet, DRAWS, np.random.default_rng(0), data), sheet)
+        draws = laplace_draws(fit, sheet, DRAWS, np.random.default_rng(0), data)
+        return calibrated_lengths(draws, fit, sheet, data, planned=True)
 
 
 class _PlanChange(NamedTuple):

@@ -12,14 +12,14 @@ from ..accuracy.statement import Accuracy
 from ..camera import Camera
 from ..design import Design
 from ..theory.exit_pupil import microlens_image_pitch
-from ..theory.length_covariance import LengthCovariance
+from ..theory.length_covariance import CalibratedLengths
 from ..theory.vignetting import field_limit
 from .centres import MicrolensCentres
 from .diffraction import Corrected, DiffractionCheck
 from .distortion import Distortion
 from .fit import Calibration
 from .frames import Array
-from .lengths import drawn_covariance
+from .lengths import calibrated_lengths
 from .misfit import DISAGREE, Misfit, misfit_of
 from .model import QUANTITIES, UNITS, Board, DataSheet, derived
 from .options import CalibrateOptions
@@ -127,9 +127,9 @@ class Outcome:
         return LAPLACE if self.posterior is None else "posterior"
 
     @property
-    def covariance(self) -> LengthCovariance:
-        """Covariance of the lengths that `calibrated` has from here, those of elements before the lens included."""
-        return drawn_covariance(self.draws, self.sheet)
+    def lengths(self) -> CalibratedLengths:
+        """How sure the lengths are that `calibrated` has from here, those of elements before the lens included."""
+        return calibrated_lengths(self.draws, self.calibration.fit, self.sheet, self.combined.data)
 
     @property
     def calibrated(self) -> Design:
@@ -165,7 +165,7 @@ class Outcome:
         p = self.posterior
         lattice = self.centres.lattice
         systematic = np.sqrt(np.square(fit.systematic).sum(axis=0))
-        radius, used, together = self.undistorted_radius, self.used_in, self.covariance
+        radius, used, together = self.undistorted_radius, self.used_in, self.lengths
         return {
             "schema": SCHEMA,
             "design": self.design.name,
@@ -185,7 +185,7 @@ class Outcome:
                 name: {"estimate": e.value, "unit": UNITS[name], "sigma": e.sigma, "interval_95": e.interval_95}
                 for name, e in self.ruler.items()
             },
-            "covariance": {"places": list(together.places), "matrix": together.matrix.tolist()},
+            "covariance": together.to_dict(),
             "used_in": None if used is None else used.to_dict(),
             "converged": self.converged,
             "accuracy": self.accuracy.to_dict(),

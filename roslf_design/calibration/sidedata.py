@@ -19,7 +19,7 @@ from .misfit import DISAGREE
 from .model import DataSheet, derived
 
 _STEPS = 20
-_NUDGE = 1e-6
+NUDGE = 1e-6
 """Relative step of derivatives."""
 
 
@@ -172,7 +172,7 @@ def combine(fit: StatisticsFit, sheet: DataSheet, data: Sequence[SideDatum]) -> 
     start, spread = _prior_of(fit, sheet)
     best, size = start, len(start)
     gain, jacobian = np.zeros((size, 0)), np.zeros((0, size))
-    step = _NUDGE * np.maximum(np.abs(start), 1e-3)
+    step = NUDGE * np.maximum(np.abs(start), 1e-3)
 
     def off(states: Array) -> Array:
         return np.concatenate([datum.off(states) for datum in data], axis=1)

@@ -15,7 +15,7 @@ from ..camera import Camera
 from ..design import Design, load
 from ..errors import InputError, Problem, refusal
 from ..input_files import read_json
-from ..theory.length_covariance import LengthCovariance
+from ..theory.length_covariance import CalibratedLengths, LengthCovariance
 from ..toml_files import problems_of
 
 FILE, CALIBRATED, SCHEMA = "calibration.json", "calibrated.toml", "roslf.calibration/"
@@ -52,21 +52,36 @@ class _FoundCovariance(_LenientTable):
 
     places: Annotated[tuple[str, ...], Field(min_length=1)]
     matrix: tuple[tuple[float, ...], ...]
+    information: tuple[tuple[float, ...], ...] | None = None
+    """What measurements alone tell of them; None of an older calibration."""
+    sheet_sigma: tuple[Annotated[float, Field(ge=0)] | None, ...] | None = None
 
     @model_validator(mode="after")
     def _square(self) -> _FoundCovariance:
         count = len(self.places)
-        if len(self.matrix) != count or any(len(row) != count for row in self.matrix):
-            raise ValueError(f"matrix is not {count} x {count}")
-        matrix = np.array(self.matrix)
-        lengths = np.sqrt(np.maximum(np.diag(matrix), 0))
-        unit = np.where(lengths > 0, lengths, 1)
-        scaled = matrix / unit / unit[:, None]
-        if (np.diag(matrix) < 0).any() or not np.allclose(scaled, scaled.T, atol=1e-6):
-            raise ValueError("matrix is no covariance: not symmetric, or below 0 on its diagonal")
-        if float(np.linalg.eigvalsh(scaled).min()) < -1e-6:
-            raise ValueError("matrix is no covariance: it has a negative variance")
+        for name, rows in (("matrix", self.matrix), ("information", self.information or self.matrix)):
+            if len(rows) != count or any(len(row) != count for row in rows):
+                raise ValueError(f"{name} is not {count} x {count}")
+            matrix = np.array(rows)
+            lengths = np.sqrt(np.maximum(np.diag(matrix), 0))
+            unit = np.where(lengths > 0, lengths, 1)
+            scaled = matrix / unit / unit[:, None]
+            if (np.diag(matrix) < 0).any() or not np.allclose(scaled, scaled.T, atol=1e-6):
+                raise ValueError(f"{name} is no covariance: not symmetric, or below 0 on its diagonal")
+            if float(np.linalg.eigvalsh(scaled).min()) < -1e-6:
+                raise ValueError(f"{name} is no covariance: it has a negative variance")
+        if self.sheet_sigma is not None and len(self.sheet_sigma) != count:
+            raise ValueError(f"sheet_sigma is not of {count} places")
         return self
+
+    def lengths(self) -> CalibratedLengths:
+        """As a value."""
+        information = None if self.information is None else np.array(self.information)
+        sheet = None if self.sheet_sigma is None else np.array(self.sheet_sigma, float)
+        return CalibratedLengths(
+            LengthCovariance(self.places, np.array(self.matrix)), information,
+            None if sheet is None else np.where(np.isnan(sheet), np.inf, sheet),
+        )  # fmt: skip
 
 
 class _FoundTable(_LenientTable):
@@ -124,7 +139,7 @@ def calibrated_design(place: Path) -> Design:
     return load(file_in(place).with_name(CALIBRATED))
 
 
-def calibrated_camera(place: Path, named: Design | None = None) -> tuple[Design, LengthCovariance]:
+def calibrated_camera(place: Path, named: Design | None = None) -> tuple[Design, CalibratedLengths]:
     """The camera of a calibration's folder, or of its calibration.json, and how sure its lengths are.
 
     Raises
@@ -149,4 +164,4 @@ def calibrated_camera(place: Path, named: Design | None = None) -> tuple[Design,
     known = Camera.of(camera).numbers
     if strange := [place for place in together["places"] if place not in known]:
         raise refusal("calibration", f"{strange[0]} is no length of {file}; calibrate again")
-    return camera, LengthCovariance(tuple(together["places"]), np.array(together["matrix"]))
+    return camera, _FoundCovariance.model_validate(together).lengths()

@@ -104,7 +104,10 @@ class CaptureOptions(Options):
     def camera(self) -> tuple[Design | None, LengthCovariance | None]:
         """Camera that an image is from, where one is named, and how sure its lengths are."""
         named = None if self.design is None else load(self.design)
-        return (named, None) if self.calibration is None else calibrated_camera(self.calibration, named)
+        if self.calibration is None:
+            return named, None
+        design, lengths = calibrated_camera(self.calibration, named)
+        return design, lengths.covariance
 
 
 @by_value

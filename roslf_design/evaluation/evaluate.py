@@ -27,7 +27,7 @@ from ..lenses.material import material_label
 from ..theory import exit_pupil
 from ..theory.depth_budget import DepthBudget, depth_budget
 from ..theory.depth_error import depth_error
-from ..theory.length_covariance import LengthCovariance
+from ..theory.length_covariance import CalibratedLengths, LengthCovariance
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
 from ..theory.vignetting import field_limit
@@ -73,7 +73,7 @@ def evaluate(
     accuracy: float | None = None,
     *,
     build: LengthCovariance | None = None,
-    calibration: LengthCovariance | None = None,
+    calibration: CalibratedLengths | None = None,
 ) -> Evaluation:
     """Everything closed forms say of a design.
 
@@ -87,8 +87,9 @@ def evaluate(
     accuracy : float, optional
         What shares of light may be off by where parts are tilted and rays are counted; None is 65 536 rays. Straight
         designs are exact whatever is asked for.
-    build, calibration : LengthCovariance, optional
-        Covariance of the lengths as built and as calibrated, for the budget of depth (`depth_budget`).
+    build : LengthCovariance, optional
+    calibration : CalibratedLengths, optional
+        How sure the lengths are as built and as calibrated, for the budget of depth (`depth_budget`).
 
     Returns
     -------

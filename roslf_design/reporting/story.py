@@ -39,7 +39,7 @@ from .blocks import Block, Bullets, Finding, Paragraph, Report, Section, Stateme
 from .calibrate.pages import Calibrated, calibrated_finding, plan_finding, read_calibration
 from .design.pages import design_report, making
 from .optimise.pages import optimization_finding, statements
-from .sheet.lines import BuildSpread, CalibrationSpread, SpreadSources, basis, datasheet_section
+from .sheet.lines import BuildSpread, CalibrationSpread, SpreadSources, basis
 from .tolerance.pages import tolerance_finding
 
 TAKES = re.compile(r"best|robust|parts-\d\d")
@@ -288,8 +288,8 @@ def full_report(
     known = {} if calibrated is None else {"calibration": calibrated_finding(design, calibrated)}
     findings = _first_look(design, seed, progress, known)
     instrument = None if calibration is None else _known_if_told(calibration, design)
-    sheet = None if instrument is None else datasheet_section(basis(instrument.design, None, instrument))
-    return design_report(design, findings=findings, sheet=sheet, progress=progress, **options)
+    grounds = None if instrument is None else basis(instrument.design, None, instrument)
+    return design_report(design, findings=findings, grounds=grounds, progress=progress, **options)
 
 
 def study_report(
@@ -301,7 +301,7 @@ def study_report(
     `full_report`. Every fault of the file is told by an InputError.
     """
     data, origin = read_toml(path, str(path)), str(path)
-    sheet = None
+    grounds = None
     if kind == "optimize":
         result = run_optimisation(data, None, path.parent, origin, _prefixed(progress, "optimisation"), seed)
         best = _taken(result, "best")
@@ -311,9 +311,9 @@ def study_report(
     else:
         tolerances = _run_tolerances(data, None, path.parent, origin, _counted(progress, "tolerances"), seed)
         design, findings = tolerances.plan.question.design, {"tolerances": tolerance_finding(tolerances)}
-        sheet = datasheet_section(basis(design, BuildSpread(tolerances.plan, tolerances.final)))
+        grounds = basis(design, BuildSpread(tolerances.plan, tolerances.final))
     findings = _first_look(design, seed or 0, progress, findings)
-    report = design_report(design, findings=findings, sheet=sheet, progress=progress, **options)
+    report = design_report(design, findings=findings, grounds=grounds, progress=progress, **options)
     return replace(report, title=str(data.get("name", design.name)))
 
 
@@ -350,8 +350,8 @@ def story_report(story: _Story, *, seed: int | None = None, progress: Tell = lam
     opening: tuple[Block, ...] = (Bullets(tuple(steps)),)
     if story.table.story.question:
         opening = (Paragraph(story.table.story.question), *opening)
-    sheet = datasheet_section(_basis_of(story, parts))
-    report = design_report(design, findings=findings, sheet=sheet, opening=opening, progress=progress, **options)
+    grounds = _basis_of(story, parts)
+    report = design_report(design, findings=findings, grounds=grounds, opening=opening, progress=progress, **options)
     return replace(report, title=story.table.story.title)
 
 
@@ -450,8 +450,8 @@ def _basis_of(story: _Story, parts: Sequence[_Walked]) -> SpreadSources:
             case StudyResult() as result:
                 built = BuildSpread(result.plan, result.final)
             case PlanOptions() as asked:
-                covariance = planned_lengths(design, asked)
-                known = None if covariance is None else CalibrationSpread("as planned", design, covariance)
+                lengths = planned_lengths(design, asked)
+                known = None if lengths is None else CalibrationSpread("as planned", design, lengths)
             case Calibrated():
                 known = _known_if_told(story.folder / (story.table.parts[index].calibrated or ""), design) or known
     return basis(design, built, known)

@@ -14,7 +14,7 @@ import numpy as np
 from .._arrays import Array, by_value
 from ..camera import TEMPERATURES, Camera, Number
 from .depth_error import depth_error, lengths_error, temperature_error
-from .length_covariance import LengthCovariance
+from .length_covariance import CalibratedLengths, LengthCovariance
 from .photometry import Beside
 from .quantity import Depth
 
@@ -91,7 +91,7 @@ def depth_budget(
     at: Depth | Array = None,
     *,
     build: LengthCovariance | None = None,
-    calibration: LengthCovariance | None = None,
+    calibration: CalibratedLengths | None = None,
     sigma: Number | None = None,
 ) -> DepthBudget:
     """The uncertainty budget of depth on the axis, of one measurement of ``depth.window`` microlenses.
@@ -104,9 +104,9 @@ def depth_budget(
         Distance ahead of the bore's tip [mm]; None is the focal plane.
     build : LengthCovariance, optional
         Of the lengths as a workshop makes them; without those that builds of `c` differ in already.
-    calibration : LengthCovariance, optional
-        Of the lengths as calibrated, the build's being the prior (`LengthCovariance.informed`); it stands in place of
-        the build's. Lengths of the build that it does not know keep a term of their own.
+    calibration : CalibratedLengths, optional
+        In place of the build, whose tolerances are what was known before (`CalibratedLengths.after`). What the lengths
+        that it knows do not tell of the others keeps a term of its own.
     sigma : float or ndarray, optional
         Standard error of the disparity that noise leaves, where it is known already [microlens pitches].
 
@@ -141,21 +141,21 @@ def depth_budget(
 
 
 def _lengths(
-    c: Camera, at: Depth | Array, build: LengthCovariance | None, calibration: LengthCovariance | None
+    c: Camera, at: Depth | Array, build: LengthCovariance | None, calibration: CalibratedLengths | None
 ) -> list[BudgetTerm]:
-    terms = []
-    if calibration is not None:
-        u = lengths_error(c, at, calibration)
-        terms.append(BudgetTerm(CALIBRATED, "A", "trueness", u, "in place of the build"))
-        unknown = () if build is None else tuple(p for p in build.places if p not in calibration.places)
-        build = build.of(unknown) if build is not None and unknown else None
-        if build is None:
-            return terms
-    made = None if build is None else lengths_error(c, at, build)
-    remark = "no tolerances are given"
-    if made is not None:
-        remark = "tolerances" if calibration is None else "what calibration does not see"
-    return [*terms, BudgetTerm(BUILT, "B", "trueness", made, remark)]
+    if calibration is None:
+        made = None if build is None else lengths_error(c, at, build)
+        remark = "no tolerances are given" if build is None else "tolerances, the camera taken as designed"
+        return [BudgetTerm(BUILT, "B", "trueness", made, remark)]
+    known, left = calibration.after(build)
+    kind: Literal["A", "B"] = "B" if calibration.planned else "A"
+    before = "its data sheet" if build is None or calibration.information is None else "the tolerances"
+    remark = f"{'as planned' if calibration.planned else 'by its pictures'}, {before} known before"
+    terms = [BudgetTerm(CALIBRATED, kind, "trueness", lengths_error(c, at, known), remark)]
+    if left.matrix.any():
+        rest = lengths_error(c, at, left)
+        terms.append(BudgetTerm(BUILT, "B", "trueness", rest, "tolerances of what calibration does not see"))
+    return terms
 
 
 def _added(after: Array, before: Array) -> Array:

@@ -11,7 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._arrays import Array
-from ..design import Design
+from ..bore.part import TEMPERATURE
+from ..camera import TIP, VIEWING_CONDITIONS
+from ..design import PATHS, Design
+from ..theory.length_covariance import LengthCovariance
 from .ideal import IdealBuilds
 from .metrics import Question, builds_of, design_built, evaluate_builds, faults_of
 from .places import nominal_values, of_parts, perturbable
@@ -33,6 +36,10 @@ ALONG = np.linspace(-1.0, 1.0, 17)
 """Shares of an adjuster's reach at which builds that are no cameras are looked for."""
 DAMPING = 1e-10
 """Damping of adjusters that do the same, relative to the largest curvature."""
+
+
+NUDGE = 1e-3
+"""Steps of derivatives [tolerances]."""
 
 
 class MeasuredTrials(NamedTuple):
@@ -163,6 +170,34 @@ def first_builds(
     return builds_of(question, values, count)
 
 
+def lengths_built(plan: TolerancePlan) -> LengthCovariance:
+    """Covariance of a camera's lengths over a plan's builds, adjusted where anything is: to first order.
+
+    f and d_1 stand for d_f, which follows. The temperature is left out where the design gives its range.
+    """
+    draws, design = plan.draws, plan.question.design
+    left_out = {PATHS["d_f"], TIP, *VIEWING_CONDITIONS}
+    if design.environment is not None and design.environment.range is not None:
+        left_out.add(TEMPERATURE)
+    tolerances = np.array([p.tolerance for p in draws.perturbations])
+    steps = NUDGE * np.eye(tolerances.size)
+    deviations = np.concatenate([steps, -steps], axis=1)
+    values = draws.values(deviations)
+    if plan.adjusters:
+        compensator = _compensator_of(plan)
+        values = compensator.applied(values, compensator.linear(deviations))
+    builds, _ = builds_of(plan.question, values, 2 * tolerances.size)
+    varied = {
+        place: np.broadcast_to(number, (2 * tolerances.size,))
+        for place, number in builds.camera.numbers.items()
+        if place not in left_out and np.ptp(number) > 0
+    }
+    ahead, behind = np.split(np.stack([*varied.values()]), 2, axis=1) if varied else np.zeros((2, 0, tolerances.size))
+    # Of a tolerance of 0 nothing moves.
+    rates = (ahead - behind) / (2 * NUDGE * np.where(tolerances > 0, tolerances, 1.0))
+    return LengthCovariance(tuple(varied), rates @ draws.covariance() @ rates.T)
+
+
 class Compensator:
     """Adjusts builds of a plan with adjusters: limited columns back to nominal, in units of what their limits allow."""
 
@@ -194,7 +229,7 @@ class Compensator:
     def _gain(self) -> Array:
         """Adjustments that best undo one tolerance of each perturbation, shape (adjusters, perturbations)."""
         plan, perturbations = self.plan, self.plan.draws.perturbations
-        steps = [(p.place, 1e-3 * p.tolerance) for p in perturbations]
+        steps = [(p.place, NUDGE * p.tolerance) for p in perturbations]
         steps += [(a.place, float(step)) for a, step in zip(plan.adjusters, self.steps, strict=True)]
         slopes = differences(plan, steps, calibrated=plan.calibrated, judged=True)[self.columns] * self.weights
         slopes = np.where(np.isfinite(slopes), slopes, 0.0)

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
+from roslf_design.calibration.options import PlanOptions, planned_lengths
 from roslf_design.drawing.marks import Dots
 from roslf_design.reporting import story
 from roslf_design.reporting.blocks import Report
 from roslf_design.reporting.sheet import lines as datasheet
+from roslf_design.reporting.sheet.lines import EXPECTED, datasheet_section
 from roslf_design.reporting.sweep import sweep_picture
 from tests.commands.test_cli import run
 
@@ -42,7 +44,12 @@ def test_a_sheet_tells_each_line_with_its_tolerance(tmp_path, capsys):
     views = lines["views across"]
     assert 0.5 < views["two_sigma"] / (0.01 * views["value"]) < 1.3
     assert lines["length"]["two_sigma"] == pytest.approx(0.0, abs=1e-9)
-    assert all(line["two_sigma"] is not None for line in told["lines"] if line["value"] is not None)
+    # Depth as expected is an uncertainty itself, in which tolerances have a part: it has none of its own.
+    assert all(
+        (line["two_sigma"] is None) == (line["subject"] == EXPECTED)
+        for line in told["lines"]
+        if line["value"] is not None
+    )
     # At distances and fields the spread is that of D_F, too, to what 48 builds tell of it.
     share, paper = views["two_sigma"] / views["value"], roslf.load("paper")
     ends = [roslf.specification(paper.replace(D_F=paper.D_F * (1 + step))) for step in (-0.01, 0.01)]
@@ -135,9 +142,9 @@ def test_a_report_with_a_calibration_begins_with_the_page_of_that_instrument(cal
     design, _, folder = calibration
     sheets = []
 
-    def caught(*_, sheet, **__):
-        sheets.append(sheet)
-        return Report(design.name, "", (sheet,) if sheet else ())
+    def caught(*_, grounds, **__):
+        sheets.append(grounds and datasheet_section(grounds))
+        return Report(design.name, "", (sheets[-1],) if grounds else ())
 
     monkeypatch.setattr(story, "design_report", caught)
     monkeypatch.setattr(story, "_first_look", lambda *_: {})
@@ -167,13 +174,24 @@ tolerance = "study.toml"
 [[parts]]
 calibration = { boards = 9 }
 """
-    (tmp_path / "story.toml").write_text(parts)
-    code, _, _ = run(capsys, "datasheet", tmp_path / "story.toml", "-o", tmp_path / "a.json")
-    assert code == 0
-    told = json.loads((tmp_path / "a.json").read_text())
+
+    def told_of(text):
+        (tmp_path / "story.toml").write_text(text)
+        code, _, _ = run(capsys, "datasheet", tmp_path / "story.toml", "-o", tmp_path / "a.json")
+        assert code == 0
+        return json.loads((tmp_path / "a.json").read_text())
+
+    told = told_of(parts)
     assert all(words in told["basis"] for words in ("256 builds", "as planned"))
     lines = {line["quantity"]: line for line in told["lines"]}
     assert lines["views_geometric"]["two_sigma"] > 0
+    # The calibration does not see D_F, and all else is built exactly: it stays as it was.
+    # 256 builds tell it to 4 %.
+    views = lines["views_geometric"]
+    assert views["calibration_two_sigma"] == pytest.approx(views["two_sigma"], rel=0.15)
+    assert lines["total_length_mm"]["calibration_two_sigma"] == pytest.approx(0.0, abs=1e-9)
+    told = told_of(parts.replace('[[parts]]\ntolerance = "study.toml"\n', ""))
+    lines = {line["quantity"]: line for line in told["lines"]}
     code, out, _ = run(capsys, "calibrate", "--plan", "paper", "--boards", 9, "--json")
     sigma = json.loads(out)["expected_sigma"]
     # d_3, d_1 and d_2 add up to the length, and an error of f makes all longer. A tenth for one of eight sets of poses.
@@ -181,6 +199,26 @@ calibration = { boards = 9 }
     assert lines["total_length_mm"]["calibration_two_sigma"] == pytest.approx(
         2 * (sigma["d_3"] + sigma["d_1"]), rel=0.1
     )
+
+
+def test_a_calibrated_camera_is_not_known_worse_than_it_was_built(monkeypatch):
+    """Each line of a sheet; depth as expected on it is that of `evaluate`, which names the same largest term."""
+    monkeypatch.setattr(datasheet, "FEW", 8)
+    design = roslf.load("paper")
+    study = {**story.quick_study(design), "trials": 512}
+    built = story._builds_alone(study, design)
+    known = datasheet.CalibrationSpread("as planned", design, planned_lengths(design, PlanOptions()))
+    grounds, bare = datasheet.basis(design, built, known), datasheet.basis(design, None, known)
+    for key, sigma in grounds.sigma.items():
+        assert grounds.calibrated.get(key, 0.0) <= sigma, key
+    assert grounds.calibrated["total_length_mm"] < 0.03 * bare.calibrated["total_length_mm"]
+    budget = roslf.evaluate(design, build=grounds.build, calibration=grounds.calibration).depth_budget
+    (line,) = (line for line in grounds.rows if line.name.startswith("expanded uncertainty U"))
+    assert (line.value, line.remark) == (pytest.approx(2 * budget.u_z_mm), f"mostly {budget.largest.name}")
+    assert budget.largest.name == "lengths as calibrated"
+    loose = roslf.evaluate(design, build=grounds.build).depth_budget
+    assert loose.largest.name == "lengths as built"
+    assert loose.u_z_mm > 5 * budget.u_z_mm
 
 
 def test_a_page_of_one_design(tmp_path, capsys):

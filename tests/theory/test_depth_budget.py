@@ -11,7 +11,7 @@ from roslf_design.camera import Camera
 from roslf_design.theory.depth_budget import depth_budget
 from roslf_design.theory.depth_error import depth_error, lengths_error, seen_at, temperature_error
 from roslf_design.theory.disparity_error import Spectrum, _disparity_information, axial_disparity_sigma
-from roslf_design.theory.length_covariance import LengthCovariance
+from roslf_design.theory.length_covariance import CalibratedLengths, LengthCovariance
 from roslf_design.theory.photometry import Beside, electrons
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.theory.stop_images import MicrolensImages
@@ -171,21 +171,93 @@ def test_calibrated_is_never_worse_than_built(seed, rank):
     rng = np.random.default_rng(seed)
     known = rng.normal(size=(rank, 4)) * 10.0 ** rng.uniform(-3, 6)
     information = known.T @ known
-    after = BUILD.informed(information)
+    after, calibration = BUILD.informed(information), CalibratedLengths(BUILD, information)
     inverse = np.linalg.inv(np.linalg.inv(BUILD.matrix) + information)
     scale = np.outer(TOLERANCES, TOLERANCES)
     assert np.allclose(after.matrix / scale, inverse / scale, atol=1e-6)
     camera = Camera.of(PAPER)
-    built, calibrated = depth_budget(camera, build=BUILD), depth_budget(camera, build=BUILD, calibration=after)
+    built, calibrated = (depth_budget(camera, build=BUILD, calibration=some) for some in (None, calibration))
     assert "lengths as built" not in terms(calibrated)
     assert float(calibrated.u_z_mm) <= float(built.u_z_mm) * (1 + 1e-9)
 
 
 def test_what_a_calibration_does_not_see_keeps_its_own_term():
-    seen = LengthCovariance(PLACES[:2], np.diag([1e-4, 1e-4]))
+    seen = CalibratedLengths(LengthCovariance(PLACES[:2], np.diag([1e-4, 1e-4])))
     budget = terms(depth_budget(Camera.of(PAPER), build=BUILD, calibration=seen))
     rest = LengthCovariance(PLACES[2:], np.diag(TOLERANCES[2:] ** 2))
     assert budget["lengths as built"].u_mm == pytest.approx(float(lengths_error(Camera.of(PAPER), None, rest)))
+
+
+CORRELATED = LengthCovariance(
+    PLACES,
+    np.outer(TOLERANCES, TOLERANCES)
+    * np.array([[1, 0.3, 0.5, 0], [0.3, 1, -0.6, 0.2], [0.5, -0.6, 1, 0.1], [0, 0.2, 0.1, 1]]),
+)
+
+
+@pytest.mark.parametrize("known", [(), (0, 1, 2, 3), (1,), (0, 3), (2, 1)])
+@pytest.mark.parametrize("at", [None, 150.0])
+def test_depths_of_builds_that_are_believed_to_be_as_calibrated(known, at):
+    """Builds drawn, some of their lengths measured, all others inferred from these, depth told by what is believed."""
+    rng, count, nominal = np.random.default_rng(1), 20_000, np.array([PAPER.f, PAPER.d_1, PAPER.d_3, PAPER.d_2])
+    true = nominal + rng.multivariate_normal(np.zeros(4), CORRELATED.matrix, count)
+    measures, noise = rng.normal(size=(2, len(known))) / TOLERANCES[list(known)], np.eye(2)
+    given_by = np.zeros((2, 4))
+    given_by[:, list(known)] = measures
+    gain = CORRELATED.matrix @ given_by.T @ np.linalg.inv(given_by @ CORRELATED.matrix @ given_by.T + noise)
+    believed = nominal + ((true - nominal) @ given_by.T + rng.normal(size=(count, 2))) @ gain.T
+    z = PAPER.d_f if at is None else PAPER.d_3 + at
+    f, d_1, d_3, d_2 = true.T
+    d_f = 1 / (1 / f - 1 / d_1)
+    reach = d_1 * (d_f - d_3) / d_f
+    rms = np.std(told(*believed.T, (d_1 / d_f - reach / (z - d_3)) * reach / d_2) - z)
+    some = tuple(PLACES[k] for k in known)
+    calibration = CalibratedLengths(CORRELATED.of(some), measures.T @ measures) if known else None
+    budget = depth_budget(Camera.of(PAPER), at, build=CORRELATED, calibration=calibration)
+    assert float(budget.of_kind("trueness")) == pytest.approx(rms, rel=0.02)  # of 20,000 draws, 0.5 %; bends
+    assert ("lengths as built" in terms(budget)) == (len(known) < 4)
+
+
+def test_ends_of_what_a_calibration_can_know():
+    camera, whole = Camera.of(PAPER), np.diag(TOLERANCES**-2.0)
+    built = float(depth_budget(camera, build=CORRELATED).of_kind("trueness"))
+    blind, perfect = (
+        float(depth_budget(camera, build=CORRELATED, calibration=CalibratedLengths(CORRELATED, F)).of_kind("trueness"))
+        for F in (0 * whole, 1e12 * whole)
+    )
+    assert blind == pytest.approx(built, rel=1e-9)
+    assert perfect < 1e-5 * built
+    exact = LengthCovariance(PLACES, np.zeros((4, 4)))
+    for calibration in (None, CalibratedLengths(BUILD, whole)):
+        assert float(depth_budget(camera, build=exact, calibration=calibration).of_kind("trueness")) == 0.0
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(0, 2**31 - 1), st.sampled_from([(0,), (1, 2), (3, 0, 1)]), st.integers(0, 3))
+def test_no_calibration_makes_a_camera_worse(seed, known, rank):
+    """Of any covariance, perhaps of tied lengths, any information and any data sheet."""
+    rng = np.random.default_rng(seed)
+    mixing = rng.normal(size=(4, int(rng.integers(1, 5)))) * TOLERANCES[:, None]
+    build, some = LengthCovariance(PLACES, mixing @ mixing.T), tuple(PLACES[k] for k in known)
+    rows = rng.normal(size=(rank, len(known))) * 10.0 ** rng.uniform(-3, 6)
+    sheet = TOLERANCES[list(known)] * 10.0 ** rng.uniform(-3, 1, len(known))
+    calibration = CalibratedLengths(build.of(some), rows.T @ rows, sheet)
+    camera = Camera.of(PAPER)
+    built, calibrated = (depth_budget(camera, build=build, calibration=one) for one in (None, calibration))
+    assert float(calibrated.u_z_mm) <= float(built.u_z_mm) * (1 + 1e-6)
+    after, left = calibration.after(build)
+    assert set(after.places) == set(PLACES)
+    back = after.plus(left).of(PLACES).matrix
+    assert np.linalg.eigvalsh((build.matrix - back) / np.outer(TOLERANCES, TOLERANCES)).min() > -1e-6
+    exact = [place for place, s, t in zip(some, sheet, TOLERANCES[list(known)], strict=True) if s < 1e-2 * t]
+    assert all(after.of((place,)).matrix[0, 0] <= (1e-2 * t) ** 2 for place, t in zip(PLACES, TOLERANCES, strict=True)
+               if place in exact)  # fmt: skip
+
+
+def test_a_plan_is_no_measurement():
+    for planned, kind in ((True, "B"), (False, "A")):
+        calibration = CalibratedLengths(BUILD, np.zeros((4, 4)), planned=planned)
+        assert terms(depth_budget(Camera.of(PAPER), calibration=calibration))["lengths as calibrated"].type == kind
 
 
 @settings(max_examples=15, deadline=None)

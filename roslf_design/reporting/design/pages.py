@@ -45,7 +45,7 @@ from ..blocks import (
     Tone,
 )
 from ..lens_words import lens_words
-from ..sheet.lines import basis, datasheet_section
+from ..sheet.lines import SpreadSources, basis, datasheet_section
 from . import figures as sheets
 from .parts_list import parts_section
 
@@ -84,7 +84,7 @@ def design_report(
     design: Design,
     *,
     findings: Mapping[str, Finding] | None = None,
-    sheet: Section | None = None,
+    grounds: SpreadSources | None = None,
     opening: tuple[Block, ...] = (),
     command: str = "",
     stamp: tuple[str, ...] = (),
@@ -98,8 +98,8 @@ def design_report(
     design : Design
     findings : mapping, optional
         What studies found of it, by `STUDIES`.
-    sheet : Section, optional
-        Its data sheet where a study knows tolerances; by default the nominal one.
+    grounds : SpreadSources, optional
+        Of its data sheet and of depth as expected, where a study knows tolerances or a calibration is at hand.
     opening : tuple of Block
         Stands before the verdicts: what was asked.
     command : str
@@ -118,7 +118,8 @@ def design_report(
     """
     progress("evaluating")
     studied = [findings[name] for name in STUDIES if name in findings] if findings else []
-    result = evaluate(design, accuracy=accuracy)
+    grounds = grounds or basis(design)
+    result = evaluate(design, accuracy=accuracy, build=grounds.build, calibration=grounds.calibration)
     figures = _design_figures(design, result, progress)
     progress("sections")
     answers = Statements((*verdicts(result).items, *(one.statement for one in studied if one.statement)))
@@ -126,7 +127,7 @@ def design_report(
     parameters = Table(tuple(parameter_rows(design)), "lldl", ("symbol", "what", "value", ""))
     progress("data sheet")
     sections = (
-        sheet or datasheet_section(basis(design)),
+        datasheet_section(grounds),
         Section("Summary", (*opening, answers, _key_figures(design, result))),
         Section("The design", (figures["dimensions"], parameters, *_seen(result), *_stops(design))),
         parts_section(design),

@@ -31,7 +31,7 @@ from ...theory.photometry import through_filter
 from ...theory.quantities import QUANTITIES
 from ...theory.quantity import Listed, Quantity
 from ...theory.stop_images import MicrolensImages
-from ...tolerancing.trials import first_builds
+from ...tolerancing.trials import first_builds, lengths_built
 from ...traced.fields import IdealImages
 from ...words import number
 from ..blocks import Block, Figure, Paragraph, Report, Section, Table
@@ -41,7 +41,8 @@ from .resolution import mtf_curves, resolution_map
 
 if TYPE_CHECKING:
     from ...design import Design
-    from ...theory.length_covariance import LengthCovariance
+    from ...theory.depth_budget import DepthBudget
+    from ...theory.length_covariance import CalibratedLengths, LengthCovariance
     from ...tolerancing.study import TolerancePlan
     from ...tolerancing.summaries import Variant
 
@@ -127,11 +128,16 @@ class CalibrationSpread(NamedTuple):
     """Description of the calibration, as "as planned"."""
     design: Design
     """Design whose lengths it knows."""
-    covariance: LengthCovariance
+    lengths: CalibratedLengths
 
-    def deviations(self, rows: Iterable[_SheetLine]) -> dict[str, float]:
-        """Standard deviation that a calibration leaves in the lines, by their keys, to first order."""
-        design, covariance, camera = self.design, self.covariance, Camera.of(self.design)
+    def deviations(self, rows: Iterable[_SheetLine], build: LengthCovariance | None) -> dict[str, float]:
+        """Standard deviation that a calibration leaves in the lines, by their keys, to first order.
+
+        Where a build's tolerances are known they are what was known before: none is larger than theirs.
+        """
+        design, camera = self.design, Camera.of(self.design)
+        known, left = self.lengths.after(build)
+        covariance = known.plus(left)
         left = {
             line.key: float(covariance.carried(camera, QUANTITIES[line.quantity] if line.quantity else line.values))
             for line in rows
@@ -150,6 +156,11 @@ class SpreadSources(NamedTuple):
     """Standard deviation that a calibration leaves, by a line's key."""
     sheet: Specification
     design: Design
+    rows: tuple[_SheetLine, ...]
+    """Every line, in the order of the page."""
+    build: LengthCovariance | None = None
+    """Of the lengths, where a tolerance study tells it."""
+    calibration: CalibratedLengths | None = None
 
     @property
     def words(self) -> str:
@@ -157,8 +168,7 @@ class SpreadSources(NamedTuple):
         return " ".join(self.sentences)
 
 
-def lines(design: Design, sheet: Specification) -> Iterator[_SheetLine]:
-    """Every line, in the order of the page."""
+def _lines(design: Design, sheet: Specification, budget: DepthBudget) -> Iterator[_SheetLine]:
     camera = Camera.of(design)
     traced = design.lens is not None  # whose builds are cameras of thin twins
     pupil, _, tip, _ = sheet.field_of_view_deg  # of the rays that a real lens lets through
@@ -167,7 +177,7 @@ def lines(design: Design, sheet: Specification) -> Iterator[_SheetLine]:
     angles |= {f"tip_field_of_view_{part}deg": getattr(tip, way) for part, way in ways.items()}
     yield from _whole_camera("Field of view", camera, angles)
     yield from _whole_camera("Distances", camera, {})
-    yield from _expected_lines(design)
+    yield from _expected_lines(budget)
     yield from _depth_lines(sheet, traced)
     for field in sheet.object_field:
         at = f"at {number(field.at_mm, 4)} mm ({field.plane})"
@@ -242,17 +252,15 @@ def _whole_camera(subject: str, camera: Camera, known: Mapping[str, float]) -> I
         )  # fmt: skip
 
 
-def _expected_lines(design: Design) -> Iterator[_SheetLine]:
+def _expected_lines(budget: DepthBudget) -> Iterator[_SheetLine]:
     """Lines on what a measured depth is to be believed to, in the focal plane on the axis, in the terms of the GUM."""
-    camera = Camera.of(design.thin_twin)
-    budget = depth_budget(camera)
-    u, largest = float(QUANTITIES["u_z_mm"](camera)), f"mostly {budget.largest.name}"
+    u, largest = float(budget.u_z_mm), f"mostly {budget.largest.name}"
     missing = "" if math.isfinite(u) else "none"
-    twice = partial(_at_distance, QUANTITIES["u_z_mm"], None, COVERAGE)
-    yield _SheetLine(
-        EXPECTED, f"expanded uncertainty U, k = {COVERAGE}", COVERAGE * u, "mm", largest, "", missing, twice
-    )
-    yield _SheetLine(EXPECTED, "standard uncertainty u", u, "mm", "68 of 100 lie within", "u_z_mm", missing)
+    yield _SheetLine(EXPECTED, f"expanded uncertainty U, k = {COVERAGE}", COVERAGE * u, "mm", largest, "", missing)
+    yield _SheetLine(EXPECTED, "standard uncertainty u", u, "mm", "68 of 100 lie within", "", missing)
+    for term in budget.terms:
+        if term.u_mm is not None and term.kind == "trueness":
+            yield _SheetLine(EXPECTED, f"of it {term.name}", float(term.u_mm), "mm", term.remark)
     left_out = [f"{term.name}: {term.remark}" for term in budget.terms if term.u_mm is None]
     if left_out:
         yield _SheetLine(EXPECTED, "not in it", None, "", "; ".join(left_out), "", "–")
@@ -349,7 +357,10 @@ def basis(
 ) -> SpreadSources:
     """A design's sheet, with what a tolerance study and a calibration know of it."""
     sheet, sentences = specification(design), []
-    rows = list(lines(design, sheet))
+    build = None if built is None else lengths_built(built.plan)
+    lengths = None if calibration is None else calibration.lengths
+    budget = depth_budget(Camera.of(design.thin_twin), build=build, calibration=lengths)
+    rows = tuple(_lines(design, sheet, budget))
     if built is not None:
         share, (low, high) = 100 * built.final.result.value, built.final.result.interval
         sentences.append(
@@ -360,20 +371,28 @@ def basis(
             f"report go by the first {MANY} builds, those at a distance or a field by {FEW}."
         )
     if calibration is not None:
-        names = ", ".join(calibration.covariance.places)
+        names = ", ".join(calibration.lengths.covariance.places)
+        others = "" if build is None else ", and over what the tolerances leave open of all others"
         sentences.append(
             f"Uncertainty of one instrument after its calibration, {calibration.words}, is two standard deviations, by "
-            f"each line's derivatives over {names}."
+            f"each line's derivatives over {names}{others}."
         )
         if design is calibration.design:
             sentences.append("Values are those of that instrument.")
     sentences.append("Lines without one (–) are nominal." if sentences else NOMINAL)
+    sigma = {} if built is None else built.deviations(rows)
+    calibrated = {} if calibration is None else calibration.deviations(rows, build)
+    # Where lengths miss by so much that lines bend, derivatives promise more than builds show.
+    calibrated = {key: min(left, sigma.get(key, math.inf)) for key, left in calibrated.items()}
     return SpreadSources(
         tuple(sentences),
-        {} if built is None else built.deviations(rows),
-        {} if calibration is None else calibration.deviations(rows),
+        sigma,
+        calibrated,
         sheet,
         design,
+        rows,
+        build,
+        lengths,
     )
 
 
@@ -404,7 +423,7 @@ def datasheet_section(grounds: SpreadSources) -> Section:
         "Object field": "Ends are those of the working range.",
         "Resolution": USABLE,
     }
-    for line in lines(grounds.design, grounds.sheet):
+    for line in grounds.rows:
         if line.name == PARTS:  # too long for a cell
             captions[line.subject] = f"{line.text} parts: {line.remark}."
             continue
@@ -463,7 +482,7 @@ def datasheet_json(grounds: SpreadSources) -> dict[str, Any]:
             "quantity": line.quantity or None,
             "remark": line.remark,
         }
-        for line in lines(grounds.design, grounds.sheet)
+        for line in grounds.rows
     ]
     head = {"schema": SCHEMA, "design": grounds.design.name, "basis": grounds.words}
     return {**head, "lines": rows, "specification": grounds.sheet.to_dict()}
