@@ -18,6 +18,7 @@ from ..calibration.written import CALIBRATED
 from ..design import DesignError, dumps, load
 from ..design.files import WRITTEN
 from ..errors import Problem, refusal
+from ..json_data import plain
 from ..reporting.calibrate import pages
 from ..reporting.printers import page_files
 from ..units import Angle, Distance, Length
@@ -182,6 +183,7 @@ def _print_plan(design: str, asked: PlanOptions, distortion: int | None, json: b
     if json:
         large = too_large(loaded, plan.captures)
         notes = [f"{large}: choose a smaller --board"] if large else []
-        print(json_text({**plan.to_dict(loaded.name, asked.seed), "warnings": notes}))
+        depth = plain(pages.planned_depth(loaded, plan, asked).to_dict())
+        print(json_text({**plan.to_dict(loaded.name, asked.seed), "depth_expected": depth, "warnings": notes}))
         return
     print_titled(f"Plan of a calibration of {loaded.name}", pages.plan_blocks(loaded, plan, asked))

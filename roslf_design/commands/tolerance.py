@@ -16,6 +16,7 @@ from ..reporting.blocks import Block, Paragraph
 from ..reporting.printers import page_files
 from ..reporting.tolerance.pages import (
     cost_words,
+    depth_sentence,
     headline,
     impossible_words,
     share_words,
@@ -142,6 +143,7 @@ def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
         saved = "" if result.budget.cost is None else f", {cost_words(result.budget.cost)}"
         first = "with the cheapest change and all" if result.budget.changes else "with all"
         yield Paragraph(f"Budget: {first} that may be looser, yield {share_words(result.budget.result)}{saved}")
+    yield Paragraph(depth_sentence(result))
     yield from tables(result, brief=True)
     yield Paragraph("\nOf each metric the weakest field; all fields in results.json.")
     for warning in result.warnings:

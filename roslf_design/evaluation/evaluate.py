@@ -130,9 +130,8 @@ def evaluate(
     pupil = _size(camera.fap.outline, float(exit_pupil.exit_pupil_diameter(camera)))
     image = _size(camera.fap.outline, float(exit_pupil.microlens_image_diameter(camera)))
     traced = trace_lens(design, axes, non_distortion)
-    error = float(QUANTITIES["sigma_disparity_pitches"](camera))
-    budget = depth_budget(camera, build=build, calibration=calibration, sigma=error)
-    depth = _depth(design, camera, error, budget)
+    budget = depth_budget(camera, build=build, calibration=calibration)
+    depth = _depth(design, camera, budget)
     method = [METHOD]
     if not design.has_exact_areas:
         method.append(COUNTED.format(rays=rays, error=COUNTED_ERROR if accuracy is None else accuracy))
@@ -189,7 +188,8 @@ def _temperatures(design: Design, camera: Camera) -> Temperatures | None:
     return Temperatures(float(environment.temperature), *named)
 
 
-def _depth(design: Design, camera: Camera, error: float, budget: DepthBudget) -> Numbers:
+def _depth(design: Design, camera: Camera, budget: DepthBudget) -> Numbers:
+    error = float(budget.disparity_pitches)
     depth, assumed = float(depth_error(camera, None, error)), depth_assumptions(design, camera, error)
     own: dict[str, Any] = {"sigma_z_mm": depth, "sigma_disparity_pitches": error, "assumes": assumed}
     return Numbers.of(camera, "depth", **own, expected=budget.to_dict())

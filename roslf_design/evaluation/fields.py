@@ -18,9 +18,9 @@ from ..lenses.prescription import LensError
 from ..rays import trace_pupil
 from ..shapes.lattice import cell_polygon
 from ..shapes.openings import Openings
+from ..theory.depth_error import errors_at_fields
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.light import on_array, sensor_field
-from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages, stop_openings
 from ..traced.camera import camera_of
 from ..traced.images import measured_bound, real_field
@@ -120,10 +120,7 @@ def evaluate_fields(design: Design, axes: Sequence[Place], rays: int = RAYS) -> 
     if camera.tilted:  # shapes count from the FAP's image
         middle = np.stack(np.broadcast_arrays(images.outline.x, images.outline.y, images.x)[:2], -1)[:, 0]
         offset = middle + np.asarray(camera.decentre("sensor")) - images.from_lens
-    spreads = np.asarray(QUANTITIES["sigma_z_at_field_mm"].at_fields(images))
-    depth_error = np.broadcast_to(spreads, shape.area.shape)[:, 0]
-    wider = np.asarray(QUANTITIES["u_z_at_field_mm"].at_fields(images))
-    expected = np.broadcast_to(wider, shape.area.shape)[:, 0]
+    depth_error, expected = (np.broadcast_to(error, shape.area.shape)[:, 0] for error in errors_at_fields(images))
     centroid, lit, ratio = shape.centroid[:, 0] + offset, shape.lit[:, 0], shape.axis_ratio[:, 0]
     return tuple(
         Field(

@@ -29,6 +29,7 @@ from ..evaluation import default_fields
 from ..optimization.solve import Tell
 from ..optimization.study import Result, run
 from ..optimization.study import read_study as read_optimisation
+from ..theory.length_covariance import LengthCovariance
 from ..tolerancing.result import StudyResult, analyse
 from ..tolerancing.run import run_trials
 from ..tolerancing.study import TolerancePlan, tolerance_plan
@@ -312,7 +313,7 @@ def study_report(
         tolerances = _run_tolerances(data, None, path.parent, origin, _counted(progress, "tolerances"), seed)
         design, findings = tolerances.plan.question.design, {"tolerances": tolerance_finding(tolerances)}
         grounds = basis(design, BuildSpread(tolerances.plan, tolerances.final))
-    findings = _first_look(design, seed or 0, progress, findings)
+    findings = _first_look(design, seed or 0, progress, findings, None if grounds is None else grounds.build)
     report = design_report(design, findings=findings, grounds=grounds, progress=progress, **options)
     return replace(report, title=str(data.get("name", design.name)))
 
@@ -329,23 +330,24 @@ def story_report(story: _Story, *, seed: int | None = None, progress: Tell = lam
     """
     steps: list[str] = []
     findings: dict[str, Finding] = {}
-    parts = []
+    parts: list[_Walked] = []
+    built: LengthCovariance | None = None
     for part in _walked(story, seed, progress):
         parts.append(part)
         design = part.design
         match part.outcome:
             case PlanOptions() as asked:
-                findings["calibration"] = plan_finding(design, asked)
+                findings["calibration"] = plan_finding(design, asked, built)
                 steps.append(f"Calibration plan, for {design.name}.")
             case Calibrated() as calibrated:
                 findings["calibration"] = calibrated_finding(design, calibrated)
                 steps.append(f"Calibration of a camera built to {calibrated.data['design']}.")
             case StudyResult() as tolerances:
-                findings["tolerances"] = tolerance_finding(tolerances)
+                findings["tolerances"], built = tolerance_finding(tolerances), tolerances.built
                 steps.append(f"Tolerances ({part.name}), of {design.name}.")
             case Result() as result:
                 findings["optimisation"] = optimization_finding(result)
-                onwards = _chosen(part.take, design)
+                onwards, built = _chosen(part.take, design), None
                 steps.append(f"Optimisation ({part.name}), from {part.before.name}; what goes on: {onwards}.")
     opening: tuple[Block, ...] = (Bullets(tuple(steps)),)
     if story.table.story.question:
@@ -468,15 +470,21 @@ def _known_if_told(calibration: Path, named: Design) -> CalibrationSpread | None
     return None
 
 
-def _first_look(design: Design, seed: int, progress: Tell, known: Mapping[str, Finding]) -> dict[str, Finding]:
+def _first_look(
+    design: Design,
+    seed: int,
+    progress: Tell,
+    known: Mapping[str, Finding],
+    built: LengthCovariance | None = None,
+) -> dict[str, Finding]:
     """Findings about a design, with a first look at tolerances and a calibration plan where these are not known."""
     findings = dict(known)
     if "tolerances" not in known:
         look = _quick_tolerances(design, seed, _counted(progress, "tolerances"))
-        findings["tolerances"] = tolerance_finding(look, first_look=True)
+        findings["tolerances"], built = tolerance_finding(look, first_look=True), look.built
     if "calibration" not in known:
         progress("calibration plan")
-        findings["calibration"] = plan_finding(design, PlanOptions(seed=seed))
+        findings["calibration"] = plan_finding(design, PlanOptions(seed=seed), built)
     return findings
 
 

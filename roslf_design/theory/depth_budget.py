@@ -12,10 +12,12 @@ from typing import Any, Literal
 import numpy as np
 
 from .._arrays import Array, by_value
-from ..camera import TEMPERATURES, Camera, Number
-from .depth_error import depth_error, lengths_error, temperature_error
+from ..camera import TEMPERATURES, Camera
+from ..words import number
+from .depth_error import depth_error, lengths_error, seen_at, temperature_error
+from .disparity_error import axial_disparity_sigmas
 from .length_covariance import CalibratedLengths, LengthCovariance
-from .photometry import Beside
+from .photometry import NOTHING, Beside
 from .quantity import Depth
 
 COVERAGE = 2
@@ -54,6 +56,8 @@ class DepthBudget:
     """Terms of the uncertainty of depth on the axis, at one distance."""
 
     terms: tuple[BudgetTerm, ...]
+    disparity_pitches: Array
+    """Standard error of the disparity between the FAP's rims that noise alone leaves [microlens pitches]."""
 
     def of_kind(self, kind: Kind | None = None) -> Array:
         """Root sum of squares of all terms, or of those of a kind [mm]."""
@@ -76,6 +80,11 @@ class DepthBudget:
         known = [term for term in self.terms if term.u_mm is not None]
         return max(known, key=lambda term: float(np.median(np.asarray(term.u_mm))))
 
+    @property
+    def words(self) -> str:
+        """The combined standard uncertainty and its largest term, of one build."""
+        return f"u = {number(float(self.u_z_mm), 3)} mm, mostly {self.largest.name}"
+
     def to_dict(self) -> dict[str, Any]:
         """`depth.expected` of `roslf evaluate --json`, of one build."""
         return {
@@ -92,7 +101,6 @@ def depth_budget(
     *,
     build: LengthCovariance | None = None,
     calibration: CalibratedLengths | None = None,
-    sigma: Number | None = None,
 ) -> DepthBudget:
     """The uncertainty budget of depth on the axis, of one measurement of ``depth.window`` microlenses.
 
@@ -107,15 +115,16 @@ def depth_budget(
     calibration : CalibratedLengths, optional
         In place of the build, whose tolerances are what was known before (`CalibratedLengths.after`). What the lengths
         that it knows do not tell of the others keeps a term of its own.
-    sigma : float or ndarray, optional
-        Standard error of the disparity that noise leaves, where it is known already [microlens pitches].
 
     Returns
     -------
     DepthBudget
         [mm]; depths count from the main lens.
     """
-    noise = np.abs(depth_error(c, at, sigma))
+    mismatched, veiled = Beside.mismatched(c), Beside.of(c)
+    besides = (NOTHING, mismatched, veiled) if np.any(veiled.veil) else (NOTHING, mismatched)
+    sigmas = axial_disparity_sigmas(c, seen_at(c, at), besides)
+    noise, uneven, hazy = (np.abs(depth_error(c, at, sigmas[k])) for k in (0, 1, -1))
     if "depth.disparity_error" in c.numbers:
         terms = [
             BudgetTerm("disparity error", "B", "precision", noise, "as the design gives it"),
@@ -123,9 +132,6 @@ def depth_budget(
             BudgetTerm(VEIL, "B", "precision", None, GIVEN),
         ]
     else:
-        mismatched, veiled = Beside.mismatched(c), Beside.of(c)
-        uneven = np.abs(depth_error(c, at, beside=mismatched))
-        hazy = np.abs(depth_error(c, at, beside=veiled)) if np.any(veiled.veil) else uneven
         terms = [
             BudgetTerm(NOISE, "B", "precision", noise, "the bound"),
             BudgetTerm(MISMATCH, "B", "precision", _added(uneven, noise), _mismatch_words(c)),
@@ -137,7 +143,7 @@ def depth_budget(
     if warmth is not None:
         coldest, warmest = (f"{np.median(c[place]):g}" for place in TEMPERATURES)
         remark = f"{coldest} to {warmest} °C"
-    return DepthBudget((*terms, BudgetTerm(WARMTH, "B", "trueness", warmth, remark)))
+    return DepthBudget((*terms, BudgetTerm(WARMTH, "B", "trueness", warmth, remark)), sigmas[0])
 
 
 def _lengths(

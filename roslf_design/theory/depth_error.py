@@ -10,7 +10,7 @@ from ..bore.chain import ImagedPlane
 from ..bore.part import TEMPERATURE
 from ..camera import TEMPERATURES, Camera, Number
 from . import light, light_field
-from .disparity_error import Seen, axial_disparity_sigma, disparity_sigma
+from .disparity_error import Seen, axial_disparity_sigma, disparity_sigmas
 from .length_covariance import LengthCovariance
 from .photometry import NOTHING, Beside
 from .quantity import Depth
@@ -46,10 +46,15 @@ def depth_error(c: Camera, at: Depth | Array, sigma: Number | None = None, besid
     return light_field.depth_sigma(c, depth_at(c, at), sigma) * plane_at(c, at).depth
 
 
-def depth_error_at_fields(images: MicrolensImages, beside: Beside = NOTHING) -> Number:
+def depth_error_at_fields(images: MicrolensImages) -> Number:
     """Standard error of depth at the focal plane, of each field's own microlens image, shape (fields, builds)."""
+    return np.asarray(_errors_at_fields(images, (NOTHING,))[0])
+
+
+def _errors_at_fields(images: MicrolensImages, besides: tuple[Beside, ...]) -> Array:
+    """The same in each of several noises, the first axis."""
     c = images.camera
-    error = disparity_sigma(images, seen_at(c, None), beside)
+    error = disparity_sigmas(images, seen_at(c, None), besides)
     sigma = light_field.depth_sigma(c, c.seen.gap, error) * c.focus.depth
     # Views set apart along the field's radius and across it tell of depth as much less as a mapping stretches slopes.
     along, across = light.field_stretch(c, np.hypot(images.microlens[0], images.microlens[1]))
@@ -92,8 +97,14 @@ def expected_error(c: Camera, at: Depth | Array) -> Array:
 
 def expected_error_at_fields(images: MicrolensImages) -> Number:
     """Combined standard uncertainty at the focal plane, of each field's own microlens image, (fields, builds)."""
+    return errors_at_fields(images, bound=False)[-1]
+
+
+def errors_at_fields(images: MicrolensImages, *, bound: bool = True) -> tuple[Array, ...]:
+    """`depth_error_at_fields`, where the `bound` is asked for, and `expected_error_at_fields`, of one signal."""
     warmth = temperature_error(images.camera, None)
-    return np.hypot(depth_error_at_fields(images, Beside.of(images.camera)), 0.0 if warmth is None else warmth)
+    *noise, expected = _errors_at_fields(images, (*((NOTHING,) if bound else ()), Beside.of(images.camera)))
+    return *noise, np.hypot(expected, 0.0 if warmth is None else warmth)
 
 
 def _finite(error: Array) -> Array:

@@ -35,7 +35,7 @@ from numpy.typing import NDArray
 
 from .._arrays import Array, Complex, magnitude, ratio
 from ..bore.opening import ClearAperture
-from ..camera import Camera
+from ..camera import Camera, Number
 from ..shapes.lattice import PACKINGS
 from ..shapes.openings import Openings
 from .colours import filters
@@ -150,11 +150,11 @@ class _Images(NamedTuple):
     pixel: Array
     light: Array
     dark: Array
-    """Variance without own light, over `shot` [electrons^2]."""
+    """Variance without own light, over `shot` [electrons^2]; as the next two, of each image in each of M noises."""
     uneven: Array
-    """Squared share of brightness that pixels differ by, over `shot`."""
+    """Squared share of brightness that pixels differ by, over `shot`; shape (N, M)."""
     shot: Array
-    """Variance per electron of own light: above 1 where views differ by a share of a veil, too."""
+    """Variance per electron of own light: above 1 where views differ by a share of a veil, too; shape (N, M)."""
     pitch: Array
     bend: Array
     """B over the image's diameter, in pitches."""
@@ -167,6 +167,11 @@ class _Images(NamedTuple):
     def at(self, index: NDArray[np.intp]) -> _Images:
         some: Any = [*(value[index] for value in self[:-2]), self.openings.at(index), self.texture.at(index)]
         return _Images(*some)
+
+    def with_noise(self, number: int) -> _Images:
+        """In one noise alone."""
+        one = slice(number, number + 1)
+        return self._replace(dark=self.dark[:, one], uneven=self.uneven[:, one], shot=self.shot[:, one])
 
     @property
     def own_shape(self) -> tuple[Array, ...]:
@@ -244,6 +249,11 @@ def view_gradient(c: Camera, plane: Seen) -> Array:
 def _disparity_information(
     images: MicrolensImages, plane: Seen, waves: Spectrum | None = None, beside: Beside = NOTHING
 ) -> Array:
+    """`_informations` in one noise, shape (fields, builds)."""
+    return np.asarray(_informations(images, plane, waves, (beside,))[0])
+
+
+def _informations(images: MicrolensImages, plane: Seen, waves: Spectrum | None, besides: tuple[Beside, ...]) -> Array:
     """Fisher information that one exposure of one microlens image has of B [1/pitch^2].
 
     Parameters
@@ -254,30 +264,31 @@ def _disparity_information(
         The plane looked at; it broadcasts with the builds.
     waves : Spectrum, shape (W,), optional
         Of the texture there, half of each wave's power being that of its mirror image in x. None is `texture`.
-    beside : Beside
-        What pixels have beside the picture's light and its noise.
+    besides : tuple of Beside
+        What pixels have beside the picture's light and its noise: of each noise that the same signal is seen in.
 
     Returns
     -------
-    ndarray, shape (fields, builds)
+    ndarray, shape (noises, fields, builds)
         With the texture unknown. 0 without light, beyond the full well, and where images overlap many times. Behind
         colour filters of a texture without colour, in white light: what the pixels of each colour tell, added up.
     """
     c = images.camera
     if parts := [(one.share, images.by(through_filter(c, one))) for one in filters(c.colours)]:
-        return np.asarray(sum(share * _disparity_information(part, plane, waves, beside) for share, part in parts))
+        return np.asarray(sum(share * _informations(part, plane, waves, besides) for share, part in parts))
     one = np.ones(())
-    rows = _rows_of(images, plane, texture(c, plane) if waves is None else _Texture(one, one, waves), beside)
+    rows = _rows_of(images, plane, texture(c, plane) if waves is None else _Texture(one, one, waves), besides)
     builds = _builds(images, plane)
     shape = (len(images.fields), *builds)
     array = _Array(c.layout, c.lens_shape, bool(c.shape))
     fill, whole = rows.wide, rows.whole
     usable = np.isfinite(fill) & (fill < WIDEST) & (fill > 0) & np.isfinite(rows.light) & (rows.light > 0)
-    usable &= rows.light <= np.broadcast_to(c["sensor.full_well"] - beside.veil, shape).ravel()
+    room = np.stack([np.broadcast_to(c["sensor.full_well"] - beside.veil, shape).ravel() for beside in besides])
+    usable &= rows.light <= room.max(axis=0)
     # A texture too fine for single views has no strength, and tells nothing at whatever cost.
     usable &= np.isfinite(rows.texture.fine) & np.isfinite(rows.texture.strength) & (rows.texture.strength > 0)
     level = np.where(usable, np.minimum(2 * np.ceil(rows.finest / 2), SHARPEST).clip(2, None), 0).astype(int)
-    information = np.zeros(fill.size)
+    information = np.zeros((fill.size, len(besides)))
     level = np.where(usable & (rows.finest > SHARPEST), SHARPEST + 1, level)
     for detail, uncut in itertools.product(
         (np.flatnonzero(np.bincount(level, minlength=2)[1:]) + 1).tolist(), (False, True)
@@ -285,14 +296,16 @@ def _disparity_information(
         mine = np.flatnonzero((level == detail) & (whole == uncut))
         if mine.size:
             information[mine] = (_interpolated if uncut else _each)(rows.at(mine), array, detail, uncut)
-    return information.reshape(shape)
+    return np.where(rows.light <= room, information.T, 0.0).reshape(-1, *shape)
 
 
 def _builds(images: MicrolensImages, plane: Seen) -> tuple[int, ...]:
     return np.broadcast_shapes(images.camera.shape or (1,), np.shape(plane.disparity), np.shape(plane.scale))
 
 
-def _rows_of(images: MicrolensImages, plane: Seen, texture: _Texture, beside: Beside = NOTHING) -> _Images:
+def _rows_of(
+    images: MicrolensImages, plane: Seen, texture: _Texture, besides: tuple[Beside, ...] = (NOTHING,)
+) -> _Images:
     """Every field of every build, one after the other."""
     c = images.camera
     openings = images.openings
@@ -302,11 +315,14 @@ def _rows_of(images: MicrolensImages, plane: Seen, texture: _Texture, beside: Be
     bend = ratio(plane.disparity * pitch, magnitude(microlens_image_diameter(c)))
     defocus = -microlens_defocus(c) / c.seen.d_2
     light = electrons(c) * images.level * response(c, np.hypot(*images.microlens[:2]))
-    uneven = np.square(beside.share)
-    # N A + V + r^2 + s^2 + eps^2 (N A + V)^2, over what the term in N A is multiplied by.
-    shot = 1 + 2 * uneven * beside.veil
-    dark = dark_variance(c) + np.square(beside.dark) + beside.veil + uneven * np.square(beside.veil)
-    optics = (c.d, c.seen.d_2, c.wavelength, defocus, c.q, light, dark / shot, uneven / shot, shot, pitch, bend)
+    noises: list[tuple[Number, Number, Number]] = []
+    for beside in besides:
+        uneven = np.square(beside.share)
+        # N A + V + r^2 + s^2 + eps^2 (N A + V)^2, over what the term in N A is multiplied by.
+        shot = 1 + 2 * uneven * beside.veil
+        dark = dark_variance(c) + np.square(beside.dark) + beside.veil + uneven * np.square(beside.veil)
+        noises.append((dark / shot, uneven / shot, shot))
+    optics = (c.d, c.seen.d_2, c.wavelength, defocus, c.q, light, pitch, bend)
     per_pitch = np.broadcast_to(ratio(1.0, pitch), builds)
     turn = np.asarray(c["microlens_array.rotation"])
     cos, sin = np.cos(turn), np.sin(turn)
@@ -340,9 +356,12 @@ def _rows_of(images: MicrolensImages, plane: Seen, texture: _Texture, beside: Be
     if 0 in openings.polygons:
         wide = np.broadcast_to(magnitude(microlens_image_diameter(c)) * per_pitch, shape).ravel()
     rows: Any = [np.broadcast_to(np.asarray(value, float), shape).ravel() for value in (*optics, *texture[:2])]
-    *rows, fine, strength = rows
-    rows += [wide, scaled, texture._replace(fine=fine, strength=strength)]
-    return _Images(*rows)
+    *rows, pitch, bend, fine, strength = rows
+    noise = (
+        np.stack([np.broadcast_to(np.asarray(value, float), shape).ravel() for value in values], -1)
+        for values in zip(*noises, strict=True)
+    )
+    return _Images(*rows, *noise, pitch, bend, wide, scaled, texture._replace(fine=fine, strength=strength))
 
 
 def _each(images: _Images, c: _Array, level: int, whole: bool) -> Array:
@@ -351,7 +370,17 @@ def _each(images: _Images, c: _Array, level: int, whole: bool) -> Array:
 
 
 def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
-    """Information of whole images; where many are nearly alike, by series through some in their midst.
+    """Information of whole images, shape (N, M); where many are nearly alike, by series, of each noise its own."""
+    noises = range(images.dark.shape[1])
+    found = [_by_series(images.with_noise(k), c, level, whole) for k in noises]
+    alone = _each(images, c, level, whole) if any(one is None for one in found) else None
+    return np.stack(
+        [alone[:, k] if one is None and alone is not None else one for k, one in zip(noises, found, strict=True)], -1
+    )
+
+
+def _by_series(images: _Images, c: _Array, level: int, whole: bool) -> Array | None:
+    """Information in one noise by series through some images in the midst of all; None of few or unlike ones.
 
     Up to light and contrast, it hangs on six ratios: the image's diameter, the detail that diffraction passes, defocus
     and the pixel, all against the pitch, dark noise and what pixels differ by against shot noise; on how far the plane
@@ -360,11 +389,11 @@ def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
     """
     fine, strength, waves, lens_shape = images.texture
     if images.pitch.size < 3 or not (strength * fine > 0).all():
-        return _each(images, c, level, whole)
-    scale = images.light / images.shot * strength / images.wide**2
+        return None
+    dark, uneven, shot = images.dark[:, 0], images.uneven[:, 0], images.shot[:, 0]
+    scale = images.light / shot * strength / images.wide**2
     about = np.log([
-        images.finest, images.pixel / images.pitch, images.dark / images.light + 1e-6,
-        images.uneven * images.light + 1e-6, fine,
+        images.finest, images.pixel / images.pitch, dark / images.light + 1e-6, uneven * images.light + 1e-6, fine,
     ])  # fmt: skip
     blurred = images.defocus * images.distance * images.width / images.pitch
     about = np.vstack([about, blurred, images.bend, *images.own_shape])
@@ -373,13 +402,13 @@ def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
     if images.pitch.size < NEARLY_ALIKE:
         away = (about - about[:, :1])[free]
         if images.pitch.size < free.size + 2 or np.abs(away).max(initial=0.0) > CLOSE:
-            return _each(images, c, level, whole)
+            return None
         nodes = np.repeat(about[:, :1], free.size + 1, axis=1)
         nodes[free, 1:] += STEP * np.eye(free.size)
         values = _series(c, level, len(about), nodes.tobytes(), spectrum, lens_shape)
         slopes = (values[1:] - values[0]) / STEP if np.isfinite(values).all() else np.inf
         if not np.abs(slopes).max(initial=0.0) <= STEEPEST:
-            return _each(images, c, level, whole)
+            return None
         return np.asarray(np.exp(values[0] + slopes @ away) * scale)
     spread = np.ptp(about, axis=1)[free]
     apart = spread.max(initial=0.0) > 2 * CELL
@@ -396,7 +425,7 @@ def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
     few = (0.5 if apart else 2) * len(terms)
     alone = np.concatenate([order[:0], *(mine for mine in groups if mine.size < few)])
     if alone.size:
-        information[alone] = _each(images.at(alone), c, level, whole) / scale[alone]
+        information[alone] = _each(images.at(alone), c, level, whole)[:, 0] / scale[alone]
     for mine in groups:
         if mine.size < few:
             continue
@@ -404,7 +433,7 @@ def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
         nodes[free] = middle + offsets * sides / 2
         logarithms = _series(c, level, len(about), nodes.tobytes(), spectrum, lens_shape)
         if not np.isfinite(logarithms).all():
-            information[mine] = _each(images.at(mine), c, level, whole) / scale[mine]
+            information[mine] = _each(images.at(mine), c, level, whole)[:, 0] / scale[mine]
             continue
         values = inverse @ logarithms
         total = np.zeros(mine.size)
@@ -443,13 +472,13 @@ def _series(c: _Array, level: int, count: int, nodes: bytes, spectrum: bytes, le
     """Logarithm of information at places of an expansion, for a pitch of 1, one electron and full contrast."""
     sharp, pixel, dark, uneven, fine, blurred, bend, *shape = np.frombuffer(nodes).reshape(count, -1)
     one = np.ones(sharp.size)
-    dark, uneven = (np.maximum(np.exp(part) - 1e-6, 0.0) for part in (dark, uneven))
+    noise = (*(np.maximum(np.exp(part) - 1e-6, 0.0)[:, None] for part in (dark, uneven)), one[:, None])
     image = _opening_of(*shape)
     waves = _Texture(np.exp(fine), one, Spectrum(*np.frombuffer(spectrum).reshape(3, -1)), lens_shape)
-    optics = (one, one, np.exp(-sharp), blurred, np.exp(pixel), one, dark, uneven, one, one, bend, one)
+    optics = (one, one, np.exp(-sharp), blurred, np.exp(pixel), one, *noise, one, bend, one)
     own = (*optics, image, waves)
     with np.errstate(divide="ignore", invalid="ignore"):  # of what tells nothing there is no series
-        values = np.log(_each(_Images(*own), c, level, whole=True))
+        values = np.log(_each(_Images(*own), c, level, whole=True)[:, 0])
     values.setflags(write=False)
     return values
 
@@ -468,7 +497,7 @@ def _sharpened(images: _Images, c: _Array, level: int, whole: bool) -> Array:
     values = np.stack([_information(some, c, spectra) for some in blurred])
     x = np.minimum(1 / finest, at[0])
     weights = [np.prod([(x - b) / (a - b) for b in at if b != a], axis=0) for a in at]
-    return np.asarray(sum(weight * value for weight, value in zip(weights, values, strict=True)))
+    return np.asarray(sum(weight[:, None] * value for weight, value in zip(weights, values, strict=True)))
 
 
 class _Spectra(NamedTuple):
@@ -498,21 +527,22 @@ def _spectra(images: _Images, waves: Spectrum, c: _Array, level: int, whole: boo
 
 
 def _information(images: _Images, c: _Array, spectra: _Spectra) -> Array:
+    """Information of images in each of their noises, shape (N, M): one signal, weighed by each."""
     kx, ky, fx, fy, cell, parts, power = spectra
     side = fx.shape[-1]
     passed = _transfer(images, c, fx, fy) * (side * side / cell)
     light, along, across = (np.fft.ifft2(part * passed) for part in parts)
-    lit = images.light[:, None, None]
-    dark, uneven, shot = (part[:, None, None] for part in (images.dark, images.uneven, images.shot))
-    own_light = lit * np.maximum(light[:, 0].real, 0.0)
-    variance = shot * (own_light + uneven * own_light**2 + dark)
+    count = len(images.pitch)
+    dark, uneven, shot = (part[..., None] for part in (images.dark, images.uneven, images.shot))
+    own_light = images.light[:, None] * np.maximum(light[:, 0].real, 0.0).reshape(count, -1)
+    variance = shot * (own_light[:, None] * (1 + uneven * own_light[:, None]) + dark)
     area = cell / side**2 * (images.pitch / images.pixel) ** 2
-    weight = (lit * lit / np.maximum(variance, 1e-300))[:, None] * area[:, None, None, None]
+    weight = (images.light**2 * area)[:, None, None] / np.maximum(variance, 1e-300)
     turned = 2 * math.pi * (kx * along + ky * across)[:, 1:] / images.wide[:, None, None, None]
-    light = light[:, 1:]
-    own, free = ((weight * (part.real**2 + part.imag**2)).sum((2, 3)) for part in (turned, light))
-    mixed = np.abs((weight * turned * light.conj()).sum((2, 3))) ** 2
-    return np.asarray(((own - ratio(mixed, free)) * power).sum(1))
+    turned, light = (part.reshape(count, part.shape[1], -1).swapaxes(1, 2) for part in (turned, light[:, 1:]))
+    own, free = (weight @ (part.real**2 + part.imag**2) for part in (turned, light))
+    mixed = np.abs(weight @ (turned * light.conj())) ** 2
+    return np.asarray(((own - ratio(mixed, free)) * power[:, None]).sum(2))
 
 
 def _orders(c: _Array, finest: float) -> tuple[Array, Array, float]:
@@ -728,7 +758,7 @@ def image_parts(images: MicrolensImages, x: Array, y: Array) -> ImageParts:
     return ImageParts(steps, light, s_x, s_y)
 
 
-def disparity_sigma(images: MicrolensImages, plane: Seen, beside: Beside = NOTHING) -> Array:
+def disparity_sigmas(images: MicrolensImages, plane: Seen, besides: tuple[Beside, ...] = (NOTHING,)) -> Array:
     """Standard error of the disparity between the FAP's rims [microlens pitches]; inf where nothing tells it.
 
     Parameters
@@ -737,12 +767,13 @@ def disparity_sigma(images: MicrolensImages, plane: Seen, beside: Beside = NOTHI
         At the fields asked for; tilts of FAP, main lens, array and sensor are left out.
     plane : Seen
         The plane looked at.
-    beside : Beside
-        What pixels have beside the picture's light and its noise; by default nothing: the bound that noise sets.
+    besides : tuple of Beside
+        What pixels have beside the picture's light and its noise, in each of several noises; by default nothing: the
+        bound that noise sets.
 
     Returns
     -------
-    ndarray, shape (fields, builds)
+    ndarray, shape (noises, fields, builds)
         Of ``depth.window`` by as many microlenses; as ``depth.disparity_error`` has it where that is given, wherever
         there is light.
     """
@@ -750,18 +781,28 @@ def disparity_sigma(images: MicrolensImages, plane: Seen, beside: Beside = NOTHI
     fixed = c.numbers.get("depth.disparity_error")
     if fixed is not None:
         lit = images.shapes.lit
-        return np.where(lit, np.broadcast_to(np.asarray(fixed), lit.shape), np.inf)
-    total = _disparity_information(images, plane, beside=beside) * c["depth.window"] ** 2
+        return np.stack(len(besides) * [np.where(lit, np.broadcast_to(np.asarray(fixed), lit.shape), np.inf)])
+    total = _informations(images, plane, None, besides) * c["depth.window"] ** 2
     with np.errstate(divide="ignore"):
         return np.asarray(1 / np.sqrt(np.maximum(total, 0.0)))
 
 
-def axial_disparity_sigma(c: Camera, plane: Seen, beside: Beside = NOTHING) -> Array:
-    """`disparity_sigma` of a microlens whose image nothing cuts, shape of the builds; tilts left out."""
+def disparity_sigma(images: MicrolensImages, plane: Seen) -> Array:
+    """`disparity_sigmas` that noise alone leaves, shape (fields, builds)."""
+    return np.asarray(disparity_sigmas(images, plane)[0])
+
+
+def axial_disparity_sigmas(c: Camera, plane: Seen, besides: tuple[Beside, ...] = (NOTHING,)) -> Array:
+    """`disparity_sigmas` of a microlens whose image nothing cuts, shape (noises, builds); tilts left out."""
     if "depth.disparity_error" in c.numbers:
-        return np.asarray(c["depth.disparity_error"])
-    sigma = disparity_sigma(_Uncut(c, [(0.0, 0.0)]), plane, beside)[0]
-    return np.asarray(sigma if c.shape or np.ndim(plane.scale) else sigma[0])
+        return np.stack(len(besides) * [np.asarray(c["depth.disparity_error"])])
+    sigmas = disparity_sigmas(_Uncut(c, [(0.0, 0.0)]), plane, besides)[:, 0]
+    return np.asarray(sigmas if c.shape or np.ndim(plane.scale) else sigmas[:, 0])
+
+
+def axial_disparity_sigma(c: Camera, plane: Seen, beside: Beside = NOTHING) -> Array:
+    """`axial_disparity_sigmas` in one noise, shape of the builds."""
+    return np.asarray(axial_disparity_sigmas(c, plane, (beside,))[0])
 
 
 class _Uncut(MicrolensImages):

@@ -13,10 +13,13 @@ from numpy.typing import NDArray
 
 from .._arrays import Array, by_value
 from ..accuracy.statement import Accuracy, check_accuracy
+from ..camera import Camera
 from ..design import save
 from ..design.files import WRITTEN
 from ..errors import InputError
 from ..json_data import plain
+from ..theory.depth_budget import DepthBudget, depth_budget
+from ..theory.length_covariance import LengthCovariance
 from ..theory.quantities import bound_note
 from .budgets import ToleranceBudget, budget
 from .metrics import METRICS, mount_of
@@ -35,7 +38,7 @@ from .study import MOST_TRIALS, Study, TolerancePlan, make_plan
 from .summaries import Variant, correlations, summarise
 from .tally import Tally
 from .traced import notes
-from .trials import measure_one, one_trial
+from .trials import lengths_built, measure_one, one_trial
 from .yields import CONFIDENCE, Yield, curve_trials, scale_for_yield, yield_at, yield_curve
 
 SCHEMA = "roslf.tolerance/1"
@@ -114,6 +117,8 @@ class StudyResult:
     """Columns with perturbations, shape (C, P)."""
     worst: tuple[_WorstTrial, ...]
     warnings: tuple[str, ...]
+    built: LengthCovariance
+    """Of the builds' lengths, adjusted where anything is."""
     precision: _Precision | None = None
     """Standard errors of the run; None where nobody asked."""
     tracing: tuple[str, ...] = ()
@@ -123,6 +128,11 @@ class StudyResult:
     def final(self) -> Variant:
         """The variant that counts."""
         return self.variants[-1]
+
+    @property
+    def depth(self) -> DepthBudget:
+        """Depth to be expected of a build that is taken as designed."""
+        return depth_budget(Camera.of(self.plan.question.design.thin_twin), build=self.built)
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON object; what is not finite is None."""
@@ -161,6 +171,7 @@ class StudyResult:
             "perturbations": [{name: getattr(p, name) for name in missed} for p in draws.perturbations],
             "groups": [{"group": name, "correlation": rho} for name, rho in draws.correlations],
             "variants": [variant.to_dict() for variant in self.variants],
+            "depth_expected": self.depth.to_dict(),
             "sensitivity": {
                 "columns": columns,
                 "places": places,
@@ -227,6 +238,7 @@ def analyse(
         correlations=correlations(tally),
         worst=worst,
         warnings=(*tracing, *_warnings(plan, variants, rss, misses)),
+        built=lengths_built(plan),
         tracing=tracing,
     )
 

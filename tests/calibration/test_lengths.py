@@ -40,8 +40,8 @@ def test_information_with_the_data_sheet_is_the_calibration_s_covariance(design,
     sigma = np.sqrt(np.diag(matrix))
     known = sigma > 1e-9 * np.maximum(values, 1e-6)
     unit = np.where(known, sigma, 1.0)
-    # 20,000 draws tell standard deviations to 0.5 %; the widest lengths err by 3 %, where formulas bend.
-    np.testing.assert_allclose(after / np.outer(unit, unit), matrix / np.outer(unit, unit) * known, atol=0.03)
+    # 20,000 draws tell variances to 1 %; that of d_2, the inverse of what is known to 6 %, is 3 % above first order.
+    np.testing.assert_allclose(after / np.outer(unit, unit), matrix / np.outer(unit, unit) * known, atol=0.04)
     back = _FoundCovariance.model_validate(json.loads(json.dumps(lengths.to_dict()))).lengths()
     assert back.to_dict() == lengths.to_dict()
 

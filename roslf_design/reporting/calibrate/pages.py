@@ -18,16 +18,18 @@ from ...calibration import (
 from ...calibration.fit import VISIBLE
 from ...calibration.misfit import DISAGREE
 from ...calibration.model import QUANTITIES, UNITS
-from ...calibration.options import PlanOptions, calibration_plan
+from ...calibration.options import PlanOptions, calibration_plan, data_sheet
 from ...calibration.planning import too_large
 from ...calibration.result import LAPLACE, Outcome
 from ...calibration.space import SceneSide
 from ...calibration.written import file_in, read_numbers
+from ...camera import Camera
 from ...design import Design
 from ...drawing.picture import Picture
 from ...drawing.svg import redrawn
 from ...errors import InputError, Problem
 from ...input_files import read_bytes
+from ...theory.depth_budget import DepthBudget, depth_budget
 from ...words import length, rounded, sentence
 from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
 from . import pictures
@@ -35,6 +37,7 @@ from . import pictures
 if TYPE_CHECKING:
     from ...calibration.diffraction import DiffractionCheck
     from ...calibration.distortion import Distortion
+    from ...theory.length_covariance import LengthCovariance
 
 SOURCES: dict[str, tuple[str, str, str]] = {
     "images": ("images", "the images", "show more boards, tilted further and over more distances"),
@@ -344,20 +347,30 @@ def _ways_table(result: Outcome) -> Table:
     return Table(tuple(rows), "l" + "r" * len(ways) + "l", ("", *ways, ""), "By different ways", caption)
 
 
-def plan_finding(design: Design, asked: PlanOptions) -> Finding:
-    """A plan in a design's report; or why captures cannot determine the camera."""
+def plan_finding(design: Design, asked: PlanOptions, build: LengthCovariance | None = None) -> Finding:
+    """A plan in a design's report; or why captures cannot determine the camera. `build` as for `plan_blocks`."""
     plan = calibration_plan(design, asked)
     seed = f"Seed of the calibration boards' poses: {asked.seed}."
     if isinstance(plan, str):
         none = Statements((Statement("caution", f"No plan: {plan}."),))
         return Finding(Section("Calibration plan", (none,)), None, seed)
-    blocks = plan_blocks(design, plan, asked)
+    blocks = plan_blocks(design, plan, asked, build)
     assert isinstance(blocks[1], Statements)
     return Finding(Section("Calibration plan", blocks), blocks[1].items[0], seed)
 
 
-def plan_blocks(design: Design, plan: CapturePlan, asked: PlanOptions) -> tuple[Block, ...]:
-    """A plan with its promise and its changes."""
+def planned_depth(
+    design: Design, plan: CapturePlan, asked: PlanOptions, build: LengthCovariance | None = None
+) -> DepthBudget:
+    """Depth to be expected of a camera that is calibrated as planned."""
+    lengths = plan.expected.lengths(data_sheet(design, plan.captures.board, asked))
+    return depth_budget(Camera.of(design.thin_twin), build=build, calibration=lengths)
+
+
+def plan_blocks(
+    design: Design, plan: CapturePlan, asked: PlanOptions, build: LengthCovariance | None = None
+) -> tuple[Block, ...]:
+    """A plan with its promise and its changes; with the `build`'s tolerances, where a study knows them."""
     c, before = plan.captures, plan.expected
     known = f"microlens pitch to {asked.d_sigma} and board to {asked.cell_sigma}"
     if asked.d_sigma == asked.cell_sigma:
@@ -382,6 +395,11 @@ def plan_blocks(design: Design, plan: CapturePlan, asked: PlanOptions) -> tuple[
         f"{1e3 * sigma['d_2']:.2g} um (one standard deviation)."
     )
     answers = [Statement("plain", promise, plan.advice)]
+    before_it = "" if build is None else ", its tolerances known before"
+    depth = (
+        f"Depth, expected, after it{before_it}: {planned_depth(design, plan, asked, build).words}, in the focal plane."
+    )
+    answers.append(Statement("plain", depth))
     large = too_large(design, c)
     if large:
         answers.append(Statement("caution", sentence(large), "Choose a smaller board."))

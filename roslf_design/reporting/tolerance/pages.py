@@ -109,6 +109,11 @@ def headline(result: StudyResult) -> str:
     )
 
 
+def depth_sentence(result: StudyResult) -> str:
+    """Sentence on the depth that a build measures if nobody calibrates it."""
+    return f"Depth, expected, of a camera taken as designed: {result.depth.words}, in the focal plane."
+
+
 def impossible_words(variant: Variant) -> str:
     """How many builds are no cameras, and why; empty where all are."""
     if not variant.impossible:
@@ -155,6 +160,7 @@ def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
     if result.precision is not None:
         accuracy = result.precision.accuracy
         yield Statement("caution" if accuracy.kept is False else "plain", words.sentence(accuracy.sentence(False)))
+    yield Statement("plain", depth_sentence(result))
     weakest = result.final.weakest
     share = 100 * weakest.result.value
     yield Statement(
