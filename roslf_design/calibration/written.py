@@ -53,7 +53,7 @@ class _FoundCovariance(_LenientTable):
     places: Annotated[tuple[str, ...], Field(min_length=1)]
     matrix: tuple[tuple[float, ...], ...]
     information: tuple[tuple[float, ...], ...] | None = None
-    """What measurements alone tell of them; None of an older calibration."""
+    """Information that measurements alone give of them; None of an older calibration."""
     sheet_sigma: tuple[Annotated[float, Field(ge=0)] | None, ...] | None = None
 
     @model_validator(mode="after")
@@ -75,7 +75,7 @@ class _FoundCovariance(_LenientTable):
         return self
 
     def lengths(self) -> CalibratedLengths:
-        """As a value."""
+        """Lengths as a value."""
         information = None if self.information is None else np.array(self.information)
         sheet = None if self.sheet_sigma is None else np.array(self.sheet_sigma, float)
         return CalibratedLengths(

@@ -70,7 +70,7 @@ class _WantedQuantity(NamedTuple):
 
 
 GOALS = {
-    "depth": _WantedQuantity("least depth noise", "sigma_z_mm", "min"),
+    "depth": _WantedQuantity("least depth noise (bound)", "sigma_z_mm", "min"),
     "field": _WantedQuantity("widest field", "field_half_width_mm", "max"),
     "light": _WantedQuantity("most light", "light_sr", "max"),
     "views": _WantedQuantity("most independent views", "views_independent", "max"),
@@ -83,7 +83,7 @@ VARIABLES = ("D", "f", "d_f", "d_1", "D_F", "d_3", "d", "d_2")
 USUAL = ("D_F", "d_3", "d_2")
 """Variables that are chosen by default."""
 HELD = {
-    "depth": _WantedQuantity("depth noise", "sigma_z_mm", "max"),
+    "depth": _WantedQuantity("depth noise (bound)", "sigma_z_mm", "max"),
     "field": _WantedQuantity("field", "field_half_width_mm", "min"),
     "views": _WantedQuantity("independent views", "views_independent", "min"),
     "pixels": _WantedQuantity("pixels across an image", "views_geometric", "min"),
@@ -422,8 +422,8 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
         grades=tuple(by_grade),
         curve=tuple(curve),
         question=f"{trials} builds to the grade '{study.grade}', the decoder {decoder}. A build is good where its fill "
-        f"factor stays within {100 * FILL:g} % of nominal, its depth spread grows by {100 * DEPTH:g} % at most, no "
-        f"field loses more than {100 * KEPT:g} % of its light, and image centres are found to {CENTRE:g} px. "
+        f"factor stays within {100 * FILL:g} % of nominal, its depth noise (bound) grows by {100 * DEPTH:g} % at most, "
+        f"no field loses more than {100 * KEPT:g} % of its light, and image centres are found to {CENTRE:g} px. "
         f"{impossible_words(variant)}".rstrip(),
     )
 

@@ -105,9 +105,13 @@ LIGHT = (
     NumberField("depth.period", "Period", "Texture", "mm", "log", "length", (1e-2, 1e2), "every size"),
     NumberField("depth.finest", "Finest detail", "Texture", "mm", "log", "length", (1e-2, 1e2), "2 microlenses"),
     NumberField("depth.window", "Microlenses", "Matching", "", "linear", "", (1, 41)),
+    NumberField("depth.view_mismatch", "Mismatch, rms", "Views and pixels", "", "linear", "", (0.0, 0.2)),
+    NumberField("sensor.prnu", "PRNU", "Views and pixels", "", "linear", "", (0.0, 0.05)),
+    NumberField("sensor.dsnu", "DSNU, electrons", "Views and pixels", "", "linear", "", (0.0, 100.0)),
+    NumberField("light.veil", "Veil, of full scale", "Views and pixels", "", "linear", "", (0.0, 0.5)),
     NumberField("depth.disparity_error", "Fixed error", "Matching", "", "log", "", (1e-4, 1.0), "predicted"),
 )
-"""Fields of the light that depth errors are computed for, by their place in a design file."""
+"""Fields of light, texture, matching and pixels that depth is told for, by their place in a design file."""
 
 CONTROLS = BY_SYMBOL | {field.symbol: field for field in (*WINDOW, *LIGHT)}
 """Every field that a design may have."""

@@ -28,6 +28,7 @@ from ..reporting.design.microlens import microlens_image, nearest_microlens
 from ..reporting.design.rays import meridional
 from ..reporting.optimise.pictures import change_bars, goal_front, search_history
 from ..reporting.tolerance.pictures import offender_bars, spread_bars, yield_bars, yield_curve
+from ..theory.depth_budget import NOISE
 from ..theory.quantities import QUANTITIES
 from ..words import to_html
 from .runs import OptimiseResult
@@ -385,16 +386,19 @@ def depth_known(source: PictureSource) -> dict[str, Any]:
         return {"tone": "bad", "text": f"Depth is unknown. {why}", "remedy": remedy, "rows": rows}
     known = curve.sigma[0] * KNOWN_ALIKE
     alike, last = curve.sigma <= known, curve.place[-1]
-    share = f"{100 * sigma / design.d_f:.2g} % of Z"
-    text = f"Depth of the plane in focus is known to {short(sigma, 3)} mm (1 sigma), {share}."
+    budget = source.evaluation.depth_budget
+    share = f"{100 * float(budget.u_z_mm) / design.d_f:.2g} % of Z"
+    text = f"Depth, expected, in the plane in focus: {budget.words}; {share}. Noise (bound): {short(sigma, 3)} mm."
     tone, remedy = "good", ""
     if not alike.all():
         ends = curve.place[~alike][0]
-        text += f" That holds out to {short(ends, 3)} of {short(last, 3)} mm on the array; farther out stops cut images"
+        text += f" The bound holds out to {short(ends, 3)} of {short(last, 3)} mm on the array; beyond stops cut images"
         unknown = not math.isfinite(curve.sigma[-1])
         text += ", to nothing at the corner." if unknown else f", to {short(curve.sigma[-1], 3)} mm at the corner."
         tone, remedy = "caution", "a wider lens or stops, a smaller pupil, or another d_3"
-    if assumed is not None:
+    if assumed is not None and budget.largest.name != NOISE:
+        text += f" More light hardly helps: {budget.largest.name} rules."
+    elif assumed is not None:
         dark = design.sensor.read_noise**2 / max(assumed.electrons, 1e-300)
         text += " Twice the contrast halves it; " + (
             "twice the light nearly does too: read noise rules." if dark > 1 else "so does four times the light."
@@ -403,16 +407,22 @@ def depth_known(source: PictureSource) -> dict[str, Any]:
 
 
 def _assumed_rows(evaluation: Evaluation) -> list[dict[str, str]]:
+    parts = [
+        (f"of it {term.name}", f"{short(float(term.u_mm), 3)} mm", term.remark)
+        for term in evaluation.depth_budget.terms
+        if term.u_mm is not None
+    ]
     return [
         {"label": to_html(label), "value": " ".join(part for part in (value, note) if part)}
-        for label, value, note in depth_facts(evaluation)
+        for label, value, note in (*depth_facts(evaluation), *parts)
     ]
 
 
 def glance(evaluation: Evaluation) -> list[dict[str, str]]:
     """Main numbers of a camera at a glance."""
     first = [QUANTITIES[name] for name in GLANCE]
-    rows = {quantity.label: quantity.text(evaluation.value(quantity)) for quantity in first}
+    rows = {"depth, expected": evaluation.depth_budget.words}
+    rows |= {quantity.label: quantity.text(evaluation.value(quantity)) for quantity in first}
     for name, share in evaluation.fields[-1].ray_budget.taken():
         landed = {"own cell": "in its own cell", "neighbours": "in its neighbours"}.get(name)
         if landed or share > 0:

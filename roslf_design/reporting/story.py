@@ -162,12 +162,12 @@ def _read_story(data: Mapping[str, Any], folder: Path = Path(), origin: str = ""
 TRIALS = 16384
 GRADE = "precision"
 FILL, KEPT, CENTRE, DEPTH = 0.1, 0.01, 1.0, 0.1
-"""Limits: change of the fill factor, light lost, image centres off [px], growth of the depth spread."""
+"""Limits: change of the fill factor, light lost, image centres off [px], growth of the depth noise (bound)."""
 QUESTION = (
     f"A first look, with limits that this report sets itself: {TRIALS} builds to the grade '{GRADE}' (engineering "
     "judgement, as the table of grades says), the decoder calibrated on each. A build is good where its fill factor "
-    f"stays within {100 * FILL:g} % of the nominal, its depth spread grows by no more than {100 * DEPTH:g} %, no field "
-    f"loses more than {100 * KEPT:g} % of the light that it nominally gets, and the decoder finds image centres to "
+    f"stays within {100 * FILL:g} % of the nominal, its depth noise (bound) grows by {100 * DEPTH:g} % at most, "
+    f"no field loses more than {100 * KEPT:g} % of the light that it nominally gets, and the decoder finds image centres to "
     f"{CENTRE:g} px. Tolerances and limits of your own make a study: roslf tolerance."
 )
 

@@ -52,7 +52,7 @@ def depth_error_at_fields(images: MicrolensImages) -> Number:
 
 
 def _errors_at_fields(images: MicrolensImages, besides: tuple[Beside, ...]) -> Array:
-    """The same in each of several noises, the first axis."""
+    """`depth_error_at_fields` in each of several noises, shape (noises, fields, builds)."""
     c = images.camera
     error = disparity_sigmas(images, seen_at(c, None), besides)
     sigma = light_field.depth_sigma(c, c.seen.gap, error) * c.focus.depth

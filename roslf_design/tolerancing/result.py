@@ -118,7 +118,7 @@ class StudyResult:
     worst: tuple[_WorstTrial, ...]
     warnings: tuple[str, ...]
     built: LengthCovariance
-    """Of the builds' lengths, adjusted where anything is."""
+    """Covariance of the builds' lengths, adjusted where anything is."""
     precision: _Precision | None = None
     """Standard errors of the run; None where nobody asked."""
     tracing: tuple[str, ...] = ()

@@ -159,7 +159,7 @@ class SpreadSources(NamedTuple):
     rows: tuple[_SheetLine, ...]
     """Every line, in the order of the page."""
     build: LengthCovariance | None = None
-    """Of the lengths, where a tolerance study tells it."""
+    """Covariance of the lengths as built, where a tolerance study tells it."""
     calibration: CalibratedLengths | None = None
 
     @property
