@@ -165,7 +165,7 @@ class _FieldPoint:
 
 @dataclass(frozen=True)
 class _DepthSpread:
-    """Standard error of depth at one place."""
+    """Depth noise (bound) at one place."""
 
     at_mm: float
     plane: str
@@ -231,7 +231,7 @@ class Colour:
     electrons: float
     """In a fully lit pixel, where the scene is as bright as on average."""
     sigma_z_mm: float
-    """Depth error on the axis at the focal plane."""
+    """Depth noise (bound) on the axis at the focal plane."""
 
     @classmethod
     def of(cls, camera: Camera, one: ColourFilter) -> Colour:

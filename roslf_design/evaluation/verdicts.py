@@ -232,7 +232,7 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
             yield (
                 f"at the field's corner rays meet the sensor at up to {steepest:.3g} degrees, where its pixels lose "
                 f"{100 * lost:.3g} % of the light (half at {math.degrees(design.sensor.acceptance):.3g} degrees); of "
-                f"the whole microlens image {100 * (1 - kept):.3g} % is lost there, which makes depth errors about "
+                f"the whole microlens image {100 * (1 - kept):.3g} % is lost there, which makes depth noise about "
                 f"{kept**-0.5:.3g} times as large; "
                 "an exit pupil farther away (d_3 nearer to f) or slower microlenses meet it straighter"
             )

@@ -408,7 +408,7 @@ def depth_known(source: PictureSource) -> dict[str, Any]:
 
 def _assumed_rows(evaluation: Evaluation) -> list[dict[str, str]]:
     parts = [
-        (f"of it {term.name}", f"{short(float(term.u_mm), 3)} mm", term.remark)
+        (f"of it {term.name}", f"{short(float(term.u_mm), 3)} mm,", term.remark)
         for term in evaluation.depth_budget.terms
         if term.u_mm is not None
     ]

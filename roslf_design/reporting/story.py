@@ -167,8 +167,8 @@ QUESTION = (
     f"A first look, with limits that this report sets itself: {TRIALS} builds to the grade '{GRADE}' (engineering "
     "judgement, as the table of grades says), the decoder calibrated on each. A build is good where its fill factor "
     f"stays within {100 * FILL:g} % of the nominal, its depth noise (bound) grows by {100 * DEPTH:g} % at most, "
-    f"no field loses more than {100 * KEPT:g} % of the light that it nominally gets, and the decoder finds image centres to "
-    f"{CENTRE:g} px. Tolerances and limits of your own make a study: roslf tolerance."
+    f"no field loses more than {100 * KEPT:g} % of the light that it nominally gets, and the decoder finds image "
+    f"centres to {CENTRE:g} px. Tolerances and limits of your own make a study: roslf tolerance."
 )
 
 

@@ -225,6 +225,23 @@ def test_light_and_texture_are_set_left_out_and_told():
     assert not field_of(played(bright, depth), "light.illuminance")["open"]
 
 
+def test_what_makes_views_differ_is_set_and_depth_expected_told_with_its_terms():
+    session, depth = Session(PAPER), ("look", "tab", "depth")
+    places = ("depth.view_mismatch", "sensor.prnu", "sensor.dsnu", "light.veil")
+    page = played(session, depth, *(("slide", place, STEPS // 2, "a") for place in places))
+    design = session.design
+    assert (design.depth.view_mismatch, design.sensor.prnu, design.sensor.dsnu) == (0.1, 0.025, 50.0)
+    budget = evaluate(design).depth_budget
+    assert budget.words in page["depth_known"]["text"]
+    rows = {row["label"]: row["value"] for row in page["depth_known"]["rows"]}
+    told = {term.name: float(term.u_mm) for term in budget.terms if term.u_mm is not None}
+    assert all(rows[f"of it {name}"].startswith(f"{u:.3g} mm") for name, u in told.items())
+    page = played(session, ("write", "light.veil", "1.5"), *(("write", place, "0") for place in places[:3]))
+    assert field_of(page, "light.veil")["fault"]
+    assert "of it view mismatch" in {row["label"] for row in page["depth_known"]["rows"]}
+    assert (session.design.depth.view_mismatch, session.design.sensor.dsnu) == (0.0, 0.0)
+
+
 @pytest.mark.parametrize(
     ("changes", "text", "remedy"),
     [
