@@ -357,11 +357,12 @@ def _rows_of(
         wide = np.broadcast_to(magnitude(microlens_image_diameter(c)) * per_pitch, shape).ravel()
     rows: Any = [np.broadcast_to(np.asarray(value, float), shape).ravel() for value in (*optics, *texture[:2])]
     *rows, pitch, bend, fine, strength = rows
-    noise = (
+    rows += [
         np.stack([np.broadcast_to(np.asarray(value, float), shape).ravel() for value in values], -1)
         for values in zip(*noises, strict=True)
-    )
-    return _Images(*rows, *noise, pitch, bend, wide, scaled, texture._replace(fine=fine, strength=strength))
+    ]
+    rows += [pitch, bend, wide, scaled, texture._replace(fine=fine, strength=strength)]
+    return _Images(*rows)
 
 
 def _each(images: _Images, c: _Array, level: int, whole: bool) -> Array:
@@ -371,12 +372,12 @@ def _each(images: _Images, c: _Array, level: int, whole: bool) -> Array:
 
 def _interpolated(images: _Images, c: _Array, level: int, whole: bool) -> Array:
     """Information of whole images, shape (N, M); where many are nearly alike, by series, of each noise its own."""
-    noises = range(images.dark.shape[1])
-    found = [_by_series(images.with_noise(k), c, level, whole) for k in noises]
-    alone = _each(images, c, level, whole) if any(one is None for one in found) else None
-    return np.stack(
-        [alone[:, k] if one is None and alone is not None else one for k, one in zip(noises, found, strict=True)], -1
-    )
+    found = [_by_series(images.with_noise(k), c, level, whole) for k in range(images.dark.shape[1])]
+    known = [one for one in found if one is not None]
+    if len(known) == len(found):
+        return np.stack(known, -1)
+    alone = _each(images, c, level, whole)
+    return np.stack([alone[:, k] if one is None else one for k, one in enumerate(found)], -1)
 
 
 def _by_series(images: _Images, c: _Array, level: int, whole: bool) -> Array | None:
@@ -475,8 +476,7 @@ def _series(c: _Array, level: int, count: int, nodes: bytes, spectrum: bytes, le
     noise = (*(np.maximum(np.exp(part) - 1e-6, 0.0)[:, None] for part in (dark, uneven)), one[:, None])
     image = _opening_of(*shape)
     waves = _Texture(np.exp(fine), one, Spectrum(*np.frombuffer(spectrum).reshape(3, -1)), lens_shape)
-    optics = (one, one, np.exp(-sharp), blurred, np.exp(pixel), one, *noise, one, bend, one)
-    own = (*optics, image, waves)
+    own: Any = [one, one, np.exp(-sharp), blurred, np.exp(pixel), one, *noise, one, bend, one, image, waves]
     with np.errstate(divide="ignore", invalid="ignore"):  # of what tells nothing there is no series
         values = np.log(_each(_Images(*own), c, level, whole=True)[:, 0])
     values.setflags(write=False)

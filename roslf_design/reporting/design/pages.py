@@ -360,8 +360,8 @@ def _assumptions(design: Design, result: Evaluation) -> tuple[Block, ...]:
     items = [lens_words(design.main_lens.kind).assumed, *MODEL]
     if PIXEL_FILTERS[design.sensor.colours].kinds:
         items.append(
-            "Depth noise, depth as expected and electrons are those behind the sensor's colour filters, in white light, a "
-            "third of its power in each colour; diffraction and resolution are told for the one wavelength."
+            "Depth noise, depth expected and electrons are those behind the sensor's colour filters, in white light, "
+            "a third of its power in each colour; diffraction and resolution are told for the one wavelength."
         )
     if result.object_space is not None:
         items.append(

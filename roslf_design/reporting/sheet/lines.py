@@ -136,8 +136,8 @@ class CalibrationSpread(NamedTuple):
         Where a build's tolerances are known they are what was known before: none is larger than theirs.
         """
         design, camera = self.design, Camera.of(self.design)
-        known, left = self.lengths.after(build)
-        covariance = known.plus(left)
+        known, open_ = self.lengths.after(build)
+        covariance = known.plus(open_)
         left = {
             line.key: float(covariance.carried(camera, QUANTITIES[line.quantity] if line.quantity else line.values))
             for line in rows
@@ -417,7 +417,8 @@ def datasheet_section(grounds: SpreadSources) -> Section:
     tables: dict[str, list[tuple[str, ...]]] = {}
     captions = {
         "Distances": SHARP,
-        EXPECTED: "What a measured depth is to be believed to, on the axis in the focal plane: the figure to quote.",
+        EXPECTED: "What a measured depth is to be believed to, on the axis in the focal plane: the figure to quote."
+        + (" How far lengths are off is a part of it: it has no ± of its own." if spreads else ""),
         DEPTH: "What photons and read noise alone allow, one standard deviation of one measurement, "
         f"{depth_basis(grounds.sheet.depth_precision.assumes)}: no instrument reaches it.",
         "Object field": "Ends are those of the working range.",
