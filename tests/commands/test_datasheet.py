@@ -124,6 +124,8 @@ def test_what_a_calibration_leaves_uncertain_against_cameras_drawn_from_it(calib
     sheet = json.loads((tmp_path / "a.json").read_text())
     assert sheet["design"] == f"{design.name}, calibrated"
     assert all(words in sheet["basis"] for words in ("monday", "two standard deviations", "elements.0.thickness"))
+    (known,) = (line for line in sheet["lines"] if line["name"] == "of it lengths as calibrated")
+    assert (known["value"] > 0, known["remark"]) == (True, "by its pictures, its data sheet known before")
     draws = mixing @ np.random.default_rng(1).normal(size=(5, 600))
     best = roslf.Camera.of(design)
     drawn = roslf.Camera.of(design, {place: float(best[place]) + off for place, off in zip(PLACES, draws, strict=True)})
@@ -211,6 +213,7 @@ def test_a_calibrated_camera_is_not_known_worse_than_it_was_built(monkeypatch):
     grounds, bare = datasheet.basis(design, built, known), datasheet.basis(design, None, known)
     for key, sigma in grounds.sigma.items():
         assert grounds.calibrated.get(key, 0.0) <= sigma, key
+    assert grounds.calibrated["direction_of_view_deg"] == grounds.sigma["direction_of_view_deg"] > 0
     assert grounds.calibrated["total_length_mm"] < 0.03 * bare.calibrated["total_length_mm"]
     budget = roslf.evaluate(design, build=grounds.build, calibration=grounds.calibration).depth_budget
     (line,) = (line for line in grounds.rows if line.name.startswith("expanded uncertainty U"))

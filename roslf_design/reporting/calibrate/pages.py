@@ -395,14 +395,11 @@ def plan_blocks(
         f"{1e3 * sigma['d_2']:.2g} um (one standard deviation)."
     )
     answers = [Statement("plain", promise, plan.advice)]
-    before_it = "" if build is None else ", its tolerances known before"
-    depth = (
-        f"Depth, expected, after it{before_it}: {planned_depth(design, plan, asked, build).words}, in the focal plane."
-    )
-    answers.append(Statement("plain", depth))
     large = too_large(design, c)
     if large:
         answers.append(Statement("caution", sentence(large), "Choose a smaller board."))
+    before_it, depth = "" if build is None else ", tolerances known before", planned_depth(design, plan, asked, build)
+    answers.append(Statement("plain", f"Depth, expected, after it{before_it}: {depth.words}, in the focal plane."))
     sigmas = "".join(f' --sigma "{place}={sigma}"' for place, sigma in asked.sigma.items())
     command = f'roslf calibrate CAPTURES --design design.toml --board "{c.board.text}"{sigmas} -o calibration'
     rows = tuple((name, f"{sigma[name]:.3g}", UNITS[name]) for name in QUANTITIES)

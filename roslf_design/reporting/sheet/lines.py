@@ -48,6 +48,8 @@ if TYPE_CHECKING:
 
 SCHEMA = "roslf.datasheet/1"
 SIGMAS = 2.0
+KINK = 1e-6
+"""Part of the builds' spread below which derivatives have missed it."""
 FEW = 48
 """Builds that tell the scatter of lines at a distance or a field, to a tenth; a view's MTF takes 10 ms of each."""
 MANY = 1024
@@ -382,8 +384,10 @@ def basis(
     sentences.append("Lines without one (–) are nominal." if sentences else NOMINAL)
     sigma = {} if built is None else built.deviations(rows)
     calibrated = {} if calibration is None else calibration.deviations(rows, build)
-    # Where lengths miss by so much that lines bend, derivatives promise more than builds show.
-    calibrated = {key: min(left, sigma.get(key, math.inf)) for key, left in calibrated.items()}
+    # Derivatives promise more than builds show where lengths miss by so much that lines bend, and none of a magnitude
+    # about 0, as the direction of view.
+    for key in calibrated.keys() & sigma.keys():
+        calibrated[key] = min(calibrated[key], sigma[key]) if calibrated[key] > KINK * sigma[key] else sigma[key]
     return SpreadSources(
         tuple(sentences),
         sigma,
