@@ -450,9 +450,15 @@ def test_the_plan_of_the_paper(capsys):
     code, exact, _ = run(capsys, "calibrate", "--plan", "paper", "--range", "80 mm", "--json", "--f-sigma", "0 mm")
     assert code == 0
     assert json.loads(exact)["expected_sigma"]["d_3"] < plan["expected_sigma"]["d_3"] / 2
+    # So it does d_f, and depths by it: what is left is type B, nobody has measured yet.
+    depth = plan["depth_expected"]
+    assert 3.4 < depth["u_z_mm"] < 3.7
+    assert {t["name"]: t["type"] for t in depth["terms"]}["lengths as calibrated"] == "B"
+    assert json.loads(exact)["depth_expected"]["u_z_mm"] < depth["u_z_mm"] / 5
     code, out, _ = run(capsys, "calibrate", "--plan", "paper")
     assert code == 0
     assert "Expected sigma after one change" in out
+    assert "Depth, expected, after it: u = 3.5" in out
     pitch = ["--white-pitch", "0.01%", "--d-sigma", "0.01%"]
     code, tied, _ = run(capsys, "calibrate", "--plan", "paper", "--range", "80 mm", "--json", *pitch)
     assert code == 0
