@@ -185,7 +185,7 @@ def test_light_and_texture_move_what_depth_is_known_to(page):
     assert "What helps: a shorter exposure" in known.inner_text()
     page.get_by_label("Leave out Exposure").click()
     idle(page)
-    assert "is known to" in known.inner_text()
+    assert "Depth, expected" in known.inner_text()
 
 
 def test_a_preset_is_loaded_and_taken_back_and_a_real_lens_is_traced_after_a_pause(page):
