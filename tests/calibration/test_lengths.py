@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
-from roslf_design.calibration.options import PlanOptions, planned_lengths
+from roslf_design.calibration.options import PlanOptions, calibration_plan, data_sheet, planned_lengths
 from roslf_design.calibration.written import _FoundCovariance
 from roslf_design.camera import Camera
+from roslf_design.design import PATHS
+from roslf_design.reporting.story import quick_study
+from roslf_design.theory.depth_budget import depth_budget
 from roslf_design.theory.length_covariance import LengthCovariance
-from roslf_design.tolerancing.study import plan_from
+from roslf_design.tolerancing.study import plan_from, tolerance_plan
 from roslf_design.tolerancing.trials import first_builds, lengths_built
 
 WINDOWED = roslf.load("paper").replace({
@@ -63,3 +66,50 @@ def test_lengths_built_against_the_builds_themselves():
     assert "main_lens.focal_plane" not in built.places
     at = [built.places.index(place) for place in ("aperture.distance", "microlens_array.distance")]
     assert built.matrix[at[0], at[1]] == pytest.approx(0.8 * np.prod(np.sqrt(np.diag(built.matrix)[at])), rel=1e-6)
+
+
+@pytest.mark.parametrize("ahead", [0.0, 115.0])
+def test_depths_by_builds_that_are_calibrated_scatter_as_the_budget_says(ahead):
+    """Builds of a workshop, each calibrated: what its corners tell, drawn, its likeliest lengths, depths by those."""
+    design, asked = roslf.load("paper"), PlanOptions()
+    best = calibration_plan(design, asked)
+    sheet = data_sheet(design, best.captures.board, asked)
+    fit, plan = best.expected.typical[0], tolerance_plan(quick_study(design), design)[0]
+    places = [PATHS[name] for name in ("f", "d_1", "d_3", "d_2", "d")]
+    built, count = lengths_built(plan), 8192
+    builds, _ = first_builds(plan, count)
+    true = np.stack([np.broadcast_to(builds.camera[place], count) for place in places])
+    nominal = np.array([float(Camera.of(design)[place]) for place in places])
+
+    def shown(f, d_1, d_3, d_2, d, board=1.0):
+        """A, m and 1/d_2 that corners tell to one who believes in the design's d and the board's nominal size."""
+        d_f = 1 / (1 / f - 1 / d_1)
+        return np.stack([d_1 * (d_f - d_3) / d_f * design.d / d, d_1 / d_f * board * design.d / d,
+                         d / design.d / (d_2 * board)])  # fmt: skip
+
+    def rates(steps, board=0.0):
+        return (shown(*(nominal + steps), 1 + board) - shown(*(nominal - steps), 1 - board)) / 2
+
+    rng = np.random.default_rng(0)
+    noise = np.linalg.cholesky(fit.covariance.part(("A", "m", "inverse_d_2"))) @ rng.normal(size=(3, count))
+    told = shown(*true, 1 + sheet.cell_sigma * rng.normal(size=count)) + noise
+    by_length = np.stack([rates(step) / step.sum() for step in np.diag(1e-6 * nominal)], 1)
+    by_board = rates(0.0, 1e-6) / 1e-6 * sheet.cell_sigma
+    prior = built.of(tuple(places)).matrix
+    scatter = fit.covariance.part(("A", "m", "inverse_d_2")) + np.outer(by_board, by_board)
+    gain = prior @ by_length.T @ np.linalg.inv(by_length @ prior @ by_length.T + scatter)
+    believed = nominal[:, None] + gain @ (told - shown(*nominal)[:, None])
+
+    def parts(f, d_1, d_3, d_2, d):
+        d_f = 1 / (1 / f - 1 / d_1)
+        return d_1 * (d_f - d_3) / d_f, d_1 / d_f, d_3, d_2 * d
+
+    z = design.d_f + ahead
+    A, m, d_3, unit = parts(*true)
+    slope = (m - A / (z - d_3)) * A / unit
+    A, m, d_3, unit = parts(*believed)
+    rms = np.std(d_3 + A / (m - slope * unit / A) - z)
+    lengths = best.expected.lengths(sheet)
+    budget = depth_budget(Camera.of(design), z - design.d_3, build=built, calibration=lengths)
+    # 8192 builds tell it to 0.8 %, and the likeliest lengths are those of straight formulas.
+    assert float(budget.of_kind("trueness")) == pytest.approx(rms, rel=0.03)
