@@ -21,7 +21,7 @@ from roslf_design.bore.elements import AnyElement, ObjectSpace
 from roslf_design.bore.mapping import MappingTable
 from roslf_design.calibration.options import PlanOptions
 from roslf_design.cli import COMMANDS, build_app
-from roslf_design.design import Design, Light, MainLens, MicrolensArray, Sensor, Stop
+from roslf_design.design import Design, Light, MainLens, MicrolensArray, Pupil, Sensor, Stop
 from roslf_design.design.environment import Environment
 from roslf_design.design.parts import Cover, DepthSettings, Substrate
 from roslf_design.effects import EFFECTS
@@ -48,7 +48,7 @@ ELEMENTS = {get_args(kind.model_fields["kind"].annotation)[0]: kind for kind in 
 DESIGN: tuple[Table, ...] = (
     ("The file", Design),
     ("`[main_lens]`", MainLens),
-    ("`[aperture]`", Stop),
+    ("`[aperture]`", Pupil),
     ("`[[stops]]`", Stop),
     ("`[object_space]`", ObjectSpace),
     *((f'`[[elements]]`, kind "{name}"', kind) for name, kind in ELEMENTS.items()),

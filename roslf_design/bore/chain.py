@@ -136,6 +136,8 @@ class BoreWalk(NamedTuple):
     """Light at the main lens, then on the scene's side of each element in turn."""
     medium: Number
     """Index of what lies beyond all elements."""
+    power: Number = 0.0
+    """Power of the main lens, through which planes behind it are seen [1/mm]; 0 where those before it go on there."""
 
     @property
     def front(self) -> tuple[Number, ImagedPlane]:
@@ -143,8 +145,10 @@ class BoreWalk(NamedTuple):
         return self.steps[-1].place, self.steps[-1].plane(self.medium)
 
     def plane(self, z: Number) -> ImagedPlane:
-        """The plane at z before the main lens [mm]; on a thin lens, the lens not yet passed."""
-        parts, steps, medium = self
+        """The plane at z before the main lens, below 0 behind it [mm]; on a thin lens, the lens not yet passed."""
+        parts, steps, medium, power = self
+        if np.any(power) and np.any(np.less(z, 0)):
+            return self._behind(z)
         behind = 0  # elements that every build's plane has behind it
         while behind < len(parts) and _all(z > parts[behind].start) and _all(z >= steps[behind + 1].place):
             behind += 1
@@ -160,6 +164,21 @@ class BoreWalk(NamedTuple):
             index = _either(passed & np.less(z, step.place), part.at.get("index", 1.0), 1.0)
         beyond = _larger(z - step.place, back) / medium
         return step.propagated(beyond).plane(_either(z >= step.place, medium, index))
+
+    def _behind(self, z: Number) -> ImagedPlane:
+        """Planes of which some stand behind the main lens, which bends ``o`` to ``o - l/f`` on the way there."""
+        through = ImagedPlane(1 + z * self.power, z, self.power, 1.0, (0.0, 0.0), (0.0, 0.0), 1.0)
+        behind = np.less(z, 0)
+        if np.all(behind):
+            return through
+        ahead = self._replace(power=0.0).plane(np.where(behind, 0.0, z))
+
+        def chosen(a: Number, b: Number) -> Number:
+            return np.where(behind, a, b)[()]
+
+        offset, slope = ((chosen(0.0, x), chosen(0.0, y)) for x, y in (ahead.axis_offset, ahead.axis_slope))
+        a, b, c, d = (chosen(*both) for both in zip(through[:4], ahead[:4], strict=True))
+        return ImagedPlane(a, b, c, d, offset, slope, chosen(1.0, ahead.medium))
 
     def mapped_images(self) -> Iterator[tuple[StandingElement, ImagedPlane]]:
         """Each objective with a mapping, and its image plane of what is far: heights there are focal length times p."""
@@ -195,11 +214,13 @@ class Chain:
     """Places of the glass before the microlenses: `SUBSTRATE` where they face the sensor."""
     plates_behind: tuple[str, ...] = ()
     """Places of the glass behind them: `SUBSTRATE`, `COVER`."""
+    stop_behind: bool = False
+    """Whether a stop stands behind the main lens: planes below 0 are then seen through it."""
 
     @property
     def in_air(self) -> bool:
-        """Whether light meets nothing but the main lens, stops and microlenses."""
-        return not (self.elements or self.plates_before or self.plates_behind)
+        """Whether light meets nothing but the main lens, stops before it and microlenses."""
+        return not (self.elements or self.plates_before or self.plates_behind or self.stop_behind)
 
     @cached_property
     def order(self) -> tuple[int, ...]:
@@ -292,7 +313,9 @@ class Chain:
         for part in parts:
             step = steps[-1].propagated(part.start - steps[-1].place)
             steps.append(part.through(step, part.length, np.True_))
-        return BoreWalk(parts, tuple(steps), numbers.get(MEDIUM, 1.0))
+        focal_length = numbers.get(FOCAL) if self.stop_behind else None  # not known yet of a lens by prescription
+        power = 0.0 if focal_length is None else 1 / focal_length
+        return BoreWalk(parts, tuple(steps), numbers.get(MEDIUM, 1.0), power)
 
     def plane(self, numbers: Mapping[str, Number], z: Number) -> ImagedPlane:
         """The plane at z before the main lens [mm]; on a thin lens, the lens not yet passed."""

@@ -39,6 +39,8 @@ class MainLensKind:
     """Its surfaces as they stand in the camera."""
     radial: ClassVar[int] = 0
     """Coefficients of radial distortion that a calibration fits behind it."""
+    images_stops: ClassVar[bool] = True
+    """Whether a stop behind it is seen through it as first order has it."""
     faults: ClassVar[tuple[str, ...]] = ()
     """Effects of a rendering that are its own."""
     looks_through: ClassVar[tuple[str, ...]] = ()
@@ -201,6 +203,7 @@ class RealMainLens(MainLensKind):
     """Clear diameter that it is cut down to [mm]."""
 
     radial: ClassVar[int] = 1
+    images_stops: ClassVar[bool] = False
     faults: ClassVar[tuple[str, ...]] = ("lens_aberrations", "lens_distortion", "field_curvature", "lens_colour")
     looks_through: ClassVar[tuple[str, ...]] = ("the real lens",)
     open_conjugates: ClassVar[tuple[Conjugate, ...]] = ("d_1", "d_f")

@@ -22,12 +22,12 @@ from ..bore.conjugates import CONJUGATES, follower
 from ..bore.lens import IMAGE
 from ..bore.main_lens import IdealMainLens, MainLensKind
 from ..bore.opening import TURN, ClearAperture
-from ..bore.part import TEMPERATURE, Number, minus, plus, times
+from ..bore.part import TEMPERATURE, Number, PartNumbers, minus, plus, times
 from ..bore.rod import SECTION_WORD
 from ..design import Design, DesignError, Problem
 from ..design.check import at
 from ..design.growth import Growth
-from ..design.parts import PATHS, Colours, Layout, Symbols
+from ..design.parts import BEHIND, PATHS, Colours, Layout, Symbols
 from ..lenses.angles import AngleMap, Law
 from .frames import Frame, Vector, along, cross, dot, frame, total
 from .lengths import ApparentLengths, RulerLengths
@@ -98,6 +98,11 @@ class Rim:
     def radius(self) -> Number:
         """R_k as the main lens sees it: distance of its farthest point from its centre [mm]."""
         return self.outline.reach
+
+    @property
+    def behind(self) -> bool:
+        """Whether it stands behind the main lens, which shows the scene its image alone."""
+        return self.plane is not None and bool(np.any(np.less(self.ruler_distance, 0)) and np.any(self.plane.c))
 
     @property
     def size_places(self) -> tuple[str, ...]:
@@ -216,6 +221,8 @@ class Camera(Symbols[Number]):
             relay = given.get("sensor.relay_magnification", self["sensor.relay_magnification"])
             given[PATHS["q"]] = np.multiply(changes["q"], relay)
         numbers = dict(self._numbers)
+        if self.chain.stop_behind and BEHIND in given:
+            given[PATHS["d_3"]] = np.negative(given.pop(BEHIND))
         given = self._widened(given)
         for place, value in given.items():
             if place not in numbers:
@@ -572,6 +579,17 @@ class Camera(Symbols[Number]):
             distance = np.where(near, self.seen.d_f * (1 - IN_FOCUS), distance)[()] if np.any(near) else distance
         return Rim(name, part, outline.over(scale), distance, stands, scale, plane)
 
+    def towards_scene(self, rim: Rim) -> PartNumbers:
+        """Numbers of a stop as rays on the scene's side meet it: those of its image where it stands behind the lens."""
+        part, numbers = rim.part, dict(self._numbers)
+        if rim.behind:
+            numbers[f"{part}.distance"] = rim.distance
+            numbers |= {f"{part}.{key}": size for key, size in zip(rim.outline.keys, rim.outline.lengths, strict=True)}
+            for axis, (aside, tilt) in enumerate(zip(self.decentre(part), self.tilt(part), strict=True)):
+                numbers[f"{part}.decentre.{axis}"] = aside + self.lens_centre[axis]
+                numbers[f"{part}.tilt.{axis}"] = tilt
+        return PartNumbers(numbers, part)
+
     @cached_property
     def _rim_of(self) -> dict[str, Rim]:
         return {rim.part: rim for rim in self.openings}
@@ -790,9 +808,9 @@ class Camera(Symbols[Number]):
                 yield f"{place} is 90 degrees or more", np.abs(value) < np.pi / 2
                 continue
             yield f"{place} is not finite", np.isfinite(value)
-            if place in (TEMPERATURE, *TEMPERATURES, PATHS["d_f"]):
+            if place in (TEMPERATURE, *TEMPERATURES, PATHS["d_f"], PATHS["d_3"]):
                 continue
-            if place == TIP or (name.endswith("distance") and part in ("aperture", "stops", "elements")):
+            if place == TIP or (name.endswith("distance") and part in ("stops", "elements")):
                 yield f"{place} is below 0", np.asarray(value) >= 0
             elif name.endswith("index"):
                 yield f"{place} is below 1", np.asarray(value) >= 1

@@ -4,7 +4,7 @@ from ..errors import Problem
 from .check import DesignError
 from .design import Design
 from .files import dumps, load, loads, preset_names, preset_path, save
-from .parts import PATHS, Light, MainLens, MicrolensArray, Sensor, Stop
+from .parts import PATHS, Light, MainLens, MicrolensArray, Pupil, Sensor, Stop
 
 __all__ = [
     "PATHS",
@@ -14,6 +14,7 @@ __all__ = [
     "MainLens",
     "MicrolensArray",
     "Problem",
+    "Pupil",
     "Sensor",
     "Stop",
     "dumps",

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from functools import lru_cache
 from typing import Annotated, Any, Generic, NamedTuple, Self, TypeVar
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from ..bore.chain import COVER, SUBSTRATE, Chain
 from ..bore.conjugates import CONJUGATES
@@ -16,7 +16,20 @@ from ..lenses.glass import Glass
 from ..lenses.prescription import Prescription
 from .check import FOCAL, PLANE, at
 from .environment import Environment
-from .parts import PATHS, Cover, DepthSettings, Housing, Light, MainLens, MicrolensArray, RulerSymbols, Sensor, Stop
+from .parts import (
+    PATHS,
+    Cover,
+    DepthSettings,
+    Housing,
+    Light,
+    MainLens,
+    MicrolensArray,
+    Opening,
+    Pupil,
+    RulerSymbols,
+    Sensor,
+    Stop,
+)
 
 GIVEN = frozenset({FOCAL, PATHS["D"]})
 """Places of which the main lens may have numbers of its own."""
@@ -53,7 +66,7 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
     """Source of its numbers."""
     main_lens: MainLens
     """Main lens, at z = 0."""
-    aperture: Stop
+    aperture: Pupil
     """The flexible angular plane (FAP): the system's entrance pupil."""
     stops: Annotated[tuple[Stop, ...], Field(max_length=MOST_STOPS)] = ()
     """Further rims of a real bore."""
@@ -74,9 +87,16 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
     depth: DepthSettings = DepthSettings()
     """Settings that depth errors are computed for."""
 
+    @field_validator("aperture", mode="before")
+    @classmethod
+    def _of_stop(cls, value: Any) -> Any:
+        return Pupil(**dict(value)) if isinstance(value, Stop) else value
+
     def __getitem__(self, place: str) -> float:
         """The number at a dotted place [mm, rad]; of f, d_f, d_1 and D also what others give."""
         own, wavelength = at(self, place), self.light.wavelength
+        if place == PATHS["d_3"]:
+            own = self.aperture.stands
         if place in GIVEN:
             own = self.main_lens.kind.given(place, own, wavelength)
         # Where all three are given, f and d_1 are the hardware.
@@ -109,11 +129,11 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
         return (*self.main_lens.kind.looks_through, *(("what lies in the bore",) if self.elements else ()))
 
     @property
-    def openings(self) -> tuple[Placed[Stop], ...]:
+    def openings(self) -> tuple[Placed[Opening], ...]:
         """The FAP and the further stops, where they stand."""
         further = ((f"stops.{k}", f"stop {k + 1}", stop) for k, stop in enumerate(self.stops))
         named = (("aperture", "FAP", self.aperture), *further)
-        return tuple(Placed(*each, each[-1].distance, each[-1].distance) for each in named)
+        return tuple(Placed(*each, each[-1].stands, each[-1].stands) for each in named)
 
     @property
     def in_bore(self) -> tuple[Placed[AnyElement], ...]:
@@ -129,7 +149,7 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
         return (*self.openings, *self.in_bore)
 
     @property
-    def all_stops(self) -> tuple[Stop, ...]:
+    def all_stops(self) -> tuple[Opening, ...]:
         """The FAP, then the further stops; the main lens is not among them."""
         return (self.aperture, *self.stops)
 
@@ -175,7 +195,8 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
         """Elements before the main lens, and the plates about the array."""
         housing = 0.0 if self.environment is None else self.environment.expansion
         before = tuple(place for place, plate in self._plates.items() if plate.before_lenslets)
-        return Chain(self.elements, housing, before, tuple(place for place in self._plates if place not in before))
+        behind = tuple(place for place in self._plates if place not in before)
+        return Chain(self.elements, housing, before, behind, stop_behind=self.aperture.behind is not None)
 
     @property
     def bore_numbers(self) -> dict[str, float]:

@@ -26,6 +26,31 @@ def about_shapes(design: Assembly) -> Iterator[Problem]:
             yield Problem(f"stops.{k - 1}.shape" if k else "aperture.shape", message)
 
 
+def about_stop_behind(design: Assembly) -> Iterator[Problem]:
+    """Faults of a stop behind the main lens, of a design whose values fit otherwise."""
+    behind = design.aperture.behind
+    if behind is None:
+        return
+    if not design.main_lens.kind.images_stops:
+        message = (
+            f"{shown(behind)} is behind a real lens, and rays are aimed at stops before it; give distance (below 0 "
+            "behind the lens) and diameter of the entrance pupil that its data sheet tells, or drop the prescription"
+        )
+    elif behind >= design.d_1:
+        message = (
+            f"{shown(behind)} is not between the main lens and the microlens array at d_1 = {shown(design.d_1)}; move "
+            "the stop closer to the lens"
+        )
+    elif design.elements and behind >= design.f:
+        message = (
+            f"{shown(behind)} is not within the focal length {shown(design.f)}: with elements in the bore the scene "
+            "must see the stop behind the lens; move it closer, or drop the elements"
+        )
+    else:
+        return
+    yield Problem("aperture.behind", message)
+
+
 def about_elements(design: Assembly, known: Sequence[Problem]) -> tuple[Problem, ...]:
     """Faults of elements: overlap with each other, stops, the focal plane.
 
@@ -146,7 +171,7 @@ def _about_mapping(design: Assembly) -> list[Problem]:
                     f"behind, or drop the mapping of {lens.place}"
                 )
                 problems.append(Problem(f"{stop.place}.distance", message))
-        if design.aperture.distance > lens.near and design.aperture.tilt != (0.0, 0.0):
+        if design.aperture.stands > lens.near and design.aperture.tilt != (0.0, 0.0):
             message = f"a FAP before the lens with a mapping cannot be tilted; drop it, or the mapping of {lens.place}"
             problems.append(Problem("aperture.tilt", message))
     return problems

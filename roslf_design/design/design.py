@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from html import escape
 from pathlib import Path
@@ -18,10 +19,10 @@ from ..lenses.glass import AIR
 from ..units import format_quantity
 from .assembly import Assembly
 from .check import DISTANCE, FOCAL, MISFIT, PLANE, DesignError, at, checked_places, cross_check, design_problems
-from .check_bore import about_elements, about_shapes
+from .check_bore import about_elements, about_shapes, about_stop_behind
 from .environment import REFERENCE
 from .growth import Growth, about_environment
-from .parts import PATHS
+from .parts import BEHIND, PATHS
 
 FAP_SHAPE = ("aperture.shape", "aperture.sides")
 """Beginnings of places that say what shape and size the FAP has."""
@@ -61,13 +62,14 @@ class Design(Assembly, defer_build=False):
         if not chain.in_air or self.object_space.medium != AIR:
             problems += about_elements(self, problems)
         mapped = None if problems else chain.mapped
-        if mapped is not None and chain.telecentric(self.bore_numbers, self.aperture.distance):
+        if mapped is not None and chain.telecentric(self.bore_numbers, self.aperture.stands):
             message = (
                 "the FAP stands in the focus of the objective, which then sees the scene from one angle only; move it, "
                 f"or drop the mapping of elements.{mapped}"
             )
             problems += (Problem("aperture.distance", message),)
         problems += (*about_environment(self), *about_shapes(self))
+        problems += () if problems else tuple(about_stop_behind(self))
         if problems:
             raise PydanticCustomError(MISFIT, "parts do not fit", {"problems": problems})
         return self
@@ -119,10 +121,38 @@ class Design(Assembly, defer_build=False):
         if own.straight and isinstance(width, float | int) and not any(key.startswith(FAP_SHAPE) for key in wanted):
             sized = own.sized(float(wanted.pop(PATHS["D_F"])))
             wanted |= {f"aperture.{key}": float(size) for key, size in zip(sized.keys, sized.lengths, strict=True)}
+        if self.aperture.behind is not None and PATHS["d_3"] in wanted and BEHIND not in wanted:
+            wanted[BEHIND] = -wanted.pop(PATHS["d_3"])
         data = _mutable(self)
         for path, value in _with_follower(self, wanted).items():
             _put(data, path, value)
         return build(data, from_file=False)
+
+    @property
+    def with_own_stop(self) -> Design:
+        """Design with the stop behind its ideal main lens of which a FAP behind that is the image; itself of others."""
+        if self.aperture.behind is not None or self.d_3 >= 0 or not self.main_lens.kind.images_stops:
+            return self
+        shrunk = self.f / (self.f - self.d_3)
+        return self._with_pupil(shrunk, {PATHS["d_3"]: None, BEHIND: -self.d_3 * shrunk})
+
+    @property
+    def with_seen_pupil(self) -> Design:
+        """Design with the FAP that the scene sees in place of a stop behind the main lens; itself of others."""
+        behind, f = self.aperture.behind, self.f
+        if behind is None:
+            return self
+        grown = f / (f - behind) if behind != f else math.inf
+        return self._with_pupil(grown, {BEHIND: None, PATHS["d_3"]: -behind * grown})
+
+    def _with_pupil(self, grown: float, place: Mapping[str, Any]) -> Design:
+        """Design with the aperture's image by the main lens, so much larger, at another place."""
+        now, centre = self.aperture, self.main_lens.decentre
+        made = now.outline.scaled(abs(grown))
+        own = {f"aperture.{key}": float(size) for key, size in zip(made.keys, made.lengths, strict=True)}
+        decentre = [c + (e - c) * grown for c, e in zip(centre, now.decentre, strict=True)]
+        tilt = [math.atan(math.tan(angle) * grown) for angle in now.tilt]
+        return self.replace({**own, "aperture.decentre": decentre, "aperture.tilt": tilt, **place})
 
     def at_temperature(self, temperature: float) -> Design:
         """Design at another temperature [degrees C], in a housing that does not grow where none is named.

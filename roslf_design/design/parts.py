@@ -23,9 +23,21 @@ from ..bore.real_lens import Lens
 from ..lenses.glass import Glass
 from ..lenses.material import Material
 from ..lenses.prescription import Prescription
-from ..units import Angle, Distance, Illuminance, Length, Radiance, Time, format_quantity, read_quantity
+from ..units import (
+    Angle,
+    AnyLength,
+    Distance,
+    Illuminance,
+    Length,
+    Radiance,
+    Time,
+    format_quantity,
+    read_quantity,
+)
 from ..words import length
 
+BEHIND = "aperture.behind"
+"""Place of the distance of a stop behind the main lens."""
 N = TypeVar("N", float, Number)
 Layout = Literal["square", "hexagonal"]
 """Packing of microlenses; hexagonal rows run along the array's x axis."""
@@ -137,19 +149,6 @@ class Opening(OpticalPart):
             raise ValueError('a circle is the same however it is turned; drop turn, or give shape = "rectangle"')
         return value
 
-    @property
-    def outline(self) -> ClearAperture:
-        """Its clear opening."""
-        if self.sides is None:
-            return ClearAperture((self.diameter or math.nan) / 2)
-        return ClearAperture(math.inf, (self.sides[0] / 2, self.sides[1] / 2), self.turn)
-
-
-class Stop(Opening):
-    """An opening in object space: the flexible angular plane (FAP), or a further rim of the bore."""
-
-    distance: Distance
-    """d_3, distance in front of the main lens [mm]; 0 is at the lens."""
     decentre: Offset = (0.0, 0.0)
     """Offset from the axis [mm]."""
     tilt: Tilt = (0.0, 0.0)
@@ -159,6 +158,56 @@ class Stop(Opening):
     def number_keys(self) -> tuple[str, ...]:
         """Keys of its numbers beside its pose."""
         return (*self.outline.keys, *((TURN,) if self.outline.straight else ()), "distance")
+
+    @property
+    def stands(self) -> float:
+        """Distance in front of the main lens by a ruler [mm]."""
+        raise NotImplementedError
+
+    @property
+    def outline(self) -> ClearAperture:
+        """Its clear opening."""
+        if self.sides is None:
+            return ClearAperture((self.diameter or math.nan) / 2)
+        return ClearAperture(math.inf, (self.sides[0] / 2, self.sides[1] / 2), self.turn)
+
+
+class Stop(Opening):
+    """An opening in object space: a further rim of the bore."""
+
+    distance: Distance
+    """Distance in front of the main lens [mm]; 0 is at the lens."""
+
+    @property
+    def stands(self) -> float:
+        """Distance in front of the main lens by a ruler [mm]."""
+        return float(self.distance)
+
+
+class Pupil(Opening):
+    """The flexible angular plane (FAP), or the stop behind the main lens whose image by the lens it is."""
+
+    distance: AnyLength | None = None
+    """d_3, distance in front of the main lens [mm]; 0 is at the lens, below 0 behind it, where the scene sees the
+    entrance pupils of many bought objectives. None of a stop `behind` the lens."""
+    behind: Length | None = Field(default=None, validate_default=True)
+    """Distance behind the main lens of the stop that makes the FAP [mm]; diameter, decentre and tilt are then the
+    stop's own. None of a FAP at `distance`."""
+
+    @field_validator("behind", mode="after")
+    @classmethod
+    def _one_place(cls, value: float | None, info: ValidationInfo) -> float | None:
+        distance = info.data.get("distance", ...)
+        if value is None and distance is None:
+            raise PydanticCustomError("missing", "Field required")
+        if value is not None and isinstance(distance, float):
+            raise ValueError("the stop stands behind the lens, or its image at a distance before it; drop one of them")
+        return value
+
+    @property
+    def stands(self) -> float:
+        """Distance in front of the main lens by a ruler; below 0 behind it [mm]."""
+        return float(self.distance if self.behind is None else -self.behind)  # type: ignore[arg-type]
 
 
 class Cover(OpticalPart):

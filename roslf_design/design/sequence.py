@@ -38,6 +38,7 @@ def sequence_of(design: Design) -> tuple[SequenceRow, ...]:
     InputError
         A gradient-index rod, or an objective with a mapping: no surface stands for those.
     """
+    design = design.with_own_stop
     front, rear = design.main_lens.kind.planes(design.wavelength)
     body = design.main_lens.kind.rows(design.f, design.D)
     medium = design.object_space.medium
@@ -57,7 +58,9 @@ def sequence_of(design: Design) -> tuple[SequenceRow, ...]:
             raise InputError((Problem(place, message),)) from None
         if element is farthest and medium != AIR and not element.seals:
             rows.append(SequenceRow("end of the medium", rows[-1].z, Surface(0.0, semi)))
-    return _ordered([*rows, *_behind(design, rear)], medium, front - (farthest.distance if farthest else 0.0))
+    end = front - (farthest.distance if farthest else 0.0)
+    lens = body[0].z if design.d_3 < 0 and not design.main_lens.kind.images_stops else math.inf
+    return _ordered([*rows, *_behind(design, rear)], medium, end, lens)
 
 
 def _behind(design: Design, rear: float) -> Iterator[SequenceRow]:
@@ -69,9 +72,13 @@ def _behind(design: Design, rear: float) -> Iterator[SequenceRow]:
     yield SequenceRow("sensor", end, Surface(0.0, half))
 
 
-def _ordered(rows: list[SequenceRow], medium: Glass, end: float) -> tuple[SequenceRow, ...]:
-    """Rows in the order of light, with the gaps between them; a stop in a liquid is filled with it."""
-    rows = sorted(rows, key=lambda row: row.z)
+def _ordered(rows: list[SequenceRow], medium: Glass, end: float, lens: float) -> tuple[SequenceRow, ...]:
+    """Rows in the order of light, with the gaps between them; a stop in a liquid is filled with it.
+
+    A FAP that is seen behind a real lens, whose first face stands at `lens` [mm], is met before that face, in the air
+    that the lens looks into: light goes on to it and back.
+    """
+    rows = sorted(rows, key=lambda row: (lens, 0) if row.is_stop and row.z > lens else (row.z, 1))
     gaps = [after.z - before.z for before, after in pairwise(rows)]
     done = []
     for row, gap in zip(rows, [*gaps, 0.0], strict=True):

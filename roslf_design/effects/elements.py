@@ -144,7 +144,7 @@ def _clipping(
     moved: list[float] = []
     inner = [size * float(rim.outline.inradius / rim.radius) for rim, size in zip(camera.openings, radii, strict=True)]
     for rim, deep, size in zip(camera.openings, apart + radii[0] - inner, radii, strict=True):
-        if not rim.size_places:  # a stop for slopes, which flat faces behind it keep
+        if rim.behind or not rim.size_places:  # met before all glass, or a stop for slopes, which flat faces keep
             moved.append(0.0)
             continue
         z, plane = float(rim.ruler_distance), rim.plane or camera.plane(rim.ruler_distance)

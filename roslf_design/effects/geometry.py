@@ -79,9 +79,9 @@ def _blur_on_mla(c: Camera, distance: float, place: float = 0.0) -> float:
     InputError
         Where the object is not beyond the FAP.
     """
-    bore = float(c.fap.ruler_distance)
+    bore = max(float(c.fap.ruler_distance), 0.0)
     if distance <= bore:
-        fault = f"{distance:g} mm is not beyond the aperture at d_3 = {bore:g} mm; move the object out"
+        fault = f"{distance:g} mm is not beyond the bore's end at {bore:g} mm; move the object out"
         raise InputError((Problem("object distance", fault),))
     apparent = c.plane(distance).distance
     middle = float(np.abs(c.seen.D_F * c.seen.d_1 / c.seen.d_f * (c.seen.d_f - apparent) / (apparent - c.seen.d_3)))
@@ -186,7 +186,7 @@ def _decentres(s: Subject) -> Estimate:
     """
     design, c = s.design, s.camera
     lens, array = (math.hypot(*part.decentre) for part in (design.main_lens, design.microlens_array))
-    images = lens * abs(s.scale(float(c.seen.d_3))) * float(c.seen.d_3) / design.f + array * abs(s.pitch) / design.d
+    images = lens * abs(s.scale(float(c.seen.d_3)) * float(c.seen.d_3)) / design.f + array * abs(s.pitch) / design.d
     images += math.hypot(*design.sensor.decentre)
     for rim in c.openings_ahead:
         # As seen: decentres, tilts and wedges of elements count.

@@ -63,6 +63,8 @@ Known = TypeVar("Known")
 Symbol = Annotated[str, key_of(CONTROLS)]
 Kind = Annotated[str, key_of(KINDS)]
 
+PUPIL_STEP = 1e-3
+"""Least diameter of a FAP that is dragged, and how close to the lens one behind it comes [mm]."""
 TICK = 0.25
 """Interval at which a run is asked for its progress [s]."""
 
@@ -439,8 +441,11 @@ class Session:
         if picture == "mla-map":
             self._look = replace(self._look, place=on_array(self.design, x, y))
         elif picture == "matching-plane":
-            farthest = reach(BY_SYMBOL["d_3"], self.design, self.design)[1]
-            pupil = {"d_3": round(min(max(x, 0.0), farthest), 4), "D_F": round(max(y, 1e-3), 4)}
+            seen, behind = self.design.with_seen_pupil, self.design.aperture.behind is not None
+            nearest, farthest = reach(BY_SYMBOL["d_3"], seen, seen)
+            x = min(max(x, nearest), -PUPIL_STEP if behind else farthest)
+            own = seen.f / (seen.f - x) if behind else 1.0
+            pupil = {"d_3": round(own * x, 4), "D_F": round(own * max(y, PUPIL_STEP), 4)}
             with contextlib.suppress(DesignError):
                 self._go(self.state.change(pupil), gesture)
 

@@ -173,7 +173,9 @@ def reach(field: NumberField, reference: Design, design: Design) -> tuple[float,
     if field.symbol == "wavelength":
         low, high = VISIBLE
     elif field.symbol == "d_3":
-        low, high = 0.0, 0.995 * design.d_f
+        low, high = min(0.0, SPAN * centre), 0.995 * design.d_f
+        if design.aperture.behind is not None:
+            low, high = -0.99 * design.d_1, -0.01 * design.d_1
     elif field.symbol in ("d_1", "d_f"):
         low = max(low, 1.001 * design.f)
     return min(low, now), max(high, now)

@@ -103,6 +103,9 @@ def prunable(problem: DesignProblem, part: Constraint | Goal) -> bool:
         return False
     if quantity.traced and chief_rays.traced(problem.base):
         return False
+    pupil = [limits.min for name, limits in problem.variables.items() if PATHS.get(name, name) == PATHS["d_3"]]
+    if chain.stop_behind or any(low < 0 for low in pupil):
+        return False  # through the lens, room is least inside a box
     decentred = any(value for place, value in problem.base.numbers.items() if ".decentre." in place)
     if quantity.over is not None and decentred:
         return False  # how far off the axis the sensor sees has its least inside a box

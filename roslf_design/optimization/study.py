@@ -44,7 +44,7 @@ from .variables import NUMBERS, NumberVariable, Variable, lengths_and_numbers, n
 
 SCHEMA = "roslf.optimization/1"
 DIVERGES = re.compile(r"elements\.\d+\.focal_length|main_lens\.surfaces\.\d+\.radius")
-"""Places that may be below 0."""
+"""Places that are below 0 of what diverges."""
 
 
 class StudyTable(StrictTable):
@@ -98,10 +98,13 @@ class StudyTable(StrictTable):
                 continue
             if variable.min == 0 and not name.endswith(("d_3", "distance")):
                 yield Problem(f"variables.{name}", "min must be greater than zero")
-            if variable.min < 0 and not DIVERGES.fullmatch(name):
-                yield Problem(
-                    f"variables.{name}", "min must not be negative; only an element's focal length may be, or a radius"
-                )
+            if variable.min < 0 and PATHS.get(name, name) != PATHS["d_3"]:
+                ends = f"{variable.min:g} and {variable.max:g} mm"
+                if not DIVERGES.fullmatch(name):
+                    message = "min must not be negative; only an element's focal length may be, a radius, or d_3"
+                    yield Problem(f"variables.{name}", message)
+                elif variable.max >= 0:
+                    yield Problem(f"variables.{name}", f"bounds {ends} hold 0 between them; keep to one sign")
             if self.bore and (name in ("D_F", "d_3") or name.startswith(("aperture.", "stops.", "tube_"))):
                 yield Problem("variables", f"'{name}' varies, but the bore gives it; drop one of them")
         half = [side / 2 for side in design.microlens_array.size]

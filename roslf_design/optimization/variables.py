@@ -30,7 +30,7 @@ DERIVED = {
 class Variable(StrictTable):
     """Bounds [mm] of a length that may change: ``["0.5 mm", "8 mm"]`` for short.
 
-    Below 0 are those of the focal length of an element that diverges.
+    Below 0 are those of the focal length of an element that diverges, and of a FAP behind the lens.
     """
 
     min: AnyLength
@@ -58,11 +58,7 @@ class Variable(StrictTable):
             shown = format_quantity(self.min, "length"), format_quantity(self.max, "length")
         if self.min > self.max:
             raise ValueError(f"contradictory bounds: min {shown[0]} is above max {shown[1]}; swap them")
-        if self.measured_in == "":
-            return self
-        if self.min < 0 <= self.max:
-            raise ValueError(f"bounds {self.min:g} and {self.max:g} mm hold 0 between them; keep to one sign")
-        if self.max == 0:
+        if self.measured_in and self.max == 0:
             raise ValueError("max must be greater than zero")
         return self
 

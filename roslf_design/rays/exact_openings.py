@@ -232,7 +232,7 @@ class _Outlines:
         rim, c = self.stops[k], self.camera
         centre = stop_openings(c, x, y).centres[:, k, None]
         scale = -float(c.seen.d_2 * stop_angle(c, rim.distance))
-        if not rim.size_places:
+        if rim.behind or not rim.size_places:
             return np.asarray(centre + scale * rim.outline.along_rim(POINTS))
         # To first order, what the stop's own lengths are on the sensor.
         scale /= float((rim.plane or c.plane(rim.ruler_distance)).magnification)

@@ -259,12 +259,12 @@ def paths(camera: Camera, rays: PupilRays, microlens: Point, start: float) -> Fl
     drawn = np.stack([np.stack([np.broadcast_to(x, shape) for x in vertex], -1) for vertex in vertices], -2)
     takers = [(state_at(MAIN_LENS), camera.rims[0])]
     takers += [(state_at(FAP + k), rim) for k, rim in enumerate(camera.openings_ahead)]
-    reached = np.array([*planes, *[-1.0] * (len(vertices) - len(planes))])
+    reached = np.array([*planes, 0.0, *[-np.inf] * (len(vertices) - len(planes) - 1)])
     for code, rim in takers:
         stands = float(rim.ruler_distance)
         met = _meeting(camera, rim.part, _line_at(camera, rays, stands))
         end = np.stack([np.broadcast_to(x, shape) for x in met], -1)
-        # The main lens itself stands at 0; a ray always keeps the point it starts from.
+        # A ray always keeps the point it starts from.
         past = (reached <= stands) & (np.arange(len(vertices)) > 0)
         drawn = np.where((rays.status == code)[..., None, None] & past[:, None], end[..., None, :], drawn)
     return np.asarray(drawn)

@@ -238,7 +238,8 @@ def sensor_field(c: Camera, margin: ArrayLike = 0.0) -> SensorField:
 
 def view_baseline(c: Camera) -> Array:
     """Distance on the FAP between neighbouring pixels' views, ``q A/d_2 = q d_1/(H d_2)`` [mm]; inf at d_2 = 0."""
-    return ratio(c.q * c.seen.A, c.seen.d_2) * c.fap.scale
+    own: Number = 1.0 if c.fap.behind else c.fap.scale
+    return ratio(c.q * c.seen.A, c.seen.d_2) * own
 
 
 def solid_angle(c: Camera) -> Array:

@@ -19,7 +19,6 @@ from .._jit import kernel
 from ..bore.chain import MEDIUM
 from ..bore.faces import HOLE, KIND, LIMIT, OPEN, STOP, TURNED, Face, Surroundings, axes_of, stop_row, vertex_of
 from ..bore.opening import UNBOUNDED, ClearAperture, inside
-from ..bore.part import PartNumbers
 from ..camera import Camera, Number
 from ..fates import FATES
 from ..lenses.tracer import (
@@ -220,8 +219,9 @@ def _units(camera: Camera, clip: bool) -> Iterator[tuple[tuple[float, int], list
         return np.where(np.greater_equal(z, medium_from), medium, 1.0)
 
     for rim in camera.stop_openings:
-        at, z = PartNumbers(n, rim.part), rim.ruler_distance
-        row = stop_row(vertex_of(at, z), axes_of(at), ClearAperture.of(n, rim.part) if clip else UNBOUNDED)
+        at, z = camera.towards_scene(rim), rim.ruler_distance
+        opening = ClearAperture.of(at.numbers, rim.part) if clip else UNBOUNDED
+        row = stop_row(vertex_of(at, at["distance"]), axes_of(at), opening)
         yield (_first(z), 0), [Face(row, around(z), around(z), rim.part, rim.name)]
     for part in camera.in_bore:
         surroundings = Surroundings(around(part.end), camera.pupil_seen_before)

@@ -23,6 +23,7 @@ from ..bore.opening import DIAMETER
 from ..bore.part import TEMPERATURE
 from ..camera import TIP, VIEWING_CONDITIONS, Camera
 from ..design import PATHS, Design
+from ..design.parts import BEHIND
 from ..errors import InputError, Problem
 from ..lenses.glass import AIR
 from ..lenses.tracer import MODES
@@ -144,6 +145,8 @@ def expand(design: Design, name: str) -> tuple[str, ...]:
         Nothing is called that; the message names the nearest.
     """
     name = PATHS.get(name, SHORT.get(name, name))
+    if name == BEHIND and design.aperture.behind is not None:  # it counts in the other direction, and misses alike
+        name = PATHS["d_3"]
     known = perturbable(design)
     places = _matching(known, name)
     if name.endswith(f".{DIAMETER}") and not in_lens(name):  # a rectangle is made as wide as it is by its sides

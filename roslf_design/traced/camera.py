@@ -23,8 +23,8 @@ from numpy.typing import ArrayLike, NDArray
 from .._arrays import by_value
 from ..bore.opening import ClearAperture
 from ..camera import Camera
-from ..design import Design, Stop
-from ..design.parts import MicrolensArray, Sensor
+from ..design import Design
+from ..design.parts import MicrolensArray, Opening, Sensor
 from ..errors import Problem
 from ..fates import FATES, RayFate, describe, state_at
 from ..lenses.manufacture import turned
@@ -171,7 +171,8 @@ class LensCamera:
         for rim in self.rims:
             if not rim.diameter > 0:
                 problems.append(Problem("aperture.diameter", f"{rim.diameter:g} mm must be greater than zero"))
-            if rim.z > self.front:
+            behind = rim is self.fap and self.d_3 < 0  # an image, which is nowhere in the way
+            if rim.z > self.front and not behind:
                 message = f"lies {rim.z - self.front:.4g} mm inside the lens; move it out, or count it from the vertex"
                 problems.append(Problem("aperture.distance", message))
         problems += self.collisions()
@@ -406,14 +407,14 @@ def camera_of(design: Design) -> LensCamera:
     if design.main_lens.tilt != (0.0, 0.0):
         lens = turned(lens, *design.main_lens.tilt, pivot=(front + rear) / 2)
 
-    def stands(part: Stop | MicrolensArray | Sensor, z: float, opening: ClearAperture | None = None) -> TracedPlane:
+    def stands(part: Opening | MicrolensArray | Sensor, z: float, opening: ClearAperture | None = None) -> TracedPlane:
         x, y = np.subtract(part.decentre, design.main_lens.decentre)
         width = math.inf if opening is None else float(opening.width)
         return TracedPlane(z, float(x), float(y), part.tilt, width, opening)
 
     seen = Camera.of(design)
     mla = rear + float(seen.seen.d_1)
-    rims = tuple(stands(stop, front - stop.distance, stop.outline) for stop in design.all_stops)
+    rims = tuple(stands(stop, front - stop.stands, stop.outline) for stop in design.all_stops)
     array, detector = stands(design.microlens_array, mla), stands(design.sensor, mla + float(seen.seen.d_2))
     focal_plane = front - design.d_f
     if design.elements:

@@ -50,6 +50,9 @@ FIELDS = 21
 POINTS = 121
 """Number of points along each axis of the plane of D_F and d_3."""
 
+LEFT = 1.3
+"""How far beyond a FAP behind the lens the plane reaches, over its distance."""
+
 
 class _DepthCurve(NamedTuple):
     """Depth noise (bound) over distance."""
@@ -67,7 +70,7 @@ class _DepthCurve(NamedTuple):
 def _depth_curve(design: Design, points: int = 241) -> _DepthCurve:
     """Depth noise (bound) from 0.4 to 1.8 times the focal plane's depth, counted from the FAP or what is before it."""
     camera = Camera.of(design)
-    start = design.d_3 if camera.chain.in_air else max(design.d_3, float(camera.tip))
+    start = max(design.d_3, 0.0 if camera.chain.in_air else float(camera.tip))
     distance = start + np.linspace(0.4, 1.8, points) * (design.d_f - start)
 
     def precision(at: Array | float) -> tuple[Array, Array]:
@@ -217,7 +220,8 @@ def _plane_of(design: Design, limits: Point | None = None) -> _MatchingPlane:
     `limits` are other ends of the ranges, of d_3 and D_F [mm]; d_3 stops short of the focal plane.
     """
     camera = Camera.of(design)
-    d_3 = np.linspace(0.0, _right(camera) if limits is None else min(limits[0], design.d_f * (1 - 1e-3)), POINTS)
+    left = min(0.0, LEFT * design.d_3)
+    d_3 = np.linspace(left, _right(camera) if limits is None else min(limits[0], design.d_f * (1 - 1e-3)), POINTS)
     exact, approximate = (matched(camera.replace({"d_3": d_3}), "D_F", exact=law).value for law in (True, False))
     here = float(matched(camera, "D_F").value)
     largest = float(np.max(exact, initial=0.0, where=np.isfinite(exact)))
@@ -277,15 +281,15 @@ def matching_plane(design: Design, size: Point = (560, 400), *, limits: Point | 
     """
     from contourpy import contour_generator
 
-    thin = design.thin_twin
+    thin = design.thin_twin.with_seen_pupil
     plane = _plane_of(thin, limits)
-    across = Scale(0.0, float(plane.d_3[-1]) if limits is None else limits[0])
+    across = Scale(float(plane.d_3[0]), float(plane.d_3[-1]) if limits is None else limits[0])
     up = Scale(0.0, float(plane.D_F[-1]))
-    per_px = across.high / (size[0] - 72)
+    per_px = (across.high - across.low) / (size[0] - 72)
 
     def label(x: float, y: float, words: str, colour: str, away: float, dy: float) -> Text:
         """Words on the right of a place, on its left or, where they fit on neither side, as far right as they do."""
-        at, wide, room = x / per_px, text_width(words, SMALL) + 2, across.high / per_px
+        at, wide, room = (x - across.low) / per_px, text_width(words, SMALL) + 2, size[0] - 72
         start = next((s for s in (at + away, at - away - wide) if 0 <= s <= room - wide), max(room - wide, 0.0))
         return Text(x, y, words, colour, SMALL, dx=start - at, dy=dy, halo=True)
 
@@ -326,7 +330,7 @@ def matching_plane(design: Design, size: Point = (560, 400), *, limits: Point | 
     ]
     panel = Panel((0, 0, 1, 1), across, up, tuple(marks), "FAP distance d_3 [mm]", "FAP diameter D_F [mm]")
     title = (
-        f"Plane of FAP diameter and distance for {design.name}, which is at d_3 = {design.d_3:.4g} mm, "
-        f"D_F = {design.D_F:.4g} mm"
+        f"Plane of FAP diameter and distance for {design.name}, which is at d_3 = {thin.d_3:.4g} mm, "
+        f"D_F = {thin.D_F:.4g} mm"
     )
     return one_panel("matching-plane", title, size, panel, keys, left=56, top=12)

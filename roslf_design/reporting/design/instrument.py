@@ -32,6 +32,7 @@ def instrument_scene(design: Design, fold: bool = True) -> Instrument:
 
     With `fold` it is drawn as mirrors fold it, else along the unfolded axis; prisms are always drawn unfolded.
     """
+    design = design.with_own_stop
     end = design.d_1 + design.d_2
     camera = Camera.of(design)
     front = float(camera.tip)

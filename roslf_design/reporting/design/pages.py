@@ -51,7 +51,8 @@ from .parts_list import parts_section
 
 if TYPE_CHECKING:
     from ...bore.elements import AnyElement
-    from ...design import Design, MainLens, MicrolensArray, Sensor, Stop
+    from ...design import Design, MainLens, MicrolensArray, Sensor
+    from ...design.parts import Opening
     from ...evaluation.result import Evaluation
 
 TONES: dict[str, Tone] = {"good": "good", "limit": "caution", "fault": "bad"}
@@ -208,13 +209,20 @@ def parameter_rows(design: Design) -> list[tuple[str, str, str, str]]:
     mla, relay = design.microlens_array, design.sensor.relay_magnification
     width, height = design.pixels
     lens = lens_words(design.main_lens.kind).remark
+    seen, made = Camera.of(design).seen, design.with_own_stop
+    D_F, d_3, stop = design.D_F, design.d_3, ""
+    if d_3 < 0:
+        D_F, d_3 = (float(seen.D_F), float(seen.d_3)) if design.aperture.behind else (D_F, d_3)
+        stop = "behind the lens, as the scene sees it"
+    if made.aperture.behind is not None:
+        stop += f": image of a stop of {made.aperture.outline.words}, {_length(made.aperture.behind)} behind the lens"
     rows = [
         ("D", "main lens clear aperture", design.D, ""),
         ("f", "main lens focal length", design.f, lens),
         ("d_f", "focal plane in front of the lens", design.d_f, ""),
         ("d_1", "main lens to microlens array", design.d_1, ""),
-        ("D_F", "FAP diameter", design.D_F, _pupil(design)),
-        ("d_3", "FAP in front of the lens", design.d_3, ""),
+        ("D_F", "FAP diameter", D_F, _pupil(design)),
+        ("d_3", "FAP in front of the lens", d_3, stop),
         ("d", "microlens pitch", design.d, f"{mla.layout} array, {mla.lens_shape} lenses"),
         ("f_ml", "microlens focal length", design.f_ml, ""),
         ("d_2", "microlens array to sensor", design.d_2, ""),
@@ -232,7 +240,7 @@ def parameter_rows(design: Design) -> list[tuple[str, str, str, str]]:
 
 def misalignments(design: Design) -> list[tuple[str, str]]:
     """Parts that are decentred, tilted or turned, and by how much."""
-    parts: dict[str, MainLens | MicrolensArray | Sensor | Stop | AnyElement] = {
+    parts: dict[str, MainLens | MicrolensArray | Sensor | Opening | AnyElement] = {
         "main lens": design.main_lens,
         "FAP": design.aperture,
         "microlens array": design.microlens_array,
@@ -304,7 +312,7 @@ def _length(value: float) -> str:
     return f"{float(size):.7g} {unit}"
 
 
-def _pose(part: MainLens | MicrolensArray | Sensor | Stop | AnyElement) -> str:
+def _pose(part: MainLens | MicrolensArray | Sensor | Opening | AnyElement) -> str:
     pairs = [
         ", ".join(format_quantity(value, kind) for value in pair)
         for kind, pair in (("length", part.decentre), ("angle", part.tilt))

@@ -33,9 +33,11 @@ def parts_section(design: Design) -> Section:
     words = lens_words(design.main_lens.kind)
     main_lens = words.part.format(name=words.title, focal_length=length(design.f), aperture=aperture)
     microlenses = f"{mla.layout}, {mla.lens_shape} lenses, pitch {length(mla.pitch)}, f_ml {length(mla.focal_length)}"
+    made = design.with_own_stop
+    stop = "FAP, front stop" if made.aperture.behind is None else "stop behind the main lens"
     rows = [
         ("main lens", main_lens, lens),
-        ("FAP, front stop", f"opening {design.aperture.outline.words}", "made to drawing"),
+        (stop, f"opening {made.aperture.outline.words}", "made to drawing"),
     ]
     rows += [(stop.name, f"opening {stop.part.outline.words}", "made to drawing") for stop in design.openings[1:]]
     for _, name, element, _, _ in design.in_bore:

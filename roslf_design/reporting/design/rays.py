@@ -26,7 +26,7 @@ from ...words import length
 
 if TYPE_CHECKING:
     from ...design import Design
-    from ...design.parts import Stop
+    from ...design.parts import Opening
 
 FILL = 1.5
 """Width of a fan in FAP diameters: its outer rays meet the FAP's plate."""
@@ -115,7 +115,7 @@ def meridional(
     -----
     Each field lies in its own meridional plane, turned into the page; with decentres, the plane is x-z.
     """
-    thin = design.thin_twin
+    thin = design.thin_twin.with_own_stop
     whole = math.isfinite(design.d_f) and (_instrument_share(design) > SMALLEST_SHARE if whole is None else whole)
     drawn = _labelled_fans(thin)
     keys = [
@@ -206,7 +206,7 @@ def _section(design: Design, drawn: list[_LabelledFan], size: Point, whole: bool
     half = 1.08 * min(max(lit, high.max()), BEYOND * lit)
     side = (52.0 if to_scale else 16.0), 18.0 + text_width(f"d_2 = {short(design.d_2)} mm", SMALL)
     across = max(size[0] - sum(side), 50.0)
-    under = DIMENSION_ROW * (2 if whole or not to_scale else 1) + (6 if to_scale else 14)
+    under = DIMENSION_ROW * (2 if whole or not to_scale or design.d_3 < 0 else 1) + (6 if to_scale else 14)
     rows, along, factor, over = [0], across / (right - left), 1.0, 0.0
     sides: dict[str, int] = {}
     names: list[tuple[float, str]] = []
@@ -247,6 +247,9 @@ def _sides(design: Design, along: float, before: float, whole: bool) -> dict[str
     before = min([before, *(along * (z - design.d_3) for z in beyond)])
     lens = {1: along * design.d_1 - 34, -1: along * min(inner, default=design.d_f) - 34}
     pupil = {-1: before - 20, 1: along * min(gaps, default=design.d_1) - 20}
+    if design.d_3 < 0:
+        lens[1] = pupil[-1] = -along * design.d_3 - 34
+        pupil[1] = along * (design.d_1 + design.d_3) - 20
     return {
         symbol: next((side for side, room in rooms.items() if room > text_width(_diameter(design, symbol), SMALL)), 0)
         for symbol, rooms in (("D", lens), ("D_F", pupil))
@@ -256,10 +259,12 @@ def _sides(design: Design, along: float, before: float, whole: bool) -> dict[str
 def _diameter(design: Design, symbol: str) -> str:
     if symbol == "D_F" and design.aperture.outline.straight:
         return design.aperture.outline.size
+    if symbol == "D_F" and design.d_3 < 0:
+        return f"{short(design.D_F)} mm"
     return f"{symbol} = {short(design.D if symbol == 'D' else design.D_F)} mm"
 
 
-def _half(stop: Stop) -> float:
+def _half(stop: Opening) -> float:
     """Half the section of an opening along x, through its centre [mm]."""
     return float(stop.outline.rim(np.ones(()), np.zeros(()))[0])
 
@@ -268,10 +273,14 @@ def _named(design: Design, sides: Mapping[str, int], whole: bool) -> list[tuple[
     """Names of elements where they stand, with the diameters that have no room elsewhere."""
     openings = {symbol: "" if side else f", {_diameter(design, symbol)}" for symbol, side in sides.items()}
     fap, *stops = design.openings
-    names = [(-fap.near, f"FAP{openings['D_F']}"), *((-stop.near, stop.name) for stop in stops)]
+    names = [(-fap.near, f"{_pupil_name(design)}{openings['D_F']}"), *((-stop.near, stop.name) for stop in stops)]
     names += [(-(at.near + at.far) / 2, name_of_drawn(at)) for at in design.in_bore]
     names += [(0.0, f"main lens{openings['D']}"), (design.d_1 + design.d_2, "MLA, sensor")]
     return sorted([*names, *([(-design.d_f, "object plane")] if whole else [])])
+
+
+def _pupil_name(design: Design) -> str:
+    return "FAP" if design.d_3 >= 0 else "stop of the FAP"
 
 
 def name_of_drawn(at: Placed[AnyElement], fold: bool = False) -> str:
@@ -443,17 +452,20 @@ def _lengths(design: Design, section: _SectionLayout) -> list[Mark]:
     mm, up = section.panel.per_px
     bottom, end = -section.half, design.d_1 + design.d_2
     rows = [("d_3", -design.d_3, 0.0, 0), ("d_1", 0.0, design.d_1, 0)]
+    if design.d_3 < 0:
+        rows[0] = ("stop", 0.0, -design.d_3, 1)
     if section.whole:
         rows.append(("d_f", -design.d_f, 0.0, 1))
     below = 0.0
     for symbol, start, stop, row in rows:
         level = bottom - (13 + DIMENSION_ROW * row) * up
-        if (stop - start) / mm < 1:
-            continue
         words = f"{symbol} = {short(stop - start)} mm"
+        roomy = (stop - start) / mm > text_width(words, SMALL) + 24
+        if (stop - start) / mm < 1 or (symbol == "stop" and not roomy):
+            continue
         marks += [Line([z, z], [bottom - 2 * up, level - 4 * up], "grid", clip=False) for z in (start, stop)]
         marks.append(Line([start, stop], [level, level], "grey", 1.0, ends="|", clip=False))
-        if (stop - start) / mm > text_width(words, SMALL) + 24:
+        if roomy:
             marks.append(Text((start + stop) / 2, level, words, "ink", SMALL, "middle", dy=4, plate=True))
         elif symbol == "d_1":
             below = DIMENSION_ROW  # d_1 stands beside its own line
@@ -548,6 +560,7 @@ class _SchematicPart(NamedTuple):
 
 def dimensions(design: Design) -> Picture:
     """Draw the parts in their order along the axis with dimension lines; not to scale, the numbers are."""
+    design = design.thin_twin.with_own_stop if design.d_3 < 0 else design
     parts = _schematic_parts(design)
     gaps = [b.z - a.z for a, b in pairwise(parts)]
     spread = np.cumsum([0.0, *(max(0.28, (gap / max(gaps)) ** ROOM) for gap in gaps)])
@@ -622,7 +635,7 @@ def _schematic_parts(design: Design) -> list[_SchematicPart]:
     mla, (wide, tall), say = design.microlens_array, design.sensor_size, length
     parts = [
         _SchematicPart("object plane", -design.d_f, 0.0, ("object plane",)),
-        _SchematicPart("FAP", -design.d_3, design.D_F, ("FAP", _pupil_size(design))),
+        _SchematicPart("FAP", -design.d_3, design.D_F, (_pupil_name(design), _pupil_size(design))),
         _SchematicPart("main lens", 0.0, design.D, (f"main lens, D = {say(design.D)}", f"f = {say(design.f)}")),
         _SchematicPart("MLA", design.d_1, mla.size[1], ("MLA", f"d = {say(design.d)}", f"f_ml = {say(design.f_ml)}")),
         _SchematicPart(
@@ -640,7 +653,9 @@ def _schematic_parts(design: Design) -> list[_SchematicPart]:
 
 def _pupil_size(design: Design) -> str:
     outline = design.aperture.outline
-    return outline.words if outline.straight else f"D_F = {length(design.D_F)}"
+    if outline.straight or design.d_3 < 0:
+        return outline.words
+    return f"D_F = {length(design.D_F)}"
 
 
 def _dimension_lines(design: Design) -> list[tuple[str, str, str]]:
@@ -649,9 +664,11 @@ def _dimension_lines(design: Design) -> list[tuple[str, str, str]]:
     stops, ends = {at.name: at.near for at in standing}, {at.name: at.far for at in standing}
     front = max(ends, key=lambda name: ends[name])
     front = front if ends[front] > 0 else "main lens"
+    behind = stops.pop("FAP") if stops["FAP"] < 0 else 0.0
     overall = max(ends.get(front, 0.0), 0.0) + design.d_1 + design.d_2
     return [
         (f"d_2 = {length(design.d_2)}", "MLA", "sensor"),
+        *([(f"stop {length(-behind)} behind", "main lens", "FAP")] if behind else []),
         (f"d_1 = {length(design.d_1)}", "main lens", "MLA"),
         *(
             (f"d_3 = {length(distance)}" if name == "FAP" else f"{name}: {length(distance)}", name, "main lens")
