@@ -341,9 +341,8 @@ def measure(
     views = geometry.prepared(field)
     estimate = partial(estimate_disparity, noise=noise, search=search, window=geometry.window, captured=field)
     disparities = estimate(views.field, views.pupil, aside=views.aside)
-    pupil = geometry.at_phase(views, disparities.disparity, disparities.picture)
-    if pupil is not None:
-        views = views._replace(pupil=pupil)
+    if (turned := geometry.at_phase(views, disparities)) is not None:
+        views = turned
         disparities = estimate(views.field, views.pupil, aside=views.aside)
     field, pupil, aside = views
     z = geometry.depth(disparities.disparity)

@@ -17,12 +17,14 @@ from numpy.typing import NDArray
 from .._jit import THREADS, kernel, prange
 from ..calibration.decoding import DARKEST, LightField, squared
 from ..camera import Camera
+from ..shapes.lattice import PACKINGS
 from ..theory.colours import panchromatic
-from ..theory.disparity_error import FINEST_PLACES, ImageParts, image_parts, phase_places
+from ..theory.disparity_error import FINEST_PLACES, ImageParts, image_parts, waves_shown
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import microlens_defocus
 from ..theory.stop_images import MicrolensImages
+from .warping import fill_holes
 
 STEP, MOST = 0.1, 400
 """Cut microlens images are worked out wherever their cut moved by so much of their diameter, and interpolated between;
@@ -37,8 +39,15 @@ FAINT, STRONG, SLOW = 1e-5, 0.02, (1, 3, 6)
 """Share of a neighbour's light in a sample that is let be; up to which it is looked at in some rounds alone; these."""
 FARTHEST = 0.25
 """Pitches from a microlens's middle beyond which no sample is taken to look."""
-SLOWEST = 0.02
-"""Periods across the FAP of a texture that views see from their mean place."""
+WAVES, FEW_WAVES = 13, 5
+"""Waves along a side of the grid that views are compared by: of whole images, and of cut ones."""
+DISPARITIES, MOST_DISPARITIES = 0.5, 12
+"""Steps of disparity between which places are interpolated [pitches], and how many of them at most."""
+FADING, DARK_WAVE, MOST_GAIN = 0.8, 0.1, 3.0
+"""Filters of views: share of the finest detail that the array shows from which on they fade out; share of a wave that
+views must show; and by how much they change it at most."""
+MOST_PLACES = 50_000_000
+"""Samples up to which each has a place of its own."""
 LEAST = 0.65
 """Own share of a sample's light under which it is dropped: it tells more of its neighbours."""
 
@@ -130,30 +139,226 @@ def without_crosstalk(camera: Camera, field: LightField) -> _OwnLight:
     return _OwnLight(_with(field, values, weight), pupil, aside)
 
 
-def phase_shifts(camera: Camera, field: LightField, rates: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Places that views see fine texture from, less those that their light comes from on average.
+class _InPhase(NamedTuple):
+    """Views of a light field as one texture shows itself to all of them, and what that moves."""
 
-    Of whole images: on the axis.
+    field: LightField
+    pupil: NDArray[np.float32]
+    """To add to `_OwnLight.pupil`: places by which what views see moves with disparity, about that of each microlens.
+    Shape (2, t, s), or (2, t, s, v, u)."""
+    aside: NDArray[np.float32]
+    """To add to `_OwnLight.aside`: what is left of that at the disparity itself, of the same shape."""
+    bias: NDArray[np.float64]
+    """Disparity that mean places give too much, shape (v, u) [pitches]."""
+
+
+def in_phase(camera: Camera, field: LightField, disparity: NDArray[np.float64]) -> _InPhase:
+    """Views where the phase of their light says that they look from.
+
+    A texture of f periods a pitch at disparity B has nu = f B periods across the FAP. A view shows it turned by the phase
+    that its light has at nu: the mean place where nu is small, farther out where it is not, as the light of outer views
+    is skew; and what is wrong with the light that was taken off as neighbours' turns it, too. Both follow, wave by wave,
+    from taking the light of neighbours off what microlenses show of single waves. Most of it is a place to look from;
+    of whole images the rest is taken out of the views by filters, which pass all waves alike.
 
     Parameters
     ----------
     camera : Camera
         One build, which took the light field.
     field : LightField
-    rates : ndarray, shape (R,)
-        Periods of the texture across the FAP, rising from above 0.
-
-    Returns
-    -------
-    ndarray, shape (R, 2, t, s)
-        As `estimate_disparity` takes `pupil`.
+        With each microlens's own light alone.
+    disparity : ndarray, shape (v, u)
+        By the views' mean places, about [pitches].
     """
-    images = MicrolensImages(panchromatic(camera), [(0.0, 0.0)])
-    s, t = field.s / field.pitch, field.t / field.pitch
-    few = np.concatenate([[min(SLOWEST, float(rates[0]) / 2)], rates])
-    places = phase_places(images, s, t, few)[:, :, 0]
-    side = math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
-    return np.asarray(side * (places[1:] - places[0]), np.float32)
+    rows, columns, parts = _parts(camera, field)
+    few, some = (
+        np.unique(np.linspace(0, at.size - 1, min(at.size, COARSE)).round().astype(np.intp)) for at in (rows, columns)
+    )
+    nodes = (few[:, None] * columns.size + some).ravel()
+    rows, columns = rows[few], columns[some]
+    parts = ImageParts(parts.steps, *(part[:, nodes] for part in parts[1:]))
+    places = places_on_array(camera, field)[np.ix_(rows, columns)].reshape(-1, 2)
+    freed = _FreedWaves.of(MicrolensImages(panchromatic(camera), places), parts, field)
+    whole = nodes.size == 1
+    low, high = (float(np.quantile(disparity, part)) for part in (0.01, 0.99))
+    step = max(DISPARITIES, (high - low) / MOST_DISPARITIES)
+    disparities = step * np.arange(math.floor(low / step) - 1, math.ceil(high / step) + 2)
+    waves = _Waves.of(WAVES if whole else FEW_WAVES, field, PACKINGS[camera.layout].fold)
+    moved, kernels = [], []
+    for b in disparities.tolist():
+        shown = freed.shown(waves.k, b)
+        off = waves.moved(shown)
+        moved.append(off)
+        if whole:
+            kernels.append(waves.filters(shown[..., 0], off[..., 0]))
+    offset = np.stack(moved)  # (disparity, axis, view, node)
+    slope = np.diff(offset, axis=0) / step
+    rest = offset[:-1] - disparities[:-1, None, None, None] * slope
+    # By mean places disparities come out wrong, by so much.
+    lever = freed.weight * freed.pupil
+    told = np.einsum("davn,avn->d", offset, lever) / max(float((lever * freed.pupil).sum()), 1e-12)
+    count = disparities.size
+    at = np.interp(disparity, np.maximum.accumulate(disparities + told), np.arange(count))
+    bias = np.interp(at, np.arange(count), told)
+    over_view = _Map.of(rows, columns, disparity.shape, disparity.shape)
+    below = np.minimum(at.astype(int), count - 2)
+    if below.size * freed.usable.size > MOST_PLACES:
+        below = np.full_like(below, int(np.median(below)))
+
+    def spread(values: NDArray[np.float64]) -> NDArray[np.float32]:
+        every = np.zeros((*values.shape[:2], *freed.usable.shape, nodes.size))
+        every[:, :, freed.usable] = values
+        if whole and not np.ptp(below):
+            return every[below[0, 0], ..., 0].astype(np.float32)
+        if whole:
+            return np.moveaxis(every[below, ..., 0], (0, 1), (-2, -1)).astype(np.float32)
+        out = over_view(every[0])
+        for k in range(1, count - 1):
+            out = np.where(below == k, over_view(every[k]), out)
+        return out
+
+    if whole:
+        field = _filtered(field, freed.usable, np.stack(kernels), at)
+    return _InPhase(field, spread(slope), spread(rest), bias)
+
+
+class _FreedWaves(NamedTuple):
+    """What views show of single waves once neighbours' light was taken off as `without_crosstalk` does it."""
+
+    images: MicrolensImages
+    s: NDArray[np.float64]
+    """Places of the samples [image pitches]."""
+    t: NDArray[np.float64]
+    side: float
+    usable: NDArray[np.bool_]
+    """Views that have own light at any node, shape (t, s)."""
+    gain: NDArray[np.float64]
+    """What own light is divided by, 0 where it is dropped; shape (view, node)."""
+    ways: tuple[_Mixing, ...]
+    pupil: NDArray[np.float64]
+    """Mean places on the FAP, shape (2, view, node)."""
+    weight: NDArray[np.float64]
+    """Light that tells, shape (view, node)."""
+
+    @classmethod
+    def of(cls, images: MicrolensImages, parts: ImageParts, field: LightField) -> _FreedWaves:
+        own = parts.steps.index((0, 0))
+        total = parts.light.sum(0)
+        shares = np.divide(parts.light, total, out=np.zeros_like(parts.light), where=total > 0)
+        usable = (shares[own] > LEAST).any(0)
+        share = shares[own][:, usable].T
+        gain = np.divide(1.0, share, out=np.zeros_like(share), where=share > LEAST)
+        ways = tuple(_Mixing.of(parts, shares, own, usable, faint) for faint in (False, True))
+        camera = images.camera
+        side = math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
+        pupil = side * np.stack([axis[own][:, usable].T for axis in (parts.x, parts.y)])
+        weight = np.where(gain > 0, total[:, usable].T * share**2, 0.0)
+        return cls(images, field.s / field.pitch, field.t / field.pitch, side, usable, gain, ways, pupil, weight)
+
+    def shown(self, waves: NDArray[np.float64], disparity: float) -> NDArray[np.complex128]:
+        """Waves, shape (W, 2), as views show them against where their mean places do, shape (W, view, node)."""
+        from scipy.sparse import csr_array
+
+        raw = waves_shown(self.images, self.s, self.t, waves, self.side * disparity)[..., self.usable].swapaxes(1, 2)
+        out = np.empty_like(raw)
+        known = self.gain > 0
+        share = 1 / np.maximum(known.sum(0), 1)
+        for k, wave in enumerate(waves):
+            turns = [
+                np.exp(2j * math.pi * (way.step @ PACKINGS[self.images.camera.layout].steps.T @ wave))
+                for way in self.ways
+            ]
+            for n in range(known.shape[1]):
+                mixing = sum(
+                    csr_array((way.share[:, n] * turn, way.source, way.first), shape=(len(known), len(known)))
+                    for way, turn in zip(self.ways, turns, strict=True)
+                )
+                seen, gain = raw[k, :, n], self.gain[:, n]
+                values = seen * gain
+                for _ in range(ROUNDS):
+                    values = np.where(gain > 0, values, values.sum() * share[n])
+                    values = (seen - mixing @ values) * gain
+                out[k, :, n] = values
+        return out * np.exp(2j * math.pi * disparity * np.tensordot(waves, self.pupil, 1))
+
+
+class _Waves(NamedTuple):
+    """Waves that views are compared by, on a grid of their frequencies, one of each with its mirror image."""
+
+    k: NDArray[np.float64]
+    """Periods a pitch along u and v, shape (W, 2)."""
+    index: NDArray[np.intp]
+    """Place of each on the grid, from its middle, shape (W, 2)."""
+    side: int
+    """Waves along a side of the grid."""
+    passed: NDArray[np.float64]
+    """Share of its phase that is taken out of a wave: none where the lattice folds it."""
+
+    @classmethod
+    def of(cls, side: int, field: LightField, fold: float) -> _Waves:
+        half = side // 2
+        index = np.array([(x, y) for y in range(half + 1) for x in range(-half, half + 1) if (y, x) > (0, 0)], np.intp)
+        steps = np.array([field.u[1] - field.u[0], field.v[1] - field.v[0]])
+        k = index / (side * steps)
+        fine = np.hypot(*k.T) / fold
+        inside = fine < 1
+        return cls(k[inside], index[inside], side, np.clip((1 - fine[inside]) / (1 - FADING), 0, 1))
+
+    def moved(self, shown: NDArray[np.complex128]) -> NDArray[np.float64]:
+        """How far views look past where their mean places do [pitches], shape (2, view, node).
+
+        By the phases of all waves, of a texture with the same contrast in every octave, as they come through.
+        """
+        level = np.angle(shown)
+        power = np.where(self.passed > 0.8, (np.abs(shown) ** 2).mean(1).T / (self.k**2).sum(-1), 0.0)
+        normal = np.einsum("nw,wa,wb->nab", power, self.k, self.k) * (2 * math.pi)
+        told = np.einsum("nw,wa,wvn->nav", power, self.k, level)
+        off = -np.linalg.solve(normal + 1e-12 * np.eye(2), told)
+        return np.asarray(np.moveaxis(off, 0, -1))
+
+    def filters(self, shown: NDArray[np.complex128], off: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Taps, shape (view, N, N), that make views alike which look `off` [pitches] past their mean places.
+
+        `shown` has the shape (W, view), `off` (2, view).
+        """
+        size = np.abs(shown)
+        mean = np.sqrt((size**2).mean(1, keepdims=True))
+        passed = self.passed[:, None] * (mean > DARK_WAVE)
+        gain = np.clip(mean / np.maximum(size, 1e-9), 1 / MOST_GAIN, MOST_GAIN)
+        turn = np.angle(shown * np.exp(2j * math.pi * (self.k @ off)))
+        factor = np.exp(passed * (np.log(gain) - 1j * turn)).T
+        grid = np.ones((shown.shape[1], self.side, self.side), complex)
+        x, y = self.index.T
+        grid[:, y, x], grid[:, -y, -x] = factor, factor.conj()
+        return np.fft.fftshift(np.fft.ifft2(grid).real, (1, 2))
+
+
+def _filtered(
+    field: LightField, usable: NDArray[np.bool_], kernels: NDArray[np.float64], at: NDArray[np.float64]
+) -> LightField:
+    """Views by the filters, shape (disparity, view, N, N), between the two that each microlens's place `at` is at."""
+    from scipy import fft
+
+    values, weight = field.values.copy(), field.weight.copy()
+    reach = kernels.shape[-1] // 2
+    shape = [fft.next_fast_len(n + 2 * reach, real=True) for n in field.values.shape[2:]]
+    parts = [
+        (k, part) for k in range(len(kernels)) if (part := np.clip(1 - np.abs(at - k), 0, 1).astype(np.float32)).any()
+    ]
+    rows, columns = (slice(2 * reach, 2 * reach + n) for n in field.values.shape[2:])
+    for n, (t, s) in enumerate(np.argwhere(usable)):
+        view, lit = field.values[t, s][None].copy(), field.weight[t, s][None]
+        with THREADS:
+            fill_holes.compiled(view, lit)
+        sent = fft.rfft2(np.pad(view[0], reach, mode="symmetric"), shape)
+        shown, noise = np.zeros_like(view[0]), np.zeros_like(view[0])
+        for k, part in parts:
+            passed = fft.irfft2(sent * fft.rfft2(kernels[k, n].astype(np.float32), shape), shape)
+            shown += part * passed[rows, columns]
+            noise += part * np.float32((kernels[k, n] ** 2).sum())
+        values[t, s] = np.where(lit[0] > 0, shown, 0)
+        weight[t, s] /= noise
+    return replace(field, values=values, weight=weight)
 
 
 def _aside(

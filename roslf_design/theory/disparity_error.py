@@ -63,6 +63,8 @@ REACH, FAINT = 3, 5e-4
 """Steps of the lattice to the farthest neighbours that `image_parts` takes one by one; light that it lets be."""
 FAR = 4
 """Steps to those that stand for all others: tails of diffraction fall off slowly, and shift what a place shows."""
+WAVES = 16
+"""Waves at a time, for memory's sake."""
 APART = 9
 """Pitches after which images that are taken to stand alone repeat themselves."""
 MANY = 32
@@ -633,12 +635,12 @@ class _WavesOfLenses(NamedTuple):
 
     @classmethod
     def of(
-        cls, images: MicrolensImages, x: Array, y: Array, more: tuple[tuple[float, float], ...] = ()
+        cls, images: MicrolensImages, x: Array, y: Array, more: tuple[tuple[float, ...], ...], mean: bool = True
     ) -> _WavesOfLenses:
-        """At places of the images; `more` waves beside those of a mean."""
+        """At places of the images; `more` waves, beside those of a mean where it is asked for."""
         array = _Array(images.camera.layout, images.camera.lens_shape)
         # Images stand alone where they repeat themselves after a few pitches only: a mean over as many waves.
-        some = (np.arange(APART) - APART // 2) / APART
+        some = (np.arange(APART) - APART // 2) / APART if mean else np.zeros(0)
         first, second = (values.ravel() for values in np.meshgrid(some, some, indexing="ij"))
         first, second = (np.append(one, [wave[k] for wave in more]) for k, one in enumerate((first, second)))
         kx, ky = first, PACKINGS[array.layout].wave_up(first, second)
@@ -655,40 +657,37 @@ class _WavesOfLenses(NamedTuple):
         return cls(first, second, rows, form, fx, fy, _transfer(rows, array, fx, fy) / cell, along, across)
 
 
-def phase_places(images: MicrolensImages, x: Array, y: Array, rates: Array) -> Array:
-    """Places on the FAP that views see fine texture from: the phase of their own light, over its rate.
-
-    A texture of f periods a pitch at disparity B has nu = f B periods across the FAP. What a view shows of it is turned
-    by the phase of the Fourier transform of the view's light at nu: the mean place where nu is small, and farther out
-    where it is not, as the light of outer views is skew.
+def waves_shown(images: MicrolensImages, x: Array, y: Array, waves: Array, disparity: float) -> Array:
+    """Waves of a texture as microlens images show them, neighbours' light and all, over the light there.
 
     Parameters
     ----------
     images : MicrolensImages
-        Of one build, at the fields asked for.
+        Of one build, at the fields asked for; neighbours are taken to be like them.
     x, y : ndarray, shape (S,), (T,)
         Places from the image's centre, along the lattice's axes [microlens-image pitches].
-    rates : ndarray, shape (R,)
-        nu, rising from above 0 in steps of less than half a period [periods across the FAP].
+    waves : ndarray, shape (W, 2)
+        Periods a pitch along the lattice's axes.
+    disparity : float
+        B between the FAP's rims as they lie behind the microlens [pitches].
 
     Returns
     -------
-    ndarray, shape (R, 2, fields, T, S)
-        Along x and along y [FAP diameters from its centre].
+    ndarray, shape (W, fields, T, S)
+        Complex, 1 where the microlens's middle is shown sharply; 0 without light.
     """
-    waves, places = _WavesOfLenses.of(images, x, y), []
-    for axis in (0, 1):
-        turned: Array | None = None
-        phase: Array = np.zeros(())
-        for rate in (0.0, *rates.tolist()):
-            shift = rate / waves.rows.wide[:, None, None, None]
-            part = waves.form(waves.rows, waves.fx + shift * (1 - axis), waves.fy + shift * axis)[0]
-            at = np.einsum("nwkl,wklt,wks->nts", part * waves.passed, waves.across, waves.along, optimize=True)
-            if turned is not None:
-                phase = phase + np.angle(at * turned.conj())
-                places.append(phase / (2 * math.pi * rate))
-            turned = at
-    return np.stack(places).reshape(2, rates.size, *places[0].shape).swapaxes(0, 1)
+    along_steps = waves @ PACKINGS[images.camera.layout].steps
+    shown = []
+    for some in np.split(along_steps, np.arange(WAVES, len(waves), WAVES)):
+        lenses = _WavesOfLenses.of(images, x, y, ((0.0, 0.0), *map(tuple, some)), mean=False)
+        kx, ky = lenses.first, PACKINGS[images.camera.layout].wave_up(lenses.first, lenses.second)
+        bend = disparity / lenses.rows.wide[:, None, None, None]
+        fx, fy = (f - bend * k[:, None, None] for f, k in ((lenses.fx, kx), (lenses.fy, ky)))
+        part = lenses.form(lenses.rows, fx, fy)[0] * lenses.passed
+        light, *shines = np.einsum("nwkl,wklt,wks->wnts", part, lenses.across, lenses.along, optimize=True)
+        lit = light.real > FAINT
+        shown += [np.where(lit, one / np.where(lit, light.real, 1.0), 0.0) for one in shines]
+    return np.stack(shown)
 
 
 def image_parts(images: MicrolensImages, x: Array, y: Array) -> ImageParts:
