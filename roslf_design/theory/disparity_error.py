@@ -27,7 +27,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -615,6 +615,12 @@ class ImageParts(NamedTuple):
     y: Array
 
 
+Read = tuple[Sequence[Callable[[Array], Array | Complex]], Sequence[Callable[[Array], Array | Complex]]]
+"""Transfers at frequencies [1/px] of images read between pixels: along x and along y, several of each."""
+AS_IT_IS: Read = ((np.ones_like,), (np.ones_like,))
+"""Images read at pixels' middles."""
+
+
 class _WavesOfLenses(NamedTuple):
     """Waves over the array, as microlens images show them; a mean over waves leaves a single image."""
 
@@ -630,10 +636,12 @@ class _WavesOfLenses(NamedTuple):
     along: Array
     """Waves at the places asked for."""
     across: Array
+    read: tuple[list[Array | Complex], list[Array | Complex]]
+    """Transfers of reading between pixels along x, shape (W, S, 1), and along y, (W, S, S)."""
 
     @classmethod
     def of(
-        cls, images: MicrolensImages, x: Array, y: Array, more: tuple[tuple[float, float], ...] = ()
+        cls, images: MicrolensImages, x: Array, y: Array, read: Read, more: tuple[tuple[float, float], ...] = ()
     ) -> _WavesOfLenses:
         """At places of the images; `more` waves beside those of a mean."""
         array = _Array(images.camera.layout, images.camera.lens_shape)
@@ -652,10 +660,20 @@ class _WavesOfLenses(NamedTuple):
         fx, fy = (np.broadcast_to(f, (len(rows.pitch), *f.shape)) for f in waves)
         form = (_whole if rows.openings.first_is_disc else _straight) if rows.whole.all() else _cut
         along, across = np.exp(2j * math.pi * fx[0, ..., :1] * x), np.exp(2j * math.pi * fy[0, ..., None] * y)
-        return cls(first, second, rows, form, fx, fy, _transfer(rows, array, fx, fy) / cell, along, across)
+        pixel = float(rows.pixel[0] / rows.pitch[0])
+        reads = [at(fx[0, ..., :1] * pixel) for at in read[0]], [at(fy[0] * pixel) for at in read[1]]
+        return cls(first, second, rows, form, fx, fy, _transfer(rows, array, fx, fy) / cell, along, across, reads)
+
+    def at_places(self, part: Complex) -> Complex:
+        """Waves' images of such a transform at the places asked for, shape (W, fields, read, T, S)."""
+        sent, images = part * self.passed, []
+        for over in self.read[1]:
+            lines = np.einsum("nwkl,wklt->nwkt", sent * over, self.across, optimize=True)
+            images += [np.einsum("nwkt,wks->wnts", lines * by, self.along, optimize=True) for by in self.read[0]]
+        return np.stack(images, 2)
 
 
-def phase_places(images: MicrolensImages, x: Array, y: Array, rates: Array) -> Array:
+def phase_places(images: MicrolensImages, x: Array, y: Array, rates: Array, read: Read = AS_IT_IS) -> Array:
     """Places on the FAP that views see fine texture from: the phase of their own light, over its rate.
 
     A texture of f periods a pitch at disparity B has nu = f B periods across the FAP. What a view shows of it is turned
@@ -670,20 +688,22 @@ def phase_places(images: MicrolensImages, x: Array, y: Array, rates: Array) -> A
         Places from the image's centre, along the lattice's axes [microlens-image pitches].
     rates : ndarray, shape (R,)
         nu, rising from above 0 in steps of less than half a period [periods across the FAP].
+    read : Read
+        One along each axis.
 
     Returns
     -------
     ndarray, shape (R, 2, fields, T, S)
         Along x and along y [FAP diameters from its centre].
     """
-    waves, places = _WavesOfLenses.of(images, x, y), []
+    waves, places = _WavesOfLenses.of(images, x, y, read), []
     for axis in (0, 1):
         turned: Array | None = None
         phase: Array = np.zeros(())
         for rate in (0.0, *rates.tolist()):
             shift = rate / waves.rows.wide[:, None, None, None]
             part = waves.form(waves.rows, waves.fx + shift * (1 - axis), waves.fy + shift * axis)[0]
-            at = np.einsum("nwkl,wklt,wks->nts", part * waves.passed, waves.across, waves.along, optimize=True)
+            at = waves.at_places(part)[:, :, 0].sum(0)
             if turned is not None:
                 phase = phase + np.angle(at * turned.conj())
                 places.append(phase / (2 * math.pi * rate))
@@ -691,7 +711,7 @@ def phase_places(images: MicrolensImages, x: Array, y: Array, rates: Array) -> A
     return np.stack(places).reshape(2, rates.size, *places[0].shape).swapaxes(0, 1)
 
 
-def image_parts(images: MicrolensImages, x: Array, y: Array) -> ImageParts:
+def image_parts(images: MicrolensImages, x: Array, y: Array, read: Read = AS_IT_IS) -> ImageParts:
     """Light of a microlens and its neighbours at places of its image, and where on the FAP it comes from.
 
     Parameters
@@ -700,22 +720,25 @@ def image_parts(images: MicrolensImages, x: Array, y: Array) -> ImageParts:
         Of one build, at the fields asked for; neighbours are taken to be like them.
     x, y : ndarray, shape (S,), (T,)
         Places from the image's centre, along the lattice's axes [microlens-image pitches].
+    read : Read
+        Each field, then, is one for every pair, those along x first.
     """
     slow = 1 / (4 * FAR)  # two waves more, which farther lenses show with a quarter of a period's delay
-    waves = _WavesOfLenses.of(images, x, y, ((slow, 0.0), (0.0, slow)))
-    first, second, rows, form, fx, fy, passed, along, across = waves
+    waves = _WavesOfLenses.of(images, x, y, read, ((slow, 0.0), (0.0, slow)))
+    first, second, rows = waves[:3]
     count = first.size - 2
     reach = range(-REACH, REACH + 1)
     steps = tuple((a, b) for a in reach for b in reach)
     turns = np.exp(-2j * math.pi * (np.array(steps) @ [first, second]))
     averages = []
-    for part in form(rows, fx, fy):
-        at = np.einsum("nwkl,wklt,wks->wnts", part * passed, across, along, optimize=True)
+    for part in waves.form(rows, waves.fx, waves.fy):
+        at = waves.at_places(part)
+        at = at.reshape(len(at), -1, *at.shape[3:])
         averages.append(np.einsum("aw,wnts->ants", turns[:, :count] / count, at[:count], optimize=True).real)
         if len(averages) == 1:
             total, waved = at[:count].real[count // 2], at[count:].imag
     light, *moments = averages
-    unit = 1 / rows.wide[:, None, None]
+    unit = np.repeat(1 / rows.wide, light.shape[1] // len(rows.wide))[:, None, None]
     lit = light > FAINT
     # The microlens turns the FAP round.
     s_x, s_y = (np.where(lit, -moment * unit / np.where(lit, light, 1.0), 0.0) for moment in moments)
