@@ -139,7 +139,7 @@ class Depths:
         part = (..., rows, columns)
         field = replace(
             self.field, values=self.field.values[part], weight=self.field.weight[part], u=self.field.u[columns],
-            v=self.field.v[rows], hexagonal=None,
+            v=self.field.v[rows], hexagonal=None, between=None,
         )  # fmt: skip
         pupil = self.pupil if self.pupil.ndim == 3 else self.pupil[part]
         aside = self.aside if self.aside is None or self.aside.ndim == 3 else self.aside[part]

@@ -9,17 +9,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._jit import THREADS, kernel, prange
-from ..calibration.decoding import DARKEST, LightField, squared
+from ..calibration.decoding import DARKEST, LightField, read_between, squared
 from ..camera import Camera
 from ..shapes.lattice import PACKINGS
 from ..theory.colours import panchromatic
-from ..theory.disparity_error import FINEST_PLACES, ImageParts, image_parts, waves_shown
+from ..theory.disparity_error import AS_IT_IS, FINEST_PLACES, ImageParts, Read, image_parts, waves_shown
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import microlens_defocus
@@ -37,6 +38,11 @@ ROUNDS = 8
 """Rounds of taking neighbours' light away: what is left falls to less than a third each time."""
 FAINT, STRONG, SLOW = 1e-5, 0.02, (1, 3, 6)
 """Share of a neighbour's light in a sample that is let be; up to which it is looked at in some rounds alone; these."""
+BETWEEN, ALIKE = 8, 0.004
+"""Places between pixels along each axis at which light is worked out; share of it up to which they are alike."""
+MANY_BETWEEN, TURNED = 32, 0.2
+"""Places between pixels that their mean is taken over; pixels by which samples of one microlens lie differently between
+them, where the array is turned, beyond which it is taken of all."""
 FARTHEST = 0.25
 """Pitches from a microlens's middle beyond which no sample is taken to look."""
 WAVES, FEW_WAVES = 13, 5
@@ -112,8 +118,7 @@ def without_crosstalk(camera: Camera, field: LightField) -> _OwnLight:
     rows, columns, parts = _parts(camera, field)
     height, width = len(field.v), len(field.u)
     own = parts.steps.index((0, 0))
-    total = parts.light.sum(0)
-    shares = np.divide(parts.light, total, out=np.zeros_like(parts.light), where=total > 0)
+    shares = _shares(parts)
     hexagonal = field.hexagonal
     lenses = field if hexagonal is None else hexagonal
     size = (lenses.values.shape[2], lenses.values.shape[3])
@@ -121,13 +126,17 @@ def without_crosstalk(camera: Camera, field: LightField) -> _OwnLight:
         np.zeros(size[0], int) if hexagonal is None else np.rint(hexagonal.starts - field.v / math.sqrt(3)).astype(int)
     )
     maps = _Map.of(rows, columns, (height, width), size)
+    mixed = parts
+    if (read := _each_between(camera, field, parts)) is not None:
+        mixed, maps = read
+        shares = _shares(mixed)
     mine = maps(np.moveaxis(shares[own], 0, -1))
     values, weight = np.zeros_like(lenses.values, np.float32), np.zeros_like(lenses.weight, np.float32)
     usable = np.asarray((mine > LEAST).any((2, 3)))
     if usable.any():
         share, light = mine[usable], lenses.weight[usable]
         gain = np.divide(1, share, out=np.zeros(light.shape, np.float32), where=(share > LEAST) & (light > 0))
-        ways = [_Mixing.of(parts, shares, own, usable, faint) for faint in (False, True)]
+        ways = [_Mixing.of(mixed, shares, own, usable, faint) for faint in (False, True)]
         values[usable] = _freed(np.asarray(lenses.values[usable], np.float32), gain, ways, maps, start)
         weight[usable] = np.where(gain > 0, light * share**2, 0)
     over_view = _Map.of(rows, columns, (height, width), (height, width))
@@ -155,11 +164,11 @@ class _InPhase(NamedTuple):
 def in_phase(camera: Camera, field: LightField, disparity: NDArray[np.float64]) -> _InPhase:
     """Views where the phase of their light says that they look from.
 
-    A texture of f periods a pitch at disparity B has nu = f B periods across the FAP. A view shows it turned by the phase
-    that its light has at nu: the mean place where nu is small, farther out where it is not, as the light of outer views
-    is skew; and what is wrong with the light that was taken off as neighbours' turns it, too. Both follow, wave by wave,
-    from taking the light of neighbours off what microlenses show of single waves. Most of it is a place to look from;
-    of whole images the rest is taken out of the views by filters, which pass all waves alike.
+    A texture of f periods a pitch at disparity B has nu = f B periods across the FAP. A view shows it turned by the
+    phase that its light has at nu: the mean place where nu is small, farther out where it is not, as the light of outer
+    views is skew; and what is wrong with the light taken off as neighbours' turns it as well. Both follow, wave by
+    wave, from taking neighbours' light off what microlenses show of single waves. Most of it is a place to look from;
+    of whole images filters take the rest out of the views, which then show all waves as strongly as each other, too.
 
     Parameters
     ----------
@@ -239,12 +248,12 @@ class _FreedWaves(NamedTuple):
     """Mean places on the FAP, shape (2, view, node)."""
     weight: NDArray[np.float64]
     """Light that tells, shape (view, node)."""
+    read: Read
 
     @classmethod
     def of(cls, images: MicrolensImages, parts: ImageParts, field: LightField) -> _FreedWaves:
         own = parts.steps.index((0, 0))
-        total = parts.light.sum(0)
-        shares = np.divide(parts.light, total, out=np.zeros_like(parts.light), where=total > 0)
+        total, shares = parts.light.sum(0), _shares(parts)
         usable = (shares[own] > LEAST).any(0)
         share = shares[own][:, usable].T
         gain = np.divide(1.0, share, out=np.zeros_like(share), where=share > LEAST)
@@ -253,13 +262,15 @@ class _FreedWaves(NamedTuple):
         side = math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
         pupil = side * np.stack([axis[own][:, usable].T for axis in (parts.x, parts.y)])
         weight = np.where(gain > 0, total[:, usable].T * share**2, 0.0)
-        return cls(images, field.s / field.pitch, field.t / field.pitch, side, usable, gain, ways, pupil, weight)
+        s, t = field.s / field.pitch, field.t / field.pitch
+        return cls(images, s, t, side, usable, gain, ways, pupil, weight, reading(field))
 
     def shown(self, waves: NDArray[np.float64], disparity: float) -> NDArray[np.complex128]:
         """Waves, shape (W, 2), as views show them against where their mean places do, shape (W, view, node)."""
         from scipy.sparse import csr_array
 
-        raw = waves_shown(self.images, self.s, self.t, waves, self.side * disparity)[..., self.usable].swapaxes(1, 2)
+        raw = waves_shown(self.images, self.s, self.t, waves, self.side * disparity, self.read)
+        raw = raw[..., self.usable].swapaxes(1, 2)
         out = np.empty_like(raw)
         known = self.gain > 0
         share = 1 / np.maximum(known.sum(0), 1)
@@ -446,10 +457,50 @@ def _parts_at(camera: Camera, places: NDArray[np.float64], field: LightField) ->
     )
     block = max(1, int(BLOCK * min(1.0, (COMMON / finest) ** 2)))
     pieces = [
-        image_parts(MicrolensImages(camera, places[some[at : at + block]]), s, t) for at in range(0, some.size, block)
+        image_parts(MicrolensImages(camera, places[some[at : at + block]]), s, t, reading(field))
+        for at in range(0, some.size, block)
     ]
     light, x, y = (np.concatenate([getattr(part, name) for part in pieces], 1)[:, back] for name in ("light", "x", "y"))
     return ImageParts(pieces[0].steps, light, x, y)
+
+
+def reading(field: LightField) -> Read:
+    """Interpolation between pixels, on average over a light field."""
+    if field.between is None:
+        return AS_IT_IS
+    ranks = (np.arange(MANY_BETWEEN) + 0.5) / MANY_BETWEEN
+    along, across = (partial(read_between, between=np.quantile(axis, ranks)) for axis in field.between)
+    return (along,), (across,)
+
+
+def _shares(parts: ImageParts) -> NDArray[np.float64]:
+    """Shares of a sample's light that come from each microlens."""
+    total = parts.light.sum(0)
+    return np.asarray(np.divide(parts.light, total, out=np.zeros_like(parts.light), where=total > 0))
+
+
+def _each_between(camera: Camera, field: LightField, parts: ImageParts) -> tuple[ImageParts, _Map] | None:
+    """Light at each of several places between pixels, of whole images, and the way to lenses; None where it is alike.
+
+    Where detail of microlens images is finer than pixels, what a sample has of its neighbours' light changes with where
+    it lies between them.
+    """
+    turned = abs(math.sin(4 * float(camera["microlens_array.rotation"]))) / 4 * field.pitch / 2
+    if field.between is None or parts.light.shape[1] > 1 or turned > TURNED:
+        return None
+    images = MicrolensImages(panchromatic(camera), [(0.0, 0.0)])
+    for count in (2, BETWEEN):
+        reads = [partial(read_between, between=np.array([part])) for part in np.arange(count) / count]
+        each = image_parts(images, field.s / field.pitch, field.t / field.pitch, (reads, reads))
+        share = _shares(each)[each.steps.index((0, 0))]
+        if np.ptp(share[:, (share > LEAST).any(0)], axis=0).max(initial=0.0) < ALIKE:
+            return None
+    again = np.arange(BETWEEN + 1) % BETWEEN
+    nodes = (again[:, None] * BETWEEN + again).ravel()
+    column, row = np.floor(field.between * BETWEEN).astype(np.int64)
+    along, down = (field.between * BETWEEN % 1).astype(np.float32)
+    light, x, y = (part[:, nodes] for part in each[1:])
+    return ImageParts(each.steps, light, x, y), _Map(row * (BETWEEN + 1) + column, down, along, BETWEEN + 1)
 
 
 class _Mixing(NamedTuple):
@@ -483,34 +534,36 @@ class _Mixing(NamedTuple):
 
 
 class _Map(NamedTuple):
-    """For each row and column of lenses the node before it, and how far it is on the way to the next."""
+    """For each lens, shape (v, u), the node before it in rows and columns of nodes, and how far the next ones are."""
 
-    row: NDArray[np.int64]
+    node: NDArray[np.int64]
     down: NDArray[np.float32]
-    column: NDArray[np.int64]
     along: NDArray[np.float32]
+    across: int
+    """Nodes in a row of them."""
 
     @classmethod
     def of(
         cls, rows: NDArray[np.intp], columns: NDArray[np.intp], nodes: tuple[int, int], size: tuple[int, int]
     ) -> _Map:
         """For nodes at some `rows` and `columns` of as many as `nodes` says, over which `size` lenses are spread."""
-        parts: list[Any] = []
+        befores, parts = [], []
         for places, of, count in zip((rows, columns), nodes, size, strict=True):
             at = np.interp(np.arange(count) * ((of - 1) / max(count - 1, 1)), places, np.arange(places.size))
-            before = np.clip(np.floor(at), 0, max(places.size - 2, 0)).astype(np.int64)
-            parts += [before, (at - before).astype(np.float32)]
-        return cls(*parts)
+            befores.append(np.clip(np.floor(at), 0, max(places.size - 2, 0)).astype(np.int64))
+            parts.append((at - befores[-1]).astype(np.float32))
+        down, along = (np.ascontiguousarray(part) for part in np.broadcast_arrays(parts[0][:, None], parts[1]))
+        return cls(befores[0][:, None] * columns.size + befores[1], down, along, columns.size)
 
     def __call__(self, values: NDArray[np.float64]) -> NDArray[np.float32]:
         """From the nodes, shape (..., nodes), to all lenses, shape (..., v, u); (..., 1, 1) of a single node."""
         if values.shape[-1] == 1:
             return values[..., None].astype(np.float32)
-        across = int(self.column[-1]) + 2
-        table = values.reshape(*values.shape[:-1], -1, across).astype(np.float32)
-        low, high = table[..., self.row, :], table[..., self.row + 1, :]
-        lines = low + self.down[:, None] * (high - low)
-        left, right = lines[..., self.column], lines[..., self.column + 1]
+        table = values.astype(np.float32)
+        left, right = (
+            low + self.down * (table[..., self.node + self.across + k] - low)
+            for k, low in ((k, table[..., self.node + k]) for k in (0, 1))
+        )
         return np.asarray(left + self.along * (right - left))
 
 
@@ -542,13 +595,12 @@ def _fill_row(known: Any, values: Any) -> None:
 
 @kernel()
 def _gather_row(
-    n: int, v: int, values: Any, dark: Any, first: Any, source: Any, steps: Any, shares: Any, row: Any, down: Any,
-    column: Any, along: Any, start: Any, out: Any, like: Any, share: Any,
+    n: int, v: int, values: Any, dark: Any, first: Any, source: Any, steps: Any, shares: Any, node: Any, down: Any,
+    along: Any, across: int, start: Any, out: Any, like: Any, share: Any,
 ) -> None:  # fmt: skip
     """Add neighbours' light in samples n of row v; one that nothing is known of is like the microlens itself."""
     rows, columns = dark.shape
     nodes = shares.shape[1]
-    across = column[columns - 1] + 2 if nodes > 1 else 1
     for u in range(columns):  # here and below: whole arrays at once would be compiled twice as long
         like[u] = 0.0
     for m in range(first[n], first[n + 1]):
@@ -557,12 +609,11 @@ def _gather_row(
             for u in range(columns):
                 share[u] = shares[m, 0]
         else:
-            i = row[v] * across
             for u in range(columns):
-                c = i + column[u]
-                left = shares[m, c] + down[v] * (shares[m, c + across] - shares[m, c])
-                right = shares[m, c + 1] + down[v] * (shares[m, c + across + 1] - shares[m, c + 1])
-                share[u] = left + along[u] * (right - left)
+                c, part = node[v, u], down[v, u]
+                left = shares[m, c] + part * (shares[m, c + across] - shares[m, c])
+                right = shares[m, c + 1] + part * (shares[m, c + across + 1] - shares[m, c + 1])
+                share[u] = left + along[v, u] * (right - left)
         if w < 0 or w >= rows:
             for u in range(columns):
                 like[u] += share[u]
@@ -590,8 +641,8 @@ def _gather_row(
 
 @kernel(parallel=True)
 def _gather(
-    values: Any, dark: Any, first: Any, source: Any, steps: Any, shares: Any, row: Any, down: Any, column: Any,
-    along: Any, start: Any, out: Any,
+    values: Any, dark: Any, first: Any, source: Any, steps: Any, shares: Any, node: Any, down: Any, along: Any,
+    across: int, start: Any, out: Any,
 ) -> None:  # fmt: skip
     """Add neighbours' light in all samples, shape (view, v, u); `dark` is 1 where nothing is known of a microlens."""
     count, rows, columns = values.shape
@@ -607,10 +658,10 @@ def _gather(
                 source,
                 steps,
                 shares,
-                row,
+                node,
                 down,
-                column,
                 along,
+                across,
                 start,
                 out[n, v],
                 like,
@@ -620,8 +671,8 @@ def _gather(
 
 @kernel(parallel=True)
 def _free(
-    raw: Any, gain: Any, rest: Any, values: Any, dark: Any, first: Any, source: Any, steps: Any, shares: Any, row: Any,
-    down: Any, column: Any, along: Any, start: Any, out: Any,
+    raw: Any, gain: Any, rest: Any, values: Any, dark: Any, first: Any, source: Any, steps: Any, shares: Any,
+    node: Any, down: Any, along: Any, across: int, start: Any, out: Any,
 ) -> None:  # fmt: skip
     """Samples without `rest` and what neighbours that show `values` put into them, times `gain`."""
     count, rows, columns = values.shape
@@ -630,7 +681,7 @@ def _free(
         for n in range(count):
             foreign, before, much, freed = rest[n, v].copy(), raw[n, v], gain[n, v], out[n, v]
             _gather_row(
-                n, v, values, dark, first, source, steps, shares, row, down, column, along, start, foreign, like, share
+                n, v, values, dark, first, source, steps, shares, node, down, along, across, start, foreign, like, share
             )
             for u in range(columns):
                 freed[u] = (before[u] - foreign[u]) * much[u]

@@ -27,7 +27,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -617,6 +617,12 @@ class ImageParts(NamedTuple):
     y: Array
 
 
+Read = tuple[Sequence[Callable[[Array], Array | Complex]], Sequence[Callable[[Array], Array | Complex]]]
+"""Transfers at frequencies [1/px] of images read between pixels: along x and along y, several of each."""
+AS_IT_IS: Read = ((np.ones_like,), (np.ones_like,))
+"""Images read at pixels' middles."""
+
+
 class _WavesOfLenses(NamedTuple):
     """Waves over the array, as microlens images show them; a mean over waves leaves a single image."""
 
@@ -632,11 +638,14 @@ class _WavesOfLenses(NamedTuple):
     along: Array
     """Waves at the places asked for."""
     across: Array
+    read: tuple[list[Array | Complex], list[Array | Complex]]
+    """Transfers of reading between pixels along x, shape (W, S, 1), and along y, (W, S, S)."""
 
     @classmethod
     def of(
-        cls, images: MicrolensImages, x: Array, y: Array, more: tuple[tuple[float, ...], ...], mean: bool = True
-    ) -> _WavesOfLenses:
+        cls, images: MicrolensImages, x: Array, y: Array, read: Read, more: tuple[tuple[float, ...], ...] = (),
+        mean: bool = True,
+    ) -> _WavesOfLenses:  # fmt: skip
         """At places of the images; `more` waves, beside those of a mean where it is asked for."""
         array = _Array(images.camera.layout, images.camera.lens_shape)
         # Images stand alone where they repeat themselves after a few pitches only: a mean over as many waves.
@@ -654,10 +663,22 @@ class _WavesOfLenses(NamedTuple):
         fx, fy = (np.broadcast_to(f, (len(rows.pitch), *f.shape)) for f in waves)
         form = (_whole if rows.openings.first_is_disc else _straight) if rows.whole.all() else _cut
         along, across = np.exp(2j * math.pi * fx[0, ..., :1] * x), np.exp(2j * math.pi * fy[0, ..., None] * y)
-        return cls(first, second, rows, form, fx, fy, _transfer(rows, array, fx, fy) / cell, along, across)
+        pixel = float(rows.pixel[0] / rows.pitch[0])
+        reads = [at(fx[0, ..., :1] * pixel) for at in read[0]], [at(fy[0] * pixel) for at in read[1]]
+        return cls(first, second, rows, form, fx, fy, _transfer(rows, array, fx, fy) / cell, along, across, reads)
+
+    def at_places(self, part: Complex) -> Complex:
+        """Waves' images of such a transform at the places asked for, shape (W, fields, read, T, S)."""
+        sent, images = part * self.passed, []
+        for over in self.read[1]:
+            lines = np.einsum("nwkl,wklt->nwkt", sent * over, self.across, optimize=True)
+            images += [np.einsum("nwkt,wks->wnts", lines * by, self.along, optimize=True) for by in self.read[0]]
+        return np.stack(images, 2)
 
 
-def waves_shown(images: MicrolensImages, x: Array, y: Array, waves: Array, disparity: float) -> Array:
+def waves_shown(
+    images: MicrolensImages, x: Array, y: Array, waves: Array, disparity: float, read: Read = AS_IT_IS
+) -> Array:
     """Waves of a texture as microlens images show them, neighbours' light and all, over the light there.
 
     Parameters
@@ -670,6 +691,8 @@ def waves_shown(images: MicrolensImages, x: Array, y: Array, waves: Array, dispa
         Periods a pitch along the lattice's axes.
     disparity : float
         B between the FAP's rims as they lie behind the microlens [pitches].
+    read : Read
+        One along each axis.
 
     Returns
     -------
@@ -679,18 +702,17 @@ def waves_shown(images: MicrolensImages, x: Array, y: Array, waves: Array, dispa
     along_steps = waves @ PACKINGS[images.camera.layout].steps
     shown = []
     for some in np.split(along_steps, np.arange(WAVES, len(waves), WAVES)):
-        lenses = _WavesOfLenses.of(images, x, y, ((0.0, 0.0), *map(tuple, some)), mean=False)
+        lenses = _WavesOfLenses.of(images, x, y, read, ((0.0, 0.0), *map(tuple, some)), mean=False)
         kx, ky = lenses.first, PACKINGS[images.camera.layout].wave_up(lenses.first, lenses.second)
         bend = disparity / lenses.rows.wide[:, None, None, None]
         fx, fy = (f - bend * k[:, None, None] for f, k in ((lenses.fx, kx), (lenses.fy, ky)))
-        part = lenses.form(lenses.rows, fx, fy)[0] * lenses.passed
-        light, *shines = np.einsum("nwkl,wklt,wks->wnts", part, lenses.across, lenses.along, optimize=True)
+        light, *shines = lenses.at_places(lenses.form(lenses.rows, fx, fy)[0])[:, :, 0]
         lit = light.real > FAINT
         shown += [np.where(lit, one / np.where(lit, light.real, 1.0), 0.0) for one in shines]
     return np.stack(shown)
 
 
-def image_parts(images: MicrolensImages, x: Array, y: Array) -> ImageParts:
+def image_parts(images: MicrolensImages, x: Array, y: Array, read: Read = AS_IT_IS) -> ImageParts:
     """Light of a microlens and its neighbours at places of its image, and where on the FAP it comes from.
 
     Parameters
@@ -699,22 +721,25 @@ def image_parts(images: MicrolensImages, x: Array, y: Array) -> ImageParts:
         Of one build, at the fields asked for; neighbours are taken to be like them.
     x, y : ndarray, shape (S,), (T,)
         Places from the image's centre, along the lattice's axes [microlens-image pitches].
+    read : Read
+        Each field, then, is one for every pair, those along x first.
     """
     slow = 1 / (4 * FAR)  # two waves more, which farther lenses show with a quarter of a period's delay
-    waves = _WavesOfLenses.of(images, x, y, ((slow, 0.0), (0.0, slow)))
-    first, second, rows, form, fx, fy, passed, along, across = waves
+    waves = _WavesOfLenses.of(images, x, y, read, ((slow, 0.0), (0.0, slow)))
+    first, second, rows = waves[:3]
     count = first.size - 2
     reach = range(-REACH, REACH + 1)
     steps = tuple((a, b) for a in reach for b in reach)
     turns = np.exp(-2j * math.pi * (np.array(steps) @ [first, second]))
     averages = []
-    for part in form(rows, fx, fy):
-        at = np.einsum("nwkl,wklt,wks->wnts", part * passed, across, along, optimize=True)
+    for part in waves.form(rows, waves.fx, waves.fy):
+        at = waves.at_places(part)
+        at = at.reshape(len(at), -1, *at.shape[3:])
         averages.append(np.einsum("aw,wnts->ants", turns[:, :count] / count, at[:count], optimize=True).real)
         if len(averages) == 1:
             total, waved = at[:count].real[count // 2], at[count:].imag
     light, *moments = averages
-    unit = 1 / rows.wide[:, None, None]
+    unit = np.repeat(1 / rows.wide, light.shape[1] // len(rows.wide))[:, None, None]
     lit = light > FAINT
     # The microlens turns the FAP round.
     s_x, s_y = (np.where(lit, -moment * unit / np.where(lit, light, 1.0), 0.0) for moment in moments)
