@@ -204,8 +204,9 @@ class ArrayGeometry:
         if not known.any():
             return None
         filled = np.where(known, found.disparity, np.median(found.disparity[known]))
-        turned = in_phase(self.camera, views.field, ndimage.median_filter(filled, SMOOTHED))
-        if np.median(np.abs(turned.bias[known]) / found.sigma[known]) < NEGLIGIBLE:
+        least = NEGLIGIBLE * float(np.median(found.sigma[known]))
+        turned = in_phase(self.camera, views.field, ndimage.median_filter(filled, SMOOTHED), least)
+        if turned is None:
             return None
         pupil, aside = _sum(views.pupil, turned.pupil), turned.aside
         return _PreparedViews(turned.field, pupil, aside if views.aside is None else _sum(views.aside, aside))

@@ -8,6 +8,7 @@ How much of it there is follows from the camera, and what the neighbours see sta
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -157,11 +158,9 @@ class _InPhase(NamedTuple):
     Shape (2, t, s), or (2, t, s, v, u)."""
     aside: NDArray[np.float32]
     """To add to `_OwnLight.aside`: what is left of that at the disparity itself, of the same shape."""
-    bias: NDArray[np.float64]
-    """Disparity that mean places give too much, shape (v, u) [pitches]."""
 
 
-def in_phase(camera: Camera, field: LightField, disparity: NDArray[np.float64]) -> _InPhase:
+def in_phase(camera: Camera, field: LightField, disparity: NDArray[np.float64], least: float) -> _InPhase | None:
     """Views where the phase of their light says that they look from.
 
     A texture of f periods a pitch at disparity B has nu = f B periods across the FAP. A view shows it turned by the
@@ -178,6 +177,8 @@ def in_phase(camera: Camera, field: LightField, disparity: NDArray[np.float64]) 
         With each microlens's own light alone.
     disparity : ndarray, shape (v, u)
         By the views' mean places, about [pitches].
+    least : float
+        Error of disparities by mean places [pitches], on average, below which they do: None is returned.
     """
     rows, columns, parts = _parts(camera, field)
     few, some = (
@@ -194,8 +195,7 @@ def in_phase(camera: Camera, field: LightField, disparity: NDArray[np.float64]) 
     disparities = step * np.arange(math.floor(low / step) - 1, math.ceil(high / step) + 2)
     waves = _Waves.of(WAVES if whole else FEW_WAVES, field, PACKINGS[camera.layout].fold)
     moved, kernels = [], []
-    for b in disparities.tolist():
-        shown = freed.shown(waves.k, b)
+    for shown in freed.shown(waves.k, disparities):
         off = waves.moved(shown)
         moved.append(off)
         if whole:
@@ -208,7 +208,8 @@ def in_phase(camera: Camera, field: LightField, disparity: NDArray[np.float64]) 
     told = np.einsum("davn,avn->d", offset, lever) / max(float((lever * freed.pupil).sum()), 1e-12)
     count = disparities.size
     at = np.interp(disparity, np.maximum.accumulate(disparities + told), np.arange(count))
-    bias = np.interp(at, np.arange(count), told)
+    if np.abs(np.interp(at, np.arange(count), told)).mean() < least:
+        return None
     over_view = _Map.of(rows, columns, disparity.shape, disparity.shape)
     below = np.minimum(at.astype(int), count - 2)
     if below.size * freed.usable.size > MOST_PLACES:
@@ -228,7 +229,7 @@ def in_phase(camera: Camera, field: LightField, disparity: NDArray[np.float64]) 
 
     if whole:
         field = _filtered(field, freed.usable, np.stack(kernels), at)
-    return _InPhase(field, spread(slope), spread(rest), bias)
+    return _InPhase(field, spread(slope), spread(rest))
 
 
 class _FreedWaves(NamedTuple):
@@ -265,32 +266,29 @@ class _FreedWaves(NamedTuple):
         s, t = field.s / field.pitch, field.t / field.pitch
         return cls(images, s, t, side, usable, gain, ways, pupil, weight, reading(field))
 
-    def shown(self, waves: NDArray[np.float64], disparity: float) -> NDArray[np.complex128]:
+    def shown(self, waves: NDArray[np.float64], disparities: NDArray[np.float64]) -> Iterator[NDArray[np.complex128]]:
         """Waves, shape (W, 2), as views show them against where their mean places do, shape (W, view, node)."""
         from scipy.sparse import csr_array
 
-        raw = waves_shown(self.images, self.s, self.t, waves, self.side * disparity, self.read)
-        raw = raw[..., self.usable].swapaxes(1, 2)
-        out = np.empty_like(raw)
-        known = self.gain > 0
+        known, steps = self.gain > 0, PACKINGS[self.images.camera.layout].steps.T
         share = 1 / np.maximum(known.sum(0), 1)
-        for k, wave in enumerate(waves):
-            turns = [
-                np.exp(2j * math.pi * (way.step @ PACKINGS[self.images.camera.layout].steps.T @ wave))
-                for way in self.ways
-            ]
-            for n in range(known.shape[1]):
-                mixing = sum(
-                    csr_array((way.share[:, n] * turn, way.source, way.first), shape=(len(known), len(known)))
-                    for way, turn in zip(self.ways, turns, strict=True)
-                )
-                seen, gain = raw[k, :, n], self.gain[:, n]
-                values = seen * gain
-                for _ in range(ROUNDS):
-                    values = np.where(gain > 0, values, values.sum() * share[n])
-                    values = (seen - mixing @ values) * gain
-                out[k, :, n] = values
-        return out * np.exp(2j * math.pi * disparity * np.tensordot(waves, self.pupil, 1))
+        every = waves_shown(self.images, self.s, self.t, waves, self.side * disparities, self.read)
+        for disparity, raw in zip(disparities.tolist(), every[..., self.usable].swapaxes(2, 3), strict=True):
+            out = np.empty_like(raw)
+            for k, wave in enumerate(waves):
+                turns = [np.exp(2j * math.pi * (way.step @ (steps @ wave))) for way in self.ways]
+                for n in range(known.shape[1]):
+                    mixing = sum(
+                        csr_array((way.share[:, n] * turn, way.source, way.first), shape=(len(known), len(known)))
+                        for way, turn in zip(self.ways, turns, strict=True)
+                    )
+                    seen, gain = raw[k, :, n], self.gain[:, n]
+                    values = seen * gain
+                    for _ in range(ROUNDS):
+                        values = np.where(gain > 0, values, values.sum() * share[n])
+                        values = (seen - mixing @ values) * gain
+                    out[k, :, n] = values
+            yield out * np.exp(2j * math.pi * disparity * np.tensordot(waves, self.pupil, 1))
 
 
 class _Waves(NamedTuple):

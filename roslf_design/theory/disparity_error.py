@@ -63,8 +63,8 @@ REACH, FAINT = 3, 5e-4
 """Steps of the lattice to the farthest neighbours that `image_parts` takes one by one; light that it lets be."""
 FAR = 4
 """Steps to those that stand for all others: tails of diffraction fall off slowly, and shift what a place shows."""
-WAVES = 16
-"""Waves at a time, for memory's sake."""
+WAVES = 1024
+"""Waves of all images at a time, for memory's sake."""
 APART = 9
 """Pitches after which images that are taken to stand alone repeat themselves."""
 MANY = 32
@@ -677,7 +677,7 @@ class _WavesOfLenses(NamedTuple):
 
 
 def waves_shown(
-    images: MicrolensImages, x: Array, y: Array, waves: Array, disparity: float, read: Read = AS_IT_IS
+    images: MicrolensImages, x: Array, y: Array, waves: Array, disparities: Array, read: Read = AS_IT_IS
 ) -> Array:
     """Waves of a texture as microlens images show them, neighbours' light and all, over the light there.
 
@@ -689,27 +689,31 @@ def waves_shown(
         Places from the image's centre, along the lattice's axes [microlens-image pitches].
     waves : ndarray, shape (W, 2)
         Periods a pitch along the lattice's axes.
-    disparity : float
+    disparities : ndarray, shape (D,)
         B between the FAP's rims as they lie behind the microlens [pitches].
     read : Read
         One along each axis.
 
     Returns
     -------
-    ndarray, shape (W, fields, T, S)
+    ndarray, shape (D, W, fields, T, S)
         Complex, 1 where the microlens's middle is shown sharply; 0 without light.
     """
-    along_steps = waves @ PACKINGS[images.camera.layout].steps
-    shown = []
-    for some in np.split(along_steps, np.arange(WAVES, len(waves), WAVES)):
+    packing, shown = PACKINGS[images.camera.layout], []
+    block = max(1, WAVES // len(images.fields))
+    for some in np.split(waves @ packing.steps, np.arange(block, len(waves), block)):
         lenses = _WavesOfLenses.of(images, x, y, read, ((0.0, 0.0), *map(tuple, some)), mean=False)
-        kx, ky = lenses.first, PACKINGS[images.camera.layout].wave_up(lenses.first, lenses.second)
-        bend = disparity / lenses.rows.wide[:, None, None, None]
-        fx, fy = (f - bend * k[:, None, None] for f, k in ((lenses.fx, kx), (lenses.fy, ky)))
-        light, *shines = lenses.at_places(lenses.form(lenses.rows, fx, fy)[0])[:, :, 0]
-        lit = light.real > FAINT
-        shown += [np.where(lit, one / np.where(lit, light.real, 1.0), 0.0) for one in shines]
-    return np.stack(shown)
+        along, down = (k[:, None, None] / lenses.rows.wide[:, None, None, None] for k in (
+            lenses.first, packing.wave_up(lenses.first, lenses.second)
+        ))  # fmt: skip
+        each = []
+        for b in disparities.tolist():
+            part = lenses.form(lenses.rows, lenses.fx - b * along, lenses.fy - b * down)[0]
+            light, *shines = lenses.at_places(part)[:, :, 0]
+            lit = light.real > FAINT
+            each.append([np.where(lit, one / np.where(lit, light.real, 1.0), 0.0) for one in shines])
+        shown.append(np.array(each))
+    return np.concatenate(shown, 1)
 
 
 def image_parts(images: MicrolensImages, x: Array, y: Array, read: Read = AS_IT_IS) -> ImageParts:
