@@ -18,6 +18,10 @@ DARKEST = 0.05
 """Light of the white image, against its brightest, under which a sample says nothing."""
 
 
+TABLE = 1000
+"""Steps a period in which what interpolation does to detail is tabulated: to 2e-5."""
+
+
 class _HexagonalRows(NamedTuple):
     """Samples of a hexagonal array where its microlenses stand, before they are interpolated to a square grid."""
 
@@ -54,6 +58,9 @@ class LightField:
     """Microlens-image pitch on the sensor [px]."""
     hexagonal: _HexagonalRows | None = None
     """Rows of a hexagonal array; None of a square one."""
+    between: Array | None = None
+    """Shares of a pixel by which each microlens's samples lie beyond the pixels that they were interpolated from, along
+    the array's rows and square to them, shape (2, v, u), or of a hexagonal array its rows'. None of what was not."""
 
     def __post_init__(self) -> None:
         shape = (len(self.t), len(self.s), len(self.v), len(self.u))
@@ -77,14 +84,17 @@ class LightField:
     def turned_over(self, along: int) -> LightField:
         """The light field with its pictures reversed along u (0) or v (1), and its views with them."""
         views, lenses = (1, 3) if along == 0 else (0, 2)
-        hexagonal = self.hexagonal
+        hexagonal, between = self.hexagonal, self.between
+        if between is not None:
+            between = np.flip(between, lenses - 1).copy()
+            between[along] = -between[along] % 1
         if hexagonal is not None:
             starts = hexagonal.starts[::-1] if along else 1 - hexagonal.starts - hexagonal.values.shape[3]
             samples, light = (np.flip(part, (views, lenses)) for part in (hexagonal.values, hexagonal.weight))
             hexagonal = _HexagonalRows(samples, light, starts)
         values, weight = (np.ascontiguousarray(np.flip(part, (views, lenses))) for part in (self.values, self.weight))
         axes = {name: -getattr(self, name)[::-1] for name in ("su" if along == 0 else "tv")}
-        return replace(self, values=values, weight=weight, hexagonal=hexagonal, **axes)
+        return replace(self, values=values, weight=weight, hexagonal=hexagonal, between=between, **axes)
 
     def position(self, column: Any, row: Any) -> tuple[Array, Array]:
         """Microlens coordinates (u, v) [pitches] of fractional columns and rows of a view."""
@@ -230,16 +240,27 @@ class Decoder:
             hexagonal = _HexagonalRows(values, weight, first)
             values, weight = squared(values, weight, u, first)
         v = step * self.rows.astype(float)
-        return LightField(values, weight, offsets, offsets.copy(), u, v, lattice.pitch, hexagonal)
+        return LightField(values, weight, offsets, offsets.copy(), u, v, lattice.pitch, hexagonal, self._between)
 
     @property
     def _offsets(self) -> Array:
         reach = math.floor(self.lattice.pitch / 2)
         return np.arange(-reach, reach + 1.0)
 
+    @property
+    def _nodes(self) -> Array:
+        """Centres of the microlens images [px], shape (rows, columns, 2)."""
+        return self.lattice.nodes(self.starts[:, None] + self.columns, self.rows[:, None])
+
+    @property
+    def _between(self) -> Array:
+        """`LightField.between`; of an array that is turned against the sensor along the nearest of its axes."""
+        cosine, sine = np.rint(np.asarray(self.lattice.first) / self.lattice.pitches[0])
+        return np.asarray(np.moveaxis(self._nodes @ np.array([[cosine, -sine], [sine, cosine]]), -1, 0) % 1)
+
     def _sampled(self, image: Frame, with_mask: bool = True) -> tuple[Samples, Samples]:
         """Samples and, `with_mask`, whether they were inside the image, shape (t, s, rows, columns)."""
-        nodes = self.lattice.nodes(self.starts[:, None] + self.columns, self.rows[:, None])
+        nodes = self._nodes
         shape = (len(self._offsets), len(self._offsets), len(self.rows), len(self.columns))
         values, held = np.zeros(shape, np.float32), np.zeros(shape if with_mask else (0, 0, 0, 0), np.float32)
         along = np.asarray(self.lattice.first) / self.lattice.pitches[0]
@@ -260,6 +281,16 @@ def cubic_taps(part: Any) -> tuple[Any, Any, Any, Any]:
         ((-1.5 * part + 2.0) * part + 0.5) * part,
         (0.5 * part - 0.5) * part * part,
     )
+
+
+def read_between(frequency: ArrayLike, between: Array) -> NDArray[np.complex128]:
+    """Transfer at frequencies [1/px] of interpolation at shares of a pixel, shape (n,), beyond pixels: their mean."""
+    frequency = np.asarray(frequency, float)
+    most = math.ceil(np.abs(frequency).max(initial=0.0) * TABLE) + 1
+    at, table = np.arange(-most, most + 1) / TABLE, np.zeros(2 * most + 1, complex)
+    for tap, weight in zip((-1, 0, 1, 2), cubic_taps(between), strict=True):
+        table += np.exp(2j * math.pi * np.multiply.outer(at, tap - between)) @ weight / between.size
+    return np.asarray(np.interp(frequency, at, table))
 
 
 @kernel(parallel=True)

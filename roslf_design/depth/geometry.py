@@ -21,17 +21,15 @@ from ..theory.colours import filters
 from ..theory.depth_error import depth_told
 from ..theory.length_covariance import LengthCovariance
 from ..theory.light_field import depth_sigma, epi_slope, rim_disparity
+from .estimate import DisparityMap
 from .traced_views import TracedViews
-from .unmixing import phase_shifts, places_on_array, without_crosstalk
+from .unmixing import in_phase, places_on_array, without_crosstalk
 from .view_files import CameraGrid
 
-SLOW_TEXTURE, RATE_STEP = 0.15, 0.25
-"""Periods of the texture across the FAP up to which views see it from where their light comes from, to 0.3 %; steps in
-which it is looked at beyond."""
+NEGLIGIBLE = 0.05
+"""Bias of disparities by views' mean places, in standard errors, that is let be."""
 SMOOTHED = 5
-"""Microlenses whose median disparity says how fast texture turns."""
-MOST_PLACES = 50_000_000
-"""Samples up to which each has a place of its own."""
+"""Microlenses whose median disparity says how far out of focus texture is."""
 COLOURS_APART = 0.1
 """Disparity between colours by a real lens's focus beyond which depth is not computed behind colour filters [pitches];
 half of it at most is a bias."""
@@ -110,31 +108,18 @@ def calibration_sigma(design: Design, covariance: LengthCovariance, z: Array) ->
     return covariance.carried(camera, lambda builds: depth_told(builds.with_axes(1), slope))
 
 
-def _texture_frequency(picture: NDArray[np.float64], steps: tuple[float, float]) -> float:
-    """Frequency of the texture that tells disparities: rms of what its gradient consists of [periods a pitch].
-
-    Parameters
-    ----------
-    picture : ndarray, shape (v, u)
-        All-in-focus picture.
-    steps : tuple of float
-        Pitches between its samples along u and v.
-    """
-    window = np.multiply.outer(*(np.hanning(n + 2)[1:-1] for n in picture.shape))
-    mean = float((picture * window).sum() / window.sum())
-    power = np.abs(np.fft.fft2((picture - mean) * window)) ** 2
-    squares = [np.fft.fftfreq(n, step) ** 2 for n, step in zip(picture.shape[::-1], steps, strict=True)]
-    along, down = squares[0][None, :], squares[1][:, None]
-    slope = float(((along + down) * power).sum())
-    return math.sqrt(float(((along**2 + down**2) * power).sum()) / slope) if slope > 0 else 0.0
-
-
 class _PreparedViews(NamedTuple):
     """Input of `estimate_disparity`: a light field, where its views look from, and by how much they look aside."""
 
     field: LightField
     pupil: NDArray[np.floating]
     aside: NDArray[np.floating] | None = None
+
+
+def _sum(one: NDArray[np.floating], other: NDArray[np.floating]) -> NDArray[np.floating]:
+    """Sum of arrays of views, shape (2, t, s), or (2, t, s, v, u)."""
+    most = max(one.ndim, other.ndim)
+    return np.asarray(sum(part if part.ndim == most else part[..., None, None] for part in (one, other)))
 
 
 class ViewGeometry(Protocol):
@@ -155,10 +140,8 @@ class ViewGeometry(Protocol):
     def prepared(self, field: LightField) -> _PreparedViews:
         """A decoded light field with its views' own light, and where they look from."""
 
-    def at_phase(
-        self, views: _PreparedViews, disparity: NDArray[np.float64], picture: NDArray[np.float64]
-    ) -> NDArray[np.floating] | None:
-        """Where views look from for the texture that they show; None where that is where their light comes from."""
+    def at_phase(self, views: _PreparedViews, found: DisparityMap) -> _PreparedViews | None:
+        """Views as texture at the disparities found shows itself to them; None where they do not differ."""
 
     def places(self, field: LightField) -> Array:
         """Where the microlenses stand [mm on the array], or pixels of views [px], shape (v, u, 2)."""
@@ -215,30 +198,18 @@ class ArrayGeometry:
         beside = own.aside if own.aside.ndim > 3 else own.aside[..., None, None]
         return _PreparedViews(own.field, pupil, aside + beside)
 
-    def at_phase(
-        self, views: _PreparedViews, disparity: NDArray[np.float64], picture: NDArray[np.float64]
-    ) -> NDArray[np.floating] | None:
-        """By the phase of each view's light at the texture's periods across the FAP, of images that nothing cuts."""
-        field, pupil, _ = views
-        known = np.isfinite(disparity)
-        if pupil.ndim > 3 or not known.any():
+    def at_phase(self, views: _PreparedViews, found: DisparityMap) -> _PreparedViews | None:
+        """By the phases of each view's light, and of what is left of its neighbours', as by first order."""
+        known = found.measured
+        if not known.any():
             return None
-        periods = _texture_frequency(picture, (float(field.u[1] - field.u[0]), float(field.v[1] - field.v[0])))
-        filled = np.where(known, disparity, np.median(disparity[known]))
-        rates = periods * np.abs(ndimage.median_filter(filled, SMOOTHED))
-        most = float(np.quantile(rates, 0.99))
-        if most < SLOW_TEXTURE:
+        filled = np.where(known, found.disparity, np.median(found.disparity[known]))
+        least = NEGLIGIBLE * float(np.median(found.sigma[known]))
+        turned = in_phase(self.camera, views.field, ndimage.median_filter(filled, SMOOTHED), least)
+        if turned is None:
             return None
-        nodes = np.linspace(0, most, 1 + max(2, math.ceil(most / RATE_STEP)))
-        shifts = np.concatenate([np.zeros((1, *pupil.shape), np.float32), phase_shifts(self.camera, field, nodes[1:])])
-        if pupil.size * rates.size > MOST_PLACES:
-            rates = np.full((1, 1), np.median(rates))
-        at = np.clip(rates / nodes[1], 0, len(nodes) - 1)
-        low = np.minimum(at.astype(int), len(nodes) - 2)
-        part = (at - low).astype(np.float32)
-        near, far = (np.moveaxis(shifts[low + k], (0, 1), (-2, -1)) for k in (0, 1))
-        whole: NDArray[np.floating] = np.asarray(pupil[..., None, None] + near + part * (far - near))
-        return whole if rates.size > 1 else whole[..., 0, 0]
+        pupil, aside = _sum(views.pupil, turned.pupil), turned.aside
+        return _PreparedViews(turned.field, pupil, aside if views.aside is None else _sum(views.aside, aside))
 
     def places(self, field: LightField) -> Array:
         """Places on the array [mm]."""
@@ -286,9 +257,7 @@ class GridGeometry:
         t, s = np.meshgrid(field.t, field.s, indexing="ij")
         return _PreparedViews(field, np.stack([-s, -t]) / self.across)
 
-    def at_phase(
-        self, views: _PreparedViews, disparity: NDArray[np.float64], picture: NDArray[np.float64]
-    ) -> NDArray[np.floating] | None:
+    def at_phase(self, views: _PreparedViews, found: DisparityMap) -> _PreparedViews | None:
         """Views of cameras look from where they stand."""
         return None
 

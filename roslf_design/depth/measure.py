@@ -139,7 +139,7 @@ class Depths:
         part = (..., rows, columns)
         field = replace(
             self.field, values=self.field.values[part], weight=self.field.weight[part], u=self.field.u[columns],
-            v=self.field.v[rows], hexagonal=None,
+            v=self.field.v[rows], hexagonal=None, between=None,
         )  # fmt: skip
         pupil = self.pupil if self.pupil.ndim == 3 else self.pupil[part]
         aside = self.aside if self.aside is None or self.aside.ndim == 3 else self.aside[part]
@@ -341,9 +341,8 @@ def measure(
     views = geometry.prepared(field)
     estimate = partial(estimate_disparity, noise=noise, search=search, window=geometry.window, captured=field)
     disparities = estimate(views.field, views.pupil, aside=views.aside)
-    pupil = geometry.at_phase(views, disparities.disparity, disparities.picture)
-    if pupil is not None:
-        views = views._replace(pupil=pupil)
+    if (turned := geometry.at_phase(views, disparities)) is not None:
+        views = turned
         disparities = estimate(views.field, views.pupil, aside=views.aside)
     field, pupil, aside = views
     z = geometry.depth(disparities.disparity)

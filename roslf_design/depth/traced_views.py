@@ -33,6 +33,7 @@ from ..theory.light_field import rim_disparity
 from ..theory.transfer import MicrolensTransfer, pixel_box
 from ..traced.camera import LensCamera, camera_of, chief_slope, microlenses, sensor_of_pupil, views
 from ..traced.images import forward_rays
+from .unmixing import reading
 
 Array = NDArray[np.float64]
 
@@ -183,6 +184,8 @@ class TracedViews:
         )  # fmt: skip
         pixel = abs(float(camera.q) / pitch)
         passed = lens(fx / abs(pitch), fy / abs(pitch)) * pixel_box(fx, pixel) * pixel_box(fy, pixel)
+        (along,), (across,) = reading(field)
+        passed = passed * along(fx * pixel) * across(fy * pixel)
         blurred = np.fft.ifft2(np.fft.fft2(np.fft.ifftshift(inside * _over_pupil(own), axes=(1, 2))) * passed).real
         blurred = np.fft.fftshift(blurred, axes=(1, 2))
         s, t = (axis / field.pitch for axis in (field.s, field.t))

@@ -8,21 +8,25 @@ How much of it there is follows from the camera, and what the neighbours see sta
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .._jit import THREADS, kernel, prange
-from ..calibration.decoding import DARKEST, LightField, squared
+from ..calibration.decoding import DARKEST, LightField, read_between, squared
 from ..camera import Camera
+from ..shapes.lattice import PACKINGS
 from ..theory.colours import panchromatic
-from ..theory.disparity_error import FINEST_PLACES, ImageParts, image_parts, phase_places
+from ..theory.disparity_error import AS_IT_IS, FINEST_PLACES, ImageParts, Read, image_parts, waves_shown
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import microlens_defocus
 from ..theory.stop_images import MicrolensImages
+from .warping import fill_holes
 
 STEP, MOST = 0.1, 400
 """Cut microlens images are worked out wherever their cut moved by so much of their diameter, and interpolated between;
@@ -35,10 +39,22 @@ ROUNDS = 8
 """Rounds of taking neighbours' light away: what is left falls to less than a third each time."""
 FAINT, STRONG, SLOW = 1e-5, 0.02, (1, 3, 6)
 """Share of a neighbour's light in a sample that is let be; up to which it is looked at in some rounds alone; these."""
+BETWEEN, ALIKE = 8, 0.004
+"""Places between pixels along each axis at which light is worked out; share of it up to which they are alike."""
+MANY_BETWEEN, TURNED = 32, 0.2
+"""Places between pixels that their mean is taken over; pixels by which samples of one microlens lie differently between
+them, where the array is turned, beyond which it is taken of all."""
 FARTHEST = 0.25
 """Pitches from a microlens's middle beyond which no sample is taken to look."""
-SLOWEST = 0.02
-"""Periods across the FAP of a texture that views see from their mean place."""
+WAVES, FEW_WAVES = 13, 5
+"""Waves along a side of the grid that views are compared by: of whole images, and of cut ones."""
+DISPARITIES, MOST_DISPARITIES = 0.5, 12
+"""Steps of disparity between which places are interpolated [pitches], and how many of them at most."""
+FADING, DARK_WAVE, MOST_GAIN = 0.8, 0.1, 3.0
+"""Filters of views: share of the finest detail that the array shows from which on they fade out; share of a wave that
+views must show; and by how much they change it at most."""
+MOST_PLACES = 50_000_000
+"""Samples up to which each has a place of its own."""
 LEAST = 0.65
 """Own share of a sample's light under which it is dropped: it tells more of its neighbours."""
 
@@ -103,8 +119,7 @@ def without_crosstalk(camera: Camera, field: LightField) -> _OwnLight:
     rows, columns, parts = _parts(camera, field)
     height, width = len(field.v), len(field.u)
     own = parts.steps.index((0, 0))
-    total = parts.light.sum(0)
-    shares = np.divide(parts.light, total, out=np.zeros_like(parts.light), where=total > 0)
+    shares = _shares(parts)
     hexagonal = field.hexagonal
     lenses = field if hexagonal is None else hexagonal
     size = (lenses.values.shape[2], lenses.values.shape[3])
@@ -112,13 +127,17 @@ def without_crosstalk(camera: Camera, field: LightField) -> _OwnLight:
         np.zeros(size[0], int) if hexagonal is None else np.rint(hexagonal.starts - field.v / math.sqrt(3)).astype(int)
     )
     maps = _Map.of(rows, columns, (height, width), size)
+    mixed = parts
+    if (read := _each_between(camera, field, parts)) is not None:
+        mixed, maps = read
+        shares = _shares(mixed)
     mine = maps(np.moveaxis(shares[own], 0, -1))
     values, weight = np.zeros_like(lenses.values, np.float32), np.zeros_like(lenses.weight, np.float32)
     usable = np.asarray((mine > LEAST).any((2, 3)))
     if usable.any():
         share, light = mine[usable], lenses.weight[usable]
         gain = np.divide(1, share, out=np.zeros(light.shape, np.float32), where=(share > LEAST) & (light > 0))
-        ways = [_Mixing.of(parts, shares, own, usable, faint) for faint in (False, True)]
+        ways = [_Mixing.of(mixed, shares, own, usable, faint) for faint in (False, True)]
         values[usable] = _freed(np.asarray(lenses.values[usable], np.float32), gain, ways, maps, start)
         weight[usable] = np.where(gain > 0, light * share**2, 0)
     over_view = _Map.of(rows, columns, (height, width), (height, width))
@@ -130,30 +149,225 @@ def without_crosstalk(camera: Camera, field: LightField) -> _OwnLight:
     return _OwnLight(_with(field, values, weight), pupil, aside)
 
 
-def phase_shifts(camera: Camera, field: LightField, rates: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Places that views see fine texture from, less those that their light comes from on average.
+class _InPhase(NamedTuple):
+    """Views of a light field as one texture shows itself to all of them, and what that moves."""
 
-    Of whole images: on the axis.
+    field: LightField
+    pupil: NDArray[np.float32]
+    """To add to `_OwnLight.pupil`: places by which what views see moves with disparity, about that of each microlens.
+    Shape (2, t, s), or (2, t, s, v, u)."""
+    aside: NDArray[np.float32]
+    """To add to `_OwnLight.aside`: what is left of that at the disparity itself, of the same shape."""
+
+
+def in_phase(camera: Camera, field: LightField, disparity: NDArray[np.float64], least: float) -> _InPhase | None:
+    """Views where the phase of their light says that they look from.
+
+    A texture of f periods a pitch at disparity B has nu = f B periods across the FAP. A view shows it turned by the
+    phase that its light has at nu: the mean place where nu is small, farther out where it is not, as the light of outer
+    views is skew; and what is wrong with the light taken off as neighbours' turns it as well. Both follow, wave by
+    wave, from taking neighbours' light off what microlenses show of single waves. Most of it is a place to look from;
+    of whole images filters take the rest out of the views, which then show all waves as strongly as each other, too.
 
     Parameters
     ----------
     camera : Camera
         One build, which took the light field.
     field : LightField
-    rates : ndarray, shape (R,)
-        Periods of the texture across the FAP, rising from above 0.
-
-    Returns
-    -------
-    ndarray, shape (R, 2, t, s)
-        As `estimate_disparity` takes `pupil`.
+        With each microlens's own light alone.
+    disparity : ndarray, shape (v, u)
+        By the views' mean places, about [pitches].
+    least : float
+        Error of disparities by mean places [pitches], on average, below which they do: None is returned.
     """
-    images = MicrolensImages(panchromatic(camera), [(0.0, 0.0)])
-    s, t = field.s / field.pitch, field.t / field.pitch
-    few = np.concatenate([[min(SLOWEST, float(rates[0]) / 2)], rates])
-    places = phase_places(images, s, t, few)[:, :, 0]
-    side = math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
-    return np.asarray(side * (places[1:] - places[0]), np.float32)
+    rows, columns, parts = _parts(camera, field)
+    few, some = (
+        np.unique(np.linspace(0, at.size - 1, min(at.size, COARSE)).round().astype(np.intp)) for at in (rows, columns)
+    )
+    nodes = (few[:, None] * columns.size + some).ravel()
+    rows, columns = rows[few], columns[some]
+    parts = ImageParts(parts.steps, *(part[:, nodes] for part in parts[1:]))
+    places = places_on_array(camera, field)[np.ix_(rows, columns)].reshape(-1, 2)
+    freed = _FreedWaves.of(MicrolensImages(panchromatic(camera), places), parts, field)
+    whole = nodes.size == 1
+    low, high = (float(np.quantile(disparity, part)) for part in (0.01, 0.99))
+    step = max(DISPARITIES, (high - low) / MOST_DISPARITIES)
+    disparities = step * np.arange(math.floor(low / step) - 1, math.ceil(high / step) + 2)
+    waves = _Waves.of(WAVES if whole else FEW_WAVES, field, PACKINGS[camera.layout].fold)
+    moved, kernels = [], []
+    for shown in freed.shown(waves.k, disparities):
+        off = waves.moved(shown)
+        moved.append(off)
+        if whole:
+            kernels.append(waves.filters(shown[..., 0], off[..., 0]))
+    offset = np.stack(moved)  # (disparity, axis, view, node)
+    slope = np.diff(offset, axis=0) / step
+    rest = offset[:-1] - disparities[:-1, None, None, None] * slope
+    # By mean places disparities come out wrong, by so much.
+    lever = freed.weight * freed.pupil
+    told = np.einsum("davn,avn->d", offset, lever) / max(float((lever * freed.pupil).sum()), 1e-12)
+    count = disparities.size
+    at = np.interp(disparity, np.maximum.accumulate(disparities + told), np.arange(count))
+    if np.abs(np.interp(at, np.arange(count), told)).mean() < least:
+        return None
+    over_view = _Map.of(rows, columns, disparity.shape, disparity.shape)
+    below = np.minimum(at.astype(int), count - 2)
+    if below.size * freed.usable.size > MOST_PLACES:
+        below = np.full_like(below, int(np.median(below)))
+
+    def spread(values: NDArray[np.float64]) -> NDArray[np.float32]:
+        every = np.zeros((*values.shape[:2], *freed.usable.shape, nodes.size))
+        every[:, :, freed.usable] = values
+        if whole and not np.ptp(below):
+            return every[below[0, 0], ..., 0].astype(np.float32)
+        if whole:
+            return np.moveaxis(every[below, ..., 0], (0, 1), (-2, -1)).astype(np.float32)
+        out = over_view(every[0])
+        for k in range(1, count - 1):
+            out = np.where(below == k, over_view(every[k]), out)
+        return out
+
+    if whole:
+        field = _filtered(field, freed.usable, np.stack(kernels), at)
+    return _InPhase(field, spread(slope), spread(rest))
+
+
+class _FreedWaves(NamedTuple):
+    """What views show of single waves once neighbours' light was taken off as `without_crosstalk` does it."""
+
+    images: MicrolensImages
+    s: NDArray[np.float64]
+    """Places of the samples [image pitches]."""
+    t: NDArray[np.float64]
+    side: float
+    usable: NDArray[np.bool_]
+    """Views that have own light at any node, shape (t, s)."""
+    gain: NDArray[np.float64]
+    """What own light is divided by, 0 where it is dropped; shape (view, node)."""
+    ways: tuple[_Mixing, ...]
+    pupil: NDArray[np.float64]
+    """Mean places on the FAP, shape (2, view, node)."""
+    weight: NDArray[np.float64]
+    """Light that tells, shape (view, node)."""
+    read: Read
+
+    @classmethod
+    def of(cls, images: MicrolensImages, parts: ImageParts, field: LightField) -> _FreedWaves:
+        own = parts.steps.index((0, 0))
+        total, shares = parts.light.sum(0), _shares(parts)
+        usable = (shares[own] > LEAST).any(0)
+        share = shares[own][:, usable].T
+        gain = np.divide(1.0, share, out=np.zeros_like(share), where=share > LEAST)
+        ways = tuple(_Mixing.of(parts, shares, own, usable, faint) for faint in (False, True))
+        camera = images.camera
+        side = math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
+        pupil = side * np.stack([axis[own][:, usable].T for axis in (parts.x, parts.y)])
+        weight = np.where(gain > 0, total[:, usable].T * share**2, 0.0)
+        s, t = field.s / field.pitch, field.t / field.pitch
+        return cls(images, s, t, side, usable, gain, ways, pupil, weight, reading(field))
+
+    def shown(self, waves: NDArray[np.float64], disparities: NDArray[np.float64]) -> Iterator[NDArray[np.complex128]]:
+        """Waves, shape (W, 2), as views show them against where their mean places do, shape (W, view, node)."""
+        from scipy.sparse import csr_array
+
+        known, steps = self.gain > 0, PACKINGS[self.images.camera.layout].steps.T
+        share = 1 / np.maximum(known.sum(0), 1)
+        every = waves_shown(self.images, self.s, self.t, waves, self.side * disparities, self.read)
+        for disparity, raw in zip(disparities.tolist(), every[..., self.usable].swapaxes(2, 3), strict=True):
+            out = np.empty_like(raw)
+            for k, wave in enumerate(waves):
+                turns = [np.exp(2j * math.pi * (way.step @ (steps @ wave))) for way in self.ways]
+                for n in range(known.shape[1]):
+                    mixing = sum(
+                        csr_array((way.share[:, n] * turn, way.source, way.first), shape=(len(known), len(known)))
+                        for way, turn in zip(self.ways, turns, strict=True)
+                    )
+                    seen, gain = raw[k, :, n], self.gain[:, n]
+                    values = seen * gain
+                    for _ in range(ROUNDS):
+                        values = np.where(gain > 0, values, values.sum() * share[n])
+                        values = (seen - mixing @ values) * gain
+                    out[k, :, n] = values
+            yield out * np.exp(2j * math.pi * disparity * np.tensordot(waves, self.pupil, 1))
+
+
+class _Waves(NamedTuple):
+    """Waves that views are compared by, on a grid of their frequencies, one of each with its mirror image."""
+
+    k: NDArray[np.float64]
+    """Periods a pitch along u and v, shape (W, 2)."""
+    index: NDArray[np.intp]
+    """Place of each on the grid, from its middle, shape (W, 2)."""
+    side: int
+    """Waves along a side of the grid."""
+    passed: NDArray[np.float64]
+    """Share of its phase that is taken out of a wave: none where the lattice folds it."""
+
+    @classmethod
+    def of(cls, side: int, field: LightField, fold: float) -> _Waves:
+        half = side // 2
+        index = np.array([(x, y) for y in range(half + 1) for x in range(-half, half + 1) if (y, x) > (0, 0)], np.intp)
+        steps = np.array([field.u[1] - field.u[0], field.v[1] - field.v[0]])
+        k = index / (side * steps)
+        fine = np.hypot(*k.T) / fold
+        inside = fine < 1
+        return cls(k[inside], index[inside], side, np.clip((1 - fine[inside]) / (1 - FADING), 0, 1))
+
+    def moved(self, shown: NDArray[np.complex128]) -> NDArray[np.float64]:
+        """How far views look past where their mean places do [pitches], shape (2, view, node).
+
+        By the phases of all waves, of a texture with the same contrast in every octave, as they come through.
+        """
+        level = np.angle(shown)
+        power = np.where(self.passed > 0.8, (np.abs(shown) ** 2).mean(1).T / (self.k**2).sum(-1), 0.0)
+        normal = np.einsum("nw,wa,wb->nab", power, self.k, self.k) * (2 * math.pi)
+        told = np.einsum("nw,wa,wvn->nav", power, self.k, level)
+        off = -np.linalg.solve(normal + 1e-12 * np.eye(2), told)
+        return np.asarray(np.moveaxis(off, 0, -1))
+
+    def filters(self, shown: NDArray[np.complex128], off: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Taps, shape (view, N, N), that make views alike which look `off` [pitches] past their mean places.
+
+        `shown` has the shape (W, view), `off` (2, view).
+        """
+        size = np.abs(shown)
+        mean = np.sqrt((size**2).mean(1, keepdims=True))
+        passed = self.passed[:, None] * (mean > DARK_WAVE)
+        gain = np.clip(mean / np.maximum(size, 1e-9), 1 / MOST_GAIN, MOST_GAIN)
+        turn = np.angle(shown * np.exp(2j * math.pi * (self.k @ off)))
+        factor = np.exp(passed * (np.log(gain) - 1j * turn)).T
+        grid = np.ones((shown.shape[1], self.side, self.side), complex)
+        x, y = self.index.T
+        grid[:, y, x], grid[:, -y, -x] = factor, factor.conj()
+        return np.fft.fftshift(np.fft.ifft2(grid).real, (1, 2))
+
+
+def _filtered(
+    field: LightField, usable: NDArray[np.bool_], kernels: NDArray[np.float64], at: NDArray[np.float64]
+) -> LightField:
+    """Views by the filters, shape (disparity, view, N, N), between the two that each microlens's place `at` is at."""
+    from scipy import fft
+
+    values, weight = field.values.copy(), field.weight.copy()
+    reach = kernels.shape[-1] // 2
+    shape = [fft.next_fast_len(n + 2 * reach, real=True) for n in field.values.shape[2:]]
+    parts = [
+        (k, part) for k in range(len(kernels)) if (part := np.clip(1 - np.abs(at - k), 0, 1).astype(np.float32)).any()
+    ]
+    rows, columns = (slice(2 * reach, 2 * reach + n) for n in field.values.shape[2:])
+    for n, (t, s) in enumerate(np.argwhere(usable)):
+        view, lit = field.values[t, s][None].copy(), field.weight[t, s][None]
+        with THREADS:
+            fill_holes.compiled(view, lit)
+        sent = fft.rfft2(np.pad(view[0], reach, mode="symmetric"), shape)
+        shown, noise = np.zeros_like(view[0]), np.zeros_like(view[0])
+        for k, part in parts:
+            passed = fft.irfft2(sent * fft.rfft2(kernels[k, n].astype(np.float32), shape), shape)
+            shown += part * passed[rows, columns]
+            noise += part * np.float32((kernels[k, n] ** 2).sum())
+        values[t, s] = np.where(lit[0] > 0, shown, 0)
+        weight[t, s] /= noise
+    return replace(field, values=values, weight=weight)
 
 
 def _aside(
@@ -241,10 +455,50 @@ def _parts_at(camera: Camera, places: NDArray[np.float64], field: LightField) ->
     )
     block = max(1, int(BLOCK * min(1.0, (COMMON / finest) ** 2)))
     pieces = [
-        image_parts(MicrolensImages(camera, places[some[at : at + block]]), s, t) for at in range(0, some.size, block)
+        image_parts(MicrolensImages(camera, places[some[at : at + block]]), s, t, reading(field))
+        for at in range(0, some.size, block)
     ]
     light, x, y = (np.concatenate([getattr(part, name) for part in pieces], 1)[:, back] for name in ("light", "x", "y"))
     return ImageParts(pieces[0].steps, light, x, y)
+
+
+def reading(field: LightField) -> Read:
+    """Interpolation between pixels, on average over a light field."""
+    if field.between is None:
+        return AS_IT_IS
+    ranks = (np.arange(MANY_BETWEEN) + 0.5) / MANY_BETWEEN
+    along, across = (partial(read_between, between=np.quantile(axis, ranks)) for axis in field.between)
+    return (along,), (across,)
+
+
+def _shares(parts: ImageParts) -> NDArray[np.float64]:
+    """Shares of a sample's light that come from each microlens."""
+    total = parts.light.sum(0)
+    return np.asarray(np.divide(parts.light, total, out=np.zeros_like(parts.light), where=total > 0))
+
+
+def _each_between(camera: Camera, field: LightField, parts: ImageParts) -> tuple[ImageParts, _Map] | None:
+    """Light at each of several places between pixels, of whole images, and the way to lenses; None where it is alike.
+
+    Where detail of microlens images is finer than pixels, what a sample has of its neighbours' light changes with where
+    it lies between them.
+    """
+    turned = abs(math.sin(4 * float(camera["microlens_array.rotation"]))) / 4 * field.pitch / 2
+    if field.between is None or parts.light.shape[1] > 1 or turned > TURNED:
+        return None
+    images = MicrolensImages(panchromatic(camera), [(0.0, 0.0)])
+    for count in (2, BETWEEN):
+        reads = [partial(read_between, between=np.array([part])) for part in np.arange(count) / count]
+        each = image_parts(images, field.s / field.pitch, field.t / field.pitch, (reads, reads))
+        share = _shares(each)[each.steps.index((0, 0))]
+        if np.ptp(share[:, (share > LEAST).any(0)], axis=0).max(initial=0.0) < ALIKE:
+            return None
+    again = np.arange(BETWEEN + 1) % BETWEEN
+    nodes = (again[:, None] * BETWEEN + again).ravel()
+    column, row = np.floor(field.between * BETWEEN).astype(np.int64)
+    along, down = (field.between * BETWEEN % 1).astype(np.float32)
+    light, x, y = (part[:, nodes] for part in each[1:])
+    return ImageParts(each.steps, light, x, y), _Map(row * (BETWEEN + 1) + column, down, along, BETWEEN + 1)
 
 
 class _Mixing(NamedTuple):
@@ -278,34 +532,36 @@ class _Mixing(NamedTuple):
 
 
 class _Map(NamedTuple):
-    """For each row and column of lenses the node before it, and how far it is on the way to the next."""
+    """For each lens, shape (v, u), the node before it in rows and columns of nodes, and how far the next ones are."""
 
-    row: NDArray[np.int64]
+    node: NDArray[np.int64]
     down: NDArray[np.float32]
-    column: NDArray[np.int64]
     along: NDArray[np.float32]
+    across: int
+    """Nodes in a row of them."""
 
     @classmethod
     def of(
         cls, rows: NDArray[np.intp], columns: NDArray[np.intp], nodes: tuple[int, int], size: tuple[int, int]
     ) -> _Map:
         """For nodes at some `rows` and `columns` of as many as `nodes` says, over which `size` lenses are spread."""
-        parts: list[Any] = []
+        befores, parts = [], []
         for places, of, count in zip((rows, columns), nodes, size, strict=True):
             at = np.interp(np.arange(count) * ((of - 1) / max(count - 1, 1)), places, np.arange(places.size))
-            before = np.clip(np.floor(at), 0, max(places.size - 2, 0)).astype(np.int64)
-            parts += [before, (at - before).astype(np.float32)]
-        return cls(*parts)
+            befores.append(np.clip(np.floor(at), 0, max(places.size - 2, 0)).astype(np.int64))
+            parts.append((at - befores[-1]).astype(np.float32))
+        down, along = (np.ascontiguousarray(part) for part in np.broadcast_arrays(parts[0][:, None], parts[1]))
+        return cls(befores[0][:, None] * columns.size + befores[1], down, along, columns.size)
 
     def __call__(self, values: NDArray[np.float64]) -> NDArray[np.float32]:
         """From the nodes, shape (..., nodes), to all lenses, shape (..., v, u); (..., 1, 1) of a single node."""
         if values.shape[-1] == 1:
             return values[..., None].astype(np.float32)
-        across = int(self.column[-1]) + 2
-        table = values.reshape(*values.shape[:-1], -1, across).astype(np.float32)
-        low, high = table[..., self.row, :], table[..., self.row + 1, :]
-        lines = low + self.down[:, None] * (high - low)
-        left, right = lines[..., self.column], lines[..., self.column + 1]
+        table = values.astype(np.float32)
+        left, right = (
+            low + self.down * (table[..., self.node + self.across + k] - low)
+            for k, low in ((k, table[..., self.node + k]) for k in (0, 1))
+        )
         return np.asarray(left + self.along * (right - left))
 
 
@@ -337,13 +593,12 @@ def _fill_row(known: Any, values: Any) -> None:
 
 @kernel()
 def _gather_row(
-    n: int, v: int, values: Any, dark: Any, first: Any, source: Any, steps: Any, shares: Any, row: Any, down: Any,
-    column: Any, along: Any, start: Any, out: Any, like: Any, share: Any,
+    n: int, v: int, values: Any, dark: Any, first: Any, source: Any, steps: Any, shares: Any, node: Any, down: Any,
+    along: Any, across: int, start: Any, out: Any, like: Any, share: Any,
 ) -> None:  # fmt: skip
     """Add neighbours' light in samples n of row v; one that nothing is known of is like the microlens itself."""
     rows, columns = dark.shape
     nodes = shares.shape[1]
-    across = column[columns - 1] + 2 if nodes > 1 else 1
     for u in range(columns):  # here and below: whole arrays at once would be compiled twice as long
         like[u] = 0.0
     for m in range(first[n], first[n + 1]):
@@ -352,12 +607,11 @@ def _gather_row(
             for u in range(columns):
                 share[u] = shares[m, 0]
         else:
-            i = row[v] * across
             for u in range(columns):
-                c = i + column[u]
-                left = shares[m, c] + down[v] * (shares[m, c + across] - shares[m, c])
-                right = shares[m, c + 1] + down[v] * (shares[m, c + across + 1] - shares[m, c + 1])
-                share[u] = left + along[u] * (right - left)
+                c, part = node[v, u], down[v, u]
+                left = shares[m, c] + part * (shares[m, c + across] - shares[m, c])
+                right = shares[m, c + 1] + part * (shares[m, c + across + 1] - shares[m, c + 1])
+                share[u] = left + along[v, u] * (right - left)
         if w < 0 or w >= rows:
             for u in range(columns):
                 like[u] += share[u]
@@ -385,8 +639,8 @@ def _gather_row(
 
 @kernel(parallel=True)
 def _gather(
-    values: Any, dark: Any, first: Any, source: Any, steps: Any, shares: Any, row: Any, down: Any, column: Any,
-    along: Any, start: Any, out: Any,
+    values: Any, dark: Any, first: Any, source: Any, steps: Any, shares: Any, node: Any, down: Any, along: Any,
+    across: int, start: Any, out: Any,
 ) -> None:  # fmt: skip
     """Add neighbours' light in all samples, shape (view, v, u); `dark` is 1 where nothing is known of a microlens."""
     count, rows, columns = values.shape
@@ -402,10 +656,10 @@ def _gather(
                 source,
                 steps,
                 shares,
-                row,
+                node,
                 down,
-                column,
                 along,
+                across,
                 start,
                 out[n, v],
                 like,
@@ -415,8 +669,8 @@ def _gather(
 
 @kernel(parallel=True)
 def _free(
-    raw: Any, gain: Any, rest: Any, values: Any, dark: Any, first: Any, source: Any, steps: Any, shares: Any, row: Any,
-    down: Any, column: Any, along: Any, start: Any, out: Any,
+    raw: Any, gain: Any, rest: Any, values: Any, dark: Any, first: Any, source: Any, steps: Any, shares: Any,
+    node: Any, down: Any, along: Any, across: int, start: Any, out: Any,
 ) -> None:  # fmt: skip
     """Samples without `rest` and what neighbours that show `values` put into them, times `gain`."""
     count, rows, columns = values.shape
@@ -425,7 +679,7 @@ def _free(
         for n in range(count):
             foreign, before, much, freed = rest[n, v].copy(), raw[n, v], gain[n, v], out[n, v]
             _gather_row(
-                n, v, values, dark, first, source, steps, shares, row, down, column, along, start, foreign, like, share
+                n, v, values, dark, first, source, steps, shares, node, down, along, across, start, foreign, like, share
             )
             for u in range(columns):
                 freed[u] = (before[u] - foreign[u]) * much[u]

@@ -27,7 +27,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -63,6 +63,8 @@ REACH, FAINT = 3, 5e-4
 """Steps of the lattice to the farthest neighbours that `image_parts` takes one by one; light that it lets be."""
 FAR = 4
 """Steps to those that stand for all others: tails of diffraction fall off slowly, and shift what a place shows."""
+WAVES = 1024
+"""Waves of all images at a time, for memory's sake."""
 APART = 9
 """Pitches after which images that are taken to stand alone repeat themselves."""
 MANY = 32
@@ -645,6 +647,12 @@ class ImageParts(NamedTuple):
     y: Array
 
 
+Read = tuple[Sequence[Callable[[Array], Array | Complex]], Sequence[Callable[[Array], Array | Complex]]]
+"""Transfers at frequencies [1/px] of images read between pixels: along x and along y, several of each."""
+AS_IT_IS: Read = ((np.ones_like,), (np.ones_like,))
+"""Images read at pixels' middles."""
+
+
 class _WavesOfLenses(NamedTuple):
     """Waves over the array, as microlens images show them; a mean over waves leaves a single image."""
 
@@ -660,15 +668,18 @@ class _WavesOfLenses(NamedTuple):
     along: Array
     """Waves at the places asked for."""
     across: Array
+    read: tuple[list[Array | Complex], list[Array | Complex]]
+    """Transfers of reading between pixels along x, shape (W, S, 1), and along y, (W, S, S)."""
 
     @classmethod
     def of(
-        cls, images: MicrolensImages, x: Array, y: Array, more: tuple[tuple[float, float], ...] = ()
-    ) -> _WavesOfLenses:
-        """At places of the images; `more` waves beside those of a mean."""
+        cls, images: MicrolensImages, x: Array, y: Array, read: Read, more: tuple[tuple[float, ...], ...] = (),
+        mean: bool = True,
+    ) -> _WavesOfLenses:  # fmt: skip
+        """At places of the images; `more` waves, beside those of a mean where it is asked for."""
         array = _Array(images.camera.layout, images.camera.lens_shape)
         # Images stand alone where they repeat themselves after a few pitches only: a mean over as many waves.
-        some = (np.arange(APART) - APART // 2) / APART
+        some = (np.arange(APART) - APART // 2) / APART if mean else np.zeros(0)
         first, second = (values.ravel() for values in np.meshgrid(some, some, indexing="ij"))
         first, second = (np.append(one, [wave[k] for wave in more]) for k, one in enumerate((first, second)))
         kx, ky = first, PACKINGS[array.layout].wave_up(first, second)
@@ -682,46 +693,60 @@ class _WavesOfLenses(NamedTuple):
         fx, fy = (np.broadcast_to(f, (len(rows.pitch), *f.shape)) for f in waves)
         form = (_whole if rows.openings.first_is_disc else _straight) if rows.whole.all() else _cut
         along, across = np.exp(2j * math.pi * fx[0, ..., :1] * x), np.exp(2j * math.pi * fy[0, ..., None] * y)
-        return cls(first, second, rows, form, fx, fy, _transfer(rows, array, fx, fy) / cell, along, across)
+        pixel = float(rows.pixel[0] / rows.pitch[0])
+        reads = [at(fx[0, ..., :1] * pixel) for at in read[0]], [at(fy[0] * pixel) for at in read[1]]
+        return cls(first, second, rows, form, fx, fy, _transfer(rows, array, fx, fy) / cell, along, across, reads)
+
+    def at_places(self, part: Complex) -> Complex:
+        """Waves' images of such a transform at the places asked for, shape (W, fields, read, T, S)."""
+        sent, images = part * self.passed, []
+        for over in self.read[1]:
+            lines = np.einsum("nwkl,wklt->nwkt", sent * over, self.across, optimize=True)
+            images += [np.einsum("nwkt,wks->wnts", lines * by, self.along, optimize=True) for by in self.read[0]]
+        return np.stack(images, 2)
 
 
-def phase_places(images: MicrolensImages, x: Array, y: Array, rates: Array) -> Array:
-    """Places on the FAP that views see fine texture from: the phase of their own light, over its rate.
-
-    A texture of f periods a pitch at disparity B has nu = f B periods across the FAP. What a view shows of it is turned
-    by the phase of the Fourier transform of the view's light at nu: the mean place where nu is small, and farther out
-    where it is not, as the light of outer views is skew.
+def waves_shown(
+    images: MicrolensImages, x: Array, y: Array, waves: Array, disparities: Array, read: Read = AS_IT_IS
+) -> Array:
+    """Waves of a texture as microlens images show them, neighbours' light and all, over the light there.
 
     Parameters
     ----------
     images : MicrolensImages
-        Of one build, at the fields asked for.
+        Of one build, at the fields asked for; neighbours are taken to be like them.
     x, y : ndarray, shape (S,), (T,)
         Places from the image's centre, along the lattice's axes [microlens-image pitches].
-    rates : ndarray, shape (R,)
-        nu, rising from above 0 in steps of less than half a period [periods across the FAP].
+    waves : ndarray, shape (W, 2)
+        Periods a pitch along the lattice's axes.
+    disparities : ndarray, shape (D,)
+        B between the FAP's rims as they lie behind the microlens [pitches].
+    read : Read
+        One along each axis.
 
     Returns
     -------
-    ndarray, shape (R, 2, fields, T, S)
-        Along x and along y [FAP diameters from its centre].
+    ndarray, shape (D, W, fields, T, S)
+        Complex, 1 where the microlens's middle is shown sharply; 0 without light.
     """
-    waves, places = _WavesOfLenses.of(images, x, y), []
-    for axis in (0, 1):
-        turned: Array | None = None
-        phase: Array = np.zeros(())
-        for rate in (0.0, *rates.tolist()):
-            shift = rate / waves.rows.wide[:, None, None, None]
-            part = waves.form(waves.rows, waves.fx + shift * (1 - axis), waves.fy + shift * axis)[0]
-            at = np.einsum("nwkl,wklt,wks->nts", part * waves.passed, waves.across, waves.along, optimize=True)
-            if turned is not None:
-                phase = phase + np.angle(at * turned.conj())
-                places.append(phase / (2 * math.pi * rate))
-            turned = at
-    return np.stack(places).reshape(2, rates.size, *places[0].shape).swapaxes(0, 1)
+    packing, shown = PACKINGS[images.camera.layout], []
+    block = max(1, WAVES // len(images.fields))
+    for some in np.split(waves @ packing.steps, np.arange(block, len(waves), block)):
+        lenses = _WavesOfLenses.of(images, x, y, read, ((0.0, 0.0), *map(tuple, some)), mean=False)
+        along, down = (k[:, None, None] / lenses.rows.wide[:, None, None, None] for k in (
+            lenses.first, packing.wave_up(lenses.first, lenses.second)
+        ))  # fmt: skip
+        each = []
+        for b in disparities.tolist():
+            part = lenses.form(lenses.rows, lenses.fx - b * along, lenses.fy - b * down)[0]
+            light, *shines = lenses.at_places(part)[:, :, 0]
+            lit = light.real > FAINT
+            each.append([np.where(lit, one / np.where(lit, light.real, 1.0), 0.0) for one in shines])
+        shown.append(np.array(each))
+    return np.concatenate(shown, 1)
 
 
-def image_parts(images: MicrolensImages, x: Array, y: Array) -> ImageParts:
+def image_parts(images: MicrolensImages, x: Array, y: Array, read: Read = AS_IT_IS) -> ImageParts:
     """Light of a microlens and its neighbours at places of its image, and where on the FAP it comes from.
 
     Parameters
@@ -730,22 +755,25 @@ def image_parts(images: MicrolensImages, x: Array, y: Array) -> ImageParts:
         Of one build, at the fields asked for; neighbours are taken to be like them.
     x, y : ndarray, shape (S,), (T,)
         Places from the image's centre, along the lattice's axes [microlens-image pitches].
+    read : Read
+        Each field, then, is one for every pair, those along x first.
     """
     slow = 1 / (4 * FAR)  # two waves more, which farther lenses show with a quarter of a period's delay
-    waves = _WavesOfLenses.of(images, x, y, ((slow, 0.0), (0.0, slow)))
-    first, second, rows, form, fx, fy, passed, along, across = waves
+    waves = _WavesOfLenses.of(images, x, y, read, ((slow, 0.0), (0.0, slow)))
+    first, second, rows = waves[:3]
     count = first.size - 2
     reach = range(-REACH, REACH + 1)
     steps = tuple((a, b) for a in reach for b in reach)
     turns = np.exp(-2j * math.pi * (np.array(steps) @ [first, second]))
     averages = []
-    for part in form(rows, fx, fy):
-        at = np.einsum("nwkl,wklt,wks->wnts", part * passed, across, along, optimize=True)
+    for part in waves.form(rows, waves.fx, waves.fy):
+        at = waves.at_places(part)
+        at = at.reshape(len(at), -1, *at.shape[3:])
         averages.append(np.einsum("aw,wnts->ants", turns[:, :count] / count, at[:count], optimize=True).real)
         if len(averages) == 1:
             total, waved = at[:count].real[count // 2], at[count:].imag
     light, *moments = averages
-    unit = 1 / rows.wide[:, None, None]
+    unit = np.repeat(1 / rows.wide, light.shape[1] // len(rows.wide))[:, None, None]
     lit = light > FAINT
     # The microlens turns the FAP round.
     s_x, s_y = (np.where(lit, -moment * unit / np.where(lit, light, 1.0), 0.0) for moment in moments)
