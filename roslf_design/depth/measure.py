@@ -45,10 +45,14 @@ from .unmixing import places_on_array
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-RAYS, RAYS_FOR = 256, 5000.0
+RAYS, RAYS_FOR = 32, 5000.0
 """For each pixel of a textured scene whose pixels hold so many electrons: errors of depth scatter by a twentieth more
 than without their scatter. Rays scatter alike in all exposures, so that what they add to errors reads as bias."""
-LEAST_RAYS, MOST_RAYS = 64, 2048
+LEAST_RAYS, MOST_RAYS = 16, 256
+TOGETHER = 8
+"""Subpixels along the side of blocks whose rays are spread evenly together."""
+FEWER_SAMPLES = 2
+"""So many times fewer samples along a pixel's side behind a real main lens: they are spread more evenly."""
 SCATTER = 0.85
 """Power of the number of rays that what they scatter falls with."""
 DETAIL = 2.5
@@ -405,12 +409,18 @@ class _Unexposed(NamedTuple):
         # Rays through elements go as depth has them, however near that is to first order.
         exact = [f"+{PLATE_ABERRATION.name}"] if PLATE_ABERRATION.available(design) else []
         lines = plan(design, scene, Budget(), ["-noise", *SHIFTING, *exact])
-        side = math.ceil(math.sqrt(rays))
-        sampling = RaySampling(least=rays, most=rays, tolerance=1e-6, seed=seed, side=side)
+        side = math.ceil(math.sqrt(rays) / FEWER_SAMPLES)
+        sampling = RaySampling(least=rays, most=rays, tolerance=1e-6, seed=seed, side=side, together=TOGETHER)
         wide = _with_margin(Camera.of(design.thin_twin), Region(*region))
         quiet = scene.model_copy(update={"light": scene.light.model_copy(update={"exposure": None})})
-        shown = partial(render, design, effects=lines, seed=seed, region=wide, inner=region, sampling=sampling)
-        return cls(shown(quiet, progress=progress), shown(None))
+        shown = partial(render, design, seed=seed, region=wide, inner=region)
+        # Uniform light shows no more of a whole microlens than its middle does.
+        whole = lines.without("finite_microlens_aperture")
+        white = shown(None, effects=whole, sampling=replace(sampling, side=0))
+        over = scene.brightness if scene.white is None and scene.surfaces else 0.0
+        picture = shown(quiet, effects=lines, over=over, sampling=sampling, progress=progress)
+        # Rays tell only what the scene is brighter or darker than its mean, which the white picture has without them.
+        return cls(replace(picture, pixels=picture.pixels + np.float32(over) * white.pixels), white)
 
 
 def _default_scene(design: Design) -> Scene:

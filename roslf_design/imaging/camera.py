@@ -61,6 +61,18 @@ class Region(NamedTuple):
         bottom = min(self.row + self.rows, other.row + other.rows)
         return Region(left, top, right - left, bottom - top)
 
+    def around(self, inner: Region) -> tuple[Region, ...]:
+        """Rectangles that are left of it without a part of it: itself, where that is empty."""
+        if inner.rows <= 0 or inner.columns <= 0:
+            return (self,)
+        below, right = inner.row + inner.rows, inner.column + inner.columns
+        return (
+            self._replace(rows=inner.row - self.row),
+            self._replace(row=below, rows=self.row + self.rows - below),
+            inner._replace(column=self.column, columns=inner.column - self.column),
+            inner._replace(column=right, columns=self.column + self.columns - right),
+        )
+
     @classmethod
     def checked(cls, camera: Camera, region: tuple[int, int, int, int] | None) -> Region:
         """A region of the sensor; None is all of it.

@@ -15,7 +15,7 @@ import functools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -61,8 +61,10 @@ LensRays = Callable[[Floats, Floats, Floats, Floats], _ObjectRays]
 """Function from points of the microlens array and image-side slopes there to object-side rays."""
 
 
-def real_camera(design: Design, scene: Scene, plan: Plan) -> _RealLensTracer | None:
-    """Tracer of a design's real lens for a plan; None where the lens is ideal, or all its effects are off.
+def real_camera(design: Design, scene: Scene, plan: Plan, over: float = 0.0) -> _RealLensTracer | None:
+    """Tracer of a design's real lens for a plan, of what of a scene is brighter than `over`.
+
+    None where the lens is ideal, or all its effects are off.
 
     Raises
     ------
@@ -89,13 +91,13 @@ def real_camera(design: Design, scene: Scene, plan: Plan) -> _RealLensTracer | N
         )
     if problems:
         raise InputError(tuple(problems), design.name)
-    return _tracer(straight, plan, scene)
+    return _tracer(straight, plan, scene, over)
 
 
 @functools.lru_cache(maxsize=6)
-def _tracer(design: Design, plan: Plan, scene: Scene) -> _RealLensTracer:
+def _tracer(design: Design, plan: Plan, scene: Scene, over: float) -> _RealLensTracer:
     """Remembered, as finding where light falls takes longer than a small region's picture."""
-    return _RealLensTracer.of(design, plan, scene)
+    return _RealLensTracer.of(design, plan, scene, over)
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,9 +128,11 @@ class _RealLensTracer:
     """Whether no pixel of a uniform scene gets more than a whole image gives."""
     mouth: float
     """Z of the bore's mouth [mm]."""
+    rows: ClassVar[int] = STRIP
+    """Rows of pixels that are best traced at a time."""
 
     @classmethod
-    def of(cls, design: Design, plan: Plan, scene: Scene) -> _RealLensTracer:
+    def of(cls, design: Design, plan: Plan, scene: Scene, over: float) -> _RealLensTracer:
         """Tracer for a design without tilts of other parts than the main lens, a plan and a scene."""
         mounted, array = camera_of(design), design.microlens_array
         camera = Camera.of(design).replace({}, in_focus=not plan.on("microlens_defocus"))
@@ -146,7 +150,7 @@ class _RealLensTracer:
             _boxes(mounted, places, waves, blur if finite else 0.0),
             tuple(_way(mounted, wave, forced) for wave in waves),
             np.array(sight, float),
-            encode(scene, design.d_f, camera.chain.mirrored) if level is None else None,
+            encode(scene, design.d_f, camera.chain.mirrored, over) if level is None else None,
             0.0 if level is None else level,
             finite,
             not plan.on("object_defocus") and not camera.mapping.bends,
@@ -312,9 +316,9 @@ def _deposit(total: Any, rows: Any, columns: Any, light: Any) -> None:
 
 @kernel()
 def _shade_rays(
-    rows: Any, pictures: Any, beyond: float, mirrored: Any, mouth: float, d_3: float, d_f: float, in_focus: bool,
-    through: bool, sight: Any, lens_x: float, lens_y: float, x: Any, y: Any, slope_x: Any, slope_y: Any, weight: Any,
-    out: Any,
+    rows: Any, pictures: Any, beyond: float, mirrored: Any, over: float, mouth: float, d_3: float, d_f: float,
+    in_focus: bool, through: bool, sight: Any, lens_x: float, lens_y: float, x: Any, y: Any, slope_x: Any,
+    slope_y: Any, weight: Any, out: Any,
 ) -> None:  # fmt: skip
     """Radiance that object-side rays (points on the FAP's plane and slopes) meet, where their weight is above 0."""
     for n in range(out.shape[0]):
@@ -329,4 +333,4 @@ def _shade_rays(
             hx, hy, ox, oy = behind_elements(sight[5:], lens_x, lens_y, hx, hy, ox, oy)
         elif in_focus:
             hx, hy, ox, oy = refocused(d_3, d_f, hx, hy, ox, oy)
-        out[n] = radiance(rows, pictures, beyond, mirrored, mouth, hx, hy, ox, oy)
+        out[n] = radiance(rows, pictures, beyond, mirrored, over, mouth, hx, hy, ox, oy)

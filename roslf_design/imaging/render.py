@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,6 +28,11 @@ from .points import point_image
 from .trace import RaySampling, Tracer
 from .transfer import CORE, Geometry, bands, halo
 from .white import MOST_ORDERS, MOST_ROWS, HarmonicSeries, WhiteGeometry, add_falloff, harmonic_series
+
+NEGLIGIBLE = 0.1
+"""Share of the budget of intensity below which light is left out."""
+AROUND = 1 / 16
+"""Rays of pixels that only lend their light, against those of pixels that are looked at."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +82,7 @@ def render(
     seed: int = 0,
     region: tuple[int, int, int, int] | None = None,
     inner: tuple[int, int, int, int] | None = None,
+    over: float = 0.0,
     threads: int | None = None,
     sampling: RaySampling | None = None,
     progress: Callable[[float], None] = lambda share: None,
@@ -100,13 +106,18 @@ def render(
         Part of the sensor; None is all of it.
     inner : (column, row, columns, rows), optional
         What of it has to be right: a textured scene's light that diffracts from so far away that none of this gets it
-        is left out, which takes some of what pixels around it get. None is all of the region.
+        is left out, which takes some of what pixels around it get; pixels outside the region that lend their light
+        get few rays. None is all of the region.
+    over : float
+        Radiance that is taken off everything that rays meet. What is left, with `over` times the picture of a white
+        field, is the picture: of a scene about as bright everywhere, rays scatter less in what is left. Not of scenes
+        without surfaces.
     threads : int, optional
         None is one for each processor.
     sampling : Sampling, optional
         Rays per pixel; None follows the budget.
     progress : callable
-        Told the share of rows that are done.
+        Told the share of rays, or of rows, that are done.
 
     Raises
     ------
@@ -126,13 +137,12 @@ def render(
         sampling = RaySampling(tolerance=max(budget.intensity, 1e-4), seed=seed)
     piece = Region.checked(Camera.of(design), region).drawn()
     core = None if inner is None else Region.checked(Camera.of(design), inner)
-    jobs = _jobs(design, scene, effects, budget, sampling, threads or os.cpu_count() or 1, core)
+    jobs = _jobs(design, scene, effects, budget, sampling, threads or os.cpu_count() or 1, core, over)
     pixels = np.zeros((piece.rows, piece.columns), np.float32)
     generator = np.random.default_rng(seed)
     for number, (one, job) in enumerate(jobs):
-        for row, band in job.bands(piece):
+        for row, band in job.bands(piece, lambda share, before=number: progress((before + share) / len(jobs))):
             _put(pixels, row, band, one, design, piece)
-            progress((number + (row + band.shape[0]) / piece.rows) / len(jobs))
         for light, source in job.sources():
             _put(pixels, 0, light * point_image(source, piece, job.colours, budget.intensity), one, design, piece)
     camera = jobs[0][1].camera
@@ -164,12 +174,13 @@ def _jobs(
     sampling: RaySampling,
     threads: int,
     inner: Region | None = None,
+    over: float = 0.0,
 ) -> list[tuple[ColourFilter | None, _Job]]:
     """Renderings that a raw image is put together from: one, or one a colour of the sensor's filters."""
     scenes: list[tuple[ColourFilter | None, Scene]] = [
         (one, scene.in_light((one.wavelength,))) for one in filters(design.sensor.colours)
     ] or [(None, scene)]
-    return [(one, _Job(design, each, effects, budget, sampling, threads, inner)) for one, each in scenes]
+    return [(one, _Job(design, each, effects, budget, sampling, threads, inner, over)) for one, each in scenes]
 
 
 def _put(pixels: Image, row: int, light: Image, one: ColourFilter | None, design: Design, region: Region) -> None:
@@ -180,6 +191,19 @@ def _put(pixels: Image, row: int, light: Image, one: ColourFilter | None, design
         return
     own = mosaic(design.sensor.colours, region.column, region.row + row, region.columns, light.shape[0])
     part += np.where(own == FILTERS.index(one), light * np.float32(per_watt(one) / BRIGHTEST), np.float32(0))
+
+
+class _Layer(NamedTuple):
+    """Light without diffraction, on any pixels, what microlenses make of it, and the rays that it takes."""
+
+    light: Geometry
+    transfer: MicrolensTransfer
+    sampling: RaySampling
+
+
+def _effort(region: Region, sampling: RaySampling) -> float:
+    """Rays of a region, at most."""
+    return float(region.columns * region.rows * (sampling.side**2 or sampling.most))
 
 
 class _Job:
@@ -194,19 +218,22 @@ class _Job:
         sampling: RaySampling,
         threads: int,
         inner: Region | None = None,
+        over: float = 0.0,
     ) -> None:
-        self.design, self.scene, self.plan = design, scene, effects
+        self.design, self.scene, self.plan, self.over = design, scene, effects, over
         self.budget, self.sampling, self.threads = budget, sampling, threads
         self.camera = planned_camera(design, effects)
-        self.rays = 0
+        self.rays, self.done = 0, 0.0
+        self.tell: Callable[[float], None] = lambda done: None
         real = real_camera(design, scene, effects)
         self.traced = scene.white is None and bool(scene.surfaces or scene.background)
         exact = effects.on("plate_aberration")
         self.white = self._white(exact) if scene.white is not None and real is None and self.camera.straight else ()
         self.traced |= scene.white is not None and not self.white
         self.transfer = MicrolensTransfer.of(self.camera, effects, scene.light.wavelengths)
-        self.lit = None
-        if inner is not None and not self.transfer.trivial:
+        self.lit: Region | None = None
+        self.shown = Region(0, 0, 0, 0)
+        if inner is not None and self.traced and not self.transfer.trivial:
             self.lit = inner.grown(halo(self.transfer, float(self.camera.q), budget.intensity))
         self.series = self._series()
         ways = {
@@ -218,57 +245,80 @@ class _Job:
         self.method = next((name for name, used in ways.items() if used), "coverage")
 
     @cached_property
-    def layers(self) -> list[tuple[Geometry, MicrolensTransfer]]:
-        """Light without diffraction, and what microlenses make of it: what a picture is the sum of."""
-        light, carried = self._geometry(self.plan)
+    def layers(self) -> list[_Layer]:
+        """What a picture is the sum of."""
+        if not self.traced:
+            return [_Layer(self._lit, self.transfer, RaySampling())]
+        light, carried = self._rays(self.plan, self.sampling)
         if not (carried and self.transfer.defocus):
-            return [(light, self.transfer)]
-        layers = [(light, replace(self.transfer, defocus=0.0))]
-        if self.transfer.wavelengths:
-            # Diffraction out of focus is not that in focus spread as rays are: the rest goes on light in focus.
-            focused, _ = self._geometry(self.plan.without("microlens_defocus"))
-            layers.append((focused, replace(self.transfer, beyond_rays=True)))
+            return [_Layer(light, self.transfer, self.sampling)]
+        layers = [_Layer(light, replace(self.transfer, defocus=0.0), self.sampling)]
+        # Diffraction out of focus is not that in focus spread as rays are: the rest goes on light in focus.
+        rest = replace(self.transfer, beyond_rays=True)
+        if self.transfer.wavelengths and rest.largest > NEGLIGIBLE * self.budget.intensity:
+            fewer = self.sampling.thinned(rest.largest)
+            focused, _ = self._rays(self.plan.without("microlens_defocus"), fewer)
+            layers.append(_Layer(focused, rest, fewer))
         return layers
 
-    def bands(self, region: Region) -> Iterator[tuple[int, Image]]:
-        """Everything but point sources, a band of rows at a time."""
+    def bands(self, region: Region, progress: Callable[[float], None]) -> Iterator[tuple[int, Image]]:
+        """Everything but point sources, a band of rows at a time; `progress` is told the share that is done."""
         white = self.scene.white
         if self.series is not None and white is not None:
             for row in range(0, region.rows, CORE):
                 piece = region._replace(row=region.row + row, rows=min(CORE, region.rows - row))
                 yield row, np.float32(white) * self._harmonics(self.series, piece)
+                progress((row + piece.rows) / region.rows)
         elif not self.traced and white is None:
             yield 0, np.zeros((region.rows, region.columns), np.float32)
         else:
             pixel, tolerance = float(self.camera.q), self.budget.intensity
-            layers = [bands(region, *layer, pixel, self.threads, tolerance) for layer in self.layers]
-            for pieces in zip(*layers, strict=True):
+            self.shown = region
+            wide = region if self.transfer.trivial else region.grown(halo(self.transfer, pixel, tolerance))
+            due = sum(_effort(*part) for layer in self.layers for part in self._parts(wide, layer.sampling))
+            self.tell = lambda done: progress(min(done / due, 1.0))
+            each = [bands(region, layer.light, layer.transfer, pixel, self.threads, tolerance) for layer in self.layers]
+            for pieces in zip(*each, strict=True):
                 yield pieces[0][0], sum((image for _, image in pieces[1:]), pieces[0][1])
 
-    def _geometry(self, effects: Plan) -> tuple[Geometry, bool]:
-        """Light without diffraction, on any pixels, and whether its rays carry the defocus of whole microlenses."""
-        if not self.traced:
-            level = np.float32(self.scene.white or 0.0)
+    def _lit(self, region: Region, fine: int) -> Image:
+        """White light without diffraction, on any pixels."""
+        first, *others = (way.image(region, fine) for way in self.white)
+        self._told(region, RaySampling())
+        return np.float32(self.scene.white or 0.0) * (np.mean([first, *others], axis=0) if others else first)
 
-            def lit(region: Region, fine: int) -> Image:
-                first, *others = (way.image(region, fine) for way in self.white)
-                return level * (np.mean([first, *others], axis=0) if others else first)
-
-            return lit, False
-        real = real_camera(self.design, self.scene, effects)
-        tracer = real or Tracer.of(self.design.thin_twin, effects, self.scene)
+    def _rays(self, effects: Plan, sampling: RaySampling) -> tuple[Geometry, bool]:
+        """Traced light without diffraction, on any pixels, and whether it carries the defocus of whole microlenses."""
+        real = real_camera(self.design, self.scene, effects, self.over)
+        tracer = real or Tracer.of(self.design.thin_twin, effects, self.scene, self.over)
 
         def traced(region: Region, fine: int) -> Image:
-            part = region if self.lit is None else region.common(self.lit)
             image = np.zeros((region.rows * fine, region.columns * fine), np.float32)
-            if part.rows > 0 and part.columns > 0:
-                light, rays = tracer.image(part, self.sampling, fine)
-                self.rays += rays
-                top, left = (part.row - region.row) * fine, (part.column - region.column) * fine
-                image[top : top + light.shape[0], left : left + light.shape[1]] = light
+            for part, each in self._parts(region, sampling):
+                for row in range(part.row, part.row + part.rows, tracer.rows):
+                    some = part._replace(row=row, rows=min(tracer.rows, part.row + part.rows - row))
+                    light, rays = tracer.image(some, each, fine)
+                    self.rays += rays
+                    top, left = (row - region.row) * fine, (part.column - region.column) * fine
+                    image[top : top + light.shape[0], left : left + light.shape[1]] = light
+                    self._told(some, each)
             return image
 
         return traced, tracer.finite
+
+    def _parts(self, region: Region, sampling: RaySampling) -> Iterator[tuple[Region, RaySampling]]:
+        """Parts of a region whose light is looked at, with the rays that it gets."""
+        if self.lit is None:
+            yield region, sampling
+            return
+        near = region.common(self.lit).common(self.shown)
+        parts = [(near, sampling), *((part, sampling.thinned(AROUND)) for part in region.common(self.lit).around(near))]
+        yield from (part for part in parts if part[0].rows > 0 and part[0].columns > 0)
+
+    def _told(self, region: Region, sampling: RaySampling) -> None:
+        """Count what is done."""
+        self.done += _effort(region, sampling)
+        self.tell(self.done)
 
     def _white(self, exact: bool) -> tuple[WhiteGeometry, ...]:
         """Shapes of a uniform scene's images, one a wavelength by Snell's law; none where rays have to tell them."""

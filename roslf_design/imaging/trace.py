@@ -9,7 +9,7 @@ from __future__ import annotations
 import functools
 import math
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,6 +62,8 @@ FAR = 1e300
 """Distance of what is not met."""
 BATCH = 16
 """Rays between two looks at a pixel's error, where there may be more or fewer."""
+FEWEST = 4
+"""Rays of pixels that count little, at least."""
 WELL_OUTSIDE = 2.0
 """Multiple of the distance by which exact rays miss the closed forms, within which they may pass the FAP's rim."""
 MOST = 64
@@ -89,6 +91,14 @@ class RaySampling:
     """Same seed, same bytes."""
     side: int = 0
     """Behind a real main lens: samples along a pixel's side, instead of rays; 0 is a few."""
+    together: int = 1
+    """Subpixels along the side of blocks whose rays are spread evenly together, a power of two: what they scatter is
+    then opposite in neighbours, and diffraction takes most of it away. Samples behind a real main lens always are."""
+
+    def thinned(self, share: float) -> RaySampling:
+        """Fewer rays, by a share, for what counts little."""
+        least, most = (max(min(FEWEST, rays), math.ceil(rays * share)) for rays in (self.least, self.most))
+        return replace(self, least=least, most=most, side=math.ceil(self.side * math.sqrt(share)))
 
 
 NOWHERE = np.zeros(2)
@@ -105,9 +115,11 @@ class Surfaces(NamedTuple):
     """Radiance where nothing is met."""
     mirrored: Floats
     """Direction across the axis along which the scene is seen reversed, (2,); 0 where it is not."""
+    over: float
+    """Radiance above which what rays meet is counted."""
 
 
-def encode(scene: Scene, focal_plane: float, mirrored: Floats = NOWHERE) -> Surfaces:
+def encode(scene: Scene, focal_plane: float, mirrored: Floats = NOWHERE, over: float = 0.0) -> Surfaces:
     """Lay a scene out for the kernels; planes that give no distance lie at `focal_plane`, d_f [mm]."""
     rows: list[Floats] = []
     pictures: list[Image] = [np.zeros(1, np.float32)]
@@ -133,7 +145,7 @@ def encode(scene: Scene, focal_plane: float, mirrored: Floats = NOWHERE) -> Surf
         look, levels = _texture(thing.texture, pictures)
         row[LOOK], row[LEVELS : LEVELS + len(levels)] = look, levels
         rows.append(row)
-    return Surfaces(np.array(rows).reshape(-1, WIDTH), np.concatenate(pictures), beyond, mirrored)
+    return Surfaces(np.array(rows).reshape(-1, WIDTH), np.concatenate(pictures), beyond, mirrored, over)
 
 
 def _texture(texture: Part, pictures: list[Image]) -> tuple[int, tuple[float, ...]]:
@@ -244,11 +256,12 @@ def _first_hit(rows: Any, mirrored: Any, mouth: float, hx: float, hy: float, ox:
 
 @kernel()
 def radiance(
-    rows: Any, pictures: Any, beyond: float, mirrored: Any, mouth: float, hx: float, hy: float, ox: float, oy: float
-) -> float:
-    """Radiance of what the ray (hx - ox Z, hy - oy Z) meets first beyond the bore's mouth."""
+    rows: Any, pictures: Any, beyond: float, mirrored: Any, over: float, mouth: float,
+    hx: float, hy: float, ox: float, oy: float,
+) -> float:  # fmt: skip
+    """Radiance over `over` of what the ray (hx - ox Z, hy - oy Z) meets first beyond the bore's mouth."""
     _, hit, u, v = _first_hit(rows, mirrored, mouth, hx, hy, ox, oy)
-    return float(beyond if hit < 0 else _shade(rows[hit], u, v, pictures))
+    return float((beyond if hit < 0 else _shade(rows[hit], u, v, pictures)) - over)
 
 
 def seen_distances(scene: Scene, camera: Camera, rays: Floats) -> Floats:
@@ -285,6 +298,19 @@ def sobol_points(count: int) -> NDArray[np.uint32]:
     return np.asarray(points * 2.0**32).astype(np.uint32)
 
 
+@functools.lru_cache(maxsize=4)
+def _shifts(side: int, count: int) -> NDArray[np.uint32]:
+    """Scrambles of subpixels in a block, shape (side, side, 6), beside the one that all of it has.
+
+    Points that follow a power of two are the first ones, exclusive-or that one: each subpixel takes those that follow
+    its neighbour's along Morton's curve, so that squares of 2, 4, ... subpixels share a net.
+    """
+    each = 1 << (count - 1).bit_length()
+    spread = [sum((k >> bit & 1) << 2 * bit for bit in range(side.bit_length())) for k in range(side)]
+    along = np.array(spread)
+    return np.ascontiguousarray(sobol_points(side**2 * each)[::each][2 * along[:, None] + along])
+
+
 NOTHING = ObjectSpaceFaces(np.zeros((0, COLUMNS)), np.zeros((0, 2)), np.zeros(0, np.int16), NO_LAW)
 
 
@@ -306,10 +332,12 @@ class Tracer:
     """Z of the bore's mouth [mm]."""
     colours: tuple[ObjectSpaceFaces, ...]
     """Faces that rays go through before the main lens, once a wavelength; empty where these are not exact."""
+    rows: ClassVar[int] = 32
+    """Rows of pixels that are best traced at a time."""
 
     @classmethod
-    def of(cls, design: Design, plan: Plan, scene: Scene) -> Tracer:
-        """Tracer for a design, a plan and a scene."""
+    def of(cls, design: Design, plan: Plan, scene: Scene, over: float = 0.0) -> Tracer:
+        """Tracer for a design, a plan and what of a scene is brighter than `over`."""
         camera = planned_camera(design, plan)
         lattice, layout, exact = ImageLattice.of(camera), lay_out(camera), plan.on("plate_aberration")
         if exact:  # rims are met in order, on the way: beforehand only what is far outside the FAP's is left out
@@ -338,7 +366,7 @@ class Tracer:
             lattice,
             layout,
             np.array(flags),
-            encode(scene, design.d_f, camera.chain.mirrored),
+            encode(scene, design.d_f, camera.chain.mirrored, over),
             _kicks(camera.fap.outline.sized(abs(float(camera.seen.D_F))), wavelengths) if kicked else np.zeros((1, 5)),
             float(chief_slope(camera)) if plan.on("cos4") else 0.0,
             float(Camera.of(design).tip),
@@ -380,7 +408,7 @@ class Tracer:
         images = np.zeros((len(self.colours), y.size, x.size), np.float32)
         spent = np.zeros((len(self.colours), y.size), np.int64)
         place = np.array([region.column * fine, region.row * fine, sampling.seed])
-        points = sobol_points(int(counts[1]))
+        points, shifts = sobol_points(int(counts[1])), _shifts(sampling.together, int(counts[1]))
         inverse = np.linalg.inv(lattice.image_axes)
         steps = lattice.axes, lattice.image_axes, inverse, lattice.half_size, lattice.neighbours
         lengths = self.mouth, float(camera.seen.d_3), float(camera.seen.d_f)
@@ -389,7 +417,7 @@ class Tracer:
                 _trace.compiled(
                     x, y, float(camera.q) / fine, steps, lattice.image_origin, lattice.reach, self.flags,
                     tuple(self.layout), (space.table, space.media, space.openings), tuple(self.surfaces), self.kicks,
-                    self.falloff, lengths, points, counts, sampling.tolerance * fine, place, image, used,
+                    self.falloff, lengths, points, shifts, counts, sampling.tolerance * fine, place, image, used,
                 )  # fmt: skip
         return images[0] if len(images) == 1 else images.mean(0), int(spent.sum())
 
@@ -490,16 +518,18 @@ def _candidates(
 
 
 @kernel()
-def _seeds(place: Any, column: int, row: int) -> Any:
-    """Scrambles of a pixel's six dimensions."""
-    code = _hash3(np.uint64(place[0] + column + 1048576), np.uint64(place[1] + row + 1048576), np.uint64(place[2]))
+def _seeds(place: Any, shifts: Any, column: int, row: int) -> Any:
+    """Scrambles of a pixel's six dimensions: its block's, and its own in that."""
+    i, j, side = place[0] + column + 1048576, place[1] + row + 1048576, shifts.shape[0]
+    own = shifts[j % side, i % side]
+    code = _hash3(np.uint64(i // side), np.uint64(j // side), np.uint64(place[2]))
     s01 = _hash3(code, np.uint64(1), np.uint64(2))
     s23 = _hash3(code, np.uint64(3), np.uint64(4))
     s45 = _hash3(code, np.uint64(5), np.uint64(6))
     low, half = np.uint64(0xFFFFFFFF), np.uint64(32)
     return (
-        np.uint32(s01 & low), np.uint32(s01 >> half), np.uint32(s23 & low), np.uint32(s23 >> half),
-        np.uint32(s45 & low), np.uint32(s45 >> half),
+        own[0] ^ np.uint32(s01 & low), own[1] ^ np.uint32(s01 >> half), own[2] ^ np.uint32(s23 & low),
+        own[3] ^ np.uint32(s23 >> half), own[4] ^ np.uint32(s45 & low), own[5] ^ np.uint32(s45 >> half),
     )  # fmt: skip
 
 
@@ -541,14 +571,14 @@ def _through_lens(
 @kernel(parallel=True)
 def _trace(
     x: Any, y: Any, pixel: float, lattice: Any, origin: Any, reach: float, flags: Any, layout: Any, space: Any,
-    surfaces: Any, kicks: Any, falloff: float, lengths: Any, points: Any, counts: Any, tolerance: float, place: Any,
-    image: Any, spent: Any,
+    surfaces: Any, kicks: Any, falloff: float, lengths: Any, points: Any, shifts: Any, counts: Any, tolerance: float,
+    place: Any, image: Any, spent: Any,
 ) -> None:  # fmt: skip
     """Values of pixels by backward rays; tuples as `Tracer.image` makes them."""
     axes, image_axes, inverse, half_size, neighbours = lattice
     k, maps, rims, front, law = layout
     table, media, openings = space
-    rows, pictures, beyond, mirrored = surfaces
+    rows, pictures, beyond, mirrored, over = surfaces
     mouth, d_3, d_f = lengths
     half, margin, unit = k[HALF], reach + pixel * 0.7072, 1.0 / 4294967296.0
     for j in prange(y.size):
@@ -570,7 +600,7 @@ def _trace(
             at_x = axes[0, 0] * mid_m + axes[0, 1] * mid_n + k[ARRAY_X]
             at_y = axes[1, 0] * mid_m + axes[1, 1] * mid_n + k[ARRAY_X + 1]
             gain = _share_of_light(law, falloff * math.hypot(at_x, at_y))
-            s0, s1, s2, s3, s4, s5 = _seeds(place, i, j)
+            s0, s1, s2, s3, s4, s5 = _seeds(place, shifts, i, j)
             total, squares, batches, done = 0.0, 0.0, 0, 0
             while done < counts[1]:
                 batch = 0.0
@@ -605,7 +635,7 @@ def _trace(
                         )  # fmt: skip
                         if not kept:
                             continue
-                        batch += radiance(rows, pictures, beyond, mirrored, mouth, hx, hy, ox, oy)
+                        batch += radiance(rows, pictures, beyond, mirrored, over, mouth, hx, hy, ox, oy)
                 batch /= counts[2]
                 done += counts[2]
                 used += counts[2]

@@ -267,6 +267,18 @@ def detail(thing: White | Plane | Points | Sphere | Tube) -> tuple[float, bool]:
     return min(period, 4 * thing.radius), True
 
 
+def brightness(thing: White | Plane | Sphere | Tube) -> float:
+    """Mean radiance of an object, wherever it is."""
+    if isinstance(thing, White):
+        return thing.level
+    texture = thing.texture
+    if isinstance(texture, Checkerboard):
+        return (texture.high + texture.low) / 2
+    if isinstance(texture, PictureTexture):
+        return float(texture.load().mean())
+    return 0.5 if isinstance(texture, Sinusoid) else texture.mean if isinstance(texture, Noise) else texture.level
+
+
 def depths(
     thing: White | Plane | Points | Sphere | Tube, focal_plane: float, slopes: float, height: float = 0.0
 ) -> Iterator[float]:

@@ -18,7 +18,7 @@ from ..errors import InputError, Problem
 from ..theory.colours import filters
 from ..toml_files import parse_toml, problems_of, read_toml
 from ..units import Length
-from .objects import OBJECTS, Level, Object, PictureTexture, Plane, Points, Sphere, Tube, White, depths, detail
+from .objects import OBJECTS, Level, Object, PictureTexture, Plane, Points, Sphere, Tube, White, brightness, depths, detail
 
 
 class SceneError(InputError):
@@ -82,6 +82,12 @@ class Scene(Part):
     def surfaces(self) -> tuple[White | Plane | Sphere | Tube, ...]:
         """Everything but the point sources."""
         return tuple(thing for thing in self.objects if not isinstance(thing, Points))
+
+    @property
+    def brightness(self) -> float:
+        """Radiance that surfaces have on average, each counted alike; without any that of the background."""
+        each = [brightness(thing) for thing in self.surfaces]
+        return sum(each) / len(each) if each else self.background
 
     def in_light(self, wavelengths: tuple[float, ...]) -> Scene:
         """Scene in equal parts of light at some wavelengths [mm]."""

@@ -76,6 +76,12 @@ class MicrolensTransfer:
             return math.inf
         return self.width / (min(self.wavelengths) * self.sensor_distance) * self.shape.breadth(self.rotation)
 
+    @property
+    def largest(self) -> float:
+        """Largest share of any frequency that passes, where diffraction ends them."""
+        axis = np.linspace(0, self.cutoff, 65)
+        return float(np.abs(self(axis, axis[:, None])).max())
+
     def __call__(self, frequency_x: ArrayLike, frequency_y: ArrayLike) -> Floats:
         """Transfer at spatial frequencies on the sensor [1/mm], which broadcast; real, as the aperture is symmetric."""
         x, y = (np.asarray(values, float) for values in (frequency_x, frequency_y))
