@@ -84,4 +84,4 @@ def _information(fit: StatisticsFit, sheet: DataSheet, data: Sequence[SideDatum]
     whole = back.T @ information @ back
     ours, theirs = slice(len(values)), slice(len(values), len(values) + len(others))
     alone = whole[ours, ours] - whole[ours, theirs] @ np.linalg.solve(whole[theirs, theirs], whole[theirs, ours])
-    return np.asarray(alone / np.outer(unit[ours], unit[ours]))
+    return np.asarray((alone + alone.T) / 2 / np.outer(unit[ours], unit[ours]))

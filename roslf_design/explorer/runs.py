@@ -23,8 +23,9 @@ from ..reporting.depth.pages import statements as depth_statements
 from ..reporting.optimise.pages import statements
 from ..reporting.optimise.pictures import SearchEnd, VariableMove, ends_of
 from ..reporting.story import CENTRE, DEPTH, FILL, KEPT, quick_study, run_optimisation
-from ..reporting.tolerance.pages import impossible_words
+from ..reporting.tolerance.pages import depth_sentence, impossible_words
 from ..reporting.tolerance.pictures import LimitSpread, Offender, Yields
+from ..theory.depth_budget import depth_budget
 from ..theory.quantities import in_words, quantity_named
 from ..tolerancing.places import perturbable, short_name
 from ..tolerancing.run import tally_chunk
@@ -32,6 +33,7 @@ from ..tolerancing.sensitivities import sensitivity
 from ..tolerancing.study import TolerancePlan, make_plan, tolerance_plan
 from ..tolerancing.summaries import Variant, summarise
 from ..tolerancing.tally import merged
+from ..tolerancing.trials import lengths_built
 from ..tolerancing.yields import Yield, yield_at
 from ..units import format_quantity
 from ..words import to_html
@@ -413,6 +415,7 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
         (scale, own if scale == 1.0 else few_builds(f"all tolerances times {scale:g}", plan, scale)) for scale in SCALES
     ]
     decoder = "calibrated on each build" if request.calibrated else "as designed"
+    depth = depth_budget(Camera.of(design.thin_twin), build=lengths_built(plan))
     return ToleranceResult(
         grade=request.grade,
         share=own,
@@ -424,7 +427,7 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
         question=f"{trials} builds to the grade '{study.grade}', the decoder {decoder}. A build is good where its fill "
         f"factor stays within {100 * FILL:g} % of nominal, its depth noise (bound) grows by {100 * DEPTH:g} % at most, "
         f"no field loses more than {100 * KEPT:g} % of its light, and image centres are found to {CENTRE:g} px. "
-        f"{impossible_words(variant)}".rstrip(),
+        f"{depth_sentence(depth)} {impossible_words(variant)}".rstrip(),
     )
 
 

@@ -116,6 +116,12 @@ def test_lengths_of_a_rendered_camera_come_back(capsys, captured, small, tmp_pat
     errors = result["depth_errors_mm"]
     told = calibration_sigma(load(out / "calibrated.toml"), covariance, np.array(errors["distance"]))
     np.testing.assert_allclose(told, errors["from_lens"], rtol=1e-3)
+    # What measurements alone tell and what was known before make up the posterior, of 400 independent draws or more.
+    known = [1e3 if sigma is None else sigma for sigma in result["covariance"]["sheet_sigma"]]
+    known[covariance.places.index("sensor.pixel")] = 0.0
+    before = LengthCovariance(covariance.places, np.diag(np.square(known)))
+    after = before.informed(np.array(result["covariance"]["information"]))
+    np.testing.assert_allclose(np.diag(after.matrix), np.diag(covariance.matrix), rtol=0.2, atol=1e-20)
     assert result["images_missing"] == ["board6.tif"]
     assert result["images_used"] == [f"board{n}.tif" for n in range(1, 6)]
     assert result["reprojection_rms_pitches"] < 0.06

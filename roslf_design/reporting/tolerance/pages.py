@@ -15,6 +15,7 @@ from ... import words
 from ...design import Design
 from ...drawing.picture import Picture
 from ...tables import Column
+from ...theory.depth_budget import DepthBudget
 from ...theory.quantities import in_words
 from ...theory.quantity import finite
 from ...tolerancing.budgets import Change, ToleranceBudget
@@ -109,9 +110,9 @@ def headline(result: StudyResult) -> str:
     )
 
 
-def depth_sentence(result: StudyResult) -> str:
+def depth_sentence(budget: DepthBudget) -> str:
     """Sentence on the depth that a build measures if nobody calibrates it."""
-    return f"Depth, expected, of a camera taken as designed: {result.depth.words}, in the focal plane."
+    return f"Depth, expected, of a camera taken as designed: {budget.words}, in the focal plane."
 
 
 def impossible_words(variant: Variant) -> str:
@@ -160,7 +161,7 @@ def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
     if result.precision is not None:
         accuracy = result.precision.accuracy
         yield Statement("caution" if accuracy.kept is False else "plain", words.sentence(accuracy.sentence(False)))
-    yield Statement("plain", depth_sentence(result))
+    yield Statement("plain", depth_sentence(result.depth))
     weakest = result.final.weakest
     share = 100 * weakest.result.value
     yield Statement(
