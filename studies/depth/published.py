@@ -107,13 +107,22 @@ class Real:
             board, float(abs(np.median(seen.disparity[seen.measured]))), errors,
         )  # fmt: skip
 
+    @property
+    def bound(self) -> float:
+        """Error of the Lytro's disparities [pitches] that noise alone would leave."""
+        camera = load(HERE / "instruments/lytro-f01.toml").replace({"depth.view_mismatch": 0.0})
+        return _disparity_error(camera, 0.0, self)
+
     def to_dict(self) -> dict[str, Any]:
         """As JSON."""
         return {
-            "white_frame": self.white._asdict(), "levels": [level._asdict() for level in self.levels],
-            "held_out": [each._asdict() for each in self.held], "repeated": [each.to_dict() for each in self.sets],
+            "white_frame": self.white._asdict(),
+            "levels": [level._asdict() for level in self.levels],
+            "bound": self.bound,
+            "held_out": [each._asdict() for each in self.held],
+            "repeated": [each.to_dict() for each in self.sets],
             "measured": self.errors,
-        }  # fmt: skip
+        }
 
 
 def _of_all(views: LytroViews, columns: slice) -> tuple[float, float]:
@@ -313,11 +322,12 @@ def instruments_table(all_rows: list[Row]) -> Table:
         predicted = "-" if row.predicted is None else f"{abs(row.predicted):.4g}"
         ratio = "-" if row.ratio is None else f"{row.ratio:.2f}"
         verdict = {True: "yes", False: "no", None: "-"}[row.agrees]
-        words = ". ".join(part for part in (row.source, row.remark) if part)
-        cells.append((row.instrument, row.figure, published or "-", predicted, row.unit, ratio, verdict, words))
-    heads = ("instrument", "figure", "published", "predicted", "unit", "ratio", "within 0.5 to 2", "source, remark")
+        words = "; ".join(part for part in (row.source, row.remark) if part)
+        what = f"{row.instrument}: {row.figure} [{row.unit}]"
+        cells.append((what, published or "-", predicted, ratio, verdict, words))
+    heads = ("figure", "published", "predicted", "ratio", "0.5 to 2", "source, remark")
     note = "The ratio is to the geometric middle of a range. Signs of disparities are left out."
-    return Table(tuple(cells), "llrrlrll", heads, "Published and predicted", note)
+    return Table(tuple(cells), "lrrrll", heads, "Published and predicted", note)
 
 
 def mismatch_tables(real: Real) -> Iterator[Block]:
@@ -346,9 +356,10 @@ def mismatch_tables(real: Real) -> Iterator[Block]:
         "lrlrr", ("fitted on", "mismatch", "predicts", "predicted over measured", "within"),
         "Mismatch fitted on one part of the light field predicts another",
         "Fitted to the disparities of two sets of views, for each window's own texture; 68 % lie within errors that "
-        "are right. The mismatch that explains disparities is larger than what is left between views: interpolated "
-        "views share it with their neighbours, and more views (the fifth row) average it less than they should. "
-        "Brightness need not be linear for it: texture and mismatch change alike.",
+        "are right. The mismatch that explains disparities is larger than what is left between views, as interpolated "
+        "views share it with their neighbours. Halves of every other column share what was interpolated between them: "
+        "they differ by less than predicted. Of brightness made linear texture and mismatch both grow, and the halves "
+        "predict each other worse.",
     )  # fmt: skip
 
 
@@ -396,15 +407,17 @@ def statements(all_rows: list[Row], real: Real | None, all_noise: list[Unlike]) 
         "say why.",
     )
     if real is not None:
-        row = next(each for each in all_rows if each.ratio is not None)
-        other = real.held[-1]
+        row = next(each for each in all_rows if "all defaults" in each.figure)
+        bound = row._replace(predicted=real.bound)
+        other = next(each for each in all_rows if "board" in each.figure)
         yield Statement(
             "caution",
-            f"Is the default of 2 % of mismatch right? For raw captures it is on the safe side of a white frame "
+            "Is the default of 2 % of mismatch right? For raw captures it is on the safe side of a white frame "
             f"({_percent(math.hypot(real.white.lenses, real.white.pixels))}, shot noise included). Views of 8 bits "
-            f"that were interpolated err as if it were {_percent(real.held[0].share)}: by the default {row.ratio:.2f} "
-            "of their error is predicted. What is fitted on one half predicts the other to "
-            f"{abs(1 - real.held[0].ratio):.0%}, and another light field to {other.ratio:.2g} of its error.",
+            f"that were interpolated err as if it were {_percent(real.held[0].share)}: the default predicts "
+            f"{row.ratio:.2f} of their error, the bound alone {bound.ratio:.2f}. What is fitted on one half predicts "
+            f"the other to {abs(1 - real.held[0].ratio):.0%}, and {other.ratio:.2f} of the errors in another light "
+            "field.",
             "Measure the mismatch of the camera at hand (roslf depth says what is left between views), and set "
             "depth.view_mismatch.",
         )

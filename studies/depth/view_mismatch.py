@@ -32,8 +32,9 @@ from roslf_design.depth.view_order import in_order
 Floats = NDArray[np.float64]
 EVEN, ODD, ALL = slice(0, None, 2), slice(1, None, 2), slice(None)
 FIRST, SECOND = slice(0, 5), slice(5, 10)
-TRIED = 0.1
-"""Share of brightness that errors are computed for, to be scaled: so large that what views say widens few."""
+TRIED, ROOM, CLOSE, ROUNDS = 0.1, 1.35, 0.03, 5
+"""Mismatch that errors are first computed for, and how many times the one fitted it is to be, to within how much, in so
+many tries: with less, errors are widened by what views say, with much more depths are smoothed."""
 WITHIN = 0.6827
 """Share of errors within one standard error."""
 GAMMA = 2.2
@@ -69,7 +70,6 @@ class LytroViews:
 
     field: LightField
     search: tuple[float, float]
-    tried: float = TRIED
     window: int = 5
 
     @classmethod
@@ -79,8 +79,7 @@ class LytroViews:
         field = in_order(named, partial(disagreement, across=len(named.s))).field
         values = field.values ** np.float32(gamma)
         field = scaled(replace(field, values=values), float(np.median(values)))
-        # A share of brightness grows likewise.
-        return cls(field, searched(field, float(len(field.s))), TRIED * gamma)
+        return cls(field, searched(field, float(len(field.s))))
 
     @property
     def geometry(self) -> GridGeometry:
@@ -92,9 +91,9 @@ class LytroViews:
         values, weight = (np.ascontiguousarray(part[rows, columns]) for part in (self.field.values, self.field.weight))
         return replace(self.field, values=values, weight=weight, s=self.field.s[columns], t=self.field.t[rows])
 
-    def map_of(self, views: LightField) -> DisparityMap:
-        """Disparities, with the errors that a mismatch of the share that is tried makes."""
-        prepared, noise = self.geometry.prepared(views), PixelNoise(QUIET, QUIET * self.tried)
+    def map_of(self, views: LightField, share: float = TRIED) -> DisparityMap:
+        """Disparities, with the errors that a mismatch of this share of the median brightness makes."""
+        prepared, noise = self.geometry.prepared(views), PixelNoise(QUIET, QUIET * share)
         return estimate_disparity(prepared.field, prepared.pupil, noise, search=self.search, window=self.window)
 
 
@@ -148,10 +147,16 @@ class Scatter(NamedTuple):
     @classmethod
     def of(cls, views: LytroViews, halves: Halves, columns: slice = ALL) -> Scatter:
         """Of two sets of views, in some columns of the picture."""
-        one, two = (views.map_of(views.some(*part)) for part in (halves.first, halves.second))
-        known = (one.measured & two.measured)[:, columns]
-        error = (one.disparity - two.disparity)[:, columns][known]
-        return cls(error, np.hypot(one.sigma, two.sigma)[:, columns][known] / views.tried)
+        tried = TRIED
+        for _ in range(ROUNDS):
+            one, two = (views.map_of(views.some(*part), tried) for part in (halves.first, halves.second))
+            known = (one.measured & two.measured)[:, columns]
+            error = (one.disparity - two.disparity)[:, columns][known]
+            found = cls(error, np.hypot(one.sigma, two.sigma)[:, columns][known] / tried)
+            if not abs(ROOM * found.share / tried - 1) > CLOSE:
+                break
+            tried = ROOM * found.share
+        return found
 
     @property
     def share(self) -> float:
@@ -272,7 +277,7 @@ def white_frame(folder: Path, around: float = 0.3, margin: int = 50) -> WhiteFra
             sum(ndimage.shift(one, sign * step[::-1], order=5, mode="nearest") for sign in (1, -1)) - 2 * one
             for one in (frame, noise)
         )
-        share = (bent / frame)[some]
+        share = bent[some] / frame[some]
         mean = np.bincount(own, share) / count
         whole = count > 0.5 * count.max()
         between.append(mean[whole].std() / np.sqrt(6))
@@ -282,7 +287,7 @@ def white_frame(folder: Path, around: float = 0.3, margin: int = 50) -> WhiteFra
     return WhiteFrame(*(float(np.sqrt(np.mean(np.square(each)))) for each in (between, typical, within)))
 
 
-def flat_board(folder: Path, step: float = 0.5, before: float = 3.0, window: int = 7) -> Scatter:
+def flat_board(folder: Path, step: float = 0.5, before: float = 3.0, window: int = 7, tried: float = 0.3) -> Scatter:
     """Depths of a flat board [mm] about the best plane, seen from nine places of a camera that corners tell.
 
     One view of each capture, laid on a plane `before` the board [mm], by pixels of `step`.
@@ -313,11 +318,11 @@ def flat_board(folder: Path, step: float = 0.5, before: float = 3.0, window: int
     seen = estimate_disparity(
         field,
         places_of,
-        PixelNoise(QUIET, QUIET * TRIED),
+        PixelNoise(QUIET, QUIET * tried),
         search=((before - 6) * unit, (before + 6) * unit),
         window=window,
     )
     known = seen.measured
     depth, columns = seen.disparity[known] / unit, np.stack([np.ones(known.sum()), x[known], y[known]], -1)
     off = depth - columns @ np.linalg.lstsq(columns, depth, rcond=None)[0]
-    return Scatter(off, seen.sigma[known] / (unit * TRIED))
+    return Scatter(off, seen.sigma[known] / (unit * tried))
