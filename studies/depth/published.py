@@ -125,7 +125,7 @@ class Real:
         }
 
 
-def _of_all(views: LytroViews, columns: slice) -> tuple[float, float]:
+def _of_all(views: LytroViews, columns: slice) -> tuple[float, ...]:
     """Error of all views together, by two halves and by quarters of them.
 
     Those of a half stand beside each other, and share what was interpolated; quarters stand further apart.
