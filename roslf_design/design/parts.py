@@ -33,9 +33,9 @@ Colours = Literal["mono", "RGGB", "GRBG", "GBRG", "BGGR"]
 """Filters on a sensor's pixels: none, or a Bayer pattern, the first two pixels of its first two rows."""
 VIEW_MISMATCH = 0.02
 """Share by which samples of a raw capture differ from what other views say, where nothing is known: rounded up from a
-raw white frame of a light-field microscope before any flat field (0.013 rms from microlens to neighbouring microlens and
-pixel to pixel, shot noise included), below the 0.024 that is left between the inner views of a processed 8-bit light
-field. Depths in such views err as if it were 0.09, as interpolated views share it (studies/depth/published.py).
+raw white frame of a light-field microscope before any flat field (0.013 rms from one microlens to the next and from
+pixel to pixel, shot noise included), below the 0.024 left between inner views of a processed 8-bit light field. Depths
+in such views err as if it were 0.09, as interpolated views share it (studies/depth/published.py).
 """
 MOST_PIXELS = 1_000_000
 """Largest number of pixels along one side of a sensor."""
