@@ -44,8 +44,10 @@ Layout = Literal["square", "hexagonal"]
 Colours = Literal["mono", "RGGB", "GRBG", "GBRG", "BGGR"]
 """Filters on a sensor's pixels: none, or a Bayer pattern, the first two pixels of its first two rows."""
 VIEW_MISMATCH = 0.02
-"""Share by which views of a raw capture differ where nothing is known: well below what is left in processed 8-bit views
-of two real light fields (0.12 and 0.16; 0.05 to 0.07 among inner views), which resampling and grey levels make worse.
+"""Share by which samples of a raw capture differ from what other views say, where nothing is known: rounded up from a
+raw white frame of a light-field microscope before any flat field (0.013 rms from one microlens to the next and from
+pixel to pixel, shot noise included), below the 0.024 left between inner views of a processed 8-bit light field. Depths
+in such views err as if it were 0.09, as interpolated views share it (studies/depth/published.py).
 """
 MOST_PIXELS = 1_000_000
 """Largest number of pixels along one side of a sensor."""
@@ -441,7 +443,8 @@ class DepthSettings(Part):
     """Microlenses along each side of the square in which disparity is taken to be the same."""
     view_mismatch: Annotated[float, Field(ge=0, le=1)] = VIEW_MISMATCH
     """Rms share of brightness by which a pixel differs from what other views say of it, beside noise: unequal pixels,
-    lenslets out of place, aberrations, resampling; counted in `u_z_mm` alone."""
+    lenslets out of place, aberrations, resampling; counted in `u_z_mm` alone. For raw captures: 0.013 was measured in a
+    raw white frame before its flat field (`reports/depth-published`). Views that were interpolated err as by 0.09."""
     disparity_error: Annotated[float, Field(gt=0, le=1e3)] | None = None
     """Standard error of the disparity between the FAP's rims [microlens pitches], whatever light and texture; None
     predicts it from them."""
