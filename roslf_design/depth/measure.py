@@ -612,7 +612,7 @@ def _reached(field: LightField, inside: NDArray[np.int64]) -> tuple[slice, slice
 
 
 def _chief_rays(camera: Camera, traced: TracedViews | None, places: Array) -> Array:
-    """Chief rays of microlenses in object space: x and y at the main lens [mm], and how these fall with Z; shape (n, 4).
+    """Chief rays of microlenses before all elements: x and y at the main lens [mm], and how they fall with Z; (n, 4).
 
     Parameters
     ----------
