@@ -267,11 +267,9 @@ class Verdict(NamedTuple):
 
     def missed(self, chance: float = 0.0) -> list[str]:
         """Bars that are missed by more than so many standard errors."""
-        figures = zip(BARS, self, strict=False)
+        figures = zip(BARS.items(), (self.spread, self.within, self.bias, self.known), strict=True)
         return [
-            bar
-            for bar, one in figures
-            if max(BARS[bar].low - one.value, one.value - BARS[bar].high) > chance * one.error
+            name for (name, bar), one in figures if max(bar.low - one.value, one.value - bar.high) > chance * one.error
         ]
 
     @property
@@ -375,11 +373,14 @@ def worst_table(results: Mapping[str, Any], rows: Rows) -> Table:
             continue
         for case, one in of_camera(results, name).items():
             alone = pooled({case: one})
-            if alone is not None and alone.missed(CHANCE):
+            known = "-" if one["known"] is None else f"{100 * one['known']:.0f} %"
+            if alone is None and one["known"] is not None:
+                lines.append((f"{name}, {case}", "-", f"{one['windows']:.0f}", *["-"] * 4, known, "known"))
+            elif alone is not None and alone.missed(CHANCE):
                 lines.append((
                     f"{name}, {case}", f"{one['disparity']:+.2f}", f"{one['windows']:.0f}", f"{alone.spread.value:.2f}",
-                    f"{100 * one['within']:.0f} %", f"{alone.signed:+.2f}", f"{one['bias']:+.4f}",
-                    f"{100 * alone.known.value:.0f} %", ", ".join(alone.missed(CHANCE)),
+                    f"{100 * one['within']:.0f} %", f"{alone.signed:+.2f}", f"{one['bias']:+.4f}", known,
+                    ", ".join(alone.missed(CHANCE)),
                 ))  # fmt: skip
     heads = ("camera, scene, light", "at", "windows", "spread", "within", "bias", "in pitches", "known", "misses")
     note = "Mean disparity there and mean error in pitches; each beyond two standard errors by itself."

@@ -92,7 +92,11 @@ def _drawn(number: int) -> ProofCamera:
 
 def _tried(rng: np.random.Generator, number: int) -> tuple[Design, bool]:
     """A design from numbers drawn, and whether its main lens cuts; what kind it is goes by its number."""
-    evenly, logarithmic = rng.uniform, lambda ends: float(np.exp(rng.uniform(*np.log(ends))))
+    evenly = rng.uniform
+
+    def logarithmic(ends: tuple[float, float]) -> float:
+        return float(np.exp(rng.uniform(*np.log(ends))))
+
     wavelength, pixel = evenly(*WAVELENGTH), logarithmic(PIXEL)
     pitch = logarithmic(PIXELS) * pixel
     sensor = pitch**2 / (4 * wavelength * logarithmic(FRESNEL))
@@ -177,5 +181,5 @@ def _words(design: Design) -> str:
     ]  # fmt: skip
     words += [design.microlens_array.layout] if design.microlens_array.layout != "square" else []
     words += [design.sensor.colours] if design.sensor.colours != "mono" else []
-    words += [element.kind for element in design.elements]
+    words += dict.fromkeys(element.kind for element in design.elements)
     return ", ".join(words + (["real lens"] if design.main_lens.prescription is not None else []))
