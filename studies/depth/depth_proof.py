@@ -153,9 +153,9 @@ def view_of(name: str, camera: ProofCamera, scene: str, side: int | None = None)
         edge = Plane(distance=near, size=(wide, wide), centre=(x + wide / 2, y), texture=texture(far, first))
         objects = (Plane(distance=far, texture=texture(far, second)), edge)
     else:
-        near, far = distance(HALF_STEP), distance(-HALF_STEP)
+        near = distance(HALF_STEP)
         (x, y), half = met(near), side / math.sqrt(2) * sample(near)
-        radius = max(half / CURVED, half**2 / (2 * (far - near)))
+        radius = max(half / CURVED, float(QUANTITIES["field_half_width_mm"](k)))
         look = texture(near + radius * (1 - math.sqrt(1 - CURVED**2)), first)
         objects = (Sphere(distance=near + radius, radius=radius, centre=(x, y), texture=look),)
     return View(Scene(name=scene, objects=objects), region)
@@ -460,8 +460,8 @@ def _notes(results: Mapping[str, Any]) -> Iterator[str]:
     )
     yield (
         "Scenes: the slanted wall of roslf depth; walls at +0.5 and -0.5 pitches; a step from +0.25 to -0.25; a sphere "
-        "whose front is at +0.25, none of it steeper than its texture can be seen. Where such a disparity lies before "
-        "the bore's mouth or beyond infinity, the scene stands at a fifth, or four times, of the focal plane's "
+        "as wide as the field, its front at +0.25 (larger where its texture would be seen too steeply). Where such a "
+        "disparity lies before the bore's mouth or beyond infinity, the scene stands at a fifth, or four times, of the focal plane's "
         "distance from the mouth. Each is looked at somewhere else in the field, by seed. Finest detail of 2.5 "
         "microlenses there, the design's contrast."
     )
