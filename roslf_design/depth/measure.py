@@ -620,13 +620,19 @@ def _reached(field: LightField, inside: NDArray[np.int64]) -> tuple[slice, slice
     return ends[0], ends[1]
 
 
-def _truth(camera: Camera, traced: TracedViews | None, scene: Scene, field: LightField) -> Array:
-    """Z that the chief ray of each microlens meets [mm]."""
-    places = places_on_array(camera, field).reshape(-1, 2)
+def _chief_rays(camera: Camera, traced: TracedViews | None, places: Array) -> Array:
+    """Chief rays of microlenses before all elements: x and y at the main lens [mm], and how they fall with Z; (n, 4).
+
+    Parameters
+    ----------
+    camera : Camera
+    traced : TracedViews or None
+        Where first order is not exact.
+    places : ndarray
+        Of the microlenses on the array [mm], shape (n, 2).
+    """
     if traced is not None:
-        chief = traced.chief_rays(places)
-        met = seen_distances(scene, camera, chief)
-        return np.where(np.isfinite(met), met, np.nan).reshape(len(field.v), len(field.u))
+        return traced.chief_rays(places)
     x, y = MicrolensImages(camera, places).from_lens.T
     # Chief rays meet in the FAP; as the main lens sees them, and then with a ruler.
     slopes = [np.asarray(at * camera.seen.inverse_m / camera.seen.gap) for at in (x, y)]
@@ -640,8 +646,12 @@ def _truth(camera: Camera, traced: TracedViews | None, scene: Scene, field: Ligh
         points.append([at * plane.magnification + off + aside for at, off, aside in lens])
     along = [(a - b) / (far - near) for a, b in zip(*points, strict=True)]
     heights = [a + slope * near for a, slope in zip(points[0], along, strict=True)]
-    rays = np.stack([*heights, *along], -1)
-    z = seen_distances(scene, camera, rays)
+    return np.stack([*heights, *along], -1)
+
+
+def _truth(camera: Camera, traced: TracedViews | None, scene: Scene, field: LightField) -> Array:
+    """Z that the chief ray of each microlens meets [mm]."""
+    z = seen_distances(scene, camera, _chief_rays(camera, traced, places_on_array(camera, field).reshape(-1, 2)))
     return np.where(np.isfinite(z), z, np.nan).reshape(len(field.v), len(field.u))
 
 
