@@ -45,8 +45,7 @@ def test_distances_meet_those_of_another_estimator(rows):
     triangulated, refocused = (row for row in rows if row.instrument.startswith("Hahne"))
     # Focused at 1000 km in place of infinity.
     assert triangulated.ratio == pytest.approx(1, abs=1e-4)
-    # Its pupil stands at the lens here: d_1 + f_2/(image of the pupil) changes by some per cent.
-    assert refocused.ratio == pytest.approx(1, abs=0.03)
+    assert refocused.ratio == pytest.approx(1, abs=1e-5)
 
 
 def test_published_disparities_are_those_of_the_calibration(rows, shared_data):
