@@ -106,7 +106,7 @@ def _information(
 
 def _rates(design: Design, best: Mapping[str, float], sheet: DataSheet) -> tuple[tuple[str, ...], Array]:
     """Lengths that move A, m and 1/d_2 as corners show them, with all calibrated ones, and how fast, shape (3, n)."""
-    numbers = Camera.of(design).numbers | best
+    numbers = {**Camera.of(design).numbers, **best}
     left_out = {PATHS["d_f"], PATHS["wavelength"], TEMPERATURE, TIP, *VIEWING_CONDITIONS}
     values = {place: float(number) for place, number in numbers.items() if place not in left_out}
     steps = NUDGE * np.maximum(np.abs([*values.values()]), 1e-3)

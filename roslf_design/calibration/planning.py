@@ -143,7 +143,7 @@ def pupil_of(design: Design) -> float:
 
 
 def _shown(design: Design, f: float | None = None) -> ApparentCamera:
-    return shown_by(design, None if f is None else {"f": np.asarray(f), "d_1": Camera.of(design).seen.d_1})
+    return shown_by(design, None if f is None else {"f": np.asarray(f), "d_1": np.asarray(Camera.of(design).seen.d_1)})
 
 
 def _field_at(design: Design, distance: float) -> tuple[float, float]:
