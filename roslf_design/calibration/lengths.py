@@ -6,25 +6,40 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..design import PATHS
+from ..bore.part import TEMPERATURE
+from ..camera import TIP, VIEWING_CONDITIONS, Camera
+from ..design import PATHS, Design
 from ..theory.length_covariance import CalibratedLengths, LengthCovariance
 from .fit import StatisticsFit
 from .frames import Array
-from .model import DataSheet, derived
+from .model import DataSheet
 from .posterior import CameraDraws
 from .sidedata import NUDGE, SideDatum, combine
+from .space import shown_by
 
 KEPT = ("d_3", "d_1", "d_2", "d", "q")
 """Lengths of a design that a calibration tells, before f."""
+BOARD = "board"
+"""Stands for the board's scale among places."""
+UNMOVED = 1e-12
+"""Relative change of what corners show that is rounding."""
 
 
 def calibrated_lengths(
-    draws: CameraDraws, fit: StatisticsFit, sheet: DataSheet, data: Sequence[SideDatum] = (), *, planned: bool = False
+    design: Design,
+    draws: CameraDraws,
+    fit: StatisticsFit,
+    sheet: DataSheet,
+    data: Sequence[SideDatum] = (),
+    *,
+    planned: bool = False,
 ) -> CalibratedLengths:
     """A design's calibrated lengths, elements before the lens included: their covariance, and what stands behind it.
 
     Parameters
     ----------
+    design : Design
+        That the camera was built to.
     draws : CameraDraws
         Of the camera, data sheet included.
     fit : StatisticsFit
@@ -37,10 +52,13 @@ def calibrated_lengths(
     """
     drawn = _lengths(draws.quantities, draws.draws("f"), sheet)
     covariance = LengthCovariance(tuple(drawn), np.atleast_2d(np.cov(np.stack([*drawn.values()]))))
+    information = _information(
+        design, {place: float(np.mean(values)) for place, values in drawn.items()}, fit, sheet, data
+    )
     told = {PATHS["f"]: sheet.f_sigma, PATHS["d"]: sheet.d_sigma, PATHS["q"]: sheet.q_sigma or np.inf}
     told |= {known.place: known.sigma for known in sheet.uncertain}
-    known = np.array([told.get(place, np.inf) for place in drawn])
-    return CalibratedLengths(covariance, _information(fit, sheet, data), known, planned)
+    known = np.array([told.get(place, np.inf) for place in information.places])
+    return CalibratedLengths(covariance, information, known, planned)
 
 
 def _lengths(quantities: Mapping[str, Array], f: Array, sheet: DataSheet) -> dict[str, Array]:
@@ -52,36 +70,52 @@ def _lengths(quantities: Mapping[str, Array], f: Array, sheet: DataSheet) -> dic
     return own | {known.place: lengths[known.place] for known in sheet.uncertain}
 
 
-def _information(fit: StatisticsFit, sheet: DataSheet, data: Sequence[SideDatum]) -> Array:
-    """F of corners and side data alone, without the data sheet's f, q, d and elements [1/mm^2].
+def _information(
+    design: Design, best: Mapping[str, float], fit: StatisticsFit, sheet: DataSheet, data: Sequence[SideDatum]
+) -> LengthCovariance:
+    """F of corners and side data alone, without the data sheet's f, q, d and elements, about the best lengths [1/mm^2].
 
-    All else that corners depend on (axis, distortion, the board's scale, which its maker knows) is eliminated.
+    Of all lengths that move what corners show, and all that are calibrated. What else corners depend on (axis,
+    distortion, the board's scale, which its maker knows) is eliminated.
     """
     known, count = combine(fit, sheet, data), len(fit.covariance.names)
-    size, board = len(known.best), count + 3
-    step = NUDGE * np.maximum(np.abs(known.best), 1e-3)
-    nudged = np.concatenate([known.best + np.diag(step), known.best - np.diag(step)])
-    lengths = _lengths(derived(nudged[:, :count], sheet, nudged[:, count:].T), nudged[:, count], sheet)
-    values = np.stack([*lengths.values()])
-    by_state = (values[:, :size] - values[:, size:]) / 2  # for a step of each
-    # The same states told in lengths, with what they leave open.
-    others = [*range(3, count), board]
-    told = np.concatenate([by_state, np.diag(step)[others]])
-    unit = np.abs(told).max(axis=1)
-    back = np.linalg.inv(told / unit[:, None])  # states, in steps, of lengths in `unit`
-
     spread = fit.covariance.matrix.copy()
     spread[:3, :3] += fit.systematic.T @ fit.systematic
-    scale = np.sqrt(np.diag(spread))
-    jacobian = known.jacobian * step
+    # States in units of standard deviations, or of themselves.
+    unit = np.concatenate([np.sqrt(np.diag(spread)), known.best[count:]])
+    jacobian = known.jacobian * unit
     information = jacobian.T @ jacobian
-    images = np.linalg.inv(spread / np.outer(scale, scale)) * np.outer(step[:count] / scale, step[:count] / scale)
-    information[:count, :count] += images
+    information[:count, :count] += np.linalg.inv(spread / np.outer(unit[:count], unit[:count]))
     if sheet.cell_sigma > 0:
-        information[board, board] += (step[board] / sheet.cell_sigma) ** 2
-    else:
-        others.pop()
-    whole = back.T @ information @ back
-    ours, theirs = slice(len(values)), slice(len(values), len(values) + len(others))
-    alone = whole[ours, ours] - whole[ours, theirs] @ np.linalg.solve(whole[theirs, theirs], whole[theirs, ours])
-    return np.asarray((alone + alone.T) / 2 / np.outer(unit[ours], unit[ours]))
+        information[count + 3, count + 3] += (unit[count + 3] / sheet.cell_sigma) ** 2
+    kept, lost = [*range(3), *range(count, len(unit))], range(3, count)
+    mixed = information[np.ix_(kept, lost)]
+    alone = information[np.ix_(kept, kept)] - mixed @ np.linalg.solve(information[np.ix_(lost, lost)], mixed.T)
+    places, rates = _rates(design, best, sheet)
+    # The states of lengths, and of the board's scale, the last: m as fitted grows with it, 1/d_2 falls.
+    known_places = [PATHS["f"], PATHS["q"], PATHS["d"], BOARD, *(number.place for number in sheet.uncertain)]
+    own = np.array([[float(place == row) for place in (*places, BOARD)] for row in known_places])
+    by_board = np.array([0.0, known.best[1], -known.best[2]])
+    carried = np.concatenate([np.column_stack([rates, by_board]), own]) / unit[kept, None]
+    whole = carried.T @ alone @ carried
+    told = whole[:-1, :-1]
+    if sheet.cell_sigma > 0:
+        told = told - np.outer(whole[:-1, -1], whole[-1, :-1]) / whole[-1, -1]
+    return LengthCovariance(places, (told + told.T) / 2)
+
+
+def _rates(design: Design, best: Mapping[str, float], sheet: DataSheet) -> tuple[tuple[str, ...], Array]:
+    """Lengths that move A, m and 1/d_2 as corners show them, with all calibrated ones, and how fast, shape (3, n)."""
+    numbers = {**Camera.of(design).numbers, **best}
+    left_out = {PATHS["d_f"], PATHS["wavelength"], TEMPERATURE, TIP, *VIEWING_CONDITIONS}
+    values = {place: float(number) for place, number in numbers.items() if place not in left_out}
+    steps = NUDGE * np.maximum(np.abs([*values.values()]), 1e-3)
+    offsets = np.concatenate([np.diag(steps), -np.diag(steps)], axis=1)
+    changes = {place: value + row for (place, value), row in zip(values.items(), offsets, strict=True)}
+    shown, camera = shown_by(design, changes), Camera.of(design, changes)
+    d, q = camera.d / sheet.d, camera.q / sheet.q
+    told = np.stack(np.broadcast_arrays(shown.A / d, shown.m / d, q * d / shown.d_2))
+    ahead, behind = np.split(told, 2, axis=1)
+    moves = np.abs((ahead - behind) / told.mean(axis=1, keepdims=True)).max(axis=0) > UNMOVED
+    moves |= np.isin([*values], [*best])
+    return tuple(np.array([*values])[moves].tolist()), ((ahead - behind) / (2 * steps))[:, moves]

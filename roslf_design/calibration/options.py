@@ -204,7 +204,9 @@ class BoardDistances(StrictTable):
 def planned_lengths(design: Design, asked: PlanOptions) -> CalibratedLengths | None:
     """How sure a camera's lengths will be after a calibration as planned; None where it cannot determine them."""
     best = calibration_plan(design, asked)
-    return None if isinstance(best, str) else best.expected.lengths(data_sheet(design, best.captures.board, asked))
+    return (
+        None if isinstance(best, str) else best.expected.lengths(design, data_sheet(design, best.captures.board, asked))
+    )
 
 
 def calibration_plan(design: Design, asked: PlanOptions, distortion: int | None = None) -> CapturePlan | str:

@@ -21,7 +21,7 @@ from .lengths import calibrated_lengths
 from .model import Board, DataSheet, Intrinsics, Observations, Poses, derived, project_boards
 from .posterior import laplace_draws, variance_shares
 from .sidedata import SideDatum, image_pitch, white_pitch
-from .space import ApparentCamera, SceneSide, as_shown
+from .space import ApparentCamera, shown_by
 
 DRAWS = 20_000
 """Number of drawn cameras for the covariance of their lengths: standard deviations to 0.5 %."""
@@ -143,11 +143,7 @@ def pupil_of(design: Design) -> float:
 
 
 def _shown(design: Design, f: float | None = None) -> ApparentCamera:
-    c = Camera.of(design)
-    if f is not None:
-        c = Camera.of(design, {"f": f, "d_1": c.seen.d_1})
-    lengths = {name: np.asarray(getattr(c.seen, name), float) for name in ("A", "m", "d_2", "d_3", "d_1")}
-    return as_shown(lengths, SceneSide.of(design))
+    return shown_by(design, None if f is None else {"f": np.asarray(f), "d_1": np.asarray(Camera.of(design).seen.d_1)})
 
 
 def _field_at(design: Design, distance: float) -> tuple[float, float]:
@@ -233,11 +229,11 @@ class _ExpectedErrors(NamedTuple):
     typical: tuple[StatisticsFit, tuple[SideDatum, ...]]
     """Fit to the set of poses of which half know d_3 better, with its side data."""
 
-    def lengths(self, sheet: DataSheet) -> CalibratedLengths:
+    def lengths(self, design: Design, sheet: DataSheet) -> CalibratedLengths:
         """How sure the camera's lengths will be, together, of that set of poses."""
         fit, data = self.typical
         draws = laplace_draws(fit, sheet, DRAWS, np.random.default_rng(0), data)
-        return calibrated_lengths(draws, fit, sheet, data, planned=True)
+        return calibrated_lengths(design, draws, fit, sheet, data, planned=True)
 
 
 class _PlanChange(NamedTuple):

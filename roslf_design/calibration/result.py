@@ -129,7 +129,7 @@ class Outcome:
     @property
     def lengths(self) -> CalibratedLengths:
         """How sure the lengths are that `calibrated` has from here, those of elements before the lens included."""
-        return calibrated_lengths(self.draws, self.calibration.fit, self.sheet, self.combined.data)
+        return calibrated_lengths(self.design, self.draws, self.calibration.fit, self.sheet, self.combined.data)
 
     @property
     def calibrated(self) -> Design:

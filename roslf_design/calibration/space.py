@@ -149,6 +149,13 @@ def as_shown(lengths: Mapping[str, Array], space: SceneSide | None) -> ApparentC
     return ApparentCamera(A, m, d_2, d_3) if space is None else space.apparent(A, m, d_2, d_3, d_1)
 
 
+def shown_by(design: Design, changes: Mapping[str, Array] | None = None) -> ApparentCamera:
+    """A design as the boards' medium has it, with numbers or arrays in some of its places."""
+    c = Camera.of(design, changes)
+    lengths = {name: np.asarray(getattr(c.seen, name), float) for name in ("A", "m", "d_2", "d_3", "d_1")}
+    return as_shown(lengths, SceneSide.of(design, changes))
+
+
 # --- calibrated in one medium, used in another ------------------------------------------------------------------------
 
 

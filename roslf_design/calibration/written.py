@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -47,41 +47,57 @@ class _FoundPosterior(_LenientTable):
     message: str
 
 
-class _FoundCovariance(_LenientTable):
-    """How sure its lengths are, together."""
+class _FoundMatrix(_LenientTable):
+    """Symmetric matrix of lengths, without negative variances."""
 
     places: Annotated[tuple[str, ...], Field(min_length=1)]
     matrix: tuple[tuple[float, ...], ...]
-    information: tuple[tuple[float, ...], ...] | None = None
-    """Information that measurements alone give of them; None of an older calibration."""
-    sheet_sigma: tuple[Annotated[float, Field(ge=0)] | None, ...] | None = None
 
     @model_validator(mode="after")
-    def _square(self) -> _FoundCovariance:
+    def _square(self) -> Self:
         count = len(self.places)
-        for name, rows in (("matrix", self.matrix), ("information", self.information or self.matrix)):
-            if len(rows) != count or any(len(row) != count for row in rows):
-                raise ValueError(f"{name} is not {count} x {count}")
-            matrix = np.array(rows)
-            lengths = np.sqrt(np.maximum(np.diag(matrix), 0))
-            unit = np.where(lengths > 0, lengths, 1)
-            scaled = matrix / unit / unit[:, None]
-            if (np.diag(matrix) < 0).any() or not np.allclose(scaled, scaled.T, atol=1e-6):
-                raise ValueError(f"{name} is no covariance: not symmetric, or below 0 on its diagonal")
-            if float(np.linalg.eigvalsh(scaled).min()) < -1e-6:
-                raise ValueError(f"{name} is no covariance: it has a negative variance")
-        if self.sheet_sigma is not None and len(self.sheet_sigma) != count:
-            raise ValueError(f"sheet_sigma is not of {count} places")
+        if len(self.matrix) != count or any(len(row) != count for row in self.matrix):
+            raise ValueError(f"matrix is not {count} x {count}")
+        matrix = np.array(self.matrix)
+        lengths = np.sqrt(np.maximum(np.diag(matrix), 0))
+        unit = np.where(lengths > 0, lengths, 1)
+        scaled = matrix / unit / unit[:, None]
+        if (np.diag(matrix) < 0).any() or not np.allclose(scaled, scaled.T, atol=1e-6):
+            raise ValueError("matrix is no covariance: not symmetric, or below 0 on its diagonal")
+        if float(np.linalg.eigvalsh(scaled).min()) < -1e-6:
+            raise ValueError("matrix is no covariance: it has a negative variance")
         return self
+
+    @property
+    def value(self) -> LengthCovariance:
+        """Matrix with its places."""
+        return LengthCovariance(self.places, np.array(self.matrix))
+
+
+class _FoundInformation(_FoundMatrix):
+    """Information that measurements alone give of lengths, and what the data sheet knows."""
+
+    sheet_sigma: tuple[Annotated[float, Field(ge=0)] | None, ...]
+
+    @model_validator(mode="after")
+    def _whole(self) -> Self:
+        if len(self.sheet_sigma) != len(self.places):
+            raise ValueError(f"sheet_sigma is not of {len(self.places)} places")
+        return self
+
+
+class _FoundCovariance(_FoundMatrix):
+    """How sure its lengths are, together."""
+
+    information: _FoundInformation | None = None
+    """Information of measurements; None of an older calibration."""
 
     def lengths(self) -> CalibratedLengths:
         """Lengths as a value."""
-        information = None if self.information is None else np.array(self.information)
-        sheet = None if self.sheet_sigma is None else np.array(self.sheet_sigma, float)
-        return CalibratedLengths(
-            LengthCovariance(self.places, np.array(self.matrix)), information,
-            None if sheet is None else np.where(np.isnan(sheet), np.inf, sheet),
-        )  # fmt: skip
+        if (told := self.information) is None:
+            return CalibratedLengths(self.value)
+        sheet = np.array([np.inf if sigma is None else sigma for sigma in told.sheet_sigma])
+        return CalibratedLengths(self.value, told.value, sheet)
 
 
 class _FoundTable(_LenientTable):

@@ -132,10 +132,11 @@ class CalibratedLengths(NamedTuple):
 
     covariance: LengthCovariance
     """By itself: its data sheet is what was known of them before."""
-    information: Array | None = None
-    """F, what measurements alone tell of them [1/mm^2], shape (n, n); None of a calibration that does not say."""
+    information: LengthCovariance | None = None
+    """F, what measurements alone tell of these and of all other lengths that move what they see [1/mm^2]; None of a
+    calibration that does not say."""
     sheet: Array | None = None
-    """Standard deviations that the data sheet knows them to, shape (n,); infinite where it says nothing."""
+    """Standard deviations that the data sheet knows the latter to, shape (n,); infinite where it says nothing."""
     planned: bool = False
     """Whether the calibration is yet to be made."""
 
@@ -149,9 +150,9 @@ class CalibratedLengths(NamedTuple):
             return self.covariance, LengthCovariance((), np.zeros((0, 0)))
         if self.information is None:
             return build.split(self.covariance)
-        shared = tuple(place for place in self.covariance.places if place in build.places)
-        at = [self.covariance.places.index(place) for place in shared]
-        prior, information = build.of(shared), self.information[np.ix_(at, at)]
+        shared = tuple(place for place in self.information.places if place in build.places)
+        at = [self.information.places.index(place) for place in shared]
+        prior, information = build.of(shared), self.information.of(shared).matrix
         if self.sheet is not None:
             made = np.sqrt(np.diag(prior.matrix))
             told = np.maximum(self.sheet[at], EXACT * made)
@@ -161,9 +162,10 @@ class CalibratedLengths(NamedTuple):
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON's types, without `planned`; null where the data sheet says nothing."""
-        sheet = (
-            None if self.sheet is None else [sigma if math.isfinite(sigma) else None for sigma in self.sheet.tolist()]
-        )
-        information = None if self.information is None else self.information.tolist()
-        places, matrix = list(self.covariance.places), self.covariance.matrix.tolist()
-        return {"places": places, "matrix": matrix, "information": information, "sheet_sigma": sheet}
+        data: dict[str, Any] = {"places": list(self.covariance.places), "matrix": self.covariance.matrix.tolist()}
+        if self.information is not None:
+            told = {"places": list(self.information.places), "matrix": self.information.matrix.tolist()}
+            sheet = [] if self.sheet is None else self.sheet.tolist()
+            told["sheet_sigma"] = [sigma if math.isfinite(sigma) else None for sigma in sheet] or None
+            data["information"] = told
+        return data

@@ -7,6 +7,7 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.calibration.options import PlanOptions, calibration_plan, data_sheet, planned_lengths
+from roslf_design.calibration.planning import camera_of
 from roslf_design.calibration.written import _FoundCovariance
 from roslf_design.camera import Camera
 from roslf_design.design import PATHS
@@ -38,8 +39,9 @@ def test_information_with_the_data_sheet_is_the_calibration_s_covariance(design,
     places, matrix = lengths.covariance
     values = np.abs([float(Camera.of(design)[place]) for place in places])
     values[places.index("sensor.pixel")] = 0.0  # q is known
-    before = np.where(np.isfinite(lengths.sheet), lengths.sheet, 1e3 * values)
-    after = LengthCovariance(places, np.diag(before**2)).informed(lengths.information).matrix
+    sheet = np.array([lengths.sheet[lengths.information.places.index(place)] for place in places])
+    before = LengthCovariance(places, np.diag(np.where(np.isfinite(sheet), sheet, 1e3 * values) ** 2))
+    after = before.informed(lengths.information.of(places).matrix).matrix
     sigma = np.sqrt(np.diag(matrix))
     known = sigma > 1e-9 * np.maximum(values, 1e-6)
     unit = np.where(known, sigma, 1.0)
@@ -109,7 +111,32 @@ def test_depths_by_builds_that_are_calibrated_scatter_as_the_budget_says(ahead):
     slope = (m - A / (z - d_3)) * A / unit
     A, m, d_3, unit = parts(*believed)
     rms = np.std(d_3 + A / (m - slope * unit / A) - z)
-    lengths = best.expected.lengths(sheet)
+    lengths = best.expected.lengths(design, sheet)
     budget = depth_budget(Camera.of(design), z - design.d_3, build=built, calibration=lengths)
     # 8192 builds tell it to 0.8 %, and the likeliest lengths are those of straight formulas.
     assert float(budget.of_kind("trueness")) == pytest.approx(rms, rel=0.03)
+
+
+def test_corners_see_elements_that_nobody_calibrates():
+    """Boards stand before them: what they are off is in A, m and d_2 as the boards' medium has them."""
+    design, asked = roslf.load("cystoscope"), PlanOptions()
+    best = calibration_plan(design, asked)
+    sheet = data_sheet(design, best.captures.board, asked)
+    fit, lengths = best.expected.typical[0], best.expected.lengths(design, sheet)
+    m, inverse_d_2 = camera_of(design).vector()[1:3]
+    by_board = np.array([0.0, m, -inverse_d_2]) * sheet.cell_sigma
+    spread = fit.covariance.part(("A", "m", "inverse_d_2")) + np.outer(by_board, by_board)
+    seen = [place for place in lengths.information.places if place.startswith("elements.")]
+    assert seen
+    for place in seen[:3]:
+        step = 1e-6 * float(Camera.of(design)[place])
+        ends = [design.replace({place: float(Camera.of(design)[place]) + off}, d_1=design.d_1) for off in (step, -step)]
+        ahead, behind = (camera_of(end).vector()[:3] for end in ends)
+        rate = (ahead - behind) / (2 * step)
+        told = lengths.information.of((place,)).matrix[0, 0]
+        assert told == pytest.approx(rate @ np.linalg.solve(spread, rate), rel=0.02), place  # about the mean of draws
+    built = lengths_built(tolerance_plan(quick_study(design), design)[0])
+    camera = Camera.of(design)
+    assert (
+        depth_budget(camera, build=built, calibration=lengths).u_z_mm < 0.1 * depth_budget(camera, build=built).u_z_mm
+    )

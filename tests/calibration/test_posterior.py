@@ -263,5 +263,7 @@ def test_pitches_that_are_off_are_in_the_slopes_measured_too():
     errors = depth_errors(draws, fit, sheet, distances)
     np.testing.assert_allclose(errors["from_pupil"], 0.0, atol=1e-6)  # images known to 1e-10
     np.testing.assert_allclose(errors["from_lens"], draws.draws("d_3").std(ddof=1), rtol=1e-6)
-    carried = calibration_sigma(roslf.load("paper"), calibrated_lengths(draws, fit, sheet).covariance, distances)
+    carried = calibration_sigma(
+        roslf.load("paper"), calibrated_lengths(roslf.load("paper"), draws, fit, sheet).covariance, distances
+    )
     np.testing.assert_allclose(carried, errors["from_lens"], rtol=0.01)  # to first order

@@ -117,10 +117,11 @@ def test_lengths_of_a_rendered_camera_come_back(capsys, captured, small, tmp_pat
     told = calibration_sigma(load(out / "calibrated.toml"), covariance, np.array(errors["distance"]))
     np.testing.assert_allclose(told, errors["from_lens"], rtol=1e-3)
     # What measurements alone tell and what was known before make up the posterior, of 400 independent draws or more.
-    known = [1e3 if sigma is None else sigma for sigma in result["covariance"]["sheet_sigma"]]
-    known[covariance.places.index("sensor.pixel")] = 0.0
-    before = LengthCovariance(covariance.places, np.diag(np.square(known)))
-    after = before.informed(np.array(result["covariance"]["information"]))
+    told = result["covariance"]["information"]
+    seen = LengthCovariance(tuple(told["places"]), np.array(told["matrix"])).of(covariance.places)
+    sheet = dict(zip(told["places"], told["sheet_sigma"], strict=True)) | {"sensor.pixel": 0.0}
+    before = np.diag([1e6 if sheet[place] is None else sheet[place] ** 2 for place in covariance.places])
+    after = LengthCovariance(covariance.places, before).informed(seen.matrix)
     np.testing.assert_allclose(np.diag(after.matrix), np.diag(covariance.matrix), rtol=0.2, atol=1e-20)
     assert result["images_missing"] == ["board6.tif"]
     assert result["images_used"] == [f"board{n}.tif" for n in range(1, 6)]

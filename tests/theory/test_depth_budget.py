@@ -171,7 +171,7 @@ def test_calibrated_is_never_worse_than_built(seed, rank):
     rng = np.random.default_rng(seed)
     known = rng.normal(size=(rank, 4)) * 10.0 ** rng.uniform(-3, 6)
     information = known.T @ known
-    after, calibration = BUILD.informed(information), CalibratedLengths(BUILD, information)
+    after, calibration = BUILD.informed(information), CalibratedLengths(BUILD, LengthCovariance(PLACES, information))
     inverse = np.linalg.inv(np.linalg.inv(BUILD.matrix) + information)
     scale = np.outer(TOLERANCES, TOLERANCES)
     assert np.allclose(after.matrix / scale, inverse / scale, atol=1e-6)
@@ -212,7 +212,9 @@ def test_depths_of_builds_that_are_believed_to_be_as_calibrated(known, at):
     reach = d_1 * (d_f - d_3) / d_f
     rms = np.std(told(*believed.T, (d_1 / d_f - reach / (z - d_3)) * reach / d_2) - z)
     some = tuple(PLACES[k] for k in known)
-    calibration = CalibratedLengths(CORRELATED.of(some), measures.T @ measures) if known else None
+    calibration = (
+        CalibratedLengths(CORRELATED.of(some), LengthCovariance(some, measures.T @ measures)) if known else None
+    )
     budget = depth_budget(Camera.of(PAPER), at, build=CORRELATED, calibration=calibration)
     assert float(budget.of_kind("trueness")) == pytest.approx(rms, rel=0.02)  # of 20,000 draws, 0.5 %; bends
     assert ("lengths as built" in terms(budget)) == (len(known) < 4)
@@ -222,13 +224,17 @@ def test_ends_of_what_a_calibration_can_know():
     camera, whole = Camera.of(PAPER), np.diag(TOLERANCES**-2.0)
     built = float(depth_budget(camera, build=CORRELATED).of_kind("trueness"))
     blind, perfect = (
-        float(depth_budget(camera, build=CORRELATED, calibration=CalibratedLengths(CORRELATED, F)).of_kind("trueness"))
+        float(
+            depth_budget(
+                camera, build=CORRELATED, calibration=CalibratedLengths(CORRELATED, LengthCovariance(PLACES, F))
+            ).of_kind("trueness")
+        )
         for F in (0 * whole, 1e12 * whole)
     )
     assert blind == pytest.approx(built, rel=1e-9)
     assert perfect < 1e-5 * built
     exact = LengthCovariance(PLACES, np.zeros((4, 4)))
-    for calibration in (None, CalibratedLengths(BUILD, whole)):
+    for calibration in (None, CalibratedLengths(BUILD, LengthCovariance(PLACES, whole))):
         assert float(depth_budget(camera, build=exact, calibration=calibration).of_kind("trueness")) == 0.0
 
 
@@ -241,7 +247,7 @@ def test_no_calibration_makes_a_camera_worse(seed, known, rank):
     build, some = LengthCovariance(PLACES, mixing @ mixing.T), tuple(PLACES[k] for k in known)
     rows = rng.normal(size=(rank, len(known))) * 10.0 ** rng.uniform(-3, 6)
     sheet = TOLERANCES[list(known)] * 10.0 ** rng.uniform(-3, 1, len(known))
-    calibration = CalibratedLengths(build.of(some), rows.T @ rows, sheet)
+    calibration = CalibratedLengths(build.of(some), LengthCovariance(some, rows.T @ rows), sheet)
     camera = Camera.of(PAPER)
     built, calibrated = (depth_budget(camera, build=build, calibration=one) for one in (None, calibration))
     assert float(calibrated.u_z_mm) <= float(built.u_z_mm) * (1 + 1e-6)
@@ -256,7 +262,7 @@ def test_no_calibration_makes_a_camera_worse(seed, known, rank):
 
 def test_a_plan_is_no_measurement():
     for planned, kind in ((True, "B"), (False, "A")):
-        calibration = CalibratedLengths(BUILD, np.zeros((4, 4)), planned=planned)
+        calibration = CalibratedLengths(BUILD, LengthCovariance(PLACES, np.zeros((4, 4))), planned=planned)
         assert terms(depth_budget(Camera.of(PAPER), calibration=calibration))["lengths as calibrated"].type == kind
 
 

@@ -363,7 +363,7 @@ def planned_depth(
     design: Design, plan: CapturePlan, asked: PlanOptions, build: LengthCovariance | None = None
 ) -> DepthBudget:
     """Depth to be expected of a camera that is calibrated as planned."""
-    lengths = plan.expected.lengths(data_sheet(design, plan.captures.board, asked))
+    lengths = plan.expected.lengths(design, data_sheet(design, plan.captures.board, asked))
     return depth_budget(Camera.of(design.thin_twin), build=build, calibration=lengths)
 
 
