@@ -526,6 +526,8 @@ class _Mixing(NamedTuple):
         cls, parts: ImageParts, shares: NDArray[np.float64], own: int, usable: NDArray[np.bool_], faint: bool | None
     ) -> _Mixing:
         """For samples that are `usable`, shape (t, s), and of them; of faint light, of other, or (None) of all."""
+        from scipy.spatial import cKDTree
+
         light, *pupil = (axis[..., usable] for axis in (parts.light, parts.x, parts.y))
         x, y = ((axis * light).mean(1) / np.maximum(light.mean(1), 1e-12) for axis in pupil)
         shares = shares[..., usable]
@@ -533,10 +535,11 @@ class _Mixing(NamedTuple):
         taken = (most > FAINT) & ((most <= STRONG) == faint if faint is not None else True)
         taken[own] = False
         sample, step = np.nonzero(taken.T)
-        apart = (x[step, sample, None] - x[own]) ** 2 + (y[step, sample, None] - y[own]) ** 2
+        places = np.stack([x, y], -1)
+        source = cKDTree(places[own]).query(places[step, sample])[1]
         first = np.searchsorted(sample, np.arange(taken.shape[1] + 1))
         steps = np.array(parts.steps, np.int64).reshape(-1, 2)[step]
-        return cls(first, apart.argmin(1), steps, np.ascontiguousarray(shares[step, :, sample], np.float32))
+        return cls(first, source.astype(np.int64), steps, np.ascontiguousarray(shares[step, :, sample], np.float32))
 
 
 class _Map(NamedTuple):

