@@ -54,6 +54,8 @@ DISPARITIES, MOST_DISPARITIES = 0.5, 12
 FADING, DARK_WAVE, MOST_GAIN = 0.8, 0.1, 3.0
 """Filters of views: share of the finest detail that the array shows from which on they fade out; share of a wave that
 views must show; and by how much they change it at most."""
+MOST_FILTERS = 300_000
+"""Filters, of samples at places of the field and disparities, at most."""
 MOST_PLACES = 50_000_000
 """Samples up to which each has a place of its own."""
 LEAST = 0.65
@@ -150,40 +152,37 @@ def without_crosstalk(camera: Camera, field: LightField) -> _OwnLight:
     return _OwnLight(_with(field, values, weight), pupil, aside)
 
 
-class _InPhase(NamedTuple):
-    """Views of a light field as one texture shows itself to all of them, and what that moves."""
-
-    field: LightField
-    pupil: NDArray[np.float32]
-    """To add to `_OwnLight.pupil`: places by which what views see moves with disparity, about that of each microlens.
-    Shape (2, t, s), or (2, t, s, v, u)."""
-    aside: NDArray[np.float32]
-    """To add to `_OwnLight.aside`: what is left of that at the disparity itself, of the same shape."""
-
-
-def in_phase(camera: Camera, field: LightField, disparity: NDArray[np.float64], least: float) -> _InPhase | None:
-    """Views where the phase of their light says that they look from.
+def in_phase(
+    camera: Camera, field: LightField, pupil: NDArray[np.floating], aside: NDArray[np.floating],
+    disparity: NDArray[np.float64], least: float,
+) -> _OwnLight | None:  # fmt: skip
+    """Views taken to look from where the phase of their light says; None where that makes no difference.
 
     A texture of f periods a pitch at disparity B has nu = f B periods across the FAP. A view shows it turned by the
     phase that its light has at nu: the mean place where nu is small, farther out where it is not, as the light of outer
     views is skew; and what is wrong with the light taken off as neighbours' turns it as well. Both follow, wave by
-    wave, from taking neighbours' light off what microlenses show of single waves. Most of it is a place to look from;
-    of whole images filters take the rest out of the views, which then show all waves as strongly as each other, too.
+    wave, from taking neighbours' light off what microlenses show of single waves. Most of it is a place to look from:
+    how fast what a view shows moves with disparity, about that of each microlens, and what is left aside of that.
+    Filters take the rest out of the views, which then show all waves as strongly as each other, too.
 
     Parameters
     ----------
     camera : Camera
         One build, which took the light field.
-    field : LightField
-        With each microlens's own light alone.
+    field, pupil, aside
+        Views' own light as of `without_crosstalk`, by mean places; or as a real lens has these.
     disparity : ndarray, shape (v, u)
-        By the views' mean places, about [pitches].
+        Found with them [pitches].
     least : float
-        Error of disparities by mean places [pitches], on average, below which they do: None is returned.
+        Error of those, on average, that makes no difference [pitches].
     """
+    low, high = (float(np.quantile(disparity, part)) for part in (0.01, 0.99))
+    step = max(DISPARITIES, (high - low) / MOST_DISPARITIES)
+    disparities = np.asarray(step * np.arange(math.floor(low / step) - 1, math.ceil(high / step) + 2), np.float64)
     rows, columns, parts = _parts(camera, field)
+    most = min(COARSE, max(2, int(math.sqrt(MOST_FILTERS / (disparities.size * parts.light[0, 0].size)))))
     few, some = (
-        np.unique(np.linspace(0, at.size - 1, min(at.size, COARSE)).round().astype(np.intp)) for at in (rows, columns)
+        np.unique(np.linspace(0, at.size - 1, min(at.size, most)).round().astype(np.intp)) for at in (rows, columns)
     )
     nodes = (few[:, None] * columns.size + some).ravel()
     rows, columns = rows[few], columns[some]
@@ -191,9 +190,6 @@ def in_phase(camera: Camera, field: LightField, disparity: NDArray[np.float64], 
     places = places_on_array(camera, field)[np.ix_(rows, columns)].reshape(-1, 2)
     freed = _FreedWaves.of(MicrolensImages(panchromatic(camera), places), parts, field)
     whole = nodes.size == 1
-    low, high = (float(np.quantile(disparity, part)) for part in (0.01, 0.99))
-    step = max(DISPARITIES, (high - low) / MOST_DISPARITIES)
-    disparities = step * np.arange(math.floor(low / step) - 1, math.ceil(high / step) + 2)
     waves = _Waves.of(WAVES, field, PACKINGS[camera.layout].fold)
     moved, kernels = [], []
     for shown in freed.shown(waves.k, disparities):
@@ -232,11 +228,18 @@ def in_phase(camera: Camera, field: LightField, disparity: NDArray[np.float64], 
         for nodes, n in ((rows, at.shape[0]), (columns, at.shape[1]))
     ]
     field = _filtered(field, freed.usable, np.stack(kernels), at, near)
-    return _InPhase(field, spread(slope), spread(rest))
+    return _OwnLight(field, _sum(pupil, spread(slope)), _sum(aside, spread(rest)))
+
+
+def _sum(one: NDArray[np.floating], other: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Sum of arrays of views, shape (2, t, s), or (2, t, s, v, u)."""
+    most = max(one.ndim, other.ndim)
+    one, other = (part if part.ndim == most else part[..., None, None] for part in (one, other))
+    return np.asarray(one + other, np.float32)
 
 
 class _FreedWaves(NamedTuple):
-    """What views show of single waves once neighbours' light was taken off as `without_crosstalk` does it."""
+    """Waves as views show them once neighbours' light was taken off as `without_crosstalk` does it."""
 
     images: MicrolensImages
     s: NDArray[np.float64]
@@ -246,7 +249,7 @@ class _FreedWaves(NamedTuple):
     usable: NDArray[np.bool_]
     """Views that have own light at any node, shape (t, s)."""
     gain: NDArray[np.float64]
-    """What own light is divided by, 0 where it is dropped; shape (view, node)."""
+    """Reciprocal of the own share of light, 0 where samples are dropped; shape (view, node)."""
     mixing: _Mixing
     pupil: NDArray[np.float64]
     """Mean places on the FAP, shape (2, view, node)."""
@@ -289,7 +292,7 @@ class _Waves(NamedTuple):
 
     k: NDArray[np.float64]
     """Periods a pitch along u and v, shape (W, 2)."""
-    index: NDArray[np.intp]
+    on_grid: NDArray[np.intp]
     """Place of each on the grid, from its middle, shape (W, 2)."""
     side: int
     """Waves along a side of the grid."""
@@ -331,7 +334,7 @@ class _Waves(NamedTuple):
         turn = np.angle(shown * np.exp(2j * math.pi * np.tensordot(self.k, off, 1)))
         factor = np.exp(passed * (np.log(np.maximum(gain, 1e-9)) - 1j * turn)).T
         grid = np.ones((*factor.shape[:2], self.side, self.side), np.complex64)
-        x, y = self.index.T
+        x, y = self.on_grid.T
         grid[..., y, x], grid[..., -y, -x] = factor, factor.conj()
         return np.asarray(np.fft.fftshift(np.fft.ifft2(grid).real, (-2, -1)), np.float32)
 
@@ -539,7 +542,9 @@ class _Mixing(NamedTuple):
         source = cKDTree(places[own]).query(places[step, sample])[1]
         first = np.searchsorted(sample, np.arange(taken.shape[1] + 1))
         steps = np.array(parts.steps, np.int64).reshape(-1, 2)[step]
-        return cls(first, source.astype(np.int64), steps, np.ascontiguousarray(shares[step, :, sample], np.float32))
+        return cls(
+            first, np.asarray(source, np.int64), steps, np.ascontiguousarray(shares[step, :, sample], np.float32)
+        )
 
 
 class _Map(NamedTuple):
