@@ -22,7 +22,7 @@ from ..calibration.decoding import DARKEST, LightField, read_between, squared
 from ..camera import Camera
 from ..shapes.lattice import PACKINGS
 from ..theory.colours import panchromatic
-from ..theory.disparity_error import AS_IT_IS, FINEST_PLACES, ImageParts, Read, image_parts, waves_shown
+from ..theory.disparity_error import AS_IT_IS, FINEST_PLACES, ImageParts, Read, image_parts, light_read, waves_shown
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import microlens_defocus
@@ -122,7 +122,7 @@ def without_crosstalk(camera: Camera, field: LightField) -> _OwnLight:
     rows, columns, parts = _parts(camera, field)
     height, width = len(field.v), len(field.u)
     own = parts.steps.index((0, 0))
-    shares = _shares(parts)
+    shares = _shares(parts.light)
     hexagonal = field.hexagonal
     lenses = field if hexagonal is None else hexagonal
     size = (lenses.values.shape[2], lenses.values.shape[3])
@@ -133,7 +133,7 @@ def without_crosstalk(camera: Camera, field: LightField) -> _OwnLight:
     mixed = parts
     if (read := _each_between(camera, field, parts)) is not None:
         mixed, maps = read
-        shares = _shares(mixed)
+        shares = _shares(mixed.light)
     mine = maps(np.moveaxis(shares[own], 0, -1))
     values, weight = np.zeros_like(lenses.values, np.float32), np.zeros_like(lenses.weight, np.float32)
     usable = np.asarray((mine > LEAST).any((2, 3)))
@@ -260,7 +260,7 @@ class _FreedWaves(NamedTuple):
     @classmethod
     def of(cls, images: MicrolensImages, parts: ImageParts, field: LightField) -> _FreedWaves:
         own = parts.steps.index((0, 0))
-        total, shares = parts.light.sum(0), _shares(parts)
+        total, shares = parts.light.sum(0), _shares(parts.light)
         usable = (shares[own] > LEAST).any(0)
         share = shares[own][:, usable].T
         gain = np.divide(1.0, share, out=np.zeros_like(share), where=share > LEAST)
@@ -482,10 +482,10 @@ def reading(field: LightField) -> Read:
     return (along,), (across,)
 
 
-def _shares(parts: ImageParts) -> NDArray[np.float64]:
-    """Shares of a sample's light that come from each microlens."""
-    total = parts.light.sum(0)
-    return np.asarray(np.divide(parts.light, total, out=np.zeros_like(parts.light), where=total > 0))
+def _shares(light: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Shares of samples' light, its first axis counting the microlenses that it comes from."""
+    total = light.sum(0)
+    return np.asarray(np.divide(light, total, out=np.zeros_like(light), where=total > 0))
 
 
 def _each_between(camera: Camera, field: LightField, parts: ImageParts) -> tuple[ImageParts, _Map] | None:
@@ -500,16 +500,17 @@ def _each_between(camera: Camera, field: LightField, parts: ImageParts) -> tuple
     images = MicrolensImages(panchromatic(camera), [(0.0, 0.0)])
     for count in (2, BETWEEN):
         reads = [partial(read_between, between=np.array([part])) for part in np.arange(count) / count]
-        each = image_parts(images, field.s / field.pitch, field.t / field.pitch, (reads, reads))
-        share = _shares(each)[each.steps.index((0, 0))]
+        light = light_read(images, field.s / field.pitch, field.t / field.pitch, (reads, reads))
+        share = _shares(light)[parts.steps.index((0, 0))]
         if np.ptp(share[:, (share > LEAST).any(0)], axis=0).max(initial=0.0) < ALIKE:
             return None
     again = np.arange(BETWEEN + 1) % BETWEEN
     nodes = (again[:, None] * BETWEEN + again).ravel()
     column, row = np.floor(field.between * BETWEEN).astype(np.int64)
     along, down = (field.between * BETWEEN % 1).astype(np.float32)
-    light, x, y = (part[:, nodes] for part in each[1:])
-    return ImageParts(each.steps, light, x, y), _Map(row * (BETWEEN + 1) + column, down, along, BETWEEN + 1)
+    light = light[:, nodes]
+    x, y = (np.broadcast_to(part, light.shape) for part in parts[2:])
+    return ImageParts(parts.steps, light, x, y), _Map(row * (BETWEEN + 1) + column, down, along, BETWEEN + 1)
 
 
 class _Mixing(NamedTuple):
@@ -531,7 +532,7 @@ class _Mixing(NamedTuple):
         """For samples that are `usable`, shape (t, s), and of them; of faint light, of other, or (None) of all."""
         from scipy.spatial import cKDTree
 
-        light, *pupil = (axis[..., usable] for axis in (parts.light, parts.x, parts.y))
+        light, *pupil = (axis[..., usable] for axis in (np.abs(parts.light), parts.x, parts.y))
         x, y = ((axis * light).mean(1) / np.maximum(light.mean(1), 1e-12) for axis in pupil)
         shares = shares[..., usable]
         most = np.abs(shares).max(1)
