@@ -7,6 +7,7 @@ How much of it there is follows from the camera, and what the neighbours see sta
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import replace
@@ -21,7 +22,7 @@ from ..calibration.decoding import DARKEST, LightField, read_between, squared
 from ..camera import Camera
 from ..shapes.lattice import PACKINGS
 from ..theory.colours import panchromatic
-from ..theory.disparity_error import AS_IT_IS, FINEST_PLACES, ImageParts, Read, image_parts, waves_shown
+from ..theory.disparity_error import AS_IT_IS, FINEST_PLACES, ImageParts, Read, image_parts, light_read, waves_shown
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import microlens_defocus
@@ -46,13 +47,15 @@ MANY_BETWEEN, TURNED = 32, 0.2
 them, where the array is turned, beyond which it is taken of all."""
 FARTHEST = 0.25
 """Pitches from a microlens's middle beyond which no sample is taken to look."""
-WAVES, FEW_WAVES = 13, 5
-"""Waves along a side of the grid that views are compared by: of whole images, and of cut ones."""
+WAVES = 13
+"""Waves along a side of the grid that views are compared by."""
 DISPARITIES, MOST_DISPARITIES = 0.5, 12
 """Steps of disparity between which places are interpolated [pitches], and how many of them at most."""
 FADING, DARK_WAVE, MOST_GAIN = 0.8, 0.1, 3.0
 """Filters of views: share of the finest detail that the array shows from which on they fade out; share of a wave that
 views must show; and by how much they change it at most."""
+MOST_FILTERS = 300_000
+"""Filters, of samples at places of the field and disparities, at most."""
 MOST_PLACES = 50_000_000
 """Samples up to which each has a place of its own."""
 LEAST = 0.65
@@ -119,7 +122,7 @@ def without_crosstalk(camera: Camera, field: LightField) -> _OwnLight:
     rows, columns, parts = _parts(camera, field)
     height, width = len(field.v), len(field.u)
     own = parts.steps.index((0, 0))
-    shares = _shares(parts)
+    shares = _shares(parts.light)
     hexagonal = field.hexagonal
     lenses = field if hexagonal is None else hexagonal
     size = (lenses.values.shape[2], lenses.values.shape[3])
@@ -130,7 +133,7 @@ def without_crosstalk(camera: Camera, field: LightField) -> _OwnLight:
     mixed = parts
     if (read := _each_between(camera, field, parts)) is not None:
         mixed, maps = read
-        shares = _shares(mixed)
+        shares = _shares(mixed.light)
     mine = maps(np.moveaxis(shares[own], 0, -1))
     values, weight = np.zeros_like(lenses.values, np.float32), np.zeros_like(lenses.weight, np.float32)
     usable = np.asarray((mine > LEAST).any((2, 3)))
@@ -149,40 +152,37 @@ def without_crosstalk(camera: Camera, field: LightField) -> _OwnLight:
     return _OwnLight(_with(field, values, weight), pupil, aside)
 
 
-class _InPhase(NamedTuple):
-    """Views of a light field as one texture shows itself to all of them, and what that moves."""
-
-    field: LightField
-    pupil: NDArray[np.float32]
-    """To add to `_OwnLight.pupil`: places by which what views see moves with disparity, about that of each microlens.
-    Shape (2, t, s), or (2, t, s, v, u)."""
-    aside: NDArray[np.float32]
-    """To add to `_OwnLight.aside`: what is left of that at the disparity itself, of the same shape."""
-
-
-def in_phase(camera: Camera, field: LightField, disparity: NDArray[np.float64], least: float) -> _InPhase | None:
-    """Views where the phase of their light says that they look from.
+def in_phase(
+    camera: Camera, field: LightField, pupil: NDArray[np.floating], aside: NDArray[np.floating],
+    disparity: NDArray[np.float64], least: float,
+) -> _OwnLight | None:  # fmt: skip
+    """Views taken to look from where the phase of their light says; None where that makes no difference.
 
     A texture of f periods a pitch at disparity B has nu = f B periods across the FAP. A view shows it turned by the
     phase that its light has at nu: the mean place where nu is small, farther out where it is not, as the light of outer
     views is skew; and what is wrong with the light taken off as neighbours' turns it as well. Both follow, wave by
-    wave, from taking neighbours' light off what microlenses show of single waves. Most of it is a place to look from;
-    of whole images filters take the rest out of the views, which then show all waves as strongly as each other, too.
+    wave, from taking neighbours' light off what microlenses show of single waves. Most of it is a place to look from:
+    how fast what a view shows moves with disparity, about that of each microlens, and what is left aside of that.
+    Filters take the rest out of the views, which then show all waves as strongly as each other, too.
 
     Parameters
     ----------
     camera : Camera
         One build, which took the light field.
-    field : LightField
-        With each microlens's own light alone.
+    field, pupil, aside
+        Views' own light as of `without_crosstalk`, by mean places; or as a real lens has these.
     disparity : ndarray, shape (v, u)
-        By the views' mean places, about [pitches].
+        Found with them [pitches].
     least : float
-        Error of disparities by mean places [pitches], on average, below which they do: None is returned.
+        Error of those, on average, that makes no difference [pitches].
     """
+    low, high = (float(np.quantile(disparity, part)) for part in (0.01, 0.99))
+    step = max(DISPARITIES, (high - low) / MOST_DISPARITIES)
+    disparities = np.asarray(step * np.arange(math.floor(low / step) - 1, math.ceil(high / step) + 2), np.float64)
     rows, columns, parts = _parts(camera, field)
+    most = min(COARSE, max(2, int(math.sqrt(MOST_FILTERS / (disparities.size * parts.light[0, 0].size)))))
     few, some = (
-        np.unique(np.linspace(0, at.size - 1, min(at.size, COARSE)).round().astype(np.intp)) for at in (rows, columns)
+        np.unique(np.linspace(0, at.size - 1, min(at.size, most)).round().astype(np.intp)) for at in (rows, columns)
     )
     nodes = (few[:, None] * columns.size + some).ravel()
     rows, columns = rows[few], columns[some]
@@ -190,16 +190,12 @@ def in_phase(camera: Camera, field: LightField, disparity: NDArray[np.float64], 
     places = places_on_array(camera, field)[np.ix_(rows, columns)].reshape(-1, 2)
     freed = _FreedWaves.of(MicrolensImages(panchromatic(camera), places), parts, field)
     whole = nodes.size == 1
-    low, high = (float(np.quantile(disparity, part)) for part in (0.01, 0.99))
-    step = max(DISPARITIES, (high - low) / MOST_DISPARITIES)
-    disparities = step * np.arange(math.floor(low / step) - 1, math.ceil(high / step) + 2)
-    waves = _Waves.of(WAVES if whole else FEW_WAVES, field, PACKINGS[camera.layout].fold)
+    waves = _Waves.of(WAVES, field, PACKINGS[camera.layout].fold)
     moved, kernels = [], []
     for shown in freed.shown(waves.k, disparities):
         off = waves.moved(shown)
         moved.append(off)
-        if whole:
-            kernels.append(waves.filters(shown[..., 0], off[..., 0]))
+        kernels.append(waves.filters(shown, off))
     offset = np.stack(moved)  # (disparity, axis, view, node)
     slope = np.diff(offset, axis=0) / step
     rest = offset[:-1] - disparities[:-1, None, None, None] * slope
@@ -227,13 +223,23 @@ def in_phase(camera: Camera, field: LightField, disparity: NDArray[np.float64], 
             out = np.where(below == k, over_view(every[k]), out)
         return out
 
-    if whole:
-        field = _filtered(field, freed.usable, np.stack(kernels), at)
-    return _InPhase(field, spread(slope), spread(rest))
+    near = [
+        np.stack([np.interp(np.arange(n), nodes, one) for one in np.eye(nodes.size)])
+        for nodes, n in ((rows, at.shape[0]), (columns, at.shape[1]))
+    ]
+    field = _filtered(field, freed.usable, np.stack(kernels), at, near)
+    return _OwnLight(field, _sum(pupil, spread(slope)), _sum(aside, spread(rest)))
+
+
+def _sum(one: NDArray[np.floating], other: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Sum of arrays of views, shape (2, t, s), or (2, t, s, v, u)."""
+    most = max(one.ndim, other.ndim)
+    one, other = (part if part.ndim == most else part[..., None, None] for part in (one, other))
+    return np.asarray(one + other, np.float32)
 
 
 class _FreedWaves(NamedTuple):
-    """What views show of single waves once neighbours' light was taken off as `without_crosstalk` does it."""
+    """Waves as views show them once neighbours' light was taken off as `without_crosstalk` does it."""
 
     images: MicrolensImages
     s: NDArray[np.float64]
@@ -243,8 +249,8 @@ class _FreedWaves(NamedTuple):
     usable: NDArray[np.bool_]
     """Views that have own light at any node, shape (t, s)."""
     gain: NDArray[np.float64]
-    """What own light is divided by, 0 where it is dropped; shape (view, node)."""
-    ways: tuple[_Mixing, ...]
+    """Reciprocal of the own share of light, 0 where samples are dropped; shape (view, node)."""
+    mixing: _Mixing
     pupil: NDArray[np.float64]
     """Mean places on the FAP, shape (2, view, node)."""
     weight: NDArray[np.float64]
@@ -254,41 +260,31 @@ class _FreedWaves(NamedTuple):
     @classmethod
     def of(cls, images: MicrolensImages, parts: ImageParts, field: LightField) -> _FreedWaves:
         own = parts.steps.index((0, 0))
-        total, shares = parts.light.sum(0), _shares(parts)
+        total, shares = parts.light.sum(0), _shares(parts.light)
         usable = (shares[own] > LEAST).any(0)
         share = shares[own][:, usable].T
         gain = np.divide(1.0, share, out=np.zeros_like(share), where=share > LEAST)
-        ways = tuple(_Mixing.of(parts, shares, own, usable, faint) for faint in (False, True))
+        mixing = _Mixing.of(parts, shares, own, usable, None)
         camera = images.camera
         side = math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
         pupil = side * np.stack([axis[own][:, usable].T for axis in (parts.x, parts.y)])
         weight = np.where(gain > 0, total[:, usable].T * share**2, 0.0)
         s, t = field.s / field.pitch, field.t / field.pitch
-        return cls(images, s, t, side, usable, gain, ways, pupil, weight, reading(field))
+        return cls(images, s, t, side, usable, gain, mixing, pupil, weight, reading(field))
 
     def shown(self, waves: NDArray[np.float64], disparities: NDArray[np.float64]) -> Iterator[NDArray[np.complex128]]:
         """Waves, shape (W, 2), as views show them against where their mean places do, shape (W, view, node)."""
-        from scipy.sparse import csr_array
-
-        known, steps = self.gain > 0, PACKINGS[self.images.camera.layout].steps.T
-        share = 1 / np.maximum(known.sum(0), 1)
         every = waves_shown(self.images, self.s, self.t, waves, self.side * disparities, self.read)
-        for disparity, raw in zip(disparities.tolist(), every[..., self.usable].swapaxes(2, 3), strict=True):
-            out = np.empty_like(raw)
-            for k, wave in enumerate(waves):
-                turns = [np.exp(2j * math.pi * (way.step @ (steps @ wave))) for way in self.ways]
-                for n in range(known.shape[1]):
-                    mixing = sum(
-                        csr_array((way.share[:, n] * turn, way.source, way.first), shape=(len(known), len(known)))
-                        for way, turn in zip(self.ways, turns, strict=True)
-                    )
-                    seen, gain = raw[k, :, n], self.gain[:, n]
-                    values = seen * gain
-                    for _ in range(ROUNDS):
-                        values = np.where(gain > 0, values, values.sum() * share[n])
-                        values = (seen - mixing @ values) * gain
-                    out[k, :, n] = values
-            yield out * np.exp(2j * math.pi * disparity * np.tensordot(waves, self.pupil, 1))
+        turns = np.exp(2j * math.pi * (waves @ PACKINGS[self.images.camera.layout].steps @ self.mixing.step.T))
+        for disparity, raw in zip(disparities.tolist(), every[..., self.usable], strict=True):
+            values = raw * self.gain.T
+            with THREADS:
+                _free_waves.compiled(
+                    raw, self.gain.T.copy(), self.mixing.first, self.mixing.source, turns,
+                    np.ascontiguousarray(self.mixing.share.T), values,
+                )  # fmt: skip
+            values = values.swapaxes(1, 2)
+            yield values * np.exp(2j * math.pi * disparity * np.tensordot(waves, self.pupil, 1))
 
 
 class _Waves(NamedTuple):
@@ -296,7 +292,7 @@ class _Waves(NamedTuple):
 
     k: NDArray[np.float64]
     """Periods a pitch along u and v, shape (W, 2)."""
-    index: NDArray[np.intp]
+    on_grid: NDArray[np.intp]
     """Place of each on the grid, from its middle, shape (W, 2)."""
     side: int
     """Waves along a side of the grid."""
@@ -325,49 +321,64 @@ class _Waves(NamedTuple):
         off = -np.linalg.solve(normal + 1e-12 * np.eye(2), told)
         return np.asarray(np.moveaxis(off, 0, -1))
 
-    def filters(self, shown: NDArray[np.complex128], off: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Taps, shape (view, N, N), that make views alike which look `off` [pitches] past their mean places.
+    def filters(self, shown: NDArray[np.complex128], off: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Taps, shape (node, view, N, N), that make views alike which look `off` [pitches] past their mean places.
 
-        `shown` has the shape (W, view), `off` (2, view).
+        `shown` has the shape (W, view, node), `off` (2, view, node).
         """
         size = np.abs(shown)
-        mean = np.sqrt((size**2).mean(1, keepdims=True))
-        passed = self.passed[:, None] * (mean > DARK_WAVE)
+        lit = size > 0
+        mean = np.sqrt((size**2).sum(1, keepdims=True) / np.maximum(lit.sum(1, keepdims=True), 1))
+        passed = self.passed[:, None, None] * ((mean > DARK_WAVE) & lit)
         gain = np.clip(mean / np.maximum(size, 1e-9), 1 / MOST_GAIN, MOST_GAIN)
-        turn = np.angle(shown * np.exp(2j * math.pi * (self.k @ off)))
-        factor = np.exp(passed * (np.log(gain) - 1j * turn)).T
-        grid = np.ones((shown.shape[1], self.side, self.side), complex)
-        x, y = self.index.T
-        grid[:, y, x], grid[:, -y, -x] = factor, factor.conj()
-        return np.fft.fftshift(np.fft.ifft2(grid).real, (1, 2))
+        turn = np.angle(shown * np.exp(2j * math.pi * np.tensordot(self.k, off, 1)))
+        factor = np.exp(passed * (np.log(np.maximum(gain, 1e-9)) - 1j * turn)).T
+        grid = np.ones((*factor.shape[:2], self.side, self.side), np.complex64)
+        x, y = self.on_grid.T
+        grid[..., y, x], grid[..., -y, -x] = factor, factor.conj()
+        return np.asarray(np.fft.fftshift(np.fft.ifft2(grid).real, (-2, -1)), np.float32)
 
 
 def _filtered(
-    field: LightField, usable: NDArray[np.bool_], kernels: NDArray[np.float64], at: NDArray[np.float64]
-) -> LightField:
-    """Views by the filters, shape (disparity, view, N, N), between the two that each microlens's place `at` is at."""
+    field: LightField, usable: NDArray[np.bool_], kernels: NDArray[np.float32], at: NDArray[np.float64],
+    near: list[NDArray[np.float64]],
+) -> LightField:  # fmt: skip
+    """Views by filters, those of the nodes and disparities about each microlens by how near they are.
+
+    Parameters
+    ----------
+    field : LightField
+    usable : ndarray, shape (t, s)
+    kernels : ndarray, shape (disparity, node, view, N, N)
+    at : ndarray, shape (v, u)
+        Place among the disparities.
+    near : list of ndarray, shapes (rows of nodes, v), (columns of nodes, u)
+        Weights of the nodes.
+    """
     from scipy import fft
 
-    values, weight = field.values.copy(), field.weight.copy()
+    values, noise = np.zeros_like(field.values), np.zeros_like(field.values)
     reach = kernels.shape[-1] // 2
-    shape = [fft.next_fast_len(n + 2 * reach, real=True) for n in field.values.shape[2:]]
-    parts = [
-        (k, part) for k in range(len(kernels)) if (part := np.clip(1 - np.abs(at - k), 0, 1).astype(np.float32)).any()
-    ]
-    rows, columns = (slice(2 * reach, 2 * reach + n) for n in field.values.shape[2:])
-    for n, (t, s) in enumerate(np.argwhere(usable)):
-        view, lit = field.values[t, s][None].copy(), field.weight[t, s][None]
-        with THREADS:
-            fill_holes.compiled(view, lit)
-        sent = fft.rfft2(np.pad(view[0], reach, mode="symmetric"), shape)
-        shown, noise = np.zeros_like(view[0]), np.zeros_like(view[0])
-        for k, part in parts:
-            passed = fft.irfft2(sent * fft.rfft2(kernels[k, n].astype(np.float32), shape), shape)
-            shown += part * passed[rows, columns]
-            noise += part * np.float32((kernels[k, n] ** 2).sum())
-        values[t, s] = np.where(lit[0] > 0, shown, 0)
-        weight[t, s] /= noise
-    return replace(field, values=values, weight=weight)
+    views, places = field.values[usable], tuple(np.argwhere(usable).T)
+    with THREADS:
+        fill_holes.compiled(views, field.weight[usable])
+    padded = np.pad(views, ((0, 0), (reach, reach), (reach, reach)), mode="symmetric")
+    for node, (row, column) in enumerate(itertools.product(*near)):
+        (top, bottom), (left, right) = (np.flatnonzero(line)[[0, -1]] for line in (row, column))
+        here = np.s_[top : bottom + 1, left : right + 1]
+        part = np.multiply.outer(row, column)[here]
+        shape = [fft.next_fast_len(n + 2 * reach, real=True) for n in part.shape]
+        inside = tuple(slice(2 * reach, 2 * reach + n) for n in part.shape)
+        shares = [np.clip(1 - np.abs(at[here] - k), 0, 1) * part for k in range(len(kernels))]
+        for n, (t, s) in enumerate(zip(*places, strict=True)):
+            sent = fft.rfft2(padded[n, top : bottom + 1 + 2 * reach, left : right + 1 + 2 * reach], shape)
+            for taps, share in zip(kernels[:, node, n], shares, strict=True):
+                if share.any():
+                    values[t, s][here] += share * fft.irfft2(sent * fft.rfft2(taps, shape), shape)[inside]
+                    noise[t, s][here] += share * (taps**2).sum()
+    lit = field.weight > 0
+    weight = np.divide(field.weight, noise, out=np.zeros_like(field.weight), where=lit & (noise > 0))
+    return replace(field, values=np.where(weight > 0, values, 0), weight=weight)
 
 
 def _aside(
@@ -471,10 +482,10 @@ def reading(field: LightField) -> Read:
     return (along,), (across,)
 
 
-def _shares(parts: ImageParts) -> NDArray[np.float64]:
-    """Shares of a sample's light that come from each microlens."""
-    total = parts.light.sum(0)
-    return np.asarray(np.divide(parts.light, total, out=np.zeros_like(parts.light), where=total > 0))
+def _shares(light: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Shares of samples' light, its first axis counting the microlenses that it comes from."""
+    total = light.sum(0)
+    return np.asarray(np.divide(light, total, out=np.zeros_like(light), where=total > 0))
 
 
 def _each_between(camera: Camera, field: LightField, parts: ImageParts) -> tuple[ImageParts, _Map] | None:
@@ -489,16 +500,17 @@ def _each_between(camera: Camera, field: LightField, parts: ImageParts) -> tuple
     images = MicrolensImages(panchromatic(camera), [(0.0, 0.0)])
     for count in (2, BETWEEN):
         reads = [partial(read_between, between=np.array([part])) for part in np.arange(count) / count]
-        each = image_parts(images, field.s / field.pitch, field.t / field.pitch, (reads, reads))
-        share = _shares(each)[each.steps.index((0, 0))]
+        light = light_read(images, field.s / field.pitch, field.t / field.pitch, (reads, reads))
+        share = _shares(light)[parts.steps.index((0, 0))]
         if np.ptp(share[:, (share > LEAST).any(0)], axis=0).max(initial=0.0) < ALIKE:
             return None
     again = np.arange(BETWEEN + 1) % BETWEEN
     nodes = (again[:, None] * BETWEEN + again).ravel()
     column, row = np.floor(field.between * BETWEEN).astype(np.int64)
     along, down = (field.between * BETWEEN % 1).astype(np.float32)
-    light, x, y = (part[:, nodes] for part in each[1:])
-    return ImageParts(each.steps, light, x, y), _Map(row * (BETWEEN + 1) + column, down, along, BETWEEN + 1)
+    light = light[:, nodes]
+    x, y = (np.broadcast_to(part, light.shape) for part in parts[2:])
+    return ImageParts(parts.steps, light, x, y), _Map(row * (BETWEEN + 1) + column, down, along, BETWEEN + 1)
 
 
 class _Mixing(NamedTuple):
@@ -515,20 +527,25 @@ class _Mixing(NamedTuple):
 
     @classmethod
     def of(
-        cls, parts: ImageParts, shares: NDArray[np.float64], own: int, usable: NDArray[np.bool_], faint: bool
+        cls, parts: ImageParts, shares: NDArray[np.float64], own: int, usable: NDArray[np.bool_], faint: bool | None
     ) -> _Mixing:
-        """For samples that are `usable`, shape (t, s), and of them."""
-        light, *pupil = (axis[..., usable] for axis in (parts.light, parts.x, parts.y))
+        """For samples that are `usable`, shape (t, s), and of them; of faint light, of other, or (None) of all."""
+        from scipy.spatial import cKDTree
+
+        light, *pupil = (axis[..., usable] for axis in (np.abs(parts.light), parts.x, parts.y))
         x, y = ((axis * light).mean(1) / np.maximum(light.mean(1), 1e-12) for axis in pupil)
         shares = shares[..., usable]
         most = np.abs(shares).max(1)
-        taken = (most > FAINT) & ((most <= STRONG) == faint)
+        taken = (most > FAINT) & ((most <= STRONG) == faint if faint is not None else True)
         taken[own] = False
         sample, step = np.nonzero(taken.T)
-        apart = (x[step, sample, None] - x[own]) ** 2 + (y[step, sample, None] - y[own]) ** 2
+        places = np.stack([x, y], -1)
+        source = cKDTree(places[own]).query(places[step, sample])[1]
         first = np.searchsorted(sample, np.arange(taken.shape[1] + 1))
         steps = np.array(parts.steps, np.int64).reshape(-1, 2)[step]
-        return cls(first, apart.argmin(1), steps, np.ascontiguousarray(shares[step, :, sample], np.float32))
+        return cls(
+            first, np.asarray(source, np.int64), steps, np.ascontiguousarray(shares[step, :, sample], np.float32)
+        )
 
 
 class _Map(NamedTuple):
@@ -635,6 +652,31 @@ def _gather_row(
     own = values[n, v]
     for u in range(columns):
         out[u] += like[u] * own[u]
+
+
+@kernel(parallel=True)
+def _free_waves(
+    raw: Any, gain: Any, first: Any, source: Any, turns: Any, shares: Any, out: Any,
+) -> None:  # fmt: skip
+    """Waves without what neighbours put into samples, which show them turned; all (wave, node, view), by `_freed`."""
+    count, nodes, views = raw.shape
+    for k in prange(count):
+        before = np.empty(views, np.complex128)
+        for i in range(nodes):
+            values = out[k, i]
+            for _ in range(ROUNDS):
+                total, known = 0j, 0
+                for n in range(views):
+                    if gain[i, n] > 0:
+                        total += values[n]
+                        known += 1
+                for n in range(views):
+                    before[n] = values[n] if gain[i, n] > 0 else total / max(known, 1)
+                for n in range(views):
+                    foreign = 0j
+                    for m in range(first[n], first[n + 1]):
+                        foreign += shares[i, m] * turns[k, m] * before[source[m]]
+                    values[n] = (raw[k, i, n] - foreign) * gain[i, n]
 
 
 @kernel(parallel=True)

@@ -57,14 +57,20 @@ NODES = 3
 """Gauss-Legendre nodes over the periods of a texture, and over a quarter of its directions: information to 1e-3 where
 B lies within 1."""
 _GAUSS = np.polynomial.legendre.leggauss(NODES)
-FINEST_PLACES = 32
-"""Periods in a pitch up to which `image_parts` follows the microlens's diffraction: at Fresnel numbers up to 8."""
+FINEST_PLACES, FINEST_CUT = 128, 32
+"""Periods in a pitch up to which `image_parts` follows the microlens's diffraction in whole images and in cut ones: at
+Fresnel numbers up to 32 and 8."""
 REACH, FAINT = 3, 5e-4
 """Steps of the lattice to the farthest neighbours that `image_parts` takes one by one; light that it lets be."""
 FAR = 4
 """Steps to those that stand for all others: tails of diffraction fall off slowly, and shift what a place shows."""
 WAVES = 1024
 """Waves of all images at a time, for memory's sake."""
+STEPS = (
+    *itertools.product(range(-REACH, REACH + 1), repeat=2),
+    *((FAR, 0), (-FAR, 0), (0, FAR), (0, -FAR)),
+)
+"""Steps of the lattice to the microlenses that `image_parts` tells apart."""
 APART = 9
 """Pitches after which images that are taken to stand alone repeat themselves."""
 MANY = 32
@@ -666,44 +672,84 @@ class _WavesOfLenses(NamedTuple):
     fy: Array
     passed: Array
     along: Array
-    """Waves at the places asked for."""
+    """Waves at the places asked for, shape (W, S, S')."""
     across: Array
+    """Shape (W, S or 1, S, T)."""
     read: tuple[list[Array | Complex], list[Array | Complex]]
-    """Transfers of reading between pixels along x, shape (W, S, 1), and along y, (W, S, S)."""
+    """Transfers of reading between pixels along x, shape (W, S, 1), and along y, (W, S or 1, S)."""
 
     @classmethod
     def of(
         cls, images: MicrolensImages, x: Array, y: Array, read: Read, more: tuple[tuple[float, ...], ...] = (),
         mean: bool = True,
     ) -> _WavesOfLenses:  # fmt: skip
-        """At places of the images; `more` waves, beside those of a mean where it is asked for."""
+        """At places of the images; `more` waves after those of a `mean`, half of which then stand for all."""
         array = _Array(images.camera.layout, images.camera.lens_shape)
         # Images stand alone where they repeat themselves after a few pitches only: a mean over as many waves.
         some = (np.arange(APART) - APART // 2) / APART if mean else np.zeros(0)
-        first, second = (values.ravel() for values in np.meshgrid(some, some, indexing="ij"))
+        half = APART**2 // 2 if more and mean else 0
+        first, second = (values.ravel()[half:] for values in np.meshgrid(some, some, indexing="ij"))
         first, second = (np.append(one, [wave[k] for wave in more]) for k, one in enumerate((first, second)))
         kx, ky = first, PACKINGS[array.layout].wave_up(first, second)
         none, one = np.zeros(1), np.ones(())
         rows = _rows_of(images, Seen(np.zeros(()), np.ones(())), _Texture(one, one, Spectrum(none, none, none)))
-        sharp = rows.finest > FINEST_PLACES
-        wider = np.where(sharp, rows.wavelength * rows.finest / FINEST_PLACES, rows.wavelength)
+        whole = bool(rows.whole.all())
+        finest = FINEST_PLACES if whole else FINEST_CUT
+        wider = np.where(rows.finest > finest, rows.wavelength * rows.finest / finest, rows.wavelength)
         rows = rows._replace(wavelength=wider)
         *orders, cell = _orders(array, float(rows.finest.max(initial=1.0)))
         waves = (k[:, None, None] + f for k, f in zip((kx, ky), orders, strict=True))
         fx, fy = (np.broadcast_to(f, (len(rows.pitch), *f.shape)) for f in waves)
-        form = (_whole if rows.openings.first_is_disc else _straight) if rows.whole.all() else _cut
-        along, across = np.exp(2j * math.pi * fx[0, ..., :1] * x), np.exp(2j * math.pi * fy[0, ..., None] * y)
+        form = (_whole if rows.openings.first_is_disc else _straight) if whole else _cut
+        over = fy[0] if (fy[0] != fy[0, :, :1]).any() else fy[0, :, :1]  # alike in all columns of a square lattice
+        along, across = np.exp(2j * math.pi * fx[0, ..., :1] * x), np.exp(2j * math.pi * over[..., None] * y)
         pixel = float(rows.pixel[0] / rows.pitch[0])
-        reads = [at(fx[0, ..., :1] * pixel) for at in read[0]], [at(fy[0] * pixel) for at in read[1]]
+        reads = [at(fx[0, ..., :1] * pixel) for at in read[0]], [at(over * pixel) for at in read[1]]
         return cls(first, second, rows, form, fx, fy, _transfer(rows, array, fx, fy) / cell, along, across, reads)
 
     def at_places(self, part: Complex) -> Complex:
-        """Waves' images of such a transform at the places asked for, shape (W, fields, read, T, S)."""
+        """Waves' images of such a transform at the places asked for, shape (W, fields and ways to read them, T, S)."""
         sent, images = part * self.passed, []
         for over in self.read[1]:
-            lines = np.einsum("nwkl,wklt->nwkt", sent * over, self.across, optimize=True)
-            images += [np.einsum("nwkt,wks->wnts", lines * by, self.along, optimize=True) for by in self.read[0]]
-        return np.stack(images, 2)
+            if self.across.shape[1] == 1:
+                lines = (sent * over) @ self.across[:, 0]
+            else:
+                lines = np.einsum("nwkl,wklt->nwkt", sent * over, self.across, optimize=True)
+            images += [np.swapaxes(lines * by, -1, -2) @ self.along for by in self.read[0]]
+        pieces = np.stack(images, 1)
+        return np.moveaxis(pieces.reshape(-1, *pieces.shape[2:]), 0, 1)
+
+
+class _OwnWaves(NamedTuple):
+    """Waves of which a mean leaves single images, and two that farther lenses show a quarter of a period later."""
+
+    waves: _WavesOfLenses
+    spectra: Spectra
+    turns: Complex
+    """Turn of each wave at each of `STEPS`, shape (steps, W); all four of lenses farther away are left out."""
+
+    @classmethod
+    def of(cls, images: MicrolensImages, x: Array, y: Array, read: Read) -> _OwnWaves:
+        slow = 1 / (4 * FAR)
+        waves = _WavesOfLenses.of(images, x, y, read, ((slow, 0.0), (0.0, slow)))
+        turns = np.exp(-2j * math.pi * (np.array(STEPS[:-4]) @ [waves.first, waves.second]))
+        return cls(waves, waves.form(waves.rows, waves.fx, waves.fy), turns)
+
+    def alone(self, at: Complex) -> Array:
+        """Single images of waves' images, shape (steps, fields and ways to read them, T, S)."""
+        count = at.shape[0] - 2
+        each = np.where(np.arange(count) > 0, 2.0, 1.0) / APART**2
+        return np.einsum("aw,w...->a...", self.turns[:, :count] * each, at[:count], optimize=True).real
+
+    @property
+    def light(self) -> Array:
+        """Light of microlenses, and of those that stand for all others."""
+        at = self.waves.at_places(self.spectra[0])
+        light = self.alone(at)
+        light = np.where(np.abs(light) > FAINT, light, 0.0)  # read beside a rim it may be below none
+        even = (at[0].real - light.sum(0)) / 4
+        odd = (at[-2:].imag - np.einsum("aw,a...->w...", -self.turns[:, -2:].imag, light)) / 2
+        return np.concatenate([light, [even + odd[0], even - odd[0], even + odd[1], even - odd[1]]])
 
 
 def waves_shown(
@@ -729,7 +775,7 @@ def waves_shown(
     ndarray, shape (D, W, fields, T, S)
         Complex, 1 where the microlens's middle is shown sharply; 0 without light.
     """
-    packing, shown = PACKINGS[images.camera.layout], []
+    packing, shown = PACKINGS[images.camera.layout], list[Complex]()
     block = max(1, WAVES // len(images.fields))
     for some in np.split(waves @ packing.steps, np.arange(block, len(waves), block)):
         lenses = _WavesOfLenses.of(images, x, y, read, ((0.0, 0.0), *map(tuple, some)), mean=False)
@@ -739,7 +785,7 @@ def waves_shown(
         each = []
         for b in disparities.tolist():
             part = lenses.form(lenses.rows, lenses.fx - b * along, lenses.fy - b * down)[0]
-            light, *shines = lenses.at_places(part)[:, :, 0]
+            light, *shines = lenses.at_places(part)
             lit = light.real > FAINT
             each.append([np.where(lit, one / np.where(lit, light.real, 1.0), 0.0) for one in shines])
         shown.append(np.array(each))
@@ -756,34 +802,25 @@ def image_parts(images: MicrolensImages, x: Array, y: Array, read: Read = AS_IT_
     x, y : ndarray, shape (S,), (T,)
         Places from the image's centre, along the lattice's axes [microlens-image pitches].
     read : Read
-        Each field, then, is one for every pair, those along x first.
+        One along each axis.
     """
-    slow = 1 / (4 * FAR)  # two waves more, which farther lenses show with a quarter of a period's delay
-    waves = _WavesOfLenses.of(images, x, y, read, ((slow, 0.0), (0.0, slow)))
-    first, second, rows = waves[:3]
-    count = first.size - 2
-    reach = range(-REACH, REACH + 1)
-    steps = tuple((a, b) for a in reach for b in reach)
-    turns = np.exp(-2j * math.pi * (np.array(steps) @ [first, second]))
-    averages = []
-    for part in waves.form(rows, waves.fx, waves.fy):
-        at = waves.at_places(part)
-        at = at.reshape(len(at), -1, *at.shape[3:])
-        averages.append(np.einsum("aw,wnts->ants", turns[:, :count] / count, at[:count], optimize=True).real)
-        if len(averages) == 1:
-            total, waved = at[:count].real[count // 2], at[count:].imag
-    light, *moments = averages
-    unit = np.repeat(1 / rows.wide, light.shape[1] // len(rows.wide))[:, None, None]
-    lit = light > FAINT
+    own = _OwnWaves.of(images, x, y, read)
+    light = own.light
+    unit, near = 1 / own.waves.rows.wide[:, None, None], light[:-4]
+    lit = near != 0
     # The microlens turns the FAP round.
-    s_x, s_y = (np.where(lit, -moment * unit / np.where(lit, light, 1.0), 0.0) for moment in moments)
-    light = np.where(lit, light, 0.0)
-    even = (total - light.sum(0)) / 4
-    odd = (waved - np.einsum("aw,ants->wnts", -turns[:, count:].imag, light)) / 2
-    steps += (FAR, 0), (-FAR, 0), (0, FAR), (0, -FAR)
-    light = np.concatenate([light, [even + odd[0], even - odd[0], even + odd[1], even - odd[1]]])
+    moments = (-unit * own.alone(own.waves.at_places(part)) for part in own.spectra[1:])
+    s_x, s_y = (np.where(lit, moment / np.where(lit, near, 1.0), 0.0) for moment in moments)
     s_x, s_y = (np.pad(part, ((0, 4), *3 * [(0, 0)])) for part in (s_x, s_y))
-    return ImageParts(steps, light, s_x, s_y)
+    return ImageParts(STEPS, light, s_x, s_y)
+
+
+def light_read(images: MicrolensImages, x: Array, y: Array, read: Read) -> Array:
+    """Light of `image_parts` at places that are read in several ways: shape (steps, ways, T, S).
+
+    Of a single field; every way along x is paired with each along y, those along x first.
+    """
+    return _OwnWaves.of(images, x, y, read).light
 
 
 def disparity_sigmas(images: MicrolensImages, plane: Seen, besides: tuple[Beside, ...] = (NOTHING,)) -> Array:
