@@ -33,6 +33,7 @@ from ..scenes import Noise, Plane, Scene
 from ..scenes.scene import chief_ray_limits
 from ..shapes.lattice import PACKINGS
 from ..theory.colours import filters
+from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.disparity_error import Seen, disparity_sigma
 from ..theory.photometry import dark_variance, electrons
 from ..theory.quantities import QUANTITIES
@@ -45,10 +46,13 @@ from .unmixing import places_on_array
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-RAYS, RAYS_FOR = 32, 5000.0
-"""For each pixel of a textured scene whose pixels hold so many electrons: errors of depth scatter by a twentieth more
-than without their scatter. Rays scatter alike in all exposures, so that what they add to errors reads as bias."""
-LEAST_RAYS, MOST_RAYS = 16, 256
+RAYS, RAYS_FOR = 32, (5000.0, 13.0)
+"""For each pixel of a textured scene whose pixels hold so many electrons, behind microlens images so many pixels wide
+that no diffraction spreads: errors of depth scatter by up to a twentieth more than without their scatter. Rays scatter
+alike in all exposures, so that what they add to errors reads as bias."""
+LEAST_RAYS, MOST_RAYS = 8, 256
+SPREADING = 1.9
+"""Times fewer, at most, where diffraction spreads each one's light over several pixels."""
 TOGETHER = 8
 """Subpixels along the side of blocks whose rays are spread evenly together."""
 FEWER_SAMPLES = 2
@@ -71,8 +75,11 @@ BESIDE = 3
 neighbours and windows of all others."""
 SHIFTING = "+microlens_defocus", "+finite_microlens_aperture", "+object_defocus"
 """Effects that depth sees where no pixel does: what each side of a microlens shows is another place and direction."""
-STRIP, STRIP_TRACED = 32, 10
-"""Microlenses across the strip that is looked at where no part of the sensor is named; where rays go face by face."""
+STRIP, WINDOWS = 12, 40
+"""Microlenses across the strip that is looked at where no part of the sensor is named, at least, and windows without
+common microlenses that it holds: enough to judge errors by."""
+LONG = 3.5e7
+"""Rays for which it is kept shorter."""
 RENDERING = 0.6
 """Share of a measurement's time that goes into the picture, about."""
 POINTS = 2000
@@ -358,10 +365,16 @@ def measure(
     return Depths(geometry, field, pupil, aside, disparities, geometry.places(field), z, sigma, off)
 
 
-def _rays_for(charge: float) -> int:
-    """Rays for each pixel that stay as far below the noise of so many electrons as `RAYS` do."""
-    wanted = RAYS * (max(charge, 0.0) / RAYS_FOR) ** (0.5 / SCATTER)
-    return int(np.clip(16 * round(wanted / 16), LEAST_RAYS, MOST_RAYS))
+def _rays_for(camera: Camera) -> int:
+    """Rays for each pixel that stay as far below a camera's noise as `RAYS` do.
+
+    They scatter at the rims of microlens images, of which wide images have less a pixel.
+    """
+    pixels, width = float(camera.q), abs(float(microlens_image_diameter(camera) / camera.q))
+    wanted = (float(electrons(camera)) / RAYS_FOR[0] * RAYS_FOR[1] / max(width, 1.0)) ** (0.5 / SCATTER)
+    blur = float(camera.wavelength * camera.seen.d_2 / camera.d) / pixels
+    some = np.clip(RAYS * wanted / np.clip(blur, 1.0, SPREADING), LEAST_RAYS, MOST_RAYS)
+    return 1 << (math.ceil(some) - 1).bit_length()
 
 
 class PictureOptions(Options):
@@ -468,12 +481,16 @@ def _aliased(design: Design, texture: Noise | None, true: Array) -> float:
 
 
 def _default_region(design: Design) -> Region:
-    """A strip of microlenses through the middle, all of the sensor's width."""
-    camera = Camera.of(design.thin_twin)
+    """A strip of microlenses through the middle, all of the sensor's width where `LONG` allows."""
+    camera, window = Camera.of(design.thin_twin), design.depth.window
     width, height = camera.pixels
-    strip = STRIP_TRACED if design.traced_through else STRIP
-    rows = min(height, math.ceil(strip * abs(float(QUANTITIES["image_pitch_mm"](camera)) / float(camera.q))))
-    return Region(0, (height - rows) // 2, width, rows)
+    pitch = abs(float(QUANTITIES["image_pitch_mm"](camera)) / float(camera.q))
+    across = max(STRIP, WINDOWS * window**2 / max(width / pitch - window, 1.0) + window)
+    each = _rays_for(camera) * max(1.0, float(QUANTITIES["fill_factor"](camera)) ** 2)  # of all that overlap
+    across = np.clip(LONG / (each * width * pitch) - 2 * BESIDE, STRIP, across)
+    rows = min(height, math.ceil(across * pitch))
+    columns = min(width, math.ceil(max(LONG / (each * (across + 2 * BESIDE)) / pitch, STRIP * pitch)))
+    return Region((width - columns) // 2, (height - rows) // 2, columns, rows)
 
 
 def region_about(design: Design, place: tuple[float, float], across: int) -> Region:
@@ -566,7 +583,7 @@ def simulate(
     mean = float(electrons(camera))
     if unexposed is None:
         unexposed = _Unexposed.of(
-            design, scene, part, seed=options.seed, rays=options.rays or _rays_for(mean),
+            design, scene, part, seed=options.seed, rays=options.rays or _rays_for(camera),
             progress=lambda done: progress("picture", done),
         )  # fmt: skip
     picture, white = unexposed
