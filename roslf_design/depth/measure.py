@@ -33,8 +33,8 @@ from ..scenes import Noise, Plane, Scene
 from ..scenes.scene import chief_ray_limits
 from ..shapes.lattice import PACKINGS
 from ..theory.colours import filters
-from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.disparity_error import Seen, disparity_sigma
+from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.photometry import dark_variance, electrons
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
@@ -80,8 +80,10 @@ STRIP, WINDOWS = 12, 40
 common microlenses that it holds: enough to judge errors by."""
 LONG = 3.5e7
 """Rays for which it is kept shorter."""
-RENDERING = 0.6
-"""Share of a measurement's time that goes into the picture, about."""
+SECONDS = {"start": 0.5, "ray": 2e-7, "pixel": 2e-6, "decoded": 7e-7}
+"""Processor time, about: of each ray and pixel of a picture, and of a pixel that is decoded and measured."""
+SLOWER = 3.0
+"""Times that rays take where they go face by face."""
 POINTS = 2000
 """Microlenses that a result tells one by one."""
 LEAST = 5
@@ -336,6 +338,7 @@ def measure(
     noise: PixelNoise,
     *,
     search: tuple[float, float],
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Depths:
     """Depth of every microlens of a decoded light field, with its standard error.
 
@@ -348,8 +351,11 @@ def measure(
         Of its samples.
     search : tuple of float
         Least and largest disparity [pitches].
+    progress : callable
+        Told the share that is done.
     """
     views = geometry.prepared(field)
+    progress(0.5)
     estimate = partial(estimate_disparity, noise=noise, search=search, window=geometry.window, captured=field)
     disparities = estimate(views.field, views.pupil, aside=views.aside)
     pupil = geometry.at_phase(views, disparities.disparity, disparities.picture)
@@ -418,6 +424,7 @@ class _Unexposed(NamedTuple):
         seed: int = 0,
         rays: int = RAYS,
         progress: Callable[[float], None] = lambda share: None,
+        white_progress: Callable[[float], None] = lambda share: None,
     ) -> _Unexposed:
         """Rendered of a scene and of white, with so many rays a pixel."""
         # Rays through elements go as depth has them, however near that is to first order.
@@ -430,7 +437,7 @@ class _Unexposed(NamedTuple):
         shown = partial(render, design, seed=seed, region=wide, inner=region)
         # Uniform light shows no more of a whole microlens than its middle does.
         whole = lines.without("finite_microlens_aperture")
-        white = shown(None, effects=whole, sampling=replace(sampling, side=0))
+        white = shown(None, effects=whole, sampling=replace(sampling, side=0), progress=white_progress)
         over = scene.brightness if scene.white is None and scene.surfaces else 0.0
         picture = shown(quiet, effects=lines, over=over, sampling=sampling, progress=progress)
         # Rays tell only what the scene is brighter or darker than its mean, which the white picture has without them.
@@ -518,9 +525,39 @@ def region_about(design: Design, place: tuple[float, float], across: int) -> Reg
     return Region(left, top, columns, rows)
 
 
-def share_done(what: str, share: float) -> float:
-    """How far a simulation is, as `simulate` tells it."""
-    return RENDERING * share if what == "picture" else RENDERING + (1 - RENDERING) * share
+class Work(NamedTuple):
+    """What a simulated measurement takes, as far as it is known beforehand."""
+
+    pixels: int
+    rays: int
+    """Of each pixel."""
+    white: float
+    picture: float
+    exposure: float
+    """Processor time of the pictures and of each exposure [s], about."""
+    exposures: int
+
+    @classmethod
+    def of(cls, design: Design, options: PictureOptions) -> Work:
+        """Work of pictures that a design takes."""
+        camera = Camera.of(design.thin_twin)
+        wide, rays = _with_margin(camera, options.part(design)), options.rays or _rays_for(camera)
+        pixels, slower = wide.columns * wide.rows, SLOWER if design.traced_through else 1.0
+        if design.main_lens.prescription is not None:
+            rays = math.ceil(math.sqrt(rays) / FEWER_SAMPLES) ** 2
+        each = SECONDS["ray"] * rays * slower * max(1.0, float(QUANTITIES["fill_factor"](camera)) ** 2)
+        white = pixels * SECONDS["pixel"] * (slower - 0.9)
+        exposure = SECONDS["start"] + pixels * SECONDS["decoded"]
+        return cls(pixels, rays, white, pixels * (each + SECONDS["pixel"]), exposure, options.exposures)
+
+    @property
+    def seconds(self) -> float:
+        """All of it."""
+        return self.white + self.picture + self.exposures * self.exposure
+
+    def __str__(self) -> str:
+        shots = "" if self.exposures == 1 else f", {self.exposures} exposures"
+        return f"{self.pixels / 1e6:.2g} million pixels x {self.rays} rays{shots}"
 
 
 def _with_margin(camera: Camera, region: Region) -> Region:
@@ -553,7 +590,7 @@ def simulate(
     unexposed : Unexposed, optional
         Of the same camera, scene and region, in any light; None renders them.
     progress : callable
-        Told what is being done, and how much of it is done.
+        Told what is being done ("white", "picture", "depth"), and which share of all is done.
 
     Raises
     ------
@@ -581,10 +618,17 @@ def simulate(
         message = f"fewer than {LEAST} x {LEAST} microlens images lie in it; name a larger part of the sensor"
         raise InputError((Problem("region", message),))
     mean = float(electrons(camera))
+    work = Work.of(design, options)
+    if unexposed is not None:
+        work = work._replace(white=0.0, picture=0.0)
+
+    def doing(what: str, before: float, seconds: float) -> Callable[[float], None]:
+        return lambda share: progress(what, (before + share * seconds) / work.seconds)
+
     if unexposed is None:
         unexposed = _Unexposed.of(
             design, scene, part, seed=options.seed, rays=options.rays or _rays_for(camera),
-            progress=lambda done: progress("picture", done),
+            progress=doing("picture", work.white, work.picture), white_progress=doing("white", 0.0, work.white),
         )  # fmt: skip
     picture, white = unexposed
     level = float(picture.pixels.sum() / max(float(white.pixels.sum()), 1e-30))
@@ -605,11 +649,13 @@ def simulate(
     search = search_about(low, high)
     runs = []
     for number, generator in enumerate(np.random.default_rng(options.seed).spawn(options.exposures)):
-        progress("depth", number / options.exposures)
+        tell = doing("depth", work.white + work.picture + number * work.exposure, work.exposure)
+        tell(0.0)
         taken = np.minimum(add_noise(picture.pixels, full, dark, generator), np.float32(saturation / full))
         field = decoder(taken if balance is None else balance(taken))
         field = replace(field, values=field.values / np.float32(brightest))
-        runs.append(measure(geometry, field, noise, search=search).within(rows, columns))
+        runs.append(measure(geometry, field, noise, search=search, progress=tell).within(rows, columns))
+        tell(1.0)
     true = true[rows, columns]
     prediction = _predict(design, scene, runs[0].field, true, runs[0].disparities.window, actual.traced)
     exposed = picture.pixels * (full / saturation)
