@@ -71,6 +71,7 @@ def commands(folder: Path, quick: bool) -> list[Command]:
             "roslf render paper --scene board.toml: 600 x 480 px",
             ("render", "paper", "--scene", board, "--region", "2000,1300,600,480", "-o", "a.tif"),
         ),
+        Command("depth-scope", "roslf depth rigid-scope", ("depth", "rigid-scope")),
         Command(
             "tolerance",
             f"roslf tolerance tolerance-paper: {TRIALS[quick]:,} trials, as built",

@@ -118,7 +118,7 @@ def measure_depth(
     believed : Design, str or Path, optional
         The camera that depth is computed for, where that is another.
     progress : callable
-        Told what is being done, and how much of it is done.
+        Told what is being done, and which share of all is done.
     **options
         As `roslf_design.depth.measure.PictureOptions` has them: region, seed, exposures, rays.
 

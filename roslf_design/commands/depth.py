@@ -15,7 +15,7 @@ from pydantic import Field
 from ..calibration.frames import SUFFIXES
 from ..depth.captured import MeasuredCapture
 from ..depth.from_files import CaptureOptions, captured
-from ..depth.measure import REASONS, Measurement, PictureOptions, Trial, share_done, simulate
+from ..depth.measure import REASONS, Measurement, PictureOptions, Trial, Work, simulate
 from ..depth.view_files import MATLAB
 from ..design import load, preset_names
 from ..drawing.picture import Picture
@@ -42,6 +42,7 @@ from .terminal import (  # fmt: skip
     picture_files,
     print_titled,
     say,
+    tell_cost,
     typed,
     write_files,
 )
@@ -139,10 +140,10 @@ def depth(
     design, look = load(subject), None if simulation.scene is None else load_scene(simulation.scene)
     other = None if simulation.believed is None else load(simulation.believed)
     pictures = PictureOptions(region=piece, seed=simulation.seed or 0, exposures=simulation.exposures or 1)
+    work = Work.of(design, pictures)
+    tell_cost(work.seconds, f"{work}; a smaller --region makes it shorter")
     with bar("depth") as tell:
-        trial = simulate(
-            design, look, pictures, believed=other, progress=lambda what, share: tell(share_done(what, share))
-        )
+        trial = simulate(design, look, pictures, believed=other, progress=lambda what, share: tell(share))
     title, blocks = f"Depth that {design.name} measures", (*answers(trial), *basis(trial))
     _finish(trial, title, blocks, partial(depth_report, trial), command, output, json)
 

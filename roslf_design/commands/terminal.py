@@ -77,6 +77,12 @@ class StatusLine:
         self.clear()
 
 
+def tell_cost(seconds: float, why: str) -> None:
+    """Say beforehand how long a job takes that needs patience, where stderr is a terminal: on one processor, about."""
+    if sys.stderr.isatty() and seconds > PATIENCE:
+        say(f"about {seconds:.1g} s: {why}" if seconds < 10 else f"about {seconds:.2g} s: {why}", error=True)
+
+
 @contextmanager
 def bar(name: str, total: float = 1.0) -> Iterator[Callable[[float], None]]:
     """A bar with the time that is left, told how much of `total` is done; counted where `total` is a number of things.

@@ -34,6 +34,7 @@ from ..scenes.scene import chief_ray_limits
 from ..shapes.lattice import PACKINGS
 from ..theory.colours import filters
 from ..theory.disparity_error import Seen, disparity_sigma
+from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.photometry import dark_variance, electrons
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
@@ -45,10 +46,13 @@ from .unmixing import places_on_array
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-RAYS, RAYS_FOR = 32, 5000.0
-"""For each pixel of a textured scene whose pixels hold so many electrons: errors of depth scatter by a twentieth more
-than without their scatter. Rays scatter alike in all exposures, so that what they add to errors reads as bias."""
-LEAST_RAYS, MOST_RAYS = 16, 256
+RAYS, RAYS_FOR = 32, (5000.0, 13.0)
+"""For each pixel of a textured scene whose pixels hold so many electrons, behind microlens images so many pixels wide
+that no diffraction spreads: errors of depth scatter by up to a twentieth more than without their scatter. Rays scatter
+alike in all exposures, so that what they add to errors reads as bias."""
+LEAST_RAYS, MOST_RAYS = 8, 256
+SPREADING = 1.9
+"""Times fewer, at most, where diffraction spreads each one's light over several pixels."""
 TOGETHER = 8
 """Subpixels along the side of blocks whose rays are spread evenly together."""
 FEWER_SAMPLES = 2
@@ -71,10 +75,15 @@ BESIDE = 3
 neighbours and windows of all others."""
 SHIFTING = "+microlens_defocus", "+finite_microlens_aperture", "+object_defocus"
 """Effects that depth sees where no pixel does: what each side of a microlens shows is another place and direction."""
-STRIP, STRIP_TRACED = 32, 10
-"""Microlenses across the strip that is looked at where no part of the sensor is named; where rays go face by face."""
-RENDERING = 0.6
-"""Share of a measurement's time that goes into the picture, about."""
+STRIP, WINDOWS = 12, 40
+"""Microlenses across the strip that is looked at where no part of the sensor is named, at least, and windows without
+common microlenses that it holds: enough to judge errors by."""
+LONG = 3.5e7
+"""Rays for which it is kept shorter."""
+SECONDS = {"start": 0.5, "ray": 2e-7, "pixel": 2e-6, "decoded": 7e-7}
+"""Processor time, about: of each ray and pixel of a picture, and of a pixel that is decoded and measured."""
+SLOWER = 3.0
+"""Times that rays take where they go face by face."""
 POINTS = 2000
 """Microlenses that a result tells one by one."""
 LEAST = 5
@@ -329,6 +338,7 @@ def measure(
     noise: PixelNoise,
     *,
     search: tuple[float, float],
+    progress: Callable[[float], None] = lambda share: None,
 ) -> Depths:
     """Depth of every microlens of a decoded light field, with its standard error.
 
@@ -341,8 +351,11 @@ def measure(
         Of its samples.
     search : tuple of float
         Least and largest disparity [pitches].
+    progress : callable
+        Told the share that is done.
     """
     views = geometry.prepared(field)
+    progress(0.5)
     estimate = partial(estimate_disparity, noise=noise, search=search, window=geometry.window, captured=field)
     disparities = estimate(views.field, views.pupil, aside=views.aside)
     if (turned := geometry.at_phase(views, disparities)) is not None:
@@ -357,10 +370,16 @@ def measure(
     return Depths(geometry, field, pupil, aside, disparities, geometry.places(field), z, sigma, off)
 
 
-def _rays_for(charge: float) -> int:
-    """Rays for each pixel that stay as far below the noise of so many electrons as `RAYS` do."""
-    wanted = RAYS * (max(charge, 0.0) / RAYS_FOR) ** (0.5 / SCATTER)
-    return int(np.clip(16 * round(wanted / 16), LEAST_RAYS, MOST_RAYS))
+def _rays_for(camera: Camera) -> int:
+    """Rays for each pixel that stay as far below a camera's noise as `RAYS` do.
+
+    They scatter at the rims of microlens images, of which wide images have less a pixel.
+    """
+    pixels, width = float(camera.q), abs(float(microlens_image_diameter(camera) / camera.q))
+    wanted = (float(electrons(camera)) / RAYS_FOR[0] * RAYS_FOR[1] / max(width, 1.0)) ** (0.5 / SCATTER)
+    blur = float(camera.wavelength * camera.seen.d_2 / camera.d) / pixels
+    some = np.clip(RAYS * wanted / np.clip(blur, 1.0, SPREADING), LEAST_RAYS, MOST_RAYS)
+    return 1 << (math.ceil(some) - 1).bit_length()
 
 
 class PictureOptions(Options):
@@ -404,6 +423,7 @@ class _Unexposed(NamedTuple):
         seed: int = 0,
         rays: int = RAYS,
         progress: Callable[[float], None] = lambda share: None,
+        white_progress: Callable[[float], None] = lambda share: None,
     ) -> _Unexposed:
         """Rendered of a scene and of white, with so many rays a pixel."""
         # Rays through elements go as depth has them, however near that is to first order.
@@ -416,7 +436,7 @@ class _Unexposed(NamedTuple):
         shown = partial(render, design, seed=seed, region=wide, inner=region)
         # Uniform light shows no more of a whole microlens than its middle does.
         whole = lines.without("finite_microlens_aperture")
-        white = shown(None, effects=whole, sampling=replace(sampling, side=0))
+        white = shown(None, effects=whole, sampling=replace(sampling, side=0), progress=white_progress)
         over = scene.brightness if scene.white is None and scene.surfaces else 0.0
         picture = shown(quiet, effects=lines, over=over, sampling=sampling, progress=progress)
         # Rays tell only what the scene is brighter or darker than its mean, which the white picture has without them.
@@ -467,12 +487,16 @@ def _aliased(design: Design, texture: Noise | None, true: Array) -> float:
 
 
 def _default_region(design: Design) -> Region:
-    """A strip of microlenses through the middle, all of the sensor's width."""
-    camera = Camera.of(design.thin_twin)
+    """A strip of microlenses through the middle, all of the sensor's width where `LONG` allows."""
+    camera, window = Camera.of(design.thin_twin), design.depth.window
     width, height = camera.pixels
-    strip = STRIP_TRACED if design.traced_through else STRIP
-    rows = min(height, math.ceil(strip * abs(float(QUANTITIES["image_pitch_mm"](camera)) / float(camera.q))))
-    return Region(0, (height - rows) // 2, width, rows)
+    pitch = abs(float(QUANTITIES["image_pitch_mm"](camera)) / float(camera.q))
+    across = max(STRIP, WINDOWS * window**2 / max(width / pitch - window, 1.0) + window)
+    each = _rays_for(camera) * max(1.0, float(QUANTITIES["fill_factor"](camera)) ** 2)  # of all that overlap
+    across = np.clip(LONG / (each * width * pitch) - 2 * BESIDE, STRIP, across)
+    rows = min(height, math.ceil(across * pitch))
+    columns = min(width, math.ceil(max(LONG / (each * (across + 2 * BESIDE)) / pitch, STRIP * pitch)))
+    return Region((width - columns) // 2, (height - rows) // 2, columns, rows)
 
 
 def region_about(design: Design, place: tuple[float, float], across: int) -> Region:
@@ -500,9 +524,39 @@ def region_about(design: Design, place: tuple[float, float], across: int) -> Reg
     return Region(left, top, columns, rows)
 
 
-def share_done(what: str, share: float) -> float:
-    """How far a simulation is, as `simulate` tells it."""
-    return RENDERING * share if what == "picture" else RENDERING + (1 - RENDERING) * share
+class Work(NamedTuple):
+    """What a simulated measurement takes, as far as it is known beforehand."""
+
+    pixels: int
+    rays: int
+    """Of each pixel."""
+    white: float
+    picture: float
+    exposure: float
+    """Processor time of the pictures and of each exposure [s], about."""
+    exposures: int
+
+    @classmethod
+    def of(cls, design: Design, options: PictureOptions) -> Work:
+        """Work of pictures that a design takes."""
+        camera = Camera.of(design.thin_twin)
+        wide, rays = _with_margin(camera, options.part(design)), options.rays or _rays_for(camera)
+        pixels, slower = wide.columns * wide.rows, SLOWER if design.traced_through else 1.0
+        if design.main_lens.prescription is not None:
+            rays = math.ceil(math.sqrt(rays) / FEWER_SAMPLES) ** 2
+        each = SECONDS["ray"] * rays * slower * max(1.0, float(QUANTITIES["fill_factor"](camera)) ** 2)
+        white = pixels * SECONDS["pixel"] * (slower - 0.9)
+        exposure = SECONDS["start"] + pixels * SECONDS["decoded"]
+        return cls(pixels, rays, white, pixels * (each + SECONDS["pixel"]), exposure, options.exposures)
+
+    @property
+    def seconds(self) -> float:
+        """All of it."""
+        return self.white + self.picture + self.exposures * self.exposure
+
+    def __str__(self) -> str:
+        shots = "" if self.exposures == 1 else f", {self.exposures} exposures"
+        return f"{self.pixels / 1e6:.2g} million pixels x {self.rays} rays{shots}"
 
 
 def _with_margin(camera: Camera, region: Region) -> Region:
@@ -535,7 +589,7 @@ def simulate(
     unexposed : Unexposed, optional
         Of the same camera, scene and region, in any light; None renders them.
     progress : callable
-        Told what is being done, and how much of it is done.
+        Told what is being done ("white", "picture", "depth"), and which share of all is done.
 
     Raises
     ------
@@ -563,10 +617,17 @@ def simulate(
         message = f"fewer than {LEAST} x {LEAST} microlens images lie in it; name a larger part of the sensor"
         raise InputError((Problem("region", message),))
     mean = float(electrons(camera))
+    work = Work.of(design, options)
+    if unexposed is not None:
+        work = work._replace(white=0.0, picture=0.0)
+
+    def doing(what: str, before: float, seconds: float) -> Callable[[float], None]:
+        return lambda share: progress(what, (before + share * seconds) / work.seconds)
+
     if unexposed is None:
         unexposed = _Unexposed.of(
-            design, scene, part, seed=options.seed, rays=options.rays or _rays_for(mean),
-            progress=lambda done: progress("picture", done),
+            design, scene, part, seed=options.seed, rays=options.rays or _rays_for(camera),
+            progress=doing("picture", work.white, work.picture), white_progress=doing("white", 0.0, work.white),
         )  # fmt: skip
     picture, white = unexposed
     level = float(picture.pixels.sum() / max(float(white.pixels.sum()), 1e-30))
@@ -587,11 +648,13 @@ def simulate(
     search = search_about(low, high)
     runs = []
     for number, generator in enumerate(np.random.default_rng(options.seed).spawn(options.exposures)):
-        progress("depth", number / options.exposures)
+        tell = doing("depth", work.white + work.picture + number * work.exposure, work.exposure)
+        tell(0.0)
         taken = np.minimum(add_noise(picture.pixels, full, dark, generator), np.float32(saturation / full))
         field = decoder(taken if balance is None else balance(taken))
         field = replace(field, values=field.values / np.float32(brightest))
-        runs.append(measure(geometry, field, noise, search=search).within(rows, columns))
+        runs.append(measure(geometry, field, noise, search=search, progress=tell).within(rows, columns))
+        tell(1.0)
     true = true[rows, columns]
     prediction = _predict(design, scene, runs[0].field, true, runs[0].disparities.window, actual.traced)
     exposed = picture.pixels * (full / saturation)

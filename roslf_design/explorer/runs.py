@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from ..camera import Camera
-from ..depth.measure import PictureOptions, Trial, region_about, share_done, simulate
+from ..depth.measure import PictureOptions, Trial, region_about, simulate
 from ..design import Design
 from ..drawing.theme import short
 from ..errors import InputError, Problem
@@ -576,11 +576,12 @@ def run_measure(request: MeasureRequest, tell: Tell = lambda share, text: None) 
         What depth is not computed for, or no light there.
     """
     region = region_about(request.design, request.place, ACROSS)
-    doing = {"picture": "tracing rays to the wall", "depth": "exposing, decoding and measuring"}
+    doing = {
+        "white": "rendering a white image", "picture": "tracing rays to the wall",
+        "depth": "exposing, decoding and measuring",
+    }  # fmt: skip
     options = PictureOptions(region=region, seed=request.seed, exposures=request.exposures)
-    return simulate(
-        request.design, options=options, progress=lambda what, share: tell(share_done(what, share), doing[what])
-    )
+    return simulate(request.design, options=options, progress=lambda what, share: tell(share, doing[what]))
 
 
 def _measured(trial: Trial) -> dict[str, Any]:

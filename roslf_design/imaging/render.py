@@ -29,7 +29,7 @@ from .trace import RaySampling, Tracer
 from .transfer import CORE, Geometry, bands, halo
 from .white import MOST_ORDERS, MOST_ROWS, HarmonicSeries, WhiteGeometry, add_falloff, harmonic_series
 
-NEGLIGIBLE = 0.1
+NEGLIGIBLE = 0.25
 """Share of the budget of intensity below which light is left out."""
 AROUND = 1 / 16
 """Rays of pixels that only lend their light, against those of pixels that are looked at."""
@@ -295,9 +295,11 @@ class _Job:
         def traced(region: Region, fine: int) -> Image:
             image = np.zeros((region.rows * fine, region.columns * fine), np.float32)
             for part, each in self._parts(region, sampling):
+                coarse = fine if each.most >= fine**2 else max(1, fine // 2)
                 for row in range(part.row, part.row + part.rows, tracer.rows):
                     some = part._replace(row=row, rows=min(tracer.rows, part.row + part.rows - row))
-                    light, rays = tracer.image(some, each, fine)
+                    light, rays = tracer.image(some, each, coarse)
+                    light = light.repeat(fine // coarse, 0).repeat(fine // coarse, 1)
                     self.rays += rays
                     top, left = (row - region.row) * fine, (part.column - region.column) * fine
                     image[top : top + light.shape[0], left : left + light.shape[1]] = light

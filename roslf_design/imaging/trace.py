@@ -402,7 +402,9 @@ class Tracer:
         camera, lattice = self.camera, self.lattice
         x, y = pixel_centres(camera, region, fine)
         if sampling.least == sampling.most:  # no more and no fewer than asked for
-            counts = np.full(3, math.ceil(sampling.most / fine**2))
+            each = math.ceil(sampling.most / fine**2)
+            # Of a net that neighbours share nobody may leave a part out: all would leave out the same.
+            counts = np.full(3, each if sampling.together == 1 else 1 << (each - 1).bit_length())
         else:
             counts = np.array([max(BATCH, rays // fine**2) for rays in (sampling.least, sampling.most)] + [BATCH])
         images = np.zeros((len(self.colours), y.size, x.size), np.float32)

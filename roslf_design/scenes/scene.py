@@ -18,7 +18,20 @@ from ..errors import InputError, Problem
 from ..theory.colours import filters
 from ..toml_files import parse_toml, problems_of, read_toml
 from ..units import Length
-from .objects import OBJECTS, Level, Object, PictureTexture, Plane, Points, Sphere, Tube, White, brightness, depths, detail
+from .objects import (
+    OBJECTS,
+    Level,
+    Object,
+    PictureTexture,
+    Plane,
+    Points,
+    Sphere,
+    Tube,
+    White,
+    brightness,
+    depths,
+    detail,
+)
 
 
 class SceneError(InputError):

@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from roslf_design.commands.terminal import StatusLine, bar, typed
+from roslf_design.commands.terminal import StatusLine, bar, tell_cost, typed
 
 
 class Terminal(io.StringIO):
@@ -60,3 +60,10 @@ def test_a_command_is_typed_again_with_what_was_given():
     given = {"compare": False, "output": "a b", "figure": ["rays", "maps"], "seed": 0, "accuracy": 1e-4, "board": None}
     again = typed("report", "paper", pdf=True, **given)
     assert again == "roslf report paper --pdf -o 'a b' --figure rays --figure maps --seed 0 --accuracy 0.0001"
+
+
+def test_cost_is_told_beforehand_of_what_needs_patience(monkeypatch):
+    shown = terminal(monkeypatch)
+    tell_cost(1.0, "a little")
+    tell_cost(41.3, "2.1 million pixels x 256 rays")
+    assert shown.getvalue() == "about 41 s: 2.1 million pixels x 256 rays\n"

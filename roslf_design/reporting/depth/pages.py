@@ -101,10 +101,10 @@ def _what(trial: Trial) -> str:
     between = f", between {known.min():.5g} and {known.max():.5g} mm from the main lens" if known.size else ""
     wrong = trial.believed is not trial.raw.design
     other = f" Depth is computed for another camera, {trial.believed.name}." if wrong else ""
-    times = "one exposure" if count == 1 else f"{count} exposures that differ by noise"
+    times, alike = ("one exposure", "") if count == 1 else (f"{count} exposures", ", which differ by noise alone")
     return (
-        f"The camera took {times} of {trial.scene.name or 'the scene'}; depth was measured in each, and compared with "
-        f"the truth{between}.{other}"
+        f"The camera took {times} of {trial.scene.name or 'the scene'}{alike}; depth was measured in each, and "
+        f"compared with the truth{between}.{other}"
     )
 
 
