@@ -213,7 +213,12 @@ def image_width(camera: Camera) -> float:
 
 
 def _measured_wide(
-    geometry: ViewGeometry, field: LightField, noise: PixelNoise, search: tuple[float, float], fixed: bool
+    geometry: ViewGeometry,
+    field: LightField,
+    noise: PixelNoise,
+    search: tuple[float, float],
+    fixed: bool,
+    begun: Depths | None = None,
 ) -> Depths:
     """Depths, looked for further out as long as much of the scene lies beyond what was searched.
 
