@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._jit import THREADS
 from ..calibration.decoding import LightField
-from .occlusion import SETTLED, Limits, past_edges
+from .occlusion import Limits, past_edges
 from .warping import SUMS, common, fill_holes, gather_zones, light_of_cells, spline_coefficients, spread_of_zones
 from .windows import QUORUM, Look, WindowFit, box, chance
 
@@ -28,6 +28,8 @@ _CLIPPED = 0.05
 _CLIPPED_SAMPLES = 0.1
 """Share of a window's samples that are saturated from which nothing is believed of it: those that are not are dark by
 selection."""
+_SETTLED = 0.1
+"""Change of disparity from the one warped back by that a slope can tell [pitches]."""
 _ALIKE = 9.0
 """Chi-square between two disparities below which neither is the better: three standard errors."""
 
@@ -295,7 +297,7 @@ def estimate_disparity(
     wanted = (judged.status == DisparityStatus.INCONSISTENT) | (judged.status == DisparityStatus.OUT_OF_RANGE)
     wanted |= (judged.status == DisparityStatus.AMBIGUOUS) & (fit.misfit(largest_chi2) > 1)
     middle = views.pupil.mean(axis=(2, 3))
-    limits = Limits(largest_sigma, largest_chi2, noise.alike)
+    limits = Limits(largest_sigma, noise.alike)
     found = past_edges(look, fit, judged.measured, wanted, (middle[0] <= 0, middle[1] <= 0), every.look, limits)
     new = np.isfinite(found.sigma) & (found.disparity >= low) & (found.disparity <= high)
     return replace(
@@ -554,7 +556,7 @@ def _judged(
     status = np.full(views.shape, int(DisparityStatus.MEASURED), np.int8)
     at_odds = (fit.misfit(largest_chi2) > 1) | (own > np.maximum(largest_chi2, chance(sums[10])))
     # Not settled: too far from what the search started from for a slope to tell.
-    at_odds |= np.abs(change) > np.maximum(0.5 * fit.sigma, SETTLED)
+    at_odds |= np.abs(change) > np.maximum(0.5 * fit.sigma, _SETTLED)
     unsure = ~(fit.sigma <= largest_sigma)
     bare = unsure & (box(known & (sums[11] > 1), window) <= QUORUM * window**2)
     # The last that holds is the reason given.

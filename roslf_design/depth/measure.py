@@ -37,7 +37,7 @@ from ..theory.disparity_error import Seen, disparity_sigma
 from ..theory.photometry import dark_variance, electrons
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
-from .estimate import DisparityMap, DisparityStatus, PixelNoise, estimate_disparity
+from .estimate import DisparityMap, DisparityStatus, PixelNoise, Start, estimate_disparity
 from .geometry import ArrayGeometry, ViewGeometry, depth_of, disparity_of, sigma_of
 from .traced_views import TracedViews
 from .unmixing import places_on_array
@@ -325,6 +325,7 @@ def measure(
     noise: PixelNoise,
     *,
     search: tuple[float, float],
+    begun: Start | None = None,
 ) -> Depths:
     """Depth of every microlens of a decoded light field, with its standard error.
 
@@ -337,9 +338,14 @@ def measure(
         Of its samples.
     search : tuple of float
         Least and largest disparity [pitches].
+    begun : Start, optional
+        Of an earlier measurement of the same field with the same search.
     """
     views = geometry.prepared(field)
-    estimate = partial(estimate_disparity, noise=noise, search=search, window=geometry.window, captured=field)
+    estimate = partial(
+        estimate_disparity, noise=noise, search=search, window=geometry.window, captured=field,
+        edges=noise.alike is not None, begun=begun,
+    )  # fmt: skip
     disparities = estimate(views.field, views.pupil, aside=views.aside)
     pupil = geometry.at_phase(views, disparities.disparity, disparities.picture)
     if pupil is not None:

@@ -24,8 +24,10 @@ SIZES = (5, 3)
 """Sides of the windows tried where the wanted one is at odds [microlenses]."""
 REACH = 16
 """Microlenses that a surface is carried on over what is unknown."""
-SETTLED = 0.1
-"""Change of disparity from the one warped back by that a slope can tell [pitches]."""
+SETTLED = 0.25
+"""Change of disparity from the one warped back by up to which a slope tells it well enough near an edge [pitches]."""
+AT_ODDS = 8.0
+"""Chi-square per degree of freedom above which a window is at odds with itself there: edges alias."""
 _NUDGE = 0.3
 """Largest correction of a surface that is carried on [pitches]."""
 
@@ -34,10 +36,10 @@ HALVES = ((0, -1), (0, 1), (-1, 0), (1, 0))
 
 
 class Limits(NamedTuple):
-    """Where a disparity is none."""
+    """What a disparity may be like."""
 
     sigma: float
-    chi2: float
+    """Largest standard error [pitches]."""
     alike: float | None
     """As `PixelNoise` has it."""
 
@@ -62,13 +64,13 @@ class Offered:
         before = int(np.isfinite(self.sigma).sum())
         at = np.argwhere(wanted)
         rows, columns = wanted.shape
-        own_limit = np.maximum(limits.chi2, chance(look.sums[10]))
+        own_limit = np.maximum(AT_ODDS, chance(look.sums[10]))
         raw, moment = look.moments
         here = tuple(at.T)
         moment, raw = (np.where(look.gradient[2], part, 0)[here] for part in (moment, raw))
         for window in SIZES:
             fit, reach = WindowFit.of(look, window, alone=True), window // 2
-            widened, misfit = fit.widened(limits.alike), fit.misfit(limits.chi2)
+            widened, misfit = fit.widened(limits.alike), fit.misfit(AT_ODDS)
             for under in (-reach, 0, reach):
                 for over in (-reach, 0, reach):
                     v, u = at[:, 0] + under, at[:, 1] + over
