@@ -26,8 +26,10 @@ REACH = 16
 """Microlenses that a surface is carried on over what is unknown."""
 SETTLED = 0.25
 """Change of disparity from the one warped back by up to which a slope tells it well enough near an edge [pitches]."""
-AT_ODDS = 8.0
+AT_ODDS = 5.0
 """Chi-square per degree of freedom above which a window is at odds with itself there: edges alias."""
+_PICKED = 1.3
+"""Factor by which the least of the errors of many windows is too small, on light fields rendered for it."""
 _NUDGE = 0.3
 """Largest correction of a surface that is carried on [pitches]."""
 
@@ -87,7 +89,7 @@ class Offered:
                     )
                     good = inside & (misfit[there] <= 1) & (own <= own_limit[here]) & (sigma <= limits.sigma)
                     good &= (np.abs(change) <= np.maximum(0.5 * sigma, SETTLED)) & (fit.spare[there] > 3)
-                    sigma = sigma * widened[there]
+                    sigma = _PICKED * sigma * widened[there]
                     good &= sigma < self.sigma[here]
                     to, source = tuple(at[good].T), (there[0][good], there[1][good])
                     self.disparity[to], self.sigma[to] = value[good], sigma[good]

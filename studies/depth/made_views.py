@@ -1,12 +1,13 @@
-"""Light fields rendered for measuring depth estimators: grids of cameras before analytic scenes, with exact disparities.
+"""Light fields rendered for measuring depth estimators: grids of cameras before analytic scenes, exact disparities.
 
 Nothing of the package takes part. Lengths are pixels of the middle view at the plane that does not move; rays go from
-each camera through 4 x 4 points of each pixel to parallelograms and ellipsoids with noise in several octaves as texture.
+each camera through 4 x 4 points of each pixel to parallelograms and ellipsoids; texture is noise in several octaves.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -149,15 +150,20 @@ def _view(s: float, t: float, size: int, shapes: Floats, kinds: Floats, seeds: N
                     m = shapes[n]  # inverse of (p, q, r): a = m0 (X - c), b = m1, e = m2
                     ox, oy, oz = s * BASE - m[9], t * BASE - m[10], -m[11]
                     oa, ob, oe = (
-                        m[0] * ox + m[1] * oy + m[2] * oz, m[3] * ox + m[4] * oy + m[5] * oz,
+                        m[0] * ox + m[1] * oy + m[2] * oz,
+                        m[3] * ox + m[4] * oy + m[5] * oz,
                         m[6] * ox + m[7] * oy + m[8] * oz,
                     )
                     da, db, de = (
-                        m[0] * dx + m[1] * dy + m[2], m[3] * dx + m[4] * dy + m[5], m[6] * dx + m[7] * dy + m[8],
+                        m[0] * dx + m[1] * dy + m[2],
+                        m[3] * dx + m[4] * dy + m[5],
+                        m[6] * dx + m[7] * dy + m[8],
                     )
                     if m[12] > 0:  # ellipsoid
                         aa2, half, rest = (
-                            da * da + db * db + de * de, oa * da + ob * db + oe * de, oa * oa + ob * ob + oe * oe - 1,
+                            da * da + db * db + de * de,
+                            oa * da + ob * db + oe * de,
+                            oa * oa + ob * ob + oe * oe - 1,
                         )
                         inside = half * half - aa2 * rest
                         if inside <= 0:
@@ -176,7 +182,9 @@ def _view(s: float, t: float, size: int, shapes: Floats, kinds: Floats, seeds: N
                     nearest, what = z, n
                     if m[12] > 0:
                         nx, ny, nz = (
-                            a * m[0] + b * m[3] + e * m[6], a * m[1] + b * m[4] + e * m[7], a * m[2] + b * m[5] + e * m[8],
+                            a * m[0] + b * m[3] + e * m[6],
+                            a * m[1] + b * m[4] + e * m[7],
+                            a * m[2] + b * m[5] + e * m[8],
                         )
                         at_a, at_b = math.atan2(a, -e) * m[13], math.asin(min(max(b, -1.0), 1.0)) * m[14]
                     else:
@@ -192,7 +200,7 @@ def _view(s: float, t: float, size: int, shapes: Floats, kinds: Floats, seeds: N
 
 
 def rendered(things: list[Thing], size: int = 256, across: int = 9, noise: float = 0.5, seed: int = 0) -> MadeViews:
-    """Grid of views of a scene, with noise [grey levels], rounded to 8 bits; disparities are those of pixels' middles."""
+    """Grid of views of a scene, with noise [grey levels], rounded to 8 bits; disparities at pixels' middles."""
     shapes, kinds = np.zeros((len(things), 15)), np.array([thing.texture for thing in things], float)
     for row, thing in zip(shapes, things, strict=True):
         third = np.cross(thing.p, thing.q) if thing.r is None else thing.r
@@ -213,10 +221,11 @@ def rendered(things: list[Thing], size: int = 256, across: int = 9, noise: float
 
 # --- scenes -----------------------------------------------------------------------------------------------------------
 
-SCENES = {}
+Layout = Callable[[np.random.Generator], list[Thing]]
+SCENES: dict[str, Layout] = {}
 
 
-def _scene(function):
+def _scene(function: Layout) -> Layout:
     SCENES[function.__name__] = function
     return function
 
@@ -315,7 +324,9 @@ def sideboard(random: np.random.Generator) -> list[Thing]:
         else:
             things.append(ball(x, y, d, (half[0], half[1], half[0]), _texture(random), seed + k + 21))
     for k in range(3):
-        things.append(card(-70 + 70 * k, -88, -1.2, (24, 26), _texture(random), seed + k + 41, random.uniform(-0.1, 0.1)))
+        things.append(
+            card(-70 + 70 * k, -88, -1.2, (24, 26), _texture(random), seed + k + 41, random.uniform(-0.1, 0.1))
+        )
     return things
 
 
@@ -329,7 +340,9 @@ def dino(random: np.random.Generator) -> list[Thing]:
         (-10, 0, 0.5, (60, 34, 34)), (66, -36, 0.7, (24, 20, 20)), (42, -18, 0.6, (34, 11, 11)),
         (-82, 10, 0.4, (44, 8, 8)), (-40, 44, 0.8, (9, 42, 9)), (24, 44, 0.9, (8, 40, 8)), (-18, 40, 0.1, (8, 38, 8)),
     )):  # fmt: skip
-        things.append(ball(x + random.uniform(-5, 5), y + random.uniform(-5, 5), d, half, _texture(random), seed + 9 + k))
+        things.append(
+            ball(x + random.uniform(-5, 5), y + random.uniform(-5, 5), d, half, _texture(random), seed + 9 + k)
+        )
     return things
 
 
