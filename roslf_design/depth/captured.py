@@ -19,7 +19,7 @@ from ..imaging.camera import Region
 from ..json_data import plain
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.photometry import dark_variance, electrons
-from .estimate import DisparityMap, PixelNoise
+from .estimate import DisparityMap, PixelNoise, Start
 from .geometry import ArrayGeometry, GridGeometry, ViewGeometry
 from .measure import POINTS, Depths, Measurement, lattice_of, measure, sampled, search_about
 
@@ -54,18 +54,10 @@ class CaptureNoise:
     """Value of the samples that is white, 1, to `pixel`."""
     source: str
     """Source of the noise, in words."""
-    alike: float = 1.0
-    """Variance of disparities against that of samples whose noise is each its own: more where neighbours' is alike."""
     measured: bool = False
     """True where views told it themselves."""
     times: float = 1.0
     """Standard deviation against that first believed, where views say that it is another."""
-
-    def widened(self, run: Depths) -> Depths:
-        """Depths measured with it, their errors widened by what is alike."""
-        wider = math.sqrt(self.alike)
-        disparities = replace(run.disparities, sigma=run.disparities.sigma * wider)
-        return replace(run, disparities=disparities, noise_sigma=run.noise_sigma * wider)
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +205,12 @@ def image_width(camera: Camera) -> float:
 
 
 def _measured_wide(
-    geometry: ViewGeometry, field: LightField, noise: PixelNoise, search: tuple[float, float], fixed: bool
+    geometry: ViewGeometry,
+    field: LightField,
+    noise: PixelNoise,
+    search: tuple[float, float],
+    fixed: bool,
+    begun: Start | None = None,
 ) -> Depths:
     """Depths, looked for further out as long as much of the scene lies beyond what was searched.
 
@@ -225,8 +222,10 @@ def _measured_wide(
         Least and largest disparity to begin with [pitches].
     fixed : bool
         True where somebody named them: then they stay.
+    begun : Start, optional
+        Of an earlier measurement with that search.
     """
-    run = measure(geometry, field, noise, search=search)
+    run = measure(geometry, field, noise, search=search, begun=begun)
     farthest = 0.5 * max(field.values.shape[2:]) * abs(float(field.u[1] - field.u[0]))
     for _ in range(0 if fixed else WIDER):
         low, high = search
@@ -252,12 +251,13 @@ def _noise_factor(estimate: DisparityMap) -> float:
 
 
 def measured_with_noise(
-    geometry: ViewGeometry, field: LightField, noise: CaptureNoise, search: tuple[float, float], fixed: bool
-) -> tuple[Depths, CaptureNoise]:
+    geometry: ViewGeometry, field: LightField, noise: CaptureNoise, search: tuple[float, float], fixed: bool,
+    begun: Start | None = None,
+) -> tuple[Depths, CaptureNoise]:  # fmt: skip
     """Depths of a light field and its noise, once more where views differ otherwise than that says, everywhere."""
-    run = _measured_wide(geometry, field, noise.pixel, search, fixed)
+    run = _measured_wide(geometry, field, noise.pixel, search, fixed, begun)
     if noise.measured:
-        return noise.widened(run), noise
+        return run, noise
     # Where the noise is far off, few samples were used with their right weights: the second time tells it better.
     for _ in range(2):
         times = _noise_factor(run.disparities)
@@ -265,14 +265,14 @@ def measured_with_noise(
             break
         noise = replace(noise, pixel=noise.pixel.times(times), times=noise.times * times)
         run = _measured_wide(geometry, field, noise.pixel, run.disparities.search, fixed)
-    return noise.widened(run), noise
+    return run, noise
 
 
 def measured_noise(
     geometry: ViewGeometry, field: LightField, search: tuple[float, float], progress: Callable[[str], None],
     fixed: bool = True,
-) -> tuple[CaptureNoise, tuple[float, float]]:  # fmt: skip
-    """Noise of views that nobody knows the sensor of, what is left between them once they lie on each other; search."""
+) -> tuple[CaptureNoise, DisparityMap]:  # fmt: skip
+    """Noise of views that nobody knows the sensor of, what is left between them once they lie on each other; so how."""
     level = _brightness(field) or 1.0
     progress("measuring noise")
     guess = PixelNoise(QUIET, QUIET * FIRST_NOISE)
@@ -283,7 +283,8 @@ def measured_noise(
     said = f"what is left between views: {100 * noise:.2g} % of their brightness"
     if alike > 1.05:
         said += f", alike in neighbouring pixels, so that errors are {math.sqrt(alike):.2g} times as large"
-    return CaptureNoise(PixelNoise(QUIET, QUIET * noise), level, said, alike, True), run.disparities.search
+    pixel = PixelNoise(QUIET, QUIET * noise, alike=alike)
+    return CaptureNoise(pixel, level, said, True), run.disparities
 
 
 def disagreement(field: LightField, across: int) -> float:

@@ -11,25 +11,25 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._jit import THREADS
 from ..calibration.decoding import LightField
+from .occlusion import Limits, past_edges
 from .warping import SUMS, common, fill_holes, gather_zones, light_of_cells, spline_coefficients, spread_of_zones
+from .windows import QUORUM, Look, WindowFit, box, chance
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Pictures = NDArray[np.float32]
 
-_GRADIENT_NOISE = 1.894
-"""Noise power of a quintic spline's slope at its nodes, per pitch^2, for samples of unit noise."""
 _ROBUST = 4.0
 """Standard errors from the mean of all views beyond which a sample's weight falls: 1 in 16,000 by chance."""
 _MANY = 60
 """Views of which the first corrections may leave out every other one."""
-_QUORUM = 0.25
-"""Share of a window's microlenses that must say something of its disparity."""
 _CLIPPED = 0.05
 """Share of the microlenses about a window near saturation from which that is why it has no disparity."""
 _CLIPPED_SAMPLES = 0.1
 """Share of a window's samples that are saturated from which nothing is believed of it: those that are not are dark by
 selection."""
+_SETTLED = 0.1
+"""Change of disparity from the one warped back by that a slope can tell [pitches]."""
 _ALIKE = 9.0
 """Chi-square between two disparities below which neither is the better: three standard errors."""
 
@@ -77,6 +77,9 @@ class PixelNoise:
     """r [electrons]"""
     saturation: float = math.inf
     """Electrons at which a pixel saturates."""
+    alike: float | None = None
+    """Variance of windows' disparities over that of samples whose noise is each its own, of noise that only views tell:
+    errors are then for what each window shows. None where noise is as told."""
 
     def __post_init__(self) -> None:
         if not (self.electrons > 0 and math.isfinite(self.electrons)):
@@ -131,6 +134,8 @@ class DisparityMap:
     """Disparities searched [pitches]."""
     outside: tuple[float, float]
     """Shares of the microlenses with light whose disparities lie below and above those searched."""
+    begun: Start | None = None
+    """Where it started from."""
 
     @property
     def measured(self) -> Flags:
@@ -215,6 +220,8 @@ def estimate_disparity(
     largest_sigma: float = 0.3,
     largest_chi2: float = 3.0,
     passes: int = 4,
+    edges: bool = False,
+    begun: Start | None = None,
 ) -> DisparityMap:
     """Estimate each microlens's disparity from all views, near maximum likelihood.
 
@@ -249,14 +256,16 @@ def estimate_disparity(
         Chi-square per degree of freedom above which views disagree.
     passes : int
         Corrections after the search.
+    edges : bool
+        Whether windows at odds are looked at once more for what smaller windows, and halves of the views, have there.
+    begun : Start, optional
+        Of an estimate of the same views with the same search: it is not made again.
 
     Raises
     ------
     ValueError
         Window even or below 3, search range empty, or arrays of other shapes.
     """
-    from scipy import ndimage
-
     low, high = (float(limit) for limit in search)
     if window < 3 or window % 2 == 0:
         raise ValueError(f"window is {window}; give an odd number of microlenses, 3 or more")
@@ -265,32 +274,81 @@ def estimate_disparity(
     views = _Views.of(field, pupil, noise, aside, captured)
     if not len(views.values):
         return _unlit(views, window, (low, high))
-    first = _searched(views, noise, low, high, window)
-    splines, cells = views.splines()
+    first = _searched(views, noise, low, high, window) if begun is None else begun
+    every = _AllViews.of(views, noise)
+    most = len(views.grid) >= _MANY
+    other = views.grid.sum(axis=1) % 2 == 0
     disparity, picture = first.disparity, first.picture
-    sums = np.zeros((SUMS, *views.shape))
-    every = (splines, cells, views.pupil, views.aside)
-    some = every
-    if len(views.grid) >= _MANY:
-        other = views.grid.sum(axis=1) % 2 == 0
-        some = (splines[other], cells[other], _read_only(views.pupil[:, other]), _read_only(views.aside[:, other]))
     bound = (low - first.step, high + first.step)
+    passes = passes if begun is None else 2
     for count in range(passes):
-        robust = _ROBUST if count else math.inf
-        peak = ndimage.maximum_filter(picture, 5) if math.isfinite(noise.saturation) else picture
         # Half of many views suffices to come near; the last two passes take all.
-        with THREADS:
-            common.compiled(
-                *(some if count < passes - 2 else every), disparity, picture, peak, views.steps,
-                noise.electrons, noise.read_noise, noise.brightest, robust, sums,
-            )  # fmt: skip
-        picture = np.where(sums[11] > 0, sums[0], picture)
-        fit = _Fit.of(sums, picture, disparity, views, window)
+        look = every.look(other if most and count < passes - 2 else None, disparity, picture, bool(count))
+        picture, fit = look.picture, WindowFit.of(look, window)
         if count < passes - 1:
             reliable = (fit.sigma < 2 * largest_sigma) & np.isfinite(fit.disparity)
             target = np.where(reliable, fit.disparity, disparity)
             disparity = np.clip(disparity + np.clip(target - disparity, -0.5, 0.5), *bound)
-    return _judged(fit, sums, disparity, picture, views, noise, first, window, (low, high), largest_sigma, largest_chi2)
+    alike = first.alike(noise)
+    judged = _judged(fit, look, views, noise, alike, window, (low, high), largest_sigma, largest_chi2)
+    judged = replace(judged, begun=replace(first, disparity=look.disparity, picture=look.picture))
+    if not edges:
+        return judged
+    wanted = (judged.status == DisparityStatus.INCONSISTENT) | (judged.status == DisparityStatus.OUT_OF_RANGE)
+    wanted |= (judged.status == DisparityStatus.AMBIGUOUS) & (fit.misfit(largest_chi2) > 1)
+    middle = views.pupil.mean(axis=(2, 3))
+    limits = Limits(largest_sigma, noise.alike)
+    found = past_edges(look, fit, judged.measured, wanted, (middle[0] <= 0, middle[1] <= 0), every.look, limits)
+    new = np.isfinite(found.sigma) & (found.disparity >= low) & (found.disparity <= high)
+    return replace(
+        judged,
+        disparity=np.where(new, found.disparity, judged.disparity),
+        sigma=np.where(new, found.sigma, judged.sigma),
+        status=np.where(new, np.int8(DisparityStatus.MEASURED), judged.status),
+        chi2=np.where(new, found.chi2, judged.chi2),
+        views=np.where(new, found.views, judged.views).astype(np.int16),
+        picture=np.where(new, found.picture, judged.picture),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _AllViews:
+    """Views made splines, to look at along any disparity."""
+
+    views: _Views
+    noise: PixelNoise
+    splines: Pictures
+    cells: Pictures
+
+    @classmethod
+    def of(cls, views: _Views, noise: PixelNoise) -> _AllViews:
+        return cls(views, noise, *views.splines())
+
+    def look(self, some: Flags | None, disparity: Array, picture: Array, robust: bool = True) -> Look:
+        """What some of the views, or all, have in common along a disparity, with the picture that they then show.
+
+        `picture` is what they are expected to show. Where the disparity is not a number nothing is compared.
+        """
+        from scipy import ndimage
+
+        views, noise = self.views, self.noise
+        each = self.splines, self.cells, views.pupil, views.aside
+        if some is not None:
+            each = (
+                self.splines[some],
+                self.cells[some],
+                _read_only(views.pupil[:, some]),
+                _read_only(views.aside[:, some]),
+            )
+        sums = np.zeros((SUMS, *views.shape))
+        peak = ndimage.maximum_filter(picture, 5) if math.isfinite(noise.saturation) else picture
+        with THREADS:
+            common.compiled(
+                *each, disparity, picture, peak, views.steps, noise.electrons, noise.read_noise, noise.brightest,
+                _ROBUST if robust else math.inf, sums,
+            )  # fmt: skip
+        where = np.where(np.isnan(disparity), 0.0, disparity)
+        return Look(sums, np.where(sums[11] > 0, sums[0], picture), where, views.steps, views.density)
 
 
 @dataclass(frozen=True, eq=False)
@@ -352,6 +410,15 @@ class _Views:
     def shape(self) -> tuple[int, int]:
         return self.values.shape[1], self.values.shape[2]
 
+    def some(self, chosen: Flags) -> _Views:
+        """Some of the views."""
+        light, full = self.light[chosen], self.full[chosen]
+        return replace(
+            self, values=self.values[chosen], light=light, full=full, pupil=_read_only(self.pupil[:, chosen]),
+            aside=_read_only(self.aside[:, chosen]), grid=self.grid[chosen], lit=(light > 0).sum(axis=0),
+            saturated=full.sum(axis=0),
+        )  # fmt: skip
+
     def splines(self) -> tuple[Pictures, Pictures]:
         """Spline coefficients and light of the cells between samples."""
         views = self.values.copy()
@@ -398,20 +465,32 @@ def _read_only(part: Pictures) -> Pictures:
 
 
 @dataclass(frozen=True, eq=False)
-class _Searched:
+class Start:
+    """Disparities that an estimate starts from."""
+
     disparity: Array
     picture: Array
-    alike: Flags
-    """True where another disparity fits as well."""
+    margin: Array
+    """Chi-square between the best and the next dip, less what noise of the candidates takes."""
     step: float
+    noise: PixelNoise
+    """That chi-square is for."""
+
+    def alike(self, noise: PixelNoise) -> Flags:
+        """True where another disparity fits as well."""
+        times = self.noise.read_noise / noise.read_noise if noise != self.noise else 1.0
+        return np.asarray(self.margin * times**2 < _ALIKE)
 
 
-def _searched(views: _Views, noise: PixelNoise, low: float, high: float, window: int) -> _Searched:
+def _searched(views: _Views, noise: PixelNoise, low: float, high: float, window: int) -> Start:
     """Best of all candidates at every microlens, by the spread of groups of views about their mean."""
     largest, shape = max(abs(low), abs(high)), views.shape
     if views.aside.any():
         largest += 2 * float(np.abs(views.aside).max())
     zone, count = views.zones(largest)
+    if count == len(views.grid) >= _MANY:
+        views = views.some((views.grid % 2 == 0).all(axis=1))
+        zone, count = np.arange(len(views.grid)), len(views.grid)
     overall = np.where(views.light > 0, views.values, 0).sum(axis=0, dtype=float) / np.maximum(views.lit, 1)
     zones = np.zeros((count, 6, *shape), np.float32)
     with THREADS:
@@ -430,7 +509,7 @@ def _searched(views: _Views, noise: PixelNoise, low: float, high: float, window:
         squares = np.zeros(shape, np.float32)
         with THREADS:
             spread_of_zones.compiled(zones, float(candidate), views.steps, squares, freedoms[k], means[k])
-        total, freedom = _box(squares, window), _box(freedoms[k], window)
+        total, freedom = box(squares, window), box(freedoms[k], window)
         freedoms[k] = freedom
         np.divide(total, freedom, out=costs[k], where=freedom > 0.5)
     # A candidate that few zones can judge would win by chance.
@@ -457,147 +536,39 @@ def _searched(views: _Views, noise: PixelNoise, low: float, high: float, window:
     level = np.where(np.isfinite(costs), costs, 0).sum(axis=0) / np.maximum(np.isfinite(costs).sum(axis=0), 1)
     freedom = freedoms[best, rows, columns]
     with np.errstate(invalid="ignore"):
-        alike = np.isfinite(second) & ((second - least) * freedom < _ALIKE + 0.02 * (level - least) * freedom)
-    return _Searched(start, np.where(np.isfinite(least), means[best, rows, columns], overall), alike, step)
-
-
-@dataclass(frozen=True, eq=False)
-class _Fit:
-    disparity: Array
-    sigma: Array
-    chi2: Array
-    """Chi-square of all samples of the window, per degree of freedom."""
-    free: Array
-    """Degrees of freedom of `chi2`."""
-    strain: Array
-    """Chi-square of the disparities that the microlenses ask for each, about a plane, per degree of freedom."""
-    spare: Array
-    """Degrees of freedom of `strain`."""
-    across: Array
-    """Slope along u [pitches of disparity per sample]."""
-    down: Array
-    uu: Array
-    """Covariance of the slopes."""
-    uv: Array
-    vv: Array
-
-    @classmethod
-    def of(cls, sums: Array, picture: Array, disparity: Array, views: _Views, window: int) -> _Fit:
-        """Least squares over windows of what each microlens says of the disparity about which it was linearised."""
-        slope_u, slope_v, known = _gradient(picture, sums[11] > 0, views.steps)
-        scatter = sums[4:7]
-        raw = slope_u**2 * scatter[0] + 2 * slope_u * slope_v * scatter[1] + slope_v**2 * scatter[2]
-        # The picture's own noise lends it gradient that the views do not share.
-        lent = (scatter[0] / views.steps[0] ** 2 + scatter[2] / views.steps[1] ** 2) * _GRADIENT_NOISE
-        lent /= np.maximum(sums[1], 1e-30)
-        used = known & (sums[11] > 1)
-        raw, moment = np.where(used, raw, 0), np.where(used, slope_u * sums[7] + slope_v * sums[8], 0)
-        true = np.where(used, raw - lent, 0)
-        residual, freedom = np.where(used, sums[9], 0), np.where(used, sums[10], 0)
-        # chi2 about another disparity B' is residual + 2 moment (B' - B) + raw (B' - B)^2
-        pulled = true * disparity - moment
-        information, sharp, pull, spread, free, push = (
-            _box(a, window) for a in (raw, true, pulled, residual, freedom, moment)
-        )
-        first, second, crossed = (_box(a, window) for a in (raw * disparity, raw * disparity**2, moment * disparity))
-        enough = (sharp > np.maximum(0.05 * information, 1e-9)) & (_box(used, window) > _QUORUM * window**2)
-        share = np.where(enough, sharp, 1)
-        value = np.where(enough, pull / share, disparity)
-        square = spread + 2 * (value * push - crossed) + value**2 * information - 2 * value * first + second
-        chi2 = np.where(free > 1.5, np.maximum(square, 0) / np.maximum(free - 1, 0.5), 0)
-        variance = np.where(enough, information, np.inf) / views.density / share**2
-        near = _Plane.of(true, pulled, raw, moment, disparity, window)
-        wide = _Plane.of(true, pulled, raw, moment, disparity, 3 * window)
-        trusted = wide.sound & (wide.strain < 2)
-        plane = _Plane(
-            *(np.where(trusted, a, b) for a, b in zip(vars(wide).values(), vars(near).values(), strict=True))
-        )
-        rows, columns = _places(value.shape)
-        across = np.where(enough & plane.sound, _box(true * columns, window) / share - columns, 0)
-        down = np.where(enough & plane.sound, _box(true * rows, window) / share - rows, 0)
-        value = value - np.clip(plane.across * across + plane.down * down, -0.5, 0.5)
-        variance = variance + plane.variance(across, down) / views.density
-        strain = np.where(near.sound, near.strain, 0)
-        slopes = (np.where(plane.sound, a, 0) for a in (plane.across, plane.down, plane.uu, plane.uv, plane.vv))
-        fit = cls(value, np.sqrt(variance), chi2, free - 1, strain, near.spare, *slopes)
-        return fit._beside(window // 2)
-
-    def misfit(self, least: float = 0.0) -> Array:
-        """Larger of `chi2` and `strain` against what chance, or `least`, allows: above 1 is at odds."""
-        chi2 = self.chi2 / np.maximum(_chance(self.free), least)
-        return np.maximum(chi2, self.strain / np.maximum(_chance(self.spare), least))
-
-    def _beside(self, reach: int) -> _Fit:
-        """Where a window is at odds with itself or knows too little, the best beside it that holds the microlens."""
-        # At the edge of what is lit, the windows about a microlens lie half in the dark.
-        misfit = np.where(np.isfinite(self.sigma), self.misfit(), np.inf)
-        at = np.argwhere(misfit > 1)
-        if not len(at):
-            return self
-        rows, columns = misfit.shape
-        places = at[:, None, :] + np.array([(b, a) for b in (-reach, 0, reach) for a in (-reach, 0, reach)])
-        inside = ((places >= 0) & (places < (rows, columns))).all(axis=2)
-        v, u = np.clip(places[..., 0], 0, rows - 1), np.clip(places[..., 1], 0, columns - 1)
-        inside &= (self.spare[v, u] > 3) & (self.sigma[v, u] < 2 * self.sigma[at[:, 0], at[:, 1], None])
-        each = np.where(inside, misfit[v, u], np.inf)
-        best, pick = each.argmin(axis=1), np.arange(len(at))
-        better = np.isfinite(each[pick, best]) & (each[pick, best] < 0.8 * misfit[at[:, 0], at[:, 1]])
-        to, source = tuple(at[better].T), (v[pick, best][better], u[pick, best][better])
-        fields = []
-        for values in vars(self).values():
-            moved = values.copy()
-            moved[to] = values[source]
-            fields.append(moved)
-        fit = _Fit(*fields)
-        over, under = to[1] - source[1], to[0] - source[0]
-        fit.disparity[to] += np.clip(fit.across[to] * over + fit.down[to] * under, -0.5, 0.5)
-        carried = fit.uu[to] * over**2 + 2 * fit.uv[to] * over * under + fit.vv[to] * under**2
-        fit.sigma[to] = np.sqrt(fit.sigma[to] ** 2 + np.maximum(carried, 0))
-        return fit
-
-
-def _chance(freedom: Array) -> Array:
-    """Chi-square per degree of freedom that chance exceeds once in 3000 at most (Laurent and Massart 2000, lemma 1)."""
-    over = 8.0 / np.maximum(freedom, 0.5)
-    return np.asarray(1 + 2 * np.sqrt(over) + 2 * over)
+        margin = np.where(np.isfinite(second), ((second - least) - 0.02 * (level - least)) * freedom, np.inf)
+    return Start(start, np.where(np.isfinite(least), means[best, rows, columns], overall), margin, step, noise)
 
 
 def _judged(
-    fit: _Fit, sums: Array, disparity: Array, picture: Array, views: _Views, noise: PixelNoise, first: _Searched,
+    fit: WindowFit, look: Look, views: _Views, noise: PixelNoise, alike: Flags,
     window: int, search: tuple[float, float], largest_sigma: float, largest_chi2: float,
 ) -> DisparityMap:  # fmt: skip
-    excess = np.maximum(
-        np.where(fit.chi2 > 1 + 3 * np.sqrt(2 / np.maximum(fit.free, 1)), fit.chi2, 1),
-        np.where(fit.strain > 1 + 3 * np.sqrt(2 / np.maximum(fit.spare, 1)), fit.strain, 1),
-    )
-    sigma = fit.sigma * np.sqrt(np.maximum(excess, 1))
-    # What the microlens's own views say of the disparity that its window gave.
-    slope_u, slope_v, known = _gradient(picture, sums[11] > 0, views.steps)
-    raw = slope_u**2 * sums[4] + 2 * slope_u * slope_v * sums[5] + slope_v**2 * sums[6]
-    change = fit.disparity - disparity
-    own = sums[9] + np.where(known, (2 * (slope_u * sums[7] + slope_v * sums[8]) + raw * change) * change, 0)
-    own /= np.maximum(sums[10], 0.5)
+    sums, change = look.sums, fit.disparity - look.disparity
+    sigma, known = fit.sigma * fit.widened(noise.alike), look.gradient[2]
+    own = look.own(change)
     # Saturation takes what splines and slopes would need about it as well.
-    charge = noise.electrons * picture * views.light.sum(axis=0) / np.maximum(views.lit, 1)
+    charge = noise.electrons * look.picture * views.light.sum(axis=0) / np.maximum(views.lit, 1)
     near = charge + 3 * np.sqrt(np.maximum(charge, 0) + noise.read_noise**2) >= noise.saturation
-    lit, full = _box(views.lit > 0, window + 6), _box(near | (views.saturated > 0), window + 6)
-    spread = _box(sums[4] + sums[6], window) / np.maximum(_box(sums[1], window), 1e-30)
+    lit, full = box(views.lit > 0, window + 6), box(near | (views.saturated > 0), window + 6)
+    spread = box(sums[4] + sums[6], window) / np.maximum(box(sums[1], window), 1e-30)
     margin = np.where(np.isfinite(sigma), 3 * sigma, 0)
     status = np.full(views.shape, int(DisparityStatus.MEASURED), np.int8)
-    at_odds = (fit.misfit(largest_chi2) > 1) | (own > np.maximum(largest_chi2, _chance(sums[10])))
-    at_odds |= np.abs(change) > 0.5 * fit.sigma  # not settled: far from what the search started from
+    at_odds = (fit.misfit(largest_chi2) > 1) | (own > np.maximum(largest_chi2, chance(sums[10])))
+    # Not settled: too far from what the search started from for a slope to tell.
+    at_odds |= np.abs(change) > np.maximum(0.5 * fit.sigma, _SETTLED)
     unsure = ~(fit.sigma <= largest_sigma)
-    bare = unsure & (_box(known & (sums[11] > 1), window) <= _QUORUM * window**2)
+    bare = unsure & (box(known & (sums[11] > 1), window) <= QUORUM * window**2)
     # The last that holds is the reason given.
     status[at_odds] = DisparityStatus.INCONSISTENT
     below, above = fit.disparity < search[0] - margin, fit.disparity > search[1] + margin
     status[below | above] = DisparityStatus.OUT_OF_RANGE
-    status[first.alike] = DisparityStatus.AMBIGUOUS
+    status[alike] = DisparityStatus.AMBIGUOUS
     status[unsure] = DisparityStatus.NO_TEXTURE
     status[bare] = DisparityStatus.NO_LIGHT
     status[unsure & ((views.lit < 2) | (spread < 1e-6))] = DisparityStatus.TOO_FEW_VIEWS
     clipped = (unsure | at_odds) & (full > _CLIPPED * lit)
-    clipped |= _box(views.saturated, window) > _CLIPPED_SAMPLES * _box(views.lit, window)
+    clipped |= box(views.saturated, window) > _CLIPPED_SAMPLES * box(views.lit, window)
     status[clipped] = DisparityStatus.SATURATED
     status[views.lit == 0] = DisparityStatus.NO_LIGHT
     measured = status == DisparityStatus.MEASURED
@@ -624,87 +595,3 @@ def _unlit(views: _Views, window: int, search: tuple[float, float]) -> Disparity
         np.full(shape, np.nan), np.full(shape, np.inf), status, zero, np.zeros(shape, np.int16), zero, window, search,
         (0.0, 0.0),
     )  # fmt: skip
-
-
-def _box(values: NDArray[np.generic], window: int) -> Array:
-    """Sum over the window about each microlens, as far as it lies in the picture."""
-    from scipy import ndimage
-
-    mean: Array = ndimage.uniform_filter(np.asarray(values, float), window, mode="constant")
-    return mean * window**2
-
-
-def _places(shape: tuple[int, ...]) -> tuple[Array, Array]:
-    """Rows and columns of a picture, shapes (v, 1) and (1, u)."""
-    return np.arange(float(shape[0]))[:, None], np.arange(float(shape[1]))
-
-
-def _gradient(picture: Array, lit: Flags, steps: tuple[float, float]) -> tuple[Array, Array, Flags]:
-    """Slopes of a picture's quintic spline [per pitch] along u and v, and where two neighbours on each side are lit."""
-    from scipy import ndimage
-
-    filled = picture.astype(np.float32)[None]
-    with THREADS:
-        fill_holes.compiled(filled, lit.astype(np.float32)[None])
-    slopes = []
-    for axis, step in ((1, steps[0]), (0, steps[1])):
-        spline = ndimage.spline_filter1d(filled[0].astype(float), 5, axis=axis, mode="mirror")
-        reach = [(2, 2) if k == axis else (0, 0) for k in (0, 1)]
-        padded, size = np.pad(spline, reach, mode="reflect"), spline.shape[axis]
-        a, b, c, d = (np.take(padded, np.arange(k, k + size), axis) for k in (0, 1, 3, 4))
-        slopes.append((d - a + 10 * (c - b)) / (24 * step))
-    cross = np.zeros((5, 5), bool)
-    cross[2], cross[:, 2] = True, True
-    return slopes[0], slopes[1], ndimage.binary_erosion(lit, cross, border_value=1)
-
-
-@dataclass(frozen=True, eq=False)
-class _Plane:
-    """Planes of disparity fitted to windows about each microlens."""
-
-    across: Array
-    """Slope along u [pitches of disparity per sample]."""
-    down: Array
-    uu: Array
-    """Covariance of the slopes."""
-    uv: Array
-    vv: Array
-    strain: Array
-    """Chi-square of single microlenses about the plane, per degree of freedom."""
-    spare: Array
-    sound: Flags
-    """True where the window determines a plane."""
-
-    @classmethod
-    def of(cls, true: Array, pulled: Array, raw: Array, moment: Array, disparity: Array, window: int) -> _Plane:
-        rows, columns = _places(true.shape)
-        s, su, sv = _box(true, window), _box(true * columns, window), _box(true * rows, window)
-        suu, suv, svv = (_box(true * a, window) for a in (columns * columns, columns * rows, rows * rows))
-        b, bu, bv = _box(pulled, window), _box(pulled * columns, window), _box(pulled * rows, window)
-        lit = s > 1e-9
-        s = np.where(lit, s, 1)
-        cuu, cuv, cvv = suu - su * su / s, suv - su * sv / s, svv - sv * sv / s
-        cub, cvb = bu - su * b / s, bv - sv * b / s
-        whole = cuu * cvv - cuv**2
-        spare = _box(raw > 0, window) - 3
-        sound = lit & (whole > 1e-6 * (cuu + cvv) ** 2) & (cuu > 0) & (cvv > 0) & (spare > 0.5)
-        whole = np.where(sound, whole, 1)
-        across, down = (cub * cvv - cvb * cuv) / whole, (cvb * cuu - cub * cuv) / whole
-        own = np.where(raw > 0, disparity - moment / np.where(raw > 0, raw, 1), 0)
-        # About the mean first: what is left is small against the squares.
-        square = _box(raw * own * own, window) - 2 * b / s * _box(raw * own, window) + (b / s) ** 2 * _box(raw, window)
-        square = np.maximum(square - across * cub - down * cvb, 0)
-        return cls(
-            across,
-            down,
-            cvv / whole,
-            -cuv / whole,
-            cuu / whole,
-            square / np.maximum(spare, 1),
-            np.maximum(spare, 0),
-            sound,
-        )
-
-    def variance(self, across: Array, down: Array) -> Array:
-        """Variance of the slopes' error carried over a distance [samples]."""
-        return np.maximum(self.uu * across**2 + 2 * self.uv * across * down + self.vv * down**2, 0)

@@ -40,6 +40,7 @@ from .captured import (
     truth_of,
     with_errors_of,
 )  # fmt: skip
+from .estimate import Start
 from .geometry import ArrayGeometry, GridGeometry, ViewGeometry
 from .measure import LEAST, Depths, search_about
 from .unmixing import flat_fielded
@@ -122,10 +123,11 @@ class _Capture:
     known_to: Mapping[str, float]
 
     def measured(
-        self, geometry: ViewGeometry, field: LightField, noise: CaptureNoise, search: tuple[float, float]
-    ) -> tuple[Depths, CaptureNoise]:
+        self, geometry: ViewGeometry, field: LightField, noise: CaptureNoise, search: tuple[float, float],
+        begun: Start | None = None,
+    ) -> tuple[Depths, CaptureNoise]:  # fmt: skip
         """Depths of a light field, and its noise as measured; errors of lengths known to some standard error count."""
-        run, noise = measured_with_noise(geometry, field, noise, search, self.options.between is not None)
+        run, noise = measured_with_noise(geometry, field, noise, search, self.options.between is not None, begun)
         if self.known_to:
             run = with_errors_of(run, field, noise.pixel, run.disparities.search, self.known_to)
         return run, noise
@@ -278,12 +280,12 @@ def _views(capture: _Capture, progress: Callable[[str], None]) -> MeasuredCaptur
         search = search_about(*sorted(across * end for end in files.disparities))
     else:
         search = searched(field, wide)
-    noise, search = measured_noise(geometry, field, search, progress, options.between is not None)
+    noise, first = measured_noise(geometry, field, search, progress, options.between is not None)
     if not float(field.values.max(initial=0.0)) > 0:
         raise capture.refused("all views are black; check which files they are")
     progress("measuring depth")
     field = scaled(field, noise.scale)
-    run, noise = capture.measured(geometry, field, noise, search)
+    run, noise = capture.measured(geometry, field, noise, first.search, first.begun)
     return MeasuredCapture(
         (run,), true, None, image.name, files.kind, camera, capture.calibration, noise, truth,
         capture.known_to, tuple(warnings),

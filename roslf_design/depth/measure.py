@@ -38,7 +38,7 @@ from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.photometry import dark_variance, electrons
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
-from .estimate import DisparityMap, DisparityStatus, PixelNoise, estimate_disparity
+from .estimate import DisparityMap, DisparityStatus, PixelNoise, Start, estimate_disparity
 from .geometry import ArrayGeometry, ViewGeometry, depth_of, disparity_of, sigma_of
 from .traced_views import TracedViews
 from .unmixing import places_on_array
@@ -339,6 +339,7 @@ def measure(
     *,
     search: tuple[float, float],
     progress: Callable[[float], None] = lambda share: None,
+    begun: Start | None = None,
 ) -> Depths:
     """Depth of every microlens of a decoded light field, with its standard error.
 
@@ -353,10 +354,15 @@ def measure(
         Least and largest disparity [pitches].
     progress : callable
         Told the share that is done.
+    begun : Start, optional
+        Of an earlier measurement of the same field with the same search.
     """
     views = geometry.prepared(field)
     progress(0.5)
-    estimate = partial(estimate_disparity, noise=noise, search=search, window=geometry.window, captured=field)
+    estimate = partial(
+        estimate_disparity, noise=noise, search=search, window=geometry.window, captured=field,
+        edges=noise.alike is not None, begun=begun,
+    )  # fmt: skip
     disparities = estimate(views.field, views.pupil, aside=views.aside)
     if (turned := geometry.at_phase(views, disparities)) is not None:
         views = turned
