@@ -462,8 +462,8 @@ def _notes(results: Mapping[str, Any]) -> Iterator[str]:
         "Scenes: the slanted wall of roslf depth; walls at +0.5 and -0.5 pitches; a step from +0.25 to -0.25; a sphere "
         "as wide as the field, its front at +0.25 (larger where its texture would be seen too steeply). Where such a "
         "disparity lies before the bore's mouth or beyond infinity, the scene stands at a fifth, or four times, of the "
-        "focal plane's distance from the mouth. Each is looked at somewhere else in the field, by seed. Finest detail of 2.5 "
-        "microlenses there, the design's contrast."
+        "focal plane's distance from the mouth. Each is looked at somewhere else in the field, by seed. "
+        "Finest detail of 2.5 microlenses there, the design's contrast."
     )
     yield (
         "Light: the design's own exposure (half of the full well, or 1/60 s), a quarter and a sixteenth of it. Where "
