@@ -196,7 +196,8 @@ def in_phase(
         off = waves.moved(shown)
         moved.append(off)
         kernels.append(waves.filters(shown, off))
-    offset = np.stack(moved)  # (disparity, axis, view, node)
+    counted = _aside(camera, field, rows, columns, parts.light[parts.steps.index((0, 0))])[:, freed.usable]
+    offset = np.stack(moved) - counted  # (disparity, axis, view, node)
     slope = np.diff(offset, axis=0) / step
     rest = offset[:-1] - disparities[:-1, None, None, None] * slope
     # By mean places disparities come out wrong, by so much.

@@ -40,7 +40,7 @@ from ..shapes.lattice import PACKINGS
 from ..shapes.openings import Openings
 from .colours import filters
 from .exit_pupil import microlens_image_diameter, microlens_image_pitch
-from .lens_shapes import LENS_SHAPES
+from .lens_shapes import LENS_SHAPES, LensShape
 from .light import microlens_defocus
 from .photometry import NOTHING, Beside, dark_variance, electrons, response, through_filter
 from .stop_images import MicrolensImages
@@ -64,6 +64,8 @@ REACH, FAINT = 3, 5e-4
 """Steps of the lattice to the farthest neighbours that `image_parts` takes one by one; light that it lets be."""
 FAR = 4
 """Steps to those that stand for all others: tails of diffraction fall off slowly, and shift what a place shows."""
+DIM = 0.2
+"""Share of detail that a microlens's width leaves below which its defocus is not followed."""
 WAVES = 1024
 """Waves of all images at a time, for memory's sake."""
 STEPS = (
@@ -752,6 +754,20 @@ class _OwnWaves(NamedTuple):
         return np.concatenate([light, [even + odd[0], even - odd[0], even + odd[1], even - odd[1]]])
 
 
+def _across_lenses(lenses: _WavesOfLenses, shape: LensShape, periods: Array) -> Array:
+    """Transfer of waves over that of their light where microlenses are out of focus on the FAP.
+
+    What passes a side of a microlens then moves on the sensor, and shows the texture behind that side.
+    """
+    rows = lenses.rows
+    turn = (rows.defocus * rows.distance * rows.width / rows.pitch)[:, None, None, None]
+    x, y = turn * lenses.fx, turn * lenses.fy
+    kx, ky = periods
+    alone = shape.blur(x, y) * shape.blur(kx, ky)
+    clear = np.abs(alone) > DIM
+    return np.asarray(np.where(clear, shape.blur(x + kx, y + ky) / np.where(clear, alone, 1.0), 1.0))
+
+
 def waves_shown(
     images: MicrolensImages, x: Array, y: Array, waves: Array, disparities: Array, read: Read = AS_IT_IS
 ) -> Array:
@@ -779,13 +795,13 @@ def waves_shown(
     block = max(1, WAVES // len(images.fields))
     for some in np.split(waves @ packing.steps, np.arange(block, len(waves), block)):
         lenses = _WavesOfLenses.of(images, x, y, read, ((0.0, 0.0), *map(tuple, some)), mean=False)
-        along, down = (k[:, None, None] / lenses.rows.wide[:, None, None, None] for k in (
-            lenses.first, packing.wave_up(lenses.first, lenses.second)
-        ))  # fmt: skip
+        periods = np.stack([lenses.first, packing.wave_up(lenses.first, lenses.second)])[..., None, None]
+        along, down = (k / lenses.rows.wide[:, None, None, None] for k in periods)
+        across = _across_lenses(lenses, LENS_SHAPES[images.camera.lens_shape], periods)
         each = []
         for b in disparities.tolist():
             part = lenses.form(lenses.rows, lenses.fx - b * along, lenses.fy - b * down)[0]
-            light, *shines = lenses.at_places(part)
+            light, *shines = lenses.at_places(part * across)
             lit = light.real > FAINT
             each.append([np.where(lit, one / np.where(lit, light.real, 1.0), 0.0) for one in shines])
         shown.append(np.array(each))

@@ -14,6 +14,7 @@ from roslf_design.depth.measure import PictureOptions, simulate
 from roslf_design.scenes import make_scene
 from roslf_design.theory.disparity_error import image_parts, waves_shown
 from roslf_design.theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
+from roslf_design.theory.light import microlens_defocus
 from roslf_design.theory.stop_images import MicrolensImages
 from tests.depth.made import Texture, fewer_rays
 
@@ -31,21 +32,28 @@ def by_brute_force(camera, x, wave, disparity):
     disc = np.hypot(along, down) < 0.5
     fine = ((np.arange(9) + 0.5) / 9 - 0.5) * pixel
     lenses = np.arange(-20, 21)
+    # Light through a side of a microlens that is out of focus lands aside, and shows the texture there.
+    sides = (np.arange(8) + 0.5) / 8 - 0.5
+    blur = float(microlens_defocus(camera) * camera.d) / pitch
 
-    def painted(place, turned):
-        """Light from along the FAP by all microlenses, the wave's phase at each turned on it."""
-        apart = place - lenses[:, None, None] + wide * at[:, None] + fine
-        return (turned[:, None] * (np.sinc(apart / spot) ** 2).mean(-1)).sum(0)
+    def painted(place, wave):
+        """Light from along the FAP by all microlenses, the wave's phase at each side of each turned on it."""
+        light = 0
+        for side in sides:
+            apart = place - lenses[:, None, None] + wide * at[:, None] + fine - blur * side
+            turned = np.exp(2j * math.pi * wave * (lenses + side))
+            light = light + (turned[:, None] * (np.sinc(apart / spot) ** 2).mean(-1)).sum(0)
+        return light / np.exp(2j * math.pi * wave * sides).sum()
 
-    none = np.ones(lenses.size)
-    shown = painted(x, np.exp(2j * math.pi * wave * lenses)) * np.exp(-2j * math.pi * wave * disparity * at)
-    light = np.multiply.outer(painted(0.0, none), painted(x, none)) * disc
-    return (np.multiply.outer(painted(0.0, none), shown) * disc).sum() / light.sum()
+    shown = painted(x, wave) * np.exp(-2j * math.pi * wave * disparity * at)
+    light = np.multiply.outer(painted(0.0, 0.0), painted(x, 0.0)) * disc
+    return (np.multiply.outer(painted(0.0, 0.0), shown) * disc).sum() / light.sum()
 
 
-@pytest.mark.parametrize("disparity", [0.5, -5.1])
-def test_waves_are_shown_as_square_microlenses_paint_them(disparity):
-    camera, waves = Camera.of(roslf.load("paper")), np.array([[0.1, 0.0], [0.35, 0.0]])
+@pytest.mark.parametrize(("disparity", "focal_length"), [(0.5, 2.1), (-5.1, 2.0)])
+def test_waves_are_shown_as_square_microlenses_paint_them(disparity, focal_length):
+    design = roslf.load("paper").replace({"microlens_array.focal_length": focal_length})
+    camera, waves = Camera.of(design), np.array([[0.1, 0.0], [0.35, 0.0]])
     shown = waves_shown(MicrolensImages(camera, [(0.0, 0.0)]), PLACES, np.zeros(1), waves, np.array([disparity]))
     for (wave, _), row in zip(waves, shown[0, :, 0, 0], strict=True):
         # Twenty microlenses on each side leave 1/500 of the light out, and the disc has 11,000 points.
@@ -76,10 +84,9 @@ def pictured(camera, texture, disparity, size=20):
 def found(design, field, disparity, phases):
     """Disparities of the inner microlenses less the true one, and the standard errors told."""
     array, noise = geometry.ArrayGeometry(design), PixelNoise(13000.0, 2.5)
-    # Of waves as they are shown, none is displaced by how microlenses' defocus lies across them.
-    views = array.prepared(field)._replace(aside=None)
+    views = array.prepared(field)
     search = disparity - 0.7, disparity + 0.7
-    disparities = estimate_disparity(views.field, views.pupil, noise, search=search)
+    disparities = estimate_disparity(views.field, views.pupil, noise, search=search, aside=views.aside)
     if phases:
         views = array.at_phase(views, disparities)
         disparities = estimate_disparity(views.field, views.pupil, noise, search=search, aside=views.aside)
