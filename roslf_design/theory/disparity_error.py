@@ -64,8 +64,8 @@ REACH, FAINT = 3, 5e-4
 """Steps of the lattice to the farthest neighbours that `image_parts` takes one by one; light that it lets be."""
 FAR = 4
 """Steps to those that stand for all others: tails of diffraction fall off slowly, and shift what a place shows."""
-STEPS = (
-    *itertools.product(range(-REACH, REACH + 1), repeat=2),
+STEPS: tuple[tuple[int, int], ...] = (
+    *((a, b) for a in range(-REACH, REACH + 1) for b in range(-REACH, REACH + 1)),
     *((FAR, 0), (-FAR, 0), (0, FAR), (0, -FAR)),
 )
 """Steps of the lattice to the microlenses that `image_parts` tells apart."""
@@ -683,7 +683,7 @@ class _WavesOfLenses(NamedTuple):
             else:
                 lines = np.einsum("nwkl,wklt->nwkt", sent * over, self.across, optimize=True)
             images += [np.swapaxes(lines * by, -1, -2) @ self.along for by in self.read[0]]
-        pieces = np.stack(images, 1)
+        pieces: Complex = np.stack(images, 1)
         return np.moveaxis(pieces.reshape(-1, *pieces.shape[2:]), 0, 1)
 
 
@@ -706,7 +706,7 @@ class _OwnWaves(NamedTuple):
         """Single images of waves' images, shape (steps, fields and ways to read them, T, S)."""
         count = at.shape[0] - 2
         each = np.where(np.arange(count) > 0, 2.0, 1.0) / APART**2
-        return np.einsum("aw,w...->a...", self.turns[:, :count] * each, at[:count], optimize=True).real
+        return np.asarray(np.einsum("aw,w...->a...", self.turns[:, :count] * each, at[:count], optimize=True).real)
 
     @property
     def light(self) -> Array:
