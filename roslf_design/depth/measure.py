@@ -24,6 +24,7 @@ from ..effects.elements import PLATE_ABERRATION
 from ..effects.waves import add_noise
 from ..errors import InputError, Problem
 from ..evaluation import evaluate
+from ..imaging import transfer
 from ..imaging.camera import ImageLattice, Region
 from ..imaging.render import RawImage, render
 from ..imaging.trace import RaySampling, seen_distances
@@ -437,9 +438,12 @@ class _Unexposed(NamedTuple):
         lines = plan(design, scene, Budget(), ["-noise", *SHIFTING, *exact])
         side = math.ceil(math.sqrt(rays) / FEWER_SAMPLES)
         sampling = RaySampling(least=rays, most=rays, tolerance=1e-6, seed=seed, side=side, together=TOGETHER)
-        wide = _with_margin(Camera.of(design.thin_twin), Region(*region))
+        camera = Camera.of(design.thin_twin)
+        wide = _with_margin(camera, Region(*region))
+        # Light is drawn so far around what has to be right, and no microlens of the margin is to be left dark.
+        right = Region(*region).grown(max(0, _margin(camera) - transfer.LEAST_HALO)).common(wide)
         quiet = scene.model_copy(update={"light": scene.light.model_copy(update={"exposure": None})})
-        shown = partial(render, design, seed=seed, region=wide, inner=region)
+        shown = partial(render, design, seed=seed, region=wide, inner=right)
         # Uniform light shows no more of a whole microlens than its middle does.
         whole = lines.without("finite_microlens_aperture")
         white = shown(None, effects=whole, sampling=replace(sampling, side=0), progress=white_progress)
@@ -567,8 +571,11 @@ class Work(NamedTuple):
 
 def _with_margin(camera: Camera, region: Region) -> Region:
     """With `BESIDE` microlenses on each side, as far as the sensor reaches."""
-    add = math.ceil(BESIDE * abs(float(QUANTITIES["image_pitch_mm"](camera) / camera.q)))
-    return region.grown(add).common(Region.checked(camera, None))
+    return region.grown(_margin(camera)).common(Region.checked(camera, None))
+
+
+def _margin(camera: Camera) -> int:
+    return math.ceil(BESIDE * abs(float(QUANTITIES["image_pitch_mm"](camera) / camera.q)))
 
 
 def simulate(

@@ -185,8 +185,9 @@ class TracedViews:
         pixel = abs(float(camera.q) / pitch)
         passed = lens(fx / abs(pitch), fy / abs(pitch)) * pixel_box(fx, pixel) * pixel_box(fy, pixel)
         (along,), (across,) = reading(field)
-        passed = passed * along(fx * pixel) * across(fy * pixel)
-        blurred = np.fft.ifft2(np.fft.fft2(np.fft.ifftshift(inside * _over_pupil(own), axes=(1, 2))) * passed).real
+        read = along(fx * pixel) * across(fy * pixel)
+        sharp = np.fft.fft2(np.fft.ifftshift(inside * _over_pupil(own), axes=(1, 2)))
+        blurred = np.fft.ifft2(sharp * passed * read).real
         blurred = np.fft.fftshift(blurred, axes=(1, 2))
         s, t = (axis / field.pitch for axis in (field.s, field.t))
         means = np.stack([RectBivariateSpline(at, at, part)(t, s) for part in blurred])

@@ -68,7 +68,7 @@ DIM = 0.2
 """Share of detail that a microlens's width leaves below which its defocus is not followed."""
 WAVES = 1024
 """Waves of all images at a time, for memory's sake."""
-STEPS = (
+STEPS: tuple[tuple[int, int], ...] = (
     *itertools.product(range(-REACH, REACH + 1), repeat=2),
     *((FAR, 0), (-FAR, 0), (0, FAR), (0, -FAR)),
 )
@@ -718,7 +718,7 @@ class _WavesOfLenses(NamedTuple):
             else:
                 lines = np.einsum("nwkl,wklt->nwkt", sent * over, self.across, optimize=True)
             images += [np.swapaxes(lines * by, -1, -2) @ self.along for by in self.read[0]]
-        pieces = np.stack(images, 1)
+        pieces: Complex = np.stack(images, 1)
         return np.moveaxis(pieces.reshape(-1, *pieces.shape[2:]), 0, 1)
 
 
@@ -741,7 +741,7 @@ class _OwnWaves(NamedTuple):
         """Single images of waves' images, shape (steps, fields and ways to read them, T, S)."""
         count = at.shape[0] - 2
         each = np.where(np.arange(count) > 0, 2.0, 1.0) / APART**2
-        return np.einsum("aw,w...->a...", self.turns[:, :count] * each, at[:count], optimize=True).real
+        return np.asarray(np.einsum("aw,w...->a...", self.turns[:, :count] * each, at[:count], optimize=True).real)
 
     @property
     def light(self) -> Array:

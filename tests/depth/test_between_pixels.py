@@ -10,6 +10,7 @@ import roslf_design as roslf
 from roslf_design.calibration.decoding import Decoder, LightField, read_between
 from roslf_design.calibration.lattice import CentreLattice
 from roslf_design.camera import Camera
+from roslf_design.depth.measure import _default_scene, _Unexposed
 from roslf_design.depth.unmixing import without_crosstalk
 from roslf_design.theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 
@@ -92,3 +93,13 @@ def test_neighbours_light_is_taken_off_where_images_are_sharper_than_pixels(pitc
 def field_without(field):
     """The light field, its samples taken to be read where pixels are."""
     return LightField(field.values, field.weight, field.s, field.t, field.u, field.v, field.pitch)
+
+
+def test_microlenses_of_the_margin_are_lit_however_many_pixels_they_have(monkeypatch):
+    """Of coarse pitches, light that diffracts reaches less far than the margin: it was left dark, and measured so."""
+    monkeypatch.setattr("roslf_design.imaging.transfer.LEAST_HALO", 24)
+    design = roslf.load("paper")
+    shown = _Unexposed.of(design, _default_scene(design), (2280, 1520, 40, 40), rays=16).scene.pixels
+    rim = np.concatenate([shown[:13], shown[-13:], shown[:, :13].T, shown[:, -13:].T], axis=1)
+    cells = rim[:, : rim.shape[1] // 13 * 13].reshape(13, -1, 13).mean((0, 2))
+    assert cells.min() > 0.5 * np.median(shown)
