@@ -385,7 +385,7 @@ def _rays_for(camera: Camera) -> int:
     pixels, width = float(camera.q), abs(float(microlens_image_diameter(camera) / camera.q))
     wanted = (float(electrons(camera)) / RAYS_FOR[0] * RAYS_FOR[1] / max(width, 1.0)) ** (0.5 / SCATTER)
     blur = float(camera.wavelength * camera.seen.d_2 / camera.d) / pixels
-    some = np.clip(RAYS * wanted / np.clip(blur, 1.0, SPREADING), LEAST_RAYS, MOST_RAYS)
+    some = float(np.clip(RAYS * wanted / np.clip(blur, 1.0, SPREADING), LEAST_RAYS, MOST_RAYS))
     return 1 << (math.ceil(some) - 1).bit_length()
 
 
@@ -535,11 +535,11 @@ def region_about(design: Design, place: tuple[float, float], across: int) -> Reg
 
 
 class Work(NamedTuple):
-    """What a simulated measurement takes, as far as it is known beforehand."""
+    """Effort of a simulated measurement, as far as it is known beforehand."""
 
     pixels: int
     rays: int
-    """Of each pixel."""
+    """Rays of each pixel."""
     white: float
     picture: float
     exposure: float
@@ -552,7 +552,7 @@ class Work(NamedTuple):
         camera = Camera.of(design.thin_twin)
         wide, rays = _with_margin(camera, options.part(design)), options.rays or _rays_for(camera)
         pixels, slower = wide.columns * wide.rows, SLOWER if design.traced_through else 1.0
-        if design.main_lens.prescription is not None:
+        if design.thin_twin is not design:
             rays = math.ceil(math.sqrt(rays) / FEWER_SAMPLES) ** 2
         each = SECONDS["ray"] * rays * slower * max(1.0, float(QUANTITIES["fill_factor"](camera)) ** 2)
         white = pixels * SECONDS["pixel"] * (slower - 0.9)

@@ -6,7 +6,7 @@ import os
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -141,7 +141,7 @@ def render(
     pixels = np.zeros((piece.rows, piece.columns), np.float32)
     generator = np.random.default_rng(seed)
     for number, (one, job) in enumerate(jobs):
-        for row, band in job.bands(piece, lambda share, before=number: progress((before + share) / len(jobs))):
+        for row, band in job.bands(piece, partial(_share_of_one, progress, number, len(jobs))):
             _put(pixels, row, band, one, design, piece)
         for light, source in job.sources():
             _put(pixels, 0, light * point_image(source, piece, job.colours, budget.intensity), one, design, piece)
@@ -159,6 +159,11 @@ def render(
     seconds = time.perf_counter() - start
     rays = sum(job.rays for _, job in jobs)
     return RawImage(pixels, piece, design, scene, effects, seed, jobs[0][1].method, rays, seconds)
+
+
+def _share_of_one(progress: Callable[[float], None], before: int, jobs: int, share: float) -> None:
+    """Progress of one job of several."""
+    progress((before + share) / jobs)
 
 
 def method_of(design: Design, scene: Scene, effects: Plan) -> str:
@@ -246,7 +251,7 @@ class _Job:
 
     @cached_property
     def layers(self) -> list[_Layer]:
-        """What a picture is the sum of."""
+        """Layers that a picture is the sum of."""
         if not self.traced:
             return [_Layer(self._lit, self.transfer, RaySampling())]
         light, carried = self._rays(self.plan, self.sampling)
