@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._jit import THREADS
 from ..calibration.decoding import LightField
-from .occlusion import Limits, past_edges
+from .occlusion import past_edges
 from .warping import SUMS, common, fill_holes, gather_zones, light_of_cells, spline_coefficients, spread_of_zones
-from .windows import QUORUM, Look, WindowFit, box, chance
+from .windows import QUORUM, SharedLight, WindowFit, box, chance
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -297,8 +297,9 @@ def estimate_disparity(
     wanted = (judged.status == DisparityStatus.INCONSISTENT) | (judged.status == DisparityStatus.OUT_OF_RANGE)
     wanted |= (judged.status == DisparityStatus.AMBIGUOUS) & (fit.misfit(largest_chi2) > 1)
     middle = views.pupil.mean(axis=(2, 3))
-    limits = Limits(largest_sigma, noise.alike)
-    found = past_edges(look, fit, judged.measured, wanted, (middle[0] <= 0, middle[1] <= 0), every.look, limits)
+    found = past_edges(
+        look, fit, judged.measured, wanted, (middle[0] <= 0, middle[1] <= 0), every.look, largest_sigma, noise.alike
+    )
     new = np.isfinite(found.sigma) & (found.disparity >= low) & (found.disparity <= high)
     return replace(
         judged,
@@ -324,8 +325,8 @@ class _AllViews:
     def of(cls, views: _Views, noise: PixelNoise) -> _AllViews:
         return cls(views, noise, *views.splines())
 
-    def look(self, some: Flags | None, disparity: Array, picture: Array, robust: bool = True) -> Look:
-        """What some of the views, or all, have in common along a disparity, with the picture that they then show.
+    def look(self, some: Flags | None, disparity: Array, picture: Array, robust: bool = True) -> SharedLight:
+        """Sums and picture of some of the views, or all, along a disparity.
 
         `picture` is what they are expected to show. Where the disparity is not a number nothing is compared.
         """
@@ -348,7 +349,7 @@ class _AllViews:
                 _ROBUST if robust else math.inf, sums,
             )  # fmt: skip
         where = np.where(np.isnan(disparity), 0.0, disparity)
-        return Look(sums, np.where(sums[11] > 0, sums[0], picture), where, views.steps, views.density)
+        return SharedLight(sums, np.where(sums[11] > 0, sums[0], picture), where, views.steps, views.density)
 
 
 @dataclass(frozen=True, eq=False)
@@ -474,7 +475,7 @@ class Start:
     """Chi-square between the best and the next dip, less what noise of the candidates takes."""
     step: float
     noise: PixelNoise
-    """That chi-square is for."""
+    """Noise that chi-square is for."""
 
     def alike(self, noise: PixelNoise) -> Flags:
         """True where another disparity fits as well."""
@@ -541,7 +542,7 @@ def _searched(views: _Views, noise: PixelNoise, low: float, high: float, window:
 
 
 def _judged(
-    fit: WindowFit, look: Look, views: _Views, noise: PixelNoise, alike: Flags,
+    fit: WindowFit, look: SharedLight, views: _Views, noise: PixelNoise, alike: Flags,
     window: int, search: tuple[float, float], largest_sigma: float, largest_chi2: float,
 ) -> DisparityMap:  # fmt: skip
     sums, change = look.sums, fit.disparity - look.disparity

@@ -9,13 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from .windows import Look, WindowFit, chance
+from .windows import SharedLight, WindowFit, chance
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -37,17 +36,8 @@ HALVES = ((0, -1), (0, 1), (-1, 0), (1, 0))
 """Directions (v, u) that surfaces are carried on from."""
 
 
-class Limits(NamedTuple):
-    """What a disparity may be like."""
-
-    sigma: float
-    """Largest standard error [pitches]."""
-    alike: float | None
-    """As `PixelNoise` has it."""
-
-
 @dataclass(frozen=True, eq=False)
-class Offered:
+class _Offered:
     """Disparities by other windows or views, of the microlenses with a finite `sigma`."""
 
     disparity: Array
@@ -57,11 +47,11 @@ class Offered:
     picture: Array
 
     @classmethod
-    def none(cls, shape: tuple[int, int]) -> Offered:
+    def none(cls, shape: tuple[int, int]) -> _Offered:
         """Nothing to begin with."""
         return cls(np.full(shape, np.nan), np.full(shape, np.inf), *(np.zeros(shape) for _ in range(3)))
 
-    def take(self, look: Look, wanted: Flags, limits: Limits) -> int:
+    def take(self, look: SharedLight, wanted: Flags, largest_sigma: float, alike: float | None) -> int:
         """Take the windows of a look that know more than those so far; how many do."""
         before = int(np.isfinite(self.sigma).sum())
         at = np.argwhere(wanted)
@@ -72,7 +62,7 @@ class Offered:
         moment, raw = (np.where(look.gradient[2], part, 0)[here] for part in (moment, raw))
         for window in SIZES:
             fit, reach = WindowFit.of(look, window, alone=True), window // 2
-            widened, misfit = fit.widened(limits.alike), fit.misfit(AT_ODDS)
+            widened, misfit = fit.widened(alike), fit.misfit(AT_ODDS)
             for under in (-reach, 0, reach):
                 for over in (-reach, 0, reach):
                     v, u = at[:, 0] + under, at[:, 1] + over
@@ -87,7 +77,7 @@ class Offered:
                     own = (look.sums[9][here] + (2 * moment + raw * change) * change) / np.maximum(
                         look.sums[10][here], 0.5
                     )
-                    good = inside & (misfit[there] <= 1) & (own <= own_limit[here]) & (sigma <= limits.sigma)
+                    good = inside & (misfit[there] <= 1) & (own <= own_limit[here]) & (sigma <= largest_sigma)
                     good &= (np.abs(change) <= np.maximum(0.5 * sigma, SETTLED)) & (fit.spare[there] > 3)
                     sigma = _PICKED * sigma * widened[there]
                     good &= sigma < self.sigma[here]
@@ -99,19 +89,20 @@ class Offered:
 
 
 def past_edges(
-    first: Look,
+    first: SharedLight,
     fit: WindowFit,
     known: Flags,
     wanted: Flags,
     halves: tuple[Flags, Flags],
-    look: Callable[[Flags | None, Array, Array], Look],
-    limits: Limits,
-) -> Offered:
+    look: Callable[[Flags | None, Array, Array], SharedLight],
+    largest_sigma: float,
+    alike: float | None,
+) -> _Offered:
     """Disparities of the microlenses `wanted`, where other windows or half of the views have them.
 
     Parameters
     ----------
-    first : Look
+    first : SharedLight
         Of all views.
     fit : WindowFit
         Of it, with the slopes of its disparity.
@@ -122,10 +113,13 @@ def past_edges(
     look : callable
         Makes another look with some of the views, along a disparity, from a picture; where the disparity is not a
         number there is none.
-    limits : Limits
+    largest_sigma : float
+        Standard error above which there is none [pitches].
+    alike : float, optional
+        As `PixelNoise` has it.
     """
-    found = Offered.none(known.shape)
-    found.take(first, wanted, limits)
+    found = _Offered.none(known.shape)
+    found.take(first, wanted, largest_sigma, alike)
     wanted = wanted & ~np.isfinite(found.sigma)
     near = ndimage.binary_dilation(wanted, iterations=SIZES[0])
     known = known | np.isfinite(found.sigma)
@@ -142,7 +136,7 @@ def past_edges(
             once = look(some, carried, first.picture)
             change = WindowFit.of(once, SIZES[0], alone=True).disparity - once.disparity
             again = look(some, carried + np.clip(change, -_NUDGE, _NUDGE), once.picture)
-            gains[side] += found.take(again, wanted, limits)
+            gains[side] += found.take(again, wanted, largest_sigma, alike)
         if right > 0:
             sides = [max(sides, key=gains.__getitem__)]
     return found

@@ -21,14 +21,14 @@ QUORUM = 0.25
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
-    """What views have in common at each microlens along a disparity."""
+class SharedLight:
+    """Sums over views at each microlens along a disparity, and the picture that they show."""
 
     sums: Array
     """Shape (`SUMS`, v, u), as `warping.common` makes them."""
     picture: Array
     disparity: Array
-    """That they were warped back by [pitches]."""
+    """Disparity that views were warped back by [pitches]."""
     steps: tuple[float, float]
     """Pitches between samples along u and v."""
     density: float
@@ -47,7 +47,7 @@ class Look:
         return raw, slope_u * sums[7] + slope_v * sums[8]
 
     def own(self, change: Array) -> Array:
-        """What each microlens's own views say of a disparity that is so much larger: chi-square per sample."""
+        """Chi-square per sample of each microlens's own views, about a disparity that is so much larger."""
         raw, moment = self.moments
         own = self.sums[9] + np.where(self.gradient[2], (2 * moment + raw * change) * change, 0)
         return np.asarray(own / np.maximum(self.sums[10], 0.5))
@@ -76,7 +76,7 @@ class WindowFit:
     vv: Array
 
     @classmethod
-    def of(cls, look: Look, window: int, alone: bool = False) -> WindowFit:
+    def of(cls, look: SharedLight, window: int, alone: bool = False) -> WindowFit:
         """Least squares over windows of what each microlens says of the disparity about which it was linearised.
 
         `alone`: of the window about each microlens, whatever is known beside it.

@@ -131,7 +131,7 @@ def _albedo(a: float, b: float, kind: Floats, seed: int) -> float:
         total += _noise(a / step + 17.3 * octave, b / step + 5.7 * octave, seed + 101 * octave)
         step *= 2
     there = 0.5 + 0.5 * math.tanh(3 * _noise(a / 40, b / 40, seed + 999))
-    return max(kind[0] * (1 + kind[1] * (1 - kind[4] * (1 - there)) * total), 0.02)
+    return float(max(kind[0] * (1 + kind[1] * (1 - kind[4] * (1 - there)) * total), 0.02))
 
 
 @njit(parallel=True)
@@ -202,11 +202,11 @@ def _view(s: float, t: float, size: int, shapes: Floats, kinds: Floats, seeds: N
 def rendered(things: list[Thing], size: int = 256, across: int = 9, noise: float = 0.5, seed: int = 0) -> MadeViews:
     """Grid of views of a scene, with noise [grey levels], rounded to 8 bits; disparities at pixels' middles."""
     shapes, kinds = np.zeros((len(things), 15)), np.array([thing.texture for thing in things], float)
-    for row, thing in zip(shapes, things, strict=True):
+    for shape, thing in zip(shapes, things, strict=True):
         third = np.cross(thing.p, thing.q) if thing.r is None else thing.r
-        row[:9] = np.linalg.inv(np.stack([thing.p, thing.q, third], axis=1)).ravel()
-        row[9:12], row[12] = thing.c, thing.r is not None
-        row[13:] = np.linalg.norm(thing.p), np.linalg.norm(thing.q)
+        shape[:9] = np.linalg.inv(np.stack([thing.p, thing.q, third], axis=1)).ravel()
+        shape[9:12], shape[12] = thing.c, thing.r is not None
+        shape[13:] = np.linalg.norm(thing.p), np.linalg.norm(thing.q)
     seeds = np.array([thing.seed for thing in things])
     views, moves = np.zeros((across, across, size, size)), np.zeros((size, size))
     places = np.arange(across) - (across - 1) / 2
@@ -257,8 +257,8 @@ def cotton(random: np.random.Generator) -> list[Thing]:
     things = [wall(-1.4, _texture(random), seed)]
     for k, (x, y, d, half) in enumerate(((0, -40, 0.7, (46, 58, 40)), (0, 110, 0.2, (100, 70, 50)),
                                          (-95, 30, -0.6, (30, 70, 30)))):  # fmt: skip
-        x, y = x + random.uniform(-12, 12), y + random.uniform(-12, 12)
-        things.append(ball(x, y, d, half, _texture(random, 0.5), seed + k + 1))
+        right, down = x + random.uniform(-12, 12), y + random.uniform(-12, 12)
+        things.append(ball(right, down, d, half, _texture(random, 0.5), seed + k + 1))
     return things
 
 
@@ -267,10 +267,18 @@ def poles(random: np.random.Generator) -> list[Thing]:
     """Thin bars before slanted planes."""
     seed = int(random.integers(1 << 20))
     things = [wall(-0.8, _texture(random), seed, (random.uniform(-0.7, 0.7), random.uniform(-0.7, 0.7)))]
-    for k in range(8):
-        things.append(card(random.uniform(-120, 120), random.uniform(-60, 60), random.uniform(0.2, 1.6),
-                           (random.uniform(2.5, 7.0), random.uniform(60, 200)), _texture(random), seed + k + 1,
-                           random.uniform(-0.7, 0.7) + (k % 2) * 1.57))  # fmt: skip
+    things += [
+        card(
+            random.uniform(-120, 120),
+            random.uniform(-60, 60),
+            random.uniform(0.2, 1.6),
+            (random.uniform(2.5, 7.0), random.uniform(60, 200)),
+            _texture(random),
+            seed + k + 1,
+            random.uniform(-0.7, 0.7) + (k % 2) * 1.57,
+        )
+        for k in range(8)
+    ]
     return things
 
 
@@ -301,9 +309,10 @@ def backgammon(random: np.random.Generator) -> list[Thing]:
     things = [wall(-0.4, texture, seed, (0.0, -1.0))]
     for k in range(7):
         x = 36 * (k - 3) + random.uniform(-3, 3)
-        for side in (-1, 1):
-            things.append(card(x + 4 * side, 0, 0.6, (5, 116), texture, seed + 2 * k + side + 2, 0.035 * side,
-                               lean=(0.0, 0.8)))  # fmt: skip
+        things += [
+            card(x + 4 * side, 0, 0.6, (5, 116), texture, seed + 2 * k + side + 2, 0.035 * side, lean=(0.0, 0.8))
+            for side in (-1, 1)
+        ]
     return things
 
 
@@ -312,9 +321,9 @@ def sideboard(random: np.random.Generator) -> list[Thing]:
     """A shelf: upright boards with things between, pictures on the wall."""
     seed = int(random.integers(1 << 20))
     things = [wall(-1.3, _texture(random), seed, (0.3, 0.0))]
-    for k, y in enumerate((-30, 50, 118)):
-        things.append(card(0, y, 0.0, (118, 4), _texture(random), seed + k + 1, random.uniform(-0.03, 0.03)))
-        things.append(card(0, y - 10, -0.6, (118, 14), _texture(random), seed + k + 11, lean=(0.0, 0.7)))
+    for k, shelf in enumerate((-30, 50, 118)):
+        things.append(card(0, shelf, 0.0, (118, 4), _texture(random), seed + k + 1, random.uniform(-0.03, 0.03)))
+        things.append(card(0, shelf - 10, -0.6, (118, 14), _texture(random), seed + k + 11, lean=(0.0, 0.7)))
     for k in range(9):
         half = random.uniform(7, 15), random.uniform(14, 30)
         x, y, d = -104 + 26 * k, (18 if k % 2 else 86) - half[1] + random.uniform(8, 14), random.uniform(-0.7, 0.3)
@@ -323,10 +332,10 @@ def sideboard(random: np.random.Generator) -> list[Thing]:
                                (random.uniform(-0.3, 0.3), 0.0)))  # fmt: skip
         else:
             things.append(ball(x, y, d, (half[0], half[1], half[0]), _texture(random), seed + k + 21))
-    for k in range(3):
-        things.append(
-            card(-70 + 70 * k, -88, -1.2, (24, 26), _texture(random), seed + k + 41, random.uniform(-0.1, 0.1))
-        )
+    things += [
+        card(-70 + 70 * k, -88, -1.2, (24, 26), _texture(random), seed + k + 41, random.uniform(-0.1, 0.1))
+        for k in range(3)
+    ]
     return things
 
 
