@@ -28,7 +28,8 @@ SETTLED = 0.25
 AT_ODDS = 5.0
 """Chi-square per degree of freedom above which a window is at odds with itself there: edges alias."""
 _PICKED = 1.3
-"""Factor by which the least of the errors of many windows is too small, on light fields rendered for it."""
+"""Factor by which the least of the errors of many windows is taken as too small: chosen on rendered light fields, not
+derived."""
 _NUDGE = 0.3
 """Largest correction of a surface that is carried on [pitches]."""
 
