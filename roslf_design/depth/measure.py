@@ -79,7 +79,7 @@ SHIFTING = "+microlens_defocus", "+finite_microlens_aperture", "+object_defocus"
 STRIP, WINDOWS = 12, 40
 """Microlenses across the strip that is looked at where no part of the sensor is named, at least, and windows without
 common microlenses that it holds: enough to judge errors by."""
-LONG = 3.5e7
+LONG = 3e7
 """Rays for which it is kept shorter."""
 SECONDS = {"start": 0.5, "ray": 2e-7, "pixel": 2e-6, "decoded": 7e-7}
 """Processor time, about: of each ray and pixel of a picture, and of a pixel that is decoded and measured."""
