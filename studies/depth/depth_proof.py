@@ -55,7 +55,7 @@ from roslf_design.reporting.blocks import (
 from roslf_design.reporting.printers import render_html
 from roslf_design.scenes import Noise, Plane, Scene, Sphere
 from roslf_design.theory.light import object_scale
-from roslf_design.theory.photometry import electrons, exposure
+from roslf_design.theory.photometry import exposure
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.theory.stop_images import MicrolensImages
 from studies.depth.proof_cameras import DRAWN, LARGEST, SEED, ProofCamera, cameras, place
@@ -172,7 +172,7 @@ def trials(
 ) -> Iterator[tuple[str, Trial]]:  # fmt: skip
     """What pictures of a scene tell, by light; the picture is rendered once, noise differs."""
     design = camera.design
-    rays = rays or _rays_for(float(electrons(Camera.of(design.thin_twin))))
+    rays = rays or _rays_for(Camera.of(design.thin_twin))
     picture = _Unexposed.of(design, view.scene, view.region, seed=SEED, rays=rays)
     for number, light in enumerate(lights):
         options = PictureOptions(region=view.region, seed=SEED + number, exposures=exposures)
