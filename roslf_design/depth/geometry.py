@@ -190,8 +190,8 @@ class ArrayGeometry:
         return TracedViews(self.design, self.camera, self.depth)
 
     def prepared(self, field: LightField) -> _PreparedViews:
-        """Freed of neighbours' light, as by first order; looking as lens and elements make them."""
-        own = without_crosstalk(self.camera, field)
+        """Freed of neighbours' light; looking as lens and elements make them."""
+        own = without_crosstalk(self.camera, field, self.traced)
         if self.traced is None:
             return _PreparedViews(*own)
         pupil, aside = self.traced.sight(own.field, own.pupil)
@@ -205,7 +205,8 @@ class ArrayGeometry:
             return None
         filled = np.where(known, found.disparity, np.median(found.disparity[known]))
         least = NEGLIGIBLE * float(np.median(found.sigma[known]))
-        turned = in_phase(self.camera, views.field, ndimage.median_filter(filled, SMOOTHED), least)
+        smooth = ndimage.median_filter(filled, SMOOTHED)
+        turned = in_phase(self.camera, views.field, smooth, least, self.traced)
         if turned is None:
             return None
         pupil, aside = _sum(views.pupil, turned.pupil), turned.aside

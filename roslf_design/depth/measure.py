@@ -75,6 +75,8 @@ POINTS = 2000
 """Microlenses that a result tells one by one."""
 LEAST = 5
 """Microlenses along each side of the smallest light field that is measured."""
+DIRECTIONS = 6
+"""Directions of a texture whose errors behind a real lens are averaged."""
 PREDICTED = 8
 """Fields along each axis at which the error is predicted."""
 
@@ -667,13 +669,20 @@ def _predict(
     row, column = (index.ravel() for index in np.meshgrid(rows, columns, indexing="ij"))
     places = places_on_array(camera, field)[row, column]
     disparity, depth = np.full(row.size, np.inf), np.full(row.size, np.inf)
-    wider = np.ones(row.size) if traced is None else traced.widening(places)
+    turn = np.linspace(0, math.pi, DIRECTIONS if traced else 1, endpoint=False)
+    ways, one = np.stack([np.cos(turn), np.sin(turn)]), np.broadcast_to(np.eye(2), (row.size, 2, 2))
+    image, (pupil, aside) = (one, (one, 0 * one)) if traced is None else (traced.images(places), traced.bends(places))
     for n, (place, z) in enumerate(zip(places, true[row, column], strict=True)):
         if math.isfinite(z):
             b, plane = disparity_of(camera, z), camera.plane(z)
             ahead = np.abs(product(camera.seen.inverse_m, ratio(plane.distance - camera.seen.d_3, camera.seen.gap)))
             plane_seen = Seen(b, np.asarray(ahead * np.abs(plane.magnification)))
-            disparity[n] = float(disparity_sigma(MicrolensImages(camera, [place]), plane_seen)[0, 0]) / wider[n]
+            # Of each direction of the texture images are out of focus by another part of the faults.
+            bends = np.linalg.norm((aside[n] + b * pupil[n]) @ ways, axis=0)
+            wide = camera["aperture.diameter"] * math.sqrt(abs(np.linalg.det(image[n])))
+            images = MicrolensImages(camera.replace({"aperture.diameter": wide}), [place])
+            each = disparity_sigma(images, plane_seen._replace(disparity=bends))[0]
+            disparity[n] = np.mean((np.linalg.norm(pupil[n] @ ways, axis=0) / each) ** 2) ** -0.5
             depth[n] = float(sigma_of(camera, z, disparity[n]))
     return Prediction(row, column, disparity, depth)
 

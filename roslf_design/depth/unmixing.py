@@ -7,11 +7,12 @@ How much of it there is follows from the camera, and what the neighbours see sta
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,8 @@ from .warping import fill_holes
 STEP, MOST = 0.1, 400
 """Cut microlens images are worked out wherever their cut moved by so much of their diameter, and interpolated between;
 at so many places at most."""
+WIDER = 0.02
+"""Share by which images behind a real lens grow that counts as such a step."""
 COARSE = 9
 """Places along each axis at which is looked whether any is cut."""
 BLOCK, COMMON = 32, 12.0
@@ -65,11 +68,29 @@ def places_on_array(camera: Camera, field: LightField) -> NDArray[np.float64]:
     return np.stack([u, v], -1) * float(camera.d)
 
 
-def _parts(camera: Camera, field: LightField) -> tuple[NDArray[np.intp], NDArray[np.intp], ImageParts]:
+class RealLens(Protocol):
+    """What a lens and elements make of microlens images, and of where these look."""
+
+    def images(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Images at places on the array (n, 2) [mm] against those of an ideal lens, as `image_parts` takes them."""
+
+    def shown(
+        self, field: LightField, places: NDArray[np.float64], waves: NDArray[np.float64],
+        disparities: NDArray[np.float64],
+    ) -> Iterator[tuple[NDArray[np.complex128], NDArray[np.float64]]]:  # fmt: skip
+        """For each disparity, waves as `waves_shown` has them (W, n, T, S), and where samples look (2, n, T, S).
+
+        That by their own light, on average [pitches].
+        """
+
+
+def _parts(
+    camera: Camera, field: LightField, real: RealLens | None
+) -> tuple[NDArray[np.intp], NDArray[np.intp], ImageParts]:
     """Light of microlenses at some rows and columns of a light field; of one where all are alike."""
     places = places_on_array(camera, field)
-    rows, columns = _nodes(camera, places)
-    return rows, columns, _parts_at(panchromatic(camera), places[np.ix_(rows, columns)].reshape(-1, 2), field)
+    rows, columns = _nodes(camera, places, real)
+    return rows, columns, _parts_at(panchromatic(camera), places[np.ix_(rows, columns)].reshape(-1, 2), field, real)
 
 
 def flat_fielded(camera: Camera, field: LightField) -> LightField:
@@ -82,7 +103,7 @@ def flat_fielded(camera: Camera, field: LightField) -> LightField:
     field : LightField
         Its u and v count microlenses from the array's centre.
     """
-    rows, columns, parts = _parts(camera, field)
+    rows, columns, parts = _parts(camera, field, None)
     total = parts.light.sum(0)
     lenses = field if field.hexagonal is None else field.hexagonal
     spread = _Map.of(rows, columns, (len(field.v), len(field.u)), lenses.values.shape[2:])
@@ -106,7 +127,7 @@ class _OwnLight(NamedTuple):
     [pitches]: of the same shape."""
 
 
-def without_crosstalk(camera: Camera, field: LightField) -> _OwnLight:
+def without_crosstalk(camera: Camera, field: LightField, real: RealLens | None = None) -> _OwnLight:
     """A decoded light field with each microlens's own light alone.
 
     Parameters
@@ -115,8 +136,10 @@ def without_crosstalk(camera: Camera, field: LightField) -> _OwnLight:
         One build, which took it.
     field : LightField
         Its u and v count microlenses from the array's centre.
+    real : RealLens, optional
+        None of an ideal one.
     """
-    rows, columns, parts = _parts(camera, field)
+    rows, columns, parts = _parts(camera, field, real)
     height, width = len(field.v), len(field.u)
     own = parts.steps.index((0, 0))
     shares = _shares(parts)
@@ -160,7 +183,9 @@ class _InPhase(NamedTuple):
     """To add to `_OwnLight.aside`: what is left of that at the disparity itself, of the same shape."""
 
 
-def in_phase(camera: Camera, field: LightField, disparity: NDArray[np.float64], least: float) -> _InPhase | None:
+def in_phase(
+    camera: Camera, field: LightField, disparity: NDArray[np.float64], least: float, real: RealLens | None = None
+) -> _InPhase | None:
     """Views where the phase of their light says that they look from.
 
     A texture of f periods a pitch at disparity B has nu = f B periods across the FAP. A view shows it turned by the
@@ -179,8 +204,10 @@ def in_phase(camera: Camera, field: LightField, disparity: NDArray[np.float64], 
         By the views' mean places, about [pitches].
     least : float
         Error of disparities by mean places [pitches], on average, below which they do: None is returned.
+    real : RealLens, optional
+        None of an ideal one.
     """
-    rows, columns, parts = _parts(camera, field)
+    rows, columns, parts = _parts(camera, field, real)
     few, some = (
         np.unique(np.linspace(0, at.size - 1, min(at.size, COARSE)).round().astype(np.intp)) for at in (rows, columns)
     )
@@ -188,8 +215,8 @@ def in_phase(camera: Camera, field: LightField, disparity: NDArray[np.float64], 
     rows, columns = rows[few], columns[some]
     parts = ImageParts(parts.steps, *(part[:, nodes] for part in parts[1:]))
     places = places_on_array(camera, field)[np.ix_(rows, columns)].reshape(-1, 2)
-    freed = _FreedWaves.of(MicrolensImages(panchromatic(camera), places), parts, field)
-    whole = nodes.size == 1
+    freed = _FreedWaves.of(MicrolensImages(panchromatic(camera), places), parts, field, real)
+    single, whole = nodes.size == 1, bool((freed.images.shapes.kept_fraction >= 1 - 1e-9).all())
     low, high = (float(np.quantile(disparity, part)) for part in (0.01, 0.99))
     step = max(DISPARITIES, (high - low) / MOST_DISPARITIES)
     disparities = step * np.arange(math.floor(low / step) - 1, math.ceil(high / step) + 2)
@@ -199,7 +226,8 @@ def in_phase(camera: Camera, field: LightField, disparity: NDArray[np.float64], 
         off = waves.moved(shown)
         moved.append(off)
         if whole:
-            kernels.append(waves.filters(shown[..., 0], off[..., 0]))
+            each = zip(np.moveaxis(shown, -1, 0), np.moveaxis(off, -1, 0), strict=True)
+            kernels.append([waves.filters(*node) for node in each])
     offset = np.stack(moved)  # (disparity, axis, view, node)
     slope = np.diff(offset, axis=0) / step
     rest = offset[:-1] - disparities[:-1, None, None, None] * slope
@@ -218,9 +246,9 @@ def in_phase(camera: Camera, field: LightField, disparity: NDArray[np.float64], 
     def spread(values: NDArray[np.float64]) -> NDArray[np.float32]:
         every = np.zeros((*values.shape[:2], *freed.usable.shape, nodes.size))
         every[:, :, freed.usable] = values
-        if whole and not np.ptp(below):
+        if single and not np.ptp(below):
             return every[below[0, 0], ..., 0].astype(np.float32)
-        if whole:
+        if single:
             return np.moveaxis(every[below, ..., 0], (0, 1), (-2, -1)).astype(np.float32)
         out = over_view(every[0])
         for k in range(1, count - 1):
@@ -228,7 +256,7 @@ def in_phase(camera: Camera, field: LightField, disparity: NDArray[np.float64], 
         return out
 
     if whole:
-        field = _filtered(field, freed.usable, np.stack(kernels), at)
+        field = _filtered(field, freed.usable, np.array(kernels), at, (rows, columns))
     return _InPhase(field, spread(slope), spread(rest))
 
 
@@ -236,10 +264,6 @@ class _FreedWaves(NamedTuple):
     """What views show of single waves once neighbours' light was taken off as `without_crosstalk` does it."""
 
     images: MicrolensImages
-    s: NDArray[np.float64]
-    """Places of the samples [image pitches]."""
-    t: NDArray[np.float64]
-    side: float
     usable: NDArray[np.bool_]
     """Views that have own light at any node, shape (t, s)."""
     gain: NDArray[np.float64]
@@ -249,10 +273,11 @@ class _FreedWaves(NamedTuple):
     """Mean places on the FAP, shape (2, view, node)."""
     weight: NDArray[np.float64]
     """Light that tells, shape (view, node)."""
-    read: Read
+    field: LightField
+    real: RealLens | None
 
     @classmethod
-    def of(cls, images: MicrolensImages, parts: ImageParts, field: LightField) -> _FreedWaves:
+    def of(cls, images: MicrolensImages, parts: ImageParts, field: LightField, real: RealLens | None) -> _FreedWaves:
         own = parts.steps.index((0, 0))
         total, shares = parts.light.sum(0), _shares(parts)
         usable = (shares[own] > LEAST).any(0)
@@ -263,8 +288,23 @@ class _FreedWaves(NamedTuple):
         side = math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
         pupil = side * np.stack([axis[own][:, usable].T for axis in (parts.x, parts.y)])
         weight = np.where(gain > 0, total[:, usable].T * share**2, 0.0)
+        return cls(images, usable, gain, ways, pupil, weight, field, real)
+
+    def _raw(
+        self, waves: NDArray[np.float64], disparities: NDArray[np.float64]
+    ) -> Iterator[tuple[NDArray[np.complex128], NDArray[np.float64]]]:
+        """Of each disparity waves with neighbours' light, (W, view, node), and where views look, (2, view, node)."""
+        field = self.field
+        if self.real is not None:
+            for raw, where in self.real.shown(field, self.images.fields, waves, disparities):
+                yield raw[..., self.usable].swapaxes(1, 2), where[..., self.usable].swapaxes(1, 2)
+            return
+        camera = self.images.camera
+        side = math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
         s, t = field.s / field.pitch, field.t / field.pitch
-        return cls(images, s, t, side, usable, gain, ways, pupil, weight, reading(field))
+        every = waves_shown(self.images, s, t, waves, side * disparities, reading(field))
+        for raw, disparity in zip(every[..., self.usable].swapaxes(2, 3), disparities.tolist(), strict=True):
+            yield raw, disparity * self.pupil
 
     def shown(self, waves: NDArray[np.float64], disparities: NDArray[np.float64]) -> Iterator[NDArray[np.complex128]]:
         """Waves, shape (W, 2), as views show them against where their mean places do, shape (W, view, node)."""
@@ -272,8 +312,7 @@ class _FreedWaves(NamedTuple):
 
         known, steps = self.gain > 0, PACKINGS[self.images.camera.layout].steps.T
         share = 1 / np.maximum(known.sum(0), 1)
-        every = waves_shown(self.images, self.s, self.t, waves, self.side * disparities, self.read)
-        for disparity, raw in zip(disparities.tolist(), every[..., self.usable].swapaxes(2, 3), strict=True):
+        for raw, where in self._raw(waves, disparities):
             out = np.empty_like(raw)
             for k, wave in enumerate(waves):
                 turns = [np.exp(2j * math.pi * (way.step @ (steps @ wave))) for way in self.ways]
@@ -288,7 +327,7 @@ class _FreedWaves(NamedTuple):
                         values = np.where(gain > 0, values, values.sum() * share[n])
                         values = (seen - mixing @ values) * gain
                     out[k, :, n] = values
-            yield out * np.exp(2j * math.pi * disparity * np.tensordot(waves, self.pupil, 1))
+            yield out * np.exp(2j * math.pi * np.tensordot(waves, where, 1))
 
 
 class _Waves(NamedTuple):
@@ -343,28 +382,44 @@ class _Waves(NamedTuple):
 
 
 def _filtered(
-    field: LightField, usable: NDArray[np.bool_], kernels: NDArray[np.float64], at: NDArray[np.float64]
-) -> LightField:
-    """Views by the filters, shape (disparity, view, N, N), between the two that each microlens's place `at` is at."""
+    field: LightField, usable: NDArray[np.bool_], kernels: NDArray[np.float64], at: NDArray[np.float64],
+    nodes: tuple[NDArray[np.intp], NDArray[np.intp]],
+) -> LightField:  # fmt: skip
+    """Views by the filters at rows and columns of `nodes`, shape (disparity, node, view, N, N).
+
+    Between nodes, and between the two disparities that each microlens's place `at` is at, they pass into each other.
+    """
     from scipy import fft
 
     values, weight = field.values.copy(), field.weight.copy()
     reach = kernels.shape[-1] // 2
-    shape = [fft.next_fast_len(n + 2 * reach, real=True) for n in field.values.shape[2:]]
+    spans = []
+    for places, count in zip(nodes, at.shape, strict=True):
+        shares = [np.interp(np.arange(count), places, one) for one in np.eye(places.size)]
+        spans.append([(slice(some[0], some[-1] + 1), share) for share in shares for some in [np.flatnonzero(share)]])
+    tiles = [(m, rows, columns, down[rows, None] * along[columns]) for m, ((rows, down), (columns, along)) in enumerate(
+        itertools.product(*spans)
+    )]  # fmt: skip
     parts = [
-        (k, part) for k in range(len(kernels)) if (part := np.clip(1 - np.abs(at - k), 0, 1).astype(np.float32)).any()
+        (m, k, rows, columns, part)
+        for m, rows, columns, share in tiles
+        for k in range(len(kernels))
+        if (part := (share * np.clip(1 - np.abs(at[rows, columns] - k), 0, 1)).astype(np.float32)).any()
     ]
-    rows, columns = (slice(2 * reach, 2 * reach + n) for n in field.values.shape[2:])
     for n, (t, s) in enumerate(np.argwhere(usable)):
         view, lit = field.values[t, s][None].copy(), field.weight[t, s][None]
         with THREADS:
             fill_holes.compiled(view, lit)
-        sent = fft.rfft2(np.pad(view[0], reach, mode="symmetric"), shape)
-        shown, noise = np.zeros_like(view[0]), np.zeros_like(view[0])
-        for k, part in parts:
-            passed = fft.irfft2(sent * fft.rfft2(kernels[k, n].astype(np.float32), shape), shape)
-            shown += part * passed[rows, columns]
-            noise += part * np.float32((kernels[k, n] ** 2).sum())
+        padded, sent = np.pad(view[0], reach, mode="symmetric"), None
+        shown, noise, before = np.zeros_like(view[0]), np.zeros_like(view[0]), -1
+        for m, k, rows, columns, part in parts:
+            if m != before:
+                tile = padded[rows.start : rows.stop + 2 * reach, columns.start : columns.stop + 2 * reach]
+                shape = [fft.next_fast_len(size, real=True) for size in tile.shape]
+                sent, before = fft.rfft2(tile, shape), m
+            passed = fft.irfft2(sent * fft.rfft2(kernels[k, m, n].astype(np.float32), shape), shape)
+            shown[rows, columns] += part * passed[2 * reach : tile.shape[0], 2 * reach : tile.shape[1]]
+            noise[rows, columns] += part * np.float32((kernels[k, m, n] ** 2).sum())
         values[t, s] = np.where(lit[0] > 0, shown, 0)
         weight[t, s] /= noise
     return replace(field, values=values, weight=weight)
@@ -420,8 +475,14 @@ def _with(field: LightField, values: NDArray[np.float32], weight: NDArray[np.flo
     return replace(field, values=even, weight=light, hexagonal=rows)
 
 
-def _nodes(camera: Camera, places: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns of microlenses at which their images are worked out: one of each where none is cut."""
+def _images(places: NDArray[np.float64], real: RealLens | None) -> NDArray[np.float64]:
+    return np.broadcast_to(np.eye(2), (len(places), 2, 2)) if real is None else real.images(places)
+
+
+def _nodes(
+    camera: Camera, places: NDArray[np.float64], real: RealLens | None
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns of microlenses at which their images are worked out: one of each where all are alike."""
     size = places.shape[:2]
 
     def spread(counts: tuple[int, ...]) -> list[NDArray[np.intp]]:
@@ -430,11 +491,15 @@ def _nodes(camera: Camera, places: NDArray[np.float64]) -> tuple[NDArray[np.intp
         ]
 
     rows, columns = spread((COARSE, COARSE))
-    images = MicrolensImages(camera, places[np.ix_(rows, columns)].reshape(-1, 2))
-    if (images.shapes.kept_fraction >= 1 - 1e-9).all():
-        return rows[:1], columns[:1]
-    centres, spans = images.openings.centres, images.openings.spans
-    apart = ((centres - centres[..., :1, :]) / spans[..., :1, None]).reshape(rows.size, columns.size, -1)
+    some = places[np.ix_(rows, columns)].reshape(-1, 2)
+    images = MicrolensImages(camera, some)
+    apart = (_images(some, real) * (STEP / WIDER)).reshape(rows.size, columns.size, -1)
+    if (images.shapes.kept_fraction < 1 - 1e-9).any():
+        centres, spans = images.openings.centres, images.openings.spans
+        cuts = ((centres - centres[..., :1, :]) / spans[..., :1, None]).reshape(rows.size, columns.size, -1)
+        apart = np.concatenate([apart, cuts], -1)
+    elif np.ptp(apart, axis=(0, 1)).max() < STEP / 4:
+        return rows[rows.size // 2, None], columns[columns.size // 2, None]
     moved = [float(np.ptp(apart, axis=axis).max(initial=0.0)) for axis in (0, 1)]
     counts = [max(2.0, math.ceil(far / STEP) + 1.0) for far in moved]
     less = min(1.0, math.sqrt(MOST / math.prod(counts)))
@@ -442,21 +507,20 @@ def _nodes(camera: Camera, places: NDArray[np.float64]) -> tuple[NDArray[np.intp
     return rows, columns
 
 
-def _parts_at(camera: Camera, places: NDArray[np.float64], field: LightField) -> ImageParts:
-    """`image_parts` of each place, whole images once."""
+def _parts_at(camera: Camera, places: NDArray[np.float64], field: LightField, real: RealLens | None) -> ImageParts:
+    """`image_parts` of each place, whole images that are alike once."""
+    image = _images(places, real)
     whole = MicrolensImages(camera, places).shapes.kept_fraction[:, 0] >= 1 - 1e-9
-    some = np.flatnonzero(~whole)
-    if whole.any():
-        some = np.append(np.flatnonzero(whole)[:1], some)
-    back = np.where(whole, 0, np.searchsorted(some[1:], np.arange(len(places))) + 1) if whole.any() else some
+    kinds = np.concatenate([image.reshape(-1, 4), np.where(whole, -1, np.arange(len(places)))[:, None]], 1)
+    _, some, back = np.unique(kinds.round(6), axis=0, return_index=True, return_inverse=True)
     s, t = field.s / field.pitch, field.t / field.pitch
     finest = min(
         float(abs(microlens_image_pitch(camera)) * camera.d / (camera.wavelength * camera.seen.d_2)), FINEST_PLACES
     )
     block = max(1, int(BLOCK * min(1.0, (COMMON / finest) ** 2)))
     pieces = [
-        image_parts(MicrolensImages(camera, places[some[at : at + block]]), s, t, reading(field))
-        for at in range(0, some.size, block)
+        image_parts(MicrolensImages(camera, places[part]), s, t, reading(field), image[part])
+        for part in np.split(some, range(block, some.size, block))
     ]
     light, x, y = (np.concatenate([getattr(part, name) for part in pieces], 1)[:, back] for name in ("light", "x", "y"))
     return ImageParts(pieces[0].steps, light, x, y)
