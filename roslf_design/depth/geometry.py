@@ -116,12 +116,6 @@ class _PreparedViews(NamedTuple):
     aside: NDArray[np.floating] | None = None
 
 
-def _sum(one: NDArray[np.floating], other: NDArray[np.floating]) -> NDArray[np.floating]:
-    """Sum of arrays of views, shape (2, t, s), or (2, t, s, v, u)."""
-    most = max(one.ndim, other.ndim)
-    return np.asarray(sum(part if part.ndim == most else part[..., None, None] for part in (one, other)))
-
-
 class ViewGeometry(Protocol):
     """Geometry that turns the disparities of a light field into depths."""
 
@@ -205,12 +199,10 @@ class ArrayGeometry:
             return None
         filled = np.where(known, found.disparity, np.median(found.disparity[known]))
         least = NEGLIGIBLE * float(np.median(found.sigma[known]))
+        aside = np.zeros_like(views.pupil) if views.aside is None else views.aside
         smooth = ndimage.median_filter(filled, SMOOTHED)
-        turned = in_phase(self.camera, views.field, smooth, least, self.traced)
-        if turned is None:
-            return None
-        pupil, aside = _sum(views.pupil, turned.pupil), turned.aside
-        return _PreparedViews(turned.field, pupil, aside if views.aside is None else _sum(views.aside, aside))
+        turned = in_phase(self.camera, views.field, views.pupil, aside, smooth, least, self.traced)
+        return None if turned is None else _PreparedViews(*turned)
 
     def places(self, field: LightField) -> Array:
         """Places on the array [mm]."""

@@ -49,13 +49,15 @@ MANY_BETWEEN, TURNED = 32, 0.2
 them, where the array is turned, beyond which it is taken of all."""
 FARTHEST = 0.25
 """Pitches from a microlens's middle beyond which no sample is taken to look."""
-WAVES, FEW_WAVES = 13, 5
-"""Waves along a side of the grid that views are compared by: of whole images, and of cut ones."""
+WAVES = 13
+"""Waves along a side of the grid that views are compared by."""
 DISPARITIES, MOST_DISPARITIES = 0.5, 12
 """Steps of disparity between which places are interpolated [pitches], and how many of them at most."""
 FADING, DARK_WAVE, MOST_GAIN = 0.8, 0.1, 3.0
 """Filters of views: share of the finest detail that the array shows from which on they fade out; share of a wave that
 views must show; and by how much they change it at most."""
+MOST_FILTERS = 300_000
+"""Filters, of samples at places of the field and disparities, at most."""
 MOST_PLACES = 50_000_000
 """Samples up to which each has a place of its own."""
 LEAST = 0.65
@@ -172,62 +174,52 @@ def without_crosstalk(camera: Camera, field: LightField, real: RealLens | None =
     return _OwnLight(_with(field, values, weight), pupil, aside)
 
 
-class _InPhase(NamedTuple):
-    """Views of a light field as one texture shows itself to all of them, and what that moves."""
-
-    field: LightField
-    pupil: NDArray[np.float32]
-    """To add to `_OwnLight.pupil`: places by which what views see moves with disparity, about that of each microlens.
-    Shape (2, t, s), or (2, t, s, v, u)."""
-    aside: NDArray[np.float32]
-    """To add to `_OwnLight.aside`: what is left of that at the disparity itself, of the same shape."""
-
-
 def in_phase(
-    camera: Camera, field: LightField, disparity: NDArray[np.float64], least: float, real: RealLens | None = None
-) -> _InPhase | None:
-    """Views where the phase of their light says that they look from.
+    camera: Camera, field: LightField, pupil: NDArray[np.floating], aside: NDArray[np.floating],
+    disparity: NDArray[np.float64], least: float, real: RealLens | None = None,
+) -> _OwnLight | None:  # fmt: skip
+    """Views taken to look from where the phase of their light says; None where that makes no difference.
 
     A texture of f periods a pitch at disparity B has nu = f B periods across the FAP. A view shows it turned by the
     phase that its light has at nu: the mean place where nu is small, farther out where it is not, as the light of outer
     views is skew; and what is wrong with the light taken off as neighbours' turns it as well. Both follow, wave by
-    wave, from taking neighbours' light off what microlenses show of single waves. Most of it is a place to look from;
-    of whole images filters take the rest out of the views, which then show all waves as strongly as each other, too.
+    wave, from taking neighbours' light off what microlenses show of single waves. Most of it is a place to look from:
+    how fast what a view shows moves with disparity, about that of each microlens, and what is left aside of that.
+    Filters take the rest out of the views, which then show all waves as strongly as each other, too.
 
     Parameters
     ----------
     camera : Camera
         One build, which took the light field.
-    field : LightField
-        With each microlens's own light alone.
+    field, pupil, aside
+        Views' own light as of `without_crosstalk`, by mean places; or as a real lens has these.
     disparity : ndarray, shape (v, u)
-        By the views' mean places, about [pitches].
+        Found with them [pitches].
     least : float
-        Error of disparities by mean places [pitches], on average, below which they do: None is returned.
+        Error of those, on average, that makes no difference [pitches].
     real : RealLens, optional
         None of an ideal one.
     """
+    low, high = (float(np.quantile(disparity, part)) for part in (0.01, 0.99))
+    step = max(DISPARITIES, (high - low) / MOST_DISPARITIES)
+    disparities = np.asarray(step * np.arange(math.floor(low / step) - 1, math.ceil(high / step) + 2), np.float64)
     rows, columns, parts = _parts(camera, field, real)
+    most = min(COARSE, max(2, int(math.sqrt(MOST_FILTERS / (disparities.size * parts.light[0, 0].size)))))
     few, some = (
-        np.unique(np.linspace(0, at.size - 1, min(at.size, COARSE)).round().astype(np.intp)) for at in (rows, columns)
+        np.unique(np.linspace(0, at.size - 1, min(at.size, most)).round().astype(np.intp)) for at in (rows, columns)
     )
     nodes = (few[:, None] * columns.size + some).ravel()
     rows, columns = rows[few], columns[some]
     parts = ImageParts(parts.steps, *(part[:, nodes] for part in parts[1:]))
     places = places_on_array(camera, field)[np.ix_(rows, columns)].reshape(-1, 2)
     freed = _FreedWaves.of(MicrolensImages(panchromatic(camera), places), parts, field, real)
-    single, whole = nodes.size == 1, bool((freed.images.shapes.kept_fraction >= 1 - 1e-9).all())
-    low, high = (float(np.quantile(disparity, part)) for part in (0.01, 0.99))
-    step = max(DISPARITIES, (high - low) / MOST_DISPARITIES)
-    disparities = step * np.arange(math.floor(low / step) - 1, math.ceil(high / step) + 2)
-    waves = _Waves.of(WAVES if whole else FEW_WAVES, field, PACKINGS[camera.layout].fold)
+    whole = nodes.size == 1
+    waves = _Waves.of(WAVES, field, PACKINGS[camera.layout].fold)
     moved, kernels = [], []
     for shown in freed.shown(waves.k, disparities):
         off = waves.moved(shown)
         moved.append(off)
-        if whole:
-            each = zip(np.moveaxis(shown, -1, 0), np.moveaxis(off, -1, 0), strict=True)
-            kernels.append([waves.filters(*node) for node in each])
+        kernels.append(waves.filters(shown, off))
     offset = np.stack(moved)  # (disparity, axis, view, node)
     slope = np.diff(offset, axis=0) / step
     rest = offset[:-1] - disparities[:-1, None, None, None] * slope
@@ -246,29 +238,39 @@ def in_phase(
     def spread(values: NDArray[np.float64]) -> NDArray[np.float32]:
         every = np.zeros((*values.shape[:2], *freed.usable.shape, nodes.size))
         every[:, :, freed.usable] = values
-        if single and not np.ptp(below):
+        if whole and not np.ptp(below):
             return every[below[0, 0], ..., 0].astype(np.float32)
-        if single:
+        if whole:
             return np.moveaxis(every[below, ..., 0], (0, 1), (-2, -1)).astype(np.float32)
         out = over_view(every[0])
         for k in range(1, count - 1):
             out = np.where(below == k, over_view(every[k]), out)
         return out
 
-    if whole:
-        field = _filtered(field, freed.usable, np.array(kernels), at, (rows, columns))
-    return _InPhase(field, spread(slope), spread(rest))
+    near = [
+        np.stack([np.interp(np.arange(n), nodes, one) for one in np.eye(nodes.size)])
+        for nodes, n in ((rows, at.shape[0]), (columns, at.shape[1]))
+    ]
+    field = _filtered(field, freed.usable, np.stack(kernels), at, near)
+    return _OwnLight(field, _sum(pupil, spread(slope)), _sum(aside, spread(rest)))
+
+
+def _sum(one: NDArray[np.floating], other: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Sum of arrays of views, shape (2, t, s), or (2, t, s, v, u)."""
+    most = max(one.ndim, other.ndim)
+    one, other = (part if part.ndim == most else part[..., None, None] for part in (one, other))
+    return np.asarray(one + other, np.float32)
 
 
 class _FreedWaves(NamedTuple):
-    """What views show of single waves once neighbours' light was taken off as `without_crosstalk` does it."""
+    """Waves as views show them once neighbours' light was taken off as `without_crosstalk` does it."""
 
     images: MicrolensImages
     usable: NDArray[np.bool_]
     """Views that have own light at any node, shape (t, s)."""
     gain: NDArray[np.float64]
-    """What own light is divided by, 0 where it is dropped; shape (view, node)."""
-    ways: tuple[_Mixing, ...]
+    """Reciprocal of the own share of light, 0 where samples are dropped; shape (view, node)."""
+    mixing: _Mixing
     pupil: NDArray[np.float64]
     """Mean places on the FAP, shape (2, view, node)."""
     weight: NDArray[np.float64]
@@ -283,51 +285,41 @@ class _FreedWaves(NamedTuple):
         usable = (shares[own] > LEAST).any(0)
         share = shares[own][:, usable].T
         gain = np.divide(1.0, share, out=np.zeros_like(share), where=share > LEAST)
-        ways = tuple(_Mixing.of(parts, shares, own, usable, faint) for faint in (False, True))
+        mixing = _Mixing.of(parts, shares, own, usable, None)
         camera = images.camera
         side = math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
         pupil = side * np.stack([axis[own][:, usable].T for axis in (parts.x, parts.y)])
         weight = np.where(gain > 0, total[:, usable].T * share**2, 0.0)
-        return cls(images, usable, gain, ways, pupil, weight, field, real)
+        return cls(images, usable, gain, mixing, pupil, weight, field, real)
 
     def _raw(
         self, waves: NDArray[np.float64], disparities: NDArray[np.float64]
     ) -> Iterator[tuple[NDArray[np.complex128], NDArray[np.float64]]]:
-        """Of each disparity waves with neighbours' light, (W, view, node), and where views look, (2, view, node)."""
+        """Of each disparity waves with neighbours' light, (W, node, view), and where views look, (2, view, node)."""
         field = self.field
         if self.real is not None:
             for raw, where in self.real.shown(field, self.images.fields, waves, disparities):
-                yield raw[..., self.usable].swapaxes(1, 2), where[..., self.usable].swapaxes(1, 2)
+                yield raw[..., self.usable], where[..., self.usable].swapaxes(1, 2)
             return
         camera = self.images.camera
         side = math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
         s, t = field.s / field.pitch, field.t / field.pitch
         every = waves_shown(self.images, s, t, waves, side * disparities, reading(field))
-        for raw, disparity in zip(every[..., self.usable].swapaxes(2, 3), disparities.tolist(), strict=True):
+        for raw, disparity in zip(every[..., self.usable], disparities.tolist(), strict=True):
             yield raw, disparity * self.pupil
 
     def shown(self, waves: NDArray[np.float64], disparities: NDArray[np.float64]) -> Iterator[NDArray[np.complex128]]:
         """Waves, shape (W, 2), as views show them against where their mean places do, shape (W, view, node)."""
-        from scipy.sparse import csr_array
-
-        known, steps = self.gain > 0, PACKINGS[self.images.camera.layout].steps.T
-        share = 1 / np.maximum(known.sum(0), 1)
+        turns = np.exp(2j * math.pi * (waves @ PACKINGS[self.images.camera.layout].steps @ self.mixing.step.T))
         for raw, where in self._raw(waves, disparities):
-            out = np.empty_like(raw)
-            for k, wave in enumerate(waves):
-                turns = [np.exp(2j * math.pi * (way.step @ (steps @ wave))) for way in self.ways]
-                for n in range(known.shape[1]):
-                    mixing = sum(
-                        csr_array((way.share[:, n] * turn, way.source, way.first), shape=(len(known), len(known)))
-                        for way, turn in zip(self.ways, turns, strict=True)
-                    )
-                    seen, gain = raw[k, :, n], self.gain[:, n]
-                    values = seen * gain
-                    for _ in range(ROUNDS):
-                        values = np.where(gain > 0, values, values.sum() * share[n])
-                        values = (seen - mixing @ values) * gain
-                    out[k, :, n] = values
-            yield out * np.exp(2j * math.pi * np.tensordot(waves, where, 1))
+            values = raw * self.gain.T
+            with THREADS:
+                _free_waves.compiled(
+                    raw, self.gain.T.copy(), self.mixing.first, self.mixing.source, turns,
+                    np.ascontiguousarray(self.mixing.share.T), values,
+                )  # fmt: skip
+            values = values.swapaxes(1, 2)
+            yield values * np.exp(2j * math.pi * np.tensordot(waves, where, 1))
 
 
 class _Waves(NamedTuple):
@@ -335,7 +327,7 @@ class _Waves(NamedTuple):
 
     k: NDArray[np.float64]
     """Periods a pitch along u and v, shape (W, 2)."""
-    index: NDArray[np.intp]
+    on_grid: NDArray[np.intp]
     """Place of each on the grid, from its middle, shape (W, 2)."""
     side: int
     """Waves along a side of the grid."""
@@ -364,65 +356,64 @@ class _Waves(NamedTuple):
         off = -np.linalg.solve(normal + 1e-12 * np.eye(2), told)
         return np.asarray(np.moveaxis(off, 0, -1))
 
-    def filters(self, shown: NDArray[np.complex128], off: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Taps, shape (view, N, N), that make views alike which look `off` [pitches] past their mean places.
+    def filters(self, shown: NDArray[np.complex128], off: NDArray[np.float64]) -> NDArray[np.float32]:
+        """Taps, shape (node, view, N, N), that make views alike which look `off` [pitches] past their mean places.
 
-        `shown` has the shape (W, view), `off` (2, view).
+        `shown` has the shape (W, view, node), `off` (2, view, node).
         """
         size = np.abs(shown)
-        mean = np.sqrt((size**2).mean(1, keepdims=True))
-        passed = self.passed[:, None] * (mean > DARK_WAVE)
+        lit = size > 0
+        mean = np.sqrt((size**2).sum(1, keepdims=True) / np.maximum(lit.sum(1, keepdims=True), 1))
+        passed = self.passed[:, None, None] * ((mean > DARK_WAVE) & lit)
         gain = np.clip(mean / np.maximum(size, 1e-9), 1 / MOST_GAIN, MOST_GAIN)
-        turn = np.angle(shown * np.exp(2j * math.pi * (self.k @ off)))
-        factor = np.exp(passed * (np.log(gain) - 1j * turn)).T
-        grid = np.ones((shown.shape[1], self.side, self.side), complex)
-        x, y = self.index.T
-        grid[:, y, x], grid[:, -y, -x] = factor, factor.conj()
-        return np.fft.fftshift(np.fft.ifft2(grid).real, (1, 2))
+        turn = np.angle(shown * np.exp(2j * math.pi * np.tensordot(self.k, off, 1)))
+        factor = np.exp(passed * (np.log(np.maximum(gain, 1e-9)) - 1j * turn)).T
+        grid = np.ones((*factor.shape[:2], self.side, self.side), np.complex64)
+        x, y = self.on_grid.T
+        grid[..., y, x], grid[..., -y, -x] = factor, factor.conj()
+        return np.asarray(np.fft.fftshift(np.fft.ifft2(grid).real, (-2, -1)), np.float32)
 
 
 def _filtered(
-    field: LightField, usable: NDArray[np.bool_], kernels: NDArray[np.float64], at: NDArray[np.float64],
-    nodes: tuple[NDArray[np.intp], NDArray[np.intp]],
+    field: LightField, usable: NDArray[np.bool_], kernels: NDArray[np.float32], at: NDArray[np.float64],
+    near: list[NDArray[np.float64]],
 ) -> LightField:  # fmt: skip
-    """Views by the filters at rows and columns of `nodes`, shape (disparity, node, view, N, N).
+    """Views by filters, those of the nodes and disparities about each microlens by how near they are.
 
-    Between nodes, and between the two disparities that each microlens's place `at` is at, they pass into each other.
+    Parameters
+    ----------
+    field : LightField
+    usable : ndarray, shape (t, s)
+    kernels : ndarray, shape (disparity, node, view, N, N)
+    at : ndarray, shape (v, u)
+        Place among the disparities.
+    near : list of ndarray, shapes (rows of nodes, v), (columns of nodes, u)
+        Weights of the nodes.
     """
     from scipy import fft
 
-    values, weight = field.values.copy(), field.weight.copy()
+    values, noise = np.zeros_like(field.values), np.zeros_like(field.values)
     reach = kernels.shape[-1] // 2
-    spans = []
-    for places, count in zip(nodes, at.shape, strict=True):
-        shares = [np.interp(np.arange(count), places, one) for one in np.eye(places.size)]
-        spans.append([(slice(some[0], some[-1] + 1), share) for share in shares for some in [np.flatnonzero(share)]])
-    tiles = [(m, rows, columns, down[rows, None] * along[columns]) for m, ((rows, down), (columns, along)) in enumerate(
-        itertools.product(*spans)
-    )]  # fmt: skip
-    parts = [
-        (m, k, rows, columns, part)
-        for m, rows, columns, share in tiles
-        for k in range(len(kernels))
-        if (part := (share * np.clip(1 - np.abs(at[rows, columns] - k), 0, 1)).astype(np.float32)).any()
-    ]
-    for n, (t, s) in enumerate(np.argwhere(usable)):
-        view, lit = field.values[t, s][None].copy(), field.weight[t, s][None]
-        with THREADS:
-            fill_holes.compiled(view, lit)
-        padded, sent = np.pad(view[0], reach, mode="symmetric"), None
-        shown, noise, before = np.zeros_like(view[0]), np.zeros_like(view[0]), -1
-        for m, k, rows, columns, part in parts:
-            if m != before:
-                tile = padded[rows.start : rows.stop + 2 * reach, columns.start : columns.stop + 2 * reach]
-                shape = [fft.next_fast_len(size, real=True) for size in tile.shape]
-                sent, before = fft.rfft2(tile, shape), m
-            passed = fft.irfft2(sent * fft.rfft2(kernels[k, m, n].astype(np.float32), shape), shape)
-            shown[rows, columns] += part * passed[2 * reach : tile.shape[0], 2 * reach : tile.shape[1]]
-            noise[rows, columns] += part * np.float32((kernels[k, m, n] ** 2).sum())
-        values[t, s] = np.where(lit[0] > 0, shown, 0)
-        weight[t, s] /= noise
-    return replace(field, values=values, weight=weight)
+    views, places = field.values[usable], tuple(np.argwhere(usable).T)
+    with THREADS:
+        fill_holes.compiled(views, field.weight[usable])
+    padded = np.pad(views, ((0, 0), (reach, reach), (reach, reach)), mode="symmetric")
+    for node, (row, column) in enumerate(itertools.product(*near)):
+        (top, bottom), (left, right) = (np.flatnonzero(line)[[0, -1]] for line in (row, column))
+        here = np.s_[top : bottom + 1, left : right + 1]
+        part = np.multiply.outer(row, column)[here]
+        shape = [fft.next_fast_len(n + 2 * reach, real=True) for n in part.shape]
+        inside = tuple(slice(2 * reach, 2 * reach + n) for n in part.shape)
+        shares = [np.clip(1 - np.abs(at[here] - k), 0, 1) * part for k in range(len(kernels))]
+        for n, (t, s) in enumerate(zip(*places, strict=True)):
+            sent = fft.rfft2(padded[n, top : bottom + 1 + 2 * reach, left : right + 1 + 2 * reach], shape)
+            for taps, share in zip(kernels[:, node, n], shares, strict=True):
+                if share.any():
+                    values[t, s][here] += share * fft.irfft2(sent * fft.rfft2(taps, shape), shape)[inside]
+                    noise[t, s][here] += share * (taps**2).sum()
+    lit = field.weight > 0
+    weight = np.divide(field.weight, noise, out=np.zeros_like(field.weight), where=lit & (noise > 0))
+    return replace(field, values=np.where(weight > 0, values, 0), weight=weight)
 
 
 def _aside(
@@ -579,20 +570,25 @@ class _Mixing(NamedTuple):
 
     @classmethod
     def of(
-        cls, parts: ImageParts, shares: NDArray[np.float64], own: int, usable: NDArray[np.bool_], faint: bool
+        cls, parts: ImageParts, shares: NDArray[np.float64], own: int, usable: NDArray[np.bool_], faint: bool | None
     ) -> _Mixing:
-        """For samples that are `usable`, shape (t, s), and of them."""
+        """For samples that are `usable`, shape (t, s), and of them; of faint light, of other, or (None) of all."""
+        from scipy.spatial import cKDTree
+
         light, *pupil = (axis[..., usable] for axis in (parts.light, parts.x, parts.y))
         x, y = ((axis * light).mean(1) / np.maximum(light.mean(1), 1e-12) for axis in pupil)
         shares = shares[..., usable]
         most = np.abs(shares).max(1)
-        taken = (most > FAINT) & ((most <= STRONG) == faint)
+        taken = (most > FAINT) & ((most <= STRONG) == faint if faint is not None else True)
         taken[own] = False
         sample, step = np.nonzero(taken.T)
-        apart = (x[step, sample, None] - x[own]) ** 2 + (y[step, sample, None] - y[own]) ** 2
+        places = np.stack([x, y], -1)
+        source = cKDTree(places[own]).query(places[step, sample])[1]
         first = np.searchsorted(sample, np.arange(taken.shape[1] + 1))
         steps = np.array(parts.steps, np.int64).reshape(-1, 2)[step]
-        return cls(first, apart.argmin(1), steps, np.ascontiguousarray(shares[step, :, sample], np.float32))
+        return cls(
+            first, np.asarray(source, np.int64), steps, np.ascontiguousarray(shares[step, :, sample], np.float32)
+        )
 
 
 class _Map(NamedTuple):
@@ -699,6 +695,31 @@ def _gather_row(
     own = values[n, v]
     for u in range(columns):
         out[u] += like[u] * own[u]
+
+
+@kernel(parallel=True)
+def _free_waves(
+    raw: Any, gain: Any, first: Any, source: Any, turns: Any, shares: Any, out: Any,
+) -> None:  # fmt: skip
+    """Waves without what neighbours put into samples, which show them turned; all (wave, node, view), by `_freed`."""
+    count, nodes, views = raw.shape
+    for k in prange(count):
+        before = np.empty(views, np.complex128)
+        for i in range(nodes):
+            values = out[k, i]
+            for _ in range(ROUNDS):
+                total, known = 0j, 0
+                for n in range(views):
+                    if gain[i, n] > 0:
+                        total += values[n]
+                        known += 1
+                for n in range(views):
+                    before[n] = values[n] if gain[i, n] > 0 else total / max(known, 1)
+                for n in range(views):
+                    foreign = 0j
+                    for m in range(first[n], first[n + 1]):
+                        foreign += shares[i, m] * turns[k, m] * before[source[m]]
+                    values[n] = (raw[k, i, n] - foreign) * gain[i, n]
 
 
 @kernel(parallel=True)

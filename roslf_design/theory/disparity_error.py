@@ -714,7 +714,7 @@ def waves_shown(
     ndarray, shape (D, W, fields, T, S)
         Complex, 1 where the microlens's middle is shown sharply; 0 without light.
     """
-    packing, shown = PACKINGS[images.camera.layout], []
+    packing, shown = PACKINGS[images.camera.layout], list[Complex]()
     block = max(1, WAVES // len(images.fields))
     for some in np.split(waves @ packing.steps, np.arange(block, len(waves), block)):
         lenses = _WavesOfLenses.of(images, x, y, read, ((0.0, 0.0), *map(tuple, some)), mean=False)
