@@ -409,7 +409,7 @@ class _Unexposed(NamedTuple):
         lines = plan(design, scene, Budget(), ["-noise", *SHIFTING, *exact])
         side = math.ceil(math.sqrt(rays))
         sampling = RaySampling(least=rays, most=rays, tolerance=1e-6, seed=seed, side=side)
-        wide = _with_margin(Camera.of(design.thin_twin), Region(*region))
+        wide = _with_margin(design, Region(*region))
         quiet = scene.model_copy(update={"light": scene.light.model_copy(update={"exposure": None})})
         shown = partial(render, design, effects=lines, seed=seed, region=wide, inner=region, sampling=sampling)
         return cls(shown(quiet, progress=progress), shown(None))
@@ -497,9 +497,16 @@ def share_done(what: str, share: float) -> float:
     return RENDERING * share if what == "picture" else RENDERING + (1 - RENDERING) * share
 
 
-def _with_margin(camera: Camera, region: Region) -> Region:
-    """With `BESIDE` microlenses on each side, as far as the sensor reaches."""
-    add = math.ceil(BESIDE * abs(float(QUANTITIES["image_pitch_mm"](camera) / camera.q)))
+def _with_margin(design: Design, region: Region) -> Region:
+    """With `BESIDE` microlenses and as many as views look aside on each side, as far as the sensor reaches."""
+    geometry = ArrayGeometry(design)
+    camera, beside = geometry.camera, float(BESIDE)
+    if geometry.traced is not None:
+        lattice, last = lattice_of(camera, region), (region.columns - 1, region.rows - 1)
+        corners = lattice.indices([(x, y) for x in (0, last[0]) for y in (0, last[1])])
+        places = corners @ PACKINGS[lattice.layout].steps.T * float(camera.d)
+        beside += float(np.linalg.norm(geometry.traced.bends(places)[1], 2, (1, 2)).max()) / 2
+    add = math.ceil(beside * abs(float(QUANTITIES["image_pitch_mm"](camera) / camera.q)))
     return region.grown(add).common(Region.checked(camera, None))
 
 
@@ -540,7 +547,7 @@ def simulate(
     camera = actual.camera
     scene = _default_scene(design) if scene is None else scene
     part = options.part(design)
-    wide = _with_margin(camera, part).drawn()
+    wide = _with_margin(design, part).drawn()
     lattice = lattice_of(camera, wide)
     if lattice.pitch < 1:
         message = (

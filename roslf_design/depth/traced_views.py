@@ -57,7 +57,6 @@ def _ring(radius: float) -> Array:
 
 
 POINTS = np.concatenate([np.zeros((1, 2)), *(_ring(radius) for radius in RINGS)])
-NOWHERE = np.zeros(2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,22 +168,40 @@ class TracedViews:
     ) -> Iterator[tuple[NDArray[np.complex128], Array]]:
         """Waves as microlenses show them, as `RealLens` has it."""
         looks, good = self.view_coordinates(places, POINTS)
-        coefficients = np.linalg.pinv(_over_pupil(POINTS.T).T) @ np.where(good[:, None, None], looks, 0.0)
-        steps = np.array([(a, b) for a in (-1, 0, 1) for b in (-1, 0, 1)]) @ PACKINGS[self.camera.layout].steps.T
-        spots = [_Spot.of(self.camera, field, image) for image in self.images(places)]
+        fap = np.where(good[:, None, None], self._fap_seen(places), POINTS)
+        fitted = np.stack([*np.where(good[:, None, None], looks, 0.0), fap])
+        coefficients = np.linalg.pinv(_over_pupil(POINTS.T).T) @ fitted
+        spots = [
+            _Spot.of(self.camera, field, image, seen)
+            for image, seen in zip(self.images(places), coefficients[2], strict=True)
+        ]
         for disparity in disparities.tolist():
             shown, where = [], []
             for spot, aside, pupil in zip(spots, coefficients[1], coefficients[0], strict=True):
                 look = np.tensordot(aside + disparity * pupil, spot.powers, (0, 0))
                 turned = np.exp(-2j * math.pi * np.tensordot(waves, look, 1))
                 own = spot(np.concatenate([np.ones_like(look[:1]), look]))
-                light = sum(spot(np.ones_like(look[:1]), step) for step in steps).real
+                light = spot.among_neighbours(np.ones_like(turned[:1]), np.zeros((1, 2))).real
                 lit = light > DARKEST
-                waved = sum(spot(turned, step) * np.exp(2j * math.pi * waves @ step)[:, None, None] for step in steps)
-                shown.append(np.where(lit, waved / np.where(lit, light, 1.0), 0.0))
-                seen = own.real[0] > DARKEST
-                where.append(np.where(seen, own.real[1:] / np.where(seen, own.real[0], 1.0), 0.0))
+                shown.append(np.where(lit, spot.among_neighbours(turned, waves) / np.where(lit, light, 1.0), 0.0))
+                seen = own[0] > DARKEST
+                where.append(np.where(seen, own[1:] / np.where(seen, own[0], 1.0), 0.0))
             yield np.stack(shown, 1), np.stack(where, 1)
+
+    def _fap_seen(self, places: Array) -> Array:
+        """Places on the FAP that samples at `POINTS` of microlens images look through, shape (n, p, 2)."""
+        c, mounted, turned = microlenses(self.design, places), self.mounted, _turned(self.design)
+        samples, middle = self._samples(c, POINTS)
+        rays = views(mounted, c[:, None], middle[:, None] + samples, clip=False)
+        one = self._on_fap(np.array([[1.0, 0.0]])) @ turned.T
+        return np.asarray((rays.pupil - mounted.fap.centre) @ turned.T / one[0, 0])
+
+    def _samples(self, c: Array, points: Array) -> tuple[Array, Array]:
+        """Samples at points of microlens images, shape (n, p, 2), from where their chief rays fall (n, 2) [mm]."""
+        image, shift, _ = self._images(c)
+        turned = _turned(self.design)
+        samples = shift[:, None] + self._by_first_order(points) @ turned.T @ image @ turned
+        return samples, sensor_of_pupil(self.mounted, c, self.mounted.fap.centre).sensor
 
     def _by_first_order(self, points: Array) -> Array:
         """Places on the sensor, from the chief ray, that look by first order through points on the FAP [mm]."""
@@ -218,7 +235,7 @@ class TracedViews:
         comes from on average, and the same spread about it as in whole images.
         """
         spot = _Spot.of(self.camera, field, shape)
-        means = spot(spot.powers).real
+        means = spot(spot.powers)
         means = np.divide(means, means[0], out=np.zeros_like(means), where=means[0] > 1e-3)
         spread = means - products(means[PUPIL_DEGREE + 1], means[1], PUPIL_DEGREE)
         if pupil.ndim > 3:
@@ -268,23 +285,25 @@ class TracedViews:
 class _Spot(NamedTuple):
     """A whole microlens image before diffraction, and the way to its samples behind that and the pixels."""
 
+    at: Array
+    """Places along each axis [image pitches], shape (points,)."""
     powers: Array
     """`_over_pupil` at points of the image, shape (terms, points, points)."""
     inside: Array
     """Share of each point that lies inside."""
-    along: NDArray[np.complex128]
-    """To frequencies along x, shape (frequencies, points), and those along y."""
-    passed: Array
-    """Transfer of diffraction, defocus, pixels and reading between them, by frequencies along y and x."""
+    transfer: Callable[[Array, Array], Any]
+    """Transfer of diffraction, defocus, pixels and reading between them at frequencies [periods per image pitch]."""
+    finest: float
+    """Largest of them that anything passes at."""
+    layout: str
+    """Layout of the array."""
     s: Array
     """Places of the samples [image pitches]."""
     t: Array
-    frequency: Array
-    """[periods per image pitch]"""
 
     @classmethod
-    def of(cls, camera: Camera, field: LightField, shape: Array) -> _Spot:
-        """Image of such a shape, as `RealLens.images` has it."""
+    def of(cls, camera: Camera, field: LightField, shape: Array, fap: Array | None = None) -> _Spot:
+        """Image of such a shape, as `RealLens.images` has it; exactly by polynomials of places on the FAP."""
         pitch = float(microlens_image_pitch(camera))
         radius = abs(float(microlens_image_diameter(camera)) / pitch) / 2
         reach = math.ceil(FINE * (radius * np.linalg.norm(shape, 2) + 1 / FINE))
@@ -294,28 +313,47 @@ class _Spot(NamedTuple):
         side = -math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
         image = camera.fap.outline.sized(2 * radius)
         image = image._replace(turn=image.turn - float(camera["microlens_array.rotation"]))
-        inside = np.clip(np.asarray(image.room(POINT, *grid)) * FINE + 0.5, 0, 1)
+        powers = _over_pupil(side * grid / (2 * radius))
+        seen = grid if fap is None else side * 2 * radius * np.tensordot(fap, powers, (0, 0))
+        inside = np.clip(np.asarray(image.room(POINT, *seen)) * FINE + 0.5, 0, 1)
         lens = MicrolensTransfer(
             float(camera.d), float(camera.seen.d_2), float(-microlens_defocus(camera) / camera.seen.d_2),
             (float(panchromatic(camera).wavelength),), camera.lens_shape,
         )  # fmt: skip
-        most = min(math.ceil(lens.cutoff * abs(pitch) * WIDE), int(FINE * WIDE / 2) - 1)
-        frequency = np.arange(-most, most + 1) / WIDE
-        fx, fy = np.meshgrid(frequency, frequency)
         pixel = abs(float(camera.q) / pitch)
-        passed = lens(fx / abs(pitch), fy / abs(pitch)) * pixel_box(fx, pixel) * pixel_box(fy, pixel)
         (by_x,), (by_y,) = reading(field)
-        passed = passed * by_x(fx * pixel) * by_y(fy * pixel) / (FINE * WIDE) ** 2
-        along = np.exp(-2j * math.pi * frequency[:, None] * at)
-        s, t = (axis / field.pitch for axis in (field.s, field.t))
-        return cls(_over_pupil(side * grid / (2 * radius)), inside, along, passed, s, t, frequency)
 
-    def __call__(self, values: NDArray[Any], step: Array = NOWHERE) -> NDArray[np.complex128]:
-        """Values at its points (n, points, points), times light, at the samples, with the image `step` pitches off."""
-        x, y = (np.exp(2j * math.pi * (at[:, None] - off) * self.frequency) for at, off in zip(
-            (self.s, self.t), step, strict=True
-        ))  # fmt: skip
-        return np.asarray(y @ (self.along @ (values * self.inside) @ self.along.T * self.passed) @ x.T)
+        def transfer(fx: Array, fy: Array) -> Any:
+            passed = lens(fx / abs(pitch), fy / abs(pitch)) * pixel_box(fx, pixel) * pixel_box(fy, pixel)
+            return passed * by_x(fx * pixel) * by_y(fy * pixel) / FINE**2
+
+        s, t = (axis / field.pitch for axis in (field.s, field.t))
+        finest = min(lens.cutoff * abs(pitch), FINE / 2 - 1)
+        return cls(at, powers, inside, transfer, finest, camera.layout, s, t)
+
+    def __call__(self, values: NDArray[Any]) -> NDArray[np.float64]:
+        """Values at its points (n, points, points), times its light alone, at the samples."""
+        frequency = np.arange(-math.ceil(self.finest * WIDE), math.ceil(self.finest * WIDE) + 1) / WIDE
+        along = np.exp(-2j * math.pi * frequency[:, None] * self.at)
+        passed = self.transfer(*np.meshgrid(frequency, frequency)) / WIDE**2
+        x, y = (np.exp(2j * math.pi * at[:, None] * frequency) for at in (self.s, self.t))
+        return np.asarray((y @ (along @ (values * self.inside) @ along.T * passed) @ x.T).real)
+
+    def among_neighbours(self, values: NDArray[Any], waves: Array) -> NDArray[np.complex128]:
+        """Values (n, points, points), times light, at the samples, all microlenses' turned by waves (n, 2) over them.
+
+        By Poisson's formula a sum over the lattice's frequencies.
+        """
+        packing = PACKINGS[self.layout]
+        most = math.ceil(packing.orders * (self.finest + 1))
+        n = np.arange(-most, most + 1.0)
+        fx = waves[:, 0, None, None] + n[:, None] + 0 * n
+        fy = waves[:, 1, None, None] + packing.wave_up(n[:, None], n)
+        across = np.einsum("wyx,wnx->wny", values * self.inside, np.exp(-2j * math.pi * fx[..., :1] * self.at))
+        sent = np.einsum("wny,wnmy->wnm", across, np.exp(-2j * math.pi * fy[..., None] * self.at), optimize=True)
+        sent *= self.transfer(fx, fy) / packing.rise
+        down = np.einsum("wnm,wnmt->wnt", sent, np.exp(2j * math.pi * fy[..., None] * self.t), optimize=True)
+        return np.einsum("wnt,wns->wts", down, np.exp(2j * math.pi * fx[..., :1] * self.s), optimize=True)
 
 
 def _turned(design: Design) -> Array:
