@@ -171,22 +171,16 @@ class TracedViews:
         fap = np.where(good[:, None, None], self._fap_seen(places), POINTS)
         fitted = np.stack([*np.where(good[:, None, None], looks, 0.0), fap])
         coefficients = np.linalg.pinv(_over_pupil(POINTS.T).T) @ fitted
-        spots = [
-            _Spot.of(self.camera, field, image, seen)
-            for image, seen in zip(self.images(places), coefficients[2], strict=True)
-        ]
-        for disparity in disparities.tolist():
-            shown, where = [], []
-            for spot, aside, pupil in zip(spots, coefficients[1], coefficients[0], strict=True):
-                look = np.tensordot(aside + disparity * pupil, spot.powers, (0, 0))
-                turned = np.exp(-2j * math.pi * np.tensordot(waves, look, 1))
-                own = spot(np.concatenate([np.ones_like(look[:1]), look]))
-                light = spot.among_neighbours(np.ones_like(turned[:1]), np.zeros((1, 2))).real
-                lit = light > DARKEST
-                shown.append(np.where(lit, spot.among_neighbours(turned, waves) / np.where(lit, light, 1.0), 0.0))
-                seen = own[0] > DARKEST
-                where.append(np.where(seen, own[1:] / np.where(seen, own[0], 1.0), 0.0))
-            yield np.stack(shown, 1), np.stack(where, 1)
+        shown, where = [], []
+        for image, (pupil, aside, seen) in zip(self.images(places), np.moveaxis(coefficients, 0, 1), strict=True):
+            spot = _Spot.of(self.camera, field, image, seen)
+            sent, one = spot.among_neighbours(waves), np.ones((1, *spot.inside.shape))
+            light, own = spot.among_neighbours(np.zeros((1, 2)))(one).real, spot(one)
+            lit, mine = (np.where(part > DARKEST, part, np.inf) for part in (light, own))
+            looks = [np.tensordot(aside + b * pupil, spot.powers, (0, 0)) for b in disparities.tolist()]
+            shown.append([sent(np.exp(-2j * math.pi * np.tensordot(waves, look, 1))) / lit for look in looks])
+            where.append([spot(look) / mine for look in looks])
+        yield from zip(np.stack(shown, 2), np.stack(where, 2), strict=True)
 
     def _fap_seen(self, places: Array) -> Array:
         """Places on the FAP that samples at `POINTS` of microlens images look through, shape (n, p, 2)."""
@@ -339,8 +333,8 @@ class _Spot(NamedTuple):
         x, y = (np.exp(2j * math.pi * at[:, None] * frequency) for at in (self.s, self.t))
         return np.asarray((y @ (along @ (values * self.inside) @ along.T * passed) @ x.T).real)
 
-    def among_neighbours(self, values: NDArray[Any], waves: Array) -> NDArray[np.complex128]:
-        """Values (n, points, points), times light, at the samples, all microlenses' turned by waves (n, 2) over them.
+    def among_neighbours(self, waves: Array) -> Callable[[NDArray[Any]], NDArray[np.complex128]]:
+        """From values (n, points, points) to these, times light, at the samples, where waves (n, 2) turn microlenses'.
 
         By Poisson's formula a sum over the lattice's frequencies.
         """
@@ -349,11 +343,18 @@ class _Spot(NamedTuple):
         n = np.arange(-most, most + 1.0)
         fx = waves[:, 0, None, None] + n[:, None] + 0 * n
         fy = waves[:, 1, None, None] + packing.wave_up(n[:, None], n)
-        across = np.einsum("wyx,wnx->wny", values * self.inside, np.exp(-2j * math.pi * fx[..., :1] * self.at))
-        sent = np.einsum("wny,wnmy->wnm", across, np.exp(-2j * math.pi * fy[..., None] * self.at), optimize=True)
-        sent *= self.transfer(fx, fy) / packing.rise
-        down = np.einsum("wnm,wnmt->wnt", sent, np.exp(2j * math.pi * fy[..., None] * self.t), optimize=True)
-        return np.einsum("wnt,wns->wts", down, np.exp(2j * math.pi * fx[..., :1] * self.s), optimize=True)
+        across = np.exp(-2j * math.pi * self.at[:, None] * fx[:, None, :, 0])
+        down = np.exp(-2j * math.pi * fy[..., None] * self.at)
+        passed = self.transfer(fx, fy) / packing.rise
+        back = np.exp(2j * math.pi * fy[..., None] * self.t)
+        along = np.exp(2j * math.pi * fx[..., 0, None] * self.s)
+
+        def shown(values: NDArray[Any]) -> NDArray[np.complex128]:
+            lines = np.swapaxes((values * self.inside) @ across, 1, 2)[..., None]  # (wave, order, point, 1)
+            sent = (down @ lines)[..., 0] * passed
+            return np.asarray(np.swapaxes((sent[:, :, None] @ back)[:, :, 0], 1, 2) @ along)
+
+        return shown
 
 
 def _turned(design: Design) -> Array:
