@@ -96,7 +96,7 @@ class TracedViews:
             points = np.stack(opening.places(*2 * points.T), -1) / opening.width @ _turned(self.design).T
         nodes = np.stack(np.meshgrid(along, down), -1).reshape(-1, 2)
         looks, good = self.view_coordinates(nodes, points)
-        image, _, _ = self._images(microlenses(self.design, nodes))
+        image, _, _ = self.image_maps(microlenses(self.design, nodes))
         # Polynomials over the pupil at each place, then over the places what these are made of.
         over_pupil = np.linalg.pinv(_over_pupil(points.T).T)
         degree = next((n for n in (FIELD_DEGREE, 3, 1) if good.sum() >= ENOUGH * (n + 1) * (n + 2) / 2), -1)
@@ -118,7 +118,7 @@ class TracedViews:
         camera, mounted = self.camera, self.mounted
         turned = _turned(self.design)
         c, fap = microlenses(self.design, nodes), mounted.fap
-        image, shift, whole = self._images(c)
+        image, shift, whole = self.image_maps(c)
         samples = shift[:, None] + self._by_first_order(points) @ turned.T @ image @ turned
 
         def through(places: Array) -> tuple[Array, NDArray[np.bool_]]:
@@ -159,14 +159,14 @@ class TracedViews:
         return np.where(found, pupil, np.eye(2)), np.where(found, aside, 0.0)
 
     def images(self, places: Array) -> Array:
-        """Images of microlenses in the array's frame (n, 2) [mm] against those by first order, as `RealLens` has it."""
-        image, _, good = self._images(microlenses(self.design, places))
+        """Images at places in the array's frame (n, 2) [mm] against those by first order, as `TracedLens` has it."""
+        image, _, good = self.image_maps(microlenses(self.design, places))
         return np.where(good[:, None, None], image, np.eye(2))
 
     def shown(
         self, field: LightField, places: Array, waves: Array, disparities: Array
     ) -> Iterator[tuple[NDArray[np.complex128], Array]]:
-        """Waves as microlenses show them, as `RealLens` has it."""
+        """Waves as microlenses show them, as `TracedLens` has it."""
         looks, good = self.view_coordinates(places, POINTS)
         fap = np.where(good[:, None, None], self._fap_seen(places), POINTS)
         fitted = np.stack([*np.where(good[:, None, None], looks, 0.0), fap])
@@ -177,9 +177,9 @@ class TracedViews:
             sent, one = spot.among_neighbours(waves), np.ones((1, *spot.inside.shape))
             light, own = spot.among_neighbours(np.zeros((1, 2)))(one).real, spot(one)
             lit, mine = (np.where(part > DARKEST, part, np.inf) for part in (light, own))
-            looks = [np.tensordot(aside + b * pupil, spot.powers, (0, 0)) for b in disparities.tolist()]
-            shown.append([sent(np.exp(-2j * math.pi * np.tensordot(waves, look, 1))) / lit for look in looks])
-            where.append([spot(look) / mine for look in looks])
+            each = [np.tensordot(aside + b * pupil, spot.powers, (0, 0)) for b in disparities.tolist()]
+            shown.append([sent(np.exp(-2j * math.pi * np.tensordot(waves, look, 1))) / lit for look in each])
+            where.append([spot(look) / mine for look in each])
         yield from zip(np.stack(shown, 2), np.stack(where, 2), strict=True)
 
     def _fap_seen(self, places: Array) -> Array:
@@ -192,7 +192,7 @@ class TracedViews:
 
     def _samples(self, c: Array, points: Array) -> tuple[Array, Array]:
         """Samples at points of microlens images, shape (n, p, 2), from where their chief rays fall (n, 2) [mm]."""
-        image, shift, _ = self._images(c)
+        image, shift, _ = self.image_maps(c)
         turned = _turned(self.design)
         samples = shift[:, None] + self._by_first_order(points) @ turned.T @ image @ turned
         return samples, sensor_of_pupil(self.mounted, c, self.mounted.fap.centre).sensor
@@ -208,7 +208,7 @@ class TracedViews:
         side = math.copysign(1.0, float(seen.A) * float(seen.D_F) * self.mounted.apparent_pupil[1])
         return np.asarray(side * fap.diameter * points @ _turned(self.design))
 
-    def _images(self, c: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+    def image_maps(self, c: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
         """Images of the FAP through microlenses (n, 2) in the lens's frame.
 
         Maps to places on them from those by first order, along the array's axes (n, 2, 2); how far their middles lie
@@ -224,7 +224,7 @@ class TracedViews:
     def _powers(self, field: LightField, pupil: NDArray[np.floating], shape: Array) -> NDArray[np.float32]:
         """Means of `_over_pupil` over the light of each sample, shape (terms, t, s) or (terms, t, s, v, u).
 
-        `shape` is that of the images, as `Sight` has it.
+        `shape` is that of the images, as `TracedLens.images` has it.
         A pixel and diffraction take in a good part of the pupil. Of cut images the means are those at where their light
         comes from on average, and the same spread about it as in whole images.
         """
@@ -265,7 +265,7 @@ class TracedViews:
         c = microlenses(self.design, places)
         middle = sensor_of_pupil(mounted, c, mounted.fap.centre)
         first = c + mounted.d_2 * chief_slope(mounted, c, mounted.fap.centre)
-        _, shift, whole = self._images(c)
+        _, shift, whole = self.image_maps(c)
         moved = (middle.sensor + shift - first) / pixel
         if whole.sum() < 6:
             return lattice
@@ -297,7 +297,7 @@ class _Spot(NamedTuple):
 
     @classmethod
     def of(cls, camera: Camera, field: LightField, shape: Array, fap: Array | None = None) -> _Spot:
-        """Image of such a shape, as `RealLens.images` has it; exactly by polynomials of places on the FAP."""
+        """Image of such a shape, as `TracedLens.images` has it; exactly by polynomials of places on the FAP."""
         pitch = float(microlens_image_pitch(camera))
         radius = abs(float(microlens_image_diameter(camera)) / pitch) / 2
         reach = math.ceil(FINE * (radius * np.linalg.norm(shape, 2) + 1 / FINE))
@@ -334,7 +334,7 @@ class _Spot(NamedTuple):
         return np.asarray((y @ (along @ (values * self.inside) @ along.T * passed) @ x.T).real)
 
     def among_neighbours(self, waves: Array) -> Callable[[NDArray[Any]], NDArray[np.complex128]]:
-        """From values (n, points, points) to these, times light, at the samples, where waves (n, 2) turn microlenses'.
+        """Map from values (n, points, points) to these, times light, at the samples; waves (n, 2) turn microlenses'.
 
         By Poisson's formula a sum over the lattice's frequencies.
         """

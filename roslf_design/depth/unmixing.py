@@ -70,8 +70,8 @@ def places_on_array(camera: Camera, field: LightField) -> NDArray[np.float64]:
     return np.stack([u, v], -1) * float(camera.d)
 
 
-class RealLens(Protocol):
-    """What a lens and elements make of microlens images, and of where these look."""
+class TracedLens(Protocol):
+    """Lens and elements, by what they make of microlens images and of where these look."""
 
     def images(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
         """Images at places on the array (n, 2) [mm] against those of an ideal lens, as `image_parts` takes them."""
@@ -87,7 +87,7 @@ class RealLens(Protocol):
 
 
 def _parts(
-    camera: Camera, field: LightField, real: RealLens | None
+    camera: Camera, field: LightField, real: TracedLens | None
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], ImageParts]:
     """Light of microlenses at some rows and columns of a light field; of one where all are alike."""
     places = places_on_array(camera, field)
@@ -129,7 +129,7 @@ class _OwnLight(NamedTuple):
     [pitches]: of the same shape."""
 
 
-def without_crosstalk(camera: Camera, field: LightField, real: RealLens | None = None) -> _OwnLight:
+def without_crosstalk(camera: Camera, field: LightField, real: TracedLens | None = None) -> _OwnLight:
     """A decoded light field with each microlens's own light alone.
 
     Parameters
@@ -138,7 +138,7 @@ def without_crosstalk(camera: Camera, field: LightField, real: RealLens | None =
         One build, which took it.
     field : LightField
         Its u and v count microlenses from the array's centre.
-    real : RealLens, optional
+    real : TracedLens, optional
         None of an ideal one.
     """
     rows, columns, parts = _parts(camera, field, real)
@@ -176,7 +176,7 @@ def without_crosstalk(camera: Camera, field: LightField, real: RealLens | None =
 
 def in_phase(
     camera: Camera, field: LightField, pupil: NDArray[np.floating], aside: NDArray[np.floating],
-    disparity: NDArray[np.float64], least: float, real: RealLens | None = None,
+    disparity: NDArray[np.float64], least: float, real: TracedLens | None = None,
 ) -> _OwnLight | None:  # fmt: skip
     """Views taken to look from where the phase of their light says; None where that makes no difference.
 
@@ -197,7 +197,7 @@ def in_phase(
         Found with them [pitches].
     least : float
         Error of those, on average, that makes no difference [pitches].
-    real : RealLens, optional
+    real : TracedLens, optional
         None of an ideal one.
     """
     low, high = (float(np.quantile(disparity, part)) for part in (0.01, 0.99))
@@ -276,10 +276,10 @@ class _FreedWaves(NamedTuple):
     weight: NDArray[np.float64]
     """Light that tells, shape (view, node)."""
     field: LightField
-    real: RealLens | None
+    real: TracedLens | None
 
     @classmethod
-    def of(cls, images: MicrolensImages, parts: ImageParts, field: LightField, real: RealLens | None) -> _FreedWaves:
+    def of(cls, images: MicrolensImages, parts: ImageParts, field: LightField, real: TracedLens | None) -> _FreedWaves:
         own = parts.steps.index((0, 0))
         total, shares = parts.light.sum(0), _shares(parts)
         usable = (shares[own] > LEAST).any(0)
@@ -295,7 +295,7 @@ class _FreedWaves(NamedTuple):
     def _raw(
         self, waves: NDArray[np.float64], disparities: NDArray[np.float64]
     ) -> Iterator[tuple[NDArray[np.complex128], NDArray[np.float64]]]:
-        """Of each disparity waves with neighbours' light, (W, node, view), and where views look, (2, view, node)."""
+        """Waves with neighbours' light (W, node, view), and where views look (2, view, node); of each disparity."""
         field = self.field
         if self.real is not None:
             for raw, where in self.real.shown(field, self.images.fields, waves, disparities):
@@ -466,12 +466,12 @@ def _with(field: LightField, values: NDArray[np.float32], weight: NDArray[np.flo
     return replace(field, values=even, weight=light, hexagonal=rows)
 
 
-def _images(places: NDArray[np.float64], real: RealLens | None) -> NDArray[np.float64]:
+def _images(places: NDArray[np.float64], real: TracedLens | None) -> NDArray[np.float64]:
     return np.broadcast_to(np.eye(2), (len(places), 2, 2)) if real is None else real.images(places)
 
 
 def _nodes(
-    camera: Camera, places: NDArray[np.float64], real: RealLens | None
+    camera: Camera, places: NDArray[np.float64], real: TracedLens | None
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     """Rows and columns of microlenses at which their images are worked out: one of each where all are alike."""
     size = places.shape[:2]
@@ -498,7 +498,7 @@ def _nodes(
     return rows, columns
 
 
-def _parts_at(camera: Camera, places: NDArray[np.float64], field: LightField, real: RealLens | None) -> ImageParts:
+def _parts_at(camera: Camera, places: NDArray[np.float64], field: LightField, real: TracedLens | None) -> ImageParts:
     """`image_parts` of each place, whole images that are alike once."""
     image = _images(places, real)
     whole = MicrolensImages(camera, places).shapes.kept_fraction[:, 0] >= 1 - 1e-9
