@@ -184,8 +184,8 @@ class ArrayGeometry:
         return TracedViews(self.design, self.camera, self.depth)
 
     def prepared(self, field: LightField) -> _PreparedViews:
-        """Freed of neighbours' light, as by first order; looking as lens and elements make them."""
-        own = without_crosstalk(self.camera, field)
+        """Freed of neighbours' light; looking as lens and elements make them."""
+        own = without_crosstalk(self.camera, field, self.traced)
         if self.traced is None:
             return _PreparedViews(*own)
         pupil, aside = self.traced.sight(own.field, own.pupil)
@@ -201,7 +201,7 @@ class ArrayGeometry:
         least = NEGLIGIBLE * float(np.median(found.sigma[known]))
         aside = np.zeros_like(views.pupil) if views.aside is None else views.aside
         smooth = ndimage.median_filter(filled, SMOOTHED)
-        turned = in_phase(self.camera, views.field, views.pupil, aside, smooth, least)
+        turned = in_phase(self.camera, views.field, views.pupil, aside, smooth, least, self.traced)
         return None if turned is None else _PreparedViews(*turned)
 
     def places(self, field: LightField) -> Array:

@@ -71,6 +71,8 @@ SEEN = 2.0
 """Microlenses a period below which texture aliases."""
 MARGIN = 0.5
 """Disparities searched beyond those of the scene [pitches]."""
+LOOKS = 9
+"""Places along each axis of a region at which is looked how far views look past it."""
 BESIDE = 3
 """Microlenses beyond each side of the region that are measured as well and left out: those at its border then have the
 neighbours and windows of all others."""
@@ -89,6 +91,8 @@ POINTS = 2000
 """Microlenses that a result tells one by one."""
 LEAST = 5
 """Microlenses along each side of the smallest light field that is measured."""
+DIRECTIONS = 6
+"""Directions of a texture whose errors behind a real lens are averaged."""
 PREDICTED = 8
 """Fields along each axis at which the error is predicted."""
 
@@ -438,10 +442,11 @@ class _Unexposed(NamedTuple):
         lines = plan(design, scene, Budget(), ["-noise", *SHIFTING, *exact])
         side = math.ceil(math.sqrt(rays) / FEWER_SAMPLES)
         sampling = RaySampling(least=rays, most=rays, tolerance=1e-6, seed=seed, side=side, together=TOGETHER)
-        camera = Camera.of(design.thin_twin)
-        wide = _with_margin(camera, Region(*region))
+        part = Region(*region)
+        margin = _margin(design, scene, part)
+        wide = _grown(design, part, margin)
         # Light is drawn so far around what has to be right, and no microlens of the margin is to be left dark.
-        right = Region(*region).grown(max(0, _margin(camera) - transfer.LEAST_HALO)).common(wide)
+        right = part.grown(max(0, margin - transfer.LEAST_HALO)).common(wide)
         quiet = scene.model_copy(update={"light": scene.light.model_copy(update={"exposure": None})})
         shown = partial(render, design, seed=seed, region=wide, inner=right)
         # Uniform light shows no more of a whole microlens than its middle does.
@@ -550,7 +555,8 @@ class Work(NamedTuple):
     def of(cls, design: Design, options: PictureOptions) -> Work:
         """Work of pictures that a design takes."""
         camera = Camera.of(design.thin_twin)
-        wide, rays = _with_margin(camera, options.part(design)), options.rays or _rays_for(camera)
+        part, rays = options.part(design), options.rays or _rays_for(camera)
+        wide = _grown(design, part, _margin(design, None, part))
         pixels, slower = wide.columns * wide.rows, SLOWER if design.traced_through else 1.0
         if design.thin_twin is not design:
             rays = math.ceil(math.sqrt(rays) / FEWER_SAMPLES) ** 2
@@ -569,13 +575,24 @@ class Work(NamedTuple):
         return f"{self.pixels / 1e6:.2g} million pixels x {self.rays} rays{shots}"
 
 
-def _with_margin(camera: Camera, region: Region) -> Region:
-    """With `BESIDE` microlenses on each side, as far as the sensor reaches."""
-    return region.grown(_margin(camera)).common(Region.checked(camera, None))
+def _grown(design: Design, region: Region, margin: int) -> Region:
+    """With a margin [px], as far as the sensor reaches."""
+    return region.grown(margin).common(Region.checked(Camera.of(design.thin_twin), None))
 
 
-def _margin(camera: Camera) -> int:
-    return math.ceil(BESIDE * abs(float(QUANTITIES["image_pitch_mm"](camera) / camera.q)))
+def _margin(design: Design, scene: Scene | None, region: Region) -> int:
+    """Width of what is measured beside a region [px]: `BESIDE` microlenses, and as many as views look past it."""
+    geometry = ArrayGeometry(design)
+    camera, beside = geometry.camera, float(BESIDE)
+    lattice, share = lattice_of(camera, region), np.linspace(0, 1, LOOKS)
+    corners = np.stack(np.meshgrid(share * (region.columns - 1), share * (region.rows - 1)), -1).reshape(-1, 2)
+    places = lattice.indices(corners) @ PACKINGS[lattice.layout].steps.T * float(camera.d)
+    if geometry.traced is not None:
+        beside += float(np.linalg.norm(geometry.traced.bends(places)[1], 2, (1, 2)).max()) / 2
+    if scene is not None:
+        met = seen_distances(scene, camera, _chief_rays(camera, geometry.traced, places))
+        beside += float(np.abs(disparity_of(camera, met[np.isfinite(met)])).max(initial=0.0)) / 2
+    return math.ceil(beside * abs(float(QUANTITIES["image_pitch_mm"](camera) / camera.q)))
 
 
 def simulate(
@@ -615,7 +632,7 @@ def simulate(
     camera = actual.camera
     scene = _default_scene(design) if scene is None else scene
     part = options.part(design)
-    wide = _with_margin(camera, part).drawn()
+    wide = _grown(design, part, _margin(design, scene, part)).drawn()
     lattice = lattice_of(camera, wide)
     if lattice.pitch < 1:
         message = (
@@ -763,13 +780,20 @@ def _predict(
     row, column = (index.ravel() for index in np.meshgrid(rows, columns, indexing="ij"))
     places = places_on_array(camera, field)[row, column]
     disparity, depth = np.full(row.size, np.inf), np.full(row.size, np.inf)
-    wider = np.ones(row.size) if traced is None else traced.widening(places)
+    turn = np.linspace(0, math.pi, DIRECTIONS if traced else 1, endpoint=False)
+    ways, one = np.stack([np.cos(turn), np.sin(turn)]), np.broadcast_to(np.eye(2), (row.size, 2, 2))
+    image, (pupil, aside) = (one, (one, 0 * one)) if traced is None else (traced.images(places), traced.bends(places))
     for n, (place, z) in enumerate(zip(places, true[row, column], strict=True)):
         if math.isfinite(z):
             b, plane = disparity_of(camera, z), camera.plane(z)
             ahead = np.abs(product(camera.seen.inverse_m, ratio(plane.distance - camera.seen.d_3, camera.seen.gap)))
             plane_seen = Seen(b, np.asarray(ahead * np.abs(plane.magnification)))
-            disparity[n] = float(disparity_sigma(MicrolensImages(camera, [place]), plane_seen)[0, 0]) / wider[n]
+            # Of each direction of the texture images are out of focus by another part of the faults.
+            bends = np.linalg.norm((aside[n] + b * pupil[n]) @ ways, axis=0)
+            wide = camera["aperture.diameter"] * math.sqrt(abs(np.linalg.det(image[n])))
+            images = MicrolensImages(camera.replace({"aperture.diameter": wide}), [place])
+            each = disparity_sigma(images, plane_seen._replace(disparity=bends))[0]
+            disparity[n] = np.mean((np.linalg.norm(pupil[n] @ ways, axis=0) / each) ** 2) ** -0.5
             depth[n] = float(sigma_of(camera, z, disparity[n]))
     return Prediction(row, column, disparity, depth)
 

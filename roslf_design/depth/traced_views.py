@@ -10,16 +10,15 @@ elements rays are straight, so that this holds for all B that matter: at the pre
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.interpolate import RectBivariateSpline
 
 from ..bore.opening import POINT
-from ..calibration.decoding import LightField
+from ..calibration.decoding import DARKEST, LightField
 from ..calibration.lattice import CentreLattice
 from ..camera import Camera
 from ..design import Design
@@ -42,14 +41,22 @@ NODES, FIELD_DEGREE = 13, 7
 RINGS, PUPIL_DEGREE = (0.15, 0.3, 0.42, 0.5), 5
 """Rings on the pupil [diameters] that are traced, and the polynomials over it."""
 SPOKES = 12
-FINE, WIDE = 128, 4.0
-"""Points along each side of the patch on which microlens images are blurred, and its side [image pitches]."""
+FINE, WIDE = 32, 4.0
+"""Points in a pitch of microlens images that are blurred, and pitches after which these repeat themselves."""
 STEP = 0.25
 """Disparity to either side of the focal plane that P is taken from [pitches]."""
 AWAY = 1e9
 """Taken for infinity [mm]."""
 ENOUGH = 1.5
 """Places traced for each coefficient of a polynomial over the array."""
+
+
+def _ring(radius: float) -> Array:
+    turn = 2 * np.pi * (np.arange(SPOKES) + radius) / SPOKES
+    return radius * np.stack([np.cos(turn), np.sin(turn)], -1)
+
+
+POINTS = np.concatenate([np.zeros((1, 2)), *(_ring(radius) for radius in RINGS)])
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,11 +91,12 @@ class TracedViews:
         """
         x, y = (axis * float(self.camera.d) for axis in (field.u, field.v))
         along, down = (nodes_between(axis.min(), axis.max(), NODES) for axis in (x, y))
-        points = np.concatenate([np.zeros((1, 2)), *(_ring(radius) for radius in RINGS)])
+        points = POINTS
         if (opening := self.mounted.fap.opening).straight:  # whose corners the rings, too, are to reach
             points = np.stack(opening.places(*2 * points.T), -1) / opening.width @ _turned(self.design).T
         nodes = np.stack(np.meshgrid(along, down), -1).reshape(-1, 2)
         looks, good = self.view_coordinates(nodes, points)
+        image, _, _ = self.image_maps(microlenses(self.design, nodes))
         # Polynomials over the pupil at each place, then over the places what these are made of.
         over_pupil = np.linalg.pinv(_over_pupil(points.T).T)
         degree = next((n for n in (FIELD_DEGREE, 3, 1) if good.sum() >= ENOUGH * (n + 1) * (n + 2) / 2), -1)
@@ -99,7 +107,8 @@ class TracedViews:
             coefficients = Polynomials.fitted(*_box(x, y), degree, nodes[good].T, table).on_grid(x, y)
             column, row = (np.abs(at - axis[:, None]).argmin(1) for at, axis in ((along, x), (down, y)))
             dark = ~good.reshape(NODES, NODES)[np.ix_(row, column)]
-        powers = self._powers(field, np.asarray(pupil))
+        mean = image[good].mean(0) if good.any() else np.eye(2)
+        powers = self._powers(field, np.asarray(pupil), mean)
         places, aside = (_spread(part.astype(np.float32), powers) for part in coefficients)
         places[..., dark], aside[..., dark] = np.nan, 0.0
         return places, aside
@@ -109,20 +118,18 @@ class TracedViews:
         camera, mounted = self.camera, self.mounted
         turned = _turned(self.design)
         c, fap = microlenses(self.design, nodes), mounted.fap
-        # Points are those of the FAP as the lens sees it, which a relay turns round.
-        side = math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F) * mounted.apparent_pupil[1])
-        offsets = side * fap.diameter * points @ turned
+        image, shift, whole = self.image_maps(c)
+        samples = shift[:, None] + self._by_first_order(points) @ turned.T @ image @ turned
 
         def through(places: Array) -> tuple[Array, NDArray[np.bool_]]:
             """Where on the FAP the samples of microlenses look through, shape (node, point, 2)."""
             centre = sensor_of_pupil(mounted, places, fap.centre)
-            apart = chief_slope(mounted, places, fap.centre + offsets) - chief_slope(mounted, places, fap.centre)
-            rays = views(mounted, places, centre.sensor + mounted.d_2 * apart, clip=False)
+            rays = views(mounted, places, centre.sensor + samples, clip=False)
             return rays.pupil, centre.ok & (rays.state == RayFate.KEPT)
 
         middle = sensor_of_pupil(mounted, c, fap.centre)
         first, comes = through(np.broadcast_to(c[:, None], (len(c), len(points), 2)))
-        good = middle.ok & comes.all(-1)
+        good = middle.ok & comes.all(-1) & whole
         infinity = abs(float(rim_disparity(camera, camera.plane(AWAY).distance - camera.seen.d_3)))
         step = min(STEP, 0.25 * infinity)
         shown = []
@@ -141,56 +148,88 @@ class TracedViews:
         good &= np.isfinite(looks).all((0, 2, 3))
         return looks, np.asarray(good)
 
-    def widening(self, places: Array) -> Array:
-        """How much farther apart, rms over the pupil, views of microlenses look from than by first order.
+    def bends(self, places: Array) -> tuple[Array, Array]:
+        """P and E at places in the array's frame (n, 2) [mm], as linear maps from the pupil, row by column (n, 2, 2).
 
-        Parameters
-        ----------
-        places : ndarray
-            In the array's frame [mm], shape (n, 2).
-
-        Returns
-        -------
-        ndarray, shape (n,)
-            Disparities count for as much more; 1 where not all rays come through.
+        An ideal lens's where rays do not come through.
         """
-        points = _ring(RINGS[-1] / math.sqrt(2))  # whose second moments are those of a full disc
-        (pupil, _), good = self.view_coordinates(places, points)
-        size = np.sqrt((pupil**2).sum(-1).mean(-1) / (points**2).sum(-1).mean())
-        return np.where(good, size, 1.0)
+        looks, good = self.view_coordinates(places, POINTS)
+        pupil, aside = (_linear(POINTS, part) for part in looks)
+        through = good[:, None, None]
+        return np.where(through, pupil, np.eye(2)), np.where(through, aside, 0.0)
 
-    def _powers(self, field: LightField, pupil: NDArray[np.floating]) -> NDArray[np.float32]:
+    def images(self, places: Array) -> Array:
+        """Images at places in the array's frame (n, 2) [mm] against those by first order, as `TracedLens` has it."""
+        image, _, good = self.image_maps(microlenses(self.design, places))
+        return np.where(good[:, None, None], image, np.eye(2))
+
+    def shown(
+        self, field: LightField, places: Array, waves: Array, disparities: Array
+    ) -> Iterator[tuple[NDArray[np.complex128], Array]]:
+        """Waves as microlenses show them, as `TracedLens` has it."""
+        looks, good = self.view_coordinates(places, POINTS)
+        fap = np.where(good[:, None, None], self._fap_seen(places), POINTS)
+        fitted = np.stack([*np.where(good[:, None, None], looks, 0.0), fap])
+        coefficients = np.linalg.pinv(_over_pupil(POINTS.T).T) @ fitted
+        shown, where = [], []
+        for image, (pupil, aside, seen) in zip(self.images(places), np.moveaxis(coefficients, 0, 1), strict=True):
+            spot = _Spot.of(self.camera, field, image, seen)
+            sent, one = spot.among_neighbours(waves), np.ones((1, *spot.inside.shape))
+            light, own = spot.among_neighbours(np.zeros((1, 2)))(one).real, spot(one)
+            lit, mine = (np.where(part > DARKEST, part, np.inf) for part in (light, own))
+            each = [np.tensordot(aside + b * pupil, spot.powers, (0, 0)) for b in disparities.tolist()]
+            shown.append([sent(np.exp(-2j * math.pi * np.tensordot(waves, look, 1))) / lit for look in each])
+            where.append([spot(look) / mine for look in each])
+        yield from zip(np.stack(shown, 2), np.stack(where, 2), strict=True)
+
+    def _fap_seen(self, places: Array) -> Array:
+        """Places on the FAP that samples at `POINTS` of microlens images look through, shape (n, p, 2)."""
+        c, mounted, turned = microlenses(self.design, places), self.mounted, _turned(self.design)
+        samples, middle = self._samples(c, POINTS)
+        rays = views(mounted, c[:, None], middle[:, None] + samples, clip=False)
+        one = self._on_fap(np.array([[1.0, 0.0]])) @ turned.T
+        return np.asarray((rays.pupil - mounted.fap.centre) @ turned.T / one[0, 0])
+
+    def _samples(self, c: Array, points: Array) -> tuple[Array, Array]:
+        """Samples at points of microlens images, shape (n, p, 2), from where their chief rays fall (n, 2) [mm]."""
+        image, shift, _ = self.image_maps(c)
+        turned = _turned(self.design)
+        samples = shift[:, None] + self._by_first_order(points) @ turned.T @ image @ turned
+        return samples, sensor_of_pupil(self.mounted, c, self.mounted.fap.centre).sensor
+
+    def _by_first_order(self, points: Array) -> Array:
+        """Places on the sensor, from the chief ray, that look by first order through points on the FAP [mm]."""
+        mounted, origin = self.mounted, np.zeros(2)
+        return mounted.d_2 * (chief_slope(mounted, origin, self._on_fap(points)) - chief_slope(mounted, origin, origin))
+
+    def _on_fap(self, points: Array) -> Array:
+        """Points on the FAP, from its centre [mm], by those that the lens sees, which a relay turns round."""
+        seen, fap = self.camera.seen, self.mounted.fap
+        side = math.copysign(1.0, float(seen.A) * float(seen.D_F) * self.mounted.apparent_pupil[1])
+        return np.asarray(side * fap.diameter * points @ _turned(self.design))
+
+    def image_maps(self, c: Array) -> tuple[Array, Array, NDArray[np.bool_]]:
+        """Images of the FAP through microlenses (n, 2) in the lens's frame.
+
+        Maps to places on them from those by first order, along the array's axes (n, 2, 2); how far their middles lie
+        from chief rays, in the lens's frame (n, 2) [mm]; where all rays came.
+        """
+        mounted, points, turned = self.mounted, _ring(RINGS[-1]), _turned(self.design)
+        middle = sensor_of_pupil(mounted, c, mounted.fap.centre)
+        rim = sensor_of_pupil(mounted, c[:, None], mounted.fap.centre + self._on_fap(points))
+        at = rim.sensor - middle.sensor[:, None]
+        image = _linear(self._by_first_order(points) @ turned.T, at @ turned.T)
+        return image, at.mean(1), middle.ok & rim.ok.all(-1)
+
+    def _powers(self, field: LightField, pupil: NDArray[np.floating], shape: Array) -> NDArray[np.float32]:
         """Means of `_over_pupil` over the light of each sample, shape (terms, t, s) or (terms, t, s, v, u).
 
+        `shape` is that of the images, as `TracedLens.images` has it.
         A pixel and diffraction take in a good part of the pupil. Of cut images the means are those at where their light
         comes from on average, and the same spread about it as in whole images.
         """
-        camera = self.camera
-        pitch = float(microlens_image_pitch(camera))
-        radius = abs(float(microlens_image_diameter(camera))) / abs(pitch) / 2
-        at = (np.arange(FINE) - FINE // 2) * (WIDE / FINE)
-        grid = np.stack(np.meshgrid(at, at))
-        # The microlens turns the FAP round.
-        side = -math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
-        own = side * grid / (2 * radius)
-        image = camera.fap.outline.sized(2 * radius)
-        image = image._replace(turn=image.turn - float(camera["microlens_array.rotation"]))
-        inside = np.clip(np.asarray(image.room(POINT, *grid)) / (WIDE / FINE) + 0.5, 0, 1)
-        frequency = np.fft.fftfreq(FINE, WIDE / FINE)
-        fx, fy = np.meshgrid(frequency, frequency)
-        lens = MicrolensTransfer(
-            float(camera.d), float(camera.seen.d_2), float(-microlens_defocus(camera) / camera.seen.d_2),
-            (float(panchromatic(camera).wavelength),), camera.lens_shape,
-        )  # fmt: skip
-        pixel = abs(float(camera.q) / pitch)
-        passed = lens(fx / abs(pitch), fy / abs(pitch)) * pixel_box(fx, pixel) * pixel_box(fy, pixel)
-        (along,), (across,) = reading(field)
-        read = along(fx * pixel) * across(fy * pixel)
-        sharp = np.fft.fft2(np.fft.ifftshift(inside * _over_pupil(own), axes=(1, 2)))
-        blurred = np.fft.ifft2(sharp * passed * read).real
-        blurred = np.fft.fftshift(blurred, axes=(1, 2))
-        s, t = (axis / field.pitch for axis in (field.s, field.t))
-        means = np.stack([RectBivariateSpline(at, at, part)(t, s) for part in blurred])
+        spot = _Spot.of(self.camera, field, shape)
+        means = spot(spot.powers)
         means = np.divide(means, means[0], out=np.zeros_like(means), where=means[0] > 1e-3)
         spread = means - products(means[PUPIL_DEGREE + 1], means[1], PUPIL_DEGREE)
         if pupil.ndim > 3:
@@ -226,14 +265,96 @@ class TracedViews:
         c = microlenses(self.design, places)
         middle = sensor_of_pupil(mounted, c, mounted.fap.centre)
         first = c + mounted.d_2 * chief_slope(mounted, c, mounted.fap.centre)
-        moved = (middle.sensor - first) / pixel
-        if middle.ok.sum() < 6:
+        _, shift, whole = self.image_maps(c)
+        moved = (middle.sensor + shift - first) / pixel
+        if whole.sum() < 6:
             return lattice
-        columns = np.concatenate([np.ones((len(some), 1)), some], -1)[middle.ok]
-        add = np.linalg.lstsq(columns, moved[middle.ok], rcond=None)[0]
+        columns = np.concatenate([np.ones((len(some), 1)), some], -1)[whole]
+        add = np.linalg.lstsq(columns, moved[whole], rcond=None)[0]
         parts = np.array([lattice.origin, lattice.first, lattice.second]) + add
         origin, one, other = ((float(x), float(y)) for x, y in parts)
         return replace(lattice, origin=origin, first=one, second=other)
+
+
+class _Spot(NamedTuple):
+    """A whole microlens image before diffraction, and the way to its samples behind that and the pixels."""
+
+    at: Array
+    """Places along each axis [image pitches], shape (points,)."""
+    powers: Array
+    """`_over_pupil` at points of the image, shape (terms, points, points)."""
+    inside: Array
+    """Share of each point that lies inside."""
+    transfer: Callable[[Array, Array], Any]
+    """Transfer of diffraction, defocus, pixels and reading between them at frequencies [periods per image pitch]."""
+    finest: float
+    """Largest of them that anything passes at."""
+    layout: str
+    """Layout of the array."""
+    s: Array
+    """Places of the samples [image pitches]."""
+    t: Array
+
+    @classmethod
+    def of(cls, camera: Camera, field: LightField, shape: Array, fap: Array | None = None) -> _Spot:
+        """Image of such a shape, as `TracedLens.images` has it; exactly by polynomials of places on the FAP."""
+        pitch = float(microlens_image_pitch(camera))
+        radius = abs(float(microlens_image_diameter(camera)) / pitch) / 2
+        reach = math.ceil(FINE * (radius * np.linalg.norm(shape, 2) + 1 / FINE))
+        at = np.arange(-reach, reach + 1) / FINE
+        grid = np.tensordot(np.linalg.inv(shape), np.stack(np.meshgrid(at, at)), (0, 0))
+        # The microlens turns the FAP round.
+        side = -math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
+        image = camera.fap.outline.sized(2 * radius)
+        image = image._replace(turn=image.turn - float(camera["microlens_array.rotation"]))
+        powers = _over_pupil(side * grid / (2 * radius))
+        seen = grid if fap is None else side * 2 * radius * np.tensordot(fap, powers, (0, 0))
+        inside = np.clip(np.asarray(image.room(POINT, *seen)) * FINE + 0.5, 0, 1)
+        lens = MicrolensTransfer(
+            float(camera.d), float(camera.seen.d_2), float(-microlens_defocus(camera) / camera.seen.d_2),
+            (float(panchromatic(camera).wavelength),), camera.lens_shape,
+        )  # fmt: skip
+        pixel = abs(float(camera.q) / pitch)
+        (by_x,), (by_y,) = reading(field)
+
+        def transfer(fx: Array, fy: Array) -> Any:
+            passed = lens(fx / abs(pitch), fy / abs(pitch)) * pixel_box(fx, pixel) * pixel_box(fy, pixel)
+            return passed * by_x(fx * pixel) * by_y(fy * pixel) / FINE**2
+
+        s, t = (axis / field.pitch for axis in (field.s, field.t))
+        finest = min(lens.cutoff * abs(pitch), FINE / 2 - 1)
+        return cls(at, powers, inside, transfer, finest, camera.layout, s, t)
+
+    def __call__(self, values: NDArray[Any]) -> NDArray[np.float64]:
+        """Values at its points (n, points, points), times its light alone, at the samples."""
+        frequency = np.arange(-math.ceil(self.finest * WIDE), math.ceil(self.finest * WIDE) + 1) / WIDE
+        along = np.exp(-2j * math.pi * frequency[:, None] * self.at)
+        passed = self.transfer(*np.meshgrid(frequency, frequency)) / WIDE**2
+        x, y = (np.exp(2j * math.pi * at[:, None] * frequency) for at in (self.s, self.t))
+        return np.asarray((y @ (along @ (values * self.inside) @ along.T * passed) @ x.T).real)
+
+    def among_neighbours(self, waves: Array) -> Callable[[NDArray[Any]], NDArray[np.complex128]]:
+        """Map from values (n, points, points) to these, times light, at the samples; waves (n, 2) turn microlenses'.
+
+        By Poisson's formula a sum over the lattice's frequencies.
+        """
+        packing = PACKINGS[self.layout]
+        most = math.ceil(packing.orders * (self.finest + 1))
+        n = np.arange(-most, most + 1.0)
+        fx = waves[:, 0, None, None] + n[:, None] + 0 * n
+        fy = waves[:, 1, None, None] + packing.wave_up(n[:, None], n)
+        across = np.exp(-2j * math.pi * self.at[:, None] * fx[:, None, :, 0])
+        down = np.exp(-2j * math.pi * fy[..., None] * self.at)
+        passed = self.transfer(fx, fy) / packing.rise
+        back = np.exp(2j * math.pi * fy[..., None] * self.t)
+        along = np.exp(2j * math.pi * fx[..., 0, None] * self.s)
+
+        def shown(values: NDArray[Any]) -> NDArray[np.complex128]:
+            lines = np.swapaxes((values * self.inside) @ across, 1, 2)[..., None]  # (wave, order, point, 1)
+            sent = (down @ lines)[..., 0] * passed
+            return np.asarray(np.swapaxes((sent[:, :, None] @ back)[:, :, 0], 1, 2) @ along)
+
+        return shown
 
 
 def _turned(design: Design) -> Array:
@@ -242,15 +363,16 @@ def _turned(design: Design) -> Array:
     return np.array([[cosine, sine], [-sine, cosine]])
 
 
+def _linear(points: Array, values: Array) -> Array:
+    """Linear parts, row by column, of values (..., p, 2) over points (p, 2), shape (..., 2, 2)."""
+    columns = np.concatenate([np.ones((len(points), 1)), points], -1)
+    return np.asarray(np.linalg.pinv(columns)[1:] @ values)
+
+
 def _box(x: Array, y: Array) -> tuple[Array, Array]:
     """Middle and half the size of the box that axes span."""
     low, high = np.array([[axis.min(), axis.max()] for axis in (x, y)]).T
     return (low + high) / 2, np.maximum((high - low) / 2, 1e-9)
-
-
-def _ring(radius: float) -> Array:
-    turn = 2 * np.pi * (np.arange(SPOKES) + radius) / SPOKES
-    return radius * np.stack([np.cos(turn), np.sin(turn)], -1)
 
 
 def _over_pupil(at: NDArray[Any]) -> NDArray[Any]:

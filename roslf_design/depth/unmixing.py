@@ -12,7 +12,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,8 @@ from .warping import fill_holes
 STEP, MOST = 0.1, 400
 """Cut microlens images are worked out wherever their cut moved by so much of their diameter, and interpolated between;
 at so many places at most."""
+WIDER = 0.02
+"""Share by which images behind a real lens grow that counts as such a step."""
 COARSE = 9
 """Places along each axis at which is looked whether any is cut."""
 BLOCK, COMMON = 32, 12.0
@@ -68,11 +70,29 @@ def places_on_array(camera: Camera, field: LightField) -> NDArray[np.float64]:
     return np.stack([u, v], -1) * float(camera.d)
 
 
-def _parts(camera: Camera, field: LightField) -> tuple[NDArray[np.intp], NDArray[np.intp], ImageParts]:
+class TracedLens(Protocol):
+    """Lens and elements, by what they make of microlens images and of where these look."""
+
+    def images(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Images at places on the array (n, 2) [mm] against those of an ideal lens, as `image_parts` takes them."""
+
+    def shown(
+        self, field: LightField, places: NDArray[np.float64], waves: NDArray[np.float64],
+        disparities: NDArray[np.float64],
+    ) -> Iterator[tuple[NDArray[np.complex128], NDArray[np.float64]]]:  # fmt: skip
+        """For each disparity, waves as `waves_shown` has them (W, n, T, S), and where samples look (2, n, T, S).
+
+        That by their own light, on average [pitches].
+        """
+
+
+def _parts(
+    camera: Camera, field: LightField, real: TracedLens | None
+) -> tuple[NDArray[np.intp], NDArray[np.intp], ImageParts]:
     """Light of microlenses at some rows and columns of a light field; of one where all are alike."""
     places = places_on_array(camera, field)
-    rows, columns = _nodes(camera, places)
-    return rows, columns, _parts_at(panchromatic(camera), places[np.ix_(rows, columns)].reshape(-1, 2), field)
+    rows, columns = _nodes(camera, places, real)
+    return rows, columns, _parts_at(panchromatic(camera), places[np.ix_(rows, columns)].reshape(-1, 2), field, real)
 
 
 def flat_fielded(camera: Camera, field: LightField) -> LightField:
@@ -85,7 +105,7 @@ def flat_fielded(camera: Camera, field: LightField) -> LightField:
     field : LightField
         Its u and v count microlenses from the array's centre.
     """
-    rows, columns, parts = _parts(camera, field)
+    rows, columns, parts = _parts(camera, field, None)
     total = parts.light.sum(0)
     lenses = field if field.hexagonal is None else field.hexagonal
     spread = _Map.of(rows, columns, (len(field.v), len(field.u)), lenses.values.shape[2:])
@@ -109,7 +129,7 @@ class _OwnLight(NamedTuple):
     [pitches]: of the same shape."""
 
 
-def without_crosstalk(camera: Camera, field: LightField) -> _OwnLight:
+def without_crosstalk(camera: Camera, field: LightField, real: TracedLens | None = None) -> _OwnLight:
     """A decoded light field with each microlens's own light alone.
 
     Parameters
@@ -118,8 +138,10 @@ def without_crosstalk(camera: Camera, field: LightField) -> _OwnLight:
         One build, which took it.
     field : LightField
         Its u and v count microlenses from the array's centre.
+    real : TracedLens, optional
+        None of an ideal one.
     """
-    rows, columns, parts = _parts(camera, field)
+    rows, columns, parts = _parts(camera, field, real)
     height, width = len(field.v), len(field.u)
     own = parts.steps.index((0, 0))
     shares = _shares(parts.light)
@@ -154,7 +176,7 @@ def without_crosstalk(camera: Camera, field: LightField) -> _OwnLight:
 
 def in_phase(
     camera: Camera, field: LightField, pupil: NDArray[np.floating], aside: NDArray[np.floating],
-    disparity: NDArray[np.float64], least: float,
+    disparity: NDArray[np.float64], least: float, real: TracedLens | None = None,
 ) -> _OwnLight | None:  # fmt: skip
     """Views taken to look from where the phase of their light says; None where that makes no difference.
 
@@ -175,11 +197,13 @@ def in_phase(
         Found with them [pitches].
     least : float
         Error of those, on average, that makes no difference [pitches].
+    real : TracedLens, optional
+        None of an ideal one.
     """
     low, high = (float(np.quantile(disparity, part)) for part in (0.01, 0.99))
     step = max(DISPARITIES, (high - low) / MOST_DISPARITIES)
     disparities = np.asarray(step * np.arange(math.floor(low / step) - 1, math.ceil(high / step) + 2), np.float64)
-    rows, columns, parts = _parts(camera, field)
+    rows, columns, parts = _parts(camera, field, real)
     most = min(COARSE, max(2, int(math.sqrt(MOST_FILTERS / (disparities.size * parts.light[0, 0].size)))))
     few, some = (
         np.unique(np.linspace(0, at.size - 1, min(at.size, most)).round().astype(np.intp)) for at in (rows, columns)
@@ -188,7 +212,7 @@ def in_phase(
     rows, columns = rows[few], columns[some]
     parts = ImageParts(parts.steps, *(part[:, nodes] for part in parts[1:]))
     places = places_on_array(camera, field)[np.ix_(rows, columns)].reshape(-1, 2)
-    freed = _FreedWaves.of(MicrolensImages(panchromatic(camera), places), parts, field)
+    freed = _FreedWaves.of(MicrolensImages(panchromatic(camera), places), parts, field, real)
     whole = nodes.size == 1
     waves = _Waves.of(WAVES, field, PACKINGS[camera.layout].fold)
     moved, kernels = [], []
@@ -243,10 +267,6 @@ class _FreedWaves(NamedTuple):
     """Waves as views show them once neighbours' light was taken off as `without_crosstalk` does it."""
 
     images: MicrolensImages
-    s: NDArray[np.float64]
-    """Places of the samples [image pitches]."""
-    t: NDArray[np.float64]
-    side: float
     usable: NDArray[np.bool_]
     """Views that have own light at any node, shape (t, s)."""
     gain: NDArray[np.float64]
@@ -256,10 +276,11 @@ class _FreedWaves(NamedTuple):
     """Mean places on the FAP, shape (2, view, node)."""
     weight: NDArray[np.float64]
     """Light that tells, shape (view, node)."""
-    read: Read
+    field: LightField
+    real: TracedLens | None
 
     @classmethod
-    def of(cls, images: MicrolensImages, parts: ImageParts, field: LightField) -> _FreedWaves:
+    def of(cls, images: MicrolensImages, parts: ImageParts, field: LightField, real: TracedLens | None) -> _FreedWaves:
         own = parts.steps.index((0, 0))
         total, shares = parts.light.sum(0), _shares(parts.light)
         usable = (shares[own] > LEAST).any(0)
@@ -270,14 +291,28 @@ class _FreedWaves(NamedTuple):
         side = math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
         pupil = side * np.stack([axis[own][:, usable].T for axis in (parts.x, parts.y)])
         weight = np.where(gain > 0, total[:, usable].T * share**2, 0.0)
+        return cls(images, usable, gain, mixing, pupil, weight, field, real)
+
+    def _raw(
+        self, waves: NDArray[np.float64], disparities: NDArray[np.float64]
+    ) -> Iterator[tuple[NDArray[np.complex128], NDArray[np.float64]]]:
+        """Waves with neighbours' light (W, node, view), and where views look (2, view, node); of each disparity."""
+        field = self.field
+        if self.real is not None:
+            for raw, where in self.real.shown(field, self.images.fields, waves, disparities):
+                yield raw[..., self.usable], where[..., self.usable].swapaxes(1, 2)
+            return
+        camera = self.images.camera
+        side = math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
         s, t = field.s / field.pitch, field.t / field.pitch
-        return cls(images, s, t, side, usable, gain, mixing, pupil, weight, reading(field))
+        every = waves_shown(self.images, s, t, waves, side * disparities, reading(field))
+        for raw, disparity in zip(every[..., self.usable], disparities.tolist(), strict=True):
+            yield raw, disparity * self.pupil
 
     def shown(self, waves: NDArray[np.float64], disparities: NDArray[np.float64]) -> Iterator[NDArray[np.complex128]]:
         """Waves, shape (W, 2), as views show them against where their mean places do, shape (W, view, node)."""
-        every = waves_shown(self.images, self.s, self.t, waves, self.side * disparities, self.read)
         turns = np.exp(2j * math.pi * (waves @ PACKINGS[self.images.camera.layout].steps @ self.mixing.step.T))
-        for disparity, raw in zip(disparities.tolist(), every[..., self.usable], strict=True):
+        for raw, where in self._raw(waves, disparities):
             values = raw * self.gain.T
             with THREADS:
                 _free_waves.compiled(
@@ -285,7 +320,7 @@ class _FreedWaves(NamedTuple):
                     np.ascontiguousarray(self.mixing.share.T), values,
                 )  # fmt: skip
             values = values.swapaxes(1, 2)
-            yield values * np.exp(2j * math.pi * disparity * np.tensordot(waves, self.pupil, 1))
+            yield values * np.exp(2j * math.pi * np.tensordot(waves, where, 1))
 
 
 class _Waves(NamedTuple):
@@ -432,8 +467,14 @@ def _with(field: LightField, values: NDArray[np.float32], weight: NDArray[np.flo
     return replace(field, values=even, weight=light, hexagonal=rows)
 
 
-def _nodes(camera: Camera, places: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns of microlenses at which their images are worked out: one of each where none is cut."""
+def _images(places: NDArray[np.float64], real: TracedLens | None) -> NDArray[np.float64]:
+    return np.broadcast_to(np.eye(2), (len(places), 2, 2)) if real is None else real.images(places)
+
+
+def _nodes(
+    camera: Camera, places: NDArray[np.float64], real: TracedLens | None
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns of microlenses at which their images are worked out: one of each where all are alike."""
     size = places.shape[:2]
 
     def spread(counts: tuple[int, ...]) -> list[NDArray[np.intp]]:
@@ -442,11 +483,15 @@ def _nodes(camera: Camera, places: NDArray[np.float64]) -> tuple[NDArray[np.intp
         ]
 
     rows, columns = spread((COARSE, COARSE))
-    images = MicrolensImages(camera, places[np.ix_(rows, columns)].reshape(-1, 2))
-    if (images.shapes.kept_fraction >= 1 - 1e-9).all():
-        return rows[:1], columns[:1]
-    centres, spans = images.openings.centres, images.openings.spans
-    apart = ((centres - centres[..., :1, :]) / spans[..., :1, None]).reshape(rows.size, columns.size, -1)
+    some = places[np.ix_(rows, columns)].reshape(-1, 2)
+    images = MicrolensImages(camera, some)
+    apart = (_images(some, real) * (STEP / WIDER)).reshape(rows.size, columns.size, -1)
+    if (images.shapes.kept_fraction < 1 - 1e-9).any():
+        centres, spans = images.openings.centres, images.openings.spans
+        cuts = ((centres - centres[..., :1, :]) / spans[..., :1, None]).reshape(rows.size, columns.size, -1)
+        apart = np.concatenate([apart, cuts], -1)
+    elif np.ptp(apart, axis=(0, 1)).max() < STEP / 4:
+        return rows[rows.size // 2, None], columns[columns.size // 2, None]
     moved = [float(np.ptp(apart, axis=axis).max(initial=0.0)) for axis in (0, 1)]
     counts = [max(2.0, math.ceil(far / STEP) + 1.0) for far in moved]
     less = min(1.0, math.sqrt(MOST / math.prod(counts)))
@@ -454,21 +499,20 @@ def _nodes(camera: Camera, places: NDArray[np.float64]) -> tuple[NDArray[np.intp
     return rows, columns
 
 
-def _parts_at(camera: Camera, places: NDArray[np.float64], field: LightField) -> ImageParts:
-    """`image_parts` of each place, whole images once."""
+def _parts_at(camera: Camera, places: NDArray[np.float64], field: LightField, real: TracedLens | None) -> ImageParts:
+    """`image_parts` of each place, whole images that are alike once."""
+    image = _images(places, real)
     whole = MicrolensImages(camera, places).shapes.kept_fraction[:, 0] >= 1 - 1e-9
-    some = np.flatnonzero(~whole)
-    if whole.any():
-        some = np.append(np.flatnonzero(whole)[:1], some)
-    back = np.where(whole, 0, np.searchsorted(some[1:], np.arange(len(places))) + 1) if whole.any() else some
+    kinds = np.concatenate([image.reshape(-1, 4), np.where(whole, -1, np.arange(len(places)))[:, None]], 1)
+    _, some, back = np.unique(kinds.round(6), axis=0, return_index=True, return_inverse=True)
     s, t = field.s / field.pitch, field.t / field.pitch
     finest = min(
         float(abs(microlens_image_pitch(camera)) * camera.d / (camera.wavelength * camera.seen.d_2)), FINEST_PLACES
     )
     block = max(1, int(BLOCK * min(1.0, (COMMON / finest) ** 2)))
     pieces = [
-        image_parts(MicrolensImages(camera, places[some[at : at + block]]), s, t, reading(field))
-        for at in range(0, some.size, block)
+        image_parts(MicrolensImages(camera, places[part]), s, t, reading(field), image[part])
+        for part in np.split(some, range(block, some.size, block))
     ]
     light, x, y = (np.concatenate([getattr(part, name) for part in pieces], 1)[:, back] for name in ("light", "x", "y"))
     return ImageParts(pieces[0].steps, light, x, y)

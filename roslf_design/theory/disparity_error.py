@@ -679,11 +679,13 @@ class _WavesOfLenses(NamedTuple):
     """Shape (W, S or 1, S, T)."""
     read: tuple[list[Array | Complex], list[Array | Complex]]
     """Transfers of reading between pixels along x, shape (W, S, 1), and along y, (W, S or 1, S)."""
+    image: Array
+    """Images against those by closed forms, shape (fields, 2, 2): of cut ones a scale."""
 
     @classmethod
     def of(
         cls, images: MicrolensImages, x: Array, y: Array, read: Read, more: tuple[tuple[float, ...], ...] = (),
-        mean: bool = True,
+        mean: bool = True, image: Array | None = None,
     ) -> _WavesOfLenses:  # fmt: skip
         """At places of the images; `more` waves after those of a `mean`, half of which then stand for all."""
         array = _Array(images.camera.layout, images.camera.lens_shape)
@@ -702,12 +704,25 @@ class _WavesOfLenses(NamedTuple):
         *orders, cell = _orders(array, float(rows.finest.max(initial=1.0)))
         waves = (k[:, None, None] + f for k, f in zip((kx, ky), orders, strict=True))
         fx, fy = (np.broadcast_to(f, (len(rows.pitch), *f.shape)) for f in waves)
-        form = (_whole if rows.openings.first_is_disc else _straight) if whole else _cut
+        form, image = _cut, np.broadcast_to(np.eye(2), (len(rows.pitch), 2, 2)) if image is None else image
+        if whole:
+            form = _whole if rows.openings.first_is_disc else _straight
+        else:  # rows of a cut image stay rows
+            image = np.sqrt(np.abs(np.linalg.det(image)))[:, None, None] * np.eye(2)
         over = fy[0] if (fy[0] != fy[0, :, :1]).any() else fy[0, :, :1]  # alike in all columns of a square lattice
         along, across = np.exp(2j * math.pi * fx[0, ..., :1] * x), np.exp(2j * math.pi * over[..., None] * y)
         pixel = float(rows.pixel[0] / rows.pitch[0])
         reads = [at(fx[0, ..., :1] * pixel) for at in read[0]], [at(over * pixel) for at in read[1]]
-        return cls(first, second, rows, form, fx, fy, _transfer(rows, array, fx, fy) / cell, along, across, reads)
+        passed = _transfer(rows, array, fx, fy) / cell
+        return cls(first, second, rows, form, fx, fy, passed, along, across, reads, image)
+
+    def spectra(self) -> Spectra:
+        """Transforms of images and of places on the FAP, as `form` has them."""
+        scale, (xx, xy, yx, yy) = np.abs(np.linalg.det(self.image)), self.image.reshape(-1, 4).T
+        xx, xy, yx, yy, scale = (part[:, None, None, None] for part in (xx, xy, yx, yy, scale))
+        fx, fy = xx * self.fx + xy * self.fy, yx * self.fx + yy * self.fy
+        light, along, across = self.form(self.rows, fx, fy)
+        return scale * light, scale * along, scale * across
 
     def at_places(self, part: Complex) -> Complex:
         """Waves' images of such a transform at the places asked for, shape (W, fields and ways to read them, T, S)."""
@@ -731,11 +746,11 @@ class _OwnWaves(NamedTuple):
     """Turn of each wave at each of `STEPS`, shape (steps, W); all four of lenses farther away are left out."""
 
     @classmethod
-    def of(cls, images: MicrolensImages, x: Array, y: Array, read: Read) -> _OwnWaves:
+    def of(cls, images: MicrolensImages, x: Array, y: Array, read: Read, image: Array | None = None) -> _OwnWaves:
         slow = 1 / (4 * FAR)
-        waves = _WavesOfLenses.of(images, x, y, read, ((slow, 0.0), (0.0, slow)))
+        waves = _WavesOfLenses.of(images, x, y, read, ((slow, 0.0), (0.0, slow)), image=image)
         turns = np.exp(-2j * math.pi * (np.array(STEPS[:-4]) @ [waves.first, waves.second]))
-        return cls(waves, waves.form(waves.rows, waves.fx, waves.fy), turns)
+        return cls(waves, waves.spectra(), turns)
 
     def alone(self, at: Complex) -> Array:
         """Single images of waves' images, shape (steps, fields and ways to read them, T, S)."""
@@ -808,7 +823,9 @@ def waves_shown(
     return np.concatenate(shown, 1)
 
 
-def image_parts(images: MicrolensImages, x: Array, y: Array, read: Read = AS_IT_IS) -> ImageParts:
+def image_parts(
+    images: MicrolensImages, x: Array, y: Array, read: Read = AS_IT_IS, image: Array | None = None
+) -> ImageParts:
     """Light of a microlens and its neighbours at places of its image, and where on the FAP it comes from.
 
     Parameters
@@ -819,8 +836,11 @@ def image_parts(images: MicrolensImages, x: Array, y: Array, read: Read = AS_IT_
         Places from the image's centre, along the lattice's axes [microlens-image pitches].
     read : Read
         One along each axis.
+    image : ndarray, shape (fields, 2, 2), optional
+        Places of images, along the lattice's axes, by those where closed forms have them, row by column; None is
+        identity. Of cut images its scale alone counts.
     """
-    own = _OwnWaves.of(images, x, y, read)
+    own = _OwnWaves.of(images, x, y, read, image)
     light = own.light
     unit, near = 1 / own.waves.rows.wide[:, None, None], light[:-4]
     lit = near != 0

@@ -43,19 +43,23 @@ class Meridional:
         height = microlens - slope * d.d_1
         return object_side(height, slope + height / d.f, self.elements, self.medium, planes, exact)
 
-    def height(self, microlens, pupil, plane):
-        """Where a sample looks that by first order sees a point of the FAP, counted from its image's middle."""
+    def height(self, microlens, sample, plane):
+        """Where a sample looks, counted from where the chief ray falls [mm]."""
+        stop = self.design.aperture.distance
+        middle = mp.findroot(lambda slope: self.heights(microlens, slope, [stop])[0], (0.0, 1e-3), tol=1e-26)
+        return self.heights(microlens, middle + sample / self.design.d_2, [plane])[0]
+
+    def by_first_order(self, pupil):
+        """Sample that sees a point of the FAP, by first order [mm]."""
         stop = self.design.aperture.distance
         first = [self.heights(mp.mpf(0), slope, [stop], exact=False)[0] for slope in (mp.mpf(0), mp.mpf(1))]
-        middle = mp.findroot(lambda slope: self.heights(microlens, slope, [stop])[0], (0.0, 1e-3), tol=1e-26)
-        apart = mp.mpf(pupil) * self.design.D_F / (first[1] - first[0])
-        return self.heights(microlens, middle + apart, [plane])[0]
+        return mp.mpf(pupil) * self.design.D_F / (first[1] - first[0]) * self.design.d_2
 
-    def aside(self, microlens, pupil, plane):
-        """How many pitches on another microlens sees, through a point of the FAP, what this one sees at a plane."""
+    def aside(self, microlens, sample, plane):
+        """How many pitches on a sample of another microlens sees what this one's middle sees at a plane."""
         at = self.height(microlens, 0, plane)
         d = self.design.d
-        return mp.findroot(lambda u: self.height(microlens + u * d, pupil, plane) - at, (0.0, 0.1), tol=1e-22)
+        return mp.findroot(lambda u: self.height(microlens + u * d, sample, plane) - at, (0.0, 0.1), tol=1e-22)
 
 
 @pytest.mark.parametrize(
@@ -72,10 +76,14 @@ def test_views_look_where_exact_rays_meet_the_scene(design, fields):
         own = sample * math.copysign(1.0, float(camera.seen.A * camera.seen.D_F * camera.fap.plane.magnification))
         looks, good = geometry.traced.view_coordinates(np.array([(x, 0.0) for x in fields]), np.array([[sample, 0.0]]))
         assert good.all()
-        for field, pupil, aside in zip(fields, looks[0, :, 0, 0], looks[1, :, 0, 0], strict=True):
+        # Samples lie at points of the ellipses nearest to images.
+        image, shift, _ = geometry.traced.image_maps(np.array([(x, 0.0) for x in fields]))
+        at = zip(fields, looks[0, :, 0, 0], looks[1, :, 0, 0], image[:, 0, 0], shift[:, 0], strict=True)
+        for field, pupil, aside, wider, off in at:
             with mp.workdps(30):
                 c = mp.mpf(field)
-                each = [oracle.aside(c, own, plane) for plane in (near, focal, far)]
+                place = oracle.by_first_order(own) * mp.mpf(wider) + mp.mpf(off)
+                each = [oracle.aside(c, place, plane) for plane in (near, focal, far)]
             assert pupil == pytest.approx(float((each[0] - each[2]) / (2 * step)), abs=3e-9)
             assert aside == pytest.approx(float(each[1]), abs=3e-9)
             # Not much is left that does not go with the disparity.
@@ -127,7 +135,8 @@ def test_views_through_a_rectangle_and_a_thin_window_look_from_where_first_order
     camera = Camera.of(design)
     traced = TracedViews(design, camera, lambda b: depth_of(camera, b))
     places = np.array([[0.0, 0.0], [4.0, -2.0]])
-    np.testing.assert_allclose(traced.widening(places), 1, rtol=1e-4)
+    for matrices in (traced.images(places), traced.bends(places)[0]):
+        np.testing.assert_allclose(matrices, np.broadcast_to(np.eye(2), (2, 2, 2)), atol=1e-4)
     sample = np.array([[0.2, -0.1]])
     looks, good = traced.view_coordinates(places, sample)
     assert good.all()
