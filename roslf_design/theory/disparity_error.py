@@ -69,7 +69,7 @@ DIM = 0.2
 WAVES = 1024
 """Waves of all images at a time, for memory's sake."""
 STEPS: tuple[tuple[int, int], ...] = (
-    *itertools.product(range(-REACH, REACH + 1), repeat=2),
+    *((a, b) for a in range(-REACH, REACH + 1) for b in range(-REACH, REACH + 1)),
     *((FAR, 0), (-FAR, 0), (0, FAR), (0, -FAR)),
 )
 """Steps of the lattice to the microlenses that `image_parts` tells apart."""

@@ -18,23 +18,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import tifffile
-from view_mismatch import (
-    ALL,
-    GAMMA,
-    SETS,
-    HeldOut,
-    Level,
-    LytroViews,
-    Repeated,
-    Scatter,
-    WhiteFrame,
-    flat_board,
-    held_out,
-    left_between,
-    quantile,
-    repeated,
-    white_frame,
-)
 
 import roslf_design as roslf
 from roslf_design.calibration.options import PlanOptions, calibration_plan
@@ -65,6 +48,23 @@ from roslf_design.theory import light, light_field
 from roslf_design.theory.depth_error import depth_at, depth_told
 from roslf_design.theory.disparity_error import Seen, axial_disparity_sigma
 from roslf_design.theory.photometry import Beside, dark_variance
+from studies.depth.view_mismatch import (
+    ALL,
+    GAMMA,
+    SETS,
+    HeldOut,
+    Level,
+    LytroViews,
+    Repeated,
+    Scatter,
+    WhiteFrame,
+    flat_board,
+    held_out,
+    left_between,
+    quantile,
+    repeated,
+    white_frame,
+)
 
 HERE = Path(__file__).parent
 OUT, DATA = Path("reports/depth-published"), Path("../shared/data")
@@ -163,7 +163,7 @@ def _refocused(design: Design, pixels: float, real: Real | None) -> float:
 def _planned(design: Design, at: float, real: Real | None) -> float:
     planned = calibration_plan(design, PlanOptions())
     assert not isinstance(planned, str)
-    return planned.expected.sigma["d_f"]
+    return float(planned.expected.sigma["d_f"])
 
 
 def _board(design: None, at: float, real: Real) -> float:

@@ -128,8 +128,8 @@ def repeated(views: LytroViews, sets: Sequence[Halves] = SETS) -> Iterator[Repea
         runs = []
         for rows, columns in (halves.first, halves.second):
             some = views.some(rows, columns)
-            noise, search = measured_noise(views.geometry, some, views.search, lambda _: None)
-            runs.append(measured_with_noise(views.geometry, some, noise, search, True))
+            noise, first = measured_noise(views.geometry, some, views.search, lambda _: None)
+            runs.append(measured_with_noise(views.geometry, some, noise, first.search, True))
         (one, noise), (two, _) = runs
         known = one.measured & two.measured
         told = np.sqrt(np.mean([np.square(run.disparities.sigma[known]) for run, _ in runs], axis=0))

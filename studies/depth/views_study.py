@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from made_views import KEPT_BACK, TRAINING, MadeViews, made
 from numpy.typing import NDArray
 from PIL import Image
 from scipy import ndimage
@@ -22,6 +21,7 @@ from roslf_design.depth.from_files import TRUTH, CaptureOptions, captured
 from roslf_design.depth.view_files import pfm_bytes
 from roslf_design.reporting.blocks import Code, Report, Section, Table
 from roslf_design.reporting.printers import render_html
+from studies.depth.made_views import KEPT_BACK, TRAINING, MadeViews, made
 
 Floats = NDArray[np.float64]
 
