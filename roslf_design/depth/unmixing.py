@@ -220,8 +220,9 @@ def in_phase(
         off = waves.moved(shown)
         moved.append(off)
         kernels.append(waves.filters(shown, off))
-    counted = _aside(camera, field, rows, columns, parts.light[parts.steps.index((0, 0))])[:, freed.usable]
-    offset = np.stack(moved) - counted  # (disparity, axis, view, node)
+    offset = np.stack(moved)  # (disparity, axis, view, node)
+    if real is None:  # waves through an ideal lens show what lies aside as well, which is counted already
+        offset = offset - _aside(camera, field, rows, columns, parts.light[parts.steps.index((0, 0))])[:, freed.usable]
     slope = np.diff(offset, axis=0) / step
     rest = offset[:-1] - disparities[:-1, None, None, None] * slope
     # By mean places disparities come out wrong, by so much.
