@@ -87,6 +87,35 @@ def _depth_map(trial: Measurement, reasons: dict[int, str]) -> Picture:
     return beside("depth-map", title, pictures, keys, down=down)
 
 
+def _dense_map(trial: Measurement) -> Picture:
+    """Draw depth everywhere, hatched where it was filled in from known places."""
+    run, words = trial.first, _Words.of(trial.first)
+    x, y = run.x_ml[0, :, 0], run.x_ml[:, 0, 1]
+    dx, dy = abs(float(x[1] - x[0])) / 2, abs(float(y[1] - y[0])) / 2
+    turn = slice(None, None, 1 if y[-1] > y[0] else -1)
+    values, known = run.dense[turn], run.measured[turn]
+    box = float(x.min()) - dx, float(x.max()) + dx, float(y.min()) - dy, float(y.max()) + dy
+    some = values[np.isfinite(values)]
+    low, high = (float(q) for q in np.quantile(some, (0.005, 0.995))) if some.size else (0.0, 1.0)
+    high = max(high, low + 1e-6 * max(abs(low), 1e-6))
+    filled = ~known & np.isfinite(values)
+    hatch = np.add(*np.indices(known.shape)) % 3 == 0
+    shades = Image(values, box, "cividis", low, high), Image(np.where(filled & hatch, 1.0, np.nan), box, "vermillion")
+    size = PAGE / 2, 340.0
+    ratio = (box[3] - box[2]) / (box[1] - box[0])
+    width = size[0] - LEFT - RIGHT
+    height = max(width * ratio, FLATTEST)
+    panel = Panel(
+        (LEFT, TOP, width, height), Scale(*box[:2]), Scale(*box[2:]), shades, words.place,
+        f"y [{run.geometry.place_unit}]", f"{words.quantity}, dense", grid="", equal=height == width * ratio,
+    )  # fmt: skip
+    title = f"{words.quantity.capitalize()}, filled where unknown"
+    bar = colour_bar(panel, low, high, "cividis", words.symbol)
+    share = 100 * float(filled.mean())
+    keys = [box_key(f"hatched: filled from known ones, not measured ({share:.2g} %)", "vermillion")]
+    return beside("depth-dense", title, (Picture(title, title, (size[0], panel.bottom + BELOW), (panel, bar)),), keys)
+
+
 class _Words(NamedTuple):
     """Words on the axes of a measurement's drawings."""
 
@@ -300,4 +329,6 @@ def depth_pictures(trial: Measurement, plane: EpipolarPlane, reasons: dict[int, 
     shown = {"map": _depth_map(trial, reasons), "profile": profile(trial)}
     if np.isfinite(trial.true).any():
         shown["errors"] = _errors(trial)
+    if not trial.first.measured.all():
+        shown["dense"] = _dense_map(trial)
     return shown | {"epi": _epipolar(plane, trial.first.geometry.place_unit == "mm")}
