@@ -31,7 +31,7 @@ class DenseMap(NamedTuple):
     """Disparities everywhere, those known as they are."""
 
     disparity: Array
-    """[pitches], shape (v, u); NaN where nothing known is joined to it."""
+    """[pitches], shape (v, u); NaN where nothing known is near."""
     sigma: Array
     """Standard error; of those filled in as places held out have it."""
     held_out: float
@@ -43,8 +43,8 @@ class DenseMap(NamedTuple):
 def filled(disparity: Array, sigma: Array, known: Flags, picture: Array) -> DenseMap:
     """Disparities between known ones: each place the mean of its neighbours, those of like brightness the more.
 
-    The value is the mean of the known ones that a random walk from the place meets first, and its error follows from how
-    much these differ, by a factor that makes 68 of 100 places that were held out lie within.
+    The value is the mean of the known ones that a random walk from the place meets first. Its error is how much these
+    differ, times a factor with which 68 of 100 places held out lie within.
 
     Parameters
     ----------
