@@ -13,7 +13,7 @@ Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
 STEP = 0.02
-"""Difference of brightness, over the picture's middle brightness, across which neighbours hold together half as well."""
+"""Difference over the picture's middle brightness across which neighbours hold together half as well."""
 HELD_OUT = 2
 """Known places so near to unknown ones are held out to see how well a fill finds them: edges are as near to them."""
 FEWEST = 30
