@@ -20,7 +20,6 @@ from ..depth.view_files import MATLAB
 from ..design import load, preset_names
 from ..drawing.picture import Picture
 from ..errors import Argument
-from ..json_data import plain
 from ..options import Options
 from ..reporting.blocks import Block, Report
 from ..reporting.depth.captured import capture_answers, capture_basis, capture_report
@@ -167,7 +166,7 @@ def _finish(
         data["files"] = {"depth_mm" if unit == "mm" else "disparity_px": "depth.tif"}
         data["files"] |= {f"sigma_{unit}": "sigma.tif", "status": "status.tif"}
         data["files"] |= {"dense": "dense.tif", "dense_sigma": "dense_sigma.tif"}
-        data["dense"] = plain(result.first.dense_told())
+        data["dense"] = result.first.dense_told()
         data["status"] = {str(code): reason for code, reason in REASONS.items()}
         files = _maps(result) | {"depth.json": f"{json_text(data)}\n".encode()}
         files |= picture_files(pictures) | page_files(report(pictures, command))

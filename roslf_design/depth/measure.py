@@ -120,20 +120,6 @@ class _Flatness(NamedTuple):
     """Share within the standard errors for noise told with each: 0.68 of a plane."""
 
 
-@dataclass(frozen=True)
-class _Filled:
-    """What was filled in where there is no depth."""
-
-    share: float
-    """Share of all microlenses."""
-    told: float | None
-    """Rms of the errors told there, in the unit of depths."""
-    held_out_pitches: float | None
-    """Rms error of disparities at places that were held out."""
-    held_out_inside_68: float | None
-    """Share of these within the errors told."""
-
-
 @dataclass(frozen=True, eq=False)
 class Depths:
     """Depth of every microlens. Arrays have the shape (v, u) of the light field's views."""
@@ -222,12 +208,17 @@ class Depths:
         whole = own if common is None else np.hypot(own, common)
         return np.where(some, np.nan_to_num(whole, nan=np.inf), self.sigma)
 
-    def dense_told(self) -> _Filled:
-        """Share that was filled in, and how well."""
+    def dense_told(self) -> dict[str, float | None]:
+        """Share filled in, rms of the errors told there, and what places held out say of disparities [pitches]."""
         some = np.isfinite(self.dense_sigma) & ~self.measured
         rms = float(np.sqrt((self.dense_sigma[some] ** 2).mean())) if some.any() else None
         held_out, within = (value if math.isfinite(value) else None for value in self.filled[2:])
-        return _Filled(float(some.mean()), rms, held_out, within)
+        return {
+            "filled": float(some.mean()),
+            f"told_{self.geometry.unit}": rms,
+            "held_out_pitches": held_out,
+            "held_out_inside_68": within,
+        }
 
     def unknown(self) -> dict[str, float]:
         """Shares of the microlenses without a depth, by reason."""
