@@ -80,8 +80,11 @@ def _joined(picture: Array) -> sparse.csr_matrix:
         second.append(index[b].ravel())
         weight.append((1 / (1 + ((picture[a] - picture[b]) / step) ** 2)).ravel())
     one, other, weights = (np.concatenate(each) for each in (first, second, weight))
-    half = sparse.csr_matrix((weights, (one, other)), (picture.size, picture.size))
-    return (half + half.T).tocsr()
+    half: sparse.csr_matrix = sparse.csr_matrix(
+        (np.asarray(weights, np.float64), (one, other)), (picture.size, picture.size)
+    )
+    both: sparse.csr_matrix = (half + half.T).tocsr()
+    return both
 
 
 def _walked(disparity: Array, sigma: Array, known: Flags, joined: sparse.csr_matrix) -> tuple[Array, Array]:
