@@ -117,7 +117,8 @@ def depth(
     output
         Folder for index.html, depth.json, pictures, tables/ (CSV) and maps, made if needed: depth.tif (Z from the main
         lens in mm, 0 where unknown), sigma.tif (its standard error), status.tif (0 where measured, else why not:
-        depth.json names the numbers). Default: only print.
+        depth.json names the numbers), dense.tif and dense_sigma.tif (the same, filled where unknown, with a larger
+        error). Default: only print.
     region
         Only a part of the sensor, as column,row,columns,rows in pixels. Default: a strip across its middle. Of a raw
         image: which part of the sensor it shows, where that is not all.
@@ -164,6 +165,8 @@ def _finish(
         unit = result.first.geometry.unit
         data["files"] = {"depth_mm" if unit == "mm" else "disparity_px": "depth.tif"}
         data["files"] |= {f"sigma_{unit}": "sigma.tif", "status": "status.tif"}
+        data["files"] |= {"dense": "dense.tif", "dense_sigma": "dense_sigma.tif"}
+        data["dense"] = result.first.dense_told()
         data["status"] = {str(code): reason for code, reason in REASONS.items()}
         files = _maps(result) | {"depth.json": f"{json_text(data)}\n".encode()}
         files |= picture_files(pictures) | page_files(report(pictures, command))
@@ -190,6 +193,8 @@ def _maps(trial: Measurement) -> dict[str, bytes]:
         "depth.tif": _tiff(np.where(known, run.depth, 0.0).astype(np.float32)),
         "sigma.tif": _tiff(np.where(known, run.sigma, 0.0).astype(np.float32)),
         "status.tif": _tiff(run.status),
+        "dense.tif": _tiff(np.nan_to_num(run.dense, nan=0.0).astype(np.float32)),
+        "dense_sigma.tif": _tiff(np.nan_to_num(run.dense_sigma, posinf=0.0).astype(np.float32)),
     }
 
 

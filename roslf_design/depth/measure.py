@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -39,6 +39,7 @@ from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.photometry import dark_variance, electrons
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
+from .dense import DenseMap
 from .estimate import DisparityMap, DisparityStatus, PixelNoise, Start, estimate_disparity
 from .geometry import ArrayGeometry, ViewGeometry, depth_of, disparity_of, sigma_of
 from .traced_views import TracedViews
@@ -189,6 +190,39 @@ class Depths:
     def status(self) -> NDArray[np.uint8]:
         """Why each microlens has a depth or none, a number of `REASONS`, shape (v, u)."""
         return np.where(self.disparities.measured & ~self.measured, BEYOND, self.disparities.status).astype(np.uint8)
+
+    @cached_property
+    def filled(self) -> DenseMap:
+        """Disparities of all microlenses; where `disparities` has none, from the known ones nearby."""
+        found = self.disparities
+        return DenseMap.of(found.disparity, found.sigma, self.measured, found.picture)
+
+    @property
+    def dense(self) -> Array:
+        """`depth`, and where there is none a fill from the known ones; NaN far from all of them."""
+        return np.where(self.measured, self.depth, self.geometry.depth(self.filled.disparity))
+
+    @property
+    def dense_sigma(self) -> Array:
+        """Standard error of `dense`, of fills as places held out have it; inf where there is none."""
+        dense = self.dense
+        some = np.isfinite(dense) & ~self.measured
+        own = self.geometry.sigma(np.where(some, dense, np.nan), np.where(some, self.filled.sigma, np.nan))
+        common = self.geometry.calibration_sigma(np.where(some, dense, np.nan))
+        whole = own if common is None else np.hypot(own, common)
+        return np.where(some, np.nan_to_num(whole, nan=np.inf), self.sigma)
+
+    def dense_told(self) -> dict[str, float | None]:
+        """Share filled in, rms of the errors told there, and what places held out say of disparities [pitches]."""
+        some = np.isfinite(self.dense_sigma) & ~self.measured
+        rms = float(np.sqrt((self.dense_sigma[some] ** 2).mean())) if some.any() else None
+        held_out, within = (value if math.isfinite(value) else None for value in self.filled[2:])
+        return {
+            "filled": float(some.mean()),
+            f"told_{self.geometry.unit}": rms,
+            "held_out_pitches": held_out,
+            "held_out_inside_68": within,
+        }
 
     def unknown(self) -> dict[str, float]:
         """Shares of the microlenses without a depth, by reason."""

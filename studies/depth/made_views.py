@@ -368,7 +368,69 @@ def stripes(random: np.random.Generator) -> list[Thing]:
     return things
 
 
-TRAINING, KEPT_BACK = ("boxes", "cotton", "poles", "pyramids"), ("backgammon", "sideboard", "dino", "stripes")
+# Layouts kept back since those above were looked at.
+
+
+@_scene
+def leaves(random: np.random.Generator) -> list[Thing]:
+    """Flat, leaning leaves at all depths before a far wall."""
+    seed = int(random.integers(1 << 20))
+    things = [wall(-1.5, _texture(random), seed, (0.0, 0.3))]
+    for k in range(22):
+        half = random.uniform(10, 26), random.uniform(5, 12)
+        lean = random.uniform(-0.3, 0.3), random.uniform(-0.2, 0.2)
+        things.append(card(random.uniform(-120, 120), random.uniform(-120, 120), random.uniform(-1.1, 1.3), half,
+                           _texture(random), seed + k + 1, random.uniform(0, 3.1), lean))  # fmt: skip
+    return things
+
+
+@_scene
+def stairs(random: np.random.Generator) -> list[Thing]:
+    """Steps that come nearer downwards, with a rail before them."""
+    seed = int(random.integers(1 << 20))
+    things = [wall(-1.6, _texture(random), seed)]
+    for k in range(7):
+        y, d = -96 + 34 * k, -1.2 + 0.35 * k
+        things.append(card(0, y, d, (400, 12), _texture(random), seed + 2 * k + 1))
+        things.append(card(0, y - 18, d - 0.15, (400, 7), _texture(random), seed + 2 * k + 2, lean=(0.0, 0.15)))
+    for k in range(4):
+        x = -96 + 64 * k + random.uniform(-8, 8)
+        things.append(card(x, 0, 1.5, (4, 150), _texture(random), seed + k + 31, random.uniform(-0.1, 0.1)))
+    return things
+
+
+@_scene
+def bottles(random: np.random.Generator) -> list[Thing]:
+    """Bodies with necks, in two rows on a table before a wall that goes away."""
+    seed = int(random.integers(1 << 20))
+    things = [wall(-1.2, _texture(random), seed, (0.5, 0.0)),
+              card(0, 96, 0.2, (300, 60), _texture(random), seed + 1, lean=(0.0, 1.2))]  # fmt: skip
+    for k in range(7):
+        x, front = -96 + 32 * k + random.uniform(-5, 5), k % 2
+        y, d, wide = 40 + 30 * front, -0.4 + 0.9 * front + random.uniform(-0.1, 0.1), random.uniform(12, 19)
+        things.append(ball(x, y, d, (wide, 38, wide), _texture(random), seed + 3 * k + 5))
+        things.append(ball(x, y - 44, d, (0.35 * wide, 26, 0.35 * wide), _texture(random), seed + 3 * k + 6))
+    return things
+
+
+@_scene
+def tiles(random: np.random.Generator) -> list[Thing]:
+    """A mosaic of tiles that each lean their own way, with gaps to a ground behind."""
+    seed = int(random.integers(1 << 20))
+    things = [wall(-0.9, _texture(random), seed)]
+    for k in range(25):
+        x, y = 52 * (k % 5 - 2) + random.uniform(-3, 3), 52 * (k // 5 - 2) + random.uniform(-3, 3)
+        lean = random.uniform(-0.4, 0.4), random.uniform(-0.4, 0.4)
+        half = random.uniform(17, 23), random.uniform(17, 23)
+        things.append(card(x, y, random.uniform(-0.4, 0.8), half, _texture(random), seed + k + 1,
+                           random.uniform(-0.3, 0.3), lean))  # fmt: skip
+    return things
+
+
+TRAINING = "boxes", "cotton", "poles", "pyramids"
+SEEN = "backgammon", "sideboard", "dino", "stripes"
+"""Kept back once, and looked at."""
+KEPT_BACK = "leaves", "stairs", "bottles", "tiles"
 
 
 def made(name: str, seed: int, size: int = 256, across: int = 9) -> MadeViews:

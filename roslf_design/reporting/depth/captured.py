@@ -29,6 +29,11 @@ CAPTIONS = {
         "Errors against those told",
         "In units of the standard error told with each. Wider than the normal law: errors told are too small.",
     ),
+    "dense": (
+        "Dense: filled where unknown",
+        "Hatched places were not measured: they are filled from known ones nearby, along like brightness, with a larger"
+        " error (dense.tif, dense_sigma.tif). No figure on this page counts them.",
+    ),
     "epi": (
         "Epipolar-plane image",
         "One row of microlenses, or of pixels, through the views side by side. A point of the scene is a line; its"

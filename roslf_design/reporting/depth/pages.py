@@ -44,6 +44,11 @@ FIGURES = {
         "small. Right: rms error around places of the field over what was predicted there, bias included; in a small "
         "part of the sensor each dot is only a few windows, and scatters.",
     ),
+    "dense": (
+        "Dense: filled where unknown",
+        "Hatched microlenses were not measured: they are filled from known ones nearby, along like brightness, with a "
+        "larger error (dense.tif, dense_sigma.tif). No figure on this page counts them.",
+    ),
     "epi": (
         "Epipolar-plane image",
         "One row of microlenses, seen through the row of pixels behind the middle of each. A point of the scene is a "

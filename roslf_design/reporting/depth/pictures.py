@@ -48,12 +48,8 @@ def _depth_map(trial: Measurement, reasons: dict[int, str]) -> Picture:
         Words for the numbers of `Depths.status`.
     """
     run = trial.first
-    x, y = run.x_ml[0, :, 0], run.x_ml[:, 0, 1]
-    dx, dy = (float(at[1] - at[0]) / 2 for at in (x, y))
-    turn = slice(None, None, 1 if y[-1] > y[0] else -1)  # pictures' rows may run downwards, a panel's go upwards
+    box, turn = _box(run)
     status, known, depth, sigma = (values[turn] for values in (run.status, run.measured, run.depth, run.sigma))
-    y, dy = y[turn], abs(dy)
-    box = float(x[0]) - dx, float(x[-1]) + dx, float(y[0]) - dy, float(y[-1]) + dy
     across, up = Scale(*box[:2]), Scale(*box[2:])
     ratio = (up.high - up.low) / (across.high - across.low)
     down = ratio < TALL
@@ -85,6 +81,38 @@ def _depth_map(trial: Measurement, reasons: dict[int, str]) -> Picture:
     of = "microlenses" if run.geometry.place_unit == "mm" else "pixels"
     title = f"{words.quantity.capitalize()} of {known.sum()} of {known.size} {of} and its standard error"
     return beside("depth-map", title, pictures, keys, down=down)
+
+
+def _dense_map(trial: Measurement) -> Picture:
+    """Draw depth everywhere, hatched where it was filled in from known places."""
+    run, words, (box, turn) = trial.first, _Words.of(trial.first), _box(trial.first)
+    values, known = run.dense[turn], run.measured[turn]
+    some = values[np.isfinite(values)]
+    low, high = (float(q) for q in np.quantile(some, (0.005, 0.995))) if some.size else (0.0, 1.0)
+    high = max(high, low + 1e-6 * max(abs(low), 1e-6))
+    filled = ~known & np.isfinite(values)
+    hatch = np.where(filled & (np.add(*np.indices(known.shape)) % 3 == 0), 1.0, np.nan)
+    width, title = PAGE / 2 - LEFT - RIGHT, f"{words.quantity.capitalize()}, filled where unknown"
+    height = width * (box[3] - box[2]) / (box[1] - box[0])
+    panel = Panel(
+        (LEFT, TOP, width, max(height, FLATTEST)), Scale(*box[:2]), Scale(*box[2:]),
+        (Image(values, box, "cividis", low, high), Image(hatch, box, "vermillion")), words.place,
+        f"y [{run.geometry.place_unit}]", f"{words.quantity}, dense", grid="", equal=height >= FLATTEST,
+    )  # fmt: skip
+    drawn = Picture(
+        title, title, (PAGE / 2, panel.bottom + BELOW),
+        (panel, colour_bar(panel, low, high, "cividis", words.symbol)),
+    )  # fmt: skip
+    key = box_key(f"hatched: filled from known ones, not measured ({100 * filled.mean():.2g} %)", "vermillion")
+    return beside("depth-dense", title, (drawn,), [key])
+
+
+def _box(run: Depths) -> tuple[tuple[float, float, float, float], slice]:
+    """Ends of a map, and its rows upwards: pictures' may run downwards, a panel's go upwards."""
+    x, y = run.x_ml[0, :, 0], run.x_ml[:, 0, 1]
+    dx, dy = float(x[1] - x[0]) / 2, abs(float(y[1] - y[0])) / 2
+    box = float(x[0]) - dx, float(x[-1]) + dx, float(y.min()) - dy, float(y.max()) + dy
+    return box, slice(None, None, 1 if y[-1] > y[0] else -1)
 
 
 class _Words(NamedTuple):
@@ -300,4 +328,6 @@ def depth_pictures(trial: Measurement, plane: EpipolarPlane, reasons: dict[int, 
     shown = {"map": _depth_map(trial, reasons), "profile": profile(trial)}
     if np.isfinite(trial.true).any():
         shown["errors"] = _errors(trial)
+    if not trial.first.measured.all():
+        shown["dense"] = _dense_map(trial)
     return shown | {"epi": _epipolar(plane, trial.first.geometry.place_unit == "mm")}
