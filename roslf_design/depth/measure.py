@@ -827,7 +827,8 @@ def _predict(
             wide = camera["aperture.diameter"] * math.sqrt(abs(np.linalg.det(image[n])))
             images = MicrolensImages(camera.replace({"aperture.diameter": wide}), [place])
             each = disparity_sigma(images, plane_seen._replace(disparity=bends))[0]
-            disparity[n] = np.mean((np.linalg.norm(pupil[n] @ ways, axis=0) / each) ** 2) ** -0.5
+            sharp = math.sqrt(float(np.mean((np.linalg.norm(pupil[n] @ ways, axis=0) / each) ** 2)))
+            disparity[n] = 1 / sharp if sharp else math.inf
             depth[n] = float(sigma_of(camera, z, disparity[n]))
     return Prediction(row, column, disparity, depth)
 

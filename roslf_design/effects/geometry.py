@@ -81,7 +81,8 @@ def _blur_on_mla(c: Camera, distance: float, place: float = 0.0) -> float:
     """
     bore = max(float(c.fap.ruler_distance), 0.0)
     if distance <= bore:
-        fault = f"{distance:g} mm is not beyond the bore's end at {bore:g} mm; move the object out"
+        ahead = f"the aperture at d_3 = {bore:g} mm" if c.fap.ruler_distance >= 0 else "the main lens"
+        fault = f"{distance:g} mm is not beyond {ahead}; move the object out"
         raise InputError((Problem("object distance", fault),))
     apparent = c.plane(distance).distance
     middle = float(np.abs(c.seen.D_F * c.seen.d_1 / c.seen.d_f * (c.seen.d_f - apparent) / (apparent - c.seen.d_3)))

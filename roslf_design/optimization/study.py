@@ -98,10 +98,11 @@ class StudyTable(StrictTable):
                 continue
             if variable.min == 0 and not name.endswith(("d_3", "distance")):
                 yield Problem(f"variables.{name}", "min must be greater than zero")
-            if variable.min < 0 and PATHS.get(name, name) != PATHS["d_3"]:
+            behind = PATHS.get(name, name) == PATHS["d_3"] and design.d_3 < 0
+            if variable.min < 0 and not behind:
                 ends = f"{variable.min:g} and {variable.max:g} mm"
                 if not DIVERGES.fullmatch(name):
-                    message = "min must not be negative; only an element's focal length may be, a radius, or d_3"
+                    message = "min must not be negative; only an element's focal length may be, a radius, or d_3 behind the lens"
                     yield Problem(f"variables.{name}", message)
                 elif variable.max >= 0:
                     yield Problem(f"variables.{name}", f"bounds {ends} hold 0 between them; keep to one sign")

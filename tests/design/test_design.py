@@ -13,6 +13,7 @@ from roslf_design.design import (
     Light,
     MainLens,
     MicrolensArray,
+    Pupil,
     Sensor,
     Stop,
     dumps,
@@ -75,7 +76,7 @@ def test_toml_json_pickle_round_trips(design):
         design,
         lambda d: loads(dumps(d)),
         lambda d: Design.model_validate_json(d.model_dump_json()),
-        lambda d: eval(repr(d)),
+        lambda d: eval(repr(d), globals() | {"Pupil": Pupil}),
     )
     assert design.replace() == design
 

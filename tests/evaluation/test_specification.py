@@ -285,7 +285,8 @@ def test_lines_of_one_sheet_agree_and_depths_are_those_of_evaluate(focal_plane):
     spreads = sheet.depth_precision.spreads
     assert [(row.plane, row.at_mm) for row in spreads] == [*ends, ends[1], ends[1]]
     assert spreads[1].sigma_z_mm == told.depth.sigma_z_mm
-    assert [row.sigma_z_mm for row in spreads[3:]] == [field.sigma_z_mm for field in told.fields[1:]]
+    # Noises that are weighed side by side may round in another last digit.
+    assert [row.sigma_z_mm for row in spreads[3:]] == pytest.approx([f.sigma_z_mm for f in told.fields[1:]], rel=1e-15)
     assert spreads[0].sigma_z_mm < spreads[1].sigma_z_mm < spreads[2].sigma_z_mm
     assert sheet.depth_precision.assumes == told.depth.assumes
     for row in sheet.resolution:

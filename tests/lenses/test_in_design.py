@@ -63,10 +63,10 @@ def shared(design: Design) -> None:
         assert again == design
         assert hash(again) == hash(design)
     names = {"Design": Design, "Prescription": Prescription, "Surface": Surface}
-    from roslf_design.design import Light, MainLens, MicrolensArray, Sensor, Stop
+    from roslf_design.design import Light, MainLens, MicrolensArray, Pupil, Sensor, Stop
     from roslf_design.lenses.glass import Glass, Warming
 
-    parts = (Light, MainLens, MicrolensArray, Sensor, Stop, Glass, Warming)
+    parts = (Light, MainLens, MicrolensArray, Pupil, Sensor, Stop, Glass, Warming)
     names |= {part.__name__: part for part in parts} | {"inf": np.inf}
     assert eval(repr(design), names) == design
 

@@ -10,7 +10,7 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
-from roslf_design.reporting.sheet.lines import lines
+from roslf_design.reporting.sheet.lines import basis
 from roslf_design.theory.field_of_view import focus_ahead
 from roslf_design.theory.quantities import QUANTITIES, _register, in_words, quantity_named
 from roslf_design.theory.quantity import Listed, Quantity
@@ -96,7 +96,7 @@ def test_one_entry_is_seen_in_evaluate_and_on_the_data_sheet(monkeypatch):
     assert result.sampling.twice_the_distance_mm == 2 * ahead
     assert result.to_dict()["sampling"]["twice_the_distance_mm"] == 2 * ahead
     assert re.search(r"twice the distance +460 mm +of the focal plane", str(result))
-    rows = [line for line in lines(design, roslf.specification(design)) if line.name.startswith("twice the distance")]
+    rows = [line for line in basis(design).rows if line.name.startswith("twice the distance")]
     places = [float(line.name.split()[4]) for line in rows]
     assert [line.value for line in rows] == pytest.approx([2 * place for place in places], rel=1e-3)
     assert [line.quantity for line in rows] == ["", entry.name, ""]
