@@ -102,7 +102,7 @@ class StudyTable(StrictTable):
             if variable.min < 0 and not behind:
                 ends = f"{variable.min:g} and {variable.max:g} mm"
                 if not DIVERGES.fullmatch(name):
-                    message = "min must not be negative; only an element's focal length may be, a radius, or d_3 behind the lens"
+                    message = "min must not be negative; only an element's focal length may be, or a radius"
                     yield Problem(f"variables.{name}", message)
                 elif variable.max >= 0:
                     yield Problem(f"variables.{name}", f"bounds {ends} hold 0 between them; keep to one sign")
