@@ -15,7 +15,8 @@ from .calibration.outcome import calibrated
 from .depth.captured import MeasuredCapture
 from .depth.decoded import Decoded, DecodeOptions, decoded
 from .depth.from_files import CaptureOptions, captured
-from .depth.measure import PictureOptions, Trial, simulate
+from .depth.measure import Trial, simulate
+from .depth.pictures import PictureOptions
 from .design import Design
 from .design.files import as_design
 from .imaging.render import RawImage

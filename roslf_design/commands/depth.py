@@ -15,7 +15,8 @@ from pydantic import Field
 from ..calibration.frames import SUFFIXES
 from ..depth.captured import MeasuredCapture
 from ..depth.from_files import CaptureOptions, captured
-from ..depth.measure import REASONS, Measurement, PictureOptions, Trial, Work, simulate
+from ..depth.measure import REASONS, Measurement, Trial, simulate
+from ..depth.pictures import PictureOptions, Work
 from ..depth.view_files import MATLAB
 from ..design import load, preset_names
 from ..drawing.picture import Picture

@@ -21,7 +21,8 @@ from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.photometry import dark_variance, electrons
 from .estimate import DisparityMap, PixelNoise, Start
 from .geometry import ArrayGeometry, GridGeometry, ViewGeometry
-from .measure import POINTS, Depths, Measurement, lattice_of, measure, sampled, search_about
+from .measure import POINTS, Depths, Measurement, measure, sampled, search_about
+from .pictures import lattice_of
 
 FULL = 0.98
 """Share of the full well from which a pixel counts as saturated: interpolation mixes it with its neighbours."""
@@ -225,7 +226,8 @@ def _measured_wide(
     begun : Start, optional
         Of an earlier measurement with that search.
     """
-    run = measure(geometry, field, noise, search=search, begun=begun)
+    viewing = geometry.viewing(field)
+    run = measure(geometry, field, noise, search=search, begun=begun, viewing=viewing)
     farthest = 0.5 * max(field.values.shape[2:]) * abs(float(field.u[1] - field.u[0]))
     for _ in range(0 if fixed else WIDER):
         low, high = search
@@ -234,7 +236,7 @@ def _measured_wide(
         wider = max(low - width * below, -farthest), min(high + width * above, farthest)
         if wider == search or not wider[0] < wider[1]:
             break
-        search, run = wider, measure(geometry, field, noise, search=wider)
+        search, run = wider, measure(geometry, field, noise, search=wider, viewing=viewing)
     return run
 
 

@@ -43,7 +43,7 @@ from .captured import (
 from .estimate import Start
 from .geometry import ArrayGeometry, GridGeometry, ViewGeometry
 from .measure import LEAST, Depths, search_about
-from .unmixing import flat_fielded
+from .unmixing import ViewLight
 from .view_files import is_views, read_pfm, read_views
 from .view_order import in_order
 
@@ -206,7 +206,7 @@ def _raw(capture: _Capture, progress: Callable[[str], None]) -> MeasuredCapture:
     if min(len(field.u), len(field.v)) < LEAST:
         raise capture.refused(f"holds fewer than {LEAST} x {LEAST} microlens images")
     if options.white is None:
-        field = flat_fielded(camera, field)
+        field = ViewLight(camera, field).flat_fielded()
     if not float(field.values.max(initial=0.0)) > 0:
         raise capture.refused("is black; expose more, or check which file it is")
     noise = raw_noise(camera, raw.pixels, raw.notes, field)

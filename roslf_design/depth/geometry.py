@@ -23,7 +23,7 @@ from ..theory.length_covariance import LengthCovariance
 from ..theory.light_field import depth_sigma, epi_slope, rim_disparity
 from .estimate import DisparityMap
 from .traced_views import TracedViews
-from .unmixing import in_phase, places_on_array, without_crosstalk
+from .unmixing import ViewLight, places_on_array
 from .view_files import CameraGrid
 
 NEGLIGIBLE = 0.05
@@ -116,6 +116,16 @@ class _PreparedViews(NamedTuple):
     aside: NDArray[np.floating] | None = None
 
 
+class Viewing(Protocol):
+    """How the views of decoded light fields look."""
+
+    def prepared(self, field: LightField) -> _PreparedViews:
+        """A light field with its views' own light, and where they look from."""
+
+    def at_phase(self, views: _PreparedViews, found: DisparityMap) -> _PreparedViews | None:
+        """Views as texture at the disparities found shows itself to them; None where they do not differ."""
+
+
 class ViewGeometry(Protocol):
     """Geometry that turns the disparities of a light field into depths."""
 
@@ -131,11 +141,8 @@ class ViewGeometry(Protocol):
     def window(self) -> int:
         """Microlenses, or pixels of views, that are matched together."""
 
-    def prepared(self, field: LightField) -> _PreparedViews:
-        """A decoded light field with its views' own light, and where they look from."""
-
-    def at_phase(self, views: _PreparedViews, found: DisparityMap) -> _PreparedViews | None:
-        """Views as texture at the disparities found shows itself to them; None where they do not differ."""
+    def viewing(self, like: LightField) -> Viewing:
+        """How the views of light fields look that were decoded as this one."""
 
     def places(self, field: LightField) -> Array:
         """Where the microlenses stand [mm on the array], or pixels of views [px], shape (v, u, 2)."""
@@ -183,26 +190,9 @@ class ArrayGeometry:
             return None
         return TracedViews(self.design, self.camera, self.depth)
 
-    def prepared(self, field: LightField) -> _PreparedViews:
-        """Freed of neighbours' light; looking as lens and elements make them."""
-        own = without_crosstalk(self.camera, field, self.traced)
-        if self.traced is None:
-            return _PreparedViews(*own)
-        pupil, aside = self.traced.sight(own.field, own.pupil)
-        beside = own.aside if own.aside.ndim > 3 else own.aside[..., None, None]
-        return _PreparedViews(own.field, pupil, aside + beside)
-
-    def at_phase(self, views: _PreparedViews, found: DisparityMap) -> _PreparedViews | None:
-        """By the phases of each view's light, and of what is left of its neighbours', as by first order."""
-        known = found.measured
-        if not known.any():
-            return None
-        filled = np.where(known, found.disparity, np.median(found.disparity[known]))
-        least = NEGLIGIBLE * float(np.median(found.sigma[known]))
-        aside = np.zeros_like(views.pupil) if views.aside is None else views.aside
-        smooth = ndimage.median_filter(filled, SMOOTHED)
-        turned = in_phase(self.camera, views.field, views.pupil, aside, smooth, least, self.traced)
-        return None if turned is None else _PreparedViews(*turned)
+    def viewing(self, like: LightField) -> Viewing:
+        """By each view's own light."""
+        return _ArrayViewing(ViewLight(self.camera, like, self.traced), self.traced)
 
     def places(self, field: LightField) -> Array:
         """Places on the array [mm]."""
@@ -229,6 +219,39 @@ class ArrayGeometry:
         return sigma
 
 
+@dataclass(frozen=True, eq=False)
+class _ArrayViewing:
+    """Viewing behind microlenses."""
+
+    light: ViewLight
+    traced: TracedViews | None
+
+    @cached_property
+    def _looks(self) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
+        """Where views look from and by how much aside, as lens and elements make them."""
+        pupil, aside = self.light.looks
+        if self.traced is None:
+            return pupil, aside
+        seen, beside = self.traced.sight(self.light.like, pupil)
+        return seen, beside + (aside if aside.ndim > 3 else aside[..., None, None])
+
+    def prepared(self, field: LightField) -> _PreparedViews:
+        """Freed of neighbours' light."""
+        return _PreparedViews(self.light.without_crosstalk(field), *self._looks)
+
+    def at_phase(self, views: _PreparedViews, found: DisparityMap) -> _PreparedViews | None:
+        """By the phases of each view's light, and of what is left of its neighbours'."""
+        known = found.measured
+        if not known.any():
+            return None
+        filled = np.where(known, found.disparity, np.median(found.disparity[known]))
+        least = NEGLIGIBLE * float(np.median(found.sigma[known]))
+        aside = np.zeros_like(views.pupil) if views.aside is None else views.aside
+        smooth = ndimage.median_filter(filled, SMOOTHED)
+        turned = self.light.in_phase(views.field, views.pupil, aside, smooth, least)
+        return None if turned is None else _PreparedViews(*turned)
+
+
 @dataclass(frozen=True)
 class GridGeometry:
     """Geometry of views side by side; disparities between the outermost, and one step beyond."""
@@ -244,6 +267,10 @@ class GridGeometry:
     def unit(self) -> Unit:
         """Unit of depths."""
         return "px" if self.grid is None else "mm"
+
+    def viewing(self, like: LightField) -> Viewing:
+        """As cameras stand."""
+        return self
 
     def prepared(self, field: LightField) -> _PreparedViews:
         """As it is: cameras to the right see near points further left."""

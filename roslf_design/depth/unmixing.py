@@ -10,8 +10,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import replace
-from functools import partial
+from dataclasses import dataclass, replace
+from dataclasses import field as dataclass_field
+from functools import cached_property, partial
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -86,36 +87,6 @@ class TracedLens(Protocol):
         """
 
 
-def _parts(
-    camera: Camera, field: LightField, real: TracedLens | None
-) -> tuple[NDArray[np.intp], NDArray[np.intp], ImageParts]:
-    """Light of microlenses at some rows and columns of a light field; of one where all are alike."""
-    places = places_on_array(camera, field)
-    rows, columns = _nodes(camera, places, real)
-    return rows, columns, _parts_at(panchromatic(camera), places[np.ix_(rows, columns)].reshape(-1, 2), field, real)
-
-
-def flat_fielded(camera: Camera, field: LightField) -> LightField:
-    """A light field that was decoded without a white image, as with the one that the camera should give.
-
-    Parameters
-    ----------
-    camera : Camera
-        One build, which took it.
-    field : LightField
-        Its u and v count microlenses from the array's centre.
-    """
-    rows, columns, parts = _parts(camera, field, None)
-    total = parts.light.sum(0)
-    lenses = field if field.hexagonal is None else field.hexagonal
-    spread = _Map.of(rows, columns, (len(field.v), len(field.u)), lenses.values.shape[2:])
-    light = spread(np.moveaxis(total / total.max(initial=1e-30), 0, -1))
-    lit = light > DARKEST
-    gain = np.divide(1, light, out=np.zeros_like(light), where=lit)
-    values, weight = lenses.values * gain, np.asarray(lenses.weight * np.where(lit, light, 0), np.float32)
-    return _with(field, values, weight)
-
-
 class _OwnLight(NamedTuple):
     """A light field with each microlens's own light alone, and where that comes from."""
 
@@ -129,132 +100,208 @@ class _OwnLight(NamedTuple):
     [pitches]: of the same shape."""
 
 
-def without_crosstalk(camera: Camera, field: LightField, real: TracedLens | None = None) -> _OwnLight:
-    """A decoded light field with each microlens's own light alone.
+class _Freeing(NamedTuple):
+    """Way from samples to what their own microlens alone sends them."""
 
-    Parameters
-    ----------
-    camera : Camera
-        One build, which took it.
-    field : LightField
-        Its u and v count microlenses from the array's centre.
-    real : TracedLens, optional
-        None of an ideal one.
+    usable: NDArray[np.bool_]
+    """Samples that have enough own light anywhere, shape (t, s)."""
+    share: NDArray[np.float32]
+    """Own share of their light, shape (sample, v, u), or (sample, 1, 1)."""
+    ways: list[_Mixing]
+    """Strong and faint light of neighbours."""
+    maps: _Map
+    start: NDArray[np.intp]
+    """Of each row of lenses, its first."""
+
+
+@dataclass(frozen=True, eq=False)
+class ViewLight:
+    """Light of a camera's views: how much of it is of each microlens's own, and where on the FAP that comes from.
+
+    The same in all pictures that a camera takes, whatever is bright in them.
     """
-    rows, columns, parts = _parts(camera, field, real)
-    height, width = len(field.v), len(field.u)
-    own = parts.steps.index((0, 0))
-    shares = _shares(parts.light)
-    hexagonal = field.hexagonal
-    lenses = field if hexagonal is None else hexagonal
-    size = (lenses.values.shape[2], lenses.values.shape[3])
-    start = (
-        np.zeros(size[0], int) if hexagonal is None else np.rint(hexagonal.starts - field.v / math.sqrt(3)).astype(int)
-    )
-    maps = _Map.of(rows, columns, (height, width), size)
-    mixed = parts
-    if (read := _each_between(camera, field, parts)) is not None:
-        mixed, maps = read
-        shares = _shares(mixed.light)
-    mine = maps(np.moveaxis(shares[own], 0, -1))
-    values, weight = np.zeros_like(lenses.values, np.float32), np.zeros_like(lenses.weight, np.float32)
-    usable = np.asarray((mine > LEAST).any((2, 3)))
-    if usable.any():
-        share, light = mine[usable], lenses.weight[usable]
-        gain = np.divide(1, share, out=np.zeros(light.shape, np.float32), where=(share > LEAST) & (light > 0))
-        ways = [_Mixing.of(mixed, shares, own, usable, faint) for faint in (False, True)]
-        values[usable] = _freed(np.asarray(lenses.values[usable], np.float32), gain, ways, maps, start)
-        weight[usable] = np.where(gain > 0, light * share**2, 0)
-    over_view = _Map.of(rows, columns, (height, width), (height, width))
-    side = math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
-    pupil = np.float32(side) * np.stack([over_view(np.moveaxis(axis[own], 0, -1)) for axis in (parts.x, parts.y)])
-    aside = over_view(_aside(camera, field, rows, columns, parts.light[own]))
-    if rows.size == 1:
-        pupil, aside = pupil[..., 0, 0], aside[..., 0, 0]
-    return _OwnLight(_with(field, values, weight), pupil, aside)
+
+    camera: Camera
+    """One build, which takes them."""
+    like: LightField
+    """One of them, of which its places count; u and v count microlenses from the array's centre."""
+    real: TracedLens | None = None
+    """None of an ideal one."""
+    _phases: dict[int, _Phases] = dataclass_field(default_factory=dict)
+    """By nodes along each axis, as they are asked for."""
+
+    @cached_property
+    def parts(self) -> tuple[NDArray[np.intp], NDArray[np.intp], ImageParts]:
+        """`ImageParts` of microlenses at some rows and columns of views; of one where all are alike."""
+        rows, columns = _nodes(self.camera, self.places, self.real)
+        places = self.places[np.ix_(rows, columns)].reshape(-1, 2)
+        return rows, columns, _parts_at(panchromatic(self.camera), places, self.like, self.real)
+
+    @cached_property
+    def places(self) -> NDArray[np.float64]:
+        """Places of the microlenses on the array, shape (v, u, 2) [mm]."""
+        return places_on_array(self.camera, self.like)
+
+    @property
+    def side(self) -> float:
+        """1, or -1 where the scene is turned round on the FAP."""
+        return math.copysign(1.0, float(self.camera.seen.A) * float(self.camera.seen.D_F))
+
+    @cached_property
+    def _freeing(self) -> _Freeing:
+        rows, columns, parts = self.parts
+        field, own, shares = self.like, parts.steps.index((0, 0)), _shares(parts.light)
+        lenses = field if field.hexagonal is None else field.hexagonal
+        size = (lenses.values.shape[2], lenses.values.shape[3])
+        start = np.zeros(size[0], int)
+        if field.hexagonal is not None:
+            start = np.rint(field.hexagonal.starts - field.v / math.sqrt(3)).astype(int)
+        maps = _Map.of(rows, columns, (len(field.v), len(field.u)), size)
+        mixed = parts
+        if (read := _each_between(self.camera, field, parts)) is not None:
+            mixed, maps = read
+            shares = _shares(mixed.light)
+        mine = maps(np.moveaxis(shares[own], 0, -1))
+        usable = np.asarray((mine > LEAST).any((2, 3)))
+        ways = [_Mixing.of(mixed, shares, own, usable, faint) for faint in (False, True)] if usable.any() else []
+        return _Freeing(usable, mine[usable], ways, maps, start)
+
+    @cached_property
+    def looks(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """`_OwnLight.pupil` and `aside` by first order."""
+        rows, columns, parts = self.parts
+        own, size = parts.steps.index((0, 0)), (len(self.like.v), len(self.like.u))
+        over_view = _Map.of(rows, columns, size, size)
+        pupil = np.float32(self.side) * np.stack(
+            [over_view(np.moveaxis(axis[own], 0, -1)) for axis in (parts.x, parts.y)]
+        )
+        aside = over_view(_aside(self.camera, self.like, rows, columns, parts.light[own]))
+        return (pupil[..., 0, 0], aside[..., 0, 0]) if rows.size == 1 else (pupil, aside)
+
+    def flat_fielded(self) -> LightField:
+        """`like`, decoded without a white image, as with the one that the camera should give."""
+        rows, columns, parts = self.parts
+        field, total = self.like, parts.light.sum(0)
+        lenses = field if field.hexagonal is None else field.hexagonal
+        spread = _Map.of(rows, columns, (len(field.v), len(field.u)), lenses.values.shape[2:])
+        light = spread(np.moveaxis(total / total.max(initial=1e-30), 0, -1))
+        lit = light > DARKEST
+        gain = np.divide(1, light, out=np.zeros_like(light), where=lit)
+        values, weight = lenses.values * gain, np.asarray(lenses.weight * np.where(lit, light, 0), np.float32)
+        return _with(field, values, weight)
+
+    def without_crosstalk(self, field: LightField) -> LightField:
+        """A light field with each microlens's own light alone; weights are those of samples with as much noise."""
+        usable, share, ways, maps, start = self._freeing
+        lenses = field if field.hexagonal is None else field.hexagonal
+        values, weight = np.zeros_like(lenses.values, np.float32), np.zeros_like(lenses.weight, np.float32)
+        if usable.any():
+            light = lenses.weight[usable]
+            gain = np.divide(1, share, out=np.zeros(light.shape, np.float32), where=(share > LEAST) & (light > 0))
+            values[usable] = _freed(np.asarray(lenses.values[usable], np.float32), gain, ways, maps, start)
+            weight[usable] = np.where(gain > 0, light * share**2, 0)
+        return _with(field, values, weight)
+
+    def in_phase(
+        self, field: LightField, pupil: NDArray[np.floating], aside: NDArray[np.floating],
+        disparity: NDArray[np.float64], least: float,
+    ) -> _OwnLight | None:  # fmt: skip
+        """Views taken to look from where the phase of their light says; None where that makes no difference.
+
+        A texture of f periods a pitch at disparity B has nu = f B periods across the FAP. A view shows it turned by the
+        phase that its light has at nu: the mean place where nu is small, farther out where it is not, as the light of
+        outer views is skew; and what is wrong with the light taken off as neighbours' turns it as well. Both follow,
+        wave by wave, from taking neighbours' light off what microlenses show of single waves. Most of it is a place to
+        look from: how fast what a view shows moves with disparity, about that of each microlens, and what is left aside
+        of that. Filters take the rest out of the views, which then show all waves as strongly as each other, too.
+
+        Parameters
+        ----------
+        field, pupil, aside
+            Views' own light as of `without_crosstalk`, by mean places; or as a real lens has these.
+        disparity : ndarray, shape (v, u)
+            Found with them [pitches].
+        least : float
+            Error of those, on average, that makes no difference [pitches].
+        """
+        low, high = (float(np.quantile(disparity, part)) for part in (0.01, 0.99))
+        step = max(DISPARITIES, (high - low) / MOST_DISPARITIES)
+        step = DISPARITIES * math.ceil(step / DISPARITIES - 1e-9)
+        counted = range(math.floor(low / step) - 1, math.ceil(high / step) + 2)
+        samples = len(counted) * self.parts[2].light[0, 0].size
+        most = min(COARSE, max(2, int(math.sqrt(MOST_FILTERS / samples))))
+        if most not in self._phases:
+            self._phases[most] = _Phases.of(self, most)
+        phases = self._phases[most]
+        rows, columns, freed = phases.rows, phases.columns, phases.freed
+        offset, kernels = phases.at([step * k for k in counted])
+        nodes, disparities = rows.size * columns.size, step * np.array(counted)
+        slope = np.diff(offset, axis=0) / step
+        rest = offset[:-1] - disparities[:-1, None, None, None] * slope
+        # By mean places disparities come out wrong, by so much.
+        lever = freed.weight * freed.pupil
+        told = np.einsum("davn,avn->d", offset, lever) / max(float((lever * freed.pupil).sum()), 1e-12)
+        count = disparities.size
+        at = np.interp(disparity, np.maximum.accumulate(disparities + told), np.arange(count))
+        if np.abs(np.interp(at, np.arange(count), told)).mean() < least:
+            return None
+        over_view = _Map.of(rows, columns, disparity.shape, disparity.shape)
+        below = np.minimum(at.astype(int), count - 2)
+        if below.size * freed.usable.size > MOST_PLACES:
+            below = np.full_like(below, int(np.median(below)))
+
+        def spread(values: NDArray[np.float64]) -> NDArray[np.float32]:
+            every = np.zeros((*values.shape[:2], *freed.usable.shape, nodes))
+            every[:, :, freed.usable] = values
+            if nodes == 1 and not np.ptp(below):
+                return every[below[0, 0], ..., 0].astype(np.float32)
+            if nodes == 1:
+                return np.moveaxis(every[below, ..., 0], (0, 1), (-2, -1)).astype(np.float32)
+            out = over_view(every[0])
+            for k in range(1, count - 1):
+                out = np.where(below == k, over_view(every[k]), out)
+            return out
+
+        near = [
+            np.stack([np.interp(np.arange(n), nodes, one) for one in np.eye(nodes.size)])
+            for nodes, n in ((rows, at.shape[0]), (columns, at.shape[1]))
+        ]
+        field = _filtered(field, freed.usable, kernels, at, near)
+        return _OwnLight(field, _sum(pupil, spread(slope)), _sum(aside, spread(rest)))
 
 
-def in_phase(
-    camera: Camera, field: LightField, pupil: NDArray[np.floating], aside: NDArray[np.floating],
-    disparity: NDArray[np.float64], least: float, real: TracedLens | None = None,
-) -> _OwnLight | None:  # fmt: skip
-    """Views taken to look from where the phase of their light says; None where that makes no difference.
+class _Phases(NamedTuple):
+    """What views show of waves against where their mean places do, at some microlenses."""
 
-    A texture of f periods a pitch at disparity B has nu = f B periods across the FAP. A view shows it turned by the
-    phase that its light has at nu: the mean place where nu is small, farther out where it is not, as the light of outer
-    views is skew; and what is wrong with the light taken off as neighbours' turns it as well. Both follow, wave by
-    wave, from taking neighbours' light off what microlenses show of single waves. Most of it is a place to look from:
-    how fast what a view shows moves with disparity, about that of each microlens, and what is left aside of that.
-    Filters take the rest out of the views, which then show all waves as strongly as each other, too.
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
+    freed: _FreedWaves
+    waves: _Waves
+    worked_out: dict[float, tuple[NDArray[np.float64], NDArray[np.float32]]]
+    """By disparity, as they are asked for."""
 
-    Parameters
-    ----------
-    camera : Camera
-        One build, which took the light field.
-    field, pupil, aside
-        Views' own light as of `without_crosstalk`, by mean places; or as a real lens has these.
-    disparity : ndarray, shape (v, u)
-        Found with them [pitches].
-    least : float
-        Error of those, on average, that makes no difference [pitches].
-    real : TracedLens, optional
-        None of an ideal one.
-    """
-    low, high = (float(np.quantile(disparity, part)) for part in (0.01, 0.99))
-    step = max(DISPARITIES, (high - low) / MOST_DISPARITIES)
-    disparities = np.asarray(step * np.arange(math.floor(low / step) - 1, math.ceil(high / step) + 2), np.float64)
-    rows, columns, parts = _parts(camera, field, real)
-    most = min(COARSE, max(2, int(math.sqrt(MOST_FILTERS / (disparities.size * parts.light[0, 0].size)))))
-    few, some = (
-        np.unique(np.linspace(0, at.size - 1, min(at.size, most)).round().astype(np.intp)) for at in (rows, columns)
-    )
-    nodes = (few[:, None] * columns.size + some).ravel()
-    rows, columns = rows[few], columns[some]
-    parts = ImageParts(parts.steps, *(part[:, nodes] for part in parts[1:]))
-    places = places_on_array(camera, field)[np.ix_(rows, columns)].reshape(-1, 2)
-    freed = _FreedWaves.of(MicrolensImages(panchromatic(camera), places), parts, field, real)
-    whole = nodes.size == 1
-    waves = _Waves.of(WAVES, field, PACKINGS[camera.layout].fold)
-    moved, kernels = [], []
-    for shown in freed.shown(waves.k, disparities):
-        off = waves.moved(shown)
-        moved.append(off)
-        kernels.append(waves.filters(shown, off))
-    offset = np.stack(moved)  # (disparity, axis, view, node)
-    if real is None:  # waves through an ideal lens show what lies aside as well, which is counted already
-        offset = offset - _aside(camera, field, rows, columns, parts.light[parts.steps.index((0, 0))])[:, freed.usable]
-    slope = np.diff(offset, axis=0) / step
-    rest = offset[:-1] - disparities[:-1, None, None, None] * slope
-    # By mean places disparities come out wrong, by so much.
-    lever = freed.weight * freed.pupil
-    told = np.einsum("davn,avn->d", offset, lever) / max(float((lever * freed.pupil).sum()), 1e-12)
-    count = disparities.size
-    at = np.interp(disparity, np.maximum.accumulate(disparities + told), np.arange(count))
-    if np.abs(np.interp(at, np.arange(count), told)).mean() < least:
-        return None
-    over_view = _Map.of(rows, columns, disparity.shape, disparity.shape)
-    below = np.minimum(at.astype(int), count - 2)
-    if below.size * freed.usable.size > MOST_PLACES:
-        below = np.full_like(below, int(np.median(below)))
+    @classmethod
+    def of(cls, light: ViewLight, most: int) -> _Phases:
+        """At so many nodes along each axis, at most."""
+        rows, columns, parts = light.parts
+        few, some = (
+            np.unique(np.linspace(0, at.size - 1, min(at.size, most)).round().astype(np.intp)) for at in (rows, columns)
+        )
+        nodes = (few[:, None] * columns.size + some).ravel()
+        parts = ImageParts(parts.steps, *(part[:, nodes] for part in parts[1:]))
+        freed = _FreedWaves.of(light, rows[few], columns[some], parts)
+        return cls(
+            rows[few], columns[some], freed, _Waves.of(WAVES, light.like, PACKINGS[light.camera.layout].fold), {}
+        )
 
-    def spread(values: NDArray[np.float64]) -> NDArray[np.float32]:
-        every = np.zeros((*values.shape[:2], *freed.usable.shape, nodes.size))
-        every[:, :, freed.usable] = values
-        if whole and not np.ptp(below):
-            return every[below[0, 0], ..., 0].astype(np.float32)
-        if whole:
-            return np.moveaxis(every[below, ..., 0], (0, 1), (-2, -1)).astype(np.float32)
-        out = over_view(every[0])
-        for k in range(1, count - 1):
-            out = np.where(below == k, over_view(every[k]), out)
-        return out
-
-    near = [
-        np.stack([np.interp(np.arange(n), nodes, one) for one in np.eye(nodes.size)])
-        for nodes, n in ((rows, at.shape[0]), (columns, at.shape[1]))
-    ]
-    field = _filtered(field, freed.usable, np.stack(kernels), at, near)
-    return _OwnLight(field, _sum(pupil, spread(slope)), _sum(aside, spread(rest)))
+    def at(self, disparities: list[float]) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
+        """How far views look past their mean places [pitches], shape (disparity, axis, view, node), and filters."""
+        new = [b for b in disparities if b not in self.worked_out]
+        for b, shown in zip(new, self.freed.shown(self.waves.k, np.array(new)) if new else (), strict=True):
+            off = self.waves.moved(shown)
+            self.worked_out[b] = off, self.waves.filters(shown, off)
+        offsets, kernels = zip(*(self.worked_out[b] for b in disparities), strict=True)
+        return np.stack(offsets), np.stack(kernels)
 
 
 def _sum(one: NDArray[np.floating], other: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -267,6 +314,7 @@ def _sum(one: NDArray[np.floating], other: NDArray[np.float32]) -> NDArray[np.fl
 class _FreedWaves(NamedTuple):
     """Waves as views show them once neighbours' light was taken off as `without_crosstalk` does it."""
 
+    light: ViewLight
     images: MicrolensImages
     usable: NDArray[np.bool_]
     """Views that have own light at any node, shape (t, s)."""
@@ -275,40 +323,40 @@ class _FreedWaves(NamedTuple):
     mixing: _Mixing
     pupil: NDArray[np.float64]
     """Mean places on the FAP, shape (2, view, node)."""
+    aside: NDArray[np.float64]
+    """As of `ViewLight.looks`, likewise."""
     weight: NDArray[np.float64]
     """Light that tells, shape (view, node)."""
-    field: LightField
-    real: TracedLens | None
 
     @classmethod
-    def of(cls, images: MicrolensImages, parts: ImageParts, field: LightField, real: TracedLens | None) -> _FreedWaves:
+    def of(cls, light: ViewLight, rows: NDArray[np.intp], columns: NDArray[np.intp], parts: ImageParts) -> _FreedWaves:
+        """Of microlenses at some rows and columns of views."""
+        camera = panchromatic(light.camera)
+        images = MicrolensImages(camera, light.places[np.ix_(rows, columns)].reshape(-1, 2))
         own = parts.steps.index((0, 0))
         total, shares = parts.light.sum(0), _shares(parts.light)
         usable = (shares[own] > LEAST).any(0)
         share = shares[own][:, usable].T
         gain = np.divide(1.0, share, out=np.zeros_like(share), where=share > LEAST)
         mixing = _Mixing.of(parts, shares, own, usable, None)
-        camera = images.camera
-        side = math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
-        pupil = side * np.stack([axis[own][:, usable].T for axis in (parts.x, parts.y)])
+        pupil = light.side * np.stack([axis[own][:, usable].T for axis in (parts.x, parts.y)])
+        aside = _aside(light.camera, light.like, rows, columns, parts.light[own])[:, usable]
         weight = np.where(gain > 0, total[:, usable].T * share**2, 0.0)
-        return cls(images, usable, gain, mixing, pupil, weight, field, real)
+        return cls(light, images, usable, gain, mixing, pupil, aside, weight)
 
     def _raw(
         self, waves: NDArray[np.float64], disparities: NDArray[np.float64]
     ) -> Iterator[tuple[NDArray[np.complex128], NDArray[np.float64]]]:
         """Waves with neighbours' light (W, node, view), and where views look (2, view, node); of each disparity."""
-        field = self.field
-        if self.real is not None:
-            for raw, where in self.real.shown(field, self.images.fields, waves, disparities):
+        field, real = self.light.like, self.light.real
+        if real is not None:
+            for raw, where in real.shown(field, self.images.fields, waves, disparities):
                 yield raw[..., self.usable], where[..., self.usable].swapaxes(1, 2)
             return
-        camera = self.images.camera
-        side = math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
         s, t = field.s / field.pitch, field.t / field.pitch
-        every = waves_shown(self.images, s, t, waves, side * disparities, reading(field))
+        every = waves_shown(self.images, s, t, waves, self.light.side * disparities, reading(field))
         for raw, disparity in zip(every[..., self.usable], disparities.tolist(), strict=True):
-            yield raw, disparity * self.pupil
+            yield raw, disparity * self.pupil + self.aside
 
     def shown(self, waves: NDArray[np.float64], disparities: NDArray[np.float64]) -> Iterator[NDArray[np.complex128]]:
         """Waves, shape (W, 2), as views show them against where their mean places do, shape (W, view, node)."""

@@ -13,7 +13,8 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from ..camera import Camera
-from ..depth.measure import PictureOptions, Trial, region_about, simulate
+from ..depth.measure import Trial, simulate
+from ..depth.pictures import PictureOptions, region_about
 from ..design import Design
 from ..drawing.theme import short
 from ..errors import InputError, Problem

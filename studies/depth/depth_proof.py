@@ -23,17 +23,8 @@ from scipy import ndimage
 
 from roslf_design.camera import Camera
 from roslf_design.depth.geometry import ArrayGeometry, depth_of, disparity_of
-from roslf_design.depth.measure import (
-    DETAIL,
-    PictureOptions,
-    Trial,
-    _chief_rays,
-    _default_scene,
-    _rays_for,
-    _Unexposed,
-    region_about,
-    simulate,
-)
+from roslf_design.depth.measure import Trial, simulate
+from roslf_design.depth.pictures import DETAIL, PictureOptions, chief_rays, default_scene, region_about
 from roslf_design.design import Design, save
 from roslf_design.design.parts import MOST_CONTRAST
 from roslf_design.drawing.marks import Area, Dots, Line, Mark, box_key, dot_key
@@ -124,7 +115,7 @@ def view_of(name: str, camera: ProofCamera, scene: str, side: int | None = None)
         side = int(np.clip(round(WIDE / pitch), *SIDES))
     region = region_about(design, at, side)
     if scene == "slanted wall":
-        return View(_default_scene(design), region)
+        return View(default_scene(design), region)
     mouth = float(k.tip)
     ends = mouth + NEAREST * (design.d_f - mouth), mouth + FARTHEST * (design.d_f - mouth)
 
@@ -136,7 +127,7 @@ def view_of(name: str, camera: ProofCamera, scene: str, side: int | None = None)
         return float(k.d * object_scale(k, np.asarray(z - mouth)))
 
     def met(z: float) -> tuple[float, float]:
-        ray = _chief_rays(k, ArrayGeometry(design).traced, np.array([at]))[0]
+        ray = chief_rays(k, ArrayGeometry(design).traced, np.array([at]))[0]
         return float(ray[0] - ray[2] * z), float(ray[1] - ray[3] * z)
 
     def texture(z: float, seed: int) -> Noise:
@@ -172,11 +163,11 @@ def trials(
 ) -> Iterator[tuple[str, Trial]]:  # fmt: skip
     """What pictures of a scene tell, by light; the picture is rendered once, noise differs."""
     design = camera.design
-    rays = rays or _rays_for(Camera.of(design.thin_twin))
-    picture = _Unexposed.of(design, view.scene, view.region, seed=SEED, rays=rays)
+    trial = None
     for number, light in enumerate(lights):
-        options = PictureOptions(region=view.region, seed=SEED + number, exposures=exposures)
-        yield light, simulate(lit(design, LIGHTS[light]), view.scene, options, unexposed=picture)
+        options = PictureOptions(region=view.region, seed=SEED + number, exposures=exposures, rays=rays)
+        trial = simulate(lit(design, LIGHTS[light]), view.scene, options, again=trial)
+        yield light, trial
 
 
 def aside_of_edges(trial: Trial) -> NDArray[np.bool_]:

@@ -15,7 +15,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from roslf_design.depth.measure import PictureOptions, Trial, _default_scene, assumed, simulate
+from roslf_design.depth.measure import Trial, assumed, simulate
+from roslf_design.depth.pictures import PictureOptions, default_scene
 from roslf_design.design import Design, load
 from roslf_design.drawing.marks import Area, Dots, Line, Mark, box_key, dot_key, line_key
 from roslf_design.drawing.panel import Panel, Scale
@@ -76,7 +77,7 @@ def cases() -> dict[str, Case]:
 def scenes() -> dict[str, Scene]:
     """What they look at: the matched camera's own wall, and a step of 4 mm about the focal plane."""
     paper = load("paper")
-    wall = _default_scene(paper)
+    wall = default_scene(paper)
     first = wall.objects[0]
     assert isinstance(first, Plane)
     assert isinstance(first.texture, Noise)

@@ -22,7 +22,8 @@ import tifffile
 import roslf_design as roslf
 from roslf_design.calibration.options import PlanOptions, calibration_plan
 from roslf_design.camera import Camera
-from roslf_design.depth.measure import PictureOptions, simulate
+from roslf_design.depth.measure import simulate
+from roslf_design.depth.pictures import PictureOptions
 from roslf_design.design import Design, load
 from roslf_design.drawing.marks import Area, Dots, Line, Mark, Text, box_key, dot_key, line_key
 from roslf_design.drawing.panel import Panel, Scale

@@ -93,7 +93,7 @@ class LytroViews:
 
     def map_of(self, views: LightField, share: float = TRIED) -> DisparityMap:
         """Disparities, with the errors that a mismatch of this share of the median brightness makes."""
-        prepared, noise = self.geometry.prepared(views), PixelNoise(QUIET, QUIET * share)
+        prepared, noise = self.geometry.viewing(views).prepared(views), PixelNoise(QUIET, QUIET * share)
         return estimate_disparity(prepared.field, prepared.pupil, noise, search=self.search, window=self.window)
 
 
@@ -215,7 +215,7 @@ class Level(NamedTuple):
 def left_between(views: LytroViews, parts: int = 6, middle: slice = slice(2, 8)) -> list[Level]:
     """Rms by which the inner views differ from their mean once they lie on each other, by brightness; last row: all."""
     found = views.map_of(views.field)
-    pupil = views.geometry.prepared(views.field).pupil
+    pupil = views.geometry.viewing(views.field).prepared(views.field).pupil
     known = found.measured
     disparity = np.where(known, found.disparity, np.median(found.disparity[known]))
     rows, columns = np.indices(known.shape, dtype=float)

@@ -10,8 +10,9 @@ import roslf_design as roslf
 from roslf_design.calibration.decoding import Decoder, LightField, read_between
 from roslf_design.calibration.lattice import CentreLattice
 from roslf_design.camera import Camera
-from roslf_design.depth.measure import _default_scene, _Unexposed
-from roslf_design.depth.unmixing import without_crosstalk
+from roslf_design.depth.pictures import Framed, Unexposed, default_scene
+from roslf_design.depth.unmixing import ViewLight
+from roslf_design.imaging.camera import Region
 from roslf_design.theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 
 LENSES, FINE = 12, 16
@@ -80,10 +81,11 @@ def test_neighbours_light_is_taken_off_where_images_are_sharper_than_pixels(pitc
 
     def slant(of: LightField) -> float:
         """Slope over the FAP of what samples show of their neighbours on both sides, the estimator's bias."""
-        own = without_crosstalk(camera, of)
-        off, weight = (own.field.values - truth)[inner], own.field.weight[inner]
+        light = ViewLight(camera, of)
+        own = light.without_crosstalk(of)
+        off, weight = (own.values - truth)[inner], own.weight[inner]
         apart = (0.5 * (np.roll(truth, -1, 1) - np.roll(truth, 1, 1)))[3:-3, 3:-3]
-        at = own.pupil[0][:, :, None, None]
+        at = light.looks[0][0][:, :, None, None]
         return float((weight * off * at * apart).sum() / (weight * at**2 * apart**2).sum())
 
     assert abs(slant(field)) < 5e-4
@@ -99,7 +101,8 @@ def test_microlenses_of_the_margin_are_lit_however_many_pixels_they_have(monkeyp
     """Of coarse pitches, light that diffracts reaches less far than the margin: it was left dark, and measured so."""
     monkeypatch.setattr("roslf_design.imaging.transfer.LEAST_HALO", 24)
     design = roslf.load("paper")
-    shown = _Unexposed.of(design, _default_scene(design), (2280, 1520, 40, 40), rays=16).scene.pixels
+    scene, part = default_scene(design), Region(2280, 1520, 40, 40)
+    shown = Unexposed.of(design, scene, Framed.of(design, scene, part), rays=16).scene.pixels
     rim = np.concatenate([shown[:13], shown[-13:], shown[:, :13].T, shown[:, -13:].T], axis=1)
     cells = rim[:, : rim.shape[1] // 13 * 13].reshape(13, -1, 13).mean((0, 2))
     assert cells.min() > 0.5 * np.median(shown)

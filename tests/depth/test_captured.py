@@ -21,8 +21,9 @@ from roslf_design.cli import main
 from roslf_design.depth.captured import _noise_alike, on_array
 from roslf_design.depth.estimate import PixelNoise, estimate_disparity
 from roslf_design.depth.geometry import ArrayGeometry
-from roslf_design.depth.measure import PictureOptions, lattice_of, simulate
-from roslf_design.depth.unmixing import flat_fielded
+from roslf_design.depth.measure import simulate
+from roslf_design.depth.pictures import PictureOptions, lattice_of
+from roslf_design.depth.unmixing import ViewLight
 from roslf_design.depth.view_files import pfm_bytes, view_files
 from roslf_design.effects.waves import add_noise
 from roslf_design.imaging.camera import Region
@@ -230,7 +231,7 @@ def test_without_a_white_image_vignetting_is_the_designs(folder, design, trial):
     camera = Camera.of(design)
     lattice = lattice_of(camera, trial.raw.region)
     raw, white = (tifffile.imread(folder / f"{name}.tif") for name in ("raw", "white"))
-    with_white, without = decode(raw, lattice, white=white), flat_fielded(camera, decode(raw, lattice))
+    with_white, without = decode(raw, lattice, white=white), ViewLight(camera, decode(raw, lattice)).flat_fielded()
     np.testing.assert_array_equal(without.weight > 0, with_white.weight > 0)
     both = (with_white.weight > 0.3) & (without.weight > 0)
     ratio = without.values[both] / with_white.values[both]

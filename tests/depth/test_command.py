@@ -10,7 +10,7 @@ import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.depth.estimate import DisparityStatus
-from roslf_design.depth.measure import region_about
+from roslf_design.depth.pictures import region_about
 from roslf_design.theory.stop_images import MicrolensImages
 from tests.depth.made import fewer_rays
 

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.depth.geometry import ArrayGeometry, depth_of, disparity_of
-from roslf_design.depth.measure import _default_scene
+from roslf_design.depth.pictures import default_scene
 from roslf_design.depth.traced_views import STEP, TracedViews
 from roslf_design.imaging import transfer
 from roslf_design.scenes import Noise, Plane, Scene
@@ -123,7 +123,7 @@ def test_a_wall_stands_where_it_is(name, disparity, aside, finest, least, around
 @given(relay_scopes())
 @settings(max_examples=10)
 def test_the_wall_looked_at_by_default_stands_in_view_behind_any_relay(scope):
-    nearest, farthest = _default_scene(scope).brief(scope).distances
+    nearest, farthest = default_scene(scope).brief(scope).distances
     assert float(Camera.of(scope).tip) < nearest < scope.d_f < farthest < math.inf
 
 

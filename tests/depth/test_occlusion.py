@@ -47,7 +47,7 @@ def bar(turned=False):
 def test_both_sides_of_an_edge_are_known_with_their_errors_even_where_near_and_far_are_swapped(turned):
     field, true = bar(turned)
     geometry = GridGeometry(ACROSS)
-    views = geometry.prepared(field)
+    views = geometry.viewing(field).prepared(field)
     noise = PixelNoise(1e8, 2e5, alike=1.0)
     plain, edges = (
         estimate_disparity(views.field, views.pupil, noise, search=(-8.0, 8.0), window=7, edges=edges)

@@ -10,7 +10,8 @@ from roslf_design.calibration.decoding import LightField
 from roslf_design.camera import Camera
 from roslf_design.depth import geometry
 from roslf_design.depth.estimate import PixelNoise, estimate_disparity
-from roslf_design.depth.measure import PictureOptions, simulate
+from roslf_design.depth.measure import simulate
+from roslf_design.depth.pictures import PictureOptions
 from roslf_design.scenes import make_scene
 from roslf_design.theory.disparity_error import image_parts, waves_shown
 from roslf_design.theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
@@ -83,12 +84,12 @@ def pictured(camera, texture, disparity, size=20):
 
 def found(design, field, disparity, phases):
     """Disparities of the inner microlenses less the true one, and the standard errors told."""
-    array, noise = geometry.ArrayGeometry(design), PixelNoise(13000.0, 2.5)
-    views = array.prepared(field)
+    viewing, noise = geometry.ArrayGeometry(design).viewing(field), PixelNoise(13000.0, 2.5)
+    views = viewing.prepared(field)
     search = disparity - 0.7, disparity + 0.7
     disparities = estimate_disparity(views.field, views.pupil, noise, search=search, aside=views.aside)
     if phases:
-        views = array.at_phase(views, disparities)
+        views = viewing.at_phase(views, disparities)
         disparities = estimate_disparity(views.field, views.pupil, noise, search=search, aside=views.aside)
     inner = np.s_[4:-4, 4:-4]
     known = disparities.measured[inner]
@@ -122,10 +123,11 @@ def test_cut_images_are_seen_from_their_phases_too():
 
 def test_views_in_focus_are_left_as_they_are():
     design, texture = roslf.load("paper"), Texture.of(3, 0.2, finest=0.4)
-    array, field = geometry.ArrayGeometry(design), pictured(Camera.of(design), texture, 0.0, size=12)
-    views = array.prepared(field)._replace(aside=None)
+    field = pictured(Camera.of(design), texture, 0.0, size=12)
+    viewing = geometry.ArrayGeometry(design).viewing(field)
+    views = viewing.prepared(field)._replace(aside=None)
     disparities = estimate_disparity(views.field, views.pupil, PixelNoise(13000.0, 2.5), search=(-0.7, 0.7))
-    assert array.at_phase(views, disparities) is None
+    assert viewing.at_phase(views, disparities) is None
 
 
 def test_depth_away_from_the_focal_plane(monkeypatch):

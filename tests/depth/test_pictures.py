@@ -4,16 +4,9 @@ import numpy as np
 import pytest
 
 from roslf_design.camera import Camera
-from roslf_design.depth import measure
-from roslf_design.depth.measure import (
-    BESIDE,
-    PictureOptions,
-    Work,
-    _default_scene,
-    _rays_for,
-    _Unexposed,
-    simulate,
-)
+from roslf_design.depth import pictures as taking
+from roslf_design.depth.measure import simulate
+from roslf_design.depth.pictures import BESIDE, Framed, PictureOptions, Unexposed, Work, default_scene, rays_for
 from roslf_design.design import load, preset_names
 from roslf_design.imaging import trace
 from roslf_design.imaging.camera import Region
@@ -28,8 +21,9 @@ PART = (2264, 1504, 40, 40)
 
 def pictures(design, seeds, rays, part=PART):
     """Pictures of the default scene by rays of several seeds, shape (seed, row, column), and the white one."""
-    scene = _default_scene(design)
-    each = [_Unexposed.of(design, scene, part, seed=seed, rays=rays) for seed in seeds]
+    scene = default_scene(design)
+    framed = Framed.of(design, scene, Region(*part))
+    each = [Unexposed.of(design, scene, framed, seed=seed, rays=rays) for seed in seeds]
     return np.stack([one.scene.pixels for one in each]), each[0].white.pixels
 
 
@@ -57,7 +51,7 @@ def test_rays_that_tell_only_what_differs_from_white_show_the_same_with_less_sca
 def test_rays_spread_evenly_over_blocks_scatter_less_and_are_not_beside(monkeypatch):
     design, part = load("ear-speculum"), (1204, 900, 32, 32)
     together, _ = pictures(design, range(4), 32, part)
-    monkeypatch.setattr(measure, "TOGETHER", 1)
+    monkeypatch.setattr(taking, "TOGETHER", 1)
     alone, _ = pictures(design, range(4), 32, part)
     # Their variances are a quarter; of four seeds and hundreds of independent pixels a half is far from chance.
     assert together.var(0, ddof=1).mean() < alone.var(0, ddof=1).mean() / 2
@@ -85,7 +79,7 @@ def test_the_default_part_holds_windows_enough_to_judge_by_and_costs_little(name
     pitch = abs(float(QUANTITIES["image_pitch_mm"](camera) / camera.q))
     columns, rows = (int(size / pitch) - window + 1 for size in (part.columns, part.rows))
     assert columns * rows / window**2 >= ENOUGH
-    assert (part.columns + 2 * BESIDE * pitch) * (part.rows + 2 * BESIDE * pitch) * _rays_for(camera) < 5e7
+    assert (part.columns + 2 * BESIDE * pitch) * (part.rows + 2 * BESIDE * pitch) * rays_for(camera) < 5e7
 
 
 @pytest.mark.usefixtures("few_rays")

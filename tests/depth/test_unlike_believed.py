@@ -13,8 +13,8 @@ from roslf_design.cli import main
 from roslf_design.depth.captured import CaptureNoise, disagreement, measured_with_noise
 from roslf_design.depth.estimate import DisparityStatus, PixelNoise
 from roslf_design.depth.geometry import GridGeometry
-from roslf_design.depth.measure import PictureOptions, simulate
-from roslf_design.depth.measure import _default_scene as default_scene
+from roslf_design.depth.measure import simulate
+from roslf_design.depth.pictures import PictureOptions, default_scene
 from roslf_design.depth.view_files import view_files
 from roslf_design.depth.view_order import AS_NAMED, ORDERS, in_order
 from roslf_design.reporting.depth.pages import statements

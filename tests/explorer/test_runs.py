@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from roslf_design.depth.measure import region_about
+from roslf_design.depth.pictures import region_about
 from roslf_design.design import load
 from roslf_design.errors import InputError
 from roslf_design.explorer import runs

@@ -10,7 +10,7 @@ import roslf_design as roslf
 from roslf_design.calibration.decoding import Decoder
 from roslf_design.calibration.frames import ColourBalance
 from roslf_design.camera import Camera
-from roslf_design.depth.measure import lattice_of
+from roslf_design.depth.pictures import lattice_of
 from roslf_design.imaging.camera import Region
 from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import RaySampling
