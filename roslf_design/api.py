@@ -121,7 +121,7 @@ def measure_depth(
     progress : callable
         Told what is being done, and which share of all is done.
     **options
-        As `roslf_design.depth.measure.PictureOptions` has them: region, seed, exposures, rays.
+        As `roslf_design.depth.pictures.PictureOptions` has them: region, seed, exposures, rays.
 
     Returns
     -------

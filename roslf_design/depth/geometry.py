@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Literal, NamedTuple, Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from ..theory.length_covariance import LengthCovariance
 from ..theory.light_field import depth_sigma, epi_slope, rim_disparity
 from .estimate import DisparityMap
 from .traced_views import TracedViews
-from .unmixing import ViewLight, places_on_array
+from .unmixing import PreparedViews, ViewLight, places_on_array
 from .view_files import CameraGrid
 
 NEGLIGIBLE = 0.05
@@ -108,21 +108,13 @@ def calibration_sigma(design: Design, covariance: LengthCovariance, z: Array) ->
     return covariance.carried(camera, lambda builds: depth_told(builds.with_axes(1), slope))
 
 
-class _PreparedViews(NamedTuple):
-    """Input of `estimate_disparity`: a light field, where its views look from, and by how much they look aside."""
-
-    field: LightField
-    pupil: NDArray[np.floating]
-    aside: NDArray[np.floating] | None = None
-
-
 class Viewing(Protocol):
     """How the views of decoded light fields look."""
 
-    def prepared(self, field: LightField) -> _PreparedViews:
+    def prepared(self, field: LightField) -> PreparedViews:
         """A light field with its views' own light, and where they look from."""
 
-    def at_phase(self, views: _PreparedViews, found: DisparityMap) -> _PreparedViews | None:
+    def at_phase(self, views: PreparedViews, found: DisparityMap) -> PreparedViews | None:
         """Views as texture at the disparities found shows itself to them; None where they do not differ."""
 
 
@@ -235,21 +227,19 @@ class _ArrayViewing:
         seen, beside = self.traced.sight(self.light.like, pupil)
         return seen, beside + (aside if aside.ndim > 3 else aside[..., None, None])
 
-    def prepared(self, field: LightField) -> _PreparedViews:
+    def prepared(self, field: LightField) -> PreparedViews:
         """Freed of neighbours' light."""
-        return _PreparedViews(self.light.without_crosstalk(field), *self._looks)
+        return PreparedViews(self.light.without_crosstalk(field), *self._looks)
 
-    def at_phase(self, views: _PreparedViews, found: DisparityMap) -> _PreparedViews | None:
+    def at_phase(self, views: PreparedViews, found: DisparityMap) -> PreparedViews | None:
         """By the phases of each view's light, and of what is left of its neighbours'."""
         known = found.measured
         if not known.any():
             return None
         filled = np.where(known, found.disparity, np.median(found.disparity[known]))
         least = NEGLIGIBLE * float(np.median(found.sigma[known]))
-        aside = np.zeros_like(views.pupil) if views.aside is None else views.aside
         smooth = ndimage.median_filter(filled, SMOOTHED)
-        turned = self.light.in_phase(views.field, views.pupil, aside, smooth, least)
-        return None if turned is None else _PreparedViews(*turned)
+        return self.light.in_phase(views, smooth, least)
 
 
 @dataclass(frozen=True)
@@ -272,12 +262,12 @@ class GridGeometry:
         """As cameras stand."""
         return self
 
-    def prepared(self, field: LightField) -> _PreparedViews:
+    def prepared(self, field: LightField) -> PreparedViews:
         """As it is: cameras to the right see near points further left."""
         t, s = np.meshgrid(field.t, field.s, indexing="ij")
-        return _PreparedViews(field, np.stack([-s, -t]) / self.across)
+        return PreparedViews(field, np.stack([-s, -t]) / self.across)
 
-    def at_phase(self, views: _PreparedViews, found: DisparityMap) -> _PreparedViews | None:
+    def at_phase(self, views: PreparedViews, found: DisparityMap) -> PreparedViews | None:
         """Views of cameras look from where they stand."""
         return None
 

@@ -87,17 +87,16 @@ class TracedLens(Protocol):
         """
 
 
-class _OwnLight(NamedTuple):
-    """A light field with each microlens's own light alone, and where that comes from."""
+class PreparedViews(NamedTuple):
+    """Input of `estimate_disparity`: a light field with views' own light alone, and where that comes from."""
 
     field: LightField
     """Weights are those of samples with as much noise."""
-    pupil: NDArray[np.float32]
+    pupil: NDArray[np.floating]
     """Where each sample's light passed the FAP, on average, along u and along v [diameters]: shape (2, t, s), or
-    (2, t, s, v, u) where stops cut microlens images."""
-    aside: NDArray[np.float32]
-    """How far from the microlens's middle that light passed it, on average, backwards as `estimate_disparity` takes it
-    [pitches]: of the same shape."""
+    (2, t, s, v, u) where it differs over the views."""
+    aside: NDArray[np.floating] | None = None
+    """How far from the microlens's middle that light passed it, on average, backwards [pitches]: likewise."""
 
 
 class _Freeing(NamedTuple):
@@ -111,7 +110,7 @@ class _Freeing(NamedTuple):
     """Strong and faint light of neighbours."""
     maps: _Map
     start: NDArray[np.intp]
-    """Of each row of lenses, its first."""
+    """First lens of each row."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,7 +167,7 @@ class ViewLight:
 
     @cached_property
     def looks(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """`_OwnLight.pupil` and `aside` by first order."""
+        """`PreparedViews.pupil` and `aside` by first order."""
         rows, columns, parts = self.parts
         own, size = parts.steps.index((0, 0)), (len(self.like.v), len(self.like.u))
         over_view = _Map.of(rows, columns, size, size)
@@ -202,10 +201,7 @@ class ViewLight:
             weight[usable] = np.where(gain > 0, light * share**2, 0)
         return _with(field, values, weight)
 
-    def in_phase(
-        self, field: LightField, pupil: NDArray[np.floating], aside: NDArray[np.floating],
-        disparity: NDArray[np.float64], least: float,
-    ) -> _OwnLight | None:  # fmt: skip
+    def in_phase(self, views: PreparedViews, disparity: NDArray[np.float64], least: float) -> PreparedViews | None:
         """Views taken to look from where the phase of their light says; None where that makes no difference.
 
         A texture of f periods a pitch at disparity B has nu = f B periods across the FAP. A view shows it turned by the
@@ -217,8 +213,8 @@ class ViewLight:
 
         Parameters
         ----------
-        field, pupil, aside
-            Views' own light as of `without_crosstalk`, by mean places; or as a real lens has these.
+        views : PreparedViews
+            Their own light as of `without_crosstalk`, by mean places; or as a real lens has these.
         disparity : ndarray, shape (v, u)
             Found with them [pitches].
         least : float
@@ -266,12 +262,13 @@ class ViewLight:
             np.stack([np.interp(np.arange(n), nodes, one) for one in np.eye(nodes.size)])
             for nodes, n in ((rows, at.shape[0]), (columns, at.shape[1]))
         ]
-        field = _filtered(field, freed.usable, kernels, at, near)
-        return _OwnLight(field, _sum(pupil, spread(slope)), _sum(aside, spread(rest)))
+        field = _filtered(views.field, freed.usable, kernels, at, near)
+        aside = np.zeros_like(views.pupil) if views.aside is None else views.aside
+        return PreparedViews(field, _sum(views.pupil, spread(slope)), _sum(aside, spread(rest)))
 
 
 class _Phases(NamedTuple):
-    """What views show of waves against where their mean places do, at some microlenses."""
+    """Waves as views show them against where their mean places do, at some microlenses."""
 
     rows: NDArray[np.intp]
     columns: NDArray[np.intp]
@@ -330,7 +327,7 @@ class _FreedWaves(NamedTuple):
 
     @classmethod
     def of(cls, light: ViewLight, rows: NDArray[np.intp], columns: NDArray[np.intp], parts: ImageParts) -> _FreedWaves:
-        """Of microlenses at some rows and columns of views."""
+        """Waves at microlenses of some rows and columns of views."""
         camera = panchromatic(light.camera)
         images = MicrolensImages(camera, light.places[np.ix_(rows, columns)].reshape(-1, 2))
         own = parts.steps.index((0, 0))
@@ -469,7 +466,7 @@ def _filtered(
 def _aside(
     camera: Camera, field: LightField, rows: NDArray[np.intp], columns: NDArray[np.intp], light: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """`_OwnLight.aside` at the nodes, shape (2, t, s, nodes).
+    """`PreparedViews.aside` at the nodes, shape (2, t, s, nodes).
 
     Where a stop is not what the microlenses have in focus on the sensor, it cuts another part of what passes each side
     of a microlens: a sample at the cut sees more of the scene behind the side that is cut less. The FAP's rim moves by

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from roslf_design.calibration.decoding import LightField
-from roslf_design.depth import measure
+from roslf_design.depth import pictures
 from roslf_design.imaging import transfer
 
 
@@ -19,8 +19,8 @@ def fewer_rays(patch):
     Depths scatter twice as much, and as many are known: where what is said of them counts, not how good they are.
     """
     patch.setattr(transfer, "LEAST_HALO", 48)
-    patch.setattr(measure, "RAYS", measure.RAYS // 4)
-    patch.setattr(measure, "LEAST_RAYS", measure.LEAST_RAYS // 4)
+    patch.setattr(pictures, "RAYS", pictures.RAYS // 4)
+    patch.setattr(pictures, "LEAST_RAYS", pictures.LEAST_RAYS // 4)
 
 
 @dataclass(frozen=True)
