@@ -64,7 +64,7 @@ def _curves(
 
 
 def aperture_constant() -> Picture:
-    """H and 1/H over d_3, and the fill factor by Eqs. 7 and 8."""
+    """H and 1/H over d_3, and the image fill by Eqs. 7 and 8."""
     bench = Camera.of(roslf.load("paper"))
     many, d_f = bench.replace({"d_3": np.linspace(0.0, 345.0, 400)}), float(bench.d_f)
     curves = [("H", "vermillion", "", many.d_3, many.H), ("1/H", "blue", "", many.d_3, many.inverse_H)]
@@ -76,10 +76,10 @@ def aperture_constant() -> Picture:
     curves = [("Eq. 7, exact", "blue", "", many.d_3, exact), ("Eq. 8", "orange", "7 4", many.d_3, approximate)]
     here = Dots([float(bench.d_3)], [float(fill_factor(bench))], "vermillion")
     one = Line([0.0, 240.0], [1.0, 1.0], "grey", 1.0)
-    labels = "d_3 [mm]", "microlens-image diameter / pitch", "Fill factor"
+    labels = "d_3 [mm]", "microlens-image diameter / pitch", "Image fill"
     right = _curves(HALF, Scale(0, 240), Scale.around([exact, approximate], 0.05), curves, labels, one, here)
     right = replace(right, keys=(*right.keys, dot_key("the bench", "vermillion")))
-    return beside("aperture-constant", "Aperture constant and fill factor over d_3", [left, right])
+    return beside("aperture-constant", "Aperture constant and image fill over d_3", [left, right])
 
 
 def waves() -> Picture:

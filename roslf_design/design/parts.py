@@ -270,9 +270,9 @@ class MicrolensArray(OpticalPart):
     """The microlens array (MLA)."""
 
     pitch: Length
-    """d [mm]."""
+    """d, between centres of neighbours, the same all over the array [mm]."""
     focal_length: Length
-    """f_ml [mm]."""
+    """f_ml, the effective one (ISO 14880-1), in air [mm]."""
     distance: Length | None = None
     """d_1, main lens to MLA [mm]; None where f and d_f give it."""
     size: Size

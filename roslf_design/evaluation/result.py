@@ -225,7 +225,7 @@ def temperature_table(result: Evaluation) -> Table | None:
         f"The camera as it is focused, in a {warm.held}; disparity between the FAP's rims is that of what is in focus "
         f"at {warm.temperature_degc:g} °C."
     )
-    headings = ("temperature", "f", "d_1", "d_f", "disparity [pitches]", "fill factor", "parts fit")
+    headings = ("temperature", "f", "d_1", "d_f", "disparity [pitches]", "image fill", "parts fit")
     return Table(rows, "lrrrrrl", headings, "Temperature", caption)
 
 

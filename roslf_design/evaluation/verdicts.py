@@ -61,9 +61,9 @@ def _matched(camera: Camera, f: Numbers) -> Verdict:
     images = f"images {kind} {abs(f.mismatch_px):.3g} px" if abs(f.mismatch_px) >= TOUCHING_PX else "images just touch"
     half_a_pixel = abs(f.mismatch_px) <= SLACK_PX and float(geometric_views(camera)) >= LEAST_VIEWS
     if half_a_pixel or -GAP_SLACK <= f.fill_factor - 1 <= OVERLAP_SLACK:
-        return Verdict.of("f_number_matched", f"f-number matched: fill factor {f.fill_factor:.5g}, {images}")
+        return Verdict.of("f_number_matched", f"f-number matched: image fill {f.fill_factor:.5g}, {images}")
     text = (
-        f"f-number not matched: microlens f/{f.microlens:.4g} against pupil f/{f.pupil:.4g}, fill factor "
+        f"f-number not matched: microlens f/{f.microlens:.4g} against pupil f/{f.pupil:.4g}, image fill "
         f"{f.fill_factor:.4g}, {images}"
     )
     ways = {"d_2": matched(camera, "d_2"), "D_F": matched(camera, "D_F"), "d_3": matched(camera, "d_3")}
@@ -193,7 +193,7 @@ def _thin(f: Numbers, lens: RealLens) -> Verdict:
     moved, wider, percent, at = max(images, key=lambda image: image[0] + abs(image[1]) / 2)
     size = (
         f"at {place(at)} mm on the MLA {lens.lens} shifts the microlens image by {moved:.3g} px and widens it by "
-        f"{percent:.3g} % (fill factor {f.fill_factor * (1 + percent / 100):.3g})"
+        f"{percent:.3g} % (image fill {f.fill_factor * (1 + percent / 100):.3g})"
     )
     if moved + abs(wider) / 2 <= SLACK_PX and len(images) == len(lens.fields):
         return Verdict.of(name, f"thin lens holds: {size}")
@@ -290,7 +290,7 @@ def near_cases(design: Design) -> tuple[Near, ...]:
         Near.of("d_3 → f", abs(d_3 - f) / f, "image-space telecentric"),
         Near.of("d_f → f", abs(d_f - f) / f, "the object is almost in the front focus"),
         Near.of("d_f → ∞", abs(f / d_f), far),
-        Near.of("images just touch", abs(D_F / touching - 1), f"fill factor {fill:.6g}"),
+        Near.of("images just touch", abs(D_F / touching - 1), f"image fill {fill:.6g}"),
         Near.of("d_3 → 0", abs(d_3 / scale), "the aperture is almost at the main lens") if d_3 else at_lens,
         Near.of("barely clipped", inner, "a rim almost touches the pupil's image from outside, somewhere in the field"),
         Near.of(

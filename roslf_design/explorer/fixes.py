@@ -262,7 +262,7 @@ def _outcome(changes: Mapping[str, float], before: _Facts, after: _Facts) -> str
     costs: list[str] = []
     b, a = before, after
     for name, unit, old, new, better in (
-        ("fill factor", "", b.fill_factor, a.fill_factor, abs(a.fill_factor - 1) <= abs(b.fill_factor - 1)),
+        ("image fill", "", b.fill_factor, a.fill_factor, abs(a.fill_factor - 1) <= abs(b.fill_factor - 1)),
         ("undistorted to", " mm", b.undistorted_mm, a.undistorted_mm, a.undistorted_mm >= b.undistorted_mm),
         ("depth noise (bound)", " mm", b.sigma_mm, a.sigma_mm, a.sigma_mm <= b.sigma_mm),
         ("views across", "", b.views, a.views, a.views >= b.views),

@@ -186,7 +186,7 @@ def _extremes(part: Constraint | Goal, nearby: Nearby, cameras: Camera, ahead: F
     if quantity.name == "fill_factor":
         inverse = np.broadcast_to(inverse_fill_factor(cameras), shape)
         least, most = inverse.min(axis=0), inverse.max(axis=0)
-        # A box with images of no pitch in it has no largest fill factor.
+        # A box with images of no pitch in it has no largest image fill.
         nearest = np.maximum(np.maximum(least, -most), 0.0)
         with np.errstate(divide="ignore"):
             return 1 / np.maximum(most, -least), 1 / nearest

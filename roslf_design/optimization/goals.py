@@ -158,7 +158,7 @@ class Constraint(_Asked):
     def measured(self, camera: Camera, traces: FieldTraces | None = None) -> Array:
         """Values that the rows are made of: the quantity, one for each rim, or a finite stand-in.
 
-        Of a fill factor the inverse, of the undistorted field `field_margins`.
+        Of an image fill the inverse, of the undistorted field `field_margins`.
         """
         if self.quantity.name == "fill_factor":
             whole = self.field is None
@@ -170,7 +170,7 @@ class Constraint(_Asked):
 
     def row(self, limit: float, sign: float, spread: float) -> tuple[Callable[[Array], Array], float]:
         """From what is measured to a row, and how much the quantity changes where that changes by 1."""
-        if self.quantity.name == "fill_factor":  # linear in the inverse, where the fill factor has poles
+        if self.quantity.name == "fill_factor":  # linear in the inverse, where the image fill has poles
             return lambda inverse: sign * (1 - limit * inverse), limit
         if self.quantity.name == UNDISTORTED:  # linear in the room, which is finite also where any field is whole
             if sign > 0:

@@ -36,6 +36,14 @@ def _pupil_part(c: Camera, kind: Kind) -> Array:
     return np.asarray(np.where(np.real(by_view) < np.real(whole), by_view, whole))[()]
 
 
+def view_f_number(c: Camera) -> Array:
+    """Working f-number of one view: an ordinary camera's at the array that is sharp as deep as views are, ``A/e``.
+
+    A refocused image's is that of the FAP, ``pupil_f_number``.
+    """
+    return np.asarray(magnitude(ratio(c.seen.A, _pupil_part(c, "view"))))
+
+
 def depth_of_field(c: Camera, kind: Kind = "refocused", blur: float = 1.0) -> _DepthOfField:
     """Nearest and farthest sharp plane about the focal plane.
 

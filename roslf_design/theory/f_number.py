@@ -1,7 +1,7 @@
 """f-number matching: whether the microlens images just fill the sensor, and what would make them.
 
-Three rules, from exact to traditional, each told as two f-numbers that should agree or as the fill factor
-(microlens-image diameter over pitch) that should be 1. A fill factor above 1 means overlapping images, below 1 unused
+Three rules, from exact to traditional, each told as two f-numbers that should agree or as the image fill
+(microlens-image diameter over pitch) that should be 1. An image fill above 1 means overlapping images, below 1 unused
 pixels. What neighbours are apart by is the pitch's magnitude: images in reversed order (an exit pupil between array and
 sensor) are matched as others are.
 """
@@ -35,7 +35,7 @@ def main_lens_f_number(c: Camera) -> Array:
 
 
 def inverse_fill_factor(c: Camera) -> Array:
-    """Microlens-image pitch over diameter, ``d (A/d_2 + (f-d_3)/f)/D_F``: linear where the fill factor has poles.
+    """Microlens-image pitch over diameter, ``d (A/d_2 + (f-d_3)/f)/D_F``: linear where the image fill has poles.
 
     Below 0 where images lie in reversed order.
     """

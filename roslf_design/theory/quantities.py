@@ -331,6 +331,21 @@ _register(
         evaluated=Listed("f_number", "pupil d_1/(D_F H)", "Eq. 8: should equal the microlens's", key="pupil"),
     ),
     Quantity(
+        "f_number_view",
+        "",
+        "f-number of an ordinary camera that is sharp as deep as one view, d_2/(q + λ d_2/d); a refocused image's is "
+        "f_number_pupil",
+        _whole(depth_of_field.view_f_number),
+        monotone=False,
+        label="f-number of one view",
+        evaluated=Listed(
+            "f_number",
+            "one view d_2/(q + λ d_2/d)",
+            "sharp as deep as that; a refocused image as the pupil's",
+            key="view",
+        ),
+    ),
+    Quantity(
         "f_number_main_lens",
         "",
         "d_1/D",
@@ -348,7 +363,7 @@ _register(
         _whole(f_number.fill_factor),
         lambda images: images.diameter / images.pitch,
         equation="Eq. 7",
-        label="fill factor",
+        label="image fill",
         digits=6,
         evaluated=Listed("f_number", remark="Eq. 7, exact: image diameter over image pitch"),
     ),

@@ -81,7 +81,7 @@ def _matching() -> Iterator[Row]:
         f"equal to {100 * (left / right - 1):.2f} %: matched by the approximate rule",
     )
     yield Row(
-        "fill factor by the exact rule (Eq. 7)",
+        "image fill by the exact rule (Eq. 7)",
         "",
         float(f_number.fill_factor(camera)),
         "",

@@ -271,7 +271,7 @@ def test_lattice_fit_is_exact_on_exact_points_and_clips_outliers():
 
 @pytest.mark.parametrize("wanted", [["none"], ["none", "+overlap", "+microlens_diffraction"]])
 def test_the_engine_s_white_image_has_the_closed_form_s_pitch(wanted):
-    """Touching, slightly overlapping images (fill factor 1.005), or images that run into each other."""
+    """Touching, slightly overlapping images (image fill 1.005), or images that run into each other."""
     paper = roslf.load("paper")
     design = paper.replace({"sensor.size": (500 * paper.sensor.pixel, 400 * paper.sensor.pixel)})
     found = find_centres(render(design, overrides=wanted).pixels)

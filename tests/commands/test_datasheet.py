@@ -295,7 +295,7 @@ def test_a_sweep_is_its_single_cameras(tmp_path, capsys):
         assert code == 0
     picture = (tmp_path / "s.svg").read_text()
     assert "no camera" not in picture  # it ends where cameras do
-    assert "fill factor" in picture
+    assert "image fill" in picture
 
 
 def test_a_sweep_says_what_its_picture_leaves_out(tmp_path, capsys):

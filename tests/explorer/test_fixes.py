@@ -64,7 +64,7 @@ def test_fixes_do_what_they_say(design):
         changed = design.replace(**fix.changes)
         if fix.key.startswith("match-"):
             assert set(fix.changes) - {"f_ml"} == {fix.key.removeprefix("match-")}
-            # The solved length is right to rounding; near d_3 = d_f or an exit pupil near the sensor the fill factor
+            # The solved length is right to rounding; near d_3 = d_f or an exit pupil near the sensor the image fill
             # turns a last bit of it into many more.
             assert fill_factor(Camera.of(changed)) == pytest.approx(1, rel=1e-6)
             assert roslf.evaluate(changed).verdicts[0].ok
@@ -164,7 +164,7 @@ def test_a_stop_off_the_lens_is_cleared_where_its_pencils_are_narrow_again():
 @given(designs())
 @settings(max_examples=40)
 def test_refused_matches_have_no_solution(design):
-    """Brute force over the length: the fill factor never crosses 1."""
+    """Brute force over the length: the image fill never crosses 1."""
     assume(abs(fill_factor(Camera.of(design)) - 1) > 1e-6)
     for fix in proposals(design)[:3]:
         symbol = fix.key.removeprefix("match-")
@@ -194,7 +194,7 @@ def test_papers_numbers():
     assert fixes["match-d_3"].changes["d_3"] == pytest.approx(120.0, abs=5)
     assert fixes["telecentric"].changes == {"d_3": 100.0}
     assert "depth noise (bound) 1.79 → 1.3" in fixes["telecentric"].outcome
-    assert "fill factor 0.689 → 1" in fixes["match-D_F"].outcome
+    assert "image fill 0.689 → 1" in fixes["match-D_F"].outcome
 
 
 def test_what_is_right_already_says_so():

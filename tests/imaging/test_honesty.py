@@ -89,7 +89,7 @@ RENDERED = [
     ("high Fresnel number", PIPE, None, "microlens_diffraction", {"px": 0.03}, [], "largest"),
     ("vignetted", BORE, None, "vignetting", {}, [], "largest"),
     ("overlapping", BORE, None, "overlap", {}, NO_BLUR[:2], "largest"),
-    ("calibrated fill factor", load("paper-calibrated"), None, "overlap", {}, NO_BLUR[:2], "largest"),
+    ("calibrated image fill", load("paper-calibrated"), None, "overlap", {}, NO_BLUR[:2], "largest"),
     ("microlenses out of focus", OUT_OF_FOCUS, None, "microlens_defocus", {}, [], "largest"),
     ("wide field", SCOPE, None, "cos4", {}, [], "largest"),
     ("rotated", PAPER.replace({"microlens_array.rotation": 1e-3}), None, "mla_rotation", {}, [], "largest"),

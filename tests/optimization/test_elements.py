@@ -76,7 +76,7 @@ def test_elements_and_stops_are_kept_apart(windowed):
 
 
 def test_an_optimum_through_glass_is_where_brute_force_finds_it(windowed):
-    """The deepest view of a fill factor of one through a window and a relay whose place may change."""
+    """The deepest view of an image fill of one through a window and a relay whose place may change."""
     problem = posed(
         {"elements.1.focal_length": (150, 600), "D_F": (1.0, 4.0), "elements.0.thickness": (0.5, 1.5)},
         (limit("fill_factor", 0.98, 1.0),),

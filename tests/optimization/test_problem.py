@@ -136,7 +136,7 @@ def test_at_a_distance_counts_from_the_tip():
 
 @pytest.mark.parametrize("unit", [(0.5, 0.5, 0.5, 0.5), (0.0, 0.0, 0.2, 1.0), (1.0, 0.9, 0.9, 0.0)])
 def test_derivatives_against_mpmath(unit):
-    """Of the merit and of the fill factor's lower limit, written out anew at 60 digits."""
+    """Of the merit and of the image fill's lower limit, written out anew at 60 digits."""
     bounds = {"D_F": (1.0, 6.0), "d_3": (0.0, 190.0), "d_f": (200.0, 600.0), "d_2": (0.5, 9.0)}
     limits = (
         limit("fill_factor", 0.5, 1.0),

@@ -248,7 +248,7 @@ def test_a_limit_or_a_bound_that_stands_in_the_way_alone_is_named():
 
 
 def test_where_the_merit_has_no_gradient_no_limit_is_made_up():
-    # Up to the pole of the fill factor, derivatives are not finite: nnls raised a ValueError.
+    # Up to the pole of the image fill, derivatives are not finite: nnls raised a ValueError.
     problem = posed({"d_3": (0.0, 200.0), "d_2": (0.1, 1000.0)}, (), goal("fill_factor", "max"), in_focus=True)
     answer = solve(problem, Settings(starts=2, check=False, evaluations=60))
     assert answer.runs_off

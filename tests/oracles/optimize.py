@@ -11,7 +11,7 @@ mp.mp.dps = 60
 
 
 def matched_sensor_distance(design):
-    """d_2 of Eq. 7 as the paper prints it, solved by mpmath for a fill factor of 1."""
+    """d_2 of Eq. 7 as the paper prints it, solved by mpmath for an image fill of 1."""
     f, d_f, D_F, d_3, d = (mp.mpf(x) for x in (design.f, design.d_f, design.D_F, design.d_3, design.d))
     d_1 = f * d_f / (d_f - f)
 

@@ -36,15 +36,15 @@ HALF, MOST = Yield(2000, 4000), Yield(3600, 4000)
 TOLERANCE = ToleranceResult(
     grade="precision",
     share=HALF,
-    limits=(("fill factor, edge", HALF),),
+    limits=(("image fill, edge", HALF),),
     offenders=(
         Offender("lens focal length", "1 mm", math.inf, "kept fraction, corner"),
-        Offender("sensor distance", "20 um", 2.5, "fill factor, edge"),
+        Offender("sensor distance", "20 um", 2.5, "image fill, edge"),
         Offender("aperture diameter", "50 um", 0.25, "depth spread σ_Z"),
-        Offender("aperture tilt x", "3 mrad", 1e-9, "fill factor, edge"),
+        Offender("aperture tilt x", "3 mrad", 1e-9, "image fill, edge"),
     ),
     spreads=(
-        LimitSpread("fill factor, edge", 1.0, 0.95, 1.05, 0.9, 1.1),
+        LimitSpread("image fill, edge", 1.0, 0.95, 1.05, 0.9, 1.1),
         LimitSpread("kept fraction, corner", 1.0, -math.inf, 1.0, 0.99, math.inf),
         LimitSpread("image-centre error, edge", 0.0, 0.0, 0.0, -math.inf, 1.0),
     ),
@@ -85,7 +85,7 @@ PICTURES = {
     "history": search_history(OPTIMUM.ends),
     "front": front(OPTIMUM),
     "bore": bore_and_stop(np.arange(3.0), np.ones(3), np.ones(3) / 2, np.zeros(3)),
-    "robust": robust_yields([("fill factor ≤ 1", 0.5, 0.9), ("all together", 0.0, 1.0)]),
+    "robust": robust_yields([("image fill ≤ 1", 0.5, 0.9), ("all together", 0.0, 1.0)]),
 }
 
 

@@ -257,7 +257,7 @@ def test_differences_are_marked():
     rows = differences([load("paper"), load("paper-mismatched")])
     name = "FAP in front of the lens, d_3"
     assert rows["Parameters", name] == ("≠", name, "120 mm", "20 mm")
-    assert rows["f-number", "fill factor"][0] == "≠"
+    assert rows["f-number", "image fill"][0] == "≠"
     assert all((len(set(row[2:])) > 1) == bool(row[0]) for row in rows.values())
     assert not any(row[0] for row in differences([load("pipe-bore")] * 2).values())
 

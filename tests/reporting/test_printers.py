@@ -93,7 +93,7 @@ def test_every_quantity_that_is_no_symbol_has_words_and_they_are_put_in_once():
         said = in_words(f"{name} at 40 mm = 3, f_number_microlens >= 2")
         assert said == in_words(said) == f"{words} at 40 mm = 3, microlens f-number d_2/d ≥ 2"
     assert in_words("hold fill_factor@2, d_3 <= 6 mm, magnification_of_something") == (
-        "hold fill factor at field 2, d_3 ≤ 6 mm, magnification_of_something"
+        "hold image fill at field 2, d_3 ≤ 6 mm, magnification_of_something"
     )
 
 
@@ -182,11 +182,11 @@ def test_long_tables_repeat_their_header_on_every_page(tmp_path):
 def test_wide_tables_stay_on_the_page(tmp_path, paper):
     """Every cell is whole: columns that do not fit break their lines instead."""
     long = "a rather long remark that says where a figure comes from and how far it can be trusted"
-    rows = tuple((f"parameter {n}", "0.123 mm", "1.0", "1.00 mm", "fill factor", long) for n in range(5))
+    rows = tuple((f"parameter {n}", "0.123 mm", "1.0", "1.00 mm", "image fill", long) for n in range(5))
     table = Table(rows, "lrdrll", ("parameter", "tolerance", "share", "alone", "limited by", "source"))
     text = " ".join(" ".join(pages(Report("t", "", (Section("s", (table,)),)), tmp_path, paper)).split())
     assert text.count("0.123 mm") == text.count("trusted") == 5
-    assert "parameter 4 0.123 mm 1.0 1.00 mm fill factor" in text
+    assert "parameter 4 0.123 mm 1.0 1.00 mm image fill" in text
 
 
 def test_text_goes_before_a_figure_that_does_not_fit_the_page(tmp_path):

@@ -242,7 +242,7 @@ def test_the_first_look_holds_builds_to_the_nominal():
     own = [goal for goal in goals if goal["metric"] == "fill_factor"]
     assert len(own) == 3
     for goal in own:
-        # Local fill factors of a straight design are the axial one, to rounding.
+        # Local image fills of a straight design are the axial one, to rounding.
         assert (goal["min"], goal["max"]) == pytest.approx(((1 - FILL) * fill, (1 + FILL) * fill), rel=1e-9)
     assert {"metric": "centre_error_px", "max": CENTRE, "fields": [0]} in goals
     plan, *_ = tolerance_plan(quick_study(design), design)

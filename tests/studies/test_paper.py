@@ -11,7 +11,7 @@ from studies.paper.study import Row, main, rows
 BY_HAND = {
     "microlens f-number": (Fraction(2000, 63), "agrees"),
     "pupil f-number d_1": (Fraction(920, 29), "agrees"),
-    "fill factor": (Fraction(29, 460) / (Fraction(63, 1000) * (1 - Fraction(2, 460))), "not given"),
+    "image fill": (Fraction(29, 460) / (Fraction(63, 1000) * (1 - Fraction(2, 460))), "not given"),
     "main-lens f-number": (Fraction(1400, 508), "agrees"),
     "pupil f-number with": (Fraction(1320, 29), "agrees"),
     "non-distortion bound": (Fraction(350, 2) * (Fraction(479, 1200) - Fraction(508, 3500)), "agrees"),

@@ -241,7 +241,7 @@ PRINTED = {
     "f-number, pupil": (f_number.pupil_f_number(paper()), "31.724"),
     "f-number, main lens": (f_number.main_lens_f_number(paper()), "2.7559"),
     "f-number, pupil at 20 mm": (f_number.pupil_f_number(paper(d_3=20.0)), "45.517"),
-    "fill factor": (f_number.fill_factor(paper()), "1.00506"),
+    "image fill": (f_number.fill_factor(paper()), "1.00506"),
     "mismatch": (f_number.mismatch_px(paper()), "0.0655"),
     "x0_max": (vignetting.field_limit(paper()).radius, "44.4542"),
     "x_ml_max": (vignetting.field_limit(paper()).mla_radius, "17.7817"),
