@@ -34,6 +34,7 @@ from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing import study as tolerance
 from roslf_design.tolerancing.metrics import METRICS
 from roslf_design.tolerancing.places import load_grades
+from studies.instruments.gallery import summary, written
 
 HERE = Path(__file__).resolve().parent.parent
 
@@ -208,6 +209,12 @@ def _headed(name: str, line: str) -> str:
     return f"{found[1]} {code(' '.join(whole))}"
 
 
+def instruments() -> str:
+    """The gallery, a line for each instrument."""
+    heads, rows = summary(written())
+    return markdown(heads, [tuple(map(plain, row)) for row in rows])
+
+
 PARTS: dict[str, Callable[[], str]] = {
     "design-file": file(DESIGN, about=False),
     "scene-file": file(SCENE),
@@ -221,6 +228,7 @@ PARTS: dict[str, Callable[[], str]] = {
     "presets": presets,
     "errors": errors,
     "commands": commands,
+    "instruments": instruments,
 }
 """Files of `_generated`, each by the function that writes it."""
 
