@@ -34,7 +34,7 @@ from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing import study as tolerance
 from roslf_design.tolerancing.metrics import METRICS
 from roslf_design.tolerancing.places import load_grades
-from studies.instruments.gallery import summary, written
+from studies.instruments.gallery import misses, summary, written
 
 HERE = Path(__file__).resolve().parent.parent
 
@@ -211,8 +211,11 @@ def _headed(name: str, line: str) -> str:
 
 def instruments() -> str:
     """The gallery, a line for each instrument."""
-    heads, rows = summary(written())
-    return markdown(heads, [tuple(map(plain, row)) for row in rows])
+    rows = written()
+    heads, lines = summary(rows)
+    beyond = "\n".join(f"- {plain(item)}" for item in misses(rows).items)
+    table = markdown(heads, [tuple(map(plain, line)) for line in lines])
+    return f"{table}\n\nThose beyond a factor of two:\n\n{beyond}\n"
 
 
 PARTS: dict[str, Callable[[], str]] = {

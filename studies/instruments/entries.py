@@ -99,6 +99,7 @@ class Row(NamedTuple):
     """One, or the ends of a range; empty where it is of real pictures that are not there."""
     predicted: float | None
     expression: str
+    """What it is predicted by, with the lengths that are others for it."""
     measured: str
     """Name of what was measured on real pictures; empty for what others published."""
     source: str
@@ -180,8 +181,9 @@ class Instrument:
                 if one.predict:
                     given = self.table.given | ({} if pictures is None else dict(pictures.named))
                     predicted = Expression(one.predict).value(self._with(one, given), given)
+            changed = ", ".join(f"{place} = {value}" for place, value in one.set.items())
             yield Row(
-                self.table.instrument, one.figure, one.subject, one.unit, published, predicted, one.predict,
+                self.table.instrument, one.figure, one.subject, one.unit, published, predicted, f"{one.predict}, with {changed}" if changed else one.predict,
                 one.measured, one.source, why,
             )  # fmt: skip
 

@@ -46,7 +46,7 @@ ENDS = (0.2, 5.0)
 """Ratios that the picture shows at least."""
 LONG_WORD = 18
 """Letters beyond which a word may be broken."""
-LINE, STACK, DOT = 34.0, 8.0, 3.6
+LINE, STACK, DOT = 34.0, 10.0, 3.6
 """Height of an instrument's line with one layer of dots, of a further layer, and a dot's radius [px]."""
 
 
@@ -148,7 +148,8 @@ def sections(instruments: Sequence[Instrument], rows: Sequence[Row]) -> Iterator
         words: list[Block] = []
         if one.design is not None:
             file = f"the preset {one.table.design}" if one.table.design else f"studies/instruments/{one.name}.toml"
-            words.append(Paragraph(f"Design: {file}; lengths: {one.design.source}."))
+            given = "".join(f"; {name} = {value:g}" for name, value in one.table.given.items())
+            words.append(Paragraph(f"Design: {file}; lengths: {one.design.source}{given}."))
         yield Section(one.table.instrument, (*words, table(own)), one.name)
 
 
