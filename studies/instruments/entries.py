@@ -182,8 +182,9 @@ class Instrument:
                     given = self.table.given | ({} if pictures is None else dict(pictures.named))
                     predicted = Expression(one.predict).value(self._with(one, given), given)
             changed = ", ".join(f"{place} = {value}" for place, value in one.set.items())
+            expression = f"{one.predict}, with {changed}" if changed else one.predict
             yield Row(
-                self.table.instrument, one.figure, one.subject, one.unit, published, predicted, f"{one.predict}, with {changed}" if changed else one.predict,
+                self.table.instrument, one.figure, one.subject, one.unit, published, predicted, expression,
                 one.measured, one.source, why,
             )  # fmt: skip
 
