@@ -171,7 +171,7 @@ class Instrument:
 
     def rows(self, pictures: Pictures | None) -> Iterator[Row]:
         """Every number, with its prediction."""
-        for one in self.table.number:
+        for k, one in enumerate(self.table.number):
             published, predicted, why = one.published or (), None, one.why
             if one.measured and pictures is None:
                 why = WITHOUT
@@ -180,7 +180,11 @@ class Instrument:
                     published = pictures.measured[one.measured]
                 if one.predict:
                     given = self.table.given | ({} if pictures is None else dict(pictures.named))
-                    predicted = Expression(one.predict).value(self._with(one, given), given)
+                    try:
+                        predicted = Expression(one.predict).value(self._with(one, given), given)
+                    except LookupError as error:
+                        fault = f"{error} is no number of that name; `roslf evaluate --json` shows all"
+                        raise InputError((Problem(f"number.{k}.predict", fault),), str(self.path)) from None
             changed = ", ".join(f"{place} = {value}" for place, value in one.set.items())
             expression = f"{one.predict}, with {changed}" if changed else one.predict
             yield Row(
@@ -199,12 +203,12 @@ class Instrument:
 
     def _problems(self) -> Iterator[Problem]:
         """Faults that no single key shows."""
-        names = {*self.table.given, *NAMED}
         for name in self.table.given:
             if name in PLAIN | CALLED:
                 yield Problem(f"given.{name}", "is a quantity of every camera; give it another name")
         for k, one in enumerate(self.table.number):
             at = f"number.{k}"
+            names = {*self.table.given, *(NAMED if one.measured else ())}
             if (one.published is None) == (not one.measured):
                 yield Problem(at, "must have either `published`, the number, or `measured`; write one of them")
             if one.published is not None and 0 in one.published:

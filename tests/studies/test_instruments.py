@@ -123,6 +123,8 @@ def test_two_instruments_make_a_page_with_every_row(tmp_path):
         (NUMBER.replace("140", '"140"').replace('"lengths"', '"length"'), ("number.0.published", "number.0.subject")),
         (NUMBER.replace("d_1", "d1"), ("number.0.predict: 'd1' is no quantity; did you mean 'd_1'?",)),
         (NUMBER.replace("d_1", "d_1 +"), ("number.0.predict", "is no expression; write one such as")),
+        (NUMBER.replace("d_1", "evaluate.f_number.pupl"), ("number.0.predict: 'pupl' is no number of that name",)),
+        (NUMBER.replace("d_1", "scene_disparity"), ("number.0.predict: 'scene_disparity' is no quantity",)),
         (NUMBER.replace("d_1", "__import__('os')"), ("number.0.predict",)),
         (NUMBER.replace('predict = "d_1"', ""), ("number.0.why: is missing; say why nothing is predicted",)),
         (NUMBER.replace("published = 140", ""), ("number.0: must have either `published`",)),
