@@ -20,6 +20,7 @@ from roslf_design.reporting.design.microlens import microlens_images
 from roslf_design.reporting.design.rays import ray_diagrams
 from roslf_design.theory.f_number import fill_factor, microlens_f_number, pupil_f_number
 from roslf_design.theory.light_field import epi_slope
+from studies.instruments.gallery import ratios, written
 
 HALF = PAGE / 2, 290.0
 """Size of one of two pictures beside each other [px]."""
@@ -120,6 +121,11 @@ def epi() -> Picture:
     return beside("epi", "Slopes of epipolar lines over depth", [left, right])
 
 
+def instruments() -> Picture:
+    """The gallery's ratios, as its study wrote them."""
+    return ratios(written())
+
+
 FIGURES: dict[str, Callable[[], Picture]] = {
     "rays": rays,
     "matching": matching,
@@ -129,5 +135,6 @@ FIGURES: dict[str, Callable[[], Picture]] = {
     "aperture-constant": aperture_constant,
     "waves": waves,
     "epi": epi,
+    "instruments": instruments,
 }
 """Files of `_generated`, each by what draws it."""

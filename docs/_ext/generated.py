@@ -34,6 +34,7 @@ from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing import study as tolerance
 from roslf_design.tolerancing.metrics import METRICS
 from roslf_design.tolerancing.places import load_grades
+from studies.instruments.gallery import misses, summary, written
 
 HERE = Path(__file__).resolve().parent.parent
 
@@ -208,6 +209,15 @@ def _headed(name: str, line: str) -> str:
     return f"{found[1]} {code(' '.join(whole))}"
 
 
+def instruments() -> str:
+    """The gallery, a line for each instrument."""
+    rows = written()
+    heads, lines = summary(rows)
+    beyond = "\n".join(f"- {plain(item)}" for item in misses(rows).items)
+    table = markdown(heads, [tuple(map(plain, line)) for line in lines])
+    return f"{table}\n\nThose beyond a factor of two:\n\n{beyond}\n"
+
+
 PARTS: dict[str, Callable[[], str]] = {
     "design-file": file(DESIGN, about=False),
     "scene-file": file(SCENE),
@@ -221,6 +231,7 @@ PARTS: dict[str, Callable[[], str]] = {
     "presets": presets,
     "errors": errors,
     "commands": commands,
+    "instruments": instruments,
 }
 """Files of `_generated`, each by the function that writes it."""
 

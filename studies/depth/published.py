@@ -1,7 +1,8 @@
-"""Depth errors predicted beside those that others published, and those of real pictures.
+"""Depth errors predicted beside those of real pictures, and of captures whose noise is not as believed.
 
 Run from the project's root: python studies/depth/published.py [-o FOLDER] [--data FOLDER]. What is measured on real
-pictures is left out, and said so, where these do not lie beside the project.
+pictures is left out, and said so, where these do not lie beside the project. What is predicted for them stands in the
+table of their instrument (studies/instruments), which is told the numbers that are measured here.
 """
 
 from __future__ import annotations
@@ -10,8 +11,7 @@ import argparse
 import json
 import math
 import tempfile
-import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,14 +20,13 @@ import numpy as np
 import tifffile
 
 import roslf_design as roslf
-from roslf_design.calibration.options import PlanOptions, calibration_plan
 from roslf_design.camera import Camera
 from roslf_design.depth.measure import simulate
 from roslf_design.depth.pictures import PictureOptions
-from roslf_design.design import Design, load
-from roslf_design.drawing.marks import Area, Dots, Line, Mark, Text, box_key, dot_key, line_key
+from roslf_design.design import load
+from roslf_design.drawing.marks import Dots, Line, Mark, dot_key, line_key
 from roslf_design.drawing.panel import Panel, Scale
-from roslf_design.drawing.picture import PAGE, Picture, one_panel
+from roslf_design.drawing.picture import Picture, one_panel
 from roslf_design.effects.waves import add_noise
 from roslf_design.imaging.files import write_image
 from roslf_design.imaging.render import render
@@ -45,10 +44,7 @@ from roslf_design.reporting.blocks import (
 )
 from roslf_design.reporting.printers import render_html
 from roslf_design.scenes import Noise, Plane, Scene
-from roslf_design.theory import light, light_field
-from roslf_design.theory.depth_error import depth_at, depth_told
-from roslf_design.theory.disparity_error import Seen, axial_disparity_sigma
-from roslf_design.theory.photometry import Beside, dark_variance
+from roslf_design.theory.photometry import dark_variance
 from studies.depth.view_mismatch import (
     ALL,
     GAMMA,
@@ -66,14 +62,13 @@ from studies.depth.view_mismatch import (
     repeated,
     white_frame,
 )
+from studies.instruments.entries import HERE as INSTRUMENTS
+from studies.instruments.entries import NAMED, PICTURES, SUFFIX, WITHOUT, Instrument, Pictures
+from studies.instruments.expressions import disparity_error
 
-HERE = Path(__file__).parent
-OUT, DATA = Path("reports/depth-published"), Path("../shared/data")
-WITHOUT = "those pictures do not lie beside the project"
-NEAR, FAR = 0.5, 2.0
-"""Predicted over published that counts as agreement."""
-PLANES_APART = -65.5563
-"""Distance between the principal planes of lens f193, by the same test of its authors' estimator [mm]."""
+DATA = Path("../shared/data")
+LYTRO = Instrument.read(INSTRUMENTS / f"lytro-f01{SUFFIX}")
+"""Camera that took the real light fields."""
 TIMES = (0.7, 1.0, 1.3, 1.6, 2.0)
 """Noise of a capture against that believed."""
 WALL, REGION, SEED, RAYS = 345.0, (2160, 1400, 280, 280), 1, 256
@@ -113,8 +108,15 @@ class Real:
     @property
     def bound(self) -> float:
         """Error of the Lytro's disparities [pitches] that noise alone would leave."""
-        camera = load(HERE / "instruments/lytro-f01.toml").replace({"depth.view_mismatch": 0.0})
-        return _disparity_error(camera, 0.0, self)
+        assert LYTRO.design is not None
+        exact = LYTRO.design.replace({"depth.view_mismatch": 0.0})
+        return disparity_error(Camera.of(exact), self.disparity)
+
+    @property
+    def pictures(self) -> Pictures:
+        """What the table of the camera is told."""
+        values = self.disparity, self.held[0].share, float(np.sqrt(np.mean(self.board.unit**2)))
+        return Pictures(self.errors, dict(zip(NAMED, values, strict=True)))
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON."""
@@ -125,6 +127,7 @@ class Real:
             "held_out": [each._asdict() for each in self.held],
             "repeated": [each.to_dict() for each in self.sets],
             "measured": self.errors,
+            "named": self.pictures.named,
         }
 
 
@@ -135,89 +138,6 @@ def _of_all(views: LytroViews, columns: slice) -> tuple[float, ...]:
     """
     half, *quarters = (quantile(Scatter.of(views, SETS[each], columns).error) / 2 for each in (0, 2, 3))
     return half, float(np.sqrt(np.mean(np.square(quarters)) / 2))
-
-
-# --- instruments ------------------------------------------------------------------------------------------------------
-
-
-def _disparity_error(design: Design, at: float, real: Real) -> float:
-    camera = Camera.of(design)
-    seen = Seen(np.asarray(real.disparity), light.object_scale(camera, None))
-    return float(axial_disparity_sigma(camera, seen, Beside.mismatched(camera)))
-
-
-def _view_disparity(design: Design, at: float, real: Real | None) -> float:
-    camera = Camera.of(design)
-    return float(light_field.epi_slope(camera, depth_at(camera, np.asarray(at))))
-
-
-def _triangulated(design: Design, pixels: float, real: Real | None) -> float:
-    """Distance from the pupil, as triangulation tells it."""
-    return abs(float(depth_told(Camera.of(design), -1 / pixels))) - design.d_3
-
-
-def _refocused(design: Design, pixels: float, real: Real | None) -> float:
-    """Distance from the array, through a lens whose principal planes stand `PLANES_APART` from each other."""
-    return abs(float(depth_told(Camera.of(design), -1 / pixels))) + design.d_1 + PLANES_APART
-
-
-def _planned(design: Design, at: float, real: Real | None) -> float:
-    planned = calibration_plan(design, PlanOptions())
-    assert not isinstance(planned, str)
-    return float(planned.expected.sigma["d_f"])
-
-
-def _board(design: None, at: float, real: Real) -> float:
-    return real.held[0].share * float(np.sqrt(np.mean(real.board.unit**2)))
-
-
-PREDICTED: dict[str, Callable[[Any, float, Any], float]] = {
-    "disparity error": _disparity_error, "view disparity": _view_disparity, "triangulated": _triangulated,
-    "refocused": _refocused, "planned error of d_f": _planned, "board": _board,
-}  # fmt: skip
-
-
-class Row(NamedTuple):
-    """Figure of an instrument, and what is predicted of it."""
-
-    instrument: str
-    figure: str
-    unit: str
-    source: str
-    published: tuple[float, ...]
-    """One, or the ends of a range; empty where it is of real pictures that are not there."""
-    predicted: float | None
-    remark: str
-
-    @property
-    def ratio(self) -> float | None:
-        """Predicted over the published range's geometric middle."""
-        if self.predicted is None or not self.published:
-            return None
-        return abs(self.predicted) / math.exp(float(np.mean(np.log(np.abs(self.published)))))
-
-    @property
-    def agrees(self) -> bool | None:
-        """True where the ratio is within a factor of two."""
-        return None if self.ratio is None else NEAR <= self.ratio <= FAR
-
-
-def rows(real: Real | None) -> Iterator[Row]:
-    """All of published.toml."""
-    for one in tomllib.loads((HERE / "published.toml").read_text())["row"]:
-        measured, name = one.get("measured"), one.get("design")
-        published = tuple(one.get("published", ()))
-        predicted, remark = None, one.get("remark", "")
-        if measured is not None and real is not None:
-            published = real.errors[measured]
-        if measured is not None and real is None:
-            remark = WITHOUT
-        elif "predict" in one:
-            design = None if name is None else load(HERE / "instruments" / name if name.endswith(".toml") else name)
-            if "mismatch" in one and design is not None and real is not None:
-                design = design.replace({"depth.view_mismatch": real.held[0].share})
-            predicted = PREDICTED[one["predict"]](design, one.get("at", 0.0), real)
-        yield Row(one["instrument"], one["figure"], one["unit"], one["source"], published, predicted, remark)
 
 
 # --- noise that is not as believed ------------------------------------------------------------------------------------
@@ -274,29 +194,6 @@ def unlike_believed() -> Iterator[Unlike]:
 # --- the page ---------------------------------------------------------------------------------------------------------
 
 
-def ratios(all_rows: list[Row]) -> Picture:
-    """Draw predicted over published, a line each."""
-    some = [row for row in all_rows if row.ratio is not None]
-    at = np.arange(len(some), 0.0, -1.0)
-    values = np.array([row.ratio for row in some])
-    across = Scale(min(0.1, float(values.min()) / 1.5), max(10.0, float(values.max()) * 1.5), log=True)
-    up = Scale(0.3, len(some) + 0.7)
-    marks: list[Mark] = [
-        Area([NEAR, FAR, FAR, NEAR], [up.low, up.low, up.high, up.high], "sky", 0.35),
-        Line([1.0, 1.0], [up.low, up.high], "ink", 1.0),
-        Dots(values, at, "blue", size=5),
-    ]
-    marks += [
-        Text(across.low, y + 0.28, f"{row.instrument}: {row.figure}", dx=4, clip=False)
-        for row, y in zip(some, at, strict=True)
-    ]
-    keys = [dot_key("predicted over published or measured", "blue"), box_key("half to twice", "sky", 0.35)]
-    panel = Panel((0, 0, 1, 1), across, up, tuple(marks), "predicted over published", "", y_ticks=())
-    return one_panel(
-        "ratios", "Predicted over published depth figures", (PAGE, 80.0 + 46.0 * len(some)), panel, keys, left=16
-    )
-
-
 def told_and_found(sets: list[Repeated], bins: int = 12) -> Picture:
     """Draw by how much two sets of views differ, over the errors told, in bins of equally many pixels."""
     looks = (("blue", "o"), ("sky", "s"), ("vermillion", "o"), ("orange", "s"), ("green", "o"), ("grey", "s"))
@@ -321,22 +218,6 @@ def told_and_found(sets: list[Repeated], bins: int = 12) -> Picture:
 
 def _percent(share: float, digits: int = 2) -> str:
     return f"{100 * share:.{digits}g} %"
-
-
-def instruments_table(all_rows: list[Row]) -> Table:
-    """Every row, with or without a ratio."""
-    cells = []
-    for row in all_rows:
-        published = " to ".join(f"{value:.4g}" for value in row.published)
-        predicted = "-" if row.predicted is None else f"{abs(row.predicted):.4g}"
-        ratio = "-" if row.ratio is None else f"{row.ratio:.2f}"
-        verdict = {True: "yes", False: "no", None: "-"}[row.agrees]
-        words = "; ".join(part for part in (row.source, row.remark) if part)
-        what = f"{row.instrument}: {row.figure} [{row.unit}]"
-        cells.append((what, published or "-", predicted, ratio, verdict, words))
-    heads = ("figure", "published", "predicted", "ratio", "0.5 to 2", "source, remark")
-    note = "The ratio is to the geometric middle of a range. Signs of disparities are left out."
-    return Table(tuple(cells), "lrrrll", heads, "Published and predicted", note)
 
 
 def mismatch_tables(real: Real) -> Iterator[Block]:
@@ -405,20 +286,12 @@ def noise_table(all_noise: list[Unlike]) -> Table:
     return Table(cells, "rrrrrr", heads, "A capture whose noise is not as believed", note)
 
 
-def statements(all_rows: list[Row], real: Real | None, all_noise: list[Unlike]) -> Iterator[Statement]:
+def statements(real: Real | None, all_noise: list[Unlike]) -> Iterator[Statement]:
     """What it comes to."""
-    judged = [row for row in all_rows if row.agrees is not None]
-    good = sum(bool(row.agrees) for row in judged)
-    yield Statement(
-        "good" if good == len(judged) else "caution",
-        f"Do predictions meet what others published? {good} of {len(judged)} figures to a factor of two, without "
-        f"tuning; {len(all_rows) - len(judged)} more cannot be compared. The rows that miss stand in the table, and "
-        "say why.",
-    )
     if real is not None:
-        row = next(each for each in all_rows if "all defaults" in each.figure)
+        rows = {row.measured: row for row in LYTRO.rows(real.pictures)}
+        row, other = rows["lytro error"], rows["board"]
         bound = row._replace(predicted=real.bound)
-        other = next(each for each in all_rows if "board" in each.figure)
         yield Statement(
             "caution",
             "Is the default of 2 % of mismatch right? For raw captures it is on the safe side of a white frame "
@@ -446,17 +319,20 @@ def statements(all_rows: list[Row], real: Real | None, all_noise: list[Unlike]) 
     )
 
 
-def report(all_rows: list[Row], real: Real | None, all_noise: list[Unlike]) -> Report:
+def report(real: Real | None, all_noise: list[Unlike]) -> Report:
     """The page."""
-    picture = Figure.of(
-        "ratios", "Predicted over published",
-        "Dots in the band are within a factor of two. Nothing was fitted but the mismatch where a row says so, on "
-        "another part of the pictures or another light field.",
-        ratios(all_rows),
-    )  # fmt: skip
     sections = [
-        Section("Answers", (Statements(tuple(statements(all_rows, real, all_noise))), picture), "answers"),
-        Section("Instruments", (instruments_table(all_rows),), "instruments"),
+        Section(
+            "Answers",
+            (
+                Statements(tuple(statements(real, all_noise))),
+                Paragraph(
+                    "What is predicted for these pictures, and for instruments that others built, stands in the "
+                    "gallery (reports/instruments), each row with its source and why it differs."
+                ),
+            ),
+            "answers",
+        ),
     ]
     if real is None:
         sections.append(Section("Real light fields", (Paragraph(f"Not measured: {WITHOUT}."),), "real"))
@@ -475,26 +351,27 @@ def report(all_rows: list[Row], real: Real | None, all_noise: list[Unlike]) -> R
         Section("Noise that is not as believed", (noise_table(all_noise),), "noise"),
         Section("How it was done", (Code("python studies/depth/published.py", "Run again"),), "how"),
     ]
-    return Report("Depth errors beside published ones", "instruments that others built, real pictures", tuple(sections))
+    return Report(
+        "Depth errors in real pictures", "what views differ by, how far depths repeat, noise", tuple(sections)
+    )
 
 
 def main() -> None:
     """Measure, and write the numbers and the page."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("-o", "--output", type=Path, default=OUT, help="folder for the results")
+    parser.add_argument("-o", "--output", type=Path, default=PICTURES.parent, help="folder for the results")
     parser.add_argument("--data", type=Path, default=DATA, help="folder of the real pictures")
     arguments = parser.parse_args()
     real = Real.of(arguments.data) if arguments.data.is_dir() else None
-    all_rows, all_noise = list(rows(real)), list(unlike_believed())
+    all_noise = list(unlike_believed())
     out = arguments.output
     out.mkdir(parents=True, exist_ok=True)
     told = {
-        "rows": [row._asdict() | {"ratio": row.ratio} for row in all_rows],
         "real": None if real is None else real.to_dict(),
         "noise": [one._asdict() for one in all_noise],
     }
-    (out / "published.json").write_text(json.dumps(plain(told), allow_nan=False, indent=1) + "\n")
-    (out / "index.html").write_text(render_html(report(all_rows, real, all_noise)))
+    (out / PICTURES.name).write_text(json.dumps(plain(told), allow_nan=False, indent=1) + "\n")
+    (out / "index.html").write_text(render_html(report(real, all_noise)))
 
 
 if __name__ == "__main__":

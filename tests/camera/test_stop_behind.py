@@ -20,7 +20,7 @@ from roslf_design.design import Design, DesignError, dumps, loads
 from roslf_design.design.sequence import sequence_of
 from roslf_design.theory.quantities import QUANTITIES
 
-F193 = Path("../shared/instruments/hahne-f193.toml")
+F193 = Path(__file__).parents[2] / "studies/instruments/hahne-f193.toml"
 
 
 def behind(t: float, diameter: float, f: float = 50.0, **others: object) -> Design:
@@ -162,13 +162,12 @@ def test_exported_sequences_meet_the_stop_behind_the_lens() -> None:
     assert rows[1].surface.thickness == pytest.approx(-rows[1].z)  # to a virtual plane and back
 
 
-@pytest.mark.skipif(not F193.exists(), reason="the published cameras are not beside this checkout")
 def test_published_plenoptic_camera_refocuses_where_its_authors_say() -> None:
     """PlenoptiSign's unit test of the camera of Hahne et al. (2016), lens f193: six digits are given.
 
     It counts from the array: d_1 and the distance of the principal planes (-65.5563 mm) come on top.
     """
-    design = roslf.load(F193).replace(d_3=-143.206)
+    design = roslf.load(F193)
     c = Camera.of(design)
     baseline = float(QUANTITIES["view_baseline_mm"](c))
     assert 6 * baseline == pytest.approx(3.7956, abs=5e-5)

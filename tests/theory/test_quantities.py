@@ -123,9 +123,9 @@ def test_a_view_is_sharp_as_deep_as_an_ordinary_camera_of_its_f_number(d_3):
     """By the thin lens: at both ends of a view's depth of field the cone of that f-number is one pitch wide there."""
     design = PAPER.replace({"aperture.distance": d_3})
     camera = Camera.of(design)
-    f, d_1 = float(camera["f"]), float(camera["d_1"])
+    f, d_1 = float(camera.f), float(camera.seen.d_1)
     exit_pupil = d_3 * f / (d_3 - f) if d_3 else 0.0  # behind the lens
     cone = (d_1 - exit_pupil) / float(QUANTITIES["f_number_view"](camera))
     for end in depth_of_field(camera, "view"):
-        image = 1 / (1 / f - 1 / (float(end) + d_3))
-        assert abs(cone * (image - d_1) / (image - exit_pupil)) == pytest.approx(float(camera["d"]), rel=1e-9)
+        image = 1 / (1 / f - 1 / float(end + camera.tip))
+        assert abs(cone * (image - d_1) / (image - exit_pupil)) == pytest.approx(float(camera.d), rel=1e-9)
