@@ -31,7 +31,7 @@ selection."""
 _SETTLED = 0.1
 """Change of disparity from the one warped back by that a slope can tell [pitches]."""
 _BRIGHT = 0.5
-"""Light, over the most, from which a microlens of which no view is left is not dark: its neighbours' was in all of them."""
+"""Light, over the most, from which a microlens without views is not dark: all of them had their neighbours'."""
 _ALIKE = 9.0
 """Chi-square between two disparities below which neither is the better: three standard errors."""
 
@@ -602,6 +602,6 @@ def _unlit(views: _Views, window: int, search: tuple[float, float]) -> Disparity
     shape = views.shape
     zero = np.zeros(shape)
     return DisparityMap(
-        np.full(shape, np.nan), np.full(shape, np.inf), views.unlit, zero, np.zeros(shape, np.int16), zero, window, search,
-        (0.0, 0.0),
+        np.full(shape, np.nan), np.full(shape, np.inf), views.unlit, zero, np.zeros(shape, np.int16), zero, window,
+        search, (0.0, 0.0),
     )  # fmt: skip
