@@ -30,6 +30,8 @@ _CLIPPED_SAMPLES = 0.1
 selection."""
 _SETTLED = 0.1
 """Change of disparity from the one warped back by that a slope can tell [pitches]."""
+_BRIGHT = 0.5
+"""Light, over the most, from which a microlens without views is not dark: all of them had their neighbours'."""
 _ALIKE = 9.0
 """Chi-square between two disparities below which neither is the better: three standard errors."""
 
@@ -45,6 +47,7 @@ class DisparityStatus(IntEnum):
     OUT_OF_RANGE = 5
     TOO_FEW_VIEWS = 6
     AMBIGUOUS = 7
+    MIXED = 8
 
     @property
     def reason(self) -> str:
@@ -61,6 +64,7 @@ _REASONS = {
     DisparityStatus.OUT_OF_RANGE: "beyond the disparities searched",
     DisparityStatus.TOO_FEW_VIEWS: "too few views",
     DisparityStatus.AMBIGUOUS: "texture repeats: two disparities fit alike",
+    DisparityStatus.MIXED: "microlens images overlap: no pixel shows mostly its own microlens",
 }
 
 
@@ -248,7 +252,8 @@ def estimate_disparity(
         How far views see to the side of that, whatever the disparity: the view from s sees at u + B s + aside what the
         pupil's centre sees at u. Along u and along v [microlens pitches], shapes as of `pupil`. None is nothing.
     captured : LightField, optional
-        As its pixels were read, where neighbours' light has been taken off `field` since: it tells what is saturated.
+        As its pixels were read, where neighbours' light has been taken off `field` since: it tells what is saturated,
+        and where there was light.
     largest_sigma : float
         Standard error [pitches] above which there is no disparity. Beyond about 0.3 the wrong one of two likely
         disparities would be taken now and then, and no standard error says so.
@@ -370,6 +375,8 @@ class _Views:
     """Views with light at each microlens, saturated or not, shape (v, u)."""
     saturated: NDArray[np.int64]
     """Number of saturated views among them."""
+    unlit: NDArray[np.int8]
+    """Why a microlens has no views, where it has none, shape (v, u)."""
     steps: tuple[float, float]
     """Pitches between samples along u and v."""
     density: float
@@ -402,9 +409,12 @@ class _Views:
         places = np.argwhere(usable)
         steps = (float(field.u[1] - field.u[0]), float(field.v[1] - field.v[0]))
         density = steps[0] if field.hexagonal is not None else 1.0
+        shone = (field if captured is None else captured).weight.max((0, 1))
+        mixed = (shone > _BRIGHT * shone.max()) & ~(field.weight > 0).any((0, 1))
+        unlit = np.where(mixed, DisparityStatus.MIXED, DisparityStatus.NO_LIGHT).astype(np.int8)
         return cls(
             np.ascontiguousarray(values), light, full, _read_only(where), _read_only(beside), places, lit,
-            full.sum(axis=0), steps, density,
+            full.sum(axis=0), unlit, steps, density,
         )  # fmt: skip
 
     @property
@@ -571,7 +581,7 @@ def _judged(
     clipped = (unsure | at_odds) & (full > _CLIPPED * lit)
     clipped |= box(views.saturated, window) > _CLIPPED_SAMPLES * box(views.lit, window)
     status[clipped] = DisparityStatus.SATURATED
-    status[views.lit == 0] = DisparityStatus.NO_LIGHT
+    status = np.where(views.lit == 0, views.unlit, status)
     measured = status == DisparityStatus.MEASURED
     away, shone = status == DisparityStatus.OUT_OF_RANGE, max(int((views.lit > 0).sum()), 1)
     outside = float((away & below).sum() / shone), float((away & above).sum() / shone)
@@ -590,9 +600,8 @@ def _judged(
 
 def _unlit(views: _Views, window: int, search: tuple[float, float]) -> DisparityMap:
     shape = views.shape
-    status = np.full(shape, int(DisparityStatus.NO_LIGHT), np.int8)
     zero = np.zeros(shape)
     return DisparityMap(
-        np.full(shape, np.nan), np.full(shape, np.inf), status, zero, np.zeros(shape, np.int16), zero, window, search,
-        (0.0, 0.0),
+        np.full(shape, np.nan), np.full(shape, np.inf), views.unlit, zero, np.zeros(shape, np.int16), zero, window,
+        search, (0.0, 0.0),
     )  # fmt: skip

@@ -11,6 +11,7 @@ from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.depth.estimate import DisparityStatus
 from roslf_design.depth.pictures import region_about
+from roslf_design.reporting.depth.pages import known
 from roslf_design.theory.stop_images import MicrolensImages
 from tests.depth.made import fewer_rays
 
@@ -102,6 +103,16 @@ def test_a_wall_without_texture_is_unknown(tmp_path, capsys, few_rays):
     assert data["summary"]["bias_mm"] is None
     assert data["summary"]["unknown"] == {DisparityStatus.NO_TEXTURE.reason: 1.0}
     assert data["assumes"]["texture"] == "the design's, not the scene's"
+
+
+def test_images_that_overlap_twice_are_called_so(tmp_path, few_rays):
+    design = roslf.load("paper")
+    design = design.replace({"aperture.diameter": 2.2 * design.D_F, "light.exposure": 1e-3})
+    trial = roslf.measure_depth(design, region=(2240, 1480, 110, 110))
+    assert trial.unknown() == {DisparityStatus.MIXED.reason: 1.0}
+    answer = known(trial, trial.summary())
+    assert answer.tone == "bad"
+    assert "match the f-number" in answer.remedy
 
 
 def test_a_wrong_belief_shows_as_bias(few_rays):

@@ -217,6 +217,17 @@ def test_dark_views_are_none():
     assert not nothing.picture.any()
 
 
+def test_light_that_is_all_mixed_is_no_darkness():
+    pupil, _ = disc(5)
+    lit, dark = np.ones((5, 5, 12, 12), np.float32), np.zeros((5, 5, 12, 12), np.float32)
+    lit[..., 8:] = 0.01  # strays into dark microlenses
+    nothing = estimate_disparity(
+        field_of(dark, dark), pupil, PixelNoise(1000), search=(-1, 1), captured=field_of(lit, lit)
+    )
+    assert (nothing.status[:, :8] == DisparityStatus.MIXED).all()
+    assert (nothing.status[:, 8:] == DisparityStatus.NO_LIGHT).all()
+
+
 def test_texture_that_repeats_is_ambiguous_for_few_views_and_known_for_many():
     waves = Texture(np.array([[0.1, np.pi / 2, 0.0, 0.3]]))
     pupil, inside = np.array([[[-0.4, 0.0, 0.4]], [[0.0] * 3]]), np.ones((1, 3), bool)

@@ -139,7 +139,7 @@ def _numbers(measured: MeasuredCapture) -> Table:
     if flat is not None:
         lines.append(("off a plane", f"{flat.rms:.3g}", unit, "rms about the best one"))
     lines.append((f"{places(measured)} with a {_quantity(measured)}", f"{100 * summary.measured:.1f}", "%", ""))
-    lines += [("unknown", f"{100 * share:.2g}", "%", reason) for reason, share in measured.unknown().items()]
+    lines += [("unknown", f"{100 * share:.3g}", "%", reason) for reason, share in measured.unknown().items()]
     return Table(tuple(lines), "lrll", ("", "", "", ""), "In numbers")
 
 

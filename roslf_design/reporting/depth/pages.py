@@ -203,6 +203,11 @@ def known(trial: Measurement, summary: Summary) -> Statement:
     remedy = f"The rest is unknown, not guessed: {why}." if why else ""
     if reasons.get(DisparityStatus.SATURATED.reason, 0.0) > 1 - FEW:
         remedy += " Expose less: where pixels are full nothing is measured."
+    if reasons.get(DisparityStatus.MIXED.reason, 0.0) > 1 - FEW:
+        remedy += (
+            " Microlens images overlap so much that views cannot be told apart: match the f-number; roslf evaluate "
+            "names the lengths that do."
+        )
     tone: Tone = "good" if summary.measured >= FEW else "caution" if summary.measured > 0 else "bad"
     return Statement(tone, text, remedy)
 
@@ -231,7 +236,7 @@ def _summary_table(trial: Trial) -> Table:
     inside = "-" if summary.inside_68 is None else f"{100 * summary.inside_68:.1f}"
     lines.append(("within the error told", inside, "%", "68 where it is right"))
     lines.append(("microlenses with a depth", f"{100 * summary.measured:.1f}", "%", ""))
-    lines += [("unknown", f"{100 * share:.2g}", "%", reason) for reason, share in trial.unknown().items()]
+    lines += [("unknown", f"{100 * share:.3g}", "%", reason) for reason, share in trial.unknown().items()]
     return Table(tuple(lines), "lrll", ("", "", "", ""), "In numbers")
 
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from ...depth.measure import Depths, Measurement, Prediction
 
 UNKNOWN = {
-    1: "grey", 2: "dark", 3: "orange", 4: "vermillion", 5: "purple", 6: "sky", 7: "green", 100: "pale",
+    1: "grey", 2: "dark", 3: "orange", 4: "vermillion", 5: "purple", 6: "sky", 7: "green", 8: "blue", 100: "pale",
 }  # fmt: skip
 """Colours of microlenses without a depth, by the number of their reason."""
 LEFT, TOP, RIGHT, BELOW = 62.0, 28.0, 84.0, 42.0
@@ -77,7 +77,7 @@ def _depth_map(trial: Measurement, reasons: dict[int, str]) -> Picture:
         size = page, panel.bottom + BELOW
         pictures.append(Picture(title, title, size, (panel, colour_bar(panel, low, high, "cividis", label))))
     shares = run.unknown()
-    keys = [box_key(f"{reasons[n]}: {100 * shares[reasons[n]]:.2g} %", UNKNOWN[n], edge="grey") for n in codes]
+    keys = [box_key(f"{reasons[n]}: {100 * shares[reasons[n]]:.3g} %", UNKNOWN[n], edge="grey") for n in codes]
     of = "microlenses" if run.geometry.place_unit == "mm" else "pixels"
     title = f"{words.quantity.capitalize()} of {known.sum()} of {known.size} {of} and its standard error"
     return beside("depth-map", title, pictures, keys, down=down)
