@@ -715,8 +715,7 @@ def simulate(
         tell = doing("depth", work.white + work.picture + number * work.exposure, work.exposure)
         tell(0.0)
         taken = np.minimum(add_noise(picture.pixels, full, dark, generator), np.float32(saturation / full))
-        field = decoder(taken if balance is None else balance(taken))
-        field = replace(field, values=field.values / np.float32(brightest))
+        field = decoder((taken if balance is None else balance(taken)) / np.float32(brightest))
         runs.append(measure(geometry, field, noise, search=search, progress=tell).within(rows, columns))
         tell(1.0)
     true = true[rows, columns]
