@@ -61,8 +61,9 @@ MOST_FILTERS = 300_000
 """Filters, of samples at places of the field and disparities, at most."""
 MOST_PLACES = 50_000_000
 """Samples up to which each has a place of its own."""
-LEAST = 0.65
-"""Own share of a sample's light under which it is dropped: it tells more of its neighbours."""
+LEAST, SURE = 0.4, 0.65
+"""Own share of a sample's light under which it is dropped: it tells more of its neighbours. Share from which on it
+tells what the microlens sends others: of less errors would go to and fro, and the mean of its other samples does."""
 
 
 def places_on_array(camera: Camera, field: LightField) -> NDArray[np.float64]:
@@ -197,7 +198,9 @@ class ViewLight:
         if usable.any():
             light = lenses.weight[usable]
             gain = np.divide(1, share, out=np.zeros(light.shape, np.float32), where=(share > LEAST) & (light > 0))
-            values[usable] = _freed(np.asarray(lenses.values[usable], np.float32), gain, ways, maps, start)
+            sure = np.where(share > SURE, gain, 0)
+            gain *= (sure > 0).any(0)
+            values[usable] = _freed(np.asarray(lenses.values[usable], np.float32), gain, sure, ways, maps, start)
             weight[usable] = np.where(gain > 0, light * share**2, 0)
         return _with(field, values, weight)
 
@@ -317,6 +320,8 @@ class _FreedWaves(NamedTuple):
     """Views that have own light at any node, shape (t, s)."""
     gain: NDArray[np.float64]
     """Reciprocal of the own share of light, 0 where samples are dropped; shape (view, node)."""
+    sure: NDArray[np.float64]
+    """1 where that tells what the microlens sends others, else 0; likewise."""
     mixing: _Mixing
     pupil: NDArray[np.float64]
     """Mean places on the FAP, shape (2, view, node)."""
@@ -334,12 +339,13 @@ class _FreedWaves(NamedTuple):
         total, shares = parts.light.sum(0), _shares(parts.light)
         usable = (shares[own] > LEAST).any(0)
         share = shares[own][:, usable].T
-        gain = np.divide(1.0, share, out=np.zeros_like(share), where=share > LEAST)
+        sure = (share > SURE) * 1.0
+        gain = np.divide(sure.any(0), share, out=np.zeros_like(share), where=share > LEAST)
         mixing = _Mixing.of(parts, shares, own, usable, None)
         pupil = light.side * np.stack([axis[own][:, usable].T for axis in (parts.x, parts.y)])
         aside = _aside(light.camera, light.like, rows, columns, parts.light[own])[:, usable]
         weight = np.where(gain > 0, total[:, usable].T * share**2, 0.0)
-        return cls(light, images, usable, gain, mixing, pupil, aside, weight)
+        return cls(light, images, usable, gain, sure, mixing, pupil, aside, weight)
 
     def _raw(
         self, waves: NDArray[np.float64], disparities: NDArray[np.float64]
@@ -362,7 +368,7 @@ class _FreedWaves(NamedTuple):
             values = raw * self.gain.T
             with THREADS:
                 _free_waves.compiled(
-                    raw, self.gain.T.copy(), self.mixing.first, self.mixing.source, turns,
+                    raw, self.gain.T.copy(), self.sure.T.copy(), self.mixing.first, self.mixing.source, turns,
                     np.ascontiguousarray(self.mixing.share.T), values,
                 )  # fmt: skip
             values = values.swapaxes(1, 2)
@@ -486,19 +492,29 @@ def _aside(
 
 
 def _freed(
-    raw: NDArray[np.float32], gain: NDArray[np.float32], ways: list[_Mixing], maps: _Map, start: NDArray[np.intp]
+    raw: NDArray[np.float32],
+    gain: NDArray[np.float32],
+    sure: NDArray[np.float32],
+    ways: list[_Mixing],
+    maps: _Map,
+    start: NDArray[np.intp],
 ) -> NDArray[np.float32]:
-    """Samples without what neighbours put into them, shape (view, v, u), by Jacobi's iteration; 0 where `gain` is."""
+    """Samples without what neighbours put into them, shape (view, v, u), by Jacobi's iteration; 0 where `gain` is.
+
+    Neighbours send what their samples tell whose `sure` is not 0.
+    """
     near, faint = ways
-    dark = (gain <= 0).all(0).astype(np.float32)
+    dark = (sure <= 0).all(0).astype(np.float32)
     values, other, rest = np.empty_like(raw), np.empty_like(raw), np.zeros_like(raw)
     with THREADS:
-        _fill.compiled(raw, gain, values)
+        _fill.compiled(raw, sure, values)
         for count in range(ROUNDS):
             if count in SLOW:  # faint light changes little
                 rest[:] = 0
                 _gather.compiled(values, dark, *faint, *maps, start, rest)
-            _free.compiled(raw, gain, rest, values, dark, *near, *maps, start, other)
+            _free.compiled(
+                raw, gain, gain if count == ROUNDS - 1 else sure, rest, values, dark, *near, *maps, start, other
+            )
             values, other = other, values
     values[gain <= 0] = 0
     return values
@@ -631,7 +647,8 @@ class _Mixing(NamedTuple):
         taken[own] = False
         sample, step = np.nonzero(taken.T)
         places = np.stack([x, y], -1)
-        source = cKDTree(places[own]).query(places[step, sample])[1]
+        known = np.flatnonzero((shares[own] > SURE).any(0))
+        source = known[cKDTree(places[own][known]).query(places[step, sample])[1]] if known.size else 0 * sample
         first = np.searchsorted(sample, np.arange(taken.shape[1] + 1))
         steps = np.array(parts.steps, np.int64).reshape(-1, 2)[step]
         return cls(
@@ -747,7 +764,7 @@ def _gather_row(
 
 @kernel(parallel=True)
 def _free_waves(
-    raw: Any, gain: Any, first: Any, source: Any, turns: Any, shares: Any, out: Any,
+    raw: Any, gain: Any, sure: Any, first: Any, source: Any, turns: Any, shares: Any, out: Any,
 ) -> None:  # fmt: skip
     """Waves without what neighbours put into samples, which show them turned; all (wave, node, view), by `_freed`."""
     count, nodes, views = raw.shape
@@ -758,11 +775,11 @@ def _free_waves(
             for _ in range(ROUNDS):
                 total, known = 0j, 0
                 for n in range(views):
-                    if gain[i, n] > 0:
+                    if sure[i, n] > 0:
                         total += values[n]
                         known += 1
                 for n in range(views):
-                    before[n] = values[n] if gain[i, n] > 0 else total / max(known, 1)
+                    before[n] = values[n] if sure[i, n] > 0 else total / max(known, 1)
                 for n in range(views):
                     foreign = 0j
                     for m in range(first[n], first[n + 1]):
@@ -802,10 +819,10 @@ def _gather(
 
 @kernel(parallel=True)
 def _free(
-    raw: Any, gain: Any, rest: Any, values: Any, dark: Any, first: Any, source: Any, steps: Any, shares: Any,
+    raw: Any, gain: Any, sure: Any, rest: Any, values: Any, dark: Any, first: Any, source: Any, steps: Any, shares: Any,
     node: Any, down: Any, along: Any, across: int, start: Any, out: Any,
 ) -> None:  # fmt: skip
-    """Samples without `rest` and what neighbours that show `values` put into them, times `gain`."""
+    """Samples without `rest` and what neighbours that show `values` put into them, times `gain`; filled by `sure`."""
     count, rows, columns = values.shape
     for v in prange(rows):
         like, share = np.empty(columns, np.float32), np.empty(columns, np.float32)
@@ -816,4 +833,4 @@ def _free(
             )
             for u in range(columns):
                 freed[u] = (before[u] - foreign[u]) * much[u]
-        _fill_row(gain[:, v], out[:, v])
+        _fill_row(sure[:, v], out[:, v])
