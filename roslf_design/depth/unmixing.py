@@ -29,7 +29,7 @@ from ..theory.light import microlens_defocus
 from ..theory.stop_images import MicrolensImages
 from .warping import fill_holes
 
-STEP, MOST = 0.1, 400
+STEP, MOST = 0.05, 400
 """Cut microlens images are worked out wherever their cut moved by so much of their diameter, and interpolated between;
 at so many places at most."""
 WIDER = 0.02
@@ -116,6 +116,24 @@ def flat_fielded(camera: Camera, field: LightField) -> LightField:
     return _with(field, values, weight)
 
 
+def _as_they_stand(
+    parts: ImageParts, u: NDArray[np.float64], v: NDArray[np.float64], lattice: NDArray[np.float64]
+) -> ImageParts:
+    """Light of neighbours as stops cut it where they stand, not at the nodes, which lie at u and v [pitches].
+
+    A cut that moves by a hundredth of a pitch from one microlens to the next sends several hundredths of the light of
+    its rim elsewhere, which views would show as a shift to the side.
+    """
+    near = len(parts.steps)
+    light = parts.light[:near].reshape(near, v.size, u.size, *parts.light.shape[2:])
+    there = light.copy()
+    for axis, at, step in zip((2, 1), (u, v), lattice @ np.transpose(parts.steps), strict=True):
+        if at.size > 1:
+            there += step[:, None, None, None, None] * np.gradient(light, at, axis=axis)
+    there = np.where(light > 0, np.maximum(there, 0), light).reshape(near, *parts.light.shape[1:])
+    return parts._replace(light=np.concatenate([there, parts.light[near:]]))
+
+
 class _OwnLight(NamedTuple):
     """A light field with each microlens's own light alone, and where that comes from."""
 
@@ -142,6 +160,7 @@ def without_crosstalk(camera: Camera, field: LightField, real: TracedLens | None
         None of an ideal one.
     """
     rows, columns, parts = _parts(camera, field, real)
+    parts = _as_they_stand(parts, field.u[columns], field.v[rows], PACKINGS[camera.layout].steps)
     height, width = len(field.v), len(field.u)
     own = parts.steps.index((0, 0))
     shares = _shares(parts.light)
