@@ -29,7 +29,7 @@ from ..theory.light import microlens_defocus
 from ..theory.stop_images import MicrolensImages
 from .warping import fill_holes
 
-STEP, MOST = 0.05, 400
+STEP, MOST = 0.07, 400
 """Cut microlens images are worked out wherever their cut moved by so much of their diameter, and interpolated between;
 at so many places at most."""
 WIDER = 0.02
