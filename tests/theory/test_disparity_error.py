@@ -162,10 +162,11 @@ CUT = PAPER.replace({"main_lens.diameter": 20.0})
         (PAPER, (0.0, 0.0), 0.25, 0.0),
         (PAPER, (0.0, 0.0), 0.25, 1.0),
         (roslf.load("paper-mismatched"), (9.0, 0.0), 0.25, 0.5),
+        (PAPER.replace({"aperture.diameter": 1.3 * PAPER.D_F}), (0.0, 0.0), 0.25, 0.5),
         (CUT, (6.3, 0.0), 0.25, 0.0),
         (CUT, (7.3, 0.0), 0.25, 0.5),
     ],
-    ids=["matched", "out of focus", "gaps", "barely cut", "half cut"],
+    ids=["matched", "out of focus", "gaps", "overlap", "barely cut", "half cut"],
 )  # fmt: skip
 def test_prediction_against_differences_of_rendered_pictures(design, field, periods, disparity, light_from_48_px):
     """To 2 % of sigma, for a grating along x and one along y."""
