@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, NamedTuple, Protocol
 
@@ -19,6 +19,7 @@ from ..effects.lens import colour_spread
 from ..errors import InputError, Problem
 from ..theory.colours import filters
 from ..theory.depth_error import depth_told
+from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.length_covariance import LengthCovariance
 from ..theory.light_field import depth_sigma, epi_slope, rim_disparity
 from .estimate import DisparityMap
@@ -185,9 +186,11 @@ class ArrayGeometry:
 
     def prepared(self, field: LightField) -> _PreparedViews:
         """Freed of neighbours' light; looking as lens and elements make them."""
-        own = without_crosstalk(self.camera, field, self.traced)
         if self.traced is None:
-            return _PreparedViews(*own)
+            return _PreparedViews(*without_crosstalk(self.camera, field))
+        # Where light falls follows from the pitch by first order; traced images lie a little closer, or farther apart.
+        pitch = abs(float(microlens_image_pitch(self.camera) / self.camera.q))
+        own = without_crosstalk(self.camera, replace(field, pitch=pitch), self.traced)
         pupil, aside = self.traced.sight(own.field, own.pupil)
         beside = own.aside if own.aside.ndim > 3 else own.aside[..., None, None]
         return _PreparedViews(own.field, pupil, aside + beside)

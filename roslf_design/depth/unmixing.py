@@ -50,12 +50,13 @@ them, where the array is turned, beyond which it is taken of all."""
 FARTHEST = 0.25
 """Pitches from a microlens's middle beyond which no sample is taken to look."""
 WAVES = 13
-"""Waves along a side of the grid that views are compared by."""
+"""Waves along a side of the grid that views are compared by, two more for each pitch but one that any looks aside."""
 DISPARITIES, MOST_DISPARITIES = 0.5, 12
 """Steps of disparity between which places are interpolated [pitches], and how many of them at most."""
-FADING, DARK_WAVE, MOST_GAIN = 0.8, 0.1, 3.0
+FADING, DARK_WAVE, MOST_GAIN, FAINT_WAVE = 0.8, 0.1, 3.0, (0.2, 0.5)
 """Filters of views: share of the finest detail that the array shows from which on they fade out; share of a wave that
-views must show; and by how much they change it at most."""
+views must show; by how much they change it at most; and what a view shows of it, against all, from and up to which they
+fade in."""
 MOST_FILTERS = 300_000
 """Filters, of samples at places of the field and disparities, at most."""
 MOST_PLACES = 50_000_000
@@ -75,6 +76,9 @@ class TracedLens(Protocol):
 
     def images(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
         """Images at places on the array (n, 2) [mm] against those of an ideal lens, as `image_parts` takes them."""
+
+    def aside(self, places: NDArray[np.float64], pupil: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How far to the side views from points on the FAP (2, n, ...) [diameters] see there [pitches]; likewise."""
 
     def shown(
         self, field: LightField, places: NDArray[np.float64], waves: NDArray[np.float64],
@@ -162,7 +166,9 @@ def without_crosstalk(camera: Camera, field: LightField, real: TracedLens | None
     if usable.any():
         share, light = mine[usable], lenses.weight[usable]
         gain = np.divide(1, share, out=np.zeros(light.shape, np.float32), where=(share > LEAST) & (light > 0))
-        ways = [_Mixing.of(mixed, shares, own, usable, faint) for faint in (False, True)]
+        places = places_on_array(camera, field)[np.ix_(rows, columns)].reshape(-1, 2)
+        beside = None if real is None else _beside(camera, real, places, parts)
+        ways = [_Mixing.of(mixed, shares, own, usable, faint, beside) for faint in (False, True)]
         values[usable] = _freed(np.asarray(lenses.values[usable], np.float32), gain, ways, maps, start)
         weight[usable] = np.where(gain > 0, light * share**2, 0)
     over_view = _Map.of(rows, columns, (height, width), (height, width))
@@ -214,7 +220,8 @@ def in_phase(
     places = places_on_array(camera, field)[np.ix_(rows, columns)].reshape(-1, 2)
     freed = _FreedWaves.of(MicrolensImages(panchromatic(camera), places), parts, field, real)
     whole = nodes.size == 1
-    waves = _Waves.of(WAVES, field, PACKINGS[camera.layout].fold)
+    far = float(np.abs(aside if aside.ndim == 3 else np.where(field.weight > 0, aside, 0)).max())
+    waves = _Waves.of(WAVES + 2 * max(0, round(far) - 1), field, PACKINGS[camera.layout].fold)
     moved, kernels = [], []
     for shown in freed.shown(waves.k, disparities):
         off = waves.moved(shown)
@@ -287,8 +294,9 @@ class _FreedWaves(NamedTuple):
         usable = (shares[own] > LEAST).any(0)
         share = shares[own][:, usable].T
         gain = np.divide(1.0, share, out=np.zeros_like(share), where=share > LEAST)
-        mixing = _Mixing.of(parts, shares, own, usable, None)
         camera = images.camera
+        beside = None if real is None else _beside(camera, real, images.fields, parts)
+        mixing = _Mixing.of(parts, shares, own, usable, None, beside)
         side = math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
         pupil = side * np.stack([axis[own][:, usable].T for axis in (parts.x, parts.y)])
         weight = np.where(gain > 0, total[:, usable].T * share**2, 0.0)
@@ -364,10 +372,10 @@ class _Waves(NamedTuple):
         `shown` has the shape (W, view, node), `off` (2, view, node).
         """
         size = np.abs(shown)
-        lit = size > 0
-        mean = np.sqrt((size**2).sum(1, keepdims=True) / np.maximum(lit.sum(1, keepdims=True), 1))
-        passed = self.passed[:, None, None] * ((mean > DARK_WAVE) & lit)
+        mean = np.sqrt((size**2).sum(1, keepdims=True) / np.maximum((size > 0).sum(1, keepdims=True), 1))
         gain = np.clip(mean / np.maximum(size, 1e-9), 1 / MOST_GAIN, MOST_GAIN)
+        shows = np.clip((size / np.maximum(mean, 1e-9) - FAINT_WAVE[0]) / (FAINT_WAVE[1] - FAINT_WAVE[0]), 0, 1)
+        passed = self.passed[:, None, None] * (mean > DARK_WAVE) * shows
         turn = np.angle(shown * np.exp(2j * math.pi * np.tensordot(self.k, off, 1)))
         factor = np.exp(passed * (np.log(np.maximum(gain, 1e-9)) - 1j * turn)).T
         grid = np.ones((*factor.shape[:2], self.side, self.side), np.complex64)
@@ -528,6 +536,13 @@ def reading(field: LightField) -> Read:
     return (along,), (across,)
 
 
+def _beside(camera: Camera, real: TracedLens, places: NDArray[np.float64], parts: ImageParts) -> NDArray[np.float64]:
+    """How far to the side the light of each microlens in samples sees, along the lattice's steps: (2, *parts.x)."""
+    side = math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
+    aside = real.aside(places, side * np.swapaxes([parts.x, parts.y], 1, 2))
+    return np.tensordot(np.linalg.inv(PACKINGS[camera.layout].steps), np.swapaxes(aside, 1, 2), 1)
+
+
 def _shares(light: NDArray[np.float64]) -> NDArray[np.float64]:
     """Shares of samples' light, its first axis counting the microlenses that it comes from."""
     total = light.sum(0)
@@ -573,9 +588,13 @@ class _Mixing(NamedTuple):
 
     @classmethod
     def of(
-        cls, parts: ImageParts, shares: NDArray[np.float64], own: int, usable: NDArray[np.bool_], faint: bool | None
-    ) -> _Mixing:
-        """For samples that are `usable`, shape (t, s), and of them; of faint light, of other, or (None) of all."""
+        cls, parts: ImageParts, shares: NDArray[np.float64], own: int, usable: NDArray[np.bool_], faint: bool | None,
+        beside: NDArray[np.float64] | None = None,
+    ) -> _Mixing:  # fmt: skip
+        """For samples that are `usable`, shape (t, s), and of them; of faint light, of other, or (None) of all.
+
+        Where light sees `beside`, as `_beside` has it, what the nearest view shows is looked for that much farther on.
+        """
         from scipy.spatial import cKDTree
 
         light, *pupil = (axis[..., usable] for axis in (np.abs(parts.light), parts.x, parts.y))
@@ -585,13 +604,31 @@ class _Mixing(NamedTuple):
         taken = (most > FAINT) & ((most <= STRONG) == faint if faint is not None else True)
         taken[own] = False
         sample, step = np.nonzero(taken.T)
-        places = np.stack([x, y], -1)
-        source = cKDTree(places[own]).query(places[step, sample])[1]
-        first = np.searchsorted(sample, np.arange(taken.shape[1] + 1))
-        steps = np.array(parts.steps, np.int64).reshape(-1, 2)[step]
-        return cls(
-            first, np.asarray(source, np.int64), steps, np.ascontiguousarray(shares[step, :, sample], np.float32)
-        )
+        steps, count = np.array(parts.steps, np.int64).reshape(-1, 2)[step], np.arange(taken.shape[1] + 1)
+        if beside is None:
+            places = np.stack([x, y], -1)
+            source = cKDTree(places[own]).query(places[step, sample])[1]
+            share = np.ascontiguousarray(shares[step, :, sample], np.float32)
+            return cls(np.searchsorted(sample, count), np.asarray(source, np.int64), steps, share)
+        beside, keys, each = beside[..., usable], [], []
+        for node in range(shares.shape[1]):
+            places = np.stack([axis[:, node] for axis in pupil], -1)
+            lit = np.flatnonzero((shares[own, node] > LEAST) | (shares[own, node].max() <= LEAST))
+            source = lit[cKDTree(places[own, lit]).query(places[step, sample])[1]]
+            at = steps + (beside[:, own, node, source] - beside[:, step, node, sample]).T
+            low = np.floor(at).astype(np.int64)
+            for corner in np.ndindex(2, 2):
+                part = np.prod(np.where(corner, at - low, 1 - at + low), -1) * shares[step, node, sample]
+                some = np.abs(part) > FAINT
+                key = np.column_stack([sample, source, low + corner, np.full(sample.size, node)])
+                keys.append(key[some])
+                each.append(part[some])
+        key = np.concatenate(keys)
+        lists, back = np.unique(key[:, :4], axis=0, return_inverse=True)
+        share = np.zeros((len(lists), shares.shape[1]), np.float32)
+        np.add.at(share, (back.ravel(), key[:, 4]), np.concatenate(each))
+        source, steps = np.ascontiguousarray(lists[:, 1]), np.ascontiguousarray(lists[:, 2:])
+        return cls(np.searchsorted(lists[:, 0], count), source, steps, share)
 
 
 class _Map(NamedTuple):
@@ -706,10 +743,11 @@ def _free_waves(
 ) -> None:  # fmt: skip
     """Waves without what neighbours put into samples, which show them turned; all (wave, node, view), by `_freed`."""
     count, nodes, views = raw.shape
-    for k in prange(count):
-        before = np.empty(views, np.complex128)
-        for i in range(nodes):
-            values = out[k, i]
+    for i in prange(nodes):
+        some, before = np.flatnonzero(shares[i]), np.empty(views, np.complex128)
+        ends, share, sent = np.searchsorted(some, first), shares[i][some], source[some]
+        for k in range(count):
+            values, turn = out[k, i], turns[k][some]
             for _ in range(ROUNDS):
                 total, known = 0j, 0
                 for n in range(views):
@@ -720,8 +758,8 @@ def _free_waves(
                     before[n] = values[n] if gain[i, n] > 0 else total / max(known, 1)
                 for n in range(views):
                     foreign = 0j
-                    for m in range(first[n], first[n + 1]):
-                        foreign += shares[i, m] * turns[k, m] * before[source[m]]
+                    for m in range(ends[n], ends[n + 1]):
+                        foreign += share[m] * turn[m] * before[sent[m]]
                     values[n] = (raw[k, i, n] - foreign) * gain[i, n]
 
 
