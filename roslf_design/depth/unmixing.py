@@ -61,6 +61,8 @@ MOST_FILTERS = 300_000
 """Filters, of samples at places of the field and disparities, at most."""
 MOST_PLACES = 50_000_000
 """Samples up to which each has a place of its own."""
+NEAR = 0.03
+"""Pitches beside what a view shows up to which neighbours' light is taken for what it shows."""
 LEAST = 0.65
 """Own share of a sample's light under which it is dropped: it tells more of its neighbours."""
 
@@ -610,12 +612,13 @@ class _Mixing(NamedTuple):
             source = cKDTree(places[own]).query(places[step, sample])[1]
             share = np.ascontiguousarray(shares[step, :, sample], np.float32)
             return cls(np.searchsorted(sample, count), np.asarray(source, np.int64), steps, share)
-        beside, keys, each = beside[..., usable], [], []
+        beside, keys, each = np.broadcast_to(beside[..., usable], (2, *shares.shape)), [], []
         for node in range(shares.shape[1]):
             places = np.stack([axis[:, node] for axis in pupil], -1)
             lit = np.flatnonzero((shares[own, node] > LEAST) | (shares[own, node].max() <= LEAST))
             source = lit[cKDTree(places[own, lit]).query(places[step, sample])[1]]
-            at = steps + (beside[:, own, node, source] - beside[:, step, node, sample]).T
+            off = (beside[:, own, node, source] - beside[:, step, node, sample]).T
+            at = steps + np.where(np.abs(off) > NEAR, off, 0.0)
             low = np.floor(at).astype(np.int64)
             for corner in np.ndindex(2, 2):
                 part = np.prod(np.where(corner, at - low, 1 - at + low), -1) * shares[step, node, sample]

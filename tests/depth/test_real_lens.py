@@ -135,11 +135,11 @@ def test_waves_behind_a_lens_without_faults_are_those_of_an_ideal_one():
         np.testing.assert_allclose(shown, wanted, atol=0.01)
 
 
-@pytest.mark.parametrize(("away", "size"), [(1115, 13.0), (1690, 19.0)])
-def test_a_wall_stands_where_it_is(design, away, size):
+@pytest.mark.parametrize(("away", "size", "exposure"), [(1115, 13.0, 8.7e-3), (1690, 19.0, 1.5e-3)])
+def test_a_wall_stands_where_it_is(design, away, size, exposure):
     # 5.4 mm off the axis astigmatism and field curvature move views by one and a half pitches to each side, 8.2 mm by
-    # three and a half: light of neighbours comes from there as well.
-    design = design.replace({"microlens_array.size": (size, 2.0)})
+    # three and a half, and light of neighbours in them sees as far away; half of the wall was unknown there.
+    design = design.replace({"microlens_array.size": (size, 2.0), "light.exposure": exposure})
     camera = Camera.of(design.thin_twin)
     z = float(depth_of(camera, np.asarray(DISPARITY)))
     texture = Noise(finest=5 * float(QUANTITIES["object_sample_mm"](camera)), contrast=0.2, seed=5)
@@ -148,8 +148,7 @@ def test_a_wall_stands_where_it_is(design, away, size):
     region = (width // 2 - 65 + away, height // 2 - 65, 130, 130)
     trial = roslf.measure_depth(design, scene, region=region, rays=100)
     first = trial.first
-    assert first.measured.mean() > 0.8
+    assert first.measured.mean() > 0.95
     off = first.disparities.disparity[first.measured] - disparity_of(camera, np.array([z]))
     # As if of an ideal lens it would be off by half a pitch and more.
-    print(away, first.measured.mean(), off.mean(), off.std())
     assert abs(off.mean()) < 0.02
