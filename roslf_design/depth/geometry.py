@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal, Protocol
 
@@ -19,6 +19,7 @@ from ..effects.lens import colour_spread
 from ..errors import InputError, Problem
 from ..theory.colours import filters
 from ..theory.depth_error import depth_told
+from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.length_covariance import LengthCovariance
 from ..theory.light_field import depth_sigma, epi_slope, rim_disparity
 from .estimate import DisparityMap
@@ -184,6 +185,9 @@ class ArrayGeometry:
 
     def viewing(self, like: LightField) -> Viewing:
         """By each view's own light."""
+        if self.traced is not None:
+            # Light falls by the pitch of first order; traced images lie a little closer together or farther apart.
+            like = replace(like, pitch=abs(float(microlens_image_pitch(self.camera) / self.camera.q)))
         return _ArrayViewing(ViewLight(self.camera, like, self.traced), self.traced)
 
     def places(self, field: LightField) -> Array:

@@ -130,9 +130,7 @@ class TracedViews:
         middle = sensor_of_pupil(mounted, c, fap.centre)
         first, comes = through(np.broadcast_to(c[:, None], (len(c), len(points), 2)))
         good = middle.ok & comes.all(-1) & whole
-        infinity = abs(float(rim_disparity(camera, camera.plane(AWAY).distance - camera.seen.d_3)))
-        step = min(STEP, 0.25 * infinity)
-        shown = []
+        step, shown = self._step, []
         for z in self.depth(np.array([-step, 0.0, step])):
             ahead = float(fap.z - mounted.first_order.front_principal + z)
             point, pupil = middle.views.at(ahead)[:, None], first
@@ -147,6 +145,13 @@ class TracedViews:
         looks = np.stack([(shown[2] - shown[0]) / (2 * step), shown[1]])
         good &= np.isfinite(looks).all((0, 2, 3))
         return looks, np.asarray(good)
+
+    @property
+    def _step(self) -> float:
+        """Disparity to either side of the focal plane that P is taken from [pitches]."""
+        return min(
+            STEP, 0.25 * abs(float(rim_disparity(self.camera, self.camera.plane(AWAY).distance - self.camera.seen.d_3)))
+        )
 
     def bends(self, places: Array) -> tuple[Array, Array]:
         """P and E at places in the array's frame (n, 2) [mm], as linear maps from the pupil, row by column (n, 2, 2).
@@ -163,14 +168,18 @@ class TracedViews:
         image, _, good = self.image_maps(microlenses(self.design, places))
         return np.where(good[:, None, None], image, np.eye(2))
 
+    def aside(self, places: Array, pupil: Array) -> Array:
+        """How far to the side views from points on the FAP see, as `TracedLens` has it."""
+        coefficients = self._polynomials(places)[1]
+        inside = pupil * np.minimum(1, 0.5 / np.maximum(np.hypot(*pupil), 0.5))
+        nodes = zip(coefficients, np.moveaxis(inside, 1, 0), strict=True)
+        return np.stack([np.tensordot(part, _over_pupil(at), (0, 0)) for part, at in nodes], 1)
+
     def shown(
         self, field: LightField, places: Array, waves: Array, disparities: Array
     ) -> Iterator[tuple[NDArray[np.complex128], Array]]:
         """Waves as microlenses show them, as `TracedLens` has it."""
-        looks, good = self.view_coordinates(places, POINTS)
-        fap = np.where(good[:, None, None], self._fap_seen(places), POINTS)
-        fitted = np.stack([*np.where(good[:, None, None], looks, 0.0), fap])
-        coefficients = np.linalg.pinv(_over_pupil(POINTS.T).T) @ fitted
+        coefficients = self._polynomials(places)
         shown, where = [], []
         for image, (pupil, aside, seen) in zip(self.images(places), np.moveaxis(coefficients, 0, 1), strict=True):
             spot = _Spot.of(self.camera, field, image, seen)
@@ -182,20 +191,33 @@ class TracedViews:
             where.append([spot(look) / mine for look in each])
         yield from zip(np.stack(shown, 2), np.stack(where, 2), strict=True)
 
-    def _fap_seen(self, places: Array) -> Array:
-        """Places on the FAP that samples at `POINTS` of microlens images look through, shape (n, p, 2)."""
-        c, mounted, turned = microlenses(self.design, places), self.mounted, _turned(self.design)
-        samples, middle = self._samples(c, POINTS)
-        rays = views(mounted, c[:, None], middle[:, None] + samples, clip=False)
-        one = self._on_fap(np.array([[1.0, 0.0]])) @ turned.T
-        return np.asarray((rays.pupil - mounted.fap.centre) @ turned.T / one[0, 0])
+    def _polynomials(self, places: Array) -> Array:
+        """P, E and place on the FAP [diameters] of microlenses (n, 2), by what each itself sees: (3, n, terms, 2).
 
-    def _samples(self, c: Array, points: Array) -> tuple[Array, Array]:
-        """Samples at points of microlens images, shape (n, p, 2), from where their chief rays fall (n, 2) [mm]."""
+        `view_coordinates` has them of what its middle sees: far out of focus that is seen from microlenses some pitches
+        away, which look otherwise. By first order where no light comes through.
+        """
+        c, mounted, turned = microlenses(self.design, places), self.mounted, _turned(self.design)
         image, shift, _ = self.image_maps(c)
-        turned = _turned(self.design)
-        samples = shift[:, None] + self._by_first_order(points) @ turned.T @ image @ turned
-        return samples, sensor_of_pupil(self.mounted, c, self.mounted.fap.centre).sensor
+        middle = sensor_of_pupil(mounted, c, mounted.fap.centre).sensor + shift
+        samples = middle[:, None] + self._by_first_order(POINTS) @ turned.T @ image @ turned
+        rays = views(mounted, c[:, None], samples, clip=False)
+        good = (rays.state == RayFate.KEPT).all(-1)
+        step, shown = self._step, []
+        for z in self.depth(np.array([-step, 0.0, step])):
+            ahead = float(mounted.fap.z - mounted.first_order.front_principal + z)
+            height, _, comes = forward_rays(
+                mounted, rays.at(ahead), mounted.fap.centre, mounted.wavelength, z=mounted.fap.z - ahead
+            )
+            good &= comes.all(-1)
+            shown.append((c[:, None] - np.moveaxis(height, 0, -1)) @ turned.T / float(self.camera.d))
+        looks = np.stack([(shown[2] - shown[0]) / (2 * step), shown[1]])
+        good &= np.isfinite(looks).all((0, 2, 3))
+        one = self._on_fap(np.array([[1.0, 0.0]])) @ turned.T
+        fap = (rays.pupil - mounted.fap.centre) @ turned.T / one[0, 0]
+        through, ideal = good[:, None, None], np.broadcast_to(POINTS, fap.shape)
+        fitted = np.where(through, [*looks, fap], [ideal, 0 * ideal, ideal])
+        return np.asarray(np.linalg.pinv(_over_pupil(POINTS.T).T) @ fitted)
 
     def _by_first_order(self, points: Array) -> Array:
         """Places on the sensor, from the chief ray, that look by first order through points on the FAP [mm]."""

@@ -51,19 +51,23 @@ them, where the array is turned, beyond which it is taken of all."""
 FARTHEST = 0.25
 """Pitches from a microlens's middle beyond which no sample is taken to look."""
 WAVES = 13
-"""Waves along a side of the grid that views are compared by."""
+"""Waves along a side of the grid that views are compared by, two more for each pitch but one that any looks aside."""
 DISPARITIES, MOST_DISPARITIES = 0.5, 12
 """Steps of disparity between which places are interpolated [pitches], and how many of them at most."""
-FADING, DARK_WAVE, MOST_GAIN = 0.8, 0.1, 3.0
+FADING, DARK_WAVE, MOST_GAIN, FAINT_WAVE = 0.8, 0.1, 3.0, (0.2, 0.5)
 """Filters of views: share of the finest detail that the array shows from which on they fade out; share of a wave that
-views must show; and by how much they change it at most."""
+views must show; by how much they change it at most; and what a view shows of it, against all, from and up to which they
+fade in."""
 MOST_FILTERS = 300_000
 """Filters, of samples at places of the field and disparities, at most."""
 MOST_PLACES = 50_000_000
 """Samples up to which each has a place of its own."""
-LEAST, SURE = 0.4, 0.65
+NEAR = 0.03
+"""Pitches beside what a view shows up to which neighbours' light is taken for what it shows."""
+LEAST, SURE, FOCUSED = 0.4, 0.65, 1.0
 """Own share of a sample's light under which it is dropped: it tells more of its neighbours. Share from which on it
-tells what the microlens sends others: of less errors would go to and fro, and the mean of its other samples does."""
+tells what the microlens sends others: of less errors would go to and fro, and the mean of its other samples does. Disparity up to which that does so well
+enough for samples of less to be used [pitches]."""
 
 
 def places_on_array(camera: Camera, field: LightField) -> NDArray[np.float64]:
@@ -77,6 +81,9 @@ class TracedLens(Protocol):
 
     def images(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
         """Images at places on the array (n, 2) [mm] against those of an ideal lens, as `image_parts` takes them."""
+
+    def aside(self, places: NDArray[np.float64], pupil: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How far to the side views from points on the FAP (2, n, ...) [diameters] see there [pitches]; likewise."""
 
     def shown(
         self, field: LightField, places: NDArray[np.float64], waves: NDArray[np.float64],
@@ -127,8 +134,8 @@ class ViewLight:
     """One of them, of which its places count; u and v count microlenses from the array's centre."""
     real: TracedLens | None = None
     """None of an ideal one."""
-    _phases: dict[int, _Phases] = dataclass_field(default_factory=dict)
-    """By nodes along each axis, as they are asked for."""
+    _phases: dict[tuple[int, int], _Phases] = dataclass_field(default_factory=dict)
+    """By nodes and waves along each axis, as they are asked for."""
 
     @cached_property
     def parts(self) -> tuple[NDArray[np.intp], NDArray[np.intp], ImageParts]:
@@ -165,8 +172,20 @@ class ViewLight:
             shares = _shares(mixed.light)
         mine = maps(np.moveaxis(shares[own], 0, -1))
         usable = np.asarray((mine > LEAST).any((2, 3)))
-        ways = [_Mixing.of(mixed, shares, own, usable, faint) for faint in (False, True)] if usable.any() else []
+        beside = self.beside(self.places[np.ix_(rows, columns)].reshape(-1, 2), parts)
+        each = (False, True) if usable.any() else ()
+        ways = [_Mixing.of(mixed, shares, own, usable, faint, beside) for faint in each]
         return _Freeing(usable, mine[usable], ways, maps, start)
+
+    def beside(self, places: NDArray[np.float64], parts: ImageParts) -> NDArray[np.float64] | None:
+        """How far to the side the light of each microlens in samples sees, along the lattice's steps: (2, *parts.x).
+
+        At places on the array (n, 2) [mm]; None of an ideal lens.
+        """
+        if self.real is None:
+            return None
+        aside = self.real.aside(places, self.side * np.swapaxes([parts.x, parts.y], 1, 2))
+        return np.tensordot(np.linalg.inv(PACKINGS[self.camera.layout].steps), np.swapaxes(aside, 1, 2), 1)
 
     @cached_property
     def looks(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -231,9 +250,12 @@ class ViewLight:
         counted = range(math.floor(low / step) - 1, math.ceil(high / step) + 2)
         samples = len(counted) * self.parts[2].light[0, 0].size
         most = min(COARSE, max(2, int(math.sqrt(MOST_FILTERS / samples))))
-        if most not in self._phases:
-            self._phases[most] = _Phases.of(self, most)
-        phases = self._phases[most]
+        aside = np.zeros_like(views.pupil) if views.aside is None else views.aside
+        far = float(np.abs(aside if aside.ndim == 3 else np.where(views.field.weight > 0, aside, 0)).max())
+        key = most, WAVES + 2 * max(0, round(far) - 1)
+        if key not in self._phases:
+            self._phases[key] = _Phases.of(self, *key)
+        phases = self._phases[key]
         rows, columns, freed = phases.rows, phases.columns, phases.freed
         offset, kernels = phases.at([step * k for k in counted])
         nodes, disparities = rows.size * columns.size, step * np.array(counted)
@@ -268,7 +290,10 @@ class ViewLight:
             for nodes, n in ((rows, at.shape[0]), (columns, at.shape[1]))
         ]
         field = _filtered(views.field, freed.usable, kernels, at, near)
-        aside = np.zeros_like(views.pupil) if views.aside is None else views.aside
+        if (away := np.abs(disparity) > FOCUSED).any():
+            sure = np.zeros((*freed.usable.shape, nodes))
+            sure[freed.usable] = freed.sure
+            field = replace(field, weight=np.where(away & (over_view(sure) < 0.5), 0, field.weight))
         return PreparedViews(field, _sum(views.pupil, spread(slope)), _sum(aside, spread(rest)))
 
 
@@ -301,8 +326,8 @@ class _Phases(NamedTuple):
     """By disparity, as they are asked for."""
 
     @classmethod
-    def of(cls, light: ViewLight, most: int) -> _Phases:
-        """At so many nodes along each axis, at most."""
+    def of(cls, light: ViewLight, most: int, side: int) -> _Phases:
+        """At so many nodes along each axis, at most, by so many waves."""
         rows, columns, parts = light.parts
         few, some = (
             np.unique(np.linspace(0, at.size - 1, min(at.size, most)).round().astype(np.intp)) for at in (rows, columns)
@@ -310,9 +335,7 @@ class _Phases(NamedTuple):
         nodes = (few[:, None] * columns.size + some).ravel()
         parts = ImageParts(parts.steps, *(part[:, nodes] for part in parts[1:]))
         freed = _FreedWaves.of(light, rows[few], columns[some], parts)
-        return cls(
-            rows[few], columns[some], freed, _Waves.of(WAVES, light.like, PACKINGS[light.camera.layout].fold), {}
-        )
+        return cls(rows[few], columns[some], freed, _Waves.of(side, light.like, PACKINGS[light.camera.layout].fold), {})
 
     def at(self, disparities: list[float]) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
         """How far views look past their mean places [pitches], shape (disparity, axis, view, node), and filters."""
@@ -361,7 +384,7 @@ class _FreedWaves(NamedTuple):
         share = shares[own][:, usable].T
         sure = (share > SURE) * 1.0
         gain = np.divide(sure.any(0), share, out=np.zeros_like(share), where=share > LEAST)
-        mixing = _Mixing.of(parts, shares, own, usable, None)
+        mixing = _Mixing.of(parts, shares, own, usable, None, light.beside(images.fields, parts))
         pupil = light.side * np.stack([axis[own][:, usable].T for axis in (parts.x, parts.y)])
         aside = _aside(light.camera, light.like, rows, columns, parts.light[own])[:, usable]
         weight = np.where(gain > 0, total[:, usable].T * share**2, 0.0)
@@ -435,10 +458,10 @@ class _Waves(NamedTuple):
         `shown` has the shape (W, view, node), `off` (2, view, node).
         """
         size = np.abs(shown)
-        lit = size > 0
-        mean = np.sqrt((size**2).sum(1, keepdims=True) / np.maximum(lit.sum(1, keepdims=True), 1))
-        passed = self.passed[:, None, None] * ((mean > DARK_WAVE) & lit)
+        mean = np.sqrt((size**2).sum(1, keepdims=True) / np.maximum((size > 0).sum(1, keepdims=True), 1))
         gain = np.clip(mean / np.maximum(size, 1e-9), 1 / MOST_GAIN, MOST_GAIN)
+        shows = np.clip((size / np.maximum(mean, 1e-9) - FAINT_WAVE[0]) / (FAINT_WAVE[1] - FAINT_WAVE[0]), 0, 1)
+        passed = self.passed[:, None, None] * (mean > DARK_WAVE) * shows
         turn = np.angle(shown * np.exp(2j * math.pi * np.tensordot(self.k, off, 1)))
         factor = np.exp(passed * (np.log(np.maximum(gain, 1e-9)) - 1j * turn)).T
         grid = np.ones((*factor.shape[:2], self.side, self.side), np.complex64)
@@ -654,9 +677,13 @@ class _Mixing(NamedTuple):
 
     @classmethod
     def of(
-        cls, parts: ImageParts, shares: NDArray[np.float64], own: int, usable: NDArray[np.bool_], faint: bool | None
-    ) -> _Mixing:
-        """For samples that are `usable`, shape (t, s), and of them; of faint light, of other, or (None) of all."""
+        cls, parts: ImageParts, shares: NDArray[np.float64], own: int, usable: NDArray[np.bool_], faint: bool | None,
+        beside: NDArray[np.float64] | None = None,
+    ) -> _Mixing:  # fmt: skip
+        """For samples that are `usable`, shape (t, s), and of them; of faint light, of other, or (None) of all.
+
+        Where light sees `beside`, as `_beside` has it, what the nearest view shows is looked for that much farther on.
+        """
         from scipy.spatial import cKDTree
 
         light, *pupil = (axis[..., usable] for axis in (np.abs(parts.light), parts.x, parts.y))
@@ -666,14 +693,33 @@ class _Mixing(NamedTuple):
         taken = (most > FAINT) & ((most <= STRONG) == faint if faint is not None else True)
         taken[own] = False
         sample, step = np.nonzero(taken.T)
-        places = np.stack([x, y], -1)
-        known = np.flatnonzero((shares[own] > SURE).any(0))
-        source = known[cKDTree(places[own][known]).query(places[step, sample])[1]] if known.size else 0 * sample
-        first = np.searchsorted(sample, np.arange(taken.shape[1] + 1))
-        steps = np.array(parts.steps, np.int64).reshape(-1, 2)[step]
-        return cls(
-            first, np.asarray(source, np.int64), steps, np.ascontiguousarray(shares[step, :, sample], np.float32)
-        )
+        steps, count = np.array(parts.steps, np.int64).reshape(-1, 2)[step], np.arange(taken.shape[1] + 1)
+        if beside is None:
+            places = np.stack([x, y], -1)
+            known = np.flatnonzero((shares[own] > SURE).any(0))
+            source = known[cKDTree(places[own][known]).query(places[step, sample])[1]] if known.size else 0 * sample
+            share = np.ascontiguousarray(shares[step, :, sample], np.float32)
+            return cls(np.searchsorted(sample, count), np.asarray(source, np.int64), steps, share)
+        beside, keys, each = np.broadcast_to(beside[..., usable], (2, *shares.shape)), [], []
+        for node in range(shares.shape[1]):
+            places = np.stack([axis[:, node] for axis in pupil], -1)
+            lit = np.flatnonzero((shares[own, node] > SURE) | (shares[own, node].max() <= SURE))
+            source = lit[cKDTree(places[own, lit]).query(places[step, sample])[1]]
+            off = (beside[:, own, node, source] - beside[:, step, node, sample]).T
+            at = steps + np.where(np.abs(off) > NEAR, off, 0.0)
+            low = np.floor(at).astype(np.int64)
+            for corner in np.ndindex(2, 2):
+                part = np.prod(np.where(corner, at - low, 1 - at + low), -1) * shares[step, node, sample]
+                some = np.abs(part) > FAINT
+                key = np.column_stack([sample, source, low + corner, np.full(sample.size, node)])
+                keys.append(key[some])
+                each.append(part[some])
+        key = np.concatenate(keys)
+        lists, back = np.unique(key[:, :4], axis=0, return_inverse=True)
+        share = np.zeros((len(lists), shares.shape[1]), np.float32)
+        np.add.at(share, (back.ravel(), key[:, 4]), np.concatenate(each))
+        source, steps = np.ascontiguousarray(lists[:, 1]), np.ascontiguousarray(lists[:, 2:])
+        return cls(np.searchsorted(lists[:, 0], count), source, steps, share)
 
 
 class _Map(NamedTuple):
@@ -788,10 +834,11 @@ def _free_waves(
 ) -> None:  # fmt: skip
     """Waves without what neighbours put into samples, which show them turned; all (wave, node, view), by `_freed`."""
     count, nodes, views = raw.shape
-    for k in prange(count):
-        before = np.empty(views, np.complex128)
-        for i in range(nodes):
-            values = out[k, i]
+    for i in prange(nodes):
+        some, before = np.flatnonzero(shares[i]), np.empty(views, np.complex128)
+        ends, share, sent = np.searchsorted(some, first), shares[i][some], source[some]
+        for k in range(count):
+            values, turn = out[k, i], turns[k][some]
             for _ in range(ROUNDS):
                 total, known = 0j, 0
                 for n in range(views):
@@ -802,8 +849,8 @@ def _free_waves(
                     before[n] = values[n] if sure[i, n] > 0 else total / max(known, 1)
                 for n in range(views):
                     foreign = 0j
-                    for m in range(first[n], first[n + 1]):
-                        foreign += shares[i, m] * turns[k, m] * before[source[m]]
+                    for m in range(ends[n], ends[n + 1]):
+                        foreign += share[m] * turn[m] * before[sent[m]]
                     values[n] = (raw[k, i, n] - foreign) * gain[i, n]
 
 
