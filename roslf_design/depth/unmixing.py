@@ -64,10 +64,10 @@ MOST_PLACES = 50_000_000
 """Samples up to which each has a place of its own."""
 NEAR = 0.03
 """Pitches beside what a view shows up to which neighbours' light is taken for what it shows."""
-LEAST, SURE, FOCUSED = 0.4, 0.65, 1.0
+LEAST, SURE, FOCUSED = 0.55, 0.65, 1.0
 """Own share of a sample's light under which it is dropped: it tells more of its neighbours. Share from which on it
-tells what the microlens sends others: of less errors would go to and fro, and the mean of its other samples does. Disparity up to which that does so well
-enough for samples of less to be used [pitches]."""
+tells what the microlens sends others: of less errors would go to and fro, and the mean of its other samples does.
+Disparity up to which that does so well enough for samples of less to be used [pitches]."""
 
 
 def places_on_array(camera: Camera, field: LightField) -> NDArray[np.float64]:
@@ -114,6 +114,8 @@ class _Freeing(NamedTuple):
     """Samples that have enough own light anywhere, shape (t, s)."""
     share: NDArray[np.float32]
     """Own share of their light, shape (sample, v, u), or (sample, 1, 1)."""
+    noise: NDArray[np.float32]
+    """Variance that neighbours' samples leave in them as well, over their own; likewise."""
     ways: list[_Mixing]
     """Strong and faint light of neighbours."""
     maps: _Map
@@ -175,7 +177,8 @@ class ViewLight:
         beside = self.beside(self.places[np.ix_(rows, columns)].reshape(-1, 2), parts)
         each = (False, True) if usable.any() else ()
         ways = [_Mixing.of(mixed, shares, own, usable, faint, beside) for faint in each]
-        return _Freeing(usable, mine[usable], ways, maps, start)
+        noise = sum(way.noise(mixed.light.sum(0)[:, usable].T, shares[own][:, usable].T) for way in ways)
+        return _Freeing(usable, mine[usable], maps(np.asarray(noise)), ways, maps, start)
 
     def beside(self, places: NDArray[np.float64], parts: ImageParts) -> NDArray[np.float64] | None:
         """How far to the side the light of each microlens in samples sees, along the lattice's steps: (2, *parts.x).
@@ -213,7 +216,7 @@ class ViewLight:
 
     def without_crosstalk(self, field: LightField) -> LightField:
         """A light field with each microlens's own light alone; weights are those of samples with as much noise."""
-        usable, share, ways, maps, start = self._freeing
+        usable, share, noise, ways, maps, start = self._freeing
         lenses = field if field.hexagonal is None else field.hexagonal
         values, weight = np.zeros_like(lenses.values, np.float32), np.zeros_like(lenses.weight, np.float32)
         if usable.any():
@@ -222,7 +225,7 @@ class ViewLight:
             sure = np.where(share > SURE, gain, 0)
             gain *= (sure > 0).any(0)
             values[usable] = _freed(np.asarray(lenses.values[usable], np.float32), gain, sure, ways, maps, start)
-            weight[usable] = np.where(gain > 0, light * share**2, 0)
+            weight[usable] = np.where(gain > 0, light * share**2 / (1 + noise), 0)
         return _with(field, values, weight)
 
     def in_phase(self, views: PreparedViews, disparity: NDArray[np.float64], least: float) -> PreparedViews | None:
@@ -720,6 +723,13 @@ class _Mixing(NamedTuple):
         np.add.at(share, (back.ravel(), key[:, 4]), np.concatenate(each))
         source, steps = np.ascontiguousarray(lists[:, 1]), np.ascontiguousarray(lists[:, 2:])
         return cls(np.searchsorted(lists[:, 0], count), source, steps, share)
+
+    def noise(self, light: NDArray[np.float64], own: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Variance that the neighbours' samples leave in each, over that of its own light; all (sample, node)."""
+        sent = np.divide(1.0, light * own**2, out=np.zeros_like(light), where=own > SURE)
+        left = np.zeros_like(light)
+        np.add.at(left, np.repeat(np.arange(len(light)), np.diff(self.first)), self.share**2 * sent[self.source])
+        return left * light
 
 
 class _Map(NamedTuple):
