@@ -108,7 +108,7 @@ def calibration_sigma(design: Design, covariance: LengthCovariance, z: Array) ->
     return covariance.carried(camera, lambda builds: depth_told(builds.with_axes(1), slope))
 
 
-class _PreparedViews(NamedTuple):
+class PreparedViews(NamedTuple):
     """Input of `estimate_disparity`: a light field, where its views look from, and by how much they look aside."""
 
     field: LightField
@@ -131,10 +131,10 @@ class ViewGeometry(Protocol):
     def window(self) -> int:
         """Microlenses, or pixels of views, that are matched together."""
 
-    def prepared(self, field: LightField) -> _PreparedViews:
+    def prepared(self, field: LightField) -> PreparedViews:
         """A decoded light field with its views' own light, and where they look from."""
 
-    def at_phase(self, views: _PreparedViews, found: DisparityMap) -> _PreparedViews | None:
+    def at_phase(self, views: PreparedViews, found: DisparityMap) -> PreparedViews | None:
         """Views as texture at the disparities found shows itself to them; None where they do not differ."""
 
     def places(self, field: LightField) -> Array:
@@ -183,16 +183,16 @@ class ArrayGeometry:
             return None
         return TracedViews(self.design, self.camera, self.depth)
 
-    def prepared(self, field: LightField) -> _PreparedViews:
+    def prepared(self, field: LightField) -> PreparedViews:
         """Freed of neighbours' light; looking as lens and elements make them."""
         own = without_crosstalk(self.camera, field, self.traced)
         if self.traced is None:
-            return _PreparedViews(*own)
+            return PreparedViews(*own)
         pupil, aside = self.traced.sight(own.field, own.pupil)
         beside = own.aside if own.aside.ndim > 3 else own.aside[..., None, None]
-        return _PreparedViews(own.field, pupil, aside + beside)
+        return PreparedViews(own.field, pupil, aside + beside)
 
-    def at_phase(self, views: _PreparedViews, found: DisparityMap) -> _PreparedViews | None:
+    def at_phase(self, views: PreparedViews, found: DisparityMap) -> PreparedViews | None:
         """By the phases of each view's light, and of what is left of its neighbours', as by first order."""
         known = found.measured
         if not known.any():
@@ -202,7 +202,7 @@ class ArrayGeometry:
         aside = np.zeros_like(views.pupil) if views.aside is None else views.aside
         smooth = ndimage.median_filter(filled, SMOOTHED)
         turned = in_phase(self.camera, views.field, views.pupil, aside, smooth, least, self.traced)
-        return None if turned is None else _PreparedViews(*turned)
+        return None if turned is None else PreparedViews(*turned)
 
     def places(self, field: LightField) -> Array:
         """Places on the array [mm]."""
@@ -245,12 +245,12 @@ class GridGeometry:
         """Unit of depths."""
         return "px" if self.grid is None else "mm"
 
-    def prepared(self, field: LightField) -> _PreparedViews:
+    def prepared(self, field: LightField) -> PreparedViews:
         """As it is: cameras to the right see near points further left."""
         t, s = np.meshgrid(field.t, field.s, indexing="ij")
-        return _PreparedViews(field, np.stack([-s, -t]) / self.across)
+        return PreparedViews(field, np.stack([-s, -t]) / self.across)
 
-    def at_phase(self, views: _PreparedViews, found: DisparityMap) -> _PreparedViews | None:
+    def at_phase(self, views: PreparedViews, found: DisparityMap) -> PreparedViews | None:
         """Views of cameras look from where they stand."""
         return None
 

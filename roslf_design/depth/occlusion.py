@@ -27,6 +27,8 @@ SETTLED = 0.25
 """Change of disparity from the one warped back by up to which a slope tells it well enough near an edge [pitches]."""
 AT_ODDS = 5.0
 """Chi-square per degree of freedom above which a window is at odds with itself there: edges alias."""
+CLEARLY, FEW = 2, 200
+"""Times as many microlenses, and how many more, that one side's halves know from which the other side's are wrong."""
 _PICKED = 1.3
 """Factor by which the least of the errors of many windows is taken as too small: chosen on rendered light fields, not
 derived."""
@@ -95,7 +97,7 @@ def past_edges(
     known: Flags,
     wanted: Flags,
     halves: tuple[Flags, Flags],
-    look: Callable[[Flags | None, Array, Array], SharedLight],
+    look: Callable[[Flags | None, Array, Array, bool, SharedLight | None], SharedLight],
     largest_sigma: float,
     alike: float | None,
 ) -> _Offered:
@@ -112,8 +114,7 @@ def past_edges(
     halves : tuple of ndarray
         True for the views whose pupil coordinate along u, along v is not above 0, shape (view,).
     look : callable
-        Makes another look with some of the views, along a disparity, from a picture; where the disparity is not a
-        number there is none.
+        Makes another look with some of the views, as `_AllViews` does.
     largest_sigma : float
         Standard error above which there is none [pitches].
     alike : float, optional
@@ -134,11 +135,11 @@ def past_edges(
             some = half if (down + right) * side < 0 else ~half
             carried = _carried(disparity, known, fit, (down, right))
             carried = np.where(near, np.where(np.isfinite(carried), carried, first.disparity), np.nan)
-            once = look(some, carried, first.picture)
+            once = look(some, carried, first.picture, True, None)
             change = WindowFit.of(once, SIZES[0], alone=True).disparity - once.disparity
-            again = look(some, carried + np.clip(change, -_NUDGE, _NUDGE), once.picture)
+            again = look(some, carried + np.clip(change, -_NUDGE, _NUDGE), once.picture, True, once)
             gains[side] += found.take(again, wanted, largest_sigma, alike)
-        if right > 0:
+        if right > 0 or max(gains.values()) > CLEARLY * min(gains.values()) + FEW:
             sides = [max(sides, key=gains.__getitem__)]
     return found
 
