@@ -35,6 +35,8 @@ QUIET = 1e8
 """Electrons of views whose noise has nothing to do with light."""
 MOST_ELECTRONS = 1e12
 """Largest number of electrons in a pixel that a file is believed to stand for."""
+MANY_VIEWS, FEW_VIEWS = 7, 4
+"""Views along an axis that where to search is looked for in, and those where views have little noise."""
 SOME_VIEWS = 12
 """Largest number of views whose noise is compared with itself."""
 WIDER, TWICE = 3, 1.0
@@ -188,7 +190,7 @@ def _brightness(field: LightField) -> float:
     return float(np.median(lit[:: 1 + lit.size // 1_000_000])) if lit.size else 0.0
 
 
-def searched(field: LightField, across: float) -> tuple[float, float]:
+def searched(field: LightField, across: float, views: int = MANY_VIEWS) -> tuple[float, float]:
     """Disparities over the pupil at which some part of a light field is sharp, and a little more.
 
     Parameters
@@ -196,8 +198,10 @@ def searched(field: LightField, across: float) -> tuple[float, float]:
     field : LightField
     across : float
         Samples of the views from rim to rim of the pupil.
+    views : int
+        Views along an axis that are looked at.
     """
-    sharp = sharp_disparities(field) * (across / field.pitch)
+    sharp = sharp_disparities(field, views=views) * (across / field.pitch)
     return search_about(float(sharp.min()), float(sharp.max()))
 
 
@@ -309,7 +313,7 @@ def disagreement(field: LightField, across: int) -> float:
     level = _brightness(field)
     if not level > 0:
         return 0.0
-    some = _roughly(GridGeometry(across), scaled(field, level), searched(field, float(across)))[0].chi2
+    some = _roughly(GridGeometry(across), scaled(field, level), searched(field, float(across), FEW_VIEWS))[0].chi2
     return float(np.median(some[some > 0])) if (some > 0).any() else 0.0
 
 
@@ -362,11 +366,12 @@ def _noise_alike(field: LightField, pupil: NDArray[np.floating], estimate: Dispa
 
 def _with_itself(parts: NDArray[np.floating], width: int) -> NDArray[np.float64]:
     """Mean product of each picture with itself less than a width aside, shape (picture, along v, along u)."""
+    from scipy import fft
+
     rows, columns = parts.shape[1:]
-    padded = rows + width, columns + width
-    power = np.abs(np.fft.rfft2(parts, padded)) ** 2
+    padded = fft.next_fast_len(rows + width, True), fft.next_fast_len(columns + width, True)
     aside = np.arange(1 - width, width)
-    product = np.fft.irfft2(power, padded)[:, aside[:, None], aside]
+    product = fft.irfft2(np.abs(fft.rfft2(parts, padded)) ** 2, padded)[:, aside[:, None], aside]
     return np.asarray(product / np.outer(rows - np.abs(aside), columns - np.abs(aside)))
 
 

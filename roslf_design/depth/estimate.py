@@ -310,7 +310,15 @@ def estimate_disparity(
     wanted |= (judged.status == DisparityStatus.AMBIGUOUS) & (fit.misfit(largest_chi2) > 1)
     middle = views.pupil.mean(axis=(2, 3))
     found = past_edges(
-        look, fit, judged.measured, wanted, (middle[0] <= 0, middle[1] <= 0), every.look, largest_sigma, noise.alike
+        look,
+        fit,
+        judged.measured,
+        wanted,
+        (middle[0] <= 0, middle[1] <= 0),
+        other,
+        every.look,
+        largest_sigma,
+        noise.alike,
     )
     new = np.isfinite(found.sigma) & (found.disparity >= low) & (found.disparity <= high)
     return replace(
@@ -348,14 +356,7 @@ class _AllViews:
         from scipy import ndimage
 
         views, noise = self.views, self.noise
-        each = self.splines, self.cells, views.pupil, views.aside
-        if some is not None:
-            each = (
-                self.splines[some],
-                self.cells[some],
-                _read_only(views.pupil[:, some]),
-                _read_only(views.aside[:, some]),
-            )
+        chosen = np.arange(len(views.grid)) if some is None else np.flatnonzero(some)
         sums = np.zeros((SUMS, *views.shape))
         if kept is not None:
             stays = np.abs(disparity - kept.disparity) <= _SAME
@@ -363,7 +364,8 @@ class _AllViews:
         peak = ndimage.maximum_filter(picture, 5) if math.isfinite(noise.saturation) else picture
         with THREADS:
             common.compiled(
-                *each, disparity, picture, peak, views.steps, noise.electrons, noise.read_noise, noise.brightest,
+                self.splines, self.cells, views.pupil, views.aside, chosen, disparity, picture, peak,
+                views.steps, noise.electrons, noise.read_noise, noise.brightest,
                 _ROBUST if robust else math.inf, sums,
             )  # fmt: skip
         where = np.where(np.isnan(disparity), 0.0, disparity)
@@ -523,9 +525,15 @@ def _searched(views: _Views, noise: PixelNoise, low: float, high: float, window:
     steps = max(2, math.ceil((high - low) * reach / (0.25 * min(views.steps))))
     step = (high - low) / steps
     candidates = low + step * np.arange(-1, steps + 2)
+    light = zones[:, 1]
+    cells = np.minimum(
+        np.minimum(light[:, :-1, :-1], light[:, :-1, 1:]), np.minimum(light[:, 1:, :-1], light[:, 1:, 1:])
+    )
     squares, freedoms, means = np.zeros((3, len(candidates), *shape), np.float32)
     with THREADS:
-        spread_of_zones.compiled(zones, candidates, views.steps, squares, freedoms, means)
+        spread_of_zones.compiled(
+            zones, cells, overall.astype(np.float32), candidates, views.steps, squares, freedoms, means
+        )
     totals, freedoms = (box(each, window) for each in (squares, freedoms))
     # A candidate that few zones can judge would win by chance.
     judged = (freedoms > 0.5) & (freedoms >= 0.25 * freedoms.max(axis=0))

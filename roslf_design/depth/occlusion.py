@@ -97,7 +97,8 @@ def past_edges(
     known: Flags,
     wanted: Flags,
     halves: tuple[Flags, Flags],
-    look: Callable[[Flags | None, Array, Array, bool, SharedLight | None], SharedLight],
+    sparse: Flags,
+    look: Callable[[Flags | None, Array, Array], SharedLight],
     largest_sigma: float,
     alike: float | None,
 ) -> _Offered:
@@ -135,9 +136,9 @@ def past_edges(
             some = half if (down + right) * side < 0 else ~half
             carried = _carried(disparity, known, fit, (down, right))
             carried = np.where(near, np.where(np.isfinite(carried), carried, first.disparity), np.nan)
-            once = look(some, carried, first.picture, True, None)
+            once = look(some & sparse, carried, first.picture)
             change = WindowFit.of(once, SIZES[0], alone=True).disparity - once.disparity
-            again = look(some, carried + np.clip(change, -_NUDGE, _NUDGE), once.picture, True, once)
+            again = look(some, carried + np.clip(change, -_NUDGE, _NUDGE), once.picture)
             gains[side] += found.take(again, wanted, largest_sigma, alike)
         if right > 0 or max(gains.values()) > CLEARLY * min(gains.values()) + FEW:
             sides = [max(sides, key=gains.__getitem__)]

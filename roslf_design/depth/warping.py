@@ -157,6 +157,8 @@ def light_of_cells(light: Samples) -> Samples:
     The outermost of the 8 x 8 that are interpolated from weigh 2e-4 at most.
     """
     mean = float32(0.25) * (light[:, :-1, :-1] + light[:, :-1, 1:] + light[:, 1:, :-1] + light[:, 1:, 1:])
+    if (light > 0).all():
+        return np.asarray(mean)
     lit = np.pad(light > 0, ((0, 0), (2, 2), (2, 2)), constant_values=True)
     rows, columns = mean.shape[1:]
     lit = np.logical_and.reduce([lit[:, k : k + rows] for k in range(6)])
@@ -227,27 +229,32 @@ def window_sums(values: NDArray[np.floating], window: int, out: NDArray[np.float
 
 
 @kernel(inline=True)
-def _add_zone(zone: Samples, b: int, left: int, f: float32, g: float32, first: int, last: int, sums: Lines) -> None:
-    """Add a zone, bilinear between rows b and b + 1, `left` and f of a sample aside, to columns of a row's sums."""
-    e, h = float32(1) - f, float32(1) - g
-    kept = (1 - 2.0 * f * e) * (1 - 2.0 * g * h)
-    wide, here = slice(first + left, last + left + 1), slice(first, last)
-    value, below, weight, lower = zone[0, b, wide], zone[0, b + 1, wide], zone[1, b, wide], zone[1, b + 1, wide]
+def _add_zone(
+    values: Samples, cells: Samples, expected: Samples, left: int, f: float32, g: float32, u: int, end: int,
+    sums: Samples,
+) -> None:  # fmt: skip
+    """Add two rows of a zone, bilinear f and g of a sample beyond those `left` aside, to columns of a row's sums."""
+    one, two = float32(1), float32(2)
+    e, h = one - f, one - g
+    kept = (one - two * f * e) * (one - two * g * h)
+    here, wide = slice(u, end), slice(u + left, end + left + 1)
+    above, below, light, mean = values[0, wide], values[1, wide], cells[wide], expected[here]
     total, moment, square, free, count = sums[0, here], sums[1, here], sums[2, here], sums[3, here], sums[4, here]
-    for u in range(last - first):
-        light = np.float64(min(min(weight[u], weight[u + 1]), min(lower[u], lower[u + 1])))
-        mean = h * (e * value[u] + f * value[u + 1]) + g * (e * below[u] + f * below[u + 1])
-        lit = 1.0 if light > 0 else 0.0
-        total[u] += light
-        moment[u] += light * mean
-        square[u] += light * mean * mean
-        free[u] += kept * lit
-        count[u] += lit
+    for i in range(end - u):
+        value = h * (e * above[i] + f * above[i + 1]) + g * (e * below[i] + f * below[i + 1]) - mean[i]
+        lit = one if light[i] > 0 else float32(0)
+        total[i] += light[i]
+        moment[i] += light[i] * value
+        square[i] += light[i] * value * value
+        free[i] += kept * lit
+        count[i] += lit
 
 
 @kernel(parallel=True)
 def spread_of_zones(
     zones: Samples,
+    cells: Samples,
+    picture: Samples,
     candidates: Lines,
     steps: tuple[float, float],
     squares: Samples,
@@ -256,7 +263,8 @@ def spread_of_zones(
 ) -> None:
     """Chi-square of the zones about their mean at each microlens, moved by each disparity; `steps` pitches a sample.
 
-    Shape (candidate, v, u) of `squares`, `freedom` and `mean`.
+    Shape (candidate, v, u) of `squares`, `freedom` and `mean`; `cells` has the least weight of each four neighbours,
+    `picture` about what zones show, so that single precision is enough.
     """
     count, _, rows, columns = zones.shape
     for v in prange(rows):
@@ -267,34 +275,31 @@ def spread_of_zones(
                 for a in range(2, 6):
                     if zones[z, 1, v, u] <= 0 or abs(zones[z, a, v, u] - zones[z, a, v, 0]) > _SAME_PLACE:
                         whole[z] = 0.0
-        sums = np.zeros((5, columns))
+        sums = np.zeros((5, columns), float32)
         for c in range(candidates.size):
-            disparity = candidates[c]
             for a in range(5):
                 for u in range(columns):
                     sums[a, u] = 0.0
             for z in range(count):
-                first, last = 0, 0
-                if whole[z] > 0:
-                    y = v + (disparity * zones[z, 3, v, 0] + zones[z, 5, v, 0]) / steps[1]
-                    if y < 0 or y > rows - 1:
+                end = 0
+                while end < columns:
+                    u, end = end, end + 1
+                    if zones[z, 1, v, u] <= 0:
                         continue
-                    x = (disparity * zones[z, 2, v, 0] + zones[z, 4, v, 0]) / steps[0]
-                    left, b = math.floor(x), min(int(y), rows - 2)
-                    first = min(max(0, -left), columns)
-                    last = max(min(columns, columns - 1 - left), first)
-                    _add_zone(zones[z], b, left, float32(x - left), float32(y - b), first, last, sums)
-                for u in range(columns):
-                    if first <= u < last or zones[z, 1, v, u] <= 0:
+                    x = u + (candidates[c] * zones[z, 2, v, u] + zones[z, 4, v, u]) / steps[0]
+                    y = v + (candidates[c] * zones[z, 3, v, u] + zones[z, 5, v, u]) / steps[1]
+                    if x < 0 or y < 0 or x > columns - 1 or y > rows - 1:
                         continue
-                    x = u + (disparity * zones[z, 2, v, u] + zones[z, 4, v, u]) / steps[0]
-                    y = v + (disparity * zones[z, 3, v, u] + zones[z, 5, v, u]) / steps[1]
-                    if not (x < 0 or y < 0 or x > columns - 1 or y > rows - 1):
-                        a, b = min(int(x), columns - 2), min(int(y), rows - 2)
-                        _add_zone(zones[z], b, a - u, float32(x - a), float32(y - b), u, u + 1, sums)
+                    a, b = min(int(x), columns - 2), min(int(y), rows - 2)
+                    if whole[z] > 0:
+                        end = max(end, columns - 1 - (a - u))
+                    _add_zone(
+                        zones[z, 0, b : b + 2], cells[z, b], picture[v], a - u, float32(x - a), float32(y - b), u,
+                        min(end, columns), sums,
+                    )  # fmt: skip
             for u in range(columns):
                 if sums[0, u] > 0:
-                    mean[c, v, u] = sums[1, u] / sums[0, u]
+                    mean[c, v, u] = picture[v, u] + sums[1, u] / sums[0, u]
                     squares[c, v, u] = max(sums[2, u] - sums[1, u] * sums[1, u] / sums[0, u], 0.0)
                     freedom[c, v, u] = sums[3, u] * (1.0 - 1.0 / sums[4, u])
 
@@ -383,6 +388,7 @@ def common(
     cells: Samples,
     pupil: Floats,
     aside: Floats,
+    chosen: Whole,
     disparity: Floats,
     picture: Floats,
     peak: Floats,
@@ -393,13 +399,13 @@ def common(
     robust: float,
     out: Floats,
 ) -> None:
-    """Moments of all views about each microlens of `picture`, warped back by `disparity` and `aside`; see `SUMS`.
+    """Moments of chosen views about each microlens of `picture`, warped back by `disparity` and `aside`; see `SUMS`.
 
     Weights are the inverse variance that `picture`, not the noisy sample, predicts; beyond `robust` standard errors
     from it they fall as Huber's. Where `peak`, the brightest about a microlens, makes more than `brightest` electrons,
     nothing is used: what by chance did not saturate would be dark by selection.
     """
-    count, rows, columns = cells.shape[0], disparity.shape[0], disparity.shape[1]
+    rows, columns = disparity.shape
     for v in prange(rows):
         at, some = np.empty(columns, np.int64), 0
         for u in range(columns):
@@ -413,7 +419,7 @@ def common(
         terms, expected = np.ones((4, some)), np.empty(some)  # 1, pupil coordinates, value
         for i in range(some):
             expected[i] = picture[v, at[i]]
-        for k in range(count):
+        for k in chosen:
             for i in range(some):
                 u = at[i]
                 light[i] = 0.0
