@@ -22,8 +22,8 @@ FEWEST, PARTS = 30, 8
 WITHIN = 0.68
 """Share of errors within a standard error."""
 HARDER = 1.35
-"""Errors of a fill over those of places held out whose known ones differ as much: what is unknown is harder than what is
-known beside it. By rendered light fields whose disparities are known."""
+"""Errors of a fill over those of places held out whose known ones differ as much: what is unknown is harder than what
+is known beside it. By rendered light fields whose disparities are known."""
 FARTHEST = 16
 """Distance to the nearest known place beyond which nothing is filled in [places]."""
 

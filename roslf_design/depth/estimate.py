@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._jit import THREADS
 from ..calibration.decoding import LightField
-from .occlusion import past_edges
+from .occlusion import BESIDE_STEP, beside_steps, past_edges
 from .warping import (
     SUMS,
     best_and_next,
@@ -321,10 +321,12 @@ def estimate_disparity(
         noise.alike,
     )
     new = np.isfinite(found.sigma) & (found.disparity >= low) & (found.disparity <= high)
+    disparity = np.where(new, found.disparity, judged.disparity)
+    sigma = np.where(new, found.sigma, judged.sigma)
     return replace(
         judged,
-        disparity=np.where(new, found.disparity, judged.disparity),
-        sigma=np.where(new, found.sigma, judged.sigma),
+        disparity=disparity,
+        sigma=sigma * np.where(beside_steps(disparity), BESIDE_STEP, 1.0),
         status=np.where(new, np.int8(DisparityStatus.MEASURED), judged.status),
         chi2=np.where(new, found.chi2, judged.chi2),
         views=np.where(new, found.views, judged.views).astype(np.int16),

@@ -32,6 +32,9 @@ CLEARLY, FEW = 2, 200
 _PICKED = 1.3
 """Factor by which the least of the errors of many windows is taken as too small: chosen on rendered light fields, not
 derived."""
+_DEPTH_STEP, BESIDE_STEP = 0.9, 2.0
+"""Difference of known disparities within `SIZES[0]` that is a depth step [pitches], and the factor by which errors are
+larger there than windows tell: pixels show some of both sides. Chosen on rendered light fields, not derived."""
 _NUDGE = 0.3
 """Largest correction of a surface that is carried on [pitches]."""
 
@@ -157,3 +160,11 @@ def _carried(disparity: Array, known: Flags, fit: WindowFit, direction: tuple[in
         before[edge] = np.nan
         value, slope = np.where(hole, before + steep, value), np.where(hole, steep, slope)
     return value
+
+
+def beside_steps(disparity: Array) -> Flags:
+    """True where known disparities nearby, those that are numbers, differ by a depth step."""
+    known = np.isfinite(disparity)
+    most = ndimage.maximum_filter(np.where(known, disparity, -np.inf), SIZES[0])
+    least = ndimage.minimum_filter(np.where(known, disparity, np.inf), SIZES[0])
+    return np.asarray(most > least + _DEPTH_STEP)
