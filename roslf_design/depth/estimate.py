@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._jit import THREADS
 from ..calibration.decoding import LightField
-from .occlusion import BESIDE_STEP, beside_steps, past_edges
+from .occlusion import BESIDE_STEP, SIZES, beside_steps, past_edges
 from .warping import (
     SUMS,
     best_and_next,
@@ -268,7 +268,7 @@ def estimate_disparity(
     passes : int
         Corrections after the search; the first two take half of the views, where these are many.
     edges : bool
-        Whether windows at odds are looked at once more for what smaller windows, and halves of the views, have there.
+        Whether windows at odds are looked at once more for what smaller windows, and quarters of the views, have there.
     begun : Start, optional
         Of an estimate of the same views with the same search: it is not made again.
 
@@ -308,14 +308,13 @@ def estimate_disparity(
         return judged
     wanted = (judged.status == DisparityStatus.INCONSISTENT) | (judged.status == DisparityStatus.OUT_OF_RANGE)
     wanted |= (judged.status == DisparityStatus.AMBIGUOUS) & (fit.misfit(largest_chi2) > 1)
-    middle = views.pupil.mean(axis=(2, 3))
+    some = (views.grid % 2 == 0).all(axis=1) if most else np.ones(len(views.grid), np.bool_)
+    left, above = ((side <= 0, side > 0) for side in views.pupil.mean(axis=(2, 3)))
     found = past_edges(
         look,
-        fit,
-        judged.measured,
         wanted,
-        (middle[0] <= 0, middle[1] <= 0),
-        other,
+        [a & b for a in left for b in above],
+        lambda quarter: _searched(views.some(quarter & some), noise, low, high, SIZES[0]).disparity,
         every.look,
         largest_sigma,
         noise.alike,
