@@ -35,8 +35,8 @@ QUIET = 1e8
 """Electrons of views whose noise has nothing to do with light."""
 MOST_ELECTRONS = 1e12
 """Largest number of electrons in a pixel that a file is believed to stand for."""
-MANY_VIEWS, FEW_VIEWS = 7, 4
-"""Views along an axis that where to search is looked for in, and those where views have little noise."""
+FEW_VIEWS = 4
+"""Views along an axis that tell where to search, of views with little noise."""
 SOME_VIEWS = 12
 """Largest number of views whose noise is compared with itself."""
 WIDER, TWICE = 3, 1.0
@@ -190,7 +190,7 @@ def _brightness(field: LightField) -> float:
     return float(np.median(lit[:: 1 + lit.size // 1_000_000])) if lit.size else 0.0
 
 
-def searched(field: LightField, across: float, views: int = MANY_VIEWS) -> tuple[float, float]:
+def searched(field: LightField, across: float, views: int = 7) -> tuple[float, float]:
     """Disparities over the pupil at which some part of a light field is sharp, and a little more.
 
     Parameters
@@ -199,7 +199,7 @@ def searched(field: LightField, across: float, views: int = MANY_VIEWS) -> tuple
     across : float
         Samples of the views from rim to rim of the pupil.
     views : int
-        Views along an axis that are looked at.
+        As many along an axis are looked at.
     """
     sharp = sharp_disparities(field, views=views) * (across / field.pitch)
     return search_about(float(sharp.min()), float(sharp.max()))
@@ -214,19 +214,9 @@ def _looked_wide(
     look: Callable[[tuple[float, float]], Found], outside: Callable[[Found], tuple[float, float]], field: LightField,
     search: tuple[float, float], fixed: bool,
 ) -> Found:  # fmt: skip
-    """What is found between two disparities, looked for further out as long as much of the scene lies beyond.
+    """What `look` finds between two disparities, and further out as long as much of the scene lies beyond.
 
-    Parameters
-    ----------
-    look : callable
-        Finds it.
-    outside : callable
-        Shares of the scene below and above what was searched.
-    field : LightField
-    search : tuple of float
-        Least and largest disparity to begin with [pitches].
-    fixed : bool
-        True where somebody named them: then they stay.
+    `outside` tells the shares below and above. Where somebody named the two, `fixed`, they stay.
     """
     found = look(search)
     farthest = 0.5 * max(field.values.shape[2:]) * abs(float(field.u[1] - field.u[0]))

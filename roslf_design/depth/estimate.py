@@ -21,7 +21,7 @@ from .warping import (
     light_of_cells,
     spline_coefficients,
     spread_of_zones,
-)
+)  # fmt: skip
 from .windows import QUORUM, SharedLight, WindowFit, box, chance
 
 Array = NDArray[np.float64]
@@ -311,21 +311,16 @@ def estimate_disparity(
     some = (views.grid % 2 == 0).all(axis=1) if most else np.ones(len(views.grid), np.bool_)
     left, above = ((side <= 0, side > 0) for side in views.pupil.mean(axis=(2, 3)))
     found = past_edges(
-        look,
-        wanted,
-        [a & b for a in left for b in above],
-        lambda quarter: _searched(views.some(quarter & some), noise, low, high, SIZES[0]).disparity,
-        every.look,
-        largest_sigma,
-        noise.alike,
-    )
+        look, wanted, [a & b for a in left for b in above],
+        lambda quarter: _searched(views.some(quarter & some), noise, low, high, SIZES[0]).disparity, every.look,
+        largest_sigma, noise.alike,
+    )  # fmt: skip
     new = np.isfinite(found.sigma) & (found.disparity >= low) & (found.disparity <= high)
     disparity = np.where(new, found.disparity, judged.disparity)
-    sigma = np.where(new, found.sigma, judged.sigma)
     return replace(
         judged,
         disparity=disparity,
-        sigma=sigma * np.where(beside_steps(disparity), BESIDE_STEP, 1.0),
+        sigma=np.where(new, found.sigma, judged.sigma) * np.where(beside_steps(disparity), BESIDE_STEP, 1.0),
         status=np.where(new, np.int8(DisparityStatus.MEASURED), judged.status),
         chi2=np.where(new, found.chi2, judged.chi2),
         views=np.where(new, found.views, judged.views).astype(np.int16),
@@ -527,14 +522,12 @@ def _searched(views: _Views, noise: PixelNoise, low: float, high: float, window:
     step = (high - low) / steps
     candidates = low + step * np.arange(-1, steps + 2)
     light = zones[:, 1]
-    cells = np.minimum(
-        np.minimum(light[:, :-1, :-1], light[:, :-1, 1:]), np.minimum(light[:, 1:, :-1], light[:, 1:, 1:])
-    )
+    above, below = (np.minimum(each[..., :-1], each[..., 1:]) for each in (light[:, :-1], light[:, 1:]))
+    cells = np.minimum(above, below)
     squares, freedoms, means = np.zeros((3, len(candidates), *shape), np.float32)
     with THREADS:
-        spread_of_zones.compiled(
-            zones, cells, overall.astype(np.float32), candidates, views.steps, squares, freedoms, means
-        )
+        shown = overall.astype(np.float32)
+        spread_of_zones.compiled(zones, cells, shown, candidates, views.steps, squares, freedoms, means)
     totals, freedoms = (box(each, window) for each in (squares, freedoms))
     # A candidate that few zones can judge would win by chance.
     judged = (freedoms > 0.5) & (freedoms >= 0.25 * freedoms.max(axis=0))

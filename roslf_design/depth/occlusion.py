@@ -31,8 +31,6 @@ derived."""
 _DEPTH_STEP, BESIDE_STEP = 0.9, 2.0
 """Difference of known disparities within `SIZES[0]` that is a depth step [pitches], and the factor by which errors are
 larger there than windows tell: pixels show some of both sides. Chosen on rendered light fields, not derived."""
-FEWEST = 3
-"""Views that tell disparities, at least."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,39 +84,20 @@ class _Offered:
 
 
 def past_edges(
-    first: SharedLight,
-    wanted: Flags,
-    quarters: Iterable[Flags],
-    search: Callable[[Flags], Array],
-    look: Callable[[Flags, Array, Array], SharedLight],
-    largest_sigma: float,
-    alike: float | None,
-) -> _Offered:
+    first: SharedLight, wanted: Flags, quarters: Iterable[Flags], search: Callable[[Flags], Array],
+    look: Callable[[Flags, Array, Array], SharedLight], largest_sigma: float, alike: float | None,
+) -> _Offered:  # fmt: skip
     """Disparities of the microlenses `wanted`, where other windows or a quarter of the views have them.
 
-    Parameters
-    ----------
-    first : SharedLight
-        Of all views.
-    wanted : ndarray
-        True where a disparity is wanted, shape (v, u).
-    quarters : iterable of ndarray
-        True for the views of each quarter of the pupil, shape (view,).
-    search : callable
-        Makes disparities of some of the views alone.
-    look : callable
-        Makes another look with some of the views, as `_AllViews` does.
-    largest_sigma : float
-        Standard error above which there is none [pitches].
-    alike : float, optional
-        As `PixelNoise` has it.
+    `first` is of all views; `quarters` are true for the views of each quarter of the pupil, `search` makes disparities
+    of some views alone, and `look` looks at them along these, as `_AllViews` does.
     """
     found = _Offered.none(wanted.shape)
     found.take(first, wanted, largest_sigma, alike)
     wanted = wanted & ~np.isfinite(found.sigma)
     near = ndimage.binary_dilation(wanted, iterations=SIZES[0])
     for some in quarters:
-        if wanted.any() and some.sum() >= FEWEST:
+        if wanted.any() and some.sum() > 2:
             begun = np.where(near, search(some), np.nan)
             found.take(look(some, begun, first.picture), wanted, largest_sigma, alike)
     return found

@@ -168,16 +168,9 @@ def light_of_cells(light: Samples) -> Samples:
 
 @kernel(parallel=True)
 def gather_zones(
-    values: Samples,
-    light: Samples,
-    pupil: Floats,
-    aside: Floats,
-    zone: NDArray[np.int64],
-    picture: Floats,
-    electrons: float,
-    read: float,
-    out: Samples,
-) -> None:
+    values: Samples, light: Samples, pupil: Floats, aside: Floats, zone: Whole, picture: Floats, electrons: float,
+    read: float, out: Samples,
+) -> None:  # fmt: skip
     """Mean value, information, pupil coordinate (2) and shift aside (2) of each zone; `out`: (zone, 6, v, u)."""
     count, rows, columns = values.shape
     for v in prange(rows):
@@ -206,26 +199,21 @@ def gather_zones(
 def window_sums(values: NDArray[np.floating], window: int, out: NDArray[np.floating]) -> None:
     """Sums over the window about each place of pictures, as far as it lies in them; shape (picture, v, u)."""
     count, rows, columns = values.shape
-    reach = window // 2
-    down = np.zeros(columns + 2 * reach + 1)
+    reach, down = window // 2, np.zeros(columns + window)
     for k in range(count):
         for u in range(columns):
             down[reach + u] = 0.0
         for v in range(-reach, rows):
-            if v + reach < rows:
-                for u in range(columns):
+            for u in range(columns):
+                if v + reach < rows:
                     down[reach + u] += values[k, v + reach, u]
-            if v > reach:
-                for u in range(columns):
+                if v > reach:
                     down[reach + u] -= values[k, v - reach - 1, u]
-            if v >= 0:
+            for u in range(columns if v >= 0 else 0):
                 total = 0.0
-                for u in range(2 * reach):
-                    total += down[u]
-                for u in range(columns):
-                    total += down[u + 2 * reach]
-                    out[k, v, u] = total
-                    total -= down[u]
+                for a in range(window):
+                    total += down[u + a]
+                out[k, v, u] = total
 
 
 @kernel(inline=True)
@@ -252,15 +240,9 @@ def _add_zone(
 
 @kernel(parallel=True)
 def spread_of_zones(
-    zones: Samples,
-    cells: Samples,
-    picture: Samples,
-    candidates: Lines,
-    steps: tuple[float, float],
-    squares: Samples,
-    freedom: Samples,
-    mean: Samples,
-) -> None:
+    zones: Samples, cells: Samples, picture: Samples, candidates: Lines, steps: tuple[float, float], squares: Samples,
+    freedom: Samples, mean: Samples,
+) -> None:  # fmt: skip
     """Chi-square of the zones about their mean at each microlens, moved by each disparity; `steps` pitches a sample.
 
     Shape (candidate, v, u) of `squares`, `freedom` and `mean`; `cells` has the least weight of each four neighbours,
@@ -306,13 +288,8 @@ def spread_of_zones(
 
 @kernel(parallel=True)
 def best_and_next(
-    costs: Samples,
-    best: Whole,
-    part: Floats,
-    least: Floats,
-    second: Floats,
-    level: Floats,
-) -> None:
+    costs: Samples, best: Whole, part: Floats, least: Floats, second: Floats, level: Floats
+) -> None:  # fmt: skip
     """Best candidate of each microlens, and floors of its dip and of the next.
 
     `part` of a step lies its floor beyond it by the parabola through it; where there is no floor it is infinite;
@@ -384,21 +361,10 @@ def _interpolate(spline: Samples, light: Lines, left: Whole, above: Whole, f: Sa
 
 @kernel(parallel=True)
 def common(
-    splines: Samples,
-    cells: Samples,
-    pupil: Floats,
-    aside: Floats,
-    chosen: Whole,
-    disparity: Floats,
-    picture: Floats,
-    peak: Floats,
-    steps: tuple[float, float],
-    electrons: float,
-    read: float,
-    brightest: float,
-    robust: float,
+    splines: Samples, cells: Samples, pupil: Floats, aside: Floats, chosen: Whole, disparity: Floats, picture: Floats,
+    peak: Floats, steps: tuple[float, float], electrons: float, read: float, brightest: float, robust: float,
     out: Floats,
-) -> None:
+) -> None:  # fmt: skip
     """Moments of chosen views about each microlens of `picture`, warped back by `disparity` and `aside`; see `SUMS`.
 
     Weights are the inverse variance that `picture`, not the noisy sample, predicts; beyond `robust` standard errors
