@@ -214,7 +214,7 @@ def _looked_wide(
     look: Callable[[tuple[float, float]], Found], outside: Callable[[Found], tuple[float, float]], field: LightField,
     search: tuple[float, float], fixed: bool,
 ) -> Found:  # fmt: skip
-    """What `look` finds between two disparities, and further out as long as much of the scene lies beyond.
+    """Finding of `look` between two disparities, and further out as long as much of the scene lies beyond.
 
     `outside` tells the shares below and above. Where somebody named the two, `fixed`, they stay.
     """

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -171,7 +172,7 @@ def chance(freedom: Array) -> Array:
     return np.asarray(1 + 2 * np.sqrt(over) + 2 * over)
 
 
-def box(values: NDArray[np.generic], window: int) -> NDArray[np.floating]:
+def box(values: NDArray[Any], window: int) -> NDArray[Any]:
     """Sum over the window about each microlens, as far as it lies in the picture; single precision stays such.
 
     Pictures lie along the last two axes.
