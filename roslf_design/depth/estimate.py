@@ -291,12 +291,13 @@ def estimate_disparity(
     other = views.grid.sum(axis=1) % 2 == 0
     disparity, picture = first.disparity, first.picture
     bound = (low - first.step, high + first.step)
-    look, before = None, None
+    seen: tuple[bool, bool, SharedLight] | None = None
     for count in range(passes if begun is None else 3):
         # Half of many views suffices to come near. What has settled is not looked at again.
         half, robust = most and begun is None and count < 2, begun is not None or count > 0
-        kept, before = look if before == (half, robust) else None, (half, robust)
+        kept = seen[2] if seen is not None and seen[:2] == (half, robust) else None
         look = every.look(other if half else None, disparity, picture, robust, kept)
+        seen = half, robust, look
         picture, fit = look.picture, WindowFit.of(look, window)
         reliable = (fit.sigma < 2 * largest_sigma) & np.isfinite(fit.disparity)
         target = np.where(reliable, fit.disparity, look.disparity)
@@ -520,7 +521,7 @@ def _searched(views: _Views, noise: PixelNoise, low: float, high: float, window:
     # The outermost views move by a quarter of a microlens from one candidate to the next.
     steps = max(2, math.ceil((high - low) * reach / (0.25 * min(views.steps))))
     step = (high - low) / steps
-    candidates = low + step * np.arange(-1, steps + 2)
+    candidates: Array = low + step * np.arange(-1.0, steps + 2)
     light = zones[:, 1]
     above, below = (np.minimum(each[..., :-1], each[..., 1:]) for each in (light[:, :-1], light[:, 1:]))
     cells = np.minimum(above, below)
