@@ -108,16 +108,17 @@ def focus_stack(
     return tuple(planes)
 
 
-def sharp_disparities(field: LightField, planes: int = PLANES) -> Array:
+def sharp_disparities(field: LightField, planes: int = PLANES, views: int = _VIEWS) -> Array:
     """Disparities across the views [pitches], evenly over those at which some part of the picture is sharpest.
 
     Every part of the picture votes for where its gradients are strongest, by how much stronger they are there than
-    they mostly are; a step is added on either side. Without any texture: about the focal plane.
+    they mostly are; a step is added on either side. Without any texture: about the focal plane. It takes so many
+    `views` along an axis.
     """
     most = min(_FARTHEST, max(min(len(field.u), len(field.v)) / 4, _STEP))
     steps = math.ceil(most / _STEP)
     tried = _STEP * np.arange(-steps, steps + 1.0)
-    every = math.ceil(max(len(field.s), len(field.t)) / _VIEWS)
+    every = math.ceil(max(len(field.s), len(field.t)) / views)
     sharpness = np.array([_sharpness(*field.refocused(-float(b) / field.pitch, every)) for b in tried])
     mostly = np.median(sharpness, axis=0)
     votes = sharpness.max(axis=0) - mostly

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Any
+from functools import partial
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +20,13 @@ from ..imaging.camera import Region
 from ..json_data import plain
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.photometry import dark_variance, electrons
-from .estimate import DisparityMap, PixelNoise, Start
+from .estimate import DisparityMap, PixelNoise, Start, estimate_disparity
 from .geometry import ArrayGeometry, GridGeometry, ViewGeometry
 from .measure import POINTS, Depths, Measurement, measure, sampled, search_about
 from .pictures import lattice_of
+from .unmixing import PreparedViews
 
+Found = TypeVar("Found")
 FULL = 0.98
 """Share of the full well from which a pixel counts as saturated: interpolation mixes it with its neighbours."""
 WHOLE = 0.75
@@ -34,6 +37,8 @@ QUIET = 1e8
 """Electrons of views whose noise has nothing to do with light."""
 MOST_ELECTRONS = 1e12
 """Largest number of electrons in a pixel that a file is believed to stand for."""
+FEW_VIEWS = 4
+"""Views along an axis that tell where to search, of views with little noise."""
 SOME_VIEWS = 12
 """Largest number of views whose noise is compared with itself."""
 WIDER, TWICE = 3, 1.0
@@ -187,7 +192,7 @@ def _brightness(field: LightField) -> float:
     return float(np.median(lit[:: 1 + lit.size // 1_000_000])) if lit.size else 0.0
 
 
-def searched(field: LightField, across: float) -> tuple[float, float]:
+def searched(field: LightField, across: float, views: int = 7) -> tuple[float, float]:
     """Disparities over the pupil at which some part of a light field is sharp, and a little more.
 
     Parameters
@@ -195,8 +200,10 @@ def searched(field: LightField, across: float) -> tuple[float, float]:
     field : LightField
     across : float
         Samples of the views from rim to rim of the pupil.
+    views : int
+        As many along an axis are looked at.
     """
-    sharp = sharp_disparities(field) * (across / field.pitch)
+    sharp = sharp_disparities(field, views=views) * (across / field.pitch)
     return search_about(float(sharp.min()), float(sharp.max()))
 
 
@@ -205,39 +212,25 @@ def image_width(camera: Camera) -> float:
     return abs(float(microlens_image_diameter(camera) / camera.q))
 
 
-def _measured_wide(
-    geometry: ViewGeometry,
-    field: LightField,
-    noise: PixelNoise,
-    search: tuple[float, float],
-    fixed: bool,
-    begun: Start | None = None,
-) -> Depths:
-    """Depths, looked for further out as long as much of the scene lies beyond what was searched.
+def _looked_wide(
+    look: Callable[[tuple[float, float]], Found], outside: Callable[[Found], tuple[float, float]], field: LightField,
+    search: tuple[float, float], fixed: bool,
+) -> Found:  # fmt: skip
+    """Finding of `look` between two disparities, and further out as long as much of the scene lies beyond.
 
-    Parameters
-    ----------
-    geometry, field, noise
-        As `measure` takes them.
-    search : tuple of float
-        Least and largest disparity to begin with [pitches].
-    fixed : bool
-        True where somebody named them: then they stay.
-    begun : Start, optional
-        Of an earlier measurement with that search.
+    `outside` tells the shares below and above. Where somebody named the two, `fixed`, they stay.
     """
-    viewing = geometry.viewing(field)
-    run = measure(geometry, field, noise, search=search, begun=begun, viewing=viewing)
+    found = look(search)
     farthest = 0.5 * max(field.values.shape[2:]) * abs(float(field.u[1] - field.u[0]))
     for _ in range(0 if fixed else WIDER):
         low, high = search
-        below, above = (share > BEYOND for share in run.disparities.outside)
+        below, above = (share > BEYOND for share in outside(found))
         width = TWICE * (high - low)
         wider = max(low - width * below, -farthest), min(high + width * above, farthest)
         if wider == search or not wider[0] < wider[1]:
             break
-        search, run = wider, measure(geometry, field, noise, search=wider, viewing=viewing)
-    return run
+        search, found = wider, look(wider)
+    return found
 
 
 def _noise_factor(estimate: DisparityMap) -> float:
@@ -257,16 +250,22 @@ def measured_with_noise(
     begun: Start | None = None,
 ) -> tuple[Depths, CaptureNoise]:  # fmt: skip
     """Depths of a light field and its noise, once more where views differ otherwise than that says, everywhere."""
-    run = _measured_wide(geometry, field, noise.pixel, search, fixed, begun)
+    look = partial(measure, geometry, field, viewing=geometry.viewing(field))
+
+    def wide(search: tuple[float, float], noise: CaptureNoise) -> Depths:
+        each = partial(look, noise.pixel)
+        return _looked_wide(lambda ends: each(search=ends), lambda run: run.disparities.outside, field, search, fixed)
+
     if noise.measured:
-        return run, noise
+        return look(noise.pixel, search=search, begun=begun), noise
+    run = wide(search, noise)
     # Where the noise is far off, few samples were used with their right weights: the second time tells it better.
     for _ in range(2):
         times = _noise_factor(run.disparities)
         if times == 1.0:
             break
         noise = replace(noise, pixel=noise.pixel.times(times), times=noise.times * times)
-        run = _measured_wide(geometry, field, noise.pixel, run.disparities.search, fixed)
+        run = wide(run.disparities.search, noise)
     return run, noise
 
 
@@ -277,16 +276,27 @@ def measured_noise(
     """Noise of views that nobody knows the sensor of, what is left between them once they lie on each other; so how."""
     level = _brightness(field) or 1.0
     progress("measuring noise")
-    guess = PixelNoise(QUIET, QUIET * FIRST_NOISE)
-    run = _measured_wide(geometry, scaled(field, level), guess, search, fixed)
-    some = run.disparities.chi2[run.disparities.chi2 > 0]
+    found, views = _roughly(geometry, scaled(field, level), search, fixed)
+    some = found.chi2[found.chi2 > 0]
     noise = max(FIRST_NOISE * math.sqrt(float(np.median(some))) if some.size else FIRST_NOISE, FAINTEST)
-    alike = _noise_alike(run.field, run.pupil, run.disparities)
+    alike = _noise_alike(views.field, views.pupil, found)
     said = f"what is left between views: {100 * noise:.2g} % of their brightness"
     if alike > 1.05:
         said += f", alike in neighbouring pixels, so that errors are {math.sqrt(alike):.2g} times as large"
     pixel = PixelNoise(QUIET, QUIET * noise, alike=alike)
-    return CaptureNoise(pixel, level, said, True), run.disparities
+    return CaptureNoise(pixel, level, said, True), found
+
+
+def _roughly(
+    geometry: ViewGeometry, field: LightField, search: tuple[float, float], fixed: bool = True
+) -> tuple[DisparityMap, PreparedViews]:
+    """Disparities of views by a guess of their noise and two corrections, as good as noise and order need them."""
+    views = geometry.viewing(field).prepared(field)
+    estimate = partial(
+        estimate_disparity, views.field, views.pupil, PixelNoise(QUIET, QUIET * FIRST_NOISE), aside=views.aside,
+        window=geometry.window, passes=2,
+    )  # fmt: skip
+    return _looked_wide(lambda each: estimate(search=each), lambda one: one.outside, field, search, fixed), views
 
 
 def disagreement(field: LightField, across: int) -> float:
@@ -294,10 +304,8 @@ def disagreement(field: LightField, across: int) -> float:
     level = _brightness(field)
     if not level > 0:
         return 0.0
-    geometry, search = GridGeometry(across), searched(field, float(across))
-    run = measure(geometry, scaled(field, level), PixelNoise(QUIET, QUIET * FIRST_NOISE), search=search)
-    some = run.disparities.chi2[run.disparities.chi2 > 0]
-    return float(np.median(some)) if some.size else 0.0
+    some = _roughly(GridGeometry(across), scaled(field, level), searched(field, float(across), FEW_VIEWS))[0].chi2
+    return float(np.median(some[some > 0])) if (some > 0).any() else 0.0
 
 
 def _noise_alike(field: LightField, pupil: NDArray[np.floating], estimate: DisparityMap) -> float:
@@ -340,14 +348,22 @@ def _noise_alike(field: LightField, pupil: NDArray[np.floating], estimate: Dispa
         left.append(np.where(inner, warped - estimate.picture, 0.0))
         slopes.append(np.where(inner, along_u * (x - middle[0]) + along_v * (y - middle[1]), 0.0))
     noise, slope = np.stack(left), np.stack(slopes)
-    total, width = 0.0, estimate.window
+    width = estimate.window
     own = float(np.mean(slope**2, axis=(1, 2)) @ np.mean(noise**2, axis=(1, 2)))
-    for b in range(1 - width, width):
-        for a in range(1 - width, width):
-            here, there = ((..., _from(side * b), _from(side * a)) for side in (1, -1))
-            both = [np.mean(part[here] * part[there], axis=(1, 2)) for part in (slope, noise)]
-            total += (1 - abs(a) / width) * (1 - abs(b) / width) * float(both[0] @ both[1])
-    return max(1.0, total / own) if own > 0 else 1.0
+    both = (_with_itself(slope, width) * _with_itself(noise, width)).sum(axis=0)
+    near = 1 - np.abs(np.arange(1 - width, width)) / width
+    return max(1.0, float(near @ both @ near) / own) if own > 0 else 1.0
+
+
+def _with_itself(parts: NDArray[np.floating], width: int) -> NDArray[np.float64]:
+    """Mean product of each picture with itself less than a width aside, shape (picture, along v, along u)."""
+    from scipy import fft
+
+    rows, columns = parts.shape[1:]
+    padded = fft.next_fast_len(rows + width, True), fft.next_fast_len(columns + width, True)
+    aside = np.arange(1 - width, width)
+    product = fft.irfft2(np.abs(fft.rfft2(parts, padded)) ** 2, padded)[:, aside[:, None], aside]
+    return np.asarray(product / np.outer(rows - np.abs(aside), columns - np.abs(aside)))
 
 
 def with_errors_of(
@@ -384,11 +400,6 @@ def with_errors_of(
         )
         variance = variance + np.divide(square, count, out=np.zeros_like(square), where=count > 1e-9)
     return replace(run, calibration_sigma=np.where(run.measured, np.sqrt(variance), np.nan))
-
-
-def _from(step: int) -> slice:
-    """Slice of the entries that have a neighbour so many steps back, or on."""
-    return slice(step, None) if step >= 0 else slice(None, step)
 
 
 def scaled(field: LightField, level: float) -> LightField:

@@ -14,15 +14,16 @@ Flags = NDArray[np.bool_]
 
 STEP = 0.02
 """Difference over the picture's middle brightness across which neighbours hold together half as well."""
-HELD_OUT = 2
-"""Known places so near to unknown ones are held out to see how well a fill finds them: edges are as near to them."""
-FEWEST = 30
-"""Places held out that errors are judged by, at least."""
+HELD_OUT = 5
+"""Known places so near to unknown ones are held out to see how well a fill finds them: edges are as near to them, and
+what is known about as far away."""
+FEWEST, PARTS = 30, 8
+"""Places held out that errors are judged by, at least, and parts of these, by how much known ones differ there."""
 WITHIN = 0.68
 """Share of errors within a standard error."""
-LEAST = 0.65
-"""Errors of a fill over the spread of the known ones that it is made of, at least: what is unknown is harder than what
-was held out beside it, by rendered light fields whose disparities are known."""
+HARDER = 1.35
+"""Errors of a fill over those of places held out whose known ones differ as much: what is unknown is harder than what
+is known beside it. By rendered light fields whose disparities are known."""
 FARTHEST = 16
 """Distance to the nearest known place beyond which nothing is filled in [places]."""
 
@@ -43,8 +44,8 @@ class DenseMap(NamedTuple):
     def of(cls, disparity: Array, sigma: Array, known: Flags, picture: Array) -> DenseMap:
         """Fill between known ones: each place the mean of its neighbours, those of like brightness the more.
 
-        The value is the mean of the known ones that a random walk from the place meets first. Its error is how much
-        these differ, times a factor with which 68 of 100 places held out lie within.
+        The value is the mean of the known ones that a random walk from the place meets first. Its error follows from
+        how much these differ by the law (a factor and a power) with which 68 of 100 places held out lie within.
 
         Parameters
         ----------
@@ -55,19 +56,30 @@ class DenseMap(NamedTuple):
         """
         joined = _joined(picture)
         held = known & ndimage.binary_dilation(~known, iterations=HELD_OUT)
-        kept, factor, rms, within = known & ~held, 1.0, np.nan, np.nan
+        kept, rms, within, factor, power = known & ~held, np.nan, np.nan, 1.0, 1.0
         if min(kept.sum(), held.sum()) >= FEWEST:
             value, spread = _walked(disparity, sigma, kept, joined)
             held &= np.isfinite(value)
-            error = np.abs(value - disparity)[held]
-            factor = max(float(np.quantile(error / spread[held], WITHIN)), LEAST)
-            rms, within = float(np.sqrt((error**2).mean())), float((error < factor * spread[held]).mean())
+            error, apart = np.abs(value - disparity)[held], spread[held]
+            factor, power = _law(apart, error)
+            rms = float(np.sqrt((error**2).mean()))
+            within = float((error < HARDER * factor * apart**power).mean())
         value, spread = _walked(disparity, sigma, known, joined)
         away, nearest = ndimage.distance_transform_edt(~known, return_indices=True)
         value = np.where(away <= FARTHEST, value, np.nan)
         least = sigma[tuple(nearest)]
-        widened = np.where(np.isfinite(value), np.maximum(factor * spread, least), np.inf)
+        widened = np.where(np.isfinite(value), np.maximum(HARDER * factor * spread**power, least), np.inf)
         return cls(np.where(known, disparity, value), np.where(known, sigma, widened), rms, within)
+
+
+def _law(apart: Array, error: Array) -> tuple[float, float]:
+    """Factor and power of how much known ones differ that `WITHIN` of the errors of places held out lie within."""
+    parts = np.array_split(np.argsort(apart), min(PARTS, apart.size // FEWEST))
+    tiny = np.finfo(float).tiny
+    middle = np.log([np.median(apart[part]) + tiny for part in parts])
+    typical = np.log([np.quantile(error[part], WITHIN) + tiny for part in parts])
+    power = float(np.clip(np.polyfit(middle, typical, 1)[0], 0.0, 1.0)) if np.ptp(middle) > 0 else 1.0
+    return float(np.quantile(error / (apart + tiny) ** power, WITHIN)), power
 
 
 def _joined(picture: Array) -> sparse.csr_matrix:

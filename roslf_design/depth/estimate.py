@@ -11,8 +11,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._jit import THREADS
 from ..calibration.decoding import LightField
-from .occlusion import past_edges
-from .warping import SUMS, common, fill_holes, gather_zones, light_of_cells, spline_coefficients, spread_of_zones
+from .occlusion import BESIDE_STEP, SIZES, beside_steps, past_edges
+from .warping import (
+    SUMS,
+    best_and_next,
+    common,
+    fill_holes,
+    gather_zones,
+    light_of_cells,
+    spline_coefficients,
+    spread_of_zones,
+)  # fmt: skip
 from .windows import QUORUM, SharedLight, WindowFit, box, chance
 
 Array = NDArray[np.float64]
@@ -32,6 +41,8 @@ _SETTLED = 0.1
 """Change of disparity from the one warped back by that a slope can tell [pitches]."""
 _BRIGHT = 0.5
 """Light, over the most, from which a microlens without views is not dark: all of them had their neighbours'."""
+_SAME = 0.05
+"""Change of disparity up to which another look shows nothing new [pitches]: slopes are right to the square of half."""
 _ALIKE = 9.0
 """Chi-square between two disparities below which neither is the better: three standard errors."""
 
@@ -260,9 +271,9 @@ def estimate_disparity(
     largest_chi2 : float
         Chi-square per degree of freedom above which views disagree.
     passes : int
-        Corrections after the search.
+        Corrections after the search; the first two take half of the views, where these are many.
     edges : bool
-        Whether windows at odds are looked at once more for what smaller windows, and halves of the views, have there.
+        Whether windows at odds are looked at once more for what smaller windows, and quarters of the views, have there.
     begun : Start, optional
         Of an estimate of the same views with the same search: it is not made again.
 
@@ -285,31 +296,37 @@ def estimate_disparity(
     other = views.grid.sum(axis=1) % 2 == 0
     disparity, picture = first.disparity, first.picture
     bound = (low - first.step, high + first.step)
-    passes = passes if begun is None else 2
-    for count in range(passes):
-        # Half of many views suffices to come near; the last two passes take all.
-        look = every.look(other if most and count < passes - 2 else None, disparity, picture, bool(count))
+    seen: tuple[bool, bool, SharedLight] | None = None
+    for count in range(passes if begun is None else 3):
+        # Half of many views suffices to come near. What has settled is not looked at again.
+        half, robust = most and begun is None and count < 2, begun is not None or count > 0
+        kept = seen[2] if seen is not None and seen[:2] == (half, robust) else None
+        look = every.look(other if half else None, disparity, picture, robust, kept)
+        seen = half, robust, look
         picture, fit = look.picture, WindowFit.of(look, window)
-        if count < passes - 1:
-            reliable = (fit.sigma < 2 * largest_sigma) & np.isfinite(fit.disparity)
-            target = np.where(reliable, fit.disparity, disparity)
-            disparity = np.clip(disparity + np.clip(target - disparity, -0.5, 0.5), *bound)
+        reliable = (fit.sigma < 2 * largest_sigma) & np.isfinite(fit.disparity)
+        target = np.where(reliable, fit.disparity, look.disparity)
+        disparity = np.clip(look.disparity + np.clip(target - look.disparity, -0.5, 0.5), *bound)
     alike = first.alike(noise)
     judged = _judged(fit, look, views, noise, alike, window, (low, high), largest_sigma, largest_chi2)
-    judged = replace(judged, begun=replace(first, disparity=look.disparity, picture=look.picture))
+    judged = replace(judged, begun=replace(first, disparity=disparity, picture=picture))
     if not edges:
         return judged
     wanted = (judged.status == DisparityStatus.INCONSISTENT) | (judged.status == DisparityStatus.OUT_OF_RANGE)
     wanted |= (judged.status == DisparityStatus.AMBIGUOUS) & (fit.misfit(largest_chi2) > 1)
-    middle = views.pupil.mean(axis=(2, 3))
+    some = (views.grid % 2 == 0).all(axis=1) if most else np.ones(len(views.grid), np.bool_)
+    left, above = ((side <= 0, side > 0) for side in views.pupil.mean(axis=(2, 3)))
     found = past_edges(
-        look, fit, judged.measured, wanted, (middle[0] <= 0, middle[1] <= 0), every.look, largest_sigma, noise.alike
-    )
+        look, wanted, [a & b for a in left for b in above],
+        lambda quarter: _searched(views.some(quarter & some), noise, low, high, SIZES[0]).disparity, every.look,
+        largest_sigma, noise.alike,
+    )  # fmt: skip
     new = np.isfinite(found.sigma) & (found.disparity >= low) & (found.disparity <= high)
+    disparity = np.where(new, found.disparity, judged.disparity)
     return replace(
         judged,
-        disparity=np.where(new, found.disparity, judged.disparity),
-        sigma=np.where(new, found.sigma, judged.sigma),
+        disparity=disparity,
+        sigma=np.where(new, found.sigma, judged.sigma) * np.where(beside_steps(disparity), BESIDE_STEP, 1.0),
         status=np.where(new, np.int8(DisparityStatus.MEASURED), judged.status),
         chi2=np.where(new, found.chi2, judged.chi2),
         views=np.where(new, found.views, judged.views).astype(np.int16),
@@ -330,30 +347,32 @@ class _AllViews:
     def of(cls, views: _Views, noise: PixelNoise) -> _AllViews:
         return cls(views, noise, *views.splines())
 
-    def look(self, some: Flags | None, disparity: Array, picture: Array, robust: bool = True) -> SharedLight:
+    def look(
+        self, some: Flags | None, disparity: Array, picture: Array, robust: bool = True, kept: SharedLight | None = None
+    ) -> SharedLight:
         """Sums and picture of some of the views, or all, along a disparity.
 
-        `picture` is what they are expected to show. Where the disparity is not a number nothing is compared.
+        `picture` is what they are expected to show. Where the disparity is not a number nothing is compared, and where
+        it is nearly that of another look at the same views, `kept`, its sums stay.
         """
         from scipy import ndimage
 
         views, noise = self.views, self.noise
-        each = self.splines, self.cells, views.pupil, views.aside
-        if some is not None:
-            each = (
-                self.splines[some],
-                self.cells[some],
-                _read_only(views.pupil[:, some]),
-                _read_only(views.aside[:, some]),
-            )
+        chosen = np.arange(len(views.grid)) if some is None else np.flatnonzero(some)
         sums = np.zeros((SUMS, *views.shape))
+        if kept is not None:
+            stays = np.abs(disparity - kept.disparity) <= _SAME
+            disparity = np.where(stays, np.nan, disparity)
         peak = ndimage.maximum_filter(picture, 5) if math.isfinite(noise.saturation) else picture
         with THREADS:
             common.compiled(
-                *each, disparity, picture, peak, views.steps, noise.electrons, noise.read_noise, noise.brightest,
+                self.splines, self.cells, views.pupil, views.aside, chosen, disparity, picture, peak,
+                views.steps, noise.electrons, noise.read_noise, noise.brightest,
                 _ROBUST if robust else math.inf, sums,
             )  # fmt: skip
         where = np.where(np.isnan(disparity), 0.0, disparity)
+        if kept is not None:
+            sums, where = np.where(stays, kept.sums, sums), np.where(stays, kept.disparity, where)
         return SharedLight(sums, np.where(sums[11] > 0, sums[0], picture), where, views.steps, views.density)
 
 
@@ -512,39 +531,24 @@ def _searched(views: _Views, noise: PixelNoise, low: float, high: float, window:
     # The outermost views move by a quarter of a microlens from one candidate to the next.
     steps = max(2, math.ceil((high - low) * reach / (0.25 * min(views.steps))))
     step = (high - low) / steps
-    candidates = low + step * np.arange(-1, steps + 2)
-    costs = np.full((len(candidates), *shape), np.inf, np.float32)
-    freedoms = np.zeros((len(candidates), *shape), np.float32)
-    means = np.zeros((len(candidates), *shape), np.float32)
-    for k, candidate in enumerate(candidates):
-        squares = np.zeros(shape, np.float32)
-        with THREADS:
-            spread_of_zones.compiled(zones, float(candidate), views.steps, squares, freedoms[k], means[k])
-        total, freedom = box(squares, window), box(freedoms[k], window)
-        freedoms[k] = freedom
-        np.divide(total, freedom, out=costs[k], where=freedom > 0.5)
+    candidates: Array = low + step * np.arange(-1.0, steps + 2)
+    light = zones[:, 1]
+    above, below = (np.minimum(each[..., :-1], each[..., 1:]) for each in (light[:, :-1], light[:, 1:]))
+    cells = np.minimum(above, below)
+    squares, freedoms, means = np.zeros((3, len(candidates), *shape), np.float32)
+    with THREADS:
+        shown = overall.astype(np.float32)
+        spread_of_zones.compiled(zones, cells, shown, candidates, views.steps, squares, freedoms, means)
+    totals, freedoms = (box(each, window) for each in (squares, freedoms))
     # A candidate that few zones can judge would win by chance.
-    costs[freedoms < 0.25 * freedoms.max(axis=0)] = np.inf
+    judged = (freedoms > 0.5) & (freedoms >= 0.25 * freedoms.max(axis=0))
+    costs = np.divide(totals, freedoms, out=np.full(totals.shape, np.inf, np.float32), where=judged)
+    best = np.zeros(shape, np.int64)
+    part, least, second, level = np.zeros((4, *shape))
+    with THREADS:
+        best_and_next.compiled(costs, best, part, least, second, level)
     rows, columns = np.indices(shape, sparse=True)
-    best = costs.argmin(axis=0)
-    least = costs[best, rows, columns]
-    inner = np.clip(best, 1, len(candidates) - 2)
-    before, at, after = (costs[inner + k, rows, columns] for k in (-1, 0, 1))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        bend = before - 2 * at + after
-        part = np.where(np.isfinite(bend) & (bend > 0) & (best == inner), 0.5 * (before - after) / bend, 0.0)
-    start = candidates[best] + step * np.clip(part, -0.5, 0.5)
-    padded = np.pad(costs, ((1, 1), (0, 0), (0, 0)), constant_values=np.inf)
-    before, after = padded[:-2], padded[2:]
-    dips = (costs <= before) & (costs <= after) & np.isfinite(costs)
-    # The floor of each dip, by the parabola through it.
-    with np.errstate(invalid="ignore", divide="ignore", over="ignore"):  # of what is no dip, and not used
-        bend, rise = before - 2 * costs + after, before - after
-        floors = costs - np.where(np.isfinite(bend) & (bend > 0), rise * (rise / (8 * bend)), 0)
-    least = np.where(dips, floors, np.inf)[best, rows, columns]
-    dips &= np.abs(np.arange(len(candidates))[:, None, None] - best) >= 3
-    second = np.where(dips, floors, np.inf).min(axis=0)
-    level = np.where(np.isfinite(costs), costs, 0).sum(axis=0) / np.maximum(np.isfinite(costs).sum(axis=0), 1)
+    start = candidates[best] + step * part
     freedom = freedoms[best, rows, columns]
     with np.errstate(invalid="ignore"):
         margin = np.where(np.isfinite(second), ((second - least) - 0.02 * (level - least)) * freedom, np.inf)

@@ -27,6 +27,7 @@ from ..shapes.lattice import PACKINGS
 from ..theory.length_covariance import LengthCovariance
 from ..units import read_quantity
 from .captured import (
+    FEW_VIEWS,
     CaptureNoise,
     MeasuredCapture,
     disagreement,
@@ -279,7 +280,7 @@ def _views(capture: _Capture, progress: Callable[[str], None]) -> MeasuredCaptur
     elif files.disparities is not None and design is None:
         search = search_about(*sorted(across * end for end in files.disparities))
     else:
-        search = searched(field, wide)
+        search = searched(field, wide, FEW_VIEWS)
     noise, first = measured_noise(geometry, field, search, progress, options.between is not None)
     if not float(field.values.max(initial=0.0)) > 0:
         raise capture.refused("all views are black; check which files they are")

@@ -22,6 +22,9 @@ CLEARLY = 0.6
 """Share of the named order's disagreement between views below which another order is believed. In the right order views
 of a Lytro disagree by 0.2 to 0.6 of what they do in the next best; where nothing moves between views, by the same."""
 
+BEYOND_DOUBT = 2.0
+"""Logarithm of what other orders disagree by on one window, over the named one's, above which no more are looked at."""
+
 
 class _ViewOrder(NamedTuple):
     """Grid of views against their names. Half a turn more fits alike, with near and far swapped."""
@@ -83,9 +86,14 @@ def in_order(field: LightField, disagreement: Callable[[LightField], float]) -> 
     """
     if min(field.values.shape[:2]) < 2 or not (windows := _windows(field)):
         return _OrderedViews(field, AS_NAMED, 1.0)
-    parts = [_part(field, *window) for window in windows]
-    logs = {order: np.log([max(disagreement(order.of(part)), 1e-12) for part in parts]) for order in ORDERS}
-    ratio = {order: float(np.exp(np.median(values - logs[AS_NAMED]))) for order, values in logs.items()}
+    found = []
+    for window in windows:
+        part = _part(field, *window)
+        found.append(np.log([max(disagreement(order.of(part)), 1e-12) for order in ORDERS]))
+        if len(found) == 1 and min(found[0][1:]) - found[0][0] > BEYOND_DOUBT:
+            return _OrderedViews(field, AS_NAMED, 1.0)
+    logs = np.median(np.array(found) - np.array(found)[:, :1], axis=0)
+    ratio = dict(zip(ORDERS, map(float, np.exp(logs)), strict=True))
     best = min(ORDERS, key=ratio.__getitem__)
     if ratio[best] > CLEARLY:
         return _OrderedViews(field, AS_NAMED, 1.0)

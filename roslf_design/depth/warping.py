@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy import float32
 from numpy.typing import NDArray
 
 from .._jit import kernel, prange
@@ -13,7 +14,7 @@ Floats = NDArray[np.floating]
 Samples = NDArray[np.float32]
 Lines = NDArray[np.float64]
 Whole = NDArray[np.int64]
-Taps = tuple[float, float, float, float, float, float, float, float]
+Taps = tuple[float32, float32, float32, float32, float32, float32, float32, float32]
 
 SUMS = 12
 """Maps that `common` makes: mean, weight, mean s (2), scatter of s (xx, xy, yy), moment of values with s (2), residual
@@ -27,6 +28,8 @@ _REACH = 27
 """Samples after which the slowest pole has died down to 5e-8."""
 _BEYOND = 11
 """Samples that a view is continued beyond its sides before it is made a spline: 0.54^11 of an error comes back."""
+_SAME_PLACE = 1e-5
+"""Difference of pupil coordinates, and of pitches, that is rounding."""
 _SPLINE_LOSS = 0.1235
 """Noise power that a spline loses midway between two samples; elsewhere nearly (4 f (1 - f))^2.3 of it."""
 
@@ -126,29 +129,26 @@ def spline_coefficients(views: Samples) -> Samples:
 
 
 @kernel(inline=True)
-def _taps(f: float) -> Taps:
-    """B-spline of degree 7 at the eight samples about a place `f` of a step after the fourth, times 5040."""
-    e = 1.0 - f
+def _taps(f: float32) -> Taps:
+    """B-spline of degree 7 at the eight samples about a place `f` of a step after the fourth, times 5040.
+
+    In single precision throughout: a constant of another type would make all that follows double.
+    """
+    one, seven, many, most = float32(1), float32(7), float32(21), float32(35)
+    e = one - f
     f2, e2 = f * f, e * e
     f3, e3 = f2 * f, e2 * e
     f4, e4 = f2 * f2, e2 * e2
     first, last = e3 * e4, f3 * f4
     # B(2 + x) and B(1 + x) for x in [0, 1] by powers of 1 - x, B(x) by those of x.
-    second = 1 + 7 * e + 21 * e2 + 35 * e3 + e4 * (35 + 21 * e + 7 * e2 - 7 * e3)
-    seventh = 1 + 7 * f + 21 * f2 + 35 * f3 + f4 * (35 + 21 * f + 7 * f2 - 7 * f3)
-    third = 120 + 392 * e + 504 * e2 + 280 * e3 - e4 * (84 * e + 42 * e2 - 21 * e3)
-    sixth = 120 + 392 * f + 504 * f2 + 280 * f3 - f4 * (84 * f + 42 * f2 - 21 * f3)
-    fourth = 2416 - 1680 * f2 + f4 * (560 - 140 * f2 + 35 * f3)
-    return (
-        first,
-        second,
-        third,
-        fourth,
-        5040 - first - second - third - fourth - sixth - seventh - last,
-        sixth,
-        seventh,
-        last,
-    )
+    second = one + seven * e + many * e2 + most * e3 + e4 * (most + many * e + seven * e2 - seven * e3)
+    seventh = one + seven * f + many * f2 + most * f3 + f4 * (most + many * f + seven * f2 - seven * f3)
+    a, b, c, d, g, h = float32(120), float32(392), float32(504), float32(280), float32(84), float32(42)
+    third = a + b * e + c * e2 + d * e3 - e4 * (g * e + h * e2 - many * e3)
+    sixth = a + b * f + c * f2 + d * f3 - f4 * (g * f + h * f2 - many * f3)
+    fourth = float32(2416) - float32(1680) * f2 + f4 * (float32(560) - float32(140) * f2 + most * f3)
+    rest = float32(5040) - first - second - third - fourth - sixth - seventh - last
+    return first, second, third, fourth, rest, sixth, seventh, last
 
 
 def light_of_cells(light: Samples) -> Samples:
@@ -156,7 +156,9 @@ def light_of_cells(light: Samples) -> Samples:
 
     The outermost of the 8 x 8 that are interpolated from weigh 2e-4 at most.
     """
-    mean = np.float32(0.25) * (light[:, :-1, :-1] + light[:, :-1, 1:] + light[:, 1:, :-1] + light[:, 1:, 1:])
+    mean = float32(0.25) * (light[:, :-1, :-1] + light[:, :-1, 1:] + light[:, 1:, :-1] + light[:, 1:, 1:])
+    if (light > 0).all():
+        return np.asarray(mean)
     lit = np.pad(light > 0, ((0, 0), (2, 2), (2, 2)), constant_values=True)
     rows, columns = mean.shape[1:]
     lit = np.logical_and.reduce([lit[:, k : k + rows] for k in range(6)])
@@ -166,16 +168,9 @@ def light_of_cells(light: Samples) -> Samples:
 
 @kernel(parallel=True)
 def gather_zones(
-    values: Samples,
-    light: Samples,
-    pupil: Floats,
-    aside: Floats,
-    zone: NDArray[np.int64],
-    picture: Floats,
-    electrons: float,
-    read: float,
-    out: Samples,
-) -> None:
+    values: Samples, light: Samples, pupil: Floats, aside: Floats, zone: Whole, picture: Floats, electrons: float,
+    read: float, out: Samples,
+) -> None:  # fmt: skip
     """Mean value, information, pupil coordinate (2) and shift aside (2) of each zone; `out`: (zone, 6, v, u)."""
     count, rows, columns = values.shape
     for v in prange(rows):
@@ -200,66 +195,153 @@ def gather_zones(
                         out[z, a, v, u] /= weight
 
 
-@kernel(parallel=True)
-def spread_of_zones(
-    zones: Samples,
-    disparity: float,
-    steps: tuple[float, float],
-    squares: Samples,
-    freedom: Samples,
-    mean: Samples,
-) -> None:
-    """Chi-square of the zones about their mean at each microlens, moved by a disparity; `steps` pitches a sample."""
-    count, _, rows, columns = zones.shape
-    for v in prange(rows):
-        sums = np.zeros((4, columns))
-        for z in range(count):
-            for u in range(columns):
-                if zones[z, 1, v, u] <= 0:
-                    continue
-                x = u + (disparity * zones[z, 2, v, u] + zones[z, 4, v, u]) / steps[0]
-                y = v + (disparity * zones[z, 3, v, u] + zones[z, 5, v, u]) / steps[1]
-                if x < 0 or y < 0 or x > columns - 1 or y > rows - 1:
-                    continue
-                a, b = min(int(x), columns - 2), min(int(y), rows - 2)
-                f, g = x - a, y - b
-                weight = min(
-                    min(zones[z, 1, b, a], zones[z, 1, b, a + 1]), min(zones[z, 1, b + 1, a], zones[z, 1, b + 1, a + 1])
-                )
-                if weight <= 0:
-                    continue
-                value = (1 - g) * ((1 - f) * zones[z, 0, b, a] + f * zones[z, 0, b, a + 1]) + g * (
-                    (1 - f) * zones[z, 0, b + 1, a] + f * zones[z, 0, b + 1, a + 1]
-                )
-                sums[0, u] += weight
-                sums[1, u] += weight * value
-                sums[2, u] += weight * value * value
-                sums[3, u] += (1 - 2 * f * (1 - f)) * (1 - 2 * g * (1 - g))
-                freedom[v, u] += 1.0
+@kernel()
+def window_sums(values: NDArray[np.floating], window: int, out: NDArray[np.floating]) -> None:
+    """Sums over the window about each place of pictures, as far as it lies in them; shape (picture, v, u)."""
+    count, rows, columns = values.shape
+    reach, down = window // 2, np.zeros(columns + window)
+    for k in range(count):
         for u in range(columns):
-            if sums[0, u] > 0:
-                mean[v, u] = sums[1, u] / sums[0, u]
-                squares[v, u] = max(sums[2, u] - sums[1, u] * sums[1, u] / sums[0, u], 0.0)
-                freedom[v, u] = sums[3, u] * (1.0 - 1.0 / freedom[v, u])
+            down[reach + u] = 0.0
+        for v in range(-reach, rows):
+            for u in range(columns):
+                if v + reach < rows:
+                    down[reach + u] += values[k, v + reach, u]
+                if v > reach:
+                    down[reach + u] -= values[k, v - reach - 1, u]
+            for u in range(columns if v >= 0 else 0):
+                total = 0.0
+                for a in range(window):
+                    total += down[u + a]
+                out[k, v, u] = total
 
 
 @kernel(inline=True)
-def _row(line: Samples, i: int, taps: Taps) -> float:
-    total = 0.0
+def _add_zone(
+    values: Samples, cells: Samples, expected: Samples, left: int, f: float32, g: float32, u: int, end: int,
+    sums: Samples,
+) -> None:  # fmt: skip
+    """Add two rows of a zone, bilinear f and g of a sample beyond those `left` aside, to columns of a row's sums."""
+    one, two = float32(1), float32(2)
+    e, h = one - f, one - g
+    kept = (one - two * f * e) * (one - two * g * h)
+    here, wide = slice(u, end), slice(u + left, end + left + 1)
+    above, below, light, mean = values[0, wide], values[1, wide], cells[wide], expected[here]
+    total, moment, square, free, count = sums[0, here], sums[1, here], sums[2, here], sums[3, here], sums[4, here]
+    for i in range(end - u):
+        value = h * (e * above[i] + f * above[i + 1]) + g * (e * below[i] + f * below[i + 1]) - mean[i]
+        lit = one if light[i] > 0 else float32(0)
+        total[i] += light[i]
+        moment[i] += light[i] * value
+        square[i] += light[i] * value * value
+        free[i] += kept * lit
+        count[i] += lit
+
+
+@kernel(parallel=True)
+def spread_of_zones(
+    zones: Samples, cells: Samples, picture: Samples, candidates: Lines, steps: tuple[float, float], squares: Samples,
+    freedom: Samples, mean: Samples,
+) -> None:  # fmt: skip
+    """Chi-square of the zones about their mean at each microlens, moved by each disparity; `steps` pitches a sample.
+
+    Shape (candidate, v, u) of `squares`, `freedom` and `mean`; `cells` has the least weight of each four neighbours,
+    `picture` about what zones show, so that single precision is enough.
+    """
+    count, _, rows, columns = zones.shape
+    for v in prange(rows):
+        # A zone that looks from one place all along the row moves as a whole, which the compiler makes vectors of.
+        whole = np.ones(count)
+        for z in range(count):
+            for u in range(columns):
+                for a in range(2, 6):
+                    if zones[z, 1, v, u] <= 0 or abs(zones[z, a, v, u] - zones[z, a, v, 0]) > _SAME_PLACE:
+                        whole[z] = 0.0
+        sums = np.zeros((5, columns), float32)
+        for c in range(candidates.size):
+            for a in range(5):
+                for u in range(columns):
+                    sums[a, u] = 0.0
+            for z in range(count):
+                end = 0
+                while end < columns:
+                    u, end = end, end + 1
+                    if zones[z, 1, v, u] <= 0:
+                        continue
+                    x = u + (candidates[c] * zones[z, 2, v, u] + zones[z, 4, v, u]) / steps[0]
+                    y = v + (candidates[c] * zones[z, 3, v, u] + zones[z, 5, v, u]) / steps[1]
+                    if x < 0 or y < 0 or x > columns - 1 or y > rows - 1:
+                        continue
+                    a, b = min(int(x), columns - 2), min(int(y), rows - 2)
+                    if whole[z] > 0:
+                        end = max(end, columns - 1 - (a - u))
+                    _add_zone(
+                        zones[z, 0, b : b + 2], cells[z, b], picture[v], a - u, float32(x - a), float32(y - b), u,
+                        min(end, columns), sums,
+                    )  # fmt: skip
+            for u in range(columns):
+                if sums[0, u] > 0:
+                    mean[c, v, u] = picture[v, u] + sums[1, u] / sums[0, u]
+                    squares[c, v, u] = max(sums[2, u] - sums[1, u] * sums[1, u] / sums[0, u], 0.0)
+                    freedom[c, v, u] = sums[3, u] * (1.0 - 1.0 / sums[4, u])
+
+
+@kernel(parallel=True)
+def best_and_next(
+    costs: Samples, best: Whole, part: Floats, least: Floats, second: Floats, level: Floats
+) -> None:  # fmt: skip
+    """Best candidate of each microlens, and floors of its dip and of the next.
+
+    `part` of a step lies its floor beyond it by the parabola through it; where there is no floor it is infinite;
+    `level` is the mean of all costs.
+    """
+    count, rows, columns = costs.shape
+    for v in prange(rows):
+        for u in range(columns):
+            at, total, some = 0, 0.0, 0
+            for k in range(count):
+                if costs[k, v, u] < costs[at, v, u]:
+                    at = k
+                if costs[k, v, u] < math.inf:
+                    total, some = total + costs[k, v, u], some + 1
+            best[v, u], level[v, u], part[v, u], least[v, u], second[v, u] = at, total, 0.0, math.inf, math.inf
+            if some > 0:
+                level[v, u] /= some
+            for k in range(count):
+                here = np.float64(costs[k, v, u])
+                before = costs[k - 1, v, u] if k > 0 else math.inf
+                after = costs[k + 1, v, u] if k < count - 1 else math.inf
+                if not (here < math.inf and here <= before and here <= after):
+                    continue
+                bend, rise = before - 2 * here + after, before - after
+                floor = here
+                if 0 < bend < math.inf:
+                    floor -= rise * rise / (8 * bend)
+                    if k == at:
+                        part[v, u] = min(max(0.5 * rise / bend, -0.5), 0.5)
+                if k == at:
+                    least[v, u] = floor
+                elif abs(k - at) >= 3 and floor < second[v, u]:
+                    second[v, u] = floor
+
+
+@kernel(inline=True)
+def _row(line: Samples, i: int, taps: Taps) -> float32:
+    total = float32(0)
     for j in range(TAPS):
         total += taps[j] * line[i + j]
     return total
 
 
 @kernel()
-def _interpolate(spline: Samples, light: Lines, left: Whole, above: Whole, f: Lines, g: Lines, out: Lines) -> None:
+def _interpolate(spline: Samples, light: Lines, left: Whole, above: Whole, f: Samples, g: Samples, out: Lines) -> None:
     """A view at places f and g of a step beyond samples (left, above), wherever there is light."""
     end = 0
     while end < light.size:
         u, end = end, end + 1
         if light[u] <= 0:
             continue
-        # Neighbours that read neighbours are done in one go, which the compiler makes vectors of.
+        # Those that read neighbours are done in one go, which the compiler makes vectors of.
         a, b = left[u], above[u]
         while end < light.size and light[end] > 0 and left[end] - end == a - u and above[end] == b:
             end += 1
@@ -279,34 +361,34 @@ def _interpolate(spline: Samples, light: Lines, left: Whole, above: Whole, f: Li
 
 @kernel(parallel=True)
 def common(
-    splines: Samples,
-    cells: Samples,
-    pupil: Floats,
-    aside: Floats,
-    disparity: Floats,
-    picture: Floats,
-    peak: Floats,
-    steps: tuple[float, float],
-    electrons: float,
-    read: float,
-    brightest: float,
-    robust: float,
+    splines: Samples, cells: Samples, pupil: Floats, aside: Floats, chosen: Whole, disparity: Floats, picture: Floats,
+    peak: Floats, steps: tuple[float, float], electrons: float, read: float, brightest: float, robust: float,
     out: Floats,
-) -> None:
-    """Moments of all views about each microlens of `picture`, warped back by `disparity` and `aside`; see `SUMS`.
+) -> None:  # fmt: skip
+    """Moments of chosen views about each microlens of `picture`, warped back by `disparity` and `aside`; see `SUMS`.
 
     Weights are the inverse variance that `picture`, not the noisy sample, predicts; beyond `robust` standard errors
     from it they fall as Huber's. Where `peak`, the brightest about a microlens, makes more than `brightest` electrons,
     nothing is used: what by chance did not saturate would be dark by selection.
     """
-    count, rows, columns = cells.shape[0], disparity.shape[0], disparity.shape[1]
+    rows, columns = disparity.shape
     for v in prange(rows):
-        sums, ends = np.zeros((SUMS, columns)), np.zeros((2, columns), np.int64)
-        light, f, g, weight = np.empty(columns), np.zeros(columns), np.zeros(columns), np.empty(columns)
-        terms = np.ones((4, columns))  # 1, pupil coordinates, value
-        for k in range(count):
-            for u in range(columns):
-                light[u] = 0.0
+        at, some = np.empty(columns, np.int64), 0
+        for u in range(columns):
+            for a in range(SUMS):
+                out[a, v, u] = 0.0
+            if not math.isnan(disparity[v, u]):
+                at[some] = u
+                some += 1
+        sums, ends = np.zeros((SUMS, some)), np.zeros((2, some), np.int64)
+        light, weight, f, g = np.empty(some), np.empty(some), np.zeros(some, float32), np.zeros(some, float32)
+        terms, expected = np.ones((4, some)), np.empty(some)  # 1, pupil coordinates, value
+        for i in range(some):
+            expected[i] = picture[v, at[i]]
+        for k in chosen:
+            for i in range(some):
+                u = at[i]
+                light[i] = 0.0
                 along, over = pupil[0, k, v, u], pupil[1, k, v, u]
                 x = u + (disparity[v, u] * along + aside[0, k, v, u]) / steps[0]
                 y = v + (disparity[v, u] * over + aside[1, k, v, u]) / steps[1]
@@ -324,44 +406,42 @@ def common(
                 a, b = min(int(x), columns - 2), min(int(y), rows - 2)
                 charge = electrons * cells[k, b, a]
                 if charge > 0 and charge * peak[v, u] < brightest:
-                    light[u], ends[0, u], ends[1, u], f[u], g[u] = charge, a, b, x - a, y - b
-                    terms[1, u], terms[2, u] = along, over
+                    light[i], ends[0, i], ends[1, i], f[i], g[i] = charge, a, b, x - a, y - b
+                    terms[1, i], terms[2, i] = along, over
             _interpolate(splines[k], light, ends[0], ends[1], f, g, terms[3])
             value = terms[3]
-            for u in range(columns):
-                value[u] -= picture[v, u]
-            for u in range(columns):
-                weight[u] = light[u] * light[u] / max(light[u] * picture[v, u] + read * read, 1.0)
+            for i in range(some):
+                value[i] -= expected[i]
+            for i in range(some):
+                weight[i] = light[i] * light[i] / max(light[i] * expected[i] + read * read, 1.0)
             if robust < math.inf:
-                for u in range(columns):
-                    weight[u] *= robust / max(abs(value[u]) * math.sqrt(weight[u]), robust)
+                for i in range(some):
+                    weight[i] *= robust / max(abs(value[i]) * math.sqrt(weight[i]), robust)
             n = 0
             for one in range(4):
                 for other in range(one, 4):
                     total, here, there = sums[n], terms[one], terms[other]
-                    for u in range(columns):
-                        total[u] += weight[u] * here[u] * there[u]
+                    for i in range(some):
+                        total[i] += weight[i] * here[i] * there[i]
                     n += 1
-            for u in range(columns):
-                if light[u] > 0:
-                    loss, lost = 4 * f[u] * (1 - f[u]), 4 * g[u] * (1 - g[u])
-                    sums[10, u] += (1 - _SPLINE_LOSS * loss * loss) * (1 - _SPLINE_LOSS * lost * lost)
-                    sums[11, u] += 1.0
-        for u in range(columns):
-            for a in range(SUMS):
-                out[a, v, u] = 0.0
-            total = sums[0, u]
+            for i in range(some):
+                if light[i] > 0:
+                    loss, lost = 4 * f[i] * (1 - f[i]), 4 * g[i] * (1 - g[i])
+                    sums[10, i] += (1 - _SPLINE_LOSS * loss * loss) * (1 - _SPLINE_LOSS * lost * lost)
+                    sums[11, i] += 1.0
+        for i in range(some):
+            u, total = at[i], sums[0, i]
             if total > 0:
-                x, y, mean = sums[1, u] / total, sums[2, u] / total, sums[3, u] / total
-                out[0, v, u] = mean + picture[v, u]
+                x, y, mean = sums[1, i] / total, sums[2, i] / total, sums[3, i] / total
+                out[0, v, u] = mean + expected[i]
                 out[1, v, u] = total
                 out[2, v, u] = x
                 out[3, v, u] = y
-                out[4, v, u] = sums[4, u] - total * x * x
-                out[5, v, u] = sums[5, u] - total * x * y
-                out[6, v, u] = sums[7, u] - total * y * y
-                out[7, v, u] = sums[6, u] - sums[3, u] * x
-                out[8, v, u] = sums[8, u] - sums[3, u] * y
-                out[9, v, u] = max(sums[9, u] - sums[3, u] * mean, 0.0)
-                out[10, v, u] = sums[10, u] * (1.0 - 1.0 / sums[11, u])
-                out[11, v, u] = sums[11, u]
+                out[4, v, u] = sums[4, i] - total * x * x
+                out[5, v, u] = sums[5, i] - total * x * y
+                out[6, v, u] = sums[7, i] - total * y * y
+                out[7, v, u] = sums[6, i] - sums[3, i] * x
+                out[8, v, u] = sums[8, i] - sums[3, i] * y
+                out[9, v, u] = max(sums[9, i] - sums[3, i] * mean, 0.0)
+                out[10, v, u] = sums[10, i] * (1.0 - 1.0 / sums[11, i])
+                out[11, v, u] = sums[11, i]
