@@ -51,6 +51,18 @@ def about_stop_behind(design: Assembly) -> Iterator[Problem]:
     yield Problem("aperture.behind", message)
 
 
+def about_sheet(design: Assembly) -> Iterator[Problem]:
+    """Tables of a sheet over the field, whose rays something before the main lens turns."""
+    over, bending = design.main_lens.kind.over_field, [at for at in design.in_bore if at.part.bends]
+    before = (*design.in_bore, *design.openings[1:])
+    for key, met in (("distortion", before), ("relative_illumination", bending)):
+        if key in over and met:
+            message = f"is followed through air alone, and {met[0].place} stands before the lens; drop one of them"
+            yield Problem(f"main_lens.sheet.{key}", message)
+    if "distortion" in over and design.d_3 > 0 and design.aperture.tilt != (0.0, 0.0):
+        yield Problem("aperture.tilt", "a FAP before a lens with distortion cannot be tilted; drop one of them")
+
+
 def about_elements(design: Assembly, known: Sequence[Problem]) -> tuple[Problem, ...]:
     """Faults of elements: overlap with each other, stops, the focal plane.
 
