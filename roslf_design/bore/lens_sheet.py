@@ -53,8 +53,6 @@ class FieldTable(Part):
             raise ValueError(f"{len(self.fields)} fields and {len(self.percent)} percentages; give one a field")
         if self.fields[0] < 0 or not all(a < b for a, b in pairwise(self.fields)) or self.fields[-1] == 0:
             raise ValueError("fields must begin at 0 or above and rise from one to the next, beyond 0")
-        if self.angles is not None and self.angles[-1] >= math.radians(89):
-            raise ValueError(f"angles reach {math.degrees(self.angles[-1]):.4g} degrees; end below 89")
         low, high = self.between
         if wrong := [share for share in self.percent if not low <= share <= high]:
             raise ValueError(f"{wrong[0]:g} % is not between {low:g} and {high:g} %; {self.remedy}")
@@ -72,7 +70,10 @@ class FieldTable(Part):
         at, told = np.array(self.fields), np.array(self.percent) / 100
         if at[0] > 0:
             at, told = np.append(0.0, at), np.append(self.middle / 100, told)
-        return np.asarray(at / focal_length if self.angles is None else height(at, told)), told
+        p = np.asarray(at / focal_length if self.angles is None else height(at, told))
+        if not np.all(np.diff(p) > 0):
+            raise ValueError("image heights do not rise with the fields of a table; mend what jumps, or end it before")
+        return p, told
 
 
 class _DistortionTable(FieldTable):
@@ -136,8 +137,7 @@ class LensSheet(Part):
             )
         if math.isnan(s) and image == f:
             raise ValueError("exit_pupil stands in the focus, so the scene sees it at infinity; leave it out")
-        if self.distortion is not None:
-            _ = self._drawn
+        _ = self.angle_map
         return self
 
     @property
@@ -173,32 +173,24 @@ class LensSheet(Part):
         ends = (table.over(self.focal_length, lambda angles, _: np.tan(angles))[0][-1] for table in tables)
         return float(min(ends, default=math.inf))
 
-    @property
-    def _drawn(self) -> tuple[Law, Law]:
-        """Heights over f, from 0 far beyond the last field, and angles there; beyond that its distortion holds."""
-        from scipy.interpolate import CubicSpline
-
-        assert self.distortion is not None
-        p, told = self.distortion.over(self.focal_length, lambda angles, bent: np.tan(angles) * (1 + bent))
-        if np.all(np.diff(p) > 0):
-            heights = np.sqrt(np.linspace(0.0, p[-1] ** 2, KNOTS))
-            heights = np.append(heights, p[-1] * np.geomspace(1.0, max(FAR / p[-1], 2.0), BEYOND + 1)[1:])
-            angles = np.arctan(heights / (1 + CubicSpline(p * p, told)(np.minimum(heights, p[-1]) ** 2)))
-            if np.all(np.diff(angles) > 0):
-                return heights, angles
-        raise ValueError("distortion changes so fast that angles do not rise with image heights; mend the table")
-
     @cached_property
     def angle_map(self) -> AngleMap:
-        """How it maps angles, and its light over them."""
+        """How it maps angles, and its light over them; beyond the last fields as there."""
+        if not self.over_field:
+            return F_TAN
         from scipy.interpolate import CubicSpline, PchipInterpolator
 
-        shape, light = F_TAN, self.relative_illumination
+        shape, f = F_TAN, self.focal_length
         if self.distortion is not None:
-            p, angles = self._drawn
+            told = self.distortion.over(f, lambda angles, bent: np.tan(angles) * (1 + bent))
+            last = told[0][-1]
+            p = last * np.append(np.sqrt(np.linspace(0, 1, KNOTS)), np.geomspace(1, max(FAR / last, 2.0), BEYOND)[1:])
+            angles = np.arctan(p / (1 + CubicSpline(told[0] ** 2, told[1])(np.minimum(p, last) ** 2)))
+            if not np.all(np.diff(angles) > 0):
+                raise ValueError("distortion changes so fast that angles do not rise with heights; mend the table")
             shape = AngleLaw(table_law(TABLE, (p * p, np.append(1.0, angles[1:] / p[1:])), CubicSpline))
-        if light is None:
+        if self.relative_illumination is None:
             return shape
-        p, told = light.over(self.focal_length, lambda angles, _: shape.height(angles))
-        shade = table_law(TOLD, (p * p, told), PchipInterpolator)  # barrels cut with a kink: no waves about it
+        p, light = self.relative_illumination.over(f, lambda angles, _: shape.height(angles))
+        shade = table_law(TOLD, (p * p, light), PchipInterpolator)  # barrels cut with a kink: no waves about it
         return ShadedTangent(shade) if shape is F_TAN else AngleLaw(shape.kernel, shade)

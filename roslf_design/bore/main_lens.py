@@ -64,6 +64,8 @@ class MainLensKind:
     """Sentence on what of it is not known, and which numbers are ideal therefore."""
     gap: float = 0.0
     """Distance between its principal planes, as far as distances count it [mm]."""
+    front: float = 0.0
+    """Front vertex before its principal plane, as far as that is told [mm]."""
 
     @property
     def grows(self) -> bool:
@@ -233,17 +235,18 @@ class SheetMainLens(IdealMainLens):
     @property
     def untold(self) -> str:  # type: ignore[override]
         """Sentence on what no sheet tells, and what this one does not."""
-        bent = "" if "distortion" in self.over_field else ", distortion"
-        dim = "" if "relative_illumination" in self.over_field else "; light over the field is cos^4 of that"
+        left = "" if "distortion" in self.over_field else ", distortion"
+        left += "" if "relative_illumination" in self.over_field else ", light over the field (cos^4 is taken)"
         return (
-            f"The main lens, {self.name}, is known by its data sheet, which does not tell aberrations, field "
-            f"curvature, colour, what its barrels cut{bent}: sharpness, MTF, spots, depth noise and shapes of "
-            f"microlens images are those of an ideal lens with its focal length and pupil{dim}."
+            f"The main lens, {self.name}, is known by its data sheet. It does not tell aberrations, field curvature, "
+            f"colour, what barrels cut (nothing, where no clear aperture is given){left}: sharpness, MTF, spots, depth "
+            "noise and shapes of microlens images are those of an ideal lens with its focal length and pupil."
         )
 
     over_field = property(lambda self: self.sheet.over_field)  # type: ignore[assignment]
     told_to = property(lambda self: self.sheet.reach)  # type: ignore[assignment]
     gap = property(lambda self: self.sheet.gap)  # type: ignore[assignment]
+    front = property(lambda self: max(0.0, float(self.sheet.front_principal)))  # type: ignore[assignment]
 
     def given(self, place: str, value: float | None, wavelength: float) -> float | None:
         """The sheet's focal length where none is given; diameter of its pupil, where that stands elsewhere."""
@@ -263,16 +266,17 @@ class SheetMainLens(IdealMainLens):
 
     def about_pupil(self, fap: Any) -> str:
         """Another place than the sheet's, or a wider opening."""
-        pupil = {"diameter": math.inf, **self.sheet.pupil}
+        pupil, f = {"diameter": math.inf, **self.sheet.pupil}, self.sheet.focal_length
         if "distance" not in pupil:
             return ""
-        if fap.behind is not None or abs(fap.stands - pupil["distance"]) > NEAR_SHEET * self.sheet.focal_length:
-            own, told = (format_quantity(float(place), "length", 6) for place in (fap.stands, pupil["distance"]))
+        grown = 1.0 if fap.behind is None else abs(f / ((f - fap.behind) or math.inf))
+        if abs(fap.stands * grown - pupil["distance"]) > NEAR_SHEET * f:
+            own, told = (format_quantity(float(at), "length", 6) for at in (fap.stands * grown, pupil["distance"]))
             return (
                 f"a FAP {own} before the lens contradicts the sheet, whose pupil is seen at {told}; drop distance, or "
                 "entrance_pupil and exit_pupil of the sheet where an opening of the bore is the FAP"
             )
-        if 2 * fap.outline.reach > pupil["diameter"] * (1 + NEAR_SHEET):
+        if 2 * fap.outline.reach * grown > pupil["diameter"] * (1 + NEAR_SHEET):
             most = format_quantity(pupil["diameter"], "length", 6)
             return f"{fap.outline.size} is wider than the sheet's pupil of {most}; drop it, or stop the lens down"
         return ""

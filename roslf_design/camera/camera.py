@@ -858,7 +858,7 @@ def _nominal(design: Design) -> Camera:
         places += [f"tube.{name}" for name in known]
     if design.environment is not None:
         places.append(TEMPERATURE)
-    numbers = {**{place: design[place] for place in places}, TIP: 0.0, **design.bore_numbers}
+    numbers = {**{place: design[place] for place in places}, TIP: design.main_lens.kind.front, **design.bore_numbers}
     beside = design.chain, design.materials, Growth.of(design), design.sensor.colours
     kind = array.layout, array.lens_shape, design.main_lens.kind, *beside
     return Camera(numbers, *kind)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache
 from typing import Annotated, Any, Generic, NamedTuple, Self, TypeVar
 
@@ -96,21 +96,16 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
         told = isinstance(data, Mapping) and at(data, "main_lens.sheet") is not None
         return {"aperture": {}, **data} if told else data
 
-    @field_validator("aperture", mode="before")
+    @field_validator("aperture", mode="wrap")
     @classmethod
-    def _of_stop(cls, value: Any, info: ValidationInfo) -> Any:
-        if not isinstance(value, Mapping):
-            return Pupil(**dict(value)) if isinstance(value, Stop) else value
-        if lens := info.data.get("main_lens"):
-            return lens.kind.with_pupil(value)
-        return value or Pupil(distance=0.0, diameter=1.0)  # the lens's own faults are told
-
-    @field_validator("aperture", mode="after")
-    @classmethod
-    def _of_lens(cls, value: Pupil, info: ValidationInfo) -> Pupil:
-        if (lens := info.data.get("main_lens")) and (fault := lens.kind.about_pupil(value)):
+    def _of_lens(cls, value: Any, check: Callable[[Any], Pupil], info: ValidationInfo) -> Pupil:
+        lens, value = info.data.get("main_lens"), Pupil(**dict(value)) if isinstance(value, Stop) else value
+        if not lens:
+            return check(value or Pupil(distance=0.0, diameter=1.0))  # the lens's own faults are told
+        pupil = check(lens.kind.with_pupil(value) if isinstance(value, Mapping) else value)
+        if fault := lens.kind.about_pupil(pupil):
             raise ValueError(fault)
-        return value
+        return pupil
 
     def __getitem__(self, place: str) -> float:
         """The number at a dotted place [mm, rad]; of f, d_f, d_1 and D also what others give."""

@@ -59,6 +59,10 @@ def about_sheet(design: Assembly) -> Iterator[Problem]:
         if key in over and met:
             message = f"is followed through air alone, and {met[0].place} stands before the lens; drop one of them"
             yield Problem(f"main_lens.sheet.{key}", message)
+    if design.d_f <= design.main_lens.kind.front:
+        yield Problem(
+            "main_lens.focal_plane", f"{shown(design.d_f)} is behind the lens's front vertex; focus farther out"
+        )
     if "distortion" in over and design.d_3 > 0 and design.aperture.tilt != (0.0, 0.0):
         yield Problem("aperture.tilt", "a FAP before a lens with distortion cannot be tilted; drop one of them")
 

@@ -68,8 +68,8 @@ class Design(Assembly, defer_build=False):
                 f"or drop {mapped}"
             )
             problems += (Problem("aperture.distance", message),)
-        problems += (*about_environment(self), *about_shapes(self), *about_sheet(self))
-        problems += () if problems else tuple(about_stop_behind(self))
+        problems += (*about_environment(self), *about_shapes(self))
+        problems += () if problems else (*about_stop_behind(self), *about_sheet(self))
         if problems:
             raise PydanticCustomError(MISFIT, "parts do not fit", {"problems": problems})
         return self
