@@ -51,8 +51,9 @@ class FieldTable(Part):
             raise ValueError('needs either heights (["2 mm", ...] on the image) or angles (["5 deg", ...])')
         if len(self.fields) != len(self.percent):
             raise ValueError(f"{len(self.fields)} fields and {len(self.percent)} percentages; give one a field")
-        if self.fields[0] < 0 or not all(a < b for a, b in pairwise(self.fields)) or self.fields[-1] == 0:
-            raise ValueError("fields must begin at 0 or above and rise from one to the next, beyond 0")
+        ends = self.fields[0] >= 0 and 0 < self.fields[-1] < (math.inf if self.angles is None else math.pi / 2)
+        if not ends or not all(a < b for a, b in pairwise(self.fields)):
+            raise ValueError("fields must begin at 0 or above and rise from one to the next, angles to below 90 deg")
         low, high = self.between
         if wrong := [share for share in self.percent if not low <= share <= high]:
             raise ValueError(f"{wrong[0]:g} % is not between {low:g} and {high:g} %; {self.remedy}")

@@ -107,8 +107,8 @@ class MainLens(OpticalPart):
     @classmethod
     def _needed(cls, value: float | None, info: ValidationInfo) -> float | None:
         # A prescription or sheet that could not be read is told of by itself.
-        sheet = info.data.get("sheet", ...)
-        if value is None and info.data.get("prescription", ...) is None and (sheet is None or not sheet.pupil):
+        sheet, prescription = (info.data.get(key, ...) for key in ("sheet", "prescription"))
+        if value is None and prescription is None and (sheet is None or not getattr(sheet, "pupil", True)):
             raise PydanticCustomError("missing", "Field required")
         return value
 

@@ -1,4 +1,4 @@
-"""A bought main lens by its data sheet: against matrices and formulas worked out here, and against a lens's own rays."""
+"""A bought main lens by its data sheet: against matrices and formulas worked out here, and against real rays."""
 
 import json
 import math
@@ -20,6 +20,7 @@ from roslf_design.lenses.lens_file import load_lens
 from roslf_design.scenes import make_scene
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.theory.stop_images import MicrolensImages
+from roslf_design.traced.fields import images_of
 
 # A retrofocus lens of two thin ones with a stop between them: its sheet follows from matrices.
 FRONT, REAR, BETWEEN, STOP, IRIS = -40.0, 18.0, 25.0, 19.0, 6.0
@@ -87,13 +88,13 @@ def test_the_sheet_is_the_camera_that_matrices_of_its_pieces_give():
 
 
 def test_lengths_count_the_gap_between_principal_planes():
-    """From the front vertex to the sensor the camera is as long as its pieces; tip is the front principal plane."""
+    """From the front vertex to the sensor the camera is as long as its pieces and the way of light behind them."""
     design = camera_of()
-    gap = BETWEEN - SHEET["front_principal"] + SHEET["rear_principal"]
-    assert gap > 5  # else nothing is tested
-    length = float(QUANTITIES["total_length_mm"](Camera.of(design)))
-    tip = max(design.d_3, 0.0)
-    assert length == pytest.approx(tip + gap + design.d_1 + design.d_2, rel=1e-12)
+    to_object = 300 - SHEET["front_principal"]
+    behind = float(mp.findroot(lambda t: (matrix(("t", t)) * WHOLE * matrix(("t", to_object)))[0, 1], 30))
+    length, ahead = (float(QUANTITIES[name](Camera.of(design))) for name in ("total_length_mm", "working_distance_mm"))
+    assert length == pytest.approx(BETWEEN + behind + design.d_2, rel=1e-12)
+    assert ahead == pytest.approx(to_object, rel=1e-12)
 
 
 def test_exit_pupil_alone_tells_the_entrance_pupil():
@@ -103,7 +104,7 @@ def test_exit_pupil_alone_tells_the_entrance_pupil():
 
 def test_f_number_tells_the_pupil_and_a_lens_may_be_stopped_down():
     sheet = {key: value for key, value in SHEET.items() if key != "pupil_diameter"} | {"f_number": 2.8}
-    assert camera_of(sheet).D_F == pytest.approx(float(F) / 2.8, rel=1e-12)
+    assert pytest.approx(float(F) / 2.8, rel=1e-12) == camera_of(sheet).D_F
     assert camera_of(sheet, aperture={"diameter": 3.0}).D_F == 3.0
 
 
@@ -159,7 +160,7 @@ def test_angles_tell_the_same_as_the_heights_that_they_are_drawn_at():
 
 def test_without_distortion_a_table_of_zeros_draws_what_f_tan_does():
     flat, bent = Camera.of(camera_of()), Camera.of(told(distortion={"heights": [5.0], "percent": [0.0]}))
-    for name in ("field_half_width_mm", "field_half_diagonal_mm", "half_field_deg", "object_sample_mm"):
+    for name in ("field_half_width_mm", "field_half_diagonal_mm", "object_sample_mm"):
         assert float(QUANTITIES[name](bent)) == pytest.approx(float(QUANTITIES[name](flat)), rel=1e-8)  # knots
 
 
@@ -226,11 +227,11 @@ def test_rendered_white_darkens_as_told(objects):
 
 def test_what_the_sheet_does_not_tell_is_said_and_fields_beyond_it():
     result = roslf.evaluate(told(relative_illumination={"heights": [3.0], "percent": [80.0]}))
-    assert "known by its data sheet, which does not tell aberrations" in result.method
-    assert ", distortion:" in result.method
+    assert "known by its data sheet. It does not tell aberrations" in result.method
+    assert ", distortion: sharpness" in result.method
     assert any("tells of fields to" in warning for warning in result.warnings)
-    whole = roslf.evaluate(told(relative_illumination=DIM, **{"distortion": {"heights": [6.0], "percent": [-1.0]}}))
-    assert ", distortion:" not in whole.method
+    whole = roslf.evaluate(told(relative_illumination=DIM, distortion={"heights": [6.0], "percent": [-1.0]}))
+    assert ", distortion: sharpness" not in whole.method
     assert not any("tells of fields to" in warning for warning in whole.warnings)
 
 
@@ -257,24 +258,164 @@ def meridional(lens, wavelength, height, slope, start):
     return y + math.tan(u) * (end - z), math.tan(u)
 
 
-def test_an_achromat_by_its_sheet_is_the_achromat_that_ships():
-    """Rays near the axis by Snell's law of this test's own: f, H, H' to the digits of the sheet in the guide."""
+def achromat_by_rays(angles):
+    """Its sheet as rays of this test's own tell it, the FAP 20 mm before H; distortion where rays far away end."""
     lens = load_lens("ac254-050-a")
-    wavelength = lens.wavelength
-    y, u = meridional(lens, wavelength, 1e-3, 0.0, -1.0)
-    f, back = -1e-3 / u, -y / u
-    reverse = lens.reversed()
-    y, u = meridional(reverse, wavelength, 1e-3, 0.0, -1.0)
-    front = -y / u
-    assert f == pytest.approx(50.0, abs=0.2)
-    assert -front + f == pytest.approx(SHEET_OF_ACHROMAT["front_principal"], abs=0.05)
-    assert back - f == pytest.approx(SHEET_OF_ACHROMAT["rear_principal"], abs=0.05)
+    close = [meridional(one, lens.wavelength, 1e-4, 0.0, -1.0) for one in (lens, lens.reversed())]
+    (f, back), (_, ahead) = ((-1e-4 / u, -y / u) for y, u in close)
+    front, percent = f - ahead, []
+    for angle in angles:
+        height, slope = meridional(lens, lens.wavelength, 0.0, math.tan(angle), front - 20.0)
+        percent.append(100 * ((height + slope * back) / (f * math.tan(angle)) - 1))
+    return {
+        "focal_length": f,
+        "length": lens.length,
+        "front_principal": front,
+        "rear_principal": back - f,
+        "entrance_pupil": front - 20.0,
+        "pupil_diameter": 8.0,
+        "distortion": {"angles": list(angles), "percent": percent},
+    }
 
 
-SHEET_OF_ACHROMAT = {
-    "name": "AC254-050-A",
-    "focal_length": 50.0,
-    "length": 11.5,
-    "front_principal": 0.9,
-    "rear_principal": -6.6,
-}
+def test_an_achromat_by_its_sheet_shows_the_field_that_its_prescription_does():
+    """Real rays of the package through AC254-050-A beside its sheet: what is left is that a sheet tells of far away.
+
+    400 mm away that is 0.2 % of the field's height at its edge, 0.31 % at the corner and 2.5 % of the light, where a
+    lens without distortion is 2.8 % and 4.3 % off and darkens instead of brightening.
+    """
+    lens, sheet = load_lens("ac254-050-a"), achromat_by_rays(np.radians([4.0, 8.0, 12.0, 14.0]).tolist())
+    # Digits that the guide shows, and the catalogue's nominal 50 mm, whose maker takes 1 % for granted.
+    told = [round(sheet[key], 1) for key in ("focal_length", "front_principal", "rear_principal")]
+    assert told == [50.2, 0.2, -6.7]
+    assert sheet["focal_length"] == pytest.approx(50.0, rel=0.01)
+    common = {
+        "name": "achromat",
+        "light": {"wavelength": lens.wavelength},
+        "aperture": {"distance": 20.0, "diameter": 8.0},
+        "microlens_array": {"pitch": 0.06, "focal_length": 0.36, "size": [22.0, 16.0]},
+        "sensor": {"distance": 0.36, "pixel": 0.004, "size": [20.0, 14.0]},
+    }
+    flat = {key: value for key, value in sheet.items() if key != "distortion"}
+    traced, bought, ideal = (
+        roslf.Design.make({**common, "main_lens": {"focal_plane": 400.0, **given}})
+        for given in ({"prescription": lens}, {"sheet": sheet}, {"sheet": flat})
+    )
+    assert bought.d_1 == pytest.approx(traced.d_1, rel=1e-6)  # paraxial rays at 0.1 um
+    seen = [images_of(design, [(9.93, 0.0), (9.93, 6.94)]) for design in (traced, bought, ideal)]
+    real, ours, plain = (np.ravel(np.hypot(*images.on_plane(380.0))) for images in seen)
+    assert_allclose(ours, real, rtol=0.004)
+    assert (plain < 0.975 * real).all()
+    real, ours, plain = (np.ravel(images.illumination) for images in seen)
+    assert_allclose(ours, real, atol=0.03)
+    assert (plain < 0.95).all()
+    assert (real > 1.03).all()
+
+
+# --- files ------------------------------------------------------------------------------------------------------------
+
+TOML = """
+name = "bought"
+[main_lens]
+focal_plane = "300 mm"
+[main_lens.sheet]
+name = "25 mm f/2.8"
+focal_length = "25 mm"
+length = "30 mm"
+front_principal = "20 mm"
+rear_principal = "-12 mm"
+entrance_pupil = "15 mm"
+exit_pupil = "-18.3 mm"
+f_number = 2.8
+distortion = { heights = ["3 mm", "5.5 mm"], percent = [-0.4, -1.2] }
+relative_illumination = { angles = ["5 deg", "12 deg"], percent = [90, 62] }
+[microlens_array]
+pitch = "40 um"
+focal_length = "120 um"
+size = ["9 mm", "7 mm"]
+[sensor]
+distance = "120 um"
+pixel = "3.45 um"
+size = ["8.5 mm", "6.8 mm"]
+"""
+
+
+def test_files_hold_sheets_and_a_design_written_again_is_the_same():
+    design = loads(TOML)
+    assert design.d_3 == 5
+    assert pytest.approx(25 / 2.8) == design.D_F
+    again = loads(dumps(design))
+    assert again == design
+    assert hash(again) == hash(design)
+    assert loads(dumps(design.replace(D_F=4.0))).D_F == 4
+    assert design.replace(f=25.3).f == 25.3  # as measured
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('rear_principal = "-12 mm"\n', "", "main_lens.sheet.rear_principal: is missing"),
+        ('"-18.3 mm"', '"-10 mm"', 'exit_pupil = -10 mm contradicts entrance_pupil = 15 mm, which f images -18.25 mm'),
+        ("f_number = 2.8", 'f_number = 2.8\npupil_diameter = "12 mm"', "12 mm contradicts f_number = 2.8, which makes"),
+        ("[-0.4, -1.2]", "[-0.4, -120]", "-120 % is not between -50 and 50 %; check unit and sign"),
+        ("[-0.4, -1.2]", "[-0.4]", "2 fields and 1 percentages"),
+        ("[90, 62]", "[90, 162]", "162 % is not between 1 and 100 %; write percent of the light in the middle"),
+        ("[90, 62]", "[0.9, 0.62]", "85 and not 0.85"),
+        ('["5 deg", "12 deg"]', '["5 deg", "95 deg"]', "angles to below 90 deg"),
+        ('["3 mm", "5.5 mm"]', '["3 mm", "2 mm"]', "rise from one to the next"),
+        ('heights = ["3 mm", "5.5 mm"], ', "", "needs either heights"),
+        ('["3 mm", "5.5 mm"], percent = [-0.4, -1.2]', '["3 mm", "3.1 mm"], percent = [-30, 30]', "angles do not rise"),
+        ("[main_lens]", '[main_lens]\nprescription = "LA1050-A"', "the prescription says what the lens is made of"),
+        ("[main_lens]", '[main_lens]\nmaterial = "N-BK7"', "the sheet says what the lens is made of; drop material"),
+        ("[main_lens]", "[main_lens]\nreversed = true", "a data sheet tells one way round"),
+        ("[main_lens]", '[main_lens]\nfocal_length = "35 mm"', "35 mm contradicts the sheet's focal_length = 25 mm"),
+        ("[microlens_array]", '[aperture]\ndistance = "50 mm"\n[microlens_array]', "whose pupil is seen at 5 mm"),
+        ("[microlens_array]", '[aperture]\ndiameter = "15 mm"\n[microlens_array]', "wider than the sheet's pupil"),
+        ("[microlens_array]", '[[stops]]\ndiameter = "9 mm"\ndistance = "9 mm"\n[microlens_array]', "through air"),
+        ('front_principal = "20 mm"', 'front_principal = "400 mm"', "contradicts entrance_pupil"),
+        ("f_number = 2.8", 'name = "twice"', "TOML"),
+    ],
+)  # fmt: skip
+def test_sheets_that_cannot_be_are_told_in_a_line(old, new, words, tmp_path, capsys):
+    assert old in TOML
+    (tmp_path / "bought.toml").write_text(TOML.replace(old, new, 1))
+    assert main(["evaluate", str(tmp_path / "bought.toml")]) == 2
+    told = capsys.readouterr().err.replace("\n", " ")
+    assert words in told
+    assert "Traceback" not in told
+
+
+def test_a_bore_before_a_bought_lens_is_the_fap_where_the_sheet_tells_no_pupil():
+    """Its f-number is then the main lens's own, at the lens."""
+    lines = [line for line in TOML.splitlines() if not line.startswith(("entrance_pupil", "exit_pupil", "distortion"))]
+    bore = '[aperture]\ndistance = "60 mm"\ndiameter = "6 mm"\n[microlens_array]'
+    design = loads("\n".join(lines).replace("[microlens_array]", bore))
+    assert (design.d_3, design.D_F) == (60, 6)
+    assert pytest.approx(25 / 2.8) == design.D
+    with pytest.raises(DesignError, match=r"aperture\.\w+: is missing"):
+        loads("\n".join(lines))
+
+
+def test_commands_that_a_sheet_cannot_answer_say_so_in_a_line(tmp_path, capsys):
+    (tmp_path / "bought.toml").write_text(TOML)
+    file = str(tmp_path / "bought.toml")
+    for command in (["depth", file, "--region", "100,100,60,60"], ["calibrate", "--plan", file]):
+        assert main(command) == 2
+        assert "main_lens.sheet.distortion" in capsys.readouterr().err.replace("\n", " ")
+
+
+def test_export_puts_a_paraxial_surface_and_the_iris_that_the_sheet_implies(tmp_path, capsys):
+    """An entrance pupil behind H: the stop of which it is the image stands where 1/s' = 1/s + 1/f has it."""
+    (tmp_path / "bought.toml").write_text(
+        TOML.replace('entrance_pupil = "15 mm"\nexit_pupil = "-18.3 mm"', 'entrance_pupil = "28 mm"')
+    )
+    assert main(["export", str(tmp_path / "bought.toml"), "-o", str(tmp_path / "bought.json")]) == 0
+    capsys.readouterr()
+    surfaces = json.loads((tmp_path / "bought.json").read_text())["surface_group"]["surfaces"]
+    lens, iris = surfaces[1], surfaces[2]
+    assert lens["interaction_model"]["focal_length"] == 25
+    assert "-2 mm apart" in lens["comment"]
+    assert iris["is_stop"]
+    behind = 1 / (1 / 8 + 1 / 25)
+    assert iris["geometry"]["cs"]["z"] - lens["geometry"]["cs"]["z"] == pytest.approx(behind, rel=1e-12)
+    assert iris["aperture"]["r_max"] == pytest.approx(25 / 2.8 / 2 * behind / 8, rel=1e-12)
