@@ -243,10 +243,10 @@ class SheetMainLens(IdealMainLens):
             "noise and shapes of microlens images are those of an ideal lens with its focal length and pupil."
         )
 
-    over_field = property(lambda self: self.sheet.over_field)  # type: ignore[assignment]
-    told_to = property(lambda self: self.sheet.reach)  # type: ignore[assignment]
-    gap = property(lambda self: self.sheet.gap)  # type: ignore[assignment]
-    front = property(lambda self: max(0.0, float(self.sheet.front_principal)))  # type: ignore[assignment]
+    over_field = property(lambda self: self.sheet.over_field)
+    told_to = property(lambda self: self.sheet.reach)
+    gap = property(lambda self: self.sheet.gap)
+    front = property(lambda self: max(0.0, float(self.sheet.front_principal)))
 
     def given(self, place: str, value: float | None, wavelength: float) -> float | None:
         """The sheet's focal length where none is given; diameter of its pupil, where that stands elsewhere."""

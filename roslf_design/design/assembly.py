@@ -129,11 +129,10 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
     def _uncut(self) -> float:
         """Width of a main lens that cuts nothing of what reaches the array's corners, with some room [mm]."""
         numbers = {**self.bore_numbers, **{key: self[key] for key in CONJUGATES}}
-        focus, pupil = (self.chain.plane(numbers, z) for z in (self.d_f, self.aperture.stands))
-        corner = math.hypot(*self.microlens_array.size) / 2 * (focus.distance - self.f) / self.f
-        reach = self.aperture.outline.reach / abs(pupil.magnification)
-        width = (corner * abs(pupil.distance) + reach * focus.distance) / abs(focus.distance - pupil.distance)
-        return float(ROOMY * 2 * width)
+        d_f, pupil = float(self.chain.plane(numbers, self.d_f).distance), self.chain.plane(numbers, self.d_3)
+        d_3, reach = float(pupil.distance), float(self.aperture.outline.reach / abs(float(pupil.magnification)))
+        corner = math.hypot(*self.microlens_array.size) / 2 * (d_f - self.f) / self.f
+        return ROOMY * 2 * (corner * abs(d_3) + reach * d_f) / abs(d_f - d_3)
 
     @property
     def D_F(self) -> float:

@@ -53,18 +53,16 @@ def about_stop_behind(design: Assembly) -> Iterator[Problem]:
 
 def about_sheet(design: Assembly) -> Iterator[Problem]:
     """Tables of a sheet over the field, whose rays something before the main lens turns."""
-    over, bending = design.main_lens.kind.over_field, [at for at in design.in_bore if at.part.bends]
-    before = (*design.in_bore, *design.openings[1:])
-    for key, met in (("distortion", before), ("relative_illumination", bending)):
-        if key in over and met:
-            message = f"is followed through air alone, and {met[0].place} stands before the lens; drop one of them"
+    over, plane = design.main_lens.kind.over_field, design.d_f
+    tilted = [] if design.aperture.tilt == (0.0, 0.0) else ["aperture, tilted,"]
+    met = [*(at.place for at in (*design.in_bore, *design.openings[1:])), *tilted]
+    bending = [at.place for at in design.in_bore if at.part.bends]
+    for key, places in (("distortion", met), ("relative_illumination", bending)):
+        if key in over and places:
+            message = f"is followed through air alone, and {places[0]} stands before the lens; drop one of them"
             yield Problem(f"main_lens.sheet.{key}", message)
-    if design.d_f <= design.main_lens.kind.front:
-        yield Problem(
-            "main_lens.focal_plane", f"{shown(design.d_f)} is behind the lens's front vertex; focus farther out"
-        )
-    if "distortion" in over and design.d_3 > 0 and design.aperture.tilt != (0.0, 0.0):
-        yield Problem("aperture.tilt", "a FAP before a lens with distortion cannot be tilted; drop one of them")
+    if plane <= design.main_lens.kind.front:
+        yield Problem("main_lens.focal_plane", f"{shown(plane)} is behind the lens's front vertex; focus farther out")
 
 
 def about_elements(design: Assembly, known: Sequence[Problem]) -> tuple[Problem, ...]:

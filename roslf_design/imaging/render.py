@@ -384,7 +384,7 @@ class _Job:
             return 1.0, apparent
         u, v, distance = (float(number) for number in apparent)
         away = (distance - camera.seen.d_3) / chief_spread(camera)
-        return float(camera.mapping.light(math.hypot(u, v) / abs(away))), apparent
+        return float(camera.mapping.light(math.hypot(u, v) / abs(float(away)))), apparent
 
     def _mapped(self, x: float, y: float, z: float) -> tuple[float, tuple[Number, Number, Number]]:
         """Light of a point before an objective with a mapping, and where the main lens sees it.
