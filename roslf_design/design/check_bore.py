@@ -55,7 +55,7 @@ def about_sheet(design: Assembly) -> Iterator[Problem]:
     """Tables of a sheet over the field, whose rays something before the main lens turns."""
     over, plane = design.main_lens.kind.over_field, design.d_f
     tilted = [] if design.aperture.tilt == (0.0, 0.0) else ["aperture, tilted,"]
-    met = [*(at.place for at in (*design.in_bore, *design.openings[1:])), *tilted]
+    met = [*(at.place for at in design.placed[1:]), *tilted]
     bending = [at.place for at in design.in_bore if at.part.bends]
     for key, places in (("distortion", met), ("relative_illumination", bending)):
         if key in over and places:

@@ -236,10 +236,11 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
                 f"{kept**-0.5:.3g} times as large; "
                 "an exit pupil farther away (d_3 nearer to f) or slower microlenses meet it straighter"
             )
-    corner, told = float(sensor_field(camera).radius), camera.lens.told_to / float(outer_slope(camera, 1.0))
-    if corner > told * (1 + 1e-3):
+    corner = float(sensor_field(camera).radius)
+    beyond = float(outer_slope(camera, corner)) / camera.lens.told_to
+    if beyond > 1 + 1e-3:
         yield (
-            f"the main lens's sheet tells of fields to {told:.4g} mm on the MLA, and the sensor sees {corner:.4g} mm: "
+            f"the main lens's sheet tells of fields to {corner / beyond:.4g} mm on the MLA, and the sensor sees {corner:.4g} mm: "
             "beyond, its last numbers are held"
         )
     half_x, half_y = (size / 2 for size in array.size)
