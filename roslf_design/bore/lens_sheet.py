@@ -29,7 +29,7 @@ KNOTS, BEYOND, FAR = 49, 16, 3.0
 """Counts of heights at which the mapping is told, to the last field and beyond, and where they end, over f."""
 
 
-class FieldTable(Part):
+class _FieldTable(Part):
     """Percentages over the field, at image heights or at angles of the field."""
 
     heights: Annotated[tuple[AnyLength, ...], Field(min_length=1, max_length=1000)] | None = None
@@ -46,7 +46,7 @@ class FieldTable(Part):
     """Least and largest percentages that can be, and words for what to do about others."""
 
     @model_validator(mode="after")
-    def _possible(self) -> FieldTable:
+    def _possible(self) -> _FieldTable:
         if (self.heights is None) == (self.angles is None):
             raise ValueError('needs either heights (["2 mm", ...] on the image) or angles (["5 deg", ...])')
         if len(self.fields) != len(self.percent):
@@ -77,7 +77,7 @@ class FieldTable(Part):
         return p, told
 
 
-class _DistortionTable(FieldTable):
+class _DistortionTable(_FieldTable):
     """Distortion over the field: image height against f tan of the angle, below 0 is barrel-shaped."""
 
     middle = 0.0
@@ -85,7 +85,7 @@ class _DistortionTable(FieldTable):
     remedy = "check unit and sign, or describe a fisheye by the mapping of a lens in [[elements]]"
 
 
-class _LightTable(FieldTable):
+class _LightTable(_FieldTable):
     """Relative illumination over the field, against the middle: all that the lens loses, cos^4 and barrels included."""
 
     middle = 100.0
@@ -162,7 +162,7 @@ class LensSheet(Part):
         return self.length - self.front_principal + self.rear_principal
 
     @property
-    def over_field(self) -> dict[str, FieldTable]:
+    def over_field(self) -> dict[str, _FieldTable]:
         """Tables over the field, by their keys."""
         tables = {"distortion": self.distortion, "relative_illumination": self.relative_illumination}
         return {key: table for key, table in tables.items() if table is not None}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, TypeVar
 
 import numpy as np
@@ -18,7 +18,7 @@ from ..units import format_quantity
 from .conjugates import CONJUGATES
 from .export import SequenceRow, lens_surfaces
 from .lens import power_ratio
-from .lens_sheet import FieldTable, LensSheet
+from .lens_sheet import LensSheet
 from .part import Number
 from .real_lens import focal_length_at, mounted_lens, own_diameter
 
@@ -56,10 +56,8 @@ class MainLensKind:
     """Places whose numbers follow from what it is made of."""
     parts: ClassVar[tuple[str, ...]] = ()
     """Kinds of a catalogue that are parts of it."""
-    over_field: Mapping[str, FieldTable] = {}
-    """Tables over the field in its data sheet, by their keys."""
     told_to: float = math.inf
-    """Slope to first order up to which these tell."""
+    """Slope to first order up to which its data sheet tells of the field."""
     untold: str = ""
     """Sentence on what of it is not known, and which numbers are ideal therefore."""
     gap: float = 0.0
@@ -208,8 +206,9 @@ class IdealMainLens(MainLensKind):
         return held if self.material is None else self.material.grown(before, after)
 
     def rows(self, focal_length: float, diameter: float) -> list[SequenceRow]:
-        """A paraxial surface."""
-        return [SequenceRow("main lens", 0.0, Surface(0.0, diameter / 2), focal_length)]
+        """A paraxial surface, which stands for both principal planes."""
+        name = f"main lens (H and H' together, {self.gap:.6g} mm apart)" if self.gap else "main lens"
+        return [SequenceRow(name, 0.0, Surface(0.0, diameter / 2), focal_length)]
 
 
 @dataclass(frozen=True)
@@ -223,27 +222,17 @@ class SheetMainLens(IdealMainLens):
     kept_conjugates: ClassVar[tuple[Conjugate, ...]] = open_conjugates
 
     @property
-    def name(self) -> str:  # type: ignore[override]
-        """Name of the product."""
-        return self.sheet.name or "a bought lens"
-
-    @property
-    def words(self) -> str:  # type: ignore[override]
-        """Description: by its sheet, and its name."""
-        return f"by its data sheet ({self.name})"
-
-    @property
     def untold(self) -> str:  # type: ignore[override]
         """Sentence on what no sheet tells, and what this one does not."""
-        left = "" if "distortion" in self.over_field else ", distortion"
-        left += "" if "relative_illumination" in self.over_field else ", light over the field (cos^4 is taken)"
+        left = "" if "distortion" in self.sheet.over_field else ", distortion"
+        left += "" if "relative_illumination" in self.sheet.over_field else ", light over the field (cos^4 is taken)"
         return (
             f"The main lens, {self.name}, is known by its data sheet. It does not tell aberrations, field curvature, "
             f"colour, what barrels cut (nothing, where no clear aperture is given){left}: sharpness, MTF, spots, depth "
             "noise and shapes of microlens images are those of an ideal lens with its focal length and pupil."
         )
 
-    over_field = property(lambda self: self.sheet.over_field)
+    name = property(lambda self: self.sheet.name or "a bought lens")
     told_to = property(lambda self: self.sheet.reach)
     gap = property(lambda self: self.sheet.gap)
     front = property(lambda self: max(0.0, float(self.sheet.front_principal)))
@@ -295,11 +284,6 @@ class SheetMainLens(IdealMainLens):
     def settled(self, values: Mapping[str, float | None], wavelength: float | None) -> Mapping[str, float | None]:
         """Values with its own focal length where none is given."""
         return values if values.get(FOCAL) is not None else {**values, FOCAL: self.sheet.focal_length}
-
-    def rows(self, focal_length: float, diameter: float) -> list[SequenceRow]:
-        """A paraxial surface in place of both principal planes."""
-        title = f"main lens (H and H' of {self.name} together, {self.gap:.6g} mm apart)"
-        return [replace(row, name=title) for row in super().rows(focal_length, diameter)]
 
     def replaced_by(self, other: MainLensKind) -> bool:
         """False: no catalogue tells of another what this one's sheet does."""
