@@ -107,15 +107,11 @@ def angle_map(mapping: str | MappingTable, focal_length: float) -> AngleMap:
         from scipy.interpolate import CubicSpline
 
         return AngleLaw(table_law(TABLE, mapping.ratios(focal_length), CubicSpline))
-    law = np.array([[*KINDS[mapping], 0.0, 0.0, 0.0]], float)
-    law.setflags(write=False)
-    return AngleLaw(law)
+    return AngleLaw(np.array([[*KINDS[mapping], 0.0, 0.0, 0.0]], float))
 
 
 def table_law(kind: int, told: tuple[Law, Law], through: Callable[..., Any]) -> Law:
     """Law of a table: cubics `through` what is told at squares of p."""
     q, values = told
     pieces = np.column_stack([q[:-1], through(q, values).c.T])
-    law = np.vstack([[kind, math.sqrt(q[-1]), 0.0, 0.0, 0.0], pieces])
-    law.setflags(write=False)
-    return law
+    return np.vstack([[kind, math.sqrt(q[-1]), 0.0, 0.0, 0.0], pieces])

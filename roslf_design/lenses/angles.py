@@ -127,10 +127,8 @@ class AngleMap:
     """True where it bends the plane in focus, and draws what lies off the axis smaller."""
     words: str = ""
     """Words for why light falls off otherwise than by cos^4."""
-    law: Law | None = None
-    """Law; None of f tan."""
     kernel: Law = NO_LAW
-    """As kernels take it; no rows of f tan."""
+    """Law as kernels take it; no rows of f tan."""
     shade: Law = NO_LAW
     """Law of the light over the field (`illumination`), as kernels take it; no rows of cos^4."""
     end: float = math.inf
@@ -229,31 +227,31 @@ class AngleLaw(ShadedTangent):
 
     def __init__(self, law: Law, shade: Law | None = None) -> None:
         super().__init__(law if shade is None else shade)
-        self.law, self.kernel, self.end = law, np.array(law, order="C"), float(law[0, 1])
+        self.kernel, self.end = np.array(law, order="C"), float(law[0, 1])
         self.words = ", by the objective's mapping" if shade is None else ShadedTangent.words
 
     @property
     def widest(self) -> float:
         """Angle of the law's largest p."""
-        return float(_angle_in_air(self.law, self.end))
+        return float(_angle_in_air(self.kernel, self.end))
 
     def angle(self, slope: Any) -> Any:
         """Angle by the law; beyond what is imaged, the largest."""
-        return _angle_in_air(self.law, np.minimum(slope, self.end))
+        return _angle_in_air(self.kernel, np.minimum(slope, self.end))
 
     def height(self, angle: Any) -> Any:
         """Inverse of the angle."""
-        return _image_height(self.law, angle)
+        return _image_height(self.kernel, angle)
 
     def stretch(self, p: Any, medium: Any) -> Any:
         """Stretch by the law, infinite at 90 degrees."""
-        grown = stretch(self.law, p, medium)
+        grown = stretch(self.kernel, p, medium)
         return np.where(np.real(grown) < STEEPEST, grown, np.inf)[()]
 
     def stretch_along(self, p: Any, medium: Any) -> Any:
         """Derivative by a complex step."""
         held = np.minimum(p, self.end * (1 - 1e-12)) + 1j * STEP
-        return np.imag(held * stretch(self.law, held, medium))[()] / STEP
+        return np.imag(held * stretch(self.kernel, held, medium))[()] / STEP
 
     def stretches(self, p: Callable[[], Any], medium: Callable[[], Any]) -> tuple[Any, Any]:
         """Both by the law."""
@@ -262,7 +260,7 @@ class AngleLaw(ShadedTangent):
 
     def first_order(self, slope: Any, medium: Any) -> Any:
         """Inverse of the law."""
-        return first_order(self.law, slope, medium)
+        return first_order(self.kernel, slope, medium)
 
     def redrawn(self, rays: Any, grown: Callable[[], Any], pupil: Callable[[], Any]) -> Any:
         """Rays turned about the entrance pupil."""
