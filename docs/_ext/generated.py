@@ -18,6 +18,7 @@ from tables import code, keys_table, markdown, plain, results_table
 
 import roslf_design as roslf
 from roslf_design.bore.elements import AnyElement, ObjectSpace
+from roslf_design.bore.lens_sheet import LensSheet
 from roslf_design.bore.mapping import MappingTable
 from roslf_design.calibration.options import PlanOptions
 from roslf_design.cli import COMMANDS, build_app
@@ -49,6 +50,11 @@ ELEMENTS = {get_args(kind.model_fields["kind"].annotation)[0]: kind for kind in 
 DESIGN: tuple[Table, ...] = (
     ("The file", Design),
     ("`[main_lens]`", MainLens),
+    ("`[main_lens.sheet]`", LensSheet),
+    *(
+        (f"`main_lens.sheet.{key}`", get_args(LensSheet.model_fields[key].annotation)[0])
+        for key in ("distortion", "relative_illumination")
+    ),
     ("`[aperture]`", Pupil),
     ("`[[stops]]`", Stop),
     ("`[object_space]`", ObjectSpace),

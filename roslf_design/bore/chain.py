@@ -19,10 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .._arrays import ratio
-from ..lenses.angles import F_TAN, AngleMap, Law
+from ..lenses.angles import F_TAN, AngleMap
 from .conjugates import CONJUGATES, followed
 from .elements import AnyElement, element_name
 from .fold import Reflection, fold_of
+from .lens_sheet import LensSheet
 from .part import Number, PartNumbers, minus, plus, times
 
 Flags = np.bool_ | NDArray[np.bool_]
@@ -218,11 +219,18 @@ class Chain:
     """Whether the FAP lies behind the main lens, as the scene sees it: only then it may in builds."""
     stop_behind: bool = False
     """Whether a stop stands behind the main lens: planes below 0 are then seen through it."""
+    main_lens: LensSheet | None = None
+    """Data sheet of the main lens, which may map angles and tell light over the field."""
 
     @property
     def in_air(self) -> bool:
-        """Whether light meets nothing but the main lens, stops before it and microlenses."""
-        return not (self.elements or self.plates_before or self.plates_behind or self.stop_behind)
+        """Whether light meets nothing but the main lens, f tan at that, stops before it and microlenses."""
+        return not (self.plates_before or self.plates_behind or self.stop_behind or self.bends_rays)
+
+    @property
+    def bends_rays(self) -> bool:
+        """Whether light goes otherwise before the main lens than straight on: elements, or its own mapping."""
+        return bool(self.elements) or self.mapping.bends
 
     @cached_property
     def order(self) -> tuple[int, ...]:
@@ -276,23 +284,20 @@ class Chain:
         ]
 
     @cached_property
-    def mapped(self) -> int | None:
-        """Index of the element that is an objective with a mapping; None where light goes on as to first order."""
-        return next((k for k, part in self._outwards if part.mapping_name), None)
+    def mapped(self) -> str:
+        """Place of the mapping of angles in a design; empty where light goes on as to first order."""
+        own = "main_lens.sheet.distortion" if self.mapping.bends else ""
+        return next((f"elements.{k}.mapping" for k, part in self._outwards if part.mapping_name), own)
 
     def mapped_from(self, numbers: Mapping[str, Number]) -> Number:
-        """Distance of that objective from the main lens [mm], beyond which its mapping holds; else infinite."""
-        return math.inf if self.mapped is None else numbers[f"elements.{self.mapped}.distance"]
-
-    @property
-    def law(self) -> Law | None:
-        """Mapping of angles by the objective; None where it is f tan (`..lenses.angles`)."""
-        return self.mapping.law
+        """Distance of what maps angles from the main lens [mm], beyond which its mapping holds; else infinite."""
+        return numbers.get(f"{self.mapped.removesuffix('.mapping')}.distance", 0.0) if self.mapped else math.inf
 
     @cached_property
     def mapping(self) -> AngleMap:
-        """Mapping of angles by the objective, f tan where it has none of its own."""
-        return next((part.angle_map for _, part in self._outwards if part.mapping_name), F_TAN)
+        """Mapping of angles by the objective, else by the main lens; f tan where neither has one."""
+        own = F_TAN if self.main_lens is None else self.main_lens.angle_map
+        return next((part.angle_map for _, part in self._outwards if part.mapping_name), own)
 
     def at(self, numbers: Mapping[str, Number], k: int) -> PartNumbers:
         """Numbers of an element."""

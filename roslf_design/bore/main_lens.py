@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal, TypeVar
 
 import numpy as np
@@ -18,12 +18,15 @@ from ..units import format_quantity
 from .conjugates import CONJUGATES
 from .export import SequenceRow, lens_surfaces
 from .lens import power_ratio
+from .lens_sheet import LensSheet
 from .part import Number
 from .real_lens import focal_length_at, mounted_lens, own_diameter
 
 FOCAL, DIAMETER = CONJUGATES[0], "main_lens.diameter"
 AGREEMENT = 1e-6
 """Relative difference from the lens's own numbers, beyond which others contradict them."""
+NEAR_SHEET = 0.1
+"""Share of the focal length by which a number of the design may differ from a sheet's: as measured, or as made."""
 Conjugate = Literal["f", "d_1", "d_f"]
 ThinDesign = TypeVar("ThinDesign", bound=Any)
 
@@ -53,6 +56,14 @@ class MainLensKind:
     """Places whose numbers follow from what it is made of."""
     parts: ClassVar[tuple[str, ...]] = ()
     """Kinds of a catalogue that are parts of it."""
+    told_to: float = math.inf
+    """Slope to first order up to which its data sheet tells of the field."""
+    untold: str = ""
+    """Sentence on what of it is not known, and which numbers are ideal therefore."""
+    gap: float = 0.0
+    """Distance between its principal planes, as far as distances count it [mm]."""
+    front: float = 0.0
+    """Front vertex before its principal plane, as far as that is told [mm]."""
 
     @property
     def grows(self) -> bool:
@@ -91,6 +102,14 @@ class MainLensKind:
     def given(self, place: str, value: float | None, wavelength: float) -> float | None:
         """The number at a place where a design gives `value`, or the lens's own [mm]."""
         return value
+
+    def with_pupil(self, given: Mapping[str, Any]) -> Mapping[str, Any]:
+        """A FAP as a file gives it, with what of it the lens tells."""
+        return given
+
+    def about_pupil(self, fap: Any) -> str:
+        """Contradiction of its pupil and the FAP of a design; empty without one."""
+        return ""
 
     def about(self, values: Mapping[str, float | None], turned: bool, wavelength: float | None) -> Iterator[Problem]:
         """Values of a design that contradict it; a wavelength that could not be read is None."""
@@ -187,8 +206,88 @@ class IdealMainLens(MainLensKind):
         return held if self.material is None else self.material.grown(before, after)
 
     def rows(self, focal_length: float, diameter: float) -> list[SequenceRow]:
-        """A paraxial surface."""
-        return [SequenceRow("main lens", 0.0, Surface(0.0, diameter / 2), focal_length)]
+        """A paraxial surface, which stands for both principal planes."""
+        name = f"main lens (H and H' together, {self.gap:.6g} mm apart)" if self.gap else "main lens"
+        return [SequenceRow(name, 0.0, Surface(0.0, diameter / 2), focal_length)]
+
+
+@dataclass(frozen=True)
+class SheetMainLens(IdealMainLens):
+    """A bought lens by its data sheet: ideal in what that does not tell."""
+
+    sheet: LensSheet = field(kw_only=True)
+    """Its numbers."""
+
+    open_conjugates: ClassVar[tuple[Conjugate, ...]] = ("d_1", "d_f")
+    kept_conjugates: ClassVar[tuple[Conjugate, ...]] = open_conjugates
+
+    @property
+    def untold(self) -> str:  # type: ignore[override]
+        """Sentence on what no sheet tells, and what this one does not."""
+        left = "" if "distortion" in self.sheet.over_field else ", distortion"
+        left += "" if "relative_illumination" in self.sheet.over_field else ", light over the field (cos^4 is taken)"
+        return (
+            f"The main lens, {self.name}, is known by its data sheet. It does not tell aberrations, field curvature, "
+            f"colour, what barrels cut (nothing, where no clear aperture is given){left}: sharpness, MTF, spots, depth "
+            "noise and shapes of microlens images are those of an ideal lens with its focal length and pupil."
+        )
+
+    name = property(lambda self: self.sheet.name or "a bought lens")
+    told_to = property(lambda self: self.sheet.reach)
+    gap = property(lambda self: self.sheet.gap)
+    front = property(lambda self: max(0.0, float(self.sheet.front_principal)))
+
+    def given(self, place: str, value: float | None, wavelength: float) -> float | None:
+        """The sheet's focal length where none is given; diameter of its pupil, where that stands elsewhere."""
+        if value is not None or place not in (FOCAL, DIAMETER):
+            return value
+        if place == FOCAL:
+            return self.sheet.focal_length
+        return None if "distance" in self.sheet.pupil else self.sheet.pupil["diameter"]
+
+    def with_pupil(self, given: Mapping[str, Any]) -> Mapping[str, Any]:
+        """The pupil of the sheet, where that tells its place and no other is given."""
+        told = {key: f"{size!r} mm" for key, size in self.sheet.pupil.items()}
+        if "distance" not in told or given.get("behind") is not None:
+            return given
+        told = told if given.get("shape", "circle") == "circle" else {"distance": told["distance"]}
+        return {**told, **{key: value for key, value in given.items() if value is not None}}
+
+    def about_pupil(self, fap: Any) -> str:
+        """Another place than the sheet's, or a wider opening."""
+        pupil, f = {"diameter": math.inf, **self.sheet.pupil}, self.sheet.focal_length
+        if "distance" not in pupil:
+            return ""
+        grown = 1.0 if fap.behind is None else abs(f / ((f - fap.behind) or math.inf))
+        if abs(fap.stands * grown - pupil["distance"]) > NEAR_SHEET * f:
+            own, told = (format_quantity(float(at), "length", 6) for at in (fap.stands * grown, pupil["distance"]))
+            return (
+                f"a FAP {own} before the lens contradicts the sheet, whose pupil is seen at {told}; drop distance, or "
+                "entrance_pupil and exit_pupil of the sheet where an opening of the bore is the FAP"
+            )
+        if 2 * fap.outline.reach * grown > pupil["diameter"] * (1 + NEAR_SHEET):
+            most = format_quantity(pupil["diameter"], "length", 6)
+            return f"{fap.outline.size} is wider than the sheet's pupil of {most}; drop it, or stop the lens down"
+        return ""
+
+    def about(self, values: Mapping[str, float | None], turned: bool, wavelength: float | None) -> Iterator[Problem]:
+        """Being turned round; a focal length that is another lens's."""
+        if turned:
+            message = "a data sheet tells one way round; drop it, or give the sheet's numbers from the other side"
+            yield Problem("main_lens.reversed", message)
+        f, given = self.sheet.focal_length, values.get(FOCAL)
+        if given is not None and abs(given / f - 1) > NEAR_SHEET:
+            told, own = (format_quantity(value, "length", 8) for value in (given, f))
+            message = f"{told} contradicts the sheet's focal_length = {own}; drop {FOCAL}, or mend the sheet"
+            yield Problem(FOCAL, message)
+
+    def settled(self, values: Mapping[str, float | None], wavelength: float | None) -> Mapping[str, float | None]:
+        """Values with its own focal length where none is given."""
+        return values if values.get(FOCAL) is not None else {**values, FOCAL: self.sheet.focal_length}
+
+    def replaced_by(self, other: MainLensKind) -> bool:
+        """False: no catalogue tells of another what this one's sheet does."""
+        return False
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ What kernels know of it, and what follows from it, is in `..lenses.angles`.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import lru_cache
 from itertools import pairwise
 from typing import Annotated, Any, Literal
@@ -106,10 +106,12 @@ def angle_map(mapping: str | MappingTable, focal_length: float) -> AngleMap:
     if isinstance(mapping, MappingTable):
         from scipy.interpolate import CubicSpline
 
-        q, ratios = mapping.ratios(focal_length)
-        pieces = np.column_stack([q[:-1], CubicSpline(q, ratios).c.T])
-        law = np.vstack([[TABLE, math.sqrt(q[-1]), 0.0, 0.0, 0.0], pieces])
-    else:
-        law = np.array([[*KINDS[mapping], 0.0, 0.0, 0.0]], float)
-    law.setflags(write=False)
-    return AngleLaw(law)
+        return AngleLaw(table_law(TABLE, mapping.ratios(focal_length), CubicSpline))
+    return AngleLaw(np.array([[*KINDS[mapping], 0.0, 0.0, 0.0]], float))
+
+
+def table_law(kind: int, told: tuple[Law, Law], through: Callable[..., Any]) -> Law:
+    """Law of a table: cubics `through` what is told at squares of p."""
+    q, values = told
+    pieces = np.column_stack([q[:-1], through(q, values).c.T])
+    return np.vstack([[kind, math.sqrt(q[-1]), 0.0, 0.0, 0.0], pieces])

@@ -72,10 +72,10 @@ class SceneSide:
         c = Camera.of(design, changes)
         if c.chain.in_air:
             return None
-        if c.chain.mapped is not None:
-            place = f"elements.{c.chain.mapped}.mapping"
+        if c.chain.mapped:
             raise CalibrationError(
-                f"{place}: a calibration takes rays before the objective as f tan has them; drop the mapping for it"
+                f"{c.chain.mapped}: a calibration takes rays before the objective as f tan has them; drop the mapping "
+                "for it"
             )
         if np.any(c.chain.telecentric(c.numbers, c[PATHS["d_3"]])):
             raise CalibrationError(

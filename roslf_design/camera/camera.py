@@ -28,7 +28,7 @@ from ..design import Design, DesignError, Problem
 from ..design.check import at
 from ..design.growth import Growth
 from ..design.parts import BEHIND, PATHS, Colours, Layout, Symbols
-from ..lenses.angles import AngleMap, Law
+from ..lenses.angles import AngleMap
 from .frames import Frame, Vector, along, cross, dot, frame, total
 from .lengths import ApparentLengths, RulerLengths
 
@@ -406,11 +406,6 @@ class Camera(Symbols[Number]):
     def front(self) -> tuple[Number, ImagedPlane]:
         """The farthest element's scene side: its distance before the main lens [mm], and the plane, all passed."""
         return self._walk.front
-
-    @cached_property
-    def law(self) -> Law | None:
-        """Mapping of angles by the objective; None where it is f tan (`..lenses.angles`)."""
-        return self.chain.law
 
     @property
     def mapping(self) -> AngleMap:
@@ -863,7 +858,7 @@ def _nominal(design: Design) -> Camera:
         places += [f"tube.{name}" for name in known]
     if design.environment is not None:
         places.append(TEMPERATURE)
-    numbers = {**{place: design[place] for place in places}, TIP: 0.0, **design.bore_numbers}
+    numbers = {**{place: design[place] for place in places}, TIP: design.main_lens.kind.front, **design.bore_numbers}
     beside = design.chain, design.materials, Growth.of(design), design.sensor.colours
     kind = array.layout, array.lens_shape, design.main_lens.kind, *beside
     return Camera(numbers, *kind)

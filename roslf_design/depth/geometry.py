@@ -47,9 +47,9 @@ def first_order(design: Design) -> Camera:
         Its objective maps angles otherwise than f tan; behind colour filters, its real lens focuses colours apart.
     """
     camera = Camera.of(design.thin_twin)
-    if camera.chain.mapped is not None:
+    if camera.chain.mapped:
         message = "depth is computed for rays as f tan has them before the objective; drop the mapping for it"
-        raise InputError((Problem(f"elements.{camera.chain.mapped}.mapping", message),), design.name)
+        raise InputError((Problem(camera.chain.mapped, message),), design.name)
     colours = tuple(one.wavelength for one in filters(design.sensor.colours))
     if colours and "lens_colour" in design.main_lens.kind.faults:
         apart = colour_spread(design, colours, 0.0) / design.d

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache
 from typing import Annotated, Any, Generic, NamedTuple, Self, TypeVar
 
-from pydantic import Field, field_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 
 from ..bore.chain import COVER, SUBSTRATE, Chain
 from ..bore.conjugates import CONJUGATES
@@ -34,6 +35,8 @@ from .parts import (
 GIVEN = frozenset({FOCAL, PATHS["D"]})
 """Places of which the main lens may have numbers of its own."""
 Standing = TypeVar("Standing")
+ROOMY = 1.2
+"""Width of a main lens that cuts nothing over the light's, so that misplaced parts are not cut either."""
 MOST_STOPS = 50
 """Further stops, or elements, of a design at most: each is met by every ray, and no bore has as many rims."""
 
@@ -67,7 +70,7 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
     main_lens: MainLens
     """Main lens, at z = 0."""
     aperture: Pupil
-    """The flexible angular plane (FAP): the system's entrance pupil."""
+    """The flexible angular plane (FAP): the system's entrance pupil; may be left out where a sheet tells it."""
     stops: Annotated[tuple[Stop, ...], Field(max_length=MOST_STOPS)] = ()
     """Further rims of a real bore."""
     object_space: ObjectSpace = ObjectSpace()
@@ -87,10 +90,22 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
     depth: DepthSettings = DepthSettings()
     """Settings that depth errors are computed for."""
 
-    @field_validator("aperture", mode="before")
+    @model_validator(mode="before")
     @classmethod
-    def _of_stop(cls, value: Any) -> Any:
-        return Pupil(**dict(value)) if isinstance(value, Stop) else value
+    def _with_told_pupil(cls, data: Any) -> Any:
+        told = isinstance(data, Mapping) and at(data, "main_lens.sheet") is not None
+        return {"aperture": {}, **data} if told else data
+
+    @field_validator("aperture", mode="wrap")
+    @classmethod
+    def _of_lens(cls, value: Any, check: Callable[[Any], Pupil], info: ValidationInfo) -> Pupil:
+        lens, value = info.data.get("main_lens"), Pupil(**dict(value)) if isinstance(value, Stop) else value
+        if not lens:
+            return check(value or Pupil(distance=0.0, diameter=1.0))  # the lens's own faults are told
+        pupil = check(lens.kind.with_pupil(value) if isinstance(value, Mapping) else value)
+        if fault := lens.kind.about_pupil(pupil):
+            raise ValueError(fault)
+        return pupil
 
     def __getitem__(self, place: str) -> float:
         """The number at a dotted place [mm, rad]; of f, d_f, d_1 and D also what others give."""
@@ -103,10 +118,21 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
         if place == PLANE and self.microlens_array.distance is not None:
             focal_length = self.main_lens.kind.given(FOCAL, self.main_lens.focal_length, wavelength)
             own = own if focal_length is None else None
+        if own is None and place == PATHS["D"]:
+            return self._uncut
         if own is None:
             others = {key: self[key] for key in CONJUGATES if key != place}
             return float(self.chain.followed({**self.bore_numbers, **others}, place))
         return float(own)
+
+    @property
+    def _uncut(self) -> float:
+        """Width of a main lens that cuts nothing of what reaches the array's corners, with some room [mm]."""
+        numbers = {**self.bore_numbers, **{key: self[key] for key in CONJUGATES}}
+        d_f, pupil = float(self.chain.plane(numbers, self.d_f).distance), self.chain.plane(numbers, self.d_3)
+        d_3, reach = float(pupil.distance), float(self.aperture.outline.reach / abs(float(pupil.magnification)))
+        corner = math.hypot(*self.microlens_array.size) / 2 * (d_f - self.f) / self.f
+        return ROOMY * 2 * (corner * abs(d_3) + reach * d_f) / abs(d_f - d_3)
 
     @property
     def D_F(self) -> float:
@@ -197,7 +223,8 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
         before = tuple(place for place, plate in self._plates.items() if plate.before_lenslets)
         behind = tuple(place for place in self._plates if place not in before)
         seen = self.aperture.stands < 0
-        return Chain(self.elements, housing, before, behind, seen, self.aperture.behind is not None)
+        stopped = self.aperture.behind is not None
+        return Chain(self.elements, housing, before, behind, seen, stopped, self.main_lens.sheet)
 
     @property
     def bore_numbers(self) -> dict[str, float]:

@@ -97,7 +97,7 @@ def design_problems(
         place: None if value is None else read_quantity(value, "length", unit_required=from_file)
         for place, value in given.items()
     }
-    if not readable("main_lens.prescription"):
+    if not readable("main_lens.prescription") or at(data, "main_lens.sheet") is not None:
         values.pop(FOCAL, None)
         return (*problems, *cross_check(values, IdealMainLens(), turned=False))
     turned = at(data, "main_lens.reversed") is True

@@ -51,6 +51,20 @@ def about_stop_behind(design: Assembly) -> Iterator[Problem]:
     yield Problem("aperture.behind", message)
 
 
+def about_sheet(design: Assembly) -> Iterator[Problem]:
+    """Tables of a sheet over the field, whose rays something before the main lens turns."""
+    sheet, plane = design.main_lens.sheet, design.d_f
+    tilted = [] if design.aperture.tilt == (0.0, 0.0) else ["aperture, tilted,"]
+    met = [*(at.place for at in design.placed[1:]), *tilted]
+    bending = [at.place for at in design.in_bore if at.part.bends]
+    for key, places in (("distortion", met), ("relative_illumination", bending)):
+        if sheet and key in sheet.over_field and places:
+            message = f"is followed through air alone, and {places[0]} stands before the lens; drop one of them"
+            yield Problem(f"main_lens.sheet.{key}", message)
+    if plane <= design.main_lens.kind.front:
+        yield Problem("main_lens.focal_plane", f"{shown(plane)} is behind the lens's front vertex; focus farther out")
+
+
 def about_elements(design: Assembly, known: Sequence[Problem]) -> tuple[Problem, ...]:
     """Faults of elements: overlap with each other, stops, the focal plane.
 

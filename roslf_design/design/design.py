@@ -19,7 +19,7 @@ from ..lenses.glass import AIR
 from ..units import format_quantity
 from .assembly import Assembly
 from .check import DISTANCE, FOCAL, MISFIT, PLANE, DesignError, at, checked_places, cross_check, design_problems
-from .check_bore import about_elements, about_shapes, about_stop_behind
+from .check_bore import about_elements, about_shapes, about_sheet, about_stop_behind
 from .environment import REFERENCE
 from .growth import Growth, about_environment
 from .parts import BEHIND, PATHS
@@ -61,15 +61,15 @@ class Design(Assembly, defer_build=False):
         problems = cross_check(apparent, self.main_lens.kind, turned=self.main_lens.reversed, bends=chain.bends)
         if not chain.in_air or self.object_space.medium != AIR:
             problems += about_elements(self, problems)
-        mapped = None if problems else chain.mapped
-        if mapped is not None and chain.telecentric(self.bore_numbers, self.aperture.stands):
+        mapped = "" if problems else chain.mapped
+        if mapped and chain.telecentric(self.bore_numbers, self.aperture.stands):
             message = (
                 "the FAP stands in the focus of the objective, which then sees the scene from one angle only; move it, "
-                f"or drop the mapping of elements.{mapped}"
+                f"or drop {mapped}"
             )
             problems += (Problem("aperture.distance", message),)
         problems += (*about_environment(self), *about_shapes(self))
-        problems += () if problems else tuple(about_stop_behind(self))
+        problems += () if problems else (*about_stop_behind(self), *about_sheet(self))
         if problems:
             raise PydanticCustomError(MISFIT, "parts do not fit", {"problems": problems})
         return self

@@ -15,7 +15,8 @@ from pydantic import Field, StrictBool, ValidationInfo, field_validator, model_v
 from pydantic_core import PydanticCustomError
 
 from ..bore.export import SequenceRow
-from ..bore.main_lens import MainLensKind, main_lens_kind
+from ..bore.lens_sheet import LensSheet
+from ..bore.main_lens import MainLensKind, SheetMainLens, main_lens_kind
 from ..bore.opening import TURN, ClearAperture
 from ..bore.part import Number, Offset, OpticalPart, Part, Size, Tilt
 from ..bore.plate import glass_rows
@@ -56,16 +57,19 @@ MOST_PIXELS = 1_000_000
 class MainLens(OpticalPart):
     """The main lens: ideal and thin at z = 0, or a real one, whose principal planes then stand where z = 0 splits.
 
-    With a prescription the focal length is the lens's own at the design's wavelength; d_f, d_3 and the further stops
-    count from its object-side principal plane, d_1 from its image-side one.
+    With a prescription the focal length is the lens's own at the design's wavelength, with a sheet what that tells;
+    d_f, d_3 and the further stops count from its object-side principal plane, d_1 from its image-side one.
     """
 
     prescription: Lens = None
     """A real lens; None is the ideal one."""
+    sheet: LensSheet | None = None
+    """Data sheet of a bought lens; None is the ideal one."""
     reversed: StrictBool = False
     """Whether the real lens stands the other way round than its prescription says."""
     diameter: Length | None = Field(default=None, validate_default=True)
-    """D, clear aperture [mm]; with a prescription None is the lens's own, and a smaller one a stop at the lens."""
+    """D, clear aperture [mm]; with a prescription None is the lens's own, and a smaller one a stop at the lens; with a
+    sheet None cuts nothing where that tells a pupil's place, and is the pupil's diameter where it does not."""
     focal_length: Length | None = None
     """f [mm]; None where d_f and d_1, or a prescription, give it."""
     material: Material | None = None
@@ -80,6 +84,8 @@ class MainLens(OpticalPart):
     @property
     def kind(self) -> MainLensKind:
         """Main lens that answers for itself."""
+        if self.sheet is not None:
+            return SheetMainLens(sheet=self.sheet)
         return main_lens_kind(self.prescription, self.reversed, self.diameter, self.material)
 
     @property
@@ -100,16 +106,18 @@ class MainLens(OpticalPart):
     @field_validator("diameter", mode="after")
     @classmethod
     def _needed(cls, value: float | None, info: ValidationInfo) -> float | None:
-        # A prescription that could not be read is told of by itself.
-        if value is None and info.data.get("prescription", ...) is None:
+        # A prescription or sheet that could not be read is told of by itself.
+        sheet, prescription = (info.data.get(key, ...) for key in ("sheet", "prescription"))
+        if value is None and prescription is None and (sheet is None or not getattr(sheet, "pupil", True)):
             raise PydanticCustomError("missing", "Field required")
         return value
 
-    @field_validator("material", mode="after")
+    @field_validator("sheet", "material", mode="after")
     @classmethod
-    def _of_ideal(cls, value: Glass | None, info: ValidationInfo) -> Glass | None:
-        if value is not None and info.data.get("prescription") is not None:
-            raise ValueError("the prescription says what the lens is made of; drop material")
+    def _of_ideal(cls, value: Any, info: ValidationInfo) -> Any:
+        known = [key for key in ("prescription", "sheet") if info.data.get(key) is not None]
+        if value is not None and known:
+            raise ValueError(f"the {known[0]} says what the lens is made of; drop {info.field_name}")
         return value
 
 

@@ -38,9 +38,9 @@ def sequence_of(design: Design) -> tuple[SequenceRow, ...]:
     InputError
         A gradient-index rod, or an objective with a mapping: no surface stands for those.
     """
-    design = design.with_own_stop
     front, rear = design.main_lens.kind.planes(design.wavelength)
     body = design.main_lens.kind.rows(design.f, design.D)
+    design = design.with_own_stop
     medium = design.object_space.medium
     widest = max(design.D, *(float(stop.part.outline.width) for stop in design.openings))
     rows = [SequenceRow("focal plane", front - design.d_f, Surface(0.0, widest, glass=medium)), *body]

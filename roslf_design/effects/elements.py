@@ -22,7 +22,7 @@ from ..fates import RayFate
 from ..rays.backward import behind_elements, mapped, scene_side
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.light import outer_slope
-from ..theory.object_space import ObjectSpaceFaces, SceneRays, law_of
+from ..theory.object_space import ObjectSpaceFaces, SceneRays
 from ..theory.stop_images import stop_discs
 from .effect import Effect, Estimate, Subject
 
@@ -70,7 +70,7 @@ def exact_minus_paraxial(
         Beside the design's own [mm].
     """
     camera = Camera.of(design)
-    front, law, (lens_x, lens_y) = scene_side(camera), law_of(camera), design.main_lens.decentre
+    front, law, (lens_x, lens_y) = scene_side(camera), camera.mapping.kernel, design.main_lens.decentre
     lx, ly, ox, oy = _rays(camera, radius)
     height, slope = (lx + lens_x, ly + lens_y), (ox, oy)
     passed = np.ones(lx.shape, np.bool_)

@@ -139,6 +139,7 @@ def evaluate(
         method.append(UPRIGHT)
     if traced is not None:
         method.append(TRACED)
+    method += filter(None, [design.main_lens.kind.untold])
     return Evaluation(
         design=design.name,
         **Numbers.of(camera, ""),
@@ -227,9 +228,11 @@ def _looked_through(design: Design, camera: Camera, axes: Sequence[tuple[float, 
 def _mapping(
     design: Design, camera: Camera, axes: Sequence[tuple[float, float]], sigma: float
 ) -> ObjectiveMapping | None:
-    objective = next((at for at in design.in_bore if at.part.mapping_name), None)
-    if objective is None:
+    if not camera.chain.mapped:
         return None
+    named = [(at.part.mapping_name, at.name) for at in design.in_bore if at.part.mapping_name]
+    name, element = next(iter(named), ("its data sheet", "main lens"))
+    widest = min(camera.mapping.widest, float(camera.mapping.angle(camera.lens.told_to)))
     sample = float(QUANTITIES["object_sample_mm"](camera))
     images = MicrolensImages(camera, axes)
     x, y, z = np.moveaxis(images.directions[:, 0], -1, 0)
@@ -244,7 +247,7 @@ def _mapping(
         )
         for axis, angle, d, a, b in fields
     )
-    return ObjectiveMapping(objective.part.mapping_name, objective.name, math.degrees(camera.mapping.widest), rows)
+    return ObjectiveMapping(name, element, math.degrees(widest), rows)
 
 
 def _size(outline: ClearAperture, width: float) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from ..theory import tube
 from ..theory.colours import PIXEL_FILTERS
 from ..theory.f_number import fill_factor, matched
 from ..theory.lens_shapes import LENS_SHAPES
-from ..theory.light import geometric_views, sensor_field
+from ..theory.light import geometric_views, outer_slope, sensor_field
 from ..theory.photometry import accepted, response
 from ..theory.quantities import QUANTITIES
 from ..words import listed, place
@@ -223,8 +223,8 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
             )
         if unknown := not_known(design):
             yield f"how the index of {listed([*unknown])} changes with temperature is not known; it stays"
+    camera = Camera.of(design)
     if design.sensor.acceptance is not None:
-        camera = Camera.of(design)
         steepest = float(QUANTITIES["sensor_angle_deg"](camera))
         lost = 1 - float(accepted(math.radians(steepest), design.sensor.acceptance))
         kept = float(response(camera, sensor_field(camera).radius))
@@ -236,6 +236,13 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
                 f"{kept**-0.5:.3g} times as large; "
                 "an exit pupil farther away (d_3 nearer to f) or slower microlenses meet it straighter"
             )
+    corner = float(sensor_field(camera).radius)
+    beyond = float(outer_slope(camera, corner)) / camera.lens.told_to
+    if beyond > 1 + 1e-3:
+        yield (
+            f"the main lens's sheet tells of fields to {corner / beyond:.4g} mm on the MLA, and the sensor sees "
+            f"{corner:.4g} mm: beyond, its last numbers are held"
+        )
     half_x, half_y = (size / 2 for size in array.size)
     for field in fields:
         x, y = field.x_ml_mm

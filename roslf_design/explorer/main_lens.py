@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import ClassVar
 
-from ..bore.main_lens import IdealMainLens, RealMainLens
+from ..bore.main_lens import IdealMainLens, RealMainLens, SheetMainLens
 from ..design import Design
 from ..errors import InputError, Problem
 
@@ -59,7 +59,7 @@ class _RealLens(_IdealLens):
         return [*thin, *waiting] if known is None else known
 
 
-_LENSES = {IdealMainLens: _IdealLens(), RealMainLens: _RealLens()}
+_LENSES = {IdealMainLens: _IdealLens(), SheetMainLens: _IdealLens(), RealMainLens: _RealLens()}
 
 
 def explored_lens(design: Design) -> _IdealLens:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator
@@ -383,7 +384,7 @@ class _Job:
             return 1.0, apparent
         u, v, distance = (float(number) for number in apparent)
         away = (distance - camera.seen.d_3) / chief_spread(camera)
-        return float((1 + (u * u + v * v) / away**2) ** -2.0), apparent
+        return float(camera.mapping.light(math.hypot(u, v) / abs(float(away)))), apparent
 
     def _mapped(self, x: float, y: float, z: float) -> tuple[float, tuple[Number, Number, Number]]:
         """Light of a point before an objective with a mapping, and where the main lens sees it.

@@ -357,7 +357,7 @@ class Tracer:
             not plan.on("overlap"),
             kicked,
             LENS_SHAPES[camera.lens_shape].round,
-            bool(camera.chain.elements),
+            camera.chain.bends_rays,
             exact,
         ]
         wavelengths = scene.light.wavelengths or (design.wavelength,)
@@ -483,11 +483,11 @@ def _to_scene(
 
 
 @kernel()
-def _share_of_light(law: Any, slope: float) -> float:
+def _share_of_light(shade: Any, slope: float) -> float:
     """`falloff` at one place."""
-    if law.shape[0] == 0:
+    if shade.shape[0] == 0:
         return 1.0 / (1.0 + slope * slope) ** 2
-    return float(illumination(law, slope))
+    return float(illumination(shade, slope))
 
 
 @kernel()
@@ -578,7 +578,7 @@ def _trace(
 ) -> None:  # fmt: skip
     """Values of pixels by backward rays; tuples as `Tracer.image` makes them."""
     axes, image_axes, inverse, half_size, neighbours = lattice
-    k, maps, rims, front, law = layout
+    k, maps, rims, front, law, shade = layout
     table, media, openings = space
     rows, pictures, beyond, mirrored, over = surfaces
     mouth, d_3, d_f = lengths
@@ -601,7 +601,7 @@ def _trace(
             mid_m, mid_n = inverse[0, 0] * bx + inverse[0, 1] * by, inverse[1, 0] * bx + inverse[1, 1] * by
             at_x = axes[0, 0] * mid_m + axes[0, 1] * mid_n + k[ARRAY_X]
             at_y = axes[1, 0] * mid_m + axes[1, 1] * mid_n + k[ARRAY_X + 1]
-            gain = _share_of_light(law, falloff * math.hypot(at_x, at_y))
+            gain = _share_of_light(shade, falloff * math.hypot(at_x, at_y))
             s0, s1, s2, s3, s4, s5 = _seeds(place, shifts, i, j)
             total, squares, batches, done = 0.0, 0.0, 0, 0
             while done < counts[1]:

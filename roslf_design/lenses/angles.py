@@ -1,6 +1,7 @@
 """Laws by which an objective takes angles in air to image heights, p = h/f = g(theta), as kernels want them.
 
-A law is an array: a row of kind and largest p; of a table also a row an interval, with a cubic of p^2 for theta/p.
+A law is an array: a row of kind and largest p; of a table also a row an interval, with a cubic of p^2 for theta/p. So
+is the light over the field where it is told rather than follows: its cubics are those of the light itself.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ Law = NDArray[np.float64]
 T = TypeVar("T")
 Way = TypeVar("Way")
 
-THETA, SINE, STEREOGRAPHIC, TABLE = range(4)
+THETA, SINE, STEREOGRAPHIC, TABLE, TOLD = range(5)
 NOTHING = 1e-150
 """Added to p where it divides: changes no other number."""
 LAW_COLUMNS = 5
@@ -64,12 +65,17 @@ def illumination(law: Any, p: Any) -> Any:
         cos(theta) sin(theta)/(g g') = sin(theta) cos(theta) theta'(p)/p,
 
     cos^4 for f tan, sin(theta) cos(theta)/theta for f theta, cos(theta) cos^4(theta/2) for 2f tan(theta/2), 1 for
-    f sin. Flat windows and liquid change nothing: n^2 cos(theta) dOmega is the same in each.
+    f sin. Flat windows and liquid change nothing: n^2 cos(theta) dOmega is the same in each. What is `TOLD` is as told.
     """
     held = np.minimum(p, law[0, 1]) + NOTHING
+    kind = law[0, 0]
+    if kind == TOLD:
+        q = held * held
+        i = 1 + np.maximum(np.searchsorted(law[1:, 0], q.real, "right") - 1, 0)
+        t = q - law[:, 0][i]
+        return ((law[:, 1][i] * t + law[:, 2][i]) * t + law[:, 3][i]) * t + law[:, 4][i]
     angle = _angle_in_air(law, held)
     light = np.sin(angle) * np.cos(angle) / held
-    kind = law[0, 0]
     if kind == THETA:
         return light
     if kind == SINE:
@@ -119,12 +125,12 @@ class AngleMap:
 
     bends: ClassVar[bool] = False
     """True where it bends the plane in focus, and draws what lies off the axis smaller."""
-    words: ClassVar[str] = ""
+    words: str = ""
     """Words for why light falls off otherwise than by cos^4."""
-    law: Law | None = None
-    """Law; None of f tan."""
     kernel: Law = NO_LAW
-    """As kernels take it; no rows of f tan."""
+    """Law as kernels take it; no rows of f tan."""
+    shade: Law = NO_LAW
+    """Law of the light over the field (`illumination`), as kernels take it; no rows of cos^4."""
     end: float = math.inf
     """Largest slope times index to first order that it images."""
 
@@ -193,49 +199,59 @@ class AngleMap:
         return distance
 
 
-class AngleLaw(AngleMap):
-    """Objective that maps angles by a law of its own."""
+class ShadedTangent(AngleMap):
+    """f tan with light over the field that is not cos^4."""
 
-    bends = True
-    words = ", by the objective's mapping"
+    words = ", as its data sheet tells"
 
-    def __init__(self, law: Law) -> None:
-        self.law, self.kernel, self.end = law, np.array(law, order="C"), float(law[0, 1])
-
-    @property
-    def widest(self) -> float:
-        """Angle of the law's largest p."""
-        return float(_angle_in_air(self.law, self.end))
-
-    def angle(self, slope: Any) -> Any:
-        """Angle by the law; beyond what is imaged, the largest."""
-        return _angle_in_air(self.law, np.minimum(slope, self.end))
+    def __init__(self, shade: Law) -> None:
+        self.shade = np.array(shade, order="C")
 
     def light(self, slope: Any) -> Any:
         """Light by `illumination`."""
-        return illumination(self.law, slope)
+        return illumination(self.shade, slope)
 
     def loss(self, slope: float) -> float:
         """Share by `illumination`."""
         return 1 - float(self.light(np.abs(slope)))
 
-    def height(self, angle: Any) -> Any:
-        """Inverse of the angle."""
-        return _image_height(self.law, angle)
-
     def dim(self, row: Any, along: Any, across: Any) -> None:
         """Darken by `illumination`."""
-        row *= illumination(self.law, np.sqrt(along + across, dtype=np.float64))
+        row *= illumination(self.shade, np.sqrt(along + across, dtype=np.float64))
+
+
+class AngleLaw(ShadedTangent):
+    """Objective that maps angles by a law of its own, and its light by that or as told."""
+
+    bends = True
+
+    def __init__(self, law: Law, shade: Law | None = None) -> None:
+        super().__init__(law if shade is None else shade)
+        self.kernel, self.end = np.array(law, order="C"), float(law[0, 1])
+        self.words = ", by the objective's mapping" if shade is None else ShadedTangent.words
+
+    @property
+    def widest(self) -> float:
+        """Angle of the law's largest p."""
+        return float(_angle_in_air(self.kernel, self.end))
+
+    def angle(self, slope: Any) -> Any:
+        """Angle by the law; beyond what is imaged, the largest."""
+        return _angle_in_air(self.kernel, np.minimum(slope, self.end))
+
+    def height(self, angle: Any) -> Any:
+        """Inverse of the angle."""
+        return _image_height(self.kernel, angle)
 
     def stretch(self, p: Any, medium: Any) -> Any:
         """Stretch by the law, infinite at 90 degrees."""
-        grown = stretch(self.law, p, medium)
+        grown = stretch(self.kernel, p, medium)
         return np.where(np.real(grown) < STEEPEST, grown, np.inf)[()]
 
     def stretch_along(self, p: Any, medium: Any) -> Any:
         """Derivative by a complex step."""
         held = np.minimum(p, self.end * (1 - 1e-12)) + 1j * STEP
-        return np.imag(held * stretch(self.law, held, medium))[()] / STEP
+        return np.imag(held * stretch(self.kernel, held, medium))[()] / STEP
 
     def stretches(self, p: Callable[[], Any], medium: Callable[[], Any]) -> tuple[Any, Any]:
         """Both by the law."""
@@ -244,7 +260,7 @@ class AngleLaw(AngleMap):
 
     def first_order(self, slope: Any, medium: Any) -> Any:
         """Inverse of the law."""
-        return first_order(self.law, slope, medium)
+        return first_order(self.kernel, slope, medium)
 
     def redrawn(self, rays: Any, grown: Callable[[], Any], pupil: Callable[[], Any]) -> Any:
         """Rays turned about the entrance pupil."""

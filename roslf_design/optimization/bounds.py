@@ -17,7 +17,6 @@ from .._arrays import Array
 from ..bore.conjugates import CONJUGATES, REFRACTING
 from ..camera import TIP, Camera, Number
 from ..design import PATHS
-from ..theory import chief_rays
 from ..theory.f_number import inverse_fill_factor
 from ..theory.light import SensorField, sensor_field
 from ..tolerancing.places import in_lens
@@ -101,7 +100,7 @@ def prunable(problem: DesignProblem, part: Constraint | Goal) -> bool:
     chain = problem.base.chain
     if not chain.in_air and (chain.bends or any(name.startswith(REFRACTING) for name in names)):
         return False
-    if quantity.traced and chief_rays.traced(problem.base):
+    if quantity.traced and problem.base.chain.bends_rays:
         return False
     pupil = [limits.min for name, limits in problem.variables.items() if PATHS.get(name, name) == PATHS["d_3"]]
     if chain.stop_behind or any(low < 0 for low in pupil):

@@ -8,7 +8,7 @@ from functools import cached_property
 from typing import Any
 
 from .._arrays import Array
-from ..bore.main_lens import IdealMainLens, RealMainLens
+from ..bore.main_lens import IdealMainLens, RealMainLens, SheetMainLens
 from ..camera import Camera, Number
 from ..design import Design
 from ..theory.quantity import Quantity
@@ -140,7 +140,7 @@ class _RealLensSearch(IdealLensSearch):
         return retraced(*optimum())
 
 
-_SEARCHES = {IdealMainLens: IdealLensSearch, RealMainLens: _RealLensSearch}
+_SEARCHES = {IdealMainLens: IdealLensSearch, SheetMainLens: IdealLensSearch, RealMainLens: _RealLensSearch}
 
 
 def lens_search(design: Design) -> IdealLensSearch:

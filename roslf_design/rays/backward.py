@@ -19,7 +19,6 @@ from .._jit import kernel
 from ..camera import Camera, Frame
 from ..camera.frames import frame
 from ..lenses.angles import stretch
-from ..theory.object_space import law_of
 
 Floats = NDArray[np.float64]
 
@@ -48,6 +47,8 @@ class Layout(NamedTuple):
     scene sees the entrance pupil; (11,)."""
     law: Floats
     """Mapping of an objective (`..lenses.angles`); no rows where there is none."""
+    shade: Floats
+    """Law of the light over the field; no rows of cos^4."""
 
 
 def lay_out(camera: Camera) -> Layout:
@@ -83,7 +84,7 @@ def lay_out(camera: Camera) -> Layout:
     ]
     constants = [*ones, camera.D / 2, camera.d / 2]
     numbers, blocks, limits = (np.array(part, float) for part in (constants, maps, rims))
-    return Layout(numbers, blocks, limits, scene_side(camera), law_of(camera))
+    return Layout(numbers, blocks, limits, scene_side(camera), camera.mapping.kernel, camera.mapping.shade)
 
 
 def scene_side(camera: Camera) -> Floats:

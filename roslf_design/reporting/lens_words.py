@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..bore.main_lens import IdealMainLens, MainLensKind, RealMainLens
+from ..bore.main_lens import IdealMainLens, MainLensKind, RealMainLens, SheetMainLens
 
 
 class _LensWords:
@@ -34,6 +34,8 @@ class _LensWords:
 
     def __init__(self, lens: MainLensKind) -> None:
         self.title = lens.name or lens.words
+        if lens.untold:
+            self.assumed, self.sheet, self.bought = lens.untold, (lens.untold,), f"{lens.name}, by its data sheet"
 
 
 class _RealLensWords(_LensWords):
@@ -64,7 +66,7 @@ class _RealLensWords(_LensWords):
         self.twin = f" Lens and rays are those of the thin twin; through {lens.name} they are traced further below."
 
 
-_WORDS = {IdealMainLens: _LensWords, RealMainLens: _RealLensWords}
+_WORDS = {IdealMainLens: _LensWords, SheetMainLens: _LensWords, RealMainLens: _RealLensWords}
 
 
 def lens_words(lens: MainLensKind) -> _LensWords:

@@ -52,11 +52,6 @@ class ChiefRays(NamedTuple):
         return np.stack(np.broadcast_arrays(-x * along, -y * along, along), axis=-1)
 
 
-def traced(c: Camera) -> bool:
-    """Whether chief rays are: something stands before the main lens."""
-    return bool(c.chain.elements)
-
-
 def outer_slopes(c: Camera, place: Place) -> Place:
     """Index times slope, to first order, of a microlens's chief ray in front of the bore, along x and y.
 
@@ -88,7 +83,7 @@ def chief_rays(c: Camera, place: Place) -> ChiefRays:
         The microlenses, from the main lens's axis [mm]; they broadcast with the builds.
     """
     first = _to_first_order(c, place)
-    if not traced(c):
+    if not c.in_bore:
         return first
     shape = np.broadcast_shapes(*map(np.shape, place), c.shape)
     at = np.stack([np.broadcast_to(part, shape) for part in place])

@@ -15,7 +15,7 @@ import numpy as np
 from .._arrays import Array, ratio
 from ..camera import Camera, Number
 from ..design.parts import PATHS
-from .chief_rays import ChiefRays, Place, Places, chief_rays, traced
+from .chief_rays import ChiefRays, Place, Places, chief_rays
 from .light import SensorField, object_scale
 
 NEAR = 0.002
@@ -115,7 +115,7 @@ def scales(c: Camera, place: Place, at: Number | None) -> tuple[Number, Number]:
     at : float, ndarray or None
         How far ahead of the tip the plane is [mm]; None is the focal plane.
     """
-    if not traced(c):
+    if not c.chain.bends_rays:
         axial = object_scale(c, at)
         return axial, axial
     x, y, step, _ = np.broadcast_arrays(*place, NEAR * c.d, np.empty(c.shape))

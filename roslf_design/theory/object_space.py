@@ -74,7 +74,7 @@ class ObjectSpaceFaces:
     openings: NDArray[np.int16]
     """Number of the opening that each face belongs to, as rays' states count them, (S,)."""
     law: Floats
-    """`law_of`."""
+    """Law of an objective with a mapping (`..lenses.angles`); no rows where there is none."""
     names: tuple[str, ...] = ()
     """Names of the faces and openings: "plate 1, back", "stop 2"."""
 
@@ -99,7 +99,7 @@ class ObjectSpaceFaces:
         numbers = {rim.part: FAP + k for k, rim in enumerate(camera.openings_ahead)}
         # Of a thin element both faces are one opening; one that no aperture takes rays at is lost in the element.
         openings = [numbers.get(part, numbers.get(f"{part.rpartition('.')[0]}.0", 0)) for part in parts]
-        return cls(table, media, np.array(openings, np.int16), law_of(camera), names)
+        return cls(table, media, np.array(openings, np.int16), camera.mapping.kernel, names)
 
     @classmethod
     def unclipped(cls, camera: Camera) -> ObjectSpaceFaces:
@@ -194,11 +194,6 @@ class ObjectSpaceFaces:
         return ObjectSpaceFaces(
             self.table[some].copy(), self.media[some].copy(), self.openings[some], self.law, self.names[some]
         )
-
-
-def law_of(camera: Camera) -> Floats:
-    """Law of an objective with a mapping (`..lenses.angles`) as kernels take it; no rows where there is none."""
-    return camera.mapping.kernel
 
 
 def _plain(array: Floats) -> Any:

@@ -22,7 +22,6 @@ from ..camera.camera import place_of
 from ..design.parts import PATHS
 from ..words import number
 from . import (
-    chief_rays,
     depth_of_field,
     exit_pupil,
     f_number,
@@ -105,7 +104,7 @@ def _half_field(way: Literal["width", "height", "diagonal"]) -> Callable[[Camera
     """Half of what the sensor sees of a plane, over its width, height or diagonal."""
 
     def of(c: Camera, at: Depth, field: SensorField) -> Array:
-        if not chief_rays.traced(c):
+        if not c.chain.bends_rays:
             half = field.half_diagonal if way == "diagonal" else field.half[way == "height"]
             return product(half, light.object_scale(c, at))
         return np.asarray(getattr(field_of_view.object_field(c, field, at), way) / 2)
@@ -114,7 +113,7 @@ def _half_field(way: Literal["width", "height", "diagonal"]) -> Callable[[Camera
 
 
 def _half_angle(c: Camera, _: Depth, field: SensorField) -> Array:
-    if not chief_rays.traced(c):
+    if not c.chain.bends_rays:
         return np.asarray(np.rad2deg(1.0) * light.field_angle(c, field.half[0]))
     return field_of_view.field_of_view(c, field).width / 2
 
@@ -132,7 +131,7 @@ def _defocus_px(c: Camera, _: Depth) -> Array:
 
 
 def _behind_lens(c: Camera) -> Number:
-    return c[PATHS["d_1"]] + c[PATHS["d_2"]]
+    return c[PATHS["d_1"]] + c[PATHS["d_2"]] + c.lens.gap
 
 
 def _diameters(c: Camera, _: Depth) -> Array:

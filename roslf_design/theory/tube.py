@@ -51,7 +51,7 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
     ]
     wide = (at for at in c.in_bore if f"{at.at.place}.diameter" in numbers)
     parts += [part(at.name, at.at.place, at.diameter, at.end) for at in wide]
-    array, d_2 = -numbers[PATHS["d_1"]], numbers[PATHS["d_2"]]
+    array, d_2 = -numbers[PATHS["d_1"]] - c.lens.gap, numbers[PATHS["d_2"]]
     parts.append(part("main lens", "main_lens", numbers[PATHS["D"]], 0.0))
     parts.append(part("microlens array", "microlens_array", diagonal("microlens_array"), array))
     if np.all(np.equal(numbers["sensor.relay_magnification"], 1)):

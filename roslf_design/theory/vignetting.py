@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from .._arrays import Array, floats, magnitude, product, ratio
 from ..camera import Camera, Rim
 from ..design.parts import PATHS
-from .chief_rays import chief_rays, traced
+from .chief_rays import chief_rays
 from .leaning import leaning_radius, leaning_room
 from .light import SensorField, sensor_field
 from .stop_images import room_in_pupil, settled
@@ -96,7 +96,7 @@ def undistorted_radii(c: Camera) -> Array:
 def on_focal_plane(c: Camera, radii: Array) -> Array:
     """Radii on the focal plane as the main lens sees them, where they are [mm]: along chief rays, of either sign."""
     straight = radii * magnitude(c.focus.magnification)
-    if not traced(c):
+    if not c.chain.bends_rays:
         return straight
     places = np.where(np.isfinite(radii), np.abs(radii), 0.0) / magnitude(c.seen.inverse_m)
     rays = chief_rays(c, (np.stack([places, np.zeros_like(places)]), np.zeros(())))
@@ -126,7 +126,7 @@ def field_margins(c: Camera) -> Array:
         return np.where(np.isnan(room_in_pupil(c, rim)), rim.scale * np.abs(d_3 - rim.distance) / (gap * grown), 0.0)
 
     taken = _rows(c, first_order)
-    if traced(c):  # the radius is that of a traced ray
+    if c.chain.bends_rays:  # the radius is that of a traced ray
         taken = np.where(np.isfinite(radii) & (radii != 0), ratio(room, radii), taken)
     return np.stack([radii, *np.broadcast_arrays(room, taken)], axis=1)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from .._arrays import Array
 from ..bore.conjugates import CONJUGATES
-from ..bore.main_lens import IdealMainLens, RealMainLens
+from ..bore.main_lens import IdealMainLens, RealMainLens, SheetMainLens
 from ..bore.part import TEMPERATURE
 from ..camera import TEMPERATURES, Camera, Number
 from ..design import PATHS, Design
@@ -201,7 +201,7 @@ class _RealMount(_IdealMount):
         return TracedBuilds(self.design, self.made, camera, *rest, afresh=afresh)
 
 
-_MOUNTS = {IdealMainLens: _IdealMount, RealMainLens: _RealMount}
+_MOUNTS = {IdealMainLens: _IdealMount, SheetMainLens: _IdealMount, RealMainLens: _RealMount}
 
 
 def _mount(design: Design, values: Mapping[str, Array], trials: int) -> _IdealMount:

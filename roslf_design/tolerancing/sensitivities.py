@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 
 from .._arrays import Array, by_value
 from ..camera import Camera
-from ..theory import chief_rays
 from ..theory.quantities import QUANTITIES
 from .draws import sobol_points
 from .metrics import mount_of
@@ -98,7 +97,7 @@ def _exact_derivatives(plan: TolerancePlan) -> Array:
     posed = [any(word in p.place for word in ("decentre", "tilt", "rotation")) for p in perturbations]
     for row, column in enumerate(plan.columns):
         quantity = QUANTITIES.get(column.metric)
-        if quantity is not None and quantity.analytic and not (quantity.traced and chief_rays.traced(camera)):
+        if quantity is not None and quantity.analytic and not (quantity.traced and camera.chain.bends_rays):
             exact[row] = np.broadcast_to(np.imag(quantity(camera)), steps.shape) / steps
             if column.field is not None:
                 exact[row, posed] = np.nan

@@ -331,7 +331,7 @@ class _BoreCamera(LensCamera):
 
     def straightened(self, point: Array) -> Array:
         """First-order points (..., 2) of the focal plane for those that an objective with a mapping sees there [mm]."""
-        if self.ahead.law is None:
+        if not self.ahead.mapping.bends:
             return point
         x, y = (float(self.ahead[f"main_lens.decentre.{axis}"]) for axis in (0, 1))
         (u, v), _ = self.ahead.straight_ray(point[..., 0] + x, point[..., 1] + y, self.ahead["main_lens.focal_plane"])

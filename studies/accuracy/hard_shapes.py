@@ -160,7 +160,7 @@ def slivers(design: Design, rng: Rng, count: int) -> Iterator[Trial]:
 
 def small_fields(design: Design, rng: Rng, count: int) -> Iterator[Trial]:
     """Loss by cos^4 at smaller and smaller fields; of the paper's bench where a lens or a mapping says otherwise."""
-    if design.lens is not None or Camera.of(design).law is not None:
+    if design.lens is not None or Camera.of(design).mapping.bends:
         design = load("paper")
 
     def ours(radius: float, slope: float) -> float:

@@ -75,7 +75,7 @@ def simple(mapping, fap=2.0, **changes):
 @pytest.mark.parametrize("index", [1.0, 1.333])
 def test_angle_and_slope_are_those_of_the_law(name, index):
     """Rounding alone: the inverse of g in 40 digits, then Snell's law."""
-    law = angle_map(name, 1.0).law
+    law = angle_map(name, 1.0).kernel
     angles = np.radians([0.0, 1e-6, 5.0, 40.0, 70.0, 85.0])
     with mp.workdps(40):
         p = np.array([float(G[name](mp.mpf(a))) for a in angles])
@@ -95,7 +95,7 @@ def test_angle_and_slope_are_those_of_the_law(name, index):
 @pytest.mark.parametrize("name", G)
 def test_fall_off_is_etendue_over_image_area(name):
     """By differences: light through a flat opening from a small patch of angles, over the patch of image it fills."""
-    law, step = angle_map(name, 1.0).law, mp.mpf("1e-12")
+    law, step = angle_map(name, 1.0).kernel, mp.mpf("1e-12")
     with mp.workdps(40):
         for degrees in (1, 20, 45, 60, 80):
             t = mp.radians(degrees)
@@ -106,16 +106,16 @@ def test_fall_off_is_etendue_over_image_area(name):
 
 def test_fall_off_in_closed_form():
     t = np.radians([1e-9, 10, 45, 80])
-    assert_allclose(illumination(angle_map("f sin", 1.0).law, np.sin(t)), 1.0, rtol=0)
-    assert_allclose(illumination(angle_map("f theta", 1.0).law, t), np.sin(t) * np.cos(t) / t, rtol=1e-14)
-    half = illumination(angle_map("2f tan(theta/2)", 1.0).law, 2 * np.tan(t / 2))
+    assert_allclose(illumination(angle_map("f sin", 1.0).kernel, np.sin(t)), 1.0, rtol=0)
+    assert_allclose(illumination(angle_map("f theta", 1.0).kernel, t), np.sin(t) * np.cos(t) / t, rtol=1e-14)
+    half = illumination(angle_map("2f tan(theta/2)", 1.0).kernel, 2 * np.tan(t / 2))
     assert_allclose(half, np.cos(t) * np.cos(t / 2) ** 4, rtol=1e-13)
 
 
 @pytest.mark.parametrize("name", G)
 def test_a_table_is_the_law_that_it_was_made_of(name):
     """2.5 degrees apart, away from the table's end: cubic splines miss 1e-6 rad, their derivative more."""
-    known, made = angle_map(name, 1.0).law, with_mapping(table(name)).elements[OBJECTIVE].angle_map.law
+    known, made = angle_map(name, 1.0).kernel, with_mapping(table(name)).elements[OBJECTIVE].angle_map.kernel
     p = np.linspace(0, float(G[name](mp.radians(60))), 200)
     assert_allclose(_angle_in_air(made, p), _angle_in_air(known, p), atol=3e-6)
     assert_allclose(illumination(made, p), illumination(known, p), atol=1e-4)

@@ -275,7 +275,8 @@ def _named(design: Design, sides: Mapping[str, int], whole: bool) -> list[tuple[
     fap, *stops = design.openings
     names = [(-fap.near, f"{_pupil_name(design)}{openings['D_F']}"), *((-stop.near, stop.name) for stop in stops)]
     names += [(-(at.near + at.far) / 2, name_of_drawn(at)) for at in design.in_bore]
-    names += [(0.0, f"main lens{openings['D']}"), (design.d_1 + design.d_2, "MLA, sensor")]
+    planes = f", H and H' {short(gap)} mm apart" if (gap := design.main_lens.kind.gap) else ""
+    names += [(0.0, f"main lens{planes}{openings['D']}"), (design.d_1 + design.d_2, "MLA, sensor")]
     return sorted([*names, *([(-design.d_f, "object plane")] if whole else [])])
 
 
@@ -333,6 +334,8 @@ def _elements(design: Design, section: _SectionLayout) -> list[Mark]:
         for sign in (-1, 1)
         if half > radius + sign * middle
     ]
+    if design.main_lens.kind.gap:
+        marks.append(Line([0.0, 0.0], [-half, half], "blue", 1.0, "7 3"))
     centred, mla = is_centred(design), design.microlens_array
     heights = [math.hypot(*box) if centred else box[0] for box in (mla.size, design.sensor_size)]
     # Each is drawn on the outer side of its plane, so that d_2 between them stays true.
