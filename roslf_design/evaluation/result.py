@@ -13,6 +13,7 @@ from ..effects.plan import PlannedEffect
 from ..json_data import plain
 from ..tables import Table, plain_text, print_table
 from ..theory.depth_budget import COVERAGE, KINDS, BudgetTerm, DepthBudget
+from ..theory.focused import COVERED, FocusedArray
 from ..theory.quantities import QUANTITIES
 from ..theory.quantity import Quantity
 from ..words import fixed, number, place, spaced
@@ -70,6 +71,13 @@ class Evaluation:
     """Media and parts beside the main lens; None where all is air."""
     temperature: Temperatures | None = None
     """Effects of temperature; None of a design without `[environment]`."""
+    focused: FocusedArray | None = None
+    """Focused microlenses, whose pixels are no views; None of those that image the pupil."""
+
+    @property
+    def matched(self) -> bool:
+        """Whether the f-number is."""
+        return any(verdict.ok for verdict in self.verdicts if verdict.name == "f_number_matched")
 
     def group(self, name: str) -> Any:
         """Numbers of a group; the evaluation itself where it has no name."""
@@ -90,6 +98,16 @@ class Evaluation:
                 del group["sides_mm"]
         if self.temperature is None:
             del data["temperature"]
+        if self.focused is None:
+            del data["focused"]
+        else:
+            data["depth"] = dict.fromkeys(data["depth"])
+            data["fields"] = [field | {"sigma_z_mm": None, "u_z_mm": None} for field in data["fields"]]
+            data["sampling"] |= dict.fromkeys(
+                listed.key or quantity.name
+                for quantity in QUANTITIES.values()
+                if quantity.of_views and (listed := quantity.evaluated) and listed.under == "sampling"
+            )
         if self.object_space is None:
             del data["object_space"]
         elif self.object_space.mapping is None:
@@ -122,6 +140,8 @@ def _facts(result: Evaluation, *groups: str) -> list[tuple[str, str, str]]:
         listed = quantity.evaluated
         if listed is None or listed.under not in groups or listed.label is None:
             continue
+        if quantity.of_views and result.focused is not None:
+            continue
         if (value := result.value(quantity)) is not None:
             remark = listed.remark_on(result.group(listed.under))
             rows.append((listed.label or quantity.label, quantity.text(value), remark))
@@ -150,6 +170,8 @@ def fact_tables(result: Evaluation) -> list[Table]:
         tables["Microlens images"].insert(
             0, ("sides; extent along x or y", f"{sides} um", f"{number(image.diameter_px)} px")
         )
+    if result.focused is not None:
+        del tables["Depth at the focal plane"]
     if result.real_lens is not None:
         tables["Real main lens, traced"] = result.real_lens.facts
     return [Table(tuple(rows), "ldl", title=title, widths=WIDTHS) for title, rows in tables.items()]
@@ -167,6 +189,53 @@ def depth_facts(result: Evaluation) -> list[tuple[str, str, str]]:
 def depth_basis(assumed: DepthAssumptions | None) -> str:
     """Light, texture and matching that depth noise is told for, in words."""
     return "as the design gives it" if assumed is None else str(assumed)
+
+
+def focused_tables(result: Evaluation) -> tuple[Table, ...]:
+    """Tables of what each type of focused microlenses shows, and of planes by virtual depth; none of others."""
+    if (array := result.focused) is None:
+        return ()
+    rows = tuple(
+        (
+            f"{number(1e3 * one.focal_length_mm, 4)} um",
+            number(one.virtual_depth, 3),
+            number(one.focused_at_mm, 4),
+            " to ".join(number(depth, 3) for depth in one.sharp_virtual_depths),
+            " to ".join(number(end, 4) for end in one.sharp_mm),
+            number(one.seen_by, 3),
+            number(one.resolution_ratio, 3),
+            number(one.pupil_blur_px, 3),
+        )
+        for one in array.types
+    )
+    headings = (
+        *("f_ml", "virtual depth", "in focus [mm]", "sharp, virtual", "sharp [mm]", "seen by"),
+        *("resolution", "pupil's blur [px]"),
+    )
+    caption = (
+        "Virtual depth is counted from the array in d_2: above 0 the main lens's image lies before the array "
+        "(Keplerian), below 0 behind it (Galilean). Planes in mm are ahead of the tip. Sharp is what blurs no more "
+        f"than pixels and diffraction, {number(array.own_blur_px, 3)} px. Seen by: microlenses across that see a "
+        "point, 2 at least for depth. Resolution: pixels of the refocused image for one of the sensor's, along each "
+        "axis."
+    )
+    planes = tuple(
+        (
+            number(plane.virtual_depth, 3),
+            number(plane.at_mm, 4),
+            *(number(blur, 3) for blur in plane.blur_px),
+            number(plane.seen_by, 3),
+            number(plane.resolution_ratio, 3),
+        )
+        for plane in array.planes
+    )
+    names = [f"blur of {row[0]} [px]" for row in rows]
+    over = ("virtual depth", "ahead of the tip [mm]", *names, "seen by", "resolution")
+    covered = f"At a virtual depth of {COVERED:g} all is covered: nearer to the array not every point is seen twice."
+    return (
+        Table(rows, "l" + "r" * (len(headings) - 1), headings, "Focused microlenses", caption),
+        Table(planes, "r" * len(over), over, "Planes by virtual depth", covered),
+    )
 
 
 def depth_budget_table(result: Evaluation) -> Table:
@@ -315,7 +384,8 @@ def _tables(result: Evaluation) -> list[Table]:
     behind_elements, mapping, warm = seen_table(result), mapping_table(result), temperature_table(result)
     fields = fields if mapping is None else [mapping, *fields]
     first, last = ([] if table is None else [table] for table in (behind_elements, warm))
-    return [*first, *fact_tables(result), depth_budget_table(result), *last, *fields, *lens, effects_table(result)]
+    depth = focused_tables(result) or (depth_budget_table(result),)
+    return [*first, *fact_tables(result), *depth, *last, *fields, *lens, effects_table(result)]
 
 
 def print_evaluation(result: Evaluation, console: Console) -> None:

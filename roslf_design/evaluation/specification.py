@@ -21,6 +21,7 @@ from ..theory.colours import ColourFilter, filters
 from ..theory.depth_error import depth_error, seen_at
 from ..theory.depth_of_field import Kind, depth_of_field
 from ..theory.disparity_error import view_gradient
+from ..theory.focused import FocusedArray
 from ..theory.light import on_array
 from ..theory.photometry import exposure, through_filter
 from ..theory.quantities import QUANTITIES
@@ -246,6 +247,13 @@ class Colour:
         return cls(one.name, 1e6 * one.wavelength, one.share, apart, *views, sharp, charge, spread)
 
 
+OF_VIEWS = (
+    *("working_range_mm", "hyperfocal_mm", "view_hyperfocal_mm", "depth_precision", "resolution", "depth_of_field_mm"),
+    *("views_across", "independent_views_across", "colours"),
+)
+"""Keys of what takes pixels for views."""
+
+
 @dataclass(frozen=True)
 class Specification:
     """The data sheet's lines."""
@@ -278,11 +286,14 @@ class Specification:
     length_mm: float
     """Tip to sensor."""
     parts: tuple[_ListedPart, ...]
+    focused: FocusedArray | None = None
+    """Focused microlenses, of which what is told of views means nothing."""
 
     def to_dict(self) -> dict[str, Any]:
-        """As `specification` of `roslf evaluate --json`; what is infinite is None."""
+        """As `specification` of `roslf evaluate --json`; what is infinite, or means nothing, is None."""
         data: dict[str, Any] = plain(self, undefined=False)
-        return data
+        del data["focused"]  # it is the evaluation's
+        return data if self.focused is None else data | dict.fromkeys(OF_VIEWS)
 
 
 def planes(camera: Camera) -> dict[str, float]:
@@ -372,6 +383,7 @@ def specification(design: Design | str | Path) -> Specification:
         outer_diameter_mm=value["outer_diameter_mm"],
         length_mm=value["total_length_mm"],
         parts=tuple(_ListedPart(part.name, float(part.width)) for part in tube.housed(camera)),
+        focused=FocusedArray.of(camera),
     )
 
 

@@ -16,11 +16,12 @@ from ..shapes.lattice import PACKINGS
 from ..theory import tube
 from ..theory.colours import PIXEL_FILTERS
 from ..theory.f_number import fill_factor, matched
+from ..theory.focused import COVERED, FocusedArray, pupil_remedy
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import geometric_views, sensor_field
 from ..theory.photometry import accepted, response
 from ..theory.quantities import QUANTITIES
-from ..words import listed, place
+from ..words import listed, number, place
 from .fields import default_fields, field_openings
 from .groups import Field, Numbers, RealLens, Verdict
 
@@ -46,14 +47,53 @@ def verdicts_of(
     non_distortion: Numbers,
     sampling: Numbers,
     lens: RealLens | None = None,
+    focused: FocusedArray | None = None,
 ) -> tuple[Verdict, ...]:
     """Answer whether the f-number is matched, the field undistorted, the pixels worth having, the tube wide enough.
 
     With a real lens the field is judged by the traced images, and whether the thin lens holds is a question of its own.
+    Of focused microlenses that comes first, with what it means, and no views are judged.
     """
-    answers = [_matched(camera, f_number), _undistorted(camera, non_distortion, lens), _resolved(camera, sampling)]
+    answers = [_matched(camera, f_number), _undistorted(camera, non_distortion, lens)]
+    answers = [*answers, _resolved(camera, sampling)] if focused is None else [*_focused(camera, focused), *answers]
     answers += [] if lens is None else [_thin(f_number, lens)]
     return (*answers, *([_fits(camera)] if tube.OUTER in camera.numbers else []))
+
+
+def _focused(camera: Camera, array: FocusedArray) -> Iterator[Verdict]:
+    """What a focused camera is, and what its refocused images and depth can be."""
+    types = array.types
+    blurs, depths = (
+        listed([*dict.fromkeys(number(abs(value), 3) for value in values)])
+        for values in ([one.pupil_blur_px for one in types], [one.virtual_depth for one in types])
+    )
+    blurred = f"blur over {blurs} px where pixels and diffraction blur {array.own_blur_px:.3g} px"
+    remedy = (
+        "pixels are no views: numbers of views, depth from views and resolution of views do not apply and are left "
+        "out; f-number match (of the half-lit width of images), field, light and pictures hold; "
+    ) + pupil_remedy(camera)
+    seen = [one for one in types if 0 < one.focused_at_mm < math.inf]
+    if not seen:
+        text = f"microlenses out of focus: they image nothing ahead of the tip, and the pupil they {blurred}"
+        yield Verdict.of("pupil_imaged", text, remedy)
+        return
+    which = "" if len(types) == 1 else f"{len(types)} types of "
+    kind = "Keplerian" if types[0].virtual_depth > 0 else "Galilean"
+    planes = listed([f"{number(one.focused_at_mm, 4)} mm" for one in seen])
+    text = (
+        f"focused (plenoptic 2.0) camera: its {which}microlenses are focused on {planes} ahead of the tip (virtual "
+        f"depth {depths}, {kind}), not on the pupil, which they {blurred}"
+    )
+    yield Verdict("pupil_imaged", False, "limit", text, remedy)
+    best = max(seen, key=lambda one: one.resolution_ratio)
+    near, far = min(one.sharp_mm[0] for one in seen), max(one.sharp_mm[1] for one in seen)
+    text = (
+        f"effective resolution up to {best.resolution_ratio:.3g} of the sensor's pixels along each axis, sharp from "
+        f"{number(near, 4)} to {number(far, 4)} mm ahead of the tip; {best.seen_by:.3g} microlenses across see a point"
+    )
+    few = "for depth two have to: microlenses focused farther from the array, or a wider pupil"
+    covers = any(one.seen_by >= COVERED for one in seen)
+    yield Verdict("resolution_ratio", False, "limit" if covers else "fault", text, "" if covers else few)
 
 
 def _matched(camera: Camera, f: Numbers) -> Verdict:

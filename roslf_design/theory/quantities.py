@@ -27,6 +27,7 @@ from . import (
     exit_pupil,
     f_number,
     field_of_view,
+    focused,
     light,
     light_field,
     photometry,
@@ -191,7 +192,19 @@ def _ahead_of_tip(c: Camera) -> str:
     return f"of what is seen {number(float(field_of_view.focus_ahead(c)), 4)} mm ahead of it"
 
 
-_SHARP: dict[str, Any] = {"positive": False, "monotone": False, "numeric": True}
+_NEITHER: dict[str, Any] = {"positive": False, "monotone": False, "numeric": True}
+_SHARP: dict[str, Any] = {**_NEITHER, "of_views": True}
+
+
+def _of_types(form: Callable[[Camera, Array], Array], best: Callable[..., Any]) -> Callable[[Camera, Depth], Array]:
+    """Number at a distance of those microlenses that show it best."""
+
+    def of(c: Camera, at: Depth) -> Array:
+        assert at is not None
+        inverse = focused.inverse_virtual_depth(c, at)
+        return np.asarray(best(np.broadcast_arrays(*(form(one, inverse) for one in c.microlens_types)), axis=0))
+
+    return of
 
 
 def _depth_of_field(prefix: str, kind: depth_of_field.Kind, image: str, row: str, remark: str) -> Iterator[Quantity]:
@@ -585,6 +598,7 @@ _register(
         "",
         "pixels across a microlens image",
         _whole(light.geometric_views),
+        of_views=True,
         label="pixels across a microlens image",
         digits=4,
         evaluated=Listed("sampling", "views across a microlens image", "pixels"),
@@ -595,6 +609,7 @@ _register(
         "",
         "4 N_F: views per axis that diffraction leaves",
         _whole(light.independent_views),
+        of_views=True,
         label="independent views",
         digits=3,
         evaluated=Listed("sampling", "independent views per axis", "4 N_F: what diffraction leaves"),
@@ -631,6 +646,7 @@ _register(
         "footprint of one microlens, at a distance ahead of the tip or at the focal plane",
         lambda c, at: product(c.d, light.object_scale(c, at)),
         at="optional",
+        of_views=True,
         label="object sample",
         evaluated=Listed("sampling", remark="one microlens at the focal plane"),
         sheet=Listed("Object field", remark="one microlens"),
@@ -641,6 +657,7 @@ _register(
         "distance on the FAP between neighbouring pixels' views, q d_1/(H d_2)",
         _whole(light.view_baseline),
         equation="Eq. 2",
+        of_views=True,
         label="view baseline",
         evaluated=Listed("sampling", remark="one pixel, on the FAP"),
     ),
@@ -664,6 +681,7 @@ _register(
         at="optional",
         monotone=False,
         numeric=True,
+        of_views=True,
         label="resolution, MTF 50 %",
     ),
     Quantity(
@@ -674,6 +692,7 @@ _register(
         at="optional",
         monotone=False,
         numeric=True,
+        of_views=True,
         label="resolution, MTF 10 %",
     ),
     Quantity(
@@ -683,6 +702,7 @@ _register(
         lambda c, at: ratio(resolution.fold(c), light.object_scale(c, at)),
         at="optional",
         monotone=False,
+        of_views=True,
         label="folding frequency",
     ),
     Quantity(
@@ -694,6 +714,35 @@ _register(
         at="needed",
         signed=lambda c, at: light_field.rim_disparity(c, depth_at(c, at)),
         label="defocus blur",
+    ),
+    # Focused microlenses.
+    Quantity(
+        "virtual_depth",
+        "",
+        "a/d_2 of the main lens's image of a plane at a distance ahead of the tip: below 0 behind the array",
+        lambda c, at: ratio(1.0, focused.inverse_virtual_depth(c, at)),  # type: ignore[arg-type]
+        label="virtual depth",
+        at="needed",
+        **_NEITHER,
+    ),
+    Quantity(
+        "microlens_blur_px",
+        "px",
+        "width over which a microlens spreads a point at a distance ahead of the tip; of several types the sharpest",
+        _of_types(lambda c, inverse: focused.point_blur(c, inverse) / c.q, np.min),
+        label="blur of a microlens",
+        at="needed",
+        **_NEITHER,
+    ),
+    Quantity(
+        "resolution_ratio",
+        "",
+        "pixels of a focused array's refocused image of a plane at a distance ahead of the tip for one of the "
+        "sensor's, along each axis; of several types the best",
+        _of_types(focused.resolution_ratio, np.max),
+        label="effective resolution ratio",
+        at="needed",
+        **_NEITHER,
     ),
     # Distances.
     Quantity(
@@ -717,6 +766,7 @@ _register(
         lambda c, at: light_field.disparity_rate(c, depth_at(c, at)) / plane_at(c, at).depth,
         at="optional",
         monotone=False,
+        of_views=True,
         label="disparity per depth",
         evaluated=Listed("depth", "disparity", "between the FAP's rims"),
     ),
@@ -730,6 +780,7 @@ _register(
         monotone=False,
         monotone_with="depth.disparity_error",
         numeric=True,
+        of_views=True,
         label="depth noise (bound) σ_Z",
         evaluated=Listed("depth", "depth noise (bound)", _depth_remark),
     ),
@@ -742,6 +793,7 @@ _register(
         at="optional",
         monotone=False,
         numeric=True,
+        of_views=True,
         label="depth, expected, u_Z",
     ),
     Quantity(
@@ -753,6 +805,7 @@ _register(
         monotone=False,
         monotone_with="depth.disparity_error",
         numeric=True,
+        of_views=True,
         label="disparity error",
         evaluated=Listed("depth", None),
     ),
@@ -764,6 +817,7 @@ _register(
         None,
         depth_error_at_fields,
         numeric=True,
+        of_views=True,
         label="depth noise (bound) σ_Z at the field",
     ),
     Quantity(
@@ -774,6 +828,7 @@ _register(
         None,
         expected_error_at_fields,
         numeric=True,
+        of_views=True,
         label="depth, expected, u_Z at the field",
     ),
     # Light.
@@ -885,6 +940,7 @@ DECODED = {
             "mm",
             "decoded depth less true depth of a point on the field's chief ray",
             local=attrgetter("depth_error_mm"),
+            of_views=True,
             label="depth error",
         ),
     )

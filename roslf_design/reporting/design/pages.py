@@ -21,6 +21,7 @@ from ...evaluation.result import (
     effects_table,
     fact_tables,
     field_table,
+    focused_tables,
     lens_table,
     mapping_table,
     seen_table,
@@ -71,6 +72,8 @@ MODEL = (
 """True of every report."""
 
 
+OF_VIEWS = ("object sample", "depth", "views")
+"""Beginnings of key figures that take pixels for views."""
 WARMTH = (
     "Lengths between parts grow as the housing, glass as glass, and the indices follow the temperature; the camera has "
     "it all over, and nothing is refocused."
@@ -139,14 +142,14 @@ def design_report(
                 *_mapping(result),
                 field_table(result),
                 budget_table(result),
-                depth_budget_table(result),
+                *(focused_tables(result) or (depth_budget_table(result),)),
             ),
         ),
         *_temperature(result),
         Section("Rays", (figures["rays"], figures["cells"], figures["view"])),
         Section(f"Microlens images{twin}", (figures["images"], figures["waves"], figures["maps"])),
         *_real_lens(design, result, progress),
-        Section(f"Design space{twin}", (figures["plane"], figures["depth"])),
+        Section(f"Design space{twin}", (figures["plane"], *([] if result.focused else [figures["depth"]]))),
         Section("Effects", (figures["effects"], *_effects(result))),
         *(one.section for one in studied),
         _accuracy_section(design, result, accuracy),
@@ -180,7 +183,7 @@ def _key_figures(design: Design, result: Evaluation) -> Table:
     widest = max(design.D, *openings, math.hypot(*design.microlens_array.size))
     error = f"at the focal plane, for {number(depth.sigma_disparity_pitches, 3)} pitches of disparity error"
     pixels = f"independent, of {number(sampled.views_geometric, 3)} pixels"
-    rows = (
+    rows: tuple[tuple[str, str, str], ...] = (
         ("working distance", length(design.d_f - front), "from the foremost part to the focal plane"),
         ("field there, half width", f"{number(field.field_half_width_mm)} mm", "seen by the sensor's half width"),
         ("room at the corner", f"{number(field.room_at_corner_mm)} mm", "0 is where a rim begins to cut (Eq. 6)"),
@@ -195,6 +198,8 @@ def _key_figures(design: Design, result: Evaluation) -> Table:
         ("length", length(front + design.d_1 + design.d_2), "foremost stop, element or lens to sensor"),
         ("widest part", length(widest), "lens, openings, or diagonal of the microlens array; without walls"),
     )
+    if result.focused is not None:
+        rows = tuple(row for row in rows if not row[0].startswith(OF_VIEWS))
     return Table(rows, "ldl", title="Key figures", widths=WIDTHS)
 
 
@@ -216,6 +221,7 @@ def parameter_rows(design: Design) -> list[tuple[str, str, str, str]]:
         stop = "behind the lens, as the scene sees it"
     if made.aperture.behind is not None:
         stop += f": image of a stop of {made.aperture.outline.words}, {_length(made.aperture.behind)} behind the lens"
+    types = f"types of {mla.focal_words}" if mla.focal_lengths else ""
     rows = [
         ("D", "main lens clear aperture", design.D, ""),
         ("f", "main lens focal length", design.f, lens),
@@ -224,7 +230,7 @@ def parameter_rows(design: Design) -> list[tuple[str, str, str, str]]:
         ("D_F", "FAP diameter", D_F, _pupil(design)),
         ("d_3", "FAP in front of the lens", d_3, stop),
         ("d", "microlens pitch", design.d, f"{mla.layout} array, {mla.lens_shape} lenses"),
-        ("f_ml", "microlens focal length", design.f_ml, ""),
+        ("f_ml", "microlens focal length", design.f_ml, types),
         ("d_2", "microlens array to sensor", design.d_2, ""),
         ("q", "pixel pitch", design.q, f"{width} x {height} px"),
         ("λ", "wavelength", design.wavelength, ""),
