@@ -220,7 +220,7 @@ def calibration_plan(design: Design, asked: PlanOptions, distortion: int | None 
     InputError
         Its microlenses are focused elsewhere than on the pupil.
     """
-    refuse_focused(design, "a calibration of views")
+    refuse_focused(design, "calibration of views")
     if distortion is None:
         distortion = design.main_lens.kind.radial
     try:

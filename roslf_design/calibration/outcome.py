@@ -72,7 +72,7 @@ def calibrated(
     """
     board, size = options.checkerboard, sample_size_for(options.accuracy)
     _check_medium(design, options.use_in)
-    refuse_focused(design, "a calibration of views")
+    refuse_focused(design, "calibration of views")
     sheet = _sheet(design, board, options)
     stood = None
     if options.distances is not None:

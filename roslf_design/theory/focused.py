@@ -194,8 +194,8 @@ def focus_faults(design: Design, *what: str, changed: Iterable[str] = ()) -> tup
     key = "focal_lengths" if design.microlens_array.focal_lengths else "focal_length"
     message = (
         f"{design.microlens_array.focal_words} does not focus the microlenses of {design.name} on the pupil (a "
-        f"focused, plenoptic 2.0 camera): its pixels are no views, which {listed([*what])} would take; roslf evaluate and "
-        f"render hold, and {pupil_remedy(camera)}"
+        f"focused, plenoptic 2.0 camera), so that pixels are no views and there is no {listed([*what])}; roslf "
+        f"evaluate and render hold, and {pupil_remedy(camera)}"
     )
     return (Problem(f"microlens_array.{key}", message),)
 
