@@ -214,11 +214,6 @@ def calibration_plan(design: Design, asked: PlanOptions, distortion: int | None 
     """A plan of captures that suits a design and what is asked for; or why these cannot determine the camera.
 
     Unless told, the calibration will fit as much distortion as it does behind the design's main lens.
-
-    Raises
-    ------
-    InputError
-        Its microlenses are focused elsewhere than on the pupil.
     """
     refuse_focused(design, "calibration of views")
     if distortion is None:

@@ -49,8 +49,6 @@ raw white frame of a light-field microscope before any flat field (0.013 rms fro
 pixel to pixel, shot noise included), below the 0.024 left between inner views of a processed 8-bit light field. Depths
 in such views err as if it were 0.09, as interpolated views share it (studies/depth/published.py).
 """
-MOST_TYPES = 16
-"""Largest number of types of microlenses."""
 MOST_PIXELS = 1_000_000
 """Largest number of pixels along one side of a sensor."""
 
@@ -273,7 +271,7 @@ class MicrolensArray(OpticalPart):
 
     pitch: Length
     """d [mm]."""
-    focal_lengths: Annotated[tuple[Length, ...], Field(max_length=MOST_TYPES)] = ()
+    focal_lengths: Annotated[tuple[Length, ...], Field(max_length=16)] = ()
     """Focal lengths of a multi-focus array, one for each type of microlens, which take turns along both directions of
     the lattice [mm]; empty where all microlenses are alike."""
     focal_length: Length | None = Field(default=None, validate_default=True)

@@ -13,7 +13,7 @@ from ..effects.plan import PlannedEffect
 from ..json_data import plain
 from ..tables import Table, plain_text, print_table
 from ..theory.depth_budget import COVERAGE, KINDS, BudgetTerm, DepthBudget
-from ..theory.focused import COVERED, FocusedArray
+from ..theory.focused import FocusedArray
 from ..theory.quantities import QUANTITIES
 from ..theory.quantity import Quantity
 from ..words import fixed, number, place, spaced
@@ -103,11 +103,7 @@ class Evaluation:
         else:
             data["depth"] = dict.fromkeys(data["depth"])
             data["fields"] = [field | {"sigma_z_mm": None, "u_z_mm": None} for field in data["fields"]]
-            data["sampling"] |= dict.fromkeys(
-                listed.key or quantity.name
-                for quantity in QUANTITIES.values()
-                if quantity.of_views and (listed := quantity.evaluated) and listed.under == "sampling"
-            )
+            data["sampling"] |= dict.fromkeys(key for key in data["sampling"] if QUANTITIES[key].of_views)
         if self.object_space is None:
             del data["object_space"]
         elif self.object_space.mapping is None:
@@ -191,51 +187,18 @@ def depth_basis(assumed: DepthAssumptions | None) -> str:
     return "as the design gives it" if assumed is None else str(assumed)
 
 
-def focused_tables(result: Evaluation) -> tuple[Table, ...]:
-    """Tables of what each type of focused microlenses shows, and of planes by virtual depth; none of others."""
-    if (array := result.focused) is None:
-        return ()
-    rows = tuple(
-        (
-            f"{number(1e3 * one.focal_length_mm, 4)} um",
-            number(one.virtual_depth, 3),
-            number(one.focused_at_mm, 4),
-            " to ".join(number(depth, 3) for depth in one.sharp_virtual_depths),
-            " to ".join(number(end, 4) for end in one.sharp_mm),
-            number(one.seen_by, 3),
-            number(one.resolution_ratio, 3),
-            number(one.pupil_blur_px, 3),
-        )
-        for one in array.types
-    )
-    headings = (
-        *("f_ml", "virtual depth", "in focus [mm]", "sharp, virtual", "sharp [mm]", "seen by"),
-        *("resolution", "pupil's blur [px]"),
-    )
+def focused_table(array: FocusedArray) -> Table:
+    """Planes of object space as focused microlenses show them."""
     caption = (
         "Virtual depth is counted from the array in d_2: above 0 the main lens's image lies before the array "
-        "(Keplerian), below 0 behind it (Galilean). Planes in mm are ahead of the tip. Sharp is what blurs no more "
-        f"than pixels and diffraction, {number(array.own_blur_px, 3)} px. Seen by: microlenses across that see a "
-        "point, 2 at least for depth. Resolution: pixels of the refocused image for one of the sensor's, along each "
-        "axis."
+        "(Keplerian), below 0 behind it (Galilean). Sharp is what blurs no more than pixels and diffraction, "
+        f"{number(array.own_blur_px, 3)} px. Seen by: microlenses across that see a point, 2 at least for depth. "
+        "Resolution: pixels of the refocused image for one of the sensor's, along each axis."
     )
-    planes = tuple(
-        (
-            number(plane.virtual_depth, 3),
-            number(plane.at_mm, 4),
-            *(number(blur, 3) for blur in plane.blur_px),
-            number(plane.seen_by, 3),
-            number(plane.resolution_ratio, 3),
-        )
-        for plane in array.planes
-    )
-    names = [f"blur of {row[0]} [px]" for row in rows]
-    over = ("virtual depth", "ahead of the tip [mm]", *names, "seen by", "resolution")
-    covered = f"At a virtual depth of {COVERED:g} all is covered: nearer to the array not every point is seen twice."
-    return (
-        Table(rows, "l" + "r" * (len(headings) - 1), headings, "Focused microlenses", caption),
-        Table(planes, "r" * len(over), over, "Planes by virtual depth", covered),
-    )
+    blurs = [f"blur by {name} [px]" for name in array.types]
+    headings = ("", "virtual depth", "ahead of the tip [mm]", *blurs, "seen by", "resolution")
+    rows = tuple(plane.cells for plane in (*array.in_focus, *array.limits))
+    return Table(rows, "l" + "r" * (len(headings) - 1), headings, "Focused microlenses", caption)
 
 
 def depth_budget_table(result: Evaluation) -> Table:
@@ -262,6 +225,11 @@ def depth_budget_table(result: Evaluation) -> Table:
     rows.append(("expanded, U", f"{number(float(budget.expanded_mm), 3)} mm", "", "", "", f"k = {COVERAGE}"))
     headings = ("source", "u", "of u²", "type", "", "")
     return Table(tuple(rows), "ldllll", headings, "Depth, expected, at the focal plane")
+
+
+def depth_table(result: Evaluation) -> Table:
+    """Terms of depth as expected; of focused microlenses, whose pixels are no views, what they show instead."""
+    return depth_budget_table(result) if result.focused is None else focused_table(result.focused)
 
 
 def seen_table(result: Evaluation) -> Table | None:
@@ -384,8 +352,7 @@ def _tables(result: Evaluation) -> list[Table]:
     behind_elements, mapping, warm = seen_table(result), mapping_table(result), temperature_table(result)
     fields = fields if mapping is None else [mapping, *fields]
     first, last = ([] if table is None else [table] for table in (behind_elements, warm))
-    depth = focused_tables(result) or (depth_budget_table(result),)
-    return [*first, *fact_tables(result), *depth, *last, *fields, *lens, effects_table(result)]
+    return [*first, *fact_tables(result), depth_table(result), *last, *fields, *lens, effects_table(result)]
 
 
 def print_evaluation(result: Evaluation, console: Console) -> None:

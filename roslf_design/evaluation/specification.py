@@ -247,13 +247,6 @@ class Colour:
         return cls(one.name, 1e6 * one.wavelength, one.share, apart, *views, sharp, charge, spread)
 
 
-OF_VIEWS = (
-    *("working_range_mm", "hyperfocal_mm", "view_hyperfocal_mm", "depth_precision", "resolution", "depth_of_field_mm"),
-    *("views_across", "independent_views_across", "colours"),
-)
-"""Keys of what takes pixels for views."""
-
-
 @dataclass(frozen=True)
 class Specification:
     """The data sheet's lines."""
@@ -293,7 +286,8 @@ class Specification:
         """As `specification` of `roslf evaluate --json`; what is infinite, or means nothing, is None."""
         data: dict[str, Any] = plain(self, undefined=False)
         del data["focused"]  # it is the evaluation's
-        return data if self.focused is None else data | dict.fromkeys(OF_VIEWS)
+        views = ("view", "independent", "working_range", "hyperfocal", "depth", "resolution", "colours")
+        return data if self.focused is None else data | dict.fromkeys(key for key in data if key.startswith(views))
 
 
 def planes(camera: Camera) -> dict[str, float]:

@@ -16,7 +16,7 @@ from ..shapes.lattice import PACKINGS
 from ..theory import tube
 from ..theory.colours import PIXEL_FILTERS
 from ..theory.f_number import fill_factor, matched
-from ..theory.focused import COVERED, FocusedArray, pupil_remedy
+from ..theory.focused import FocusedArray, pupil_remedy
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import geometric_views, sensor_field
 from ..theory.photometry import accepted, response
@@ -55,45 +55,35 @@ def verdicts_of(
     Of focused microlenses that comes first, with what it means, and no views are judged.
     """
     answers = [_matched(camera, f_number), _undistorted(camera, non_distortion, lens)]
-    answers = [*answers, _resolved(camera, sampling)] if focused is None else [*_focused(camera, focused), *answers]
+    answers = [*answers, _resolved(camera, sampling)] if focused is None else [_focused(camera, focused), *answers]
     answers += [] if lens is None else [_thin(f_number, lens)]
     return (*answers, *([_fits(camera)] if tube.OUTER in camera.numbers else []))
 
 
-def _focused(camera: Camera, array: FocusedArray) -> Iterator[Verdict]:
-    """What a focused camera is, and what its refocused images and depth can be."""
-    types = array.types
-    blurs, depths = (
-        listed([*dict.fromkeys(number(abs(value), 3) for value in values)])
-        for values in ([one.pupil_blur_px for one in types], [one.virtual_depth for one in types])
-    )
+def _focused(camera: Camera, array: FocusedArray) -> Verdict:
+    """Answer on what focused microlenses are focused on, and what that means."""
+    blurs = listed([*dict.fromkeys(number(blur, 3) for blur in array.pupil_blur_px)])
     blurred = f"blur over {blurs} px where pixels and diffraction blur {array.own_blur_px:.3g} px"
     remedy = (
-        "pixels are no views: numbers of views, depth from views and resolution of views do not apply and are left "
-        "out; f-number match (of the half-lit width of images), field, light and pictures hold; "
-    ) + pupil_remedy(camera)
-    seen = [one for one in types if 0 < one.focused_at_mm < math.inf]
+        "pixels are no views: numbers of views, depth from views and their resolution do not apply and are left out; "
+        f"f-number match (of images' half-lit width), field, light and pictures hold; {pupil_remedy(camera)}"
+    )
+    seen = [plane for plane in array.in_focus if 0 < plane.ahead_mm < math.inf]
     if not seen:
         text = f"microlenses out of focus: they image nothing ahead of the tip, and the pupil they {blurred}"
-        yield Verdict.of("pupil_imaged", text, remedy)
-        return
-    which = "" if len(types) == 1 else f"{len(types)} types of "
-    kind = "Keplerian" if types[0].virtual_depth > 0 else "Galilean"
-    planes = listed([f"{number(one.focused_at_mm, 4)} mm" for one in seen])
-    text = (
-        f"focused (plenoptic 2.0) camera: its {which}microlenses are focused on {planes} ahead of the tip (virtual "
-        f"depth {depths}, {kind}), not on the pupil, which they {blurred}"
+        return Verdict.of("pupil_imaged", text, remedy)
+    best = max(seen, key=lambda plane: plane.resolution_ratio)
+    planes, depths = (
+        listed([number(abs(value), 4) for value in values])
+        for values in ([plane.ahead_mm for plane in seen], [plane.virtual_depth for plane in seen])
     )
-    yield Verdict("pupil_imaged", False, "limit", text, remedy)
-    best = max(seen, key=lambda one: one.resolution_ratio)
-    near, far = min(one.sharp_mm[0] for one in seen), max(one.sharp_mm[1] for one in seen)
     text = (
-        f"effective resolution up to {best.resolution_ratio:.3g} of the sensor's pixels along each axis, sharp from "
-        f"{number(near, 4)} to {number(far, 4)} mm ahead of the tip; {best.seen_by:.3g} microlenses across see a point"
+        f"focused (plenoptic 2.0) camera: its microlenses are focused on {planes} mm ahead of the tip (virtual depth "
+        f"{depths}, {'Keplerian' if best.virtual_depth > 0 else 'Galilean'}), not on the pupil, which they {blurred}; "
+        f"effective resolution up to {best.resolution_ratio:.3g} of the sensor's pixels along each axis, "
+        f"{best.seen_by:.3g} microlenses across see a point (2 at least for depth)"
     )
-    few = "for depth two have to: microlenses focused farther from the array, or a wider pupil"
-    covers = any(one.seen_by >= COVERED for one in seen)
-    yield Verdict("resolution_ratio", False, "limit" if covers else "fault", text, "" if covers else few)
+    return Verdict("pupil_imaged", False, "limit", text, remedy)
 
 
 def _matched(camera: Camera, f: Numbers) -> Verdict:

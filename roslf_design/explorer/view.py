@@ -299,7 +299,6 @@ def _why_shut(symbol: str) -> str:
 
 TITLES = {
     "pupil_imaged": "microlenses",
-    "resolution_ratio": "resolution",
     "f_number_matched": "f-number",
     "field_undistorted": "field",
     "views_resolved": "views",
@@ -357,10 +356,8 @@ def _margin(evaluation: Evaluation, name: str) -> str:
     if name == "views_resolved":
         sampling = evaluation.sampling
         return f"{short(sampling.views_independent, 2)} of {short(sampling.views_geometric, 2)}"
-    if evaluation.focused is not None and name in ("pupil_imaged", "resolution_ratio"):
-        types = evaluation.focused.types
-        best = max(one.resolution_ratio for one in types)
-        return "focused (2.0)" if name == "pupil_imaged" else f"{short(best, 2)} px/px"
+    if name == "pupil_imaged":
+        return "focused (2.0)"
     if lens is None:
         return ""
     shifts = [math.hypot(*field.shift_px) for field in lens.fields if field.shift_px is not None]

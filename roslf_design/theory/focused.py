@@ -9,7 +9,7 @@ images that fill their cells, is how many microlenses across see it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +20,7 @@ from .._arrays import Array, product, ratio
 from ..camera import Camera
 from ..design import PATHS, Design
 from ..errors import InputError, Problem
-from ..words import listed
+from ..words import length, listed, number
 from .exit_pupil import microlens_image_diameter, microlens_image_pitch
 from .light import diffraction_width, microlens_defocus_blur
 
@@ -33,18 +33,11 @@ one sample, and less than half (1 of sqrt(5)) of the views are left that pixels 
 COVERED = 2.0
 """Virtual depth of the total covering plane: from there on each point is seen by two microlenses across, and in a
 hexagonal array of three types by one of each."""
-PLANES = (COVERED, 2.5, 3.0, 3.5, 4.0, 5.0, 7.0, 10.0)
-"""Virtual depths that are told."""
 
 
-def own_blur(c: Camera) -> Array:
+def _own_blur(c: Camera) -> Array:
     """Width on the sensor of what pixels and diffraction blur together [mm]."""
     return np.hypot(c.q, diffraction_width(c))
-
-
-def focus_of(c: Camera) -> Array:
-    """1/v of the plane that the microlenses image onto the sensor."""
-    return ratio(c.seen.d_2 - c.f_ml, c.f_ml)
 
 
 def inverse_virtual_depth(c: Camera, at: float) -> Array:
@@ -53,13 +46,11 @@ def inverse_virtual_depth(c: Camera, at: float) -> Array:
     return ratio(c.seen.d_2, c.seen.d_1 - ratio(c.f, 1 - ratio(c.f, seen)))
 
 
-def plane_of(c: Camera, inverse: ArrayLike) -> Array:
+def _ahead(c: Camera, inverse: float) -> float:
     """Distance ahead of the bore's tip at which an object has 1/v [mm]; inf at infinity and beyond."""
-    inverse = np.asarray(inverse, float)
-    vergence = 1 / c.f - ratio(inverse, product(c.seen.d_1, inverse) - c.seen.d_2)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        plane = np.asarray(c.plane_of_vergence(vergence))
-    return np.where(c.chain.past_infinity(c.numbers, plane), np.inf, plane - c.tip)
+    with np.errstate(divide="ignore"):
+        plane = c.plane_of_vergence(1 / c.f - ratio(inverse, product(c.seen.d_1, inverse) - c.seen.d_2))
+    return float(np.where(c.chain.past_infinity(c.numbers, plane), np.inf, plane - c.tip))
 
 
 def seen_by(c: Camera, inverse: ArrayLike) -> Array:
@@ -68,10 +59,10 @@ def seen_by(c: Camera, inverse: ArrayLike) -> Array:
 
 
 def point_blur(c: Camera, inverse: ArrayLike) -> Array:
-    """Width on the sensor over which a microlens spreads a point at 1/v [mm]; near the array light fills it in part."""
-    off, apart = np.abs(np.asarray(inverse) - focus_of(c)), product(c.seen.d_2, c.seen.vergence)
-    part = product(microlens_image_diameter(c), ratio(off, np.abs(np.asarray(inverse) - apart)))
-    return np.minimum(c.d * off, part)
+    """Width over which a microlens spreads a point at 1/v [px]; near the array its light fills a microlens in part."""
+    off = np.abs(np.asarray(inverse) + 1 - ratio(c.seen.d_2, c.f_ml))
+    part = ratio(off, np.abs(np.asarray(inverse) - product(c.seen.d_2, c.seen.vergence)))
+    return np.minimum(c.d * off, product(microlens_image_diameter(c), part)) / c.q
 
 
 def resolution_ratio(c: Camera, inverse: ArrayLike) -> Array:
@@ -80,132 +71,100 @@ def resolution_ratio(c: Camera, inverse: ArrayLike) -> Array:
     What a microlens tells apart of its image, over the number of microlenses that tell the same: q/(s v) for
     microlenses whose images fill their cells, before a pupil far away, s the widths of pixel, diffraction and blur.
     """
-    told = microlens_image_diameter(c) / np.hypot(own_blur(c), point_blur(c, inverse))
+    told = microlens_image_diameter(c) / np.hypot(_own_blur(c), c.q * point_blur(c, inverse))
     return np.asarray(told / np.maximum(seen_by(c, inverse), 1.0) * np.abs(c.q / microlens_image_pitch(c)))
-
-
-def sharp_range(c: Camera) -> tuple[Array, Array]:
-    """1/v at the ends of what the microlenses show as sharp as pixels and diffraction allow, the nearer to 0 first."""
-    focus, room = focus_of(c), own_blur(c) / c.d
-    side = np.where(focus < 0, -1.0, 1.0)
-    return side * np.maximum(np.abs(focus) - room, 0.0), side * (np.abs(focus) + room)
 
 
 def is_focused(c: Camera) -> Any:
     """True where microlenses of any type are focused elsewhere than on the pupil, by `LIMIT`."""
-    return np.any([microlens_defocus_blur(one) >= LIMIT * own_blur(one) for one in c.microlens_types], axis=0)
+    return np.any([microlens_defocus_blur(one) >= LIMIT * _own_blur(one) for one in c.microlens_types], axis=0)
 
 
 def pupil_remedy(c: Camera) -> str:
-    """What would make the microlenses image the pupil."""
+    """Focal length that would make the microlenses image the pupil, in words."""
     focal = float(c.replace({}, in_focus=True).f_ml)
-    if not 0 < focal < np.inf:
-        return "no microlens images a pupil so near the array; another d_3 moves it"
-    return f"microlenses of {1e3 * focal:.4g} um would image the pupil"
+    images = 0 < focal < np.inf
+    return f"f_ml = {length(focal)} would image the pupil" if images else "another d_3 would move the pupil into focus"
 
 
 @dataclass(frozen=True)
-class FocusedType:
-    """Microlenses of one focal length."""
+class FocusedPlane:
+    """A plane of object space as focused microlenses show it."""
 
-    focal_length_mm: float
+    name: str
     virtual_depth: float
-    """v, above 0 before the array (Keplerian), below 0 behind (Galilean)."""
-    focused_at_mm: float
-    """Plane that they are focused on, ahead of the tip; infinite where there is none."""
-    sharp_virtual_depths: tuple[float, float]
-    """Between which blur is no more than that of pixels and diffraction."""
-    sharp_mm: tuple[float, float]
-    """The same ahead of the tip, nearer end first."""
-    seen_by: float
-    """Microlenses across that see a point of the plane in focus."""
-    resolution_ratio: float
-    """Pixels of its refocused image for one of the sensor's, along each axis."""
-    pupil_blur_px: float
-
-    @classmethod
-    def of(cls, c: Camera) -> FocusedType:
-        """Microlenses of a camera that has one type."""
-        focus, ends = focus_of(c), sharp_range(c)
-        near, far = sorted(float(plane_of(c, end)) for end in ends)
-        depths = float(ratio(1.0, ends[1])), float(np.copysign(ratio(1.0, abs(ends[0])), ends[1]))
-        at = (float(form(c, focus)) for form in (plane_of, seen_by, resolution_ratio))
-        blur = float(microlens_defocus_blur(c) / c.q)
-        plane, across, resolved = at
-        return cls(float(c.f_ml), float(ratio(1.0, focus)), plane, depths, (near, far), across, resolved, blur)
-
-
-@dataclass(frozen=True)
-class VirtualDepth:
-    """A plane of object space by its virtual depth."""
-
-    virtual_depth: float
-    at_mm: float
-    """Ahead of the tip."""
+    ahead_mm: float
+    """Distance ahead of the tip; infinite at infinity and beyond."""
     blur_px: tuple[float, ...]
     """Width over which each type of microlens spreads a point."""
     seen_by: float
+    """Microlenses across that see a point: two at least for depth."""
     resolution_ratio: float
-    """With the microlenses that show it sharpest."""
+    """Pixels of the refocused image for one of the sensor's, along each axis, of the type that shows it best."""
 
     @classmethod
-    def of(cls, c: Camera, depth: float) -> VirtualDepth:
-        """Plane of a camera at a virtual depth."""
-        types, at = c.microlens_types, 1 / depth
-        blurs = tuple(float(point_blur(one, at) / one.q) for one in types)
-        best = max(float(resolution_ratio(one, at)) for one in types)
-        return cls(depth, float(plane_of(c, at)), blurs, float(seen_by(c, at)), best)
+    def of(cls, c: Camera, name: str, inverse: float) -> FocusedPlane:
+        """Plane of a camera at 1/v."""
+        types = c.microlens_types
+        blurs = tuple(float(point_blur(one, inverse)) for one in types)
+        best = max(float(resolution_ratio(one, inverse)) for one in types)
+        return cls(name, float(ratio(1.0, inverse)), _ahead(c, inverse), blurs, float(seen_by(c, inverse)), best)
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Row of the table of planes."""
+        shown = (self.virtual_depth, 3), (self.ahead_mm, 4), *((blur, 3) for blur in self.blur_px)
+        return self.name, *(number(*each) for each in (*shown, (self.seen_by, 3), (self.resolution_ratio, 3)))
 
 
 @dataclass(frozen=True)
 class FocusedArray:
-    """A focused array in numbers."""
+    """Focused microlenses of a camera."""
 
+    types: tuple[str, ...]
+    """Focal length of each type."""
     own_blur_px: float
-    """Blur of pixels and diffraction."""
-    types: tuple[FocusedType, ...]
-    planes: tuple[VirtualDepth, ...]
+    """Blur of pixels and diffraction together."""
+    pupil_blur_px: tuple[float, ...]
+    in_focus: tuple[FocusedPlane, ...]
+    """Plane that each type is focused on."""
+    limits: tuple[FocusedPlane, ...]
+    """Where the sharp range of each type begins and ends, and the total covering plane."""
 
     @classmethod
     def of(cls, c: Camera) -> FocusedArray | None:
         """Array of one camera; None where its microlenses image the pupil."""
         if not is_focused(c):
             return None
-        types = tuple(map(FocusedType.of, c.microlens_types))
-        sides = sorted({float(np.sign(one.virtual_depth)) for one in types})
-        planes = (VirtualDepth.of(c, side * depth) for side in sides for depth in PLANES)
-        return cls(float(own_blur(c) / c.q), types, tuple(plane for plane in planes if plane.at_mm < np.inf))
+        types, room = c.microlens_types, float(_own_blur(c) / c.d)
+        names = tuple(length(float(one.f_ml)) for one in types)
+        focus = [float(ratio(one.seen.d_2, one.f_ml)) - 1 for one in types]
+        side = 1.0 if focus[0] > 0 else -1.0
+        ends = [(f"{name} sharp {end}", at + side * way) for name, at in zip(names, focus, strict=True)
+                for end, way in (("from", room), ("to", -room))]  # fmt: skip
+        planes = tuple(FocusedPlane.of(c, f"{name} in focus", at) for name, at in zip(names, focus, strict=True))
+        limits = tuple(FocusedPlane.of(c, *end) for end in (*ends, ("all covered", side / COVERED)))
+        blurs = tuple(float(microlens_defocus_blur(one) / one.q) for one in types)
+        return cls(names, float(_own_blur(c) / c.q), blurs, planes, limits)
 
 
-def focus_faults(design: Design, *what: str, changed: Iterable[str] = ()) -> tuple[Problem, ...]:
-    """Fault of asking what takes each pixel behind a microlens for a view, of a camera where it is none.
+def focus_faults(design: Design, *asked: str, changed: Iterable[str] = ()) -> Iterator[Problem]:
+    """Fault of asking what takes pixels for views, as "depth from views", of a camera where they are none.
 
-    Parameters
-    ----------
-    design : Design
-    *what : str
-        What is asked for: "depth from views".
-    changed : iterable of str
-        Places, or symbols, that vary: where the microlenses' focus is among them there is no fault.
+    None where the microlenses' focal length is among the places, or symbols, that are `changed`.
     """
     camera = Camera.of(design.thin_twin)
-    if not what or not is_focused(camera) or PATHS["f_ml"] in {PATHS.get(place, place) for place in changed}:
-        return ()
-    key = "focal_lengths" if design.microlens_array.focal_lengths else "focal_length"
-    message = (
-        f"{design.microlens_array.focal_words} does not focus the microlenses of {design.name} on the pupil (a "
-        f"focused, plenoptic 2.0 camera), so that pixels are no views and there is no {listed([*what])}; roslf "
-        f"evaluate and render hold, and {pupil_remedy(camera)}"
-    )
-    return (Problem(f"microlens_array.{key}", message),)
+    if asked and is_focused(camera) and PATHS["f_ml"] not in {PATHS.get(place, place) for place in changed}:
+        array = design.microlens_array
+        yield Problem(
+            f"microlens_array.focal_length{'s' if array.focal_lengths else ''}",
+            f"{array.focal_words} does not focus the microlenses of {design.name} on the pupil (a focused, plenoptic "
+            f"2.0 camera), so that pixels are no views and there is no {listed([*asked])}; roslf evaluate and render "
+            f"hold, and {pupil_remedy(camera)}",
+        )
 
 
-def refuse_focused(design: Design, *what: str, changed: Iterable[str] = ()) -> None:
-    """Refuse what `focus_faults` finds; parameters as there.
-
-    Raises
-    ------
-    InputError
-    """
-    if faults := focus_faults(design, *what, changed=changed):
+def refuse_focused(design: Design, *asked: str, changed: Iterable[str] = ()) -> None:
+    """Refuse what `focus_faults` finds, with an `InputError`."""
+    if faults := tuple(focus_faults(design, *asked, changed=changed)):
         raise InputError(faults)

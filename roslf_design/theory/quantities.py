@@ -196,13 +196,12 @@ _NEITHER: dict[str, Any] = {"positive": False, "monotone": False, "numeric": Tru
 _SHARP: dict[str, Any] = {**_NEITHER, "of_views": True}
 
 
-def _of_types(form: Callable[[Camera, Array], Array], best: Callable[..., Any]) -> Callable[[Camera, Depth], Array]:
-    """Number at a distance of those microlenses that show it best."""
+def _of_types(form: Callable[[Camera, Array], Array], best: Any) -> Callable[[Camera, Any], Array]:
+    """Number at a distance, of those microlenses that show it best."""
 
-    def of(c: Camera, at: Depth) -> Array:
-        assert at is not None
-        inverse = focused.inverse_virtual_depth(c, at)
-        return np.asarray(best(np.broadcast_arrays(*(form(one, inverse) for one in c.microlens_types)), axis=0))
+    def of(c: Camera, at: float) -> Array:
+        values = (form(one, focused.inverse_virtual_depth(c, at)) for one in c.microlens_types)
+        return np.asarray(best(np.broadcast_arrays(*values), axis=0))
 
     return of
 
@@ -715,34 +714,23 @@ _register(
         signed=lambda c, at: light_field.rim_disparity(c, depth_at(c, at)),
         label="defocus blur",
     ),
-    # Focused microlenses.
-    Quantity(
-        "virtual_depth",
-        "",
-        "a/d_2 of the main lens's image of a plane at a distance ahead of the tip: below 0 behind the array",
-        lambda c, at: ratio(1.0, focused.inverse_virtual_depth(c, at)),  # type: ignore[arg-type]
-        label="virtual depth",
-        at="needed",
-        **_NEITHER,
-    ),
-    Quantity(
-        "microlens_blur_px",
-        "px",
-        "width over which a microlens spreads a point at a distance ahead of the tip; of several types the sharpest",
-        _of_types(lambda c, inverse: focused.point_blur(c, inverse) / c.q, np.min),
-        label="blur of a microlens",
-        at="needed",
-        **_NEITHER,
-    ),
-    Quantity(
-        "resolution_ratio",
-        "",
-        "pixels of a focused array's refocused image of a plane at a distance ahead of the tip for one of the "
-        "sensor's, along each axis; of several types the best",
-        _of_types(focused.resolution_ratio, np.max),
-        label="effective resolution ratio",
-        at="needed",
-        **_NEITHER,
+    # Focused microlenses, of several types the one that shows a plane best.
+    *(
+        Quantity(
+            name,
+            unit,
+            f"{words}, at a distance ahead of the tip",
+            _of_types(of, np.min if unit else np.max),
+            label=name.removesuffix("_px").replace("_", " "),
+            at="needed",
+            **_NEITHER,
+        )
+        for name, unit, of, words in (
+            ("virtual_depth", "", lambda _, v: ratio(1.0, v), "a/d_2 of a plane's image, below 0 behind the array"),
+            ("microlens_blur_px", "px", focused.point_blur, "width over which a microlens spreads a point"),
+            ("seen_by", "", focused.seen_by, "microlenses across that see a point"),
+            ("resolution_ratio", "", focused.resolution_ratio, "pixels of a refocused image for one of the sensor's"),
+        )
     ),
     # Distances.
     Quantity(

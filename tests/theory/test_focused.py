@@ -90,63 +90,82 @@ TYPES = [
 ]
 
 
+SEEN, BLUR, RATIO = (roslf.quantity(name) for name in ("seen_by", "microlens_blur_px", "resolution_ratio"))
+
+
+def own_blur(camera):
+    """Of a pixel and of diffraction together [mm]."""
+    return math.hypot(camera.q, camera.wavelength * camera.d_2 / camera.d)
+
+
 @pytest.mark.parametrize(("design", "camera", "f_ml"), TYPES)
 def test_focus_blur_and_who_sees_a_point_are_those_of_traced_rays(design, camera, f_ml):
     """Rounding of four-fold differences: 1e-9."""
-    rays, told = Rays(design, f_ml), focused.FocusedType.of(camera)
-    z = told.focused_at_mm + max(design.d_3, 0.0)
-    across = np.linspace(-0.5, 0.5, 5) * design.d
+    rays, (told,) = Rays(design, f_ml), focused.FocusedArray.of(camera).in_focus
+    z, across = told.ahead_mm + design.d_3, np.linspace(-0.5, 0.5, 5) * design.d
     assert np.ptp(rays.lands(0.3, z, across)) < 1e-9 * design.d  # in focus whatever part of a microlens
     for ahead in (0.8 * z, z, 1.3 * z):
-        at = ahead - max(design.d_3, 0.0)
-        inverse = focused.inverse_virtual_depth(camera, at)
+        at = ahead - design.d_3
         beam = abs(rays.on_array(0.0, ahead, design.D_F)[0] - rays.on_array(0.0, ahead, 0.0)[0])
-        assert focused.seen_by(camera, inverse) == pytest.approx(beam / design.d, rel=1e-9)
-        spread = np.ptp(rays.lands(0.0, ahead, across)) * min(1.0, beam / design.d)
-        assert focused.point_blur(camera, inverse) == pytest.approx(spread, rel=1e-7, abs=1e-9 * design.d)
-        assert focused.plane_of(camera, inverse) == pytest.approx(at, rel=1e-9)
+        assert SEEN(camera, at) == pytest.approx(beam / design.d, rel=1e-9)
+        spread = np.ptp(rays.lands(0.0, ahead, across)) / design.q
+        assert BLUR(camera, at) == pytest.approx(spread, rel=1e-7, abs=1e-6)
         # The middles of two pixels on the plane, through one microlens, and two chief rays there and on the sensor: how
         # many pixels' widths of the plane a microlens has to itself, for one of the sensor's.
         pixel = np.ptp([rays.back(ahead, 0.0, p / rays.d_2) for p in (0.0, design.q)])
         own = np.ptp([rays.back(ahead, axis, rays.chief(axis)) for axis in (0.0, design.d)])
         pitch = np.ptp([axis + rays.chief(axis) * rays.d_2 for axis in (0.0, design.d)])
-        coarser = np.hypot(focused.own_blur(camera), focused.point_blur(camera, inverse)) / design.q
+        coarser = math.hypot(own_blur(camera) / design.q, spread)
         assert beam > design.d
-        expected = own / pixel / (pitch / design.q) / coarser
-        assert focused.resolution_ratio(camera, inverse) == pytest.approx(expected, rel=1e-9)
+        assert RATIO(camera, at) == pytest.approx(own / pixel / (pitch / design.q) / coarser, rel=1e-7)
+
+
+@pytest.mark.parametrize(("design", "camera", "f_ml"), TYPES)
+def test_light_of_a_point_near_the_focal_plane_fills_microlenses_in_part(design, camera, f_ml):
+    """Its width on the array is less than a microlens: at the focal plane itself the pupil's image is what is lit."""
+    rays, focal = Rays(design, f_ml), design.d_f
+    for ahead in (focal * 0.999, focal * 1.0003):
+        beam = abs(rays.on_array(0.0, ahead, design.D_F)[0] - rays.on_array(0.0, ahead, 0.0)[0])
+        assert beam < design.d
+        spread = np.ptp(rays.lands(0.0, ahead, np.array([-0.5, 0.5]) * beam)) / design.q
+        assert BLUR(camera, ahead - design.d_3) == pytest.approx(spread, rel=1e-6)
+    image = float(roslf.quantity("image_diameter_px")(camera))
+    assert BLUR(camera, focal - design.d_3) == pytest.approx(image, rel=1e-6)
 
 
 @pytest.mark.parametrize(("design", "camera", "f_ml"), TYPES)
 def test_the_pupil_is_a_point_that_is_blurred_like_any_other(design, camera, f_ml):
     rays, across = Rays(design, f_ml), np.linspace(-0.5, 0.5, 5) * design.d
-
-    def lands(w):
-        return w + (rays.chief(w) - w / f_ml) * rays.d_2
-
-    landed = np.ptp([lands(w) for w in across])
-    assert focused.FocusedType.of(camera).pupil_blur_px == pytest.approx(landed / design.q, rel=1e-9)
+    landed = np.ptp([w + (rays.chief(w) - w / f_ml) * rays.d_2 for w in across])
+    assert focused.FocusedArray.of(camera).pupil_blur_px == pytest.approx((landed / design.q,), rel=1e-9)
 
 
 def test_sharp_ranges_end_where_blur_is_that_of_pixels_and_diffraction():
     for _, camera, _ in (case.values for case in TYPES):
-        own, ends = focused.own_blur(camera), focused.sharp_range(camera)
-        assert [focused.point_blur(camera, end) for end in ends] == pytest.approx([own, own], rel=1e-12)
+        array = focused.FocusedArray.of(camera)
+        own = own_blur(camera) / camera.q
+        assert array.own_blur_px == pytest.approx(own, rel=1e-12)
+        for end in array.limits[:2]:
+            assert end.blur_px == pytest.approx((own,), rel=1e-12)
+            if math.isfinite(end.ahead_mm):
+                assert BLUR(camera, end.ahead_mm) == pytest.approx(own, rel=1e-6)
     # The published range of the near-infrared camera, 60 to 250 mm, lies within what is sharp by this measure.
-    near, far = focused.FocusedType.of(Camera.of(KEPLER)).sharp_mm
-    assert 55 < near < 62
-    assert far == math.inf
+    near, far, covered = focused.FocusedArray.of(Camera.of(KEPLER)).limits
+    assert 55 < near.ahead_mm < 62
+    assert far.ahead_mm == math.inf
+    assert roslf.quantity("virtual_depth")(Camera.of(KEPLER), covered.ahead_mm) == pytest.approx(2.0, rel=1e-9)
 
 
 def test_the_calibrated_raytrix_is_focused_where_its_owners_say():
     """Their planes hold for the lengths of a first guess; those of the final ones lie 0.4 to 1.2 % nearer."""
     told = focused.FocusedArray.of(Camera.of(RAYTRIX))
-    assert [one.focused_at_mm for one in told.types] == pytest.approx([374.254, 365.641, 371.489], rel=0.013)
-    assert all(-3 < one.virtual_depth < -2 for one in told.types)  # Galilean
+    assert [plane.ahead_mm for plane in told.in_focus] == pytest.approx([374.254, 365.641, 371.489], rel=0.013)
+    assert all(-3 < plane.virtual_depth < -2 for plane in told.in_focus)  # Galilean
     pitch = float(roslf.quantity("image_pitch_mm")(Camera.of(RAYTRIX))) / RAYTRIX.q
     assert pitch == pytest.approx(23.3127, rel=2e-4)  # as measured in its white images
-    blur = roslf.quantity("microlens_blur_px")(Camera.of(RAYTRIX), 366.0)
-    assert blur == pytest.approx(min(focused.point_blur(c, focused.inverse_virtual_depth(c, 366.0)) / c.q
-                                     for c in Camera.of(RAYTRIX).microlens_types))  # fmt: skip
+    for at, k in ((370.0, 0), (364.0, 1), (368.0, 2)):  # of several types the sharpest counts
+        assert BLUR(Camera.of(RAYTRIX), at) == pytest.approx(BLUR(Camera.of(RAYTRIX).microlens_types[k], at))
+        assert RATIO(Camera.of(RAYTRIX), at) == pytest.approx(RATIO(Camera.of(RAYTRIX).microlens_types[k], at))
 
 
 def test_from_the_total_covering_plane_on_all_types_see_each_point():
@@ -176,14 +195,14 @@ def test_cameras_whose_microlenses_image_the_pupil_are_left_alone(design):
     """Those that ship, published ones, and the paper's with a focal length 15 % off: diffraction blurs it more."""
     design = design if isinstance(design, roslf.Design) else roslf.load(design)
     assert focused.FocusedArray.of(Camera.of(design.thin_twin)) is None
-    assert not focused.focus_faults(design, "anything")
+    assert not [*focused.focus_faults(design, "anything")]
 
 
 def test_the_limit_is_where_half_the_views_are_left():
     """Of the widths that blur a view: at the limit 1/sqrt(5) of the views that pixels and diffraction leave."""
     camera = Camera.of(roslf.load("pipe-bore"))
     image = float(roslf.quantity("image_diameter_px")(camera) * camera.q)
-    views = image / float(focused.own_blur(camera))
+    views = image / own_blur(camera)
     told = []
     for f_ml in np.linspace(0.7, 1.4, 281) * float(camera.f_ml):
         one = camera.replace({"f_ml": f_ml})
@@ -201,7 +220,7 @@ def test_types_together_are_as_each_alone(f_ml, d_3):
     )
     alone = [KEPLER.replace(d_3=d_3, f_ml=each) for each in (f_ml, 0.08)]
     for one, other in zip(Camera.of(pair).microlens_types, alone, strict=True):
-        assert focused.FocusedType.of(one) == focused.FocusedType.of(Camera.of(other))
+        assert focused.FocusedArray.of(one) == focused.FocusedArray.of(Camera.of(other))
     assert roslf.loads(roslf.dumps(pair)) == pair
 
 
@@ -252,7 +271,7 @@ def test_rendered_edges_are_as_blurred_as_is_told(ahead):
     middle = (at * slope).sum() / slope.sum()
     measured = math.sqrt(12 * ((at - middle) ** 2 * slope).sum() / slope.sum())
     camera = Camera.of(design)
-    told = float(focused.point_blur(camera, focused.inverse_virtual_depth(camera, ahead)) / camera.q)
+    told = float(BLUR(camera, ahead))
     if told < 1e-3:  # within a pixel, or two where the edge lies in one's middle
         assert measured <= math.sqrt(3)
         return

@@ -17,11 +17,10 @@ from ...evaluation.result import (
     WIDTHS,
     absent_effects,
     budget_table,
-    depth_budget_table,
+    depth_table,
     effects_table,
     fact_tables,
     field_table,
-    focused_tables,
     lens_table,
     mapping_table,
     seen_table,
@@ -72,8 +71,6 @@ MODEL = (
 """True of every report."""
 
 
-OF_VIEWS = ("object sample", "depth", "views")
-"""Beginnings of key figures that take pixels for views."""
 WARMTH = (
     "Lengths between parts grow as the housing, glass as glass, and the indices follow the temperature; the camera has "
     "it all over, and nothing is refocused."
@@ -142,7 +139,7 @@ def design_report(
                 *_mapping(result),
                 field_table(result),
                 budget_table(result),
-                *(focused_tables(result) or (depth_budget_table(result),)),
+                depth_table(result),
             ),
         ),
         *_temperature(result),
@@ -183,7 +180,7 @@ def _key_figures(design: Design, result: Evaluation) -> Table:
     widest = max(design.D, *openings, math.hypot(*design.microlens_array.size))
     error = f"at the focal plane, for {number(depth.sigma_disparity_pitches, 3)} pitches of disparity error"
     pixels = f"independent, of {number(sampled.views_geometric, 3)} pixels"
-    rows: tuple[tuple[str, str, str], ...] = (
+    rows = (
         ("working distance", length(design.d_f - front), "from the foremost part to the focal plane"),
         ("field there, half width", f"{number(field.field_half_width_mm)} mm", "seen by the sensor's half width"),
         ("room at the corner", f"{number(field.room_at_corner_mm)} mm", "0 is where a rim begins to cut (Eq. 6)"),
@@ -198,9 +195,10 @@ def _key_figures(design: Design, result: Evaluation) -> Table:
         ("length", length(front + design.d_1 + design.d_2), "foremost stop, element or lens to sensor"),
         ("widest part", length(widest), "lens, openings, or diagonal of the microlens array; without walls"),
     )
-    if result.focused is not None:
-        rows = tuple(row for row in rows if not row[0].startswith(OF_VIEWS))
-    return Table(rows, "ldl", title="Key figures", widths=WIDTHS)
+    of_views = () if result.focused is None else ("object sample", "depth", "views")
+    return Table(
+        tuple(row for row in rows if not row[0].startswith(of_views)), "ldl", title="Key figures", widths=WIDTHS
+    )
 
 
 def _pupil(design: Design) -> str:

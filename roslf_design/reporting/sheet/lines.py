@@ -12,7 +12,7 @@ import numpy as np
 
 from ..._arrays import Array
 from ...camera import Camera
-from ...evaluation.result import depth_basis
+from ...evaluation.result import depth_basis, focused_table
 from ...evaluation.specification import (
     CRITERION,
     Colour,
@@ -27,7 +27,6 @@ from ...tables import csv_bytes
 from ...theory.colours import GREEN
 from ...theory.depth_budget import COVERAGE, depth_budget
 from ...theory.field_of_view import focus_ahead
-from ...theory.focused import FocusedArray, FocusedType
 from ...theory.photometry import through_filter
 from ...theory.quantities import QUANTITIES
 from ...theory.quantity import Listed, Quantity
@@ -59,7 +58,6 @@ USABLE = (
     "Finest detail that shows as what it is: the coarser of what still has half its contrast (MTF 50 %) and of half a "
     "period a microlens, beyond which detail folds back."
 )
-FOCUSED = "Focused microlenses"
 DEPTH, EXPECTED = "Depth noise (bound), 1 σ", "Depth, expected"
 SHARP = f"Sharp: {CRITERION}."
 PARTS = "parts"
@@ -83,6 +81,12 @@ class _SheetLine(NamedTuple):
     of: Callable[[Camera], float] | None = None
     """Function for the value of one build, where the line is no quantity of a whole camera but at a distance or a
     field."""
+
+    @property
+    def of_views(self) -> bool:
+        """Whether it takes pixels for views."""
+        subjects = (EXPECTED, DEPTH, "Object field", "Resolution", "Colours")
+        return self.subject.startswith(subjects) or (self.quantity != "" and QUANTITIES[self.quantity].of_views)
 
     @property
     def key(self) -> str:
@@ -180,43 +184,7 @@ def _lines(design: Design, sheet: Specification, budget: DepthBudget) -> Iterato
     angles = {f"field_of_view_{part}deg": getattr(pupil, way) for part, way in ways.items()}
     angles |= {f"tip_field_of_view_{part}deg": getattr(tip, way) for part, way in ways.items()}
     yield from _whole_camera("Field of view", camera, angles)
-    views = sheet.focused is None
-    yield from _whole_camera("Distances", camera, {}, views)
-    if sheet.focused is not None:
-        yield from _focused_lines(camera, sheet.focused)
-    else:
-        yield from _view_lines(camera, sheet, budget, traced)
-    outermost, middle = corner(sheet.field), sheet.field[0]
-    at = "in the corner" if outermost.angle_deg is None else f"at {number(outermost.angle_deg, 4)} deg off axis"
-    scale = None
-    if outermost.local_magnification is not None and middle.local_magnification is not None:
-        scale = outermost.local_magnification / middle.local_magnification if middle.local_magnification else 0.0
-    lost = "not seen" if outermost.distortion_percent is None or scale is None else ""
-    places = (middle.x_ml_mm, outermost.x_ml_mm)
-    bent, shaded = _Corner("distortion_percent", places), _Corner("relative_illumination", places, 100.0)
-    stretched = _Corner("local_magnification", places, against=True)
-    barrel = "below 0 is barrel-shaped"
-    yield _SheetLine(
-        "Over the field", f"distortion {at}", outermost.distortion_percent, "%", barrel, text=lost, of=bent
-    )
-    against = "against the middle, along the field's radius"
-    yield _SheetLine("Over the field", f"local magnification {at}", scale, "", against, text=lost, of=stretched)
-    light = 100 * outermost.relative_illumination
-    yield _SheetLine("Over the field", f"relative illumination {at}", light, "%", "against the middle", of=shaded)
-    width, height = sheet.pixels
-    yield _SheetLine("Sampling", "pixels", None, "", "", text=f"{width} x {height}")
-    yield from _whole_camera("Sampling", camera, {}, views)
-    samples = "{} x {}".format(*sheet.object_samples)
-    yield _SheetLine("Sampling", "object samples", None, "", "microlenses that the sensor sees", text=samples)
-    if sheet.colours and views:
-        yield from _colour_lines(design, sheet.colours)
-    yield from _whole_camera("Body", camera, {})
-    parts = ", ".join(f"{part.name} of {number(part.diameter_mm, 4)} mm" for part in sheet.parts)
-    yield _SheetLine("Body", PARTS, None, "", parts, text=str(len(sheet.parts)))
-
-
-def _view_lines(camera: Camera, sheet: Specification, budget: DepthBudget, traced: bool) -> Iterator[_SheetLine]:
-    """Lines on what takes each pixel for a view: depth, samples of the object, resolution."""
+    yield from _whole_camera("Distances", camera, {})
     yield from _expected_lines(budget)
     yield from _depth_lines(sheet, traced)
     for field in sheet.object_field:
@@ -246,25 +214,33 @@ def _view_lines(camera: Camera, sheet: Specification, budget: DepthBudget, trace
         limit = "mtf50_lp_per_mm" if row.limited_by == "contrast" else "fold_lp_per_mm"
         remark, own = "" if dark else row.remark, limit if axial else ""
         yield _SheetLine("Resolution", at, row.usable_lp_per_mm, "lp/mm", remark, own, dark, of)
-
-
-def _focused_lines(camera: Camera, array: FocusedArray) -> Iterator[_SheetLine]:
-    """Lines on what focused microlenses show, one type after the other."""
-    for k, one in enumerate(array.types):
-        own = f"f_ml {number(1e3 * one.focal_length_mm, 4)} um: "
-        depth, (near, far) = number(one.virtual_depth, 3), (number(end, 4) for end in one.sharp_mm)
-        seen = f"virtual depth {depth}, seen by {number(one.seen_by, 3)} microlenses across"
-        sharp = f"sharp from {near} to {far} mm; blurred no more than by pixels and diffraction"
-        at, ratio = (partial(_of_type, k, name) for name in ("focused_at_mm", "resolution_ratio"))
-        yield _SheetLine(FOCUSED, f"{own}in focus, ahead of the tip", one.focused_at_mm, "mm", seen, of=at)
-        yield _SheetLine(FOCUSED, f"{own}effective resolution", one.resolution_ratio, "", sharp, of=ratio)
-        if math.isfinite(one.focused_at_mm):
-            across = partial(_at_distance, QUANTITIES["field_half_width_mm"], one.focused_at_mm, 2.0)
-            yield _SheetLine(FOCUSED, f"{own}field width there", across(camera), "mm", "", of=across)
-
-
-def _of_type(k: int, name: str, camera: Camera) -> float:
-    return float(getattr(FocusedType.of(camera.microlens_types[k]), name))
+    outermost, middle = corner(sheet.field), sheet.field[0]
+    at = "in the corner" if outermost.angle_deg is None else f"at {number(outermost.angle_deg, 4)} deg off axis"
+    scale = None
+    if outermost.local_magnification is not None and middle.local_magnification is not None:
+        scale = outermost.local_magnification / middle.local_magnification if middle.local_magnification else 0.0
+    lost = "not seen" if outermost.distortion_percent is None or scale is None else ""
+    places = (middle.x_ml_mm, outermost.x_ml_mm)
+    bent, shaded = _Corner("distortion_percent", places), _Corner("relative_illumination", places, 100.0)
+    stretched = _Corner("local_magnification", places, against=True)
+    barrel = "below 0 is barrel-shaped"
+    yield _SheetLine(
+        "Over the field", f"distortion {at}", outermost.distortion_percent, "%", barrel, text=lost, of=bent
+    )
+    against = "against the middle, along the field's radius"
+    yield _SheetLine("Over the field", f"local magnification {at}", scale, "", against, text=lost, of=stretched)
+    light = 100 * outermost.relative_illumination
+    yield _SheetLine("Over the field", f"relative illumination {at}", light, "%", "against the middle", of=shaded)
+    width, height = sheet.pixels
+    yield _SheetLine("Sampling", "pixels", None, "", "", text=f"{width} x {height}")
+    yield from _whole_camera("Sampling", camera, {})
+    samples = "{} x {}".format(*sheet.object_samples)
+    yield _SheetLine("Sampling", "object samples", None, "", "microlenses that the sensor sees", text=samples)
+    if sheet.colours:
+        yield from _colour_lines(design, sheet.colours)
+    yield from _whole_camera("Body", camera, {})
+    parts = ", ".join(f"{part.name} of {number(part.diameter_mm, 4)} mm" for part in sheet.parts)
+    yield _SheetLine("Body", PARTS, None, "", parts, text=str(len(sheet.parts)))
 
 
 def _listed(subject: str) -> Iterator[tuple[Quantity, Listed]]:
@@ -273,11 +249,9 @@ def _listed(subject: str) -> Iterator[tuple[Quantity, Listed]]:
             yield quantity, quantity.sheet
 
 
-def _whole_camera(subject: str, camera: Camera, known: Mapping[str, float], views: bool = True) -> Iterator[_SheetLine]:
+def _whole_camera(subject: str, camera: Camera, known: Mapping[str, float]) -> Iterator[_SheetLine]:
     """Lines of the quantities that are listed under a subject; `known` has values by their names."""
     for quantity, line in _listed(subject):
-        if quantity.of_views and not views:
-            continue
         value = known[quantity.name] if quantity.name in known else float(quantity(camera))
         missing = math.isnan(value)
         yield _SheetLine(
@@ -394,7 +368,7 @@ def basis(
     build = None if built is None else lengths_built(built.plan)
     lengths = None if calibration is None else calibration.lengths
     budget = depth_budget(Camera.of(design.thin_twin), build=build, calibration=lengths)
-    rows = tuple(_lines(design, sheet, budget))
+    rows = tuple(line for line in _lines(design, sheet, budget) if sheet.focused is None or not line.of_views)
     if built is not None:
         share, (low, high) = 100 * built.final.result.value, built.final.result.interval
         sentences.append(
@@ -459,9 +433,6 @@ def datasheet_section(grounds: SpreadSources) -> Section:
         f"{depth_basis(grounds.sheet.depth_precision.assumes)}: no instrument reaches it.",
         "Object field": "Ends are those of the working range.",
         "Resolution": USABLE,
-        FOCUSED: "Microlenses are focused on the scene, not on the pupil (a focused, plenoptic 2.0 camera): lines on "
-        "views, on depth from them and on their resolution do not apply. Resolution is in pixels of the refocused "
-        "image for one of the sensor's, along each axis.",
     }
     for line in grounds.rows:
         if line.name == PARTS:  # too long for a cell
@@ -486,7 +457,7 @@ def datasheet_section(grounds: SpreadSources) -> Section:
             )
         )  # fmt: skip
     if grounds.sheet.focused is not None:
-        return Section("Data sheet", tuple(blocks))
+        return Section("Data sheet", (*blocks, focused_table(grounds.sheet.focused)))
     curves = (
         "Contrast of detail at the focal plane, tangential (along the field's radius) and sagittal: diffraction at the "
         "pupil as the stops cut it, at microlenses, their width, the pixel, defocus. Detail beyond the dashed line is "
