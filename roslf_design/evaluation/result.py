@@ -190,10 +190,11 @@ def depth_basis(assumed: DepthAssumptions | None) -> str:
 def focused_table(array: FocusedArray) -> Table:
     """Planes of object space as focused microlenses show them."""
     caption = (
-        "Virtual depth is counted from the array in d_2: above 0 the main lens's image lies before the array "
-        "(Keplerian), below 0 behind it (Galilean). Sharp is what blurs no more than pixels and diffraction, "
-        f"{number(array.own_blur_px, 3)} px. Seen by: microlenses across that see a point, 2 at least for depth. "
-        "Resolution: pixels of the refocused image for one of the sensor's, along each axis."
+        "A focused (plenoptic 2.0) camera, whose pixels are no views. Virtual depth is counted from the array in d_2: "
+        "above 0 the main lens's image lies before the array (Keplerian), below 0 behind it (Galilean). Sharp is what "
+        f"blurs no more than pixels and diffraction, {number(array.own_blur_px, 3)} px. Seen by: microlenses across "
+        "that see a point, 2 at least for depth. Resolution: pixels of the refocused image for one of the sensor's, "
+        "along each axis."
     )
     blurs = [f"blur by {name} [px]" for name in array.types]
     headings = ("", "virtual depth", "ahead of the tip [mm]", *blurs, "seen by", "resolution")

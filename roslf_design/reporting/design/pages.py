@@ -195,7 +195,7 @@ def _key_figures(design: Design, result: Evaluation) -> Table:
         ("length", length(front + design.d_1 + design.d_2), "foremost stop, element or lens to sensor"),
         ("widest part", length(widest), "lens, openings, or diagonal of the microlens array; without walls"),
     )
-    of_views = () if result.focused is None else ("object sample", "depth", "views")
+    of_views = () if result.focused is None else ("working", "field there", "object sample", "depth", "views")
     return Table(
         tuple(row for row in rows if not row[0].startswith(of_views)), "ldl", title="Key figures", widths=WIDTHS
     )

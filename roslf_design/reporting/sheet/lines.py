@@ -85,7 +85,7 @@ class _SheetLine(NamedTuple):
     @property
     def of_views(self) -> bool:
         """Whether it takes pixels for views."""
-        subjects = (EXPECTED, DEPTH, "Object field", "Resolution", "Colours")
+        subjects = ("Distances", EXPECTED, DEPTH, "Object field", "Resolution", "Colours")
         return self.subject.startswith(subjects) or (self.quantity != "" and QUANTITIES[self.quantity].of_views)
 
     @property
