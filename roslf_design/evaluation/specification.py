@@ -348,9 +348,11 @@ def specification(design: Design | str | Path) -> Specification:
     stations = planes(camera)
     distances = tuple(stations.values())
     sharp = _Ends.of(camera)
-    rows = [resolved(images, k, at, "refocused") for at in distances for k in range(len(axes))]
-    rows += [resolved(images, 0, at, "view") for at in distances]
-    if design.main_lens.kind.faults:  # views, too, are less sharp off the axis
+    focused, rows = FocusedArray.of(camera), list[Resolved]()
+    if focused is None:
+        rows += [resolved(images, k, at, "refocused") for at in distances for k in range(len(axes))]
+        rows += [resolved(images, 0, at, "view") for at in distances]
+    if focused is None and design.main_lens.kind.faults:  # views, too, are less sharp off the axis
         rows += [resolved(images, k, distances[1], "view") for k in range(1, len(axes))]
     points = _FieldPoint.of(images, distances[1])
     farthest = corner(points)
@@ -377,7 +379,7 @@ def specification(design: Design | str | Path) -> Specification:
         outer_diameter_mm=value["outer_diameter_mm"],
         length_mm=value["total_length_mm"],
         parts=tuple(_ListedPart(part.name, float(part.width)) for part in tube.housed(camera)),
-        focused=FocusedArray.of(camera),
+        focused=focused,
     )
 
 

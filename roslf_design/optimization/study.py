@@ -110,7 +110,7 @@ class StudyTable(StrictTable):
             if self.bore and (name in ("D_F", "d_3") or name.startswith(("aperture.", "stops.", "tube_"))):
                 yield Problem("variables", f"'{name}' varies, but the bore gives it; drop one of them")
         views = [part.quantity.name for part in (*self.constraints, *self.goals) if part.quantity.of_views]
-        yield from focus_faults(design, *views, changed=("f_ml",) if self.in_focus else self.variables)
+        yield from focus_faults(design, *views, changed=("f_ml",) if self.microlens_in_focus else self.variables)
         half = [side / 2 for side in design.microlens_array.size]
         for key, parts in (("constraints", self.constraints), ("goals", self.goals)):
             for number, part in enumerate(parts):
