@@ -203,7 +203,9 @@ def focused_table(array: FocusedArray) -> Table:
 
 
 def depth_budget_table(result: Evaluation) -> Table:
-    """Terms of depth as expected, the largest named, precision and trueness told apart."""
+    """Terms of depth as expected, the largest named, precision and trueness told apart; of focused arrays theirs."""
+    if result.focused is not None:
+        return focused_table(result.focused)
     budget = result.depth_budget
     total = float(budget.u_z_mm)
 
@@ -226,11 +228,6 @@ def depth_budget_table(result: Evaluation) -> Table:
     rows.append(("expanded, U", f"{number(float(budget.expanded_mm), 3)} mm", "", "", "", f"k = {COVERAGE}"))
     headings = ("source", "u", "of u²", "type", "", "")
     return Table(tuple(rows), "ldllll", headings, "Depth, expected, at the focal plane")
-
-
-def depth_table(result: Evaluation) -> Table:
-    """Terms of depth as expected; of focused microlenses, whose pixels are no views, what they show instead."""
-    return depth_budget_table(result) if result.focused is None else focused_table(result.focused)
 
 
 def seen_table(result: Evaluation) -> Table | None:
@@ -353,7 +350,7 @@ def _tables(result: Evaluation) -> list[Table]:
     behind_elements, mapping, warm = seen_table(result), mapping_table(result), temperature_table(result)
     fields = fields if mapping is None else [mapping, *fields]
     first, last = ([] if table is None else [table] for table in (behind_elements, warm))
-    return [*first, *fact_tables(result), depth_table(result), *last, *fields, *lens, effects_table(result)]
+    return [*first, *fact_tables(result), depth_budget_table(result), *last, *fields, *lens, effects_table(result)]
 
 
 def print_evaluation(result: Evaluation, console: Console) -> None:

@@ -88,7 +88,7 @@ def pupil_remedy(c: Camera) -> str:
 
 
 @dataclass(frozen=True)
-class FocusedPlane:
+class _FocusedPlane:
     """A plane of object space as focused microlenses show it."""
 
     name: str
@@ -103,7 +103,7 @@ class FocusedPlane:
     """Pixels of the refocused image for one of the sensor's, along each axis, of the type that shows it best."""
 
     @classmethod
-    def of(cls, c: Camera, name: str, inverse: float) -> FocusedPlane:
+    def of(cls, c: Camera, name: str, inverse: float) -> _FocusedPlane:
         """Plane of a camera at 1/v."""
         types = c.microlens_types
         blurs = tuple(float(point_blur(one, inverse)) for one in types)
@@ -126,9 +126,9 @@ class FocusedArray:
     own_blur_px: float
     """Blur of pixels and diffraction together."""
     pupil_blur_px: tuple[float, ...]
-    in_focus: tuple[FocusedPlane, ...]
+    in_focus: tuple[_FocusedPlane, ...]
     """Plane that each type is focused on."""
-    limits: tuple[FocusedPlane, ...]
+    limits: tuple[_FocusedPlane, ...]
     """Where the sharp range of each type begins and ends, and the total covering plane."""
 
     @classmethod
@@ -142,8 +142,8 @@ class FocusedArray:
         side = 1.0 if focus[0] > 0 else -1.0
         ends = [(f"{name} sharp {end}", at + side * way) for name, at in zip(names, focus, strict=True)
                 for end, way in (("from", room), ("to", -room))]  # fmt: skip
-        planes = tuple(FocusedPlane.of(c, f"{name} in focus", at) for name, at in zip(names, focus, strict=True))
-        limits = tuple(FocusedPlane.of(c, *end) for end in (*ends, ("all covered", side / COVERED)))
+        planes = tuple(_FocusedPlane.of(c, f"{name} in focus", at) for name, at in zip(names, focus, strict=True))
+        limits = tuple(_FocusedPlane.of(c, *end) for end in (*ends, ("all covered", side / COVERED)))
         blurs = tuple(float(microlens_defocus_blur(one) / one.q) for one in types)
         return cls(names, float(_own_blur(c) / c.q), blurs, planes, limits)
 
