@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 FOCAL = PATHS["f"]
 TYPES = f"{PATHS['f_ml']}s."
-"""Beginning of the places of the focal lengths of a multi-focus array."""
+"""Beginning of the places of the focal lengths of a multi-focus array but its first, which is f_ml."""
 IN_FOCUS = 1e-10
 """Share of d_f by which a stop is out of focus at least: it cuts whole microlens images then, or none of one."""
 SIGNED = (".rotation", f".{TURN}", ".focal_length")
@@ -273,7 +273,8 @@ class Camera(Symbols[Number]):
     def microlens_types(self) -> tuple[Camera, ...]:
         """Cameras with microlenses of each type alone; this one where all are alike."""
         types = [place for place in self._numbers if place.startswith(TYPES)]
-        return tuple(self.without(types).replace({PATHS["f_ml"]: self[place]}) for place in types) or (self,)
+        first = self.without(types) if types else self
+        return (first, *(first.replace({PATHS["f_ml"]: self[place]}) for place in types))
 
     def behind_filter(self, numbers: Mapping[str, Number]) -> Camera:
         """Camera as the pixels of one colour see it, all pixels alike: other light, no other glass.
@@ -864,7 +865,7 @@ def _nominal(design: Design) -> Camera:
     places += [f"{stop.place}.{key}" for stop in design.openings[1:] for key in stop.part.number_keys]
     places += [f"{part}.{pose}.{axis}" for part in parts for pose in ("decentre", "tilt") for axis in (0, 1)]
     places += [f"{part}.size.{axis}" for part in ("microlens_array", "sensor") for axis in (0, 1)]
-    places += [f"{TYPES}{k}" for k in range(len(array.focal_lengths))]
+    places += [f"{TYPES}{k}" for k in range(1, len(array.focal_lengths))]
     places += PHOTOMETRIC
     places += [place for place in OPTIONAL if at(design, place) is not None]
     if design.tube is not None:

@@ -222,6 +222,8 @@ def test_types_together_are_as_each_alone(f_ml, d_3):
     for one, other in zip(Camera.of(pair).microlens_types, alone, strict=True):
         assert focused.FocusedArray.of(one) == focused.FocusedArray.of(Camera.of(other))
     assert roslf.loads(roslf.dumps(pair)) == pair
+    swept = Camera.of(pair, {"f_ml": np.array([0.07, f_ml]), "microlens_array.focal_lengths.1": 0.08})
+    assert BLUR(swept, 50.0)[1] == BLUR(Camera.of(pair), 50.0)
 
 
 @pytest.mark.parametrize(
