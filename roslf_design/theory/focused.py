@@ -9,6 +9,7 @@ images that fill their cells, is how many microlenses across see it.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -139,11 +140,15 @@ class FocusedArray:
         types, room = c.microlens_types, float(_own_blur(c) / c.d)
         names = tuple(length(float(one.f_ml)) for one in types)
         focus = [float(ratio(one.seen.d_2, one.f_ml)) - 1 for one in types]
-        side = 1.0 if focus[0] > 0 else -1.0
-        ends = [(f"{name} sharp {end}", at + side * way) for name, at in zip(names, focus, strict=True)
-                for end, way in (("from", room), ("to", -room))]  # fmt: skip
+        ends = [
+            (f"{name} sharp {end}", at + math.copysign(room, at) * way)
+            for name, at in zip(names, focus, strict=True)
+            for end, way in (("from", 1), ("to", -1))
+        ]
         planes = tuple(_FocusedPlane.of(c, f"{name} in focus", at) for name, at in zip(names, focus, strict=True))
-        limits = tuple(_FocusedPlane.of(c, *end) for end in (*ends, ("all covered", side / COVERED)))
+        limits = tuple(
+            _FocusedPlane.of(c, *end) for end in (*ends, ("all covered", math.copysign(1 / COVERED, focus[0])))
+        )
         blurs = tuple(float(microlens_defocus_blur(one) / one.q) for one in types)
         return cls(names, float(_own_blur(c) / c.q), blurs, planes, limits)
 

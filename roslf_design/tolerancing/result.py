@@ -173,7 +173,7 @@ class StudyResult:
             "perturbations": [{name: getattr(p, name) for name in missed} for p in draws.perturbations],
             "groups": [{"group": name, "correlation": rho} for name, rho in draws.correlations],
             "variants": [variant.to_dict() for variant in self.variants],
-            "depth_expected": None if self.depth is None else self.depth.to_dict(),
+            "depth_expected": None if (depth := self.depth) is None else depth.to_dict(),
             "sensitivity": {
                 "columns": columns,
                 "places": places,

@@ -140,6 +140,17 @@ def test_the_pupil_is_a_point_that_is_blurred_like_any_other(design, camera, f_m
     assert focused.FocusedArray.of(camera).pupil_blur_px == pytest.approx((landed / design.q,), rel=1e-9)
 
 
+def test_planes_in_water_behind_a_window_are_where_reduced_lengths_put_them():
+    """Air, 0.5 mm of an index of 1.5, then water: as the lens sees them each over its index."""
+    window = {"kind": "plate", "distance": 2.0, "thickness": 0.5, "material": {"index": 1.5}, "diameter": 40.0}
+    wet = KEPLER.replace({"elements": [window], "object_space": {"medium": {"index": 1.333}}})
+    (plane,) = focused.FocusedArray.of(Camera.of(wet)).in_focus
+    (dry,) = focused.FocusedArray.of(Camera.of(KEPLER)).in_focus
+    assert plane.virtual_depth == dry.virtual_depth
+    assert plane.ahead_mm == pytest.approx(1.333 * (dry.ahead_mm - 2.0 - 0.5 / 1.5), rel=1e-9)
+    assert roslf.quantity("virtual_depth")(Camera.of(wet), plane.ahead_mm) == pytest.approx(dry.virtual_depth, rel=1e-9)
+
+
 def test_sharp_ranges_end_where_blur_is_that_of_pixels_and_diffraction():
     for _, camera, _ in (case.values for case in TYPES):
         array = focused.FocusedArray.of(camera)
