@@ -285,9 +285,11 @@ class Specification:
     def to_dict(self) -> dict[str, Any]:
         """As `specification` of `roslf evaluate --json`; what is infinite, or means nothing, is None."""
         data: dict[str, Any] = plain(self, undefined=False)
-        del data["focused"]  # it is the evaluation's
+        if self.focused is None:
+            del data["focused"]
+            return data
         views = ("view", "independent", "working_range", "hyperfocal", "depth", "resolution", "colours")
-        return data if self.focused is None else data | dict.fromkeys(key for key in data if key.startswith(views))
+        return data | dict.fromkeys(key for key in data if key.startswith(views))
 
 
 def planes(camera: Camera) -> dict[str, float]:

@@ -136,6 +136,7 @@ def test_data_sheets_have_no_line_on_views():
     assert {"Field of view", "Body"} <= {line["subject"] for line in lines}
     assert specified["depth_precision"] is specified["resolution"] is specified["working_range_mm"] is None
     assert specified["field"]
+    assert specified["focused"]["in_focus"][0]["virtual_depth"] == pytest.approx(3.0)
 
 
 def test_evaluations_of_others_have_no_word_of_it():
