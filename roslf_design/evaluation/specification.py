@@ -288,7 +288,16 @@ class Specification:
         if self.focused is None:
             del data["focused"]
             return data
-        views = ("view", "independent", "working_range", "hyperfocal", "depth", "resolution", "colours")
+        views = (
+            "view",
+            "independent",
+            "object_samples",
+            "working_range",
+            "hyperfocal",
+            "depth",
+            "resolution",
+            "colours",
+        )
         return data | dict.fromkeys(key for key in data if key.startswith(views))
 
 

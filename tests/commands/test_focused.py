@@ -135,6 +135,7 @@ def test_data_sheets_have_no_line_on_views():
     assert not {"Depth, expected", "Resolution", "Distances"} & {line["subject"] for line in lines}
     assert {"Field of view", "Body"} <= {line["subject"] for line in lines}
     assert specified["depth_precision"] is specified["resolution"] is specified["working_range_mm"] is None
+    assert specified["object_samples"] is None
     assert specified["field"]
     assert specified["focused"]["in_focus"][0]["virtual_depth"] == pytest.approx(3.0)
 

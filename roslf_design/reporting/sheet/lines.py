@@ -86,7 +86,9 @@ class _SheetLine(NamedTuple):
     def of_views(self) -> bool:
         """Whether it takes pixels for views."""
         subjects = ("Distances", EXPECTED, DEPTH, "Object field", "Resolution", "Colours")
-        return self.subject.startswith(subjects) or (self.quantity != "" and QUANTITIES[self.quantity].of_views)
+        if self.subject.startswith(subjects) or self.name == "object samples":
+            return True
+        return self.quantity != "" and QUANTITIES[self.quantity].of_views
 
     @property
     def key(self) -> str:
