@@ -12,6 +12,7 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 from ..design import Design
 from ..errors import refusal
 from ..options import Options, Seed
+from ..theory.focused import refuse_focused
 from ..theory.length_covariance import CalibratedLengths
 from ..tolerancing.places import nominal_values, parse_tolerance, perturbable
 from ..toml_files import StrictTable, nearest
@@ -214,6 +215,7 @@ def calibration_plan(design: Design, asked: PlanOptions, distortion: int | None 
 
     Unless told, the calibration will fit as much distortion as it does behind the design's main lens.
     """
+    refuse_focused(design, "calibration of views")
     if distortion is None:
         distortion = design.main_lens.kind.radial
     try:

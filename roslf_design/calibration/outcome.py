@@ -11,6 +11,7 @@ import numpy as np
 from ..design import Design, DesignError
 from ..errors import InputError, Problem, refusal
 from ..theory.colours import filters
+from ..theory.focused import refuse_focused
 from ..toml_files import nearest, read_toml, validated
 from .centres import MicrolensCentres, find_centres
 from .corners import observe
@@ -71,6 +72,7 @@ def calibrated(
     """
     board, size = options.checkerboard, sample_size_for(options.accuracy)
     _check_medium(design, options.use_in)
+    refuse_focused(design, "calibration of views")
     sheet = _sheet(design, board, options)
     stood = None
     if options.distances is not None:

@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from ..lenses.glass import Glass
 
 FOCAL = PATHS["f"]
+TYPES = f"{PATHS['f_ml']}s."
+"""Beginning of the places of the focal lengths of a multi-focus array but its first, which is f_ml."""
 IN_FOCUS = 1e-10
 """Share of d_f by which a stop is out of focus at least: it cuts whole microlens images then, or none of one."""
 SIGNED = (".rotation", f".{TURN}", ".focal_length")
@@ -266,6 +268,13 @@ class Camera(Symbols[Number]):
     def without(self, places: Collection[str]) -> Camera:
         """Camera without numbers that need not be given."""
         return self._with({place: value for place, value in self._numbers.items() if place not in places})
+
+    @property
+    def microlens_types(self) -> tuple[Camera, ...]:
+        """Cameras with microlenses of each type alone; this one where all are alike."""
+        types = [place for place in self._numbers if place.startswith(TYPES)]
+        first = self.without(types) if types else self
+        return (first, *(first.replace({PATHS["f_ml"]: self[place]}) for place in types))
 
     def behind_filter(self, numbers: Mapping[str, Number]) -> Camera:
         """Camera as the pixels of one colour see it, all pixels alike: other light, no other glass.
@@ -851,6 +860,7 @@ def _nominal(design: Design) -> Camera:
     places += [f"{stop.place}.{key}" for stop in design.openings[1:] for key in stop.part.number_keys]
     places += [f"{part}.{pose}.{axis}" for part in parts for pose in ("decentre", "tilt") for axis in (0, 1)]
     places += [f"{part}.size.{axis}" for part in ("microlens_array", "sensor") for axis in (0, 1)]
+    places += [f"{TYPES}{k}" for k in range(1, len(array.focal_lengths))]
     places += PHOTOMETRIC
     places += [place for place in OPTIONAL if at(design, place) is not None]
     if design.tube is not None:

@@ -21,6 +21,7 @@ from ..camera import Camera
 from ..design import Design, load
 from ..errors import refusal
 from ..options import FileName, Options, refuse_idle
+from ..theory.focused import refuse_focused
 from ..units import read_quantity
 from .captured import disagreement
 from .view_files import is_views, read_views
@@ -149,6 +150,8 @@ def decoded(image: Path, options: DecodeOptions, progress: Callable[[str], None]
     if views:
         refuse_idle(options, ("white", "dark", "design", "calibration"))
     camera, source = options.camera()
+    if camera is not None:
+        refuse_focused(camera, "decoding into views")
     warnings: list[str] = []
     raw: RawSource | None = None
     distances: Distances | None = None

@@ -20,6 +20,7 @@ from ..errors import InputError, Problem
 from ..theory.colours import filters
 from ..theory.depth_error import depth_told
 from ..theory.exit_pupil import microlens_image_pitch
+from ..theory.focused import refuse_focused
 from ..theory.length_covariance import LengthCovariance
 from ..theory.light_field import depth_sigma, epi_slope, rim_disparity
 from .estimate import DisparityMap
@@ -44,8 +45,10 @@ def first_order(design: Design) -> Camera:
     Raises
     ------
     InputError
-        Its objective maps angles otherwise than f tan; behind colour filters, its real lens focuses colours apart.
+        Its objective maps angles otherwise than f tan; behind colour filters, its real lens focuses colours apart; its
+        microlenses are focused elsewhere than on the pupil.
     """
+    refuse_focused(design, "depth from views")
     camera = Camera.of(design.thin_twin)
     if camera.chain.mapped:
         message = "depth is computed for rays as f tan has them before the objective; drop the mapping for it"

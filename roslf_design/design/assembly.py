@@ -112,6 +112,8 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
         own, wavelength = at(self, place), self.light.wavelength
         if place == PATHS["d_3"]:
             own = self.aperture.stands
+        if place == PATHS["f_ml"]:
+            own = self.microlens_array.types[0]
         if place in GIVEN:
             own = self.main_lens.kind.given(place, own, wavelength)
         # Where all three are given, f and d_1 are the hardware.

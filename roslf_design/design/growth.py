@@ -133,10 +133,11 @@ class Growth:
                 )
             elif place == PATHS["d_2"]:
                 result[place] = behind(value, self.chain.plates_behind)
-            elif place in (PATHS["d"], PATHS["f_ml"]) or part == "microlens_array.size":
+            elif place == PATHS["d"] or place.startswith(PATHS["f_ml"]) or part == "microlens_array.size":
                 if self.array is not None:
                     grows = self.array.grown(before, after)
-                    weaker = power_ratio(self.array, wavelength, before, after) if place == PATHS["f_ml"] else 1.0
+                    power = place.startswith(PATHS["f_ml"])
+                    weaker = power_ratio(self.array, wavelength, before, after) if power else 1.0
                     result[place] = value * grows * weaker
             elif place == PATHS["q"] or part == "sensor.size":
                 result[place] = value * sensor

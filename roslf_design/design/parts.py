@@ -279,8 +279,11 @@ class MicrolensArray(OpticalPart):
 
     pitch: Length
     """d, between centres of neighbours, the same all over the array [mm]."""
-    focal_length: Length
-    """f_ml, the effective one (ISO 14880-1), in air [mm]."""
+    focal_lengths: Annotated[tuple[Length, ...], Field(max_length=16)] = ()
+    """Focal lengths of a multi-focus array, one for each type of microlens, which take turns along both directions of
+    the lattice [mm]; empty where all microlenses are alike."""
+    focal_length: Length | None = Field(default=None, validate_default=True)
+    """f_ml, the effective one (ISO 14880-1), in air [mm]; None of a multi-focus array."""
     distance: Length | None = None
     """d_1, main lens to MLA [mm]; None where f and d_f give it."""
     size: Size
@@ -299,6 +302,28 @@ class MicrolensArray(OpticalPart):
     """[rad]."""
     decentre: Offset = (0.0, 0.0)
     """Offset from the axis [mm]."""
+
+    @field_validator("focal_length", mode="after")
+    @classmethod
+    def _one_or_several(cls, value: float | None, info: ValidationInfo) -> float | None:
+        several = info.data.get("focal_lengths")  # None where its own fault is told
+        if value is None and several == ():
+            raise PydanticCustomError("missing", "Field required")
+        if value is not None and several:
+            raise ValueError(
+                "all microlenses have one focal length, or focal_lengths has each type's; drop one of them"
+            )
+        return value
+
+    @property
+    def types(self) -> tuple[float, ...]:
+        """Focal length of each type of microlens [mm]."""
+        return self.focal_lengths if self.focal_length is None else (self.focal_length,)
+
+    @property
+    def focal_words(self) -> str:
+        """Focal length of each type."""
+        return " / ".join(map(length, self.types))
 
     @property
     def made_of(self) -> Glass | None:
@@ -508,7 +533,7 @@ class Symbols(Generic[N]):
 
     @property
     def f_ml(self) -> N:
-        """Microlens focal length [mm]."""
+        """Microlens focal length [mm]; of a multi-focus array that of the first type."""
         return self[PATHS["f_ml"]]
 
     @property

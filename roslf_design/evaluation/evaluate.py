@@ -27,6 +27,7 @@ from ..lenses.material import material_label
 from ..theory import exit_pupil
 from ..theory.depth_budget import DepthBudget, depth_budget
 from ..theory.depth_error import depth_error
+from ..theory.focused import FocusedArray
 from ..theory.length_covariance import CalibratedLengths, LengthCovariance
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
@@ -131,7 +132,7 @@ def evaluate(
     image = _size(camera.fap.outline, float(exit_pupil.microlens_image_diameter(camera)))
     traced = trace_lens(design, axes, non_distortion)
     budget = depth_budget(camera, build=build, calibration=calibration)
-    depth = _depth(design, camera, budget)
+    depth, focused = _depth(design, camera, budget), FocusedArray.of(camera)
     method = [METHOD]
     if not design.has_exact_areas:
         method.append(COUNTED.format(rays=rays, error=COUNTED_ERROR if accuracy is None else accuracy))
@@ -159,12 +160,13 @@ def evaluate(
         depth_budget=budget,
         diffraction=Numbers.of(camera, "diffraction"),
         effects=tuple(plan(design)),
-        verdicts=verdicts_of(camera, f_number, non_distortion, sampling, traced),
+        verdicts=verdicts_of(camera, f_number, non_distortion, sampling, traced, focused),
         warnings=tuple(warnings_of(design, images)),
         method=" ".join(method),
         real_lens=traced,
         object_space=None if camera.chain.in_air else _looked_through(design, camera, axes, depth.sigma_z_mm),
         temperature=_temperatures(design, camera),
+        focused=focused,
     )
 
 

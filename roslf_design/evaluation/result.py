@@ -13,6 +13,7 @@ from ..effects.plan import PlannedEffect
 from ..json_data import plain
 from ..tables import Table, plain_text, print_table
 from ..theory.depth_budget import COVERAGE, KINDS, BudgetTerm, DepthBudget
+from ..theory.focused import FocusedArray
 from ..theory.quantities import QUANTITIES
 from ..theory.quantity import Quantity
 from ..words import fixed, number, place, spaced
@@ -70,6 +71,13 @@ class Evaluation:
     """Media and parts beside the main lens; None where all is air."""
     temperature: Temperatures | None = None
     """Effects of temperature; None of a design without `[environment]`."""
+    focused: FocusedArray | None = None
+    """Focused microlenses, whose pixels are no views; None of those that image the pupil."""
+
+    @property
+    def matched(self) -> bool:
+        """Whether the f-number is."""
+        return any(verdict.ok for verdict in self.verdicts if verdict.name == "f_number_matched")
 
     def group(self, name: str) -> Any:
         """Numbers of a group; the evaluation itself where it has no name."""
@@ -90,6 +98,12 @@ class Evaluation:
                 del group["sides_mm"]
         if self.temperature is None:
             del data["temperature"]
+        if self.focused is None:
+            del data["focused"]
+        else:
+            data["depth"] = dict.fromkeys(data["depth"])
+            data["fields"] = [field | {"sigma_z_mm": None, "u_z_mm": None} for field in data["fields"]]
+            data["sampling"] |= dict.fromkeys(key for key in data["sampling"] if QUANTITIES[key].of_views)
         if self.object_space is None:
             del data["object_space"]
         elif self.object_space.mapping is None:
@@ -122,6 +136,8 @@ def _facts(result: Evaluation, *groups: str) -> list[tuple[str, str, str]]:
         listed = quantity.evaluated
         if listed is None or listed.under not in groups or listed.label is None:
             continue
+        if quantity.of_views and result.focused is not None:
+            continue
         if (value := result.value(quantity)) is not None:
             remark = listed.remark_on(result.group(listed.under))
             rows.append((listed.label or quantity.label, quantity.text(value), remark))
@@ -150,6 +166,8 @@ def fact_tables(result: Evaluation) -> list[Table]:
         tables["Microlens images"].insert(
             0, ("sides; extent along x or y", f"{sides} um", f"{number(image.diameter_px)} px")
         )
+    if result.focused is not None:
+        del tables["Depth at the focal plane"]
     if result.real_lens is not None:
         tables["Real main lens, traced"] = result.real_lens.facts
     return [Table(tuple(rows), "ldl", title=title, widths=WIDTHS) for title, rows in tables.items()]
@@ -169,8 +187,25 @@ def depth_basis(assumed: DepthAssumptions | None) -> str:
     return "as the design gives it" if assumed is None else str(assumed)
 
 
+def focused_table(array: FocusedArray) -> Table:
+    """Planes of object space as focused microlenses show them."""
+    caption = (
+        "A focused (plenoptic 2.0) camera, whose pixels are no views. Virtual depth is counted from the array in d_2: "
+        "above 0 the main lens's image lies before the array (Keplerian), below 0 behind it (Galilean). Sharp is what "
+        f"blurs no more than pixels and diffraction, {number(array.own_blur_px, 3)} px. Seen by: microlenses across "
+        "that see a point, 2 at least for depth. Resolution: pixels of the refocused image for one of the sensor's, "
+        "along each axis."
+    )
+    blurs = [f"blur by {name} [px]" for name in array.types]
+    headings = ("", "virtual depth", "ahead of the tip [mm]", *blurs, "seen by", "resolution")
+    rows = tuple(plane.cells for plane in (*array.in_focus, *array.limits))
+    return Table(rows, "l" + "r" * (len(headings) - 1), headings, "Focused microlenses", caption)
+
+
 def depth_budget_table(result: Evaluation) -> Table:
-    """Terms of depth as expected, the largest named, precision and trueness told apart."""
+    """Terms of depth as expected, the largest named, precision and trueness told apart; of focused arrays theirs."""
+    if result.focused is not None:
+        return focused_table(result.focused)
     budget = result.depth_budget
     total = float(budget.u_z_mm)
 

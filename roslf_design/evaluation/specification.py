@@ -21,6 +21,7 @@ from ..theory.colours import ColourFilter, filters
 from ..theory.depth_error import depth_error, seen_at
 from ..theory.depth_of_field import Kind, depth_of_field
 from ..theory.disparity_error import view_gradient
+from ..theory.focused import FocusedArray
 from ..theory.light import on_array
 from ..theory.photometry import exposure, through_filter
 from ..theory.quantities import QUANTITIES
@@ -278,11 +279,26 @@ class Specification:
     length_mm: float
     """Tip to sensor."""
     parts: tuple[_ListedPart, ...]
+    focused: FocusedArray | None = None
+    """Focused microlenses, of which what is told of views means nothing."""
 
     def to_dict(self) -> dict[str, Any]:
-        """As `specification` of `roslf evaluate --json`; what is infinite is None."""
+        """As `specification` of `roslf evaluate --json`; what is infinite, or means nothing, is None."""
         data: dict[str, Any] = plain(self, undefined=False)
-        return data
+        if self.focused is None:
+            del data["focused"]
+            return data
+        views = (
+            "view",
+            "independent",
+            "object_samples",
+            "working_range",
+            "hyperfocal",
+            "depth",
+            "resolution",
+            "colours",
+        )
+        return data | dict.fromkeys(key for key in data if key.startswith(views))
 
 
 def planes(camera: Camera) -> dict[str, float]:
@@ -343,9 +359,11 @@ def specification(design: Design | str | Path) -> Specification:
     stations = planes(camera)
     distances = tuple(stations.values())
     sharp = _Ends.of(camera)
-    rows = [resolved(images, k, at, "refocused") for at in distances for k in range(len(axes))]
-    rows += [resolved(images, 0, at, "view") for at in distances]
-    if design.main_lens.kind.faults:  # views, too, are less sharp off the axis
+    focused, rows = FocusedArray.of(camera), list[Resolved]()
+    if focused is None:
+        rows += [resolved(images, k, at, "refocused") for at in distances for k in range(len(axes))]
+        rows += [resolved(images, 0, at, "view") for at in distances]
+    if focused is None and design.main_lens.kind.faults:  # views, too, are less sharp off the axis
         rows += [resolved(images, k, distances[1], "view") for k in range(1, len(axes))]
     points = _FieldPoint.of(images, distances[1])
     farthest = corner(points)
@@ -372,6 +390,7 @@ def specification(design: Design | str | Path) -> Specification:
         outer_diameter_mm=value["outer_diameter_mm"],
         length_mm=value["total_length_mm"],
         parts=tuple(_ListedPart(part.name, float(part.width)) for part in tube.housed(camera)),
+        focused=focused,
     )
 
 

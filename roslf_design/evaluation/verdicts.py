@@ -16,11 +16,12 @@ from ..shapes.lattice import PACKINGS
 from ..theory import tube
 from ..theory.colours import PIXEL_FILTERS
 from ..theory.f_number import fill_factor, matched
+from ..theory.focused import FocusedArray, pupil_remedy
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import geometric_views, outer_slope, sensor_field
 from ..theory.photometry import accepted, response
 from ..theory.quantities import QUANTITIES
-from ..words import listed, place
+from ..words import listed, number, place
 from .fields import default_fields, field_openings
 from .groups import Field, Numbers, RealLens, Verdict
 
@@ -46,14 +47,43 @@ def verdicts_of(
     non_distortion: Numbers,
     sampling: Numbers,
     lens: RealLens | None = None,
+    focused: FocusedArray | None = None,
 ) -> tuple[Verdict, ...]:
     """Answer whether the f-number is matched, the field undistorted, the pixels worth having, the tube wide enough.
 
     With a real lens the field is judged by the traced images, and whether the thin lens holds is a question of its own.
+    Of focused microlenses that comes first, with what it means, and no views are judged.
     """
-    answers = [_matched(camera, f_number), _undistorted(camera, non_distortion, lens), _resolved(camera, sampling)]
+    answers = [_matched(camera, f_number), _undistorted(camera, non_distortion, lens)]
+    answers = [*answers, _resolved(camera, sampling)] if focused is None else [_focused(camera, focused), *answers]
     answers += [] if lens is None else [_thin(f_number, lens)]
     return (*answers, *([_fits(camera)] if tube.OUTER in camera.numbers else []))
+
+
+def _focused(camera: Camera, array: FocusedArray) -> Verdict:
+    """Answer on what focused microlenses are focused on, and what that means."""
+    blurs = listed([*dict.fromkeys(number(blur, 3) for blur in array.pupil_blur_px)])
+    blurred = f"blur over {blurs} px where pixels and diffraction blur {array.own_blur_px:.3g} px"
+    remedy = (
+        "pixels are no views: numbers of views, depth from views and their resolution do not apply and are left out; "
+        f"f-number match (of images' half-lit width), field, light and pictures hold; {pupil_remedy(camera)}"
+    )
+    seen = [plane for plane in array.in_focus if 0 < plane.ahead_mm < math.inf]
+    if not seen:
+        text = f"microlenses out of focus: they image nothing ahead of the tip, and the pupil they {blurred}"
+        return Verdict.of("pupil_imaged", text, remedy)
+    best = max(seen, key=lambda plane: plane.resolution_ratio)
+    planes, depths = (
+        listed([number(abs(value), 4) for value in values])
+        for values in ([plane.ahead_mm for plane in seen], [plane.virtual_depth for plane in seen])
+    )
+    text = (
+        f"focused (plenoptic 2.0) camera: its microlenses are focused on {planes} mm ahead of the tip (virtual depth "
+        f"{depths}, {'Keplerian' if best.virtual_depth > 0 else 'Galilean'}), not on the pupil, which they {blurred}; "
+        f"effective resolution up to {best.resolution_ratio:.3g} of the sensor's pixels along each axis, "
+        f"{best.seen_by:.3g} microlenses across see a point (2 at least for depth)"
+    )
+    return Verdict("pupil_imaged", False, "limit", text, remedy)
 
 
 def _matched(camera: Camera, f: Numbers) -> Verdict:

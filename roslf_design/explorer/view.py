@@ -298,6 +298,7 @@ def _why_shut(symbol: str) -> str:
 
 
 TITLES = {
+    "pupil_imaged": "microlenses",
     "f_number_matched": "f-number",
     "field_undistorted": "field",
     "views_resolved": "views",
@@ -355,6 +356,8 @@ def _margin(evaluation: Evaluation, name: str) -> str:
     if name == "views_resolved":
         sampling = evaluation.sampling
         return f"{short(sampling.views_independent, 2)} of {short(sampling.views_geometric, 2)}"
+    if name == "pupil_imaged":
+        return "focused (2.0)"
     if lens is None:
         return ""
     shifts = [math.hypot(*field.shift_px) for field in lens.fields if field.shift_px is not None]
@@ -372,6 +375,8 @@ def depth_unknown(why: str) -> dict[str, Any]:
 
 def depth_known(source: PictureSource) -> dict[str, Any]:
     """How well depth is known, where and why not; and what light, texture and matching that is for."""
+    if source.evaluation.focused is not None:
+        return depth_unknown("the microlenses are focused on the scene, not on the pupil, and pixels are no views.")
     depth, curve = source.evaluation.depth, field_curve(source.design)
     design, assumed = source.design, depth.assumes
     sigma, rows = depth.sigma_z_mm, _assumed_rows(source.evaluation)
@@ -420,8 +425,9 @@ def _assumed_rows(evaluation: Evaluation) -> list[dict[str, str]]:
 
 def glance(evaluation: Evaluation) -> list[dict[str, str]]:
     """Main numbers of a camera at a glance."""
-    first = [QUANTITIES[name] for name in GLANCE]
-    rows = {"depth, expected": evaluation.depth_budget.words}
+    views = evaluation.focused is None
+    first = [QUANTITIES[name] for name in GLANCE if views or not QUANTITIES[name].of_views]
+    rows = {"depth, expected": evaluation.depth_budget.words} if views else {}
     rows |= {quantity.label: quantity.text(evaluation.value(quantity)) for quantity in first}
     for name, share in evaluation.fields[-1].ray_budget.taken():
         landed = {"own cell": "in its own cell", "neighbours": "in its neighbours"}.get(name)

@@ -129,6 +129,9 @@ def render(
     scene = WHITE_FIELD if scene is None else scene
     budget = budget or Budget()
     scene.check(design)
+    if design.microlens_array.focal_lengths:
+        message = "pictures are drawn of one type of microlenses; give focal_length in its place, type after type"
+        raise InputError((Problem("microlens_array.focal_lengths", message),), design.name)
     if effects is None:
         effects = plan(design, scene, budget, overrides)
     check_seed(seed)

@@ -25,6 +25,7 @@ from ..errors import InputError, Problem
 from ..json_data import plain
 from ..lenses.glass import find_glass
 from ..lenses.prescription import Prescription
+from ..theory.focused import focus_faults
 from ..theory.quantity import Quantity
 from ..toml_files import StrictTable, nearest, problems_of, read_toml
 from ..units import Length
@@ -108,6 +109,8 @@ class StudyTable(StrictTable):
                     yield Problem(f"variables.{name}", f"bounds {ends} hold 0 between them; keep to one sign")
             if self.bore and (name in ("D_F", "d_3") or name.startswith(("aperture.", "stops.", "tube_"))):
                 yield Problem("variables", f"'{name}' varies, but the bore gives it; drop one of them")
+        views = [part.quantity.name for part in (*self.constraints, *self.goals) if part.quantity.of_views]
+        yield from focus_faults(design, *views, changed=("f_ml",) if self.microlens_in_focus else self.variables)
         half = [side / 2 for side in design.microlens_array.size]
         for key, parts in (("constraints", self.constraints), ("goals", self.goals)):
             for number, part in enumerate(parts):

@@ -29,6 +29,7 @@ from ..evaluation import default_fields
 from ..optimization.solve import Tell
 from ..optimization.study import Result, run
 from ..optimization.study import read_study as read_optimisation
+from ..theory.focused import focus_faults
 from ..theory.length_covariance import LengthCovariance
 from ..tolerancing.result import StudyResult, analyse
 from ..tolerancing.run import run_trials
@@ -477,8 +478,13 @@ def _first_look(
     known: Mapping[str, Finding],
     built: LengthCovariance | None = None,
 ) -> dict[str, Finding]:
-    """Findings about a design, with a first look at tolerances and a calibration plan where these are not known."""
+    """Findings about a design, with a first look at tolerances and a calibration plan where these are not known.
+
+    Of focused microlenses, whose pixels are no views, what is known.
+    """
     findings = dict(known)
+    if any(focus_faults(design, "views")):
+        return findings
     if "tolerances" not in known:
         look = _quick_tolerances(design, seed, _counted(progress, "tolerances"))
         findings["tolerances"], built = tolerance_finding(look, first_look=True), look.built

@@ -26,6 +26,7 @@ from . import (
     exit_pupil,
     f_number,
     field_of_view,
+    focused,
     light,
     light_field,
     photometry,
@@ -190,7 +191,18 @@ def _ahead_of_tip(c: Camera) -> str:
     return f"of what is seen {number(float(field_of_view.focus_ahead(c)), 4)} mm ahead of it"
 
 
-_SHARP: dict[str, Any] = {"positive": False, "monotone": False, "numeric": True}
+_NEITHER: dict[str, Any] = {"positive": False, "monotone": False, "numeric": True}
+_SHARP: dict[str, Any] = {**_NEITHER, "of_views": True}
+
+
+def _of_types(form: Callable[[Camera, Array], Array], best: Any) -> Callable[[Camera, Any], Array]:
+    """Number at a distance, of those microlenses that show it best."""
+
+    def of(c: Camera, at: float) -> Array:
+        values = (form(one, focused.inverse_virtual_depth(c, at)) for one in c.microlens_types)
+        return np.asarray(best(np.broadcast_arrays(*values), axis=0))
+
+    return of
 
 
 def _depth_of_field(prefix: str, kind: depth_of_field.Kind, image: str, row: str, remark: str) -> Iterator[Quantity]:
@@ -599,6 +611,7 @@ _register(
         "",
         "pixels across a microlens image",
         _whole(light.geometric_views),
+        of_views=True,
         label="pixels across a microlens image",
         digits=4,
         evaluated=Listed("sampling", "views across a microlens image", "pixels"),
@@ -609,6 +622,7 @@ _register(
         "",
         "4 N_F: views per axis that diffraction leaves",
         _whole(light.independent_views),
+        of_views=True,
         label="independent views",
         digits=3,
         evaluated=Listed("sampling", "independent views per axis", "4 N_F: what diffraction leaves"),
@@ -645,6 +659,7 @@ _register(
         "footprint of one microlens, at a distance ahead of the tip or at the focal plane",
         lambda c, at: product(c.d, light.object_scale(c, at)),
         at="optional",
+        of_views=True,
         label="object sample",
         evaluated=Listed("sampling", remark="one microlens at the focal plane"),
         sheet=Listed("Object field", remark="one microlens"),
@@ -655,6 +670,7 @@ _register(
         "distance on the FAP between neighbouring pixels' views, q d_1/(H d_2)",
         _whole(light.view_baseline),
         equation="Eq. 2",
+        of_views=True,
         label="view baseline",
         evaluated=Listed("sampling", remark="one pixel, on the FAP"),
     ),
@@ -678,6 +694,7 @@ _register(
         at="optional",
         monotone=False,
         numeric=True,
+        of_views=True,
         label="resolution, MTF 50 %",
     ),
     Quantity(
@@ -688,6 +705,7 @@ _register(
         at="optional",
         monotone=False,
         numeric=True,
+        of_views=True,
         label="resolution, MTF 10 %",
     ),
     Quantity(
@@ -697,6 +715,7 @@ _register(
         lambda c, at: ratio(resolution.fold(c), light.object_scale(c, at)),
         at="optional",
         monotone=False,
+        of_views=True,
         label="folding frequency",
     ),
     Quantity(
@@ -708,6 +727,24 @@ _register(
         at="needed",
         signed=lambda c, at: light_field.rim_disparity(c, depth_at(c, at)),
         label="defocus blur",
+    ),
+    # Focused microlenses, of several types the one that shows a plane best.
+    *(
+        Quantity(
+            name,
+            unit,
+            f"{words}, at a distance ahead of the tip",
+            _of_types(of, np.min if unit else np.max),
+            label=name.removesuffix("_px").replace("_", " "),
+            at="needed",
+            **_NEITHER,
+        )
+        for name, unit, of, words in (
+            ("virtual_depth", "", lambda _, v: ratio(1.0, v), "a/d_2 of a plane's image, below 0 behind the array"),
+            ("microlens_blur_px", "px", focused.point_blur, "width over which a microlens spreads a point"),
+            ("seen_by", "", focused.seen_by, "microlenses across that see a point"),
+            ("resolution_ratio", "", focused.resolution_ratio, "pixels of a refocused image for one of the sensor's"),
+        )
     ),
     # Distances.
     Quantity(
@@ -731,6 +768,7 @@ _register(
         lambda c, at: light_field.disparity_rate(c, depth_at(c, at)) / plane_at(c, at).depth,
         at="optional",
         monotone=False,
+        of_views=True,
         label="disparity per depth",
         evaluated=Listed("depth", "disparity", "between the FAP's rims"),
     ),
@@ -744,6 +782,7 @@ _register(
         monotone=False,
         monotone_with="depth.disparity_error",
         numeric=True,
+        of_views=True,
         label="depth noise (bound) σ_Z",
         evaluated=Listed("depth", "depth noise (bound)", _depth_remark),
     ),
@@ -756,6 +795,7 @@ _register(
         at="optional",
         monotone=False,
         numeric=True,
+        of_views=True,
         label="depth, expected, u_Z",
     ),
     Quantity(
@@ -767,6 +807,7 @@ _register(
         monotone=False,
         monotone_with="depth.disparity_error",
         numeric=True,
+        of_views=True,
         label="disparity error",
         evaluated=Listed("depth", None),
     ),
@@ -778,6 +819,7 @@ _register(
         None,
         depth_error_at_fields,
         numeric=True,
+        of_views=True,
         label="depth noise (bound) σ_Z at the field",
     ),
     Quantity(
@@ -788,6 +830,7 @@ _register(
         None,
         expected_error_at_fields,
         numeric=True,
+        of_views=True,
         label="depth, expected, u_Z at the field",
     ),
     # Light.
@@ -899,6 +942,7 @@ DECODED = {
             "mm",
             "decoded depth less true depth of a point on the field's chief ray",
             local=attrgetter("depth_error_mm"),
+            of_views=True,
             label="depth error",
         ),
     )

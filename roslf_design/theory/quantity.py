@@ -75,6 +75,8 @@ class Quantity:
     excepted where `bent_in_f`: its extremes over a box then lie at corners."""
     monotone_with: str = ""
     """A place of a design: where something stands there the quantity is monotone all the same."""
+    of_views: bool = False
+    """Whether it takes each pixel behind a microlens for a view: of a focused array it means nothing."""
     numeric: bool = False
     """Whether it is summed or tabulated, and so has no derivative by complex numbers."""
     bent_in_f: bool = False

@@ -16,6 +16,7 @@ from ..camera import Camera
 from ..design import PATHS, Design
 from ..design.files import as_design
 from ..errors import InputError
+from .focused import refuse_focused
 from .quantities import quantity_named
 
 
@@ -100,6 +101,8 @@ def sweep(
             raise ValueError(f"{quantity.name} belongs to a field, not to a whole camera; take another")
         if quantity.at == "needed" and at is None:
             raise ValueError(f"{quantity.name} is asked for at a distance; give one")
+        if quantity.of_views:
+            refuse_focused(design, quantity.name, changed=places)
     axes = {place: np.asarray(values, float).ravel() for place, values in places.items()}
     shape = tuple(len(values) for values in axes.values())
     grid = np.meshgrid(*axes.values(), indexing="ij")

@@ -19,6 +19,7 @@ from ..design.files import WRITTEN
 from ..errors import InputError
 from ..json_data import plain
 from ..theory.depth_budget import DepthBudget, depth_budget
+from ..theory.focused import is_focused
 from ..theory.length_covariance import LengthCovariance
 from ..theory.quantities import bound_note
 from .budgets import ToleranceBudget, budget
@@ -130,9 +131,10 @@ class StudyResult:
         return self.variants[-1]
 
     @property
-    def depth(self) -> DepthBudget:
-        """Depth to be expected of a build that is taken as designed."""
-        return depth_budget(Camera.of(self.plan.question.design.thin_twin), build=self.built)
+    def depth(self) -> DepthBudget | None:
+        """Depth to be expected of a build that is taken as designed; None of one whose pixels are no views."""
+        camera = Camera.of(self.plan.question.design.thin_twin)
+        return None if is_focused(camera) else depth_budget(camera, build=self.built)
 
     def to_dict(self) -> dict[str, Any]:
         """The JSON object; what is not finite is None."""
@@ -171,7 +173,7 @@ class StudyResult:
             "perturbations": [{name: getattr(p, name) for name in missed} for p in draws.perturbations],
             "groups": [{"group": name, "correlation": rho} for name, rho in draws.correlations],
             "variants": [variant.to_dict() for variant in self.variants],
-            "depth_expected": self.depth.to_dict(),
+            "depth_expected": None if (depth := self.depth) is None else depth.to_dict(),
             "sensitivity": {
                 "columns": columns,
                 "places": places,

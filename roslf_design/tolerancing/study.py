@@ -36,6 +36,7 @@ from ..errors import InputError, Problem
 from ..evaluation import default_fields
 from ..evaluation.fields import MOST_FIELDS
 from ..options import Options, Seed, up_to
+from ..theory.focused import focus_faults
 from ..theory.quantity import finite
 from ..toml_files import StrictTable, nearest, problems_of, read_toml
 from ..units import Length, in_file, read_quantity
@@ -470,6 +471,7 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
     named = dict(zip(FIELD_NAMES, default_fields(design), strict=True))
     fields = tuple(named[item] if isinstance(item, str) else (float(item[0]), float(item[1])) for item in study.fields)
     metrics = tuple(dict.fromkeys([*(goal.metric for goal in study.goals), *study.report]))
+    problems += focus_faults(design, *(name for name in metrics if METRICS[name].of_views))
     question = Question(design, metrics, fields, distance)
     perturbations = _perturbations(study, design, grades, problems)
     members = {line.group for line in study.perturb}

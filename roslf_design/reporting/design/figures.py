@@ -63,7 +63,7 @@ def _cells_sheet(design: Design, result: Evaluation) -> Figure:
     f = result.f_number
     touch = (
         "Neighbouring cones just touch on the sensor: all pixels are used and none twice."
-        if result.verdicts[0].ok
+        if result.matched
         else f"Neighbouring cones overlap by {number(f.mismatch_px, 3)} px: those pixels mix views of two microlenses."
         if f.mismatch_px > 0
         else f"Between neighbouring cones {number(-f.mismatch_px, 3)} px stay dark: sensor area is wasted."
@@ -160,7 +160,7 @@ def lens_sheets(design: Design, result: Evaluation, lens: RealLens) -> tuple[Fig
 
 
 def _plane_sheet(design: Design, result: Evaluation) -> Figure:
-    matched, free = result.verdicts[0].ok, result.non_distortion.undistorted_in_field
+    matched, free = result.matched, result.non_distortion.undistorted_in_field
     where = {
         (True, True): "on the curve and inside the green region: matched and undistorted",
         (True, False): "on the curve but outside the green region: matched, yet its corners are clipped",

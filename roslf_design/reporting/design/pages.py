@@ -146,7 +146,7 @@ def design_report(
         Section("Rays", (figures["rays"], figures["cells"], figures["view"])),
         Section(f"Microlens images{twin}", (figures["images"], figures["waves"], figures["maps"])),
         *_real_lens(design, result, progress),
-        Section(f"Design space{twin}", (figures["plane"], figures["depth"])),
+        Section(f"Design space{twin}", (figures["plane"], *([] if result.focused else [figures["depth"]]))),
         Section("Effects", (figures["effects"], *_effects(result))),
         *(one.section for one in studied),
         _accuracy_section(design, result, accuracy),
@@ -195,7 +195,10 @@ def _key_figures(design: Design, result: Evaluation) -> Table:
         ("length", length(front + design.d_1 + design.d_2), "foremost stop, element or lens to sensor"),
         ("widest part", length(widest), "lens, openings, or diagonal of the microlens array; without walls"),
     )
-    return Table(rows, "ldl", title="Key figures", widths=WIDTHS)
+    of_views = () if result.focused is None else ("working", "field there", "object sample", "depth", "views")
+    return Table(
+        tuple(row for row in rows if not row[0].startswith(of_views)), "ldl", title="Key figures", widths=WIDTHS
+    )
 
 
 def _pupil(design: Design) -> str:
@@ -216,6 +219,7 @@ def parameter_rows(design: Design) -> list[tuple[str, str, str, str]]:
         stop = "behind the lens, as the scene sees it"
     if made.aperture.behind is not None:
         stop += f": image of a stop of {made.aperture.outline.words}, {_length(made.aperture.behind)} behind the lens"
+    types = f"types of {mla.focal_words}" if mla.focal_lengths else ""
     rows = [
         ("D", "main lens clear aperture", design.D, ""),
         ("f", "main lens focal length", design.f, lens),
@@ -224,7 +228,7 @@ def parameter_rows(design: Design) -> list[tuple[str, str, str, str]]:
         ("D_F", "FAP diameter", D_F, _pupil(design)),
         ("d_3", "FAP in front of the lens", d_3, stop),
         ("d", "microlens pitch", design.d, f"{mla.layout} array, {mla.lens_shape} lenses"),
-        ("f_ml", "microlens focal length", design.f_ml, ""),
+        ("f_ml", "microlens focal length", design.f_ml, types),
         ("d_2", "microlens array to sensor", design.d_2, ""),
         ("q", "pixel pitch", design.q, f"{width} x {height} px"),
         ("λ", "wavelength", design.wavelength, ""),

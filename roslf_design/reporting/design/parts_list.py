@@ -32,7 +32,7 @@ def parts_section(design: Design) -> Section:
     aperture = f"clear aperture {length(design.D)}"
     words = lens_words(design.main_lens.kind)
     main_lens = words.part.format(name=words.title, focal_length=length(design.f), aperture=aperture)
-    microlenses = f"{mla.layout}, {mla.lens_shape} lenses, pitch {length(mla.pitch)}, f_ml {length(mla.focal_length)}"
+    microlenses = f"{mla.layout}, {mla.lens_shape} lenses, pitch {length(mla.pitch)}, f_ml {mla.focal_words}"
     made = design.with_own_stop
     stop = "FAP, front stop" if made.aperture.behind is None else "stop behind the main lens"
     rows = [
@@ -106,7 +106,7 @@ def _unlike(design: Design, part: Entry, window: AnyElement | None) -> tuple[lis
             lengths = ("focal length", part.focal_length, design.f), ("clear aperture", part.aperture, design.D)
         case ArrayPart():
             mla = design.microlens_array
-            lengths = ("pitch", part.pitch, mla.pitch), ("focal length", part.focal, mla.focal_length)
+            lengths = ("pitch", part.pitch, mla.pitch), ("focal length", part.focal, design.f_ml)
             if (part.layout, part.lens_shape) != (mla.layout, mla.lens_shape):
                 lacks.append(f"{part.layout}, {part.lens_shape} lenses")
             needed = [min(pair) for pair in zip(mla.size, design.sensor_size, strict=True)]

@@ -640,7 +640,7 @@ def _schematic_parts(design: Design) -> list[_SchematicPart]:
         _SchematicPart("object plane", -design.d_f, 0.0, ("object plane",)),
         _SchematicPart("FAP", -design.d_3, design.D_F, (_pupil_name(design), _pupil_size(design))),
         _SchematicPart("main lens", 0.0, design.D, (f"main lens, D = {say(design.D)}", f"f = {say(design.f)}")),
-        _SchematicPart("MLA", design.d_1, mla.size[1], ("MLA", f"d = {say(design.d)}", f"f_ml = {say(design.f_ml)}")),
+        _SchematicPart("MLA", design.d_1, mla.size[1], ("MLA", f"d = {say(design.d)}", f"f_ml = {mla.focal_words}")),
         _SchematicPart(
             "sensor", design.d_1 + design.d_2, tall, ("sensor", f"q = {say(design.q)}", f"{wide:.4g} × {tall:.4g} mm")
         ),

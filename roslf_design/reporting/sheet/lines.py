@@ -12,7 +12,7 @@ import numpy as np
 
 from ..._arrays import Array
 from ...camera import Camera
-from ...evaluation.result import depth_basis
+from ...evaluation.result import depth_basis, focused_table
 from ...evaluation.specification import (
     CRITERION,
     Colour,
@@ -81,6 +81,14 @@ class _SheetLine(NamedTuple):
     of: Callable[[Camera], float] | None = None
     """Function for the value of one build, where the line is no quantity of a whole camera but at a distance or a
     field."""
+
+    @property
+    def of_views(self) -> bool:
+        """Whether it takes pixels for views."""
+        subjects = ("Distances", EXPECTED, DEPTH, "Object field", "Resolution", "Colours")
+        if self.subject.startswith(subjects) or self.name == "object samples":
+            return True
+        return self.quantity != "" and QUANTITIES[self.quantity].of_views
 
     @property
     def key(self) -> str:
@@ -362,7 +370,7 @@ def basis(
     build = None if built is None else lengths_built(built.plan)
     lengths = None if calibration is None else calibration.lengths
     budget = depth_budget(Camera.of(design.thin_twin), build=build, calibration=lengths)
-    rows = tuple(_lines(design, sheet, budget))
+    rows = tuple(line for line in _lines(design, sheet, budget) if sheet.focused is None or not line.of_views)
     if built is not None:
         share, (low, high) = 100 * built.final.result.value, built.final.result.interval
         sentences.append(
@@ -450,6 +458,8 @@ def datasheet_section(grounds: SpreadSources) -> Section:
                 widths=widths, dense=True,
             )
         )  # fmt: skip
+    if grounds.sheet.focused is not None:
+        return Section("Data sheet", (*blocks, focused_table(grounds.sheet.focused)))
     curves = (
         "Contrast of detail at the focal plane, tangential (along the field's radius) and sagittal: diffraction at the "
         "pupil as the stops cut it, at microlenses, their width, the pixel, defocus. Detail beyond the dashed line is "

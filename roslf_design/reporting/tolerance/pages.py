@@ -110,8 +110,10 @@ def headline(result: StudyResult) -> str:
     )
 
 
-def depth_sentence(budget: DepthBudget) -> str:
+def depth_sentence(budget: DepthBudget | None) -> str:
     """Sentence on the depth that a build measures if nobody calibrates it."""
+    if budget is None:
+        return "Microlenses are focused on the scene, not on the pupil: depth from views does not apply."
     return f"Depth, expected, of a camera taken as designed: {budget.words}, in the focal plane."
 
 
