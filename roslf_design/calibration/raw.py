@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from ..camera import Camera
 from ..design import Design
@@ -13,7 +16,16 @@ from ..errors import InputError, Problem, refusal
 from ..theory.colours import filters
 from .centres import MicrolensCentres, find_centres, find_centres_in_scene
 from .decoding import LightField, decode
-from .frames import CalibrationError, ColourBalance, Frame, Image, grey_frame, read_image_and_notes, same_size
+from .frames import (
+    CalibrationError,
+    ColourBalance,
+    Frame,
+    Image,
+    grey_frame,
+    read_image_and_notes,
+    same_size,
+    saturation_level,
+)
 from .result import image_pitch, undistorted_radius
 
 OTHER_CAMERA = 0.02
@@ -74,12 +86,18 @@ class RawDecoded(NamedTuple):
     """Notes that `roslf` left in the file."""
     balance: ColourBalance | None
     """Colour balance of a sensor with colour filters; None without."""
+    white: Frame | None
+    """White image without its dark frame, as its pixels have it; None without one."""
+    full: float | None
+    """Value of a pixel whose well is full; None where nothing tells."""
 
 
 def from_raw(
     image: Path, white: Path | None, dark: Path | None, design: Design | None, progress: Callable[[str], None]
 ) -> RawDecoded:
     """Read and decode a raw image; without a white image by the design's lattice, wherever that lies in it.
+
+    A veil that the design has is taken off both.
 
     Raises
     ------
@@ -102,10 +120,16 @@ def from_raw(
     radius = None
     if design is not None and pixels.shape[1::-1] == Camera.of(design).pixels:  # it counts from the sensor's middle
         radius = undistorted_radius(design) or None
+    full = full_scale(pixels, notes, None if design is None else design.sensor.bits)
     try:
         for name, path, other in (("white image", white, even), ("dark frame", dark, black)):
             if other is not None:
                 same_size(f"raw image {image.name}", pixels.shape, f"{name} {path.name if path else ''}", other.shape)
+        plain = None if even is None else grey_frame(even, black, "white image")
+        if design is not None and design.light.veil > 0 and full is not None:
+            black = np.float32(design.light.veil * full) + (
+                np.zeros(pixels.shape[:2], np.float32) if black is None else grey_frame(black, None, "dark frame")
+            )
         balance = None
         if _filtered(design, notes):
             balance = ColourBalance.of(pixels if even is None else even, black)
@@ -131,7 +155,22 @@ def from_raw(
         field = decode(grey, centres.lattice, white=even, dark=black)
     except CalibrationError as error:
         raise NoLatticeError(str(error), searched, pitch) from None
-    return RawDecoded(field, RawSource(frame, centres, even is not None), pixels, notes, balance)
+    return RawDecoded(field, RawSource(frame, centres, even is not None), pixels, notes, balance, plain, full)
+
+
+def full_scale(pixels: Image, notes: Mapping[str, Any], bits: int | None) -> float | None:
+    """Value at which a pixel of a raw image is full; None where nothing tells.
+
+    Counts are those of the design's sensor; where they are larger, or there is none, of their type. Pictures that
+    `roslf` rendered say it themselves.
+    """
+    if notes:
+        noted = notes.get("full_well")
+        return float(noted) if isinstance(noted, (int, float)) and noted > 0 else None
+    if pixels.dtype.kind not in "ui":
+        return None
+    most = math.inf if bits is None else 2.0**bits - 1
+    return most if float(pixels.max()) <= most < math.inf else saturation_level(pixels)
 
 
 def _filtered(design: Design | None, notes: Mapping[str, Any]) -> bool:

@@ -11,14 +11,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..calibration.decoding import LightField
-from ..calibration.frames import Image, saturation_level
+from ..calibration.frames import Image
 from ..calibration.lattice import CentreLattice
+from ..calibration.raw import full_scale
 from ..calibration.refocusing import sharp_disparities
 from ..camera import Camera
 from ..imaging.camera import Region
 from ..json_data import plain
 from ..theory.exit_pupil import microlens_image_diameter
-from ..theory.photometry import dark_variance, electrons
+from ..theory.photometry import dark_variance, electrons, veil_electrons
 from .estimate import DisparityMap, PixelNoise, Start
 from .geometry import ArrayGeometry, GridGeometry, ViewGeometry
 from .measure import POINTS, Depths, Measurement, lattice_of, measure, sampled, search_about
@@ -156,12 +157,13 @@ def raw_noise(camera: Camera, image: Image, notes: Mapping[str, Any], field: Lig
     light = _light_of(notes)
     if light is not None:
         exposure, read = light
-        return CaptureNoise(PixelNoise(exposure * level, read), level, "the exposure that the file was rendered with")
-    if image.dtype.kind in "ui" and "full_scale" not in notes:
-        most = 2 ** int(camera["sensor.bits"]) - 1
-        top = float(most) if float(image.max()) <= most else saturation_level(image)
+        noise = PixelNoise(exposure * level, read).on_veil(float(veil_electrons(camera)))
+        return CaptureNoise(noise, level, "the exposure that the file was rendered with")
+    top = full_scale(image, notes, int(camera["sensor.bits"]))
+    if image.dtype.kind in "ui" and top is not None:
         said = f"the design's sensor, full at {top:g} counts"
-        return CaptureNoise(PixelNoise(full_well / top * level, dark, full_well * FULL), level, said)
+        noise = PixelNoise(full_well / top * level, dark, full_well * FULL).on_veil(float(veil_electrons(camera)))
+        return CaptureNoise(noise, level, said)
     total = float(field.weight.sum(dtype=float))
     mean = float((field.values * field.weight).sum(dtype=float)) / max(total, 1e-30)
     count = float(electrons(camera)) * level / mean if mean > 0 else 1.0

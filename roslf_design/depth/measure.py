@@ -36,7 +36,7 @@ from ..shapes.lattice import PACKINGS
 from ..theory.colours import filters
 from ..theory.disparity_error import Seen, disparity_sigma
 from ..theory.exit_pupil import microlens_image_diameter
-from ..theory.photometry import dark_variance, electrons
+from ..theory.photometry import NOTHING, dark_variance, electrons, veil_electrons
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
 from .dense import DenseMap
@@ -105,7 +105,7 @@ REASONS = {status.value: status.reason for status in DisparityStatus} | {BEYOND:
 
 
 class Prediction(NamedTuple):
-    """Standard errors as light, noise and texture allow them, at some microlenses."""
+    """Standard errors as light, veil, noise and texture allow them, at some microlenses."""
 
     row: NDArray[np.intp]
     column: NDArray[np.intp]
@@ -453,7 +453,7 @@ class PictureOptions(Options):
 
 
 class _Unexposed(NamedTuple):
-    """Pictures without noise, of which exposures are made with any light; of a region with its margin."""
+    """Pictures without noise and veil, of which exposures are made with any light; of a region with its margin."""
 
     scene: RawImage
     white: RawImage
@@ -473,7 +473,7 @@ class _Unexposed(NamedTuple):
         """Rendered of a scene and of white, with so many rays a pixel."""
         # Rays through elements go as depth has them, however near that is to first order.
         exact = [f"+{PLATE_ABERRATION.name}"] if PLATE_ABERRATION.available(design) else []
-        lines = plan(design, scene, Budget(), ["-noise", *SHIFTING, *exact])
+        lines = plan(design, scene, Budget(), ["-noise", "-veil", *SHIFTING, *exact])
         side = math.ceil(math.sqrt(rays) / FEWER_SAMPLES)
         sampling = RaySampling(least=rays, most=rays, tolerance=1e-6, seed=seed, side=side, together=TOGETHER)
         part = Region(*region)
@@ -699,12 +699,19 @@ def simulate(
         raise InputError((Problem("", "no light of the scene reaches this part of the sensor"),))
     full, dark = mean / level, math.sqrt(float(dark_variance(camera)))
     saturation = float(camera["sensor.full_well"])
-    balance = ColourBalance.of(white.pixels) if filters(design.sensor.colours) else None
-    flat = white.pixels if balance is None else balance(white.pixels)
+    # Of the veil on both pictures what the sheet says is taken off.
+    veil, known_veil = (float(veil_electrons(each)) for each in (camera, geometry.camera))
+    flat = white.pixels + np.float32((veil - known_veil) / full)
+    balance = ColourBalance.of(flat) if filters(design.sensor.colours) else None
+    flat = flat if balance is None else balance(flat)
     decoder = Decoder.of(lattice, picture.pixels.shape, white=flat)
     even = decoder(flat)
     brightest = float(np.median(even.values[even.weight > 0])) if (even.weight > 0).any() else 1.0
-    noise = PixelNoise(full * brightest, dark, saturation * 0.98).dimmed(1.0 if balance is None else balance.evenness)
+    noise = (
+        PixelNoise(full * brightest, dark, saturation * 0.98)
+        .on_veil(known_veil)
+        .dimmed(1.0 if balance is None else balance.evenness)
+    )
     rows, columns = _reached(even, inside)
     true = _truth(camera, actual.traced, scene, even)
     disparities = disparity_of(camera, true[np.isfinite(true)])
@@ -714,14 +721,15 @@ def simulate(
     for number, generator in enumerate(np.random.default_rng(options.seed).spawn(options.exposures)):
         tell = doing("depth", work.white + work.picture + number * work.exposure, work.exposure)
         tell(0.0)
-        taken = np.minimum(add_noise(picture.pixels, full, dark, generator), np.float32(saturation / full))
+        taken = add_noise(picture.pixels + np.float32(veil / full), full, dark, generator)
+        taken = np.minimum(taken, np.float32(saturation / full)) - np.float32(known_veil / full)
         field = decoder(taken if balance is None else balance(taken))
         field = replace(field, values=field.values / np.float32(brightest))
         runs.append(measure(geometry, field, noise, search=search, progress=tell).within(rows, columns))
         tell(1.0)
     true = true[rows, columns]
     prediction = _predict(design, scene, runs[0].field, true, runs[0].disparities.window, actual.traced)
-    exposed = picture.pixels * (full / saturation)
+    exposed = (picture.pixels * full + veil) / saturation
     return Trial(
         tuple(runs), true, prediction, scene, part, believed, mean, picture,
         float((exposed >= 1).mean()), float(np.quantile(exposed, 0.999)), _aliased(design, _texture_of(scene), true),
@@ -808,6 +816,7 @@ def _predict(
 ) -> Prediction:
     """Standard errors that light, noise and the scene's texture allow, at microlenses all over a light field."""
     camera = Camera.of(assumed(design, scene, window).thin_twin)
+    beside = NOTHING._replace(veil=veil_electrons(camera))
     rows, columns = (
         np.unique(np.linspace(0, n - 1, min(n, PREDICTED) + 2)[1:-1].round().astype(int)) for n in true.shape
     )
@@ -826,7 +835,7 @@ def _predict(
             bends = np.linalg.norm((aside[n] + b * pupil[n]) @ ways, axis=0)
             wide = camera["aperture.diameter"] * math.sqrt(abs(np.linalg.det(image[n])))
             images = MicrolensImages(camera.replace({"aperture.diameter": wide}), [place])
-            each = disparity_sigma(images, plane_seen._replace(disparity=bends))[0]
+            each = disparity_sigma(images, plane_seen._replace(disparity=bends), beside)[0]
             sharp = math.sqrt(float(np.mean((np.linalg.norm(pupil[n] @ ways, axis=0) / each) ** 2)))
             disparity[n] = 1 / sharp if sharp else math.inf
             depth[n] = float(sigma_of(camera, z, disparity[n]))
