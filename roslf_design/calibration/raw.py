@@ -75,6 +75,15 @@ class RawSource:
         }
 
 
+class WhiteFrame(NamedTuple):
+    """White image as its pixels have it."""
+
+    pixels: Frame
+    """Grey, dark frame off."""
+    full: float | None
+    """Value of a pixel whose well is full; None where nothing tells."""
+
+
 class RawDecoded(NamedTuple):
     """A raw image as a light field."""
 
@@ -86,8 +95,8 @@ class RawDecoded(NamedTuple):
     """Notes that `roslf` left in the file."""
     balance: ColourBalance | None
     """Colour balance of a sensor with colour filters; None without."""
-    white: Frame | None
-    """White image without its dark frame, as its pixels have it; None without one."""
+    white: WhiteFrame | None
+    """White image; None without one."""
     full: float | None
     """Value of a pixel whose well is full; None where nothing tells."""
 
@@ -114,18 +123,21 @@ def from_raw(
             " the image itself",
         )
     pixels, notes = _read_raw(image)
-    even, black = (None if path is None else _read_raw(path)[0] for path in (white, dark))
+    (even, white_notes), (black, _) = ((None, {}) if path is None else _read_raw(path) for path in (white, dark))
     layout = None if design is None else design.microlens_array.layout
     pitch = None if design is None else image_pitch(design)
     radius = None
     if design is not None and pixels.shape[1::-1] == Camera.of(design).pixels:  # it counts from the sensor's middle
         radius = undistorted_radius(design) or None
-    full = full_scale(pixels, notes, None if design is None else design.sensor.bits)
+    bits = math.inf if design is None else design.sensor.bits
+    full = _full_scale(pixels, notes, bits, even)
     try:
         for name, path, other in (("white image", white, even), ("dark frame", dark, black)):
             if other is not None:
                 same_size(f"raw image {image.name}", pixels.shape, f"{name} {path.name if path else ''}", other.shape)
-        plain = None if even is None else grey_frame(even, black, "white image")
+        plain = None
+        if even is not None:
+            plain = WhiteFrame(grey_frame(even, black, "white image"), _full_scale(even, white_notes, bits, pixels))
         if design is not None and design.light.veil > 0 and full is not None:
             black = np.float32(design.light.veil * full) + (
                 np.zeros(pixels.shape[:2], np.float32) if black is None else grey_frame(black, None, "dark frame")
@@ -158,19 +170,20 @@ def from_raw(
     return RawDecoded(field, RawSource(frame, centres, even is not None), pixels, notes, balance, plain, full)
 
 
-def full_scale(pixels: Image, notes: Mapping[str, Any], bits: int | None) -> float | None:
-    """Value at which a pixel of a raw image is full; None where nothing tells.
+def _full_scale(pixels: Image, notes: Mapping[str, Any], bits: float, beside: Image | None) -> float | None:
+    """Value at which a pixel is full; None where nothing tells.
 
-    Counts are those of the design's sensor; where they are larger, or there is none, of their type. Pictures that
-    `roslf` rendered say it themselves.
+    Counts are those of a sensor of so many bits; where they, or those of a file beside, are larger, of their type.
+    Pictures that `roslf` rendered say it themselves.
     """
     if notes:
         noted = notes.get("full_well")
         return float(noted) if isinstance(noted, (int, float)) and noted > 0 else None
+    counts = [image for image in (pixels, beside) if image is not None and image.dtype.kind in "ui"]
     if pixels.dtype.kind not in "ui":
         return None
-    most = math.inf if bits is None else 2.0**bits - 1
-    return most if float(pixels.max()) <= most < math.inf else saturation_level(pixels)
+    most = 2.0**bits - 1
+    return most if max(float(image.max()) for image in counts) <= most < math.inf else saturation_level(pixels)
 
 
 def _filtered(design: Design | None, notes: Mapping[str, Any]) -> bool:

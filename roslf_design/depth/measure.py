@@ -648,7 +648,8 @@ def simulate(
         Brightness is relative: on average it is as bright as the design's light says. None is `_default_scene`.
     options : PictureOptions, optional
     believed : Design, optional
-        The camera that depth is computed for, where that is not the one that takes the pictures. Centres of microlens
+        The camera that depth is computed for, where that is not the one that takes the pictures; its veil is taken off
+        them. Centres of microlens
         images are those of the white image all the same.
     unexposed : Unexposed, optional
         Of the same camera, scene and region, in any light; None renders them.
@@ -663,9 +664,8 @@ def simulate(
     """
     options, believed = options or PictureOptions(), believed or design
     geometry, actual = ArrayGeometry(believed), ArrayGeometry(design)
-    camera = actual.camera
+    camera, part = actual.camera, options.part(design)
     scene = _default_scene(design) if scene is None else scene
-    part = options.part(design)
     wide = _grown(design, part, _margin(design, scene, part)).drawn()
     lattice = lattice_of(camera, wide)
     if lattice.pitch < 1:
@@ -697,21 +697,18 @@ def simulate(
     level = float(picture.pixels.sum() / max(float(white.pixels.sum()), 1e-30))
     if not level > 0:
         raise InputError((Problem("", "no light of the scene reaches this part of the sensor"),))
-    full, dark = mean / level, math.sqrt(float(dark_variance(camera)))
-    saturation = float(camera["sensor.full_well"])
-    # Of the veil on both pictures what the sheet says is taken off.
+    full, saturation = mean / level, float(camera["sensor.full_well"])
+    dark = math.sqrt(float(dark_variance(camera)))
     veil, known_veil = (float(veil_electrons(each)) for each in (camera, geometry.camera))
     flat = white.pixels + np.float32((veil - known_veil) / full)
     balance = ColourBalance.of(flat) if filters(design.sensor.colours) else None
-    flat = flat if balance is None else balance(flat)
+    grey = balance or (lambda frame: frame)
+    flat = grey(flat)
     decoder = Decoder.of(lattice, picture.pixels.shape, white=flat)
     even = decoder(flat)
     brightest = float(np.median(even.values[even.weight > 0])) if (even.weight > 0).any() else 1.0
-    noise = (
-        PixelNoise(full * brightest, dark, saturation * 0.98)
-        .on_veil(known_veil)
-        .dimmed(1.0 if balance is None else balance.evenness)
-    )
+    noise = PixelNoise(full * brightest, dark, saturation * 0.98).on_veil(known_veil)
+    noise = noise.dimmed(1.0 if balance is None else balance.evenness)
     rows, columns = _reached(even, inside)
     true = _truth(camera, actual.traced, scene, even)
     disparities = disparity_of(camera, true[np.isfinite(true)])
@@ -722,8 +719,7 @@ def simulate(
         tell = doing("depth", work.white + work.picture + number * work.exposure, work.exposure)
         tell(0.0)
         taken = add_noise(picture.pixels + np.float32(veil / full), full, dark, generator)
-        taken = np.minimum(taken, np.float32(saturation / full)) - np.float32(known_veil / full)
-        field = decoder(taken if balance is None else balance(taken))
+        field = decoder(grey(np.minimum(taken, np.float32(saturation / full)) - np.float32(known_veil / full)))
         field = replace(field, values=field.values / np.float32(brightest))
         runs.append(measure(geometry, field, noise, search=search, progress=tell).within(rows, columns))
         tell(1.0)

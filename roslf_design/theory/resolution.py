@@ -21,7 +21,9 @@ that turns fast is sampled. The refocused image adds up all of a microlens's vie
 
     ``MTF(P, lambda d_2 nu) (1 - |t|/d) sinc((d - |t|) nu (1 - beta d_2 rho)) sinc(nu rho q)``.
 
-On a veil all of them are `photometry.contrast_left` times that, at every frequency above 0. Scalar, incoherent scene of one wavelength; as many places as one likes between microlenses: what sampling once a
+On a veil both are `photometry.contrast_left` times that, at every frequency above 0.
+
+Scalar, incoherent scene of one wavelength; as many places as one likes between microlenses: what sampling once a
 microlens makes of detail beyond `fold` is not in it. Behind a real lens light is not moved by rho p' but as rays are
 (`..traced.fields`); the refocused image moves its views by rho p all the same, what is left blurs it.
 """

@@ -1,4 +1,4 @@
-"""Veiling light: the same electrons in every pixel of every picture, once, and what they leave of contrast and depth."""
+"""Veiling light: the same electrons in every pixel of every picture, and what they leave of contrast and depth."""
 
 from dataclasses import replace
 
@@ -10,11 +10,11 @@ from roslf_design.calibration.raw import from_raw
 from roslf_design.camera import Camera
 from roslf_design.depth.measure import PictureOptions, _Unexposed, simulate
 from roslf_design.effects import Budget, plan
-from roslf_design.traced.fields import images_of
 from roslf_design.imaging.files import write_image
 from roslf_design.imaging.render import render
 from roslf_design.scenes import Checkerboard, Noise, Plane, Scene, SceneLight
 from roslf_design.theory.photometry import electrons
+from roslf_design.traced.fields import images_of
 
 PAPER = roslf.load("paper")
 HAZY = PAPER.replace({"light.veil": 0.04})
