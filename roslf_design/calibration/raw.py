@@ -27,6 +27,7 @@ from .frames import (
     saturation_level,
 )
 from .result import image_pitch, undistorted_radius
+from .white_profile import WhiteFrame
 
 OTHER_CAMERA = 0.02
 """Share by which the pitch of the microlens images may be off the design's: beyond, it is another camera's."""
@@ -73,15 +74,6 @@ class RawSource:
             "rms_px": self.centres.rms,
             "microlenses": self.centres.counts(),
         }
-
-
-class WhiteFrame(NamedTuple):
-    """White image as its pixels have it."""
-
-    pixels: Frame
-    """Grey, dark frame off."""
-    full: float | None
-    """Value of a pixel whose well is full; None where nothing tells."""
 
 
 class RawDecoded(NamedTuple):
@@ -137,7 +129,8 @@ def from_raw(
                 same_size(f"raw image {image.name}", pixels.shape, f"{name} {path.name if path else ''}", other.shape)
         plain = None
         if even is not None:
-            plain = WhiteFrame(grey_frame(even, black, "white image"), _full_scale(even, white_notes, bits, pixels))
+            level = _full_scale(even, white_notes, bits, pixels)
+            plain = WhiteFrame(grey_frame(even, black, "white image"), level, bool(white_notes) or black is not None)
         if design is not None and design.light.veil > 0 and full is not None:
             black = np.float32(design.light.veil * full) + (
                 np.zeros(pixels.shape[:2], np.float32) if black is None else grey_frame(black, None, "dark frame")

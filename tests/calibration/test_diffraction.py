@@ -22,11 +22,11 @@ from roslf_design.calibration.diffraction import (
     WhiteImage,
     _apparent_shifts,
     _fit_cell,
-    _PupilImage,
     _view_weights,
     _ViewWeights,
     _white_cell,
 )
+from roslf_design.calibration.pupil_image import PupilImage
 from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.design import load, save
@@ -38,13 +38,13 @@ from tests.calibration.made import study
 
 PAPER = load("paper")
 VIEWS = np.array([[0.0, 0.0], [3.0, 0.0], [-3.0, 0.0], [0.0, 4.0], [2.0, 2.0]])
-IMAGE = _PupilImage(6.5, 3.6, 12.94)
+IMAGE = PupilImage(6.5, 3.6, 12.94)
 
 
 def pupil_of(design):
     c, array = Camera.of(design), design.microlens_array
     lengths = microlens_image_diameter(c) / 2, diffraction_width(c), microlens_image_pitch(c)
-    return _PupilImage(*(float(x / c.q) for x in lengths), array.layout, array.lens_shape)
+    return PupilImage(*(float(x / c.q) for x in lengths), array.layout, array.lens_shape)
 
 
 @pytest.mark.parametrize(
@@ -58,7 +58,7 @@ def test_a_rendered_white_image_gives_its_pupil_and_its_blur(layout, shape, slow
     pixels = render(design, region=(2100, 1340, 400, 400)).pixels
     lattice = find_centres(pixels, layout=layout).lattice
     cell, true = _white_cell(pixels, lattice), pupil_of(design)
-    start = _PupilImage(1.1 * true.radius, 0.8 * true.blur, lattice.pitch, layout, shape)
+    start = PupilImage(1.1 * true.radius, 0.8 * true.blur, lattice.pitch, layout, shape)
     found = _fit_cell(cell, start, blurred=True)
     # The render is exact to its budget of 1 %; cubic interpolation and 30 microlenses across leave a few thousandths.
     assert found.image.radius == pytest.approx(true.radius, rel=5e-3)
@@ -160,12 +160,12 @@ def test_views_look_from_further_inside_as_a_sum_over_the_pupil_has_it():
     np.testing.assert_allclose(found[1], -found[2], atol=0.03)
     assert found[3, 1] == pytest.approx(brute_baseline(4.0, IMAGE), abs=0.02)
     assert 2.0 < found[1, 0] < 2.8
-    sharp = baseline(_view_weights(_PupilImage(6.5, 0.0, 12.94), VIEWS, points=2000))
+    sharp = baseline(_view_weights(PupilImage(6.5, 0.0, 12.94), VIEWS, points=2000))
     np.testing.assert_allclose(sharp[[0, 1, 4]], VIEWS[[0, 1, 4]], atol=0.05)  # inside the rim nothing moves
 
 
 EDGES = (0.15, 0.15 + math.pi / 2)
-LARGE = _PupilImage(32.6, 2.35, 65.3, "hexagonal", "circular")
+LARGE = PupilImage(32.6, 2.35, 65.3, "hexagonal", "circular")
 """A 100 um microlens on pixels of 1.55 um."""
 
 
@@ -186,7 +186,7 @@ def test_shifts_are_smooth_in_the_slope_and_those_of_a_smaller_pupil_with_finer_
     np.testing.assert_allclose(shifts[0], 0, atol=2e-3)  # the middle view is what it is by symmetry
     assert np.abs(np.diff(shifts[:, :3], axis=1)).max() < 4e-3
     assert np.abs(np.diff(shifts[:, 3:], axis=1)).max() < 4e-3
-    finer = _PupilImage(2 * LARGE.radius, 2 * LARGE.blur, 2 * LARGE.pitch, "hexagonal", "circular")
+    finer = PupilImage(2 * LARGE.radius, 2 * LARGE.blur, 2 * LARGE.pitch, "hexagonal", "circular")
     same = _apparent_shifts(_view_weights(finer, 2 * views), slopes / 2, EDGES, 4, lens_shape="circular")
     np.testing.assert_allclose(same, shifts, atol=3e-3)
 

@@ -1,0 +1,354 @@
+"""Veil, effective pupil and profile of the microlens images in a white image.
+
+Pixels of all microlenses are fitted together, each where it lies in its own cell: this samples the images far more
+finely than pixels do. The model is `PupilImage`, its neighbours in it, times a gain of each microlens, on a veil that
+is alike in all pixels. Standard errors have the scatter of whole microlenses; the part of the misfit that is as
+symmetric as the images, as no other moves width and veil; and what a pupil that is darker at its rim would change.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..camera import Camera
+from ..design import Design
+from .centres import MicrolensCentres
+from .frames import Array, ColourBalance, Frame
+from .lattice import CentreLattice
+from .pupil_image import PupilImage
+from .result import image_pitch
+
+_MOST = 200_000
+"""Pixels that are fitted; beyond, microlenses are left out evenly."""
+_FEWEST = 12
+"""Microlenses that scatter is told of."""
+_FINE, _MOST_STEPS = 12, 512
+"""Places a pixel at which the model is tabulated, and most of them across a cell."""
+_ROUNDS, _SETTLED = 30, 1e-4
+"""Most steps of a fit, and the step [px] after which it has settled."""
+_UNLIKE = 0.01
+"""Misfit that width and veil have to bear to be told apart [fully lit pixels, rms]: real images follow no model better.
+"""
+_UNTOLD = 0.03, 0.05
+"""Standard errors of the width, against itself, and of the veil [fully lit pixels] that it may leave."""
+_BOUNDS = {"radius": (0.1, 2.0), "blur": (0.002, 0.7), "dimmer": (-0.9, 0.9)}
+"""Bounds of `PupilImage`'s values; of lengths in pitches."""
+_PER_PLACE, _PLACES = 10, 3
+"""Pixels that a place of the folded profile is the mean of, about, and most of its places a pixel."""
+_OTHER = 0.03
+"""Symmetric part of the misfit from which images are others than an evenly lit pupil's: real ones have up to 0.013."""
+_ASTRAY = 4.0
+"""Residuals of a microlens, against the median's, beyond which it is left out."""
+
+
+@dataclass(frozen=True, eq=False)
+class WhiteProfile:
+    """Microlens images of a white image, and an evenly lit pupil's fitted to them; light in fully lit pixels."""
+
+    image: PupilImage
+    lattice: CentreLattice
+    veil: float
+    sigma: tuple[float, float]
+    """Standard errors of the width, relative to itself, and of the veil."""
+    untold: str
+    """Reason why the image does not tell width and veil; empty where it does."""
+    dark: bool
+    """Whether the sensor's black level is known, and off."""
+    full: float | None
+    """The full well; None where nothing tells."""
+    narrower: float | None
+    """Width over the design's, both in pitches; None without a design."""
+    nominal: float | None
+    """Width of the design's pupil [mm]."""
+    microlenses: int
+    measured: Array
+    """Light at ``(i, j)/n`` of a cell, the mean of all microlenses, shape (n, n)."""
+    fitted: Array
+    noise: float
+    """Standard error of `measured`, rms."""
+    symmetric: float
+    """Rms of the part of the misfit that is as symmetric as the images, without noise."""
+
+    @property
+    def misfit(self) -> float:
+        """Rms of `measured` less `fitted`, without noise."""
+        return math.sqrt(max(float(np.square(self.measured - self.fitted).mean()) - self.noise**2, 0.0))
+
+    @property
+    def width(self) -> float:
+        """Width of an image between the pupil's rims [px]."""
+        return float(2 * self.image.radius * _slimness(self.image))
+
+    @property
+    def dips(self) -> tuple[float, float]:
+        """Darkest over brightest place of an image, measured and fitted."""
+        dark, light = ([float(end(part)) for part in (self.measured, self.fitted)] for end in (np.min, np.max))
+        return dark[0] / light[0], dark[1] / light[1]
+
+    @property
+    def pupil(self) -> float | None:
+        """Effective pupil's width [mm]."""
+        return None if self.narrower is None or self.nominal is None else self.narrower * self.nominal
+
+    def along(self, i: int, j: int) -> tuple[Array, Array, Array]:
+        """Places from a microlens's middle towards (i, j) and back, over one period [px], light there and as fitted."""
+        n = len(self.measured)
+        k = np.arange(-(n // 2), n // 2 + 1)
+        px = k / n * float(np.hypot(*(self.lattice.basis @ (i, j))))
+        return px, self.measured[k * i % n, k * j % n], self.fitted[k * i % n, k * j % n]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Object `white` of `decoding.json`; null is what cannot be told."""
+        share = None if self.full is None else self.veil / self.full
+        told = {
+            "veil": (share, None if self.full is None else self.sigma[1] / self.full),
+            "veil_of_lit": (self.veil, self.sigma[1]),
+            "image_width_px": (self.width, self.width * self.sigma[0]),
+            "effective_pupil_mm": (self.pupil, None if self.pupil is None else self.pupil * self.sigma[0]),
+        }
+        keys = {}
+        for name, (value, sigma) in told.items():
+            stem, dash, unit = name.rpartition("_")
+            error = f"{stem}_sigma_{unit}" if dash and unit in ("px", "mm") else f"{name}_sigma"
+            keys |= {name: None, error: None} if self.untold else {name: value, error: sigma}
+        return keys | {
+            "untold": self.untold or None,
+            "blur_px": None if self.untold else self.image.blur,
+            "pitch_px": list(self.lattice.pitches),
+            "profile_rms": self.misfit,
+            "profile_rms_symmetric": self.symmetric,
+            "profile_noise": self.noise,
+            "dip": dict(zip(("measured", "fitted"), self.dips, strict=True)),
+            "microlenses": self.microlenses,
+        }
+
+
+class WhiteFrame(NamedTuple):
+    """White image as its pixels have it."""
+
+    pixels: Frame
+    """Grey, dark frame off."""
+    full: float | None
+    """Value of a pixel whose well is full; None where nothing tells."""
+    dark: bool = True
+    """Whether the sensor's black level is known, and off."""
+
+    def profile(
+        self, centres: MicrolensCentres, design: Design | None, balance: ColourBalance | None = None
+    ) -> WhiteProfile | None:
+        """Fit its whole microlens images.
+
+        Parameters
+        ----------
+        centres : MicrolensCentres
+            Found in it.
+        design : Design, optional
+            Tells the pupil's shape and width and the microlenses' shape and focus. Without one it is a disc behind
+            square microlenses, in hexagonal arrays round ones, in focus.
+        balance : ColourBalance, optional
+            Behind colour filters: pixels of the brightest colour alone are fitted.
+
+        Returns
+        -------
+        WhiteProfile or None
+            None where there are too few whole images, or nothing fits.
+        """
+        lattice = centres.lattice
+        samples = _Samples.of(self.pixels, centres, balance)
+        if samples.count < _FEWEST:
+            return None
+        shape = "square" if lattice.layout == "square" else "circular"
+        start = PupilImage(0.45 * lattice.pitch, 0.1 * lattice.pitch, lattice.pitch, lattice.layout, shape)
+        starts, designed = [start], None
+        if design is not None:
+            designed = PupilImage.designed(design, lattice)
+            starts = [designed, replace(designed, radius=start.radius)]
+        some = samples.some(np.arange(samples.count) % 8 == 0)
+        first = min((_Fit.of(some, lattice, one) for one in starts), key=lambda one: one.rms)
+        rough = _Fit.of(samples, lattice, first.image)
+        each = np.sqrt(samples.mean(np.square(rough.residual)))
+        samples = samples.some(each < _ASTRAY * np.median(each))
+        fit = _Fit.of(samples, lattice, rough.image)
+        if designed is not None and not fit.separable:  # its blur has to be believed
+            fit = _Fit.of(samples, lattice, replace(designed, radius=fit.image.radius), ("radius",))
+        if not fit.rms < 1:
+            return None
+        measured, fitted, noise, symmetric = fit.folded()
+        variance = fit.variances(symmetric)
+        dimmed = _Fit.of(samples, lattice, fit.image, (*fit.free, "dimmer"))
+        if dimmed.settled:
+            apart = np.array([dimmed.veil - fit.veil, dimmed.image.radius - fit.image.radius])
+            by_chance = (dimmed.variances(0.0) - fit.variances(0.0)).clip(0.0)
+            variance += np.maximum(apart**2 - 4 * by_chance, 0.0)
+        sigma = float(np.sqrt(variance[1]) / fit.image.radius), float(np.sqrt(variance[0]))
+        narrower = nominal = None
+        if design is not None and designed is not None:
+            wide = [each.radius * _slimness(each) / pitch for each, pitch in
+                    ((fit.image, lattice.pitch), (designed, image_pitch(design)))]  # fmt: skip
+            narrower, nominal = float(wide[0] / wide[1]), float(Camera.of(design).fap.outline.width)
+        full, untold = None if self.full is None else self.full / float(fit.gains.mean()), ""
+        if not fit.separable:
+            untold = "images run into each other so far that a veil changes them as another width does"
+        elif symmetric > _OTHER:
+            untold = f"images differ by {100 * symmetric:.0f} % rms from those of an evenly lit pupil"
+        return WhiteProfile(
+            fit.image, lattice, fit.veil, sigma, untold, self.dark, full, narrower, nominal, samples.count, measured,
+            fitted, noise, symmetric,
+        )  # fmt: skip
+
+
+def _slimness(image: PupilImage) -> float:
+    """Half the width of a pupil over its farthest point's distance from the middle."""
+    return float(image.shape.width / (2 * image.shape.reach))
+
+
+class _Samples(NamedTuple):
+    """Pixels in the cells of whole microlens images."""
+
+    at: Array
+    """Lattice coordinates from the microlens, shape (n, 2)."""
+    lens: NDArray[np.intp]
+    """Number of the microlens, shape (n,)."""
+    value: Array
+    count: int
+    """Microlenses."""
+
+    @classmethod
+    def of(cls, frame: Frame, centres: MicrolensCentres, balance: ColourBalance | None) -> _Samples:
+        """Pixels of some used microlenses, evenly chosen."""
+        lattice = centres.lattice
+        nodes = centres.centres[centres.used]
+        nodes = nodes[:: max(1, math.ceil(len(nodes) * lattice.pitch**2 / _MOST))]
+        reach = math.ceil(lattice.pitch)
+        window = np.arange(-reach, reach + 1)
+        column, row = (
+            (np.rint(nodes[:, axis]).astype(int)[:, None, None] + step)
+            for axis, step in ((0, window[None, None, :]), (1, window[None, :, None]))
+        )
+        column, row = np.broadcast_arrays(column, row)
+        away = np.stack([column, row], -1) - nodes[:, None, None]
+        normals, halves = lattice.cell()
+        taken = (np.abs(away @ normals.T) <= halves).all(-1)
+        taken &= (column >= 0) & (row >= 0) & (column < frame.shape[1]) & (row < frame.shape[0])
+        if balance is not None:
+            taken &= (balance.gains < 1.01 * balance.gains.min())[row % 2, column % 2]
+        lens = np.broadcast_to(np.arange(len(nodes))[:, None, None], taken.shape)[taken]
+        value = np.asarray(frame[row[taken], column[taken]], float)
+        return cls(away[taken] @ np.linalg.inv(lattice.basis).T, lens, value, len(nodes))
+
+    def some(self, kept: NDArray[np.bool_]) -> _Samples:
+        """Some of the microlenses."""
+        mine = kept[self.lens]
+        number = np.cumsum(kept) - 1
+        return _Samples(self.at[mine], number[self.lens[mine]], self.value[mine], int(kept.sum()))
+
+    def mean(self, values: Array) -> Array:
+        """Mean of values over each microlens."""
+        return np.bincount(self.lens, values, self.count) / np.bincount(self.lens, minlength=self.count)
+
+    def read(self, table: Array) -> Array:
+        """Values there of what is tabulated over a cell."""
+        from scipy.ndimage import map_coordinates
+
+        return np.asarray(map_coordinates(table, (self.at * len(table)).T, order=1, mode="grid-wrap"))
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """Pupil's image, veil and gains fitted to pixels by least squares; veil, then `free`, are parameters."""
+
+    samples: _Samples
+    lattice: CentreLattice
+    image: PupilImage
+    veil: float
+    free: tuple[str, ...]
+    settled: bool
+    gains: Array
+    """Values of fully lit pixels of each microlens."""
+    residual: Array
+    """Residual of each pixel [fully lit pixels]."""
+    rates: Array
+    """Rates at which it falls with each parameter, gains fitted anew; shape (n, parameters)."""
+
+    @classmethod
+    def of(
+        cls, samples: _Samples, lattice: CentreLattice, start: PupilImage, free: tuple[str, ...] = ("radius", "blur")
+    ) -> _Fit:
+        """Fit from a start, by Gauss and Newton."""
+        low, high = (
+            np.array([_BOUNDS[name][end] * (1.0 if name == "dimmer" else lattice.pitch) for name in free])
+            for end in (0, 1)
+        )
+        values = np.clip([getattr(start, name) for name in free], 1.001 * low, 0.999 * high)
+        steps, veil, settled = min(_MOST_STEPS, math.ceil(_FINE * lattice.pitch)), 0.0, False
+        for turn in range(_ROUNDS + 1):
+            image = replace(start, **dict(zip(free, values.tolist(), strict=True)))
+            table = image.over_cell(lattice, steps)
+            light = samples.read(table)
+            rates = [np.ones(len(light))]
+            for name, value in zip(free, values.tolist(), strict=True):
+                moved = replace(image, **{name: value + 1e-3}).over_cell(lattice, steps)
+                rates.append(samples.read((moved - table) * 1e3))
+            mean = samples.mean(light + veil)
+            gains = samples.mean(samples.value) / mean
+            residual = samples.value / gains[samples.lens] - light - veil
+            jacobian = np.stack(
+                [rate - (light + veil) * (samples.mean(rate) / mean)[samples.lens] for rate in rates], -1
+            )
+            if turn == _ROUNDS or settled:
+                break
+            move = np.linalg.lstsq(jacobian.T @ jacobian, jacobian.T @ residual, rcond=1e-10)[0]
+            move[1:] = np.clip(move[1:], -0.2 * (high - low), 0.2 * (high - low))
+            veil = min(max(veil + float(move[0]), -0.2), 5.0)
+            after = np.clip(values + move[1:], low, high)
+            settled = bool(max(np.abs(after - values).max(), abs(float(move[0]))) < _SETTLED)
+            values = after
+        inside = bool(((values > low) & (values < high)).all())
+        return cls(samples, lattice, image, veil, free, settled and inside, gains, residual, jacobian)
+
+    @property
+    def rms(self) -> float:
+        """Rms residual."""
+        return float(np.sqrt(np.mean(np.square(self.residual))))
+
+    @property
+    def _of_cell(self) -> Array:
+        """Inverse of the information that one cell's pixels have, of errors of 1 over a width of the blur."""
+        information = self.rates.T @ self.rates / self.samples.count
+        return np.asarray(np.linalg.pinv(information, rcond=1e-12) * max(1.0, self.image.blur) ** 2)
+
+    @property
+    def separable(self) -> bool:
+        """Whether veil and width stay told apart where images differ from the model as real ones do."""
+        veil, radius = _UNLIKE * np.sqrt(np.diag(self._of_cell)[:2])
+        return bool(self.settled and radius < _UNTOLD[0] * self.image.radius and veil < _UNTOLD[1])
+
+    def variances(self, misfit: float) -> Array:
+        """Variances of veil and radius: scatter of microlenses, and a misfit [rms] that all of them share."""
+        samples, inverse = self.samples, np.linalg.pinv(self.rates.T @ self.rates, rcond=1e-12)
+        each = np.stack([np.bincount(samples.lens, rate * self.residual, samples.count) for rate in self.rates.T], -1)
+        scatter = inverse @ (each.T @ each) @ inverse * samples.count / (samples.count - 1)
+        return np.diag(scatter + misfit**2 * self._of_cell)[:2].copy()
+
+    def folded(self) -> tuple[Array, Array, float, float]:
+        """`measured`, `fitted`, `noise` and `symmetric` of `WhiteProfile`."""
+        samples, pitch = self.samples, self.lattice.pitch
+        n = int(min(_PLACES * pitch, math.sqrt(len(samples.lens) / _PER_PLACE)))
+        cell = np.rint(samples.at * n).astype(int) % n @ [n, 1]
+        count = np.maximum(np.bincount(cell, minlength=n * n), 1)
+        mean, square = (np.bincount(cell, part, n * n) / count for part in (self.residual, np.square(self.residual)))
+        off, error = mean.reshape(n, n), (square - mean**2) / np.maximum(count - 1, 1)
+        fitted = self.image.over_cell(self.lattice, n) + self.veil
+        back = -np.arange(n) % n
+        alike = [off, off[back][:, back]]
+        if self.lattice.layout == "square":
+            alike += [off[back], off[:, back]]
+        alike += [part.T for part in alike]
+        noise = float(error.mean())
+        symmetric = float(np.square(np.mean(alike, axis=0)).mean()) - noise / len(alike)
+        return fitted + off, fitted, math.sqrt(noise), math.sqrt(max(symmetric, 0.0))
