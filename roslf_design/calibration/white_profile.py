@@ -36,12 +36,14 @@ _UNLIKE = 0.01
 """
 _UNTOLD = 0.03, 0.05
 """Standard errors of the width, against itself, and of the veil [fully lit pixels] that it may leave."""
-_BOUNDS = {"radius": (0.1, 2.0), "blur": (0.002, 0.7), "dimmer": (-0.9, 0.9)}
+_BOUNDS = {"radius": (0.1, 2.0), "blur": (0.0, 0.7), "dimmer": (-0.9, 0.9)}
 """Bounds of `PupilImage`'s values; of lengths in pitches."""
 _PER_PLACE, _PLACES = 10, 3
 """Pixels that a place of the folded profile is the mean of, about, and most of its places a pixel."""
 _OTHER = 0.03
 """Symmetric part of the misfit from which images are others than an evenly lit pupil's: real ones have up to 0.013."""
+_EXACT = 2e-4
+"""Misfit that tabulating the model leaves [fully lit pixels], and renderings: errors told allow for it."""
 _ASTRAY = 4.0
 """Residuals of a microlens, against the median's, beyond which it is left out."""
 
@@ -111,7 +113,7 @@ class WhiteProfile:
             "image_width_px": (self.width, self.width * self.sigma[0]),
             "effective_pupil_mm": (self.pupil, None if self.pupil is None else self.pupil * self.sigma[0]),
         }
-        keys = {}
+        keys: dict[str, Any] = {}
         for name, (value, sigma) in told.items():
             stem, dash, unit = name.rpartition("_")
             error = f"{stem}_sigma_{unit}" if dash and unit in ("px", "mm") else f"{name}_sigma"
@@ -160,7 +162,7 @@ class WhiteFrame(NamedTuple):
         """
         lattice = centres.lattice
         samples = _Samples.of(self.pixels, centres, balance)
-        if samples.count < _FEWEST:
+        if samples.lenses < _FEWEST:
             return None
         shape = "square" if lattice.layout == "square" else "circular"
         start = PupilImage(0.45 * lattice.pitch, 0.1 * lattice.pitch, lattice.pitch, lattice.layout, shape)
@@ -168,7 +170,7 @@ class WhiteFrame(NamedTuple):
         if design is not None:
             designed = PupilImage.designed(design, lattice)
             starts = [designed, replace(designed, radius=start.radius)]
-        some = samples.some(np.arange(samples.count) % 8 == 0)
+        some = samples.some(np.arange(samples.lenses) % 8 == 0)
         first = min((_Fit.of(some, lattice, one) for one in starts), key=lambda one: one.rms)
         rough = _Fit.of(samples, lattice, first.image)
         each = np.sqrt(samples.mean(np.square(rough.residual)))
@@ -179,7 +181,7 @@ class WhiteFrame(NamedTuple):
         if not fit.rms < 1:
             return None
         measured, fitted, noise, symmetric = fit.folded()
-        variance = fit.variances(symmetric)
+        variance = fit.variances(max(symmetric, _EXACT))
         dimmed = _Fit.of(samples, lattice, fit.image, (*fit.free, "dimmer"))
         if dimmed.settled:
             apart = np.array([dimmed.veil - fit.veil, dimmed.image.radius - fit.image.radius])
@@ -197,7 +199,7 @@ class WhiteFrame(NamedTuple):
         elif symmetric > _OTHER:
             untold = f"images differ by {100 * symmetric:.0f} % rms from those of an evenly lit pupil"
         return WhiteProfile(
-            fit.image, lattice, fit.veil, sigma, untold, self.dark, full, narrower, nominal, samples.count, measured,
+            fit.image, lattice, fit.veil, sigma, untold, self.dark, full, narrower, nominal, samples.lenses, measured,
             fitted, noise, symmetric,
         )  # fmt: skip
 
@@ -205,6 +207,11 @@ class WhiteFrame(NamedTuple):
 def _slimness(image: PupilImage) -> float:
     """Half the width of a pupil over its farthest point's distance from the middle."""
     return float(image.shape.width / (2 * image.shape.reach))
+
+
+def _step(jacobian: Array, residual: Array) -> Array:
+    """Gauss's and Newton's step."""
+    return np.asarray(np.linalg.lstsq(jacobian.T @ jacobian, jacobian.T @ residual, rcond=1e-10)[0])
 
 
 class _Samples(NamedTuple):
@@ -215,8 +222,8 @@ class _Samples(NamedTuple):
     lens: NDArray[np.intp]
     """Number of the microlens, shape (n,)."""
     value: Array
-    count: int
-    """Microlenses."""
+    lenses: int
+    """Number of microlenses."""
 
     @classmethod
     def of(cls, frame: Frame, centres: MicrolensCentres, balance: ColourBalance | None) -> _Samples:
@@ -249,13 +256,13 @@ class _Samples(NamedTuple):
 
     def mean(self, values: Array) -> Array:
         """Mean of values over each microlens."""
-        return np.bincount(self.lens, values, self.count) / np.bincount(self.lens, minlength=self.count)
+        return np.bincount(self.lens, values, self.lenses) / np.bincount(self.lens, minlength=self.lenses)
 
     def read(self, table: Array) -> Array:
         """Values there of what is tabulated over a cell."""
         from scipy.ndimage import map_coordinates
 
-        return np.asarray(map_coordinates(table, (self.at * len(table)).T, order=1, mode="grid-wrap"))
+        return np.asarray(map_coordinates(table, (self.at * len(table)).T, order=3, mode="grid-wrap"))
 
 
 @dataclass(frozen=True, eq=False)
@@ -284,7 +291,7 @@ class _Fit:
             np.array([_BOUNDS[name][end] * (1.0 if name == "dimmer" else lattice.pitch) for name in free])
             for end in (0, 1)
         )
-        values = np.clip([getattr(start, name) for name in free], 1.001 * low, 0.999 * high)
+        values = np.clip([getattr(start, name) for name in free], low, high)
         steps, veil, settled = min(_MOST_STEPS, math.ceil(_FINE * lattice.pitch)), 0.0, False
         for turn in range(_ROUNDS + 1):
             image = replace(start, **dict(zip(free, values.tolist(), strict=True)))
@@ -302,13 +309,16 @@ class _Fit:
             )
             if turn == _ROUNDS or settled:
                 break
-            move = np.linalg.lstsq(jacobian.T @ jacobian, jacobian.T @ residual, rcond=1e-10)[0]
+            move = _step(jacobian, residual)
+            stuck = np.append(False, (values <= low) & (move[1:] < 0))
+            if stuck.any():  # images as sharp as pixels
+                move[stuck], move[~stuck] = 0.0, _step(jacobian[:, ~stuck], residual)
             move[1:] = np.clip(move[1:], -0.2 * (high - low), 0.2 * (high - low))
             veil = min(max(veil + float(move[0]), -0.2), 5.0)
             after = np.clip(values + move[1:], low, high)
             settled = bool(max(np.abs(after - values).max(), abs(float(move[0]))) < _SETTLED)
             values = after
-        inside = bool(((values > low) & (values < high)).all())
+        inside = bool(((values > low) & (values < high) | (np.array(free) == "blur")).all())
         return cls(samples, lattice, image, veil, free, settled and inside, gains, residual, jacobian)
 
     @property
@@ -319,7 +329,7 @@ class _Fit:
     @property
     def _of_cell(self) -> Array:
         """Inverse of the information that one cell's pixels have, of errors of 1 over a width of the blur."""
-        information = self.rates.T @ self.rates / self.samples.count
+        information = self.rates.T @ self.rates / self.samples.lenses
         return np.asarray(np.linalg.pinv(information, rcond=1e-12) * max(1.0, self.image.blur) ** 2)
 
     @property
@@ -331,8 +341,8 @@ class _Fit:
     def variances(self, misfit: float) -> Array:
         """Variances of veil and radius: scatter of microlenses, and a misfit [rms] that all of them share."""
         samples, inverse = self.samples, np.linalg.pinv(self.rates.T @ self.rates, rcond=1e-12)
-        each = np.stack([np.bincount(samples.lens, rate * self.residual, samples.count) for rate in self.rates.T], -1)
-        scatter = inverse @ (each.T @ each) @ inverse * samples.count / (samples.count - 1)
+        each = np.stack([np.bincount(samples.lens, rate * self.residual, samples.lenses) for rate in self.rates.T], -1)
+        scatter = inverse @ (each.T @ each) @ inverse * samples.lenses / (samples.lenses - 1)
         return np.diag(scatter + misfit**2 * self._of_cell)[:2].copy()
 
     def folded(self) -> tuple[Array, Array, float, float]:

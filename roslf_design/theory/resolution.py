@@ -140,7 +140,7 @@ def axial_limit(c: Camera, rate: Number, level: float) -> Array:
     level : float
         Above 0 and below 1.
     """
-    lens, level = _Lenslet.of(c), level / contrast_left(c)
+    lens, wanted = _Lenslet.of(c), level / contrast_left(c)
     diameter = magnitude(microlens_image_diameter(c))
     shape = np.broadcast_shapes(c.shape, np.shape(rate))
     reach = ratio(1.0, c.wavelength * c.seen.d_2 / diameter)
@@ -150,9 +150,9 @@ def axial_limit(c: Camera, rate: Number, level: float) -> Array:
         least, most = low, high
         for _ in range(HALVINGS):
             middle = (least + most) / 2
-            above = pupil.overlap(middle, *way) * lens.refocused(rate, middle, way) > level
+            above = pupil.overlap(middle, *way) * lens.refocused(rate, middle, way) > wanted
             least, most = np.where(above, middle, least), np.where(above, most, middle)
-        limits.append(np.where(level < 1, (least + most) / 2, 0.0))
+        limits.append(np.where(wanted < 1, (least + most) / 2, 0.0))
     return np.asarray(np.minimum(limits[0], limits[-1]))[()]
 
 

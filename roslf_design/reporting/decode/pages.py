@@ -126,13 +126,16 @@ def _white(profile: WhiteProfile) -> Iterator[Statement]:
             veil = f"{told(share * profile.veil, share * unsure[1])} % of full scale, {veil}"
         black = "" if profile.dark else "; without a dark frame the sensor's black level is in it"
         yield Statement("plain", f"On all of them lies a veil of {veil}{black}.")
-    apart, alike, noise, dip, fitted = (100 * part for part in (
-        profile.misfit, profile.symmetric, profile.noise, *profile.dips))  # fmt: skip
+    apart, alike, noise, dip, fitted = (
+        100 * part for part in (profile.misfit, profile.symmetric, profile.noise, *profile.dips)
+    )
+    close = f"as far as noise shows, {noise:.2g} % rms {lit}"
+    if apart > noise / 2:
+        close = f"to {apart:.2g} % rms {lit} ({alike:.2g} % is alike on all sides; noise is {noise:.2g} %)"
     yield Statement(
         "good" if profile.misfit < UNLIKE else "caution",
-        f"They follow an evenly lit pupil's to {apart:.2g} % rms {lit} ({alike:.2g} % is alike on all sides; noise is"
-        f" {noise:.2g} %): between them light falls to {dip:.3g} %, by the fit to {fitted:.3g} %. {profile.microlenses}"
-        " microlenses say so.",
+        f"They follow an evenly lit pupil's {close}: between them light falls to {dip:.3g} %, by the fit to"
+        f" {fitted:.3g} %. {profile.microlenses} microlenses say so.",
     )
 
 
