@@ -24,12 +24,12 @@ from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import diffraction_width
 from .aberrations import aberration_error
 from .corners import fit_saddles, fit_window
-from .decoding import decode
 from .fit import Calibration, calibrate, fit_lines
 from .frames import Array, CalibrationError, grey_frame
 from .lattice import CentreLattice
 from .model import GLOBALS, Board, DataSheet, Intrinsics, Observations, derived
-from .pupil_image import RINGS, CellSeries, PupilImage
+from .pupil_image import RINGS, PupilImage
+from .white_profile import ImageFit, ImageSamples
 
 DiffractionMode = Literal["auto", "on", "off"]
 _SMALL = 0.1
@@ -99,9 +99,15 @@ class WhiteImage(NamedTuple):
     """Frame without light."""
     lattice: CentreLattice
 
-    def cell(self) -> _WhiteCell:
-        """Mean microlens image, as `_white_cell` has it."""
-        return _white_cell(self.pixels, self.lattice, self.dark)
+    def samples(self) -> ImageSamples:
+        """Pixels of the microlens images in its middle; at least three."""
+        frame, lattice = grey_frame(self.pixels, self.dark, "white image"), self.lattice
+        middle = np.round(lattice.indices((np.array(frame.shape[::-1]) - 1) / 2))
+        inside = lattice.inside((frame.shape[0], frame.shape[1]), margin=lattice.pitch)
+        near = inside[(np.abs(inside - middle) <= _HALF).all(axis=1)]
+        if len(near) < 3:
+            raise CalibrationError("the middle of the white image holds too few whole microlens images")
+        return ImageSamples.of(frame, lattice, lattice.nodes(*near.T))
 
 
 class Corrected(NamedTuple):
@@ -191,8 +197,9 @@ def _looked_at(design: Design, white: WhiteImage, wish: DiffractionMode) -> Diff
     pupil = c.fap.outline
     start = PupilImage.designed(design, white.lattice)
     start = replace(start, blur=max(expected, _SMALL), spread=0.0)
-    cell = white.cell()
-    waves, rays = _fit_cell(cell, start, blurred=True), _fit_cell(cell, start, blurred=False)
+    samples, starts = white.samples(), [start, replace(start, radius=0.45 * start.pitch)]
+    waves = ImageFit.best(samples, white.lattice, starts)
+    rays = ImageFit.best(samples, white.lattice, [replace(one, blur=0.0) for one in starts], ("radius",))
     blurred = waves.image.blur > max(_SMALL, _FAINT * expected) and waves.misfit < rays.misfit
     best, warning = waves if blurred or wish == "on" else rays, ""
     if best.misfit > _UNLIKE:
@@ -300,62 +307,6 @@ def _view_weights(image: PupilImage, views: Array, points: int | None = None) ->
     light = np.stack(shares, axis=1)
     light /= light.sum(axis=(1, 2), keepdims=True)
     return _ViewWeights(np.asarray(views, float), light, around, places)
-
-
-class _WhiteCell(NamedTuple):
-    """Mean light over a microlens's cell."""
-
-    places: Array
-    """Relative to the microlens image's centre [px], shape (n, 2)."""
-    light: Array
-    """Relative to its mean, shape (n,)."""
-
-
-class _CellFit(NamedTuple):
-    """A pupil image fitted to a cell."""
-
-    image: PupilImage
-    misfit: float
-    """RMS difference, relative to the mean."""
-
-
-def _white_cell(white: ArrayLike, lattice: CentreLattice, dark: ArrayLike | None = None) -> _WhiteCell:
-    """Average the microlens images in the middle of the white image; at least three."""
-    frame = grey_frame(white, dark, "white image")
-    rows, columns = frame.shape
-    reach = int(np.ceil((_HALF + 2) * lattice.pitch))
-    top, left = max(0, rows // 2 - reach), max(0, columns // 2 - reach)
-    piece = frame[top : rows // 2 + reach, left : columns // 2 + reach]
-    field = decode(piece, lattice.at(np.asarray(lattice.origin) - (left, top)))
-    whole = (field.weight > 0).all(axis=(0, 1))
-    if whole.sum() < 3:
-        raise CalibrationError("the middle of the white image holds too few whole microlens images")
-    cell = field.values[:, :, whole].mean(axis=-1, dtype=float)
-    s, t = np.meshgrid(field.s, field.t)
-    return _WhiteCell(np.stack([s.ravel(), t.ravel()], axis=-1), cell.ravel() / cell.mean())
-
-
-def _fit_cell(cell: _WhiteCell, start: PupilImage, *, blurred: bool) -> _CellFit:
-    """Fit the pupil's size, and with `blurred` the blur (else 0), to a cell; the rest is taken from `start`."""
-    from scipy.optimize import least_squares
-
-    series = CellSeries.of(start, cell.places)
-
-    def image(x: Array) -> PupilImage:
-        return replace(start, radius=float(x[0]), blur=float(x[1]) if blurred else 0.0)
-
-    def off(x: Array) -> Array:
-        light = series.light(image(x))
-        return np.asarray(light / light.mean() - cell.light)
-
-    size = 2 if blurred else 1
-    low, high = np.array([[0.1 * start.pitch, 0.01 * start.blur], [start.pitch, 0.7 * start.pitch]])[:, :size]
-    tries = []
-    for radius in (start.radius, 0.45 * start.pitch):  # a design of another camera starts far off
-        first = np.clip([radius, start.blur][:size], 1.01 * low, 0.99 * high)
-        tries.append(least_squares(off, first, bounds=(low, high), x_scale=first))
-    best = min(tries, key=lambda one: float(one.cost))
-    return _CellFit(image(best.x), float(np.sqrt(2 * best.cost / (len(cell.light) - size))))
 
 
 # --- where fitted corners come to lie ---------------------------------------------------------------------------------

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 
@@ -90,15 +89,11 @@ class PupilImage:
         near = distance < RINGS + 0.5
         return np.asarray(places[near][np.argsort(distance[near], kind="stable")])
 
-    def cell(self, places: Array) -> Array:
-        """Light of an evenly lit scene at places relative to a microlens image's centre [px], shape (n, 2) -> (n,).
-
-        1 is full light without neighbours. A Fourier series over the lattice, as far as pixels can tell.
-        """
-        return CellSeries.of(self, places).light(self)
-
     def over_cell(self, lattice: CentreLattice, steps: int) -> Array:
-        """Light of `cell` as pixels get it, at ``(i, j)/steps`` of a lattice's own cell, shape (steps, steps)."""
+        """Light of an evenly lit scene in pixels at ``(i, j)/steps`` of a lattice's cell, shape (steps, steps).
+
+        1 is full light without neighbours. A Fourier series over the lattice, however large and blurred images are.
+        """
         orders = np.fft.fftfreq(steps, 1 / steps)
         waves = np.stack(np.meshgrid(orders, orders, indexing="ij"), -1) @ np.linalg.inv(lattice.basis)
         cos, sin = math.cos(lattice.rotation), math.sin(lattice.rotation)
@@ -110,36 +105,6 @@ class PupilImage:
             light = light + self.dimmer * (around - 4 * light) / (2 * math.pi * step * self.radius) ** 2
         light = light * self.lens(x, y) * pixel_box(waves, 1.0).prod(-1)
         return np.asarray(np.fft.ifft2(light).real * steps**2 / abs(np.linalg.det(lattice.basis)))
-
-
-class CellSeries(NamedTuple):
-    """Fourier series of all images of one pitch and layout at given places of a cell, however large and blurred."""
-
-    waves: Array
-    """[1/px], shape (w, 2)."""
-    cosines: Array
-    """Cosine of each wave at each place, shape (n, w)."""
-    reading: tuple[Array, Array]
-    """`_reading` along x and y, shape (w,) each."""
-    area: float
-    """Inverse of the cell's area [1/px^2]."""
-
-    @classmethod
-    def of(cls, image: PupilImage, places: Array) -> CellSeries:
-        """Series of an image's pitch, layout and pixels."""
-        reciprocal = np.linalg.inv(image.pitch * image.axes).T
-        waves = _whole_numbers(math.ceil(1.5 * image.pitch * 1.2)) @ reciprocal.T
-        waves = waves[np.hypot(*waves.T) < 1.5]
-        cosines = np.cos(2 * math.pi * places @ waves.T)
-        return cls(
-            waves, cosines, (_reading(waves[:, 0]), _reading(waves[:, 1])), float(abs(np.linalg.det(reciprocal)))
-        )
-
-    def light(self, image: PupilImage) -> Array:
-        """`PupilImage.cell` at the places, shape (n,)."""
-        pupil = image.opening.spectrum(*self.waves.T) * self.area
-        x, y = self.reading
-        return np.asarray(self.cosines @ (pupil * (image.lens(self.waves[:, 0], self.waves[:, 1]) * x * y)))
 
 
 def _whole_numbers(most: int) -> Array:

@@ -9,6 +9,7 @@ symmetric as the images, as no other moves width and veil; and what a pupil that
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -17,12 +18,15 @@ from numpy.typing import NDArray
 
 from ..camera import Camera
 from ..design import Design
+from ..theory.exit_pupil import microlens_image_pitch
 from .centres import MicrolensCentres
 from .frames import Array, ColourBalance, Frame
 from .lattice import CentreLattice
 from .pupil_image import PupilImage
-from .result import image_pitch
 
+Names = tuple[str, ...]
+BOTH: Names = ("radius", "blur")
+"""Values of `PupilImage` that are fitted."""
 _MOST = 200_000
 """Pixels that are fitted; beyond, microlenses are left out evenly."""
 _FEWEST = 12
@@ -84,7 +88,7 @@ class WhiteProfile:
     @property
     def width(self) -> float:
         """Width of an image between the pupil's rims [px]."""
-        return float(2 * self.image.radius * _slimness(self.image))
+        return float(self.image.radius * self.image.shape.width / self.image.shape.reach)
 
     @property
     def dips(self) -> tuple[float, float]:
@@ -161,7 +165,7 @@ class WhiteFrame(NamedTuple):
             None where there are too few whole images, or nothing fits.
         """
         lattice = centres.lattice
-        samples = _Samples.of(self.pixels, centres, balance)
+        samples = ImageSamples.of(self.pixels, lattice, centres.centres[centres.used], balance)
         if samples.lenses < _FEWEST:
             return None
         shape = "square" if lattice.layout == "square" else "circular"
@@ -170,19 +174,17 @@ class WhiteFrame(NamedTuple):
         if design is not None:
             designed = PupilImage.designed(design, lattice)
             starts = [designed, replace(designed, radius=start.radius)]
-        some = samples.some(np.arange(samples.lenses) % 8 == 0)
-        first = min((_Fit.of(some, lattice, one) for one in starts), key=lambda one: one.rms)
-        rough = _Fit.of(samples, lattice, first.image)
+        rough = ImageFit.best(samples, lattice, starts)
         each = np.sqrt(samples.mean(np.square(rough.residual)))
         samples = samples.some(each < _ASTRAY * np.median(each))
-        fit = _Fit.of(samples, lattice, rough.image)
+        fit = ImageFit.of(samples, lattice, rough.image)
         if designed is not None and not fit.separable:  # its blur has to be believed
-            fit = _Fit.of(samples, lattice, replace(designed, radius=fit.image.radius), ("radius",))
+            fit = ImageFit.of(samples, lattice, replace(designed, radius=fit.image.radius), ("radius",))
         if not fit.rms < 1:
             return None
         measured, fitted, noise, symmetric = fit.folded()
         variance = fit.variances(max(symmetric, _EXACT))
-        dimmed = _Fit.of(samples, lattice, fit.image, (*fit.free, "dimmer"))
+        dimmed = ImageFit.of(samples, lattice, fit.image, (*fit.free, "dimmer"))
         if dimmed.settled:
             apart = np.array([dimmed.veil - fit.veil, dimmed.image.radius - fit.image.radius])
             by_chance = (dimmed.variances(0.0) - fit.variances(0.0)).clip(0.0)
@@ -190,9 +192,10 @@ class WhiteFrame(NamedTuple):
         sigma = float(np.sqrt(variance[1]) / fit.image.radius), float(np.sqrt(variance[0]))
         narrower = nominal = None
         if design is not None and designed is not None:
-            wide = [each.radius * _slimness(each) / pitch for each, pitch in
-                    ((fit.image, lattice.pitch), (designed, image_pitch(design)))]  # fmt: skip
-            narrower, nominal = float(wide[0] / wide[1]), float(Camera.of(design).fap.outline.width)
+            c = Camera.of(design)
+            pitches = lattice.pitch, abs(float(microlens_image_pitch(c) / c.q))
+            own, its = (each.radius / pitch for each, pitch in zip((fit.image, designed), pitches, strict=True))
+            narrower, nominal = own / its, float(c.fap.outline.width)
         full, untold = None if self.full is None else self.full / float(fit.gains.mean()), ""
         if not fit.separable:
             untold = "images run into each other so far that a veil changes them as another width does"
@@ -204,17 +207,12 @@ class WhiteFrame(NamedTuple):
         )  # fmt: skip
 
 
-def _slimness(image: PupilImage) -> float:
-    """Half the width of a pupil over its farthest point's distance from the middle."""
-    return float(image.shape.width / (2 * image.shape.reach))
-
-
 def _step(jacobian: Array, residual: Array) -> Array:
     """Gauss's and Newton's step."""
     return np.asarray(np.linalg.lstsq(jacobian.T @ jacobian, jacobian.T @ residual, rcond=1e-10)[0])
 
 
-class _Samples(NamedTuple):
+class ImageSamples(NamedTuple):
     """Pixels in the cells of whole microlens images."""
 
     at: Array
@@ -226,10 +224,10 @@ class _Samples(NamedTuple):
     """Number of microlenses."""
 
     @classmethod
-    def of(cls, frame: Frame, centres: MicrolensCentres, balance: ColourBalance | None) -> _Samples:
-        """Pixels of some used microlenses, evenly chosen."""
-        lattice = centres.lattice
-        nodes = centres.centres[centres.used]
+    def of(
+        cls, frame: Frame, lattice: CentreLattice, nodes: Array, balance: ColourBalance | None = None
+    ) -> ImageSamples:
+        """Pixels of some microlenses at `nodes` [px], evenly chosen; behind colour filters of the brightest colour."""
         nodes = nodes[:: max(1, math.ceil(len(nodes) * lattice.pitch**2 / _MOST))]
         reach = math.ceil(lattice.pitch)
         window = np.arange(-reach, reach + 1)
@@ -248,11 +246,11 @@ class _Samples(NamedTuple):
         value = np.asarray(frame[row[taken], column[taken]], float)
         return cls(away[taken] @ np.linalg.inv(lattice.basis).T, lens, value, len(nodes))
 
-    def some(self, kept: NDArray[np.bool_]) -> _Samples:
+    def some(self, kept: NDArray[np.bool_]) -> ImageSamples:
         """Some of the microlenses."""
         mine = kept[self.lens]
         number = np.cumsum(kept) - 1
-        return _Samples(self.at[mine], number[self.lens[mine]], self.value[mine], int(kept.sum()))
+        return ImageSamples(self.at[mine], number[self.lens[mine]], self.value[mine], int(kept.sum()))
 
     def mean(self, values: Array) -> Array:
         """Mean of values over each microlens."""
@@ -266,14 +264,14 @@ class _Samples(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
+class ImageFit:
     """Pupil's image, veil and gains fitted to pixels by least squares; veil, then `free`, are parameters."""
 
-    samples: _Samples
+    samples: ImageSamples
     lattice: CentreLattice
     image: PupilImage
     veil: float
-    free: tuple[str, ...]
+    free: Names
     settled: bool
     gains: Array
     """Values of fully lit pixels of each microlens."""
@@ -284,8 +282,12 @@ class _Fit:
 
     @classmethod
     def of(
-        cls, samples: _Samples, lattice: CentreLattice, start: PupilImage, free: tuple[str, ...] = ("radius", "blur")
-    ) -> _Fit:
+        cls,
+        samples: ImageSamples,
+        lattice: CentreLattice,
+        start: PupilImage,
+        free: tuple[str, ...] = ("radius", "blur"),
+    ) -> ImageFit:
         """Fit from a start, by Gauss and Newton."""
         low, high = (
             np.array([_BOUNDS[name][end] * (1.0 if name == "dimmer" else lattice.pitch) for name in free])
@@ -320,6 +322,25 @@ class _Fit:
             values = after
         inside = bool(((values > low) & (values < high) | (np.array(free) == "blur")).all())
         return cls(samples, lattice, image, veil, free, settled and inside, gains, residual, jacobian)
+
+    @classmethod
+    def best(
+        cls,
+        samples: ImageSamples,
+        lattice: CentreLattice,
+        starts: Sequence[PupilImage],
+        free: Names = BOTH,
+    ) -> ImageFit:
+        """Fit from that start from which a part of the microlenses is met best."""
+        some = samples.some(np.arange(samples.lenses) % 8 == 0)
+        first = min((cls.of(some, lattice, start, free) for start in starts), key=lambda fit: fit.rms)
+        return cls.of(samples, lattice, first.image, free)
+
+    @property
+    def misfit(self) -> float:
+        """Rms difference of the mean image from the fitted one, relative to its mean; without noise."""
+        measured, fitted, noise, _ = self.folded()
+        return math.sqrt(max(float(np.square(measured - fitted).mean()) - noise**2, 0.0)) / float(fitted.mean())
 
     @property
     def rms(self) -> float:

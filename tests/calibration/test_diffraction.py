@@ -21,12 +21,11 @@ from roslf_design.calibration import (
 from roslf_design.calibration.diffraction import (
     WhiteImage,
     _apparent_shifts,
-    _fit_cell,
     _view_weights,
     _ViewWeights,
-    _white_cell,
 )
 from roslf_design.calibration.pupil_image import PupilImage
+from roslf_design.calibration.white_profile import ImageFit
 from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.design import load, save
@@ -57,14 +56,15 @@ def test_a_rendered_white_image_gives_its_pupil_and_its_blur(layout, shape, slow
     )
     pixels = render(design, region=(2100, 1340, 400, 400)).pixels
     lattice = find_centres(pixels, layout=layout).lattice
-    cell, true = _white_cell(pixels, lattice), pupil_of(design)
+    samples, true = WhiteImage(pixels, None, lattice).samples(), pupil_of(design)
     start = PupilImage(1.1 * true.radius, 0.8 * true.blur, lattice.pitch, layout, shape)
-    found = _fit_cell(cell, start, blurred=True)
-    # The render is exact to its budget of 1 %; cubic interpolation and 30 microlenses across leave a few thousandths.
+    found = ImageFit.of(samples, lattice, start)
+    # The render is exact to its budget of 1 %; 30 microlenses across leave a few thousandths.
     assert found.image.radius == pytest.approx(true.radius, rel=5e-3)
     assert found.image.blur == pytest.approx(true.blur, rel=1e-2)
     assert found.misfit < 5e-3
-    assert _fit_cell(cell, start, blurred=False).misfit > 10 * found.misfit
+    sharp = ImageFit.of(samples, lattice, replace(start, blur=0.0), ("radius",))
+    assert sharp.misfit > 10 * found.misfit
 
 
 BOX = {"shape": "rectangle", "sides": (2.5, 1.7), "turn": 0.35, "distance": 120.0}
@@ -109,8 +109,9 @@ def test_a_white_image_without_diffraction_shows_none():
         PAPER, overrides=["-microlens_diffraction", "-microlens_defocus"], region=(2100, 1340, 400, 400)
     ).pixels
     lattice = find_centres(pixels, layout="square").lattice
-    cell, true = _white_cell(pixels, lattice), pupil_of(PAPER)
-    sharp, blurred = (_fit_cell(cell, true, blurred=b) for b in (False, True))
+    samples, true = WhiteImage(pixels, None, lattice).samples(), pupil_of(PAPER)
+    sharp = ImageFit.of(samples, lattice, replace(true, blur=0.0), ("radius",))
+    blurred = ImageFit.of(samples, lattice, true)
     assert sharp.image.radius == pytest.approx(true.radius, rel=2e-3)
     assert sharp.misfit < 0.02
     assert blurred.image.blur < 0.1 * true.blur
