@@ -94,8 +94,8 @@ class PupilImage:
 
         1 is full light without neighbours. A Fourier series over the lattice, however large and blurred images are.
         """
-        orders = np.fft.fftfreq(steps, 1 / steps)
-        waves = np.stack(np.meshgrid(orders, orders, indexing="ij"), -1) @ np.linalg.inv(lattice.basis)
+        orders = (f(steps, 1 / steps) for f in (np.fft.fftfreq, np.fft.rfftfreq))
+        waves = np.stack(np.meshgrid(*orders, indexing="ij"), -1) @ np.linalg.inv(lattice.basis)
         cos, sin = math.cos(lattice.rotation), math.sin(lattice.rotation)
         x, y = waves @ [cos, sin], waves @ [-sin, cos]
         light = self.opening.spectrum(x, y)
@@ -104,7 +104,7 @@ class PupilImage:
             around = sum(self.opening.spectrum(x + a, y + b) for a, b in ((step, 0), (-step, 0), (0, step), (0, -step)))
             light = light + self.dimmer * (around - 4 * light) / (2 * math.pi * step * self.radius) ** 2
         light = light * self.lens(x, y) * pixel_box(waves, 1.0).prod(-1)
-        return np.asarray(np.fft.ifft2(light).real * steps**2 / abs(np.linalg.det(lattice.basis)))
+        return np.asarray(np.fft.irfft2(light, (steps, steps)) * steps**2 / abs(np.linalg.det(lattice.basis)))
 
 
 def _whole_numbers(most: int) -> Array:

@@ -93,8 +93,8 @@ class WhiteProfile:
     @property
     def dips(self) -> tuple[float, float]:
         """Darkest over brightest place of an image, measured and fitted."""
-        dark, light = ([float(end(part)) for part in (self.measured, self.fitted)] for end in (np.min, np.max))
-        return dark[0] / light[0], dark[1] / light[1]
+        measured, fitted = (float(part.min() / part.max()) for part in (self.measured, self.fitted))
+        return measured, fitted
 
     @property
     def pupil(self) -> float | None:
@@ -112,19 +112,19 @@ class WhiteProfile:
         """Object `white` of `decoding.json`; null is what cannot be told."""
         share = None if self.full is None else self.veil / self.full
         told = {
-            "veil": (share, None if self.full is None else self.sigma[1] / self.full),
-            "veil_of_lit": (self.veil, self.sigma[1]),
-            "image_width_px": (self.width, self.width * self.sigma[0]),
-            "effective_pupil_mm": (self.pupil, None if self.pupil is None else self.pupil * self.sigma[0]),
+            "veil": share,
+            "veil_sigma": None if self.full is None else self.sigma[1] / self.full,
+            "veil_of_lit": self.veil,
+            "veil_of_lit_sigma": self.sigma[1],
+            "image_width_px": self.width,
+            "image_width_sigma_px": self.width * self.sigma[0],
+            "effective_pupil_mm": self.pupil,
+            "effective_pupil_sigma_mm": None if self.pupil is None else self.pupil * self.sigma[0],
+            "blur_px": self.image.blur,
         }
-        keys: dict[str, Any] = {}
-        for name, (value, sigma) in told.items():
-            stem, dash, unit = name.rpartition("_")
-            error = f"{stem}_sigma_{unit}" if dash and unit in ("px", "mm") else f"{name}_sigma"
-            keys |= {name: None, error: None} if self.untold else {name: value, error: sigma}
-        return keys | {
+        return {
+            **(dict.fromkeys(told) if self.untold else told),
             "untold": self.untold or None,
-            "blur_px": None if self.untold else self.image.blur,
             "pitch_px": list(self.lattice.pitches),
             "profile_rms": self.misfit,
             "profile_rms_symmetric": self.symmetric,
@@ -231,11 +231,8 @@ class ImageSamples(NamedTuple):
         nodes = nodes[:: max(1, math.ceil(len(nodes) * lattice.pitch**2 / _MOST))]
         reach = math.ceil(lattice.pitch)
         window = np.arange(-reach, reach + 1)
-        column, row = (
-            (np.rint(nodes[:, axis]).astype(int)[:, None, None] + step)
-            for axis, step in ((0, window[None, None, :]), (1, window[None, :, None]))
-        )
-        column, row = np.broadcast_arrays(column, row)
+        left, top = np.rint(nodes).astype(int).T[..., None, None]
+        column, row = np.broadcast_arrays(left + window, top + window[:, None])
         away = np.stack([column, row], -1) - nodes[:, None, None]
         normals, halves = lattice.cell()
         taken = (np.abs(away @ normals.T) <= halves).all(-1)
@@ -281,18 +278,9 @@ class ImageFit:
     """Rates at which it falls with each parameter, gains fitted anew; shape (n, parameters)."""
 
     @classmethod
-    def of(
-        cls,
-        samples: ImageSamples,
-        lattice: CentreLattice,
-        start: PupilImage,
-        free: tuple[str, ...] = ("radius", "blur"),
-    ) -> ImageFit:
+    def of(cls, samples: ImageSamples, lattice: CentreLattice, start: PupilImage, free: Names = BOTH) -> ImageFit:
         """Fit from a start, by Gauss and Newton."""
-        low, high = (
-            np.array([_BOUNDS[name][end] * (1.0 if name == "dimmer" else lattice.pitch) for name in free])
-            for end in (0, 1)
-        )
+        low, high = np.array([_BOUNDS[name] for name in free]).T * [1 if n == "dimmer" else lattice.pitch for n in free]
         values = np.clip([getattr(start, name) for name in free], low, high)
         steps, veil, settled = min(_MOST_STEPS, math.ceil(_FINE * lattice.pitch)), 0.0, False
         for turn in range(_ROUNDS + 1):
@@ -306,9 +294,8 @@ class ImageFit:
             mean = samples.mean(light + veil)
             gains = samples.mean(samples.value) / mean
             residual = samples.value / gains[samples.lens] - light - veil
-            jacobian = np.stack(
-                [rate - (light + veil) * (samples.mean(rate) / mean)[samples.lens] for rate in rates], -1
-            )
+            own = (light + veil) / mean[samples.lens]
+            jacobian = np.stack([rate - own * samples.mean(rate)[samples.lens] for rate in rates], -1)
             if turn == _ROUNDS or settled:
                 break
             move = _step(jacobian, residual)
@@ -325,11 +312,7 @@ class ImageFit:
 
     @classmethod
     def best(
-        cls,
-        samples: ImageSamples,
-        lattice: CentreLattice,
-        starts: Sequence[PupilImage],
-        free: Names = BOTH,
+        cls, samples: ImageSamples, lattice: CentreLattice, starts: Sequence[PupilImage], free: Names = BOTH
     ) -> ImageFit:
         """Fit from that start from which a part of the microlenses is met best."""
         some = samples.some(np.arange(samples.lenses) % 8 == 0)
