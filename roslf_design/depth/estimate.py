@@ -102,7 +102,7 @@ class PixelNoise:
     def on_veil(self, electrons: float) -> PixelNoise:
         """Noise of pixels that had so many more electrons, which were taken off: their shot noise stays."""
         dark = math.hypot(self.read_noise, math.sqrt(electrons))
-        return replace(self, read_noise=dark, saturation=self.saturation - electrons)
+        return replace(self, read_noise=dark, saturation=max(self.saturation - electrons, 1e-9))
 
     @property
     def brightest(self) -> float:

@@ -473,7 +473,7 @@ class _Unexposed(NamedTuple):
         """Rendered of a scene and of white, with so many rays a pixel."""
         # Rays through elements go as depth has them, however near that is to first order.
         exact = [f"+{PLATE_ABERRATION.name}"] if PLATE_ABERRATION.available(design) else []
-        lines = plan(design, scene, Budget(), ["-noise", "-veil", *SHIFTING, *exact])
+        lines = plan(design, scene, Budget(), ["-noise", *SHIFTING, *exact]).without("veil")
         side = math.ceil(math.sqrt(rays) / FEWER_SAMPLES)
         sampling = RaySampling(least=rays, most=rays, tolerance=1e-6, seed=seed, side=side, together=TOGETHER)
         part = Region(*region)

@@ -209,6 +209,7 @@ VEIL = Effect(
     "intensity",
     _veil,
     cost_per_pixel=1e-9,
+    always=True,
     available=lambda design: design.light.veil > 0,
     absent="the design has no veil",
     needs="veiling light, and `light.veil` of this design is 0",

@@ -45,11 +45,12 @@ def test_its_shot_noise_is_in_pictures():
     assert np.mean(3000 * (noisy - clear) ** 2 / clear) == pytest.approx(1.0, abs=0.065)
 
 
-def test_the_plan_says_its_size_and_leaves_small_ones_out():
+def test_the_plan_says_its_size_and_never_leaves_it_out():
+    """However small: captures of such a design have it taken off."""
     assert plan(HAZY)["veil"].estimate == pytest.approx(level(HAZY))
     assert plan(HAZY)["veil"].on
     assert not plan(PAPER)["veil"].on
-    assert not plan(HAZY, budget=Budget(intensity=0.2))["veil"].on
+    assert plan(HAZY, budget=Budget(intensity=0.2), overrides=["none"])["veil"].on
     with pytest.raises(roslf.InputError, match=r"light\.veil"):
         plan(PAPER, overrides=["+veil"])
 
@@ -90,6 +91,8 @@ def test_simulated_depth_has_its_noise(near_light, few_rays):
     assert hazy.measured == 1.0
     assert abs(hazy.bias_mm - clear.bias_mm) < hazy.told_mm
     assert trials[1].brightest == pytest.approx(trials[0].brightest + 0.1)
+    blind = simulate(PAPER.replace({"light.veil": 0.99}), scene, options, unexposed=unexposed)
+    assert set(blind.unknown()) == {"saturated"}
 
 
 def test_a_veil_that_the_design_has_is_taken_off_captures(near_light, tmp_path):
