@@ -16,23 +16,20 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .._arrays import by_value, sunflower
+from .._arrays import sunflower
 from .._jit import THREADS, kernel, prange
-from ..bore.opening import ClearAperture
 from ..camera import Camera
 from ..design import Design
-from ..shapes.lattice import PACKINGS
-from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import diffraction_width
-from ..theory.transfer import MicrolensTransfer
 from .aberrations import aberration_error
 from .corners import fit_saddles, fit_window
-from .decoding import cubic_taps, decode
 from .fit import Calibration, calibrate, fit_lines
 from .frames import Array, CalibrationError, grey_frame
-from .lattice import CentreLattice, Layout
+from .lattice import CentreLattice
 from .model import GLOBALS, Board, DataSheet, Intrinsics, Observations, derived
+from .pupil_image import RINGS, PupilImage
+from .white_profile import ImageFit, ImageSamples
 
 DiffractionMode = Literal["auto", "on", "off"]
 _SMALL = 0.1
@@ -47,8 +44,6 @@ _FAINT = 0.3
 _ROUNDS = 4
 _STEP = 0.25
 """Grid on which the blur is tabulated [px]."""
-_RINGS = 3
-"""Neighbours whose light is counted, in pitches: what comes from farther is haze, alike on both sides of an edge."""
 _HALF = 24
 """Microlenses to each side of the middle of the white image that are averaged."""
 _INNER = 0.75
@@ -67,8 +62,6 @@ _DIM = 1e-7
 _PARTS = 5
 """Places across a microlens's aperture, per axis."""
 _NAMES = GLOBALS[:3]
-ROUND = ClearAperture(1.0)
-"""Shape of a disc."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -80,7 +73,7 @@ class DiffractionCheck:
     """Reason why it was taken off, or not, as a sentence."""
     expected_blur: float
     """Blur of the design, lambda d_2/d [px]."""
-    image: _PupilImage | None = None
+    image: PupilImage | None = None
     """As the white image has it; None where it was not looked at."""
     misfit: float = 0.0
     """RMS difference between the white image's cell and `image`, relative to the mean."""
@@ -106,9 +99,15 @@ class WhiteImage(NamedTuple):
     """Frame without light."""
     lattice: CentreLattice
 
-    def cell(self) -> _WhiteCell:
-        """Mean microlens image, as `_white_cell` has it."""
-        return _white_cell(self.pixels, self.lattice, self.dark)
+    def samples(self) -> ImageSamples:
+        """Pixels of the microlens images in its middle; at least three."""
+        frame, lattice = grey_frame(self.pixels, self.dark, "white image"), self.lattice
+        middle = np.round(lattice.indices((np.array(frame.shape[::-1]) - 1) / 2))
+        inside = lattice.inside((frame.shape[0], frame.shape[1]), margin=lattice.pitch)
+        near = inside[(np.abs(inside - middle) <= _HALF).all(axis=1)]
+        if len(near) < 3:
+            raise CalibrationError("the middle of the white image holds too few whole microlens images")
+        return ImageSamples.of(frame, lattice, lattice.nodes(*near.T))
 
 
 class Corrected(NamedTuple):
@@ -195,12 +194,12 @@ def _looked_at(design: Design, white: WhiteImage, wish: DiffractionMode) -> Diff
         return DiffractionCheck(
             False, f"The design's microlens diffraction, {expected:.2g} px, is too small to matter", expected
         )
-    pupil, lattice = c.fap.outline, white.lattice
-    radius = float(microlens_image_diameter(c) / (2 * c.q) * (2 * pupil.reach / pupil.width))
-    shape = pupil._replace(turn=pupil.turn - lattice.rotation)
-    start = _PupilImage(radius, max(expected, _SMALL), lattice.pitch, lattice.layout, c.lens_shape, shape)
-    cell = white.cell()
-    waves, rays = _fit_cell(cell, start, blurred=True), _fit_cell(cell, start, blurred=False)
+    pupil = c.fap.outline
+    start = PupilImage.designed(design, white.lattice)
+    start = replace(start, blur=max(expected, _SMALL), spread=0.0)
+    samples, starts = white.samples(), [start, replace(start, radius=0.45 * start.pitch)]
+    waves = ImageFit.best(samples, white.lattice, starts)
+    rays = ImageFit.best(samples, white.lattice, [replace(one, blur=0.0) for one in starts], ("radius",))
     blurred = waves.image.blur > max(_SMALL, _FAINT * expected) and waves.misfit < rays.misfit
     best, warning = waves if blurred or wish == "on" else rays, ""
     if best.misfit > _UNLIKE:
@@ -222,7 +221,7 @@ def _looked_at(design: Design, white: WhiteImage, wish: DiffractionMode) -> Diff
 
 
 def _straightened(
-    observations: Observations, board: Board, image: _PupilImage, start: Observations | None = None
+    observations: Observations, board: Board, image: PupilImage, start: Observations | None = None
 ) -> Observations:
     """Corners where they would be without diffraction; their slopes are found along, from those of `start`."""
     weights = _view_weights(image, observations.views)
@@ -269,91 +268,6 @@ def _shifts_of_board(
 # --- the pupil's image behind a microlens, and what the white image says of it ----------------------------------------
 
 
-@by_value
-@dataclass(frozen=True)
-class _PupilImage:
-    """Image of the evenly lit pupil behind one microlens, blurred by the microlens's own aperture."""
-
-    radius: float
-    """Radius of a disc, of another shape the distance of its farthest point from its middle [px]."""
-    blur: float
-    """lambda d_2/d, first zero of a square microlens's diffraction [px]; 0 leaves diffraction out."""
-    pitch: float
-    """Pitch of the microlens images [px]."""
-    layout: Layout = "square"
-    lens_shape: str = "square"
-    """Shape of the microlenses."""
-    shape: ClearAperture = ROUND
-    """Shape of the pupil as the lattice's rows lie, of any size."""
-
-    @property
-    def opening(self) -> ClearAperture:
-        """The pupil's geometric image [px]."""
-        return self.shape.scaled(self.radius / self.shape.reach)
-
-    @property
-    def axes(self) -> Array:
-        """Steps of the lattice as columns [pitches]: u along the rows, v square to them."""
-        return PACKINGS[self.layout].steps
-
-    def transfer(self, x: Array, y: Array) -> Array:
-        """Transfer function between the pupil's geometric image and a decoded sample, at frequencies [1/px].
-
-        Diffraction, the pixel's square, and the cubic convolution that reads between pixels, averaged over where the
-        sample falls between them.
-        """
-        result: Array = self.lens(x, y) * _reading(x) * _reading(y)
-        return result
-
-    @property
-    def lens(self) -> MicrolensTransfer:
-        """Transfer function of the microlens's diffraction alone, at frequencies [1/px]."""
-        return MicrolensTransfer(1.0, self.blur, 0.0, (1.0,) if self.blur > 0 else (), self.lens_shape)
-
-    def neighbours(self) -> Array:
-        """Microlenses around one, itself first [pitches], shape (m, 2)."""
-        places = _whole_numbers(2 * _RINGS) @ self.axes.T
-        distance = np.abs(places).max(axis=1)
-        near = distance < _RINGS + 0.5
-        return np.asarray(places[near][np.argsort(distance[near], kind="stable")])
-
-    def cell(self, places: Array) -> Array:
-        """Light of an evenly lit scene at places relative to a microlens image's centre [px], shape (n, 2) -> (n,).
-
-        1 is full light without neighbours. A Fourier series over the lattice, as far as pixels can tell.
-        """
-        return _CellSeries.of(self, places).light(self)
-
-
-class _CellSeries(NamedTuple):
-    """Fourier series of all images of one pitch and layout at given places of a cell, however large and blurred."""
-
-    waves: Array
-    """[1/px], shape (w, 2)."""
-    cosines: Array
-    """Cosine of each wave at each place, shape (n, w)."""
-    reading: tuple[Array, Array]
-    """`_reading` along x and y, shape (w,) each."""
-    area: float
-    """Inverse of the cell's area [1/px^2]."""
-
-    @classmethod
-    def of(cls, image: _PupilImage, places: Array) -> _CellSeries:
-        reciprocal = np.linalg.inv(image.pitch * image.axes).T
-        waves = _whole_numbers(math.ceil(1.5 * image.pitch * 1.2)) @ reciprocal.T
-        waves = waves[np.hypot(*waves.T) < 1.5]
-        cosines = np.cos(2 * math.pi * places @ waves.T)
-        return cls(
-            waves, cosines, (_reading(waves[:, 0]), _reading(waves[:, 1])), float(abs(np.linalg.det(reciprocal)))
-        )
-
-    def light(self, image: _PupilImage) -> Array:
-        """`_PupilImage.cell` at the places, shape (n,)."""
-        pupil = image.opening.spectrum(*self.waves.T) * self.area
-        x, y = self.reading
-        return np.asarray(self.cosines @ (pupil * (image.lens(self.waves[:, 0], self.waves[:, 1]) * x * y)))
-
-
 class _ViewWeights(NamedTuple):
     """Where the light in the samples of each view came from."""
 
@@ -367,7 +281,7 @@ class _ViewWeights(NamedTuple):
     """(s', t') on the pupil's geometric image [px], shape (n, 2)."""
 
 
-def _view_weights(image: _PupilImage, views: Array, points: int | None = None) -> _ViewWeights:
+def _view_weights(image: PupilImage, views: Array, points: int | None = None) -> _ViewWeights:
     """Where the light of the samples of `views`, (s', t') [px], shape (v, 2), came from; `points` on the pupil.
 
     By default as many as the blur, or a pixel, calls for.
@@ -375,7 +289,7 @@ def _view_weights(image: _PupilImage, views: Array, points: int | None = None) -
     from scipy.ndimage import map_coordinates
 
     opening = image.opening
-    reach = (_RINGS + 1.5) * image.pitch + float(opening.reach)
+    reach = (RINGS + 1.5) * image.pitch + float(opening.reach)
     step = max(_STEP, image.blur / 12)
     count = 2 ** math.ceil(math.log2(2 * reach / step))
     frequency, half = (np.asarray(f(count, step), float) for f in (np.fft.fftfreq, np.fft.rfftfreq))
@@ -393,77 +307,6 @@ def _view_weights(image: _PupilImage, views: Array, points: int | None = None) -
     light = np.stack(shares, axis=1)
     light /= light.sum(axis=(1, 2), keepdims=True)
     return _ViewWeights(np.asarray(views, float), light, around, places)
-
-
-def _whole_numbers(most: int) -> Array:
-    """All pairs of whole numbers up to `most` either way, shape (n, 2)."""
-    side = np.arange(-most, most + 1.0)
-    return np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
-
-
-def _reading(frequency: Array) -> Array:
-    """Transfer of a pixel's width and of cubic convolution (a = -1/2), along one axis [1/px]."""
-    x = (np.arange(2000) + 0.5) / 1000
-    further, near, _, _ = cubic_taps(x[:1000])
-    axis, back = np.unique(np.abs(frequency), return_inverse=True)
-    cubic = 2 * np.cos(2 * math.pi * np.outer(axis, x)) @ np.concatenate([near, further]) / 1000
-    return np.asarray((np.sinc(axis) * cubic)[back].reshape(np.shape(frequency)))
-
-
-class _WhiteCell(NamedTuple):
-    """Mean light over a microlens's cell."""
-
-    places: Array
-    """Relative to the microlens image's centre [px], shape (n, 2)."""
-    light: Array
-    """Relative to its mean, shape (n,)."""
-
-
-class _CellFit(NamedTuple):
-    """A pupil image fitted to a cell."""
-
-    image: _PupilImage
-    misfit: float
-    """RMS difference, relative to the mean."""
-
-
-def _white_cell(white: ArrayLike, lattice: CentreLattice, dark: ArrayLike | None = None) -> _WhiteCell:
-    """Average the microlens images in the middle of the white image; at least three."""
-    frame = grey_frame(white, dark, "white image")
-    rows, columns = frame.shape
-    reach = int(np.ceil((_HALF + 2) * lattice.pitch))
-    top, left = max(0, rows // 2 - reach), max(0, columns // 2 - reach)
-    piece = frame[top : rows // 2 + reach, left : columns // 2 + reach]
-    field = decode(piece, lattice.at(np.asarray(lattice.origin) - (left, top)))
-    whole = (field.weight > 0).all(axis=(0, 1))
-    if whole.sum() < 3:
-        raise CalibrationError("the middle of the white image holds too few whole microlens images")
-    cell = field.values[:, :, whole].mean(axis=-1, dtype=float)
-    s, t = np.meshgrid(field.s, field.t)
-    return _WhiteCell(np.stack([s.ravel(), t.ravel()], axis=-1), cell.ravel() / cell.mean())
-
-
-def _fit_cell(cell: _WhiteCell, start: _PupilImage, *, blurred: bool) -> _CellFit:
-    """Fit the pupil's size, and with `blurred` the blur (else 0), to a cell; the rest is taken from `start`."""
-    from scipy.optimize import least_squares
-
-    series = _CellSeries.of(start, cell.places)
-
-    def image(x: Array) -> _PupilImage:
-        return replace(start, radius=float(x[0]), blur=float(x[1]) if blurred else 0.0)
-
-    def off(x: Array) -> Array:
-        light = series.light(image(x))
-        return np.asarray(light / light.mean() - cell.light)
-
-    size = 2 if blurred else 1
-    low, high = np.array([[0.1 * start.pitch, 0.01 * start.blur], [start.pitch, 0.7 * start.pitch]])[:, :size]
-    tries = []
-    for radius in (start.radius, 0.45 * start.pitch):  # a design of another camera starts far off
-        first = np.clip([radius, start.blur][:size], 1.01 * low, 0.99 * high)
-        tries.append(least_squares(off, first, bounds=(low, high), x_scale=first))
-    best = min(tries, key=lambda one: float(one.cost))
-    return _CellFit(image(best.x), float(np.sqrt(2 * best.cost / (len(cell.light) - size))))
 
 
 # --- where fitted corners come to lie ---------------------------------------------------------------------------------

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from ..camera import Camera
 from ..design import Design
@@ -13,8 +16,18 @@ from ..errors import InputError, Problem, refusal
 from ..theory.colours import filters
 from .centres import MicrolensCentres, find_centres, find_centres_in_scene
 from .decoding import LightField, decode
-from .frames import CalibrationError, ColourBalance, Frame, Image, grey_frame, read_image_and_notes, same_size
+from .frames import (
+    CalibrationError,
+    ColourBalance,
+    Frame,
+    Image,
+    grey_frame,
+    read_image_and_notes,
+    same_size,
+    saturation_level,
+)
 from .result import image_pitch, undistorted_radius
+from .white_profile import WhiteFrame
 
 OTHER_CAMERA = 0.02
 """Share by which the pitch of the microlens images may be off the design's: beyond, it is another camera's."""
@@ -74,12 +87,18 @@ class RawDecoded(NamedTuple):
     """Notes that `roslf` left in the file."""
     balance: ColourBalance | None
     """Colour balance of a sensor with colour filters; None without."""
+    white: WhiteFrame | None
+    """White image; None without one."""
+    full: float | None
+    """Value of a pixel whose well is full; None where nothing tells."""
 
 
 def from_raw(
     image: Path, white: Path | None, dark: Path | None, design: Design | None, progress: Callable[[str], None]
 ) -> RawDecoded:
     """Read and decode a raw image; without a white image by the design's lattice, wherever that lies in it.
+
+    A veil that the design has is taken off both.
 
     Raises
     ------
@@ -96,16 +115,26 @@ def from_raw(
             " the image itself",
         )
     pixels, notes = _read_raw(image)
-    even, black = (None if path is None else _read_raw(path)[0] for path in (white, dark))
+    (even, white_notes), (black, _) = ((None, {}) if path is None else _read_raw(path) for path in (white, dark))
     layout = None if design is None else design.microlens_array.layout
     pitch = None if design is None else image_pitch(design)
     radius = None
     if design is not None and pixels.shape[1::-1] == Camera.of(design).pixels:  # it counts from the sensor's middle
         radius = undistorted_radius(design) or None
+    bits = math.inf if design is None else design.sensor.bits
+    full = _full_scale(pixels, notes, bits, even)
     try:
         for name, path, other in (("white image", white, even), ("dark frame", dark, black)):
             if other is not None:
                 same_size(f"raw image {image.name}", pixels.shape, f"{name} {path.name if path else ''}", other.shape)
+        plain = None
+        if even is not None:
+            level = _full_scale(even, white_notes, bits, pixels)
+            plain = WhiteFrame(grey_frame(even, black, "white image"), level, bool(white_notes) or black is not None)
+        if design is not None and design.light.veil > 0 and full is not None:
+            black = np.float32(design.light.veil * full) + (
+                np.zeros(pixels.shape[:2], np.float32) if black is None else grey_frame(black, None, "dark frame")
+            )
         balance = None
         if _filtered(design, notes):
             balance = ColourBalance.of(pixels if even is None else even, black)
@@ -131,7 +160,23 @@ def from_raw(
         field = decode(grey, centres.lattice, white=even, dark=black)
     except CalibrationError as error:
         raise NoLatticeError(str(error), searched, pitch) from None
-    return RawDecoded(field, RawSource(frame, centres, even is not None), pixels, notes, balance)
+    return RawDecoded(field, RawSource(frame, centres, even is not None), pixels, notes, balance, plain, full)
+
+
+def _full_scale(pixels: Image, notes: Mapping[str, Any], bits: float, beside: Image | None) -> float | None:
+    """Value at which a pixel is full; None where nothing tells.
+
+    Counts are those of a sensor of so many bits; where they, or those of a file beside, are larger, of their type.
+    Pictures that `roslf` rendered say it themselves.
+    """
+    if notes:
+        noted = notes.get("full_well")
+        return float(noted) if isinstance(noted, (int, float)) and noted > 0 else None
+    counts = [image for image in (pixels, beside) if image is not None and image.dtype.kind in "ui"]
+    if pixels.dtype.kind not in "ui":
+        return None
+    most = 2.0**bits - 1
+    return most if max(float(image.max()) for image in counts) <= most < math.inf else saturation_level(pixels)
 
 
 def _filtered(design: Design | None, notes: Mapping[str, Any]) -> bool:

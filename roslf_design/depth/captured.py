@@ -12,14 +12,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..calibration.decoding import LightField
-from ..calibration.frames import Image, saturation_level
 from ..calibration.lattice import CentreLattice
+from ..calibration.raw import RawDecoded
 from ..calibration.refocusing import sharp_disparities
 from ..camera import Camera
 from ..imaging.camera import Region
 from ..json_data import plain
 from ..theory.exit_pupil import microlens_image_diameter
-from ..theory.photometry import dark_variance, electrons
+from ..theory.photometry import dark_variance, electrons, veil_electrons
 from .estimate import DisparityMap, PixelNoise, Start, estimate_disparity
 from .geometry import ArrayGeometry, GridGeometry, ViewGeometry
 from .measure import POINTS, Depths, Measurement, measure, sampled, search_about
@@ -149,7 +149,7 @@ def on_array(field: LightField, lattice: CentreLattice, camera: Camera, region: 
     return replace(field, values=values, weight=weight, u=u, v=v, hexagonal=rows)
 
 
-def raw_noise(camera: Camera, image: Image, notes: Mapping[str, Any], field: LightField) -> CaptureNoise:
+def raw_noise(camera: Camera, raw: RawDecoded, field: LightField) -> CaptureNoise:
     """Noise of a decoded raw image.
 
     Whole numbers are taken for the counts of the design's sensor, which saturates at the largest of its bits; where
@@ -159,19 +159,19 @@ def raw_noise(camera: Camera, image: Image, notes: Mapping[str, Any], field: Lig
     level = _brightness(field)
     dark = math.sqrt(float(dark_variance(camera)))
     full_well = float(camera["sensor.full_well"])
-    light = _light_of(notes)
+    light, veil = _light_of(raw.notes), float(veil_electrons(camera))
     if light is not None:
         exposure, read = light
-        return CaptureNoise(PixelNoise(exposure * level, read), level, "the exposure that the file was rendered with")
-    if image.dtype.kind in "ui" and "full_scale" not in notes:
-        most = 2 ** int(camera["sensor.bits"]) - 1
-        top = float(most) if float(image.max()) <= most else saturation_level(image)
-        said = f"the design's sensor, full at {top:g} counts"
-        return CaptureNoise(PixelNoise(full_well / top * level, dark, full_well * FULL), level, said)
+        noise = PixelNoise(exposure * level, read).on_veil(veil)
+        return CaptureNoise(noise, level, "the exposure that the file was rendered with")
+    if raw.pixels.dtype.kind in "ui" and raw.full is not None:
+        said = f"the design's sensor, full at {raw.full:g} counts"
+        noise = PixelNoise(full_well / raw.full * level, dark, full_well * FULL).on_veil(veil)
+        return CaptureNoise(noise, level, said)
     total = float(field.weight.sum(dtype=float))
     mean = float((field.values * field.weight).sum(dtype=float)) / max(total, 1e-30)
     count = float(electrons(camera)) * level / mean if mean > 0 else 1.0
-    return CaptureNoise(PixelNoise(count, dark), level, "the design's light: the file has no counts")
+    return CaptureNoise(PixelNoise(count, dark).on_veil(veil), level, "the design's light: the file has no counts")
 
 
 def _light_of(notes: Mapping[str, Any]) -> tuple[float, float] | None:

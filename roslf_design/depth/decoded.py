@@ -16,6 +16,7 @@ from ..calibration.decoding import LightField
 from ..calibration.raw import OTHER_CAMERA, RawSource, from_raw
 from ..calibration.refocusing import CameraDistances, Distances, FocusPlane, focus_stack
 from ..calibration.result import image_pitch
+from ..calibration.white_profile import WhiteProfile
 from ..calibration.written import calibrated_design
 from ..camera import Camera
 from ..design import Design, load
@@ -50,6 +51,8 @@ class Decoded:
     warnings: tuple[str, ...] = ()
     turned_over: str = ""
     """Which of u and v was reversed, as the camera sees the scene in an odd number of mirrors."""
+    white: WhiteProfile | None = None
+    """Microlens images of the white image; None without one, and where nothing fits."""
 
     @property
     def units(self) -> tuple[str, str]:
@@ -70,6 +73,7 @@ class Decoded:
             "source": self.source,
             "kind": self.kind,
             "lattice": None if self.raw is None else self.raw.to_dict(),
+            "white": None if self.white is None else self.white.to_dict(),
             "views": {
                 "columns": len(field.s),
                 "rows": len(field.t),
@@ -154,6 +158,7 @@ def decoded(image: Path, options: DecodeOptions, progress: Callable[[str], None]
         refuse_focused(camera, "decoding into views")
     warnings: list[str] = []
     raw: RawSource | None = None
+    white: WhiteProfile | None = None
     distances: Distances | None = None
     turned_over = ""
     if views:
@@ -170,7 +175,11 @@ def decoded(image: Path, options: DecodeOptions, progress: Callable[[str], None]
         kind = "raw"
         if camera is not None:
             distances = CameraDistances(Camera.of(camera))
-        field, raw = from_raw(image, options.white, options.dark, camera, progress)[:2]
+        read = from_raw(image, options.white, options.dark, camera, progress)
+        field, raw = read.field, read.source
+        if read.white is not None:
+            progress("fitting microlens images")
+            white = read.white.profile(raw.centres, camera, read.balance)
         warnings += raw.centres.warnings
         if camera is not None and (reversed_along := Camera.of(camera).chain.mirrored).any():
             turned_over = "uv"[(along := int(abs(reversed_along[1]) > abs(reversed_along[0])))]
@@ -188,8 +197,9 @@ def decoded(image: Path, options: DecodeOptions, progress: Callable[[str], None]
     stack = focus_stack(field, chosen, distances)
     at = _textured_row(field) if row is None else row
     return Decoded(
-        image.name, kind, field, stack, at, raw, source if distances is not None else "", tuple(warnings), turned_over
-    )
+        image.name, kind, field, stack, at, raw, source if distances is not None else "", tuple(warnings), turned_over,
+        white,
+    )  # fmt: skip
 
 
 def _disparities(focus: list[str], field: LightField, distances: Distances | None) -> np.ndarray:

@@ -114,6 +114,11 @@ class PixelNoise:
         """Noise of pixels that give this share of the signal."""
         return replace(self, electrons=share * self.electrons, saturation=share * self.saturation)
 
+    def on_veil(self, electrons: float) -> PixelNoise:
+        """Noise of pixels that had so many more electrons, which were taken off: their shot noise stays."""
+        dark = math.hypot(self.read_noise, math.sqrt(electrons))
+        return replace(self, read_noise=dark, saturation=max(self.saturation - electrons, 1e-9))
+
     @property
     def brightest(self) -> float:
         """Electrons that by chance reach saturation once in 700: three standard errors below it."""

@@ -210,7 +210,7 @@ def _raw(capture: _Capture, progress: Callable[[str], None]) -> MeasuredCapture:
         field = ViewLight(camera, field).flat_fielded()
     if not float(field.values.max(initial=0.0)) > 0:
         raise capture.refused("is black; expose more, or check which file it is")
-    noise = raw_noise(camera, raw.pixels, raw.notes, field)
+    noise = raw_noise(camera, raw, field)
     if raw.balance is not None:
         noise = replace(noise, pixel=noise.pixel.dimmed(raw.balance.evenness))
     progress("measuring depth")

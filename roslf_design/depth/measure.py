@@ -26,7 +26,7 @@ from ..json_data import plain
 from ..scenes import Noise, Scene
 from ..theory.colours import filters
 from ..theory.disparity_error import Seen, disparity_sigma
-from ..theory.photometry import dark_variance, electrons
+from ..theory.photometry import NOTHING, dark_variance, electrons, veil_electrons
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
 from .dense import DenseMap
@@ -60,7 +60,7 @@ REASONS = {status.value: status.reason for status in DisparityStatus} | {BEYOND:
 
 
 class Prediction(NamedTuple):
-    """Standard errors as light, noise and texture allow them, at some microlenses."""
+    """Standard errors as light, veil, noise and texture allow them, at some microlenses."""
 
     row: NDArray[np.intp]
     column: NDArray[np.intp]
@@ -401,8 +401,8 @@ def simulate(
         Brightness is relative: on average it is as bright as the design's light says. None is `default_scene`.
     options : PictureOptions, optional
     believed : Design, optional
-        The camera that depth is computed for, where that is not the one that takes the pictures. Centres of microlens
-        images are those of the white image all the same.
+        The camera that depth is computed for, where that is not the one that takes the pictures; its veil is taken off
+        them. Centres of microlens images are those of the white image all the same.
     again : Trial, optional
         Of the same cameras, scene and region in any light, whose pictures are exposed anew; None renders them.
     progress : callable
@@ -416,9 +416,8 @@ def simulate(
     """
     options, believed = options or PictureOptions(), believed or design
     geometry, actual = ArrayGeometry(believed), ArrayGeometry(design)
-    camera = actual.camera
+    camera, part = actual.camera, options.part(design)
     scene = default_scene(design) if scene is None else scene
-    part = options.part(design)
     framed = Framed.of(design, scene, part)
     wide = framed.wide.drawn()
     lattice = lattice_of(camera, wide)
@@ -451,32 +450,37 @@ def simulate(
     level = float(picture.pixels.sum() / max(float(white.pixels.sum()), 1e-30))
     if not level > 0:
         raise InputError((Problem("", "no light of the scene reaches this part of the sensor"),))
-    full, dark = mean / level, math.sqrt(float(dark_variance(camera)))
-    saturation = float(camera["sensor.full_well"])
-    balance = ColourBalance.of(white.pixels) if filters(design.sensor.colours) else None
-    flat = white.pixels if balance is None else balance(white.pixels)
+    full, saturation = mean / level, float(camera["sensor.full_well"])
+    dark = math.sqrt(float(dark_variance(camera)))
+    veil, known_veil = (float(veil_electrons(each)) for each in (camera, geometry.camera))
+    flat = white.pixels + np.float32((veil - known_veil) / full)
+    balance = ColourBalance.of(flat) if filters(design.sensor.colours) else None
+    grey = balance or (lambda frame: frame)
+    flat = grey(flat)
     decoder = Decoder.of(lattice, picture.pixels.shape, white=flat)
     even = decoder(flat)
     brightest = float(np.median(even.values[even.weight > 0])) if (even.weight > 0).any() else 1.0
-    noise = PixelNoise(full * brightest, dark, saturation * 0.98).dimmed(1.0 if balance is None else balance.evenness)
+    noise = PixelNoise(full * brightest, dark, saturation * 0.98).on_veil(known_veil)
+    noise = noise.dimmed(1.0 if balance is None else balance.evenness)
     rows, columns = _reached(even, inside)
     true = _truth(camera, actual.traced, scene, even)
     disparities = disparity_of(camera, true[np.isfinite(true)])
-    low, high = (float(disparities.min()), float(disparities.max())) if disparities.size else (-SLANT, SLANT)
-    search = search_about(low, high)
+    search = search_about(*((disparities.min(), disparities.max()) if disparities.size else (-SLANT, SLANT)))
     viewing = geometry.viewing(even) if again is None else again.viewing
     runs = []
     for number, generator in enumerate(np.random.default_rng(options.seed).spawn(options.exposures)):
         tell = doing("depth", work.white + work.picture + number * work.exposure, work.exposure)
         tell(0.0)
-        taken = np.minimum(add_noise(picture.pixels, full, dark, generator), np.float32(saturation / full))
-        field = decoder((taken if balance is None else balance(taken)) / np.float32(brightest))
-        run = measure(geometry, field, noise, search=search, progress=tell, viewing=viewing)
+        taken = add_noise(picture.pixels + np.float32(veil / full), full, dark, generator)
+        lit = grey(np.minimum(taken, np.float32(saturation / full)) - np.float32(known_veil / full))
+        run = measure(
+            geometry, decoder(lit / np.float32(brightest)), noise, search=search, progress=tell, viewing=viewing
+        )
         runs.append(run.within(rows, columns))
         tell(1.0)
     true = true[rows, columns]
     prediction = _predict(design, scene, runs[0].field, true, runs[0].disparities.window, actual.traced)
-    exposed = picture.pixels * (full / saturation)
+    exposed = (picture.pixels * full + veil) / saturation
     return Trial(
         tuple(runs), true, prediction, scene, part, believed, mean, picture, white, viewing,
         float((exposed >= 1).mean()), float(np.quantile(exposed, 0.999)), _aliased(design, _texture_of(scene), true),
@@ -486,7 +490,7 @@ def simulate(
 def search_about(low: float, high: float) -> tuple[float, float]:
     """Disparities to search where those of a scene lie between two [pitches]."""
     reach = MARGIN + 0.1 * (high - low)
-    return low - reach, high + reach
+    return float(low - reach), float(high + reach)
 
 
 def _reached(field: LightField, inside: NDArray[np.int64]) -> tuple[slice, slice]:
@@ -534,6 +538,7 @@ def _predict(
 ) -> Prediction:
     """Standard errors that light, noise and the scene's texture allow, at microlenses all over a light field."""
     camera = Camera.of(assumed(design, scene, window).thin_twin)
+    beside = NOTHING._replace(veil=veil_electrons(camera))
     rows, columns = (
         np.unique(np.linspace(0, n - 1, min(n, PREDICTED) + 2)[1:-1].round().astype(int)) for n in true.shape
     )
@@ -552,7 +557,7 @@ def _predict(
             bends = np.linalg.norm((aside[n] + b * pupil[n]) @ ways, axis=0)
             wide = camera["aperture.diameter"] * math.sqrt(abs(np.linalg.det(image[n])))
             images = MicrolensImages(camera.replace({"aperture.diameter": wide}), [place])
-            each = disparity_sigma(images, plane_seen._replace(disparity=bends))[0]
+            each = disparity_sigma(images, plane_seen._replace(disparity=bends), beside)[0]
             sharp = math.sqrt(float(np.mean((np.linalg.norm(pupil[n] @ ways, axis=0) / each) ** 2)))
             disparity[n] = 1 / sharp if sharp else math.inf
             depth[n] = float(sigma_of(camera, z, disparity[n]))

@@ -150,7 +150,7 @@ class Framed(NamedTuple):
 
 
 class Unexposed(NamedTuple):
-    """Pictures without noise, of which exposures are made with any light; of a region with its margin."""
+    """Pictures without noise and veil, of which exposures are made with any light; of a region with its margin."""
 
     scene: RawImage
     white: RawImage
@@ -170,7 +170,7 @@ class Unexposed(NamedTuple):
         """Rendered of a scene and of white, with so many rays a pixel."""
         # Rays through elements go as depth has them, however near that is to first order.
         exact = [f"+{PLATE_ABERRATION.name}"] if PLATE_ABERRATION.available(design) else []
-        lines = plan(design, scene, Budget(), ["-noise", *SHIFTING, *exact])
+        lines = plan(design, scene, Budget(), ["-noise", *SHIFTING, *exact]).without("veil")
         side = math.ceil(math.sqrt(rays) / FEWER_SAMPLES)
         sampling = RaySampling(least=rays, most=rays, tolerance=1e-6, seed=seed, side=side, together=TOGETHER)
         # Light is drawn so far around what has to be right, and no microlens of the margin is to be left dark.

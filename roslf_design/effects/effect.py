@@ -37,6 +37,8 @@ class SceneBrief:
     """Electrons in a fully lit pixel; None asks for no noise."""
     read_noise: float = 0.0
     """Read noise r [electrons]."""
+    veil: float = 0.0
+    """Veiling light of each pixel over a fully lit pixel's own; `scenes` sets it."""
     wavelengths: tuple[float, ...] = ()
     """[mm]; empty means the design's own."""
     diffracts: bool = True

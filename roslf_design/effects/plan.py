@@ -29,6 +29,7 @@ EFFECTS: tuple[Effect, ...] = (
     geometry.MLA_ROTATION,
     geometry.TILTS,
     geometry.DECENTRES,
+    waves.VEIL,
     waves.NOISE,
 )
 """Every effect known, in the order in which a plan lists them."""

@@ -11,6 +11,7 @@ from ..camera import Camera
 from ..design.parts import PATHS
 from ..theory import light
 from ..theory.f_number import fill_factor
+from ..theory.photometry import veil_level
 from ..theory.transfer import pixel_box
 from .effect import Effect, Estimate, SceneBrief, Subject
 
@@ -128,6 +129,17 @@ def _pixel_integration(s: Subject) -> Estimate:
     return Estimate(share, f"takes {share:.2%} of harmonic {order} of the microlens-image pitch")
 
 
+def _veil(s: Subject) -> Estimate:
+    """Veiling light of each pixel, over a fully lit pixel's own."""
+    share, level = float(s.camera["light.veil"]), float(veil_level(s.camera, s.brief.exposure))
+    return Estimate(level, f"{share:.2%} of the full well is {level:.3g} of a fully lit pixel")
+
+
+def _veiled(image: NDArray[np.float32], scene: SceneBrief, _: np.random.Generator) -> NDArray[np.float32]:
+    """An image with the veil on it."""
+    return image + np.float32(scene.veil)
+
+
 def _noise(s: Subject) -> Estimate:
     """Rms noise sqrt(N + r^2)/N of a fully lit pixel [fraction of full scale]; zero where no exposure is given."""
     exposure, read = s.brief.exposure, s.brief.read_noise
@@ -191,4 +203,16 @@ FINITE_MICROLENS_APERTURE = Effect(
     cost_per_pixel=64 * 25e-9,
 )
 PIXEL_INTEGRATION = Effect("pixel_integration", "Pixel box", "intensity", _pixel_integration, always=True)
+VEIL = Effect(
+    "veil",
+    "Veiling light",
+    "intensity",
+    _veil,
+    cost_per_pixel=1e-9,
+    always=True,
+    available=lambda design: design.light.veil > 0,
+    absent="the design has no veil",
+    needs="veiling light, and `light.veil` of this design is 0",
+    detected=_veiled,
+)
 NOISE = Effect("noise", "Shot and read noise", "intensity", _noise, cost_per_pixel=50e-9, detected=_exposed)

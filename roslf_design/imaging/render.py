@@ -21,6 +21,7 @@ from ..options import check_seed
 from ..scenes import WHITE_FIELD, Scene
 from ..theory.colours import BRIGHTEST, FILTERS, ColourFilter, filters, mosaic, per_watt
 from ..theory.light import chief_spread, falloff, outer_slope
+from ..theory.photometry import full_level
 from ..theory.transfer import MicrolensTransfer
 from .camera import Image, ImageLattice, Region, pixel_centres, pixel_response, planned_camera
 from .lens_rays import real_camera
@@ -60,6 +61,7 @@ class RawImage:
 
     def metadata(self) -> dict[str, Any]:
         """Everything but the pixels, JSON-ready."""
+        full = float(full_level(Camera.of(self.design.thin_twin), self.scene.light.exposure))
         return {
             "schema": "roslf.render/1",
             "design": self.design.model_dump(mode="json", exclude_defaults=True),
@@ -67,6 +69,7 @@ class RawImage:
             "region": dict(zip(Region._fields, self.region, strict=True)),
             "seed": self.seed,
             "method": self.method,
+            "full_well": None if math.isinf(full) else full,
             "rays": self.rays,
             "effects": self.plan.as_dicts(),
             **({} if self.accuracy is None else {"accuracy": self.accuracy}),

@@ -16,6 +16,7 @@ from ..design import Design
 from ..effects import SceneBrief, Subject
 from ..errors import InputError, Problem
 from ..theory.colours import filters
+from ..theory.photometry import veil_level
 from ..toml_files import parse_toml, problems_of, read_toml
 from ..units import Length
 from .objects import (
@@ -125,6 +126,7 @@ class Scene(Part):
             distances=None if in_focus else (min(reach), max(reach)),
             exposure=self.light.exposure,
             read_noise=self.light.read_noise,
+            veil=float(veil_level(Camera.of(design.thin_twin), self.light.exposure)),
             wavelengths=self.light.wavelengths or tuple(one.wavelength for one in filters(design.sensor.colours)),
         )
 

@@ -888,9 +888,9 @@ def disparity_sigmas(images: MicrolensImages, plane: Seen, besides: tuple[Beside
         return np.asarray(1 / np.sqrt(np.maximum(total, 0.0)))
 
 
-def disparity_sigma(images: MicrolensImages, plane: Seen) -> Array:
-    """`disparity_sigmas` that noise alone leaves, shape (fields, builds)."""
-    return np.asarray(disparity_sigmas(images, plane)[0])
+def disparity_sigma(images: MicrolensImages, plane: Seen, beside: Beside = NOTHING) -> Array:
+    """`disparity_sigmas` in one noise, shape (fields, builds)."""
+    return np.asarray(disparity_sigmas(images, plane, (beside,))[0])
 
 
 def axial_disparity_sigmas(c: Camera, plane: Seen, besides: tuple[Beside, ...] = (NOTHING,)) -> Array:

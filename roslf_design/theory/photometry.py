@@ -113,6 +113,34 @@ def electrons(c: Camera) -> Array:
     return np.asarray(product(_electron_rate(c), exposure(c)))
 
 
+def veil_electrons(c: Camera) -> Number:
+    """Electrons of veiling light in every pixel, whatever its own light."""
+    return c["light.veil"] * c["sensor.full_well"]
+
+
+def full_level(c: Camera, fully_lit: Number | None = None) -> Array:
+    """The full well over what a fully lit pixel holds: so many electrons, by default `electrons`."""
+    return np.asarray(ratio(c["sensor.full_well"], electrons(c) if fully_lit is None else fully_lit))
+
+
+def veil_level(c: Camera, fully_lit: Number | None = None) -> Array:
+    """Veiling light of a pixel over a fully lit pixel's own, as for `full_level`."""
+    return np.asarray(product(c["light.veil"], full_level(c, fully_lit)))
+
+
+def contrast_left(c: Camera, light: Number = 1.0) -> Array:
+    """Share of a picture's contrast that is left on the veil, ``1/(1 + veil/mean)``: a factor of every MTF.
+
+    Parameters
+    ----------
+    c : Camera
+    light : float or ndarray
+        Light of the pixels over that of fully lit ones on the axis.
+    """
+    own = electrons(c) * light
+    return np.asarray(np.where(own > 0, ratio(own, own + veil_electrons(c)), 1.0))
+
+
 def dark_variance(c: Camera) -> Array:
     """Variance that a pixel has without light [electrons^2]: read noise, and rounding to the sensor's steps."""
     step = c["sensor.full_well"] / 2.0 ** c["sensor.bits"]
@@ -138,7 +166,7 @@ class Beside(NamedTuple):
     @classmethod
     def of(cls, c: Camera) -> Beside:
         """All of them; the veil with the shot noise and the mismatch of its own brightness."""
-        return cls.mismatched(c)._replace(veil=c["light.veil"] * c["sensor.full_well"])
+        return cls.mismatched(c)._replace(veil=veil_electrons(c))
 
 
 NOTHING = Beside()

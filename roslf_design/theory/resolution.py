@@ -21,6 +21,8 @@ that turns fast is sampled. The refocused image adds up all of a microlens's vie
 
     ``MTF(P, lambda d_2 nu) (1 - |t|/d) sinc((d - |t|) nu (1 - beta d_2 rho)) sinc(nu rho q)``.
 
+On a veil both are `photometry.contrast_left` times that, at every frequency above 0.
+
 Scalar, incoherent scene of one wavelength; as many places as one likes between microlenses: what sampling once a
 microlens makes of detail beyond `fold` is not in it. Behind a real lens light is not moved by rho p' but as rays are
 (`..traced.fields`); the refocused image moves its views by rho p all the same, what is left blurs it.
@@ -46,6 +48,7 @@ from .depth_of_field import Kind
 from .exit_pupil import microlens_image_diameter, microlens_image_pitch
 from .lens_shapes import LENS_SHAPES, LensShape
 from .light import diffraction_width, independent_views, microlens_defocus
+from .photometry import contrast_left
 from .transfer import MicrolensTransfer, pair_line, pair_transfer, pixel_box
 
 Direction = Literal["tangential", "sagittal"]
@@ -137,7 +140,7 @@ def axial_limit(c: Camera, rate: Number, level: float) -> Array:
     level : float
         Above 0 and below 1.
     """
-    lens = _Lenslet.of(c)
+    lens, wanted = _Lenslet.of(c), level / contrast_left(c)
     diameter = magnitude(microlens_image_diameter(c))
     shape = np.broadcast_shapes(c.shape, np.shape(rate))
     reach = ratio(1.0, c.wavelength * c.seen.d_2 / diameter)
@@ -147,9 +150,9 @@ def axial_limit(c: Camera, rate: Number, level: float) -> Array:
         least, most = low, high
         for _ in range(HALVINGS):
             middle = (least + most) / 2
-            above = pupil.overlap(middle, *way) * lens.refocused(rate, middle, way) > level
+            above = pupil.overlap(middle, *way) * lens.refocused(rate, middle, way) > wanted
             least, most = np.where(above, middle, least), np.where(above, most, middle)
-        limits.append((least + most) / 2)
+        limits.append(np.where(wanted < 1, (least + most) / 2, 0.0))
     return np.asarray(np.minimum(limits[0], limits[-1]))[()]
 
 
@@ -184,6 +187,8 @@ class FieldTransfer:
     """Millimetres on the plane per millimetre on the array, across the field's radius."""
     way: tuple[float, float]
     """Unit vector of the field's radius; along x on the axis."""
+    contrast: float
+    """Share of the contrast that the veil leaves there."""
 
     def __call__(self, frequency: ArrayLike, kind: Kind, direction: Direction) -> Array:
         """MTF at frequencies of the object [lp/mm], shape (N,).
@@ -199,7 +204,7 @@ class FieldTransfer:
         nu = np.asarray(frequency, float) * self.scale(direction)
         if self.middle is None:
             return np.full(nu.shape, np.nan)
-        return np.abs(self._complex(nu, kind, direction))
+        return np.abs(self._complex(nu, kind, direction)) * np.where(nu > 0, self.contrast, 1.0)
 
     def _complex(self, nu: Array, kind: Kind, direction: Direction) -> Complex:
         """Transfer at frequencies on the array [1/mm], shape (N,)."""
@@ -214,6 +219,7 @@ class FieldTransfer:
         scale, lens = self.scale(direction), self._lens
         if self.middle is None or not 0 < scale < math.inf:
             return [math.nan if self.middle is None else ratio(1.0, scale).item()] * len(levels)
+        levels = [level / self.contrast for level in levels]
         reach = self._width / float(lens.wavelength * lens.distance)
         end = reach if kind == "view" else min(reach, 2 * float(_end(lens, self.rate, reach)))
         top = min(end, self.softest, 2 / self._spread if kind == "view" else math.inf)
@@ -227,7 +233,7 @@ class FieldTransfer:
             more = grid[len(passed) : len(passed) + AT_ONCE]
             passed = np.append(passed, self._complex(more * scale, kind, direction))
         grid = grid[: len(passed)]
-        return [self._fall(grid, passed, level, kind, direction) for level in levels]
+        return [self._fall(grid, passed, level, kind, direction) if level < 1 else 0.0 for level in levels]
 
     def _fall(self, grid: Array, passed: Complex, level: float, kind: Kind, direction: Direction) -> float:
         """Object frequency at which the transfer, known on a grid, first falls to a level [lp/mm]."""

@@ -24,6 +24,7 @@ from ..polynomials import Polynomials
 from ..shapes.discs import Outline, gauss_legendre, heights
 from ..shapes.openings import Openings
 from ..theory.light import on_array
+from ..theory.photometry import contrast_left, response
 from ..theory.quantities import QUANTITIES, image_rate
 from ..theory.resolution import FieldTransfer, sparse
 from ..theory.stop_images import MicrolensImages
@@ -57,6 +58,12 @@ GAUSS = 1 / math.sqrt(3)
 """Two places so far from the middle of a stretch have its mean, of cubic polynomials."""
 
 
+def _contrast(images: MicrolensImages, field: int) -> float:
+    """Share of the contrast that the veil leaves at a field."""
+    light = images.level * response(images.camera, np.hypot(*images.microlens[:2]))
+    return float(contrast_left(images.camera, np.broadcast_to(light, (len(images.fields), 1))[field, 0]))
+
+
 class IdealImages(MicrolensImages):
     """Microlens images of a single design's ideal lens."""
 
@@ -77,6 +84,7 @@ class IdealImages(MicrolensImages):
             along,
             across,
             (x / away, y / away) if away > 1e-12 * float(camera.d) else (1.0, 0.0),
+            _contrast(self, field),
         )
 
 
@@ -123,6 +131,7 @@ class DesignImages(LensImages):
             float(image_rate(self.camera, at)),
             *self._scales(field, at),
             (float(place[0] / away), float(place[1] / away)) if away > 1e-12 * float(self.camera.d) else (1.0, 0.0),
+            _contrast(self, field),
             outline,
             beam or _Beam(Polynomials(np.zeros(2), np.ones(2), np.zeros((2, 1, 1))), 0.0),
         )

@@ -21,12 +21,11 @@ from roslf_design.calibration import (
 from roslf_design.calibration.diffraction import (
     WhiteImage,
     _apparent_shifts,
-    _fit_cell,
-    _PupilImage,
     _view_weights,
     _ViewWeights,
-    _white_cell,
 )
+from roslf_design.calibration.pupil_image import PupilImage
+from roslf_design.calibration.white_profile import ImageFit
 from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.design import load, save
@@ -38,13 +37,13 @@ from tests.calibration.made import study
 
 PAPER = load("paper")
 VIEWS = np.array([[0.0, 0.0], [3.0, 0.0], [-3.0, 0.0], [0.0, 4.0], [2.0, 2.0]])
-IMAGE = _PupilImage(6.5, 3.6, 12.94)
+IMAGE = PupilImage(6.5, 3.6, 12.94)
 
 
 def pupil_of(design):
     c, array = Camera.of(design), design.microlens_array
     lengths = microlens_image_diameter(c) / 2, diffraction_width(c), microlens_image_pitch(c)
-    return _PupilImage(*(float(x / c.q) for x in lengths), array.layout, array.lens_shape)
+    return PupilImage(*(float(x / c.q) for x in lengths), array.layout, array.lens_shape)
 
 
 @pytest.mark.parametrize(
@@ -57,14 +56,15 @@ def test_a_rendered_white_image_gives_its_pupil_and_its_blur(layout, shape, slow
     )
     pixels = render(design, region=(2100, 1340, 400, 400)).pixels
     lattice = find_centres(pixels, layout=layout).lattice
-    cell, true = _white_cell(pixels, lattice), pupil_of(design)
-    start = _PupilImage(1.1 * true.radius, 0.8 * true.blur, lattice.pitch, layout, shape)
-    found = _fit_cell(cell, start, blurred=True)
-    # The render is exact to its budget of 1 %; cubic interpolation and 30 microlenses across leave a few thousandths.
+    samples, true = WhiteImage(pixels, None, lattice).samples(), pupil_of(design)
+    start = PupilImage(1.1 * true.radius, 0.8 * true.blur, lattice.pitch, layout, shape)
+    found = ImageFit.of(samples, lattice, start)
+    # The render is exact to its budget of 1 %; 30 microlenses across leave a few thousandths.
     assert found.image.radius == pytest.approx(true.radius, rel=5e-3)
     assert found.image.blur == pytest.approx(true.blur, rel=1e-2)
     assert found.misfit < 5e-3
-    assert _fit_cell(cell, start, blurred=False).misfit > 10 * found.misfit
+    sharp = ImageFit.of(samples, lattice, replace(start, blur=0.0), ("radius",))
+    assert sharp.misfit > 10 * found.misfit
 
 
 BOX = {"shape": "rectangle", "sides": (2.5, 1.7), "turn": 0.35, "distance": 120.0}
@@ -109,8 +109,9 @@ def test_a_white_image_without_diffraction_shows_none():
         PAPER, overrides=["-microlens_diffraction", "-microlens_defocus"], region=(2100, 1340, 400, 400)
     ).pixels
     lattice = find_centres(pixels, layout="square").lattice
-    cell, true = _white_cell(pixels, lattice), pupil_of(PAPER)
-    sharp, blurred = (_fit_cell(cell, true, blurred=b) for b in (False, True))
+    samples, true = WhiteImage(pixels, None, lattice).samples(), pupil_of(PAPER)
+    sharp = ImageFit.of(samples, lattice, replace(true, blur=0.0), ("radius",))
+    blurred = ImageFit.of(samples, lattice, true)
     assert sharp.image.radius == pytest.approx(true.radius, rel=2e-3)
     assert sharp.misfit < 0.02
     assert blurred.image.blur < 0.1 * true.blur
@@ -160,12 +161,12 @@ def test_views_look_from_further_inside_as_a_sum_over_the_pupil_has_it():
     np.testing.assert_allclose(found[1], -found[2], atol=0.03)
     assert found[3, 1] == pytest.approx(brute_baseline(4.0, IMAGE), abs=0.02)
     assert 2.0 < found[1, 0] < 2.8
-    sharp = baseline(_view_weights(_PupilImage(6.5, 0.0, 12.94), VIEWS, points=2000))
+    sharp = baseline(_view_weights(PupilImage(6.5, 0.0, 12.94), VIEWS, points=2000))
     np.testing.assert_allclose(sharp[[0, 1, 4]], VIEWS[[0, 1, 4]], atol=0.05)  # inside the rim nothing moves
 
 
 EDGES = (0.15, 0.15 + math.pi / 2)
-LARGE = _PupilImage(32.6, 2.35, 65.3, "hexagonal", "circular")
+LARGE = PupilImage(32.6, 2.35, 65.3, "hexagonal", "circular")
 """A 100 um microlens on pixels of 1.55 um."""
 
 
@@ -186,7 +187,7 @@ def test_shifts_are_smooth_in_the_slope_and_those_of_a_smaller_pupil_with_finer_
     np.testing.assert_allclose(shifts[0], 0, atol=2e-3)  # the middle view is what it is by symmetry
     assert np.abs(np.diff(shifts[:, :3], axis=1)).max() < 4e-3
     assert np.abs(np.diff(shifts[:, 3:], axis=1)).max() < 4e-3
-    finer = _PupilImage(2 * LARGE.radius, 2 * LARGE.blur, 2 * LARGE.pitch, "hexagonal", "circular")
+    finer = PupilImage(2 * LARGE.radius, 2 * LARGE.blur, 2 * LARGE.pitch, "hexagonal", "circular")
     same = _apparent_shifts(_view_weights(finer, 2 * views), slopes / 2, EDGES, 4, lens_shape="circular")
     np.testing.assert_allclose(same, shifts, atol=3e-3)
 

@@ -32,7 +32,7 @@ def transfer_of(design, at=None, way=(1.0, 0.0)):
     images = MicrolensImages(camera, [(0.0, 0.0)])
     (centres, radii), middle = images.discs, images.shapes.centroid[0, 0]
     rate = float(image_rate(camera, at))
-    return FieldTransfer(camera, Openings.of_discs(centres[0, 0], radii[0, 0]), tuple(middle), rate, 1.0, 1.0, way)
+    return FieldTransfer(camera, Openings.of_discs(centres[0, 0], radii[0, 0]), tuple(middle), rate, 1.0, 1.0, way, 1.0)
 
 
 def opening(transfer):
@@ -268,7 +268,7 @@ def test_a_view_of_a_sharp_camera_shows_the_microlens_alone():
 def test_a_dark_field_has_no_transfer():
     cut = PAPER.replace({"stops": [{"diameter": 0.5, "distance": 110.0, "decentre": (5.0, 0.0)}]})
     transfer = transfer_of(cut)
-    dark = FieldTransfer(transfer.camera, transfer.openings, None, 0.0, 1.0, 1.0, (1.0, 0.0))
+    dark = FieldTransfer(transfer.camera, transfer.openings, None, 0.0, 1.0, 1.0, (1.0, 0.0), 1.0)
     assert np.isnan(dark([1.0], "view", "tangential")).all()
     assert np.isnan(dark.limits([0.5], "refocused", "sagittal")).all()
 

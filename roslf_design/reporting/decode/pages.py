@@ -6,17 +6,25 @@ from collections.abc import Iterator, Mapping
 
 from ..._version import __version__
 from ...calibration.centres import Reason
+from ...calibration.white_profile import WhiteProfile
 from ...depth.decoded import Decoded
 from ...drawing.picture import Picture
-from ...words import fixed, number, sentence
+from ...words import fixed, number, rounded, sentence
 from ..blocks import Block, Code, Figure, Report, Section, Statement, Statements, Table
 from . import pictures
 
+UNLIKE = 0.02
+"""Rms misfit of a white image's microlens images from which it is worth a look [fully lit pixels]."""
 CAPTIONS = {
     "lattice": (
         "Microlens centres on the raw image",
         "Crosses are the fitted centres that views are read about; each should sit in the middle of its image. Colours"
         " tell which microlenses spoke in the fit.",
+    ),
+    "white": (
+        "Microlens images of the white image",
+        "Dots: light of all whole microlens images, each pixel at its place behind its microlens, folded into one."
+        " Line: an evenly lit pupil's, blurred by microlens and pixel, with the neighbours' light, on the veil.",
     ),
     "centre-view": (
         "The view through the middle of the pupil",
@@ -47,6 +55,8 @@ def decoding_pictures(result: Decoded) -> dict[str, Picture]:
     drawn = {} if result.raw is None else {
         "lattice": pictures.lattice_overlay(result.raw.frame, result.raw.centres)
     }  # fmt: skip
+    if result.white is not None:
+        drawn["white"] = pictures.white_profile(result.white)
     return drawn | {
         "centre-view": pictures.centre_view(result.field, result.row, result.units),
         "views": pictures.views_sheet(result.field, result.units),
@@ -69,6 +79,8 @@ def _statements(result: Decoded) -> Iterator[Statement]:
             f" where it lies{left}, each to {centres.rms:.2g} px rms."
         )
         yield Statement("good" if result.raw.white else "caution", said)
+    if result.white is not None:
+        yield from _white(result.white)
     wide, tall = len(field.s), len(field.t)
     samples = "microlenses" if result.raw is not None else "pixels"
     step = " on a square grid of 0.866 pitches" if field.hexagonal is not None else ""
@@ -89,6 +101,42 @@ def _statements(result: Decoded) -> Iterator[Statement]:
         yield Statement("plain", text)
     for warning in result.warnings:
         yield Statement("caution", sentence(warning))
+
+
+def _white(profile: WhiteProfile) -> Iterator[Statement]:
+    """Statements about veil, width and profile of the microlens images of a white image."""
+    unsure, lit = profile.sigma, "of a fully lit pixel"
+
+    def told(value: float, sigma: float) -> str:
+        return f"{rounded(value, sigma)} ± {sigma:.2g}"
+
+    if profile.untold:
+        yield Statement("caution", f"Veil and width of the microlens images are not told here: {profile.untold}.")
+    else:
+        wide, pitch = profile.width, profile.lattice.pitch
+        pupil = "a `design` would tell how wide a pupil that is"
+        if profile.pupil is not None and profile.narrower is not None:
+            off = f"{100 * abs(profile.narrower - 1):.2g} % {'narrower' if profile.narrower < 1 else 'wider'}"
+            pupil = f"the pupil is {told(profile.pupil, profile.pupil * unsure[0])} mm across, {off} than the design's"
+        said = f"Microlens images are {told(wide, wide * unsure[0])} px wide, {wide / pitch:.3f} pitches: {pupil}."
+        yield Statement("plain", said)
+        veil = f"{told(100 * profile.veil, 100 * unsure[1])} % {lit}"
+        if profile.full is not None:
+            share = 100 / profile.full
+            veil = f"{told(share * profile.veil, share * unsure[1])} % of full scale, {veil}"
+        black = "" if profile.dark else "; without a dark frame the sensor's black level is in it"
+        yield Statement("plain", f"On all of them lies a veil of {veil}{black}.")
+    apart, alike, noise, dip, fitted = (
+        100 * part for part in (profile.misfit, profile.symmetric, profile.noise, *profile.dips)
+    )
+    close = f"as far as noise shows, {noise:.2g} % rms {lit}"
+    if apart > noise / 2:
+        close = f"to {apart:.2g} % rms {lit} ({alike:.2g} % is alike on all sides; noise is {noise:.2g} %)"
+    yield Statement(
+        "good" if profile.misfit < UNLIKE else "caution",
+        f"They follow an evenly lit pupil's {close}: between them light falls to {dip:.3g} %, by the fit to"
+        f" {fitted:.3g} %. {profile.microlenses} microlenses say so.",
+    )
 
 
 def _focus_table(result: Decoded) -> Table:

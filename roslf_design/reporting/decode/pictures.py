@@ -19,12 +19,15 @@ if TYPE_CHECKING:
     from ...calibration.centres import MicrolensCentres
     from ...calibration.decoding import LightField
     from ...calibration.refocusing import FocusPlane
+    from ...calibration.white_profile import WhiteProfile
 
 Pixels = NDArray[np.floating]
 Units = tuple[str, str]
 """Units of s and t, and of u and v, as labels have them."""
 _SHOWN = 1500
 """Most pixels of an image in a picture along an axis: more would only make the picture larger."""
+_LINES = {"along a row": (1, 0), "to the next row": (0, 1), "across the gaps": (1, 1)}
+"""Lines over a microlens image, and steps of the lattice that they run along."""
 _CELLS = 7.0
 """Microlens images across a zoom."""
 
@@ -65,6 +68,30 @@ def lattice_overlay(raw: Pixels, centres: MicrolensCentres) -> Picture:
     title = f"Microlens centres on the raw image: {centres.lattice.layout}, {pitch:.4g} px apart"
     size = (PAGE, foot + legend_height(keys, PAGE - 28))
     return Picture("lattice", title, size, tuple(panels), tuple(keys), (14.0, foot, 0.0))
+
+
+def white_profile(profile: WhiteProfile) -> Picture:
+    """Draw light across microlens images, as measured and as fitted: along both steps of the lattice, and between."""
+    top = 1.08 * float(max(profile.measured.max(), profile.fitted.max()))
+    panels = []
+    for number, (name, way) in enumerate(_LINES.items()):
+        px, measured, fitted = profile.along(*way)
+        ends = Scale(float(px[0]), float(px[-1]))
+        marks: list[Mark] = [Line(px, fitted, "blue", 1.8), Dots(px, measured, "vermillion", "o", 4.0)]
+        if not profile.untold:
+            marks.append(Line(np.array([px[0], px[-1]]), np.full(2, profile.veil), "ink", 1.4, "7 4"))
+        box = (58.0 + number * (PAGE - 10) / 3, 28.0, (PAGE - 10) / 3 - 68, 230.0)
+        axes = "from its middle [px]", "light [fully lit pixels]"
+        panels.append(Panel(box, ends, Scale(0.0, top), tuple(marks), *axes, name))
+    keys = [
+        dot_key(f"measured, mean of {profile.microlenses} microlenses", "vermillion", "o", 4.0),
+        line_key("an evenly lit pupil's", "blue", 1.8),
+    ]
+    if not profile.untold:
+        keys.append(line_key("veil", "ink", 1.4, "7 4"))
+    foot = panels[0].bottom + 46
+    size = (PAGE, foot + legend_height(keys, PAGE - 28))
+    return Picture("white", "Light across microlens images", size, tuple(panels), tuple(keys), (14.0, foot, 0.0))
 
 
 def no_lattice(raw: Pixels, spectrum: Pixels, corner: Sequence[float], reason: str, pitch: float | None) -> Picture:
