@@ -174,3 +174,18 @@ def test_published_plenoptic_camera_refocuses_where_its_authors_say() -> None:
     distance = float(depth_of(c, np.asarray(float(c.seen.D_F) / baseline)))  # one microlens a view
     assert distance + float(c.seen.d_1) - 65.5563 == pytest.approx(962.7459, abs=2e-3)
     assert math.isfinite(roslf.evaluate(design).f_number.fill_factor)
+
+
+@pytest.mark.parametrize("window", [False, True])
+def test_builds_on_both_sides_of_the_lens_are_each_as_alone(window: bool) -> None:
+    """A FAP at the lens, missed by more than its distance."""
+    glass = {"elements": [{"kind": "plate", "distance": 20.0, "thickness": 3.0, "material": "sapphire"}]}
+    design = roslf.load("paper").replace(d_3=0.1).replace(glass if window else {})
+    places = np.array([-0.2, -1e-9, 0.0, 0.1, 0.4])
+    builds = Camera.of(design, {"d_3": places})
+    assert builds.valid.all()
+    for name in ("fill_factor", "undistorted_field_mm", "non_distortion_room_mm", "sigma_z_mm", "total_length_mm"):
+        together = np.broadcast_to(QUANTITIES[name](builds), places.shape)
+        alone = [float(QUANTITIES[name](Camera.of(design.replace(d_3=float(place))))) for place in places]
+        # Disparity errors are interpolated in series that builds share.
+        np.testing.assert_allclose(together, alone, rtol=1e-10, atol=1e-12, err_msg=name)
