@@ -14,10 +14,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import roslf_design as roslf
+from roslf_design.calibration.model import CalibrationError
+from roslf_design.calibration.planning import Captures
 from roslf_design.camera import Camera
 from roslf_design.depth.geometry import depth_of
 from roslf_design.design import Design, DesignError, dumps, loads
 from roslf_design.design.sequence import sequence_of
+from roslf_design.reporting.design.pages import design_report
 from roslf_design.theory.quantities import QUANTITIES
 
 F193 = Path(__file__).parents[2] / "studies/instruments/hahne-f193.toml"
@@ -116,6 +119,21 @@ def test_telecentric_towards_the_scene_and_beyond() -> None:
         values = [float(QUANTITIES[name](Camera.of(design))) for design in (near, at, past)]
         assert values[1] == pytest.approx(values[0], rel=1e-5)
         assert values[1] == pytest.approx(values[2], rel=1e-5)
+
+
+@pytest.mark.parametrize("t", [50.0, 54.0])
+def test_what_needs_a_seen_pupil_says_so_where_the_scene_sees_none(t: float) -> None:
+    design = behind(t, 0.6)
+    with pytest.raises(DesignError, match=r"aperture.behind: 5. mm is not within the focal length f = 50 mm"):
+        design.with_seen_pupil  # noqa: B018
+    with pytest.raises(CalibrationError, match="the scene sees the FAP at"):
+        Captures.for_design(design)
+
+
+def test_reports_leave_out_the_plane_of_pupils_where_the_scene_sees_none() -> None:
+    names = [figure.name for figure in design_report(behind(50.0, 0.6)).figures]
+    assert {"rays", "depth"} <= set(names)
+    assert "plane" not in names
 
 
 def test_files_say_the_stop_as_it_was_written() -> None:
