@@ -125,7 +125,7 @@ def test_telecentric_towards_the_scene_and_beyond() -> None:
 def test_what_needs_a_seen_pupil_says_so_where_the_scene_sees_none(t: float) -> None:
     design = behind(t, 0.6)
     with pytest.raises(DesignError, match=r"aperture.behind: 5. mm is not within the focal length f = 50 mm"):
-        design.with_seen_pupil  # noqa: B018
+        _ = design.with_seen_pupil
     with pytest.raises(CalibrationError, match="the scene sees the FAP at"):
         Captures.for_design(design)
 
