@@ -215,8 +215,6 @@ class Chain:
     """Places of the glass before the microlenses: `SUBSTRATE` where they face the sensor."""
     plates_behind: tuple[str, ...] = ()
     """Places of the glass behind them: `SUBSTRATE`, `COVER`."""
-    seen_behind: bool = False
-    """Whether the FAP lies behind the main lens, as the scene sees it: only then it may in builds."""
     stop_behind: bool = False
     """Whether a stop stands behind the main lens: planes below 0 are then seen through it."""
     main_lens: LensSheet | None = None

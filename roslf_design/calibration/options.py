@@ -123,7 +123,7 @@ class PoseOptions(Options):
     )
     range: Distance | None = Field(
         None,
-        description="Farthest minus nearest (a quarter of the way from the FAP to the focal plane).",
+        description="Farthest minus nearest (a quarter of the way from FAP or lens to the focal plane).",
     )
     noise: Annotated[float, Field(ge=LEAST_NOISE, le=MOST_NOISE)] = Field(
         0.06,

@@ -88,7 +88,7 @@ class Captures:
         """Captures planned for a design; lengths in mm, the tilt in radians.
 
         Not given, the board is one of 4 x 5 cells that the sensor sees whole at its nearest, and distances lie about
-        the focal plane, over a quarter of the way from the FAP to it.
+        the focal plane, over a quarter of the way from the FAP to it, or from the lens where the FAP lies behind.
 
         Raises
         ------
@@ -99,7 +99,7 @@ class Captures:
             raise CalibrationError(f"a range of distances is not negative, got {distance_range:g} mm")
         middle = design.d_f if distance is None else distance
         pupil = pupil_of(design)
-        spread = (design.d_f - pupil) / 4 if distance_range is None else distance_range
+        spread = (design.d_f - max(pupil, 0.0)) / 4 if distance_range is None else distance_range
         camera = Camera.of(design)
         image = abs(float(microlens_image_diameter(camera) * camera.fap.outline.slimness))
         nearest = middle - spread / 2

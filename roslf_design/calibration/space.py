@@ -82,6 +82,11 @@ class SceneSide:
                 "aperture.distance: the scene sees the FAP at infinity (telecentric object space), where a calibration "
                 "has no distance of it to tell; move the FAP off the focus of what stands before it"
             )
+        if c.chain.stop_behind and np.any(np.greater(c.seen.d_3, 0)):
+            raise CalibrationError(
+                "aperture.behind: the scene sees the FAP at or beyond the boards, as it stands behind the main lens's "
+                "focus: views part towards the scene there, and no calibration follows; move it nearer to the lens"
+            )
         numbers = c.numbers
         end = c.chain.end(numbers)
         far = c.plane(np.nextafter(end, np.inf))

@@ -812,11 +812,9 @@ class Camera(Symbols[Number]):
                 yield f"{place} is 90 degrees or more", np.abs(value) < np.pi / 2
                 continue
             yield f"{place} is not finite", np.isfinite(value)
-            if place in (TEMPERATURE, *TEMPERATURES, PATHS["d_f"]) or (
-                place == PATHS["d_3"] and self.chain.seen_behind
-            ):
+            if place in (TEMPERATURE, *TEMPERATURES, PATHS["d_f"], PATHS["d_3"]):
                 continue
-            if place == TIP or (name.endswith("distance") and part in ("aperture", "stops", "elements")):
+            if place == TIP or (name.endswith("distance") and part in ("stops", "elements")):
                 yield f"{place} is below 0", np.asarray(value) >= 0
             elif name.endswith("index"):
                 yield f"{place} is below 1", np.asarray(value) >= 1

@@ -224,9 +224,7 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
         housing = 0.0 if self.environment is None else self.environment.expansion
         before = tuple(place for place, plate in self._plates.items() if plate.before_lenslets)
         behind = tuple(place for place in self._plates if place not in before)
-        seen = self.aperture.stands < 0
-        stopped = self.aperture.behind is not None
-        return Chain(self.elements, housing, before, behind, seen, stopped, self.main_lens.sheet)
+        return Chain(self.elements, housing, before, behind, self.aperture.behind is not None, self.main_lens.sheet)
 
     @property
     def bore_numbers(self) -> dict[str, float]:

@@ -142,7 +142,13 @@ class Design(Assembly, defer_build=False):
         behind, f = self.aperture.behind, self.f
         if behind is None:
             return self
-        grown = f / (f - behind) if behind != f else math.inf
+        if behind >= f:
+            message = (
+                f"{behind:g} mm is not within the focal length f = {f:g} mm: the scene sees no pupil nearer than the "
+                "focal plane; move the stop closer to the lens"
+            )
+            raise DesignError((Problem(BEHIND, message),))
+        grown = f / (f - behind)
         return self._with_pupil(grown, {BEHIND: None, PATHS["d_3"]: -behind * grown})
 
     def _with_pupil(self, grown: float, place: Mapping[str, Any]) -> Design:

@@ -136,7 +136,8 @@ def clearances(design: Design, moved: set[str]) -> Iterator[_Clearance]:
     yield _Clearance("the array behind the lens's last surface", array)
     for place in sorted(moved):
         part, _, name = place.rpartition(".")
-        if name == "distance" and part.startswith(AHEAD):
+        image = part == "aperture" and design.d_3 < 0  # which is nowhere in the way
+        if name == "distance" and part.startswith(AHEAD) and not image:
             yield _Clearance(f"{part} before the lens's first surface", partial(ahead, place=place))
 
 

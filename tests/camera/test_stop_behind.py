@@ -14,10 +14,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import roslf_design as roslf
+from roslf_design.calibration.model import CalibrationError
+from roslf_design.calibration.planning import Captures
 from roslf_design.camera import Camera
 from roslf_design.depth.geometry import depth_of
 from roslf_design.design import Design, DesignError, dumps, loads
 from roslf_design.design.sequence import sequence_of
+from roslf_design.reporting.design.pages import design_report
 from roslf_design.theory.quantities import QUANTITIES
 
 F193 = Path(__file__).parents[2] / "studies/instruments/hahne-f193.toml"
@@ -118,6 +121,21 @@ def test_telecentric_towards_the_scene_and_beyond() -> None:
         assert values[1] == pytest.approx(values[2], rel=1e-5)
 
 
+@pytest.mark.parametrize("t", [50.0, 54.0])
+def test_what_needs_a_seen_pupil_says_so_where_the_scene_sees_none(t: float) -> None:
+    design = behind(t, 0.6)
+    with pytest.raises(DesignError, match=r"aperture.behind: 5. mm is not within the focal length f = 50 mm"):
+        _ = design.with_seen_pupil
+    with pytest.raises(CalibrationError, match="the scene sees the FAP at"):
+        Captures.for_design(design)
+
+
+def test_reports_leave_out_the_plane_of_pupils_where_the_scene_sees_none() -> None:
+    names = [figure.name for figure in design_report(behind(50.0, 0.6)).figures]
+    assert {"rays", "depth"} <= set(names)
+    assert "plane" not in names
+
+
 def test_files_say_the_stop_as_it_was_written() -> None:
     design = behind(12.0, 4.0)
     text = dumps(design)
@@ -174,3 +192,18 @@ def test_published_plenoptic_camera_refocuses_where_its_authors_say() -> None:
     distance = float(depth_of(c, np.asarray(float(c.seen.D_F) / baseline)))  # one microlens a view
     assert distance + float(c.seen.d_1) - 65.5563 == pytest.approx(962.7459, abs=2e-3)
     assert math.isfinite(roslf.evaluate(design).f_number.fill_factor)
+
+
+@pytest.mark.parametrize("window", [False, True])
+def test_builds_on_both_sides_of_the_lens_are_each_as_alone(window: bool) -> None:
+    """A FAP at the lens, missed by more than its distance."""
+    glass = {"elements": [{"kind": "plate", "distance": 20.0, "thickness": 3.0, "material": "sapphire"}]}
+    design = roslf.load("paper").replace(d_3=0.1).replace(glass if window else {})
+    places = np.array([-0.2, -1e-9, 0.0, 0.1, 0.4])
+    builds = Camera.of(design, {"d_3": places})
+    assert builds.valid.all()
+    for name in ("fill_factor", "undistorted_field_mm", "non_distortion_room_mm", "sigma_z_mm", "total_length_mm"):
+        together = np.broadcast_to(QUANTITIES[name](builds), places.shape)
+        alone = [float(QUANTITIES[name](Camera.of(design.replace(d_3=float(place))))) for place in places]
+        # Disparity errors are interpolated in series that builds share.
+        np.testing.assert_allclose(together, alone, rtol=1e-10, atol=1e-12, err_msg=name)

@@ -89,6 +89,21 @@ def test_cameras_far_from_the_design_are_traced_as_if_they_were_it():
             assert kept == pytest.approx(own.kept_fraction[k], rel=1e-9 if whole else 1e-6)
 
 
+def test_an_entrance_pupil_behind_the_lens_stands_in_no_one_s_way():
+    """The widest that fills the pitch on the axis, traced alone."""
+    problem = posed(
+        {"D_F": (2, 7), "d_3": (-60, -10)},
+        [Constraint(quantity="image_diameter_mm", field=FIELDS[0], max=0.063)],
+        Goal(quantity="image_area_mm2", field=FIELDS[1], direction="max"),
+        design=SINGLET.replace(D_F=4.0, d_3=-25.0),
+    )
+    answer = solve(problem, Settings(starts=1, check=False, accuracy=1e-4))
+    assert answer.feasible
+    own = images(problem.design.replace(**answer.variables()))
+    assert own.diameter[0] == pytest.approx(0.063, rel=1e-6)
+    assert own.kept_fraction[1] == 1
+
+
 def test_a_study_behind_a_real_lens(tmp_path, capsys):
     (tmp_path / "study.toml").write_text(STUDY)
     assert main(["optimize", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out"), "--json"]) == 0

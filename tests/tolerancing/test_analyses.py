@@ -156,8 +156,8 @@ def test_inverse_sensitivity_uses_its_share_of_the_limit_exactly():
     assert first.tolerance == pytest.approx(0.5 * (2 / 0.063 - 31.0) * 0.063, rel=1e-8)
     assert first.limited_by == first.alone_limited_by == "f_number_microlens"
     assert first.alone == pytest.approx((2 / 0.063 - 31.0) * 0.063, rel=1e-8)
-    # d_3 does not enter, until the aperture would stand on or behind the lens: no design.
-    assert second.tolerance == second.alone == pytest.approx(120.0, rel=1e-6)
+    # d_3 does not enter, until the aperture would stand in the focal plane: no design.
+    assert second.tolerance == second.alone == pytest.approx(230.0, rel=1e-6)
 
 
 @pytest.mark.parametrize("place", ["aperture.tilt.0", "aperture.tilt.1"])
@@ -262,24 +262,26 @@ def test_binomial_interval_is_clopper_and_pearsons(passed, trials):
 def test_builds_that_are_no_cameras_are_counted_apart_by_reason():
     plan = study(
         [{"metric": "fill_factor", "min": 1.0}, {"metric": "depth_error_mm", "max": 1e9}],
-        [{"place": "d_3", "tolerance": "300 mm", "distribution": "uniform"}],
+        [
+            {"place": "d_3", "tolerance": "300 mm", "distribution": "uniform"},
+            {"place": "d_2", "tolerance": "2.2 mm", "distribution": "uniform"},
+        ],
         report=["sigma_z_mm"],
     )
     tally = tally_chunk(plan, 0)
     variant = summarise(plan, tally)[0]
-    values = plan.draws.values(plan.draws.deviations(plan.draws.uniforms(0, plan.chunk)))["aperture.distance"]
-    behind, beyond = int((values < 0).sum()), int((values >= 350).sum())
-    assert min(behind, beyond) > 1000
-    assert variant.impossible == behind + beyond
-    assert dict(variant.faults) == {
-        "aperture.distance is below 0": behind,
-        "focal plane in the bore": beyond,
-    }
+    values = plan.draws.values(plan.draws.deviations(plan.draws.uniforms(0, plan.chunk)))
+    far, room = values["aperture.distance"] >= 350, values["sensor.distance"] > 0
+    closed, beyond = int((~room).sum()), int((room & far).sum())
+    assert min(closed, beyond) > 1000
+    assert variant.impossible == closed + beyond
+    assert dict(variant.faults) == {"d_2 is not above 0": closed, "focal plane in the bore": beyond}
     assert np.isinf(tally.scores).all()
-    there = values[(values >= 0) & (values < 350)]
-    fill = QUANTITIES["fill_factor"](Camera.of(plan.question.design, {"aperture.distance": there}))
+    there = {place: numbers[room & ~far] for place, numbers in values.items()}
+    assert (there["aperture.distance"] < 0).sum() > 1000  # the pupil may cross the lens
+    fill = QUANTITIES["fill_factor"](Camera.of(plan.question.design, there))
     column, limit = variant.distributions[0], variant.limits[0]
-    assert (column.undefined, limit.result.trials) == (0, len(there))
+    assert (column.undefined, limit.result.trials) == (0, len(fill))
     assert limit.result.passed == (fill >= 1).sum()
     assert column.mean == pytest.approx(fill.mean(), rel=1e-9)
     assert column.quantiles[3] == pytest.approx(np.quantile(fill, column.probabilities[3]), rel=0.02)  # bins

@@ -49,6 +49,14 @@ DESIGNS = {
             ],
         }
     ),
+    "pupil behind": behind("LA1050-A", **{"aperture.distance": -25.0, "aperture.diameter": 4.6}),
+    "pupil behind, window": behind("AC508-100-A", **{"aperture.distance": -60.0, "aperture.diameter": 9.0}).replace(
+        {
+            "elements": [{"kind": "plate", "distance": 40.0, "thickness": 2.0, "material": "sapphire"}],
+            "object_space.medium": "water",
+            "stops": [{"diameter": 25.0, "distance": 60.0}],
+        }
+    ),
     "window": behind("LB1630-A", **{"aperture.distance": 115.0}).replace(
         {
             "elements": [

@@ -125,6 +125,7 @@ def design_report(
     progress("sections")
     answers = Statements((*verdicts(result).items, *(one.statement for one in studied if one.statement)))
     twin = "" if result.real_lens is None else " of the thin twin"
+    space = ("plane",) if result.focused else ("plane", "depth")
     parameters = Table(tuple(parameter_rows(design)), "lldl", ("symbol", "what", "value", ""))
     progress("data sheet")
     sections = (
@@ -146,7 +147,7 @@ def design_report(
         Section("Rays", (figures["rays"], figures["cells"], figures["view"])),
         Section(f"Microlens images{twin}", (figures["images"], figures["waves"], figures["maps"])),
         *_real_lens(design, result, progress),
-        Section(f"Design space{twin}", (figures["plane"], *([] if result.focused else [figures["depth"]]))),
+        Section(f"Design space{twin}", tuple(figures[name] for name in space if name in figures)),
         Section("Effects", (figures["effects"], *_effects(result))),
         *(one.section for one in studied),
         _accuracy_section(design, result, accuracy),
@@ -157,9 +158,11 @@ def design_report(
 
 
 def _design_figures(design: Design, result: Evaluation, progress: Callable[[str], None]) -> dict[str, Figure]:
-    """The figures of every design, by name."""
+    """The figures of every design, by name, but for the plane of pupils where the scene sees none in it."""
     figures = {}
     for name, make in sheets.SHEETS.items():
+        if name == "plane" and (design.aperture.behind or 0.0) >= design.f:
+            continue
         progress(f"figure {name}")
         figures[name] = make(design, result)
     return figures

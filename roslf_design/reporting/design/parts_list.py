@@ -34,11 +34,12 @@ def parts_section(design: Design) -> Section:
     main_lens = words.part.format(name=words.title, focal_length=length(design.f), aperture=aperture)
     microlenses = f"{mla.layout}, {mla.lens_shape} lenses, pitch {length(mla.pitch)}, f_ml {mla.focal_words}"
     made = design.with_own_stop
-    stop = "FAP, front stop" if made.aperture.behind is None else "stop behind the main lens"
-    rows = [
-        ("main lens", main_lens, lens),
-        (stop, f"opening {made.aperture.outline.words}", "made to drawing"),
-    ]
+    stop = "FAP, front stop", f"opening {made.aperture.outline.words}", "made to drawing"
+    if made.aperture.behind is not None:
+        stop = "stop behind the main lens", *stop[1:]
+    elif design.d_3 < 0:
+        stop = "stop of the main lens", f"entrance pupil {made.aperture.outline.words}", "comes with the lens"
+    rows = [("main lens", main_lens, lens), stop]
     rows += [(stop.name, f"opening {stop.part.outline.words}", "made to drawing") for stop in design.openings[1:]]
     for _, name, element, _, _ in design.in_bore:
         bought, entry = element.bought or OWN, None
