@@ -59,7 +59,7 @@ FIELDS = (0.0, 0.5, 1.0)
 """Microlenses, in half heights of the sensor."""
 ANGLES = (0.0, 1.0, 3.0)
 """Fields of a lens alone [degrees]."""
-PUPIL = {"chief": (0, 0), "marginal, upper": (0, 1), "marginal, lower": (0, -1), "marginal, side": (1, 0)}
+PUPIL = {"chief": (0, 0), "marginal, up": (0, 1), "marginal, down": (0, -1), "marginal, side": (1, 0)}
 """Points of the FAP, or of a lens's entrance pupil, in radii."""
 BEFORE = 20.0
 """Distance of the plane before a lens at which rays begin [mm]."""
@@ -306,6 +306,7 @@ class Compared:
         told, row = self.answer["told"], self.case.row
         if told["surfaces"] != len(row):
             yield f"{told['surfaces']} surfaces of {len(row)}"
+            return
         stop = next((k for k, face in enumerate(row) if face.stop), None)
         if told["stop"] != stop:
             yield f"the stop on surface {stop} is lost"
@@ -416,26 +417,31 @@ def difference_table(all_of: Comparison, own: bool) -> Table:
     return Table(
         tuple(cells), "l" + "r" * (len(heads) - 1), heads, f"Chief / marginal rays, {title}: largest difference [mm]",
         "Glasses that go by a name in .zmx come from each program's catalogue, others from its rule for n_d and V."
-        if own else "Cameras at the microlens array, lenses at the focal plane. The referee reads the .zmx text itself.",
+        if own else "Cameras at the microlens array, lenses at the focal plane. The referee reads the .zmx text.",
     )  # fmt: skip
 
 
-def sensor_table(all_of: Comparison) -> Table:
+def further_tables(all_of: Comparison) -> Iterator[Table]:
     """Rays behind the microlens, and before the first ideal lens."""
     ran = [one.program for one in all_of.answers if not one.missing]
-    cells = []
+    sensor, before = [], []
     for case in all_of.cases:
         rows = [row.ours if (row := all_of.find(case, program)) else None for program in ran]
-        referee = all_of.referee[case.name].sensor
-        cells.append((case.name, _size(referee), *(_size(one and one.sensor) for one in rows),
-                      *(_size(one and one.lens) for one in rows)))  # fmt: skip
-    heads = ("design", "sensor: Snell", *(f"sensor: {program.label}" for program in ran),
-             *(f"first ideal lens: {program.label}" for program in ran))  # fmt: skip
-    return Table(
-        tuple(cells), "l" + "r" * (len(heads) - 1), heads, "At the sensor, and up to the first ideal lens [mm]",
-        "At the sensor only behind the microlens on the axis, the one that the file has, and without glass about "
-        "the array, which this program reduces to air and the file has as it is. Up to the first ideal lens (of a "
-        "lens alone: everywhere) a program's rays stand beside the referee's, on every surface.",
+        true = all_of.referee[case.name].sensor
+        if true is not None:
+            sensor.append((case.name, _size(true), *(_size(one and one.sensor) for one in rows)))
+        before.append((case.name, *(_size(one and one.lens) for one in rows)))
+    labels = [program.label for program in ran]
+    yield Table(
+        tuple(sensor), "lr" + "r" * len(ran), ("design", f"Snell, {DIGITS} digits", *labels),
+        "At the sensor, with the same refractive indices: largest difference [mm]",
+        "Behind the microlens on the axis, the only one in the file. Of the arthroscope the sensor is not compared: "
+        "this program reduces glass about the array to air, the file has it as it is.",
+    )  # fmt: skip
+    yield Table(
+        tuple(before), "l" + "r" * len(ran), ("design", *labels),
+        "Real surfaces, up to the first ideal lens, with the same indices: largest difference from Snell's law [mm]",
+        "On every surface; of a lens alone up to its focal plane.",
     )  # fmt: skip
 
 
@@ -453,9 +459,7 @@ def losses_table(all_of: Comparison) -> Table:
             for loss in row.losses:
                 found.setdefault(loss, []).append(row.case.name)
         words = "; ".join(f"{loss} ({_names(names, len(rows))})" for loss, names in found.items())
-        cells.append(
-            (one.program.label, one.version, f"{read} of {len(rows)}", words or "all as it stands in the file")
-        )
+        cells.append((one.program.label, one.version, f"{read} of {len(rows)}", words or "nothing"))
     note = (
         "KrakenOS wants UTF-16 and got the same text in that. ray-optics 0.9.10 is newer, but needs glass data from "
         "the network before it starts. rayopt 0.2 does not install on this Python; other packages of the index "
@@ -471,7 +475,7 @@ def _names(names: list[str], count: int) -> str:
 
 def glass_table(all_of: Comparison) -> Table:
     """Refractive indices that programs give to the glasses of .zmx files, less ours."""
-    found: dict[tuple[str, str], dict[str, float]] = {}
+    found: dict[tuple[str, str, str], dict[str, float]] = {}
     ran = [one.program for one in all_of.answers if not one.missing and one.program.suffix == ".zmx"]
     for row in all_of.rows:
         if "error" in row.answer or row.program not in ran:
@@ -479,15 +483,18 @@ def glass_table(all_of: Comparison) -> Table:
         for face, ours, theirs in zip(row.case.row, row.case.indices, row.answer["indices"], strict=True):
             if face.glass:
                 name, *_, n_d, abbe, _ = face.glass.split()
-                words = name if name != "___BLANK" else f"model, n_d = {float(n_d):.6f}, V = {float(abbe):.2f}"
-                key = words, f"{1e6 * row.case.wavelength:.7g} nm, {ours:.8f}"
+                words = name if name != "___BLANK" else f"n_d {float(n_d):.6f}, V {float(abbe):.2f}"
+                key = words, f"{1e6 * row.case.wavelength:.7g}", f"{ours:.12f}"
                 found.setdefault(key, {})[row.program.label] = theirs - ours
     cells = tuple(
         (*key, *(f"{one[program.label]:+.1e}" if program.label in one else "-" for program in ran))
         for key, one in sorted(found.items())
     )
-    return Table(cells, "ll" + "r" * len(ran), ("glass", "wavelength, our index", *(one.label for one in ran)),
-                 "Refractive indices as programs read them from .zmx, less ours")  # fmt: skip
+    return Table(cells, "lrr" + "r" * len(ran), ("glass", "[nm]", "our index", *(one.label for one in ran)),
+                 "Refractive indices as programs read them from .zmx, less ours",
+                 "SF10 is N-SF10 where it is 2.7e-5 off: looked up by a name that is part of another. A rule for "
+                 "n_d and V knows nothing of a glass's "
+                 "partial dispersion; OpticStudio's is good to some 1e-4.")  # fmt: skip
 
 
 def statements(all_of: Comparison) -> Iterator[Statement]:
@@ -508,12 +515,17 @@ def statements(all_of: Comparison) -> Iterator[Statement]:
         text = f"{one.program.label}, {one.version}: {len(good)} of {len(rows)} within {BAR:g} mm with our indices"
         if bad:
             text += f"; not {', '.join(bad)}"
-        reals = [row.ours.lens for row in rows if row.ours is not None and row.ours.lens is not None]
-        if bad and max(reals) <= BAR:
-            text += (f". Up to the first ideal lens it agrees with the referee to {max(reals):.1e} mm; how it bends rays "
-                     "in an ideal lens is not what a paraxial surface does (slopes change by height over focal length)")  # fmt: skip
-        own = max(row.own.worst for row in rows if row.own is not None and (row.case.name in good))
-        text += f". With its own glasses these are off by up to {own:.1e} mm." if own > BAR else "."
+        text += "."
+        real = max((row.ours.lens for row in rows if row.ours is not None and row.ours.lens is not None), default=0.0)
+        if bad and real <= BAR:
+            text += (
+                f" On real surfaces it agrees with Snell's law to {real:.1e} mm; its ideal lens is another one than a "
+                "paraxial surface, whose slopes change by height over focal length."
+            )
+        elif bad:
+            text += f" On curved surfaces it is itself off Snell's law, by up to {real:.1e} mm; this program is not."
+        own = max((row.own.worst for row in rows if row.own is not None and row.case.name in good), default=0.0)
+        text += f" With the glasses that it reads these are off by up to {own:.1e} mm." if own > BAR else ""
         yield Statement("good" if not bad else "caution", text)
     yield Statement(
         "caution",
@@ -522,8 +534,10 @@ def statements(all_of: Comparison) -> Iterator[Statement]:
 
 
 STEPS = (
-    "File > Open: one of the .zmx files of this folder (its hash is in the table). Compare surface, thickness and "
-    "radius in the Lens Data Editor with the text of the file; the surface named FAP must be the stop.",
+    "File > Open: one of the .zmx files of the folder files/ beside this page (its hash is in the table). Compare "
+    "surface, thickness and radius in the Lens Data Editor with the text of the file; the surface named FAP must be "
+    "the stop (of a lens the first). On the surface microlens set Aperture to None: rays off the axis pass beside "
+    "the one microlens of the file, and would be told as vignetted.",
     "System Explorer > Aperture: Float By Stop Size (a camera), Entrance Pupil Diameter (a lens). System Explorer > "
     "Ray Aiming: Real for cameras, Off for lenses. System Explorer > Wavelengths: one, as on the table's title.",
     "Glass: in the Lens Data Editor set the Material of every surface that is not air to a Model solve with the "
@@ -544,23 +558,19 @@ STEPS = (
 
 def ray_table(case: Case) -> Table:
     """Rays of a design, as an owner of another program types and finds them."""
+    behind = any("sensor" in ray.met for ray in case.rays)
     cells = []
     for ray in case.rays:
-        if case.before:
-            fields = ("0", ray.field.removesuffix(" degrees"))
-        else:
-            fields = (_digits(ray.start[0]), _digits(ray.start[1]))
-        there = [_digits(part) for part in ray.met[case.target]]
-        sensor = [_digits(part) for part in ray.met.get("sensor", ())] or ["-", "-"]
-        cells.append((ray.name, *fields, *map(str, ray.pupil), *there, *sensor))
-    unit = "degrees" if case.before else "mm"
-    heads = ("ray", f"field X [{unit}]", f"field Y [{unit}]", "Px", "Py", f"{case.target} X [mm]", f"{case.target} Y [mm]",
-             "sensor X [mm]", "sensor Y [mm]")  # fmt: skip
-    return Table(tuple(cells), "lrrrrrrrr", heads, f"{case.name}.zmx, {1e6 * case.wavelength:.8g} nm", dense=True)
+        fields = f"0, {ray.field.removesuffix(' degrees')}" if case.before else _digits(ray.start)
+        ends = [_digits(ray.met[place]) if place in ray.met else "-" for place in (case.target, "sensor")]
+        cells.append((ray.name, fields, f"{ray.pupil[0]}, {ray.pupil[1]}", *ends[: 1 + behind]))
+    heads = ("ray", f"field X, Y [{'degrees' if case.before else 'mm'}]", "Px, Py", f"{case.target} X, Y [mm]")
+    heads = (*heads, "sensor X, Y [mm]")[: 4 + behind]
+    return Table(tuple(cells), "l" * len(heads), heads, f"{case.name}.zmx, {1e6 * case.wavelength:.8g} nm", dense=True)
 
 
-def _digits(value: float) -> str:
-    return "0" if abs(value) < 1e-13 else f"{value:.13g}"
+def _digits(point: Sequence[float]) -> str:
+    return ", ".join("0" if abs(value) < 1e-13 else f"{value:.13g}" for value in point)
 
 
 def report(all_of: Comparison) -> Report:
@@ -571,7 +581,7 @@ def report(all_of: Comparison) -> Report:
     versions = "; ".join(f"{one.program.peer.title.split()[0]} {one.version}" for one in all_of.answers if one.version)
     first: tuple[Block, ...] = (
         Statements(tuple(statements(all_of))), difference_table(all_of, own=False), difference_table(all_of, own=True),
-        sensor_table(all_of),
+        *further_tables(all_of),
     )  # fmt: skip
     how = (
         "Of each camera 12 rays: from the middle microlens, from half way up and from the edge of the sensor, "
@@ -591,7 +601,10 @@ def report(all_of: Comparison) -> Report:
         Section("How it was compared", (*map(Paragraph, how), Code(
             "python studies/compare/compare_study.py --install", "Run again")), "how"),
         Section("In OpticStudio", (
-            Paragraph("Nobody ran OpticStudio for this page; its menus are named from its manual. Who owns it presses:"),
+            Paragraph(
+                "Nobody ran OpticStudio for this page; menus are named after its manual, and may stand elsewhere in a "
+                "version. Its owner presses:"
+            ),
             Bullets(STEPS), *map(ray_table, all_of.cases)), "opticstudio"),
         Section("Signed", (
             Paragraph(f"{all_of.date}; roslf_design {__version__}, Python {platform.python_version()}; {versions}."),
