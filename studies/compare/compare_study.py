@@ -410,7 +410,7 @@ def difference_table(all_of: Comparison, own: bool) -> Table:
     cells = []
     for case in all_of.cases:
         rows = (all_of.find(case, program) for program in ran)
-        beside = [_pair(row and (row.own if own else row.ours)) for row in rows]
+        beside = [_pair(None if row is None else row.own if own else row.ours) for row in rows]
         cells.append((case.name, *([] if own else [_pair(all_of.referee[case.name])]), *beside))
     heads = ("design", *([] if own else [f"Snell, {DIGITS} digits"]), *(program.label for program in ran))
     title = "with the glasses that each program has" if own else "with the same refractive indices"
@@ -564,8 +564,9 @@ def ray_table(case: Case) -> Table:
         fields = f"0, {ray.field.removesuffix(' degrees')}" if case.before else _digits(ray.start)
         ends = [_digits(ray.met[place]) if place in ray.met else "-" for place in (case.target, "sensor")]
         cells.append((ray.name, fields, f"{ray.pupil[0]}, {ray.pupil[1]}", *ends[: 1 + behind]))
-    heads = ("ray", f"field X, Y [{'degrees' if case.before else 'mm'}]", "Px, Py", f"{case.target} X, Y [mm]")
-    heads = (*heads, "sensor X, Y [mm]")[: 4 + behind]
+    unit = "degrees" if case.before else "mm"
+    places = (f"{case.target} X, Y [mm]", "sensor X, Y [mm]")[: 1 + behind]
+    heads = ("ray", f"field X, Y [{unit}]", "Px, Py", *places)
     return Table(tuple(cells), "l" * len(heads), heads, f"{case.name}.zmx, {1e6 * case.wavelength:.8g} nm", dense=True)
 
 
