@@ -462,8 +462,8 @@ def losses_table(all_of: Comparison) -> Table:
         cells.append((one.program.label, one.version, f"{read} of {len(rows)}", words or "nothing"))
     note = (
         "KrakenOS wants UTF-16 and got the same text in that. ray-optics 0.9.10 is newer, but needs glass data from "
-        "the network before it starts. rayopt 0.2 does not install on this Python; other packages of the index "
-        "drive OpticStudio itself, or only unpack its files."
+        "the network before it starts. rayopt 0.2 does not install on Python 3.11; zospy and zosapi drive "
+        "OpticStudio itself, zmxtools only unpacks its files. deeplens-core, optika and tracepy were not tried."
     )
     return Table(tuple(cells), "llll", ("program, file", "version", "files read", "what it reads otherwise"),
                  "What programs make of the files", note)  # fmt: skip
@@ -490,7 +490,7 @@ def glass_table(all_of: Comparison) -> Table:
         (*key, *(f"{one[program.label]:+.1e}" if program.label in one else "-" for program in ran))
         for key, one in sorted(found.items())
     )
-    return Table(cells, "lrr" + "r" * len(ran), ("glass", "[nm]", "our index", *(one.label for one in ran)),
+    return Table(cells, "lrr" + "r" * len(ran), ("glass", "wavelength [nm]", "our index", *(one.label for one in ran)),
                  "Refractive indices as programs read them from .zmx, less ours",
                  "SF10 is N-SF10 where it is 2.7e-5 off: looked up by a name that is part of another. A rule for "
                  "n_d and V knows nothing of a glass's "
