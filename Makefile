@@ -29,7 +29,7 @@ lint: $(INSTALLED_DEV)
 # Everything under reports/ that git keeps, written again (an hour on two cores); `make reports R="paper tolerance-scope"` for some.
 R ?= paper story-arthroscope story-borescope story-otoscope tolerance-paper tolerance-scope tolerance-singlet optimize-rigid-scope \
   optimize-ear-speculum optimize-real-lens optimize-custom-lens accuracy hard-cases paper-images paper-real-lens calibration-circle calibration-coverage depth \
-  depth-proof depth-published depth-views instruments
+  depth-proof depth-published depth-views instruments compare
 REPORTS := $(addprefix report-,$(R))
 reports: $(REPORTS)
 
@@ -66,6 +66,8 @@ report-depth-views: $(INSTALLED)
 	$(BIN)/python studies/depth/views_study.py
 report-instruments: $(INSTALLED)
 	$(BIN)/python studies/instruments/gallery.py
+report-compare: $(INSTALLED)
+	$(BIN)/python studies/compare/compare_study.py --install
 
 # What the commands answer against what 0.1 answered; PINS is the folder of pins.py and pins.json.
 PINS ?= ../shared/pins

@@ -60,6 +60,25 @@ PEERS = (
 TITLES = {"here": "here", "scipy": "scipy"} | {peer.key: peer.title.split()[0] for peer in PEERS}
 
 
+_PYTHON = "Scripts/python.exe" if os.name == "nt" else "bin/python"
+
+
+def _home(peer: Peer, folder: Path | None) -> Path:
+    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "roslf-bench"
+    return (folder or Path(os.environ.get("ROSLF_BENCH_CACHE") or base)) / peer.key
+
+
+def _wanted(peer: Peer) -> str:
+    return json.dumps([asdict(peer), sys.version])
+
+
+def installed(peer: Peer, folder: Path | None = None) -> Path | None:
+    """A peer's Python, where its environment is there already."""
+    home = _home(peer, folder)
+    stamp = home / "installed.json"
+    return home / _PYTHON if stamp.exists() and stamp.read_text() == _wanted(peer) else None
+
+
 def install(peer: Peer, folder: Path | None = None) -> Path:
     """A peer's Python, its environment made where there is none yet with these packages.
 
@@ -70,11 +89,9 @@ def install(peer: Peer, folder: Path | None = None) -> Path:
     RunError
         No such Python, or pip failed.
     """
-    base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "roslf-bench"
-    home = (folder or Path(os.environ.get("ROSLF_BENCH_CACHE") or base)) / peer.key
-    python, stamp = home / ("Scripts/python.exe" if os.name == "nt" else "bin/python"), home / "installed.json"
-    wanted = json.dumps([asdict(peer), sys.version])
-    if stamp.exists() and stamp.read_text() == wanted:
+    home = _home(peer, folder)
+    python, stamp, wanted = home / _PYTHON, home / "installed.json", _wanted(peer)
+    if installed(peer, folder):
         return python
     starter = interpreter(peer.pythons)
     if starter is None:

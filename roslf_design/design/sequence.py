@@ -97,7 +97,8 @@ def lens_rows(lens: Prescription) -> tuple[SequenceRow, ...]:
     ends = Surface(0.0, widest, float("inf")), Surface(0.0, widest)
     rows = [replace(row, name=row.name.removeprefix(", ")) for row in (*rows[:-1], replace(rows[-1], surface=last))]
     rows[0] = replace(rows[0], is_stop=True)
-    begin, end = SequenceRow("object", -float("inf"), ends[0]), SequenceRow("image", lens.length, ends[1])
+    begin = SequenceRow("object", -float("inf"), ends[0])
+    end = SequenceRow("image", lens.length + image.back_focal_length, ends[1])
     return (begin, *rows, end)
 
 
@@ -105,7 +106,9 @@ def zmx(rows: tuple[SequenceRow, ...], name: str, wavelength: float, temperature
     """A sequential .zmx file, in millimetres; `wide` is the half-width of the field, or 0 for the axis alone [mm]."""
     lines = ["VERS 140124 258 36214", "MODE SEQ", f"NAME {' '.join(name.split())}", "UNIT MM X W X CM MR CPMM"]
     stop = next((row for row in rows if row.is_stop), rows[0])
-    far = rows[0].surface.thickness == float("inf")
+    seen = replace(rows[0].surface, semi_diameter=max(rows[0].surface.semi_diameter, wide))  # fields lie on it
+    rows = (replace(rows[0], surface=seen), *rows[1:])
+    far = seen.thickness == float("inf")
     lines += [f"ENPD {2 * stop.surface.semi_diameter!r}" if far else "FLOA"]
     lines += [f"ENVD {temperature!r} 1 0", "GFAC 0 0", "GCAT SCHOTT MISC"]
     heights = (0.0, wide) if wide else (0.0,)
