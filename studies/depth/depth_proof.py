@@ -247,8 +247,8 @@ class Verdict(NamedTuple):
     """Share."""
     bias: Pooled
     """Rms over scenes and lights of the mean error over the spread there, less what chance leaves."""
-    known: Pooled
-    """Share."""
+    known: Pooled | None
+    """Share of the microlenses that are neither cut nor beside an edge; None where all are."""
     signed: float
     """Mean of the bias over the spread, with its sign."""
     worst: str
@@ -260,7 +260,9 @@ class Verdict(NamedTuple):
         """Bars that are missed by more than so many standard errors."""
         figures = zip(BARS.items(), (self.spread, self.within, self.bias, self.known), strict=True)
         return [
-            name for (name, bar), one in figures if max(bar.low - one.value, one.value - bar.high) > chance * one.error
+            name
+            for (name, bar), one in figures
+            if one is not None and max(bar.low - one.value, one.value - bar.high) > chance * one.error
         ]
 
     @property
@@ -302,13 +304,13 @@ def pooled(results: Mapping[str, Mapping[str, Any]]) -> Verdict | None:
     bias = math.sqrt(max(float(share @ (offset**2 - chance)), 0.0))
     wanted = [(one["wanted"], one["known"]) for one in results.values() if one["known"] is not None]
     total = sum(size for size, _ in wanted)
-    known = sum(size * part for size, part in wanted) / total if total else 0.0
+    known = sum(size * part for size, part in wanted) / max(total, 1)
     far = np.maximum(ratio / BARS["spread"].high, np.abs(offset) / BARS["bias"].high)
     return Verdict(
         Pooled(math.sqrt(square), math.sqrt(square * (noise + texture)) / 2),
         Pooled(within, math.sqrt(within * (1 - within) / float(alone.sum()))),
         Pooled(bias, float(np.sqrt((share**2 * chance).sum()))),
-        Pooled(known, math.sqrt(known * (1 - known) / max(total / WINDOW, 1.0))),
+        Pooled(known, math.sqrt(known * (1 - known) / max(total / WINDOW, 1.0))) if total else None,
         float(share @ offset),
         list(ones)[int(far.argmax())],
         len(results) - len(ones),
@@ -343,7 +345,7 @@ def table(rows: Rows) -> Table:
         figures = (
             f"{one.spread.value:.2f} ± {one.spread.error:.2f}",
             f"{100 * one.within.value:.0f} ± {100 * one.within.error:.0f} %",
-            f"{one.bias.value:.2f} ± {one.bias.error:.2f}", f"{one.signed:+.2f}", f"{100 * one.known.value:.1f} %",
+            f"{one.bias.value:.2f} ± {one.bias.error:.2f}", f"{one.signed:+.2f}", "all are cut" if one.known is None else f"{100 * one.known.value:.1f} %",
         )  # fmt: skip
         lines.append((f"{number}", name, words, *figures, one.words))
     heads = ("", "camera", "what it is", "spread", "within", "bias", "signed", "known", "verdict")
