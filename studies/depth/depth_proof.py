@@ -345,7 +345,8 @@ def table(rows: Rows) -> Table:
         figures = (
             f"{one.spread.value:.2f} ± {one.spread.error:.2f}",
             f"{100 * one.within.value:.0f} ± {100 * one.within.error:.0f} %",
-            f"{one.bias.value:.2f} ± {one.bias.error:.2f}", f"{one.signed:+.2f}", "all are cut" if one.known is None else f"{100 * one.known.value:.1f} %",
+            f"{one.bias.value:.2f} ± {one.bias.error:.2f}", f"{one.signed:+.2f}",
+            "all are cut" if one.known is None else f"{100 * one.known.value:.1f} %",
         )  # fmt: skip
         lines.append((f"{number}", name, words, *figures, one.words))
     heads = ("", "camera", "what it is", "spread", "within", "bias", "signed", "known", "verdict")
