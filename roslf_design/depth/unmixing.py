@@ -64,7 +64,7 @@ MOST_PLACES = 50_000_000
 """Samples up to which each has a place of its own."""
 NEAR = 0.03
 """Pitches beside what a view shows up to which neighbours' light is taken for what it shows."""
-LEAST, SURE, FOCUSED = 0.55, 0.65, 1.0
+LEAST, SURE, FOCUSED = 0.6, 0.65, 1.0
 """Own share of a sample's light under which it is dropped: it tells more of its neighbours. Share from which on it
 tells what the microlens sends others: of less errors would go to and fro, and the mean of its other samples does.
 Disparity up to which that does so well enough for samples of less to be used [pitches]."""
@@ -177,8 +177,9 @@ class ViewLight:
         beside = self.beside(self.places[np.ix_(rows, columns)].reshape(-1, 2), parts)
         each = (False, True) if usable.any() else ()
         ways = [_Mixing.of(mixed, shares, own, usable, faint, beside) for faint in each]
-        noise = sum(way.noise(mixed.light.sum(0)[:, usable].T, shares[own][:, usable].T) for way in ways)
-        return _Freeing(usable, mine[usable], maps(np.asarray(noise)), ways, maps, start)
+        light, share = mixed.light.sum(0)[:, usable].T, shares[own][:, usable].T
+        noise = sum((way.noise(light, share) for way in ways), np.zeros_like(share))
+        return _Freeing(usable, mine[usable], maps(noise), ways, maps, start)
 
     def beside(self, places: NDArray[np.float64], parts: ImageParts) -> NDArray[np.float64] | None:
         """How far to the side the light of each microlens in samples sees, along the lattice's steps: (2, *parts.x).

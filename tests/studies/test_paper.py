@@ -54,7 +54,7 @@ def test_verdict_follows_from_the_printed_digits():
 def test_reasons_are_what_the_numbers_say():
     field = next(row for row in rows() if row.quantity.startswith("field"))
     assert "half width 28.75 mm, corner 40.66 mm, inside the bound" in field.reason
-    overlap = next(row for row in rows() if row.quantity.startswith("fill"))
+    overlap = next(row for row in rows() if row.quantity.startswith("image fill"))
     assert "overlap by 0.065 px" in overlap.reason
 
 
