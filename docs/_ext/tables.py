@@ -94,6 +94,9 @@ def keys_table(model: type[BaseModel], own: Mapping[str, str] = {}) -> str:
     return markdown(("key", "takes", "default", "meaning"), rows)
 
 
+NOT_THERE = "-"
+
+
 def results_table(example: Any, own: Mapping[str, str]) -> str:
     """A result's JSON keys, nested ones under their path.
 
@@ -102,11 +105,12 @@ def results_table(example: Any, own: Mapping[str, str]) -> str:
     example : any
         Of the dataclass that becomes the JSON object; groups of numbers have the quantities that they have there.
     own : mapping
-        What to say of paths that the code leaves undescribed.
+        What to say of paths that the code leaves undescribed; `NOT_THERE` of what has no key.
     """
     rows = [
         (key, shape, _as_json(about or own.get(key, "")))
         for key, shape, about in _result_rows(type(example), "", example)
+        if own.get(key.split(".")[0]) != NOT_THERE
     ]
     blank = [key for key, _, about in rows if not about]
     if blank:

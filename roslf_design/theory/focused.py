@@ -93,7 +93,9 @@ class _FocusedPlane:
     """A plane of object space as focused microlenses show it."""
 
     name: str
+    """Type that is focused on it, or where in the sharp range it lies."""
     virtual_depth: float
+    """Distance from its image by the main lens to the array, over d_2; below 0 where that lies behind the array."""
     ahead_mm: float
     """Distance ahead of the tip; infinite at infinity and beyond."""
     blur_px: tuple[float, ...]
@@ -127,6 +129,7 @@ class FocusedArray:
     own_blur_px: float
     """Blur of pixels and diffraction together."""
     pupil_blur_px: tuple[float, ...]
+    """Width over which each type spreads a point of the pupil."""
     in_focus: tuple[_FocusedPlane, ...]
     """Plane that each type is focused on."""
     limits: tuple[_FocusedPlane, ...]
