@@ -1,8 +1,9 @@
 """Depth errors predicted beside those of real pictures, and of captures whose noise is not as believed.
 
 Run from the project's root: python studies/depth/published.py [-o FOLDER] [--data FOLDER]. What is measured on real
-pictures is left out, and said so, where these do not lie beside the project. What is predicted for them stands in the
-table of their instrument (studies/instruments), which is told the numbers that are measured here.
+pictures, a white frame among them, is left out, and said so, where these do not lie beside the project. What is
+predicted for them stands in the table of their instrument (studies/instruments), which is told the numbers that are
+measured here.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ from studies.depth.view_mismatch import (
     white_frame,
 )
 from studies.instruments.entries import HERE as INSTRUMENTS
-from studies.instruments.entries import NAMED, PICTURES, SUFFIX, WITHOUT, Instrument, Pictures
+from studies.instruments.entries import NAMED, PICTURES, SUFFIX, VESICLE, WITHOUT, Instrument, Pictures
 from studies.instruments.expressions import disparity_error
 
 DATA = Path("../shared/data")
@@ -99,6 +100,7 @@ class Real:
         right = slice(views.field.values.shape[-1] // 2, None)
         errors = {"lytro error" + words: _of_all(views, columns) for words, columns in (("", ALL), (", right", right))}
         errors["board"] = (float(np.sqrt(np.mean(board.error**2))),)
+        errors |= {name: (value,) for name, value in zip(VESICLE, microlens_images(data / "guv"), strict=True)}
         seen = views.map_of(views.field)
         return cls(
             white_frame(data / "guv"), left_between(views), held_out(views, linear, board), list(repeated(views)),
@@ -129,6 +131,14 @@ class Real:
             "measured": self.errors,
             "named": self.pictures.named,
         }
+
+
+def microlens_images(folder: Path) -> tuple[float, float, float]:
+    """Width over pitch, blur [px] and veil [% of full scale] of the microscope's white frame, decoded by its design."""
+    raw, white, dark = (folder / f"{name}_GUVExperim1.tif" for name in ("Lightfield", "Radiometry", "DarkFrame"))
+    told = roslf.decode(raw, white, dark=str(dark), design=str(INSTRUMENTS / "lfm-guv.toml")).to_dict()
+    found = told["white"]
+    return found["image_width_px"] / told["lattice"]["pitch_px"], found["blur_px"], 100 * found["veil"]
 
 
 def _of_all(views: LytroViews, columns: slice) -> tuple[float, ...]:

@@ -82,7 +82,9 @@ class Pictures:
         return None if real is None else cls({k: tuple(v) for k, v in real["measured"].items()}, real["named"])
 
 
-MEASURED = ("lytro error", "lytro error, right", "board")
+VESICLE = ("vesicle width", "vesicle blur", "vesicle veil")
+"""Of a white frame, as `roslf decode --white` tells it: width of images over their pitch, blur [px], veil [%]."""
+MEASURED = ("lytro error", "lytro error, right", "board", *VESICLE)
 """Names of `Pictures.measured`."""
 NAMED = ("scene_disparity", "left_half_mismatch", "board_error_per_mismatch")
 """Names of `Pictures.named`."""

@@ -52,7 +52,8 @@ OF_NUMBERS: dict[str, Function] = {
     "sqrt": math.sqrt, "asin": math.asin, "atan": math.atan, "degrees": math.degrees,
 }  # fmt: skip
 PLANNED, EVALUATED = "plan", "evaluate"
-"""Names before a dot: errors that a calibration plan expects, as `plan.d_f`; the JSON of `roslf evaluate`."""
+"""Names before a dot: errors that a calibration plan expects, as `plan.d_f`; the JSON of `roslf evaluate`, whose lists
+are counted from 0, as `evaluate.focused.in_focus[0].ahead_mm`."""
 OPERATORS: dict[type[ast.AST], Callable[..., float]] = {
     ast.Add: operator.add, ast.Sub: operator.sub, ast.Mult: operator.mul, ast.Div: operator.truediv,
     ast.Pow: operator.pow, ast.USub: operator.neg,
@@ -116,20 +117,23 @@ def _faults(node: ast.expr, given: Collection[str]) -> Iterator[str]:
             if name not in PLAIN and name not in given:
                 otherwise = "`roslf quantities` lists all"
                 yield f"'{name}' is no quantity; {nearest(name, sorted(PLAIN | set(given)), otherwise)}"
-        case ast.Attribute() if (parts := _dotted(node)) and parts[0] in (PLANNED, EVALUATED):
+        case ast.Attribute() | ast.Subscript() if (parts := _dotted(node)) and parts[0] in (PLANNED, EVALUATED):
             return
         case _:
             yield f'"{ast.unparse(node)}" is not known; use numbers, names, + - * / **, and functions of one number'
 
 
-def _dotted(node: ast.expr) -> list[str]:
-    """Parts of a dotted name; empty for anything else."""
+def _dotted(node: ast.expr) -> list[str | int]:
+    """Parts of a dotted name, numbers in brackets among them; empty for anything else."""
     match node:
         case ast.Name(id=name):
             return [name]
         case ast.Attribute(value=inner, attr=name):
             parts = _dotted(inner)
             return [*parts, name] if parts else []
+        case ast.Subscript(value=inner, slice=ast.Constant(value=int(index))):
+            parts = _dotted(inner)
+            return [*parts, index] if parts else []
     return []
 
 
@@ -159,13 +163,22 @@ def _value(node: ast.expr, design: Design | None, camera: Camera | None, given: 
     return _looked_up(design, *_dotted(node))
 
 
-def _looked_up(design: Design, root: str, *keys: str) -> float:
-    """A number of the calibration plan, or of the JSON of `roslf evaluate`."""
+def _looked_up(design: Design, root: str | int, *keys: Any) -> float:
+    """A number of the calibration plan, or of the JSON of `roslf evaluate`.
+
+    Raises
+    ------
+    LookupError
+        There is none of that name.
+    """
     if root == PLANNED:
         planned = calibration_plan(design, PlanOptions())
         assert not isinstance(planned, str)
         return float(planned.expected.sigma[keys[0]])
     found: Any = roslf.evaluate(design).to_dict()
-    for key in keys:
-        found = found[key]
-    return float(found)
+    try:
+        for key in keys:
+            found = found[key]
+        return float(found)
+    except (LookupError, TypeError):
+        raise LookupError(repr(key)) from None

@@ -113,7 +113,9 @@ def ratios(rows: Sequence[Row]) -> Picture:
 
 
 def digits(row: Row) -> int:
-    """Digits that tell both numbers of a row apart: those of the published one, four at least."""
+    """Digits that tell both numbers of a row apart: those of the published one, four at least and where measured."""
+    if row.measured:
+        return 4
     return max(4, *(len(f"{abs(value):.10g}".replace(".", "").strip("0")) for value in row.published), 4)
 
 

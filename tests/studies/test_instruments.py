@@ -85,6 +85,31 @@ def test_published_disparities_are_those_of_the_calibration(rows, shared_data):
         assert row.published == pytest.approx(own, abs=1e-3)
 
 
+def test_the_multi_focus_array_is_as_rays_through_its_lengths_have_it(rows):
+    """Kinds of microlenses by hand: where the sensor's image lies, and the rims' rays of pupil and microlens."""
+    F, D, d_1, d_2, d, q = 49.885286, 12.471321, 56.859967, 0.3371257, 0.12745, 0.0055
+    planes = [row for row in rows if row.instrument == "Raytrix R12" and "plane in focus" in row.figure]
+    widths = [row for row in rows if row.instrument == "Raytrix R12" and "white image" in row.figure]
+    assert len(planes) == len(widths) == 3
+    for f_ml, plane, width in zip((0.58267, 0.524025, 0.560574), planes, widths, strict=True):
+        image = d_1 + 1 / (1 / d_2 - 1 / f_ml)  # behind the array, as f_ml > d_2
+        assert plane.predicted == pytest.approx(1 / (1 / F - 1 / image), rel=1e-9)
+        edge = d / 2 + d_2 * ((d / 2 + D / 2) / d_1 - d / 2 / f_ml)  # of the ray from the opposite rim
+        assert width.predicted == pytest.approx(2 * edge / q, rel=1e-9)
+        assert width.ratio == pytest.approx(1, abs=2e-3)
+
+
+def test_the_vesicles_white_frame_is_measured_and_predicted(rows):
+    """Diffraction's width lambda d_2/d, and an aperture of 1.2 that fills the cells; real images are narrower."""
+    width, blur, veil = (row for row in rows if row.measured.startswith("vesicle"))
+    assert width.predicted == pytest.approx(1, abs=1e-6)
+    assert 0.838 < width.published[0] < 0.898
+    assert blur.predicted == pytest.approx(0.593e-3 * 2.5 / 0.1 / 6.5e-3, rel=1e-9)
+    assert blur.ratio < 0.7
+    assert 0 < veil.published[0] < 4
+    assert veil.ratio is None
+
+
 def test_predictions_are_what_the_expressions_say(tmp_path):
     """Closed forms of the paper's bench, by hand: f 100, d_f 350, D_F 2.9, d_3 120 or 20, d 0.063, d_2 2 mm."""
     cases = {
@@ -124,6 +149,7 @@ def test_two_instruments_make_a_page_with_every_row(tmp_path):
         (NUMBER.replace("d_1", "d1"), ("number.0.predict: 'd1' is no quantity; did you mean 'd_1'?",)),
         (NUMBER.replace("d_1", "d_1 +"), ("number.0.predict", "is no expression; write one such as")),
         (NUMBER.replace("d_1", "evaluate.f_number.pupl"), ("number.0.predict: 'pupl' is no number of that name",)),
+        (NUMBER.replace("d_1", "evaluate.focused.in_focus[0].ahead_mm"), ("'focused' is no number of that name",)),
         (NUMBER.replace("d_1", "scene_disparity"), ("number.0.predict: 'scene_disparity' is no quantity",)),
         (NUMBER.replace("d_1", "__import__('os')"), ("number.0.predict",)),
         (NUMBER.replace('predict = "d_1"', ""), ("number.0.why: is missing; say why nothing is predicted",)),
