@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Protocol
 
 import numpy as np
 
 from ..design import Design, DesignError
 from ..errors import InputError, Problem, refusal
+from ..progress import CountedProgress, silent
 from ..theory.colours import filters
 from ..theory.focused import refuse_focused
 from ..toml_files import nearest, read_toml, validated
@@ -30,17 +30,6 @@ from .sidedata import SideDatum, board_distances, white_pitch
 from .space import in_medium
 
 
-class _CountedProgress(Protocol):
-    """Receiver of progress: the step under way, and how much of how many things where they are counted."""
-
-    def __call__(self, what: str, done: float = 0.0, total: float = 0.0) -> None:
-        """Tell what is done, and how much of `total`; 0 where nothing is counted."""
-
-
-def _silent(what: str, done: float = 0.0, total: float = 0.0) -> None:
-    """Progress that nobody looks at."""
-
-
 class NoCameraError(CalibrationError):
     """Decoded images that do not determine a camera.
 
@@ -58,9 +47,7 @@ class NoCameraError(CalibrationError):
         self.centres, self.views = centres, views
 
 
-def calibrated(
-    folder: Path, design: Design, options: CalibrateOptions, progress: _CountedProgress = _silent
-) -> Outcome:
+def calibrated(folder: Path, design: Design, options: CalibrateOptions, progress: CountedProgress = silent) -> Outcome:
     """Calibration of a camera built to a design, from a folder of captured images.
 
     Raises
@@ -119,7 +106,7 @@ def _sheet(design: Design, board: Board, options: CalibrateOptions) -> DataSheet
         raise refusal("sigma", str(error).removeprefix("sigma of ")) from None
 
 
-def _white_image(folder: Path, design: Design, progress: _CountedProgress) -> tuple[Capture, MicrolensCentres]:
+def _white_image(folder: Path, design: Design, progress: CountedProgress) -> tuple[Capture, MicrolensCentres]:
     """Captures of a folder, and the microlens centres that their white image tells."""
     progress("reading the white image")
     capture = read_capture(folder)
@@ -136,7 +123,7 @@ def _white_image(folder: Path, design: Design, progress: _CountedProgress) -> tu
 
 
 def _decoded(
-    capture: Capture, centres: MicrolensCentres, views: dict[str, Samples], progress: _CountedProgress
+    capture: Capture, centres: MicrolensCentres, views: dict[str, Samples], progress: CountedProgress
 ) -> Iterator[tuple[str, LightField]]:
     """Light fields one at a time, of which `views` keeps the central ones: a dozen at once would fill the memory."""
     decoder = Decoder.of(centres.lattice, capture.white.shape, white=capture.white, dark=capture.dark)
@@ -187,7 +174,7 @@ def _stood(stood: BoardDistances, file: str, fitted: Calibration, sheet: DataShe
 
 
 def _sampled(
-    fit: StatisticsFit, sheet: DataSheet, data: Sequence[SideDatum], seed: int, size: float, progress: _CountedProgress
+    fit: StatisticsFit, sheet: DataSheet, data: Sequence[SideDatum], seed: int, size: float, progress: CountedProgress
 ) -> CameraDraws:
     """Draws of the posterior, as many as an effective sample size takes."""
     what = "sampling the posterior"

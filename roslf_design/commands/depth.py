@@ -33,7 +33,6 @@ from .terminal import (  # fmt: skip
     Json,
     OptionalOutput,
     Repeated,
-    StatusLine,
     Unread,
     bar,
     check_options,
@@ -43,6 +42,7 @@ from .terminal import (  # fmt: skip
     picture_files,
     print_titled,
     say,
+    status_and_bars,
     tell_cost,
     typed,
     write_files,
@@ -134,8 +134,8 @@ def depth(
     command = typed("depth", subject, region=region, **chosen, sigma=sigma, output=output)
     if capture:
         taken = options.complete(piece, parse_sigmas(sigma))
-        with StatusLine("depth") as status:
-            result = captured(Path(subject), taken, status.tell)
+        with status_and_bars("depth") as tell_all:
+            result = captured(Path(subject), taken, tell_all)
         blocks = (*capture_answers(result), *capture_basis(result))
         _finish(result, f"Depth in {result.source}", blocks, partial(capture_report, result), command, output, json)
         return

@@ -84,7 +84,7 @@ def tell_cost(seconds: float, why: str) -> None:
 
 
 @contextmanager
-def bar(name: str, total: float = 1.0) -> Iterator[Callable[[float], None]]:
+def bar(name: str, total: float = 1.0, at_once: bool = False) -> Iterator[Callable[[float], None]]:
     """A bar with the time that is left, told how much of `total` is done; counted where `total` is a number of things.
 
     Yields
@@ -107,7 +107,7 @@ def bar(name: str, total: float = 1.0) -> Iterator[Callable[[float], None]]:
 
     def tell(done: float) -> None:
         shown.update(task, completed=done)
-        if not shown.live.is_started and time.monotonic() - started > PATIENCE:
+        if not shown.live.is_started and (at_once or time.monotonic() - started > PATIENCE):
             shown.start()
 
     try:
@@ -136,7 +136,7 @@ def status_and_bars(command: str) -> Iterator[Callable[..., None]]:
                 return
             if not counting:
                 status.clear()
-                counting.append(stack.enter_context(bar(what, total)))
+                counting.append(stack.enter_context(bar(f"{command}: {what}", total, at_once=True)))
             counting[0](done)
 
         yield tell

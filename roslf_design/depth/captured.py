@@ -18,6 +18,7 @@ from ..calibration.refocusing import sharp_disparities
 from ..camera import Camera
 from ..imaging.camera import Region
 from ..json_data import plain
+from ..progress import CountedProgress, shares, silent
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.photometry import dark_variance, electrons, veil_electrons
 from .estimate import DisparityMap, PixelNoise, Start, estimate_disparity
@@ -213,14 +214,15 @@ def image_width(camera: Camera) -> float:
 
 
 def _looked_wide(
-    look: Callable[[tuple[float, float]], Found], outside: Callable[[Found], tuple[float, float]], field: LightField,
-    search: tuple[float, float], fixed: bool,
+    look: Callable[..., Found], outside: Callable[[Found], tuple[float, float]], field: LightField,
+    search: tuple[float, float], fixed: bool, progress: CountedProgress, what: str,
 ) -> Found:  # fmt: skip
     """Finding of `look` between two disparities, and further out as long as much of the scene lies beyond.
 
-    `outside` tells the shares below and above. Where somebody named the two, `fixed`, they stay.
+    `outside` tells the shares below and above. Where somebody named the two, `fixed`, they stay. Each look is a step
+    of `progress`, called `what`.
     """
-    found = look(search)
+    found = look(search=search, progress=shares(progress, what))
     farthest = 0.5 * max(field.values.shape[2:]) * abs(float(field.u[1] - field.u[0]))
     for _ in range(0 if fixed else WIDER):
         low, high = search
@@ -229,7 +231,7 @@ def _looked_wide(
         wider = max(low - width * below, -farthest), min(high + width * above, farthest)
         if wider == search or not wider[0] < wider[1]:
             break
-        search, found = wider, look(wider)
+        search, found = wider, look(search=wider, progress=shares(progress, f"{what}, in a wider search"))
     return found
 
 
@@ -247,36 +249,36 @@ def _noise_factor(estimate: DisparityMap) -> float:
 
 def measured_with_noise(
     geometry: ViewGeometry, field: LightField, noise: CaptureNoise, search: tuple[float, float], fixed: bool,
-    begun: Start | None = None,
+    begun: Start | None = None, progress: CountedProgress = silent,
 ) -> tuple[Depths, CaptureNoise]:  # fmt: skip
     """Depths of a light field and its noise, once more where views differ otherwise than that says, everywhere."""
     look = partial(measure, geometry, field, viewing=geometry.viewing(field))
+    what = "measuring depth"
 
-    def wide(search: tuple[float, float], noise: CaptureNoise) -> Depths:
+    def wide(search: tuple[float, float], noise: CaptureNoise, what: str) -> Depths:
         each = partial(look, noise.pixel)
-        return _looked_wide(lambda ends: each(search=ends), lambda run: run.disparities.outside, field, search, fixed)
+        return _looked_wide(each, lambda run: run.disparities.outside, field, search, fixed, progress, what)
 
     if noise.measured:
-        return look(noise.pixel, search=search, begun=begun), noise
-    run = wide(search, noise)
+        return look(noise.pixel, search=search, begun=begun, progress=shares(progress, what)), noise
+    run = wide(search, noise, what)
     # Where the noise is far off, few samples were used with their right weights: the second time tells it better.
     for _ in range(2):
         times = _noise_factor(run.disparities)
         if times == 1.0:
             break
         noise = replace(noise, pixel=noise.pixel.times(times), times=noise.times * times)
-        run = wide(run.disparities.search, noise)
+        run = wide(run.disparities.search, noise, f"{what} again, with the noise found")
     return run, noise
 
 
 def measured_noise(
-    geometry: ViewGeometry, field: LightField, search: tuple[float, float], progress: Callable[[str], None],
-    fixed: bool = True,
+    geometry: ViewGeometry, field: LightField, search: tuple[float, float], fixed: bool = True,
+    progress: CountedProgress = silent,
 ) -> tuple[CaptureNoise, DisparityMap]:  # fmt: skip
     """Noise of views that nobody knows the sensor of, what is left between them once they lie on each other; so how."""
     level = _brightness(field) or 1.0
-    progress("measuring noise")
-    found, views = _roughly(geometry, scaled(field, level), search, fixed)
+    found, views = _roughly(geometry, scaled(field, level), search, fixed, progress)
     some = found.chi2[found.chi2 > 0]
     noise = max(FIRST_NOISE * math.sqrt(float(np.median(some))) if some.size else FIRST_NOISE, FAINTEST)
     alike = _noise_alike(views.field, views.pupil, found)
@@ -288,15 +290,17 @@ def measured_noise(
 
 
 def _roughly(
-    geometry: ViewGeometry, field: LightField, search: tuple[float, float], fixed: bool = True
-) -> tuple[DisparityMap, PreparedViews]:
+    geometry: ViewGeometry, field: LightField, search: tuple[float, float], fixed: bool = True,
+    progress: CountedProgress = silent,
+) -> tuple[DisparityMap, PreparedViews]:  # fmt: skip
     """Disparities of views by a guess of their noise and two corrections, as good as noise and order need them."""
     views = geometry.viewing(field).prepared(field)
     estimate = partial(
         estimate_disparity, views.field, views.pupil, PixelNoise(QUIET, QUIET * FIRST_NOISE), aside=views.aside,
         window=geometry.window, passes=2,
     )  # fmt: skip
-    return _looked_wide(lambda each: estimate(search=each), lambda one: one.outside, field, search, fixed), views
+    what = "measuring noise"
+    return _looked_wide(estimate, lambda one: one.outside, field, search, fixed, progress, what), views
 
 
 def disagreement(field: LightField, across: int) -> float:

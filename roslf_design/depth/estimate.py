@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import IntEnum
 
@@ -242,6 +243,7 @@ def estimate_disparity(
     passes: int = 4,
     edges: bool = False,
     begun: Start | None = None,
+    progress: Callable[[float], None] = lambda share: None,
 ) -> DisparityMap:
     """Estimate each microlens's disparity from all views, near maximum likelihood.
 
@@ -281,6 +283,8 @@ def estimate_disparity(
         Whether windows at odds are looked at once more for what smaller windows, and quarters of the views, have there.
     begun : Start, optional
         Of an estimate of the same views with the same search: it is not made again.
+    progress : callable
+        Told the share that is done, about: of search, corrections and edges a third each.
 
     Raises
     ------
@@ -302,7 +306,9 @@ def estimate_disparity(
     disparity, picture = first.disparity, first.picture
     bound = (low - first.step, high + first.step)
     seen: tuple[bool, bool, SharedLight] | None = None
-    for count in range(passes if begun is None else 3):
+    passes = passes if begun is None else 3
+    for count in range(passes):
+        progress((1 + count / passes) / 3)
         # Half of many views suffices to come near. What has settled is not looked at again.
         half, robust = most and begun is None and count < 2, begun is not None or count > 0
         kept = seen[2] if seen is not None and seen[:2] == (half, robust) else None
@@ -317,6 +323,7 @@ def estimate_disparity(
     judged = replace(judged, begun=replace(first, disparity=disparity, picture=picture))
     if not edges:
         return judged
+    progress(2 / 3)
     wanted = (judged.status == DisparityStatus.INCONSISTENT) | (judged.status == DisparityStatus.OUT_OF_RANGE)
     wanted |= (judged.status == DisparityStatus.AMBIGUOUS) & (fit.misfit(largest_chi2) > 1)
     some = (views.grid % 2 == 0).all(axis=1) if most else np.ones(len(views.grid), np.bool_)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -23,6 +23,7 @@ from ..design import Design, load
 from ..errors import Argument, InputError, Problem, refusal
 from ..imaging.camera import Region
 from ..options import FileName, Options, refuse_idle
+from ..progress import CountedProgress, shares, silent
 from ..shapes.lattice import PACKINGS
 from ..theory.length_covariance import LengthCovariance
 from ..units import read_quantity
@@ -125,10 +126,12 @@ class _Capture:
 
     def measured(
         self, geometry: ViewGeometry, field: LightField, noise: CaptureNoise, search: tuple[float, float],
-        begun: Start | None = None,
+        progress: CountedProgress, begun: Start | None = None,
     ) -> tuple[Depths, CaptureNoise]:  # fmt: skip
         """Depths of a light field, and its noise as measured; errors of lengths known to some standard error count."""
-        run, noise = measured_with_noise(geometry, field, noise, search, self.options.between is not None, begun)
+        run, noise = measured_with_noise(
+            geometry, field, noise, search, self.options.between is not None, begun, progress
+        )
         if self.known_to:
             run = with_errors_of(run, field, noise.pixel, run.disparities.search, self.known_to)
         return run, noise
@@ -143,7 +146,7 @@ class _Capture:
         return InputError((Problem("", message),), str(self.image))
 
 
-def captured(image: Path, options: CaptureOptions, progress: Callable[[str], None] = lambda _: None) -> MeasuredCapture:
+def captured(image: Path, options: CaptureOptions, progress: CountedProgress = silent) -> MeasuredCapture:
     """Depth in a raw image, or in decoded views.
 
     Raises
@@ -184,7 +187,7 @@ def _known_to(
     return known
 
 
-def _raw(capture: _Capture, progress: Callable[[str], None]) -> MeasuredCapture:
+def _raw(capture: _Capture, progress: CountedProgress) -> MeasuredCapture:
     image, design, options = capture.image, capture.design, capture.options
     assert design is not None
     if options.truth is not None:
@@ -213,11 +216,10 @@ def _raw(capture: _Capture, progress: Callable[[str], None]) -> MeasuredCapture:
     noise = raw_noise(camera, raw, field)
     if raw.balance is not None:
         noise = replace(noise, pixel=noise.pixel.dimmed(raw.balance.evenness))
-    progress("measuring depth")
     field = scaled(field, noise.scale)
     if search is None:
         search = searched(field, image_width(camera))
-    run, noise = capture.measured(geometry, field, noise, search)
+    run, noise = capture.measured(geometry, field, noise, search, progress)
     warnings = tuple(raw.source.centres.warnings)
     return MeasuredCapture(
         (run,), np.full(run.depth.shape, np.nan), None, image.name, "raw", design.name,
@@ -242,7 +244,7 @@ def _part(camera: Camera, raw: RawDecoded, region: tuple[int, int, int, int] | N
     return part
 
 
-def _views(capture: _Capture, progress: Callable[[str], None]) -> MeasuredCapture:
+def _views(capture: _Capture, progress: CountedProgress) -> MeasuredCapture:
     image, design, options = capture.image, capture.design, capture.options
     refuse_idle(options, ("white", "dark", "region"))
     progress("reading views")
@@ -271,7 +273,7 @@ def _views(capture: _Capture, progress: Callable[[str], None]) -> MeasuredCaptur
             "views are taken as one sensor pixel apart, the middle one on the axis, as roslf decode has them"
         )
     true, truth = _truth_of(capture, grid, (len(field.v), len(field.u)))
-    ordered = in_order(field, partial(disagreement, across=across))
+    ordered = in_order(field, partial(disagreement, across=across), shares(progress, "comparing orders of views"))
     field = ordered.field
     if ordered.warning:
         warnings.append(ordered.warning)
@@ -281,12 +283,11 @@ def _views(capture: _Capture, progress: Callable[[str], None]) -> MeasuredCaptur
         search = search_about(*sorted(across * end for end in files.disparities))
     else:
         search = searched(field, wide, FEW_VIEWS)
-    noise, first = measured_noise(geometry, field, search, progress, options.between is not None)
+    noise, first = measured_noise(geometry, field, search, options.between is not None, progress)
     if not float(field.values.max(initial=0.0)) > 0:
         raise capture.refused("all views are black; check which files they are")
-    progress("measuring depth")
     field = scaled(field, noise.scale)
-    run, noise = capture.measured(geometry, field, noise, first.search, first.begun)
+    run, noise = capture.measured(geometry, field, noise, first.search, progress, first.begun)
     return MeasuredCapture(
         (run,), true, None, image.name, files.kind, camera, capture.calibration, noise, truth,
         capture.known_to, tuple(warnings),

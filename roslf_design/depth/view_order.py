@@ -74,7 +74,9 @@ class _OrderedViews(NamedTuple):
         )
 
 
-def in_order(field: LightField, disagreement: Callable[[LightField], float]) -> _OrderedViews:
+def in_order(
+    field: LightField, disagreement: Callable[[LightField], float], progress: Callable[[float], None] = lambda _: None
+) -> _OrderedViews:
     """Views in the order in which they agree, near a few windows with texture; as named unless another fits clearly.
 
     Parameters
@@ -87,7 +89,8 @@ def in_order(field: LightField, disagreement: Callable[[LightField], float]) -> 
     if min(field.values.shape[:2]) < 2 or not (windows := _windows(field)):
         return _OrderedViews(field, AS_NAMED, 1.0)
     found = []
-    for window in windows:
+    for number, window in enumerate(windows):
+        progress(number / len(windows))
         part = _part(field, *window)
         found.append(np.log([max(disagreement(order.of(part)), 1e-12) for order in ORDERS]))
         if len(found) == 1 and min(found[0][1:]) - found[0][0] > BEYOND_DOUBT:

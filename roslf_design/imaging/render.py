@@ -7,7 +7,7 @@ import os
 import time
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +18,7 @@ from ..effects import Budget, Plan, plan
 from ..effects.geometry import mapped_blur
 from ..errors import InputError, Problem, refusal
 from ..options import check_seed
+from ..progress import part_of
 from ..scenes import WHITE_FIELD, Scene
 from ..theory.colours import BRIGHTEST, FILTERS, ColourFilter, filters, mosaic, per_watt
 from ..theory.light import chief_spread, falloff, outer_slope
@@ -148,7 +149,7 @@ def render(
     pixels = np.zeros((piece.rows, piece.columns), np.float32)
     generator = np.random.default_rng(seed)
     for number, (one, job) in enumerate(jobs):
-        for row, band in job.bands(piece, partial(_share_of_one, progress, number, len(jobs))):
+        for row, band in job.bands(piece, part_of(progress, number / len(jobs), (number + 1) / len(jobs))):
             _put(pixels, row, band, one, design, piece)
         for light, source in job.sources():
             _put(pixels, 0, light * point_image(source, piece, job.colours, budget.intensity), one, design, piece)
@@ -166,11 +167,6 @@ def render(
     seconds = time.perf_counter() - start
     rays = sum(job.rays for _, job in jobs)
     return RawImage(pixels, piece, design, scene, effects, seed, jobs[0][1].method, rays, seconds)
-
-
-def _share_of_one(progress: Callable[[float], None], before: int, jobs: int, share: float) -> None:
-    """Progress of one job of several."""
-    progress((before + share) / jobs)
 
 
 def method_of(design: Design, scene: Scene, effects: Plan) -> str:

@@ -12,6 +12,7 @@ from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.depth.captured import CaptureNoise, disagreement, measured_with_noise
 from roslf_design.depth.estimate import DisparityStatus, PixelNoise
+from roslf_design.depth.from_files import CaptureOptions, captured
 from roslf_design.depth.geometry import GridGeometry
 from roslf_design.depth.measure import simulate
 from roslf_design.depth.pictures import PictureOptions, default_scene
@@ -216,3 +217,26 @@ def test_texture_too_fine_is_called_aliasing(monkeypatch):
         trial = simulate(design, scene, part)
         assert trial.aliased == share
         assert any("aliases" in line.text for line in statements(trial)) == (share > 0)
+
+
+def test_captures_tell_what_is_done(folder, shared_data):
+    """Each step begins in words; its shares rise, and those of the last end at 1."""
+    for place in (folder, shared_data / "lytro-views"):
+        if not place.is_dir():
+            pytest.skip(f"no {place}")
+        steps = []
+
+        def tell(what, done=0.0, total=0.0, steps=steps):
+            if not total:
+                steps.append((what, []))
+            else:
+                assert (what, total) == (steps[-1][0], 1.0)
+                steps[-1][1].append(done)
+
+        captured(place, CaptureOptions(), tell)
+        names = [what for what, _ in steps]
+        assert names[:2] == ["reading views", "comparing orders of views"]
+        assert names[-2:] == ["measuring noise", "measuring depth"]
+        assert all(told == sorted(told) and max(told, default=0.0) <= 1 for _, told in steps)
+        assert len(set(steps[-1][1])) > 4
+        assert steps[-1][1][-1] == 1.0
