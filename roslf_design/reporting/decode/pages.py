@@ -116,8 +116,10 @@ def _white(profile: WhiteProfile) -> Iterator[Statement]:
         wide, pitch = profile.width, profile.lattice.pitch
         pupil = "a `design` would tell how wide a pupil that is"
         if profile.pupil is not None and profile.narrower is not None:
-            off = f"{100 * abs(profile.narrower - 1):.2g} % {'narrower' if profile.narrower < 1 else 'wider'}"
-            pupil = f"the pupil is {told(profile.pupil, profile.pupil * unsure[0])} mm across, {off} than the design's"
+            more = profile.narrower - 1
+            off = f"{100 * abs(more):.2g} % {'narrower' if more < 0 else 'wider'} than the design's"
+            off = off if abs(more) > 2 * unsure[0] else "as the design has it"
+            pupil = f"the pupil is {told(profile.pupil, profile.pupil * unsure[0])} mm across, {off}"
         said = f"Microlens images are {told(wide, wide * unsure[0])} px wide, {wide / pitch:.3f} pitches: {pupil}."
         yield Statement("plain", said)
         veil = f"{told(100 * profile.veil, 100 * unsure[1])} % {lit}"
@@ -131,7 +133,7 @@ def _white(profile: WhiteProfile) -> Iterator[Statement]:
     )
     close = f"as far as noise shows, {noise:.2g} % rms {lit}"
     if apart > noise / 2:
-        close = f"to {apart:.2g} % rms {lit} ({alike:.2g} % is alike on all sides; noise is {noise:.2g} %)"
+        close = f"to {apart:.2g} % rms {lit} ({alike:.2f} % is alike on all sides; noise is {noise:.2g} %)"
     yield Statement(
         "good" if profile.misfit < UNLIKE else "caution",
         f"They follow an evenly lit pupil's {close}: between them light falls to {dip:.3g} %, by the fit to"
