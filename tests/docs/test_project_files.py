@@ -31,7 +31,7 @@ def test_citation_names_software_and_paper(root):
 
 def test_pages_are_all_in_the_contents(root):
     docs = root / "docs"
-    listed = set(re.findall(r"(?m)^((?:guides|theory|reference|coming-from)/\S+|contributing|changelog)$",
+    listed = set(re.findall(r"(?m)^((?:guides|theory|reference|coming-from)/\S+|contributing|changelog|glossary)$",
                             (docs / "index.md").read_text()))  # fmt: skip
     pages = {
         page.relative_to(docs).with_suffix("").as_posix()

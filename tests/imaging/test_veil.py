@@ -8,7 +8,8 @@ import pytest
 import roslf_design as roslf
 from roslf_design.calibration.raw import from_raw
 from roslf_design.camera import Camera
-from roslf_design.depth.measure import PictureOptions, _Unexposed, simulate
+from roslf_design.depth.measure import simulate
+from roslf_design.depth.pictures import PictureOptions
 from roslf_design.effects import Budget, plan
 from roslf_design.imaging.files import write_image
 from roslf_design.imaging.render import render
@@ -83,15 +84,15 @@ def test_simulated_depth_has_its_noise(near_light, few_rays):
     """Errors told grow as the Fisher information says, to 5 % (chance of ten windows), and nothing is lost or moved."""
     options = PictureOptions(region=(2150, 1450, 260, 160))
     scene = Scene(objects=(Plane(tilt=(0.0, 0.3), texture=Noise(finest=0.4, contrast=0.2, seed=1)),))
-    unexposed = _Unexposed.of(PAPER, scene, options.part(PAPER), rays=32)
-    trials = [simulate(PAPER.replace({"light.veil": veil}), scene, options, unexposed=unexposed) for veil in (0.0, 0.1)]
+    trials = [simulate(PAPER, scene, options)]
+    trials += [simulate(PAPER.replace({"light.veil": 0.1}), scene, options, again=trials[0])]
     clear, hazy = (trial.summary() for trial in trials)
     assert hazy.predicted_mm > 1.1 * clear.predicted_mm
     assert hazy.told_mm / clear.told_mm == pytest.approx(hazy.predicted_mm / clear.predicted_mm, rel=0.05)
     assert hazy.measured == 1.0
     assert abs(hazy.bias_mm - clear.bias_mm) < hazy.told_mm
     assert trials[1].brightest == pytest.approx(trials[0].brightest + 0.1)
-    blind = simulate(PAPER.replace({"light.veil": 0.99}), scene, options, unexposed=unexposed)
+    blind = simulate(PAPER.replace({"light.veil": 0.99}), scene, options, again=trials[0])
     assert set(blind.unknown()) == {"saturated"}
 
 
