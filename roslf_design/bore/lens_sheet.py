@@ -93,6 +93,10 @@ class _LightTable(_FieldTable):
     remedy = "write percent of the light in the middle, 85 and not 0.85, and end before it is dark"
 
 
+FARTHEST = 10.0
+"""Principal planes from their vertices, over focal length and length together."""
+
+
 class LensSheet(Part):
     """Numbers of a lens's data sheet."""
 
@@ -122,6 +126,10 @@ class LensSheet(Part):
     @model_validator(mode="after")
     def _of_one_lens(self) -> LensSheet:
         f, s, image = self.focal_length, *self._pupils
+        for key in ("front_principal", "rear_principal"):
+            if abs(at := getattr(self, key)) > FARTHEST * (f + self.length):
+                told = format_quantity(at, "length", 4)
+                raise ValueError(f"{key} = {told} is no place for a lens of that size and f; check unit and sign")
         width, number = self.pupil_diameter, self.f_number
         if width is not None and number is not None and abs(f / number / width - 1) > SIZE_AGREES:
             told, own = (format_quantity(float(size), "length", 4) for size in (width, f / number))
