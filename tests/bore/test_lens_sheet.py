@@ -372,7 +372,7 @@ def test_files_hold_sheets_and_a_design_written_again_is_the_same():
         ("[microlens_array]", '[aperture]\ndistance = "50 mm"\n[microlens_array]', "whose pupil is seen at 5 mm"),
         ("[microlens_array]", '[aperture]\ndiameter = "15 mm"\n[microlens_array]', "wider than the sheet's pupil"),
         ("[microlens_array]", '[[stops]]\ndiameter = "9 mm"\ndistance = "9 mm"\n[microlens_array]', "through air"),
-        ('front_principal = "20 mm"', 'front_principal = "2 m"', "front_principal = 2000 mm is no place for a lens"),
+        ('front_principal = "20 mm"', 'front_principal = "2 m"', "is no place for a lens of that size"),
         ('front_principal = "20 mm"', 'front_principal = "400 mm"', "contradicts entrance_pupil"),
         ("f_number = 2.8", 'name = "twice"', "TOML"),
     ],
