@@ -387,8 +387,8 @@ def drawn(rows: Rows) -> Picture:
     size, high, panels = (760.0, 680.0), 128.0, []
     presets = sum(not name.startswith("drawn") for name, _, _ in rows) + 0.5
     for at, (name, bar) in enumerate(BARS.items()):
-        x = np.array([number for number, _ in known], float)
-        y = np.array([getattr(one, name).value for _, one in known])
+        judged_by = [(number, getattr(one, name)) for number, one in known if getattr(one, name) is not None]
+        x, y = (np.array(axis, float) for axis in ([n for n, _ in judged_by], [one.value for _, one in judged_by]))
         good = (y >= bar.low) & (y <= bar.high)
         y, low = np.clip(y, *bar.seen), max(bar.low, bar.seen[0])
         across = Scale(0.0, len(rows) + 1.0)
