@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..bore.opening import POINT
 from ..calibration.decoding import DARKEST, LightField
-from ..calibration.lattice import CentreLattice
+from ..calibration.lattice import CentreLattice, LatticeBend, bend_columns
 from ..camera import Camera
 from ..design import Design
 from ..fates import RayFate
@@ -47,6 +47,8 @@ STEP = 0.25
 """Disparity to either side of the focal plane that P is taken from [pitches]."""
 AWAY = 1e9
 """Taken for infinity [mm]."""
+MANY = 30
+"""Images from which on their centres are followed to third order, as distortion bends their lattice."""
 ENOUGH = 1.5
 """Places traced for each coefficient of a polynomial over the array."""
 
@@ -270,7 +272,7 @@ class TracedViews:
         return np.where(middle.ok[:, None], rays, np.nan)
 
     def lattice(self, lattice: CentreLattice, indices: NDArray[np.int64], pixel: float) -> CentreLattice:
-        """The regular lattice that fits the images of some microlenses, where it is known by first order.
+        """The lattice, bent to third order, that fits the images of some microlenses, where it is known by first order.
 
         Parameters
         ----------
@@ -291,11 +293,16 @@ class TracedViews:
         moved = (middle.sensor + shift - first) / pixel
         if whole.sum() < 6:
             return lattice
-        columns = np.concatenate([np.ones((len(some), 1)), some], -1)[whole]
+        mean = some.mean(0)
+        about, reach = (float(mean[0]), float(mean[1])), max(float(np.abs(some - mean).max()), 1.0)
+        near = (some - mean) / reach
+        bent = whole.sum() >= MANY
+        columns = np.concatenate([np.ones((len(some), 1)), some, *([bend_columns(near)] if bent else [])], -1)[whole]
         add = np.linalg.lstsq(columns, moved[whole], rcond=None)[0]
-        parts = np.array([lattice.origin, lattice.first, lattice.second]) + add
+        parts = np.array([lattice.origin, lattice.first, lattice.second]) + add[:3]
         origin, one, other = ((float(x), float(y)) for x, y in parts)
-        return replace(lattice, origin=origin, first=one, second=other)
+        bend = LatticeBend(about, reach, tuple((float(x), float(y)) for x, y in add[3:])) if bent else None
+        return replace(lattice, origin=origin, first=one, second=other, bend=bend)
 
 
 class _Spot(NamedTuple):
