@@ -9,7 +9,18 @@ from ..reporting.printers import Paper, render_html, render_pdf
 from ..reporting.sheet.lines import SpreadSources, datasheet_csv, datasheet_json, datasheet_report
 from ..reporting.story import datasheet_of
 from .report import folder_name
-from .terminal import OptionalOutput, StatusLine, check_options, check_target, check_typst, json_text, say, write_files
+from .terminal import (
+    Distances,
+    OptionalOutput,
+    StatusLine,
+    check_options,
+    check_target,
+    check_typst,
+    json_text,
+    read_distances,
+    say,
+    write_files,
+)
 
 KINDS = (".pdf", ".html", ".json", ".csv")
 
@@ -21,6 +32,7 @@ def datasheet(
     output: OptionalOutput = None,
     paper: Literal["a4", "letter"] = "a4",
     calibration: Path | None = None,
+    at: Distances = None,
     seed: int | None = None,
 ) -> None:
     """The page an engineer signs: field of view, distances, resolution, depth of field, in the terms of ISO 8600.
@@ -39,6 +51,9 @@ def datasheet(
     calibration
         Folder that roslf calibrate wrote: each line gets what it leaves uncertain (2 sigma). Of a single design the
         page is then of the instrument that was calibrated.
+    at
+        Distance ahead of the tip, as "10mm", that gets lines beside the focal plane and the working range's ends; may
+        be given several times.
     seed
         Instead of the study's; the same seed gives the same bytes.
     """
@@ -47,8 +62,9 @@ def datasheet(
     if kind == ".pdf":
         check_typst("output")
     check_options(seed)
+    distances = read_distances(at)
     with StatusLine("datasheet") as progress:
-        content = _written(datasheet_of(Path(design), seed, progress.tell, calibration), kind, paper)
+        content = _written(datasheet_of(Path(design), seed, progress.tell, calibration, distances), kind, paper)
     write_files(target.parent, {target.name: content})
     say(target)
 

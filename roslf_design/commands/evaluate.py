@@ -17,7 +17,17 @@ from ..evaluation.result import print_evaluation
 from ..evaluation.specification import specification
 from ..tables import csv_bytes
 from ..units import COLDEST, FARTHEST, HOTTEST, read_quantity
-from .terminal import DesignName, Json, OptionalOutput, check_target, json_text, say, write_files
+from .terminal import (
+    DesignName,
+    Distances,
+    Json,
+    OptionalOutput,
+    check_target,
+    json_text,
+    read_distances,
+    say,
+    write_files,
+)
 
 
 def evaluate(
@@ -25,6 +35,7 @@ def evaluate(
     /,
     *,
     field: Annotated[list[str] | None, Parameter(allow_leading_hyphen=True, negative=())] = None,
+    at: Distances = None,
     temperature: Annotated[str | None, Parameter(allow_leading_hyphen=True, negative=())] = None,
     json: Json = False,
     output: OptionalOutput = None,
@@ -37,6 +48,9 @@ def evaluate(
     field
         Microlens position on the MLA in mm, along x ("11.15") or "x,y"; may be given several times. Default: centre,
         edge and corner of what the sensor sees.
+    at
+        Distance ahead of the tip, as "10mm", that the first lines tell of beside the focal plane; may be given several
+        times.
     temperature
         Of the camera, as "37degC". Default: what the design's [environment] says, else 20 degC.
     output
@@ -59,11 +73,12 @@ def evaluate(
     loaded = load(design)
     if temperature is not None:
         loaded = loaded.at_temperature(_parse_temperature(temperature))
-    result = compute(loaded, fields, accuracy)
+    distances = read_distances(at)
+    result = compute(loaded, fields, accuracy, at=distances)
     statement = evaluation_accuracy(loaded, result, accuracy, time.perf_counter() - began)
     if json or output is not None:
         # Without an accuracy asked for, nothing that differs from run to run.
-        sheet = {"specification": specification(loaded).to_dict()}
+        sheet = {"specification": specification(loaded, distances).to_dict()}
         data = result.to_dict() | sheet | {"accuracy": statement.to_dict(times=accuracy is not None)}
         if output is None:
             print(json_text(data))

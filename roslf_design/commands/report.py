@@ -30,6 +30,7 @@ from ..reporting.printers import render_html, render_pdf, render_tables
 from ..reporting.story import full_report, load_story_or_study, story_report, study_report
 from .terminal import (
     PAGE,
+    Distances,
     Flag,
     Flat,
     OptionalOutput,
@@ -38,6 +39,7 @@ from .terminal import (
     check_options,
     check_typst,
     listed,
+    read_distances,
     say,
     typed,
     write_files,
@@ -73,9 +75,19 @@ class _Contents(Options):
         "tolerance.",
     )
 
+    at: Distances = Field(
+        None,
+        description='Distance ahead of the tip, as "10mm", that it tells of beside the focal plane; may be given '
+        "several times.",
+    )
+
     def maker(self, names: Sequence[str], compare: bool) -> Callable[..., Report]:
         """Function that makes the report of these inputs, each read and found good."""
-        return maker(names, compare, self.seed, self.accuracy, self.calibration)
+        distances = read_distances(self.at)
+        if compare and distances:
+            raise refusal("at", "goes with one design, study or story; leave it out beside --compare")
+        make = maker(names, compare, self.seed, self.accuracy, self.calibration)
+        return partial(make, at=distances) if distances else make
 
 
 CONTENTS = _Contents()

@@ -21,7 +21,7 @@ from ..theory.sweep import sweep as compute
 from ..theory.sweep import unit_of
 from ..units import read_quantity
 from .report import folder_name
-from .terminal import DesignName, OptionalOutput, check_target, say, write_files
+from .terminal import DesignName, OptionalOutput, check_target, read_distances, say, write_files
 
 if TYPE_CHECKING:
     from ..theory.sweep import Sweep
@@ -81,12 +81,7 @@ def sweep(
     if len(places) < len(set):
         raise refusal("set", "the same place twice; name two")
     names = [name.strip() for part in quantity for name in part.split(",") if name.strip()]
-    try:
-        away = None if at is None else read_quantity(at, "length")
-    except ValueError as error:
-        raise refusal("at", str(error)) from None
-    if away is not None and not away > 0:
-        raise refusal("at", f"{at} is not ahead of the bore's tip, where it counts from; give more than 0")
+    away = None if at is None else read_distances([at])[0]
     loaded = load(design)
     if not names:
         raise refusal("quantity", "names none; give at least one, as fill_factor")

@@ -18,9 +18,11 @@ from cyclopts import Parameter
 from ..design.files import in_the_way, write_atomically
 from ..drawing.svg import file_of
 from ..errors import Argument, InputError, Problem, printable, refusal
+from ..evaluation.specification import check_distances
 from ..options import check_seed
 from ..reporting.blocks import MARKS, Block, Bullets, Paragraph, Statements, Table
 from ..tables import plain_text, print_table
+from ..units import read_quantity
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -35,6 +37,8 @@ Output = Annotated[Path, Parameter(name=["--output", "-o"])]
 OptionalOutput = Annotated[Path | None, Parameter(name=["--output", "-o"])]
 Repeated = Annotated[list[str] | None, Parameter(negative=())]
 """Texts, of an option that may be given several times."""
+Distances = Repeated
+"""Lengths with their units, as "10mm"."""
 Flat = Parameter(name="*")
 """For a job's options: each field is an option of the shell, its text its help."""
 Unread = Parameter(parse=False)
@@ -273,3 +277,13 @@ def parse_sigmas(texts: list[str] | None) -> dict[str, str]:
             raise refusal("sigma", f"{place} is given twice; drop one")
         sigmas[place] = sigma
     return sigmas
+
+
+def read_distances(texts: list[str] | None) -> tuple[float, ...]:
+    """Distances ahead of the tip [mm] from their texts; refused where one is none."""
+    try:
+        lengths = tuple(read_quantity(text, "length") for text in texts or ())
+    except ValueError as error:
+        raise refusal("at", str(error)) from None
+    check_distances(lengths)
+    return lengths

@@ -33,6 +33,7 @@ from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
 from ..theory.vignetting import field_limit
 from ..units import FARTHEST
+from .answer import FirstAnswer
 from .fields import MOST_FIELDS, default_fields, evaluate_fields, rays_for, trace_lens
 from .groups import (
     AtTemperature,
@@ -73,6 +74,7 @@ def evaluate(
     fields: Sequence[float | tuple[float, float]] | NDArray[Any] | float | None = None,
     accuracy: float | None = None,
     *,
+    at: Sequence[float] = (),
     build: LengthCovariance | None = None,
     calibration: CalibratedLengths | None = None,
 ) -> Evaluation:
@@ -88,6 +90,8 @@ def evaluate(
     accuracy : float, optional
         What shares of light may be off by where parts are tilted and rays are counted; None is 65 536 rays. Straight
         designs are exact whatever is asked for.
+    at : sequence of float
+        Distances ahead of the tip [mm] that the first answer tells of, beside the focal plane.
     build : LengthCovariance, optional
     calibration : CalibratedLengths, optional
         How sure the lengths are as built and as calibrated, for the budget of depth (`depth_budget`).
@@ -102,7 +106,8 @@ def evaluate(
     DesignError
         A design file that cannot be used.
     InputError
-        More than `MOST_FIELDS` fields; an accuracy that is none, or that no number of rays reaches.
+        More than `MOST_FIELDS` fields; a distance that is none; an accuracy that is none, or that no number of rays
+        reaches.
     ValueError
         A field that is not finite.
 
@@ -133,6 +138,7 @@ def evaluate(
     traced = trace_lens(design, axes, non_distortion)
     budget = depth_budget(camera, build=build, calibration=calibration)
     depth, focused = _depth(design, camera, budget), FocusedArray.of(camera)
+    answer = FirstAnswer.of(design, at, build, calibration, budget)
     method = [METHOD]
     if not design.has_exact_areas:
         method.append(COUNTED.format(rays=rays, error=COUNTED_ERROR if accuracy is None else accuracy))
@@ -143,6 +149,7 @@ def evaluate(
     method += filter(None, [design.main_lens.kind.untold])
     return Evaluation(
         design=design.name,
+        answer=answer,
         **Numbers.of(camera, ""),
         exit_pupil=Numbers.of(
             camera,
@@ -160,7 +167,7 @@ def evaluate(
         depth_budget=budget,
         diffraction=Numbers.of(camera, "diffraction"),
         effects=tuple(plan(design)),
-        verdicts=verdicts_of(camera, f_number, non_distortion, sampling, traced, focused),
+        verdicts=verdicts_of(camera, f_number, non_distortion, sampling, traced, focused, answer),
         warnings=tuple(warnings_of(design, images)),
         method=" ".join(method),
         real_lens=traced,

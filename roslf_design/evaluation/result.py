@@ -17,6 +17,7 @@ from ..theory.focused import FocusedArray
 from ..theory.quantities import QUANTITIES
 from ..theory.quantity import Quantity
 from ..words import fixed, number, place, spaced
+from .answer import DISTANCES, MEANT, FirstAnswer
 from .groups import DepthAssumptions, Field, LookedThrough, Numbers, RealLens, Temperatures, Verdict
 
 if TYPE_CHECKING:
@@ -39,6 +40,8 @@ class Evaluation:
 
     design: str
     """Name of the design."""
+    answer: FirstAnswer
+    """Answer to what a buyer asks first."""
     aperture_constant: float
     """H, Eq. 3."""
     inverse_aperture_constant: float
@@ -121,7 +124,7 @@ class Evaluation:
         lines = [f"{MARKS[v.level]} {escape(v.text)} <em>{escape(v.remedy)}</em>" for v in self.verdicts]
         lines += [f"⚠ {escape(warning)}" for warning in self.warnings]
         parts = [f"<h3>{escape(self.design)}</h3><ul>{''.join(f'<li>{line}</li>' for line in lines)}</ul>"]
-        for table in _tables(self):
+        for table in (*answer_tables(self), *_tables(self)):
             head = _html_row(table.headings, "th")
             body = "".join(_html_row(row, "td") for row in table.rows)
             parts.append(f"<h4>{escape(table.title)}</h4><table><thead>{head}</thead><tbody>{body}</tbody></table>")
@@ -171,6 +174,15 @@ def fact_tables(result: Evaluation) -> list[Table]:
     if result.real_lens is not None:
         tables["Real main lens, traced"] = result.real_lens.facts
     return [Table(tuple(rows), "ldl", title=title, widths=WIDTHS) for title, rows in tables.items()]
+
+
+def answer_tables(result: Evaluation) -> list[Table]:
+    """Field of view, distances and light, then field, depth and detail by distance: what a buyer asks."""
+    rows = tuple(plane.cells for plane in result.answer.at)
+    return [
+        Table(result.answer.rows, "ldl", title="What it sees", widths=WIDTHS),
+        Table(rows, "lllll", DISTANCES, "At its distances", MEANT),
+    ]
 
 
 def depth_facts(result: Evaluation) -> list[tuple[str, str, str]]:
@@ -354,8 +366,11 @@ def _tables(result: Evaluation) -> list[Table]:
 
 
 def print_evaluation(result: Evaluation, console: Console) -> None:
-    """Print the verdicts, then the tables."""
-    console.print(plain_text(f"{result.design}\n", "bold"))
+    """Print the first answer, the verdicts, then the tables."""
+    console.print(plain_text(result.design, "bold"))
+    for table in answer_tables(result):
+        print_table(table, console, least=() if table.headings else LEAST)
+    console.print()
     for verdict in result.verdicts:
         mark = plain_text(MARKS[verdict.level], COLOURS[verdict.level])
         console.print(mark, plain_text(verdict.text))

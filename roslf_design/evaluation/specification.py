@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -14,6 +14,7 @@ from .._arrays import Array
 from ..camera import Camera
 from ..design import Design
 from ..design.files import as_design
+from ..errors import refusal
 from ..json_data import plain
 from ..shapes.lattice import PACKINGS
 from ..theory import field_of_view, light, tube
@@ -27,6 +28,7 @@ from ..theory.photometry import exposure, through_filter
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
 from ..traced.fields import DesignImages, IdealImages, images_of
+from ..units import FARTHEST
 from ..words import number
 from .fields import default_fields
 from .groups import DepthAssumptions
@@ -39,10 +41,13 @@ AT_TIP = 0.01
 BEYOND = 2.0
 """Where the working range has no end, the data sheet's farthest plane, in distances of the focal plane."""
 LEVELS = (0.5, 0.1)
+FOCUS, ASKED = "focal plane", "asked for"
+Station = tuple[str, float]
+"""Name of a plane, and its distance ahead of the tip [mm]."""
 
 
 @dataclass(frozen=True)
-class _FieldOfView:
+class FieldOfView:
     """Full angles between the field's ends [degrees]."""
 
     from_: Literal["entrance pupil", "distal tip"]
@@ -54,7 +59,7 @@ class _FieldOfView:
     """Plane on which the tip sees the field; angles from the entrance pupil are the same on all."""
 
     @classmethod
-    def of(cls, ends: MicrolensImages, at: float | None) -> _FieldOfView:
+    def of(cls, ends: MicrolensImages, at: float | None) -> FieldOfView:
         """Angles from the entrance pupil, or under which the tip sees a plane [mm ahead of it]."""
         names = [f"{'' if at is None else 'tip_'}field_of_view_{part}deg" for part in ("width_", "height_", "")]
         ways = ends.directions if at is None else np.stack(np.broadcast_arrays(*ends.on_plane(at), at), axis=-1)
@@ -63,7 +68,7 @@ class _FieldOfView:
 
 
 @dataclass(frozen=True)
-class _ObjectField:
+class ObjectField:
     """Field on a plane ahead of the tip."""
 
     at_mm: float
@@ -78,7 +83,7 @@ class _ObjectField:
     """Footprint of a microlens."""
 
     @classmethod
-    def of(cls, ends: MicrolensImages, at: float, plane: str) -> _ObjectField:
+    def of(cls, ends: MicrolensImages, at: float, plane: str) -> ObjectField:
         """Field that is seen between the field's ends."""
         camera = ends.camera
         halves = [f"field_half_{side}_mm" for side in ("width", "height", "diagonal")]
@@ -121,7 +126,7 @@ class Resolved:
 
 
 @dataclass(frozen=True)
-class _Ends:
+class SharpEnds:
     """Near and far end ahead of the tip [mm]; an infinite far end is None in JSON."""
 
     view: tuple[float, float]
@@ -129,13 +134,13 @@ class _Ends:
     criterion: str = CRITERION
 
     @classmethod
-    def of(cls, camera: Camera) -> _Ends:
+    def of(cls, camera: Camera) -> SharpEnds:
         """Depth of field of a camera, of one view and refocused."""
         return cls(_sharp(camera, "view"), _sharp(camera, "refocused"))
 
 
 @dataclass(frozen=True)
-class _FieldPoint:
+class FieldPoint:
     """Field point on the focal plane."""
 
     x_ml_mm: Place
@@ -149,7 +154,7 @@ class _FieldPoint:
     relative_illumination: float
 
     @classmethod
-    def of(cls, images: MicrolensImages, focus: float) -> tuple[_FieldPoint, ...]:
+    def of(cls, images: MicrolensImages, focus: float) -> tuple[FieldPoint, ...]:
         """Each of the fields, on the focal plane so far ahead of the tip [mm]."""
         shape = len(images.fields), 1
         names = ("distortion_percent", "local_magnification", "relative_illumination")
@@ -187,19 +192,17 @@ class _DepthPrecision:
     """Light, texture and matching; None where the design gives the disparity's error."""
 
     @classmethod
-    def of(cls, design: Design, images: MicrolensImages, stations: Mapping[str, float]) -> _DepthPrecision:
-        """Precision at planes by their names."""
+    def of(cls, design: Design, images: MicrolensImages, stations: Sequence[Station]) -> _DepthPrecision:
+        """Precision at planes."""
         camera, (axis, *off) = images.camera, [(x, y) for x, y in images.fields.tolist()]
         rows = [
-            _DepthSpread(
-                at, plane, axis, float(QUANTITIES["sigma_z_mm"](camera, None if plane == "focal plane" else at))
-            )
-            for plane, at in stations.items()
+            _DepthSpread(at, plane, axis, float(QUANTITIES["sigma_z_mm"](camera, None if plane == FOCUS else at)))
+            for plane, at in stations
         ]
         local = np.broadcast_to(QUANTITIES["sigma_z_at_field_mm"].at_fields(images), (1 + len(off), 1))[1:, 0].tolist()
-        focus = stations["focal plane"]
+        focus = dict(stations)[FOCUS]
         known = (sigma if math.isfinite(sigma) else math.inf for sigma in local)
-        rows += [_DepthSpread(focus, "focal plane", at, sigma) for at, sigma in zip(off, known, strict=True)]
+        rows += [_DepthSpread(focus, FOCUS, at, sigma) for at, sigma in zip(off, known, strict=True)]
         error = float(QUANTITIES["sigma_disparity_pitches"](camera))
         return cls(tuple(rows), error, depth_assumptions(design, camera, error))
 
@@ -251,7 +254,7 @@ class Colour:
 class Specification:
     """The data sheet's lines."""
 
-    field_of_view_deg: tuple[_FieldOfView, ...]
+    field_of_view_deg: tuple[FieldOfView, ...]
     direction_of_view_deg: float
     working_range_mm: tuple[float, float]
     """Range in which single views are sharp, ahead of the tip."""
@@ -260,11 +263,11 @@ class Specification:
     hyperfocal_mm: float | None
     """Nearest focal plane with which the refocused image is sharp to infinity; None where none is."""
     view_hyperfocal_mm: float | None
-    object_field: tuple[_ObjectField, ...]
+    object_field: tuple[ObjectField, ...]
     depth_precision: _DepthPrecision
     resolution: tuple[Resolved, ...]
-    depth_of_field_mm: _Ends
-    field: tuple[_FieldPoint, ...]
+    depth_of_field_mm: SharpEnds
+    field: tuple[FieldPoint, ...]
     distortion: float | None
     """Distortion at the farthest of the fields [%]."""
     relative_illumination: float
@@ -301,8 +304,8 @@ class Specification:
         return data | dict.fromkeys(key for key in data if key.startswith(views))
 
 
-def planes(camera: Camera) -> dict[str, float]:
-    """Near end of the working range, focal plane and far end, by what they are [mm ahead of the tip].
+def planes(camera: Camera, asked: Sequence[float] = ()) -> tuple[Station, ...]:
+    """Near end of the working range, focal plane and far end, then the distances asked for [mm ahead of the tip].
 
     Where the range begins at the tip, half of the focal plane's distance stands for its near end; where it never ends,
     `BEYOND` times that for the far one.
@@ -311,7 +314,7 @@ def planes(camera: Camera) -> dict[str, float]:
     near, far = _sharp(camera, "view")
     first = ("near end", near) if near > AT_TIP * focus else ("half the focus", focus / 2)
     last = ("far end", far) if math.isfinite(far) else ("twice the focus", BEYOND * focus)
-    return dict([first, ("focal plane", focus), last])
+    return (first, (FOCUS, focus), last, *((ASKED, at) for at in asked))
 
 
 def resolved(images: IdealImages | DesignImages, field: int, at: float, image: Kind) -> Resolved:
@@ -332,7 +335,21 @@ def resolved(images: IdealImages | DesignImages, field: int, at: float, image: K
     return Resolved(at, _known(float(x0)), place, image, half, tenth, each[0], each[1], fold, usable, limit)
 
 
-def specification(design: Design | str | Path) -> Specification:
+def check_distances(at: Sequence[float]) -> None:
+    """Refuse distances ahead of the tip that are none [mm].
+
+    Raises
+    ------
+    InputError
+    """
+    for distance in at:
+        if not 0 < distance <= FARTHEST["length"]:
+            raise refusal(
+                "at", f"{distance:g} mm is not ahead of the bore's tip, where it counts from; give more than 0"
+            )
+
+
+def specification(design: Design | str | Path, at: Sequence[float] = ()) -> Specification:
     """The data sheet of a design: of its straight parts, tilts left out.
 
     Behind a real main lens rays tell where fields lie, how they are lit and how sharp; the rest is its thin twin's.
@@ -342,6 +359,13 @@ def specification(design: Design | str | Path) -> Specification:
     ----------
     design : Design, str or Path
         A design, the name of a preset, or a design file.
+    at : sequence of float
+        Distances ahead of the tip [mm] that are told of beside the working range's ends and the focal plane.
+
+    Raises
+    ------
+    InputError
+        A distance that is none.
 
     Examples
     --------
@@ -350,32 +374,32 @@ def specification(design: Design | str | Path) -> Specification:
     >>> [round(end, 1) for end in sheet.depth_of_field_mm.refocused]
     [218.2, 243.2]
     """
+    check_distances(at)
     design = as_design(design)
     axes = default_fields(design)
     images = images_of(design, axes)
     camera = images.camera
-    corners = np.array(field_of_view.ends(light.sensor_field(camera)), float).reshape(8, 2)
-    ends = images_of(design, on_array(camera, corners))
-    stations = planes(camera)
-    distances = tuple(stations.values())
-    sharp = _Ends.of(camera)
+    ends = field_ends(design, camera)
+    stations = planes(camera, at)
+    distances = tuple(distance for _, distance in stations)
+    sharp = SharpEnds.of(camera)
     focused, rows = FocusedArray.of(camera), list[Resolved]()
     if focused is None:
         rows += [resolved(images, k, at, "refocused") for at in distances for k in range(len(axes))]
         rows += [resolved(images, 0, at, "view") for at in distances]
     if focused is None and design.main_lens.kind.faults:  # views, too, are less sharp off the axis
         rows += [resolved(images, k, distances[1], "view") for k in range(1, len(axes))]
-    points = _FieldPoint.of(images, distances[1])
+    points = FieldPoint.of(images, distances[1])
     farthest = corner(points)
     value = {name: float(QUANTITIES[name](camera)) for name in _NAMES}
     return Specification(
-        field_of_view_deg=tuple(_FieldOfView.of(ends, at) for at in (None, *distances)),
+        field_of_view_deg=tuple(FieldOfView.of(ends, at) for at in (None, *distances)),
         direction_of_view_deg=value["direction_of_view_deg"],
         working_range_mm=sharp.view,
         working_distance_mm=distances[1],
         hyperfocal_mm=_known(value["hyperfocal_mm"]),
         view_hyperfocal_mm=_known(value["view_hyperfocal_mm"]),
-        object_field=tuple(_ObjectField.of(ends, at, plane) for plane, at in stations.items()),
+        object_field=tuple(ObjectField.of(ends, at, plane) for plane, at in stations),
         depth_precision=_DepthPrecision.of(design, images, stations),
         resolution=tuple(rows),
         depth_of_field_mm=sharp,
@@ -392,6 +416,12 @@ def specification(design: Design | str | Path) -> Specification:
         parts=tuple(_ListedPart(part.name, float(part.width)) for part in tube.housed(camera)),
         focused=focused,
     )
+
+
+def field_ends(design: Design, camera: Camera) -> IdealImages | DesignImages:
+    """Images at the ends of the field's width, height and both diagonals, two and two."""
+    corners = np.array(field_of_view.ends(light.sensor_field(camera)), float).reshape(8, 2)
+    return images_of(design, on_array(camera, corners))
 
 
 _NAMES = (
@@ -451,6 +481,6 @@ def _samples(camera: Camera) -> tuple[int, int]:
     return math.floor(across + 1e-9), math.floor(up / rows + 1e-9)
 
 
-def corner(points: Sequence[_FieldPoint]) -> _FieldPoint:
+def corner(points: Sequence[FieldPoint]) -> FieldPoint:
     """The farthest of some; first those that the lens does not show."""
     return max(points, key=lambda point: math.inf if point.x0_mm is None else point.x0_mm)

@@ -22,6 +22,7 @@ from ..theory.light import geometric_views, outer_slope, sensor_field
 from ..theory.photometry import accepted, response
 from ..theory.quantities import QUANTITIES
 from ..words import listed, number, place
+from .answer import FirstAnswer
 from .fields import default_fields, field_openings
 from .groups import Field, Numbers, RealLens, Verdict
 
@@ -31,6 +32,10 @@ TOUCHING_PX = 1e-6
 """Overlap or gap that is told as touching: rounding, not optics [px]."""
 OVERLAP_SLACK, GAP_SLACK = 0.01, 0.05
 """Slacks as shares of the pitch, where that allows more: overlap mixes views, a gap only wastes pixels."""
+EVEN, DIM = 0.5, 0.2
+"""Shares of the middle's light, one stop and more than two, from which the corner is evenly lit, and not too dark."""
+CUT = 0.8
+"""Part of its images below which cuts, not slant, are what darkens the corner."""
 LEAST_VIEWS = 2
 """Pixels across a microlens image from which a camera tells directions apart."""
 ROUNDING = 1e-9
@@ -48,8 +53,9 @@ def verdicts_of(
     sampling: Numbers,
     lens: RealLens | None = None,
     focused: FocusedArray | None = None,
+    answer: FirstAnswer | None = None,
 ) -> tuple[Verdict, ...]:
-    """Answer whether the f-number is matched, the field undistorted, the pixels worth having, the tube wide enough.
+    """Answer whether the f-number is matched, the field undistorted, the corner lit, the pixels worth having and so on.
 
     With a real lens the field is judged by the traced images, and whether the thin lens holds is a question of its own.
     Of focused microlenses that comes first, with what it means, and no views are judged.
@@ -57,6 +63,7 @@ def verdicts_of(
     answers = [_matched(camera, f_number), _undistorted(camera, non_distortion, lens)]
     answers = [*answers, _resolved(camera, sampling)] if focused is None else [_focused(camera, focused), *answers]
     answers += [] if lens is None else [_thin(f_number, lens)]
+    answers += [] if answer is None else [_lit(camera, answer)]
     return (*answers, *([_fits(camera)] if tube.OUTER in camera.numbers else []))
 
 
@@ -137,6 +144,26 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
     return Verdict.of(
         "field_undistorted", f"field undistorted: microlens images are full {camera.fap.outline.kind}s {bound}; {sees}"
     )
+
+
+def _lit(camera: Camera, answer: FirstAnswer) -> Verdict:
+    """Whether the field's corner is lit about as the middle."""
+    name, light = "corner_lit", answer.corner_light
+    share = f"the corner of the field gets {100 * light:.3g} % of the middle's light"
+    if EVEN <= light <= 1 / EVEN:
+        return Verdict.of(name, f"evenly lit: {share}")
+    if light <= 0:
+        return Verdict.of(name, "the corner of the field is dark", "see what cuts the images: the field's verdict")
+    stops = abs(math.log2(light))
+    text = f"{share}, {stops:.2g} stops {'less' if light < 1 else 'more'}: {answer.light_words}"
+    noise = f"noise there counts {light**-0.5:.2g} times as much; " if light < 1 else ""
+    cut = light < CUT * answer.corner_slant
+    ways = (
+        "free the images from what cuts them (the field's verdict says what)"
+        if cut
+        else "a smaller sensor, or light that meets the array straighter (an exit pupil farther away), evens it"
+    )
+    return Verdict(name, False, "limit" if light >= DIM else "fault", text, f"{noise}{ways}")
 
 
 def _fits(camera: Camera) -> Verdict:

@@ -278,24 +278,31 @@ def full_report(
     seed: int = 0,
     calibrated: Calibrated | None = None,
     calibration: Path | None = None,
+    at: Sequence[float] = (),
     progress: Tell = lambda _: None,
     **options: Any,
 ) -> Report:
     """A design's report with a first look at tolerances and a calibration plan, or what was `calibrated` instead.
 
     `calibration` is the latter's folder: the data sheet is then of the instrument, with what is left uncertain of it,
-    where its lengths' covariance is known and is of this design. `seed` is of builds and boards' poses, `progress` is
-    told what is being made; options as `design_report` takes them.
+    where its lengths' covariance is known and is of this design. `seed` is of builds and boards' poses, `at` distances
+    that are told of, `progress` is told what is being made; options as `design_report` takes them.
     """
     known = {} if calibrated is None else {"calibration": calibrated_finding(design, calibrated)}
     findings = _first_look(design, seed, progress, known)
     instrument = None if calibration is None else _known_if_told(calibration, design)
-    grounds = None if instrument is None else basis(instrument.design, None, instrument)
+    grounds = basis(design if instrument is None else instrument.design, None, instrument, at)
     return design_report(design, findings=findings, grounds=grounds, progress=progress, **options)
 
 
 def study_report(
-    kind: Kind, path: Path, *, seed: int | None = None, progress: Tell = lambda _: None, **options: Any
+    kind: Kind,
+    path: Path,
+    *,
+    seed: int | None = None,
+    at: Sequence[float] = (),
+    progress: Tell = lambda _: None,
+    **options: Any,
 ) -> Report:
     """A study's report: the design it is about, with what the study found and all else that a design's report has.
 
@@ -303,23 +310,30 @@ def study_report(
     `full_report`. Every fault of the file is told by an InputError.
     """
     data, origin = read_toml(path, str(path)), str(path)
-    grounds = None
     if kind == "optimize":
         result = run_optimisation(data, None, path.parent, origin, _prefixed(progress, "optimisation"), seed)
         best = _taken(result, "best")
         if best is None:
             return _without_design(result, **options)
-        design, findings = best, {"optimisation": optimization_finding(result)}
+        design, findings, built = best, {"optimisation": optimization_finding(result)}, None
     else:
         tolerances = _run_tolerances(data, None, path.parent, origin, _counted(progress, "tolerances"), seed)
         design, findings = tolerances.plan.question.design, {"tolerances": tolerance_finding(tolerances)}
-        grounds = basis(design, BuildSpread(tolerances.plan, tolerances.final))
-    findings = _first_look(design, seed or 0, progress, findings, None if grounds is None else grounds.build)
+        built = BuildSpread(tolerances.plan, tolerances.final)
+    grounds = basis(design, built, at=at)
+    findings = _first_look(design, seed or 0, progress, findings, grounds.build)
     report = design_report(design, findings=findings, grounds=grounds, progress=progress, **options)
     return replace(report, title=str(data.get("name", design.name)))
 
 
-def story_report(story: _Story, *, seed: int | None = None, progress: Tell = lambda _: None, **options: Any) -> Report:
+def story_report(
+    story: _Story,
+    *,
+    seed: int | None = None,
+    at: Sequence[float] = (),
+    progress: Tell = lambda _: None,
+    **options: Any,
+) -> Report:
     """Run a story, part by part, and report on the design it ends with; `seed` is of all parts, instead of their own.
 
     The rest as for `full_report`.
@@ -353,7 +367,7 @@ def story_report(story: _Story, *, seed: int | None = None, progress: Tell = lam
     opening: tuple[Block, ...] = (Bullets(tuple(steps)),)
     if story.table.story.question:
         opening = (Paragraph(story.table.story.question), *opening)
-    grounds = _basis_of(story, parts)
+    grounds = _basis_of(story, parts, at)
     report = design_report(design, findings=findings, grounds=grounds, opening=opening, progress=progress, **options)
     return replace(report, title=story.table.story.title)
 
@@ -403,13 +417,18 @@ def _walked(
 
 
 def datasheet_of(
-    path: Path, seed: int | None = None, progress: Tell = lambda _: None, calibration: Path | None = None
+    path: Path,
+    seed: int | None = None,
+    progress: Tell = lambda _: None,
+    calibration: Path | None = None,
+    at: Sequence[float] = (),
 ) -> SpreadSources:
     """A design's data sheet, or that of a study's design with the scatter of its builds.
 
     Of a story it is the sheet of the design that it ends with, its tolerances and its calibration those of the last
     parts which are about that design. `calibration`: folder of one, which tells how sure the lines are of the
-    instrument that was calibrated; the sheet of a single design is then of that instrument.
+    instrument that was calibrated; the sheet of a single design is then of that instrument. `at`: distances ahead of
+    the tip [mm] that it tells of as well.
 
     Raises
     ------
@@ -421,25 +440,25 @@ def datasheet_of(
         if calibration is not None:
             remedy = 'name it in the story, as calibrated = "FOLDER"'
             raise refusal("calibration", f"goes with a design or a study; {remedy}")
-        return _basis_of(story, list(_walked(story, seed, progress, _builds_alone)))
+        return _basis_of(story, list(_walked(story, seed, progress, _builds_alone)), at)
     if kind == "design":
         design = load(str(path))
         known = None if calibration is None else _known(calibration, design)
-        return basis(design if known is None else known.design, None, known)
+        return basis(design if known is None else known.design, None, known, at)
     data, origin = read_toml(path, str(path)), str(path)
     if kind == "tolerance":
         design = tolerance_plan(data, None, path.parent, origin)[0].question.design
         known = None if calibration is None else _known(calibration, design)
         built = _builds_alone(data, None, path.parent, origin, _counted(progress, "tolerances"), seed)
-        return basis(design, built, known)
+        return basis(design, built, known, at)
     result = run_optimisation(data, None, path.parent, origin, _prefixed(progress, "optimisation"), seed)
     best = _taken(result, "best")
     if best is None:
         raise InputError((Problem("", _nothing(result, "best")),), origin)
-    return basis(best, None, None if calibration is None else _known(calibration, best))
+    return basis(best, None, None if calibration is None else _known(calibration, best), at)
 
 
-def _basis_of(story: _Story, parts: Sequence[_Walked]) -> SpreadSources:
+def _basis_of(story: _Story, parts: Sequence[_Walked], at: Sequence[float] = ()) -> SpreadSources:
     """Sources of tolerances among the parts of a story, for the design that it ends with."""
     design = parts[-1].design
     built: BuildSpread | None = None
@@ -457,7 +476,7 @@ def _basis_of(story: _Story, parts: Sequence[_Walked]) -> SpreadSources:
                 known = None if lengths is None else CalibrationSpread("as planned", design, lengths)
             case Calibrated():
                 known = _known_if_told(story.folder / (story.table.parts[index].calibrated or ""), design) or known
-    return basis(design, built, known)
+    return basis(design, built, known, at)
 
 
 def _known(calibration: Path, named: Design) -> CalibrationSpread:

@@ -109,7 +109,7 @@ def test_evaluations_tell_what_the_microlenses_are_focused_on_and_nothing_of_vie
     result = roslf.evaluate(design)
     first, *others = result.verdicts
     assert (first.name, first.level, first.ok) == ("pupil_imaged", "limit", False)
-    assert {verdict.name for verdict in others} == {"f_number_matched", "field_undistorted"}
+    assert {verdict.name for verdict in others} == {"f_number_matched", "field_undistorted", "corner_lit"}
     data = json.loads(json.dumps(result.to_dict()))
     for quantity in QUANTITIES.values():
         if quantity.evaluated is not None and quantity.evaluated.under in ("sampling", "depth"):

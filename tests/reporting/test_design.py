@@ -19,7 +19,7 @@ from roslf_design.optimization.parts import Catalogue, load_catalogue
 from roslf_design.reporting.blocks import Figure, Report, Section, Table
 from roslf_design.reporting.design.compare import comparison_report
 from roslf_design.reporting.design.figures import _picture_sheet
-from roslf_design.reporting.design.pages import _key_figures, design_report
+from roslf_design.reporting.design.pages import design_report
 from roslf_design.reporting.design.parts_list import _catalogue_match, parts_section
 from roslf_design.reporting.printers import render_html
 from roslf_design.reporting.story import full_report
@@ -328,9 +328,8 @@ def test_a_report_lists_what_stands_before_the_lens(name):
         assert f"({element.kind} {k})" in bought
     figures = {figure.name: figure for figure in blocks(report, Figure)}
     assert all(f"{e.kind} {k}" in figures["dimensions"].content for k, e in enumerate(design.elements, 1))
-    key = {row[0]: row[1] for row in _key_figures(design, evaluate(design)).rows}
     tip = max(design.d_3, *(e.distance + e.length for e in design.elements))
-    assert float(key["working distance"].split()[0]) == pytest.approx(design.d_f - tip, rel=1e-4)
+    assert evaluate(design).answer.working_distance_mm == pytest.approx(design.d_f - tip, rel=1e-4)
     assert render_html(report)
 
 

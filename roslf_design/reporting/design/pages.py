@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -14,8 +13,8 @@ from ...design.files import WRITTEN
 from ...evaluation import evaluate
 from ...evaluation.evaluate import evaluation_accuracy
 from ...evaluation.result import (
-    WIDTHS,
     absent_effects,
+    answer_tables,
     budget_table,
     depth_budget_table,
     effects_table,
@@ -29,7 +28,7 @@ from ...evaluation.result import (
 from ...evaluation.verdicts import near_cases
 from ...theory.colours import PIXEL_FILTERS
 from ...units import format_quantity
-from ...words import length, listed, number, sentence, spaced
+from ...words import listed, sentence, spaced
 from ..blocks import (
     Block,
     Bullets,
@@ -120,7 +119,7 @@ def design_report(
     progress("evaluating")
     studied = [findings[name] for name in STUDIES if name in findings] if findings else []
     grounds = grounds or basis(design)
-    result = evaluate(design, accuracy=accuracy, build=grounds.build, calibration=grounds.calibration)
+    result = evaluate(design, None, accuracy, at=grounds.at, build=grounds.build, calibration=grounds.calibration)
     figures = _design_figures(design, result, progress)
     progress("sections")
     answers = Statements((*verdicts(result).items, *(one.statement for one in studied if one.statement)))
@@ -130,7 +129,7 @@ def design_report(
     progress("data sheet")
     sections = (
         datasheet_section(grounds),
-        Section("Summary", (*opening, answers, _key_figures(design, result))),
+        Section("Summary", (*opening, answers, *answer_tables(result))),
         Section("The design", (figures["dimensions"], parameters, *_seen(result), *_stops(design))),
         parts_section(design),
         Section(
@@ -172,36 +171,6 @@ def verdicts(result: Evaluation, prefix: str = "") -> Statements:
     """The answers and warnings of an evaluation, each with `prefix` before it."""
     items = [Statement(TONES[v.level], prefix + sentence(v.text), sentence(v.remedy)) for v in result.verdicts]
     return Statements((*items, *(Statement("caution", prefix + sentence(text)) for text in result.warnings)))
-
-
-def _key_figures(design: Design, result: Evaluation) -> Table:
-    """Table of the camera's main numbers, a handful of them."""
-    field, sampled, depth = result.non_distortion, result.sampling, result.depth
-    front = max(0.0, float(Camera.of(design).tip))
-    openings = [at.part.diameter for at in design.in_bore if at.part.diameter is not None]
-    openings += [2 * float(stop.part.outline.reach) for stop in design.openings]
-    widest = max(design.D, *openings, math.hypot(*design.microlens_array.size))
-    error = f"at the focal plane, for {number(depth.sigma_disparity_pitches, 3)} pitches of disparity error"
-    pixels = f"independent, of {number(sampled.views_geometric, 3)} pixels"
-    rows = (
-        ("working distance", length(design.d_f - front), "from the foremost part to the focal plane"),
-        ("field there, half width", f"{number(field.field_half_width_mm)} mm", "seen by the sensor's half width"),
-        ("room at the corner", f"{number(field.room_at_corner_mm)} mm", "0 is where a rim begins to cut (Eq. 6)"),
-        ("object sample", f"{number(sampled.object_sample_mm)} mm", f"{sampled.lateral_samples} microlenses across"),
-        (
-            "depth, expected, u_Z",
-            f"{number(float(result.depth_budget.u_z_mm))} mm",
-            f"mostly {result.depth_budget.largest.name}",
-        ),
-        ("depth noise (bound) σ_Z", f"{number(depth.sigma_z_mm)} mm", error),
-        ("views across", number(sampled.views_independent, 3), pixels),
-        ("length", length(front + design.d_1 + design.d_2), "foremost stop, element or lens to sensor"),
-        ("widest part", length(widest), "lens, openings, or diagonal of the microlens array; without walls"),
-    )
-    of_views = () if result.focused is None else ("working", "field there", "object sample", "depth", "views")
-    return Table(
-        tuple(row for row in rows if not row[0].startswith(of_views)), "ldl", title="Key figures", widths=WIDTHS
-    )
 
 
 def _pupil(design: Design) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -171,6 +171,8 @@ class SpreadSources(NamedTuple):
     build: LengthCovariance | None = None
     """Covariance of the lengths as built, where a tolerance study tells it."""
     calibration: CalibratedLengths | None = None
+    at: tuple[float, ...] = ()
+    """Distances ahead of the tip that lines were asked for [mm]."""
 
     @property
     def words(self) -> str:
@@ -178,16 +180,17 @@ class SpreadSources(NamedTuple):
         return " ".join(self.sentences)
 
 
-def _lines(design: Design, sheet: Specification, budget: DepthBudget) -> Iterator[_SheetLine]:
+def _lines(design: Design, sheet: Specification, budgets: Mapping[float | None, DepthBudget]) -> Iterator[_SheetLine]:
+    """Lines of the page; budgets of depth are by distance, of the focal plane by None."""
     camera = Camera.of(design)
     traced = design.lens is not None  # whose builds are cameras of thin twins
-    pupil, _, tip, _ = sheet.field_of_view_deg  # of the rays that a real lens lets through
+    pupil, _, tip, *_ = sheet.field_of_view_deg  # of the rays that a real lens lets through
     ways = {"": "diagonal", "width_": "width", "height_": "height"}
     angles = {f"field_of_view_{part}deg": getattr(pupil, way) for part, way in ways.items()}
     angles |= {f"tip_field_of_view_{part}deg": getattr(tip, way) for part, way in ways.items()}
     yield from _whole_camera("Field of view", camera, angles)
     yield from _whole_camera("Distances", camera, {})
-    yield from _expected_lines(budget)
+    yield from _expected_lines(budgets)
     yield from _depth_lines(sheet, traced)
     for field in sheet.object_field:
         at = f"at {number(field.at_mm, 4)} mm ({field.plane})"
@@ -262,12 +265,18 @@ def _whole_camera(subject: str, camera: Camera, known: Mapping[str, float]) -> I
         )  # fmt: skip
 
 
-def _expected_lines(budget: DepthBudget) -> Iterator[_SheetLine]:
-    """Lines on what a measured depth is to be believed to, in the focal plane on the axis, in the terms of the GUM."""
+def _expected_lines(budgets: Mapping[float | None, DepthBudget]) -> Iterator[_SheetLine]:
+    """Lines on what a measured depth is to be believed to, on the axis, in the terms of the GUM."""
+    budget = budgets[None]
     u, largest = float(budget.u_z_mm), f"mostly {budget.largest.name}"
     missing = "" if math.isfinite(u) else "none"
     yield _SheetLine(EXPECTED, f"expanded uncertainty U, k = {COVERAGE}", COVERAGE * u, "mm", largest, "", missing)
     yield _SheetLine(EXPECTED, "standard uncertainty u", u, "mm", "68 of 100 lie within", "", missing)
+    for at, there in budgets.items():
+        if at is not None:
+            expanded, mostly = float(there.expanded_mm), f"mostly {there.largest.name}"
+            missing = "" if math.isfinite(expanded) else "none"
+            yield _SheetLine(EXPECTED, f"U at {number(at, 4)} mm", expanded, "mm", mostly, "", missing)
     for term in budget.terms:
         if term.u_mm is not None and term.kind == "trueness":
             yield _SheetLine(EXPECTED, f"of it {term.name}", float(term.u_mm), "mm", term.remark)
@@ -278,8 +287,9 @@ def _expected_lines(budget: DepthBudget) -> Iterator[_SheetLine]:
 
 def _depth_lines(sheet: Specification, traced: bool) -> Iterator[_SheetLine]:
     """How well depth is known, at both ends of the working range and over the field in focus."""
-    names = ("axis", "axis", "axis", "edge of the field", "corner of the field")
-    for spread, name in zip(sheet.depth_precision.spreads, names, strict=True):
+    spreads = sheet.depth_precision.spreads
+    names = (*("axis" for _ in spreads[2:]), "edge of the field", "corner of the field")
+    for spread, name in zip(spreads, names, strict=True):
         focal, axial = spread.plane == "focal plane", name == "axis"
         of = None
         if not axial:
@@ -363,14 +373,18 @@ def _in_green(name: str, factor: float, camera: Camera) -> float:
 
 
 def basis(
-    design: Design, built: BuildSpread | None = None, calibration: CalibrationSpread | None = None
+    design: Design,
+    built: BuildSpread | None = None,
+    calibration: CalibrationSpread | None = None,
+    at: Sequence[float] = (),
 ) -> SpreadSources:
-    """A design's sheet, with what a tolerance study and a calibration know of it."""
-    sheet, sentences = specification(design), []
+    """A design's sheet, with what a tolerance study and a calibration know of it, and lines at distances asked for."""
+    sheet, sentences = specification(design, at), []
     build = None if built is None else lengths_built(built.plan)
     lengths = None if calibration is None else calibration.lengths
-    budget = depth_budget(Camera.of(design.thin_twin), build=build, calibration=lengths)
-    rows = tuple(line for line in _lines(design, sheet, budget) if sheet.focused is None or not line.of_views)
+    twin = Camera.of(design.thin_twin)
+    budgets = {far: depth_budget(twin, far, build=build, calibration=lengths) for far in (None, *at)}
+    rows = tuple(line for line in _lines(design, sheet, budgets) if sheet.focused is None or not line.of_views)
     if built is not None:
         share, (low, high) = 100 * built.final.result.value, built.final.result.interval
         sentences.append(
@@ -405,6 +419,7 @@ def basis(
         rows,
         build,
         lengths,
+        tuple(at),
     )
 
 

@@ -69,7 +69,7 @@ def resolution_map(design: Design) -> Picture:
     middle = (low + high) / 2
     places = on_array(camera, middle + share[:, None] * (high - middle))
     images = images_of(design, places)
-    near, focus, far = planes(camera).values()
+    near, focus, far = (at for _, at in planes(camera))
     distances = np.linspace(near, min(far, BEYOND * focus), ROWS)  # farther out hardly anything changes
     values = np.full((ROWS, COLUMNS), math.nan)
     for row, at in enumerate(distances):

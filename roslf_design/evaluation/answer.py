@@ -1,0 +1,191 @@
+"""First answer on a camera, to what its buyer asks: how much it sees, where, how fine, how deep, how evenly lit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..design import Design
+from ..theory.depth_budget import COVERAGE, DepthBudget, depth_budget
+from ..theory.field_of_view import focus_ahead
+from ..theory.focused import FocusedArray
+from ..theory.length_covariance import CalibratedLengths, LengthCovariance
+from ..theory.quantities import QUANTITIES
+from ..traced.fields import images_of
+from ..words import listed, number
+from .fields import default_fields
+from .specification import (
+    ASKED,
+    FOCUS,
+    FieldOfView,
+    FieldPoint,
+    ObjectField,
+    SharpEnds,
+    check_distances,
+    corner,
+    field_ends,
+    resolved,
+)
+
+Row = tuple[str, str, str]
+"""Name, value and remark."""
+
+
+@dataclass(frozen=True)
+class _AtDistance:
+    """Field, depth and detail at one distance; None where pixels are no views, or nothing tells of it."""
+
+    at_mm: float
+    plane: str
+    width_mm: float
+    height_mm: float
+    """Sides of the field there."""
+    u_z_mm: float | None
+    """Depth, expected: combined standard uncertainty of one measurement on the axis."""
+    expanded_mm: float | None
+    """Expanded uncertainty, k = 2."""
+    mostly: str
+    """Largest term of it."""
+    usable_lp_per_mm: float | None
+    """Finest detail on the axis, refocused."""
+    limited_by: str
+
+    @property
+    def cells(self) -> tuple[str, ...]:
+        """Row of the table over distances."""
+        where = f"{number(self.at_mm, 4)} mm{', in focus' if self.plane == FOCUS else ''}"
+        field = f"{number(self.width_mm, 3)} x {number(self.height_mm, 3)} mm"
+        if self.expanded_mm is None:
+            return where, field, "-", "-", "-"
+        depth = (
+            (f"± {number(self.expanded_mm, 2)} mm", self.mostly) if math.isfinite(self.expanded_mm) else ("none", "")
+        )
+        if self.usable_lp_per_mm is None:
+            return where, field, *depth, "none"
+        return where, field, *depth, f"{number(self.usable_lp_per_mm, 3)} lp/mm"
+
+
+DISTANCES = ("ahead of the tip", "field", "depth, U", "mostly of", "detail")
+"""Headings of the table over distances."""
+MEANT = (
+    f"On the axis. Depth, expected: ± U, k = {COVERAGE}, within which 95 of 100 single measurements lie. Detail: the "
+    "finest that the refocused image shows as what it is, with half its contrast or more."
+)
+"""Caption of it."""
+
+
+@dataclass(frozen=True)
+class FirstAnswer:
+    """Numbers of a camera in its buyer's terms."""
+
+    field_of_view_deg: FieldOfView
+    """From the entrance pupil (ISO 8600-3, method B)."""
+    medium: str
+    """Medium of the scene; empty for air."""
+    working_distance_mm: float
+    """Tip to focal plane."""
+    working_range_mm: tuple[float, float] | None
+    """Where single views are sharp, ahead of the tip; None where pixels are no views."""
+    corner_light: float
+    """Light at the corner of the field over that in the middle."""
+    corner_slant: float
+    """Share that light's slant and the lens's mapping alone leave; the rest is the size of what is lit of images."""
+    outer_diameter_mm: float
+    """Narrowest tube about the optics, without its wall."""
+    at: tuple[_AtDistance, ...]
+    """At the focal plane, then at the distances asked for."""
+
+    @classmethod
+    def of(
+        cls,
+        design: Design,
+        at: Sequence[float] = (),
+        build: LengthCovariance | None = None,
+        calibration: CalibratedLengths | None = None,
+        budget: DepthBudget | None = None,
+    ) -> FirstAnswer:
+        """Answer of a design.
+
+        Parameters
+        ----------
+        design : Design
+        at : sequence of float
+            Distances ahead of the tip [mm], beside the focal plane.
+        build, calibration : optional
+            As for `depth_budget`.
+        budget : DepthBudget, optional
+            At the focal plane, where it is known.
+
+        Raises
+        ------
+        InputError
+            A distance that is none.
+        """
+        check_distances(at)
+        images = images_of(design, default_fields(design))
+        camera = images.camera
+        ends, focus = field_ends(design, camera), float(focus_ahead(camera))
+        views = FocusedArray.of(camera) is None
+        planes = []
+        for plane, distance in ((FOCUS, focus), *((ASKED, asked) for asked in at)):
+            field = ObjectField.of(ends, distance, plane)
+            u = expanded = lines = None
+            mostly = limit = ""
+            if views:
+                own = (plane == FOCUS and budget) or depth_budget(
+                    camera, None if plane == FOCUS else distance, build=build, calibration=calibration
+                )  # fmt: skip
+                u, expanded, mostly = float(own.u_z_mm), float(own.expanded_mm), own.largest.name
+                detail = resolved(images, 0, distance, "refocused")
+                lines, limit = detail.usable_lp_per_mm, detail.limited_by
+            planes.append(
+                _AtDistance(distance, plane, field.width_mm, field.height_mm, u, expanded, mostly, lines, limit)
+            )
+        points = FieldPoint.of(images, focus)
+        farthest = points.index(corner(points))
+        medium = design.object_space.medium.name
+        return cls(
+            FieldOfView.of(ends, None),
+            "" if medium == "air" else medium,
+            focus,
+            SharpEnds.of(camera).view if views else None,
+            points[farthest].relative_illumination,
+            float(np.broadcast_to(images.level, (len(points), 1))[farthest, 0]),
+            float(QUANTITIES["outer_diameter_mm"](camera)),
+            tuple(planes),
+        )
+
+    @property
+    def rows(self) -> tuple[Row, ...]:
+        """Lines of the table."""
+        view = self.field_of_view_deg
+        around = f" in {self.medium}" if self.medium else ""
+        rows = [
+            (
+                "field of view",
+                f"{number(view.width, 3)} x {number(view.height, 3)} deg",
+                f"diagonal {number(view.diagonal, 3)} deg, from the entrance pupil{around} (ISO 8600-3)",
+            ),
+            ("working distance", f"{number(self.working_distance_mm, 4)} mm", "tip to focal plane"),
+        ]
+        if self.working_range_mm is not None:
+            near, far = self.working_range_mm
+            rows.append(("working range", f"{number(near, 3)} to {number(far, 3)} mm", "where single views are sharp"))
+        light = f"{number(100 * self.corner_light, 3)} %"
+        rows.append(("light in the corner", light, "of that in the middle of the field"))
+        outer = f"{number(self.outer_diameter_mm, 4)} mm"
+        rows.append(("outer diameter", outer, "narrowest tube about the optics, without its wall"))
+        return tuple(rows)
+
+    @property
+    def light_words(self) -> str:
+        """Causes of the corner's light, each with its share."""
+        area = self.corner_light / self.corner_slant if self.corner_slant > 0 else 1.0
+        shares = {"light's slant leaves": self.corner_slant, "the size of what is lit of its images leaves": area}
+        if area > 1:
+            shares = {"light's slant leaves": self.corner_slant, "its larger images give": area}
+        words = [f"{what} {number(100 * share, 3)} %" for what, share in shares.items() if abs(share - 1) > 0.01]
+        return listed(words) if words else "nothing takes any"

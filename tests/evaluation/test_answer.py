@@ -1,0 +1,50 @@
+"""First answers: a buyer's numbers against their definitions."""
+
+import math
+
+import pytest
+
+import roslf_design as roslf
+from roslf_design.errors import InputError
+
+PAPER = roslf.load("paper")
+
+
+def test_the_paper_s_bench_in_a_buyer_s_words():
+    """All through the FAP's centre: similar triangles from there to the edges of what the sensor sees."""
+    answer = roslf.evaluate(PAPER, at=(100.0,)).answer
+    half = roslf.evaluate(PAPER).non_distortion.field_half_width_mm
+    focus = PAPER.d_f - PAPER.d_3
+    assert answer.working_distance_mm == pytest.approx(focus, rel=1e-12)
+    assert answer.field_of_view_deg.width == pytest.approx(2 * math.degrees(math.atan(half / focus)), rel=1e-9)
+    assert [plane.at_mm for plane in answer.at] == [pytest.approx(focus), 100.0]
+    assert [plane.width_mm for plane in answer.at] == pytest.approx([2 * half, 2 * half * 100.0 / focus], rel=1e-9)
+    assert answer.outer_diameter_mm == pytest.approx(PAPER.D)
+
+
+def test_uncertainty_of_depth_grows_as_disparity_flattens():
+    """Disparity per millimetre falls as 1/Z^2: what photons and views leave open grows by that at least, from focus."""
+    focus = PAPER.d_f - PAPER.d_3
+    near, there = roslf.evaluate(PAPER, at=(2 * focus,)).answer.at
+    assert there.u_z_mm > 3.9 * near.u_z_mm
+    assert (near.expanded_mm, there.expanded_mm) == (2 * near.u_z_mm, 2 * there.u_z_mm)
+
+
+def test_a_darker_corner_is_told_with_its_stops():
+    """Cos^4 of the slant alone: the array's corner from an exit pupil so near, nothing cut."""
+    scope = roslf.load("cystoscope")
+    result = roslf.evaluate(scope)
+    light = result.answer.corner_light
+    assert light == pytest.approx(roslf.specification(scope).relative_illumination, rel=1e-12)
+    assert light == pytest.approx(result.answer.corner_slant, rel=1e-9)  # every image is whole
+    (verdict,) = [verdict for verdict in result.verdicts if verdict.name == "corner_lit"]
+    assert (verdict.ok, verdict.level) == (False, "limit")
+    assert f"{-math.log2(light):.2g} stops less" in verdict.text
+    assert "exit pupil" in verdict.remedy
+
+
+@pytest.mark.parametrize("at", [0.0, -3.0, math.nan, math.inf])
+def test_distances_behind_the_tip_are_refused(at):
+    for function in (roslf.evaluate, roslf.specification):
+        with pytest.raises(InputError, match="ahead of the bore's tip"):
+            function(PAPER, at=(at,))
