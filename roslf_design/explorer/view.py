@@ -303,6 +303,7 @@ TITLES = {
     "field_undistorted": "field",
     "views_resolved": "views",
     "thin_lens_holds": "thin lens",
+    "corner_lit": "corner light",
 }
 LEVELS = {"good": "good", "limit": "at nature's limit", "fault": "fault"}
 """Words for those who do not see a light's colour."""
@@ -358,6 +359,8 @@ def _margin(evaluation: Evaluation, name: str) -> str:
         return f"{short(sampling.views_independent, 2)} of {short(sampling.views_geometric, 2)}"
     if name == "pupil_imaged":
         return "focused (2.0)"
+    if name == "corner_lit":
+        return f"{100 * evaluation.answer.corner_light:.3g} %"
     if lens is None:
         return ""
     shifts = [math.hypot(*field.shift_px) for field in lens.fields if field.shift_px is not None]
@@ -427,7 +430,8 @@ def glance(evaluation: Evaluation) -> list[dict[str, str]]:
     """Main numbers of a camera at a glance."""
     views = evaluation.focused is None
     first = [QUANTITIES[name] for name in GLANCE if views or not QUANTITIES[name].of_views]
-    rows = {"depth, expected": evaluation.depth_budget.words} if views else {}
+    rows = {name: value for name, value, _ in evaluation.answer.rows}
+    rows |= {"depth, expected": evaluation.depth_budget.words} if views else {}
     rows |= {quantity.label: quantity.text(evaluation.value(quantity)) for quantity in first}
     for name, share in evaluation.fields[-1].ray_budget.taken():
         landed = {"own cell": "in its own cell", "neighbours": "in its neighbours"}.get(name)
