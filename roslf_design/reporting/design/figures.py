@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from ...camera import Camera
-from ...drawing.picture import PAGE
+from ...drawing.picture import PAGE, beside
 from ...drawing.solid import NoViewerError, library, outlines, scene_data
 from ...evaluation import default_fields
 from ...evaluation.result import depth_basis
@@ -21,8 +21,8 @@ from .curves import depth_precision, matching_plane
 from .effects import effects_budget
 from .field import field_map, field_maps, lens_images, lens_over_field
 from .instrument import instrument_scene
-from .microlens import microlens_images, rays_and_waves
-from .rays import cells, dimensions, is_centred, ray_diagrams
+from .microlens import microlens_image, microlens_images, rays_and_waves
+from .rays import cells, dimensions, is_centred, meridional, ray_diagrams
 
 if TYPE_CHECKING:
     from ...design import Design
@@ -31,6 +31,20 @@ if TYPE_CHECKING:
 
 PLACES = ("centre", "edge", "corner")
 """The fields that a report looks at."""
+
+
+def glance(design: Design, result: Evaluation) -> Figure:
+    """Figure of the whole: the camera with its rays, the image of one microlens, depth over distance."""
+    low = 250.0
+    system = meridional(design, (PAGE, 210.0), key=False)
+    parts = [microlens_image(design, (0.0, 0.0), (270.0, low), name="glance-image", key=False)]
+    words = "Above: the camera and its rays, heights enlarged. Below: the image that the middle microlens paints on its pixels"
+    if result.focused is None:
+        parts.append(depth_precision(design, (PAGE - 270.0, low)))
+        words += ", and how depth noise (bound) grows with distance; depth, expected, is in the table"
+    below = beside("glance-below", "", parts)
+    picture = beside("glance", f"{design.name} at a glance", (system, below), down=True)
+    return Figure.of("glance", "At a glance", f"{words}.", picture)
 
 
 def _ray_sheet(design: Design, result: Evaluation) -> Figure:

@@ -128,8 +128,8 @@ def design_report(
     parameters = Table(tuple(parameter_rows(design)), "lldl", ("symbol", "what", "value", ""))
     progress("data sheet")
     sections = (
+        Section("Summary", (*opening, answers, sheets.glance(design, result), *answer_tables(result))),
         datasheet_section(grounds),
-        Section("Summary", (*opening, answers, *answer_tables(result))),
         Section("The design", (figures["dimensions"], parameters, *_seen(result), *_stops(design))),
         parts_section(design),
         Section(
