@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,15 +30,18 @@ MOST_CORNERS = 10_000
 """
 _STEEPEST = math.radians(40.0)
 """Beyond this tilt corners are no longer found well."""
+USUAL = Board(4, 5, 6.0)
+"""The board of plans for which it is small enough."""
 _CELLS, _ROOM = (4, 5), 0.8
-"""A board of our own choosing: its cells, and the share of the narrower field that it may fill at its nearest."""
+"""Any other board of our own choosing: its cells, and the share of the narrower field that it may fill at its nearest.
+"""
 
 
 @dataclass(frozen=True)
 class Captures:
     """Planned captures of a board."""
 
-    board: Board = field(default_factory=lambda: Board(4, 5, 6.0))
+    board: Board = USUAL
     boards: int = 12
     """Images of the board."""
     distance: float = 350.0
@@ -87,8 +90,8 @@ class Captures:
     ) -> Captures:
         """Captures planned for a design; lengths in mm, the tilt in radians.
 
-        Not given, the board is one of 4 x 5 cells that the sensor sees whole at its nearest, and distances lie about
-        the focal plane, over a quarter of the way from the FAP to it, or from the lens where the FAP lies behind.
+        Not given, the board is one of 4 x 5 cells, of 6 mm where the sensor sees it whole at its nearest, and distances
+        lie about the focal plane, over a quarter of the way from the FAP to it, or from the lens where the FAP lies behind.
 
         Raises
         ------
@@ -157,9 +160,11 @@ def _field(camera: Intrinsics, pupil: float, distance: float) -> tuple[float, fl
 
 
 def _fitting_board(design: Design, nearest: float) -> Board:
-    """A board whose cells are 1, 2 or 5 times a power of ten."""
-    columns, rows = _CELLS
+    """The usual board where the sensor sees it whole, else one whose cells are 1, 2 or 5 times a power of ten."""
     width, height = sorted(_field_at(design, nearest))
+    if USUAL.columns * USUAL.cell <= width and USUAL.rows * USUAL.cell <= height:
+        return USUAL
+    columns, rows = _CELLS
     largest = _ROOM * min(width / columns, height / rows)
     decade = 10.0 ** math.floor(math.log10(largest))
     cell = max(step * decade for step in (1, 2, 5) if step * decade <= largest * (1 + 1e-9))

@@ -58,9 +58,9 @@ class _Options(CalibrateOptions):
     posterior: Annotated[bool, Unread] = True
 
     def plan(self, poses: PoseOptions) -> PlanOptions:
-        """Plan of captures with a board that most have, unless another is described."""
+        """Plan of captures; without a board, of one that suits the field."""
         known = {name: value for name, value in dict(self).items() if name in SheetOptions.model_fields}
-        return PlanOptions.of(**known | {"board": self.board or "4x5 6 mm"}, **dict(poses))
+        return PlanOptions.of(**known, **dict(poses))
 
 
 def _as_planned(name: str) -> Any:

@@ -88,7 +88,7 @@ def test_page_tells_command_and_design_and_no_date_and_text_in_drawings_is_text(
 @pytest.mark.parametrize("name", ["mismatched-borescope", "vignetted", "strange"])
 def test_difficult_designs_have_whole_reports(name):
     report = design_report(DESIGNS[name])
-    assert len({figure.name for figure in report.figures}) == len(report.figures) == 12
+    assert len({figure.name for figure in report.figures}) == len(report.figures) == 13
     assert all("nan" not in figure.content.lower().split("base64")[0] for figure in report.figures)
     assert "% in the geometric image" in next(f.caption for f in report.figures if f.name == "waves")
     Page(render_html(report))

@@ -30,7 +30,7 @@ from ...drawing.svg import redrawn
 from ...errors import InputError, Problem
 from ...input_files import read_bytes
 from ...theory.depth_budget import DepthBudget, depth_budget
-from ...words import length, rounded, sentence
+from ...words import length, number, rounded, sentence
 from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
 from . import pictures
 
@@ -394,7 +394,7 @@ def plan_blocks(
         f"Calibration as planned will know d_3 to {sigma['d_3']:.2g} mm, H to {sigma['H']:.2g} and d_2 to "
         f"{1e3 * sigma['d_2']:.2g} um (one standard deviation)."
     )
-    answers = [Statement("plain", promise, plan.advice)]
+    answers = [_promise(design, promise, sigma["d_3"], plan.advice)]
     large = too_large(design, c)
     if large:
         answers.append(Statement("caution", sentence(large), "Choose a smaller board."))
@@ -415,6 +415,17 @@ def plan_blocks(
         Table(changes, "lrrrr", ("one change", "d_3 [mm]", "H", "d_2 [mm]", "gain"), "Expected sigma after one change"),
         Code(command, "Once images are captured, with the design below as design.toml"),
     )
+
+
+def _promise(design: Design, text: str, sigma: float, advice: str) -> Statement:
+    """Promise of a plan, a fault where it leaves d_3 as uncertain as it is large."""
+    d_3 = abs(float(Camera.of(design).seen.d_3))
+    if sigma < d_3:
+        return Statement("plain", text, advice)
+    text += (
+        f" That does not measure d_3, {number(d_3, 2)} mm as the main lens sees it; what it leaves of depth is below."
+    )
+    return Statement("bad", text, advice)
 
 
 def _pair(data: Mapping[str, Any]) -> str:

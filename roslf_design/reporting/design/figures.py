@@ -38,7 +38,7 @@ def glance(design: Design, result: Evaluation) -> Figure:
     low = 250.0
     system = meridional(design, (PAGE, 210.0), key=False)
     parts = [microlens_image(design, (0.0, 0.0), (270.0, low), name="glance-image", key=False)]
-    words = "Above: the camera and its rays, heights enlarged. Below: the image that the middle microlens paints on its pixels"
+    words = "Above: the camera and its rays, heights enlarged. Below: the image that the middle microlens paints"
     if result.focused is None:
         parts.append(depth_precision(design, (PAGE - 270.0, low)))
         words += ", and how depth noise (bound) grows with distance; depth, expected, is in the table"
