@@ -91,7 +91,8 @@ class Captures:
         """Captures planned for a design; lengths in mm, the tilt in radians.
 
         Not given, the board is one of 4 x 5 cells, of 6 mm where the sensor sees it whole at its nearest, and distances
-        lie about the focal plane, over a quarter of the way from the FAP to it, or from the lens where the FAP lies behind.
+        lie about the focal plane, over a quarter of the way from the FAP to it, or from the lens where the FAP lies
+        behind.
 
         Raises
         ------
