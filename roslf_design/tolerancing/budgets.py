@@ -148,7 +148,7 @@ class _Builds(NamedTuple):
         return self._replace(factors=factors)
 
     def columns(self, trials: int, draws: Draws | None = None) -> Array:
-        """Values of all metrics in the first trials, (C, trials)."""
+        """Values of the limited metrics in the first trials, (C, trials)."""
         return measure_finally(self.plan, first_draws(draws or self.plan.draws, trials) * self.factors[:, None])
 
     def passed(self, trials: int, draws: Draws | None = None) -> int:
@@ -218,7 +218,7 @@ def budget(
     """
     target = study.yield_target
     trials = search_trials(min(curve_trials(plan), MOST_TRIALS), target)
-    parts, now = parts_of(plan, grades), _Builds(plan, np.ones(len(plan.draws.perturbations)))
+    parts, now = parts_of(plan, grades), _Builds(plan.limited, np.ones(len(plan.draws.perturbations)))
     start, changes = now, tuple[Change, ...]()
     reached = given.value >= target
     if not reached:

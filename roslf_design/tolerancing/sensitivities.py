@@ -160,6 +160,7 @@ def inverse_sensitivity(plan: TolerancePlan, share: float) -> tuple[Allowed, ...
     misses = plan.nominal_misses()
     if misses:
         raise ValueError(f"the nominal design misses its own limits: {', '.join(misses)}")
+    plan = plan.limited
     perturbations, limits = plan.draws.perturbations, plan.limits
     # One case for each perturbation, end of its tolerance and part of the room: all of it, the share.
     rows, ends, parts = (part.ravel() for part in np.indices((len(perturbations), 2, 2)))

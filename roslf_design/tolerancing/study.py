@@ -317,6 +317,15 @@ class TolerancePlan:
         return evaluate_builds(self.question, {}, 1)[:, 0]
 
     @cached_property
+    def limited(self) -> TolerancePlan:
+        """The plan with its limited metrics alone: whether builds pass hangs on no others."""
+        metrics = tuple(dict.fromkeys(self.columns[limit.column].metric for limit in self.limits))
+        question = replace(self.question, metrics=metrics)
+        rows = {column: row for row, column in enumerate(question.columns)}
+        limits = tuple(replace(limit, column=rows[self.columns[limit.column]]) for limit in self.limits)
+        return replace(self, question=question, limits=limits)
+
+    @cached_property
     def infinite(self) -> NDArray[np.bool_]:
         """Which columns may be infinite, shape (columns,)."""
         return self.question.infinite

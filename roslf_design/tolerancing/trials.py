@@ -300,7 +300,7 @@ class Compensator:
 
         Builds that prediction leaves no cameras, as out of all focus, start at the best along an adjuster's way.
         """
-        lost = np.flatnonzero(np.isnan(columns).all(axis=0))
+        lost = np.flatnonzero(np.isnan(columns[self.columns]).all(axis=0))
         if not lost.size:
             return moved, columns
         some = {place: numbers[lost] for place, numbers in values.items()}
