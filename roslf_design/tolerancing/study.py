@@ -54,7 +54,7 @@ MOST_MEMORY, SOBOL_ROWS = 1 << 30, 600
 
 FIELD_NAMES = ("centre", "edge", "corner")
 """Fields of what the sensor sees, as `roslf evaluate` takes them."""
-FORMAT = 8
+FORMAT = 9
 """Raised when the same plan would give other bytes; part of the digest that guards a resumed run."""
 TIED = ": "
 """Between a group's name and the pose that its members share."""
