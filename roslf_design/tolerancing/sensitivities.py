@@ -18,7 +18,7 @@ from .metrics import mount_of
 from .places import of_parts
 from .study import TolerancePlan
 from .summaries import Variant
-from .trials import differences, final_faults, measure, measure_finally
+from .trials import BLOCK, differences, final_faults, measure, measure_finally
 from .yields import CONFIDENCE
 
 STEP = 1e-4
@@ -247,9 +247,11 @@ def sobol_indices(plan: TolerancePlan, samples: int) -> SobolIndices:
     factors = plan.draws.factors
     count = len(factors)
     a, b = np.split(sobol_points(2 * count, 0, samples, plan.draws.seed), 2)
-    mixed = (np.where(np.arange(count)[:, None] == index, b, a) for index in range(count))  # one at a time in memory
-    samples_of = (plan.draws.deviations(uniforms) for uniforms in itertools.chain((a, b), mixed))
-    columns = np.stack([plan.judged(measure_finally(plan, deviations)) for deviations in samples_of])
+    mixed = (np.where(np.arange(count)[:, None] == index, b, a) for index in range(count))
+    every = itertools.chain((a, b), mixed)
+    groups = iter(lambda: list(itertools.islice(every, max(1, BLOCK // samples))), [])  # one at a time in memory
+    measured = [plan.judged(measure_finally(plan, plan.draws.deviations(np.hstack(group)))) for group in groups]
+    columns = np.moveaxis(np.hstack(measured).reshape(len(plan.columns), -1, samples), 1, 0)
     undefined = np.isnan(columns).sum(axis=(0, 2))
     indices = saltelli_jansen(columns[0], columns[1], columns[2:], plan.draws.seed)
     for part in indices:
