@@ -190,13 +190,13 @@ def inverse_sensitivity(plan: TolerancePlan, share: float) -> tuple[Allowed, ...
         measured = measure_finally(plan, deviations.reshape(len(perturbations), -1), settled=0.0)[columns]
         value = plan.judged(measured, columns).reshape(columns.size, len(trials), -1)
         good = (value >= low[:, None]) & (value <= high[:, None])
-        node = np.zeros(rows.size, np.intp)
+        at = np.zeros(rows.size, np.intp)
         for _ in range(AHEAD):
-            here = good[:, node, cases]
-            held = here.all(axis=0)
-            broken = np.where(held, broken, np.argmin(here, axis=0))
-            node = 2 * node + np.where(held, 1, 2)
-        inside, outside = np.array(brackets)[node, :, cases].T
+            holds = good[:, at, cases]
+            held = holds.all(axis=0)
+            broken = np.where(held, broken, np.argmin(holds, axis=0))
+            at = 2 * at + np.where(held, 1, 2)
+        inside, outside = np.array(brackets)[at, :, cases].T
     deviations = np.zeros((len(perturbations), rows.size))
     deviations[rows, cases] = np.where(ends == 0, 1.0, -1.0) * np.where(np.isfinite(outside), outside, 0.0)
     faults = np.empty(rows.size, dtype=object)
