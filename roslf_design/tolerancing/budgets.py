@@ -148,7 +148,7 @@ class _Builds(NamedTuple):
         return self._replace(factors=factors)
 
     def columns(self, trials: int, draws: Draws | None = None) -> Array:
-        """Values of all metrics in the first trials, (C, trials)."""
+        """Values of the limited metrics in the first trials, (C, trials)."""
         return measure_finally(self.plan, first_draws(draws or self.plan.draws, trials) * self.factors[:, None])
 
     def passed(self, trials: int, draws: Draws | None = None) -> int:
@@ -159,10 +159,16 @@ class _Builds(NamedTuple):
         """Yield on draws that no search has looked at."""
         return Yield(self.passed(FRESH * trials, fresh(self.plan.draws)), FRESH * trials)
 
-    def used(self, target: float, trials: int) -> float:
-        """Largest share of the limits' room that the wanted share of builds uses: 1 is a yield on target."""
-        worst = np.nan_to_num(self.plan.used_room(self.columns(trials)), posinf=1e9)
-        return float(np.quantile(worst, target, method="higher"))
+    def used(self, target: float, trials: int, *others: _Builds) -> list[float]:
+        """Largest share of the limits' room that the wanted share of builds uses: 1 is a yield on target.
+
+        Here, then with each of the others' tolerances.
+        """
+        draws = first_draws(self.plan.draws, trials)
+        deviations = np.hstack([draws * builds.factors[:, None] for builds in (self, *others)])
+        worst = np.nan_to_num(self.plan.used_room(measure_finally(self.plan, deviations)), posinf=1e9)
+        at: list[float] = np.quantile(worst.reshape(-1, trials), target, axis=1, method="higher").tolist()
+        return at
 
 
 class _Aim(NamedTuple):
@@ -218,7 +224,7 @@ def budget(
     """
     target = study.yield_target
     trials = search_trials(min(curve_trials(plan), MOST_TRIALS), target)
-    parts, now = parts_of(plan, grades), _Builds(plan, np.ones(len(plan.draws.perturbations)))
+    parts, now = parts_of(plan, grades), _Builds(plan.limited, np.ones(len(plan.draws.perturbations)))
     start, changes = now, tuple[Change, ...]()
     reached = given.value >= target
     if not reached:
@@ -342,25 +348,23 @@ def _stepped(
 ) -> tuple[Steps, _Builds] | None:
     """Parts taken to better grades, each time what helps most for its cost, until the aim; None where none is left."""
     few = min(aim.trials, STEPS_TRIALS)
-    builds, left, used = now, {part.place: part for part in parts if part.line}, now.used(target, few)
+    builds, left, (used,) = now, {part.place: part for part in parts if part.line}, now.used(target, few)
     steps: dict[str, tuple[str, float]] = {}
     while left:
-        best: tuple[float, float, _CostedPart, str, float, _Builds] | None = None
+        options: list[tuple[float, _CostedPart, str, float, _Builds]] = []
         for part in left.values():
             at = steps[part.place][1] if part.place in steps else part.tolerance
             spent = part.extra(at) or 0.0
             for name, width in zip(grades.names, part.widths, strict=True):
                 cost = part.extra(width)
-                if width >= at or cost is None:
-                    continue
-                other = builds.with_part(part, width)
-                after = other.used(target, few)
-                merit = (used - after) / max(cost - spent, 1e-9)
-                if after < used and (best is None or merit > best[0]):
-                    best = merit, after, part, name, width, other
-        if best is None:
+                if width < at and cost is not None:
+                    options.append((max(cost - spent, 1e-9), part, name, width, builds.with_part(part, width)))
+        _, *after = builds.used(target, few, *(option[-1] for option in options))
+        merits = [(used - there) / option[0] for there, option in zip(after, options, strict=True)]
+        best = max(range(len(merits)), key=merits.__getitem__, default=None)
+        if best is None or merits[best] <= 0:
             return None
-        _, used, part, name, width, builds = best
+        used, (_, part, name, width, builds) = after[best], options[best]
         steps[part.place] = name, width
         if width <= min(part.widths):
             del left[part.place]
@@ -408,9 +412,11 @@ def _loosened(
         wider = [(width, name) for name, width in zip(grades.names, part.widths, strict=True) if width > part.tolerance]
         if wider:
             wider.sort(reverse=True)
-            options.append((start.with_part(part, wider[0][0]).used(share, few), part, wider))
+            options.append((start.with_part(part, wider[0][0]), part, wider))
     builds, looser = start, []
-    for _, part, wider in sorted(options, key=lambda option: option[0]):
+    _, *used = start.used(share, few, *(option[0] for option in options))
+    for at in np.argsort(used, kind="stable").tolist():
+        _, part, wider = options[at]
         for width, name in wider:
             other = builds.with_part(part, width)
             if aim.held_by(other):

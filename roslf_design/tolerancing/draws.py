@@ -7,12 +7,13 @@ Random and low-discrepancy sampling therefore share one path, and members of a g
 from __future__ import annotations
 
 import math
-import warnings
 from dataclasses import dataclass
-from typing import Any, Literal
+from functools import lru_cache
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array
 
@@ -177,19 +178,41 @@ class Draws:
 
 def sobol_points(dimensions: int, start: int, count: int, seed: int) -> Array:
     """Points `start` to ``start + count - 1`` of a scrambled Sobol sequence, shape (dimensions, count)."""
-    from scipy.stats import qmc
+    shift, steps = _scrambled(dimensions, seed)
+    numbers = np.arange(start + 1, start + count)
+    # From point to point in the order of Gray's code: what number n adds is that of its lowest bit.
+    walk = np.empty((dimensions, count), np.uint32)
+    walk[:, 1:] = steps[:, np.bitwise_count((numbers & -numbers) - 1)]
+    named = (start ^ start >> 1) >> np.arange(BITS) & 1
+    walk[:, 0] = shift ^ np.bitwise_xor.reduce(np.where(named, steps, 0), axis=1)
+    return np.bitwise_xor.accumulate(walk, axis=1) * 2.0**-BITS + 2.0 ** -(BITS + 1)
 
-    engine: Any = qmc.Sobol(max(dimensions, 1), scramble=True, bits=BITS, rng=np.random.default_rng(seed))
-    if start:
-        # As `fast_forward`, which walks there point by point: the engine stands at its last point, whose bits are
-        # those of the direction numbers that the Gray code of its number names.
-        last = start - 1
-        for bit in range(BITS):
-            if (last ^ last >> 1) >> bit & 1:
-                engine._quasi ^= engine._sv[:, bit]
-        engine.num_generated = start
-    with warnings.catch_warnings():
-        # A piece of a run need not be a power of two; the whole run is asked for that where it is set up.
-        warnings.simplefilter("ignore", UserWarning)
-        points = engine.random(count)
-    return np.ascontiguousarray(points.T[:dimensions]) + 2.0 ** -(BITS + 1)
+
+@lru_cache(maxsize=4)
+def _scrambled(dimensions: int, seed: int) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
+    """Shift and direction numbers of a scrambled Sobol sequence, shapes (dimensions,) and (dimensions, BITS).
+
+    As `scipy.stats.qmc.Sobol` has them, from its table (Joe and Kuo 2008), scrambled by matrices and a shift (Matousek
+    1998): importing all of `scipy.stats` takes longer than most of a study's analyses.
+    """
+    import scipy
+
+    table = np.load(Path(scipy.__file__).parent / "stats" / "_sobol_direction_numbers.npz")
+    polynomials, firsts = (table[name][:dimensions].astype(np.int64) for name in ("poly", "vinit"))
+    numbers = np.ones((dimensions, BITS), np.int64)
+    for row, polynomial, first in zip(numbers[1:], polynomials[1:].tolist(), firsts[1:], strict=True):
+        degree = polynomial.bit_length() - 1
+        row[:degree] = first[:degree]
+        for k in range(degree, BITS):
+            row[k] = row[k - degree]
+            for back in range(1, degree + 1):
+                if polynomial >> (degree - back) & 1:
+                    row[k] ^= row[k - back] << back
+    places = np.arange(BITS)
+    stream = np.random.default_rng(seed).spawn(1)[0]
+    shift = stream.integers(2, size=(dimensions, BITS), dtype=np.uint32) @ (1 << places)
+    mixing = np.tril(stream.integers(2, size=(dimensions, BITS, BITS), dtype=np.uint32), -1) | np.eye(BITS, dtype=int)
+    # Bits from the first, the most significant one; each becomes a sum, modulo 2, of itself and those before it.
+    bits = (numbers << places[::-1])[:, None, :] >> places[::-1, None] & 1
+    steps = (mixing @ bits % 2 << places[::-1, None]).sum(axis=1)
+    return shift.astype(np.uint32), steps.astype(np.uint32)

@@ -39,7 +39,7 @@ from .study import MOST_TRIALS, Study, TolerancePlan, make_plan
 from .summaries import Variant, correlations, summarise
 from .tally import Tally
 from .traced import notes
-from .trials import lengths_built, measure_one, one_trial
+from .trials import design_adjusted, final_faults, lengths_built
 from .yields import CONFIDENCE, Yield, curve_trials, scale_for_yield, yield_at, yield_curve
 
 SCHEMA = "roslf.tolerance/1"
@@ -294,14 +294,15 @@ def _warnings(
 def save_worst(plan: TolerancePlan, tally: Tally, folder: Path) -> tuple[_WorstTrial, ...]:
     """Write the worst trials as design files, adjustments included."""
     rows = []
-    for number, score in zip(tally.worst.tolist(), tally.scores.tolist(), strict=True):
+    for number, score, moved in zip(tally.worst.tolist(), tally.scores.tolist(), tally.worst_moved, strict=True):
+        chunk, within = divmod(number, plan.chunk)
+        build = plan.draws.deviations(plan.draws.uniforms(chunk, plan.chunk, within, within + 1)), moved[:, None]
         name = f"worst-trial-{number}.toml"
         faults: tuple[str, ...] = ()
         try:
-            design, _ = one_trial(plan, number)
+            design = design_adjusted(plan, *build)
         except InputError as error:  # its numbers make no design, which is why it failed
-            *_, reasons = measure_one(plan, number).faults(plan)
-            name, faults = "", tuple(reasons) or tuple(problem.message for problem in error.problems)
+            name, faults = "", final_faults(plan, *build)[0] or tuple(problem.message for problem in error.problems)
         else:
             text = {"name": f"{design.name}, trial {number} of {plan.name}", "source": f"seed {plan.draws.seed}"}
             save(design.replace(text), folder / name, overwrite=True, digits=WRITTEN)

@@ -18,7 +18,7 @@ from .metrics import mount_of
 from .places import of_parts
 from .study import TolerancePlan
 from .summaries import Variant
-from .trials import differences, final_faults, measure, measure_finally
+from .trials import BLOCK, differences, final_faults, measure, measure_finally
 from .yields import CONFIDENCE
 
 STEP = 1e-4
@@ -29,6 +29,8 @@ LOOSEST = 1e3
 """Inverse sensitivity stops looking beyond this many times the given tolerance."""
 HALVINGS = 40
 """Steps of its bisection, the first ones doublings: six digits and more."""
+AHEAD = 2
+"""Steps whose every outcome is measured at once: a few more builds cost less than another call."""
 LINEAR = 0.1
 """|RSS / Monte Carlo - 1| above which a response counts as not linear."""
 RESAMPLES = 256
@@ -160,6 +162,7 @@ def inverse_sensitivity(plan: TolerancePlan, share: float) -> tuple[Allowed, ...
     misses = plan.nominal_misses()
     if misses:
         raise ValueError(f"the nominal design misses its own limits: {', '.join(misses)}")
+    plan = plan.limited
     perturbations, limits = plan.draws.perturbations, plan.limits
     # One case for each perturbation, end of its tolerance and part of the room: all of it, the share.
     rows, ends, parts = (part.ravel() for part in np.indices((len(perturbations), 2, 2)))
@@ -173,18 +176,27 @@ def inverse_sensitivity(plan: TolerancePlan, share: float) -> tuple[Allowed, ...
         for twin in [plan.judged(edge, columns)]
     )
     inside, outside = np.zeros(rows.size), np.full(rows.size, np.inf)
-    trial, broken = np.ones(rows.size), np.zeros(rows.size, np.intp)
-    for _ in range(HALVINGS):
-        deviations = np.zeros((len(perturbations), rows.size))
-        deviations[rows, cases] = np.where(ends == 0, trial, -trial)
-        value = plan.judged(measure_finally(plan, deviations, settled=0.0)[columns], columns)
-        good = (value >= low) & (value <= high)
-        held = good.all(axis=0)
-        broken = np.where(held, broken, np.argmin(good, axis=0))
-        inside, outside = np.where(held, trial, inside), np.where(held, outside, trial)
-        trial = np.where(
-            np.isinf(outside), np.minimum(2 * inside, LOOSEST), (inside + np.minimum(outside, LOOSEST)) / 2
-        )
+    broken = np.zeros(rows.size, np.intp)
+    for _ in range(0, HALVINGS, AHEAD):
+        # What may be asked next, whichever way answers go: node k goes on to 2 k + 1 where it held, else to 2 k + 2.
+        brackets, trials = [(inside, outside)], []
+        for node in range(2**AHEAD - 1):
+            least, most = brackets[node]
+            doubled = np.minimum(np.maximum(2 * least, 1.0), LOOSEST)
+            trials.append(np.where(np.isinf(most), doubled, (least + np.minimum(most, LOOSEST)) / 2))
+            brackets += [(trials[-1], most), (least, trials[-1])]
+        deviations = np.zeros((len(perturbations), len(trials), rows.size))
+        deviations[rows, :, cases] = np.where(ends == 0, trials, np.negative(trials)).T
+        measured = measure_finally(plan, deviations.reshape(len(perturbations), -1), settled=0.0)[columns]
+        value = plan.judged(measured, columns).reshape(columns.size, len(trials), -1)
+        good = (value >= low[:, None]) & (value <= high[:, None])
+        at = np.zeros(rows.size, np.intp)
+        for _ in range(AHEAD):
+            holds = good[:, at, cases]
+            held = holds.all(axis=0)
+            broken = np.where(held, broken, np.argmin(holds, axis=0))
+            at = 2 * at + np.where(held, 1, 2)
+        inside, outside = np.array(brackets)[at, :, cases].T
     deviations = np.zeros((len(perturbations), rows.size))
     deviations[rows, cases] = np.where(ends == 0, 1.0, -1.0) * np.where(np.isfinite(outside), outside, 0.0)
     faults = np.empty(rows.size, dtype=object)
@@ -235,9 +247,11 @@ def sobol_indices(plan: TolerancePlan, samples: int) -> SobolIndices:
     factors = plan.draws.factors
     count = len(factors)
     a, b = np.split(sobol_points(2 * count, 0, samples, plan.draws.seed), 2)
-    mixed = (np.where(np.arange(count)[:, None] == index, b, a) for index in range(count))  # one at a time in memory
-    samples_of = (plan.draws.deviations(uniforms) for uniforms in itertools.chain((a, b), mixed))
-    columns = np.stack([plan.judged(measure_finally(plan, deviations)) for deviations in samples_of])
+    mixed = (np.where(np.arange(count)[:, None] == index, b, a) for index in range(count))
+    every = itertools.chain((a, b), mixed)
+    groups = iter(lambda: list(itertools.islice(every, max(1, BLOCK // samples))), [])  # one at a time in memory
+    measured = [plan.judged(measure_finally(plan, plan.draws.deviations(np.hstack(group)))) for group in groups]
+    columns = np.moveaxis(np.hstack(measured).reshape(len(plan.columns), -1, samples), 1, 0)
     undefined = np.isnan(columns).sum(axis=(0, 2))
     indices = saltelli_jansen(columns[0], columns[1], columns[2:], plan.draws.seed)
     for part in indices:
@@ -267,7 +281,7 @@ def saltelli_jansen(f_a: Array, f_b: Array, f_ab: Array, seed: int) -> tuple[Arr
     terms = np.concatenate(sums_of).reshape(-1, n)
     stream = np.random.Generator(np.random.PCG64(np.random.SeedSequence(seed, spawn_key=(2**32,))))
     weights = np.concatenate([np.ones((1, n)), stream.multinomial(n, np.full(n, 1 / n), size=RESAMPLES)]) / n
-    sums = np.einsum("rn,kn->rk", weights, terms).reshape(len(weights), 2 + 2 * factors, columns)
+    sums = (weights @ terms.T).reshape(len(weights), 2 + 2 * factors, columns)
     variance = 0.5 * sums[:, 1] - (0.5 * sums[:, 0]) ** 2
     still = variance <= 1e-24 * np.maximum(middle**2, 1e-30)
     ratios = np.where(still[:, None], 0.0, sums[:, 2:] / np.where(still, 1.0, variance)[:, None])

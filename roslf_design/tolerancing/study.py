@@ -54,7 +54,7 @@ MOST_MEMORY, SOBOL_ROWS = 1 << 30, 600
 
 FIELD_NAMES = ("centre", "edge", "corner")
 """Fields of what the sensor sees, as `roslf evaluate` takes them."""
-FORMAT = 8
+FORMAT = 9
 """Raised when the same plan would give other bytes; part of the digest that guards a resumed run."""
 TIED = ": "
 """Between a group's name and the pose that its members share."""
@@ -315,6 +315,15 @@ class TolerancePlan:
     def nominal(self) -> Array:
         """The nominal design's columns, shape (columns,)."""
         return evaluate_builds(self.question, {}, 1)[:, 0]
+
+    @cached_property
+    def limited(self) -> TolerancePlan:
+        """The plan with its limited metrics alone: whether builds pass hangs on no others."""
+        metrics = tuple(dict.fromkeys(self.columns[limit.column].metric for limit in self.limits))
+        question = replace(self.question, metrics=metrics)
+        rows = {column: row for row, column in enumerate(question.columns)}
+        limits = tuple(replace(limit, column=rows[self.columns[limit.column]]) for limit in self.limits)
+        return replace(self, question=question, limits=limits)
 
     @cached_property
     def infinite(self) -> NDArray[np.bool_]:

@@ -81,6 +81,8 @@ class Tally:
     """Numbers of the worst trials, worst first, shape (k,)."""
     scores: Array
     """How far they exceed their limits, in units of what the limit allows, shape (k,); inf where undefined."""
+    worst_moved: Array
+    """Their adjustments [mm, rad], shape (k, adjusters)."""
     drawn: Array
     """Deviations [tolerances] of the first trials kept, shape (kept, P)."""
     measured: Array
@@ -146,6 +148,7 @@ def tally_of(plan: TolerancePlan, trials: MeasuredTrials, first: int) -> Tally:
         xy=xy,
         worst=worst + first,
         scores=scores[worst],
+        worst_moved=np.ascontiguousarray(trials.moved[:, worst].T),
         drawn=np.ascontiguousarray(drawn[:, :kept].T),
         measured=np.ascontiguousarray(np.moveaxis(trials.variants[:, :, :kept], 2, 0)),
         moved=np.ascontiguousarray(trials.moved[:, :kept].T),
@@ -170,6 +173,7 @@ def _both(first: Tally, second: Tally) -> Tally:
         high=np.maximum(first.high, second.high),
         worst=worst[order],
         scores=scores[order],
+        worst_moved=joined("worst_moved")[order],
     )
 
 

@@ -117,38 +117,41 @@ def one_trial(plan: TolerancePlan, number: int) -> tuple[Design, MeasuredTrials]
     ValueError
         There is no such trial, or its numbers make no design (d_3 >= d_f and the like).
     """
-    measured = measure_one(plan, number)
-    values = plan.draws.values(measured.deviations)
-    if plan.adjusters:
-        values = _compensator_of(plan).applied(values, measured.moved)
-    design = plan.question.design
-    changes = {place: float(value[0]) for place, value in of_parts(design, values).items()}
-    return design_built(design, changes), measured
-
-
-def measure_one(plan: TolerancePlan, number: int) -> MeasuredTrials:
-    """Trial `number` measured again, bit for bit.
-
-    Raises
-    ------
-    ValueError
-        There is no such trial.
-    """
     if not 0 <= number < plan.trials:
         raise ValueError(f"trial {number} does not exist; they run from 0 to {plan.trials - 1}")
     index, within = divmod(number, plan.chunk)
     # All that were measured with it run again, so that arrays have the same shapes.
     start, end = within - within % STRETCH, plan.chunk_trials(index)
     block = measure_uniforms(plan, plan.draws.uniforms(index, plan.chunk, start, min(start + STRETCH, end)))
-    return MeasuredTrials(*(part[..., [within - start]] for part in block))
+    measured = MeasuredTrials(*(part[..., [within - start]] for part in block))
+    return design_adjusted(plan, measured.deviations, measured.moved), measured
 
 
-def final_faults(plan: TolerancePlan, deviations: Array) -> list[tuple[str, ...]]:
-    """Why builds, after adjustment, are no cameras: of each its reasons, none where it is one."""
+def design_adjusted(plan: TolerancePlan, deviations: Array, moved: Array) -> Design:
+    """Design of one build, shapes (P, 1) and (adjusters, 1).
+
+    Raises
+    ------
+    ValueError
+        Its numbers make none.
+    """
+    design = plan.question.design
+    numbers = of_parts(design, _final_values(plan, deviations, moved))
+    return design_built(design, {place: float(value[0]) for place, value in numbers.items()})
+
+
+def _final_values(plan: TolerancePlan, deviations: Array, moved: Array | None = None) -> dict[str, Array]:
+    """Numbers of builds after adjustment; by how much is worked out where it is not given."""
     values = plan.draws.values(deviations)
-    if plan.adjusters:
-        compensator = _compensator_of(plan)
-        values = compensator.applied(values, compensator.adjusted(values, deviations)[0])
+    if not plan.adjusters:
+        return values
+    compensator = _compensator_of(plan.limited)
+    return compensator.applied(values, compensator.adjusted(values, deviations)[0] if moved is None else moved)
+
+
+def final_faults(plan: TolerancePlan, deviations: Array, moved: Array | None = None) -> list[tuple[str, ...]]:
+    """Why builds, after adjustment, are no cameras: of each its reasons, none where it is one."""
+    values = _final_values(plan, deviations, moved)
     reasons = faults_of(plan.question, values, deviations.shape[1])
     return [tuple(words for words, flags in reasons.items() if flags[k]) for k in range(deviations.shape[1])]
 
@@ -162,10 +165,7 @@ def first_builds(
     """
     count = min(count, plan.chunk_trials(0))
     deviations = plan.draws.deviations(np.ascontiguousarray(plan.draws.uniforms(0, plan.chunk, 0, count)))
-    values = plan.draws.values(deviations)
-    if plan.adjusters:
-        compensator = _compensator_of(plan)
-        values = compensator.applied(values, compensator.adjusted(values, deviations)[0])
+    values = _final_values(plan, deviations)
     question = replace(plan.question, fields=fields) if fields else plan.question
     return builds_of(question, values, count)
 
@@ -300,7 +300,7 @@ class Compensator:
 
         Builds that prediction leaves no cameras, as out of all focus, start at the best along an adjuster's way.
         """
-        lost = np.flatnonzero(np.isnan(columns).all(axis=0))
+        lost = np.flatnonzero(np.isnan(columns[self.columns]).all(axis=0))
         if not lost.size:
             return moved, columns
         some = {place: numbers[lost] for place, numbers in values.items()}
@@ -308,12 +308,11 @@ class Compensator:
         predicted = np.abs(moved).max(axis=1)  # one without limits is sought as far as prediction sends any build
         for row, limit in enumerate(self.reach[:, 0]):
             reach = limit if np.isfinite(limit) else predicted[row]
-            for share in ALONG:
-                tried = moved[:, lost]
-                tried[row] = share * reach
-                here = _cost(self.left(some, tried))
+            tried = np.repeat(moved[:, None, lost], ALONG.size, axis=1)
+            tried[row] = ALONG[:, None] * reach
+            for shifted, here in zip(np.moveaxis(tried, 1, 0), map(_cost, self.left_of_all(some, tried)), strict=True):
                 lower = here < cost
-                best[:, lower], cost[lower] = tried[:, lower], here[lower]
+                best[:, lower], cost[lower] = shifted[:, lower], here[lower]
         saved = np.isfinite(cost)
         moved, columns = moved.copy(), columns.copy()
         moved[:, lost[saved]] = best[:, saved]
@@ -346,11 +345,10 @@ class Compensator:
         for _ in range(ITERATIONS):
             some = {place: numbers[going] for place, numbers in values.items()}
             here, left = moved[:, going], residual[:, going]
-            slopes = []
-            for row, step in enumerate(self.steps):
-                nudged = here.copy()
-                nudged[row] += step
-                slopes.append((self.left(some, nudged) - left) / step)
+            nudged = here[:, None] + np.diag(self.steps)[..., None]
+            slopes = [
+                (there - left) / step for there, step in zip(self.left_of_all(some, nudged), self.steps, strict=True)
+            ]
             end = np.clip(here + _least_squares(slopes, left, self.steps), -self.reach, self.reach)
             before = cost[going]
             promised = _cost(left + np.einsum("act,at->ct", slopes, end - here))
@@ -388,6 +386,13 @@ class Compensator:
         trials, plan = moved.shape[1], self.plan
         columns = _in_blocks(self.limited, self.applied(values, moved), trials, calibrated=plan.calibrated)
         return (plan.judged(columns[self.rows], self.columns) - self.aim) * self.weights
+
+    def left_of_all(self, values: Mapping[str, Array], moved: Array) -> Array:
+        """`left` of builds in each of K adjustments at once, (adjusters, K, trials): shape (K, columns, trials)."""
+        count, trials = moved.shape[1:]
+        every = {place: np.tile(numbers, count) for place, numbers in values.items()}
+        left = self.left(every, moved.reshape(len(moved), -1))
+        return np.moveaxis(left.reshape(len(left), count, trials), 1, 0)
 
     def residual(self, columns: Array) -> Array:
         """How far the limited columns are from nominal, in units of what their limits allow."""

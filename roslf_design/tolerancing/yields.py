@@ -69,6 +69,7 @@ def yield_at(plan: TolerancePlan, scale: float, trials: int) -> Yield:
 
 def _passing(plan: TolerancePlan, scale: float, deviations: Array) -> Iterator[int]:
     """How many builds hold all limits, block by block."""
+    plan = plan.limited
     for at in range(0, deviations.shape[1], BLOCK):
         block = measure_finally(plan, deviations[:, at : at + BLOCK], scale)
         yield int(plan.passes(block).all(axis=0).sum())
