@@ -24,7 +24,7 @@ from .problem import ROOM, DesignProblem, promising_starts, sobol_units
 from .search import (
     BIG,
     FTOL,
-    GLOBAL_FTOL,
+    QUICK,
     Global,
     Guard,
     Search,
@@ -90,7 +90,7 @@ class Settings(SolverTable):
 
         A hundredth: along a curved valley (Rosenbrock's) the last of many small steps leaves up to fifty of them.
         """
-        return FTOL if self.accuracy is None else max(FTOL, self.accuracy / 100)
+        return QUICK if self.accuracy is None else max(FTOL, self.accuracy / 100)
 
 
 USUAL = Settings()
@@ -315,8 +315,8 @@ def _check(problem: DesignProblem, name: Global, settings: Settings, budget: Sea
     known = _conditions(problem, best.unit)[0] if best.feasible else ()
     steepest = max((a.multiplier for a in known), default=0.0 if best.feasible else 10.0)
     guard = Guard(problem.vector, budget)
-    ftol, most = max(GLOBAL_FTOL, settings.tolerance), min(1500 * problem.n, 9000) // (5 if problem.summed else 1)
-    unit = globally(guard, problem.n, name, 1.0 + 3.0 * steepest, most, settings.seed, ftol)
+    most = min(1500 * problem.n, 9000) // (5 if problem.summed else 1)
+    unit = globally(guard, problem.n, name, 1.0 + 3.0 * steepest, most, settings.seed)
     tolerance = max(settings.tolerance, problem.finest)
     polished = searched(problem, unit, budget, settings.evaluations, tolerance)
     solver = {"crs2": "CRS2_LM with penalty", "isres": "ISRES"}[name]
