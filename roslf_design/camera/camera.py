@@ -367,6 +367,15 @@ class Camera(Symbols[Number]):
         """The plane at z before the main lens [mm, with a ruler], as the main lens sees it."""
         return self._walk.plane(z)
 
+    def plane_ahead(self, at: Number) -> ImagedPlane:
+        """The plane `at` ahead of the bore's tip [mm]; of one distance, for which several quantities ask, kept."""
+        if not isinstance(at, float):
+            return self.plane(at + self.tip)
+        if ("plane", at) not in self.worked_out:
+            self.worked_out["plane", at] = self.plane(at + self.tip)
+        plane: ImagedPlane = self.worked_out["plane", at]
+        return plane
+
     @cached_property
     def _walk(self) -> BoreWalk:
         return self.chain.walk(self._numbers)

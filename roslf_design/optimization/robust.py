@@ -243,7 +243,7 @@ class _Aim:
             if table.maximise == "quantile":
                 return np.stack([self._quantile(built, count)[0] + none, self.least_yield - soft])
             # Far from any yield, the margin itself leads the way.
-            total = 1e-3 * np.clip(worst, 0, 5).mean(axis=-1) - soft + none
+            total: Array = 1e-3 * np.clip(worst, 0, 5).mean(axis=-1) - soft + none
             if table.give_up is None:
                 return total[None]
             goal, before = problem.goals[0], self.goal_at_nominal

@@ -83,7 +83,7 @@ def object_scale(c: Camera, at: Number | None = None) -> Array:
     """
     if at is None:
         return magnitude(product(c.seen.inverse_m, c.focus.magnification))
-    plane = c.plane(at + c.tip)
+    plane = c.plane_ahead(at)
     # What a rod or a lens shows beyond infinity has depth and magnification both below 0.
     return magnitude(c.seen.inverse_m * (np.asarray(plane.distance - c.seen.d_3) / c.seen.gap * plane.magnification))
 
