@@ -184,18 +184,17 @@ def maximise_robustness(
         tell(f"robust: {table.maximise}, softened by {width:g}")
         guard = Guard(partial(aim.vector, width=width), budget)
         slsqp(guard, best, 50 * problem.n, SMOOTH)
-        best = best if guard.unit is None else guard.unit
         if width == SHARP[-1]:
-            best, _ = derivative_free(
+            derivative_free(
                 "LN_SBPLX",
                 partial(_penalised, guard),
-                best,
+                best if guard.unit is None else guard.unit,
                 step=0.05,
                 ftol=STEEP,
                 xtol=1e-5,
                 budget=budget.at_most(150 * problem.n),
             )
-        spent += guard.evaluations
+        best, spent = best if guard.unit is None else guard.unit, spent + guard.evaluations
     before, after = aim.statistics(nominal), aim.statistics(best)
     first, last = before.yield_, after.yield_
     lost = first.interval[0] >= table.wanted_yield > last.interval[0]

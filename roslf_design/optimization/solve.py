@@ -73,7 +73,7 @@ class Settings(SolverTable):
 
     seed: int = 0
     accuracy: float | None = None
-    """Error allowed in the merit (0.01: 1 % of a goal); None polishes every search to rounding."""
+    """Error allowed in the merit (0.01: 1 % of a goal); None: searches end at 1e-8."""
 
     def fresh(self) -> SearchBudget:
         """All that may be tried, from now on."""

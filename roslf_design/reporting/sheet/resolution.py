@@ -14,7 +14,6 @@ from ...drawing.picture import PAGE, Picture, beside, one_panel
 from ...drawing.theme import SMALL
 from ...evaluation.fields import default_fields
 from ...evaluation.specification import BEYOND, planes
-from ...theory.depth_of_field import Kind
 from ...theory.light import on_array, sensor_field
 from ...traced.fields import images_of
 from ..lens_words import lens_words
@@ -37,8 +36,7 @@ def mtf_curves(design: Design) -> Picture:
     fold = min(transfer.fold("tangential") for transfer in transfers)
     detail = np.linspace(0.0, 2.4 * fold, 73)
     pictures = []
-    kinds: tuple[tuple[Kind, str], ...] = (("refocused", "refocused image"), ("view", "a single view"))
-    for kind, title in kinds:
+    for kind, title in (("refocused", "refocused image"), ("view", "a single view")):
         marks: list[Mark] = [Line([0.0, detail[-1]], [level, level], "grey", 1.0, "2 3") for level in (0.5, 0.1)]
         marks += [
             Line([fold, fold], [0.0, 1.0], "grey", 1.2, "6 3"),
@@ -47,10 +45,8 @@ def mtf_curves(design: Design) -> Picture:
         for transfer, colour, width in zip(transfers, COLOURS, WIDTHS, strict=True):
             if transfer.middle is None:
                 continue
-            tangential = sagittal = transfer(detail, kind, "tangential")
-            if not transfer.round or transfer.along != transfer.across:
-                sagittal = transfer(detail, kind, "sagittal")
-            marks += [Line(detail, tangential, colour, width), Line(detail, sagittal, colour, width, "6 4")]
+            marks.append(Line(detail, transfer(detail, kind, "tangential"), colour, width))  # type: ignore[arg-type]
+            marks.append(Line(detail, transfer(detail, kind, "sagittal"), colour, width, "6 4"))  # type: ignore[arg-type]
         panel = Panel(
             (0, 0, 1, 1), Scale(0.0, float(detail[-1])), Scale(0.0, 1.0), tuple(marks),
             "detail at the focal plane [lp/mm]", "MTF", title=title,
