@@ -312,7 +312,7 @@ class Camera(Symbols[Number]):
     @cached_property
     def shape(self) -> tuple[int, ...]:
         """Common shape of the builds; () for one camera."""
-        return np.broadcast_shapes(*(np.shape(value) for value in self._numbers.values()))
+        return np.broadcast_shapes(*{value.shape for value in self._numbers.values() if isinstance(value, np.ndarray)})
 
     @cached_property
     def worked_out(self) -> dict[Any, Any]:

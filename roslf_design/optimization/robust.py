@@ -222,7 +222,7 @@ class _Aim:
         return least_passed(self.table.wanted_yield, self.table.trials) / self.table.trials
 
     def vector(self, units: Array, width: float) -> Array:
-        """What is made small and, where there is one, the row that must not be above 0; shape (1 or 2, N).
+        """Merit over builds and, where there is one, the row that must not be above 0; shape (1 or 2, N).
 
         Of designs (N, n), the yield's steps softened by a width; not finite where a design is no camera.
         """
@@ -275,6 +275,6 @@ class _Aim:
 
 
 def _penalised(guard: Guard, unit: Array) -> tuple[float]:
-    """What is made small, with a penalty on the row that is to hold."""
+    """Merit with a penalty on the row that is to hold."""
     values, _ = guard.rows(unit)
     return (float(values[0] + HARD * np.maximum(values[1:], 0.0).sum()),)

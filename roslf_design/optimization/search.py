@@ -235,14 +235,13 @@ def globally(
     population: list[float] = []  # CRS2's is the best so many points: a heap, the worst first
 
     def cost(unit: Array) -> tuple[float]:
+        full = algorithm == "crs2" and len(population) == 10 * (n + 1)
+        if full and max(population) - population[0] <= agreed and -population[0] < BIG:
+            raise nlopt.ForcedStop
         values, _ = guard.rows(unit)
         own = float(values[0] + penalty * np.maximum(values[1:], 0.0).sum())
-        (heappush if len(population) < 10 * (n + 1) else heappushpop)(population, -own)
+        (heappushpop if full else heappush)(population, -own)
         return (own,)
-
-    def settled(least: float) -> bool:
-        full = len(population) == 10 * (n + 1) and least < BIG
-        return algorithm == "crs2" and full and -population[0] - least <= agreed
 
     held = range(1, len(guard.rows(middle)[0])) if algorithm == "isres" else ()
     unit, _ = derivative_free(
@@ -253,7 +252,6 @@ def globally(
         ftol=GLOBAL_FTOL if algorithm == "isres" else 0.0,
         xtol=XTOL,
         budget=guard.budget.at_most(evaluations),
-        settled=settled,
     )
     return guard.unit if algorithm == "isres" and guard.unit is not None else unit
 
@@ -268,12 +266,11 @@ def derivative_free(
     ftol: float = 0.0,
     xtol: float,
     budget: SearchBudget,
-    settled: Callable[[float], bool] = lambda least: False,
 ) -> tuple[Array, int]:
     """The point of least cost that one of nlopt's algorithms meets from a start, and how many points it tried.
 
     The cost may have kinks; its first number is made small, further ones decide between equals. Only ISRES holds limits
-    (not above 0). The budget is the caller's to spend; `settled` says at which least cost no more need be tried.
+    (not above 0). The budget is the caller's to spend; a cost that raises `nlopt.ForcedStop` ends it.
     """
     import nlopt
 
@@ -286,8 +283,6 @@ def derivative_free(
         own = cost(unit)
         if own < best[0]:
             best = (own, unit)
-        if settled(best[0][0]):
-            optimiser.force_stop()
         return own[0]
 
     optimiser = nlopt.opt(getattr(nlopt, algorithm), len(start))
