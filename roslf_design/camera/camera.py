@@ -312,7 +312,7 @@ class Camera(Symbols[Number]):
     @cached_property
     def shape(self) -> tuple[int, ...]:
         """Common shape of the builds; () for one camera."""
-        return np.broadcast_shapes(*(np.shape(value) for value in self._numbers.values()))
+        return np.broadcast_shapes(*{value.shape for value in self._numbers.values() if isinstance(value, np.ndarray)})
 
     @cached_property
     def worked_out(self) -> dict[Any, Any]:
@@ -366,6 +366,15 @@ class Camera(Symbols[Number]):
     def plane(self, z: Number) -> ImagedPlane:
         """The plane at z before the main lens [mm, with a ruler], as the main lens sees it."""
         return self._walk.plane(z)
+
+    def plane_ahead(self, at: Number) -> ImagedPlane:
+        """The plane `at` ahead of the bore's tip [mm]; of one distance, for which several quantities ask, kept."""
+        if not isinstance(at, float):
+            return self.plane(at + self.tip)
+        if ("plane", at) not in self.worked_out:
+            self.worked_out["plane", at] = self.plane(at + self.tip)
+        plane: ImagedPlane = self.worked_out["plane", at]
+        return plane
 
     @cached_property
     def _walk(self) -> BoreWalk:

@@ -36,7 +36,7 @@ def optimize(
         Instead of the study's; the same seed gives the same bytes.
     accuracy
         What the merit of the optimum may be off by, as 1e-4 (0.01 is 1 % of a goal): searches stop at a hundredth of
-        it, and the best is polished. Default: every search is polished, to 1e-6 or better.
+        it. Default: at 1e-8. The best is polished, to 1e-6 or better.
     """
     check_options(seed, output)
     if accuracy is not None:

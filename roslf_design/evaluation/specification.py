@@ -320,11 +320,7 @@ def planes(camera: Camera, asked: Sequence[float] = ()) -> tuple[Station, ...]:
 def resolved(images: IdealImages | DesignImages, field: int, at: float, image: Kind) -> Resolved:
     """Detail that one field shows of a plane ahead of the tip."""
     transfer = images.transfer(field, at)
-    tangential = transfer.limits(LEVELS, image, "tangential")
-    if transfer.round and transfer.along > 0:
-        sagittal = [limit * transfer.along / transfer.across for limit in tangential]
-    else:
-        sagittal = transfer.limits(LEVELS, image, "sagittal")
+    tangential, sagittal = transfer.limits_each_way(LEVELS, image)
     half, tenth = (None if math.isnan(a) else min(a, b) for a, b in zip(tangential, sagittal, strict=True))
     x0 = np.broadcast_to(np.hypot(*images.on_plane(at)), (len(images.fields), 1))[field, 0]
     place = tuple(images.fields[field].tolist())

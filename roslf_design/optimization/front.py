@@ -17,7 +17,7 @@ from ..theory.quantity import finite, from_finite
 from ..toml_files import StrictTable
 from .goals import Constraint, Goal
 from .problem import FRESH_POINTS, DesignProblem, sobol_units
-from .search import SearchBudget
+from .search import QUICK, SearchBudget
 from .solve import searched
 from .variables import lengths_and_numbers
 
@@ -98,7 +98,7 @@ def pareto_front(
     def best_of(wanted: Goal, limits: Sequence[Constraint], starts: Sequence[Array]) -> Array | None:
         nonlocal spent
         posed = replace(problem, goals=(wanted,), constraints=(*problem.constraints, *limits))
-        results = [searched(posed, start, budget, tolerance=posed.finest) for start in starts]
+        results = [searched(posed, start, budget, tolerance=max(QUICK, posed.finest)) for start in starts]
         spent += sum(result.evaluations for result in results)
         feasible = [result for result in results if result.feasible]
         return min(feasible, key=lambda result: result.merit).unit if feasible else None

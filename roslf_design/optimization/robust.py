@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -17,7 +17,7 @@ from pydantic import Field, field_validator
 
 from .._arrays import Array, by_value
 from ..bore.conjugates import CONJUGATES
-from ..camera import Camera
+from ..camera import Camera, Number
 from ..design import Design
 from ..errors import InputError, Problem
 from ..tolerancing.draws import Distribution, Draws, Perturbation
@@ -25,11 +25,15 @@ from ..tolerancing.places import expand, nominal_values, tolerance_at
 from ..tolerancing.yields import Yield, least_passed
 from ..toml_files import StrictTable
 from .problem import DesignProblem
-from .search import BIG, FEASIBLE, SearchBudget, derivative_free
+from .search import FEASIBLE, Guard, SearchBudget, derivative_free, slsqp
 from .variables import IDLE
 
 SHARP = (0.3, 0.1, 0.03, 0.01)
 """Widths at which the yield's step is softened, one after the other, in units of a scaled row's spread."""
+SMOOTH, STEEP = 1e-5, 1e-4
+"""Changes of the yield at which a search along its slope ends, and one that gets over the kinks of the worst row."""
+AT_ONCE = 20_000
+"""Builds that are looked at in one call."""
 FRESH = 16
 """Times as many trials for the final figures."""
 HARD = 20.0
@@ -77,20 +81,20 @@ class Scatter:
     relative: tuple[bool, ...]
     """True where a perturbation's tolerance is a share of the nominal value."""
 
-    def tolerances(self, problem: DesignProblem, unit: Array) -> dict[str, float]:
-        """Place to its tolerance at a design [mm or rad]: shares are of that design's own numbers."""
-        nominal = problem.cameras(unit)
+    def tolerances(self, problem: DesignProblem, units: Array) -> dict[str, Number]:
+        """Place to its tolerance at designs (..., n) [mm or rad]: shares are of each design's own numbers."""
+        nominal = problem.cameras(units)
         return {
-            miss.place: miss.tolerance * (abs(float(nominal[miss.place]) / miss.nominal) if relative else 1.0)
+            miss.place: miss.tolerance * (np.abs(nominal[miss.place]) / miss.nominal if relative else 1.0)
             for miss, relative in zip(self.perturbations, self.relative, strict=True)
         }
 
-    def builds(self, problem: DesignProblem, unit: Array, deviations: Array) -> Camera:
-        """Builds of a design, shape (T,): its hardware with deviations, f and d_1 among it; the focal plane follows."""
-        nominal = problem.cameras(unit[None])
-        applied = self.tolerances(problem, unit).items()
+    def builds(self, problem: DesignProblem, units: Array, deviations: Array) -> Camera:
+        """Builds of designs (N, n), shape (N T,): hardware with deviations, f and d_1 too; the focal plane follows."""
+        units = np.atleast_2d(units)[:, None]
+        nominal, applied = problem.cameras(units), self.tolerances(problem, units).items()
         changes = {place: nominal[place] + size * row for (place, size), row in zip(applied, deviations, strict=True)}
-        return nominal.replace(changes)
+        return nominal.replace(changes).in_row((len(units), deviations.shape[1]), slice(None))
 
 
 @dataclass(frozen=True)
@@ -178,16 +182,19 @@ def maximise_robustness(
     best, spent = nominal, 0
     for width in SHARP:
         tell(f"robust: {table.maximise}, softened by {width:g}")
-        best, count = derivative_free(
-            "LN_SBPLX",
-            lambda unit, width=width: (aim.cost(unit, width),),  # type: ignore[misc]
-            best,
-            step=0.05,
-            xtol=1e-5,
-            budget=budget.at_most(150 * problem.n),
-        )
-        spent += count
-        budget.evaluations -= count
+        guard = Guard(partial(aim.vector, width=width), budget)
+        slsqp(guard, best, 50 * problem.n, SMOOTH)
+        if width == SHARP[-1]:
+            derivative_free(
+                "LN_SBPLX",
+                partial(_penalised, guard),
+                best if guard.unit is None else guard.unit,
+                step=0.05,
+                ftol=STEEP,
+                xtol=1e-5,
+                budget=budget.at_most(150 * problem.n),
+            )
+        best, spent = best if guard.unit is None else guard.unit, spent + guard.evaluations
     before, after = aim.statistics(nominal), aim.statistics(best)
     first, last = before.yield_, after.yield_
     lost = first.interval[0] >= table.wanted_yield > last.interval[0]
@@ -214,37 +221,46 @@ class _Aim:
         """Share of the trials that must hold every constraint for the wanted yield to be sure."""
         return least_passed(self.table.wanted_yield, self.table.trials) / self.table.trials
 
-    def cost(self, unit: Array, width: float) -> float:
-        """Finite everywhere, small is good; the yield's steps softened by a width."""
-        problem, table = self.problem, self.table
-        if np.isnan(problem.vector(unit[None])[0, 0]):
-            return 1e6
-        built = self.scatter.builds(problem, unit, self.scatter.deviations)
-        rows = problem.rows_of(built, table.trials)
+    def vector(self, units: Array, width: float) -> Array:
+        """Merit over builds and, where there is one, the row that must not be above 0; shape (1 or 2, N).
+
+        Of designs (N, n), the yield's steps softened by a width; not finite where a design is no camera.
+        """
+        most = max(1, AT_ONCE // self.table.trials)
+        parts = [self._vector(units[first : first + most], width) for first in range(0, len(units), most)]
+        return np.concatenate(parts, axis=1)
+
+    def _vector(self, units: Array, width: float) -> Array:
+        problem, table, count = self.problem, self.table, len(units)
+        nominal = problem.cameras(units)
+        built = self.scatter.builds(problem, units, self.scatter.deviations)
+        rows = problem.rows_of(built, count * table.trials).reshape(-1, count, table.trials)
         worst = np.clip(np.where(np.isnan(rows), 1e3, rows).max(axis=0, initial=-1e3), -50.0, 50.0)
-        soft = float(np.mean(1 / (1 + np.exp(np.clip(worst / (0.1 * width), -50, 50)))))
-        if table.maximise == "quantile":
-            merit, _ = self._quantile(built, table.trials)
-            return float(np.clip(merit, -BIG, BIG)) + HARD * max(0.0, self.least_yield - soft)
-        # Far from any yield, the margin itself leads the way.
-        total = 1e-3 * float(np.clip(worst, 0, 5).mean()) - soft
-        if table.give_up is not None:
+        soft = np.mean(1 / (1 + np.exp(np.clip(worst / (0.1 * width), -50, 50))), axis=-1)
+        with np.errstate(all="ignore"):
+            none = np.where(np.isnan(problem.merit(nominal)), np.nan, 0.0)
+            if table.maximise == "quantile":
+                return np.stack([self._quantile(built, count)[0] + none, self.least_yield - soft])
+            # Far from any yield, the margin itself leads the way.
+            total: Array = 1e-3 * np.clip(worst, 0, 5).mean(axis=-1) - soft + none
+            if table.give_up is None:
+                return total[None]
             goal, before = problem.goals[0], self.goal_at_nominal
-            value = problem.number(goal, unit)
+            value = goal.values(nominal)
             lost = goal.sign * (value - before) / max(abs(before), 1e-300)
             if math.isinf(before):  # all of it, or nothing
-                lost = float(value != before)
-            total += HARD * max(0.0, lost - table.give_up)
-        return total
+                lost = (value != before).astype(float)
+            return np.stack([total, np.broadcast_to(lost, count) - table.give_up])
 
-    def _quantile(self, built: Camera, count: int) -> tuple[float, float]:
-        """Merit and value of the goal that `quantile` of so many builds reach."""
+    def _quantile(self, built: Camera, count: int) -> tuple[Array, Array]:
+        """Merit and value of the goal that `quantile` of the builds of each of so many designs reach."""
         with np.errstate(all="ignore"):
-            merit = np.broadcast_to(self.problem.merit(built), count)
-            values = np.broadcast_to(self.problem.goals[0].values(built), count)
+            merit = np.broadcast_to(self.problem.merit(built), built.shape).reshape(count, -1)
+            values = np.broadcast_to(self.problem.goals[0].values(built), built.shape).reshape(count, -1)
         merit = np.where(np.isnan(merit), np.inf, merit)
-        at = np.argsort(merit)[min(count, math.ceil(self.table.quantile * count)) - 1]
-        return float(merit[at]), float(values[at])
+        trials = merit.shape[1]
+        at = np.argsort(merit)[:, min(trials, math.ceil(self.table.quantile * trials)) - 1, None]
+        return np.take_along_axis(merit, at, 1)[:, 0], np.take_along_axis(values, at, 1)[:, 0]
 
     def statistics(self, unit: Array) -> _BuildStatistics:
         """Statistics on fresh deviations."""
@@ -254,5 +270,11 @@ class _Aim:
         held = np.nan_to_num(problem.rows_of(built, count), nan=np.inf) <= FEASIBLE
         owner = np.array([row.constraint for row in problem.rows])
         each = tuple(float(held[owner == k].all(axis=0).mean()) for k in range(len(problem.constraints)))
-        passed, (_, reached) = Yield(int(held.all(axis=0).sum()), count), self._quantile(built, count)
-        return _BuildStatistics(passed, problem.number(problem.goals[0], unit), reached, each)
+        passed, (_, reached) = Yield(int(held.all(axis=0).sum()), count), self._quantile(built, 1)
+        return _BuildStatistics(passed, problem.number(problem.goals[0], unit), float(reached[0]), each)
+
+
+def _penalised(guard: Guard, unit: Array) -> tuple[float]:
+    """Merit with a penalty on the row that is to hold."""
+    values, _ = guard.rows(unit)
+    return (float(values[0] + HARD * np.maximum(values[1:], 0.0).sum()),)

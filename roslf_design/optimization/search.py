@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from heapq import heappush, heappushpop
 from typing import Any, Literal
 
 import numpy as np
@@ -32,6 +33,8 @@ XTOL, FTOL = 1e-11, 1e-14
 QUICK = 1e-8
 """Relative change of the merit at which an unpolished search ends."""
 GLOBAL_FTOL = 1e-9
+AGREED = 1e-2
+"""Spread of the merit over CRS2's population at which it has found its valley: a polish follows it to the bottom."""
 ROW_TOLERANCE = 1e-11
 """Passed to nlopt; the guard's own `FEASIBLE` decides."""
 NEAR = 1e-7
@@ -217,22 +220,28 @@ def slsqp(guard: Guard, start: ArrayLike, evaluations: int = 300, ftol: float = 
 
 
 def globally(
-    guard: Guard, n: int, algorithm: Global, weight: float, evaluations: int, seed: int, ftol: float = GLOBAL_FTOL
+    guard: Guard, n: int, algorithm: Global, weight: float, evaluations: int, seed: int, agreed: float = AGREED
 ) -> Array:
     """A global search over n variables: CRS2_LM on the merit plus `weight` times the violation, or ISRES.
 
-    Gives CRS2_LM's point of least merit plus penalty, feasible or not; ISRES keeps to the rows themselves, and gives
-    its best feasible point if it met one.
+    Gives CRS2_LM's point of least merit plus penalty, feasible or not, once those of its population differ by no more
+    than `agreed`; ISRES keeps to the rows themselves, and gives its best feasible point if it met one.
     """
     import nlopt
 
     nlopt.srand(seed + 1)  # 0 would mean the clock
     middle = np.full(n, 0.5)
     penalty = 0.0 if algorithm == "isres" else weight
+    population: list[float] = []  # CRS2's is the best so many points: a heap, the worst first
 
     def cost(unit: Array) -> tuple[float]:
+        full = algorithm == "crs2" and len(population) == 10 * (n + 1)
+        if full and max(population) - population[0] <= agreed and -population[0] < BIG:
+            raise nlopt.ForcedStop
         values, _ = guard.rows(unit)
-        return (float(values[0] + penalty * np.maximum(values[1:], 0.0).sum()),)
+        own = float(values[0] + penalty * np.maximum(values[1:], 0.0).sum())
+        (heappushpop if full else heappush)(population, -own)
+        return (own,)
 
     held = range(1, len(guard.rows(middle)[0])) if algorithm == "isres" else ()
     unit, _ = derivative_free(
@@ -240,7 +249,7 @@ def globally(
         cost,
         middle,
         [lambda unit, k=k: float(guard.rows(unit)[0][k]) for k in held],  # type: ignore[misc]
-        ftol=ftol,
+        ftol=GLOBAL_FTOL if algorithm == "isres" else 0.0,
         xtol=XTOL,
         budget=guard.budget.at_most(evaluations),
     )
@@ -261,7 +270,7 @@ def derivative_free(
     """The point of least cost that one of nlopt's algorithms meets from a start, and how many points it tried.
 
     The cost may have kinks; its first number is made small, further ones decide between equals. Only ISRES holds limits
-    (not above 0). The budget is the caller's to spend.
+    (not above 0). The budget is the caller's to spend; a cost that raises `nlopt.ForcedStop` ends it.
     """
     import nlopt
 
@@ -300,7 +309,7 @@ def _run(optimiser: Any, start: ArrayLike, xtol: float, budget: SearchBudget) ->
     if math.isfinite(budget.deadline):
         optimiser.set_maxtime(max(budget.deadline - time.monotonic(), 1e-3))  # 0 would be no limit
     # From one version of nlopt to the next its exceptions change their names, and whether they are RuntimeErrors.
-    names = ("RoundoffLimited", "roundoff_limited", "runtime_error")
+    names = ("RoundoffLimited", "roundoff_limited", "ForcedStop", "forced_stop", "runtime_error")
     with suppress(RuntimeError, *(getattr(nlopt, name) for name in names if hasattr(nlopt, name))):
         optimiser.optimize(_inside(start))
 

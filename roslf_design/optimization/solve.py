@@ -24,7 +24,7 @@ from .problem import ROOM, DesignProblem, promising_starts, sobol_units
 from .search import (
     BIG,
     FTOL,
-    GLOBAL_FTOL,
+    QUICK,
     Global,
     Guard,
     Search,
@@ -73,7 +73,7 @@ class Settings(SolverTable):
 
     seed: int = 0
     accuracy: float | None = None
-    """Error allowed in the merit (0.01: 1 % of a goal); None polishes every search to rounding."""
+    """Error allowed in the merit (0.01: 1 % of a goal); None: searches end at 1e-8."""
 
     def fresh(self) -> SearchBudget:
         """All that may be tried, from now on."""
@@ -90,7 +90,7 @@ class Settings(SolverTable):
 
         A hundredth: along a curved valley (Rosenbrock's) the last of many small steps leaves up to fifty of them.
         """
-        return FTOL if self.accuracy is None else max(FTOL, self.accuracy / 100)
+        return QUICK if self.accuracy is None else max(FTOL, self.accuracy / 100)
 
 
 USUAL = Settings()
@@ -315,8 +315,8 @@ def _check(problem: DesignProblem, name: Global, settings: Settings, budget: Sea
     known = _conditions(problem, best.unit)[0] if best.feasible else ()
     steepest = max((a.multiplier for a in known), default=0.0 if best.feasible else 10.0)
     guard = Guard(problem.vector, budget)
-    ftol, most = max(GLOBAL_FTOL, settings.tolerance), min(1500 * problem.n, 9000) // (5 if problem.summed else 1)
-    unit = globally(guard, problem.n, name, 1.0 + 3.0 * steepest, most, settings.seed, ftol)
+    most = min(1500 * problem.n, 9000) // (5 if problem.summed else 1)
+    unit = globally(guard, problem.n, name, 1.0 + 3.0 * steepest, most, settings.seed)
     tolerance = max(settings.tolerance, problem.finest)
     polished = searched(problem, unit, budget, settings.evaluations, tolerance)
     solver = {"crs2": "CRS2_LM with penalty", "isres": "ISRES"}[name]

@@ -407,6 +407,7 @@ def _trust(answer: Answer) -> dict[str, Any]:
         "starts_at_the_answer": len(answer.equals),
         "first_order_residual": answer.residual if answer.feasible else None,
         "gradient_error": answer.gradient_error,
+        "merit": answer.merit,
         "checks": [
             {
                 "solver": check.solver,
@@ -417,7 +418,6 @@ def _trust(answer: Answer) -> dict[str, Any]:
             }
             for check in answer.checks
         ],
-        "merit": answer.merit,
     }
 
 

@@ -22,7 +22,7 @@ WARMER = 0.5
 
 def plane_at(c: Camera, at: Depth | Array) -> ImagedPlane:
     """Plane `at` [mm] ahead of the bore's tip, or the focal plane."""
-    return c.focus if at is None else c.plane(at + c.tip)
+    return c.focus if at is None else c.plane_ahead(at)
 
 
 def depth_at(c: Camera, at: Depth | Array) -> Array:

@@ -43,7 +43,7 @@ def _own_blur(c: Camera) -> Array:
 
 def inverse_virtual_depth(c: Camera, at: float) -> Array:
     """1/v of a plane `at` a distance ahead of the bore's tip [mm]; infinite at the focal plane."""
-    seen = c.plane(at + c.tip).distance
+    seen = c.plane_ahead(at).distance
     return ratio(c.seen.d_2, c.seen.d_1 - ratio(c.f, 1 - ratio(c.f, seen)))
 
 

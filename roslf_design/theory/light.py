@@ -83,7 +83,7 @@ def object_scale(c: Camera, at: Number | None = None) -> Array:
     """
     if at is None:
         return magnitude(product(c.seen.inverse_m, c.focus.magnification))
-    plane = c.plane(at + c.tip)
+    plane = c.plane_ahead(at)
     # What a rod or a lens shows beyond infinity has depth and magnification both below 0.
     return magnitude(c.seen.inverse_m * (np.asarray(plane.distance - c.seen.d_3) / c.seen.gap * plane.magnification))
 
@@ -218,6 +218,15 @@ def sensor_field(c: Camera, margin: ArrayLike = 0.0) -> SensorField:
     margin : array_like, optional
         How far beyond the sensor's edge image centres may lie [mm]; below 0 they lie inside.
     """
+    if np.any(margin):
+        return _sensor_field(c, np.asarray(margin))
+    if SensorField not in c.worked_out:  # several quantities of a camera hang on it
+        c.worked_out[SensorField] = _sensor_field(c, np.zeros(()))
+    field: SensorField = c.worked_out[SensorField]
+    return field
+
+
+def _sensor_field(c: Camera, margin: Array) -> SensorField:
     grow = 1 + product(c.seen.d_2, c.seen.vergence)
     backward = np.real(grow) < 0
     spread = product(c.seen.d_2, stop_angle(c, c.seen.d_3))
@@ -228,7 +237,7 @@ def sensor_field(c: Camera, margin: ArrayLike = 0.0) -> SensorField:
         c.sensor_size,
         strict=True,
     ):
-        middle, half = sensor + product(spread, pupil), np.maximum(size / 2 + np.asarray(margin), 0.0)
+        middle, half = sensor + product(spread, pupil), np.maximum(size / 2 + margin, 0.0)
         ends = ratio(middle - half, grow), ratio(middle + half, grow)
         low = np.clip(np.where(backward, ends[1], ends[0]), array - wide / 2, array + wide / 2)
         lows.append(low)

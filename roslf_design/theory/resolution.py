@@ -235,6 +235,13 @@ class FieldTransfer:
         grid = grid[: len(passed)]
         return [self._fall(grid, passed, level, kind, direction) if level < 1 else 0.0 for level in levels]
 
+    def limits_each_way(self, levels: Sequence[float], kind: Kind) -> tuple[list[float], list[float]]:
+        """`limits` of tangential and of sagittal detail."""
+        tangential = self.limits(levels, kind, "tangential")
+        if self.round and 0 < self.along < math.inf:
+            return tangential, [limit * self.along / self.across for limit in tangential]
+        return tangential, self.limits(levels, kind, "sagittal")
+
     def _fall(self, grid: Array, passed: Complex, level: float, kind: Kind, direction: Direction) -> float:
         """Object frequency at which the transfer, known on a grid, first falls to a level [lp/mm]."""
         for _ in range(MOST_CLOSER):

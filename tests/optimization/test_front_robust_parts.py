@@ -89,6 +89,11 @@ def test_robust_design_beside_the_nominal_one():
         held += 0.98 <= seen.f_number.fill_factor <= 1.0 and seen.non_distortion.room_at_corner_mm >= 0
     own = (TIGHT.rows_of(scatter.builds(TIGHT, found.unit, scatter.fresh[:, :count]), count) <= 1e-9).all(axis=0).sum()
     assert held == own
+    # Of several designs at once each has the builds that it has alone.
+    units = np.stack([found.unit, found.unit * 0.9])
+    few = scatter.fresh[:, :5]
+    alone = [TIGHT.rows_of(scatter.builds(TIGHT, unit, few), 5) for unit in units]
+    assert TIGHT.rows_of(scatter.builds(TIGHT, units, few), 10) == pytest.approx(np.concatenate(alone, axis=1))
     # What is told is what was applied: 0.4 % of this design's own d_2, not of the base design's.
     told = scatter.tolerances(TIGHT, found.unit)
     assert told["sensor.distance"] == pytest.approx(0.004 * hardware.d_2, rel=1e-12)

@@ -50,6 +50,15 @@ def test_nan_does_not_kill_the_global_search():
     assert guard.unit == pytest.approx(OPTIMUM, abs=2e-2)
 
 
+def test_a_global_search_ends_where_its_population_agrees_and_a_polish_does_the_rest():
+    rough, fine = Guard(Toy().vector), Guard(Toy().vector)
+    start = globally(rough, 2, "crs2", 10.0, 5000, 0, 0.1)
+    globally(fine, 2, "crs2", 10.0, 5000, 0, 1e-6)
+    assert 30 < rough.evaluations < fine.evaluations < 5000
+    assert fine.unit == pytest.approx(OPTIMUM, abs=2e-3)
+    assert search(Toy().vector, start).unit == pytest.approx(OPTIMUM, abs=1e-6)
+
+
 def test_isres_keeps_to_the_rows():
     guard = Guard(Toy().vector)
     globally(guard, 2, "isres", 0.0, 4000, 3)

@@ -74,10 +74,8 @@ def resolution_map(design: Design) -> Picture:
     values = np.full((ROWS, COLUMNS), math.nan)
     for row, at in enumerate(distances):
         for column in range(COLUMNS):
-            transfer = images.transfer(column, float(at))
-            values[row, column] = min(
-                transfer.limits((0.5,), "refocused", way)[0] for way in ("tangential", "sagittal")
-            )
+            each_way = images.transfer(column, float(at)).limits_each_way((0.5,), "refocused")
+            values[row, column] = min(limit for (limit,) in each_way)
     known = values[np.isfinite(values)]
     top = float(known.max(initial=0.0)) or 1.0
     x, y = Scale(0.0, 100.0), Scale(float(distances[0]), float(distances[-1]))
