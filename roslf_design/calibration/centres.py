@@ -26,6 +26,8 @@ _DIM = 0.05
 """Contrast under which a microlens shows no image, against those in the light's middle."""
 _BEND = 0.05
 """Least distance between straight and bent lattice that a bend is worth [px]."""
+_BENT = 3
+"""Order of the distortion that measured centres carry."""
 _OFF = 0.1
 """Distance from their lattice that the centres of a neighbourhood may share [px]: more is told."""
 _DARK_SCENE = 0.1
@@ -434,10 +436,10 @@ def _centred(
         )
     free = 1 - pull
     whole = _without_ripple(nodes, indices, moments.offset / free, good)
-    bent = _bent(indices[good], (nodes + whole)[good], lattice.layout)
+    order = _BENT if _bent(indices[good], (nodes + whole)[good], lattice.layout) else 1
 
     def fitted(offset: Array) -> LatticeFit:
-        return fit_lattice(indices[good], (nodes + offset)[good], lattice.layout, bent)
+        return fit_lattice(indices[good], (nodes + offset)[good], lattice.layout, order)
 
     plain = fitted(whole)
     # Mean second moments about the windows' middles along one axis [px^2].
@@ -465,7 +467,7 @@ def _bent(indices: NDArray[np.int64], centres: Array, layout: Layout) -> bool:
     """Whether centres follow a bent lattice, surely and by more than the images' own noise matters."""
     if len(indices) < _SURE:
         return False
-    fit = fit_lattice(indices, centres, layout, bent=True)
+    fit = fit_lattice(indices, centres, layout, _BENT)
     assert fit.lattice.bend is not None
     # What of the bend no straight lattice takes up.
     straight = fit_lattice(indices, fit.lattice.nodes(indices[:, 0], indices[:, 1]), layout).residuals

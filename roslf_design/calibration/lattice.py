@@ -36,27 +36,28 @@ _CLIP, _ROUNDS = 5.0, 6
 
 @dataclass(frozen=True)
 class LatticeBend:
-    """How far nodes lie from a regular lattice: a polynomial of second and third order, 0 with its slopes at `middle`.
+    """How far nodes lie from a regular lattice: a polynomial of second order and up, 0 with its slopes at `middle`.
 
-    Distortion by a relay or by the main lens's pupil, tilts, and decentres of either are of these orders.
+    Distortion by a relay or by the main lens's pupil, tilts, and decentres of either are of second and third order.
     """
 
     middle: tuple[float, float]
     """Indices (i, j) about which it is expanded."""
-    reach: float
-    """Indices from there that count as 1."""
+    reach: tuple[float, float]
+    """Indices from there that count as 1, along each."""
     terms: tuple[tuple[float, float], ...]
-    """Displacement (x, y) [px] of each column of `bend_columns`."""
+    """Displacement (x, y) [px] of each column of `bend_columns`, of as many orders as there are."""
 
     def at(self, indices: Array) -> Array:
         """Displacement [px] of nodes of `indices`, both of shape (..., 2)."""
-        return np.asarray(bend_columns((indices - self.middle) / self.reach) @ np.array(self.terms))
+        order = math.isqrt(8 * len(self.terms) + 25) // 2 - 1
+        return np.asarray(bend_columns((indices - self.middle) / self.reach, order) @ np.array(self.terms))
 
 
-def bend_columns(places: Array) -> Array:
-    """Monomials of second and third order of places (..., 2), shape (..., 7)."""
-    x, y = places[..., 0], places[..., 1]
-    return np.stack([x * x, x * y, y * y, x**3, x * x * y, x * y * y, y**3], axis=-1)
+def bend_columns(places: Array, order: int = 3) -> Array:
+    """Monomials of places (..., 2) of second order and up to another, shape (..., terms); of third order 7."""
+    x, y = np.moveaxis(np.polynomial.polynomial.polyvander(places, order), -2, 0)
+    return np.stack([x[..., n - k] * y[..., k] for n in range(2, order + 1) for k in range(n + 1)], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -153,10 +154,13 @@ class LatticeFit(NamedTuple):
         return float(np.sqrt(np.mean(self.residuals[self.inliers] ** 2)))
 
 
-def fit_lattice(indices: ArrayLike, centres: ArrayLike, layout: Layout, bent: bool = False) -> LatticeFit:
-    """Least-squares lattice through measured centres [px] of the lattice indices (i, j), both of shape (n, 2).
+def fit_lattice(
+    indices: ArrayLike, centres: ArrayLike, layout: Layout, order: int = 1, *, clipped: bool = True
+) -> LatticeFit:
+    """Least-squares lattice through centres [px] of the lattice indices (i, j), both of shape (n, 2).
 
-    Outliers are clipped at 5 robust standard deviations an axis. With `bent`, the lattice's `bend` is fitted as well.
+    Outliers are clipped at 5 robust standard deviations an axis, unless centres are exact and none is to be `clipped`.
+    Beyond the first `order` the lattice's `bend` is fitted as well.
 
     Raises
     ------
@@ -166,10 +170,10 @@ def fit_lattice(indices: ArrayLike, centres: ArrayLike, layout: Layout, bent: bo
     ij, xy = np.asarray(indices, float), np.asarray(centres, float)
     used = np.ones(len(ij), bool)
     middle = ij.mean(axis=0) if len(ij) else np.zeros(2)
-    reach = max(float(np.abs(ij - middle).max(initial=0.0)), 1.0)
+    reach = np.abs(ij - middle).max(axis=0, initial=1.0)
     design = np.column_stack([np.ones(len(ij)), ij - middle])
-    if bent:
-        design = np.column_stack([design, bend_columns((ij - middle) / reach)])
+    if order > 1:
+        design = np.column_stack([design, bend_columns((ij - middle) / reach, order)])
     for _ in range(_ROUNDS):
         if used.sum() <= design.shape[1] or np.linalg.matrix_rank(design[used]) < design.shape[1]:
             raise CalibrationError(
@@ -180,7 +184,7 @@ def fit_lattice(indices: ArrayLike, centres: ArrayLike, layout: Layout, bent: bo
         distance = np.hypot(residuals[:, 0], residuals[:, 1])
         spread = float(np.median(distance[used])) / 1.1774  # the median length of a 2D normal vector is 1.1774 sigma
         inliers = distance <= max(_CLIP * spread, 1e-9)
-        if np.array_equal(inliers, used):
+        if not clipped or np.array_equal(inliers, used):
             break
         used = inliers
     variance = float(np.sum(residuals[used] ** 2)) / max(2 * (int(used.sum()) - design.shape[1]), 1)
@@ -188,9 +192,9 @@ def fit_lattice(indices: ArrayLike, centres: ArrayLike, layout: Layout, bent: bo
     shift = np.array([[1.0, -middle[0], -middle[1]], [0, 1, 0], [0, 0, 1]])
     origin, first, second = ((float(x), float(y)) for x, y in shift @ solution[:3])
     bend = None
-    if bent:
+    if order > 1:
         terms = tuple((float(x), float(y)) for x, y in solution[3:])
-        bend = LatticeBend((float(middle[0]), float(middle[1])), reach, terms)
+        bend = LatticeBend((float(middle[0]), float(middle[1])), (float(reach[0]), float(reach[1])), terms)
     lattice = CentreLattice(origin, first, second, layout, bend)
     error = np.sqrt(np.einsum("nk,kl,nl->n", design[:, 3:], inverse[3:, 3:], design[:, 3:]))
     return LatticeFit(lattice, residuals, used, shift @ inverse[:3, :3] @ shift.T, error)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..bore.opening import POINT
 from ..calibration.decoding import DARKEST, LightField
-from ..calibration.lattice import CentreLattice, LatticeBend, bend_columns
+from ..calibration.lattice import CentreLattice, fit_lattice
 from ..camera import Camera
 from ..design import Design
 from ..fates import RayFate
@@ -47,8 +47,8 @@ STEP = 0.25
 """Disparity to either side of the focal plane that P is taken from [pitches]."""
 AWAY = 1e9
 """Taken for infinity [mm]."""
-MANY = 30
-"""Images from which on their centres are followed to third order, as distortion bends their lattice."""
+CENTRES_DEGREE = 9
+"""Order to which images' centres are followed over the array: an aberrated pupil's lie up to 0.5 px off the fifth."""
 ENOUGH = 1.5
 """Places traced for each coefficient of a polynomial over the array."""
 
@@ -92,16 +92,15 @@ class TracedViews:
             shape (2, t, s, v, u).
         """
         x, y = (axis * float(self.camera.d) for axis in (field.u, field.v))
-        along, down = (nodes_between(axis.min(), axis.max(), NODES) for axis in (x, y))
+        along, down, nodes = _nodes_over(*np.array([[axis.min(), axis.max()] for axis in (x, y)]).T)
         points = POINTS
         if (opening := self.mounted.fap.opening).straight:  # whose corners the rings, too, are to reach
             points = np.stack(opening.places(*2 * points.T), -1) / opening.width @ _turned(self.design).T
-        nodes = np.stack(np.meshgrid(along, down), -1).reshape(-1, 2)
         looks, good = self.view_coordinates(nodes, points)
         image, _, _ = self.image_maps(microlenses(self.design, nodes))
         # Polynomials over the pupil at each place, then over the places what these are made of.
         over_pupil = np.linalg.pinv(_over_pupil(points.T).T)
-        degree = next((n for n in (FIELD_DEGREE, 3, 1) if good.sum() >= ENOUGH * (n + 1) * (n + 2) / 2), -1)
+        degree = _degree(int(good.sum()), FIELD_DEGREE)
         dark = np.ones((len(y), len(x)), np.bool_)
         coefficients = np.zeros((2, 2, len(over_pupil), *dark.shape))
         if degree >= 0:
@@ -272,7 +271,7 @@ class TracedViews:
         return np.where(middle.ok[:, None], rays, np.nan)
 
     def lattice(self, lattice: CentreLattice, indices: NDArray[np.int64], pixel: float) -> CentreLattice:
-        """The lattice, bent to third order, that fits the images of some microlenses, where it is known by first order.
+        """The lattice, bent, that images of microlenses lie on, where it is known by first order.
 
         Parameters
         ----------
@@ -283,26 +282,21 @@ class TracedViews:
         pixel : float
             [mm]
         """
-        mounted, camera = self.mounted, self.camera
-        some = indices[:: max(1, len(indices) // 200)]
-        places = some @ PACKINGS[lattice.layout].steps.T * float(camera.d)
-        c = microlenses(self.design, places)
+        mounted, steps = self.mounted, PACKINGS[lattice.layout].steps
+        if not len(indices):
+            return lattice
+        at = indices @ steps.T
+        _, _, nodes = _nodes_over(at.min(0) - 0.5, at.max(0) + 0.5)
+        c = microlenses(self.design, nodes * float(self.camera.d))
         middle = sensor_of_pupil(mounted, c, mounted.fap.centre)
         first = c + mounted.d_2 * chief_slope(mounted, c, mounted.fap.centre)
         _, shift, whole = self.image_maps(c)
-        moved = (middle.sensor + shift - first) / pixel
-        if whole.sum() < 6:
+        order = _degree(int(whole.sum()), CENTRES_DEGREE)
+        if order < 1:
             return lattice
-        mean = some.mean(0)
-        about, reach = (float(mean[0]), float(mean[1])), max(float(np.abs(some - mean).max()), 1.0)
-        near = (some - mean) / reach
-        bent = whole.sum() >= MANY
-        columns = np.concatenate([np.ones((len(some), 1)), some, *([bend_columns(near)] if bent else [])], -1)[whole]
-        add = np.linalg.lstsq(columns, moved[whole], rcond=None)[0]
-        parts = np.array([lattice.origin, lattice.first, lattice.second]) + add[:3]
-        origin, one, other = ((float(x), float(y)) for x, y in parts)
-        bend = LatticeBend(about, reach, tuple((float(x), float(y)) for x, y in add[3:])) if bent else None
-        return replace(lattice, origin=origin, first=one, second=other, bend=bend)
+        some = nodes[whole] @ np.linalg.inv(steps).T
+        centres = lattice.nodes(*some.T) + (middle.sensor + shift - first)[whole] / pixel
+        return fit_lattice(some, centres, lattice.layout, order, clipped=False).lattice
 
 
 class _Spot(NamedTuple):
@@ -396,6 +390,17 @@ def _linear(points: Array, values: Array) -> Array:
     """Linear parts, row by column, of values (..., p, 2) over points (p, 2), shape (..., 2, 2)."""
     columns = np.concatenate([np.ones((len(points), 1)), points], -1)
     return np.asarray(np.linalg.pinv(columns)[1:] @ values)
+
+
+def _nodes_over(low: Array, high: Array) -> tuple[Array, Array, Array]:
+    """Nodes along each axis of a box, and all of them, shape (n, 2)."""
+    along, down = (nodes_between(*ends, NODES) for ends in zip(low, high, strict=True))
+    return along, down, np.stack(np.meshgrid(along, down), -1).reshape(-1, 2)
+
+
+def _degree(places: int, most: int) -> int:
+    """Degree of polynomials over the array that so many places carry; -1 of none."""
+    return next((n for n in (most, 3, 1) if places >= ENOUGH * (n + 1) * (n + 2) / 2), -1)
 
 
 def _box(x: Array, y: Array) -> tuple[Array, Array]:

@@ -157,7 +157,7 @@ def test_a_wall_stands_where_it_is(design, away, size, exposure):
 
 
 def test_centres_of_images_follow_distortion_over_the_whole_sensor():
-    """To 0.1 px, which the fifth order leaves; of what a regular lattice leaves at the sides depth makes bias."""
+    """Of what a regular lattice leaves at the sides, or the fifth order's .08 px, depth makes bias."""
     design = roslf.load("paper-singlet")
     camera, strip = Camera.of(design.thin_twin), Region(300, 1462, 4000, 156)
     traced, regular = TracedViews(design, camera, lambda b: depth_of(camera, b)), lattice_of(camera, strip)
@@ -171,5 +171,5 @@ def test_centres_of_images_follow_distortion_over_the_whole_sensor():
     off = lattice.nodes(*some.T) - regular.nodes(*some.T) - moved
     columns = np.concatenate([np.ones((len(some), 1)), some], -1)
     straight = moved - columns @ np.linalg.lstsq(columns, moved, rcond=None)[0]
-    assert np.abs(off).max() < 0.1
-    assert np.abs(straight).max() > 4 * np.abs(off).max()
+    assert np.abs(off).max() < 0.005
+    assert np.abs(straight).max() > 100 * np.abs(off).max()
