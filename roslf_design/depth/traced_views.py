@@ -11,8 +11,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -180,16 +181,15 @@ class TracedViews:
         self, field: LightField, places: Array, waves: Array, disparities: Array
     ) -> Iterator[tuple[NDArray[np.complex128], Array]]:
         """Waves as microlenses show them, as `TracedLens` has it."""
-        coefficients = self._polynomials(places)
-        shown, where = [], []
-        for image, (pupil, aside, seen) in zip(self.images(places), np.moveaxis(coefficients, 0, 1), strict=True):
-            spot = _Spot.of(self.camera, field, image, seen)
-            sent, one = spot.among_neighbours(waves), np.ones((1, *spot.inside.shape))
-            light, own = spot.among_neighbours(np.zeros((1, 2)))(one).real, spot(one)
-            lit, mine = (np.where(part > DARKEST, part, np.inf) for part in (light, own))
-            each = [np.tensordot(aside + b * pupil, spot.powers, (0, 0)) for b in disparities.tolist()]
-            shown.append([sent(np.exp(-2j * math.pi * np.tensordot(waves, look, 1))) / lit for look in each])
-            where.append([spot(look) / mine for look in each])
+        coefficients, images = self._polynomials(places), self.images(places)
+        sampled, shown, where = _Sampled.of(self.camera, field, images), [], []
+        waving, still = sampled.among_neighbours(waves), sampled.among_neighbours(np.zeros((1, 2)))
+        for image, (pupil, aside, fap) in zip(images, np.moveaxis(coefficients, 0, 1), strict=True):
+            powers, inside = sampled.image(image, fap)
+            lit, mine = (np.where(part > DARKEST, part, np.inf) for part in (still(inside[None]).real, sampled(inside)))
+            each = [np.tensordot(aside + b * pupil, powers, (0, 0)) for b in disparities.tolist()]
+            shown.append([waving(inside * np.exp(-2j * math.pi * np.tensordot(waves, look, 1))) / lit for look in each])
+            where.append([sampled(inside * look) / mine for look in each])
         yield from zip(np.stack(shown, 2), np.stack(where, 2), strict=True)
 
     def _polynomials(self, places: Array) -> Array:
@@ -251,8 +251,8 @@ class TracedViews:
         A pixel and diffraction take in a good part of the pupil. Of cut images the means are those at where their light
         comes from on average, and the same spread about it as in whole images.
         """
-        spot = _Spot.of(self.camera, field, shape)
-        means = spot(spot.powers)
+        sampled = _Sampled.of(self.camera, field, shape[None])
+        means = sampled(math.prod(sampled.image(shape)))
         means = np.divide(means, means[0], out=np.zeros_like(means), where=means[0] > 1e-3)
         spread = means - products(means[PUPIL_DEGREE + 1], means[1], PUPIL_DEGREE)
         if pupil.ndim > 3:
@@ -299,83 +299,109 @@ class TracedViews:
         return fit_lattice(some, centres, lattice.layout, order, clipped=False).lattice
 
 
-class _Spot(NamedTuple):
-    """A whole microlens image before diffraction, and the way to its samples behind that and the pixels."""
+@dataclass(frozen=True, eq=False)
+class _Sampled:
+    """Way from whole microlens images before diffraction to their samples behind that and the pixels."""
 
+    camera: Camera
+    field: LightField
     at: Array
-    """Places along each axis [image pitches], shape (points,)."""
-    powers: Array
-    """`_over_pupil` at points of the image, shape (terms, points, points)."""
-    inside: Array
-    """Share of each point that lies inside."""
-    transfer: Callable[[Array, Array], Any]
-    """Transfer of diffraction, defocus, pixels and reading between them at frequencies [periods per image pitch]."""
-    finest: float
-    """Largest of them that anything passes at."""
-    layout: str
-    """Layout of the array."""
-    s: Array
-    """Places of the samples [image pitches]."""
-    t: Array
+    """Places along each axis that images are known at [image pitches], shape (points,)."""
 
     @classmethod
-    def of(cls, camera: Camera, field: LightField, shape: Array, fap: Array | None = None) -> _Spot:
-        """Image of such a shape, as `TracedLens.images` has it; exactly by polynomials of places on the FAP."""
-        pitch = float(microlens_image_pitch(camera))
-        radius = abs(float(microlens_image_diameter(camera)) / pitch) / 2
-        reach = math.ceil(FINE * (radius * np.linalg.norm(shape, 2) + 1 / FINE))
-        at = np.arange(-reach, reach + 1) / FINE
-        grid = np.tensordot(np.linalg.inv(shape), np.stack(np.meshgrid(at, at)), (0, 0))
+    def of(cls, camera: Camera, field: LightField, shapes: Array) -> _Sampled:
+        """Places for images of such shapes, as `TracedLens.images` has them, shape (n, 2, 2)."""
+        radius = abs(float(microlens_image_diameter(camera) / microlens_image_pitch(camera))) / 2
+        reach = math.ceil(FINE * (radius * float(np.linalg.norm(shapes, 2, (1, 2)).max()) + 1 / FINE))
+        return cls(camera, field, np.arange(-reach, reach + 1) / FINE)
+
+    def image(self, shape: Array, fap: Array | None = None) -> tuple[Array, Array]:
+        """`_over_pupil` at points of an image, shape (terms, points, points), and the share of each that lies inside.
+
+        Exactly by polynomials of places on the FAP.
+        """
+        camera = self.camera
+        width = abs(float(microlens_image_diameter(camera) / microlens_image_pitch(camera)))
+        grid = np.tensordot(np.linalg.inv(shape), np.stack(np.meshgrid(self.at, self.at)), (0, 0))
         # The microlens turns the FAP round.
         side = -math.copysign(1.0, float(camera.seen.A) * float(camera.seen.D_F))
-        image = camera.fap.outline.sized(2 * radius)
+        image = camera.fap.outline.sized(width)
         image = image._replace(turn=image.turn - float(camera["microlens_array.rotation"]))
-        powers = _over_pupil(side * grid / (2 * radius))
-        seen = grid if fap is None else side * 2 * radius * np.tensordot(fap, powers, (0, 0))
-        inside = np.clip(np.asarray(image.room(POINT, *seen)) * FINE + 0.5, 0, 1)
-        lens = MicrolensTransfer(
+        powers = _over_pupil(side * grid / width)
+        seen = grid if fap is None else side * width * np.tensordot(fap, powers, (0, 0))
+        return powers, np.clip(np.asarray(image.room(POINT, *seen)) * FINE + 0.5, 0, 1)
+
+    @cached_property
+    def lens(self) -> MicrolensTransfer:
+        """Transfer of diffraction and defocus."""
+        camera = self.camera
+        return MicrolensTransfer(
             float(camera.d), float(camera.seen.d_2), float(-microlens_defocus(camera) / camera.seen.d_2),
             (float(panchromatic(camera).wavelength),), camera.lens_shape,
         )  # fmt: skip
-        pixel = abs(float(camera.q) / pitch)
-        (by_x,), (by_y,) = reading(field)
 
-        def transfer(fx: Array, fy: Array) -> Any:
-            passed = lens(fx / abs(pitch), fy / abs(pitch)) * pixel_box(fx, pixel) * pixel_box(fy, pixel)
-            return passed * by_x(fx * pixel) * by_y(fy * pixel) / FINE**2
+    @property
+    def pitch(self) -> float:
+        """[mm]"""
+        return abs(float(microlens_image_pitch(self.camera)))
 
-        s, t = (axis / field.pitch for axis in (field.s, field.t))
-        finest = min(lens.cutoff * abs(pitch), FINE / 2 - 1)
-        return cls(at, powers, inside, transfer, finest, camera.layout, s, t)
+    @property
+    def finest(self) -> float:
+        """Largest frequency that anything passes at [periods per image pitch]."""
+        return min(self.lens.cutoff * self.pitch, FINE / 2 - 1)
 
-    def __call__(self, values: NDArray[Any]) -> NDArray[np.float64]:
-        """Values at its points (n, points, points), times its light alone, at the samples."""
+    def transfer(self, fx: Array, fy: Array) -> Any:
+        """Transfer of diffraction, defocus, pixels and reading between them at frequencies [periods per image pitch].
+
+        Those broadcast.
+        """
+        pixel = float(self.camera.q) / self.pitch
+        (by_x,), (by_y,) = reading(self.field)
+        pixels = pixel_box(fx, pixel) * by_x(fx * pixel) * (pixel_box(fy, pixel) * by_y(fy * pixel))
+        return self.lens(fx / self.pitch, fy / self.pitch) * pixels / FINE**2
+
+    @cached_property
+    def _alone(self) -> tuple[Array, Any, Array, Array]:
         frequency = np.arange(-math.ceil(self.finest * WIDE), math.ceil(self.finest * WIDE) + 1) / WIDE
         along = np.exp(-2j * math.pi * frequency[:, None] * self.at)
-        passed = self.transfer(*np.meshgrid(frequency, frequency)) / WIDE**2
-        x, y = (np.exp(2j * math.pi * at[:, None] * frequency) for at in (self.s, self.t))
-        return np.asarray((y @ (along @ (values * self.inside) @ along.T * passed) @ x.T).real)
+        passed = self.transfer(frequency, frequency[:, None]) / WIDE**2
+        at = (axis / self.field.pitch for axis in (self.field.s, self.field.t))
+        x, y = (np.exp(2j * math.pi * axis[:, None] * frequency) for axis in at)
+        return along, passed, x, y
+
+    def __call__(self, values: NDArray[Any]) -> NDArray[np.float64]:
+        """Samples of images that are so bright at their points (..., points, points), alone."""
+        along, passed, x, y = self._alone
+        return np.asarray((y @ (along @ values @ along.T * passed) @ x.T).real)
 
     def among_neighbours(self, waves: Array) -> Callable[[NDArray[Any]], NDArray[np.complex128]]:
-        """Map from values (n, points, points) to these, times light, at the samples; waves (n, 2) turn microlenses'.
+        """Map from images (n, points, points) to samples; all microlenses have it, turned by waves (n, 2).
 
         By Poisson's formula a sum over the lattice's frequencies.
         """
-        packing = PACKINGS[self.layout]
+        packing = PACKINGS[self.camera.layout]
         most = math.ceil(packing.orders * (self.finest + 1))
         n = np.arange(-most, most + 1.0)
-        fx = waves[:, 0, None, None] + n[:, None] + 0 * n
-        fy = waves[:, 1, None, None] + packing.wave_up(n[:, None], n)
-        across = np.exp(-2j * math.pi * self.at[:, None] * fx[:, None, :, 0])
+        up = packing.wave_up(n[:, None], n)
+        fx = waves[:, 0, None, None] + n[:, None]
+        # (wave, order along, order up): rows of a square array are alike in all orders along.
+        fy = waves[:, 1, None, None] + (up if np.ptp(up, axis=0).any() else up[:1])
+        s, t = (axis / self.field.pitch for axis in (self.field.s, self.field.t))
+        across = np.exp(-2j * math.pi * self.at[:, None] * fx[..., 0][:, None])
         down = np.exp(-2j * math.pi * fy[..., None] * self.at)
         passed = self.transfer(fx, fy) / packing.rise
-        back = np.exp(2j * math.pi * fy[..., None] * self.t)
-        along = np.exp(2j * math.pi * fx[..., 0, None] * self.s)
+        back = np.exp(2j * math.pi * fy[..., None] * t)
+        along = np.exp(2j * math.pi * fx * s)
 
-        def shown(values: NDArray[Any]) -> NDArray[np.complex128]:
-            lines = np.swapaxes((values * self.inside) @ across, 1, 2)[..., None]  # (wave, order, point, 1)
-            sent = (down @ lines)[..., 0] * passed
-            return np.asarray(np.swapaxes((sent[:, :, None] @ back)[:, :, 0], 1, 2) @ along)
+        def shown(images: NDArray[Any]) -> NDArray[np.complex128]:
+            lines = np.swapaxes(images @ across, 1, 2)  # (wave, order along, point)
+            if fy.shape[1] == 1:
+                sent = (lines @ np.swapaxes(down[:, 0], 1, 2)) * passed
+                rows = sent @ back[:, 0]
+            else:
+                sent = (down @ lines[..., None])[..., 0] * passed
+                rows = (sent[:, :, None] @ back)[:, :, 0]
+            return np.asarray(np.swapaxes(rows, 1, 2) @ along)
 
         return shown
 
