@@ -342,7 +342,7 @@ class _Sampled:
 
     @property
     def pitch(self) -> float:
-        """[mm]"""
+        """Pitch of the images [mm]."""
         return abs(float(microlens_image_pitch(self.camera)))
 
     @property
