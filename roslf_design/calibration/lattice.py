@@ -35,7 +35,7 @@ _CLIP, _ROUNDS = 5.0, 6
 
 
 @dataclass(frozen=True)
-class LatticeBend:
+class _LatticeBend:
     """How far nodes lie from a regular lattice: a polynomial of second order and up, 0 with its slopes at `middle`.
 
     Distortion by a relay or by the main lens's pupil, tilts, and decentres of either are of second and third order.
@@ -73,7 +73,7 @@ class CentreLattice:
     first: tuple[float, float]
     second: tuple[float, float]
     layout: Layout
-    bend: LatticeBend | None = None
+    bend: _LatticeBend | None = None
 
     def at(self, origin: Array) -> CentreLattice:
         """Lattice with its node (0, 0) moved to `origin` [px]."""
@@ -194,7 +194,7 @@ def fit_lattice(
     bend = None
     if order > 1:
         terms = tuple((float(x), float(y)) for x, y in solution[3:])
-        bend = LatticeBend((float(middle[0]), float(middle[1])), (float(reach[0]), float(reach[1])), terms)
+        bend = _LatticeBend((float(middle[0]), float(middle[1])), (float(reach[0]), float(reach[1])), terms)
     lattice = CentreLattice(origin, first, second, layout, bend)
     error = np.sqrt(np.einsum("nk,kl,nl->n", design[:, 3:], inverse[3:, 3:], design[:, 3:]))
     return LatticeFit(lattice, residuals, used, shift @ inverse[:3, :3] @ shift.T, error)
