@@ -252,7 +252,8 @@ class TracedViews:
         comes from on average, and the same spread about it as in whole images.
         """
         sampled = _Sampled.of(self.camera, field, shape[None])
-        means = sampled(math.prod(sampled.image(shape)))
+        powers, inside = sampled.image(shape)
+        means = sampled(powers * inside)
         means = np.divide(means, means[0], out=np.zeros_like(means), where=means[0] > 1e-3)
         spread = means - products(means[PUPIL_DEGREE + 1], means[1], PUPIL_DEGREE)
         if pupil.ndim > 3:
