@@ -656,7 +656,7 @@ def _shown(
     field: LightField, usable: NDArray[np.bool_], looks: PreparedViews, disparity: NDArray[np.float64],
     picture: NDArray[np.float64],
 ) -> NDArray[np.float32]:  # fmt: skip
-    """What samples would show of their own microlens, of a picture along disparities; shape (view, v, u)."""
+    """Samples of a picture along disparities, as microlenses alone would show it; shape (view, v, u)."""
     from scipy import ndimage
 
     lenses = field if field.hexagonal is None else field.hexagonal
