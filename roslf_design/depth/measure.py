@@ -384,7 +384,7 @@ def _with_shared(
     """
     from scipy import ndimage
 
-    assumed, rounds = list[Array](), [disparities]
+    assumed, rounds, lit = list[Array](), [disparities], views
     dull = saturated(field, noise).mean((2, 3)) > DULLED
     while len(rounds) < 3 and (begun := rounds[-1].begun) is not None:
         assumed.append(ndimage.median_filter(begun.disparity, rounds[0].window) + ASKED * (len(rounds) - 1))
@@ -392,8 +392,8 @@ def _with_shared(
         if shared is None:
             return views, disparities
         bright = np.where(dull[..., None, None], 0, shared.field.weight)
-        shared = shared._replace(field=replace(shared.field, weight=bright))
-        rounds.append(estimate(shared.field, shared.pupil, aside=shared.aside, begun=begun))
+        lit = shared._replace(field=replace(shared.field, weight=bright))
+        rounds.append(estimate(lit.field, lit.pupil, aside=lit.aside, begun=begun))
     if len(rounds) < 3:
         return views, disparities
     some = rounds[1].measured & rounds[2].measured
@@ -408,7 +408,7 @@ def _with_shared(
     told: dict[str, Any] = {
         name: np.where(some, parts.get(name, getattr(rounds[2], name)), getattr(disparities, name)) for name in names
     }
-    return shared, replace(disparities, **told)
+    return lit, replace(disparities, **told)
 
 
 def _aliased(design: Design, texture: Noise | None, true: Array) -> float:
