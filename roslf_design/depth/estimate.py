@@ -435,7 +435,7 @@ class _Views:
             beside = np.broadcast_to(beside[:, :, None, None], (2, *values.shape))
         good = known & np.isfinite(values) & (light > 0)
         lit = good.sum(axis=0)
-        full = good & _saturated(field if captured is None else captured, noise)[usable]
+        full = good & saturated(field if captured is None else captured, noise)[usable]
         light = np.where(good, light, np.float32(0))
         places = np.argwhere(usable)
         steps = (float(field.u[1] - field.u[0]), float(field.v[1] - field.v[0]))
@@ -488,7 +488,7 @@ def _checked(name: str, values: ArrayLike, field: LightField) -> Pictures:
     return array
 
 
-def _saturated(field: LightField, noise: PixelNoise) -> Flags:
+def saturated(field: LightField, noise: PixelNoise) -> Flags:
     """Samples that are saturated, or would be about as often as not where the light about them is as bright."""
     from scipy import ndimage
 

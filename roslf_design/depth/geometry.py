@@ -121,6 +121,11 @@ class Viewing(Protocol):
     def at_phase(self, views: PreparedViews, found: DisparityMap) -> PreparedViews | None:
         """Views as texture at the disparities found shows itself to them; None where they do not differ."""
 
+    def with_shared(
+        self, field: LightField, views: PreparedViews, disparity: Array, picture: Array
+    ) -> PreparedViews | None:
+        """Views with light that microlenses share, by disparities and a picture; None where that does not pay."""
+
 
 class ViewGeometry(Protocol):
     """Geometry that turns the disparities of a light field into depths."""
@@ -248,6 +253,12 @@ class _ArrayViewing:
         smooth = ndimage.median_filter(filled, SMOOTHED)
         return self.light.in_phase(views, smooth, least)
 
+    def with_shared(
+        self, field: LightField, views: PreparedViews, disparity: Array, picture: Array
+    ) -> PreparedViews | None:
+        """By what the picture says of neighbours' light."""
+        return self.light.with_shared(field, views, disparity, picture) if self.light.shares else None
+
 
 @dataclass(frozen=True)
 class GridGeometry:
@@ -276,6 +287,12 @@ class GridGeometry:
 
     def at_phase(self, views: PreparedViews, found: DisparityMap) -> PreparedViews | None:
         """Views of cameras look from where they stand."""
+        return None
+
+    def with_shared(
+        self, field: LightField, views: PreparedViews, disparity: Array, picture: Array
+    ) -> PreparedViews | None:
+        """Cameras share no light."""
         return None
 
     def places(self, field: LightField) -> Array:

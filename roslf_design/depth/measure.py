@@ -31,11 +31,11 @@ from ..theory.photometry import NOTHING, dark_variance, electrons, veil_electron
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
 from .dense import DenseMap
-from .estimate import DisparityMap, DisparityStatus, PixelNoise, Start, estimate_disparity
+from .estimate import DisparityMap, DisparityStatus, PixelNoise, Start, estimate_disparity, saturated
 from .geometry import ArrayGeometry, ViewGeometry, Viewing, disparity_of, sigma_of
 from .pictures import SLANT, Framed, PictureOptions, Unexposed, Work, chief_rays, default_scene, lattice_of, rays_for
 from .traced_views import TracedViews
-from .unmixing import places_on_array
+from .unmixing import PreparedViews, places_on_array
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -52,6 +52,9 @@ DIRECTIONS = 6
 """Directions of a texture whose errors behind a real lens are averaged."""
 PREDICTED = 8
 """Fields along each axis at which the error is predicted."""
+DULLED, ASKED, ANSWERS = 0.05, 0.05, (-1.0, 0.5)
+"""Share of a view's samples that are saturated from which light that it shares is left out; error of the disparities
+that say what neighbours send which asks for what comes of it [pitches], and bounds of what may, over it."""
 
 
 BEYOND = 100
@@ -349,7 +352,7 @@ def measure(
     viewing = viewing or geometry.viewing(field)
     # Where neighbours' light is taken off, that takes half of the time, and is done once more at the phase found.
     prepared, found, turned = (0.2, 0.5, 0.75) if isinstance(geometry, ArrayGeometry) else (0.0, 1.0, 1.0)
-    views = viewing.prepared(field)
+    views = prepared_views = viewing.prepared(field)
     progress(prepared)
     estimate = partial(
         estimate_disparity, noise=noise, search=search, window=geometry.window, captured=field,
@@ -359,6 +362,7 @@ def measure(
     if (again := viewing.at_phase(views, disparities)) is not None:
         views = again
         disparities = estimate(views.field, views.pupil, aside=views.aside, progress=part_of(progress, turned, 1.0))
+    views, disparities = _with_shared(field, noise, viewing, prepared_views, views, disparities, estimate)
     progress(1.0)
     field, pupil, aside = views
     z = geometry.depth(disparities.disparity)
@@ -367,6 +371,44 @@ def measure(
     sigma[known] = geometry.sigma(z[known], disparities.sigma[known])
     off = geometry.calibration_sigma(z)
     return Depths(geometry, field, pupil, aside, disparities, geometry.places(field), z, sigma, off)
+
+
+def _with_shared(
+    field: LightField, noise: PixelNoise, viewing: Viewing, looks: PreparedViews, views: PreparedViews,
+    disparities: DisparityMap, estimate: Callable[..., DisparityMap],
+) -> tuple[PreparedViews, DisparityMap]:  # fmt: skip
+    """Views and disparities once light that microlenses share tells them too.
+
+    What neighbours send follows from the disparities before, so that an error of those makes c times as much in those
+    found. A second round by others shows c; noise, the same in both, adds up to 1 + c of it, and c^2 of the first's.
+    """
+    from scipy import ndimage
+
+    assumed, rounds, lit = list[Array](), [disparities], views
+    dull = saturated(field, noise).mean((2, 3)) > DULLED
+    while len(rounds) < 3 and (begun := rounds[-1].begun) is not None:
+        assumed.append(ndimage.median_filter(begun.disparity, rounds[0].window) + ASKED * (len(rounds) - 1))
+        shared = viewing.with_shared(field, looks, assumed[-1], begun.picture)
+        if shared is None:
+            return views, disparities
+        bright = np.where(dull[..., None, None], 0, shared.field.weight)
+        lit = shared._replace(field=replace(shared.field, weight=bright))
+        rounds.append(estimate(lit.field, lit.pupil, aside=lit.aside, begun=begun))
+    if len(rounds) < 3:
+        return views, disparities
+    some = rounds[1].measured & rounds[2].measured
+    if not some.any():
+        return views, disparities
+    change, answer = (assumed[1] - assumed[0])[some], (rounds[2].disparity - rounds[1].disparity)[some]
+    c = float(np.clip(np.median(answer) / max(float(np.median(change)), ASKED / 2), *ANSWERS))
+    before = np.where(disparities.measured, disparities.sigma, rounds[1].sigma)
+    sigma = np.hypot((1 + c) * rounds[2].sigma, c**2 * before)
+    parts = {"disparity": rounds[2].disparity - c * ASKED, "sigma": sigma}
+    names = ("disparity", "sigma", "status", "chi2", "views", "picture")
+    told: dict[str, Any] = {
+        name: np.where(some, parts.get(name, getattr(rounds[2], name)), getattr(disparities, name)) for name in names
+    }
+    return lit, replace(disparities, **told)
 
 
 def _aliased(design: Design, texture: Noise | None, true: Array) -> float:

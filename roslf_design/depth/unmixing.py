@@ -68,6 +68,11 @@ LEAST, SURE, FOCUSED = 0.6, 0.65, 1.0
 """Own share of a sample's light under which it is dropped: it tells more of its neighbours. Share from which on it
 tells what the microlens sends others: of less errors would go to and fro, and the mean of its other samples does.
 Disparity up to which that does so well enough for samples of less to be used [pitches]."""
+SHARED, SENT, PAYS = 0.2, 0.02, 1.3
+"""Own share of a sample's light from which on it tells disparities where the picture says what neighbours send; share
+from which on its place counts among those that they send from; times the information from which on that pays."""
+AMPLITUDES = 4
+"""Rounds in which what the picture shows of each wave settles."""
 
 
 def places_on_array(camera: Camera, field: LightField) -> NDArray[np.float64]:
@@ -136,7 +141,7 @@ class ViewLight:
     """One of them, of which its places count; u and v count microlenses from the array's centre."""
     real: TracedLens | None = None
     """None of an ideal one."""
-    _phases: dict[tuple[int, int], _Phases] = dataclass_field(default_factory=dict)
+    _phases: dict[tuple[int, int, bool], _Phases] = dataclass_field(default_factory=dict)
     """By nodes and waves along each axis, as they are asked for."""
 
     @cached_property
@@ -157,24 +162,26 @@ class ViewLight:
         return math.copysign(1.0, float(self.camera.seen.A) * float(self.camera.seen.D_F))
 
     @cached_property
-    def _freeing(self) -> _Freeing:
+    def _mixed(self) -> tuple[ImageParts, _Map, NDArray[np.intp], NDArray[np.float64] | None]:
+        """Light in samples, the way from its nodes to lenses, the first lens of each row, and `beside`."""
         rows, columns, parts = self.parts
-        field, own = self.like, parts.steps.index((0, 0))
+        field = self.like
         parts = _as_they_stand(parts, field.u[columns], field.v[rows], PACKINGS[self.camera.layout].steps)
-        shares = _shares(parts.light)
         lenses = field if field.hexagonal is None else field.hexagonal
         size = (lenses.values.shape[2], lenses.values.shape[3])
         start = np.zeros(size[0], int)
         if field.hexagonal is not None:
             start = np.rint(field.hexagonal.starts - field.v / math.sqrt(3)).astype(int)
         maps = _Map.of(rows, columns, (len(field.v), len(field.u)), size)
-        mixed = parts
-        if (read := _each_between(self.camera, field, parts)) is not None:
-            mixed, maps = read
-            shares = _shares(mixed.light)
+        beside = self.beside(self.places[np.ix_(rows, columns)].reshape(-1, 2), parts)
+        return *(_each_between(self.camera, field, parts) or (parts, maps)), start, beside
+
+    @cached_property
+    def _freeing(self) -> _Freeing:
+        mixed, maps, start, beside = self._mixed
+        shares, own = _shares(mixed.light), mixed.steps.index((0, 0))
         mine = maps(np.moveaxis(shares[own], 0, -1))
         usable = np.asarray((mine > LEAST).any((2, 3)))
-        beside = self.beside(self.places[np.ix_(rows, columns)].reshape(-1, 2), parts)
         each = (False, True) if usable.any() else ()
         ways = [_Mixing.of(mixed, shares, own, usable, faint, beside) for faint in each]
         light, share = mixed.light.sum(0)[:, usable].T, shares[own][:, usable].T
@@ -229,7 +236,63 @@ class ViewLight:
             weight[usable] = np.where(gain > 0, light * share**2 / (1 + noise), 0)
         return _with(field, values, weight)
 
-    def in_phase(self, views: PreparedViews, disparity: NDArray[np.float64], least: float) -> PreparedViews | None:
+    @cached_property
+    def _sharing(self) -> tuple[NDArray[np.bool_], NDArray[np.float32], _Mixing]:
+        """As of `_Freeing`: usable ones, own share, and all light of neighbours."""
+        mixed, maps, _, beside = self._mixed
+        shares, own = _shares(mixed.light), mixed.steps.index((0, 0))
+        mine = maps(np.moveaxis(shares[own], 0, -1))
+        usable = np.asarray((mine > SENT).any((2, 3)))
+        return usable, mine[usable], _Mixing.of(mixed, shares, own, usable, None, beside, SENT)
+
+    @cached_property
+    def shares(self) -> bool:
+        """True where microlenses share so much of the light that tells disparities that `with_shared` pays."""
+        parts = self.parts[2]
+        own = parts.steps.index((0, 0))
+        share, light = _shares(parts.light)[own], parts.light.sum(0)
+
+        def told(least: float) -> float:
+            weight = np.where(share > least, light * share**2, 0)
+            total, spread = np.maximum(weight.sum((1, 2)), 1e-12), 0.0
+            for at in (parts.x[own], parts.y[own]):
+                spread += (weight * at**2).sum((1, 2)) - (weight * at).sum((1, 2)) ** 2 / total
+            return float(np.mean(spread))
+
+        return told(SHARED) > PAYS * told(LEAST) > 0
+
+    def with_shared(
+        self, field: LightField, looks: PreparedViews, disparity: NDArray[np.float64], picture: NDArray[np.float64]
+    ) -> PreparedViews | None:
+        """Views with samples that microlenses share, by what a picture and disparities say that neighbours send.
+
+        Parameters
+        ----------
+        field : LightField
+            As its pixels were read.
+        looks : PreparedViews
+            Where views look from, by mean places.
+        disparity, picture : ndarray, shape (v, u)
+            Found before.
+        """
+        usable, share, mixing = self._sharing
+        _, maps, start, _ = self._mixed
+        lenses = field if field.hexagonal is None else field.hexagonal
+        values, weight = np.zeros_like(lenses.values, np.float32), np.zeros_like(lenses.weight, np.float32)
+        light = lenses.weight[usable]
+        shown = _shown(field, usable, looks, disparity, picture)
+        gain = np.divide(1, share, out=np.zeros(light.shape, np.float32), where=(share > SHARED) & (light > 0))
+        raw, freed = np.asarray(lenses.values[usable], np.float32), np.empty_like(shown)
+        dark = np.zeros(shown.shape[1:], np.float32)
+        with THREADS:
+            _free.compiled(raw, gain, gain, np.zeros_like(raw), shown, dark, *mixing, *maps, start, freed)
+        values[usable] = np.where(gain > 0, freed, 0)
+        weight[usable] = np.where(gain > 0, light * share**2, 0)
+        return self.in_phase(looks._replace(field=_with(field, values, weight)), disparity, 0.0, shared=True)
+
+    def in_phase(
+        self, views: PreparedViews, disparity: NDArray[np.float64], least: float, shared: bool = False
+    ) -> PreparedViews | None:
         """Views taken to look from where the phase of their light says; None where that makes no difference.
 
         A texture of f periods a pitch at disparity B has nu = f B periods across the FAP. A view shows it turned by the
@@ -247,6 +310,8 @@ class ViewLight:
             Found with them [pitches].
         least : float
             Error of those, on average, that makes no difference [pitches].
+        shared : bool
+            Whether views are those of `with_shared`, and disparities were found in phase.
         """
         low, high = (float(np.quantile(disparity, part)) for part in (0.01, 0.99))
         step = max(DISPARITIES, (high - low) / MOST_DISPARITIES)
@@ -256,7 +321,7 @@ class ViewLight:
         most = min(COARSE, max(2, int(math.sqrt(MOST_FILTERS / samples))))
         aside = np.zeros_like(views.pupil) if views.aside is None else views.aside
         far = float(np.abs(aside if aside.ndim == 3 else np.where(views.field.weight > 0, aside, 0)).max())
-        key = most, WAVES + 2 * max(0, round(far) - 1)
+        key = most, WAVES + 2 * max(0, round(far) - 1), shared
         if key not in self._phases:
             self._phases[key] = _Phases.of(self, *key)
         phases = self._phases[key]
@@ -269,8 +334,8 @@ class ViewLight:
         lever = freed.weight * freed.pupil
         told = np.einsum("davn,avn->d", offset, lever) / max(float((lever * freed.pupil).sum()), 1e-12)
         count = disparities.size
-        at = np.interp(disparity, np.maximum.accumulate(disparities + told), np.arange(count))
-        if np.abs(np.interp(at, np.arange(count), told)).mean() < least:
+        at = np.interp(disparity, np.maximum.accumulate(disparities + told * (not shared)), np.arange(count))
+        if not shared and np.abs(np.interp(at, np.arange(count), told)).mean() < least:
             return None
         over_view = _Map.of(rows, columns, disparity.shape, disparity.shape)
         below = np.minimum(at.astype(int), count - 2)
@@ -294,7 +359,7 @@ class ViewLight:
             for nodes, n in ((rows, at.shape[0]), (columns, at.shape[1]))
         ]
         field = _filtered(views.field, freed.usable, kernels, at, near)
-        if (away := np.abs(disparity) > FOCUSED).any():
+        if not shared and (away := np.abs(disparity) > FOCUSED).any():
             sure = np.zeros((*freed.usable.shape, nodes))
             sure[freed.usable] = freed.sure
             field = replace(field, weight=np.where(away & (over_view(sure) < 0.5), 0, field.weight))
@@ -330,7 +395,7 @@ class _Phases(NamedTuple):
     """By disparity, as they are asked for."""
 
     @classmethod
-    def of(cls, light: ViewLight, most: int, side: int) -> _Phases:
+    def of(cls, light: ViewLight, most: int, side: int, shared: bool = False) -> _Phases:
         """At so many nodes along each axis, at most, by so many waves."""
         rows, columns, parts = light.parts
         few, some = (
@@ -338,7 +403,7 @@ class _Phases(NamedTuple):
         )
         nodes = (few[:, None] * columns.size + some).ravel()
         parts = ImageParts(parts.steps, *(part[:, nodes] for part in parts[1:]))
-        freed = _FreedWaves.of(light, rows[few], columns[some], parts)
+        freed = _FreedWaves.of(light, rows[few], columns[some], parts, shared)
         return cls(rows[few], columns[some], freed, _Waves.of(side, light.like, PACKINGS[light.camera.layout].fold), {})
 
     def at(self, disparities: list[float]) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
@@ -376,23 +441,28 @@ class _FreedWaves(NamedTuple):
     """As of `ViewLight.looks`, likewise."""
     weight: NDArray[np.float64]
     """Light that tells, shape (view, node)."""
+    shared: bool
+    """Whether neighbours' light is what a picture shows of it, as `with_shared` takes it, not what samples tell."""
 
     @classmethod
-    def of(cls, light: ViewLight, rows: NDArray[np.intp], columns: NDArray[np.intp], parts: ImageParts) -> _FreedWaves:
+    def of(
+        cls, light: ViewLight, rows: NDArray[np.intp], columns: NDArray[np.intp], parts: ImageParts, shared: bool
+    ) -> _FreedWaves:
         """Waves at microlenses of some rows and columns of views."""
         camera = panchromatic(light.camera)
         images = MicrolensImages(camera, light.places[np.ix_(rows, columns)].reshape(-1, 2))
         own = parts.steps.index((0, 0))
         total, shares = parts.light.sum(0), _shares(parts.light)
-        usable = (shares[own] > LEAST).any(0)
+        least, known = (SHARED, SENT) if shared else (LEAST, SURE)
+        usable = light._sharing[0] if shared else (shares[own] > LEAST).any(0)
         share = shares[own][:, usable].T
-        sure = (share > SURE) * 1.0
-        gain = np.divide(sure.any(0), share, out=np.zeros_like(share), where=share > LEAST)
-        mixing = _Mixing.of(parts, shares, own, usable, None, light.beside(images.fields, parts))
+        sure = (share > known) * 1.0
+        gain = np.divide(sure.any(0), share, out=np.zeros_like(share), where=share > least)
+        mixing = _Mixing.of(parts, shares, own, usable, None, light.beside(images.fields, parts), known)
         pupil = light.side * np.stack([axis[own][:, usable].T for axis in (parts.x, parts.y)])
         aside = _aside(light.camera, light.like, rows, columns, parts.light[own])[:, usable]
         weight = np.where(gain > 0, total[:, usable].T * share**2, 0.0)
-        return cls(light, images, usable, gain, sure, mixing, pupil, aside, weight)
+        return cls(light, images, usable, gain, sure, mixing, pupil, aside, weight, shared)
 
     def _raw(
         self, waves: NDArray[np.float64], disparities: NDArray[np.float64]
@@ -408,18 +478,33 @@ class _FreedWaves(NamedTuple):
         for raw, disparity in zip(every[..., self.usable], disparities.tolist(), strict=True):
             yield raw, disparity * self.pupil + self.aside
 
+    def _squared(self, waves: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Share of waves, shape (W, 2), that is left on average once a hexagonal array's rows are made square."""
+        if self.light.like.hexagonal is None:
+            return np.ones(len(waves))
+        return np.asarray(read_between(waves[:, 0], (np.arange(MANY_BETWEEN) + 0.5) / MANY_BETWEEN).real)
+
     def shown(self, waves: NDArray[np.float64], disparities: NDArray[np.float64]) -> Iterator[NDArray[np.complex128]]:
         """Waves, shape (W, 2), as views show them against where their mean places do, shape (W, view, node)."""
         turns = np.exp(2j * math.pi * (waves @ PACKINGS[self.images.camera.layout].steps @ self.mixing.step.T))
+        passed = self._squared(waves)[:, None, None]
         for raw, where in self._raw(waves, disparities):
-            values = raw * self.gain.T
-            with THREADS:
-                _free_waves.compiled(
-                    raw, self.gain.T.copy(), self.sure.T.copy(), self.mixing.first, self.mixing.source, turns,
-                    np.ascontiguousarray(self.mixing.share.T), values,
-                )  # fmt: skip
-            values = values.swapaxes(1, 2)
-            yield values * np.exp(2j * math.pi * np.tensordot(waves, where, 1))
+            to_middle = np.exp(2j * math.pi * np.tensordot(waves, where, 1))
+            mean = np.ones((len(waves), 1, raw.shape[1])) * passed
+            for _ in range(AMPLITUDES if self.shared else 1):
+                values = (mean / to_middle).swapaxes(1, 2).copy() if self.shared else raw * self.gain.T
+                sure = np.ones_like(self.sure.T) if self.shared else self.sure.T.copy()
+                with THREADS:
+                    _free_waves.compiled(
+                        raw, self.gain.T.copy(), sure, self.mixing.first, self.mixing.source, turns,
+                        np.ascontiguousarray(self.mixing.share.T), 1 if self.shared else ROUNDS, values,
+                    )  # fmt: skip
+                shown = values.swapaxes(1, 2) * to_middle
+                size = np.abs(shown)
+                mean = passed * np.sqrt(
+                    (size**2).sum(1, keepdims=True) / np.maximum((size > 0).sum(1, keepdims=True), 1)
+                )
+            yield shown
 
 
 class _Waves(NamedTuple):
@@ -567,6 +652,34 @@ def _freed(
     return values
 
 
+def _shown(
+    field: LightField, usable: NDArray[np.bool_], looks: PreparedViews, disparity: NDArray[np.float64],
+    picture: NDArray[np.float64],
+) -> NDArray[np.float32]:  # fmt: skip
+    """Samples of a picture along disparities, as microlenses alone would show it; shape (view, v, u)."""
+    from scipy import ndimage
+
+    lenses = field if field.hexagonal is None else field.hexagonal
+    rows, count = lenses.values.shape[2:]
+    steps = float(field.u[1] - field.u[0]), float(field.v[1] - field.v[0])
+    row, column = np.arange(rows)[:, None], np.arange(count)[None, :] + np.zeros((rows, 1))
+    if field.hexagonal is not None:
+        column = (field.hexagonal.starts[:, None] + column - field.u[0]) / steps[0]
+    near = row, np.clip(np.rint(column).astype(int), 0, len(field.u) - 1)
+    spline, b = ndimage.spline_filter(picture.astype(float), 5, mode="mirror"), disparity[near]
+    out = np.empty((int(usable.sum()), rows, count), np.float32)
+    aside = np.zeros_like(looks.pupil) if looks.aside is None else looks.aside
+    for n, (t, s) in enumerate(np.argwhere(usable)):
+        p, a = (
+            part[:, t, s] if part.ndim == 3 else part[:, t, s][:, near[0], near[1]] for part in (looks.pupil, aside)
+        )
+        x, y = (b * p[k] + a[k] for k in (0, 1))
+        out[n] = ndimage.map_coordinates(
+            spline, [row - y / steps[1], column - x / steps[0]], order=5, mode="mirror", prefilter=False
+        )
+    return out
+
+
 def _with(field: LightField, values: NDArray[np.float32], weight: NDArray[np.float32]) -> LightField:
     """Light field with other samples; of a hexagonal array its rows'."""
     if field.hexagonal is None:
@@ -682,7 +795,7 @@ class _Mixing(NamedTuple):
     @classmethod
     def of(
         cls, parts: ImageParts, shares: NDArray[np.float64], own: int, usable: NDArray[np.bool_], faint: bool | None,
-        beside: NDArray[np.float64] | None = None,
+        beside: NDArray[np.float64] | None = None, sure: float = SURE,
     ) -> _Mixing:  # fmt: skip
         """For samples that are `usable`, shape (t, s), and of them; of faint light, of other, or (None) of all.
 
@@ -700,14 +813,14 @@ class _Mixing(NamedTuple):
         steps, count = np.array(parts.steps, np.int64).reshape(-1, 2)[step], np.arange(taken.shape[1] + 1)
         if beside is None:
             places = np.stack([x, y], -1)
-            known = np.flatnonzero((shares[own] > SURE).any(0))
+            known = np.flatnonzero((shares[own] > sure).any(0))
             source = known[cKDTree(places[own][known]).query(places[step, sample])[1]] if known.size else 0 * sample
             share = np.ascontiguousarray(shares[step, :, sample], np.float32)
             return cls(np.searchsorted(sample, count), np.asarray(source, np.int64), steps, share)
         beside, keys, each = np.broadcast_to(beside[..., usable], (2, *shares.shape)), [], []
         for node in range(shares.shape[1]):
             places = np.stack([axis[:, node] for axis in pupil], -1)
-            lit = np.flatnonzero((shares[own, node] > SURE) | (shares[own, node].max() <= SURE))
+            lit = np.flatnonzero((shares[own, node] > sure) | (shares[own, node].max() <= sure))
             source = lit[cKDTree(places[own, lit]).query(places[step, sample])[1]]
             off = (beside[:, own, node, source] - beside[:, step, node, sample]).T
             at = steps + np.where(np.abs(off) > NEAR, off, 0.0)
@@ -841,7 +954,7 @@ def _gather_row(
 
 @kernel(parallel=True)
 def _free_waves(
-    raw: Any, gain: Any, sure: Any, first: Any, source: Any, turns: Any, shares: Any, out: Any,
+    raw: Any, gain: Any, sure: Any, first: Any, source: Any, turns: Any, shares: Any, rounds: int, out: Any,
 ) -> None:  # fmt: skip
     """Waves without what neighbours put into samples, which show them turned; all (wave, node, view), by `_freed`."""
     count, nodes, views = raw.shape
@@ -850,7 +963,7 @@ def _free_waves(
         ends, share, sent = np.searchsorted(some, first), shares[i][some], source[some]
         for k in range(count):
             values, turn = out[k, i], turns[k][some]
-            for _ in range(ROUNDS):
+            for _ in range(rounds):
                 total, known = 0j, 0
                 for n in range(views):
                     if sure[i, n] > 0:

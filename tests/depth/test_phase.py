@@ -10,7 +10,7 @@ from roslf_design.calibration.decoding import LightField
 from roslf_design.camera import Camera
 from roslf_design.depth import geometry
 from roslf_design.depth.estimate import PixelNoise, estimate_disparity
-from roslf_design.depth.measure import simulate
+from roslf_design.depth.measure import measure, simulate
 from roslf_design.depth.pictures import PictureOptions
 from roslf_design.depth.unmixing import _as_they_stand as as_they_stand
 from roslf_design.scenes import make_scene
@@ -120,6 +120,22 @@ def test_cut_images_are_seen_from_their_phases_too():
     # All of few microlenses are near the border.
     assert abs(after.mean()) < 0.1 * abs(before.mean())
     assert after.std() < told.mean()
+
+
+def test_light_that_microlenses_share_tells_disparities_too():
+    """Behind a pupil whose images are 1.3 pitches wide, three pitches out of focus."""
+    disparity, paper = 3.0, roslf.load("paper")
+    design, texture = paper.replace(D_F=1.3 * paper.D_F), Texture.of(3, 0.2, finest=0.4)
+    field = pictured(Camera.of(design), texture, disparity)
+    _, before = found(design, field, disparity, True)
+    search, noise = (disparity - 0.7, disparity + 0.7), PixelNoise(13000.0, 2.5)
+    inner = measure(geometry.ArrayGeometry(design), field, noise, search=search).within(np.s_[4:-4], np.s_[4:-4])
+    known = inner.disparities.measured
+    off, told = (part[known] for part in (inner.disparities.disparity - disparity, inner.disparities.sigma))
+    assert known.mean() > 0.9
+    assert told.mean() < 0.8 * before.mean()
+    assert abs(off.mean()) < told.mean() / 3
+    assert off.std() < told.mean()
 
 
 def test_views_in_focus_are_left_as_they_are():
