@@ -159,16 +159,12 @@ class _Builds(NamedTuple):
         """Yield on draws that no search has looked at."""
         return Yield(self.passed(FRESH * trials, fresh(self.plan.draws)), FRESH * trials)
 
-    def used(self, target: float, trials: int, *others: _Builds) -> list[float]:
-        """Largest share of the limits' room that the wanted share of builds uses: 1 is a yield on target.
-
-        Here, then with each of the others' tolerances.
-        """
+    def used(self, target: float, trials: int, *others: _Builds) -> Array:
+        """Shares of the limits' room that the wanted share of builds uses, here and with others' tolerances."""
         draws = first_draws(self.plan.draws, trials)
         deviations = np.hstack([draws * builds.factors[:, None] for builds in (self, *others)])
         worst = np.nan_to_num(self.plan.used_room(measure_finally(self.plan, deviations)), posinf=1e9)
-        at: list[float] = np.quantile(worst.reshape(-1, trials), target, axis=1, method="higher").tolist()
-        return at
+        return np.asarray(np.quantile(worst.reshape(-1, trials), target, axis=1, method="higher"))
 
 
 class _Aim(NamedTuple):

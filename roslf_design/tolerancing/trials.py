@@ -128,13 +128,7 @@ def one_trial(plan: TolerancePlan, number: int) -> tuple[Design, MeasuredTrials]
 
 
 def design_adjusted(plan: TolerancePlan, deviations: Array, moved: Array) -> Design:
-    """Design of one build, shapes (P, 1) and (adjusters, 1).
-
-    Raises
-    ------
-    ValueError
-        Its numbers make none.
-    """
+    """Design of one build, shapes (P, 1) and (adjusters, 1); a `ValueError` where its numbers make none."""
     design = plan.question.design
     numbers = of_parts(design, _final_values(plan, deviations, moved))
     return design_built(design, {place: float(value[0]) for place, value in numbers.items()})
@@ -346,9 +340,8 @@ class Compensator:
             some = {place: numbers[going] for place, numbers in values.items()}
             here, left = moved[:, going], residual[:, going]
             nudged = here[:, None] + np.diag(self.steps)[..., None]
-            slopes = [
-                (there - left) / step for there, step in zip(self.left_of_all(some, nudged), self.steps, strict=True)
-            ]
+            ahead = self.left_of_all(some, nudged)
+            slopes = [(there - left) / step for there, step in zip(ahead, self.steps, strict=True)]
             end = np.clip(here + _least_squares(slopes, left, self.steps), -self.reach, self.reach)
             before = cost[going]
             promised = _cost(left + np.einsum("act,at->ct", slopes, end - here))
