@@ -130,7 +130,15 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
         cache=folder is not None, fastmath=False, error_model="numpy", parallel=kernel.parallel,
         inline="always" if kernel.inline else "never",
     )(twin)  # fmt: skip
-    compile_now, unliteral = compiled.compile, numba.types.unliteral
+    compile_now, unliteral, shelf = compiled.compile, numba.types.unliteral, compiled._cache
+
+    def load_alone(signature: Any, context: Any) -> Any:  # numba's own first loads all that a compilation may need
+        numba.core.runtime.rtsys.initialize(context)
+        with shelf._guard_against_spurious_io_errors():
+            return shelf._load_overload(signature, context)
+
+    if folder is not None:
+        shelf.load_overload = load_alone
     compile_afresh = compiled._compiler.compile
 
     def compile_with_callees(*arguments: Any) -> Any:  # machine code that is read from disk has its callees in it
