@@ -148,18 +148,30 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
     compiled._compiler.compile = compile_with_callees
 
     def compile_once(types: tuple[Any, ...]) -> Any:
-        # In one process, then among all: who waited reads what the other compiled. Numba would compile twins of callees
-        # for each literal argument, without any gain.
-        plain = tuple(map(unliteral, types))
+        # In one process, then among all: who waited reads what the other compiled. Numba would compile all once more for
+        # literal arguments, and for arrays that are read only, without any gain.
+        plain = tuple(_writable(unliteral(kind)) for kind in types)
         with _COMPILING, alone():
             try:
-                return compile_now(plain)
+                code = compile_now(plain)
             except OSError:  # the folder is full: compiled, not kept
-                return compile_now(plain)
+                code = compile_now(plain)
+            if plain != tuple(types):
+                compiled._insert([kind._code for kind in types], code)
+        return code
 
     compiled.compile = compile_once
     fast = compiled
     return fast
+
+
+def _writable(kind: Any) -> Any:
+    """Type of an argument as it is compiled for: arrays as if they could be written to."""
+    from numba import types
+
+    if isinstance(kind, types.BaseTuple):
+        return types.BaseTuple.from_types(tuple(map(_writable, kind)), getattr(kind, "instance_class", None))
+    return kind.copy(readonly=False) if isinstance(kind, types.Array) else kind
 
 
 def _cache_folder(function: FunctionType) -> Path | None:
