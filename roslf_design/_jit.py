@@ -148,7 +148,7 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
     compiled._compiler.compile = compile_with_callees
 
     def compile_once(types: tuple[Any, ...]) -> Any:
-        # In one process, then among all: who waited reads what the other compiled. Numba would compile all once more for
+        # In one process, then among all: who waited reads what the other compiled. Numba would compile once more for
         # literal arguments, and for arrays that are read only, without any gain.
         plain = tuple(_writable(unliteral(kind)) for kind in types)
         with _COMPILING, alone():
