@@ -545,9 +545,7 @@ def _follow_images(
     nodes, weights, slopes, joints
         As `_rule` has them.
     """
-    limits = count + outer_count
-    for k in range(rims.shape[1]):
-        limits += int(rims[0, k, 14])
+    limits = count + int(np.sum(rims[0, :, 14])) + outer_count
     scan, rule = edge.shape[1], (nodes, weights, slopes, joints)
     whole = math.pi if rims[0, 0, 14] == 1.0 else 4.0
     heights, pupil = np.empty((limits, BLOCK)), np.empty((BLOCK, 2))
