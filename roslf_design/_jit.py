@@ -167,8 +167,7 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
 
 def _writable(kind: Any) -> Any:
     """Type of an argument as it is compiled for: arrays as if they could be written to."""
-    from numba import types
-
+    types: Any = _numba().types
     if isinstance(kind, types.BaseTuple):
         return types.BaseTuple.from_types(tuple(map(_writable, kind)), getattr(kind, "instance_class", None))
     return kind.copy(readonly=False) if isinstance(kind, types.Array) else kind

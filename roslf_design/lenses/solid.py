@@ -26,7 +26,7 @@ class Solid:
 @cache
 def opaque_solids() -> Mapping[str, Solid]:
     """Every material that ships and is no glass, by its names in lower case."""
-    known = {}
+    known: dict[str, Solid] = {}
     data = tomllib.loads(Path(__file__).with_name("solids.toml").read_text("utf-8"))
     for name, table in data["solids"].items():
         solid = Solid(name, table["cte"], data["sources"][table["source"]])
@@ -37,12 +37,12 @@ def opaque_solids() -> Mapping[str, Solid]:
 @cache
 def solids() -> Mapping[str, Solid]:
     """Every material that ships, by its names in lower case; glasses with a known expansion among them."""
-    known = {
+    glasses = {
         spelling.lower(): Solid(glass.name, glass.warming.expansion, glass.warming.source)
         for spelling, glass in catalogue().items()
         if glass.warming.expansion
     }
-    return known | opaque_solids()
+    return {**glasses, **opaque_solids()}
 
 
 def find_solid(name: str) -> Solid:
