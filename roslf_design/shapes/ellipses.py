@@ -330,7 +330,9 @@ def _ellipse_shapes(
         near = 0
         for i in range(rims):
             if first < rims or not _contains(unit[i], edges[:sides], first):
-                unit[near], index[near] = unit[i], i
+                index[near] = i
+                for k in range(8):
+                    unit[near, k] = unit[i, k]
                 near += 1
         for i in range(near):
             bounds = _add_boundary(unit[:near], edges[:sides], i, i == first, poly, places, apart, sums)
