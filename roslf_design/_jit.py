@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import importlib
 import threading
 from collections.abc import Callable, Iterator
-from functools import partial
+from functools import cache, cached_property, partial
 from pathlib import Path
 from types import CodeType, FunctionType
 from typing import Any, Generic, ParamSpec, TypeVar
@@ -49,7 +50,7 @@ class Kernel(Generic[P, R]):
     def __call__(self, *args: P.args, **kwargs: P.kwargs) -> R:
         return self.interpreted(*args, **kwargs)
 
-    @property
+    @cached_property
     def digest(self) -> str:
         """Fingerprint of this kernel with all that it calls and all constants it reads."""
         source = self.interpreted
@@ -78,18 +79,36 @@ class Kernel(Generic[P, R]):
         return self._compiled
 
 
-def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
-    import numba
+@cache
+def _numba() -> Any:
+    """Numba, without the BLAS that it looks for: scipy.linalg, more than half of what the first kernel waits for.
 
-    source = kernel.interpreted
+    A kernel with matrix products finds it all the same, when it is compiled.
+    """
+    import numba
+    from numba.np import linalg
+
+    search, linalg.ensure_blas = linalg.ensure_blas, lambda: None
+    try:
+        importlib.import_module("numba.np.arraymath")
+    finally:
+        linalg.ensure_blas = search
+    return numba
+
+
+def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
+    numba, source = _numba(), kernel.interpreted
     assert isinstance(source, FunctionType)
     names: dict[str, Any] = dict(source.__globals__)
-    for name in source.__code__.co_names:
-        value = names.get(name)
-        if isinstance(value, Kernel):
-            names[name] = value.compiled
-        elif value is prange and kernel.parallel:
-            names[name] = numba.prange
+
+    def swap_callees() -> None:
+        for name in source.__code__.co_names:
+            value = names.get(name)
+            if isinstance(value, Kernel):
+                names[name] = value.compiled
+            elif value is prange and kernel.parallel:
+                names[name] = numba.prange
+
     twin = FunctionType(source.__code__, names, source.__name__, source.__defaults__, source.__closure__)
     # Numba's disk cache knows a function by its name and its own file's date, so a change in a callee's file would go
     # unnoticed and old machine code would run; with the digest in the name it cannot.
@@ -100,6 +119,7 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
     if kernel.elementwise:
         vectorize: Any = numba.vectorize
         signature = numba.float64(*[numba.float64] * source.__code__.co_argcount)
+        swap_callees()
         with alone():
             try:
                 fast = vectorize([signature], cache=folder is not None)(twin).ufunc
@@ -110,21 +130,47 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
         cache=folder is not None, fastmath=False, error_model="numpy", parallel=kernel.parallel,
         inline="always" if kernel.inline else "never",
     )(twin)  # fmt: skip
-    compile_now, unliteral = compiled.compile, numba.types.unliteral
+    compile_now, unliteral, shelf = compiled.compile, numba.types.unliteral, compiled._cache
+
+    def load_alone(signature: Any, context: Any) -> Any:  # numba's own first loads all that a compilation may need
+        numba.core.runtime.rtsys.initialize(context)
+        with shelf._guard_against_spurious_io_errors():
+            return shelf._load_overload(signature, context)
+
+    if folder is not None:
+        shelf.load_overload = load_alone
+    compile_afresh = compiled._compiler.compile
+
+    def compile_with_callees(*arguments: Any) -> Any:  # machine code that is read from disk has its callees in it
+        swap_callees()
+        return compile_afresh(*arguments)
+
+    compiled._compiler.compile = compile_with_callees
 
     def compile_once(types: tuple[Any, ...]) -> Any:
-        # In one process, then among all: who waited reads what the other compiled. Numba would compile twins of callees
-        # for each literal argument, without any gain.
-        plain = tuple(map(unliteral, types))
+        # In one process, then among all: who waited reads what the other compiled. Numba would compile once more for
+        # literal arguments, and for arrays that are read only, without any gain.
+        plain = tuple(_writable(unliteral(kind)) for kind in types)
         with _COMPILING, alone():
             try:
-                return compile_now(plain)
+                code = compile_now(plain)
             except OSError:  # the folder is full: compiled, not kept
-                return compile_now(plain)
+                code = compile_now(plain)
+            if plain != tuple(types):
+                compiled._insert([kind._code for kind in types], code)
+        return code
 
     compiled.compile = compile_once
     fast = compiled
     return fast
+
+
+def _writable(kind: Any) -> Any:
+    """Type of an argument as it is compiled for: arrays as if they could be written to."""
+    types: Any = _numba().types
+    if isinstance(kind, types.BaseTuple):
+        return types.BaseTuple.from_types(tuple(map(_writable, kind)), getattr(kind, "instance_class", None))
+    return kind.copy(readonly=False) if isinstance(kind, types.Array) else kind
 
 
 def _cache_folder(function: FunctionType) -> Path | None:

@@ -25,7 +25,7 @@ NAMES = (errno.ENAMETOOLONG, errno.ELOOP)
 LISTED = 40
 """Faults that are told one by one."""
 YOUNG = 20_000
-"""Objects made before Python looks for cycles that nothing holds any more: of what imports make, all stays."""
+"""Objects made before Python looks for cycles that nothing holds any more."""
 
 
 class _Command(NamedTuple):
@@ -150,7 +150,11 @@ def _run(arguments: list[str]) -> Any:
     from cyclopts.exceptions import CycloptsError
 
     try:
-        return build_app()(arguments, exit_on_error=False, print_error=False, result_action="return_value")
+        command, bound, _ = build_app().parse_args(arguments, exit_on_error=False, print_error=False)
+        if not gc.isenabled():
+            gc.freeze()
+            gc.enable()
+        return command(*bound.args, **bound.kwargs)
     except CycloptsError as error:
         options = getattr(getattr(error, "argument", None), "hint", None)
         if refused := getattr(options, "refused", None):  # a job's options, which tell every fault
@@ -174,6 +178,7 @@ def _complain(message: str, code: int) -> int:
 def run() -> None:
     """Entry point of the `roslf` script."""
     gc.set_threshold(YOUNG)
+    gc.disable()  # until the command's modules are imported: all that imports make stays
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a terminal, or a file's name, may not know every letter

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from numbers import Integral
 from typing import Annotated, Any, Self
 
@@ -11,6 +11,7 @@ from pydantic import AfterValidator, BeforeValidator, ValidationError
 
 from .errors import Argument, InputError, refusal
 from .toml_files import StrictTable, problems_of
+from .units import FARTHEST
 
 FileName = Annotated[str, BeforeValidator(lambda name: os.fspath(name) if isinstance(name, os.PathLike) else name)]
 """Name of a file, or of a preset."""
@@ -94,3 +95,17 @@ def refuse_idle(options: Options, names: Iterable[str]) -> None:
     message = "goes with a raw image, and these are views; leave it out"
     if idle := [name for name in names if getattr(options, name) is not None]:
         raise InputError(tuple(Argument(name, message) for name in idle))
+
+
+def check_distances(at: Sequence[float]) -> None:
+    """Refuse distances ahead of the tip that are none [mm].
+
+    Raises
+    ------
+    InputError
+    """
+    for distance in at:
+        if not 0 < distance <= FARTHEST["length"]:
+            raise refusal(
+                "at", f"{distance:g} mm is not ahead of the bore's tip, where it counts from; give more than 0"
+            )

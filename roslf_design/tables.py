@@ -7,7 +7,7 @@ import io
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .errors import printable
 
@@ -130,34 +130,36 @@ def print_table(block: Table, console: Console, least: tuple[int, ...] = ()) -> 
     least : tuple of int
         Characters that columns take at least; aligns tables below each other.
     """
-    from rich.table import Table as Grid
-
     widths = [_widths(block, index, *least[index : index + 1]) for index in range(len(block.align))]
-    console.print()
+    text = plain_text("")
     for number, columns in enumerate(_strips(widths, console.width)):
         fitted = _fitted([widths[index] for index in columns], console.width)
-        grid = Grid(
-            title=plain_text(block.title) if block.title and number == 0 else None,
-            title_justify="left",
-            box=None,
-            header_style="bold",
-            pad_edge=False,
-            show_header=bool(block.headings),
-        )
-        for index, width in zip(columns, fitted, strict=True):
-            side: Literal["left", "right"] = "left" if block.align[index] == "l" else "right"
-            grid.add_column(
-                plain_text(block.headings[index] if block.headings else ""),
-                justify=side,
-                min_width=width,
-                max_width=width,
-            )
-        for place, row in enumerate(block.rows):
-            style = "dim" if place in block.faint else None
-            grid.add_row(*(plain_text(row[index]) for index in columns), style=style)
-        if number:
-            console.print()
-        console.print(grid, width=max(console.width, sum(fitted) + GAP * len(fitted)), crop=False)
+        text.append("\n")
+        if block.title and number == 0:
+            across = sum(fitted) + GAP * (len(fitted) - 1)
+            text.append("".join(f"{line}\n" for line in _set(block.title, across, "l", console)), "italic")
+        styled = [(row, "dim" if place in block.faint else "") for place, row in enumerate(block.rows)]
+        for row, style in [(block.headings, "bold"), *styled] if block.headings else styled:
+            at = zip(columns, fitted, strict=True)
+            cells = [_set(row[index], width, block.align[index], console) for index, width in at]
+            for cell, width in zip(cells, fitted, strict=True):
+                # Headings stand on their last line, cells hang from their first.
+                place = 0 if row is block.headings else len(cell)
+                cell[place:place] = [" " * width] * (max(map(len, cells)) - len(cell))
+            text.append("".join(f"{(' ' * GAP).join(line)}\n" for line in zip(*cells, strict=True)), style)
+    console.print(text, end="", soft_wrap=True)
+
+
+def _set(cell: str, width: int, align: str, console: Console) -> list[str]:
+    """Lines of a cell, each as wide as its column: rich's own tables take ten times as long."""
+    from rich.cells import cell_len
+
+    cell = printable(cell, kept="\n")
+    spare = width - cell_len(cell)
+    if spare < 0 or "\n" in cell:
+        lines = plain_text(cell).wrap(console, width, justify="left" if align == "l" else "right")
+        return [line.plain for line in lines]
+    return [cell + " " * spare if align == "l" else " " * spare + cell]
 
 
 def _widths(block: Table, index: int, least: int = 1) -> tuple[int, int, int]:

@@ -49,7 +49,7 @@ TAG = "%"
 class StrictTable(BaseModel):
     """Base of every table of a file: frozen, unknown keys are errors."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
 
 
 PlainNumber = Annotated[float, Field(strict=True)]

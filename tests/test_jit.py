@@ -75,3 +75,16 @@ def test_a_cache_folder_that_cannot_be_written_to_is_done_without(tmp_path, monk
     monkeypatch.setattr("roslf_design._jit._cache_folder", lambda _: None)
     assert Kernel(lambda x: 5.0 * x).compiled(2.0) == 10.0
     assert Kernel(lambda x: 6.0 * x, elementwise=True).compiled(2.0) == 12.0
+
+
+@kernel()
+def total(values: np.ndarray, more: tuple[np.ndarray, ...]) -> float:
+    return values[0] + more[0][1]
+
+
+def test_arrays_that_are_read_only_run_the_same_machine_code():
+    open_, frozen = np.arange(2.0), np.arange(2.0) + 5
+    frozen.flags.writeable = False
+    for one, other in ((open_, open_), (frozen, open_), (open_, frozen), (frozen, frozen)):
+        assert total.compiled(one, (other,)) == total(one, (other,))
+    assert len(total.compiled.signatures) == 1

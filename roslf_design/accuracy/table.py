@@ -14,7 +14,6 @@ import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from functools import cache
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -138,7 +137,7 @@ def current_table() -> AccuracyTable:
 @cache
 def shipped_table() -> AccuracyTable:
     """Measured on another machine: errors hold here as well, times only in proportion."""
-    return _read_table(Path(str(files("roslf_design.accuracy") / SHIPPED)))
+    return _read_table(Path(__file__).with_name(SHIPPED))
 
 
 # --- the choice -------------------------------------------------------------------------------------------------------

@@ -23,6 +23,7 @@ from ..reporting.calibrate import pages
 from ..reporting.printers import page_files
 from ..units import Angle, Distance, Length
 from .refused import refused
+from .results import picture_files, print_titled
 from .terminal import (
     Flag,
     Flat,
@@ -35,8 +36,6 @@ from .terminal import (
     json_text,
     listed,
     parse_sigmas,
-    picture_files,
-    print_titled,
     say,
     status_and_bars,
     typed,

@@ -18,19 +18,8 @@ from ..reporting.decode import pages
 from ..reporting.decode.pictures import contrast
 from ..reporting.printers import render_html, render_tables
 from .refused import refused
-from .terminal import (
-    Flat,
-    Json,
-    OptionalOutput,
-    StatusLine,
-    check_options,
-    json_text,
-    picture_files,
-    print_titled,
-    say,
-    typed,
-    write_files,
-)
+from .results import picture_files, print_titled
+from .terminal import Flat, Json, OptionalOutput, StatusLine, check_options, json_text, say, typed, write_files
 
 FOCUS = DecodeOptions.model_fields["focus"].description
 

@@ -28,7 +28,8 @@ from ..reporting.depth.pages import answers, basis, depth_report, measurement_pi
 from ..reporting.printers import page_files
 from ..scenes import load_scene
 from .render import parse_region
-from .terminal import (  # fmt: skip
+from .results import picture_files, print_titled
+from .terminal import (
     Flat,
     Json,
     OptionalOutput,
@@ -39,8 +40,6 @@ from .terminal import (  # fmt: skip
     json_text,
     listed,
     parse_sigmas,
-    picture_files,
-    print_titled,
     say,
     status_and_bars,
     tell_cost,

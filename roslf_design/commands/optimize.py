@@ -12,7 +12,8 @@ from ..optimization.search import QUICK
 from ..optimization.study import load_study, run
 from ..reporting.optimise.pages import optimisation_pictures, optimization_report
 from ..reporting.printers import page_files
-from .terminal import Json, Output, StatusLine, check_options, json_text, listed, print_titled, say, typed, write_files
+from .results import print_titled
+from .terminal import Json, Output, StatusLine, check_options, json_text, listed, say, typed, write_files
 
 
 def optimize(

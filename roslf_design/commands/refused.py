@@ -13,7 +13,8 @@ from ..drawing.picture import Picture
 from ..errors import InputError, Problem
 from ..reporting.calibrate.pictures import what_was_seen
 from ..reporting.decode.pictures import no_lattice
-from .terminal import picture_files, write_files
+from .results import picture_files
+from .terminal import write_files
 
 
 def refused(error: CalibrationError, origin: Path, folder: Path | None = None) -> InputError:

@@ -1,4 +1,4 @@
-"""Terminal helpers of all commands: progress, results on the terminal, files in a folder, faults of options."""
+"""Terminal helpers of all commands: progress, files in a folder, faults of options."""
 
 from __future__ import annotations
 
@@ -11,23 +11,14 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
 from ..design.files import in_the_way, write_atomically
-from ..drawing.svg import file_of
 from ..errors import Argument, InputError, Problem, printable, refusal
-from ..evaluation.specification import check_distances
-from ..options import check_seed
-from ..reporting.blocks import MARKS, Block, Bullets, Paragraph, Statements, Table
-from ..tables import plain_text, print_table
+from ..options import check_distances, check_seed
 from ..units import read_quantity
-
-if TYPE_CHECKING:
-    from rich.console import Console
-
-    from ..drawing.picture import Picture
 
 Flag = Annotated[bool, Parameter(negative=())]
 """A switch that is off unless given."""
@@ -48,7 +39,6 @@ PATIENCE = 2.0
 """Seconds before a bar appears: shorter work needs none."""
 PAGE = "index.html"
 """Name of the page in a folder of results."""
-COLOURS = {"good": "green", "bad": "red", "caution": "yellow", "plain": "dim"}
 
 
 class StatusLine:
@@ -146,33 +136,6 @@ def status_and_bars(command: str) -> Iterator[Callable[..., None]]:
         yield tell
 
 
-def print_blocks(blocks: Iterable[Block], console: Console) -> None:
-    """Printing of a report's blocks on a terminal: all but figures and code."""
-    for block in blocks:
-        match block:
-            case Paragraph():
-                console.print(plain_text(block.text), soft_wrap=True)
-            case Statements():
-                for item in block.items:
-                    mark = plain_text(f"{MARKS[item.tone][0]} ", COLOURS[item.tone])
-                    console.print(mark + plain_text(f"{item.text} {item.remedy}".strip()), soft_wrap=True)
-            case Table():
-                print_table(block, console)
-            case Bullets():
-                console.print()
-                for line in block.items:
-                    console.print(plain_text(line), soft_wrap=True)
-
-
-def print_titled(title: str, blocks: Iterable[Block]) -> None:
-    """A heading and what follows it, on stdout."""
-    from rich.console import Console
-
-    console = Console()
-    console.print(plain_text(title, "bold"))
-    print_blocks(blocks, console)
-
-
 def say(*texts: object, error: bool = False) -> None:
     """Print lines on stdout, or stderr; what of a name would steer the terminal is spelled out."""
     for text in texts:
@@ -205,15 +168,6 @@ def write_files(folder: Path, files: Mapping[str, bytes]) -> list[Path]:
         (folder / name).parent.mkdir(exist_ok=True)
         write_atomically(folder / name, content)
     return [folder / name for name in files]
-
-
-def picture_files(pictures: Mapping[str, Picture], drawings: Mapping[str, str] | None = None) -> dict[str, bytes]:
-    """Pictures as .svg and .png by their names; `drawings` is their SVG text where that is at hand."""
-    files = {}
-    for name, picture in pictures.items():
-        files[f"{name}.svg"] = picture.svg_file() if drawings is None else file_of(drawings[name])
-        files[f"{name}.png"] = picture.to_png()
-    return files
 
 
 def typed(*words: object, **options: object) -> str:

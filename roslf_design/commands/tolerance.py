@@ -30,20 +30,8 @@ from ..tolerancing.run import ChunkLostError, WorkerSettings, run_trials
 from ..tolerancing.study import RunOptions
 from ..tolerancing.tally import npz_bytes
 from ..words import sentence
-from .terminal import (
-    Flag,
-    Flat,
-    Json,
-    Output,
-    bar,
-    check_options,
-    picture_files,
-    print_blocks,
-    say,
-    spelled,
-    typed,
-    write_files,
-)
+from .results import picture_files, print_blocks
+from .terminal import Flag, Flat, Json, Output, bar, check_options, say, spelled, typed, write_files
 
 if TYPE_CHECKING:
     from rich.console import Console

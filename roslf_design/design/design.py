@@ -28,7 +28,7 @@ FAP_SHAPE = ("aperture.shape", "aperture.sides")
 """Beginnings of places that say what shape and size the FAP has."""
 
 
-class Design(Assembly, defer_build=False):
+class Design(Assembly):
     """A whole camera. Values in, values out: `replace` gives a new one.
 
     Any two of f, d_f and d_1 give the third. Where all three are given, f and d_1 are the hardware and d_f follows to

@@ -14,7 +14,7 @@ from pydantic import BeforeValidator, Field, InstanceOf, PlainSerializer, field_
 from ..bore.part import Part
 from ..errors import InputError
 from ..lenses.glass import ROOM
-from ..lenses.solid import Solid, find_solid, solid_of, solids
+from ..lenses.solid import Solid, find_solid, opaque_solids, solid_of, solids
 from ..units import Temperature
 
 REFERENCE = "environment.reference"
@@ -49,7 +49,7 @@ class Environment(Part):
     """Coldest and warmest that the camera meets, in use or in an autoclave [degrees C]."""
     housing: Housed | None = None
     """Housing that holds the parts apart; None does not grow."""
-    sensor: Housed = solids()["silicon"]
+    sensor: Housed = opaque_solids()["silicon"]
     """Material that pixels are made on."""
     reference: Temperature = ROOM
     """Temperature at which the lengths of the file hold [degrees C]."""

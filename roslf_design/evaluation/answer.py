@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..design import Design
+from ..options import check_distances
 from ..theory.depth_budget import COVERAGE, DepthBudget, depth_budget
 from ..theory.field_of_view import focus_ahead
 from ..theory.focused import FocusedArray
@@ -24,7 +25,6 @@ from .specification import (
     FieldPoint,
     ObjectField,
     SharpEnds,
-    check_distances,
     corner,
     field_ends,
     resolved,

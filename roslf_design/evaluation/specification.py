@@ -14,8 +14,8 @@ from .._arrays import Array
 from ..camera import Camera
 from ..design import Design
 from ..design.files import as_design
-from ..errors import refusal
 from ..json_data import plain
+from ..options import check_distances
 from ..shapes.lattice import PACKINGS
 from ..theory import field_of_view, light, tube
 from ..theory.colours import ColourFilter, filters
@@ -28,7 +28,6 @@ from ..theory.photometry import exposure, through_filter
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
 from ..traced.fields import DesignImages, IdealImages, images_of
-from ..units import FARTHEST
 from ..words import number
 from .fields import default_fields
 from .groups import DepthAssumptions
@@ -329,20 +328,6 @@ def resolved(images: IdealImages | DesignImages, field: int, at: float, image: K
     usable = None if half is None else min(half, fold)
     limit: Literal["contrast", "sampling"] = "contrast" if usable == half else "sampling"
     return Resolved(at, _known(float(x0)), place, image, half, tenth, each[0], each[1], fold, usable, limit)
-
-
-def check_distances(at: Sequence[float]) -> None:
-    """Refuse distances ahead of the tip that are none [mm].
-
-    Raises
-    ------
-    InputError
-    """
-    for distance in at:
-        if not 0 < distance <= FARTHEST["length"]:
-            raise refusal(
-                "at", f"{distance:g} mm is not ahead of the bore's tip, where it counts from; give more than 0"
-            )
 
 
 def specification(design: Design | str | Path, at: Sequence[float] = ()) -> Specification:

@@ -11,8 +11,8 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from importlib.resources import files
 from itertools import chain
+from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -235,7 +235,7 @@ AIR = Glass("air", "constant", (1.0,))
 @cache
 def catalogue() -> Mapping[str, Glass]:
     """Every glass that ships, by its upper-case name and its other names."""
-    data = tomllib.loads(files(__package__).joinpath("glasses.toml").read_text("utf-8"))
+    data = tomllib.loads(Path(__file__).with_name("glasses.toml").read_text("utf-8"))
     glasses = {"AIR": AIR}
     for name, table in data["glasses"].items():
         entries = {key: value for key, value in table.items() if key not in ("also", "nd", "vd")}

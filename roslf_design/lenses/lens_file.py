@@ -40,7 +40,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from decimal import Decimal
 from functools import cache
-from importlib.resources import files
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -55,6 +54,8 @@ from .material import Material, glass_table, numbers_of
 from .prescription import LensError, Prescription, Surface, faults
 from .tracer import MODES
 
+SHIPPED = Path(__file__).with_name("shipped")
+"""Folder of the lenses that ship."""
 _POWER = re.compile(r"\s*([+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?)\s*mm(?:\^|\*\*)(-?\d+)\s*")
 
 
@@ -68,7 +69,7 @@ def load_lens(path: str | os.PathLike[str]) -> Prescription:
     """
     place, origin = Path(path), os.fspath(path)
     if origin.lower() in shipped_names() and not place.exists():
-        return _loads_lens(files(__package__).joinpath("shipped", f"{origin.lower()}.toml").read_text("utf-8"), origin)
+        return _loads_lens((SHIPPED / f"{origin.lower()}.toml").read_text("utf-8"), origin)
     if place.suffix.lower() == ".zmx":
         return _read_zmx(place)
     known = ", ".join(name.upper() for name in shipped_names())
@@ -79,8 +80,7 @@ def load_lens(path: str | os.PathLike[str]) -> Prescription:
 @cache
 def shipped_names() -> tuple[str, ...]:
     """Names of the lenses that ship, in lower case."""
-    folder = files(__package__).joinpath("shipped")
-    return tuple(sorted(entry.name.removesuffix(".toml") for entry in folder.iterdir() if entry.name.endswith(".toml")))
+    return tuple(sorted(entry.stem for entry in SHIPPED.glob("*.toml")))
 
 
 def _loads_lens(text: str, origin: str = "") -> Prescription:

@@ -7,7 +7,7 @@ import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
-from importlib.resources import files
+from pathlib import Path
 
 from ..errors import InputError, Problem
 from .glass import MOST_EXPANSION, catalogue
@@ -24,18 +24,25 @@ class Solid:
 
 
 @cache
-def solids() -> Mapping[str, Solid]:
-    """Every material that ships, by its names in lower case; glasses with a known expansion among them."""
-    known = {
-        spelling.lower(): Solid(glass.name, glass.warming.expansion, glass.warming.source)
-        for spelling, glass in catalogue().items()
-        if glass.warming.expansion
-    }
-    data = tomllib.loads(files(__package__).joinpath("solids.toml").read_text("utf-8"))
+def opaque_solids() -> Mapping[str, Solid]:
+    """Every material that ships and is no glass, by its names in lower case."""
+    known: dict[str, Solid] = {}
+    data = tomllib.loads(Path(__file__).with_name("solids.toml").read_text("utf-8"))
     for name, table in data["solids"].items():
         solid = Solid(name, table["cte"], data["sources"][table["source"]])
         known |= {spelling.lower(): solid for spelling in (name, *table.get("also", ()))}
     return known
+
+
+@cache
+def solids() -> Mapping[str, Solid]:
+    """Every material that ships, by its names in lower case; glasses with a known expansion among them."""
+    glasses = {
+        spelling.lower(): Solid(glass.name, glass.warming.expansion, glass.warming.source)
+        for spelling, glass in catalogue().items()
+        if glass.warming.expansion
+    }
+    return {**glasses, **opaque_solids()}
 
 
 def find_solid(name: str) -> Solid:

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._jit import kernel
 from .discs import CLIPPED, EMPTY, FULL, DiscIntersection, common
-from .pieces import DX, DY, EDGE, LENGTH, OWNER, X, Y, lay_edges, within_edges
+from .pieces import DX, DY, EDGE, LENGTH, OWNER, X, Y, lay_edges, ordered, within_edges
 
 Array = NDArray[np.float64]
 
@@ -52,7 +52,8 @@ def intersect_ellipses(
     p = np.empty((*lead, 0, 3, 2)) if polygons is None else np.asarray(polygons, float)
     sets = (part.reshape(math.prod(lead), *part.shape[len(lead) :]) for part in (c, s, p))
     c, s, p = (np.ascontiguousarray(part) for part in sets)
-    middle, form = (c[:, first], s[:, first]) if first < k else _spans(p[:, first - k])
+    own = (c[:, first], s[:, first]) if first < k else _spans(p[:, first - k])
+    middle, form = map(np.ascontiguousarray, own)  # kernels are compiled once more for another layout
     return common(_ellipse_shapes, INTERPRETED_BELOW, lead, k + p.shape[1], middle, form, c, s, p, first)
 
 
@@ -266,11 +267,12 @@ def _add_boundary(
         if not lead:
             _add_arc(unit[own], 0.0, 2 * math.pi, sums)
         return 2
-    ordered = np.sort(places[:count])
+    order = np.empty(count, np.int64)
+    ordered(places, count, order)
     bounds = 0
     for piece in range(count):
-        start = ordered[piece]
-        end = ordered[piece + 1] if piece + 1 < count else ordered[0] + 2 * math.pi
+        start = places[order[piece]]
+        end = places[order[piece + 1]] if piece + 1 < count else places[order[0]] + 2 * math.pi
         if end > start and _is_kept(poly, others, own, 0.5 * (start + end)):
             _add_arc(unit[own], start, end, sums)
             bounds = 1
@@ -328,7 +330,9 @@ def _ellipse_shapes(
         near = 0
         for i in range(rims):
             if first < rims or not _contains(unit[i], edges[:sides], first):
-                unit[near], index[near] = unit[i], i
+                index[near] = i
+                for k in range(8):
+                    unit[near, k] = unit[i, k]
                 near += 1
         for i in range(near):
             bounds = _add_boundary(unit[:near], edges[:sides], i, i == first, poly, places, apart, sums)
@@ -385,5 +389,5 @@ def _name_empty(apart: NDArray[np.bool_], index: NDArray[np.int64], first: int, 
         for j in range(i):
             if apart[i, j] and apart[j, i]:
                 for k in range(len(clips)):
-                    clips[k] = k != first and k in (index[i], index[j])
+                    clips[k] = k != first and (k == index[i] or k == index[j])
                 return

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._jit import kernel
 from ..lenses.tracer import BLOCK, COLUMNS, ROWS, pass_surfaces
+from ..shapes.pieces import ordered
 from .train import LOST, AimedRays, Planes, Train, crossing, kernel_args, side_height
 
 Array = NDArray[np.float64]
@@ -457,7 +458,7 @@ def _corners(
 
     From `scan` spokes just followed, at distances `edges`; `marks` and `trial` are tuples of room to work in.
     """
-    ends, reached, angles, stoppers = marks
+    ends, reached, angles, stoppers, order = marks
     angle, far = trial
     first, heights = work[5], work[6]
     limits = len(heights)
@@ -479,7 +480,7 @@ def _corners(
         for i in range(extra):
             angles[known], stoppers[known] = angle[i], first[i]
             known += 1
-    order = np.argsort(angles[:known])
+    ordered(angles, known, order)
     corners = 0
     for i in range(known):
         one, other = order[i], order[(i + 1) % known]
@@ -553,7 +554,7 @@ def _follow_images(
     spokes = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty((limits, BLOCK))
     angle, far, edges = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
     ends, reached, trial_spokes = np.empty(2 * BLOCK), np.empty(2 * BLOCK), (angle, far)
-    marks = ends, reached, np.empty(2 * BLOCK), np.empty(2 * BLOCK, np.int64)
+    marks = ends, reached, np.empty(2 * BLOCK), np.empty(2 * BLOCK, np.int64), np.empty(2 * BLOCK, np.int64)
     at, hub, sums = np.empty(3), np.empty(2 + limits), np.empty(12)
     for job in range(len(trial)):
         t = trial[job]

@@ -324,7 +324,8 @@ def _aim(
     slope, away = (np.empty(BLOCK), np.empty(BLOCK)), (np.empty(BLOCK), np.empty(BLOCK))
     turned = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
     (px, py, pz), (gx, gy, gz), (sx, sy), (a, b, c, d) = ray, goal, slope, turned
-    enough, axes = np.full(BLOCK, tolerance), np.empty(9)
+    enough, axes = np.empty(BLOCK), np.empty(9)
+    enough[:] = tolerance
     for job in range(len(trial)):
         t, first = trial[job], begin[job]
         lens, index, plane = table[t], media[t], array[t]
@@ -374,10 +375,10 @@ def _aim(
 
 @kernel()
 def _aim_all(outer: Any, outer_count: int, outer_media: Any, ends: Any, slopes: Any, far: Any, tallest: Any) -> None:
-    """Aim from points of the FAP at points of the scene, both in `ends` (T, n, 6).
+    """Aim from points of the FAP at points of the scene, both in `ends` (T, n, 6), past what stands between.
 
-    `slopes` (T, n, 2), which hold first guesses where something stands between, get those at the FAP, `far` (T, n) by
-    how many `NEAR` rays miss the point, and `tallest` (T, n) their largest squared height over that of a face.
+    `slopes` (T, n, 2), which hold first guesses, get those at the FAP, `far` (T, n) by how many `NEAR` rays miss the
+    point, and `tallest` (T, n) their largest squared height over that of a face.
     """
     work = _room_to_aim(outer_count)
     radii, left = work[1], work[4]
@@ -392,15 +393,11 @@ def _aim_all(outer: Any, outer_count: int, outer_media: Any, ends: Any, slopes: 
                 for k in range(3):
                     ray[k][i], goal[k][i] = ends[t, first + i, k], ends[t, first + i, 3 + k]
                 enough[i] = NEAR * (1.0 + 0.01 * abs(goal[2][i] - ray[2][i]))
-                run = 1.0 if outer_count else ray[2][i] - goal[2][i]
-                for k in range(2):
-                    slope[k][i] = slopes[t, first + i, k] if outer_count else (ray[k][i] - goal[k][i]) / run
-                left[i] = 0.0
-            if outer_count:
-                _aim_block(
-                    n, ray, slope, home, inverse, False, outer[t], outer_media[t], outer_count, goal, upright, enough,
-                    PATIENCE, work,
-                )  # fmt: skip
+                slope[0][i], slope[1][i] = slopes[t, first + i, 0], slopes[t, first + i, 1]
+            _aim_block(
+                n, ray, slope, home, inverse, False, outer[t], outer_media[t], outer_count, goal, upright, enough,
+                PATIENCE, work,
+            )  # fmt: skip
             for i in range(n):
                 slopes[t, first + i, 0], slopes[t, first + i, 1] = slope[0][i], slope[1][i]
                 far[t, first + i], tallest[t, first + i] = left[i] / enough[i], 0.0
@@ -616,7 +613,9 @@ def beyond_fap(train: Train, ends: Array, start: ArrayLike = 0.0) -> tuple[Array
     From slopes `start`, where something stands between.
     """
     shape = ends.shape[:2]
-    slopes, far, tallest = np.empty((*shape, 2)), np.empty(shape), np.empty(shape)
+    slopes, far, tallest = np.empty((*shape, 2)), np.zeros(shape), np.zeros(shape)
+    if not train.beyond.table.size:
+        return (ends[..., :2] - ends[..., 3:5]) / (ends[..., 2:3] - ends[..., 5:]), far, tallest
     slopes[...] = start
     _aim_all.compiled(*kernel_args(train.beyond), np.ascontiguousarray(ends), slopes, far, tallest)
     return slopes, far, tallest

@@ -8,7 +8,7 @@ import zlib
 import pytest
 from rich.console import Console
 
-from roslf_design.commands.terminal import print_blocks
+from roslf_design.commands.results import print_blocks
 from roslf_design.design import PATHS, load
 from roslf_design.reporting.blocks import (
     Bullets,
