@@ -159,10 +159,14 @@ class _RealLensTracer:
             float(camera.tip),
         )
 
+    @property
+    def side(self) -> int:
+        """Samples along a pixel's side, where nobody says."""
+        return LENS_SAMPLES if self.finite else PINHOLE_SAMPLES
+
     def image(self, region: Region, sampling: RaySampling, fine: int = 1) -> tuple[Image, int]:
         """Relative intensities of a region, float32 (rows * fine, columns * fine), and how many rays were traced."""
-        side = sampling.side or (LENS_SAMPLES if self.finite else PINHOLE_SAMPLES)
-        per = math.ceil(side / fine)
+        per = math.ceil((sampling.side or self.side) / fine)
         out = np.zeros((region.rows * fine, region.columns * fine), np.float32)
         rays = 0
         for row in range(0, region.rows, STRIP):

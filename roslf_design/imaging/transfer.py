@@ -36,6 +36,9 @@ CORE = 512
 LEAST_HALO, MOST_HALO = 96, 1024
 """Pixels around them that lend their light, at least and at most."""
 
+BEYOND = 1e-3
+"""Share of a pixel's variance that few rays may bring."""
+
 DEFAULT_FINE = 4
 """Subpixels where no diffraction bounds the frequencies."""
 
@@ -160,6 +163,21 @@ def _pattern(transfer: MicrolensTransfer, step: float, edge: int) -> Image:
     near = np.arange(-edge, edge + 1)
     kernel = wave[np.ix_(near, near)]
     return np.asarray(kernel + (response[0, 0] - kernel.sum()) / kernel.size, np.float32)
+
+
+def near_reach(transfer: MicrolensTransfer, pixel: float, tolerance: float) -> int:
+    """Pixels beyond a straight border that lend a pixel at it all but `BEYOND` of what it scatters, of `halo`."""
+    edge = halo(transfer, pixel, tolerance)
+    if transfer.trivial:
+        return edge
+    squares = np.square(_pattern(transfer, pixel, edge), dtype=float)
+    outside = np.cumsum(np.maximum(squares.sum(0), squares.sum(1)))[:edge]  # from the farthest row inwards
+    return edge - int(np.searchsorted(outside, BEYOND * squares.sum()))
+
+
+def scatter(apart: Image, transfer: MicrolensTransfer, pixel: float, edge: int, fine: int) -> Image:
+    """What diffraction leaves in pixels of an error of subpixels; those within `edge` of its border are dropped."""
+    return _tile(apart, transfer, pixel / fine, edge * fine, fine)
 
 
 @functools.lru_cache(maxsize=8)
