@@ -35,7 +35,7 @@ from .white import MOST_ORDERS, MOST_ROWS, HarmonicSeries, WhiteGeometry, add_fa
 
 NEGLIGIBLE = 0.25
 """Share of the budget of intensity below which light is left out."""
-PATCH, PATCHES, SAFETY = 24, 6, 1.25
+PATCH, PATCHES, SAFETY = 20, 12, 1.25
 """Pixels across patches that tell how many rays are enough, their number, and errors of other patches over theirs."""
 AROUND = 1 / 16
 """Rays of pixels that only lend their light, against those of pixels that are looked at."""

@@ -72,6 +72,8 @@ STRIP = 64
 """Pixels of a row that are traced together."""
 DIMENSIONS = 6
 """Dimensions of the Sobol points: pixel (x, y), microlens aperture (x, y), diffraction at the FAP (radius, angle)."""
+JOE_KUO = (0, (1,) * 32), (0, (1,)), (1, (1, 3)), (1, (1, 3, 1)), (2, (1, 1, 1)), (1, (1, 1, 3, 3))
+"""Coefficients of each dimension's primitive polynomial, and its first numbers."""
 
 X, Y, SLOPE_X, SLOPE_Y, LENS_AT_X, LENS_AT_Y, LIT, KICK_X, KICK_Y, NEAR, U, V, HIT, LIGHT = range(0, 14 * BLOCK, BLOCK)
 """Rows of a block of rays: the pixel's point, then the ray's height; the microlens's point from its axis, then the
@@ -413,11 +415,27 @@ def refocused(d_3: float, d_f: float, hx: float, hy: float, ox: float, oy: float
 
 @functools.lru_cache(maxsize=4)
 def sobol_points(count: int) -> NDArray[np.uint32]:
-    """First points of the Sobol sequence times 2^32, shape (count, 6): an exclusive-or scrambles them evenly."""
-    from scipy.stats.qmc import Sobol
+    """First points of the Sobol sequence times 2^32, shape (count, 6): an exclusive-or scrambles them evenly.
 
-    points = Sobol(DIMENSIONS, scramble=False, bits=32).random_base2((count - 1).bit_length())[:count]
-    return np.asarray(points * 2.0**32).astype(np.uint32)
+    In the order of Gray's code, by the numbers of Joe and Kuo (2008); importing scipy's takes longer than a picture.
+    """
+    points = np.zeros((1, DIMENSIONS), np.uint32)
+    directions = np.array([_directions(*numbers) for numbers in JOE_KUO], np.uint32).T
+    while len(points) < count:
+        points = np.concatenate([points, points[::-1] ^ directions[len(points).bit_length() - 1]])
+    return points[:count]
+
+
+def _directions(polynomial: int, first: tuple[int, ...]) -> list[int]:
+    """Direction numbers of one dimension, times 2^32."""
+    degree = len(first)
+    numbers = [m << 31 - k for k, m in enumerate(first)]
+    for k in range(degree, 32):
+        new = numbers[k - degree] ^ numbers[k - degree] >> degree
+        for j in range(1, degree):
+            new ^= (polynomial >> degree - 1 - j & 1) * numbers[k - j]
+        numbers.append(new)
+    return numbers
 
 
 @functools.lru_cache(maxsize=4)
