@@ -75,8 +75,10 @@ DIMENSIONS = 6
 JOE_KUO = (0, (1,) * 32), (0, (1,)), (1, (1, 3)), (1, (1, 3, 1)), (2, (1, 1, 1)), (1, (1, 1, 3, 3))
 """Coefficients of each dimension's primitive polynomial, and its first numbers."""
 
+BLOCK_ROWS = 14
+"""Rows of a block of rays."""
 X, Y, SLOPE_X, SLOPE_Y, LENS_AT_X, LENS_AT_Y, LIT, KICK_X, KICK_Y, NEAR, U, V, HIT, LIGHT = range(0, 14 * BLOCK, BLOCK)
-"""Rows of a block of rays: the pixel's point, then the ray's height; the microlens's point from its axis, then the
+"""Where they begin: the pixel's point, then the ray's height; the microlens's point from its axis, then the
 ray's slope; that axis; 1 or 0; diffraction's kick; what is met: distance, place on it, number, radiance."""
 
 POSED, PINHOLE, IN_FOCUS, OWN_ONLY, KICKED, ROUND, THROUGH, EXACT = range(8)
@@ -252,19 +254,6 @@ def _pictured(s: Any, u: float, v: float, pictures: Any) -> float:
     return top * (1.0 - fy) + low * fy
 
 
-@kernel()
-def _shade(s: Any, u: float, v: float, pictures: Any) -> float:
-    """Radiance of a surface at its own (u, v)."""
-    look = int(s[LOOK])
-    if look == UNIFORM:
-        return float(s[LEVELS])
-    if look == CHECKERBOARD:
-        return float(_checkered(s, u, v))
-    if look == SINUSOID:
-        return float(_waved(s, u, v))
-    return float(_pictured(s, u, v, pictures))
-
-
 @kernel(inline=True)
 def _on_plane(s: Any, hx: float, hy: float, ox: float, oy: float) -> Any:
     """Distance Z at which a ray meets a plane, FAR where it does not, and (u, v) there."""
@@ -297,40 +286,6 @@ def _on_round(s: Any, hx: float, hy: float, ox: float, oy: float) -> Any:
 
 
 @kernel(inline=True)
-def _reversed_along(way_x: float, way_y: float, x: float, y: float) -> Any:
-    """A point or slope reversed along a direction of unit length; as it is along none."""
-    along = 2.0 * (way_x * x + way_y * y)
-    return x - along * way_x, y - along * way_y
-
-
-@kernel()
-def _first_hit(rows: Any, mirrored: Any, mouth: float, hx: float, hy: float, ox: float, oy: float) -> Any:
-    """First surface beyond the bore's mouth that the ray (hx - ox Z, hy - oy Z) meets: Z, its number, and (u, v) on it.
-
-    FAR and -1 where it meets nothing.
-    """
-    nearest, hit, at_u, at_v = FAR, -1, 0.0, 0.0
-    hx, hy = _reversed_along(mirrored[0], mirrored[1], hx, hy)
-    ox, oy = _reversed_along(mirrored[0], mirrored[1], ox, oy)
-    for n in range(rows.shape[0]):
-        s = rows[n]
-        z, u, v = _on_plane(s, hx, hy, ox, oy) if int(s[KIND]) == PLANE else _on_round(s, hx, hy, ox, oy)
-        if mouth < z < nearest:
-            nearest, hit, at_u, at_v = z, n, u, v
-    return nearest, hit, at_u, at_v
-
-
-@kernel()
-def radiance(
-    rows: Any, pictures: Any, beyond: float, mirrored: Any, over: float, mouth: float,
-    hx: float, hy: float, ox: float, oy: float,
-) -> float:  # fmt: skip
-    """Radiance over `over` of what the ray (hx - ox Z, hy - oy Z) meets first beyond the bore's mouth."""
-    _, hit, u, v = _first_hit(rows, mirrored, mouth, hx, hy, ox, oy)
-    return float((beyond if hit < 0 else _shade(rows[hit], u, v, pictures)) - over)
-
-
-@kernel(inline=True)
 def _numbers(row: Any) -> Any:
     """A surface's numbers, of which the compiler knows that nothing is stored between them."""
     return (
@@ -340,69 +295,75 @@ def _numbers(row: Any) -> Any:
 
 
 @kernel()
-def _look(
-    rows: Any, pictures: Any, beyond: float, mirrored: Any, over: float, mouth: float, buffer: Any, m: int
-) -> None:
-    """`radiance` of a block."""
+def look(rows: Any, pictures: Any, beyond: float, mirrored: Any, over: float, mouth: float, rays: Any, m: int) -> None:
+    """Radiance over `over` of what a block's rays (hx - ox Z, hy - oy Z) meet first beyond the bore's mouth.
+
+    Distances are FAR, and numbers of surfaces -1, where they meet nothing.
+    """
     way_x, way_y = mirrored[0], mirrored[1]
-    for i in range(m):
-        buffer[X + i], buffer[Y + i] = _reversed_along(way_x, way_y, buffer[X + i], buffer[Y + i])
-        buffer[SLOPE_X + i], buffer[SLOPE_Y + i] = _reversed_along(
-            way_x, way_y, buffer[SLOPE_X + i], buffer[SLOPE_Y + i]
-        )
-        buffer[NEAR + i], buffer[HIT + i], buffer[LIGHT + i] = FAR, -1.0, beyond - over
-        buffer[U + i], buffer[V + i] = 0.0, 0.0
+    for i in range(m):  # reversed along a direction of unit length; as they are along none
+        along = 2.0 * (way_x * rays[X + i] + way_y * rays[Y + i])
+        turned = 2.0 * (way_x * rays[SLOPE_X + i] + way_y * rays[SLOPE_Y + i])
+        rays[X + i], rays[Y + i] = rays[X + i] - along * way_x, rays[Y + i] - along * way_y
+        rays[SLOPE_X + i], rays[SLOPE_Y + i] = rays[SLOPE_X + i] - turned * way_x, rays[SLOPE_Y + i] - turned * way_y
+        rays[NEAR + i], rays[HIT + i], rays[LIGHT + i], rays[U + i], rays[V + i] = FAR, -1.0, beyond - over, 0.0, 0.0
     for n in range(rows.shape[0]):
-        row = rows[n]
-        s = _numbers(row)
-        if int(row[KIND]) == PLANE:
+        s = _numbers(rows[n])
+        if int(s[KIND]) == PLANE:
             for i in range(m):
-                z, u, v = _on_plane(s, buffer[X + i], buffer[Y + i], buffer[SLOPE_X + i], buffer[SLOPE_Y + i])
-                nearer = (z > mouth) & (z < buffer[NEAR + i])
-                buffer[NEAR + i] = z if nearer else buffer[NEAR + i]
-                buffer[U + i] = u if nearer else buffer[U + i]
-                buffer[V + i] = v if nearer else buffer[V + i]
-                buffer[HIT + i] = 1.0 * n if nearer else buffer[HIT + i]
+                z, u, v = _on_plane(s, rays[X + i], rays[Y + i], rays[SLOPE_X + i], rays[SLOPE_Y + i])
+                nearer = (z > mouth) & (z < rays[NEAR + i])
+                rays[NEAR + i], rays[HIT + i] = z if nearer else rays[NEAR + i], 1.0 * n if nearer else rays[HIT + i]
+                rays[U + i], rays[V + i] = u if nearer else rays[U + i], v if nearer else rays[V + i]
             continue
         for i in range(m):
-            z, u, v = _on_round(s, buffer[X + i], buffer[Y + i], buffer[SLOPE_X + i], buffer[SLOPE_Y + i])
-            if mouth < z < buffer[NEAR + i]:
-                buffer[NEAR + i], buffer[U + i], buffer[V + i], buffer[HIT + i] = z, u, v, 1.0 * n
+            z, u, v = _on_round(s, rays[X + i], rays[Y + i], rays[SLOPE_X + i], rays[SLOPE_Y + i])
+            if mouth < z < rays[NEAR + i]:
+                rays[NEAR + i], rays[HIT + i], rays[U + i], rays[V + i] = z, 1.0 * n, u, v
     for n in range(rows.shape[0]):
-        row = rows[n]
-        s, look = _numbers(row), int(row[LOOK])
-        if look == UNIFORM:
+        s, texture = _numbers(rows[n]), int(rows[n, LOOK])
+        if texture == UNIFORM:
             for i in range(m):
-                buffer[LIGHT + i] = s[LEVELS] - over if buffer[HIT + i] == n else buffer[LIGHT + i]
-        elif look == CHECKERBOARD:
+                rays[LIGHT + i] = s[LEVELS] - over if rays[HIT + i] == n else rays[LIGHT + i]
+        elif texture == CHECKERBOARD:
             for i in range(m):
-                light = _checkered(s, buffer[U + i], buffer[V + i]) - over
-                buffer[LIGHT + i] = light if buffer[HIT + i] == n else buffer[LIGHT + i]
-        elif look == SINUSOID:
+                light = _checkered(s, rays[U + i], rays[V + i]) - over
+                rays[LIGHT + i] = light if rays[HIT + i] == n else rays[LIGHT + i]
+        elif texture == SINUSOID:
             for i in range(m):
-                light = _waved(s, buffer[U + i], buffer[V + i]) - over
-                buffer[LIGHT + i] = light if buffer[HIT + i] == n else buffer[LIGHT + i]
+                light = _waved(s, rays[U + i], rays[V + i]) - over
+                rays[LIGHT + i] = light if rays[HIT + i] == n else rays[LIGHT + i]
         else:
             for i in range(m):
-                light = _pictured(s, buffer[U + i], buffer[V + i], pictures) - over
-                buffer[LIGHT + i] = light if buffer[HIT + i] == n else buffer[LIGHT + i]
+                light = _pictured(s, rays[U + i], rays[V + i], pictures) - over
+                rays[LIGHT + i] = light if rays[HIT + i] == n else rays[LIGHT + i]
 
 
-def seen_distances(scene: Scene, camera: Camera, rays: Floats) -> Floats:
-    """Distances Z of what rays meet first beyond the bore's mouth [mm]; inf where they meet nothing.
+def met(surfaces: Surfaces, mouth: float, rays: Floats) -> tuple[Floats, Floats]:
+    """Distances Z of what rays meet first beyond the bore's mouth [mm], inf where they meet nothing; and its radiance.
 
     Parameters
     ----------
-    scene : Scene
-    camera : Camera
+    surfaces : Surfaces
+    mouth : float
+        Z [mm].
     rays : ndarray, shape (N, 4)
         (h_x, h_y, o_x, o_y) of rays at ``h - o Z``.
     """
-    plane, mouth = float(camera["main_lens.focal_plane"]), float(camera.tip)
-    surfaces = encode(scene, plane, camera.chain.mirrored)
-    hits = (_first_hit.compiled(surfaces.rows, surfaces.mirrored, mouth, *map(float, ray)) for ray in rays)
-    distances = np.array([distance for distance, *_ in hits])
-    return np.where(distances < FAR, distances, np.inf)
+    block, answers = np.zeros((BLOCK_ROWS, BLOCK)), []
+    for start in range(0, len(rays), BLOCK):
+        some = np.asarray(rays[start : start + BLOCK], float)
+        block[: some.shape[1], : len(some)] = some.T
+        look.compiled(*surfaces, mouth, block.reshape(-1), len(some))
+        answers.append(block[[NEAR // BLOCK, LIGHT // BLOCK], : len(some)])
+    near, light = np.concatenate(answers, axis=1) if answers else np.empty((2, 0))
+    return np.where(near < FAR, near, np.inf), light
+
+
+def seen_distances(scene: Scene, camera: Camera, rays: Floats) -> Floats:
+    """Distances Z at which rays of a camera, as `met` takes them, meet a scene first [mm]."""
+    surfaces = encode(scene, float(camera["main_lens.focal_plane"]), camera.chain.mirrored)
+    return met(surfaces, float(camera.tip), rays)[0]
 
 
 @kernel()
@@ -559,7 +520,7 @@ class Tracer:
             room = np.empty(ROWS * BLOCK), np.empty(BLOCK)
             rays += _trace.compiled(
                 x, y, float(camera.q) / fine, steps, lattice.image_origin, lattice.reach, self.flags,
-                tuple(part.copy() for part in self.layout), faces and (*(part.copy() for part in faces), *room),
+                tuple(map(np.copy, self.layout)), faces and (*map(np.copy, faces), *room),
                 tuple(self.surfaces), self.kicks, self.falloff, lengths, points, shifts, counts,
                 sampling.tolerance * fine, place, image,
             )  # fmt: skip
@@ -599,49 +560,38 @@ def _hash3(a: Any, b: Any, c: Any) -> Any:
 
 
 @kernel()
-def _to_scene(
-    space: Any, flags: Any, k: Any, front: Any, law: Any, d_3: float, d_f: float, buffer: Any, m: int
-) -> None:
-    """Carry a block on from the main lens to before all elements."""
+def _to_scene(space: Any, flags: Any, k: Any, front: Any, law: Any, d_3: float, d_f: float, rays: Any, m: int) -> None:
+    """Carry a block that leaves the main lens on to before all elements."""
+    lens_x, lens_y = k[LENS_X], k[LENS_X + 1]
     if space is not None:
         table, media, openings, room, work = space
         for i in range(m):
-            if buffer[LIT + i] == 0.0:
+            if rays[LIT + i] == 0.0:
                 continue
-            hx, hy, ox, oy = buffer[X + i], buffer[Y + i], buffer[SLOPE_X + i], buffer[SLOPE_Y + i]
+            hx, hy, ox, oy = rays[X + i], rays[Y + i], rays[SLOPE_X + i], rays[SLOPE_Y + i]
             ex, ey, tx, ty, fate = outwards(table, media, openings, law, room, work, hx, hy, ox, oy)
-            hx, hy, ox, oy = behind_elements(front, k[LENS_X], k[LENS_X + 1], hx, hy, ox, oy)
+            hx, hy, ox, oy = behind_elements(front, lens_x, lens_y, hx, hy, ox, oy)
             hx, hy, ox, oy, _ = mapped(law, front, hx, hy, ox, oy)
-            # By as much goes the exact ray beside that of the closed forms.
-            buffer[U + i], buffer[V + i], buffer[NEAR + i], buffer[HIT + i] = ex - hx, ey - hy, tx - ox, ty - oy
-            buffer[LIT + i] = 1.0 if fate == 0 else 0.0
-    if flags[IN_FOCUS]:
-        for i in range(m):
-            buffer[X + i], buffer[Y + i], buffer[SLOPE_X + i], buffer[SLOPE_Y + i] = refocused(
-                d_3, d_f, buffer[X + i], buffer[Y + i], buffer[SLOPE_X + i], buffer[SLOPE_Y + i]
-            )
-    if flags[KICKED]:
-        for i in range(m):
-            buffer[X + i] += buffer[KICK_X + i] * d_3
-            buffer[Y + i] += buffer[KICK_Y + i] * d_3
-            buffer[SLOPE_X + i] += buffer[KICK_X + i]
-            buffer[SLOPE_Y + i] += buffer[KICK_Y + i]
-    if flags[THROUGH]:
-        for i in range(m):
-            if buffer[LIT + i] != 0.0:
-                hx, hy, ox, oy = behind_elements(
-                    front, k[LENS_X], k[LENS_X + 1], buffer[X + i], buffer[Y + i], buffer[SLOPE_X + i],
-                    buffer[SLOPE_Y + i],
-                )  # fmt: skip
-                hx, hy, ox, oy, imaged = mapped(law, front, hx, hy, ox, oy)
-                buffer[X + i], buffer[Y + i], buffer[SLOPE_X + i], buffer[SLOPE_Y + i] = hx, hy, ox, oy
-                buffer[LIT + i] = 1.0 if imaged else 0.0
+            # So far does the exact ray go beside that of the closed forms.
+            rays[U + i], rays[V + i], rays[NEAR + i], rays[HIT + i] = ex - hx, ey - hy, tx - ox, ty - oy
+            rays[LIT + i] = 1.0 if fate == 0 else 0.0
+    for i in range(m if flags[IN_FOCUS] else 0):
+        rays[X + i], rays[Y + i], rays[SLOPE_X + i], rays[SLOPE_Y + i] = refocused(
+            d_3, d_f, rays[X + i], rays[Y + i], rays[SLOPE_X + i], rays[SLOPE_Y + i]
+        )
+    for i in range(m if flags[KICKED] else 0):
+        rays[X + i], rays[SLOPE_X + i] = rays[X + i] + rays[KICK_X + i] * d_3, rays[SLOPE_X + i] + rays[KICK_X + i]
+        rays[Y + i], rays[SLOPE_Y + i] = rays[Y + i] + rays[KICK_Y + i] * d_3, rays[SLOPE_Y + i] + rays[KICK_Y + i]
+    for i in range(m if flags[THROUGH] else 0):
+        if rays[LIT + i] != 0.0:
+            hx, hy, ox, oy = rays[X + i], rays[Y + i], rays[SLOPE_X + i], rays[SLOPE_Y + i]
+            hx, hy, ox, oy = behind_elements(front, lens_x, lens_y, hx, hy, ox, oy)
+            rays[X + i], rays[Y + i], rays[SLOPE_X + i], rays[SLOPE_Y + i], imaged = mapped(law, front, hx, hy, ox, oy)
+            rays[LIT + i] = 1.0 if imaged else 0.0
     if space is not None:
         for i in range(m):
-            buffer[X + i] += buffer[U + i]
-            buffer[Y + i] += buffer[V + i]
-            buffer[SLOPE_X + i] += buffer[NEAR + i]
-            buffer[SLOPE_Y + i] += buffer[HIT + i]
+            rays[X + i], rays[Y + i] = rays[X + i] + rays[U + i], rays[Y + i] + rays[V + i]
+            rays[SLOPE_X + i], rays[SLOPE_Y + i] = rays[SLOPE_X + i] + rays[NEAR + i], rays[SLOPE_Y + i] + rays[HIT + i]
 
 
 @kernel()
@@ -650,28 +600,6 @@ def _share_of_light(shade: Any, slope: float) -> float:
     if shade.shape[0] == 0:
         return 1.0 / (1.0 + slope * slope) ** 2
     return float(illumination(shade, slope))
-
-
-@kernel()
-def _lenses_near(lattice: Any, margin: float, left: float, right: float, y: float, lenses: Any) -> int:
-    """How many microlenses may light a piece of a row, places counted from the lattice's origin.
-
-    `lenses` gets their images' centres and their axes in the array's frame, always in the same order.
-    """
-    axes, image_axes, inverse, half_size, neighbours = lattice
-    m_0, m_1 = inverse[0, 0] * left + inverse[0, 1] * y, inverse[0, 0] * right + inverse[0, 1] * y
-    n_0, n_1 = inverse[1, 0] * left + inverse[1, 1] * y, inverse[1, 0] * right + inverse[1, 1] * y
-    n = 0
-    for m in range(math.floor(min(m_0, m_1) + 0.5) - neighbours, math.floor(max(m_0, m_1) + 0.5) + neighbours + 1):
-        for l in range(math.floor(min(n_0, n_1) + 0.5) - neighbours, math.floor(max(n_0, n_1) + 0.5) + neighbours + 1):
-            gx, gy = image_axes[0, 0] * m + image_axes[0, 1] * l, image_axes[1, 0] * m + image_axes[1, 1] * l
-            cx, cy = axes[0, 0] * m + axes[0, 1] * l, axes[1, 0] * m + axes[1, 1] * l
-            if abs(cx) > half_size[0] or abs(cy) > half_size[1]:
-                continue
-            if abs(gy - y) <= margin and left - margin <= gx <= right + margin:
-                lenses[n, 0], lenses[n, 1], lenses[n, 2], lenses[n, 3] = gx, gy, cx, cy
-                n += 1
-    return n
 
 
 @kernel()
@@ -691,24 +619,66 @@ def _seeds(place: Any, shifts: Any, column: int, row: int) -> Any:
 
 
 @kernel()
+def _gather(
+    x: Any, y: float, begin: int, j: int, lattice: Any, origin: Any, margin: float, k: Any, shade: Any, falloff: float,
+    place: Any, shifts: Any, lenses: Any, strip: Any,
+) -> int:  # fmt: skip
+    """How many pixels of a strip any microlens may light; lists the pairs, always in the same order."""
+    axes, image_axes, inverse, half_size, neighbours = lattice
+    items, owners, starts, last, codes, gains, sums = strip
+    size, by, near, n, left = min(STRIP, x.size - begin), y - origin[1], 0, 0, 0
+    west, east = x[begin] - origin[0], x[begin + size - 1] - origin[0]
+    m_0, m_1 = inverse[0, 0] * west + inverse[0, 1] * by, inverse[0, 0] * east + inverse[0, 1] * by
+    n_0, n_1 = inverse[1, 0] * west + inverse[1, 1] * by, inverse[1, 0] * east + inverse[1, 1] * by
+    for m in range(math.floor(min(m_0, m_1) + 0.5) - neighbours, math.floor(max(m_0, m_1) + 0.5) + neighbours + 1):
+        for l in range(math.floor(min(n_0, n_1) + 0.5) - neighbours, math.floor(max(n_0, n_1) + 0.5) + neighbours + 1):
+            gx, gy = image_axes[0, 0] * m + image_axes[0, 1] * l, image_axes[1, 0] * m + image_axes[1, 1] * l
+            cx, cy = axes[0, 0] * m + axes[0, 1] * l, axes[1, 0] * m + axes[1, 1] * l
+            there = abs(cx) <= half_size[0] and abs(cy) <= half_size[1]
+            if there and abs(gy - by) <= margin and west - margin <= gx <= east + margin:
+                lenses[near, 0], lenses[near, 1], lenses[near, 2], lenses[near, 3] = cx, cy, gx, gy
+                near += 1
+    for p in range(size):
+        bx, starts[p] = x[begin + p] - origin[0], n
+        for c in range(near):
+            if (bx - lenses[c, 2]) ** 2 + (by - lenses[c, 3]) ** 2 <= margin * margin:
+                items[n, 0], items[n, 1], owners[n] = lenses[c, 0], lenses[c, 1], p
+                items[n, 2], items[n, 3] = lenses[c, 2] + origin[0], lenses[c, 3] + origin[1]
+                n += 1
+        last[p] = n == starts[p]
+        if last[p]:
+            continue
+        left += 1
+        # At the pixel's own place, as in white images: what falls off there must fall off here, pixel by pixel.
+        mid_m, mid_n = inverse[0, 0] * bx + inverse[0, 1] * by, inverse[1, 0] * bx + inverse[1, 1] * by
+        at_x = axes[0, 0] * mid_m + axes[0, 1] * mid_n + k[ARRAY_X]
+        at_y = axes[1, 0] * mid_m + axes[1, 1] * mid_n + k[ARRAY_X + 1]
+        gains[p] = _share_of_light(shade, falloff * math.hypot(at_x, at_y))
+        codes[p, 0], codes[p, 1], codes[p, 2], codes[p, 3], codes[p, 4], codes[p, 5] = _seeds(
+            place, shifts, begin + p, j
+        )
+    starts[size] = n
+    sums[:, :n] = 0.0
+    return left
+
+
+@kernel()
 def _draw(
     points: Any, seeds: Any, places: Any, w: int, first: int, count: int, flags: Any, half: float, pixel: float,
-    kicks: Any, buffer: Any,
+    kicks: Any, rays: Any,
 ) -> None:  # fmt: skip
-    """Fill a block with `count` points of each of `w` pixels and microlenses, one point of all after the other."""
+    """Fill a block with `count` points of each of `w` pairs of pixel and microlens, first those of one point."""
     unit = 1.0 / 4294967296.0
     finite, is_round, kicked = not flags[PINHOLE], flags[ROUND], flags[KICKED]
     for r in range(count):
         p0, p1, p2, p3 = points[first + r, 0], points[first + r, 1], points[first + r, 2], points[first + r, 3]
-        mine = buffer[r * w :]
+        mine = rays[r * w :]
         for t in range(w):
-            mine[X + t] = places[t] + ((np.uint32(p0 ^ seeds[t]) + 0.5) * unit - 0.5) * pixel
-            mine[Y + t] = places[STRIP + t] + ((np.uint32(p1 ^ seeds[STRIP + t]) + 0.5) * unit - 0.5) * pixel
+            mine[X + t] = places[2 * STRIP + t] + ((np.uint32(p0 ^ seeds[t]) + 0.5) * unit - 0.5) * pixel
+            mine[Y + t] = places[3 * STRIP + t] + ((np.uint32(p1 ^ seeds[STRIP + t]) + 0.5) * unit - 0.5) * pixel
             mine[SLOPE_X + t] = (np.uint32(p2 ^ seeds[2 * STRIP + t]) + 0.5) * unit
             mine[SLOPE_Y + t] = (np.uint32(p3 ^ seeds[3 * STRIP + t]) + 0.5) * unit
-            mine[LENS_AT_X + t] = places[2 * STRIP + t]
-            mine[LENS_AT_Y + t] = places[3 * STRIP + t]
-            mine[LIT + t] = 1.0
+            mine[LENS_AT_X + t], mine[LENS_AT_Y + t], mine[LIT + t] = places[t], places[STRIP + t], 1.0
         if kicked:
             p4, p5 = points[first + r, 4], points[first + r, 5]
             for t in range(w):
@@ -716,72 +686,93 @@ def _draw(
                 turn = int(np.uint32(p5 ^ seeds[5 * STRIP + t]) * unit * kicks.shape[0])
                 mine[KICK_X + t] = kicks[near, 0] * kicks[turn, 1] + kicks[near, 3]
                 mine[KICK_Y + t] = kicks[near, 0] * kicks[turn, 2] + kicks[near, 4]
-    m = count * w
     if finite and is_round:
-        for i in range(m):
-            rho = half * math.sqrt(buffer[SLOPE_X + i])
-            cosine, sine = _on_circle(buffer[SLOPE_Y + i])
-            buffer[SLOPE_X + i], buffer[SLOPE_Y + i] = rho * cosine, rho * sine
-    else:
-        half = half if finite else 0.0
-        for i in range(m):
-            buffer[SLOPE_X + i] = (2.0 * buffer[SLOPE_X + i] - 1.0) * half
-            buffer[SLOPE_Y + i] = (2.0 * buffer[SLOPE_Y + i] - 1.0) * half
+        for i in range(count * w):
+            rho = half * math.sqrt(rays[SLOPE_X + i])
+            cosine, sine = _on_circle(rays[SLOPE_Y + i])
+            rays[SLOPE_X + i], rays[SLOPE_Y + i] = rho * cosine, rho * sine
+        return
+    half = half if finite else 0.0
+    for i in range(count * w):
+        rays[SLOPE_X + i], rays[SLOPE_Y + i] = (
+            (2.0 * rays[SLOPE_X + i] - 1.0) * half, (2.0 * rays[SLOPE_Y + i] - 1.0) * half,
+        )  # fmt: skip
 
 
 @kernel()
-def _keep_nearest(items: Any, starts: Any, owners: Any, queue: Any, w: int, count: int, buffer: Any) -> None:
+def _keep_nearest(strip: Any, queue: Any, w: int, count: int, rays: Any) -> None:
     """Leave out rays that another microlens's image is nearer to."""
+    items, owners, starts, _, _, _, _ = strip
     for i in range(count * w):
         item = queue[i % w]
         best, nearest = 1e300, -1
         for other in range(starts[owners[item]], starts[owners[item] + 1]):
-            far = (buffer[X + i] - items[other, 2]) ** 2 + (buffer[Y + i] - items[other, 3]) ** 2
+            far = (rays[X + i] - items[other, 2]) ** 2 + (rays[Y + i] - items[other, 3]) ** 2
             if far < best:
                 best, nearest = far, other
-        buffer[LIT + i] = 1.0 if nearest == item else 0.0
+        rays[LIT + i] = 1.0 if nearest == item else 0.0
 
 
 @kernel()
-def _through_lens(posed: bool, k: Any, maps: Any, rims: Any, buffer: Any, m: int) -> None:
+def _through_lens(posed: bool, k: Any, maps: Any, rims: Any, rays: Any, m: int) -> None:
     """Carry a block of backward rays past the main lens, in the system's axes, and through the rims."""
-    lens_square = k[LENS_RADIUS] * k[LENS_RADIUS]
+    lens_square, count = k[LENS_RADIUS] * k[LENS_RADIUS], rims.shape[0]
     if posed:
         for i in range(m):
-            hx, hy, ox, oy, good = posed_ray(
-                k, maps, buffer[X + i], buffer[Y + i], buffer[LENS_AT_X + i], buffer[LENS_AT_Y + i],
-                buffer[SLOPE_X + i], buffer[SLOPE_Y + i],
-            )  # fmt: skip
+            at_x, at_y, vx, vy = rays[LENS_AT_X + i], rays[LENS_AT_Y + i], rays[SLOPE_X + i], rays[SLOPE_Y + i]
+            hx, hy, ox, oy, good = posed_ray(k, maps, rays[X + i], rays[Y + i], at_x, at_y, vx, vy)
             good = good and hx * hx + hy * hy <= lens_square
-            for t in range(rims.shape[0]):
+            for t in range(count):
                 ax, ay, _, _, ahead = crossing(maps[3 + t], hx, hy, ox, oy)
                 good = good and ahead and inside(rims[t], 3, ax, ay)
-            hx, hy, ox, oy, ahead = crossing(maps[2], hx, hy, ox, oy)
-            buffer[X + i], buffer[Y + i], buffer[SLOPE_X + i], buffer[SLOPE_Y + i] = hx, hy, ox, oy
-            buffer[LIT + i] *= 1.0 if good and ahead else 0.0
+            rays[X + i], rays[Y + i], rays[SLOPE_X + i], rays[SLOPE_Y + i], ahead = crossing(maps[2], hx, hy, ox, oy)
+            rays[LIT + i] *= 1.0 if good and ahead else 0.0
         return
-    d_1, per_d_2, per_f_ml, per_f = k[D_1], k[PER_D_2], k[PER_F_ML], k[PER_F]
+    d_1, per_d_2, per_f_ml, per_f, lens_x, lens_y = k[D_1], k[PER_D_2], k[PER_F_ML], k[PER_F], k[LENS_X], k[LENS_X + 1]
     sensor_x, sensor_y, array_x, array_y = k[SENSOR_X], k[SENSOR_X + 1], k[ARRAY_X], k[ARRAY_X + 1]
     for i in range(m):
-        hx, ox = aligned_ray(
-            d_1, per_d_2, per_f_ml, per_f, sensor_x, array_x, buffer[X + i], buffer[LENS_AT_X + i], buffer[SLOPE_X + i]
-        )
-        hy, oy = aligned_ray(
-            d_1, per_d_2, per_f_ml, per_f, sensor_y, array_y, buffer[Y + i], buffer[LENS_AT_Y + i], buffer[SLOPE_Y + i]
-        )
-        buffer[X + i], buffer[Y + i], buffer[SLOPE_X + i], buffer[SLOPE_Y + i] = hx, hy, ox, oy
-        buffer[LIT + i] = buffer[LIT + i] if hx * hx + hy * hy <= lens_square else 0.0
-    for t in range(rims.shape[0]):
+        at_x, at_y, vx, vy = rays[LENS_AT_X + i], rays[LENS_AT_Y + i], rays[SLOPE_X + i], rays[SLOPE_Y + i]
+        hx, ox = aligned_ray(d_1, per_d_2, per_f_ml, per_f, sensor_x, array_x, rays[X + i], at_x, vx)
+        hy, oy = aligned_ray(d_1, per_d_2, per_f_ml, per_f, sensor_y, array_y, rays[Y + i], at_y, vy)
+        rays[X + i], rays[Y + i], rays[SLOPE_X + i], rays[SLOPE_Y + i] = hx, hy, ox, oy
+        rays[LIT + i] = rays[LIT + i] if hx * hx + hy * hy <= lens_square else 0.0
+    for t in range(count):
         off_x, off_y, ahead = rims[t, 0], rims[t, 1], rims[t, 2]
-        row = (rims[t, 3], rims[t, 4], rims[t, 5], rims[t, 6], rims[t, 7])
+        opening = (rims[t, 3], rims[t, 4], rims[t, 5], rims[t, 6], rims[t, 7])
         for i in range(m):
-            ax = buffer[X + i] + off_x - buffer[SLOPE_X + i] * ahead
-            ay = buffer[Y + i] + off_y - buffer[SLOPE_Y + i] * ahead
-            buffer[LIT + i] = buffer[LIT + i] if inside(row, 0, ax, ay) else 0.0
-    lens_x, lens_y = k[LENS_X], k[LENS_X + 1]
+            ax, ay = rays[X + i] + off_x - rays[SLOPE_X + i] * ahead, rays[Y + i] + off_y - rays[SLOPE_Y + i] * ahead
+            rays[LIT + i] = rays[LIT + i] if inside(opening, 0, ax, ay) else 0.0
     for i in range(m):
-        buffer[X + i] += lens_x
-        buffer[Y + i] += lens_y
+        rays[X + i], rays[Y + i] = rays[X + i] + lens_x, rays[Y + i] + lens_y
+
+
+@kernel()
+def _judge(strip: Any, size: int, done: int, most: int, tolerance: float, row: Any) -> int:
+    """How many of a strip's pixels need more rays; values of the others go to their row of the image.
+
+    Means of `GROUPS` groups tell the error. Two make one for the next look, as large as two of as many rays again.
+    """
+    _, _, starts, last, _, gains, sums = strip
+    left = 0
+    for p in range(size):
+        if last[p]:
+            continue
+        total, squares, scale = 0.0, 0.0, gains[p] / done
+        for g in range(GROUPS):
+            group = 0.0
+            for item in range(starts[p], starts[p + 1]):
+                group += sums[g, item]
+            total, squares = total + group, squares + group * group
+        spread = (GROUPS * squares - total * total) / (GROUPS - 1.0) * scale * scale
+        if done >= most or spread <= tolerance * tolerance:
+            row[p], last[p] = scale * total, True
+            continue
+        left += 1
+        for item in range(starts[p], starts[p + 1]):
+            for g in range(GROUPS // 2):
+                sums[g, item] = sums[2 * g, item] + sums[2 * g + 1, item]
+            sums[GROUPS // 2 :, item] = 0.0
+    return left
 
 
 @kernel()
@@ -790,103 +781,55 @@ def _trace(
     surfaces: Any, kicks: Any, falloff: float, lengths: Any, points: Any, shifts: Any, counts: Any, tolerance: float,
     place: Any, image: Any,
 ) -> int:  # fmt: skip
-    """Trace pixels by backward rays, and count these; tuples as `Tracer.image` makes them."""
-    axes, _, inverse, _, neighbours = lattice
+    """How many rays it took to trace pixels; tuples as `Tracer.image` makes them."""
     k, maps, rims, front, law, shade = layout
     rows, pictures, beyond, mirrored, over = surfaces
     mouth, d_3, d_f = lengths
-    margin, used = reach + pixel * 0.7072, 0
-    across, along = abs(inverse[0, 0]) * STRIP * pixel, abs(inverse[1, 0]) * STRIP * pixel
-    lenses = np.empty((int(across + 2 * neighbours + 3) * int(along + 2 * neighbours + 3), 4))
-    items, sums = np.empty((STRIP * len(lenses), 4)), np.empty((GROUPS, STRIP * len(lenses)))
-    owners, queue = np.empty(len(items), np.int64), np.empty(len(items), np.int64)
-    starts, last = np.empty(STRIP + 1, np.int64), np.empty(STRIP, np.bool_)
-    codes, gains = np.empty((STRIP, DIMENSIONS), np.uint32), np.empty(STRIP)
+    inverse, wide = lattice[2], 2 * lattice[4] + 3
+    across, along = int(abs(inverse[0, 0]) * STRIP * pixel) + wide, int(abs(inverse[1, 0]) * STRIP * pixel) + wide
+    most, used = STRIP * across * along, 0
+    items, owners, sums = np.empty((most, 4)), np.empty(most, np.int64), np.empty((GROUPS, most))
+    starts, last, codes = np.empty(STRIP + 1, np.int64), np.empty(STRIP, np.bool_), np.empty((STRIP, 6), np.uint32)
+    strip = items, owners, starts, last, codes, np.empty(STRIP), sums
+    lenses, queue, rays = np.empty((across * along, 4)), np.empty(most, np.int64), np.empty(BLOCK_ROWS * BLOCK)
     places, seeds = np.empty(4 * STRIP), np.empty(DIMENSIONS * STRIP, np.uint32)
-    buffer = np.empty(14 * BLOCK)
     for j in range(y.size):
-        by = y[j] - origin[1]
         for begin in range(0, x.size, STRIP):
-            size = min(STRIP, x.size - begin)
-            near = _lenses_near(lattice, margin, x[begin] - origin[0], x[begin + size - 1] - origin[0], by, lenses)
-            n, left = 0, 0
-            for p in range(size):
-                starts[p] = n
-                bx = x[begin + p] - origin[0]
-                for c in range(near):
-                    if (bx - lenses[c, 0]) ** 2 + (by - lenses[c, 1]) ** 2 <= margin * margin:
-                        items[n, 0], items[n, 1] = lenses[c, 2], lenses[c, 3]
-                        items[n, 2], items[n, 3] = lenses[c, 0] + origin[0], lenses[c, 1] + origin[1]
-                        owners[n] = p
-                        n += 1
-                last[p] = n == starts[p]
-                if last[p]:
-                    continue
-                left += 1
-                # At the pixel's own place, as in white images: what falls off there must fall off here, pixel by pixel.
-                mid_m, mid_n = inverse[0, 0] * bx + inverse[0, 1] * by, inverse[1, 0] * bx + inverse[1, 1] * by
-                at_x = axes[0, 0] * mid_m + axes[0, 1] * mid_n + k[ARRAY_X]
-                at_y = axes[1, 0] * mid_m + axes[1, 1] * mid_n + k[ARRAY_X + 1]
-                gains[p] = _share_of_light(shade, falloff * math.hypot(at_x, at_y))
-                code = _seeds(place, shifts, begin + p, j)
-                for d in range(DIMENSIONS):
-                    codes[p, d] = code[d]
-            starts[size] = n
-            sums[:, :n] = 0.0
-            done, more = 0, counts[0]
+            size, done, more = min(STRIP, x.size - begin), 0, counts[0]
+            left = _gather(
+                x, y[j], begin, j, lattice, origin, reach + pixel * 0.7072, k, shade, falloff, place, shifts, lenses,
+                strip,
+            )  # fmt: skip
             while left > 0:
-                used += left * more
-                waiting = 0
-                for item in range(n):
+                used, waiting = used + left * more, 0
+                for item in range(starts[size]):
                     if not last[owners[item]]:
                         queue[waiting] = item
                         waiting += 1
                 for a in range(0, waiting, STRIP):
-                    w = min(STRIP, waiting - a)
-                    mine = queue[a : a + w]
+                    mine = queue[a : min(a + STRIP, waiting)]
+                    w = mine.size
                     for t in range(w):
-                        p = owners[mine[t]]
-                        places[t], places[STRIP + t] = x[begin + p], y[j]
-                        places[2 * STRIP + t], places[3 * STRIP + t] = items[mine[t], 0], items[mine[t], 1]
+                        item, p = mine[t], owners[mine[t]]
+                        places[t], places[STRIP + t] = items[item, 0], items[item, 1]
+                        places[2 * STRIP + t], places[3 * STRIP + t] = x[begin + p], y[j]
                         for d in range(DIMENSIONS):
                             seeds[d * STRIP + t] = codes[p, d]
                     for first in range(done, done + more, BLOCK // w):
                         count = min(BLOCK // w, done + more - first)
-                        m = count * w
-                        _draw(points, seeds, places, w, first, count, flags, k[HALF], pixel, kicks, buffer)
+                        _draw(points, seeds, places, w, first, count, flags, k[HALF], pixel, kicks, rays)
                         if flags[OWN_ONLY]:
-                            _keep_nearest(items, starts, owners, mine, w, count, buffer)
-                        _through_lens(flags[POSED], k, maps, rims, buffer, m)
-                        _to_scene(space, flags, k, front, law, d_3, d_f, buffer, m)
-                        _look(rows, pictures, beyond, mirrored, over, mouth, buffer, m)
+                            _keep_nearest(strip, mine, w, count, rays)
+                        _through_lens(flags[POSED], k, maps, rims, rays, count * w)
+                        _to_scene(space, flags, k, front, law, d_3, d_f, rays, count * w)
+                        look(rows, pictures, beyond, mirrored, over, mouth, rays, count * w)
                         for r in range(count):
-                            # Of twice as many rays as before each group is twice as large.
                             part = GROUPS if done == 0 else GROUPS // 2
                             group = GROUPS - part + (first + r - done) * part // more
                             for t in range(w):
-                                light, lit = buffer[LIGHT + r * w + t], buffer[LIT + r * w + t]
-                                sums[group, mine[t]] += light if lit != 0.0 else 0.0
+                                light = rays[LIGHT + r * w + t]
+                                sums[group, mine[t]] += light if rays[LIT + r * w + t] != 0.0 else 0.0
                 done += more
                 more = done
-                for p in range(size):
-                    if last[p]:
-                        continue
-                    total, squares = 0.0, 0.0
-                    for g in range(GROUPS):
-                        part = 0.0
-                        for item in range(starts[p], starts[p + 1]):
-                            part += sums[g, item]
-                        total += part
-                        squares += part * part
-                    mean, scale = total / GROUPS, gains[p] / done
-                    spread = GROUPS / (GROUPS - 1.0) * (squares - GROUPS * mean * mean) * scale * scale
-                    if done >= counts[1] or spread <= tolerance * tolerance:
-                        image[j, begin + p] = scale * total
-                        last[p] = True
-                        left -= 1
-                        continue
-                    for item in range(starts[p], starts[p + 1]):
-                        for g in range(GROUPS // 2):
-                            sums[g, item] = sums[2 * g, item] + sums[2 * g + 1, item]
-                        sums[GROUPS // 2 :, item] = 0.0
+                left = _judge(strip, size, done, counts[1], tolerance, image[j, begin:])
     return used

@@ -11,7 +11,7 @@ from roslf_design.errors import InputError
 from roslf_design.imaging.camera import ImageLattice, Region, pixel_centres, planned_camera
 from roslf_design.imaging.points import PointSource, point_image
 from roslf_design.imaging.render import render
-from roslf_design.imaging.trace import RaySampling, Tracer, encode, radiance
+from roslf_design.imaging.trace import RaySampling, Tracer, encode, met
 from roslf_design.imaging.white import WhiteGeometry
 from roslf_design.scenes import WHITE_FIELD, Plane, Points, Scene, Sinusoid, Sphere, Tube, Uniform
 
@@ -163,7 +163,7 @@ def test_single_rays_end_where_plain_geometry_says(thing):
     surfaces = encode(Scene(objects=(thing,), background=0.123), 350.0)
     for slope in [(0.01, 0.02), (-0.03, 0.015), (0.06, -0.05), (0.002, -0.11)]:
         ox, oy = slope
-        value = radiance.interpreted(*surfaces, 120.0, 120.0 * ox, 120.0 * oy, ox, oy)
+        _, (value,) = met(surfaces, 120.0, np.array([[120.0 * ox, 120.0 * oy, ox, oy]]))
         assert value == pytest.approx(by_marching(thing, ox, oy), abs=1e-6)
 
 
