@@ -30,7 +30,7 @@ from .lens_rays import real_camera
 from .point_source import PointSource
 from .points import point_image
 from .trace import FEWEST, TOGETHER, RaySampling, Tracer
-from .transfer import CORE, Geometry, bands, fineness, halo, near_reach, scatter
+from .transfer import CORE, Geometry, bands, blurred, fineness, halo, near_reach
 from .white import MOST_ORDERS, MOST_ROWS, HarmonicSeries, WhiteGeometry, add_falloff, harmonic_series
 
 NEGLIGIBLE = 0.25
@@ -351,11 +351,11 @@ class _Job:
         while rays < sampling.most:
             ways = [replace(sampling, least=rays, most=rays, seed=sampling.seed + n, together=TOGETHER) for n in (0, 1)]
             pairs = [[tracer.image(patch, way, fine)[0] for way in ways] for patch in patches]
-            off = [scatter(one - other, transfer, pixel, reach, fine) for one, other in pairs]
+            off = [blurred(one - other, transfer, pixel / fine, reach * fine, fine) for one, other in pairs]
             if SAFETY * np.quantile(np.abs(off), 0.99) <= 2 * math.sqrt(2) * sampling.tolerance:
                 break
             rays *= 2
-        return replace(sampling, least=rays, most=rays, together=TOGETHER)
+        return replace(sampling, least=min(rays, sampling.most), most=min(rays, sampling.most), together=TOGETHER)
 
     def _parts(self, region: Region, sampling: RaySampling) -> Iterator[tuple[Region, RaySampling]]:
         """Parts of a region whose light is looked at, with the rays that it gets."""

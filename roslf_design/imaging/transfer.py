@@ -135,7 +135,7 @@ def bands(
     fine, edge = fineness(transfer, pixel), halo(transfer, pixel, tolerance)
     wide = Region(region.column - edge, 0, region.columns + 2 * edge, 0)
     kept = np.empty((0, wide.columns * fine), np.float32)
-    blur = functools.partial(_tile, transfer=transfer, step=pixel / fine, edge=edge * fine, fine=fine)
+    blur = functools.partial(blurred, transfer=transfer, step=pixel / fine, edge=edge * fine, fine=fine)
     with ThreadPoolExecutor(threads) as pool:
         for row in range(0, region.rows, CORE):
             rows = min(CORE, region.rows - row)
@@ -175,11 +175,6 @@ def near_reach(transfer: MicrolensTransfer, pixel: float, tolerance: float) -> i
     return edge - int(np.searchsorted(outside, BEYOND * squares.sum()))
 
 
-def scatter(apart: Image, transfer: MicrolensTransfer, pixel: float, edge: int, fine: int) -> Image:
-    """What diffraction leaves in pixels of an error of subpixels; those within `edge` of its border are dropped."""
-    return _tile(apart, transfer, pixel / fine, edge * fine, fine)
-
-
 @functools.lru_cache(maxsize=8)
 def _response(transfer: MicrolensTransfer, rows: int, columns: int, step: float, edge: int) -> NDArray[np.complex64]:
     """Spectrum of that pattern about the corner of a tile."""
@@ -189,7 +184,7 @@ def _response(transfer: MicrolensTransfer, rows: int, columns: int, step: float,
     return np.asarray(np.fft.rfft2(tile), np.complex64)
 
 
-def _tile(tile: Image, transfer: MicrolensTransfer, step: float, edge: int, fine: int) -> Image:
+def blurred(tile: Image, transfer: MicrolensTransfer, step: float, edge: int, fine: int) -> Image:
     """Convolve one tile, drop its halo, and gather subpixels into pixels."""
     rows, columns = tile.shape
     spectrum = np.fft.rfft2(tile) * _response(transfer, rows, columns, step, edge)

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from mpmath import mp
+from scipy.stats.qmc import Sobol
 
 from roslf_design.camera import Camera
 from roslf_design.design import load
@@ -11,7 +12,7 @@ from roslf_design.errors import InputError
 from roslf_design.imaging.camera import ImageLattice, Region, pixel_centres, planned_camera
 from roslf_design.imaging.points import PointSource, point_image
 from roslf_design.imaging.render import render
-from roslf_design.imaging.trace import RaySampling, Tracer, encode, met
+from roslf_design.imaging.trace import RaySampling, Tracer, encode, met, sobol_points
 from roslf_design.imaging.white import WhiteGeometry
 from roslf_design.scenes import WHITE_FIELD, Plane, Points, Scene, Sinusoid, Sphere, Tube, Uniform
 
@@ -132,6 +133,12 @@ def test_pixels_do_not_depend_on_the_region_tiles_or_threads():
     np.testing.assert_array_equal(*images)
     other = render(PAPER, scene, region=WIDE, seed=6).pixels
     assert (other != images[0]).any()
+
+
+def test_points_are_those_of_the_sobol_sequence():
+    for count in (1, 5, 4096):
+        points = Sobol(6, scramble=False, bits=32).random_base2((count - 1).bit_length())[:count]
+        np.testing.assert_array_equal(sobol_points(count), points * 2.0**32)
 
 
 def test_noise_repeats_with_its_seed():
