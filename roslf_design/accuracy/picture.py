@@ -239,7 +239,7 @@ class _Job:
     def rays(self, sampling: RaySampling) -> float:
         """Rays that measuring the error takes."""
         per = sampling.side**2 or sampling.most
-        area, count = PATCH**2, PATCHES
+        area, count = float(PATCH**2), PATCHES
         if self.convolved:
             area, count = WIDE**2 + AROUND * ((WIDE + MARGINS) ** 2 - WIDE**2), FEW
         return float(count * area * per * (1 + FINER * (2 if sampling.side else 1)))

@@ -336,7 +336,7 @@ class _Job:
 
         return traced, tracer.finite, sampling
 
-    def _enough(self, tracer: Tracer, sampling: RaySampling) -> RaySampling:
+    def _enough(self, tracer: Any, sampling: RaySampling) -> RaySampling:
         """As many rays for each pixel as keep 99 of 100 within twice the tolerance, behind diffraction, on patches.
 
         A pixel's own rays cannot tell it: those that agree by chance would stop, and their error not be averaged.

@@ -224,14 +224,14 @@ def _on_circle(share: float) -> Any:
 
 
 @kernel(inline=True)
-def _checkered(s: Any, u: float, v: float) -> float:
+def _checkered(s: Any, u: float, v: float) -> Any:
     """Radiance of a checkerboard."""
     squares = math.floor(u * s[LEVELS]) + math.floor(v * s[LEVELS])
     return s[LEVELS + 1] if squares == 2.0 * math.floor(0.5 * squares) else s[LEVELS + 2]
 
 
 @kernel(inline=True)
-def _waved(s: Any, u: float, v: float) -> float:
+def _waved(s: Any, u: float, v: float) -> Any:
     """Radiance of a sinusoid."""
     phase = u * s[LEVELS] + v * s[LEVELS + 1]
     cosine, _ = _on_circle(phase - math.floor(phase))
@@ -239,7 +239,7 @@ def _waved(s: Any, u: float, v: float) -> float:
 
 
 @kernel(inline=True)
-def _pictured(s: Any, u: float, v: float, pictures: Any) -> float:
+def _pictured(s: Any, u: float, v: float, pictures: Any) -> Any:
     """Radiance of a picture, which repeats, between its pixels."""
     rows, columns = s[LEVELS + 2], s[LEVELS + 3]
     x, y = u * s[LEVELS] + 0.5 * columns - 0.5, v * s[LEVELS] + 0.5 * rows - 0.5
@@ -520,7 +520,7 @@ class Tracer:
             room = np.empty(ROWS * BLOCK), np.empty(BLOCK)
             rays += _trace.compiled(
                 x, y, float(camera.q) / fine, steps, lattice.image_origin, lattice.reach, self.flags,
-                tuple(map(np.copy, self.layout)), faces and (*map(np.copy, faces), *room),
+                tuple(own.copy() for own in self.layout), faces and (*(own.copy() for own in faces), *room),
                 tuple(self.surfaces), self.kicks, self.falloff, lengths, points, shifts, counts,
                 sampling.tolerance * fine, place, image,
             )  # fmt: skip
@@ -738,7 +738,7 @@ def _through_lens(posed: bool, k: Any, maps: Any, rims: Any, rays: Any, m: int) 
         rays[LIT + i] = rays[LIT + i] if hx * hx + hy * hy <= lens_square else 0.0
     for t in range(count):
         off_x, off_y, ahead = rims[t, 0], rims[t, 1], rims[t, 2]
-        opening = (rims[t, 3], rims[t, 4], rims[t, 5], rims[t, 6], rims[t, 7])
+        opening: Any = (rims[t, 3], rims[t, 4], rims[t, 5], rims[t, 6], rims[t, 7])
         for i in range(m):
             ax, ay = rays[X + i] + off_x - rays[SLOPE_X + i] * ahead, rays[Y + i] + off_y - rays[SLOPE_Y + i] * ahead
             rays[LIT + i] = rays[LIT + i] if inside(opening, 0, ax, ay) else 0.0
