@@ -314,7 +314,7 @@ class _Job:
             sampling = self._enough(tracer, sampling)
 
         def some(part: Region, each: RaySampling, fine: int) -> tuple[Region, RaySampling, Image, int]:
-            coarse = 1 if each is not sampling else fine if each.most >= fine**2 else max(1, fine // 2)
+            coarse = fine if each.most >= fine**2 else max(1, fine // 2)
             light, rays = tracer.image(part, each, coarse)
             return part, each, light.repeat(fine // coarse, 0).repeat(fine // coarse, 1), rays
 

@@ -107,7 +107,7 @@ class RaySampling:
 
     def thinned(self, share: float) -> RaySampling:
         """Fewer rays, by a share, for what counts little."""
-        least, most = (math.ceil(rays * share) for rays in (self.least, self.most))
+        least, most = (max(min(FEWEST, rays), math.ceil(rays * share)) for rays in (self.least, self.most))
         return replace(self, least=least, most=most, side=math.ceil(self.side * math.sqrt(share)))
 
 
