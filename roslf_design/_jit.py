@@ -127,7 +127,7 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
                 fast = vectorize([signature])(twin).ufunc
         return fast
     compiled: Any = numba.njit(
-        cache=folder is not None, fastmath=False, error_model="numpy", parallel=kernel.parallel,
+        cache=folder is not None, fastmath=False, error_model="numpy", parallel=kernel.parallel, nogil=True,
         inline="always" if kernel.inline else "never",
     )(twin)  # fmt: skip
     compile_now, unliteral, shelf = compiled.compile, numba.types.unliteral, compiled._cache

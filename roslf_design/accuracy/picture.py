@@ -22,8 +22,8 @@ from ..effects.waves import LONGEST_GRATING, SHORTEST_GRATING, incoherent_textur
 from ..errors import InputError, refusal
 from ..imaging.camera import planned_camera
 from ..imaging.lens_rays import LENS_EFFECTS
-from ..imaging.render import RawImage, method_of, render
-from ..imaging.trace import RaySampling
+from ..imaging.render import AROUND, RawImage, method_of, render
+from ..imaging.trace import TOGETHER, RaySampling
 from ..imaging.transfer import LEAST_HALO
 from ..imaging.white import neighbour_interference
 from ..scenes import Scene
@@ -44,7 +44,7 @@ CONVOLVED = 2e-3
 FAINT = 2e-3
 """Least share of a point's light in its far tails that is gone after."""
 
-RAYS = (16, 64, 256, 1024, 4096)
+RAYS = (4, 8, 16, 32, 64, 128, 256, 1024, 4096)
 """Rays per pixel tried."""
 SIDES = (4, 6, 8, 12, 16, 24)
 """Samples along a pixel's side tried, behind a real main lens."""
@@ -204,9 +204,9 @@ class _Job:
             return tuple((RaySampling(side=side, seed=self.seed),) for side in SIDES)
         rungs = []
         for rays in RAYS:
-            fixed = RaySampling(rays, rays, 0.0, self.seed)
+            fixed = RaySampling(rays, rays, 0.0, self.seed, together=TOGETHER if self.convolved else 1)
             spread = RaySampling(max(32, rays // 16), rays, self.budget.intensity / 2, self.seed)
-            rungs.append((spread, fixed) if rays >= 256 else (fixed,))
+            rungs.append((spread, fixed) if rays >= 256 and not self.convolved else (fixed,))
         return tuple(rungs)
 
     @property
@@ -239,8 +239,10 @@ class _Job:
     def rays(self, sampling: RaySampling) -> float:
         """Rays that measuring the error takes."""
         per = sampling.side**2 or sampling.most
-        across, count = (WIDE + MARGINS, FEW) if self.convolved else (PATCH, PATCHES)
-        return float(count * across**2 * per * (1 + FINER * (2 if sampling.side else 1)))
+        area, count = float(PATCH**2), PATCHES
+        if self.convolved:
+            area, count = WIDE**2 + AROUND * ((WIDE + MARGINS) ** 2 - WIDE**2), FEW
+        return float(count * area * per * (1 + FINER * (2 if sampling.side else 1)))
 
     def patches(self, which: int, whole: bool) -> list[Patch]:
         """Small regions: the centre, and others anywhere; not the same for another `which`.

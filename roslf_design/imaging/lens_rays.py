@@ -24,6 +24,7 @@ from ..camera import Camera
 from ..design import Design
 from ..effects import Plan
 from ..errors import InputError, Problem
+from ..lenses.tracer import BLOCK
 from ..rays.backward import behind_elements, lay_out
 from ..scenes import Scene
 from ..shapes.lattice import Lattice, lens_centres
@@ -31,7 +32,7 @@ from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import microlens_defocus_blur
 from ..traced.camera import LensCamera, camera_of, microlenses, tilted_parts, views
 from .camera import Floats, Image, Region, pixel_centres, straightened
-from .trace import RaySampling, Surfaces, encode, radiance, refocused
+from .trace import BLOCK_ROWS, LIGHT, SLOPE_X, SLOPE_Y, RaySampling, Surfaces, X, Y, encode, look, refocused
 
 LENS_EFFECTS = ("lens_aberrations", "lens_distortion", "field_curvature", "lens_colour")
 """Any of these asks for the traced lens."""
@@ -159,10 +160,14 @@ class _RealLensTracer:
             float(camera.tip),
         )
 
+    @property
+    def side(self) -> int:
+        """Samples along a pixel's side, where nobody says."""
+        return LENS_SAMPLES if self.finite else PINHOLE_SAMPLES
+
     def image(self, region: Region, sampling: RaySampling, fine: int = 1) -> tuple[Image, int]:
         """Relative intensities of a region, float32 (rows * fine, columns * fine), and how many rays were traced."""
-        side = sampling.side or (LENS_SAMPLES if self.finite else PINHOLE_SAMPLES)
-        per = math.ceil(side / fine)
+        per = math.ceil((sampling.side or self.side) / fine)
         out = np.zeros((region.rows * fine, region.columns * fine), np.float32)
         rays = 0
         for row in range(0, region.rows, STRIP):
@@ -321,16 +326,20 @@ def _shade_rays(
     slope_y: Any, weight: Any, out: Any,
 ) -> None:  # fmt: skip
     """Radiance that object-side rays (points on the FAP's plane and slopes) meet, where their weight is above 0."""
-    for n in range(out.shape[0]):
-        if weight[n] <= 0.0:
-            continue
-        ox, oy = slope_x[n], slope_y[n]
-        hx, hy = x[n] + lens_x + ox * d_3, y[n] + lens_y + oy * d_3
-        if in_focus and through:
-            fx = lens_x + (hx - ox * d_f - lens_x - sight[1]) / sight[0]
-            fy = lens_y + (hy - oy * d_f - lens_y - sight[2]) / sight[0]
-            hx, hy, ox, oy = refocused(sight[3], sight[4], fx, fy, 0.0, 0.0)
-            hx, hy, ox, oy = behind_elements(sight[5:], lens_x, lens_y, hx, hy, ox, oy)
-        elif in_focus:
-            hx, hy, ox, oy = refocused(d_3, d_f, hx, hy, ox, oy)
-        out[n] = radiance(rows, pictures, beyond, mirrored, over, mouth, hx, hy, ox, oy)
+    block = np.empty(BLOCK_ROWS * BLOCK)
+    for start in range(0, out.shape[0], BLOCK):
+        m = min(BLOCK, out.shape[0] - start)
+        for i in range(m):
+            ox, oy = slope_x[start + i], slope_y[start + i]
+            hx, hy = x[start + i] + lens_x + ox * d_3, y[start + i] + lens_y + oy * d_3
+            if in_focus and through:
+                fx = lens_x + (hx - ox * d_f - lens_x - sight[1]) / sight[0]
+                fy = lens_y + (hy - oy * d_f - lens_y - sight[2]) / sight[0]
+                hx, hy, ox, oy = refocused(sight[3], sight[4], fx, fy, 0.0, 0.0)
+                hx, hy, ox, oy = behind_elements(sight[5:], lens_x, lens_y, hx, hy, ox, oy)
+            elif in_focus:
+                hx, hy, ox, oy = refocused(d_3, d_f, hx, hy, ox, oy)
+            block[X + i], block[Y + i], block[SLOPE_X + i], block[SLOPE_Y + i] = hx, hy, ox, oy
+        look(rows, pictures, beyond, mirrored, over, mouth, block, m)
+        for i in range(m):
+            out[start + i] = block[LIGHT + i] if weight[start + i] > 0.0 else 0.0

@@ -6,6 +6,7 @@ import math
 import os
 import time
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -28,12 +29,14 @@ from .camera import Image, ImageLattice, Region, pixel_centres, pixel_response, 
 from .lens_rays import real_camera
 from .point_source import PointSource
 from .points import point_image
-from .trace import RaySampling, Tracer
-from .transfer import CORE, Geometry, bands, halo
+from .trace import FEWEST, TOGETHER, RaySampling, Tracer
+from .transfer import CORE, Geometry, bands, blurred, fineness, halo, near_reach
 from .white import MOST_ORDERS, MOST_ROWS, HarmonicSeries, WhiteGeometry, add_falloff, harmonic_series
 
 NEGLIGIBLE = 0.25
 """Share of the budget of intensity below which light is left out."""
+PATCH, PATCHES, SAFETY = 20, 12, 1.25
+"""Pixels across patches that tell how many rays are enough, their number, and errors of other patches over theirs."""
 AROUND = 1 / 16
 """Rays of pixels that only lend their light, against those of pixels that are looked at."""
 
@@ -253,19 +256,25 @@ class _Job:
         self.method = next((name for name, used in ways.items() if used), "coverage")
 
     @cached_property
+    def reach(self) -> int:
+        """Pixels around the region that scatter into it: defocus is in some layers carried by rays."""
+        ways = {self.transfer, replace(self.transfer, defocus=0.0)}
+        return max(near_reach(one, float(self.camera.q), self.budget.intensity) for one in ways)
+
+    @cached_property
     def layers(self) -> list[_Layer]:
         """Layers that a picture is the sum of."""
         if not self.traced:
             return [_Layer(self._lit, self.transfer, RaySampling())]
-        light, carried = self._rays(self.plan, self.sampling)
+        light, carried, sampling = self._rays(self.plan, self.sampling)
         if not (carried and self.transfer.defocus):
-            return [_Layer(light, self.transfer, self.sampling)]
-        layers = [_Layer(light, replace(self.transfer, defocus=0.0), self.sampling)]
+            return [_Layer(light, self.transfer, sampling)]
+        layers = [_Layer(light, replace(self.transfer, defocus=0.0), sampling)]
         # Diffraction out of focus is not that in focus spread as rays are: the rest goes on light in focus.
         rest = replace(self.transfer, beyond_rays=True)
         if self.transfer.wavelengths and rest.largest > NEGLIGIBLE * self.budget.intensity:
-            fewer = self.sampling.thinned(rest.largest)
-            focused, _ = self._rays(self.plan.without("microlens_defocus"), fewer)
+            fewer = sampling.thinned(rest.largest)
+            focused, _, fewer = self._rays(self.plan.without("microlens_defocus"), fewer)
             layers.append(_Layer(focused, rest, fewer))
         return layers
 
@@ -295,34 +304,64 @@ class _Job:
         self._told(region, RaySampling())
         return np.float32(self.scene.white or 0.0) * (np.mean([first, *others], axis=0) if others else first)
 
-    def _rays(self, effects: Plan, sampling: RaySampling) -> tuple[Geometry, bool]:
-        """Traced light without diffraction, on any pixels, and whether it carries the defocus of whole microlenses."""
+    def _rays(self, effects: Plan, sampling: RaySampling) -> tuple[Geometry, bool, RaySampling]:
+        """Traced light without diffraction, on any pixels; if it carries the defocus of whole microlenses; its rays."""
         real = real_camera(self.design, self.scene, effects, self.over)
         tracer = real or Tracer.of(self.design.thin_twin, effects, self.scene, self.over)
+        if real is not None:
+            sampling = replace(sampling, side=sampling.side or real.side)
+        elif sampling.least < sampling.most and self.transfer.wavelengths:
+            sampling = self._enough(tracer, sampling)
+
+        def some(part: Region, each: RaySampling, fine: int) -> tuple[Region, RaySampling, Image, int]:
+            coarse = fine if each.most >= fine**2 else max(1, fine // 2)
+            light, rays = tracer.image(part, each, coarse)
+            return part, each, light.repeat(fine // coarse, 0).repeat(fine // coarse, 1), rays
 
         def traced(region: Region, fine: int) -> Image:
             image = np.zeros((region.rows * fine, region.columns * fine), np.float32)
-            for part, each in self._parts(region, sampling):
-                coarse = fine if each.most >= fine**2 else max(1, fine // 2)
-                for row in range(part.row, part.row + part.rows, tracer.rows):
-                    some = part._replace(row=row, rows=min(tracer.rows, part.row + part.rows - row))
-                    light, rays = tracer.image(some, each, coarse)
-                    light = light.repeat(fine // coarse, 0).repeat(fine // coarse, 1)
+            pieces = [
+                (part._replace(row=row, rows=min(tracer.rows, part.row + part.rows - row)), each, fine)
+                for part, each in self._parts(region, sampling)
+                for row in range(part.row, part.row + part.rows, tracer.rows)
+            ]
+            # A traced lens takes much room at a time.
+            with ThreadPoolExecutor(self.threads if real is None else 1) as pool:
+                for part, each, light, rays in pool.map(some, *zip(*pieces, strict=True)):
                     self.rays += rays
-                    top, left = (row - region.row) * fine, (part.column - region.column) * fine
+                    top, left = (part.row - region.row) * fine, (part.column - region.column) * fine
                     image[top : top + light.shape[0], left : left + light.shape[1]] = light
-                    self._told(some, each)
+                    self._told(part, each)
             return image
 
-        return traced, tracer.finite
+        return traced, tracer.finite, sampling
+
+    def _enough(self, tracer: Any, sampling: RaySampling) -> RaySampling:
+        """As many rays for each pixel as keep 99 of 100 within twice the tolerance, behind diffraction, on patches.
+
+        A pixel's own rays cannot tell it: those that agree by chance would stop, and their error not be averaged.
+        """
+        transfer, pixel = replace(self.transfer, defocus=0.0), float(self.camera.q)
+        fine, reach, shown = fineness(transfer, pixel), near_reach(transfer, pixel, self.budget.intensity), self.shown
+        columns, rows = min(PATCH, shown.columns), min(PATCH, shown.rows)
+        corners = np.random.default_rng([sampling.seed, PATCH]).random((PATCHES, 2))
+        corners = (corners * [shown.columns - columns + 1, shown.rows - rows + 1]).astype(int) + shown[:2]
+        patches = [Region(column, row, columns, rows).grown(reach) for column, row in corners.tolist()]
+        rays = FEWEST
+        while rays < sampling.most:
+            ways = [replace(sampling, least=rays, most=rays, seed=sampling.seed + n, together=TOGETHER) for n in (0, 1)]
+            pairs = [[tracer.image(patch, way, fine)[0] for way in ways] for patch in patches]
+            off = [blurred(one - other, transfer, pixel / fine, reach * fine, fine) for one, other in pairs]
+            if SAFETY * np.quantile(np.abs(off), 0.99) <= 2 * math.sqrt(2) * sampling.tolerance:
+                break
+            rays *= 2
+        return replace(sampling, least=min(rays, sampling.most), most=min(rays, sampling.most), together=TOGETHER)
 
     def _parts(self, region: Region, sampling: RaySampling) -> Iterator[tuple[Region, RaySampling]]:
         """Parts of a region whose light is looked at, with the rays that it gets."""
-        if self.lit is None:
-            yield region, sampling
-            return
-        near = region.common(self.lit).common(self.shown)
-        parts = [(near, sampling), *((part, sampling.thinned(AROUND)) for part in region.common(self.lit).around(near))]
+        lit = region if self.lit is None else region.common(self.lit)
+        near = lit.common(self.shown.grown(self.reach))
+        parts = [(near, sampling), *((part, sampling.thinned(AROUND)) for part in lit.around(near))]
         yield from (part for part in parts if part[0].rows > 0 and part[0].columns > 0)
 
     def _told(self, region: Region, sampling: RaySampling) -> None:

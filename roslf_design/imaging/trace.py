@@ -14,7 +14,7 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .._jit import THREADS, kernel, prange
+from .._jit import kernel
 from ..bore.opening import ClearAperture, inside
 from ..bore.part import Part
 from ..camera import Camera
@@ -60,16 +60,26 @@ LOOK, LEVELS, WIDTH = 15, 16, 20
 
 FAR = 1e300
 """Distance of what is not met."""
-BATCH = 16
-"""Rays between two looks at a pixel's error, where there may be more or fewer."""
+GROUPS = 4
+"""Groups of a pixel's rays whose means tell its error, each spread as evenly as all; as many rays at the first look."""
 FEWEST = 4
-"""Rays of pixels that count little, at least."""
+"""Rays of a pixel, at least."""
+TOGETHER = 4
+"""Subpixels along the side of blocks whose rays are spread together, where diffraction averages them."""
 WELL_OUTSIDE = 2.0
 """Multiple of the distance by which exact rays miss the closed forms, within which they may pass the FAP's rim."""
-MOST = 64
-"""Candidate microlenses that one pixel may have."""
+STRIP = 64
+"""Pixels of a row that are traced together."""
 DIMENSIONS = 6
 """Dimensions of the Sobol points: pixel (x, y), microlens aperture (x, y), diffraction at the FAP (radius, angle)."""
+JOE_KUO = (0, (1,) * 32), (0, (1,)), (1, (1, 3)), (1, (1, 3, 1)), (2, (1, 1, 1)), (1, (1, 1, 3, 3))
+"""Coefficients of each dimension's primitive polynomial, and its first numbers."""
+
+BLOCK_ROWS = 14
+"""Rows of a block of rays."""
+X, Y, SLOPE_X, SLOPE_Y, LENS_AT_X, LENS_AT_Y, LIT, KICK_X, KICK_Y, NEAR, U, V, HIT, LIGHT = range(0, 14 * BLOCK, BLOCK)
+"""Where they begin: the pixel's point, then the ray's height; the microlens's point from its axis, then the
+ray's slope; that axis; 1 or 0; diffraction's kick; what is met: distance, place on it, number, radiance."""
 
 POSED, PINHOLE, IN_FOCUS, OWN_ONLY, KICKED, ROUND, THROUGH, EXACT = range(8)
 """Flags: something is tilted or rotated; rays through microlens centres; object taken on the focal plane; neighbours'
@@ -86,7 +96,7 @@ class RaySampling:
     most: int = 1024
     """Rays after which no more are spent."""
     tolerance: float = 0.01
-    """Standard error of a pixel's value at which it is done."""
+    """Standard error at which a pixel's value is done."""
     seed: int = 0
     """Same seed, same bytes."""
     side: int = 0
@@ -153,8 +163,7 @@ def _texture(texture: Part, pictures: list[Image]) -> tuple[int, tuple[float, ..
     if isinstance(texture, Checkerboard):
         return CHECKERBOARD, (2 / texture.period, texture.high, texture.low)
     if isinstance(texture, Sinusoid):
-        wave = 2 * math.pi / texture.period
-        return SINUSOID, (wave * math.cos(texture.angle), wave * math.sin(texture.angle), texture.contrast)
+        return SINUSOID, (*(f(texture.angle) / texture.period for f in (math.cos, math.sin)), texture.contrast)
     if isinstance(texture, PictureTexture | Noise):
         values = texture.load()
         first = sum(map(len, pictures))
@@ -164,121 +173,197 @@ def _texture(texture: Part, pictures: list[Image]) -> tuple[int, tuple[float, ..
     return UNIFORM, (texture.level,)
 
 
-@kernel()
-def _shade(s: Any, u: float, v: float, pictures: Any) -> float:
-    """Radiance of a surface at its own (u, v)."""
-    look = int(s[LOOK])
-    if look == UNIFORM:
-        return float(s[LEVELS])
-    if look == CHECKERBOARD:
-        odd = (math.floor(u * s[LEVELS]) + math.floor(v * s[LEVELS])) & 1
-        return float(s[LEVELS + 2] if odd else s[LEVELS + 1])
-    if look == SINUSOID:
-        return float(0.5 * (1.0 + s[LEVELS + 2] * math.cos(u * s[LEVELS] + v * s[LEVELS + 1])))
-    first, rows, columns = int(s[LEVELS + 1]), int(s[LEVELS + 2]), int(s[LEVELS + 3])
-    x = u * s[LEVELS] + 0.5 * columns - 0.5
-    y = v * s[LEVELS] + 0.5 * rows - 0.5
+@kernel(inline=True)
+def _on_circle(share: float) -> Any:
+    """Cosine and sine of a share of a turn, from 0 to 1, to 1e-13: series, of which loops are made vectors."""
+    z = math.pi * (share - 0.5)
+    q = z * z
+    sine = z * (
+        1.0
+        - q
+        * (1 / 6)
+        * (
+            1.0
+            - q
+            * (1 / 20)
+            * (
+                1.0
+                - q
+                * (1 / 42)
+                * (
+                    1.0
+                    - q
+                    * (1 / 72)
+                    * (1.0 - q * (1 / 110) * (1.0 - q * (1 / 156) * (1.0 - q * (1 / 210) * (1.0 - q * (1 / 272)))))
+                )
+            )
+        )
+    )
+    cosine = 1.0 - q * (1 / 2) * (
+        1.0
+        - q
+        * (1 / 12)
+        * (
+            1.0
+            - q
+            * (1 / 30)
+            * (
+                1.0
+                - q
+                * (1 / 56)
+                * (
+                    1.0
+                    - q
+                    * (1 / 90)
+                    * (1.0 - q * (1 / 132) * (1.0 - q * (1 / 182) * (1.0 - q * (1 / 240) * (1.0 - q * (1 / 306)))))
+                )
+            )
+        )
+    )
+    return 2.0 * sine * sine - 1.0, -2.0 * sine * cosine
+
+
+@kernel(inline=True)
+def _checkered(s: Any, u: float, v: float) -> Any:
+    """Radiance of a checkerboard."""
+    squares = math.floor(u * s[LEVELS]) + math.floor(v * s[LEVELS])
+    return s[LEVELS + 1] if squares == 2.0 * math.floor(0.5 * squares) else s[LEVELS + 2]
+
+
+@kernel(inline=True)
+def _waved(s: Any, u: float, v: float) -> Any:
+    """Radiance of a sinusoid."""
+    phase = u * s[LEVELS] + v * s[LEVELS + 1]
+    cosine, _ = _on_circle(phase - math.floor(phase))
+    return 0.5 * (1.0 + s[LEVELS + 2] * cosine)
+
+
+@kernel(inline=True)
+def _pictured(s: Any, u: float, v: float, pictures: Any) -> Any:
+    """Radiance of a picture, which repeats, between its pixels."""
+    rows, columns = s[LEVELS + 2], s[LEVELS + 3]
+    x, y = u * s[LEVELS] + 0.5 * columns - 0.5, v * s[LEVELS] + 0.5 * rows - 0.5
     i, j = math.floor(x), math.floor(y)
     fx, fy = x - i, y - j
-    i, j = int(i) % columns, int(j) % rows
-    i2 = i + 1 if i + 1 < columns else 0
-    j2 = j + 1 if j + 1 < rows else 0
-    top = pictures[first + j * columns + i] * (1.0 - fx) + pictures[first + j * columns + i2] * fx
-    low = pictures[first + j2 * columns + i] * (1.0 - fx) + pictures[first + j2 * columns + i2] * fx
-    return float(top * (1.0 - fy) + low * fy)
+    i, j = i - columns * math.floor(i / columns), j - rows * math.floor(j / rows)
+    i, j = min(max(i, 0.0), columns - 1.0), min(max(j, 0.0), rows - 1.0)  # of what is met nowhere
+    below = s[LEVELS + 1] + columns * (j + 1.0 if j + 1.0 < rows else 0.0)
+    row, beside = s[LEVELS + 1] + columns * j, i + 1.0 if i + 1.0 < columns else 0.0
+    top = pictures[int(row + i)] * (1.0 - fx) + pictures[int(row + beside)] * fx
+    low = pictures[int(below + i)] * (1.0 - fx) + pictures[int(below + beside)] * fx
+    return top * (1.0 - fy) + low * fy
+
+
+@kernel(inline=True)
+def _on_plane(s: Any, hx: float, hy: float, ox: float, oy: float) -> Any:
+    """Distance Z at which a ray meets a plane, FAR where it does not, and (u, v) there."""
+    fall = s[NORMAL] * ox + s[NORMAL + 1] * oy + s[NORMAL + 2]
+    height = s[NORMAL] * (hx - s[ORIGIN]) + s[NORMAL + 1] * (hy - s[ORIGIN + 1]) + s[NORMAL + 2] * s[ORIGIN + 2]
+    z = height / (fall if fall > 0.0 else 1.0)
+    dx, dy, dz = hx - ox * z - s[ORIGIN], hy - oy * z - s[ORIGIN + 1], s[ORIGIN + 2] - z
+    u = s[ACROSS] * dx + s[ACROSS + 1] * dy + s[ACROSS + 2] * dz
+    v = s[ALONG] * dx + s[ALONG + 1] * dy + s[ALONG + 2] * dz
+    met = (fall > 0.0) & (abs(u) <= s[EXTENT]) & (abs(v) <= s[EXTENT + 1])
+    return z if met else FAR, u, v
 
 
 @kernel()
-def distance(s: Any, hx: float, hy: float, ox: float, oy: float) -> float:
-    """Distance Z at which the ray (hx - ox Z, hy - oy Z), seen from the lens, meets a surface; FAR where it does not.
-
-    Of a sphere the near side counts, of a tube the wall behind its near end.
-    """
-    if int(s[KIND]) == PLANE:
-        fall = s[NORMAL] * ox + s[NORMAL + 1] * oy + s[NORMAL + 2]
-        if fall <= 0.0:
-            return FAR
-        height = s[NORMAL] * (hx - s[ORIGIN]) + s[NORMAL + 1] * (hy - s[ORIGIN + 1]) + s[NORMAL + 2] * s[ORIGIN + 2]
-        return float(height / fall)
+def _on_round(s: Any, hx: float, hy: float, ox: float, oy: float) -> Any:
+    """As `_on_plane`, of a sphere's near side, or of a tube's wall behind its near end."""
     # Counted from the surface's own distance, where the numbers are small.
     rx, ry = hx - ox * s[ORIGIN + 2] - s[ORIGIN], hy - oy * s[ORIGIN + 2] - s[ORIGIN + 1]
-    b = rx * ox + ry * oy
+    sphere = int(s[KIND]) == SPHERE
+    a, b = ox * ox + oy * oy + (1.0 if sphere else 0.0), rx * ox + ry * oy
     c = rx * rx + ry * ry - s[EXTENT] * s[EXTENT]
-    if int(s[KIND]) == SPHERE:
-        a = 1.0 + ox * ox + oy * oy
-        under = b * b - a * c
-        if under < 0.0:
-            return FAR
-        return float(s[ORIGIN + 2] + (b - math.sqrt(under)) / a)
-    a = ox * ox + oy * oy
-    if c > 0.0 or a == 0.0:
-        return FAR
-    z = s[ORIGIN + 2] + (b + math.sqrt(b * b - a * c)) / a
-    return float(z if z <= s[EXTENT + 1] else FAR)
+    under = b * b - a * c
+    if under < 0.0 or a == 0.0 or (c > 0.0 and not sphere):
+        return FAR, 0.0, 0.0
+    z = s[ORIGIN + 2] + (b + (-math.sqrt(under) if sphere else math.sqrt(under))) / a
+    dx, dy, dz = hx - ox * z - s[ORIGIN], hy - oy * z - s[ORIGIN + 1], s[ORIGIN + 2] - z
+    if sphere:
+        return z, s[EXTENT] * math.atan2(dx, dz), s[EXTENT] * math.asin(min(1.0, max(-1.0, dy / s[EXTENT])))
+    return z if z <= s[EXTENT + 1] else FAR, s[EXTENT] * math.atan2(dy, dx), z
+
+
+@kernel(inline=True)
+def _numbers(row: Any) -> Any:
+    """A surface's numbers, of which the compiler knows that nothing is stored between them."""
+    return (
+        row[0], row[1], row[2], row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10], row[11], row[12],
+        row[13], row[14], row[15], row[16], row[17], row[18], row[19],
+    )  # fmt: skip
 
 
 @kernel()
-def _reversed_along(way: Any, x: float, y: float) -> Any:
-    """A point or slope reversed along a direction of unit length; as it is along none."""
-    along = 2.0 * (way[0] * x + way[1] * y)
-    return x - along * way[0], y - along * way[1]
+def look(rows: Any, pictures: Any, beyond: float, mirrored: Any, over: float, mouth: float, rays: Any, m: int) -> None:
+    """Radiance over `over` of what a block's rays (hx - ox Z, hy - oy Z) meet first beyond the bore's mouth.
 
-
-@kernel()
-def _first_hit(rows: Any, mirrored: Any, mouth: float, hx: float, hy: float, ox: float, oy: float) -> Any:
-    """First surface beyond the bore's mouth that the ray (hx - ox Z, hy - oy Z) meets: Z, its number, and (u, v) on it.
-
-    FAR and -1 where it meets nothing.
+    Distances are FAR, and numbers of surfaces -1, where they meet nothing.
     """
-    nearest, hit, at_u, at_v = FAR, -1, 0.0, 0.0
-    hx, hy = _reversed_along(mirrored, hx, hy)
-    ox, oy = _reversed_along(mirrored, ox, oy)
+    way_x, way_y = mirrored[0], mirrored[1]
+    for i in range(m):  # reversed along a direction of unit length; as they are along none
+        along = 2.0 * (way_x * rays[X + i] + way_y * rays[Y + i])
+        turned = 2.0 * (way_x * rays[SLOPE_X + i] + way_y * rays[SLOPE_Y + i])
+        rays[X + i], rays[Y + i] = rays[X + i] - along * way_x, rays[Y + i] - along * way_y
+        rays[SLOPE_X + i], rays[SLOPE_Y + i] = rays[SLOPE_X + i] - turned * way_x, rays[SLOPE_Y + i] - turned * way_y
+        rays[NEAR + i], rays[HIT + i], rays[LIGHT + i], rays[U + i], rays[V + i] = FAR, -1.0, beyond - over, 0.0, 0.0
     for n in range(rows.shape[0]):
-        s = rows[n]
-        z = distance(s, hx, hy, ox, oy)
-        if z >= nearest or z <= mouth:
-            continue
-        dx, dy, dz = hx - ox * z - s[ORIGIN], hy - oy * z - s[ORIGIN + 1], s[ORIGIN + 2] - z
+        s = _numbers(rows[n])
         if int(s[KIND]) == PLANE:
-            u = s[ACROSS] * dx + s[ACROSS + 1] * dy + s[ACROSS + 2] * dz
-            v = s[ALONG] * dx + s[ALONG + 1] * dy + s[ALONG + 2] * dz
-            if abs(u) > s[EXTENT] or abs(v) > s[EXTENT + 1]:
-                continue
-        elif int(s[KIND]) == SPHERE:
-            u = s[EXTENT] * math.atan2(dx, dz)
-            v = s[EXTENT] * math.asin(min(1.0, max(-1.0, dy / s[EXTENT])))
+            for i in range(m):
+                z, u, v = _on_plane(s, rays[X + i], rays[Y + i], rays[SLOPE_X + i], rays[SLOPE_Y + i])
+                nearer = (z > mouth) & (z < rays[NEAR + i])
+                rays[NEAR + i], rays[HIT + i] = z if nearer else rays[NEAR + i], 1.0 * n if nearer else rays[HIT + i]
+                rays[U + i], rays[V + i] = u if nearer else rays[U + i], v if nearer else rays[V + i]
+            continue
+        for i in range(m):
+            z, u, v = _on_round(s, rays[X + i], rays[Y + i], rays[SLOPE_X + i], rays[SLOPE_Y + i])
+            if mouth < z < rays[NEAR + i]:
+                rays[NEAR + i], rays[HIT + i], rays[U + i], rays[V + i] = z, 1.0 * n, u, v
+    for n in range(rows.shape[0]):
+        s, texture = _numbers(rows[n]), int(rows[n, LOOK])
+        if texture == UNIFORM:
+            for i in range(m):
+                rays[LIGHT + i] = s[LEVELS] - over if rays[HIT + i] == n else rays[LIGHT + i]
+        elif texture == CHECKERBOARD:
+            for i in range(m):
+                light = _checkered(s, rays[U + i], rays[V + i]) - over
+                rays[LIGHT + i] = light if rays[HIT + i] == n else rays[LIGHT + i]
+        elif texture == SINUSOID:
+            for i in range(m):
+                light = _waved(s, rays[U + i], rays[V + i]) - over
+                rays[LIGHT + i] = light if rays[HIT + i] == n else rays[LIGHT + i]
         else:
-            u = s[EXTENT] * math.atan2(dy, dx)
-            v = z
-        nearest, hit, at_u, at_v = z, n, u, v
-    return nearest, hit, at_u, at_v
+            for i in range(m):
+                light = _pictured(s, rays[U + i], rays[V + i], pictures) - over
+                rays[LIGHT + i] = light if rays[HIT + i] == n else rays[LIGHT + i]
 
 
-@kernel()
-def radiance(
-    rows: Any, pictures: Any, beyond: float, mirrored: Any, over: float, mouth: float,
-    hx: float, hy: float, ox: float, oy: float,
-) -> float:  # fmt: skip
-    """Radiance over `over` of what the ray (hx - ox Z, hy - oy Z) meets first beyond the bore's mouth."""
-    _, hit, u, v = _first_hit(rows, mirrored, mouth, hx, hy, ox, oy)
-    return float((beyond if hit < 0 else _shade(rows[hit], u, v, pictures)) - over)
-
-
-def seen_distances(scene: Scene, camera: Camera, rays: Floats) -> Floats:
-    """Distances Z of what rays meet first beyond the bore's mouth [mm]; inf where they meet nothing.
+def met(surfaces: Surfaces, mouth: float, rays: Floats) -> tuple[Floats, Floats]:
+    """Distances Z of what rays meet first beyond the bore's mouth [mm], inf where they meet nothing; and its radiance.
 
     Parameters
     ----------
-    scene : Scene
-    camera : Camera
+    surfaces : Surfaces
+    mouth : float
+        Z [mm].
     rays : ndarray, shape (N, 4)
         (h_x, h_y, o_x, o_y) of rays at ``h - o Z``.
     """
-    plane, mouth = float(camera["main_lens.focal_plane"]), float(camera.tip)
-    surfaces = encode(scene, plane, camera.chain.mirrored)
-    hits = (_first_hit.compiled(surfaces.rows, surfaces.mirrored, mouth, *map(float, ray)) for ray in rays)
-    distances = np.array([distance for distance, *_ in hits])
-    return np.where(distances < FAR, distances, np.inf)
+    block, answers = np.zeros((BLOCK_ROWS, BLOCK)), []
+    for start in range(0, len(rays), BLOCK):
+        some = np.asarray(rays[start : start + BLOCK], float)
+        block[: some.shape[1], : len(some)] = some.T
+        look.compiled(*surfaces, mouth, block.reshape(-1), len(some))
+        answers.append(block[[NEAR // BLOCK, LIGHT // BLOCK], : len(some)])
+    near, light = np.concatenate(answers, axis=1) if answers else np.empty((2, 0))
+    return np.where(near < FAR, near, np.inf), light
+
+
+def seen_distances(scene: Scene, camera: Camera, rays: Floats) -> Floats:
+    """Distances Z at which rays of a camera, as `met` takes them, meet a scene first [mm]."""
+    surfaces = encode(scene, float(camera["main_lens.focal_plane"]), camera.chain.mirrored)
+    return met(surfaces, float(camera.tip), rays)[0]
 
 
 @kernel()
@@ -291,11 +376,27 @@ def refocused(d_3: float, d_f: float, hx: float, hy: float, ox: float, oy: float
 
 @functools.lru_cache(maxsize=4)
 def sobol_points(count: int) -> NDArray[np.uint32]:
-    """First points of the Sobol sequence times 2^32, shape (count, 6): an exclusive-or scrambles them evenly."""
-    from scipy.stats.qmc import Sobol
+    """First points of the Sobol sequence times 2^32, shape (count, 6): an exclusive-or scrambles them evenly.
 
-    points = Sobol(DIMENSIONS, scramble=False, bits=32).random_base2((count - 1).bit_length())[:count]
-    return np.asarray(points * 2.0**32).astype(np.uint32)
+    In the order of Gray's code, by the numbers of Joe and Kuo (2008); importing scipy's takes longer than a picture.
+    """
+    points = np.zeros((1, DIMENSIONS), np.uint32)
+    directions = np.array([_directions(*numbers) for numbers in JOE_KUO], np.uint32).T
+    while len(points) < count:
+        points = np.concatenate([points, points[::-1] ^ directions[len(points).bit_length() - 1]])
+    return points[:count]
+
+
+def _directions(polynomial: int, first: tuple[int, ...]) -> list[int]:
+    """Direction numbers of one dimension, times 2^32."""
+    degree = len(first)
+    numbers = [m << 31 - k for k, m in enumerate(first)]
+    for k in range(degree, 32):
+        new = numbers[k - degree] ^ numbers[k - degree] >> degree
+        for j in range(1, degree):
+            new ^= (polynomial >> degree - 1 - j & 1) * numbers[k - j]
+        numbers.append(new)
+    return numbers
 
 
 @functools.lru_cache(maxsize=4)
@@ -401,27 +502,29 @@ class Tracer:
         """
         camera, lattice = self.camera, self.lattice
         x, y = pixel_centres(camera, region, fine)
-        if sampling.least == sampling.most:  # no more and no fewer than asked for
-            each = math.ceil(sampling.most / fine**2)
-            # Of a net that neighbours share nobody may leave a part out: all would leave out the same.
-            counts = np.full(3, each if sampling.together == 1 else 1 << (each - 1).bit_length())
-        else:
-            counts = np.array([max(BATCH, rays // fine**2) for rays in (sampling.least, sampling.most)] + [BATCH])
+        # Of a net that neighbours share nobody may leave a part out: all would leave out the same.
+        each = math.ceil(sampling.most / fine**2)
+        counts = (each if sampling.together == 1 else 1 << (each - 1).bit_length(),) * 2
+        if sampling.least < sampling.most:
+            least = 1 << (max(GROUPS, math.ceil(sampling.least / fine**2)) - 1).bit_length()
+            counts = least, least << max(0, (each // least).bit_length() - 1)
         images = np.zeros((len(self.colours), y.size, x.size), np.float32)
-        spent = np.zeros((len(self.colours), y.size), np.int64)
         place = np.array([region.column * fine, region.row * fine, sampling.seed])
-        points, shifts = sobol_points(int(counts[1])), _shifts(sampling.together, int(counts[1]))
+        points, shifts = sobol_points(counts[1]), _shifts(sampling.together, counts[1])
         inverse = np.linalg.inv(lattice.image_axes)
         steps = lattice.axes, lattice.image_axes, inverse, lattice.half_size, lattice.neighbours
-        lengths = self.mouth, float(camera.seen.d_3), float(camera.seen.d_f)
-        with THREADS:
-            for space, image, used in zip(self.colours, images, spent, strict=True):
-                _trace.compiled(
-                    x, y, float(camera.q) / fine, steps, lattice.image_origin, lattice.reach, self.flags,
-                    tuple(self.layout), (space.table, space.media, space.openings), tuple(self.surfaces), self.kicks,
-                    self.falloff, lengths, points, shifts, counts, sampling.tolerance * fine, place, image, used,
-                )  # fmt: skip
-        return images[0] if len(images) == 1 else images.mean(0), int(spent.sum())
+        lengths, rays = (self.mouth, float(camera.seen.d_3), float(camera.seen.d_f)), 0
+        for space, image in zip(self.colours, images, strict=True):
+            # Rays that go face by face are compiled only where some do. Threads would count shared arrays together.
+            faces = (space.table, space.media, space.openings) if self.flags[EXACT] else None
+            room = np.empty(ROWS * BLOCK), np.empty(BLOCK)
+            rays += _trace.compiled(
+                x, y, float(camera.q) / fine, steps, lattice.image_origin, lattice.reach, self.flags,
+                tuple(own.copy() for own in self.layout), faces and (*(own.copy() for own in faces), *room),
+                tuple(self.surfaces), self.kicks, self.falloff, lengths, points, shifts, counts,
+                sampling.tolerance * fine, place, image,
+            )  # fmt: skip
+        return images[0] if len(images) == 1 else images.mean(0), rays
 
 
 def _kicks(opening: ClearAperture, wavelengths: tuple[float, ...], count: int = 4096) -> Floats:
@@ -457,29 +560,38 @@ def _hash3(a: Any, b: Any, c: Any) -> Any:
 
 
 @kernel()
-def _to_scene(
-    flags: Any, k: Any, front: Any, law: Any, table: Any, media: Any, openings: Any, buffer: Any, work: Any,
-    d_3: float, d_f: float, kick_x: float, kick_y: float, hx: float, hy: float, ox: float, oy: float,
-) -> Any:  # fmt: skip
-    """A ray that leaves the main lens, as it goes on before all elements, and whether it gets there."""
-    ex, ey, tx, ty, fate, imaged = hx, hy, ox, oy, 0, True
-    fx, fy, gx, gy = hx, hy, ox, oy
-    if flags[EXACT]:
-        ex, ey, tx, ty, fate = outwards(table, media, openings, law, buffer, work, hx, hy, ox, oy)
-        if fate != 0 or (law.shape[0] == 0 and not flags[IN_FOCUS] and kick_x == 0.0 and kick_y == 0.0):
-            return ex, ey, tx, ty, fate == 0
-        fx, fy, gx, gy = behind_elements(front, k[LENS_X], k[LENS_X + 1], hx, hy, ox, oy)
-        fx, fy, gx, gy, imaged = mapped(law, front, fx, fy, gx, gy)
-    if flags[IN_FOCUS]:
-        hx, hy, ox, oy = refocused(d_3, d_f, hx, hy, ox, oy)
-    ox, oy = ox + kick_x, oy + kick_y
-    hx, hy = hx + kick_x * d_3, hy + kick_y * d_3
-    if flags[THROUGH]:
-        hx, hy, ox, oy = behind_elements(front, k[LENS_X], k[LENS_X + 1], hx, hy, ox, oy)
-        hx, hy, ox, oy, imaged = mapped(law, front, hx, hy, ox, oy)
-    if flags[EXACT]:  # off the exact ray by as much as these two put the closed forms' ray off
-        hx, hy, ox, oy = ex + (hx - fx), ey + (hy - fy), tx + (ox - gx), ty + (oy - gy)
-    return hx, hy, ox, oy, fate == 0 and imaged
+def _to_scene(space: Any, flags: Any, k: Any, front: Any, law: Any, d_3: float, d_f: float, rays: Any, m: int) -> None:
+    """Carry a block that leaves the main lens on to before all elements."""
+    lens_x, lens_y = k[LENS_X], k[LENS_X + 1]
+    if space is not None:
+        table, media, openings, room, work = space
+        for i in range(m):
+            if rays[LIT + i] == 0.0:
+                continue
+            hx, hy, ox, oy = rays[X + i], rays[Y + i], rays[SLOPE_X + i], rays[SLOPE_Y + i]
+            ex, ey, tx, ty, fate = outwards(table, media, openings, law, room, work, hx, hy, ox, oy)
+            hx, hy, ox, oy = behind_elements(front, lens_x, lens_y, hx, hy, ox, oy)
+            hx, hy, ox, oy, _ = mapped(law, front, hx, hy, ox, oy)
+            # So far does the exact ray go beside that of the closed forms.
+            rays[U + i], rays[V + i], rays[NEAR + i], rays[HIT + i] = ex - hx, ey - hy, tx - ox, ty - oy
+            rays[LIT + i] = 1.0 if fate == 0 else 0.0
+    for i in range(m if flags[IN_FOCUS] else 0):
+        rays[X + i], rays[Y + i], rays[SLOPE_X + i], rays[SLOPE_Y + i] = refocused(
+            d_3, d_f, rays[X + i], rays[Y + i], rays[SLOPE_X + i], rays[SLOPE_Y + i]
+        )
+    for i in range(m if flags[KICKED] else 0):
+        rays[X + i], rays[SLOPE_X + i] = rays[X + i] + rays[KICK_X + i] * d_3, rays[SLOPE_X + i] + rays[KICK_X + i]
+        rays[Y + i], rays[SLOPE_Y + i] = rays[Y + i] + rays[KICK_Y + i] * d_3, rays[SLOPE_Y + i] + rays[KICK_Y + i]
+    for i in range(m if flags[THROUGH] else 0):
+        if rays[LIT + i] != 0.0:
+            hx, hy, ox, oy = rays[X + i], rays[Y + i], rays[SLOPE_X + i], rays[SLOPE_Y + i]
+            hx, hy, ox, oy = behind_elements(front, lens_x, lens_y, hx, hy, ox, oy)
+            rays[X + i], rays[Y + i], rays[SLOPE_X + i], rays[SLOPE_Y + i], imaged = mapped(law, front, hx, hy, ox, oy)
+            rays[LIT + i] = 1.0 if imaged else 0.0
+    if space is not None:
+        for i in range(m):
+            rays[X + i], rays[Y + i] = rays[X + i] + rays[U + i], rays[Y + i] + rays[V + i]
+            rays[SLOPE_X + i], rays[SLOPE_Y + i] = rays[SLOPE_X + i] + rays[NEAR + i], rays[SLOPE_Y + i] + rays[HIT + i]
 
 
 @kernel()
@@ -488,35 +600,6 @@ def _share_of_light(shade: Any, slope: float) -> float:
     if shade.shape[0] == 0:
         return 1.0 / (1.0 + slope * slope) ** 2
     return float(illumination(shade, slope))
-
-
-@kernel()
-def _candidates(
-    lattice: Any, margin: float, bx: float, by: float, lens_x: Any, lens_y: Any, away_x: Any, away_y: Any
-) -> int:
-    """How many microlenses may light a pixel at a place from the lattice's origin.
-
-    Their axes in the array's frame go to `lens_x` and `lens_y`, how far the pixel is from their images' centres to
-    `away_x` and `away_y`.
-    """
-    axes, image_axes, inverse, half_size, neighbours = lattice
-    n = 0
-    m0 = math.floor(inverse[0, 0] * bx + inverse[0, 1] * by + 0.5)
-    n0 = math.floor(inverse[1, 0] * bx + inverse[1, 1] * by + 0.5)
-    for dm in range(-neighbours, neighbours + 1):
-        for dn in range(-neighbours, neighbours + 1):
-            m, l = m0 + dm, n0 + dn
-            gx = bx - (image_axes[0, 0] * m + image_axes[0, 1] * l)
-            gy = by - (image_axes[1, 0] * m + image_axes[1, 1] * l)
-            if gx * gx + gy * gy > margin * margin:
-                continue
-            cx, cy = axes[0, 0] * m + axes[0, 1] * l, axes[1, 0] * m + axes[1, 1] * l
-            if abs(cx) > half_size[0] or abs(cy) > half_size[1]:
-                continue
-            if n < MOST:
-                lens_x[n], lens_y[n], away_x[n], away_y[n] = cx, cy, gx, gy
-                n += 1
-    return n
 
 
 @kernel()
@@ -535,118 +618,218 @@ def _seeds(place: Any, shifts: Any, column: int, row: int) -> Any:
     )  # fmt: skip
 
 
-@kernel(inline=True)
-def _on_microlens(is_round: bool, a: float, b: float, half: float) -> Any:
-    """Point of a microlens for two numbers from 0 to 1 [mm]."""
-    if is_round:
-        rho, phi = half * math.sqrt(a), 2.0 * math.pi * b
-        return rho * math.cos(phi), rho * math.sin(phi)
-    return (2.0 * a - 1.0) * half, (2.0 * b - 1.0) * half
+@kernel()
+def _gather(
+    x: Any, y: float, begin: int, j: int, lattice: Any, origin: Any, margin: float, k: Any, shade: Any, falloff: float,
+    place: Any, shifts: Any, lenses: Any, strip: Any,
+) -> int:  # fmt: skip
+    """How many pixels of a strip any microlens may light; lists the pairs, always in the same order."""
+    axes, image_axes, inverse, half_size, neighbours = lattice
+    items, owners, starts, last, codes, gains, sums = strip
+    size, by, near, n, left = min(STRIP, x.size - begin), y - origin[1], 0, 0, 0
+    west, east = x[begin] - origin[0], x[begin + size - 1] - origin[0]
+    m_0, m_1 = inverse[0, 0] * west + inverse[0, 1] * by, inverse[0, 0] * east + inverse[0, 1] * by
+    n_0, n_1 = inverse[1, 0] * west + inverse[1, 1] * by, inverse[1, 0] * east + inverse[1, 1] * by
+    for m in range(math.floor(min(m_0, m_1) + 0.5) - neighbours, math.floor(max(m_0, m_1) + 0.5) + neighbours + 1):
+        for l in range(math.floor(min(n_0, n_1) + 0.5) - neighbours, math.floor(max(n_0, n_1) + 0.5) + neighbours + 1):
+            gx, gy = image_axes[0, 0] * m + image_axes[0, 1] * l, image_axes[1, 0] * m + image_axes[1, 1] * l
+            cx, cy = axes[0, 0] * m + axes[0, 1] * l, axes[1, 0] * m + axes[1, 1] * l
+            there = abs(cx) <= half_size[0] and abs(cy) <= half_size[1]
+            if there and abs(gy - by) <= margin and west - margin <= gx <= east + margin:
+                lenses[near, 0], lenses[near, 1], lenses[near, 2], lenses[near, 3] = cx, cy, gx, gy
+                near += 1
+    for p in range(size):
+        bx, starts[p] = x[begin + p] - origin[0], n
+        for c in range(near):
+            if (bx - lenses[c, 2]) ** 2 + (by - lenses[c, 3]) ** 2 <= margin * margin:
+                items[n, 0], items[n, 1], owners[n] = lenses[c, 0], lenses[c, 1], p
+                items[n, 2], items[n, 3] = lenses[c, 2] + origin[0], lenses[c, 3] + origin[1]
+                n += 1
+        last[p] = n == starts[p]
+        if last[p]:
+            continue
+        left += 1
+        # At the pixel's own place, as in white images: what falls off there must fall off here, pixel by pixel.
+        mid_m, mid_n = inverse[0, 0] * bx + inverse[0, 1] * by, inverse[1, 0] * bx + inverse[1, 1] * by
+        at_x = axes[0, 0] * mid_m + axes[0, 1] * mid_n + k[ARRAY_X]
+        at_y = axes[1, 0] * mid_m + axes[1, 1] * mid_n + k[ARRAY_X + 1]
+        gains[p] = _share_of_light(shade, falloff * math.hypot(at_x, at_y))
+        codes[p, 0], codes[p, 1], codes[p, 2], codes[p, 3], codes[p, 4], codes[p, 5] = _seeds(
+            place, shifts, begin + p, j
+        )
+    starts[size] = n
+    sums[:, :n] = 0.0
+    return left
 
 
-@kernel(inline=True)
-def _through_lens(
-    posed: bool, k: Any, maps: Any, rims: Any, px: float, py: float, cx: float, cy: float, vx: float, vy: float
-) -> Any:
-    """Backward ray past the main lens, in the system's axes: height there, slope, and whether all rims pass it."""
-    lens_square = k[LENS_RADIUS] * k[LENS_RADIUS]
+@kernel()
+def _draw(
+    points: Any, seeds: Any, places: Any, w: int, first: int, count: int, flags: Any, half: float, pixel: float,
+    kicks: Any, rays: Any,
+) -> None:  # fmt: skip
+    """Fill a block with `count` points of each of `w` pairs of pixel and microlens, first those of one point."""
+    unit = 1.0 / 4294967296.0
+    finite, is_round, kicked = not flags[PINHOLE], flags[ROUND], flags[KICKED]
+    for r in range(count):
+        p0, p1, p2, p3 = points[first + r, 0], points[first + r, 1], points[first + r, 2], points[first + r, 3]
+        mine = rays[r * w :]
+        for t in range(w):
+            mine[X + t] = places[2 * STRIP + t] + ((np.uint32(p0 ^ seeds[t]) + 0.5) * unit - 0.5) * pixel
+            mine[Y + t] = places[3 * STRIP + t] + ((np.uint32(p1 ^ seeds[STRIP + t]) + 0.5) * unit - 0.5) * pixel
+            mine[SLOPE_X + t] = (np.uint32(p2 ^ seeds[2 * STRIP + t]) + 0.5) * unit
+            mine[SLOPE_Y + t] = (np.uint32(p3 ^ seeds[3 * STRIP + t]) + 0.5) * unit
+            mine[LENS_AT_X + t], mine[LENS_AT_Y + t], mine[LIT + t] = places[t], places[STRIP + t], 1.0
+        if kicked:
+            p4, p5 = points[first + r, 4], points[first + r, 5]
+            for t in range(w):
+                near = int(np.uint32(p4 ^ seeds[4 * STRIP + t]) * unit * kicks.shape[0])
+                turn = int(np.uint32(p5 ^ seeds[5 * STRIP + t]) * unit * kicks.shape[0])
+                mine[KICK_X + t] = kicks[near, 0] * kicks[turn, 1] + kicks[near, 3]
+                mine[KICK_Y + t] = kicks[near, 0] * kicks[turn, 2] + kicks[near, 4]
+    if finite and is_round:
+        for i in range(count * w):
+            rho = half * math.sqrt(rays[SLOPE_X + i])
+            cosine, sine = _on_circle(rays[SLOPE_Y + i])
+            rays[SLOPE_X + i], rays[SLOPE_Y + i] = rho * cosine, rho * sine
+        return
+    half = half if finite else 0.0
+    for i in range(count * w):
+        rays[SLOPE_X + i], rays[SLOPE_Y + i] = (
+            (2.0 * rays[SLOPE_X + i] - 1.0) * half, (2.0 * rays[SLOPE_Y + i] - 1.0) * half,
+        )  # fmt: skip
+
+
+@kernel()
+def _keep_nearest(strip: Any, queue: Any, w: int, count: int, rays: Any) -> None:
+    """Leave out rays that another microlens's image is nearer to."""
+    items, owners, starts, _, _, _, _ = strip
+    for i in range(count * w):
+        item = queue[i % w]
+        best, nearest = 1e300, -1
+        for other in range(starts[owners[item]], starts[owners[item] + 1]):
+            far = (rays[X + i] - items[other, 2]) ** 2 + (rays[Y + i] - items[other, 3]) ** 2
+            if far < best:
+                best, nearest = far, other
+        rays[LIT + i] = 1.0 if nearest == item else 0.0
+
+
+@kernel()
+def _through_lens(posed: bool, k: Any, maps: Any, rims: Any, rays: Any, m: int) -> None:
+    """Carry a block of backward rays past the main lens, in the system's axes, and through the rims."""
+    lens_square, count = k[LENS_RADIUS] * k[LENS_RADIUS], rims.shape[0]
     if posed:
-        lx, ly, ox, oy, good = posed_ray(k, maps, px, py, cx, cy, vx, vy)
-        if not good or lx * lx + ly * ly > lens_square:
-            return lx, ly, ox, oy, False
-        for t in range(rims.shape[0]):
-            ax, ay, _, _, ahead = crossing(maps[3 + t], lx, ly, ox, oy)
-            if not (ahead and inside(rims[t], 3, ax, ay)):
-                return lx, ly, ox, oy, False
-        return crossing(maps[2], lx, ly, ox, oy)
-    lx, ox = aligned_ray(k[D_1], k[PER_D_2], k[PER_F_ML], k[PER_F], k[SENSOR_X], k[ARRAY_X], px, cx, vx)
-    ly, oy = aligned_ray(k[D_1], k[PER_D_2], k[PER_F_ML], k[PER_F], k[SENSOR_X + 1], k[ARRAY_X + 1], py, cy, vy)
-    if lx * lx + ly * ly > lens_square:
-        return lx, ly, ox, oy, False
-    for t in range(rims.shape[0]):
-        ax, ay = lx + rims[t, 0] - ox * rims[t, 2], ly + rims[t, 1] - oy * rims[t, 2]
-        if not inside(rims[t], 3, ax, ay):
-            return lx, ly, ox, oy, False
-    return lx + k[LENS_X], ly + k[LENS_X + 1], ox, oy, True
+        for i in range(m):
+            at_x, at_y, vx, vy = rays[LENS_AT_X + i], rays[LENS_AT_Y + i], rays[SLOPE_X + i], rays[SLOPE_Y + i]
+            hx, hy, ox, oy, good = posed_ray(k, maps, rays[X + i], rays[Y + i], at_x, at_y, vx, vy)
+            good = good and hx * hx + hy * hy <= lens_square
+            for t in range(count):
+                ax, ay, _, _, ahead = crossing(maps[3 + t], hx, hy, ox, oy)
+                good = good and ahead and inside(rims[t], 3, ax, ay)
+            rays[X + i], rays[Y + i], rays[SLOPE_X + i], rays[SLOPE_Y + i], ahead = crossing(maps[2], hx, hy, ox, oy)
+            rays[LIT + i] *= 1.0 if good and ahead else 0.0
+        return
+    d_1, per_d_2, per_f_ml, per_f, lens_x, lens_y = k[D_1], k[PER_D_2], k[PER_F_ML], k[PER_F], k[LENS_X], k[LENS_X + 1]
+    sensor_x, sensor_y, array_x, array_y = k[SENSOR_X], k[SENSOR_X + 1], k[ARRAY_X], k[ARRAY_X + 1]
+    for i in range(m):
+        at_x, at_y, vx, vy = rays[LENS_AT_X + i], rays[LENS_AT_Y + i], rays[SLOPE_X + i], rays[SLOPE_Y + i]
+        hx, ox = aligned_ray(d_1, per_d_2, per_f_ml, per_f, sensor_x, array_x, rays[X + i], at_x, vx)
+        hy, oy = aligned_ray(d_1, per_d_2, per_f_ml, per_f, sensor_y, array_y, rays[Y + i], at_y, vy)
+        rays[X + i], rays[Y + i], rays[SLOPE_X + i], rays[SLOPE_Y + i] = hx, hy, ox, oy
+        rays[LIT + i] = rays[LIT + i] if hx * hx + hy * hy <= lens_square else 0.0
+    for t in range(count):
+        off_x, off_y, ahead = rims[t, 0], rims[t, 1], rims[t, 2]
+        opening: Any = (rims[t, 3], rims[t, 4], rims[t, 5], rims[t, 6], rims[t, 7])
+        for i in range(m):
+            ax, ay = rays[X + i] + off_x - rays[SLOPE_X + i] * ahead, rays[Y + i] + off_y - rays[SLOPE_Y + i] * ahead
+            rays[LIT + i] = rays[LIT + i] if inside(opening, 0, ax, ay) else 0.0
+    for i in range(m):
+        rays[X + i], rays[Y + i] = rays[X + i] + lens_x, rays[Y + i] + lens_y
 
 
-@kernel(parallel=True)
+@kernel()
+def _judge(strip: Any, size: int, done: int, most: int, tolerance: float, row: Any) -> int:
+    """How many of a strip's pixels need more rays; values of the others go to their row of the image.
+
+    Means of `GROUPS` groups tell the error. Two make one for the next look, as large as two of as many rays again.
+    """
+    _, _, starts, last, _, gains, sums = strip
+    left = 0
+    for p in range(size):
+        if last[p]:
+            continue
+        total, squares, scale = 0.0, 0.0, gains[p] / done
+        for g in range(GROUPS):
+            group = 0.0
+            for item in range(starts[p], starts[p + 1]):
+                group += sums[g, item]
+            total, squares = total + group, squares + group * group
+        spread = (GROUPS * squares - total * total) / (GROUPS - 1.0) * scale * scale
+        if done >= most or spread <= tolerance * tolerance:
+            row[p], last[p] = scale * total, True
+            continue
+        left += 1
+        for item in range(starts[p], starts[p + 1]):
+            for g in range(GROUPS // 2):
+                sums[g, item] = sums[2 * g, item] + sums[2 * g + 1, item]
+            sums[GROUPS // 2 :, item] = 0.0
+    return left
+
+
+@kernel()
 def _trace(
     x: Any, y: Any, pixel: float, lattice: Any, origin: Any, reach: float, flags: Any, layout: Any, space: Any,
     surfaces: Any, kicks: Any, falloff: float, lengths: Any, points: Any, shifts: Any, counts: Any, tolerance: float,
-    place: Any, image: Any, spent: Any,
-) -> None:  # fmt: skip
-    """Values of pixels by backward rays; tuples as `Tracer.image` makes them."""
-    axes, image_axes, inverse, half_size, neighbours = lattice
+    place: Any, image: Any,
+) -> int:  # fmt: skip
+    """How many rays it took to trace pixels; tuples as `Tracer.image` makes them."""
     k, maps, rims, front, law, shade = layout
-    table, media, openings = space
     rows, pictures, beyond, mirrored, over = surfaces
     mouth, d_3, d_f = lengths
-    half, margin, unit = k[HALF], reach + pixel * 0.7072, 1.0 / 4294967296.0
-    for j in prange(y.size):
-        lens_x, lens_y = np.empty(MOST), np.empty(MOST)
-        away_x, away_y = np.empty(MOST), np.empty(MOST)
-        buffer, work = np.empty(ROWS * BLOCK), np.empty(BLOCK)
-        # Shared ones are counted by all threads.
-        faces, indices, takes, own = table.copy(), media.copy(), openings.copy(), law.copy()
-        used = 0
-        for i in range(x.size):
-            bx, by = x[i] - origin[0], y[j] - origin[1]
-            n = _candidates(
-                (axes, image_axes, inverse, half_size, neighbours), margin, bx, by, lens_x, lens_y, away_x, away_y
-            )
-            if n == 0:
-                continue
-            # At the pixel's own place, as in white images: what falls off there must fall off here, pixel by pixel.
-            mid_m, mid_n = inverse[0, 0] * bx + inverse[0, 1] * by, inverse[1, 0] * bx + inverse[1, 1] * by
-            at_x = axes[0, 0] * mid_m + axes[0, 1] * mid_n + k[ARRAY_X]
-            at_y = axes[1, 0] * mid_m + axes[1, 1] * mid_n + k[ARRAY_X + 1]
-            gain = _share_of_light(shade, falloff * math.hypot(at_x, at_y))
-            s0, s1, s2, s3, s4, s5 = _seeds(place, shifts, i, j)
-            total, squares, batches, done = 0.0, 0.0, 0, 0
-            while done < counts[1]:
-                batch = 0.0
-                for r in range(done, done + counts[2]):
-                    px = x[i] + ((np.uint32(points[r, 0] ^ s0) + 0.5) * unit - 0.5) * pixel
-                    py = y[j] + ((np.uint32(points[r, 1] ^ s1) + 0.5) * unit - 0.5) * pixel
-                    vx, vy, kick_x, kick_y = 0.0, 0.0, 0.0, 0.0
-                    if not flags[PINHOLE]:
-                        a = (np.uint32(points[r, 2] ^ s2) + 0.5) * unit
-                        vx, vy = _on_microlens(flags[ROUND], a, (np.uint32(points[r, 3] ^ s3) + 0.5) * unit, half)
-                    if flags[KICKED]:
-                        near = int(np.uint32(points[r, 4] ^ s4) * unit * kicks.shape[0])
-                        turn = int(np.uint32(points[r, 5] ^ s5) * unit * kicks.shape[0])
-                        kick_x = kicks[near, 0] * kicks[turn, 1] + kicks[near, 3]
-                        kick_y = kicks[near, 0] * kicks[turn, 2] + kicks[near, 4]
-                    first, last = 0, n
-                    if flags[OWN_ONLY]:
-                        best = 1e300
-                        for c in range(n):
-                            far = (px - (x[i] - away_x[c])) ** 2 + (py - (y[j] - away_y[c])) ** 2
-                            if far < best:
-                                best, first, last = far, c, c + 1
-                    for c in range(first, last):
-                        hx, hy, ox, oy, kept = _through_lens(
-                            flags[POSED], k, maps, rims, px, py, lens_x[c], lens_y[c], vx, vy
-                        )
-                        if not kept:
-                            continue
-                        hx, hy, ox, oy, kept = _to_scene(
-                            flags, k, front, own, faces, indices, takes, buffer, work, d_3, d_f, kick_x, kick_y, hx, hy,
-                            ox, oy,
-                        )  # fmt: skip
-                        if not kept:
-                            continue
-                        batch += radiance(rows, pictures, beyond, mirrored, over, mouth, hx, hy, ox, oy)
-                batch /= counts[2]
-                done += counts[2]
-                used += counts[2]
-                batches += 1
-                total += batch
-                squares += batch * batch
-                if done >= counts[0] and batches > 1:
-                    spread = squares / batches - (total / batches) ** 2
-                    if gain * gain * spread <= tolerance * tolerance * (batches - 1):
-                        break
-            image[j, i] = gain * total / batches
-        spent[j] = used
+    inverse, wide = lattice[2], 2 * lattice[4] + 3
+    across, along = int(abs(inverse[0, 0]) * STRIP * pixel) + wide, int(abs(inverse[1, 0]) * STRIP * pixel) + wide
+    most, used = STRIP * across * along, 0
+    items, owners, sums = np.empty((most, 4)), np.empty(most, np.int64), np.empty((GROUPS, most))
+    starts, last, codes = np.empty(STRIP + 1, np.int64), np.empty(STRIP, np.bool_), np.empty((STRIP, 6), np.uint32)
+    strip = items, owners, starts, last, codes, np.empty(STRIP), sums
+    lenses, queue, rays = np.empty((across * along, 4)), np.empty(most, np.int64), np.empty(BLOCK_ROWS * BLOCK)
+    places, seeds = np.empty(4 * STRIP), np.empty(DIMENSIONS * STRIP, np.uint32)
+    for j in range(y.size):
+        for begin in range(0, x.size, STRIP):
+            size, done, more = min(STRIP, x.size - begin), 0, counts[0]
+            left = _gather(
+                x, y[j], begin, j, lattice, origin, reach + pixel * 0.7072, k, shade, falloff, place, shifts, lenses,
+                strip,
+            )  # fmt: skip
+            while left > 0:
+                used, waiting = used + left * more, 0
+                for item in range(starts[size]):
+                    if not last[owners[item]]:
+                        queue[waiting] = item
+                        waiting += 1
+                for a in range(0, waiting, STRIP):
+                    mine = queue[a : min(a + STRIP, waiting)]
+                    w = mine.size
+                    for t in range(w):
+                        item, p = mine[t], owners[mine[t]]
+                        places[t], places[STRIP + t] = items[item, 0], items[item, 1]
+                        places[2 * STRIP + t], places[3 * STRIP + t] = x[begin + p], y[j]
+                        for d in range(DIMENSIONS):
+                            seeds[d * STRIP + t] = codes[p, d]
+                    for first in range(done, done + more, BLOCK // w):
+                        count = min(BLOCK // w, done + more - first)
+                        _draw(points, seeds, places, w, first, count, flags, k[HALF], pixel, kicks, rays)
+                        if flags[OWN_ONLY]:
+                            _keep_nearest(strip, mine, w, count, rays)
+                        _through_lens(flags[POSED], k, maps, rims, rays, count * w)
+                        _to_scene(space, flags, k, front, law, d_3, d_f, rays, count * w)
+                        look(rows, pictures, beyond, mirrored, over, mouth, rays, count * w)
+                        for r in range(count):
+                            part = GROUPS if done == 0 else GROUPS // 2
+                            group = GROUPS - part + (first + r - done) * part // more
+                            for t in range(w):
+                                light = rays[LIGHT + r * w + t]
+                                sums[group, mine[t]] += light if rays[LIT + r * w + t] != 0.0 else 0.0
+                done += more
+                more = done
+                left = _judge(strip, size, done, counts[1], tolerance, image[j, begin:])
+    return used

@@ -36,6 +36,9 @@ CORE = 512
 LEAST_HALO, MOST_HALO = 96, 1024
 """Pixels around them that lend their light, at least and at most."""
 
+BEYOND = 1e-3
+"""Share of a pixel's variance that few rays may bring."""
+
 DEFAULT_FINE = 4
 """Subpixels where no diffraction bounds the frequencies."""
 
@@ -132,7 +135,7 @@ def bands(
     fine, edge = fineness(transfer, pixel), halo(transfer, pixel, tolerance)
     wide = Region(region.column - edge, 0, region.columns + 2 * edge, 0)
     kept = np.empty((0, wide.columns * fine), np.float32)
-    blur = functools.partial(_tile, transfer=transfer, step=pixel / fine, edge=edge * fine, fine=fine)
+    blur = functools.partial(blurred, transfer=transfer, step=pixel / fine, edge=edge * fine, fine=fine)
     with ThreadPoolExecutor(threads) as pool:
         for row in range(0, region.rows, CORE):
             rows = min(CORE, region.rows - row)
@@ -162,6 +165,16 @@ def _pattern(transfer: MicrolensTransfer, step: float, edge: int) -> Image:
     return np.asarray(kernel + (response[0, 0] - kernel.sum()) / kernel.size, np.float32)
 
 
+def near_reach(transfer: MicrolensTransfer, pixel: float, tolerance: float) -> int:
+    """Pixels beyond a straight border that lend a pixel at it all but `BEYOND` of what it scatters, of `halo`."""
+    edge = halo(transfer, pixel, tolerance)
+    if transfer.trivial:
+        return edge
+    squares = np.square(_pattern(transfer, pixel, edge), dtype=float)
+    outside = np.cumsum(np.maximum(squares.sum(0), squares.sum(1)))[:edge]  # from the farthest row inwards
+    return edge - int(np.searchsorted(outside, BEYOND * squares.sum()))
+
+
 @functools.lru_cache(maxsize=8)
 def _response(transfer: MicrolensTransfer, rows: int, columns: int, step: float, edge: int) -> NDArray[np.complex64]:
     """Spectrum of that pattern about the corner of a tile."""
@@ -171,7 +184,7 @@ def _response(transfer: MicrolensTransfer, rows: int, columns: int, step: float,
     return np.asarray(np.fft.rfft2(tile), np.complex64)
 
 
-def _tile(tile: Image, transfer: MicrolensTransfer, step: float, edge: int, fine: int) -> Image:
+def blurred(tile: Image, transfer: MicrolensTransfer, step: float, edge: int, fine: int) -> Image:
     """Convolve one tile, drop its halo, and gather subpixels into pixels."""
     rows, columns = tile.shape
     spectrum = np.fft.rfft2(tile) * _response(transfer, rows, columns, step, edge)

@@ -124,19 +124,18 @@ class SurfaceStack(NamedTuple):
             Whether clear diameters stop rays.
         """
         lines = [np.asarray(part, float) for part in (*height, start, *slope)]
-        rays = np.empty((5, *np.broadcast_shapes(*(part.shape for part in lines))))
-        for row, part in enumerate(lines):
-            rays[row] = part
-        shape, builds, count = rays.shape[1:], len(self.table), int(self.media.shape[1]) - 1
+        shape = np.broadcast_shapes(*(part.shape for part in lines))
+        builds, count = len(self.table), int(self.media.shape[1]) - 1
         if builds > 1 and shape[:1] != (builds,):
             raise ValueError(f"rays through {builds} builds need them as their first axis, got {shape}")
         total = math.prod(shape)
         out, state, room = np.empty((4, *shape)), np.empty(shape, np.int16), np.empty(shape)
         planes = np.array(np.broadcast_to(np.asarray(end, float), (builds,)))
         # Writable, as a kernel is compiled once more for arrays that are not.
-        lens = (np.require(part, requirements=["C", "W"]) for part in (self.table, self.media))
+        spread = (np.broadcast_to(part, shape) if 1 < part.size < total else part for part in lines)
+        given = (np.require(part, requirements=["C", "W"]) for part in (self.table, self.media, *spread))
         work = planes, np.empty(ROWS * BLOCK), np.empty(count * BLOCK)
-        arrays: list[Any] = [part.reshape(-1) for part in (*lens, *work, rays, out, state, room)]
+        arrays: list[Any] = [part.reshape(-1) for part in (*given, *work, out, state, room)]
         has_law = self.table.shape[1] > count * COLUMNS  # whose sines numpy and the compiler take a bit apart
         if has_law or use_compiled(_trace_slopes, total * count):
             _trace_slopes.compiled(total // builds, builds, count, backward, clip, *arrays)
@@ -742,12 +741,12 @@ def _reach_plane(buffer: Any, m: int, z: float, s: float) -> None:
 
 @kernel()
 def _trace_slopes(
-    each: int, builds: int, count: int, backward: bool, clip: bool, table: Any, media: Any, plane: Any, buffer: Any,
-    squares: Any, rays: Any, out: Any, state: Any, room: Any,
+    each: int, builds: int, count: int, backward: bool, clip: bool, table: Any, media: Any, x_in: Any, y_in: Any,
+    z_in: Any, slope_x: Any, slope_y: Any, plane: Any, buffer: Any, squares: Any, out: Any, state: Any, room: Any,
 ) -> None:  # fmt: skip
     """Trace `each` rays through each build of `count` surfaces: x, y, z, dx/dz, dy/dz to x, y, dx/dz, dy/dz on a plane.
 
-    All arrays are flat, components one after the other; `buffer` and `squares` are room to work.
+    All arrays are flat, one number of `x_in` to `slope_y` is that of all rays; `buffer` and `squares` are room to work.
     """
     n, wide, s = each * builds, len(table) // builds, -1.0 if backward else 1.0
     for build in range(builds):
@@ -755,8 +754,13 @@ def _trace_slopes(
         index = media[build * (count + 1) : (build + 1) * (count + 1)]
         for start in range(build * each, (build + 1) * each, BLOCK):
             m = min(BLOCK, (build + 1) * each - start)
-            for row in range(5):
-                _copy(rays[row * n + start : row * n + start + m], buffer[row * BLOCK : row * BLOCK + m], m)
+            for row, line in enumerate((x_in, y_in, z_in, slope_x, slope_y)):
+                part = buffer[row * BLOCK : row * BLOCK + m]
+                if len(line) == n:
+                    _copy(line[start : start + m], part, m)
+                else:
+                    for i in range(m):
+                        part[i] = line[0]
             for i in range(m):
                 x, y, z = buffer[i], buffer[BLOCK + i], buffer[2 * BLOCK + i]
                 sx, sy = buffer[3 * BLOCK + i], buffer[4 * BLOCK + i]

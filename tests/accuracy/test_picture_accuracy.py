@@ -15,6 +15,7 @@ from roslf_design.imaging.trace import RaySampling
 from roslf_design.imaging.transfer import MicrolensTransfer
 from roslf_design.imaging.white import harmonic_series
 from roslf_design.scenes import WHITE_FIELD, Plane, Scene, Sinusoid, loads_scene
+from studies.accuracy.pictures import cameras, try_picture
 
 PAPER = roslf.load("paper")
 REGION = (2000, 1300, 32, 26)
@@ -40,6 +41,23 @@ def test_pixels_are_within_what_was_promised(accuracy, overrides, near_light):
     assert told.kept
     assert told.measured_error is not None
     assert 0.2 < told.measured_error / np.quantile(off, 0.99) < 4
+
+
+@pytest.mark.parametrize(("name", "by_budget"), [("hexagonal", True), ("cut", False), ("cut", True), ("round", False)])
+def test_promises_are_kept_on_random_pictures(name, by_budget, near_light):
+    """A few of the pictures that `studies/accuracy/pictures.py` tries."""
+    one = try_picture(name, cameras()[name], np.random.default_rng(5), by_budget=by_budget)
+    assert 0 < one.error <= one.asked
+
+
+def test_less_accuracy_takes_fewer_rays_and_errors_stay_within_it(near_light):
+    rays = []
+    for intensity in (0.04, 0.01, 0.0025):
+        given = {"region": (2000, 1300, 60, 60), "overrides": ["-noise"], "budget": Budget(intensity=intensity)}
+        image, truth = (render(PAPER, BOARD, sampling=one, **given) for one in (None, RaySampling(512, 512, 0.0, 9)))
+        assert np.quantile(np.abs(image.pixels.astype(float) - truth.pixels), 0.99) <= 2 * intensity
+        rays.append(image.rays)
+    assert rays[0] < 0.8 * rays[1] < 0.5 * rays[2]
 
 
 def test_effects_left_out_take_half_of_the_accuracy_at_most():

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from mpmath import mp
+from scipy.stats.qmc import Sobol
 
 from roslf_design.camera import Camera
 from roslf_design.design import load
@@ -11,7 +12,7 @@ from roslf_design.errors import InputError
 from roslf_design.imaging.camera import ImageLattice, Region, pixel_centres, planned_camera
 from roslf_design.imaging.points import PointSource, point_image
 from roslf_design.imaging.render import render
-from roslf_design.imaging.trace import RaySampling, Tracer, encode, radiance
+from roslf_design.imaging.trace import RaySampling, Tracer, encode, met, sobol_points
 from roslf_design.imaging.white import WhiteGeometry
 from roslf_design.scenes import WHITE_FIELD, Plane, Points, Scene, Sinusoid, Sphere, Tube, Uniform
 
@@ -134,6 +135,12 @@ def test_pixels_do_not_depend_on_the_region_tiles_or_threads():
     assert (other != images[0]).any()
 
 
+def test_points_are_those_of_the_sobol_sequence():
+    for count in (1, 5, 4096):
+        points = Sobol(6, scramble=False, bits=32).random_base2((count - 1).bit_length())[:count]
+        np.testing.assert_array_equal(sobol_points(count), points * 2.0**32)
+
+
 def test_noise_repeats_with_its_seed():
     scene = Scene(light={"exposure": 1000.0, "read_noise": 3.0})
     one, same, other = (render(PAPER, scene, region=(0, 0, 600, 600), seed=seed).pixels for seed in (1, 1, 2))
@@ -163,7 +170,7 @@ def test_single_rays_end_where_plain_geometry_says(thing):
     surfaces = encode(Scene(objects=(thing,), background=0.123), 350.0)
     for slope in [(0.01, 0.02), (-0.03, 0.015), (0.06, -0.05), (0.002, -0.11)]:
         ox, oy = slope
-        value = radiance.interpreted(*surfaces, 120.0, 120.0 * ox, 120.0 * oy, ox, oy)
+        _, (value,) = met(surfaces, 120.0, np.array([[120.0 * ox, 120.0 * oy, ox, oy]]))
         assert value == pytest.approx(by_marching(thing, ox, oy), abs=1e-6)
 
 

@@ -3,7 +3,7 @@ import pytest
 from PIL import Image
 
 from roslf_design.design import load
-from roslf_design.imaging.trace import encode, radiance
+from roslf_design.imaging.trace import encode, met
 from roslf_design.scenes import (
     Checkerboard,
     PictureTexture,
@@ -146,7 +146,7 @@ def test_pictures_are_found_beside_the_scene(tmp_path):
     surfaces = encode(scene, 350.0)
     # pixel centres of a picture 4 x 3 pixels of 2 mm, its middle on the origin
     for u, v, level in [(-3.0, -2.0, 0), (3.0, 2.0, 220), (-2.0, -2.0, 10)]:
-        assert radiance.interpreted(*surfaces, 0.0, u, v, 0.0, 0.0) == pytest.approx(level / 255, rel=1e-6)
+        assert met(surfaces, 0.0, np.array([[u, v, 0.0, 0.0]]))[1] == pytest.approx(level / 255, rel=1e-6)
 
 
 def test_unreadable_pictures_are_named(tmp_path):
