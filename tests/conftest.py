@@ -25,6 +25,11 @@ from tests.depth.made import fewer_rays  # noqa: E402
 ROOT = Path(__file__).resolve().parent.parent
 
 
+def pytest_collection_modifyitems(items):
+    """Tests in a browser first: one worker then has them all, with one browser and one explorer."""
+    items.sort(key=lambda item: "tests/explorer/" not in item.nodeid)
+
+
 @pytest.fixture(scope="session")
 def root() -> Path:
     """The project's folder."""

@@ -1552,13 +1552,8 @@ def scaled_by(data: dict[str, Any], place: tuple[Any, ...], factor: float) -> di
     return data
 
 
-def scaled() -> Iterator[tuple[str, Case]]:
+def scaled_lengths() -> Iterator[tuple[list[str], str, tuple[Any, ...], float]]:
     """Each length of three designs a factor longer or shorter, to each command that computes with a design alone."""
-    tolerance = {
-        "design": "x.toml",
-        "perturb": [{"place": "aperture.diameter", "tolerance": "1 um"}],
-        "goals": [{"metric": "fill_factor", "min": 0.9}],
-    }
     commands = [
         ["evaluate", "x.toml", "--json"],
         ["datasheet", "x.toml", "-o", "out.json"],
@@ -1577,14 +1572,31 @@ def scaled() -> Iterator[tuple[str, Case]]:
         ["depth", "x.toml", "--json"],
         ["report", "x.toml", "-o", "out"],
     ]
+    names = ("paper", "cystoscope", "paper-singlet")
+    places = {name: lengths(tomllib.loads((ROOT / "designs" / f"{name}.toml").read_text())) for name in names}
     for words in commands:
-        for name in ("paper", "cystoscope", "paper-singlet"):
-            data = tomllib.loads((ROOT / "designs" / f"{name}.toml").read_text())
-            for place in lengths(data):
+        for name in names:
+            for place in places[name]:
                 for factor in FACTORS:
-                    files = {"x.toml": scaled_by(data, place, factor), "study.toml": tolerance}
-                    what = f"{name} {'.'.join(map(str, place))} x {factor:g}"
-                    yield what, Case(words, {key: tomli_w.dumps(value).encode() for key, value in files.items()})
+                    yield words, name, place, factor
+
+
+def scaled_case(words: list[str], name: str, place: tuple[Any, ...], factor: float) -> tuple[str, Case]:
+    """One of what `scaled_lengths` lists, with its files."""
+    tolerance = {
+        "design": "x.toml",
+        "perturb": [{"place": "aperture.diameter", "tolerance": "1 um"}],
+        "goals": [{"metric": "fill_factor", "min": 0.9}],
+    }
+    data = tomllib.loads((ROOT / "designs" / f"{name}.toml").read_text())
+    files = {"x.toml": scaled_by(data, place, factor), "study.toml": tolerance}
+    what = f"{name} {'.'.join(map(str, place))} x {factor:g}"
+    return what, Case(words, {key: tomli_w.dumps(value).encode() for key, value in files.items()})
+
+
+def scaled() -> Iterator[tuple[str, Case]]:
+    """Every case of `scaled_lengths`."""
+    return (scaled_case(*one) for one in scaled_lengths())
 
 
 MAKERS: dict[Maker, int] = {

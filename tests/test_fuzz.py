@@ -7,9 +7,9 @@ import tomllib
 import pytest
 import tomli_w
 
-from tests.fuzz_bad_inputs import QUICK, ROOT, Case, case, faults, lay_out, run, scaled, scaled_by
+from tests.fuzz_bad_inputs import QUICK, ROOT, Case, case, faults, lay_out, run, scaled_by, scaled_case, scaled_lengths
 
-SCALED = [one for one in scaled() if one[1].arguments[0] in ("evaluate", "render", "sweep", "tolerance")]
+SCALED = [one for one in scaled_lengths() if one[0][0] in ("evaluate", "render", "sweep", "tolerance")]
 
 
 @pytest.mark.parametrize("number", range(42))
@@ -26,7 +26,7 @@ def test_a_bad_input_is_told_in_lines(number, tmp_path, monkeypatch):
 @pytest.mark.parametrize("number", random.Random("lengths").sample(range(len(SCALED)), 24))
 def test_a_camera_of_one_length_a_million_times_another(number, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    what, one = SCALED[number]
+    what, one = scaled_case(*SCALED[number])
     lay_out(one)
     result = run(one.arguments)
     os.unlink("pipe")

@@ -25,7 +25,7 @@ from roslf_design.theory.length_covariance import LengthCovariance
 CELL = 1.7
 BOARD = f"7x6 {CELL} mm"
 RAYS = ["-microlens_diffraction", "-fap_diffraction", "-microlens_defocus"]
-SAMPLING = RaySampling(least=16, most=64, tolerance=0.03)
+SAMPLING = RaySampling(least=12, most=40, tolerance=0.035)
 """Scatter of a few per cent along edges, as noise of an exposure makes it everywhere."""
 POSES = [(-14, 28, 5), (25, -28, 8), (2, 3, -33), (-8, 20, 26), (12, -24, -20)]
 """Distance from the focal plane [mm], tilts [deg]."""

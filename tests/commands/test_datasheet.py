@@ -31,9 +31,10 @@ max = 1.1
 """
 
 
-def test_a_sheet_tells_each_line_with_its_tolerance(tmp_path, capsys):
+def test_a_sheet_tells_each_line_with_its_tolerance(tmp_path, capsys, monkeypatch):
     (tmp_path / "study.toml").write_text(STUDY)
-    for name in ("a.json", "a.csv"):
+    for name, builds in (("a.json", datasheet.FEW), ("a.csv", 4)):  # of the table names and values are looked at
+        monkeypatch.setattr(datasheet, "FEW", builds)
         code, out, _ = run(capsys, "datasheet", tmp_path / "study.toml", "-o", tmp_path / name)
         assert (code, out.strip()) == (0, str(tmp_path / name))
     told = json.loads((tmp_path / "a.json").read_text())
@@ -165,7 +166,8 @@ def test_a_report_with_a_calibration_begins_with_the_page_of_that_instrument(cal
     assert sheets[1] is None  # an older one: lines stay nominal
 
 
-def test_the_sheet_of_a_story_is_of_the_design_it_ends_with(tmp_path, capsys):
+def test_the_sheet_of_a_story_is_of_the_design_it_ends_with(tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(datasheet, "FEW", 4)  # lines at a distance or a field are not looked at
     (tmp_path / "study.toml").write_text(STUDY)
     parts = """
 [story]

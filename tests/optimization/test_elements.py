@@ -19,6 +19,7 @@ from roslf_design.optimization.variables import name_faults
 from tests.optimization.posing import PAPER, goal, limit, posed
 
 QUICK = Settings(starts=4, check=False, isres=False)
+TWICE = QUICK.model_copy(update={"starts": 2})
 
 
 @pytest.fixture(scope="module")
@@ -194,7 +195,7 @@ def test_windows_are_chosen_for_a_plate(windowed, tmp_path, capsys):
     for part in parts:
         glass = {"thickness": part.thickness, "material": part.material, "diameter": part.aperture}
         design = flat.replace({f"elements.0.{name}": value for name, value in glass.items()})
-        answer = solve(replace(study.problem, design=design), QUICK, lambda _: None)
+        answer = solve(replace(study.problem, design=design), TWICE, lambda _: None)
         if answer.feasible:
             every.append((answer.number(answer.asked.goals[0]), part.part))
     best = [row["goals"]["sigma_z_mm"] for row in told["best"]]
@@ -261,7 +262,7 @@ def test_a_lens_that_diverges_may_vary(windowed):
     changes = {"elements.1.focal_length": values, "d_1": windowed.d_1}
     cameras = Camera.of(windowed, changes)
     widths = np.where(cameras.valid, roslf.quantity("field_half_width_mm")(cameras), -np.inf)
-    answer = solve(problem, QUICK, lambda _: None)
+    answer = solve(problem, TWICE, lambda _: None)
     assert answer.feasible
     chosen = problem.named(answer.unit)["elements.1.focal_length"]
     assert chosen < 0

@@ -76,7 +76,7 @@ def test_robust_design_beside_the_nominal_one():
     assert found.robust.goal_nominal >= found.nominal.goal_nominal * (1 - 1e-9)  # the price
     # The yield again, each build a design of its own through `evaluate`.
     hardware = TIGHT.design_at(found.unit)
-    held, count = 0, 300
+    held, count = 0, 100
     for column in scatter.fresh[:, :count].T:
         moves = dict(zip([p.place for p in scatter.perturbations], column, strict=True))
         build = hardware.replace(
@@ -131,7 +131,7 @@ def test_perturbations_that_make_no_sense(line, said):
 def few():
     parts = load_catalogue()
     lenses = [lens for lens in parts.lenses if 50 <= lens.focal_length <= 150][:4]
-    return parts.model_copy(update={"lenses": tuple(lenses), "sensors": parts.sensors[-3:]})
+    return parts.model_copy(update={"lenses": tuple(lenses), "sensors": parts.sensors[-2:]})
 
 
 def test_ranking_against_every_combination_optimised(few):
@@ -146,7 +146,7 @@ def test_ranking_against_every_combination_optimised(few):
     combinations = Combinations.of(problem, few, ("lenses", "microlens_arrays", "sensors"))
     found = rank(combinations, 5, SearchBudget(30_000))
     assert found.open == 0
-    assert found.ruled_out + found.optimised == len(combinations) == 60
+    assert found.ruled_out + found.optimised == len(combinations) == 40
     assert found.ruled_out > 20
     every = []
     for number in range(len(combinations)):
@@ -161,9 +161,9 @@ def test_ranking_against_every_combination_optimised(few):
 def test_parts_that_fit_none_and_a_time_that_is_up(few):
     problem = posed({"d_2": (0.2, 20.0)}, (limit("lateral_samples", 1e5),), goal("sigma_z_mm", "min"))
     found = rank(Combinations.of(problem, few, ("sensors",)), 5, SearchBudget())
-    assert (found.best, found.ruled_out, found.optimised, found.open) == ((), 3, 0, 0)
+    assert (found.best, found.ruled_out, found.optimised, found.open) == ((), 2, 0, 0)
     late = rank(Combinations.of(problem, few, ("sensors",)), 5, SearchBudget.of(1, -1.0))
-    assert (late.best, late.optimised, late.open) == ((), 0, 3)
+    assert (late.best, late.optimised, late.open) == ((), 0, 2)
 
 
 def test_what_is_known_of_some_sensors_counts_in_their_designs():

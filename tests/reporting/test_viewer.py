@@ -25,7 +25,6 @@ FLAGS = (
 )
 
 DRAWING = depth_precision(load("paper")).svg()
-PICTURE = depth_precision(load("paper")).to_png(72)
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium; on Debian: apt-get install chromium")
@@ -85,7 +84,8 @@ ATTACKS = (
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium; on Debian: apt-get install chromium")
 def test_the_page_runs_and_loads_nothing_but_its_own_whatever_got_into_it(tmp_path):
     api = pytest.importorskip("playwright.sync_api", reason="the playwright package is not installed")
-    still = Report("still", "", (Section("Rays", (Figure("a", "A", "", PICTURE), Figure("b", "B", "", DRAWING))),))
+    picture = depth_precision(load("paper")).to_png(72)
+    still = Report("still", "", (Section("Rays", (Figure("a", "A", "", picture), Figure("b", "B", "", DRAWING))),))
     turned = Report("turned", "", (Section("Rays", (_picture_sheet(load("rigid-scope")),)),))
     with api.sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))

@@ -268,12 +268,13 @@ def test_builds_that_are_no_cameras_are_counted_apart_by_reason():
         ],
         report=["sigma_z_mm"],
     )
+    plan = dataclasses.replace(plan, chunk=6144)  # predicted depth precision takes a third of a millisecond of each
     tally = tally_chunk(plan, 0)
     variant = summarise(plan, tally)[0]
     values = plan.draws.values(plan.draws.deviations(plan.draws.uniforms(0, plan.chunk)))
     far, room = values["aperture.distance"] >= 350, values["sensor.distance"] > 0
     closed, beyond = int((~room).sum()), int((room & far).sum())
-    assert min(closed, beyond) > 1000
+    assert min(closed, beyond) > 200
     assert variant.impossible == closed + beyond
     assert dict(variant.faults) == {"d_2 is not above 0": closed, "focal plane in the bore": beyond}
     assert np.isinf(tally.scores).all()
