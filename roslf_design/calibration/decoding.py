@@ -286,11 +286,11 @@ def cubic_taps(part: Any) -> tuple[Any, Any, Any, Any]:
 def read_between(frequency: ArrayLike, between: Array) -> NDArray[np.complex128]:
     """Transfer at frequencies [1/px] of interpolation at shares of a pixel, shape (n,), beyond pixels: their mean."""
     frequency = np.asarray(frequency, float)
-    most = math.ceil(np.abs(frequency).max(initial=0.0) * TABLE) + 1
-    at, table = np.arange(-most, most + 1) / TABLE, np.zeros(2 * most + 1, complex)
-    for tap, weight in zip((-1, 0, 1, 2), cubic_taps(between), strict=True):
-        table += np.exp(2j * math.pi * np.multiply.outer(at, tap - between)) @ weight / between.size
-    return np.asarray(np.interp(frequency, at, table))
+    at = np.arange(math.ceil(np.abs(frequency).max(initial=0.0) * TABLE) + 2)[:, None] / TABLE
+    turned = np.exp(-2j * math.pi * at * between) @ np.stack(cubic_taps(between), -1)
+    table = (turned * np.exp(2j * math.pi * at * (-1, 0, 1, 2))).sum(-1) / between.size
+    passed = np.interp(np.abs(frequency), at[:, 0], table)
+    return np.asarray(np.where(frequency < 0, passed.conj(), passed))
 
 
 @kernel(parallel=True)

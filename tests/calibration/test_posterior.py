@@ -32,8 +32,10 @@ from tests.calibration.made import CAMERA, SHEET, captured, poses_of, study
 
 @pytest.fixture(scope="module")
 def coverage(root):
-    """Many synthetic calibrations with known truth: the study's."""
-    return study(root / "studies" / "calibration-coverage" / "coverage_study.py").coverage
+    """Many synthetic calibrations with known truth: the study's, of posteriors no longer than they need be."""
+    module = study(root / "studies" / "calibration-coverage" / "coverage_study.py")
+    module.sample_posterior = lambda *given, chunk, **keys: sample_posterior(*given, chunk=chunk // 2, **keys)
+    return module.coverage
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +45,7 @@ def fit():
 
 @pytest.fixture(scope="module")
 def posterior(fit):
-    return sample_posterior(fit, SHEET, seed=3, chunk=400)
+    return sample_posterior(fit, SHEET, seed=3, chunk=200)
 
 
 def brute_force(fit, camera):
@@ -195,7 +197,7 @@ def test_intervals_of_the_sampled_posterior_hold_too(coverage):
 @pytest.fixture(scope="module")
 def runs(fit):
     size = sample_size_for(0.2)
-    return [sample_posterior(fit, SHEET, seed=seed, chunk=150, most_steps=150, ess=size) for seed in range(4)]
+    return [sample_posterior(fit, SHEET, seed=seed, chunk=100, most_steps=100, ess=size) for seed in range(4)]
 
 
 def test_means_of_repeated_runs_scatter_as_told(runs):

@@ -276,7 +276,7 @@ def test_many_incoherent_points_make_the_white_image():
 
 
 @pytest.mark.parametrize(("f_ml", "fill", "points"), [(2.0, 1.0, 4), (3.0, 1.0, 4), (2.0, 2.0, 6)])
-def test_error_of_the_incoherent_model_for_a_texture(f_ml, fill, points):
+def test_error_of_the_incoherent_model_for_a_texture(f_ml, fill, points, light_from_48_px):
     """A grating of four pitches on the focal plane: coherent points, added up, against rays and one convolution."""
     # Images repeat every 13 pixels exactly; a point's light spans 0.28 pitch on the array, or 0.14.
     telecentric = PAPER.replace(d_3=100.0, q=PAPER.d / 13, f_ml=f_ml, D_F=3.15 * fill)
