@@ -146,6 +146,8 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
         return compile_afresh(*arguments)
 
     compiled._compiler.compile = compile_with_callees
+    if kernel.inline:  # its lines are read where they are put, without a compilation of its own
+        swap_callees()
 
     def compile_once(types: tuple[Any, ...]) -> Any:
         # In one process, then among all: who waited reads what the other compiled. Numba would compile once more for
