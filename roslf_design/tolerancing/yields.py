@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_left
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import takewhile
 from typing import Any, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._arrays import Array
 from .draws import Draws
@@ -21,6 +22,8 @@ CONFIDENCE = 0.95
 """Confidence level of every interval."""
 SCALES = (0.25, 0.35, 0.5, 0.7, 0.85, 1.0, 1.2, 1.4, 1.7, 2.0, 2.8, 4.0)
 """Factors on all tolerances at once, for the yield curve."""
+_DEPTH = dict(zip(SCALES, (0, 4, 3, 4, 2, 4, 3, 1, 4, 3, 4, 0), strict=True))
+"""Order in which they halve what is between those measured before: both ends first."""
 CURVE_TRIALS, CURVE_TRIALS_ADJUSTED = 16384, 4096
 """Trials for each point of a curve; fewer where each trial is adjusted."""
 LOST = 8
@@ -64,15 +67,41 @@ def curve_trials(plan: TolerancePlan) -> int:
 
 def yield_at(plan: TolerancePlan, scale: float, trials: int) -> Yield:
     """Yield with all tolerances times `scale`; the same draws at every scale."""
-    return Yield(sum(_passing(plan, scale, first_draws(plan.draws, trials))), trials)
+    return Yield(int(_passing(plan, scale, first_draws(plan.draws, trials)).sum()), trials)
 
 
-def _passing(plan: TolerancePlan, scale: float, deviations: Array) -> Iterator[int]:
-    """How many builds hold all limits, block by block."""
-    plan = plan.limited
-    for at in range(0, deviations.shape[1], BLOCK):
+def _passing(plan: TolerancePlan, scale: float, deviations: Array) -> NDArray[np.bool_]:
+    """True where a build holds all limits, shape (T,)."""
+    plan, holds = plan.limited, np.zeros(deviations.shape[1], np.bool_)
+    for at in range(0, holds.size, BLOCK):
         block = measure_finally(plan, deviations[:, at : at + BLOCK], scale)
-        yield int(plan.passes(block).all(axis=0).sum())
+        holds[at : at + BLOCK] = plan.passes(block).all(axis=0)
+    return holds
+
+
+class _ScaledBuilds:
+    """The first trials' builds at factors on all tolerances; those measured before bracket the next.
+
+    A build that holds its limits at two factors, or misses them at both, is taken to do so between them: only those
+    that change within the bracket are measured.
+    """
+
+    def __init__(self, plan: TolerancePlan, trials: int) -> None:
+        self._plan, self._deviations = plan, first_draws(plan.draws, trials)
+        self._holding: dict[float, NDArray[np.bool_]] = {}
+
+    def passed(self, scale: float) -> int:
+        """Number of builds that hold all limits at a factor."""
+        tighter = max((known for known in self._holding if known <= scale), default=None)
+        looser = min((known for known in self._holding if known >= scale), default=None)
+        if tighter is None or looser is None:
+            self._holding[scale] = _passing(self._plan, scale, self._deviations)
+        elif tighter < looser:
+            holds = self._holding[tighter].copy()
+            changing = np.flatnonzero(holds != self._holding[looser])
+            holds[changing] = _passing(self._plan, scale, self._deviations[:, changing])
+            self._holding[scale] = holds
+        return int(self._holding[scale].sum())
 
 
 @lru_cache(maxsize=4)
@@ -129,10 +158,12 @@ def promised(
 
 def yield_curve(plan: TolerancePlan, own: Yield | None = None) -> tuple[tuple[float, Yield], ...]:
     """Yield over a common factor on all tolerances; at 1 the run's `own` where there is one."""
-    return tuple(
-        (scale, own if own is not None and scale == 1.0 else yield_at(plan, scale, curve_trials(plan)))
-        for scale in SCALES
-    )
+    trials = curve_trials(plan)
+    builds, yields = _ScaledBuilds(plan, trials), {} if own is None else {1.0: own}
+    for scale in sorted(SCALES, key=_DEPTH.__getitem__):  # each within a bracket of two before it
+        if scale not in yields:
+            yields[scale] = Yield(builds.passed(scale), trials)
+    return tuple((scale, yields[scale]) for scale in SCALES)
 
 
 def scale_for_yield(
@@ -155,6 +186,7 @@ def scale_for_yield(
         `promised`: that of other draws than the factor was found by, its interval not below the target.
     """
     trials = search_trials(curve_trials(plan), target)
+    builds = _ScaledBuilds(plan, trials)
 
     def largest(aim: float) -> float | None:
         least, loose, tight = least_passed(aim, trials), 64.0, 1e-3
@@ -164,12 +196,7 @@ def scale_for_yield(
         def reaches(scale: float) -> bool:
             if scale >= lost or tight < scale <= sure:
                 return scale < lost
-            passed, left = 0, trials
-            for count in _passing(plan, scale, first_draws(plan.draws, trials)):  # until it is settled
-                passed, left = passed + count, max(left - BLOCK, 0)
-                if passed >= least or passed + left < least:
-                    break
-            return passed >= least
+            return builds.passed(scale) >= least
 
         if not reaches(tight):
             return None
@@ -184,6 +211,6 @@ def scale_for_yield(
         return tight
 
     def judged(scale: float) -> Yield:
-        return Yield(sum(_passing(plan, scale, first_draws(fresh(plan.draws), FRESH * trials))), FRESH * trials)
+        return Yield(int(_passing(plan, scale, first_draws(fresh(plan.draws), FRESH * trials)).sum()), FRESH * trials)
 
     return promised(largest, judged, target)
