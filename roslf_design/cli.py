@@ -94,6 +94,9 @@ COMMANDS = {
     ),
     "quantities": _Command("Every number of a camera by its name, with its unit and what it is.", "roslf quantities"),
     "presets": _Command("The designs that ship, and where their files are.", "roslf presets"),
+    "warm": _Command(
+        "Compile once, on a new machine, what commands would compile when each is first run.", "roslf warm"
+    ),
 }
 """Each command: a function in the module of that name in `commands`, imported only when called."""
 
