@@ -422,9 +422,7 @@ def _promise(design: Design, text: str, sigma: float, advice: str) -> Statement:
     d_3 = abs(float(Camera.of(design).seen.d_3))
     if sigma < d_3:
         return Statement("plain", text, advice)
-    text += (
-        f" That does not measure d_3, {number(d_3, 2)} mm as the main lens sees it; depth after it is below."
-    )
+    text += f" That does not measure d_3, {number(d_3, 2)} mm as the main lens sees it; depth after it is below."
     return Statement("bad", text, advice)
 
 

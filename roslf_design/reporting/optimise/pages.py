@@ -35,6 +35,8 @@ PRESSED = 1e-6
 """Multiplier from which a limit stops the goals, and is not only touched."""
 AGREED = 1e-3
 """Difference between an optimum as searched and as traced again from which a page warns."""
+MOST_LEFT_OUT = 30
+"""Combinations that are not listed and that a table shows with their reasons."""
 HISTORY = (
     "Each dot is a local search from a Sobol point: how much worse its goals are than the answer's, over the "
     "evaluations spent by then. Dots on the lower edge ended at the answer; a diamond there is another solver "
@@ -126,6 +128,8 @@ def _statements(result: Result) -> Iterator[Statement]:
             f"Of {len(ranking.combinations)} combinations of parts, bounds ruled out {ranking.ruled_out} and "
             f"{ranking.optimised} were optimised; {len(ranking.best)} of the best that hold every limit are listed."
         )
+        if ranking.left_out:
+            text += " Why others were left out stands in a table of its own."
         if ranking.best:
             text += f" {_best_parts(ranking)}"
         else:
@@ -227,7 +231,7 @@ def _agreement(answer: Answer) -> Statement:
     )
     doubts = [check.solver for check in answer.checks if not answer.agrees(check)]
     if answer.checks and not doubts:
-        text += f"; {' and '.join(check.solver for check in answer.checks)} found none better"
+        text += f"; a global search ({' and '.join(check.solver for check in answer.checks)}) found none better"
     if same > 1 and answer.residual < 1e-4 and not doubts:
         return Statement("good", f"{text}.")
     remedy = "Give more starts." if same <= 1 else ""
@@ -308,6 +312,8 @@ def _tables(result: Result) -> Iterator[Table]:
         yield Table.of(answer.conflict.relaxations, columns, "What stands in the way")
     if result.ranking is not None and result.ranking.best:
         yield _parts(result.ranking)
+    if result.ranking is not None and result.ranking.left_out:
+        yield _left_out(result.ranking)
 
 
 def _held(answer: Answer) -> Table:
@@ -372,14 +378,27 @@ def _parts(ranking: Ranking) -> Table:
         goals = [f"{own.number(goal, ranked.search.unit):.4g}" for goal in own.goals]
         names = [part.part for part in ranking.combinations.chosen(ranked.number)]
         rows.append((str(place), *names, *goals, *(f"{value:.5g}" for value in values.values())))
-    kinds = [
-        kind.replace("_", " ").removesuffix("s").replace("lense", "lens").replace("glasse", "glass")
-        for kind in ranking.combinations.kinds
-    ]
+    kinds = _kinds(ranking)
     goals = [goal.label + _unit(goal) for goal in problem.goals]
     heads = ("", *kinds, *goals, *(name if name in NUMBERS else f"{name} [mm]" for name in problem.variables))
     align = "r" + "l" * len(kinds) + "d" * (len(goals) + problem.n)
     return Table(tuple(rows), align, heads, "Parts")
+
+
+def _left_out(ranking: Ranking) -> Table:
+    """Combinations that were optimised and are not listed, each with the reason why."""
+    rows = tuple((*ranking.named(number).values(), why) for number, why in ranking.left_out)
+    caption = f"The first {MOST_LEFT_OUT} of {len(rows)}; all are in results.json." if len(rows) > MOST_LEFT_OUT else ""
+    heads = (*_kinds(ranking), "why")
+    return Table(rows[:MOST_LEFT_OUT], "l" * len(heads), heads, "Left out, and why", caption)
+
+
+def _kinds(ranking: Ranking) -> list[str]:
+    """Kinds of parts as a table's headings."""
+    return [
+        kind.replace("_", " ").removesuffix("s").replace("lense", "lens").replace("glasse", "glass")
+        for kind in ranking.combinations.kinds
+    ]
 
 
 def _unit(goal: Goal) -> str:
