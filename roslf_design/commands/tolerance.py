@@ -148,8 +148,6 @@ def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
     yield Paragraph("\nOf each metric the weakest field; all fields in results.json.")
     for warning in result.warnings:
         yield Paragraph(f"\nNote: {warning}")
-    for trial in result.worst:
-        yield Paragraph(f"Worst trial {trial.number}: {trial.file or 'no design: ' + '; '.join(trial.faults)}")
 
 
 def summary(result: StudyResult) -> str:
