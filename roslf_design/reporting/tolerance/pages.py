@@ -311,7 +311,7 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
     columns: tuple[Column, ...] = (
         ("parameter", "l", lambda p: short_name(p.place, design)),
         ("± tolerance", "r", lambda p: display(p.tolerance, kinds[p.place])),
-        *((("puts together [%]", "d", lambda p: f"{100 * together[p.place]:.1f}"),) if result.final.impossible else ()),
+        *((("mends [%]", "r", lambda p: f"{100 * together[p.place]:.1f}"),) if result.final.impossible else ()),
         ("r² [%]", "d", lambda p: f"{100 * shares.get(p.place, 0.0):.1f}"),
         ("alone up to", "r", lambda p: own("alone", p.place)),
         ("until it fails", "l", lambda p: allowed[p.place].alone_limited_by if p.place in allowed else ""),
@@ -327,7 +327,7 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
     )
     if result.final.impossible:
         caption = (
-            "Puts together: share of the builds that cannot be put together that can once this alone is at its "
+            "Mends: share of the builds that cannot be put together that can once this alone is at its "
             f"nominal; it ranks with r², each for the builds that fail its way. {caption}"
         )
     ranked = sorted(result.plan.draws.perturbations, key=lambda p: order.index(p.place))
