@@ -68,10 +68,13 @@ def _optimization_section(result: Result, command: str = "") -> Section:
     return Section(f"Optimisation: {asked.name}", tuple(blocks), "optimisation")
 
 
-def optimization_finding(result: Result) -> Finding:
-    """A study in a design's report, with how its searches went."""
+def optimization_finding(result: Result, take: str = "best", words: str = "") -> Finding:
+    """A study in a design's report, with how its searches went; `take` is the report's design, `words` what it is."""
     answer, (first, *_) = result.answer, statements(result)
     said = replace(first, text=f"Optimisation: {first.text[:1].lower()}{first.text[1:]}")
+    if take != "best":
+        own = in_words(_reached(result, take))
+        said = replace(said, text=f"{said.text} This report is of another design, {words}: {own}; believe these of it.")
     history = search_history(ends_of(answer), (576, 290))
     blocks = _optimization_section(result).blocks
     if answer.feasible:
@@ -131,7 +134,8 @@ def _statements(result: Result) -> Iterator[Statement]:
         if ranking.left_out:
             text += " Why others were left out stands in a table of its own."
         if ranking.best:
-            text += f" {_best_parts(ranking)}"
+            parts = ", ".join(ranking.named(ranking.best[0].number).values())
+            text += f" Best of them: {parts} with {_reached(result, 'parts-01')}."
         else:
             text += f" {_none_listed(ranking)}"
         if answer.asked.order == "lexicographic":
@@ -145,8 +149,7 @@ def _statements(result: Result) -> Iterator[Statement]:
 
 def _about_optimum(result: Result) -> Iterator[Statement]:
     answer = result.answer
-    reached = ", ".join(f"{goal.label} = {goal.with_unit(answer.number(goal), 5)}" for goal in answer.asked.goals)
-    yield _optimum(answer, reached)
+    yield _optimum(answer, _reached(result))
     yield _agreement(answer)
     if result.retrace is not None:
         yield _about_trace(result.retrace)
@@ -160,6 +163,18 @@ def _about_optimum(result: Result) -> Iterator[Statement]:
     if loose:
         remedy = "Add a goal or a limit to decide between them."
         yield Statement("caution", f"Equally good designs were met at different variables: {loose}.", remedy)
+
+
+def _reached(result: Result, take: str = "best") -> str:
+    """Goals that one of an optimisation's designs reaches, in words."""
+    answer = result.answer
+    problem, unit = answer.problem, answer.unit
+    if take == "robust" and result.robust is not None:
+        unit = result.robust.unit
+    elif take != "best" and result.ranking is not None:
+        ranked = result.ranking.best[int(take.removeprefix("parts-")) - 1]
+        problem, unit = result.ranking.combinations.problem_at(ranked.number), ranked.search.unit
+    return ", ".join(f"{goal.label} = {goal.with_unit(problem.number(goal, unit), 5)}" for goal in answer.asked.goals)
 
 
 def _optimum(answer: Answer, reached: str) -> Statement:
@@ -350,20 +365,11 @@ def _bought(active: Active, goals: tuple[Goal, ...]) -> str:
     return f"{100 * size * active.merit_gain_per_unit:.4g} % {per}"
 
 
-def _best_parts(ranking: Ranking) -> str:
-    """The first of the list in words."""
-    first, combinations = ranking.best[0], ranking.combinations
-    problem = combinations.problem_at(first.number)
-    parts = ", ".join(part.part for part in combinations.chosen(first.number))
-    goals = (f"{goal.label} = {goal.with_unit(problem.number(goal, first.search.unit), 5)}" for goal in problem.goals)
-    return f"Best of them: {parts} with {', '.join(goals)}."
-
-
 def _none_listed(ranking: Ranking) -> str:
     """Reason why no combination is listed."""
     if ranking.nearest is None or ranking.conflict is None:
         return "None makes a camera within the bounds."
-    parts = ", ".join(part.part for part in ranking.combinations.chosen(ranking.nearest))
+    parts = ", ".join(ranking.named(ranking.nearest).values())
     if ranking.conflict.feasible_after_all and not ranking.conflict.undefined:
         return f"{parts} would do, but the budget was spent; give more."
     return f"Nearest comes {parts}: {ranking.conflict.reason}."
@@ -376,8 +382,9 @@ def _parts(ranking: Ranking) -> Table:
         own = ranking.combinations.problem_at(ranked.number)
         values = own.named(ranked.search.unit)
         goals = [f"{own.number(goal, ranked.search.unit):.4g}" for goal in own.goals]
-        names = [part.part for part in ranking.combinations.chosen(ranked.number)]
-        rows.append((str(place), *names, *goals, *(f"{value:.5g}" for value in values.values())))
+        rows.append(
+            (str(place), *ranking.named(ranked.number).values(), *goals, *(f"{value:.5g}" for value in values.values()))
+        )
     kinds = _kinds(ranking)
     goals = [goal.label + _unit(goal) for goal in problem.goals]
     heads = ("", *kinds, *goals, *(name if name in NUMBERS else f"{name} [mm]" for name in problem.variables))

@@ -12,10 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import words
+from ...camera import Camera
 from ...design import Design
 from ...drawing.picture import Picture
 from ...tables import Column
 from ...theory.depth_budget import DepthBudget
+from ...theory.field_of_view import focus_ahead
 from ...theory.quantities import in_words
 from ...theory.quantity import finite
 from ...tolerancing.budgets import Change, ToleranceBudget
@@ -97,7 +99,7 @@ def tolerance_finding(result: StudyResult, *, first_look: bool = False) -> Findi
     plan = result.plan
     title = "A first look at tolerances, by default limits" if first_look else "Tolerances and yield"
     section = Section(title, _tolerance_section(result, first_look=first_look).blocks, "tolerances")
-    said = None if first_look else _yield_statement(result, plan.name)
+    said = None if first_look else _yield_statement(result, f"{plan.name}; design: {plan.question.design.name}")
     return Finding(section, said, f"Seed of the {plan.trials} builds: {plan.draws.seed}.")
 
 
@@ -112,11 +114,17 @@ def headline(result: StudyResult) -> str:
     )
 
 
-def depth_sentence(budget: DepthBudget | None) -> str:
+def depth_sentence(budget: DepthBudget | None, design: Design) -> str:
     """Sentence on the depth that a build measures if nobody calibrates it."""
     if budget is None:
         return "Microlenses are focused on the scene, not on the pupil: depth from views does not apply."
-    return f"Depth, expected, of a camera taken as designed: {budget.words}, in the focal plane."
+    ahead = number(_focus(design))
+    return f"Depth, expected, of a camera taken as designed: {budget.words}, in the focal plane, {ahead} mm ahead."
+
+
+def _focus(design: Design) -> float:
+    """Distance of the focal plane ahead of the tip [mm]."""
+    return float(focus_ahead(Camera.of(design.thin_twin)))
 
 
 def impossible_words(variant: Variant) -> str:
@@ -140,6 +148,13 @@ def _yield_statement(result: StudyResult, name: str = "", first_look: bool = Fal
         ours = f"by limits that this report sets itself{f' ({name})' if name else ''}"
         return Statement("plain", f"{headline(result)}, {ours}.")
     text = f"{headline(result)}; wanted {100 * target:.4g} %{f' ({name})' if name else ''}."
+    if any(limit.label.startswith("depth_error_mm") for limit in result.final.limits) and result.depth is not None:
+        question = result.plan.question
+        ahead = _focus(question.design) + question.object_distance - question.design.d_f
+        text += (
+            f" Its depth error, {number(ahead)} mm ahead, is what lengths add. Of a measured depth believe what is "
+            "expected, which counts noise and view mismatch, too."
+        )
     misses = result.plan.nominal_misses()
     if result.final.result.value >= target:
         return Statement("good", text)
@@ -174,7 +189,7 @@ def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
     if result.precision is not None:
         accuracy = result.precision.accuracy
         yield Statement("caution" if accuracy.kept is False else "plain", words.sentence(accuracy.sentence(False)))
-    yield Statement("plain", depth_sentence(result.depth))
+    yield Statement("plain", depth_sentence(result.depth, result.plan.question.design))
     weakest = result.final.weakest
     share = 100 * weakest.result.value
     yield Statement(
