@@ -66,7 +66,7 @@ USABLE = (
 TENTH = 0.1
 """Share of the distance up to which its uncertainty leaves depth of use."""
 FAR, LOOKED_AT = 1e3, 12
-"""Distance that is looked about where the focal plane is at none [mm], and how many are looked at in turn, to a thousandth."""
+"""Distance that is looked about where the focal plane is at none [mm], and how many are looked at each time."""
 DEPTH, EXPECTED = "Depth noise (bound), 1 σ", "Depth, expected"
 SHARP = f"Sharp: {CRITERION}."
 PARTS = "parts"
@@ -281,11 +281,11 @@ def _whole_camera(subject: str, camera: Camera, known: Mapping[str, float]) -> I
         )  # fmt: skip
 
 
-def _useful(budget: Callable[[Array], DepthBudget], focus: float) -> float:
+def _useful(budget: Callable[[float], DepthBudget], focus: float) -> float:
     """Farthest distance ahead of the tip at which U is a tenth of it at most [mm]; infinite without end, NaN: none."""
     at = (focus if 0 < focus < math.inf else FAR) * np.geomspace(1e-2, 1e3, LOOKED_AT)
     for _ in range(4):
-        good = np.flatnonzero(budget(at).expanded_mm <= TENTH * at)
+        good = np.flatnonzero([float(budget(far).expanded_mm) <= TENTH * far for far in at.tolist()])
         if not good.size:
             return math.nan
         if good[-1] == at.size - 1:
