@@ -98,7 +98,7 @@ _LACKING = _BASE | {"angle": "deg"}
 _NUMBER = re.compile(r"\s*([+-]?(?:\d++\.?\d*+|\.\d++)(?:[eE][+-]?\d++)?)\s*(\S*)\s*")
 
 
-def parse_quantity(text: object, dimension: str, *, unit_required: bool = True) -> float:
+def parse_quantity(text: object, dimension: str, *, unit_required: bool = True, unit: str = "") -> float:
     """Read a length in millimetres or an angle in radians.
 
     Parameters
@@ -109,18 +109,20 @@ def parse_quantity(text: object, dimension: str, *, unit_required: bool = True) 
         What is being read.
     unit_required : bool
         True for what comes from a file, where a number without a unit is an error; but 0 needs none.
+    unit : str
+        Unit that the number of a text is given in, instead of mm or rad.
 
     Raises
     ------
     ValueError
         Says what is wrong and what to write instead.
     """
-    example, unit = _EXAMPLE[dimension], _LACKING[dimension]
+    example, lacking = _EXAMPLE[dimension], unit or _LACKING[dimension]
     if isinstance(text, bool) or not isinstance(text, (str, Real)):  # a numpy float32 is a number, too
         raise ValueError(f'expected a {dimension} such as "{example}", got {text!r}')
     if not isinstance(text, str):
         if unit_required and text != 0:  # which is the same in every unit
-            raise ValueError(f'{text!r} has no unit; write it as text with one, e.g. "{text!r} {unit}"')
+            raise ValueError(f'{text!r} has no unit; write it as text with one, e.g. "{text!r} {lacking}"')
         value = float(text)
         if not math.isfinite(value):
             raise ValueError(f"{text!r} is not a finite number")
@@ -130,16 +132,34 @@ def parse_quantity(text: object, dimension: str, *, unit_required: bool = True) 
         raise ValueError(f'cannot read "{text}" as a {dimension}; write e.g. "{example}"')
     number, given = match.groups()
     if not given:
-        raise ValueError(f'"{text}" has no unit; write e.g. "{number} {unit}"')
+        raise ValueError(f'"{text}" has no unit; write e.g. "{number} {lacking}"')
     factor = UNITS[dimension].get(given)
     if factor is None:
         raise ValueError(f'"{text}": {_about_unit(given, dimension)}')
     value = float(number)
     if math.isfinite(value) and value:  # decimals reach no further than floats
-        value = float(Decimal(number) * factor)
+        value = float(Decimal(number) * factor / UNITS[dimension][unit or _BASE[dimension]])
     if not math.isfinite(value):
         raise ValueError(f'"{text}" is not a finite number')
     return value + 0.0
+
+
+def parse_in(text: str, unit: str) -> float:
+    """A number written with its unit, in the unit given: "70 deg" in deg, "1.2 rad" as well, "3 px" in px.
+
+    Raises
+    ------
+    ValueError
+        Another unit, or none where there is one.
+    """
+    dimension = next((name for name, known in UNITS.items() if unit in known), None)
+    if dimension is not None:
+        return parse_quantity(text, dimension, unit=unit)
+    match = _NUMBER.fullmatch(text)
+    if match is None or match[2] != unit or not math.isfinite(float(match[1])):
+        remedy = f'write it in {unit}, e.g. "3 {unit}"' if unit else "write a number without a unit, e.g. 3"
+        raise ValueError(f'cannot read "{text}"; {remedy}')
+    return float(match[1])
 
 
 def read_quantity(text: object, dimension: str, *, unit_required: bool = True) -> float:

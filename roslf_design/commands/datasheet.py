@@ -6,9 +6,9 @@ from pathlib import Path
 from typing import Literal
 
 from ..reporting.printers import Paper, render_html, render_pdf
-from ..reporting.sheet.lines import SpreadSources, datasheet_csv, datasheet_json, datasheet_report
+from ..reporting.sheet.lines import NONE, SpreadSources, datasheet_csv, datasheet_json, datasheet_report
 from ..reporting.story import datasheet_of
-from .report import folder_name
+from .report import date_of_making, folder_name
 from .terminal import (
     Distances,
     OptionalOutput,
@@ -34,6 +34,8 @@ def datasheet(
     calibration: Path | None = None,
     at: Distances = None,
     seed: int | None = None,
+    revision: str = NONE,
+    stamp: bool | None = None,
 ) -> None:
     """The page an engineer signs: field of view, distances, resolution, depth of field, in the terms of ISO 8600.
 
@@ -56,6 +58,11 @@ def datasheet(
         be given several times.
     seed
         Instead of the study's; the same seed gives the same bytes.
+    revision
+        Revision of the sheet, as "B".
+    stamp
+        Date on the sheet, of PDF and HTML: with --stamp on both, with --no-stamp on neither. SOURCE_DATE_EPOCH sets it.
+        Default: the PDF alone.
     """
     target = Path(f"datasheet-{folder_name(design)}.html") if output is None else output
     kind = check_target(target, KINDS)
@@ -63,16 +70,19 @@ def datasheet(
         check_typst("output")
     check_options(seed)
     distances = read_distances(at)
+    dated = kind == ".pdf" if stamp is None else stamp
+    date = f"{date_of_making():%Y-%m-%d}" if dated else NONE
     with StatusLine("datasheet") as progress:
-        content = _written(datasheet_of(Path(design), seed, progress.tell, calibration, distances), kind, paper)
+        grounds = datasheet_of(Path(design), seed, progress.tell, calibration, distances)
+        content = _written(grounds, kind, paper, revision, date)
     write_files(target.parent, {target.name: content})
     say(target)
 
 
-def _written(grounds: SpreadSources, kind: str, paper: Paper) -> bytes:
+def _written(grounds: SpreadSources, kind: str, paper: Paper, revision: str, date: str) -> bytes:
     if kind == ".json":
-        return f"{json_text(datasheet_json(grounds))}\n".encode()
+        return f"{json_text(datasheet_json(grounds, revision))}\n".encode()
     if kind == ".csv":
         return datasheet_csv(grounds)
-    page = datasheet_report(grounds)
+    page = datasheet_report(grounds, revision, date)
     return render_pdf(page, paper) if kind == ".pdf" else render_html(page).encode()

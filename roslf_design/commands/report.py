@@ -151,7 +151,7 @@ def report(
         "report", *names, compare=compare, output=folder, pdf=pdf, paper=paper if pdf else None, figure=wanted,
         **dict(contents), stamp=stamp, no_stamp=stamp is False,
     )  # fmt: skip
-    made = _date()
+    made = date_of_making()
     with StatusLine("report") as progress:
         content = make(command=command, stamp=_stamp_lines(made) if stamp else (), progress=progress.tell)
         files = _figure_files(content, [name for name in wanted if name not in SOLID])
@@ -233,7 +233,7 @@ def _figure_files(content: Report, wanted: Sequence[str]) -> dict[str, bytes]:
     }
 
 
-def _date() -> datetime:
+def date_of_making() -> datetime:
     """Now, or what SOURCE_DATE_EPOCH says (reproducible-builds.org): seconds since 1970."""
     epoch = os.environ.get("SOURCE_DATE_EPOCH", "")
     try:

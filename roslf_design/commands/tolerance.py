@@ -131,13 +131,11 @@ def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
         saved = "" if result.budget.cost is None else f", {cost_words(result.budget.cost)}"
         first = "with the cheapest change and all" if result.budget.changes else "with all"
         yield Paragraph(f"Budget: {first} that may be looser, yield {share_words(result.budget.result)}{saved}")
-    yield Paragraph(depth_sentence(result.depth))
+    yield Paragraph(depth_sentence(result.depth, result.plan.question.design))
     yield from tables(result, brief=True)
     yield Paragraph("\nOf each metric the weakest field; all fields in results.json.")
     for warning in result.warnings:
         yield Paragraph(f"\nNote: {warning}")
-    for trial in result.worst:
-        yield Paragraph(f"Worst trial {trial.number}: {trial.file or 'no design: ' + '; '.join(trial.faults)}")
 
 
 def summary(result: StudyResult) -> str:

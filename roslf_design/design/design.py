@@ -128,6 +128,13 @@ class Design(Assembly):
             _put(data, path, value)
         return build(data, from_file=False)
 
+    def unchecked(self, changes: Mapping[str, float]) -> Design:
+        """Design with numbers that may make none, for a file that says so when it is read; places that it has."""
+        data = self
+        for place, value in _with_follower(self, dict(changes)).items():
+            data = _with(data, place.split("."), value)
+        return data
+
     @property
     def with_own_stop(self) -> Design:
         """Design with the stop behind its ideal main lens of which a FAP behind that is the image; itself of others."""
@@ -268,6 +275,18 @@ def _put(data: dict[str, Any], path: str, value: Any) -> None:
         place[int(last) if isinstance(place, list) else last] = value
     except (KeyError, IndexError, ValueError, TypeError):
         raise DesignError((Problem(path, "is not a place in this design"),)) from None
+
+
+def _with(value: Any, keys: list[str], inner: Any) -> Any:
+    """A part, or a tuple of them, with something else inside, unchecked; as it is where it has no such place."""
+    if not keys:
+        return inner
+    key, *rest = keys
+    if isinstance(value, tuple):
+        return tuple(_with(one, rest, inner) if str(k) == key else one for k, one in enumerate(value))
+    if isinstance(value, Part) and key in type(value).model_fields:
+        return value.model_copy(update={key: _with(getattr(value, key), rest, inner)})
+    return value
 
 
 def _mutable(value: Any) -> Any:

@@ -63,7 +63,7 @@ def verdicts_of(
     answers = [_matched(camera, f_number), _undistorted(camera, non_distortion, lens)]
     answers = [*answers, _resolved(camera, sampling)] if focused is None else [_focused(camera, focused), *answers]
     answers += [] if lens is None else [_thin(f_number, lens)]
-    answers += [] if answer is None else [_lit(camera, answer)]
+    answers += [] if answer is None else [lit(answer)]
     return (*answers, *([_fits(camera)] if tube.OUTER in camera.numbers else []))
 
 
@@ -146,7 +146,7 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
     )
 
 
-def _lit(camera: Camera, answer: FirstAnswer) -> Verdict:
+def lit(answer: FirstAnswer) -> Verdict:
     """Whether the field's corner is lit about as the middle."""
     name, light = "corner_lit", answer.corner_light
     share = f"the corner of the field gets {100 * light:.3g} % of the middle's light"

@@ -428,7 +428,7 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
         question=f"{trials} builds to the grade '{study.grade}', the decoder {decoder}. A build is good where its fill "
         f"factor stays within {100 * FILL:g} % of nominal, its depth noise (bound) grows by {100 * DEPTH:g} % at most, "
         f"no field loses more than {100 * KEPT:g} % of its light, and image centres are found to {CENTRE:g} px. "
-        f"{depth_sentence(depth)} {impossible_words(variant)}".rstrip(),
+        f"{depth_sentence(depth, design)} {impossible_words(variant)}".rstrip(),
     )
 
 

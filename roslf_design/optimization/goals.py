@@ -119,7 +119,7 @@ class Constraint(_Asked):
     """A quantity held between limits; equal where both are the same."""
 
     min: Annotated[float, Field(allow_inf_nan=True)] | None = None
-    """Text with a unit for lengths, or a number in the unit that the quantity's name ends with."""
+    """Text with a unit, or a number in the unit that the quantity's name ends with."""
     max: Annotated[float, Field(allow_inf_nan=True)] | None = None
     """Largest value allowed; None where there is no limit."""
 

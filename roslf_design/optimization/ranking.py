@@ -18,8 +18,8 @@ from ..errors import InputError
 from .bounds import CORNERS, SLICES, Boxes
 from .combinations import Combinations
 from .conflict import Conflict, explain
-from .problem import promising_starts, sobol_units
-from .search import QUICK, Search, SearchBudget
+from .problem import DesignProblem, promising_starts, sobol_units
+from .search import FEASIBLE, QUICK, Search, SearchBudget
 from .solve import searched
 from .traces import Retrace
 from .variables import lengths_and_numbers
@@ -60,17 +60,18 @@ class Ranking:
     """Where none is feasible, the combination that comes nearest among those that were searched."""
     conflict: Conflict | None = None
     """Conflict that keeps it from being feasible; None where it makes no camera at all."""
+    left_out: tuple[tuple[int, str], ...] = ()
+    """Combinations that were optimised and are not among the best, each with the reason why."""
 
     def to_dict(self, retraces: tuple[Retrace, ...], timings: bool) -> dict[str, Any]:
         """As results have it; `retraces` of the best behind a real lens."""
         rows = []
         for place, ranked in enumerate(self.best, 1):
             problem, unit = self.combinations.problem_at(ranked.number), ranked.search.unit
-            parts = [part.part for part in self.combinations.chosen(ranked.number)]
             rows.append(
                 {
                     "rank": place,
-                    "parts": dict(zip(self.combinations.kinds, parts, strict=True)),
+                    "parts": self.named(ranked.number),
                     "goals": {goal.label: problem.number(goal, unit) for goal in problem.goals},
                     **lengths_and_numbers(problem.named(unit)),
                     "file": f"parts-{place:02d}.toml",
@@ -84,14 +85,18 @@ class Ranking:
             "open": self.open,
             "best": rows,
             "nearest": None if self.nearest is None else self._nearest(self.nearest),
+            "left_out": [{"parts": self.named(number), "why": why} for number, why in self.left_out],
         }
         return data | {"seconds": self.seconds} if timings else data
 
     def _nearest(self, number: int) -> dict[str, Any]:
         """Where no combination of parts is feasible: which comes nearest, and why it is not."""
-        parts = [part.part for part in self.combinations.chosen(number)]
-        named = dict(zip(self.combinations.kinds, parts, strict=True))
-        return {"parts": named, **({} if self.conflict is None else self.conflict.to_dict())}
+        return {"parts": self.named(number), **({} if self.conflict is None else self.conflict.to_dict())}
+
+    def named(self, number: int) -> dict[str, str]:
+        """Kind to the name of a combination's part."""
+        chosen = self.combinations.chosen(number)
+        return {kind: part.part for kind, part in zip(self.combinations.kinds, chosen, strict=True)}
 
 
 class _Ranker:
@@ -103,6 +108,7 @@ class _Ranker:
         self.middle = sobol_units(n, 1, seed)[0]
         self.best: list[Ranked] = []
         self.nearest: Ranked | None = None
+        self.reasons: dict[int, str] = {}
         self.done = np.zeros(count, bool)
         self.boxes = Boxes(combinations, np.arange(count), np.zeros((count, n)), np.ones((count, n)))
         self.bound: Array = np.zeros(count)
@@ -139,7 +145,8 @@ class _Ranker:
         try:
             problem = self.combinations.problem_at(number)
         except InputError:
-            return  # no camera
+            self.reasons[number] = "no camera within the bounds"
+            return
         begin = [(low + high) / 2, low + self.middle * (high - low)]
         results: list[Search] = []
         for start in promising_starts(problem, begin, self.starts if problem.traced else 2, self.seed):
@@ -151,6 +158,7 @@ class _Ranker:
             ranked = Ranked(number, min(designs, key=lambda result: result.merit))
             self.best = sorted([*self.best, ranked], key=_order)[: 3 * self.keep]
         least = Ranked(number, min(results, key=lambda result: result.violation))
+        self.reasons[number] = "holds every limit, others are better" if designs else _missed(problem, least.search)
         self.nearest = min(self.nearest or least, least, key=lambda one: one.search.violation)
 
     def optimise_promising(self) -> None:
@@ -214,7 +222,7 @@ def rank(
     ranker.polish()
     ranker.clear()
     optimised, left = int(ranker.done.sum()), ranker.left
-    conflict = None
+    conflict, listed = None, {ranked.number for ranked in ranker.best}
     if not ranker.best and ranker.nearest is None:  # bounds ruled all out, and nothing was searched: some tell why
         ranker.optimise_some()
     nearest = None if ranker.best else ranker.nearest
@@ -230,7 +238,21 @@ def rank(
         seconds=time.monotonic() - began,
         nearest=None if nearest is None else nearest.number,
         conflict=conflict,
+        left_out=tuple((number, why) for number, why in sorted(ranker.reasons.items()) if number not in listed),
     )
+
+
+def _missed(problem: DesignProblem, nearest: Search) -> str:
+    """The limit that a combination misses by most where it comes nearest to holding all, with its value there."""
+    rows = problem.vector(nearest.unit[None])[1:, 0]
+    rows = np.where(np.isnan(rows), np.inf, rows)
+    row = problem.rows[int(np.argmax(rows))]
+    if rows.max() <= FEASIBLE:
+        return "holds every limit where a goal is undefined"
+    if row.constraint < 0:
+        return f"no camera: misses {row.label}"
+    constraint = problem.constraints[row.constraint]
+    return f"misses {row.label}: nearest {constraint.with_unit(problem.number(constraint, nearest.unit), 4)}"
 
 
 def _order(ranked: Ranked) -> tuple[float, int]:

@@ -266,7 +266,7 @@ def _solve(
     for name in (name for name, asked in wanted.items() if asked):
         if budget.ended:
             break
-        tell(f"checking with {name}")
+        tell("checking by a global search" if name == "crs2" else "checking by a second global search")
         checks.append(_check(problem, name, settings, budget, best))
         other = checks[-1].polished
         if other.feasible and (not best.feasible or best.merit - other.merit > settings.agree):
@@ -445,7 +445,7 @@ def optimum_accuracy(answer: Answer, seconds: float | None = None) -> Accuracy |
     method = f"SLSQP from {len(answer.searches)} starts to {answer.settings.tolerance:g}, the best polished"
     return Accuracy(
         "merit of the optimum (0.01: 1 % of a goal)",
-        method + (f"; checked by {checks}" if checks else ""),
+        method + (f"; checked by a global search ({checks})" if checks else ""),
         AGREE if asked is None else asked,
         answer.gained,
         "what one more search gained",

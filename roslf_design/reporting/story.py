@@ -361,8 +361,8 @@ def story_report(
                 findings["tolerances"], built = tolerance_finding(tolerances), tolerances.built
                 steps.append(f"Tolerances ({part.name}), of {design.name}.")
             case Result() as result:
-                findings["optimisation"] = optimization_finding(result)
                 onwards, built = _chosen(part.take, design), None
+                findings["optimisation"] = optimization_finding(result, part.take, onwards)
                 steps.append(f"Optimisation ({part.name}), from {part.before.name}; what goes on: {onwards}.")
     opening: tuple[Block, ...] = (Bullets(tuple(steps)),)
     if story.table.story.question:

@@ -10,7 +10,7 @@ import numpy as np
 
 from .._arrays import Array
 from ..camera import Camera, Number
-from ..units import read_quantity
+from ..units import parse_in, read_quantity
 from ..words import number
 from .light import SensorField
 from .stop_images import MicrolensImages
@@ -141,7 +141,7 @@ class Quantity:
         return self.unit == "mm"
 
     def limit(self, value: Any, *, from_file: bool = True) -> float:
-        """A limit on it as a study writes it: a length with its unit, or a number in the unit that its name tells.
+        """A limit on it as a study writes it: text with its unit, or a number in the unit that its name tells.
 
         Raises
         ------
@@ -151,6 +151,8 @@ class Quantity:
         if self.length:
             in_name = self.name.endswith("_mm")
             return read_quantity(value, "length", unit_required=from_file and not in_name)
+        if isinstance(value, str):
+            return parse_in(value, self.unit)
         if isinstance(value, bool) or not isinstance(value, (int, float)):
             unit = f" (in {self.unit})" if self.unit else ""
             raise ValueError(f"{self.name} is limited by a number{unit}, got {value!r}")

@@ -77,14 +77,14 @@ class _CostedPart(NamedTuple):
 
 @dataclass(frozen=True)
 class Change:
-    """A change that reaches the wanted yield."""
+    """A change of tolerances or adjustments, and what it comes to."""
 
     kind: Kind
     steps: Steps
     cost: float | None
     """More than now, in the grades file's unit; None where some cost is not known."""
     result: Yield
-    """Yield on fresh builds, whose interval is not below the wanted yield."""
+    """Its yield; of one that reaches the wanted yield on fresh builds, the interval not below it."""
 
     def to_dict(self) -> dict[str, Any]:
         """As results have it."""
@@ -114,6 +114,8 @@ class ToleranceBudget:
     """Together, after the cheapest change where one is needed."""
     result: Yield
     """Yield with that change and everything looser."""
+    adjustments: tuple[Change, ...] = ()
+    """Further adjustments at assembly, whether or not they reach the target, best first; of the searched builds."""
 
     @property
     def cost(self) -> float | None:
@@ -130,6 +132,7 @@ class ToleranceBudget:
             "target": self.target,
             "changes": [change.to_dict() for change in self.changes],
             "looser": self.looser,
+            "adjustments": [change.to_dict() for change in self.adjustments],
             "together": {"cost": self.cost, **self.result.to_dict()},
         }
 
@@ -221,10 +224,17 @@ def budget(
     target = study.yield_target
     trials = search_trials(min(curve_trials(plan), MOST_TRIALS), target)
     parts, now = parts_of(plan, grades), _Builds(plan.limited, np.ones(len(plan.draws.perturbations)))
-    start, changes = now, tuple[Change, ...]()
+    start, changes, adjustments = now, tuple[Change, ...](), tuple[Change, ...]()
     reached = given.value >= target
     if not reached:
-        reaching = [*_single(now, parts, grades, target, trials), *_several(now, parts, grades, target, trials)]
+        adjusted = list(_adjusted(now, grades, trials))
+        adjustments = tuple(sorted((change for change, _ in adjusted), key=lambda change: -change.result.value))
+        reaching = [
+            sure
+            for change, builds in adjusted
+            for sure in _sure("adjustment", change.steps[0], change.cost, builds, target, change.result)
+        ]
+        reaching += [*_single(now, parts, grades, target, trials), *_several(now, parts, grades, target, trials)]
         if scaled is not None:
             extras = [part.extra(scaled[0] * part.tolerance) for part in parts]
             steps = tuple((part.place, "", scaled[0] * part.tolerance) for part in parts)
@@ -254,9 +264,9 @@ def budget(
         both = loosened(_Aim(math.ceil(start.passed(trials) - UNNOTICED * trials), trials))
         best = None if both is None else (both, both[1].judged(trials))
     if best is None:
-        return ToleranceBudget(target, changes, (), changes[0].result if changes else given)
+        return ToleranceBudget(target, changes, (), changes[0].result if changes else given, adjustments)
     (looser, _), result = best
-    return ToleranceBudget(target, changes, looser, result)
+    return ToleranceBudget(target, changes, looser, result, adjustments)
 
 
 def _single(
@@ -270,7 +280,8 @@ def _single(
         for name, width in zip(grades.names, part.widths, strict=True) if part.line else ():
             if width < part.tolerance:
                 step, better = (part.place, name, width), now.with_part(part, width)
-                yield from _sure("grade", step, part.extra(width), better, target, trials)
+                first = Yield(better.passed(trials), trials)
+                yield from _sure("grade", step, part.extra(width), better, target, first)
         found = promised(
             lambda share, part=part: _tightened(now, part, _Aim.at(share, trials)),  # type: ignore[misc]
             lambda width, part=part: now.with_part(part, width).judged(trials),  # type: ignore[misc]
@@ -280,14 +291,13 @@ def _single(
             width, result = found
             change = Change("tightening", ((part.place, "", width),), part.extra(width), result)
             yield change, now.with_part(part, width)
-    yield from _adjusted(now, grades, target, trials)
 
 
 def _sure(
-    kind: Kind, step: tuple[str, str, float], cost: float | None, builds: _Builds, target: float, trials: int
+    kind: Kind, step: tuple[str, str, float], cost: float | None, builds: _Builds, target: float, first: Yield
 ) -> Iterator[tuple[Change, _Builds]]:
-    """A change of one step, where its yield is the target for sure."""
-    if builds.passed(trials) >= target * trials and (result := builds.judged(trials)).interval[0] >= target:
+    """A change of one step, where its yield is the target for sure; `first` of the builds that it is searched by."""
+    if first.value >= target and (result := builds.judged(first.trials)).interval[0] >= target:
         yield Change(kind, (step,), cost, result), builds
 
 
@@ -301,8 +311,8 @@ def _tightened(now: _Builds, part: _CostedPart, aim: _Aim) -> float | None:
     return low * part.tolerance if low > 0 else None
 
 
-def _adjusted(now: _Builds, grades: Grades, target: float, trials: int) -> Iterator[tuple[Change, _Builds]]:
-    """Changes by one more adjustment that reach the target."""
+def _adjusted(now: _Builds, grades: Grades, trials: int) -> Iterator[tuple[Change, _Builds]]:
+    """Changes by one more adjustment, whatever they reach."""
     plan = now.plan
     design = plan.question.design
     kinds = perturbable(design)
@@ -319,8 +329,9 @@ def _adjusted(now: _Builds, grades: Grades, target: float, trials: int) -> Itera
                 continue
             reach = parse_tolerance(line.range, kinds[places[0]], 1.0) if line.range else math.inf
             other = replace(plan, adjusters=(*plan.adjusters, *(Adjuster(place, reach) for place in places)))
-        step = line.place, "", reach
-        yield from _sure("adjustment", step, line.cost, now._replace(plan=other), target, trials)
+        builds = now._replace(plan=other)
+        result = Yield(builds.passed(trials), trials)
+        yield Change("adjustment", ((line.place, "", reach),), line.cost, result), builds
 
 
 def _several(

@@ -24,13 +24,14 @@ from ..theory.length_covariance import LengthCovariance
 from ..theory.quantities import bound_note
 from .budgets import ToleranceBudget, budget
 from .metrics import METRICS, mount_of
-from .places import Grades
+from .places import Grades, in_lens, of_parts
 from .sensitivities import (
     Allowed,
     RssRow,
     Sensitivity,
     SobolIndices,
     inverse_sensitivity,
+    put_together,
     rss_rows,
     sensitivity,
     sobol_indices,
@@ -39,7 +40,7 @@ from .study import MOST_TRIALS, Study, TolerancePlan, make_plan
 from .summaries import Variant, correlations, summarise
 from .tally import Tally
 from .traced import notes
-from .trials import design_adjusted, final_faults, lengths_built
+from .trials import design_adjusted, final_faults, final_values, lengths_built, measure_finally
 from .yields import CONFIDENCE, Yield, curve_trials, scale_for_yield, yield_at, yield_curve
 
 SCHEMA = "roslf.tolerance/1"
@@ -54,16 +55,21 @@ SHAPES = ("kept_fraction", "image_area_mm2", "axis_ratio")
 
 
 @dataclass(frozen=True)
-class _WorstTrial:
+class WorstTrial:
     """A trial that exceeds its limits most."""
 
     number: int
     score: float
     """How far, in units of what the limit allows: 1 is at the limit; infinite where something is undefined."""
     file: str
-    """Its design file; empty where its numbers make no design."""
+    """Its design file, of a build that cannot be put together with the numbers that it has; empty where these are a
+    real lens's own."""
+    misses: dict[str, float]
+    """Deviations by their places [tolerances]."""
+    values: dict[str, float]
+    """Columns by their labels, after adjustment; NaN where undefined."""
     faults: tuple[str, ...] = ()
-    """Reasons why they make none, in words."""
+    """Reasons why it cannot be put together, in words."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +122,9 @@ class StudyResult:
     """The study with each grade."""
     correlations: Array
     """Columns with perturbations, shape (C, P)."""
-    worst: tuple[_WorstTrial, ...]
+    put_together: Array
+    """Share of the builds that cannot be put together that can once a perturbation alone is none, shape (P,)."""
+    worst: tuple[WorstTrial, ...]
     warnings: tuple[str, ...]
     built: LengthCovariance
     """Covariance of the builds' lengths, adjusted where anything is."""
@@ -199,7 +207,8 @@ class StudyResult:
             "budget": None if self.budget is None else self.budget.to_dict(),
             "grades": [{"grade": grade, **result.to_dict()} for grade, result in self.grades],
             "correlations": {"columns": columns, "places": places, "values": self.correlations},
-            "worst": [{"trial": w.number, "score": w.score, "file": w.file, "faults": w.faults} for w in self.worst],
+            "put_together_without": dict(zip(places, self.put_together.tolist(), strict=True)),
+            "worst": [{"trial": w.number, **{k: v for k, v in vars(w).items() if k != "number"}} for w in self.worst],
             "warnings": self.warnings,
         }
         finite: dict[str, Any] = plain(data)
@@ -211,7 +220,7 @@ def analyse(
     study: Study,
     grades: Grades,
     tally: Tally,
-    worst: tuple[_WorstTrial, ...] = (),
+    worst: tuple[WorstTrial, ...] = (),
     *,
     budgets: bool = True,
 ) -> StudyResult:
@@ -238,6 +247,7 @@ def analyse(
         budget=budget(plan, study, grades, given, scaled) if budgets and not misses else None,
         grades=_grades(plan, study, grades, given),
         correlations=correlations(tally),
+        put_together=put_together(plan) if variants[-1].impossible else np.zeros(count),
         worst=worst,
         warnings=(*tracing, *_warnings(plan, variants, rss, misses)),
         built=lengths_built(plan),
@@ -291,22 +301,29 @@ def _warnings(
         yield f"of the whole camera, on its axis, so blind to decentres and tilts: {', '.join(axial)}"
 
 
-def save_worst(plan: TolerancePlan, tally: Tally, folder: Path) -> tuple[_WorstTrial, ...]:
+def save_worst(plan: TolerancePlan, tally: Tally, folder: Path) -> tuple[WorstTrial, ...]:
     """Write the worst trials as design files, adjustments included."""
     rows = []
     for number, score, moved in zip(tally.worst.tolist(), tally.scores.tolist(), tally.worst_moved, strict=True):
         chunk, within = divmod(number, plan.chunk)
         build = plan.draws.deviations(plan.draws.uniforms(chunk, plan.chunk, within, within + 1)), moved[:, None]
-        name = f"worst-trial-{number}.toml"
+        name, design = f"worst-trial-{number}.toml", plan.question.design
+        text = {"name": f"{design.name}, trial {number} of {plan.name}", "source": f"seed {plan.draws.seed}"}
         faults: tuple[str, ...] = ()
         try:
-            design = design_adjusted(plan, *build)
+            design = design_adjusted(plan, *build).replace(text)
         except InputError as error:  # its numbers make no design, which is why it failed
-            name, faults = "", final_faults(plan, *build)[0] or tuple(problem.message for problem in error.problems)
-        else:
-            text = {"name": f"{design.name}, trial {number} of {plan.name}", "source": f"seed {plan.draws.seed}"}
-            save(design.replace(text), folder / name, overwrite=True, digits=WRITTEN)
-        rows.append(_WorstTrial(number, score, name, faults))
+            faults = final_faults(plan, *build)[0] or tuple(problem.message for problem in error.problems)
+            numbers = {place: float(value[0]) for place, value in final_values(plan, *build).items()}
+            text["source"] += f"; cannot be put together: {'; '.join(faults)}"
+            design = design.replace(text).unchecked(of_parts(design, numbers))
+            name = "" if any(map(in_lens, numbers)) else name
+        if name:
+            save(design, folder / name, overwrite=True, digits=WRITTEN)
+        misses = {p.place: float(miss) for p, miss in zip(plan.draws.perturbations, build[0][:, 0], strict=True)}
+        columns = measure_finally(plan, build[0])[:, 0].tolist()
+        values = dict(zip((column.label for column in plan.columns), columns, strict=True))
+        rows.append(WorstTrial(number, score, name, misses, values, faults))
     return tuple(rows)
 
 

@@ -19,7 +19,7 @@ from .places import of_parts
 from .study import TolerancePlan
 from .summaries import Variant
 from .trials import BLOCK, differences, final_faults, measure, measure_finally
-from .yields import CONFIDENCE
+from .yields import CONFIDENCE, first_draws
 
 STEP = 1e-4
 """Step of numerical derivatives, in tolerances: small enough that a central difference errs far below a percent."""
@@ -33,6 +33,8 @@ AHEAD = 2
 """Steps whose every outcome is measured at once: a few more builds cost less than another call."""
 LINEAR = 0.1
 """|RSS / Monte Carlo - 1| above which a response counts as not linear."""
+AMONG, LOST = 4096, 128
+"""Builds among which those that cannot be put together are looked for, and how many of these are tried again."""
 RESAMPLES = 256
 """Bootstrap samples of Sobol indices."""
 
@@ -104,6 +106,19 @@ def _exact_derivatives(plan: TolerancePlan) -> Array:
             if column.field is not None:
                 exact[row, posed] = np.nan
     return exact
+
+
+def put_together(plan: TolerancePlan) -> Array:
+    """Share of the builds that cannot be put together that can once one perturbation alone is none, shape (P,)."""
+    count = len(plan.draws.perturbations)
+    deviations = first_draws(plan.draws, min(plan.trials, AMONG))
+    lost = deviations[:, np.array(list(map(bool, final_faults(plan, deviations))))][:, :LOST]
+    if not lost.size:
+        return np.zeros(count)
+    without = np.repeat(lost[:, None], count, axis=1)
+    without[np.arange(count), np.arange(count)] = 0.0
+    faults = final_faults(plan, without.reshape(count, -1))
+    return np.asarray(np.reshape([not reasons for reasons in faults], (count, -1)).mean(axis=1))
 
 
 @dataclass(frozen=True)

@@ -142,7 +142,7 @@ class MetricGoal(StrictTable):
     metric: Annotated[str, AfterValidator(_metric)]
     min: float | None = None
     max: float | None = None
-    """In the unit of the metric's name; of lengths also text with a unit."""
+    """In the unit of the metric's name, or text with a unit."""
     fields: tuple[int, ...] | None = None
     """Indices into the study's fields; all where left out."""
 

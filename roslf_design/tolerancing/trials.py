@@ -130,11 +130,11 @@ def one_trial(plan: TolerancePlan, number: int) -> tuple[Design, MeasuredTrials]
 def design_adjusted(plan: TolerancePlan, deviations: Array, moved: Array) -> Design:
     """Design of one build, shapes (P, 1) and (adjusters, 1); a `ValueError` where its numbers make none."""
     design = plan.question.design
-    numbers = of_parts(design, _final_values(plan, deviations, moved))
+    numbers = of_parts(design, final_values(plan, deviations, moved))
     return design_built(design, {place: float(value[0]) for place, value in numbers.items()})
 
 
-def _final_values(plan: TolerancePlan, deviations: Array, moved: Array | None = None) -> dict[str, Array]:
+def final_values(plan: TolerancePlan, deviations: Array, moved: Array | None = None) -> dict[str, Array]:
     """Numbers of builds after adjustment; by how much is worked out where it is not given."""
     values = plan.draws.values(deviations)
     if not plan.adjusters:
@@ -145,7 +145,7 @@ def _final_values(plan: TolerancePlan, deviations: Array, moved: Array | None = 
 
 def final_faults(plan: TolerancePlan, deviations: Array, moved: Array | None = None) -> list[tuple[str, ...]]:
     """Why builds, after adjustment, are no cameras: of each its reasons, none where it is one."""
-    values = _final_values(plan, deviations, moved)
+    values = final_values(plan, deviations, moved)
     reasons = faults_of(plan.question, values, deviations.shape[1])
     return [tuple(words for words, flags in reasons.items() if flags[k]) for k in range(deviations.shape[1])]
 
@@ -159,7 +159,7 @@ def first_builds(
     """
     count = min(count, plan.chunk_trials(0))
     deviations = plan.draws.deviations(np.ascontiguousarray(plan.draws.uniforms(0, plan.chunk, 0, count)))
-    values = _final_values(plan, deviations)
+    values = final_values(plan, deviations)
     question = replace(plan.question, fields=fields) if fields else plan.question
     return builds_of(question, values, count)
 

@@ -1,6 +1,7 @@
 """`roslf datasheet` and `roslf sweep`, as a user types them."""
 
 import csv
+import hashlib
 import json
 
 import numpy as np
@@ -14,6 +15,7 @@ from roslf_design.reporting.blocks import Report
 from roslf_design.reporting.sheet import lines as datasheet
 from roslf_design.reporting.sheet.lines import EXPECTED, datasheet_section
 from roslf_design.reporting.sweep import sweep_picture
+from roslf_design.theory.depth_budget import depth_budget
 from tests.commands.test_cli import run
 
 STUDY = """
@@ -66,6 +68,25 @@ def test_a_sheet_tells_each_line_with_its_tolerance(tmp_path, capsys, monkeypatc
         rows = list(csv.DictReader(file))
     assert [row["name"] for row in rows] == [line["name"] for line in told["lines"]]
     assert float(rows[0]["value"]) == told["specification"]["field_of_view_deg"][0]["diagonal"]
+
+
+def test_the_sheet_one_signs_names_its_design_and_ends_where_depth_is_of_little_use(tmp_path, capsys, monkeypatch):
+    monkeypatch.setenv("SOURCE_DATE_EPOCH", "86400")
+    for name, *more in (("a.json",), ("b.json", "--stamp"), ("a.html",), ("b.html", "--stamp")):
+        assert run(capsys, "datasheet", "paper", "--revision", "C7", "-o", tmp_path / name, *more)[0] == 0
+    assert (tmp_path / "a.json").read_bytes() == (tmp_path / "b.json").read_bytes()
+    told = json.loads((tmp_path / "a.json").read_text())
+    digest = hashlib.sha256(roslf.dumps(roslf.load("paper")).encode()).hexdigest()[:12]
+    assert (told["revision"], told["design_hash"]) == ("C7", digest)
+    plain, dated = ((tmp_path / name).read_text() for name in ("a.html", "b.html"))
+    assert ("1970-01-02" in plain, "1970-01-02" in dated) == (False, True)
+    assert all(words in plain for words in ("C7", digest, "prepared", "checked", "approved", "figure-dimensions"))
+    lines = {line["name"]: line for line in told["lines"]}
+    assert lines["evenly lit"]["text"] == "yes"
+    (useful,) = (line["value"] for name, line in lines.items() if name.startswith("depth to a tenth"))
+    camera = roslf.Camera.of(roslf.load("paper"))
+    assert float(depth_budget(camera, useful).expanded_mm) <= 0.1 * useful
+    assert all(float(depth_budget(camera, far * useful).expanded_mm) > 0.1 * far * useful for far in (1.01, 2.0, 20.0))
 
 
 def test_spreads_are_of_builds_that_can_be_put_together(tmp_path, monkeypatch, capsys):
@@ -163,7 +184,7 @@ def test_a_report_with_a_calibration_begins_with_the_page_of_that_instrument(cal
     data = json.loads((folder / "calibration.json").read_text())
     (folder / "calibration.json").write_text(json.dumps({k: v for k, v in data.items() if k != "covariance"}))
     assert run(capsys, "report", folder.parent / "water.toml", *told)[0] == 0
-    assert sheets[1] is None  # an older one: lines stay nominal
+    assert sheets[1].blocks[0].text == datasheet.NOMINAL  # an older one: lines stay nominal
 
 
 def test_the_sheet_of_a_story_is_of_the_design_it_ends_with(tmp_path, capsys, monkeypatch):

@@ -154,6 +154,9 @@ def test_ranking_against_every_combination_optimised(few):
         results = [search(own.vector, start, tolerance=QUICK) for start in ((0.5, 0.3, 0.3), (0.3, 0.7, 0.6))]
         every.append(min((r.merit for r in results if r.feasible), default=np.inf))
     assert [ranked.search.merit for ranked in found.best] == pytest.approx(sorted(every)[:5], abs=1e-5)
+    # Each that was optimised is listed or has its reason: it misses a limit exactly where no search found a design.
+    assert len(found.left_out) == found.optimised - 5
+    assert all(why.startswith(("misses", "no camera")) == np.isinf(every[number]) for number, why in found.left_out)
     design = combinations.problem_at(found.best[0].number).design_at(found.best[0].search.unit)
     assert 0.98 - 1e-8 <= roslf.evaluate(design, []).f_number.fill_factor <= 1 + 1e-8
 

@@ -21,7 +21,7 @@ from roslf_design.reporting.blocks import (
     Statements,
     Table,
 )
-from roslf_design.reporting.design.figures import _dimensions_sheet
+from roslf_design.reporting.design.figures import dimensions_sheet
 from roslf_design.reporting.printers import render_pdf
 from roslf_design.tables import print_table
 from roslf_design.theory.quantities import QUANTITIES, in_words
@@ -164,7 +164,7 @@ def test_paper_sizes(paper, height):
 
 
 def test_text_can_be_selected_in_drawings_too(tmp_path):
-    (page,) = pages(Report("A title", "", (Section("Drawing", (_dimensions_sheet(load("paper")),)),)), tmp_path)
+    (page,) = pages(Report("A title", "", (Section("Drawing", (dimensions_sheet(load("paper")),)),)), tmp_path)
     for words in ("A title", "Drawing", "object plane", "overall 262 mm", "= 120 mm"):
         assert words in page
 

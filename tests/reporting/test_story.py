@@ -5,12 +5,14 @@ import tomllib
 
 import pytest
 
+from roslf_design.camera import Camera
 from roslf_design.cli import main
 from roslf_design.commands import report as command
 from roslf_design.design import load
 from roslf_design.errors import InputError
 from roslf_design.evaluation import evaluate
 from roslf_design.reporting.blocks import Bullets, Code, Report, Statements, Table
+from roslf_design.reporting.optimise.pages import optimization_finding
 from roslf_design.reporting.printers import render_html, render_pdf
 from roslf_design.reporting.story import (
     CENTRE,
@@ -21,6 +23,7 @@ from roslf_design.reporting.story import (
     story_report,
     study_report,
 )
+from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.tolerancing.study import tolerance_plan
 
 OPTIMIZE = """
@@ -96,6 +99,20 @@ def blocks(report, kind):
     return [block for section in report.sections for block in section.blocks if isinstance(block, kind)]
 
 
+def test_a_design_that_is_not_the_optimum_is_told_with_its_own_numbers(tmp_path):
+    """Of a robust design the goal is told as it is of that design, beside the optimum's."""
+    extra = '[robust]\nmaximise = "yield"\ntrials = 64\n[[robust.perturb]]\nplace = "d_2"\ntolerance = "10 um"'
+    result = run_optimisation(tomllib.loads(OPTIMIZE + extra), None, tmp_path)
+    taken = dict(result.designs())["robust.toml"]
+    own = float(QUANTITIES["sigma_z_mm"](Camera.of(taken), 100.0))
+    text = optimization_finding(result, "robust", "the robust design").statement.text
+    first, _, second = text.partition(" This report is of another design, the robust design: ")
+    assert f"{result.answer.number(result.answer.asked.goals[0]):.5g} mm" in first
+    assert f"{own:.5g} mm; believe these of it." in second
+    assert first != second
+    assert optimization_finding(result).statement.text == first
+
+
 def test_each_part_hands_its_design_on(told):
     report, _, place = told
     best = run_optimisation(tomllib.loads(OPTIMIZE), None, place).answer
@@ -146,7 +163,7 @@ def test_a_study_alone_makes_a_whole_report(folder, kind, section, without_figur
     report = study_report(kind, folder / f"{kind}.toml")
     titles = [part.title for part in report.sections]
     first_look = "A first look at tolerances, by default limits"
-    assert titles[:2] == ["Data sheet", "Summary"]
+    assert titles[:2] == ["Summary", "Data sheet"]  # a report opens with its answers
     assert {section, "Calibration plan", "Parts list", "Accuracy"} <= set(titles)
     assert (first_look in titles) == (kind != "tolerance")
     # A verdict is by limits that the user set, as in the tolerance study; those of a first look are nobody's.
@@ -155,9 +172,10 @@ def test_a_study_alone_makes_a_whole_report(folder, kind, section, without_figur
     judged = {s.tone in ("good", "bad") for s in yields}
     assert judged == {kind == "tolerance"}
     assert all(("limits that this report sets itself" in s.text) == (kind != "tolerance") for s in yields)
-    told = [row[2] for block in report.sections[0].blocks if isinstance(block, Table) for row in block.rows]
+    sheet = report.sections[1].blocks
+    told = [row[2] for block in sheet if isinstance(block, Table) for row in block.rows]
     assert any(cell.startswith("±") for cell in told) == (kind == "tolerance")
-    assert "nominal" in report.sections[0].blocks[0].text.lower()  # once
+    assert "nominal" in sheet[0].text.lower()  # once
 
 
 def test_a_study_without_a_design_tells_what_stands_in_the_way(folder, few_builds):

@@ -1,20 +1,26 @@
 """What a report and a terminal get to see of a study."""
 
+import tomllib
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from roslf_design.commands.tolerance import summary
+from roslf_design.design import loads
+from roslf_design.errors import InputError
 from roslf_design.reporting.blocks import Figure, Statements, Table
 from roslf_design.reporting.tolerance.pages import (
     _tolerance_section,
     _yield_statement,
+    blame,
     ranking,
     tables,
     tolerance_pictures,
 )
 from roslf_design.tolerancing.result import analyse, save_worst
 from roslf_design.tolerancing.run import tally_chunk
-from roslf_design.tolerancing.study import make_plan, read_study
+from roslf_design.tolerancing.study import make_plan, read_study, tolerance_plan
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +106,9 @@ def colliding(tmp_path_factory):
     study, design, grades = read_study(data)
     plan = make_plan(study, design.replace({"elements": [window]}), grades)
     tally = tally_chunk(plan, 0)
-    worst = save_worst(plan, tally, tmp_path_factory.mktemp("worst"))
+    folder = tmp_path_factory.getbasetemp() / "colliding"
+    folder.mkdir()
+    worst = save_worst(plan, tally, folder)
     return analyse(plan, study, grades, tally, worst, budgets=False)
 
 
@@ -120,6 +128,53 @@ def test_builds_that_cannot_be_put_together_are_told_first_and_by_what_collides(
     assert d_3.alone_limited_by == words
     assert d_3.alone == pytest.approx(1.0, rel=1e-6)
     assert colliding.to_dict()["variants"][0]["impossible"] == {"trials": count, "reasons": {words: count}}
+
+
+def test_what_keeps_builds_from_being_put_together_is_blamed_first(colliding):
+    assert colliding.put_together.tolist() == [1.0, 0.0]  # the window's distance has no tolerance
+    assert next(iter(blame(colliding))) == "aperture.distance"
+    # Also where all that the rest goes with is another's.
+    others = replace(colliding, correlations=np.tile([0.0, 1.0], (len(colliding.plan.columns), 1)))
+    assert (ranking(others)[0][0], next(iter(blame(others)))) == ("sensor.distance", "aperture.distance")
+    statements = next(block for block in _tolerance_section(colliding).blocks if isinstance(block, Statements))
+    assert statements.items[0].remedy.startswith("Hold d_3 first: at its nominal it alone puts together 100 % of them.")
+    table = next(table for table in tables(colliding) if table.title == "Tolerances")
+    assert [row[0] for row in table.rows] == ["d_3", "d_2"]
+
+
+def test_a_worst_trial_that_is_no_design_has_its_numbers_in_a_file_that_says_why(colliding, tmp_path_factory):
+    draws = colliding.plan.draws
+    for trial in colliding.worst:
+        built = draws.values(draws.deviations(draws.uniforms(0, trial.number + 1)))["aperture.distance"][-1]
+        assert trial.misses["aperture.distance"] == pytest.approx((built - 120.0) / 2.0)
+        text = (tmp_path_factory.getbasetemp() / "colliding" / trial.file).read_text()
+        assert tomllib.loads(text)["aperture"]["distance"] == f"{built:.13g} mm"
+        with pytest.raises(InputError, match=r"lies inside elements\.0"):
+            loads(text)
+
+
+def test_adjustments_at_assembly_are_proposed_with_range_cost_and_yield():
+    """The paper's camera at a commercial grade, held to its image fill: that is d_1 and d_2's, so focusing helps."""
+    data = {"name": "focus", "design": "paper", "grade": "commercial", "trials": 256, "sobol_samples": 0}
+    plan, study, grades = tolerance_plan({**data, "goals": [{"metric": "fill_factor", "min": 0.99, "max": 1.02}]})
+    table = next(
+        table
+        for table in tables(analyse(plan, study, grades, tally_chunk(plan, 0)))
+        if table.title == "What an adjustment at assembly would do"
+    )
+    (focus,) = (row for row in table.rows if row[0].startswith("focus the sensor behind the array: d_2"))
+    assert focus[0].endswith("± 0.1 mm")
+    assert focus[1] == "+3.00"
+    with_it, *_ = tolerance_plan(
+        {
+            **data,
+            "goals": [{"metric": "fill_factor", "min": 0.99, "max": 1.02}],
+            "compensators": [{"place": "sensor.distance", "range": "0.1 mm"}],
+            "trials": 4096,
+        }
+    )
+    own = 100 * tally_chunk(with_it, 0).passed[-1] / 4096
+    assert float(focus[2]) == pytest.approx(own, abs=3.0)
 
 
 def test_one_at_a_time_moves_are_drawn_beside_an_end_that_is_no_camera(colliding):

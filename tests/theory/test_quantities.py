@@ -40,6 +40,25 @@ def test_names_and_words():
         QUANTITIES["kept_fraction"](Camera.of(PAPER))
 
 
+@pytest.mark.parametrize(
+    ("name", "text", "limit"),
+    [
+        ("field_of_view_deg", "70 deg", 70.0),
+        ("field_of_view_deg", "3.141592653589793 rad", 180.0),
+        ("sigma_z_mm", "20 um", 0.02),
+        ("mismatch_px", "0.5 px", 0.5),
+        ("distortion_percent", "-3 %", -3.0),
+        ("mtf50_lp_per_mm", "12 lp/mm", 12.0),
+        ("pixel_electrons", "5000 e-", 5000.0),
+    ],
+)
+def test_a_limit_is_read_with_its_unit(name, text, limit):
+    assert QUANTITIES[name].limit(text) == limit
+    for other in ("3 lx", text.split()[0], "three"):
+        with pytest.raises(ValueError, match=rf"{other}.*(; |e\.g\. |but this)"):
+            QUANTITIES[name].limit(other)
+
+
 @pytest.mark.parametrize("name", sorted(q.name for q in QUANTITIES.values() if q.of))
 def test_builds_are_their_single_cameras(name):
     quantity = QUANTITIES[name]

@@ -233,7 +233,7 @@ def _picture_sheet(design: Design, _: Evaluation | None = None) -> Figure:
     return replace(sheet, scene=scene_data(scene))
 
 
-def _dimensions_sheet(design: Design, _: Evaluation | None = None) -> Figure:
+def dimensions_sheet(design: Design, _: Evaluation | None = None) -> Figure:
     """The drawing with dimensions."""
     caption = (
         "Elements in their order along the axis. The numbers are the dimensions; the drawing is not to scale, the ray "
@@ -244,7 +244,7 @@ def _dimensions_sheet(design: Design, _: Evaluation | None = None) -> Figure:
 
 
 SHEETS: dict[str, Callable[[Design, Evaluation], Figure]] = {
-    "dimensions": _dimensions_sheet,
+    "dimensions": dimensions_sheet,
     "rays": _ray_sheet,
     "cells": _cells_sheet,
     "view": _picture_sheet,

@@ -35,6 +35,8 @@ PRESSED = 1e-6
 """Multiplier from which a limit stops the goals, and is not only touched."""
 AGREED = 1e-3
 """Difference between an optimum as searched and as traced again from which a page warns."""
+MOST_LEFT_OUT = 30
+"""Combinations that are not listed and that a table shows with their reasons."""
 HISTORY = (
     "Each dot is a local search from a Sobol point: how much worse its goals are than the answer's, over the "
     "evaluations spent by then. Dots on the lower edge ended at the answer; a diamond there is another solver "
@@ -66,10 +68,13 @@ def _optimization_section(result: Result, command: str = "") -> Section:
     return Section(f"Optimisation: {asked.name}", tuple(blocks), "optimisation")
 
 
-def optimization_finding(result: Result) -> Finding:
-    """A study in a design's report, with how its searches went."""
+def optimization_finding(result: Result, take: str = "best", words: str = "") -> Finding:
+    """A study in a design's report, with how its searches went; `take` is the report's design, `words` what it is."""
     answer, (first, *_) = result.answer, statements(result)
     said = replace(first, text=f"Optimisation: {first.text[:1].lower()}{first.text[1:]}")
+    if take != "best":
+        own = in_words(_reached(result, take))
+        said = replace(said, text=f"{said.text} This report is of another design, {words}: {own}; believe these of it.")
     history = search_history(ends_of(answer), (576, 290))
     blocks = _optimization_section(result).blocks
     if answer.feasible:
@@ -126,8 +131,11 @@ def _statements(result: Result) -> Iterator[Statement]:
             f"Of {len(ranking.combinations)} combinations of parts, bounds ruled out {ranking.ruled_out} and "
             f"{ranking.optimised} were optimised; {len(ranking.best)} of the best that hold every limit are listed."
         )
+        if ranking.left_out:
+            text += " Why others were left out stands in a table of its own."
         if ranking.best:
-            text += f" {_best_parts(ranking)}"
+            parts = ", ".join(ranking.named(ranking.best[0].number).values())
+            text += f" Best of them: {parts} with {_reached(result, 'parts-01')}."
         else:
             text += f" {_none_listed(ranking)}"
         if answer.asked.order == "lexicographic":
@@ -141,8 +149,7 @@ def _statements(result: Result) -> Iterator[Statement]:
 
 def _about_optimum(result: Result) -> Iterator[Statement]:
     answer = result.answer
-    reached = ", ".join(f"{goal.label} = {goal.with_unit(answer.number(goal), 5)}" for goal in answer.asked.goals)
-    yield _optimum(answer, reached)
+    yield _optimum(answer, _reached(result))
     yield _agreement(answer)
     if result.retrace is not None:
         yield _about_trace(result.retrace)
@@ -156,6 +163,18 @@ def _about_optimum(result: Result) -> Iterator[Statement]:
     if loose:
         remedy = "Add a goal or a limit to decide between them."
         yield Statement("caution", f"Equally good designs were met at different variables: {loose}.", remedy)
+
+
+def _reached(result: Result, take: str = "best") -> str:
+    """Goals that one of an optimisation's designs reaches, in words."""
+    answer = result.answer
+    problem, unit = answer.problem, answer.unit
+    if take == "robust" and result.robust is not None:
+        unit = result.robust.unit
+    elif take != "best" and result.ranking is not None:
+        ranked = result.ranking.best[int(take.removeprefix("parts-")) - 1]
+        problem, unit = result.ranking.combinations.problem_at(ranked.number), ranked.search.unit
+    return ", ".join(f"{goal.label} = {goal.with_unit(problem.number(goal, unit), 5)}" for goal in answer.asked.goals)
 
 
 def _optimum(answer: Answer, reached: str) -> Statement:
@@ -227,7 +246,7 @@ def _agreement(answer: Answer) -> Statement:
     )
     doubts = [check.solver for check in answer.checks if not answer.agrees(check)]
     if answer.checks and not doubts:
-        text += f"; {' and '.join(check.solver for check in answer.checks)} found none better"
+        text += f"; a global search ({' and '.join(check.solver for check in answer.checks)}) found none better"
     if same > 1 and answer.residual < 1e-4 and not doubts:
         return Statement("good", f"{text}.")
     remedy = "Give more starts." if same <= 1 else ""
@@ -308,6 +327,8 @@ def _tables(result: Result) -> Iterator[Table]:
         yield Table.of(answer.conflict.relaxations, columns, "What stands in the way")
     if result.ranking is not None and result.ranking.best:
         yield _parts(result.ranking)
+    if result.ranking is not None and result.ranking.left_out:
+        yield _left_out(result.ranking)
 
 
 def _held(answer: Answer) -> Table:
@@ -344,20 +365,11 @@ def _bought(active: Active, goals: tuple[Goal, ...]) -> str:
     return f"{100 * size * active.merit_gain_per_unit:.4g} % {per}"
 
 
-def _best_parts(ranking: Ranking) -> str:
-    """The first of the list in words."""
-    first, combinations = ranking.best[0], ranking.combinations
-    problem = combinations.problem_at(first.number)
-    parts = ", ".join(part.part for part in combinations.chosen(first.number))
-    goals = (f"{goal.label} = {goal.with_unit(problem.number(goal, first.search.unit), 5)}" for goal in problem.goals)
-    return f"Best of them: {parts} with {', '.join(goals)}."
-
-
 def _none_listed(ranking: Ranking) -> str:
     """Reason why no combination is listed."""
     if ranking.nearest is None or ranking.conflict is None:
         return "None makes a camera within the bounds."
-    parts = ", ".join(part.part for part in ranking.combinations.chosen(ranking.nearest))
+    parts = ", ".join(ranking.named(ranking.nearest).values())
     if ranking.conflict.feasible_after_all and not ranking.conflict.undefined:
         return f"{parts} would do, but the budget was spent; give more."
     return f"Nearest comes {parts}: {ranking.conflict.reason}."
@@ -370,16 +382,30 @@ def _parts(ranking: Ranking) -> Table:
         own = ranking.combinations.problem_at(ranked.number)
         values = own.named(ranked.search.unit)
         goals = [f"{own.number(goal, ranked.search.unit):.4g}" for goal in own.goals]
-        names = [part.part for part in ranking.combinations.chosen(ranked.number)]
-        rows.append((str(place), *names, *goals, *(f"{value:.5g}" for value in values.values())))
-    kinds = [
-        kind.replace("_", " ").removesuffix("s").replace("lense", "lens").replace("glasse", "glass")
-        for kind in ranking.combinations.kinds
-    ]
+        rows.append(
+            (str(place), *ranking.named(ranked.number).values(), *goals, *(f"{value:.5g}" for value in values.values()))
+        )
+    kinds = _kinds(ranking)
     goals = [goal.label + _unit(goal) for goal in problem.goals]
     heads = ("", *kinds, *goals, *(name if name in NUMBERS else f"{name} [mm]" for name in problem.variables))
     align = "r" + "l" * len(kinds) + "d" * (len(goals) + problem.n)
     return Table(tuple(rows), align, heads, "Parts")
+
+
+def _left_out(ranking: Ranking) -> Table:
+    """Combinations that were optimised and are not listed, each with the reason why."""
+    rows = tuple((*ranking.named(number).values(), why) for number, why in ranking.left_out)
+    caption = f"The first {MOST_LEFT_OUT} of {len(rows)}; all are in results.json." if len(rows) > MOST_LEFT_OUT else ""
+    heads = (*_kinds(ranking), "why")
+    return Table(rows[:MOST_LEFT_OUT], "l" * len(heads), heads, "Left out, and why", caption)
+
+
+def _kinds(ranking: Ranking) -> list[str]:
+    """Kinds of parts as a table's headings."""
+    return [
+        kind.replace("_", " ").removesuffix("s").replace("lense", "lens").replace("glasse", "glass")
+        for kind in ranking.combinations.kinds
+    ]
 
 
 def _unit(goal: Goal) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -12,6 +13,8 @@ import numpy as np
 
 from ..._arrays import Array
 from ...camera import Camera
+from ...design import dumps
+from ...evaluation.answer import FirstAnswer
 from ...evaluation.result import depth_basis, focused_table
 from ...evaluation.specification import (
     CRITERION,
@@ -23,6 +26,7 @@ from ...evaluation.specification import (
     resolved,
     specification,
 )
+from ...evaluation.verdicts import lit
 from ...tables import csv_bytes
 from ...theory.colours import GREEN
 from ...theory.depth_budget import COVERAGE, depth_budget
@@ -35,6 +39,7 @@ from ...tolerancing.trials import first_builds, lengths_built
 from ...traced.fields import IdealImages
 from ...words import number
 from ..blocks import Block, Figure, Paragraph, Report, Section, Table
+from ..design.figures import dimensions_sheet
 from ..lens_words import lens_words
 from ..tolerance.pages import impossible_words
 from .resolution import mtf_curves, resolution_map
@@ -58,9 +63,15 @@ USABLE = (
     "Finest detail that shows as what it is: the coarser of what still has half its contrast (MTF 50 %) and of half a "
     "period a microlens, beyond which detail folds back."
 )
+TENTH = 0.1
+"""Share of the distance up to which its uncertainty leaves depth of use."""
+FAR, LOOKED_AT = 1e3, 12
+"""Distance that is looked about where the focal plane is at none [mm], and how many are looked at each time."""
 DEPTH, EXPECTED = "Depth noise (bound), 1 σ", "Depth, expected"
 SHARP = f"Sharp: {CRITERION}."
 PARTS = "parts"
+NONE = "–"
+"""Revision or date where none is given."""
 NOMINAL = "Nominal values: no tolerance study is at hand."
 TILTED = "Parts are tilted; the data sheet is of the straight ones, but for what tilted stops cut."
 
@@ -180,8 +191,10 @@ class SpreadSources(NamedTuple):
         return " ".join(self.sentences)
 
 
-def _lines(design: Design, sheet: Specification, budgets: Mapping[float | None, DepthBudget]) -> Iterator[_SheetLine]:
-    """Lines of the page; budgets of depth are by distance, of the focal plane by None."""
+def _lines(
+    design: Design, sheet: Specification, budgets: Mapping[float | None, DepthBudget], useful: float
+) -> Iterator[_SheetLine]:
+    """Lines of the page; budgets of depth are by distance, of the focal plane by None; `useful` is how far depth is."""
     camera = Camera.of(design)
     traced = design.lens is not None  # whose builds are cameras of thin twins
     pupil, _, tip, *_ = sheet.field_of_view_deg  # of the rays that a real lens lets through
@@ -190,7 +203,7 @@ def _lines(design: Design, sheet: Specification, budgets: Mapping[float | None, 
     angles |= {f"tip_field_of_view_{part}deg": getattr(tip, way) for part, way in ways.items()}
     yield from _whole_camera("Field of view", camera, angles)
     yield from _whole_camera("Distances", camera, {})
-    yield from _expected_lines(budgets)
+    yield from _expected_lines(budgets, useful)
     yield from _depth_lines(sheet, traced)
     for field in sheet.object_field:
         at = f"at {number(field.at_mm, 4)} mm ({field.plane})"
@@ -236,6 +249,9 @@ def _lines(design: Design, sheet: Specification, budgets: Mapping[float | None, 
     yield _SheetLine("Over the field", f"local magnification {at}", scale, "", against, text=lost, of=stretched)
     light = 100 * outermost.relative_illumination
     yield _SheetLine("Over the field", f"relative illumination {at}", light, "%", "against the middle", of=shaded)
+    answer = lit(FirstAnswer.of(design, budget=budgets[None]))
+    remark = "; ".join(filter(None, (answer.text, answer.remedy)))
+    yield _SheetLine("Over the field", "evenly lit", None, "", remark, text="yes" if answer.ok else "no")
     width, height = sheet.pixels
     yield _SheetLine("Sampling", "pixels", None, "", "", text=f"{width} x {height}")
     yield from _whole_camera("Sampling", camera, {})
@@ -265,13 +281,29 @@ def _whole_camera(subject: str, camera: Camera, known: Mapping[str, float]) -> I
         )  # fmt: skip
 
 
-def _expected_lines(budgets: Mapping[float | None, DepthBudget]) -> Iterator[_SheetLine]:
+def _useful(budget: Callable[[float], DepthBudget], focus: float) -> float:
+    """Farthest distance ahead of the tip at which U is a tenth of it at most [mm]; infinite without end, NaN: none."""
+    at = (focus if 0 < focus < math.inf else FAR) * np.geomspace(1e-2, 1e3, LOOKED_AT)
+    for _ in range(4):
+        good = np.flatnonzero([float(budget(far).expanded_mm) <= TENTH * far for far in at.tolist()])
+        if not good.size:
+            return math.nan
+        if good[-1] == at.size - 1:
+            return math.inf
+        at = np.linspace(at[good[-1]], at[good[-1] + 1], LOOKED_AT)
+    return float(at[0])
+
+
+def _expected_lines(budgets: Mapping[float | None, DepthBudget], useful: float) -> Iterator[_SheetLine]:
     """Lines on what a measured depth is to be believed to, on the axis, in the terms of the GUM."""
     budget = budgets[None]
     u, largest = float(budget.u_z_mm), f"mostly {budget.largest.name}"
     missing = "" if math.isfinite(u) else "none"
     yield _SheetLine(EXPECTED, f"expanded uncertainty U, k = {COVERAGE}", COVERAGE * u, "mm", largest, "", missing)
     yield _SheetLine(EXPECTED, "standard uncertainty u", u, "mm", "68 of 100 lie within", "", missing)
+    least = f"farthest where U is {100 * TENTH:g} % of the distance; beyond, depth is of little use"
+    yield _SheetLine(EXPECTED, f"depth to a tenth of the distance, k = {COVERAGE}, out to", useful, "mm", least, "",
+                     "none" if math.isnan(useful) else "")  # fmt: skip
     for at, there in budgets.items():
         if at is not None:
             expanded, mostly = float(there.expanded_mm), f"mostly {there.largest.name}"
@@ -383,8 +415,10 @@ def basis(
     build = None if built is None else lengths_built(built.plan)
     lengths = None if calibration is None else calibration.lengths
     twin = Camera.of(design.thin_twin)
-    budgets = {far: depth_budget(twin, far, build=build, calibration=lengths) for far in (None, *at)}
-    rows = tuple(line for line in _lines(design, sheet, budgets) if sheet.focused is None or not line.of_views)
+    budget = partial(depth_budget, twin, build=build, calibration=lengths)
+    useful = _useful(budget, float(focus_ahead(twin))) if sheet.focused is None else math.nan
+    budgets = {far: budget(far) for far in (None, *at)}
+    rows = tuple(line for line in _lines(design, sheet, budgets, useful) if sheet.focused is None or not line.of_views)
     if built is not None:
         share, (low, high) = 100 * built.final.result.value, built.final.result.interval
         sentences.append(
@@ -491,12 +525,28 @@ def datasheet_section(grounds: SpreadSources) -> Section:
     return Section("Data sheet", tuple(blocks))
 
 
-def datasheet_report(grounds: SpreadSources) -> Report:
-    """The page alone."""
-    return Report(grounds.design.name, grounds.design.source, (datasheet_section(grounds),))
+def datasheet_report(grounds: SpreadSources, revision: str = NONE, date: str = NONE) -> Report:
+    """The page alone: which design in which revision, its drawing, the lines, fields to sign."""
+    design, section = grounds.design, datasheet_section(grounds)
+    about = f"{_fingerprint(design)} (sha256 of the design as roslf writes it)"
+    head = (("design", design.name), ("revision", revision), ("hash of the design", about), ("date", date))
+    line = 36 * "."
+    signed = tuple((role, line, line, line) for role in ("prepared", "checked", "approved"))
+    blocks = (
+        Table(head, "ll", title="This sheet", dense=True, widths=(24, 0)),
+        *section.blocks,
+        dimensions_sheet(design),
+        Table(signed, "llll", ("", "name", "signature", "date"), "Signed"),
+    )
+    return Report(design.name, design.source, (Section(section.title, blocks),))
 
 
-def datasheet_json(grounds: SpreadSources) -> dict[str, Any]:
+def _fingerprint(design: Design) -> str:
+    """First digits of the hash of a design as its file is written."""
+    return hashlib.sha256(dumps(design).encode()).hexdigest()[:12]
+
+
+def datasheet_json(grounds: SpreadSources, revision: str = NONE) -> dict[str, Any]:
     """The lines with their tolerances, and the specification."""
     rows = [
         {
@@ -514,7 +564,13 @@ def datasheet_json(grounds: SpreadSources) -> dict[str, Any]:
         }
         for line in grounds.rows
     ]
-    head = {"schema": SCHEMA, "design": grounds.design.name, "basis": grounds.words}
+    head = {
+        "schema": SCHEMA,
+        "design": grounds.design.name,
+        "design_hash": _fingerprint(grounds.design),
+        "revision": revision,
+        "basis": grounds.words,
+    }
     return {**head, "lines": rows, "specification": grounds.sheet.to_dict()}
 
 

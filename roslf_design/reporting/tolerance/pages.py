@@ -12,16 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ... import words
+from ...camera import Camera
 from ...design import Design
 from ...drawing.picture import Picture
 from ...tables import Column
 from ...theory.depth_budget import DepthBudget
+from ...theory.field_of_view import focus_ahead
 from ...theory.quantities import in_words
 from ...theory.quantity import finite
 from ...tolerancing.budgets import Change, ToleranceBudget
 from ...tolerancing.metrics import METRICS
 from ...tolerancing.places import display, perturbable, short_name
-from ...tolerancing.result import StudyResult
+from ...tolerancing.result import StudyResult, WorstTrial
 from ...tolerancing.study import CALIBRATION
 from ...tolerancing.summaries import Variant
 from ...tolerancing.yields import Yield
@@ -34,6 +36,8 @@ MOST = 14
 """Bars that a ranking shows."""
 MOST_FAULTS = 4
 """Reasons why builds cannot be put together that a sentence names."""
+FOCUS = {"microlens_array.distance": "focus the array", "sensor.distance": "focus the sensor behind the array"}
+"""Adjustments by what a lens maker calls them."""
 MOST_CHANGES = 8
 """Changes that a table shows."""
 QUANTILES = 5
@@ -95,7 +99,7 @@ def tolerance_finding(result: StudyResult, *, first_look: bool = False) -> Findi
     plan = result.plan
     title = "A first look at tolerances, by default limits" if first_look else "Tolerances and yield"
     section = Section(title, _tolerance_section(result, first_look=first_look).blocks, "tolerances")
-    said = None if first_look else _yield_statement(result, plan.name)
+    said = None if first_look else _yield_statement(result, f"{plan.name}; design: {plan.question.design.name}")
     return Finding(section, said, f"Seed of the {plan.trials} builds: {plan.draws.seed}.")
 
 
@@ -110,11 +114,17 @@ def headline(result: StudyResult) -> str:
     )
 
 
-def depth_sentence(budget: DepthBudget | None) -> str:
+def depth_sentence(budget: DepthBudget | None, design: Design) -> str:
     """Sentence on the depth that a build measures if nobody calibrates it."""
     if budget is None:
         return "Microlenses are focused on the scene, not on the pupil: depth from views does not apply."
-    return f"Depth, expected, of a camera taken as designed: {budget.words}, in the focal plane."
+    ahead = number(_focus(design))
+    return f"Depth, expected, of a camera taken as designed: {budget.words}, in the focal plane, {ahead} mm ahead."
+
+
+def _focus(design: Design) -> float:
+    """Distance of the focal plane ahead of the tip [mm]."""
+    return float(focus_ahead(Camera.of(design.thin_twin)))
 
 
 def impossible_words(variant: Variant) -> str:
@@ -138,6 +148,13 @@ def _yield_statement(result: StudyResult, name: str = "", first_look: bool = Fal
         ours = f"by limits that this report sets itself{f' ({name})' if name else ''}"
         return Statement("plain", f"{headline(result)}, {ours}.")
     text = f"{headline(result)}; wanted {100 * target:.4g} %{f' ({name})' if name else ''}."
+    if any(limit.label.startswith("depth_error_mm") for limit in result.final.limits) and result.depth is not None:
+        question = result.plan.question
+        ahead = _focus(question.design) + question.object_distance - question.design.d_f
+        text += (
+            f" Its depth error, {number(ahead)} mm ahead, is what lengths add. Of a measured depth believe what is "
+            "expected, which counts noise and view mismatch, too."
+        )
     misses = result.plan.nominal_misses()
     if result.final.result.value >= target:
         return Statement("good", text)
@@ -148,6 +165,8 @@ def _yield_statement(result: StudyResult, name: str = "", first_look: bool = Fal
         remedy = "No tolerance is tight enough: change the nominal design or the limits."
     else:
         remedy = f"Tighten all tolerances to {result.scale_for_target[0]:.3g} of what they are, or the worst few."
+        if adjusted := _adjustments(result)[:1]:
+            remedy += f" {words.sentence(_change_words(result, adjusted[0]))} gives {share_words(adjusted[0].result)}."
         if result.budget is not None and result.budget.changes:
             best = result.budget.changes[0]
             remedy = (
@@ -158,12 +177,19 @@ def _yield_statement(result: StudyResult, name: str = "", first_look: bool = Fal
 
 def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
     if lost := impossible_words(result.final):
-        yield Statement("caution", lost, "Change nominal distances or their tolerances so that these parts keep clear.")
+        remedy = "Change nominal distances or their tolerances so that these parts keep clear."
+        place, share = max(zip(_places(result), result.put_together.tolist(), strict=True), key=lambda pair: pair[1])
+        if share > 0:
+            remedy = (
+                f"Hold {short_name(place, result.plan.question.design)} first: at its nominal it alone puts together "
+                f"{100 * share:.3g} % of them. {remedy}"
+            )
+        yield Statement("caution", lost, remedy)
     yield _yield_statement(result, first_look=first_look)
     if result.precision is not None:
         accuracy = result.precision.accuracy
         yield Statement("caution" if accuracy.kept is False else "plain", words.sentence(accuracy.sentence(False)))
-    yield Statement("plain", depth_sentence(result.depth))
+    yield Statement("plain", depth_sentence(result.depth, result.plan.question.design))
     weakest = result.final.weakest
     share = 100 * weakest.result.value
     yield Statement(
@@ -194,6 +220,22 @@ def ranking(result: StudyResult) -> list[tuple[str, float]]:
     return [(result.plan.draws.perturbations[index].place, float(parts[index])) for index in order]
 
 
+def _places(result: StudyResult) -> list[str]:
+    return [p.place for p in result.plan.draws.perturbations]
+
+
+def blame(result: StudyResult) -> dict[str, float]:
+    """Perturbations to their shares of the builds that fail, by how these do, largest first.
+
+    Of those that cannot be put together by what puts them together, of the others by the weakest metric's variance.
+    """
+    lost, final = result.final.impossible, result.final.result
+    missed = max(final.trials - final.passed - lost, 0 if lost else 1)
+    parts = (lost * result.put_together + missed * result.correlations[_weakest_row(result)] ** 2) / (lost + missed)
+    order = np.argsort(-parts, kind="stable").tolist()
+    return {_places(result)[index]: float(parts[index]) for index in order}
+
+
 def _weakest_row(result: StudyResult) -> int:
     return [column.label for column in result.plan.columns].index(result.final.weakest.label)
 
@@ -208,6 +250,7 @@ def tables(result: StudyResult, brief: bool = False) -> list[Table]:
     if result.budget is not None:
         made += _budget(result, result.budget)
     made.append(_rss(result, shown))
+    made += [_worst(result)] if result.worst else []
     return made if result.sobol is None else [*made, _sobol(result)]
 
 
@@ -273,7 +316,8 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
     kinds = perturbable(design)
     allowed = {a.place: a for a in result.allowed}
     scale = None if result.scale_for_target is None else result.scale_for_target[0]
-    shares = dict(ranking(result))
+    shares, order = dict(ranking(result)), list(blame(result))
+    together = dict(zip(_places(result), result.put_together.tolist(), strict=True))
 
     def own(value: str, place: str) -> str:
         return display(getattr(allowed[place], value), kinds[place]) if place in allowed else ""
@@ -282,6 +326,7 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
     columns: tuple[Column, ...] = (
         ("parameter", "l", lambda p: short_name(p.place, design)),
         ("± tolerance", "r", lambda p: display(p.tolerance, kinds[p.place])),
+        *((("mends [%]", "r", lambda p: f"{100 * together[p.place]:.1f}"),) if result.final.impossible else ()),
         ("r² [%]", "d", lambda p: f"{100 * shares.get(p.place, 0.0):.1f}"),
         ("alone up to", "r", lambda p: own("alone", p.place)),
         ("until it fails", "l", lambda p: allowed[p.place].alone_limited_by if p.place in allowed else ""),
@@ -295,21 +340,26 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
         f"Shared budget: what uses {share} of every limit's room, n = {len(shares)} parameters. For the wanted yield: "
         "all tolerances scaled by one factor."
     )
-    ranked = sorted(result.plan.draws.perturbations, key=lambda p: -shares.get(p.place, 0.0))
+    if result.final.impossible:
+        caption = (
+            "Mends: share of the builds that cannot be put together that can once this alone is at its "
+            f"nominal; it ranks with r², each for the builds that fail its way. {caption}"
+        )
+    ranked = sorted(result.plan.draws.perturbations, key=lambda p: order.index(p.place))
     return Table.of(ranked, columns if brief else (*columns, source), "Tolerances", caption)
 
 
 def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
     """Tables of changes that reach the wanted yield, cheapest first, and of tolerances that may be looser."""
     design = result.plan.question.design
+    columns: tuple[Column, ...] = (
+        ("change", "l", lambda change: _change_words(result, change)),
+        ("cost", "d", lambda change: _cost(change.cost)),
+        ("yield [%]", "d", lambda change: f"{100 * change.result.value:.2f}"),
+        ("95 % interval [%]", "r", lambda change: _interval(change.result)),
+        ("of builds", "r", lambda change: f"{change.result.trials:,}"),
+    )
     if budget.changes:
-        columns: tuple[Column, ...] = (
-            ("change", "l", lambda change: _change_words(result, change)),
-            ("cost", "d", lambda change: _cost(change.cost)),
-            ("yield [%]", "d", lambda change: f"{100 * change.result.value:.2f}"),
-            ("95 % interval [%]", "r", lambda change: _interval(change.result)),
-            ("of builds", "r", lambda change: f"{change.result.trials:,}"),
-        )
         caption = (
             f"What reaches {100 * budget.target:.4g} % for sure, cheapest first: with all of the yield's interval, on "
             "builds that it was not found by. "
@@ -317,6 +367,11 @@ def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
             "tolerance between two grades by its logarithm."
         )
         yield Table.of(budget.changes[:MOST_CHANGES], columns, "What reaches the wanted yield", caption)
+    if adjusted := _adjustments(result):
+        caption = (
+            "One more adjustment of each build, all tolerances as they are, whether or not it is enough by itself."
+        )
+        yield Table.of(adjusted, columns, "What an adjustment at assembly would do", caption)
     if budget.looser:
         shown: tuple[Column, ...] = (
             ("parameter", "l", lambda part: short_name(part.place, design)),
@@ -334,6 +389,36 @@ def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
         yield Table.of(budget.looser, shown, "What may be looser", caption)
 
 
+def _adjustments(result: StudyResult) -> tuple[Change, ...]:
+    """Adjustments that the study does not ask for and that save builds, best first."""
+    now = result.final.result.interval[1]
+    return tuple(c for c in (result.budget.adjustments if result.budget else ()) if c.result.value > now)
+
+
+def _worst(result: StudyResult) -> Table:
+    """The worst trials: their files, what misses most in them, and why they fail."""
+    design, limits = result.plan.question.design, result.final.limits
+
+    def missing(trial: WorstTrial) -> str:
+        largest = sorted(trial.misses, key=lambda place: -abs(trial.misses[place]))[:MOST_FAULTS]
+        return ", ".join(f"{short_name(place, design)} {trial.misses[place]:+.2g}" for place in largest)
+
+    def why(trial: WorstTrial) -> str:
+        if trial.faults:
+            return f"no design: {'; '.join(trial.faults)}"
+        values = {limit.label: trial.values[limit.label] for limit in limits}
+        missed = {l.label: values[l.label] for l in limits if not l.low <= values[l.label] <= l.high} or values
+        return ", ".join(f"{label} {number(value)}" for label, value in [*missed.items()][:MOST_FAULTS])
+
+    columns: tuple[Column, ...] = (
+        ("trial", "r", lambda trial: str(trial.number)),
+        ("misses most [tolerances]", "l", missing),
+        ("why", "l", why),
+        ("file", "l", lambda trial: trial.file or "none"),
+    )
+    return Table.of(result.worst, columns, "Worst trials", "Every number of each is in results.json and its file.")
+
+
 def _change_words(result: StudyResult, change: Change) -> str:
     """A change as one would ask a shop for it."""
     design = result.plan.question.design
@@ -344,7 +429,10 @@ def _change_words(result: StudyResult, change: Change) -> str:
     for place, grade, to in change.steps:
         name = "calibration of each build" if place == CALIBRATION else short_name(place, design)
         if change.kind == "adjustment":
-            said.append(f"adjust: {name}" + (f", ± {_width(design, place, to)}" if math.isfinite(to) else ""))
+            said.append(
+                f"{FOCUS.get(place, 'adjust')}: {name}"
+                + (f", ± {_width(design, place, to)}" if math.isfinite(to) else "")
+            )
         else:
             said.append(f"{name} to ± {_width(design, place, to)}" + (f" ({grade})" if grade else ""))
     return "; ".join(said)
