@@ -21,9 +21,6 @@ Result = TypeVar("Result")
 Tell = Callable[[float | None, str], None]
 """Told the share that is done (None: unknown) and what is being done."""
 
-KNOWABLE = 0.02
-"""Share of a run from which on the time that is left is told."""
-
 GRACE = 2.0
 """Seconds that a cancelled run has to tidy up before it is killed."""
 
@@ -40,16 +37,14 @@ class Progress:
     text: str
     """Description of the step at work."""
     seconds: float
-    """Time since its start [s]."""
     told: float = 0.0
     """Time from its start until that share was done [s]."""
 
     @property
     def left(self) -> float | None:
         """Time to its end, if it goes on as it has [s]; None where too little is done to tell."""
-        if self.share is None or self.share < KNOWABLE:
-            return None
-        return max(self.told / self.share - self.seconds, 0.0)
+        known = self.share is not None and self.share >= 0.02
+        return max(self.told / self.share - self.seconds, 0.0) if known else None
 
 
 @dataclass(frozen=True)

@@ -432,8 +432,8 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
     design, trials = request.design, request.trials
     tell(None, "limits and tolerances")
     data: dict[str, Any] = quick_study(design, request.seed) | {"grade": request.grade, "trials": trials}
-    own = [limit.model_dump(exclude_none=True) for limit in request.limits]
-    data["goals"] = own if request.only_own else data["goals"] + own
+    limits = [limit.model_dump(exclude_none=True) for limit in request.limits]
+    data["goals"] = limits if request.only_own else data["goals"] + limits
     if not request.calibrated:
         data["compensators"] = []
     plan, study, grades = tolerance_plan(data, design)

@@ -69,9 +69,6 @@ LIGHT_GROUPS = tuple(dict.fromkeys(field.group for field in LIGHT))
 KNOWN_ALIKE = 1.1
 """Factor within which depth counts as known as well as on the axis."""
 
-ALSO = 0.25
-"""Share of the largest loss at the corner from which another is told beside it."""
-
 LEAST, MOST = 160, 3000
 """Sizes that a picture is made in [px]."""
 
@@ -427,8 +424,8 @@ def _falls(evaluation: Evaluation) -> tuple[str, str]:
         (kept, "stops cut images", "a wider lens or stops, a smaller pupil, or another d_3"),
         (slant, slanted, "a smaller sensor, or an exit pupil farther away, so that light meets the array straighter"),
     ))  # fmt: skip
-    most = 1 - causes[0][0]
-    told = [words for left, words, _ in causes if 1 - left > max(ALSO * most, 0.01)]
+    # Of two the smaller is told where it takes a quarter of what the larger does.
+    told = [words for left, words, _ in causes if 1 - left > max(0.25 * (1 - causes[0][0]), 0.01)]
     return listed(told or ["images shrink"]), causes[0][2] if told else "another d_3"
 
 

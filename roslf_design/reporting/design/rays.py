@@ -228,8 +228,7 @@ def _section(
         left, right = -front - CLOSE * length / 4, CLOSE * length - front
     elif close:
         left, right = design.d_1 - 3 * design.d_2, end + design.d_2 / 4
-    solid = reaches(design, left, right)
-    solid += [math.hypot(*design.sensor_size) / 2] * (right >= end)
+    solid = [*reaches(design, left, right), *[math.hypot(*design.sensor_size) / 2] * (right >= end)]
     high = np.abs([_heights(fan, left, right if close else math.inf) for fan in drawn])
     # Where all light passes, and where it starts; what is blocked may run to any height.
     lit = max(*solid, high[..., 0].max(), np.where([fan.kept for fan in drawn], high.max(axis=-1), 0.0).max())
@@ -315,8 +314,8 @@ def _named(design: Design, sides: Mapping[str, int], whole: bool, close: str) ->
     names += [(-(at.near + at.far) / 2, name_of_drawn(at)) for at in design.in_bore]
     planes = f", H and H' {short(gap)} mm apart" if (gap := design.main_lens.kind.gap) else ""
     end = design.d_1 + design.d_2
-    names += [(0.0, f"main lens{planes}{openings['D']}")]
-    names += [(design.d_1, "MLA"), (end, "sensor")] if close else [(end, "MLA, sensor")]
+    names += [(0.0, f"main lens{planes}{openings['D']}"), (end, "sensor" if close else "MLA, sensor")]
+    names += [(design.d_1, "MLA")] * bool(close)
     return sorted([*names, *([(-design.d_f, "object plane")] if whole else [])])
 
 
@@ -400,9 +399,7 @@ def _block(start: float, end: float, low: float, high: float, fill: str, opacity
 def reaches(design: Design, left: float = -math.inf, right: float = math.inf) -> list[float]:
     """How far from the axis the main lens, stops and elements with a rim of their own reach, between two z [mm]."""
     halves = [(0.0, design.D / 2 + math.hypot(*design.main_lens.decentre))]
-    halves += [
-        (-stop.near, float(stop.part.outline.reach) + math.hypot(*stop.part.decentre)) for stop in design.openings
-    ]
+    halves += [(-at.near, float(at.part.outline.reach) + math.hypot(*at.part.decentre)) for at in design.openings]
     halves += [(-at.near, (at.part.half_height or 0.0) + math.hypot(*at.part.decentre)) for at in design.in_bore]
     return [reach for z, reach in halves if left <= z <= right]
 
@@ -510,9 +507,8 @@ def _lengths(design: Design, section: _SectionLayout) -> list[Mark]:
         level = bottom - (13 + DIMENSION_ROW * row) * up
         words = f"{symbol} = {short(stop - start)} mm"
         roomy = (stop - start) / mm > text_width(words, SMALL) + 24
-        if start < section.panel.x.low or stop > section.panel.x.high:
-            continue
-        if (stop - start) / mm < 1 or (symbol == "stop" and not roomy):
+        inside = section.panel.x.low <= start and stop <= section.panel.x.high
+        if not inside or (stop - start) / mm < 1 or (symbol == "stop" and not roomy):
             continue
         marks += [Line([z, z], [bottom - 2 * up, level - 4 * up], "grid", clip=False) for z in (start, stop)]
         marks.append(Line([start, stop], [level, level], "grey", 1.0, ends="|", clip=False))
