@@ -43,8 +43,9 @@ class Progress:
     @property
     def left(self) -> float | None:
         """Time to its end, if it goes on as it has [s]; None where too little is done to tell."""
-        known = self.share is not None and self.share >= 0.02
-        return max(self.told / self.share - self.seconds, 0.0) if known else None
+        if self.share is None or self.share < 0.02:
+            return None
+        return max(self.told / self.share - self.seconds, 0.0)
 
 
 @dataclass(frozen=True)
