@@ -60,9 +60,10 @@ class Picture:
         left, top, width = self.key_box
         marks = list(self.remarks)
         places, _ = _placed(self.keys, width or self.size[0] - left - 8)
-        for key, (x, y) in zip(self.keys, places, strict=True):
+        for key, (x, y, lines) in zip(self.keys, places, strict=True):
             marks += [shifted(sample, left + x + 11, top + y + 8) for sample in key.samples]
-            marks.append(Text(left + x + (27 if key.samples else 0), top + y + 12, key.text))
+            across = left + x + (27 if key.samples else 0)
+            marks += [Text(across, top + y + 12 + LEGEND_ROW * k, line) for k, line in enumerate(lines)]
         return marks
 
     def _all(self) -> list[Panel]:
@@ -90,16 +91,17 @@ class Picture:
         return self.svg()
 
 
-def _placed(keys: Sequence[Key], width: float) -> tuple[list[tuple[float, float]], float]:
-    """Left and top of each entry, and the height of all."""
-    x, y, places = 0.0, 0.0, []
+def _placed(keys: Sequence[Key], width: float) -> tuple[list[tuple[float, float, list[str]]], float]:
+    """Left, top and lines of each entry, and the height of all."""
+    x, y, down, places = 0.0, 0.0, 0.0, []
     for key in keys:
-        wide = 27 + text_width(key.text, SMALL)
+        lines = wrapped(key.text, width - 27)
+        wide = 27 + max(text_width(line, SMALL) for line in lines)
         if x > 0 and x + wide > width:
-            x, y = 0.0, y + LEGEND_ROW
-        places.append((x, y))
-        x += wide + 14
-    return places, y + LEGEND_ROW if keys else 0.0
+            x, y = 0.0, y + down
+        places.append((x, y, lines))
+        x, down = x + wide + 14, max(down if x > 0 else 0.0, LEGEND_ROW * len(lines))
+    return places, y + down
 
 
 def legend_height(keys: Sequence[Key], width: float) -> float:

@@ -37,6 +37,15 @@ class Progress:
     text: str
     """Description of the step at work."""
     seconds: float
+    told: float = 0.0
+    """Time from its start until that share was done [s]."""
+
+    @property
+    def left(self) -> float | None:
+        """Time to its end, if it goes on as it has [s]; None where too little is done to tell."""
+        if self.share is None or self.share < 0.02:
+            return None
+        return max(self.told / self.share - self.seconds, 0.0)
 
 
 @dataclass(frozen=True)
@@ -81,12 +90,13 @@ class ProcessJob(Generic[Result]):
         """How far it is, or how it ended; returns at once."""
         if not isinstance(self._state, Progress):
             return self._state
-        share, text = self._state.share, self._state.text
+        share, text, told = self._state.share, self._state.text, self._state.told
         try:
             while self._receiver.poll():
                 kind, content = self._receiver.recv()
                 if kind == "progress":
                     share, text = content
+                    told = time.monotonic() - self._began
                     continue
                 seconds = time.monotonic() - self._began
                 return self._end(Done(content, seconds) if kind == "done" else Failure(content))
@@ -94,7 +104,7 @@ class ProcessJob(Generic[Result]):
             self._process.join(GRACE)
             code = self._process.exitcode
             return self._end(Failure(f"the run ended without a result (exit code {code}); is memory short?"))
-        self._state = Progress(share, text, time.monotonic() - self._began)
+        self._state = Progress(share, text, time.monotonic() - self._began, told)
         return self._state
 
     def cancel(self) -> None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+from pydantic import ValidationError
 
 from ..camera import Camera
 from ..depth.measure import Trial, simulate
@@ -28,16 +29,18 @@ from ..reporting.tolerance.pages import depth_sentence, impossible_words
 from ..reporting.tolerance.pictures import LimitSpread, Offender, Yields
 from ..theory.depth_budget import depth_budget
 from ..theory.quantities import in_words, quantity_named
+from ..tolerancing.metrics import METRICS
 from ..tolerancing.places import perturbable, short_name
 from ..tolerancing.run import tally_chunk
 from ..tolerancing.sensitivities import sensitivity
-from ..tolerancing.study import TolerancePlan, make_plan, tolerance_plan
+from ..tolerancing.study import MetricGoal, TolerancePlan, make_plan, tolerance_plan
 from ..tolerancing.summaries import Variant, summarise
 from ..tolerancing.tally import merged
 from ..tolerancing.trials import lengths_built
 from ..tolerancing.yields import Yield, yield_at
+from ..toml_files import problems_of
 from ..units import format_quantity
-from ..words import to_html
+from ..words import listed, to_html
 from .jobs import Done, Failure, ProcessJob, Progress, Tell
 from .main_lens import TRIALS, explored_lens
 from .state import BY_SYMBOL, CONJUGATE, PLACES, State, fixed_conjugates, read, show
@@ -122,6 +125,10 @@ class ToleranceRequest:
     seed: int = field(default=0, metadata=SEED)
     calibrated: bool = True
     """Whether the decoder is calibrated on each build."""
+    limits: tuple[MetricGoal, ...] = ()
+    """Limits besides the first look's."""
+    only_own: bool = False
+    """Whether they stand instead of those."""
 
 
 @dataclass(frozen=True)
@@ -235,6 +242,18 @@ class MeasureRequest:
 Request = TypeVar("Request", ToleranceRequest, OptimiseRequest, MeasureRequest)
 
 
+USUAL_LIMITS = (
+    f"fill factor within {100 * FILL:g} % of nominal, depth noise (bound) {100 * DEPTH:g} % more at most, no field "
+    f"losing more than {100 * KEPT:g} % of its light, image centres found to {CENTRE:g} px"
+)
+"""The first look's limits in words."""
+LIMITED = [
+    {"key": name, "label": f"{metric.label} [{metric.unit}]" if metric.unit else metric.label}
+    for name, metric in METRICS.items()
+]
+"""Metrics that may be limited."""
+
+
 def forms(state: State) -> dict[str, Any]:
     """Content of the forms, with what is chosen by default."""
     design = state.design
@@ -242,6 +261,8 @@ def forms(state: State) -> dict[str, Any]:
     return {
         "grades": [{"key": grade, "chosen": grade == GRADES[1]} for grade in GRADES],
         "trials": lens.trials,
+        "usual": USUAL_LIMITS,
+        "limited": LIMITED,
         "goals": [{"key": key, "label": goal.label} for key, goal in GOALS.items()],
         "variables": [_offered(s, state) for s in VARIABLES],
         "held": [{"key": key, "label": held.label} for key, held in HELD.items()],
@@ -277,6 +298,9 @@ def read_form(kind: type[Request], design: Design, options: Options) -> Request:
         if control.name == "bounds":
             values["bounds"] = {symbol: _bounds(design, symbol, options) for symbol in values["variables"]}
             continue
+        if control.name == "limits":
+            values["limits"] = _limits(options)
+            continue
         if control.name == "place":
             values["place"] = tuple(float(length) for length in options.get("place", (0, 0)))
             continue
@@ -293,6 +317,8 @@ def read_form(kind: type[Request], design: Design, options: Options) -> Request:
         else:
             known = ", ".join(filter(None, control.metadata[KNOWN]))
             raise InputError((Problem(name, f"'{text}' is not known; there are {known}"),))
+    if values.get("only_own") and not values["limits"]:
+        raise InputError((Problem("limits", "there are none; choose a quantity to limit, or let the usual ones hold"),))
     if values.get("variables") == ():
         raise InputError((Problem("may vary", "nothing is chosen; tick at least one number that may vary"),))
     if "variables" in values and values["follows"] in values["variables"]:
@@ -315,6 +341,26 @@ def _bounds(design: Design, symbol: str, options: Options) -> tuple[float, float
         least = "not be negative" if symbol == "d_3" else "be above zero"
         raise InputError((Problem(f"{symbol}, bounds", f"{given}; the lower one must {least} and below the other"),))
     return low, high
+
+
+def _limits(options: Options) -> tuple[MetricGoal, ...]:
+    """Limits that were asked for: quantities with the ends beside them."""
+    rows = zip(*(options.get(f"limit_{part}", ()) for part in ("of", "min", "max")), strict=False)
+    asked = [(name, zip(("min", "max"), ends, strict=True)) for name, *ends in rows if name]
+    try:
+        return tuple(
+            MetricGoal(metric=name, **{end: _number_or_text(text) for end, text in ends if text.strip()})
+            for name, ends in asked
+        )
+    except ValidationError as error:
+        raise InputError(problems_of(error, MetricGoal)) from None
+
+
+def _number_or_text(text: str) -> float | str:
+    try:
+        return float(text.replace(",", "."))
+    except ValueError:
+        return text
 
 
 def _whole(name: str, text: str, low: int, high: int) -> int:
@@ -349,7 +395,9 @@ def summary(run: Run | None, design: Design, wrong: str = "") -> dict[str, Any]:
     state = run.job.poll()
     if isinstance(state, Progress):
         share = -1 if state.share is None else state.share
-        return shown | {"state": "running", "share": share, "text": state.text, "seconds": f"{state.seconds:.0f} s"}
+        left = "" if state.left is None else f" {share:.0%}, about {state.left:.0f} s left"
+        text = f"running{left}: {state.text}"
+        return shown | {"state": "running", "share": share, "text": text, "seconds": f"{state.seconds:.0f} s"}
     if isinstance(state, Failure):
         return shown | {"state": "failed", "message": wrong or state.message}
     _, _, show_result = KINDS[run.kind]
@@ -384,6 +432,8 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
     design, trials = request.design, request.trials
     tell(None, "limits and tolerances")
     data: dict[str, Any] = quick_study(design, request.seed) | {"grade": request.grade, "trials": trials}
+    limits = [limit.model_dump(exclude_none=True) for limit in request.limits]
+    data["goals"] = limits if request.only_own else data["goals"] + limits
     if not request.calibrated:
         data["compensators"] = []
     plan, study, grades = tolerance_plan(data, design)
@@ -425,9 +475,8 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
         spreads=tuple(_spreads(variant)),
         grades=tuple(by_grade),
         curve=tuple(curve),
-        question=f"{trials} builds to the grade '{study.grade}', the decoder {decoder}. A build is good where its fill "
-        f"factor stays within {100 * FILL:g} % of nominal, its depth noise (bound) grows by {100 * DEPTH:g} % at most, "
-        f"no field loses more than {100 * KEPT:g} % of its light, and image centres are found to {CENTRE:g} px. "
+        question=f"{trials} builds to the grade '{study.grade}', the decoder {decoder}. A build is good with: "
+        f"{'; '.join([USUAL_LIMITS] * (not request.only_own) + [_limit_words(limit) for limit in request.limits])}. "
         f"{depth_sentence(depth, design)} {impossible_words(variant)}".rstrip(),
     )
 
@@ -436,6 +485,13 @@ def _label(column: str) -> str:
     """A column in words, its field by name: ``fill_factor@2``."""
     name, _, number = column.partition("@")
     return f"{in_words(name)}, {PLACES[int(number)]}" if number else in_words(name)
+
+
+def _limit_words(limit: MetricGoal) -> str:
+    """A limit in a sentence."""
+    ends = {"at least": limit.min, "at most": limit.max}
+    told = [f"{word} {end:.4g} {METRICS[limit.metric].unit}".strip() for word, end in ends.items() if end is not None]
+    return f"{in_words(limit.metric)} {listed(told)}"
 
 
 def _offenders(plan: TolerancePlan) -> Iterator[Offender]:

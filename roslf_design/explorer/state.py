@@ -486,8 +486,15 @@ class History:
 TABS = {"camera": "Camera", "depth": "Depth", "tolerance": "Tolerance", "optimise": "Optimise", "space": "3D"}
 """Views of the explorer with their labels, first the one it opens with."""
 
-WHOLE: dict[str, bool | None] = {"auto": None, "object": True, "instrument": False}
-"""Extents of the meridional section: what suits, from the object plane on, or from the outermost stop on."""
+WHOLE: dict[str, dict[str, Any]] = {
+    "auto": {},
+    "object": {"whole": True},
+    "instrument": {"whole": False},
+    "tip": {"close": "tip"},
+    "sensor": {"close": "sensor"},
+}
+"""Extents of the meridional section, as `meridional` takes them: what suits, from the object plane on, from the
+outermost stop on, or close to one end."""
 
 PLACES = ("centre", "edge", "corner")
 """Microlenses with a name: of what the sensor sees."""

@@ -30,7 +30,7 @@ from ..reporting.optimise.pictures import change_bars, goal_front, search_histor
 from ..reporting.tolerance.pictures import offender_bars, spread_bars, yield_bars, yield_curve
 from ..theory.depth_budget import NOISE
 from ..theory.quantities import QUANTITIES
-from ..words import to_html
+from ..words import listed, to_html
 from .runs import OptimiseResult
 from .state import (
     BY_SYMBOL,
@@ -153,8 +153,8 @@ def _of(
 
 DRAWINGS = {
     "meridional": _Drawing(
-        "camera", "Rays in the meridional section", (1040, 240), lambda s: (s.design, WHOLE[s.look.whole]),
-        lambda design, whole, size: meridional(design, size, whole=whole),
+        "camera", "Rays in the meridional section", (1040, 240), lambda s: (s.design, s.look.whole),
+        lambda design, whole, size: meridional(design, size, **WHOLE[whole]),
     ),
     "microlens": _Drawing(
         "camera", "Image of a microlens", (340, 330),
@@ -173,7 +173,8 @@ DRAWINGS = {
         "depth", "Depth noise (bound) over the field", (520, 360), lambda s: (s.design,), depth_over_field
     ),
     "effects": _Drawing(
-        "depth", "Effects against their budgets", (520, 420), lambda s: (s.evaluation.effects,), effects_budget
+        "depth", "Effects against their budgets", (520, 420), lambda s: (s.evaluation.effects,),
+        lambda effects, size: effects_budget(effects, (size[0], math.inf)),
     ),
     "measured-profile": _of("measure", "Depth measured along a row", (520, 440), profile, tab="depth"),
     "measured-errors": _of("measure", "Errors of the depths measured", (520, 440), normalised, tab="depth"),
@@ -400,10 +401,11 @@ def depth_known(source: PictureSource) -> dict[str, Any]:
     tone, remedy = "good", ""
     if not alike.all():
         ends = curve.place[~alike][0]
-        text += f" The bound holds out to {short(ends, 3)} of {short(last, 3)} mm on the array; beyond stops cut images"
+        causes, remedy = _falls(source.evaluation)
+        text += f" The bound holds out to {short(ends, 3)} of {short(last, 3)} mm on the array; beyond {causes}"
         unknown = not math.isfinite(curve.sigma[-1])
         text += ", to nothing at the corner." if unknown else f", to {short(curve.sigma[-1], 3)} mm at the corner."
-        tone, remedy = "caution", "a wider lens or stops, a smaller pupil, or another d_3"
+        tone = "caution"
     if assumed is not None and budget.largest.name != NOISE:
         text += f" More light hardly helps: {budget.largest.name} rules."
     elif assumed is not None:
@@ -412,6 +414,19 @@ def depth_known(source: PictureSource) -> dict[str, Any]:
             "twice the light nearly does too: read noise rules." if dark > 1 else "so does four times the light."
         )
     return {"tone": tone, "text": text, "remedy": remedy, "rows": rows}
+
+
+def _falls(evaluation: Evaluation) -> tuple[str, str]:
+    """Causes of poorer depth at the field's corner, the largest first, and what helps against that one."""
+    kept, slant = evaluation.fields[-1].kept_fraction, evaluation.answer.corner_slant
+    slanted = f"light falls with its slant ({100 * slant:.3g} % left)"
+    causes = sorted((
+        (kept, "stops cut images", "a wider lens or stops, a smaller pupil, or another d_3"),
+        (slant, slanted, "a smaller sensor, or an exit pupil farther away, so that light meets the array straighter"),
+    ))  # fmt: skip
+    # Of two the smaller is told where it takes a quarter of what the larger does.
+    told = [words for left, words, _ in causes if 1 - left > max(0.25 * (1 - causes[0][0]), 0.01)]
+    return listed(told or ["images shrink"]), causes[0][2] if told else "another d_3"
 
 
 def _assumed_rows(evaluation: Evaluation) -> list[dict[str, str]]:

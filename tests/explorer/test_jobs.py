@@ -53,6 +53,20 @@ def until(job, kind, seconds=30.0):
     raise AssertionError(f"still {state}")
 
 
+@pytest.mark.parametrize(
+    ("share", "seconds", "told", "left"),
+    [
+        (0.25, 8.0, 8.0, 24.0),
+        (0.25, 10.0, 8.0, 22.0),
+        (0.5, 30.0, 8.0, 0.0),
+        (0.001, 9.0, 9.0, None),
+        (None, 9.0, 0.0, None),
+    ],
+)
+def test_the_time_left_is_that_of_the_share_that_is_not_done(share, seconds, told, left):
+    assert Progress(share, "", seconds, told).left == left
+
+
 def started(work, request):
     """A run, and the process that does it."""
     others = set(multiprocessing.active_children())

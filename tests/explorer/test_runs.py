@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from roslf_design.camera import Camera
 from roslf_design.depth.pictures import region_about
 from roslf_design.design import load
 from roslf_design.errors import InputError
@@ -20,9 +21,11 @@ from roslf_design.explorer.runs import (
     read_form,
     run_measure,
     run_optimise,
+    run_tolerance,
     summary,
 )
 from roslf_design.explorer.state import BY_SYMBOL, State, read
+from roslf_design.theory.quantities import QUANTITIES
 
 PAPER = load("paper")
 IMAGE_PITCH = 0.0627261
@@ -53,6 +56,42 @@ def test_what_the_tolerance_form_cannot_ask_is_told(options, message):
     with pytest.raises(InputError) as caught:
         read_form(ToleranceRequest, PAPER, options)
     assert message in str(caught.value)
+
+
+def limited(*rows, **more):
+    """Options of a form with such limits: quantity, min and max."""
+    return {f"limit_{part}": [row[k] for row in rows] for k, part in enumerate(("of", "min", "max"))} | more
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (limited(("object_sample_mm", "", "")), "object_sample_mm has no limit; give min, max or both"),
+        (limited(("object_sample_mm", "1 mm", "0.2")), "min 1 is above max 0.2"),
+        (limited(("fill_factor", "much", "")), "fill_factor is limited by a number"),
+        (limited(("price", "1", "")), "price"),
+        (limited(("", "", ""), only_own=["on"]), "limits: there are none; choose a quantity"),
+    ],
+)
+def test_limits_that_cannot_be_are_told(options, message):
+    with pytest.raises(InputError) as caught:
+        read_form(ToleranceRequest, PAPER, options)
+    assert message in str(caught.value)
+
+
+def test_own_limits_are_those_of_the_yield():
+    """Of the paper's object sample, 0.0945 mm: nearly all builds lie in a wide band, half of them above nominal."""
+    nominal = float(QUANTITIES["object_sample_mm"](Camera.of(PAPER)))
+    rows = (("object_sample_mm", "0.5 um", f"{2e3 * nominal} um"), ("object_sample_mm", repr(nominal), ""))
+    options = limited(*rows, ("", "", ""), trials=["256"], only_own=["on"])
+    result = run_tolerance(read_form(ToleranceRequest, PAPER, options))
+    (_, wide), (_, half) = result.limits
+    assert (wide.value, half.value) == (1.0, pytest.approx(0.5, abs=0.1))
+    assert result.share.value == half.value
+    assert "image centres" not in result.question
+    assert f"at least {nominal:.4g} mm" in result.question
+    both = read_form(ToleranceRequest, PAPER, limited(rows[0], trials=["64"]))
+    assert (both.only_own, [limit.metric for limit in both.limits]) == (False, ["object_sample_mm"])
 
 
 def test_the_optimise_form_is_read():
@@ -163,6 +202,7 @@ def test_a_run_is_told_from_start_to_cancel():
     run = Run.begin("tolerance", PAPER, {"trials": ["1000000"]})
     try:
         assert summary(run, PAPER)["state"] == "running"
+        assert summary(run, PAPER)["text"].startswith("running")
         assert summary(run, PAPER.replace(D_F=3.0))["stale"]
     finally:
         run.job.cancel()

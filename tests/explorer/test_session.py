@@ -258,6 +258,25 @@ def test_where_depth_is_unknown_is_hatched_and_told(changes, text, remedy):
     assert ('data-testid="unknown"' in page["picture_depth"]) == ("stops" not in text)
 
 
+@pytest.mark.parametrize(
+    ("name", "changes", "cause", "remedy"),
+    [
+        ("cystoscope", {}, "light falls with its slant (38.7 % left)", "smaller sensor"),
+        ("paper", {"main_lens.diameter": 36.0}, "stops cut images, to", "wider lens"),
+    ],
+)
+def test_what_spoils_depth_towards_the_corner_is_what_falls_there(name, changes, cause, remedy):
+    design = load(name).replace(changes)
+    known = played(Session(design), ("look", "tab", "depth"))["depth_known"]
+    assert f"beyond {cause}" in known["text"]
+    assert remedy in known["remedy"]
+    # Where no stop cuts, shot noise grows as light falls: sigma goes with one over its root.
+    result = evaluate(design)
+    grown = result.fields[-1].sigma_z_mm / result.fields[0].sigma_z_mm
+    by_light = result.answer.corner_slant**-0.5
+    assert (grown == pytest.approx(by_light, rel=0.02)) == (name == "cystoscope")
+
+
 def test_only_what_is_seen_is_drawn_and_only_what_has_changed_drawn_again(monkeypatch):
     drawn = []
     for name, drawing in list(DRAWINGS.items()):

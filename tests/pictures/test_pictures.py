@@ -10,7 +10,8 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.camera import Camera
-from roslf_design.drawing.marks import Area, Image
+from roslf_design.design import load, preset_names
+from roslf_design.drawing.marks import Area, Image, Text
 from roslf_design.errors import InputError
 from roslf_design.evaluation import default_fields, evaluate
 from roslf_design.evaluation.fields import field_openings
@@ -147,6 +148,35 @@ def test_lengths_are_to_scale_and_dimensioned(whole):
     for panel in ray_diagrams(PAPER).panels:
         across, up = panel.per_px
         assert across == pytest.approx(up)
+
+
+@pytest.mark.parametrize("name", preset_names())
+@pytest.mark.parametrize("close", ["", "tip", "sensor"])
+def test_a_section_fills_its_width_and_tells_by_how_much_it_is_stretched(name, close):
+    design = load(name)
+    picture = meridional(design, (1076, 240), close=close)
+    across, up = picture.mapping.per_px
+    assert picture.mapping.box[2] > 0.85 * picture.size[0]
+    stretched = next(key.text for key in picture.keys if "scale" in key.text)
+    factor = re.search(r"(heights|lengths) ×([\d.]+)", stretched)
+    expected = 1.0 if factor is None else float(factor[2]) ** (1 if factor[1] == "heights" else -1)
+    assert across / up == pytest.approx(expected, rel=1e-3)
+    for mark in picture.mapping.marks:
+        if isinstance(mark, Text):
+            x, _ = picture.mapping.at(mark.x, mark.y)
+            assert 0 < x + mark.dx < picture.size[0]
+    words = _words(picture.svg())
+    tip = -float(Camera.of(design.thin_twin).tip)
+    assert (picture.mapping.x.low <= tip <= picture.mapping.x.high) == (close != "sensor")
+    assert ("sensor" in words) == (close != "tip")
+
+
+@pytest.mark.parametrize(("name", "stretched"), [("paper", False), ("cystoscope", True)])
+def test_a_section_that_is_flat_to_scale_is_drawn_stretched_too(name, stretched):
+    picture = ray_diagrams(load(name))
+    across, up = picture.panels[-1].per_px
+    assert across / up == pytest.approx(4.0 if stretched else 1.0)
+    assert ("lengths to scale, heights ×4" in _words(picture.svg())) == stretched
 
 
 def test_pixels_of_a_microlens_are_its_exact_coverage():

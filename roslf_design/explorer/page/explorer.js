@@ -552,6 +552,17 @@
     template: `<input type="text" spellcheck="false" autocomplete="off" :name="name" :aria-label="label" :value="own === null ? usual : own" @input="typed" @change="left" />`,
   };
 
+  // Limits of the yield: the usual ones, and as many of one's own as are added.
+  const LimitsView = {
+    props: ["forms"],
+    setup() { return { count: ref(1) }; },
+    template: `
+<fieldset class="vary limits"><legend>A good build holds</legend><p class="hint">{{ forms.usual }}</p>
+<div v-for="n in count" :key="n"><select name="limit_of" :aria-label="'Limited quantity ' + n"><option value="">{{ n > 1 ? 'nothing more' : 'nothing else' }}</option><option v-for="item in forms.limited" :key="item.key" :value="item.key">{{ item.label }}</option></select>
+<label>min <input type="text" name="limit_min" spellcheck="false" autocomplete="off" :aria-label="'Least ' + n" /></label><label>max <input type="text" name="limit_max" spellcheck="false" autocomplete="off" :aria-label="'Greatest ' + n" /></label></div>
+<button type="button" @click="count++">Add a limit</button><label class="tick"><input type="checkbox" name="only_own" />these alone, without the usual limits</label></fieldset>`,
+  };
+
   const Menu = {
     props: ["label", "name"],
     template: `<details class="menu" :data-testid="'menu-' + name"><summary>{{ label }}</summary><div class="panel"><slot></slot></div></details>`,
@@ -570,6 +581,7 @@
       app.component("rx-space", Space);
       app.component("rx-run", RunView);
       app.component("rx-bound", BoundView);
+      app.component("rx-limits", LimitsView);
       app.config.globalProperties.$rx = {
         ask, askAs, turnTheme, fetchFile, fetchPng, copyLink, upload, path, preset, toViews, tabKeys, turnSheet, closeMenus, startRun, say, reload: () => location.reload(),
       };

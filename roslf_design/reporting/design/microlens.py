@@ -283,8 +283,12 @@ def _beyond(view: _ImageView, x: Scale, y: Scale) -> list[Mark]:
 
 def _image_keys(design: Design, on_picture: bool = False) -> list[Key]:
     """Keys of the lines of a microlens image, on plain ground or on a picture of its light."""
-    rims = dict.fromkeys(_rims(design, on_picture))
-    openings = [line_key(f"rim of {name}", colour, 1.2, "5 3") for name, colour in rims]
+    rims: dict[str, list[str]] = {}
+    for name, colour in dict.fromkeys(_rims(design, on_picture)):
+        rims.setdefault(colour, []).append(name)
+    # Lines of one colour are not told apart.
+    words = {colour: names[0] if len(names) == 1 else f"{len(names)} elements" for colour, names in rims.items()}
+    openings = [line_key(f"rim of {of}", colour, 1.2, "5 3") for colour, of in words.items()]
     chief = dot_key("chief ray", "vermillion", "+", 6, width=2)
     return [
         line_key("image", ON_PICTURE if on_picture else "ink", 1.8),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Mapping
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +44,10 @@ BEYOND = 1.5
 """How far beyond all else blocked rays are followed, in its half heights."""
 FLAT = 60.0
 """Height of a section below which no diameters are told inside it [px]."""
+CLOSE = 0.125
+"""Share of the instrument that a view of its tip shows."""
+STRETCHED = 320.0
+"""Height of a section whose heights are drawn larger, where those to scale are flat [px]."""
 LOWEST, TALLEST = 90.0, 270.0
 """Least height of a section, and greatest of one that is to scale [px]."""
 
@@ -87,8 +91,9 @@ def is_centred(design: Design) -> bool:
 
 
 def meridional(
-    design: Design, size: Point = (900, 340), *, whole: bool | None = None, to_scale: bool = False, key: bool = True
-) -> Picture:
+    design: Design, size: Point = (900, 340), *, whole: bool | None = None, to_scale: bool = False, key: bool = True,
+    close: Literal["", "tip", "sensor"] = "",
+) -> Picture:  # fmt: skip
     """Draw the section in which rays run.
 
     Parameters
@@ -101,10 +106,12 @@ def meridional(
         From the object plane on (True; never where that is at infinity), or from a little before the outermost stop
         (False). None shows the way to the object unless the instrument would be small beside it.
     to_scale : bool
-        Heights as lengths, with ticks on both axes; the picture is as high as that makes it. Else heights fill the
-        picture, larger than lengths by a round factor.
+        Heights as lengths, with ticks on both axes; the picture is as high as that makes it. Else both fill the
+        picture, heights larger or smaller than lengths by a round factor.
     key : bool
         Whether a legend is drawn.
+    close : {"", "tip", "sensor"}
+        Only what stands about the tip, or about array and sensor; `whole` is then of no account.
 
     Returns
     -------
@@ -117,6 +124,7 @@ def meridional(
     """
     thin = design.thin_twin.with_own_stop
     whole = math.isfinite(design.d_f) and (_instrument_share(design) > SMALLEST_SHARE if whole is None else whole)
+    whole = whole and not close
     drawn = _labelled_fans(thin)
     keys = [
         line_key(fan.label if fan.kept.any() else f"{fan.label} (dark)", colour, 1.9)
@@ -132,7 +140,7 @@ def meridional(
     # How many rows the legend takes must be known before the scale is, which it tells.
     longest = Key(_scale_label(design, 100.0, whole), ruler)
     foot = legend_height([*keys, longest], size[0] - 28) if key else 0.0
-    section = _section(thin, drawn, (size[0], size[1] - foot), whole, to_scale)
+    section = _section(thin, drawn, (size[0], size[1] - foot), whole, to_scale, close)
     keys.append(Key(_scale_label(design, section.exaggeration, whole), ruler))
     tip, half = -_front(thin), section.half
     marks: list[Mark] = [_block(tip, thin.d_1 + thin.d_2, -half, half, "pale", 0.28)]
@@ -142,8 +150,9 @@ def meridional(
     for fan, colour in zip(drawn, FIELDS, strict=True):
         marks += _fan(fan, colour, half)
     marks += [*_elements(thin, section), *_names(section), *_openings(thin, section), *_lengths(thin, section)]
-    panel = section.panel.with_marks(*marks)
-    height = panel.bottom + 42 + foot if to_scale else size[1]
+    ends = section.panel.x[:2]
+    panel = section.panel.with_marks(*(mark for mark in marks if mark.clip or _within(mark, *ends)))
+    height = panel.bottom + 42 + foot if to_scale else max(size[1], panel.bottom + section.under + foot)
     title = (
         f"Meridional section of {design.name}: rays of {', '.join(fan.label for fan in drawn)}; "
         f"{blocked} of {sum(fan.kept.size for fan in drawn)} drawn rays are blocked"
@@ -152,11 +161,21 @@ def meridional(
     return Picture("meridional", title, (size[0], height), (panel,), tuple(keys) if key else (), key_box)
 
 
+def _within(mark: Mark, low: float, high: float) -> bool:
+    """Whether a mark that may leave the panel stands between the ends of its abscissa."""
+    at = np.asarray(mark.x if isinstance(mark, Line | Text) else low)
+    return bool(np.all((low <= at) & (at <= high)))
+
+
 def ray_diagrams(design: Design, width: float = PAGE) -> Picture:
-    """All of the section to scale and, where that is small in it, the instrument below."""
+    """All of the section to scale and, where that is small in it, the instrument below; stretched where it is flat."""
     whole = math.isfinite(design.d_f)
     views = [whole] if not whole or _instrument_share(design) >= 0.75 else [True, False]
     pictures = [meridional(design, (width, 0), whole=view, to_scale=True, key=not n) for n, view in enumerate(views)]
+    thin = design.thin_twin.with_own_stop
+    last = _section(thin, _labelled_fans(thin), (width, 0), views[-1], True)
+    if 2 * max(reaches(thin)) < FLAT * last.panel.per_px[1]:
+        pictures.append(meridional(design, (width, STRETCHED), whole=False))
     return beside("rays", pictures[0].title, pictures, down=True)
 
 
@@ -173,6 +192,8 @@ def _instrument_share(design: Design) -> float:
 
 def _scale_label(design: Design, exaggeration: float, whole: bool) -> str:
     words = "to scale" if exaggeration == 1 else f"lengths to scale, heights ×{short(exaggeration)}"
+    if exaggeration < 1:
+        words = f"heights to scale, lengths ×{short(1 / exaggeration)}"
     return words if whole else f"{words}; object plane {short(design.d_f)} mm before the lens"
 
 
@@ -192,39 +213,47 @@ class _SectionLayout(NamedTuple):
     """Row of each name, so that names do not overlap."""
     whole: bool
     """Whether the object plane is in it."""
+    under: float
+    """Room below it for dimensions [px]."""
 
 
-def _section(design: Design, drawn: list[_LabelledFan], size: Point, whole: bool, to_scale: bool) -> _SectionLayout:
+def _section(
+    design: Design, drawn: list[_LabelledFan], size: Point, whole: bool, to_scale: bool, close: str = ""
+) -> _SectionLayout:
     end, front = design.d_1 + design.d_2, _front(design)
     length = end + (design.d_f if whole else front)
     left = -design.d_f - 0.05 * length if whole else -front - 0.14 * length
     right = end + 0.07 * length
-    solid = [*reaches(design), math.hypot(*design.sensor_size) / 2]
-    high = np.abs([np.where(fan.z >= left, fan.x, 0.0) for fan in drawn])
+    if close == "tip":
+        left, right = -front - CLOSE * length / 4, CLOSE * length - front
+    elif close:
+        left, right = design.d_1 - 3 * design.d_2, end + design.d_2 / 4
+    solid = [*reaches(design, left, right), *[math.hypot(*design.sensor_size) / 2] * (right >= end)]
+    high = np.abs([_heights(fan, left, right if close else math.inf) for fan in drawn])
     # Where all light passes, and where it starts; what is blocked may run to any height.
     lit = max(*solid, high[..., 0].max(), np.where([fan.kept for fan in drawn], high.max(axis=-1), 0.0).max())
     half = 1.08 * min(max(lit, high.max()), BEYOND * lit)
     side = (52.0 if to_scale else 16.0), 18.0 + text_width(f"d_2 = {short(design.d_2)} mm", SMALL)
     across = max(size[0] - sum(side), 50.0)
-    under = DIMENSION_ROW * (2 if whole or not to_scale or design.d_3 < 0 else 1) + (6 if to_scale else 14)
+    under = DIMENSION_ROW * (2 if whole or not (to_scale or close) or design.d_3 < 0 else 1) + (6 if to_scale else 14)
     rows, along, factor, over = [0], across / (right - left), 1.0, 0.0
     sides: dict[str, int] = {}
     names: list[tuple[float, str]] = []
     for _ in range(3):  # fewer pixels per millimetre may want more rows of names, and these leave fewer
         over = 8 + NAME_ROW * (1 + max(rows))
         up = TALLEST / (2 * half) if to_scale else max(size[1] - over - under, LOWEST) / (2 * half)
-        along = min(across / (right - left), up)
+        along = min(across / (right - left), up) if to_scale else across / (right - left)
         factor = 1.0 if to_scale else up / along
-        margin = 0.0 if to_scale else side[0] + (across - along * (right - left)) / 2
+        margin = 0.0 if to_scale else side[0]
         sides = _sides(design, along, margin - along * (left + design.d_3), whole)
         if 2 * half * along * factor < FLAT:
             sides = dict.fromkeys(sides, 0)
-        names = _named(design, sides, whole)
+        names = [name for name in _named(design, sides, whole, close) if left <= name[0] <= right]
         widths = [(text_width(name, SMALL) + 8) / along for _, name in names]
         rows = rows_of_names([z for z, _ in names], widths)
     if not to_scale:
-        power = 10.0 ** math.floor(math.log10(factor))
-        factor = max(step * power for step in EXAGGERATIONS if step * power <= factor * (1 + 1e-9))
+        steps = [step * 10.0**power for power in range(16) for step in EXAGGERATIONS]
+        factor = max(step for step in (*steps, *(1 / step for step in steps)) if step <= factor * (1 + 1e-9))
     width, tall = along * (right - left), 2 * half * along * factor
     x, y = side[0] + (across - width) / 2, over + (max(size[1] - over - under, LOWEST) - tall) / 2
     panel = Panel((x, y, width, tall), Scale(left, right), Scale(-half, half), bare=True)
@@ -234,7 +263,15 @@ def _section(design: Design, drawn: list[_LabelledFan], size: Point, whole: bool
             (x, 6.0, width, tall + over + under), panel.x, Scale(-half - under / along, half + over / along), (),
             "z [mm]", "height [mm]", grid="", equal=True, y_ticks=heights,
         )  # fmt: skip
-    return _SectionLayout(panel, half, factor, sides, tuple(names), tuple(rows), whole)
+    return _SectionLayout(panel, half, factor, sides, tuple(names), tuple(rows), whole, under)
+
+
+def _heights(fan: _LabelledFan, left: float, right: float) -> Array:
+    """Heights of a fan's rays at corners between two ends, and at these where both are; shape (N, V or V + 2)."""
+    inside = np.where((fan.z >= left) & (fan.z <= right), fan.x, 0.0)
+    if not math.isfinite(right):
+        return inside
+    return np.append(inside, [np.interp((left, right), *ray) for ray in zip(fan.z, fan.x, strict=True)], axis=1)
 
 
 def _sides(design: Design, along: float, before: float, whole: bool) -> dict[str, int]:
@@ -269,14 +306,16 @@ def _half(stop: Opening) -> float:
     return float(stop.outline.rim(np.ones(()), np.zeros(()))[0])
 
 
-def _named(design: Design, sides: Mapping[str, int], whole: bool) -> list[tuple[float, str]]:
+def _named(design: Design, sides: Mapping[str, int], whole: bool, close: str) -> list[tuple[float, str]]:
     """Names of elements where they stand, with the diameters that have no room elsewhere."""
     openings = {symbol: "" if side else f", {_diameter(design, symbol)}" for symbol, side in sides.items()}
     fap, *stops = design.openings
     names = [(-fap.near, f"{_pupil_name(design)}{openings['D_F']}"), *((-stop.near, stop.name) for stop in stops)]
     names += [(-(at.near + at.far) / 2, name_of_drawn(at)) for at in design.in_bore]
     planes = f", H and H' {short(gap)} mm apart" if (gap := design.main_lens.kind.gap) else ""
-    names += [(0.0, f"main lens{planes}{openings['D']}"), (design.d_1 + design.d_2, "MLA, sensor")]
+    end = design.d_1 + design.d_2
+    names += [(0.0, f"main lens{planes}{openings['D']}"), (end, "sensor" if close else "MLA, sensor")]
+    names += [(design.d_1, "MLA")] * bool(close)
     return sorted([*names, *([(-design.d_f, "object plane")] if whole else [])])
 
 
@@ -357,11 +396,12 @@ def _block(start: float, end: float, low: float, high: float, fill: str, opacity
     return Area([start, end, end, start], [high, high, low, low], fill, opacity, **more)
 
 
-def reaches(design: Design) -> list[float]:
-    """How far from the axis the main lens, stops and elements with a rim of their own reach [mm]."""
-    rims = [design.D / 2 + math.hypot(*design.main_lens.decentre)]
-    rims += [float(stop.part.outline.reach) + math.hypot(*stop.part.decentre) for stop in design.openings]
-    return rims + [(at.part.half_height or 0.0) + math.hypot(*at.part.decentre) for at in design.in_bore]
+def reaches(design: Design, left: float = -math.inf, right: float = math.inf) -> list[float]:
+    """How far from the axis the main lens, stops and elements with a rim of their own reach, between two z [mm]."""
+    halves = [(0.0, design.D / 2 + math.hypot(*design.main_lens.decentre))]
+    halves += [(-at.near, float(at.part.outline.reach) + math.hypot(*at.part.decentre)) for at in design.openings]
+    halves += [(-at.near, (at.part.half_height or 0.0) + math.hypot(*at.part.decentre)) for at in design.in_bore]
+    return [reach for z, reach in halves if left <= z <= right]
 
 
 def _glass(design: Design, section: _SectionLayout) -> list[Mark]:
@@ -459,12 +499,16 @@ def _lengths(design: Design, section: _SectionLayout) -> list[Mark]:
         rows[0] = ("stop", 0.0, -design.d_3, 1)
     if section.whole:
         rows.append(("d_f", -design.d_f, 0.0, 1))
+    apart = design.d_2 / mm > text_width(beside := f"d_2 = {short(design.d_2)} mm", SMALL) + 24
+    if apart:
+        rows.append(("d_2", design.d_1, end, 0))
     below = 0.0
     for symbol, start, stop, row in rows:
         level = bottom - (13 + DIMENSION_ROW * row) * up
         words = f"{symbol} = {short(stop - start)} mm"
         roomy = (stop - start) / mm > text_width(words, SMALL) + 24
-        if (stop - start) / mm < 1 or (symbol == "stop" and not roomy):
+        inside = section.panel.x.low <= start and stop <= section.panel.x.high
+        if not inside or (stop - start) / mm < 1 or (symbol == "stop" and not roomy):
             continue
         marks += [Line([z, z], [bottom - 2 * up, level - 4 * up], "grid", clip=False) for z in (start, stop)]
         marks.append(Line([start, stop], [level, level], "grey", 1.0, ends="|", clip=False))
@@ -475,7 +519,8 @@ def _lengths(design: Design, section: _SectionLayout) -> list[Mark]:
             marks.append(Text(stop, level, words, "ink", SMALL, dx=8, dy=4))
         else:
             marks.append(Text(start, level, words, "ink", SMALL, "end", dx=-8, dy=4))
-    marks.append(Text(end, bottom, f"d_2 = {short(design.d_2)} mm", "ink", SMALL, dx=8, dy=17 + below))
+    if not apart:
+        marks.append(Text(end, bottom, beside, "ink", SMALL, dx=8, dy=17 + below))
     return marks
 
 
