@@ -13,6 +13,7 @@ from roslf_design.drawing.marks import Dots
 from roslf_design.reporting import story
 from roslf_design.reporting.blocks import Report
 from roslf_design.reporting.sheet import lines as datasheet
+from roslf_design.reporting.sheet import resolution
 from roslf_design.reporting.sheet.lines import EXPECTED, datasheet_section
 from roslf_design.reporting.sweep import sweep_picture
 from roslf_design.theory.depth_budget import depth_budget
@@ -31,6 +32,13 @@ metric = "fill_factor"
 min = 0.9
 max = 1.1
 """
+
+
+@pytest.fixture
+def coarse_map(monkeypatch):
+    """Nine places of the map of resolution instead of 195: where nobody looks at it."""
+    monkeypatch.setattr(resolution, "COLUMNS", 3)
+    monkeypatch.setattr(resolution, "ROWS", 3)
 
 
 def test_a_sheet_tells_each_line_with_its_tolerance(tmp_path, capsys, monkeypatch):
@@ -162,7 +170,9 @@ def test_what_a_calibration_leaves_uncertain_against_cameras_drawn_from_it(calib
     assert "drop the wrong one" in err
 
 
-def test_a_report_with_a_calibration_begins_with_the_page_of_that_instrument(calibration, monkeypatch, capsys):
+def test_a_report_with_a_calibration_begins_with_the_page_of_that_instrument(
+    calibration, monkeypatch, capsys, coarse_map
+):
     design, _, folder = calibration
     sheets = []
 
@@ -247,7 +257,7 @@ def test_a_calibrated_camera_is_not_known_worse_than_it_was_built(monkeypatch):
     assert loose.u_z_mm > 5 * budget.u_z_mm
 
 
-def test_a_page_of_one_design(tmp_path, capsys):
+def test_a_page_of_one_design(tmp_path, capsys, coarse_map):
     code, _, _ = run(capsys, "datasheet", "video-otoscope", "-o", tmp_path / "sheet.html")
     page = (tmp_path / "sheet.html").read_text()
     assert code == 0

@@ -2,19 +2,13 @@
 
 import pytest
 
-from roslf_design.reporting.blocks import Figure
-from roslf_design.reporting.design import pages as design
 from tests.reporting import made
-
-NAMES = ("dimensions", "rays", "cells", "view", "images", "waves", "maps", "plane", "depth", "effects")
-BLANK = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="9pt" height="9pt"></svg>'
 
 
 @pytest.fixture
 def without_figures(monkeypatch):
-    """Blank figures in every design's report."""
-    blank = {name: Figure(name, name, name, BLANK) for name in NAMES}
-    monkeypatch.setattr(design, "_design_figures", lambda *_: blank)
+    """As `made.without_figures` says."""
+    made.without_figures(monkeypatch)
 
 
 @pytest.fixture(scope="module")

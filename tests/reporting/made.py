@@ -1,12 +1,24 @@
 """What makes reports quick where a test looks at neither figures nor yields."""
 
 from roslf_design.reporting import story
+from roslf_design.reporting.blocks import Figure
+from roslf_design.reporting.design import pages
 from roslf_design.reporting.sheet import lines as datasheet
+from roslf_design.reporting.sheet import resolution
 from roslf_design.tolerancing import result
+
+NAMES = ("dimensions", "rays", "cells", "view", "images", "waves", "maps", "plane", "depth", "effects")
+BLANK = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="9pt" height="9pt"></svg>'
+
+
+def without_figures(patch):
+    """Blank figures of every design; those of data sheets and of studies stay."""
+    blank = {name: Figure(name, name, name, BLANK) for name in NAMES}
+    patch.setattr(pages, "_design_figures", lambda *_: blank)
 
 
 def few_builds(patch):
-    """A first look at tolerances by a handful of builds, at few other scales of them; sheets' lines by fewer.
+    """A first look at tolerances by a handful of builds, at few other scales of them; sheets' lines and maps by fewer.
 
     Without predicted depth precision, which is many times the work of all else.
     """
@@ -18,6 +30,8 @@ def few_builds(patch):
 
     patch.setattr(datasheet, "FEW", 6)
     patch.setattr(datasheet, "MANY", 64)
+    patch.setattr(resolution, "COLUMNS", 3)
+    patch.setattr(resolution, "ROWS", 3)
     patch.setattr(story, "quick_study", without_depth)
     patch.setattr(story, "_quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))
     patch.setattr(

@@ -25,6 +25,8 @@ from roslf_design.reporting.printers import render_html
 from roslf_design.reporting.story import full_report
 from tests.pictures.designs import DESIGNS, THROUGH
 
+pytestmark = pytest.mark.usefixtures("few_builds")
+
 SECTIONS = (
     *("summary", "the-design", "parts-list", "evaluation", "rays", "microlens-images", "design-space", "effects"),
     *("tolerances", "calibration-plan", "accuracy", "assumptions-and-what-was-left-out", "how-this-report-was-made"),
