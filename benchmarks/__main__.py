@@ -15,19 +15,26 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from . import bore, commands, page, peers, rates
+from . import commands, page, peers, rates, scaling
 from .turns import Row
 
 REPORT, QUICK = Path("reports/benchmarks"), Path("out/benchmarks-quick")
-DATA, SCHEMA = "benchmarks.json", "roslf.benchmarks/2"
-PARTS = {"commands": commands.measure, "rates": rates.measure, "bore": bore.measure, "peers": peers.measure}
+DATA, SCHEMA = "benchmarks.json", "roslf.benchmarks/3"
+PARTS = {
+    "commands": commands.measure,
+    "rates": rates.measure,
+    "peers": peers.measure,
+    "scaling": scaling.measure,
+}
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, or read what was measured; write JSON, page and README's table."""
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("--quick", action="store_true", help="few runs of small sizes: under three minutes")
-    parser.add_argument("--only", action="append", default=[], metavar="NAME", help="rows to run; printed, not stored")
+    parser.add_argument(
+        "--only", action="append", default=[], metavar="NAME", help="a row, or a whole part; printed, not stored"
+    )
     parser.add_argument("--redraw", action="store_true", help="page and table again from the stored run")
     parser.add_argument("--readme", action="store_true", help="put the table into README.md")
     parser.add_argument("--compare", metavar="REV", help="every command here and at this revision, in turn")
@@ -56,8 +63,11 @@ def run(quick: bool, chosen: Sequence[str]) -> dict[str, Any]:
     """Everything, or the rows that are chosen; lines are printed as they come."""
     machine = describe()
     parts: dict[str, list[Row]] = {part: [] for part in PARTS}
+    single = [name for name in chosen if name not in PARTS]
     for part, measure in PARTS.items():
-        for row in measure(quick, chosen):
+        if chosen and not single and part not in chosen:
+            continue
+        for row in measure(quick, () if part in chosen else single):
             print(page.line(row), flush=True)
             parts[part].append(row)
     rows = {part: [asdict(row) for row in rows] for part, rows in parts.items()}

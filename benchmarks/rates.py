@@ -17,11 +17,7 @@ from time import process_time
 import numpy as np
 import pyperf
 
-from roslf_design.calibration.decoding import LightField
 from roslf_design.camera import Camera
-from roslf_design.depth.estimate import PixelNoise
-from roslf_design.depth.geometry import ArrayGeometry
-from roslf_design.depth.measure import measure as measure_light_field
 from roslf_design.design import load
 from roslf_design.imaging.render import render
 from roslf_design.imaging.trace import RaySampling
@@ -33,7 +29,7 @@ from roslf_design.tolerancing.run import run_chunk
 from roslf_design.tolerancing.study import plan_from
 
 from .commands import REPOSITORY
-from .turns import Row, Side, environment, last_line
+from .turns import Row, Side, Spent, environment, last_line
 
 STUDIES = REPOSITORY / "studies"
 BLOCK, BLOCKS = 20_000, 20
@@ -41,8 +37,6 @@ BLOCK, BLOCKS = 20_000, 20
 REGION = (2000, 1300, 300, 200)
 RAYS = 64
 """A pixel."""
-VIEWS = (237, 365)
-"""Microlenses down and across of the light field that depth is measured in."""
 Work = Callable[[], object]
 Ready = tuple[Work, int]
 """A piece of work, and how many units of it are done in one go."""
@@ -112,33 +106,12 @@ def trials(study: str, adjusted: bool) -> Ready:
     return lambda: run_chunk(plan, 1), plan.chunk_trials(1)
 
 
-def depths() -> Ready:
-    """Disparity and depth of every microlens of the paper's decoded light field, neighbours' light taken out before."""
-    from scipy import ndimage
-
-    (rows, columns), across = VIEWS, np.arange(-6.0, 7.0)
-    random, margin = np.random.default_rng(0), 10
-    wall = ndimage.gaussian_filter(random.standard_normal((rows + 2 * margin, columns + 2 * margin)), 1.2)
-    wall = 1 + 0.15 * wall / wall.std()
-    values = np.zeros((13, 13, rows, columns), np.float32)
-    light = np.hypot(across[:, None], across) <= 6.5
-    for t, s in np.argwhere(light):
-        view = ndimage.shift(wall, (-0.03 * across[t], -0.03 * across[s]))
-        values[t, s] = view[margin:-margin, margin:-margin]
-    weight = np.array(np.broadcast_to(light[:, :, None, None], values.shape), np.float32)
-    u, v = (np.arange(float(count)) - count // 2 for count in (columns, rows))
-    field = LightField(values, weight, across, across, u, v, 13.0)
-    geometry, noise = ArrayGeometry(load("paper")), PixelNoise(5000.0, 4.0)
-    return lambda: measure_light_field(geometry, field, noise, search=(-0.6, 1.2)), rows * columns
-
-
 RATES = (
     Rate("designs", "cameras, each through every quantity", "designs", designs),
     Rate("shapes", "images of microlenses: area, centre, axes", "images", shapes),
     Rate("white", "white image", "pixels", partial(white, "square")),
     Rate("white-hexagonal", "white image, hexagonal array", "pixels", partial(white, "hexagonal")),
     Rate("rays", "checkerboard out of focus, traced backward", "rays", board),
-    Rate("depth", "depth of microlenses, 13 x 13 views", "microlenses", depths),
     Rate("trials", "tolerance trials, as built", "trials", partial(trials, "tolerance-paper", False), process_time),
     Rate(
         "trials-adjusted",
@@ -175,7 +148,7 @@ def ready(prepare: Callable[[], Ready]) -> Ready:
 
 def measure(quick: bool, chosen: Sequence[str]) -> Iterator[Row]:
     """Every rate, in processes that pyperf starts; as many threads as a command takes."""
-    size = ("-p", "1", "-n", "1") if quick else ("-p", "3", "-n", "3")
+    size = ("-p", "1", "-n", "1") if quick else ("-p", "2", "-n", "3")
     for one in RATES:
         if one.name not in chosen and (chosen or (quick and one.name == "trials-traced")):
             continue
@@ -185,9 +158,11 @@ def measure(quick: bool, chosen: Sequence[str]) -> Iterator[Row]:
             words += ["-l", "1", "-w", "0", "--quiet", "--copy-env"]
             environ = environment(None, REPOSITORY)
             done = subprocess.run(words, capture_output=True, text=True, check=False, cwd=REPOSITORY, env=environ)
-            values: list[float] | str = last_line(done.stderr)
+            values: list[Spent] | str = last_line(done.stderr)
             if not done.returncode:
-                values = list(pyperf.BenchmarkSuite.load(str(file)).get_benchmarks()[0].get_values())
+                values = [
+                    Spent(each) for each in pyperf.BenchmarkSuite.load(str(file)).get_benchmarks()[0].get_values()
+                ]
         yield Row(one.name, one.title, one.unit, (Side.of("here", values),))
 
 

@@ -4,25 +4,40 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import statistics
 import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-Arrays = dict[str, NDArray[Any]]
-Run = Callable[[], float]
-"""Does a piece of work once and says how many seconds it took."""
+from .spent import PATIENCE
 
-PATIENCE = 900.0
-"""Longest wait for one run [s]."""
+Arrays = dict[str, NDArray[Any]]
+
+
+class Spent(NamedTuple):
+    """What one run of a piece of work took."""
+
+    wall: float
+    """[s]"""
+    processor: float = math.nan
+    """Of all threads and processes together [s]; NaN where it is not known."""
+    peak: float = math.nan
+    """Memory of the largest process at its largest [MB]; NaN where it is not known."""
+
+
+Run = Callable[[], Spent]
+"""Does a piece of work once and says what it took."""
+
 POOLS = ("OMP", "OPENBLAS", "MKL", "NUMBA", "NUMEXPR", "VECLIB")
 """Thread pools; each is given its size by <name>_NUM_THREADS."""
 
@@ -59,17 +74,31 @@ class Side:
     """Why there are no seconds."""
     note: str = ""
     """What else is known of its answer."""
+    short: str = ""
+    """In what its answer falls short of ours, where its time stands all the same."""
+    processor: tuple[float, ...] = ()
+    """Processor seconds of each run; none where they are not known."""
+    peak: float | None = None
+    """Most memory of a process in any run [MB]."""
 
     @classmethod
-    def of(cls, label: str, seconds: list[float] | str, count: float = 1.0, note: str = "") -> Side:
+    def of(cls, label: str, runs: list[Spent] | str, count: float = 1.0, note: str = "", short: str = "") -> Side:
         """From what `in_turn` gives of it."""
-        fault = seconds if isinstance(seconds, str) else ""
-        return cls(label, () if fault else tuple(map(float, seconds)), count, fault, note)
+        if isinstance(runs, str):
+            return cls(label, count=count, fault=runs, note=note)
+        processor = tuple(run.processor for run in runs if math.isfinite(run.processor))
+        peak = max((run.peak for run in runs if math.isfinite(run.peak)), default=None)
+        return cls(label, tuple(run.wall for run in runs), count, "", note, short, processor, peak)
 
     @property
     def each(self) -> Spread:
         """Seconds for one unit of work."""
         return Spread.of([seconds / self.count for seconds in self.seconds])
+
+    @property
+    def judged(self) -> float:
+        """Median that a bar is held against, for one unit of work: processor seconds, where these are known."""
+        return statistics.median(self.processor or self.seconds) / self.count
 
     def ratio(self, other: Side) -> Spread:
         """How many times as long the other took for the same work, pair by pair of runs that followed each other.
@@ -95,17 +124,28 @@ class Row:
     """What is counted a second ("rays"); empty: the time itself is told."""
     sides: tuple[Side, ...] = ()
     note: str = ""
+    bar: float | None = None
+    """What ours is held to: units a second at least, or processor seconds at most."""
+
+    @property
+    def met(self) -> bool | None:
+        """Whether the first side meets the bar; None where there is none, or nothing was measured."""
+        if self.bar is None or not self.sides[0].seconds:
+            return None
+        judged = self.sides[0].judged
+        return 1 / judged >= self.bar if self.unit else judged <= self.bar
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Row:
         """From what `dataclasses.asdict` made."""
-        sides = tuple(Side(**{**side, "seconds": tuple(side["seconds"])}) for side in data["sides"])
+        times = ("seconds", "processor")
+        sides = tuple(Side(**side | {name: tuple(side[name]) for name in times}) for side in data["sides"])
         return cls(**{**data, "sides": sides})
 
 
 def in_turn(
     runs: Mapping[str, Run], rounds: int, most_seconds: float = PATIENCE, least: int = 1
-) -> dict[str, list[float] | str]:
+) -> dict[str, list[Spent] | str]:
     """Each once a round, every other round backwards, after a round that does not count (caches, compiled kernels).
 
     Parameters
@@ -122,54 +162,60 @@ def in_turn(
     Returns
     -------
     dict
-        Seconds of every counted run; of one that failed, what it said: it was left out from then on.
+        What every counted run took; of one that failed, what it said: it was left out from then on.
     """
-    results: dict[str, list[float] | str] = {label: [] for label in runs}
+    results: dict[str, list[Spent] | str] = {label: [] for label in runs}
     start = time.perf_counter()
     for index in range(rounds + 1):
         if index > least and time.perf_counter() - start > most_seconds:
             break
         for label in list(runs)[:: 1 if index % 2 else -1]:
-            seconds = results[label]
-            if isinstance(seconds, list):
+            counted = results[label]
+            if isinstance(counted, list):
                 try:
-                    seconds += [runs[label]()][: min(index, 1)]
+                    counted += [runs[label]()][: min(index, 1)]
                 except RunError as error:
                     results[label] = str(error)
     return results
 
 
+AS_USERS_HAVE_IT = ("PYTHONPATH", "PYTHONHOME", "PYTHONDONTWRITEBYTECODE", "PYTHONPYCACHEPREFIX")
+"""Left out of what a process runs in: with bytecode not kept, a command reads all sources anew each time."""
+
+
 def environment(threads: int | None = None, python_path: Path | None = None) -> dict[str, str]:
     """What a process runs in: no packages of the user's, no windows; pools of so many threads (None: as they like)."""
-    names = {name: value for name, value in os.environ.items() if name not in ("PYTHONPATH", "PYTHONHOME")}
+    names = {name: value for name, value in os.environ.items() if name not in AS_USERS_HAVE_IT}
     names |= {"MPLBACKEND": "Agg", "PYTHONNOUSERSITE": "1", "PYTHONWARNINGS": "ignore", "PYTHONHASHSEED": "0"}
     if threads is not None:
         names |= {f"{pool}_NUM_THREADS": str(threads) for pool in POOLS}
     return names | ({"PYTHONPATH": str(python_path)} if python_path else {})
 
 
-def process(words: Sequence[str], python_path: Path | None = None, prints: bool = False) -> Run:
-    """A whole process from its start to its exit, in an empty folder; or, where it `prints` them, its own seconds."""
+def process(
+    words: Sequence[str], python_path: Path | None = None, prints: bool = False, kernels: Path | None = None
+) -> Run:
+    """A whole process from its start to its exit, in an empty folder.
 
-    def run() -> float:
-        with tempfile.TemporaryDirectory(prefix="roslf-bench-") as folder:
-            start = time.perf_counter()
+    Where it `prints` them, its own seconds on its last line (wall, then perhaps processor) stand for those of the
+    process. `kernels`: where it keeps compiled kernels, if not where users have them.
+    """
+    environ = environment(None, python_path) | ({"NUMBA_CACHE_DIR": str(kernels)} if kernels else {})
+
+    def run() -> Spent:
+        with tempfile.TemporaryDirectory(prefix="roslf-bench-") as folder, tempfile.NamedTemporaryFile() as out:
+            script = (sys.executable, "-I", "-S", str(Path(__file__).with_name("spent.py")), out.name)
             try:
                 done = subprocess.run(
-                    words,
-                    capture_output=True,
-                    text=True,
-                    check=False,
-                    env=environment(None, python_path),
-                    cwd=folder,
-                    timeout=PATIENCE,
+                    (*script, *words), capture_output=True, text=True, check=False, env=environ, cwd=folder
                 )
-            except (OSError, subprocess.TimeoutExpired) as error:
+            except OSError as error:
                 raise RunError(str(error)[:300]) from error
-            seconds = time.perf_counter() - start
-        if done.returncode:
-            raise RunError(last_line(done.stderr) or f"exit code {done.returncode}")
-        return float(last_line(done.stdout)) if prints else seconds
+            if done.returncode:
+                raise RunError(last_line(done.stderr) or f"exit code {done.returncode}")
+            spent = Spent(*json.loads(Path(out.name).read_text()))
+        own = list(map(float, last_line(done.stdout).split())) if prints else [spent.wall, spent.processor]
+        return Spent(own[0], own[1] if len(own) > 1 else math.nan, spent.peak)
 
     return run
 
@@ -194,7 +240,7 @@ class Worker:
             env=environment(1, Path(__file__).resolve().parents[1] if work.startswith("here_") else None),
         )
 
-    def run(self) -> float:
+    def run(self) -> Spent:
         """Do the work once."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
@@ -206,7 +252,7 @@ class Worker:
             self._process.wait()
             self._log.seek(0)
             raise RunError(last_line(self._log.read()) or f"exit code {self._process.returncode}")
-        return float(json.loads(line))
+        return Spent(*json.loads(line))
 
     def answer(self) -> Arrays:
         """What its first run found."""

@@ -10,9 +10,10 @@ import pytest
 
 from benchmarks import __main__ as command
 from benchmarks import page, peers
-from benchmarks.commands import REPOSITORY, checked_out, commands
+from benchmarks.commands import FIRST, REPOSITORY, checked_out, commands, typed
 from benchmarks.peers import PEERS, Case, Peer, compare, install, interpreter
-from benchmarks.turns import Row, RunError, Side, Spread, in_turn, process
+from benchmarks.scaling import SERIES, growth, one
+from benchmarks.turns import Row, RunError, Side, Spread, environment, in_turn, process
 
 MACHINE = {
     "processor": "P",
@@ -29,9 +30,9 @@ def test_runs_take_turns_and_the_first_round_does_not_count():
     order = []
 
     def run(label):
-        return lambda: order.append(label) or float(len(order))
+        return lambda: order.append(label) or len(order)
 
-    assert in_turn({"a": run("a"), "b": run("b")}, 3) == {"a": [3.0, 6.0, 7.0], "b": [4.0, 5.0, 8.0]}
+    assert in_turn({"a": run("a"), "b": run("b")}, 3) == {"a": [3, 6, 7], "b": [4, 5, 8]}
     assert "".join(order) == "baabbaab"
     assert len(in_turn({"a": run("a")}, 9, most_seconds=0.0)["a"]) == 1
 
@@ -53,9 +54,83 @@ def test_ratios_are_of_pairs_so_that_the_machines_drift_cancels():
 
 
 def test_processes_are_timed_from_start_to_exit_or_print_their_own_seconds():
-    assert process((sys.executable, "-c", "print(0.25)"), prints=True)() == 0.25
+    assert process((sys.executable, "-c", "print(0.25)"), prints=True)().wall == 0.25
+    assert process((sys.executable, "-c", "print(0.25, 0.5)"), prints=True)()[:2] == (0.25, 0.5)
+    busy = process((sys.executable, "-S", "-c", "import time\nwhile time.process_time() < 0.3: pass"))()
+    assert 0.3 <= busy.processor <= busy.wall + 0.05
     with pytest.raises(RunError, match="not today"):
         process((sys.executable, "-c", "raise SystemExit('not today')"))()
+
+
+def test_memory_is_the_commands_own_and_not_that_of_who_starts_it():
+    mine = np.ones(40_000_000)
+    small, large = (process((sys.executable, "-S", "-c", f"b'x' * {size}"))().peak for size in (1, 100_000_000))
+    assert small < 100 < mine.nbytes / 1e6
+    assert large - small == pytest.approx(100, rel=0.1)
+
+
+def test_bytecode_is_kept_as_users_have_it(monkeypatch):
+    monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
+    assert "PYTHONDONTWRITEBYTECODE" not in environment()
+    assert environment(1)["OMP_NUM_THREADS"] == "1"
+
+
+def test_a_bar_is_of_processor_seconds_or_of_units_a_second():
+    side = Side("warm", (1.0, 1.0, 1.0), processor=(2.0, 2.1, 1.9))
+    rows = [Row("a", "A", sides=(side,), bar=2.5), Row("a", "A", sides=(side,), bar=1.5)]
+    rows += [Row("a", "A", "rays", (side,), bar=0.4), Row("a", "A", "rays", (side,), bar=0.6)]
+    assert [row.met for row in rows] == [True, False, True, False]
+    assert [page.bar(row).split(": ")[1] for row in rows] == ["met", "MISSED"] * 2
+    assert Row("a", "A", sides=(Side("warm", fault="no"),), bar=1.0).met is None
+    assert page.figure(rows[1]) == "2 s (at most 1.5 s: MISSED)"
+
+
+def test_growth_is_the_exponent_of_a_power_law_with_its_error():
+    sizes = (1e3, 1e4, 1e5, 1e6)
+    off = np.array([1, -1, -1, 1]) * 0.1  # square to line and constant, so the fit is not moved by it
+    times = 3e-6 * np.power(sizes, 1.5) * np.exp(off)
+    sides = [Side(f"{n:g}", (1.0,), n, processor=(t,)) for n, t in zip(sizes, times, strict=True)]
+    ones = growth(sides)
+    x = np.log(sizes)
+    assert ones.exponent == pytest.approx(1.5, rel=1e-12)
+    assert ones.error == pytest.approx(np.sqrt(0.04 / 2 / np.sum((x - x.mean()) ** 2)), rel=1e-9)
+    assert ones.at(1e7) == pytest.approx(times[-1] * 10**ones.at_end, rel=1e-9)
+    assert ones.at_end > ones.exponent
+    assert ones.faster
+    assert "FASTER" in page.grown(ones)
+    assert growth([Side("0", (1.0,), 0, processor=(1.0,)), *sides[:1]]) is None
+
+
+def test_what_takes_too_long_is_computed_and_says_so():
+    series = next(series for series in SERIES if series.name == "trials")
+    sides = [Side(f"{n:g}", (1.0,), n, processor=(1e-3 * n,)) for n in (1e3, 1e4, 1e5)]
+    far = one(series, 10**7, growth(sides))
+    assert far.seconds == ()
+    assert far.fault == "computed from the smaller ones, not run: 10000 s"
+    table = page.page({"scaling": [Row("scaling-trials", "T", "trials", (*sides, far))]}, MACHINE)
+    assert "not run: 10000 s" in table
+    assert "<svg" in table
+    assert "processor time [s]" in table
+
+
+@pytest.mark.parametrize("series", SERIES, ids=lambda series: series.name)
+def test_every_series_has_sizes_that_grow_and_is_prepared(series):
+    assert list(series.sizes) == sorted(set(series.sizes))
+    assert callable(series.prepare(series.sizes[0]))
+
+
+def test_readmes_first_commands_end_by_themselves():
+    first = typed((REPOSITORY / "README.md").read_text())[:FIRST]
+    assert [words[0] for words in first] == ["presets", "quantities", "evaluate", "evaluate", "evaluate"]
+
+
+def test_plain_estimators_disparities_are_judged_by_their_slope_on_the_true_ones():
+    true = np.linspace(-0.5, 0.5, 101).reshape(1, -1)
+    bias, scatter, within = peers.disparity_errors(true, {"disparity": 1.12 * true + 0.01})
+    assert (bias, scatter) == (pytest.approx(0.12), pytest.approx(0, abs=1e-12))
+    assert np.isnan(within)
+    known = {"disparity": true + 0.02, "sigma": np.where(true < 0, 0.01, 0.03)}
+    assert peers.disparity_errors(true, known)[2] == pytest.approx(51 / 101)
 
 
 def test_numbers_have_digits_that_count_and_units():
@@ -75,6 +150,8 @@ def rows():
     names = [name for _, joined in page.README_ROWS for name in joined]
     ours, other = Side("here", (1.0, 2.0)), Side("Other", (3.0, 4.0))
     made = {name: Row(name, f"what {name} does", sides=(ours,)) for name in names}
+    short = Side("Short", (0.5, 1.0), note="1 thread; 42.6% missing", short="off by 1")
+    made["centres-square"] = Row("centres-square", "centres", sides=(ours, short))
     made["singlet"] = Row("singlet", "rays", "rays", (ours, other, Side("Third", fault="off by 1")), "Note <b>.")
     return made
 
@@ -85,6 +162,7 @@ def test_readme_has_ten_rows_at_most_with_ratios_only_of_results_that_agree():
     assert len(lines) == len(page.README_ROWS) <= 10
     singlet = next(line for line in lines if line.startswith("| Rays through a singlet"))
     assert singlet.endswith("| 0.67 rays/s | Other: 2.5 [2, 3]; Third: off by 1 |")
+    assert "Short: 0.5 [0.5, 0.5], FASTER than here (42.6% missing) |" in table
     few = page.readme_table([row for name, row in rows().items() if name != "help"], MACHINE)
     assert "--help" not in few
 
@@ -158,7 +236,10 @@ def test_who_differs_or_is_missing_has_no_times():
     asked = ("centres-x", "Centres", "", {"scipy": 1, "batoid": 1}, {"image": image})
     case = Case(*asked, lambda a, b: "", lambda a: "ok")
     ours, missing = compare(case, {"batoid": "no wheel for it"}, 1, 0.0).sides
-    assert (len(ours.seconds), ours.note, ours.fault) == (1, "ok", "")
+    assert (len(ours.seconds), ours.note[-4:], ours.fault) == (1, "; ok", "")
     assert (missing.seconds, missing.fault) == ((), "no wheel for it")
     assert compare(Case(*asked, lambda a, b: "off by 1"), {}, 1, 0.0).sides[0].fault == "off by 1"
+    stands = compare(Case(*asked, lambda a, b: "off by 1", lambda a: "42.6 % missing", stands=True), {}, 1, 0.0)
+    assert (len(stands.sides[0].seconds), stands.sides[0].short) == (1, "off by 1")
+    assert "1 thread" in stands.sides[0].note
     assert peers.away("x", float("nan"), 1.0)
