@@ -285,13 +285,13 @@ class RealLens:
     def facts(self) -> list[tuple[str, str, str]]:
         """Name, value, remark."""
         thin = f"on the MLA; thin lens, Eq. 6: {number(self.thin_x_ml_max_mm)} mm"
-        ruler = "for a ruler" if self.first_vertex_to_fap_mm >= 0 else "seen through the lens"
+        ruler = "mechanical" if self.first_vertex_to_fap_mm >= 0 else "seen through the lens"
         focal = f"{number(self.focal_length_mm)} mm", f"back focal {number(self.back_focal_length_mm)} mm"
         return [
             ("lens", self.lens, ""),
             ("focal length", *focal),
             ("first vertex to the FAP", f"{number(self.first_vertex_to_fap_mm)} mm", f"{ruler}; d_3 is to H"),
-            ("last vertex to the MLA", f"{number(self.last_vertex_to_mla_mm)} mm", "for a ruler; d_1 is from H'"),
+            ("last vertex to the MLA", f"{number(self.last_vertex_to_mla_mm)} mm", "mechanical; d_1 is from H'"),
             ("undistorted, measured", f"{number(self.x_ml_max_mm)} mm", thin),
         ]
 

@@ -121,7 +121,7 @@ class Resolved:
         limits = (self.mtf50_lp_per_mm, self.mtf10_lp_per_mm, self.fold_lp_per_mm)
         half, tenth, fold = (number(limit or 0.0, 4) for limit in limits)
         if self.limited_by == "contrast":
-            return f"MTF 50 %; 10 % at {tenth}, folds at {fold}"
+            return f"MTF 50 %; 10 % at {tenth}, aliases above {fold}"
         return f"sampling; MTF 50 % at {half}, 10 % at {tenth}"
 
 

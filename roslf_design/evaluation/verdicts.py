@@ -126,7 +126,7 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
         folded = [field.x_ml_mm for field in lens.fields if field.status == "folded"]
         where = f"; folded at {', '.join(f'{place(x_ml)} mm' for x_ml in folded)}" if folded else ""
         other = lens.turned_x_ml_max_mm
-        turned = f"turned round the lens sees whole images out to {other:.4g} mm; " if other is not None else ""
+        turned = f"reversed, the lens sees whole images out to {other:.4g} mm; " if other is not None else ""
         ways = "a better corrected or wider lens, a FAP closer to it or a smaller sensor helps"
         text = f"field distorted: {bound}{where}; {sees}"
         return Verdict.of("field_undistorted", text, f"{turned}{by_thin or ways}")

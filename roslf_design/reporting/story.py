@@ -185,7 +185,7 @@ def _run_tolerances(
     """Run a tolerance study with all its analyses, in this process; nothing of it stays on the disk.
 
     As `tolerance_plan`; `progress` is told (trials done, trials in all), `seed` replaces the study's; `budgets`: what
-    reaches the wanted yield, too.
+    reaches the target yield, too.
     """
     plan, study, grades = tolerance_plan(_seeded(data, seed), design, folder, origin)
     return analyse(plan, study, grades, _tally(plan, progress), budgets=budgets)

@@ -108,9 +108,9 @@ class StudyResult:
     """Inverse sensitivity; empty where the nominal design misses a limit."""
     yield_curve: tuple[tuple[float, Yield], ...]
     scale_for_target: tuple[float, Yield] | None
-    """Common factor on all tolerances that meets the wanted yield."""
+    """Common factor on all tolerances that meets the target yield."""
     budget: ToleranceBudget | None
-    """Cheapest changes that reach the wanted yield, and what may be looser; None where the nominal design misses a
+    """Cheapest changes that reach the target yield, and what to relax; None where the nominal design misses a
     limit, or nobody asked."""
     grades: tuple[tuple[str, Yield], ...]
     """The study with each grade."""
@@ -215,7 +215,7 @@ def analyse(
     *,
     budgets: bool = True,
 ) -> StudyResult:
-    """Every analysis of a study whose trials have run; `budgets`: what reaches the wanted yield, too."""
+    """Every analysis of a study whose trials have run; `budgets`: what reaches the target yield, too."""
     variants, moves = summarise(plan, tally), sensitivity(plan)
     tracing = notes(plan.question.design, plan.question.fields)
     rss = tuple(rss_rows(plan, moves, variants[0]))

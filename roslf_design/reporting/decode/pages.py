@@ -19,11 +19,11 @@ CAPTIONS = {
     "lattice": (
         "Microlens centres on the raw image",
         "Crosses are the fitted centres that views are read about; each should sit in the middle of its image. Colours"
-        " tell which microlenses spoke in the fit.",
+        " tell which microlenses were used in the fit.",
     ),
     "white": (
         "Microlens images of the white image",
-        "Dots: light of all whole microlens images, each pixel at its place behind its microlens, folded into one."
+        "Dots: light of all whole microlens images, each pixel at its place behind its microlens, overlaid."
         " Line: an evenly lit pupil's, blurred by microlens and pixel, with the neighbours' light, on the veil.",
     ),
     "centre-view": (

@@ -88,7 +88,7 @@ def measurement_report(
         about,
         (
             Section("Answers", (*said, *figures[:1]), "answers"),
-            Section("What it rests on", rests_on, "basis"),
+            Section("Assumptions", rests_on, "basis"),
             Section("Evidence", tuple(figures[1:]), "evidence"),
             Section("How it was done", how, "how"),
         ),

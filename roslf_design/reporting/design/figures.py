@@ -51,9 +51,9 @@ def _ray_sheet(design: Design, result: Evaluation) -> Figure:
     field = result.non_distortion
     room = number(abs(field.room_at_corner_mm), 3)
     follow = (
-        f"Every pencil that fills the FAP passes the {field.limited_by} with {room} mm to spare at the corner."
+        f"Every pencil that fills the FAP passes the {field.limited_by} with {room} mm clearance at the corner."
         if field.undistorted_in_field
-        else f"Outer pencils lose light, most at the {field.limited_by}: {room} mm of room are missing at the corner."
+        else f"Outer pencils lose light, most at the {field.limited_by}: {room} mm too little clearance at the corner."
     )
     plane = (
         "Each field lies in its own meridional plane, turned into the page."
@@ -64,7 +64,7 @@ def _ray_sheet(design: Design, result: Evaluation) -> Figure:
     if result.object_space is not None:
         folds = " and ".join(dict.fromkeys(f"{part.kind}s" for part in Camera.of(design).chain.folding))
         bend = f"{folds} unfolded" if folds else "rays bend at its faces"
-        through = f" Glass before the lens and about the array is light blue, where a ruler finds it; {bend}."
+        through = f" Glass before the lens and about the array is light blue, at its mechanical distances; {bend}."
     caption = (
         "Solid rays reach the sensor; dashed orange rays are blocked and end, with a cross, at what stops them (the "
         "outermost of each fan miss the FAP on purpose, to show it at work). The FAP is black, the main lens and its "

@@ -116,7 +116,7 @@ def _statements(result: Result) -> Iterator[Statement]:
         )
         table = result.study.table.robust
         if table is not None and table.maximise == "quantile" and robust.robust.yield_.interval[0] < table.wanted_yield:
-            text += f" A yield of {100 * table.wanted_yield:g} % was wanted, which the interval does not promise."
+            text += f" The target yield is {100 * table.wanted_yield:g} %, which the interval does not promise."
         yield Statement("plain", text)
     if result.front is not None:
         yield from _about_front(result.front)
@@ -166,7 +166,7 @@ def _optimum(answer: Answer, reached: str) -> Statement:
     stops += [f"what every camera must be ({', '.join(ends)})"] if ends else []
     bounds = " and ".join(stops)
     if answer.runs_off:
-        text = f"The goal runs off without end; {bounds or 'the search'} stopped it at {reached}, which is no optimum."
+        text = f"Unbounded objective: {bounds or 'the search'} stopped it at {reached}, which is no optimum."
         return Statement("caution", text, "Limit the goal, or what drives it, by a constraint or narrower bounds.")
     if answer.merit >= BIG:
         text = f"A design holds every limit, but a goal is infinite wherever it was looked for: {reached}."
@@ -174,7 +174,7 @@ def _optimum(answer: Answer, reached: str) -> Statement:
     if bounds and all(active.bound or active.always for active in pressed):
         text = f"A design holds every limit: {reached}; but nothing stops the goal there save {bounds}."
         return Statement("caution", text, "Where a bound is not meant so, limit what a better goal costs.")
-    stopped = f" It rests on {bounds}, too." if bounds else ""
+    stopped = f" Active constraints include {bounds}." if bounds else ""
     return Statement("good", f"A design holds every limit; best found: {reached}.{stopped}")
 
 
@@ -241,9 +241,9 @@ def _about_bore(result: Result) -> Statement:
     pupil = result.bore
     assert pupil is not None
     text = (
-        f"The bore acts as one stop of {pupil.stop[0]:.4g} mm at {pupil.stop[1]:.4g} mm; over the field kept fractions "
-        f"differ by up to {pupil.worst_kept_difference:.2g}, and up to {pupil.worst_misplaced:.2g} of the light is on "
-        "the wrong side of its rim"
+        f"The bore acts as one stop of {pupil.stop[0]:.4g} mm at {pupil.stop[1]:.4g} mm; over the field the "
+        f"unvignetted share differs by up to {pupil.worst_kept_difference:.2g}, and up to {pupil.worst_misplaced:.2g} "
+        "of the light is on the wrong side of its rim"
     )
     good = pupil.worst_misplaced <= 0.05
     remedy = "" if good else "Check the result with every rim as a stop of the design."
@@ -288,7 +288,7 @@ def _tables(result: Result) -> Iterator[Table]:
             "Relaxing, for small steps: a limit that gives way by one unit makes "
         )
         caption += "the goal so much better." if single else "the goals together so many percent better."
-        yield Table.of(answer.active, columns, "Limits that the optimum rests on", caption)
+        yield Table.of(answer.active, columns, "Active constraints", caption)
     if answer.stages:
         rows = tuple((s.goal, f"{s.value:.6g}", s.held) for s in answer.stages)
         yield Table(rows, "ldl", ("goal, in order", "best", "held for the later ones"), "Lexicographic order")

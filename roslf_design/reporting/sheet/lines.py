@@ -56,7 +56,7 @@ MANY = 1024
 """Number of builds for quantities that the study does not report: their scatter to some two in a hundred."""
 USABLE = (
     "Finest detail that shows as what it is: the coarser of what still has half its contrast (MTF 50 %) and of half a "
-    "period a microlens, beyond which detail folds back."
+    "period a microlens, above which detail aliases."
 )
 DEPTH, EXPECTED = "Depth noise (bound), 1 σ", "Depth, expected"
 SHARP = f"Sharp: {CRITERION}."
@@ -351,7 +351,7 @@ def _colour_lines(design: Design, colours: tuple[Colour, ...]) -> Iterator[_Shee
     yield _SheetLine(subject, "green pixels across a microlens image", green.views_across, "", apart, of=across)
     folds = partial(_in_green, "fold_lp_per_mm", math.sqrt(GREEN.share))
     detail = f"one pixel of each microlens, half of them green; {beside(lambda one: one.view_fold_lp_per_mm)}"
-    yield _SheetLine(subject, "a view of green alone folds at", green.view_fold_lp_per_mm, "lp/mm", detail, of=folds)
+    yield _SheetLine(subject, "green view aliases above", green.view_fold_lp_per_mm, "lp/mm", detail, of=folds)
     sharp = f"refocused, axis, {number(green.wavelength_nm, 3)} nm; {beside(lambda one: one.mtf50_lp_per_mm)}"
     yield _SheetLine(
         subject,
@@ -478,7 +478,7 @@ def datasheet_section(grounds: SpreadSources) -> Section:
     curves = (
         "Contrast of detail at the focal plane, tangential (along the field's radius) and sagittal: diffraction at the "
         "pupil as the stops cut it, at microlenses, their width, the pixel, defocus. Detail beyond the dashed line is "
-        "sampled less than twice a period and folds back."
+        "sampled less than twice a period and aliases."
     ) + words.curves
     mapped = (
         "Detail that the image refocused to each distance shows with half its contrast; the lower of tangential and "

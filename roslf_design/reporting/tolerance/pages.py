@@ -54,11 +54,11 @@ FIGURES = {
         "The {weakest}: as built, and after adjustment where anything is adjusted. Dashed: nominal.",
     ),
     "sensitivity": (
-        "What moves the weakest metric",
+        "Sensitivity of the weakest metric",
         "One miss at a time: change of {weakest} at both ends of its tolerance, after adjustment.",
     ),
     "correlation": (
-        "What goes with the weakest metric",
+        "Correlation with the weakest metric",
         "Over all trials, finally: {weakest}. Grey: what chance alone gives in 95 % of cases.",
     ),
 }
@@ -137,7 +137,7 @@ def _yield_statement(result: StudyResult, name: str = "", first_look: bool = Fal
     if first_look:
         ours = f"by limits that this report sets itself{f' ({name})' if name else ''}"
         return Statement("plain", f"{headline(result)}, {ours}.")
-    text = f"{headline(result)}; wanted {100 * target:.4g} %{f' ({name})' if name else ''}."
+    text = f"{headline(result)}; target yield {100 * target:.4g} %{f' ({name})' if name else ''}."
     misses = result.plan.nominal_misses()
     if result.final.result.value >= target:
         return Statement("good", text)
@@ -175,7 +175,7 @@ def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
         place, part = ranked[0]
         yield Statement(
             "plain",
-            f"{short_name(place, result.plan.question.design)} goes with it most: {100 * part:.0f} % of its variance.",
+            f"{short_name(place, result.plan.question.design)} correlates most: {100 * part:.0f} % of its variance.",
         )
 
 
@@ -268,7 +268,7 @@ def _quantiles(result: StudyResult, shown: set[str]) -> Table:
 
 
 def _tolerances(result: StudyResult, brief: bool) -> Table:
-    """Every perturbation: its tolerance, what it may be alone, what the wanted yield asks, where it comes from."""
+    """Every perturbation: its tolerance, what it may be alone, what the target yield asks, where it comes from."""
     design = result.plan.question.design
     kinds = perturbable(design)
     allowed = {a.place: a for a in result.allowed}
@@ -286,13 +286,13 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
         ("alone up to", "r", lambda p: own("alone", p.place)),
         ("until it fails", "l", lambda p: allowed[p.place].alone_limited_by if p.place in allowed else ""),
         ("shared budget", "r", lambda p: own("tolerance", p.place)),
-        ("for the wanted yield", "r", lambda p: "" if scale is None else display(p.tolerance * scale, kinds[p.place])),
+        ("for the target yield", "r", lambda p: "" if scale is None else display(p.tolerance * scale, kinds[p.place])),
     )
     share = "1/sqrt(n)" if result.study.share == "rss" else "1/n"
     caption = (
         "r²: squared correlation with the weakest metric. Alone up to: where, all else nominal, the first goal fails, "
         "or the build cannot be put together. "
-        f"Shared budget: what uses {share} of every limit's room, n = {len(shares)} parameters. For the wanted yield: "
+        f"Shared budget: what uses {share} of each limit's margin, n = {len(shares)} parameters. For the target yield: "
         "all tolerances scaled by one factor."
     )
     ranked = sorted(result.plan.draws.perturbations, key=lambda p: -shares.get(p.place, 0.0))
@@ -300,7 +300,7 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
 
 
 def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
-    """Tables of changes that reach the wanted yield, cheapest first, and of tolerances that may be looser."""
+    """Tables of changes that reach the target yield, cheapest first, and of tolerances to relax."""
     design = result.plan.question.design
     if budget.changes:
         columns: tuple[Column, ...] = (
@@ -316,7 +316,7 @@ def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
             "Cost: more than now, in the unit of the grades' file (as shipped, 1 is the part in its loosest grade); a "
             "tolerance between two grades by its logarithm."
         )
-        yield Table.of(budget.changes[:MOST_CHANGES], columns, "What reaches the wanted yield", caption)
+        yield Table.of(budget.changes[:MOST_CHANGES], columns, "Changes that reach the target yield", caption)
     if budget.looser:
         shown: tuple[Column, ...] = (
             ("parameter", "l", lambda part: short_name(part.place, design)),
@@ -331,7 +331,7 @@ def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
             + ("" if budget.cost is None else f", for {_cost(budget.cost)} in all against now, changes and savings")
             + ". Saves: of the part's cost, in the unit of the grades' file (as shipped, 1 is its loosest grade)."
         )
-        yield Table.of(budget.looser, shown, "What may be looser", caption)
+        yield Table.of(budget.looser, shown, "Tolerances to relax", caption)
 
 
 def _change_words(result: StudyResult, change: Change) -> str:
