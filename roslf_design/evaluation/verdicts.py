@@ -229,7 +229,7 @@ def _resolved(camera: Camera, sampling: Numbers) -> Verdict:
         False,
         "limit",
         f"diffraction limits the views: {views:.3g} {kind} across a microlens image hold {independent:.3g} independent "
-        "views per axis (4 N_F)",
+        "views per axis (4 N_F, with the Fresnel number N_F of a microlens)",
         f"larger microlenses or a shorter d_2 gain views; {pixels}",
     )
 

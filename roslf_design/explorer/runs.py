@@ -140,7 +140,7 @@ class ToleranceResult(Yields):
         """Values for the page."""
         share, (low, high) = self.share, self.share.interval
         return {
-            "headline": f"{_percent(share.value)} of the builds hold every limit "
+            "headline": f"{_percent(share.value)} of the Monte Carlo units (builds) hold every limit "
             f"(95 % interval {_percent(low)} to {_percent(high)}; {share.trials} builds)",
             "question": to_html(self.question),
             "rows": [
@@ -425,9 +425,10 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
         spreads=tuple(_spreads(variant)),
         grades=tuple(by_grade),
         curve=tuple(curve),
-        question=f"{trials} builds to the grade '{study.grade}', the decoder {decoder}. A build is good where its fill "
-        f"factor stays within {100 * FILL:g} % of nominal, its depth noise (bound) grows by {100 * DEPTH:g} % at most, "
-        f"no field loses more than {100 * KEPT:g} % of its light, and image centres are found to {CENTRE:g} px. "
+        question=f"{trials} Monte Carlo units (builds) to the grade '{study.grade}', the decoder {decoder}. A build is "
+        f"good where its fill factor stays within {100 * FILL:g} % of nominal, its depth noise (bound) grows by "
+        f"{100 * DEPTH:g} % at most, no field "
+        f"loses more than {100 * KEPT:g} % of its light, and image centres are found to {CENTRE:g} px. "
         f"{depth_sentence(depth)} {impossible_words(variant)}".rstrip(),
     )
 

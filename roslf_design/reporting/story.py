@@ -165,8 +165,8 @@ GRADE = "precision"
 FILL, KEPT, CENTRE, DEPTH = 0.1, 0.01, 1.0, 0.1
 """Limits: change of the image fill, light lost, image centres off [px], growth of the depth noise (bound)."""
 QUESTION = (
-    f"A first look, with limits that this report sets itself: {TRIALS} builds to the grade '{GRADE}' (engineering "
-    "judgement, as the table of grades says), the decoder calibrated on each. A build is good where its image fill "
+    f"A first look, with limits that this report sets itself: {TRIALS} Monte Carlo units (builds) to the grade "
+    f"'{GRADE}' (engineering judgement, as the table of grades says), the decoder calibrated on each. A build is good where its image fill "
     f"stays within {100 * FILL:g} % of the nominal, its depth noise (bound) grows by {100 * DEPTH:g} % at most, "
     f"no field loses more than {100 * KEPT:g} % of the light that it nominally gets, and the decoder finds image "
     f"centres to {CENTRE:g} px. Tolerances and limits of your own make a study: roslf tolerance."

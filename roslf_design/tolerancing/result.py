@@ -388,7 +388,7 @@ def precision(
         measured = SIGMAS * max(yields.measured or 0.0, ranks.measured or 0.0)
     sampled = "Sobol points" if plan.draws.sampling == "sobol" else "random builds"
     accuracy = Accuracy(
-        "share of builds (0.01: 1 %) that hold every limit, or lie below a quantile",
+        "statistical error of the yield and of each quantile's rank (0.01: 1 % of the Monte Carlo units)",
         f"{plan.trials} {sampled}; {shapes_text(plan)}",
         max(SIGMAS * ranks.expected, 0.5 * (high - low)),
         measured,

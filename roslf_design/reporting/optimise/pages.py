@@ -28,7 +28,7 @@ from .pictures import bore_and_stop, ends_of, goal_front, robust_yields, search_
 TITLES = {
     "bore": ("One stop for the bore", "The field where the two lines part is where the model of one stop misleads."),
     "front": ("What one goal costs of another", "Every point is a design; none is better in every goal."),
-    "robust": ("What builds hold", "On fresh deviations, which neither design was chosen for."),
+    "robust": ("Yield of Monte Carlo units (builds)", "On fresh deviations, which neither design was chosen for."),
 }
 
 PRESSED = 1e-6
@@ -111,7 +111,7 @@ def _statements(result: Result) -> Iterator[Statement]:
             for goal in answer.asked.goals
         ]
         text = (
-            f"Of builds, {_share(robust.nominal.yield_)} of the nominal optimum's hold every limit, "
+            f"Of Monte Carlo units (builds) {_share(robust.nominal.yield_)} of the nominal optimum's hold every limit, "
             f"{_share(robust.robust.yield_)} of the robust design's; the price: {', '.join(costs)}."
         )
         table = result.study.table.robust

@@ -388,8 +388,8 @@ def basis(
     if built is not None:
         share, (low, high) = 100 * built.final.result.value, built.final.result.interval
         sentences.append(
-            f"Tolerances are two standard deviations over {built.plan.trials} builds of the study {built.plan.name}; "
-            f"yield {share:.2f} % (95 % interval {100 * low:.2f} to {100 * high:.2f} %). "
+            f"Tolerances are two standard deviations over {built.plan.trials} Monte Carlo units (builds) of the study "
+            f"{built.plan.name}; yield {share:.2f} % (95 % interval {100 * low:.2f} to {100 * high:.2f} %). "
             + (f"{lost} Tolerances are of the others. " if (lost := impossible_words(built.final)) else "")
             + "Lines that the study does not "
             f"report go by the first {MANY} builds, those at a distance or a field by {FEW}."

@@ -106,7 +106,8 @@ def headline(result: StudyResult) -> str:
     adjusted = "" if len(result.variants) == 1 else f" ({100 * result.variants[0].result.value:.2f} % as built)"
     return (
         f"Yield {100 * result.final.result.value:.2f} %{adjusted}, "
-        f"95 % interval {100 * low:.2f} to {100 * high:.2f} %, {plan.trials} trials, seed {plan.draws.seed}"
+        f"95 % interval {100 * low:.2f} to {100 * high:.2f} %, "
+        f"{plan.trials} Monte Carlo units (builds), seed {plan.draws.seed}"
     )
 
 
