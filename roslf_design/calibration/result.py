@@ -323,7 +323,7 @@ def _off_design(estimates: Mapping[str, _QuantityEstimate], board: Board) -> str
         )
     return (
         f"far from the design: {said}; the camera was built otherwise, or the board's cell, f, pixel or microlens pitch"
-        " are not as told: measure them"
+        " are not as stated: measure them"
     )
 
 

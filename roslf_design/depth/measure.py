@@ -469,7 +469,7 @@ def simulate(
     lattice = lattice_of(camera, wide)
     if lattice.pitch < 1:
         message = (
-            f"microlens images {lattice.pitch:.3g} pixels apart tell no depth; give a coarser pitch or finer pixels"
+            f"microlens images {lattice.pitch:.3g} pixels apart give no depth; give a coarser pitch or finer pixels"
         )
         raise InputError((Problem("microlens_array.pitch", message),))
     if actual.traced is not None:

@@ -297,7 +297,7 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
     beyond = float(outer_slope(camera, corner)) / camera.lens.told_to
     if beyond > 1 + 1e-3:
         yield (
-            f"the main lens's sheet tells of fields to {corner / beyond:.4g} mm on the MLA, and the sensor sees "
+            f"the main lens's sheet states fields to {corner / beyond:.4g} mm on the MLA, and the sensor sees "
             f"{corner:.4g} mm: beyond, its last numbers are held"
         )
     half_x, half_y = (size / 2 for size in array.size)

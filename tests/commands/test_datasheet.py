@@ -38,7 +38,7 @@ def test_a_sheet_tells_each_line_with_its_tolerance(tmp_path, capsys):
         assert (code, out.strip()) == (0, str(tmp_path / name))
     told = json.loads((tmp_path / "a.json").read_text())
     lines = {line["name"]: line for line in told["lines"]}
-    assert "256 builds" in told["basis"]
+    assert "256 Monte Carlo units" in told["basis"]
     assert "yield 100.00 %" in told["basis"]
     # Views across are in proportion to D_F: 1 % of tolerance, as a bound or as two deviations.
     views = lines["views across"]
@@ -184,7 +184,7 @@ calibration = { boards = 9 }
         return json.loads((tmp_path / "a.json").read_text())
 
     told = told_of(parts)
-    assert all(words in told["basis"] for words in ("256 builds", "as planned"))
+    assert all(words in told["basis"] for words in ("256 Monte Carlo units", "as planned"))
     lines = {line["quantity"]: line for line in told["lines"]}
     assert lines["views_geometric"]["two_sigma"] > 0
     # The calibration does not see D_F, and all else is built exactly: it stays as it was.

@@ -242,7 +242,7 @@ def _through_tables(result: Outcome) -> Iterator[Table]:
     used = result.used_in
     if used is not None:
         columns = zip(used.distances, used.uncorrected, used.error, 100 * used.relative, strict=True)
-        titles = ("true distance [mm]", "told uncorrected [mm]", "off [mm]", "off [%]")
+        titles = ("true distance [mm]", "uncorrected [mm]", "off [mm]", "off [%]")
         depths = tuple(
             (f"{z:.5g}", f"{decoded:.5g}", f"{off:+.3g}", f"{share:+.1f}") for z, decoded, off, share in columns
         )

@@ -111,10 +111,10 @@ def _white(profile: WhiteProfile) -> Iterator[Statement]:
         return f"{rounded(value, sigma)} ± {sigma:.2g}"
 
     if profile.untold:
-        yield Statement("caution", f"Veil and width of the microlens images are not told here: {profile.untold}.")
+        yield Statement("caution", f"Veil and width of the microlens images are not reported here: {profile.untold}.")
     else:
         wide, pitch = profile.width, profile.lattice.pitch
-        pupil = "a `design` would tell how wide a pupil that is"
+        pupil = "a `design` would say how wide a pupil that is"
         if profile.pupil is not None and profile.narrower is not None:
             more = profile.narrower - 1
             off = f"{100 * abs(more):.2g} % {'narrower' if more < 0 else 'wider'} than the design's"

@@ -106,7 +106,7 @@ def _image_sheet(design: Design, result: Evaluation) -> Figure:
     )
     if on_sensor < 0.999:
         follow += (
-            " Where it is hatched there is no sensor: of the outermost images only the share told as seen falls on "
+            " Where it is hatched there is no sensor: of the outermost images only the share reported as seen falls on "
             "pixels."
         )
     caption = (
@@ -195,7 +195,7 @@ def _depth_sheet(design: Design, result: Evaluation) -> Figure:
         f"Depth noise (bound), 1 σ: {number(depth.sigma_z_mm, 3)} mm at the focal plane, where the disparity "
         f"between the FAP's rims is known to {number(depth.sigma_disparity_pitches, 3)} microlens pitches ({basis}). "
         f"It grows with the square of the distance from the FAP (at Z = {design.d_3:.4g} mm), and further as views "
-        "blur. Errors of calibration come on top. The dashed curve tells how many microlenses an object "
+        "blur. Errors of calibration come on top. The dashed curve shows how many microlenses an object "
         "point spreads over: far from the focal plane views must be refocused before they are compared."
     )
     return Figure.of("depth", "Depth noise (bound) over distance", caption, depth_precision(design, (PAGE, 330)))

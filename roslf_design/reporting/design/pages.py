@@ -346,7 +346,7 @@ def _assumptions(design: Design, result: Evaluation) -> tuple[Block, ...]:
     if PIXEL_FILTERS[design.sensor.colours].kinds:
         items.append(
             "Depth noise, depth expected and electrons are those behind the sensor's colour filters, in white light, "
-            "a third of its power in each colour; diffraction and resolution are told for the one wavelength."
+            "a third of its power in each colour; diffraction and resolution are reported for the one wavelength."
         )
     if result.object_space is not None:
         items.append(
