@@ -168,8 +168,8 @@ QUESTION = (
     f"A first look, with limits that this report sets itself: {TRIALS} Monte Carlo units (builds) to the grade "
     f"'{GRADE}' (engineering judgement, as the table of grades says), the decoder calibrated on each. A build is "
     f"good where its image fill stays within {100 * FILL:g} % of the nominal, its depth noise (bound) grows by "
-    f"{100 * DEPTH:g} % at most, no field loses more than {100 * KEPT:g} % of the light that it nominally gets, and the "
-    f"decoder finds image centres to {CENTRE:g} px. Tolerances and limits of your own make a study: roslf tolerance."
+    f"{100 * DEPTH:g} % at most, no field loses more than {100 * KEPT:g} % of the light that it nominally gets, and "
+    f"the decoder finds image centres to {CENTRE:g} px. Your own tolerances and limits make a study: roslf tolerance."
 )
 
 
