@@ -119,7 +119,7 @@ class LensSheet(Part):
     pupil_diameter: Length | None = None
     """Diameter of the entrance pupil [mm]; where f_number is given too, this one counts."""
     distortion: _DistortionTable | None = None
-    """Distortion over the field; None where it is not told."""
+    """Distortion over the field; None where it is not stated."""
     relative_illumination: _LightTable | None = None
     """Light over the field, at full aperture; None is cos^4."""
 

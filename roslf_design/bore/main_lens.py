@@ -57,13 +57,13 @@ class MainLensKind:
     parts: ClassVar[tuple[str, ...]] = ()
     """Kinds of a catalogue that are parts of it."""
     told_to: float = math.inf
-    """Slope to first order up to which its data sheet tells of the field."""
+    """Slope to first order up to which its data sheet states the field."""
     untold: str = ""
     """Sentence on what of it is not known, and which numbers are ideal therefore."""
     gap: float = 0.0
     """Distance between its principal planes, as far as distances count it [mm]."""
     front: float = 0.0
-    """Front vertex before its principal plane, as far as that is told [mm]."""
+    """Front vertex before its principal plane, as far as that is stated [mm]."""
 
     @property
     def grows(self) -> bool:

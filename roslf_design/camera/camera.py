@@ -83,7 +83,7 @@ class Rim:
     distance: Number
     """z_k as the main lens sees it, in front of it [mm]."""
     ruler_distance: Number
-    """Distance in front of the main lens by a ruler [mm]."""
+    """Mechanical distance in front of the main lens [mm]."""
     scale: Number = 1.0
     """Its own lengths over those that the main lens sees."""
     plane: ImagedPlane | None = None

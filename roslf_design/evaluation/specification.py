@@ -110,7 +110,7 @@ class Resolved:
     """Line frequencies at 50 and 10 % MTF."""
     sagittal_lp_per_mm: tuple[float | None, float | None]
     fold_lp_per_mm: float
-    """Beyond it detail folds back: one sample a microlens."""
+    """Nyquist frequency of one sample a microlens: finer detail aliases."""
     usable_lp_per_mm: float | None
     """The lower of both: finest detail that shows, with half its contrast or more, as what it is."""
     limited_by: Literal["contrast", "sampling"]
@@ -283,7 +283,7 @@ class Specification:
     """Tip to sensor."""
     parts: tuple[_ListedPart, ...]
     focused: FocusedArray | None = None
-    """Focused microlenses, of which what is told of views means nothing."""
+    """Focused microlenses, of which what is reported of views means nothing."""
 
     def to_dict(self) -> dict[str, Any]:
         """As `specification` of `roslf evaluate --json`; what is infinite, or means nothing, is None."""

@@ -113,7 +113,7 @@ class ToleranceBudget:
     looser: tuple[_Looser, ...]
     """Together, after the cheapest change where one is needed."""
     result: Yield
-    """Yield with that change and everything looser."""
+    """Yield with that change and all tolerances relaxed."""
 
     @property
     def cost(self) -> float | None:
@@ -160,7 +160,7 @@ class _Builds(NamedTuple):
         return Yield(self.passed(FRESH * trials, fresh(self.plan.draws)), FRESH * trials)
 
     def used(self, target: float, trials: int, *others: _Builds) -> list[float]:
-        """Largest share of the limits' room that the wanted share of builds uses: 1 is a yield on target.
+        """Largest share of the limits' margin that the wanted share of builds uses: 1 is a yield on target.
 
         Here, then with each of the others' tolerances.
         """

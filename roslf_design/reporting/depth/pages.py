@@ -230,7 +230,7 @@ def _summary_table(trial: Trial) -> Table:
         ("bias", summary.bias_mm, "mean error"),
         ("spread", summary.spread_mm, _spread_note(trial)),
         ("predicted", summary.predicted_mm, "from light, noise and texture, over the field"),
-        ("told", summary.told_mm, "with each depth, from what its window shows"),
+        ("reported", summary.told_mm, "with each depth, from what its window shows"),
     ]
     lines = [(name, "-" if value is None else f"{value:.3g}", "mm", note) for name, value, note in rows]
     inside = "-" if summary.inside_68 is None else f"{100 * summary.inside_68:.1f}"

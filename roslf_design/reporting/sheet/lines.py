@@ -169,7 +169,7 @@ class SpreadSources(NamedTuple):
     rows: tuple[_SheetLine, ...]
     """Every line, in the order of the page."""
     build: LengthCovariance | None = None
-    """Covariance of the lengths as built, where a tolerance study tells it."""
+    """Covariance of the lengths as built, where a tolerance study gives it."""
     calibration: CalibratedLengths | None = None
     at: tuple[float, ...] = ()
     """Distances ahead of the tip that lines were asked for [mm]."""
