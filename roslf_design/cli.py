@@ -89,7 +89,7 @@ COMMANDS = {
         "roslf accuracy designs/paper.toml --accuracy 1e-4 -o reports/accuracy",
     ),
     "explore": _Command(
-        "Feel how a design behaves: sliders, live pictures and verdicts in the browser, served from this machine.",
+        "Interactive explorer: sliders, live pictures and verdicts in the browser, served from this machine.",
         "roslf explore designs/paper.toml",
     ),
     "quantities": _Command("Every number of a camera by its name, with its unit and what it is.", "roslf quantities"),

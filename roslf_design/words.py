@@ -15,6 +15,19 @@ LETTERS = frozenset("DfdqHLλ")
 """Symbols of one letter; set as such where they are a whole text, such as a cell."""
 SPELT_OUT = {"um": "µm", "lambda": "λ", "sigma": "σ"}
 """Signs of what is written in plain letters elsewhere."""
+TERMS = {
+    "FAP": "the aperture stop's image in object space (flexible angular plane, FAP): the entrance pupil",
+    "image fill": "diameter of a microlens image over the distance to the next; 1: they touch",
+    "unvignetted fraction": "area of a microlens image that no rim cuts off, over that of the whole image",
+    "clearance": "distance of light from the nearest rim; below 0 where the rim cuts it",
+    "mechanical distance": "a distance as a workshop measures it, not as it appears through glass and liquid",
+    "Fresnel number": "N_F = d^2/(4 lambda d_2) of a microlens; diffraction leaves 4 N_F independent views an axis",
+    "depth noise (bound)": "standard deviation of depth that photons and read noise alone leave; none does better",
+    "depth, expected": "combined standard uncertainty of depth by all that is known, in the GUM's terms",
+    "aliasing": "detail finer than two samples a period, which shows as coarser detail that is not there",
+    "Monte Carlo unit (build)": "one camera of a tolerance study, each length off by its tolerance at random",
+}
+"""Terms that reports explain at their end; `docs/glossary.md` has these and more."""
 _WORD = re.compile(r"\b(um|lambda|sigma(?=_))(?![A-Za-z0-9])")
 _TAGS = {"plain": "{}", "symbol": "<var>{}</var>", "sub": "<sub>{}</sub>"}
 

@@ -93,4 +93,4 @@ class Accuracy:
             words += f"; {self.model}"
         if times and self.seconds is not None:
             words += f"; {tidy(self.seconds)} s"
-        return words + ("" if self.kept in (None, True) else ". Not kept: see the expected and the measured error")
+        return words + ("" if self.kept in (None, True) else ". Not met: see the expected and the measured error")

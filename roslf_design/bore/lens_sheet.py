@@ -119,7 +119,7 @@ class LensSheet(Part):
     pupil_diameter: Length | None = None
     """Diameter of the entrance pupil [mm]; where f_number is given too, this one counts."""
     distortion: _DistortionTable | None = None
-    """Distortion over the field; None where it is not told."""
+    """Distortion over the field; None where it is not stated."""
     relative_illumination: _LightTable | None = None
     """Light over the field, at full aperture; None is cos^4."""
 
@@ -142,7 +142,7 @@ class LensSheet(Part):
             told, other = (format_quantity(float(x or 0), "length", 5) for x in (self.exit_pupil, self.entrance_pupil))
             raise ValueError(
                 f"exit_pupil = {told} contradicts entrance_pupil = {other}, which f images {seen}: mend one of them "
-                "(front_principal and rear_principal tell, too), or drop the less certain"
+                "(front_principal and rear_principal count, too), or drop the less certain"
             )
         if math.isnan(s) and image == f:
             raise ValueError("exit_pupil stands in the focus, so the scene sees it at infinity; leave it out")

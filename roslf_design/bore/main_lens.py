@@ -57,13 +57,13 @@ class MainLensKind:
     parts: ClassVar[tuple[str, ...]] = ()
     """Kinds of a catalogue that are parts of it."""
     told_to: float = math.inf
-    """Slope to first order up to which its data sheet tells of the field."""
+    """Slope to first order up to which its data sheet states the field."""
     untold: str = ""
     """Sentence on what of it is not known, and which numbers are ideal therefore."""
     gap: float = 0.0
     """Distance between its principal planes, as far as distances count it [mm]."""
     front: float = 0.0
-    """Front vertex before its principal plane, as far as that is told [mm]."""
+    """Front vertex before its principal plane, as far as that is stated [mm]."""
 
     @property
     def grows(self) -> bool:
@@ -227,7 +227,7 @@ class SheetMainLens(IdealMainLens):
         left = "" if "distortion" in self.sheet.over_field else ", distortion"
         left += "" if "relative_illumination" in self.sheet.over_field else ", light over the field (cos^4 is taken)"
         return (
-            f"The main lens, {self.name}, is known by its data sheet. It does not tell aberrations, field curvature, "
+            f"The main lens, {self.name}, is known by its data sheet. It does not state aberrations, field curvature, "
             f"colour, what barrels cut (nothing, where no clear aperture is given){left}: sharpness, MTF, spots, depth "
             "noise and shapes of microlens images are those of an ideal lens with its focal length and pupil."
         )
@@ -273,7 +273,7 @@ class SheetMainLens(IdealMainLens):
     def about(self, values: Mapping[str, float | None], turned: bool, wavelength: float | None) -> Iterator[Problem]:
         """Being turned round; a focal length that is another lens's."""
         if turned:
-            message = "a data sheet tells one way round; drop it, or give the sheet's numbers from the other side"
+            message = "a data sheet states one orientation; drop it, or give the sheet's numbers from the other side"
             yield Problem("main_lens.reversed", message)
         f, given = self.sheet.focal_length, values.get(FOCAL)
         if given is not None and abs(given / f - 1) > NEAR_SHEET:

@@ -194,7 +194,7 @@ def find_centres_in_scene(
     rms = float(np.sqrt(np.mean(moments.offset[reasons == Reason.USED] ** 2)))
     said = (
         f"centres come from the scene itself, to about {apart:.2g} px; and where its light fills one side of the pupil"
-        " more than the other, all views are off alike: a white image tells"
+        " more than the other, all views are off alike: a white image shows it"
     )
     return MicrolensCentres(lattice, indices, nodes + moments.offset, reasons.astype(np.int8), rms, (said,))
 
@@ -226,8 +226,8 @@ def _fitted(frame: Frame, raw: Frame, level: float, radius: float | None, lattic
     cut = good & _cut(indices, moments, good, distance)
     reasons[cut] = Reason.CUT
     good = enough(
-        "microlens images are not cut by a stop: the lattice cannot be told from cat's eyes; capture the white image"
-        " with the second stop opened or give `undistorted_radius`"
+        "microlens images are not cut by a stop: the lattice cannot be told apart from cat's eyes; capture the white "
+        "image with the second stop opened or give `undistorted_radius`"
     )
     offset, fit = _centred(frame, lattice, indices, moments, core, good)
     reasons[np.flatnonzero(good)[~fit.inliers]] = Reason.OUTLIER

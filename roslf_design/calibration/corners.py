@@ -337,7 +337,7 @@ def homography(plane: Array, image: Array) -> Array:
 
     matrix = cv2.findHomography(plane, image)[0]
     if matrix is None:
-        raise CalibrationError("the corners seen of a board lie in one line: its plane cannot be told")
+        raise CalibrationError("the corners seen of a board lie in one line: its plane cannot be determined")
     return np.asarray(matrix, float)
 
 

@@ -205,7 +205,7 @@ def _looked_at(design: Design, white: WhiteImage, wish: DiffractionMode) -> Diff
     if best.misfit > _UNLIKE:
         warning = (
             f"the white image's microlens images differ by {100 * best.misfit:.0f} % RMS from evenly lit {pupil.kind}s,"
-            " blurred or not: what diffraction does to the corners cannot be told from it"
+            " blurred or not: what diffraction does to the corners cannot be determined from it"
         )
     if wish == "auto" and (best is rays or warning):
         why = "The design" if warning else "The white image shows no microlens diffraction where the design"

@@ -38,7 +38,7 @@ _LOST = 0.3
 """Relative standard deviation of A, m or d_2 above which it counts as not determined."""
 _CHANCE = 1e-3
 """Share of sets of parallel boards whose noise may pass for tilts."""
-_PARALLEL = "the boards are all parallel, as far as their corners tell; tilt them by 20 degrees in several directions"
+_PARALLEL = "the boards are all parallel, as far as their corners show; tilt them by 20 degrees in several directions"
 _FAR = 3.0
 """Standard deviations beyond which a corner pulls no harder (Huber's loss): scatter alone puts one in 400 there."""
 _MIRRORED = 3
@@ -85,7 +85,7 @@ def calibrate(
     """
     if len(observations.names) < 2:
         raise CalibrationError(
-            "one image of the board cannot tell its distance from A; show two or more, tilted differently"
+            "one image of the board cannot separate its distance from A; show two or more, tilted differently"
         )
     lines, names = fit_lines(observations), shared_names(distortion)
     try:

@@ -171,7 +171,7 @@ class CalibrateOptions(SheetOptions):
     use_in: str | None = Field(
         None,
         description="The medium that the camera will look into where that is not the boards', as water, saline or an "
-        "index: tells what depths would be off by, and calibrated.toml is the camera in that medium.",
+        "index: reports what depths would be off by, and calibrated.toml is the camera in that medium.",
     )
 
     @property

@@ -399,7 +399,7 @@ def reason(captures: Captures) -> str:
         tilts = f"tilts up to {math.degrees(captures.tilt):.1f} degrees"
         return f"the boards are all parallel ({tilts}); tilt them by up to 20 degrees"
     if captures.boards == 1:
-        return "one image of the board cannot tell its distance from A; show two or more, tilted differently"
+        return "one image of the board cannot separate its distance from A; show two or more, tilted differently"
     if captures.views == 1:
         return "there is one view only, and d_2 and m need a baseline"
     if captures.distance_range < 0.02 * captures.distance:

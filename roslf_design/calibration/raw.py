@@ -57,7 +57,7 @@ class RawSource:
     """Grey, dark frame off."""
     centres: MicrolensCentres
     white: bool
-    """Whether a white image told the centres; else the scene itself."""
+    """Whether a white image gave the centres; else the scene itself."""
 
     def to_dict(self) -> dict[str, Any]:
         """Lattice and where it is from, as JSON's types."""
@@ -90,7 +90,7 @@ class RawDecoded(NamedTuple):
     white: WhiteFrame | None
     """White image; None without one."""
     full: float | None
-    """Value of a pixel whose well is full; None where nothing tells."""
+    """Value of a pixel whose well is full; None where nothing states it."""
 
 
 def from_raw(
@@ -164,7 +164,7 @@ def from_raw(
 
 
 def _full_scale(pixels: Image, notes: Mapping[str, Any], bits: float, beside: Image | None) -> float | None:
-    """Value at which a pixel is full; None where nothing tells.
+    """Value at which a pixel is full; None where nothing states it.
 
     Counts are those of a sensor of so many bits; where they, or those of a file beside, are larger, of their type.
     Pictures that `roslf` rendered say it themselves.

@@ -85,7 +85,7 @@ class Outcome:
     estimates: Mapping[str, _QuantityEstimate]
     """As the main lens sees lengths through what stands before it."""
     ruler: Mapping[str, _QuantityEstimate]
-    """H, d_3, d_1, d_f and d_2 with a ruler, where elements or glass make them others; else empty."""
+    """H, d_3, d_1, d_f and d_2 as mechanical distances, where elements or glass make them others; else empty."""
     misfit: Misfit
     """Misfit of the joint fit."""
     combined: Combined
@@ -290,7 +290,7 @@ def outcome_of(
     if np.ptp(depth) < _ONE_DEPTH * depth.mean():
         notes.append(
             f"the boards stand at one depth, within {np.ptp(depth):.2g} mm of {depth.mean():.4g} mm from the FAP: d_2"
-            " and m rest on their tilts alone; spread their distances"
+            " and m depend on their tilts alone; spread their distances"
         )
     if posterior is not None and not posterior.converged:
         notes.append(f"the posterior has {posterior.message}; do not trust its intervals")
@@ -323,7 +323,7 @@ def _off_design(estimates: Mapping[str, _QuantityEstimate], board: Board) -> str
         )
     return (
         f"far from the design: {said}; the camera was built otherwise, or the board's cell, f, pixel or microlens pitch"
-        " are not as told: measure them"
+        " are not as stated: measure them"
     )
 
 

@@ -126,7 +126,7 @@ class Combined:
         """Sources that contradict the rest."""
         what = {datum.name: datum.what for datum in self.data}
         return tuple(
-            f"{what[name]} and the rest disagree by {far:.1f} sigma: check what was told of them, their sigma, f, q, d"
+            f"{what[name]} and the rest disagree by {far:.1f} sigma: check what was given of them, their sigma, f, q, d"
             " and the board's cell"
             for name, far in self.apart.items()
             if far > DISAGREE

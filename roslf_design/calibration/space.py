@@ -35,7 +35,7 @@ class ApparentCamera(NamedTuple):
     d_2: Array
     """[mm]"""
     pupil: Array
-    """Where the medium has the FAP: before the main lens with a ruler [mm]."""
+    """Where the medium has the FAP: before the main lens, a mechanical distance [mm]."""
 
 
 @by_value

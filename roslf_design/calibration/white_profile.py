@@ -66,7 +66,7 @@ class WhiteProfile:
     dark: bool
     """Whether the sensor's black level is known, and off."""
     full: float | None
-    """The full well; None where nothing tells."""
+    """The full well; None where nothing states it."""
     narrower: float | None
     """Width over the design's, both in pitches; None without a design."""
     nominal: float | None
@@ -140,7 +140,7 @@ class WhiteFrame(NamedTuple):
     pixels: Frame
     """Grey, dark frame off."""
     full: float | None
-    """Value of a pixel whose well is full; None where nothing tells."""
+    """Value of a pixel whose well is full; None where nothing states it."""
     dark: bool = True
     """Whether the sensor's black level is known, and off."""
 

@@ -175,7 +175,7 @@ def calibrated_camera(place: Path, named: Design | None = None) -> tuple[Design,
     together = data.get("covariance")
     if together is None:
         raise refusal(
-            "calibration", f"{place} does not tell how its lengths err together, as an older one; calibrate again"
+            "calibration", f"{place} does not state how its lengths err together, as an older one; calibrate again"
         )
     known = Camera.of(camera).numbers
     if strange := [place for place in together["places"] if place not in known]:

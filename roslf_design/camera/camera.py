@@ -83,7 +83,7 @@ class Rim:
     distance: Number
     """z_k as the main lens sees it, in front of it [mm]."""
     ruler_distance: Number
-    """Distance in front of the main lens by a ruler [mm]."""
+    """Mechanical distance in front of the main lens [mm]."""
     scale: Number = 1.0
     """Its own lengths over those that the main lens sees."""
     plane: ImagedPlane | None = None
@@ -297,8 +297,9 @@ class Camera(Symbols[Number]):
                 return seen
             where = f"{_shown(seen)} as the main lens sees it (camera.seen.{name})"
             if ruler is None:
-                raise AttributeError(f"{name} is {where}, which is not what a ruler finds: ask camera.seen.{name}")
-            raise AttributeError(f"{name} is {_shown(ruler)} by a ruler (camera.ruler.{name}) and {where}: say which")
+                raise AttributeError(f"{name} is {where}, which is no mechanical distance: ask camera.seen.{name}")
+            mechanical = f"{_shown(ruler)} as a mechanical distance (camera.ruler.{name})"
+            raise AttributeError(f"{name} is {mechanical} and {where}: say which")
 
     def __getitem__(self, place: str) -> Number:
         """The number at a dotted place [mm, rad; the relay's magnification without unit]."""

@@ -77,7 +77,7 @@ class _Options(Options):
     )
     jobs: int = Field(
         0,
-        description="Also try the choice on so many random jobs, and tell how many promises were kept.",
+        description="Also try the choice on so many random jobs, and report how many promises were met.",
     )
     seed: int = Field(
         0,

@@ -123,7 +123,7 @@ def depth(
         Only a part of the sensor, as column,row,columns,rows in pixels. Default: a strip across its middle. Of a raw
         image: which part of the sensor it shows, where that is not all.
     sigma
-        How surely a length of the camera is known that no calibration tells, as aperture.diameter=1% or
+        How surely a length of the camera is known that no calibration states, as aperture.diameter=1% or
         aperture.diameter="20 um"; may be repeated. What that leaves open counts in the errors. Default: as designed.
     """
     capture = _is_capture(subject) or bool(options.model_fields_set) or sigma is not None

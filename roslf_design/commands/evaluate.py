@@ -49,7 +49,7 @@ def evaluate(
         Microlens position on the MLA in mm, along x ("11.15") or "x,y"; may be given several times. Default: centre,
         edge and corner of what the sensor sees.
     at
-        Distance ahead of the tip, as "10mm", that the first lines tell of beside the focal plane; may be given several
+        Distance ahead of the tip, as "10mm", that the first lines report beside the focal plane; may be given several
         times.
     temperature
         Of the camera, as "37degC". Default: what the design's [environment] says, else 20 degC.

@@ -29,7 +29,7 @@ def explore(
     host: str = "127.0.0.1",
     browser: Annotated[bool, Parameter(negative="--no-browser")] = True,
 ) -> None:
-    """Feel how a design behaves: sliders, live pictures and verdicts in the browser, served from this machine.
+    """Interactive explorer: sliders, live pictures and verdicts in the browser, served from this machine.
 
     Parameters
     ----------

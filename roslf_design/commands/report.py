@@ -77,7 +77,7 @@ class _Contents(Options):
 
     at: Distances = Field(
         None,
-        description='Distance ahead of the tip, as "10mm", that it tells of beside the focal plane; may be given '
+        description='Distance ahead of the tip, as "10mm", that it reports beside the focal plane; may be given '
         "several times.",
     )
 
@@ -134,7 +134,7 @@ def report(
         of the page. Of one design also "model" (model.vtp, its parts in 3D for ParaView and PyVista) and "3d" (3d.png,
         drawn by PyVista; wants OpenGL, and is left out with a note where there is none).
     stamp
-        Date, version and command at the foot of the PDF; with --stamp the page, too, tells the date and the versions of
+        Date, version and command at the foot of the PDF; with --stamp the page, too, has the date and the versions of
         Python and of the libraries, with --no-stamp nothing does, so that the same design makes the same bytes on any
         day. SOURCE_DATE_EPOCH sets the date. Default: the PDF alone.
     """

@@ -143,7 +143,7 @@ def say(*texts: object, error: bool = False) -> None:
 
 
 def listed(files: Iterable[str]) -> list[str]:
-    """Names of files as they are told; of tables their folder alone."""
+    """Names of files as they are printed; of tables their folder alone."""
     return list(dict.fromkeys(f"{name.split('/')[0]}/" if "/" in name else name for name in files))
 
 

@@ -130,7 +130,7 @@ def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
     if result.budget is not None and result.budget.looser:
         saved = "" if result.budget.cost is None else f", {cost_words(result.budget.cost)}"
         first = "with the cheapest change and all" if result.budget.changes else "with all"
-        yield Paragraph(f"Budget: {first} that may be looser, yield {share_words(result.budget.result)}{saved}")
+        yield Paragraph(f"Budget: {first} tolerances to relax, yield {share_words(result.budget.result)}{saved}")
     yield Paragraph(depth_sentence(result.depth, result.plan.question.design))
     yield from tables(result, brief=True)
     yield Paragraph("\nOf each metric the weakest field; all fields in results.json.")

@@ -62,7 +62,7 @@ class CaptureNoise:
     source: str
     """Source of the noise, in words."""
     measured: bool = False
-    """True where views told it themselves."""
+    """True where views gave it themselves."""
     times: float = 1.0
     """Standard deviation against that first believed, where views say that it is another."""
 
@@ -84,7 +84,7 @@ class MeasuredCapture(Measurement):
     """File that the truth is from."""
     known_to: Mapping[str, float] = field(default_factory=dict)
     """Standard errors of lengths by their places, as somebody gave them [mm]; all others are taken as exact, but for
-    those that a calibration told."""
+    those that a calibration gave."""
     warnings: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:

@@ -103,7 +103,7 @@ class DecodeOptions(Options):
 
     white: Path | None = Field(
         None,
-        description="White image of the same camera setting: tells where the microlens images are, and takes "
+        description="White image of the same camera setting: shows where the microlens images are, and takes "
         "vignetting off. Without one, a design says what to look for in the image itself; views are then "
         "less sure, and vignetted.",
     )

@@ -38,7 +38,7 @@ class DenseMap(NamedTuple):
     held_out: float
     """Rms error of the fill at places that were held out; NaN where there are too few."""
     within: float
-    """Share of these within the errors told."""
+    """Share of these within the errors reported."""
 
     @classmethod
     def of(cls, disparity: Array, sigma: Array, known: Flags, picture: Array) -> DenseMap:

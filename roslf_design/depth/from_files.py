@@ -66,7 +66,7 @@ class CaptureOptions(Options):
     )
     white: Path | None = Field(
         None,
-        description="White image of the same camera setting: tells where the microlens images are, and takes "
+        description="White image of the same camera setting: shows where the microlens images are, and takes "
         "vignetting off. Without one both are the design's, which is less sure.",
     )
     dark: Path | None = Field(
@@ -100,7 +100,7 @@ class CaptureOptions(Options):
     )
     sigma: dict[str, str] = Field(
         default_factory=dict,
-        description='How surely lengths of the camera are known that no calibration tells, by their places, as "1%" '
+        description='How surely lengths of the camera are known that no calibration states, by their places, as "1%" '
         'or "20 um".',
     )
 

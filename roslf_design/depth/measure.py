@@ -172,7 +172,7 @@ class Depths:
         return np.where(some, np.nan_to_num(whole, nan=np.inf), self.sigma)
 
     def dense_told(self) -> dict[str, float | None]:
-        """Share filled in, rms of the errors told there, and what places held out say of disparities [pitches]."""
+        """Share filled in, rms of the errors reported there, and what places held out say of disparities [pitches]."""
         some = np.isfinite(self.dense_sigma) & ~self.measured
         rms = float(np.sqrt((self.dense_sigma[some] ** 2).mean())) if some.any() else None
         held_out, within = (value if math.isfinite(value) else None for value in self.filled[2:])
@@ -201,11 +201,11 @@ class Summary:
     predicted_mm: float | None
     """Rms of the standard errors predicted from light, noise and texture."""
     told_mm: float | None
-    """Rms of the standard errors told with the estimates."""
+    """Rms of the standard errors reported with the estimates."""
     inside_68: float | None
-    """Share of the errors below the standard errors told: 0.68 where these are right."""
+    """Share of the errors below the standard errors reported: 0.68 where these are right."""
     beyond_5: float | None
-    """Share of the errors beyond five of the standard errors told: nearly none where these are right."""
+    """Share of the errors beyond five of the standard errors reported: nearly none where these are right."""
     measured: float
     """Share of the microlenses with a depth."""
 
@@ -469,7 +469,7 @@ def simulate(
     lattice = lattice_of(camera, wide)
     if lattice.pitch < 1:
         message = (
-            f"microlens images {lattice.pitch:.3g} pixels apart tell no depth; give a coarser pitch or finer pixels"
+            f"microlens images {lattice.pitch:.3g} pixels apart give no depth; give a coarser pitch or finer pixels"
         )
         raise InputError((Problem("microlens_array.pitch", message),))
     if actual.traced is not None:

@@ -75,7 +75,7 @@ class ViewFiles:
     missing: int = 0
     """Views of the grid that are not there; their weight is 0."""
     disparities: tuple[float, float] | None = None
-    """Least and largest disparity from view to view [px], where the folder tells them."""
+    """Least and largest disparity from view to view [px], where the folder states them."""
 
 
 def is_views(image: Path) -> bool:

@@ -70,7 +70,7 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
     main_lens: MainLens
     """Main lens, at z = 0."""
     aperture: Pupil
-    """The flexible angular plane (FAP): the system's entrance pupil; may be left out where a sheet tells it."""
+    """Aperture stop's image in object space (flexible angular plane, FAP); may be left out where a sheet states it."""
     stops: Annotated[tuple[Stop, ...], Field(max_length=MOST_STOPS)] = ()
     """Further rims of a real bore."""
     object_space: ObjectSpace = ObjectSpace()

@@ -34,7 +34,7 @@ def about_stop_behind(design: Assembly) -> Iterator[Problem]:
     if not design.main_lens.kind.images_stops:
         message = (
             f"{shown(behind)} is behind a real lens, and rays are aimed at stops before it; give distance (below 0 "
-            "behind the lens) and diameter of the entrance pupil that its data sheet tells, or drop the prescription"
+            "behind the lens) and diameter of the entrance pupil that its data sheet states, or drop the prescription"
         )
     elif behind >= design.d_1:
         message = (
@@ -175,7 +175,7 @@ def _about_mapping(design: Assembly) -> list[Problem]:
             elif element.diameter is not None:
                 message = (
                     f"{shown(element.diameter)} would cut rays before the lens with a mapping, where its first order "
-                    f"does not tell their heights; drop it, or the mapping of {lens.place}"
+                    f"does not give their heights; drop it, or the mapping of {lens.place}"
                 )
                 problems.append(Problem(f"{place}.diameter", message))
         for stop in design.openings[1:]:

@@ -69,7 +69,7 @@ class MainLens(OpticalPart):
     """Whether the real lens stands the other way round than its prescription says."""
     diameter: Length | None = Field(default=None, validate_default=True)
     """D, clear aperture [mm]; with a prescription None is the lens's own, and a smaller one a stop at the lens; with a
-    sheet None cuts nothing where that tells a pupil's place, and is the pupil's diameter where it does not."""
+    sheet None cuts nothing where that states a pupil's place, and is the pupil's diameter where it does not."""
     focal_length: Length | None = None
     """f [mm]; None where d_f and d_1, or a prescription, give it."""
     material: Material | None = None

@@ -119,7 +119,7 @@ class Field:
     """Minor over major axis of the image's second moments; 1 for a disc."""
     ray_budget: RayBudget
     sigma_z_mm: float | None
-    """Depth noise (bound) at the focal plane, as far as this image's own cut goes; None where nothing tells it."""
+    """Depth noise (bound) at the focal plane, as far as this image's own cut goes; None where nothing gives it."""
     u_z_mm: float | None
     """Depth, expected, there: with view mismatch, veil and temperature, without what lengths add all over the field."""
     rays: int | None
@@ -266,9 +266,9 @@ class RealLens:
     rear_principal_mm: float
     """Image-side principal plane behind the first vertex: what d_1 counts from."""
     first_vertex_to_fap_mm: float
-    """Distance by a ruler from the first vertex to the FAP."""
+    """Mechanical distance from the first vertex to the FAP."""
     last_vertex_to_mla_mm: float
-    """Distance by a ruler from the last vertex to the MLA."""
+    """Mechanical distance from the last vertex to the MLA."""
     x0_max_mm: float
     """Undistorted object radius, measured: as far as microlenses see the whole FAP."""
     x_ml_max_mm: float
@@ -276,22 +276,22 @@ class RealLens:
     thin_x_ml_max_mm: float
     """Eq. 6's, for the thin twin; infinite where no field is too large."""
     turned_x_ml_max_mm: float | None
-    """Measured bound with the lens turned round; None where the field is undistorted anyhow, or parts would collide."""
+    """Measured bound with the lens reversed; None where the field is undistorted anyhow, or parts would collide."""
     undistorted_in_field: bool
-    """Whether images are whole, and not folded, at every field told here and at the four corners."""
+    """Whether images are whole, and not folded, at every field reported here and at the four corners."""
     fields: tuple[RealLensField, ...]
 
     @property
     def facts(self) -> list[tuple[str, str, str]]:
         """Name, value, remark."""
         thin = f"on the MLA; thin lens, Eq. 6: {number(self.thin_x_ml_max_mm)} mm"
-        ruler = "for a ruler" if self.first_vertex_to_fap_mm >= 0 else "seen through the lens"
+        ruler = "mechanical" if self.first_vertex_to_fap_mm >= 0 else "seen through the lens"
         focal = f"{number(self.focal_length_mm)} mm", f"back focal {number(self.back_focal_length_mm)} mm"
         return [
             ("lens", self.lens, ""),
             ("focal length", *focal),
             ("first vertex to the FAP", f"{number(self.first_vertex_to_fap_mm)} mm", f"{ruler}; d_3 is to H"),
-            ("last vertex to the MLA", f"{number(self.last_vertex_to_mla_mm)} mm", "for a ruler; d_1 is from H'"),
+            ("last vertex to the MLA", f"{number(self.last_vertex_to_mla_mm)} mm", "mechanical; d_1 is from H'"),
             ("undistorted, measured", f"{number(self.x_ml_max_mm)} mm", thin),
         ]
 
@@ -307,7 +307,7 @@ class SeenPart:
     what: str
     """Size and material."""
     distance_mm: float
-    """With a ruler; of an element its sensor-side vertex."""
+    """Mechanical; of an element its sensor-side vertex."""
     diameter_mm: float | None
     """Diameter of an opening."""
     seen_distance_mm: float
@@ -397,9 +397,9 @@ class AtTemperature:
     focal_length_mm: float
     """f."""
     mla_distance_mm: float
-    """d_1, with a ruler."""
+    """d_1, a mechanical distance."""
     focal_plane_mm: float
-    """d_f: where it is then in focus, with a ruler; infinite where it is nowhere."""
+    """d_f: where it is then in focus, a mechanical distance; infinite where it is nowhere."""
     focus_shift_pitches: float | None
     """Disparity between the FAP's rims of what was in focus; None where it is no camera any more."""
     fill_factor: float

@@ -248,7 +248,7 @@ def seen_table(result: Evaluation) -> Table | None:
         return None
     rows = tuple(part.cells for part in through.parts)
     caption = (
-        f"{through.around} Distances are a ruler's, before the main lens, of an element to its sensor side; of the MLA "
+        f"{through.around} Distances are mechanical: before the lens, of an element to its sensor side; of the MLA "
         "behind the lens, of the sensor behind the MLA. In formulas d_f, d_3, D_F, d_1 and d_2 are as the main lens "
         "sees them."
     )
@@ -292,7 +292,7 @@ def mapping_table(result: Evaluation) -> Table | None:
 def field_table(result: Evaluation) -> Table:
     """The image behind each microlens asked for."""
     rows = tuple(field.cells for field in result.fields)
-    headings = ("microlens x, y [mm]", "image", "kept", "centroid [um]", "axis ratio", "in own cell")
+    headings = ("microlens x, y [mm]", "image", "unvignetted", "centroid [um]", "axis ratio", "in own cell")
     return Table(rows, "llrrrr", headings, "Microlens images over the field")
 
 
@@ -320,7 +320,7 @@ def lens_table(lens: RealLens) -> Table:
     rows = tuple(field.cells for field in lens.fields)
     title = "Microlens images through the real lens, against its thin twin"
     headings = (
-        *("microlens x, y [mm]", "image", "kept", "shift x, y [px]", "wider [%]"),
+        *("microlens x, y [mm]", "image", "unvignetted", "shift x, y [px]", "wider [%]"),
         *("focus tan, sag [pitches]", "distortion [%]", "colour [pitches]"),
     )
     return Table(rows, "llrrrrrr", headings, title)

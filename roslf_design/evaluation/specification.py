@@ -109,7 +109,7 @@ class Resolved:
     """Line frequencies at 50 and 10 % MTF."""
     sagittal_lp_per_mm: tuple[float | None, float | None]
     fold_lp_per_mm: float
-    """Beyond it detail folds back: one sample a microlens."""
+    """Nyquist frequency of one sample a microlens: finer detail aliases."""
     usable_lp_per_mm: float | None
     """The lower of both: finest detail that shows, with half its contrast or more, as what it is."""
     limited_by: Literal["contrast", "sampling"]
@@ -120,7 +120,7 @@ class Resolved:
         limits = (self.mtf50_lp_per_mm, self.mtf10_lp_per_mm, self.fold_lp_per_mm)
         half, tenth, fold = (number(limit or 0.0, 4) for limit in limits)
         if self.limited_by == "contrast":
-            return f"MTF 50 %; 10 % at {tenth}, folds at {fold}"
+            return f"MTF 50 %; 10 % at {tenth}, aliases above {fold}"
         return f"sampling; MTF 50 % at {half}, 10 % at {tenth}"
 
 
@@ -282,7 +282,7 @@ class Specification:
     """Tip to sensor."""
     parts: tuple[_ListedPart, ...]
     focused: FocusedArray | None = None
-    """Focused microlenses, of which what is told of views means nothing."""
+    """Focused microlenses, of which what is reported of views means nothing."""
 
     def to_dict(self) -> dict[str, Any]:
         """As `specification` of `roslf evaluate --json`; what is infinite, or means nothing, is None."""

@@ -126,7 +126,7 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
         folded = [field.x_ml_mm for field in lens.fields if field.status == "folded"]
         where = f"; folded at {', '.join(f'{place(x_ml)} mm' for x_ml in folded)}" if folded else ""
         other = lens.turned_x_ml_max_mm
-        turned = f"turned round the lens sees whole images out to {other:.4g} mm; " if other is not None else ""
+        turned = f"reversed, the lens sees whole images out to {other:.4g} mm; " if other is not None else ""
         ways = "a better corrected or wider lens, a FAP closer to it or a smaller sensor helps"
         text = f"field distorted: {bound}{where}; {sees}"
         return Verdict.of("field_undistorted", text, f"{turned}{by_thin or ways}")
@@ -229,7 +229,7 @@ def _resolved(camera: Camera, sampling: Numbers) -> Verdict:
         False,
         "limit",
         f"diffraction limits the views: {views:.3g} {kind} across a microlens image hold {independent:.3g} independent "
-        "views per axis (4 N_F)",
+        "views per axis (4 N_F, with the Fresnel number N_F of a microlens)",
         f"larger microlenses or a shorter d_2 gain views; {pixels}",
     )
 
@@ -297,7 +297,7 @@ def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
     beyond = float(outer_slope(camera, corner)) / camera.lens.told_to
     if beyond > 1 + 1e-3:
         yield (
-            f"the main lens's sheet tells of fields to {corner / beyond:.4g} mm on the MLA, and the sensor sees "
+            f"the main lens's sheet states fields to {corner / beyond:.4g} mm on the MLA, and the sensor sees "
             f"{corner:.4g} mm: beyond, its last numbers are held"
         )
     half_x, half_y = (size / 2 for size in array.size)

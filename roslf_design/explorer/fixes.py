@@ -272,6 +272,6 @@ def _outcome(changes: Mapping[str, float], before: _Facts, after: _Facts) -> str
     if before.undistorted_mm < after.undistorted_mm == math.inf:
         brings.append("no field is too large")
     if after.room_mm < 0 <= before.room_mm:
-        costs.append(f"the sensor's corner gets distorted ({short(-after.room_mm, 2)} mm of room missing)")
+        costs.append(f"the sensor's corner gets distorted ({short(-after.room_mm, 2)} mm of clearance missing)")
     sets = ", ".join(f"{symbol} = {short(value, 5)} mm" for symbol, value in changes.items())
     return "; ".join([sets, *brings[:3], *([f"costs: {', '.join(costs)}"] if costs else [])])

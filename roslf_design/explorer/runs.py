@@ -147,7 +147,7 @@ class ToleranceResult(Yields):
         """Values for the page."""
         share, (low, high) = self.share, self.share.interval
         return {
-            "headline": f"{_percent(share.value)} of the builds hold every limit "
+            "headline": f"{_percent(share.value)} of the Monte Carlo units (builds) hold every limit "
             f"(95 % interval {_percent(low)} to {_percent(high)}; {share.trials} builds)",
             "question": to_html(self.question),
             "rows": [
@@ -475,7 +475,7 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
         spreads=tuple(_spreads(variant)),
         grades=tuple(by_grade),
         curve=tuple(curve),
-        question=f"{trials} builds to the grade '{study.grade}', the decoder {decoder}. A build is good with: "
+        question=f"{trials} Monte Carlo units (builds) to the grade '{study.grade}', the decoder {decoder}. A build is good with: "
         f"{'; '.join([USUAL_LIMITS] * (not request.only_own) + [_limit_words(limit) for limit in request.limits])}. "
         f"{depth_sentence(depth, design)} {impossible_words(variant)}".rstrip(),
     )

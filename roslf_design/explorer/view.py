@@ -386,7 +386,7 @@ def depth_known(source: PictureSource) -> dict[str, Any]:
     sigma, rows = depth.sigma_z_mm, _assumed_rows(source.evaluation)
     if not math.isfinite(sigma):
         full = assumed is not None and assumed.electrons > design.sensor.full_well
-        why = "No texture that single views can show tells depth."
+        why = "No texture that single views can show gives depth."
         remedy = "detail of more than two microlenses, or more contrast"
         if full:
             why, remedy = "Pixels hold fewer electrons than so much light makes.", "a shorter exposure, or less light"

@@ -25,7 +25,7 @@ class PointSource:
     distance: float
     """Z, as the main lens sees it [mm]."""
     place: tuple[float, float, float] | None = None
-    """Place by a ruler, from the system's axis [mm]; None without exact rays through the elements."""
+    """Mechanical place, from the system's axis [mm]; None without exact rays through the elements."""
 
     @property
     def lens(self) -> Floats:

@@ -202,7 +202,7 @@ class AngleMap:
 class ShadedTangent(AngleMap):
     """f tan with light over the field that is not cos^4."""
 
-    words = ", as its data sheet tells"
+    words = ", as its data sheet states"
 
     def __init__(self, shade: Law) -> None:
         self.shade = np.array(shade, order="C")

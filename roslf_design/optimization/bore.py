@@ -2,7 +2,7 @@
 
 A bore lets through what passes all its rims; the model has one rim. Which single stop stands for it best depends on the
 field: the stop is chosen so that, over the field, as little light as possible is on the wrong side of its rim. That
-share bounds the difference of kept fractions, and is told with it.
+share bounds the difference of unvignetted fractions, and is told with it.
 """
 
 from __future__ import annotations
@@ -90,9 +90,9 @@ class EquivalentPupil:
     misplaced: Array
     """Share of the pupil's light that one lets through and the other does not."""
     worst_kept_difference: float
-    """Largest difference of kept fractions over the field."""
+    """Largest difference of unvignetted fractions over the field."""
     worst_misplaced: float
-    """Largest share on the wrong side; never below the difference of kept fractions."""
+    """Largest share on the wrong side; never below the difference of unvignetted fractions."""
     passes: int = 1
     """How many times the bore was reduced, each for the optimum behind the last pupil."""
     settled: bool = False

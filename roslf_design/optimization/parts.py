@@ -252,7 +252,7 @@ class _Orientation(Option):
     turned: bool
 
 
-ORIENTATIONS = _Orientation(part="as catalogued", turned=False), _Orientation(part="turned round", turned=True)
+ORIENTATIONS = _Orientation(part="as catalogued", turned=False), _Orientation(part="reversed", turned=True)
 
 
 class _GlassChoice(Option):

@@ -218,7 +218,7 @@ class _Aim:
 
     @cached_property
     def least_yield(self) -> float:
-        """Share of the trials that must hold every constraint for the wanted yield to be sure."""
+        """Share of the trials that must hold every constraint for the target yield to be sure."""
         return least_passed(self.table.wanted_yield, self.table.trials) / self.table.trials
 
     def vector(self, units: Array, width: float) -> Array:

@@ -155,7 +155,7 @@ class Answer:
     violation: float
     feasible: bool
     active: tuple[Active, ...]
-    """Limits that the optimum rests on; none where infeasible."""
+    """Active constraints; none where infeasible."""
     residual: float
     """Residual of the first-order conditions: length of what no multiplier explains, over the length of the merit's
     gradient; infinite where the merit has none."""

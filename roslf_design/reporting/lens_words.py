@@ -50,11 +50,11 @@ class _RealLensWords(_LensWords):
     unlit = "dark or folded"
     sheet = (
         "The main lens is real: angles and widths of view, resolution, distortion and light over the field are what "
-        "rays through it tell. Distances of sharpness, magnification on the axis and spreads of what builds have as a "
+        "rays through it show. Distances of sharpness, magnification on the axis and spreads of what builds have as a "
         "whole are those of its thin twin.",
     )
     curves = (
-        " Rays through the real lens tell what it does to the light of a point: a view has of its aberrations what its "
+        " Rays through the real lens show what it does to the light of a point: a view has of its aberrations what its "
         "part of the FAP sees, the image refocused by one shift for all of it has them all."
     )
     unmeasured = ()

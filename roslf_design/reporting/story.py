@@ -165,11 +165,11 @@ GRADE = "precision"
 FILL, KEPT, CENTRE, DEPTH = 0.1, 0.01, 1.0, 0.1
 """Limits: change of the image fill, light lost, image centres off [px], growth of the depth noise (bound)."""
 QUESTION = (
-    f"A first look, with limits that this report sets itself: {TRIALS} builds to the grade '{GRADE}' (engineering "
-    "judgement, as the table of grades says), the decoder calibrated on each. A build is good where its image fill "
-    f"stays within {100 * FILL:g} % of the nominal, its depth noise (bound) grows by {100 * DEPTH:g} % at most, "
-    f"no field loses more than {100 * KEPT:g} % of the light that it nominally gets, and the decoder finds image "
-    f"centres to {CENTRE:g} px. Tolerances and limits of your own make a study: roslf tolerance."
+    f"A first look, with limits that this report sets itself: {TRIALS} Monte Carlo units (builds) to the grade "
+    f"'{GRADE}' (engineering judgement, as the table of grades says), the decoder calibrated on each. A build is "
+    f"good where its image fill stays within {100 * FILL:g} % of the nominal, its depth noise (bound) grows by "
+    f"{100 * DEPTH:g} % at most, no field loses more than {100 * KEPT:g} % of the light that it nominally gets, and "
+    f"the decoder finds image centres to {CENTRE:g} px. Your own tolerances and limits make a study: roslf tolerance."
 )
 
 
@@ -185,7 +185,7 @@ def _run_tolerances(
     """Run a tolerance study with all its analyses, in this process; nothing of it stays on the disk.
 
     As `tolerance_plan`; `progress` is told (trials done, trials in all), `seed` replaces the study's; `budgets`: what
-    reaches the wanted yield, too.
+    reaches the target yield, too.
     """
     plan, study, grades = tolerance_plan(_seeded(data, seed), design, folder, origin)
     return analyse(plan, study, grades, _tally(plan, progress), budgets=budgets)
@@ -530,7 +530,7 @@ def _nothing(result: Result, name: str) -> str:
     if not result.answer.feasible:
         conflict = result.answer.conflict
         clash = " and ".join(conflict.smallest) if conflict is not None else "its limits"
-        return f"no design was found to go on with: {clash} cannot hold together; roslf optimize tells the ways out"
+        return f"no design was found to go on with: {clash} cannot hold together; roslf optimize reports the ways out"
     known = ", ".join(file.removesuffix(".toml") for file, _ in result.designs())
     return f"found no '{name}' to take; it has {known}"
 

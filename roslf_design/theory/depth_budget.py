@@ -40,7 +40,7 @@ class BudgetTerm:
     kind: Kind
     """"precision" where each microlens has an error of its own, "trueness" where all have the same."""
     u_mm: Array | float | None
-    """Standard uncertainty [mm], of builds in their shape; None where nothing tells it."""
+    """Standard uncertainty [mm], of builds in their shape; None where nothing gives it."""
     remark: str = ""
     """Basis of the number, or the reason why there is none."""
 

@@ -437,16 +437,16 @@ _register(
     Quantity(
         "non_distortion_room_mm",
         "mm",
-        "room between the pencil and the nearest rim, below 0 where it is cut; in `optimize` at the field's corner",
+        "clearance of the pencil from the nearest rim, below 0 where it is cut; in `optimize` at the field's corner",
         **_over_field(lambda c, _, field: vignetting.corner_room(c, field)),
         local=lambda images: images.clearance,
         equation="Eqs. 5-6",
         positive=False,
         worst=_least,
-        label="undistorted-field margin",
+        label="undistorted-field clearance",
         evaluated=Listed(
             "non_distortion",
-            "room at the corner",
+            "clearance at the corner",
             lambda field: f"pencil to the rim of the {field.limited_by}",
             key="room_at_corner_mm",
         ),
@@ -550,7 +550,7 @@ _register(
         "area of the microlens image over that of the uncut FAP",
         None,
         lambda images: images.shapes.kept_fraction,
-        label="kept fraction",
+        label="unvignetted fraction",
     ),
     Quantity(
         "image_area_mm2",
@@ -711,12 +711,12 @@ _register(
     Quantity(
         "fold_lp_per_mm",
         "lp/mm",
-        "detail beyond which sampling once a microlens folds it back",
+        "Nyquist frequency of one sample a microlens: finer detail aliases",
         lambda c, at: ratio(resolution.fold(c), light.object_scale(c, at)),
         at="optional",
         monotone=False,
         of_views=True,
-        label="folding frequency",
+        label="Nyquist frequency",
     ),
     Quantity(
         "blur_pitches",

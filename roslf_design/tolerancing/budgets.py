@@ -1,4 +1,4 @@
-"""Cheapest changes that reach the wanted yield, and parts that may be looser: single changes, each tried on builds.
+"""Cheapest changes that reach the target yield, and tolerances to relax: single changes, each tried on builds.
 
 A change is one part to a better grade, one more adjustment, one part measured and sorted to what suffices, or, where no
 single one does, several grades or all tolerances together. Costs are the grades file's; the same draws serve every
@@ -30,7 +30,7 @@ MOST_TRIALS, STEPS_TRIALS = 4096, 1024
 HALVINGS = 12
 """Number of halvings in a bisection: it ends at 1/4096 of the tolerance."""
 UNNOTICED = 0.002
-"""Share of builds that loosening may cost where the wanted yield is out of reach anyhow."""
+"""Share of builds that loosening may cost where the target yield is out of reach anyhow."""
 
 
 class _CostedPart(NamedTuple):
@@ -84,7 +84,7 @@ class Change:
     cost: float | None
     """More than now, in the grades file's unit; None where some cost is not known."""
     result: Yield
-    """Its yield; of one that reaches the wanted yield on fresh builds, the interval not below it."""
+    """Its yield; of one that reaches the target yield on fresh builds, the interval not below it."""
 
     def to_dict(self) -> dict[str, Any]:
         """As results have it."""
@@ -105,7 +105,7 @@ class _Looser:
 
 @dataclass(frozen=True)
 class ToleranceBudget:
-    """Changes that reach a wanted yield, and parts that may be looser."""
+    """Changes that reach a target yield, and tolerances to relax."""
 
     target: float
     changes: tuple[Change, ...]
@@ -113,7 +113,7 @@ class ToleranceBudget:
     looser: tuple[_Looser, ...]
     """Together, after the cheapest change where one is needed."""
     result: Yield
-    """Yield with that change and everything looser."""
+    """Yield with that change and all tolerances relaxed."""
     adjustments: tuple[Change, ...] = ()
     """Further adjustments at assembly, whether or not they reach the target, best first; of the searched builds."""
 
@@ -163,7 +163,7 @@ class _Builds(NamedTuple):
         return Yield(self.passed(FRESH * trials, fresh(self.plan.draws)), FRESH * trials)
 
     def used(self, target: float, trials: int, *others: _Builds) -> Array:
-        """Shares of the limits' room that the wanted share of builds uses, here and with others' tolerances."""
+        """Shares of the limits' margin that the wanted share of builds uses, here and with others' tolerances."""
         draws = first_draws(self.plan.draws, trials)
         deviations = np.hstack([draws * builds.factors[:, None] for builds in (self, *others)])
         worst = np.nan_to_num(self.plan.used_room(measure_finally(self.plan, deviations)), posinf=1e9)
@@ -207,7 +207,7 @@ def parts_of(plan: TolerancePlan, grades: Grades) -> tuple[_CostedPart, ...]:
 def budget(
     plan: TolerancePlan, study: Study, grades: Grades, given: Yield, scaled: tuple[float, Yield] | None = None
 ) -> ToleranceBudget:
-    """Budget of changes that reach a study's wanted yield, and of parts that may be looser.
+    """Budget of changes that reach a study's target yield, and of tolerances to relax.
 
     Parameters
     ----------

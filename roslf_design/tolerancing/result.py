@@ -114,9 +114,9 @@ class StudyResult:
     """Inverse sensitivity; empty where the nominal design misses a limit."""
     yield_curve: tuple[tuple[float, Yield], ...]
     scale_for_target: tuple[float, Yield] | None
-    """Common factor on all tolerances that meets the wanted yield."""
+    """Common factor on all tolerances that meets the target yield."""
     budget: ToleranceBudget | None
-    """Cheapest changes that reach the wanted yield, and what may be looser; None where the nominal design misses a
+    """Cheapest changes that reach the target yield, and what to relax; None where the nominal design misses a
     limit, or nobody asked."""
     grades: tuple[tuple[str, Yield], ...]
     """The study with each grade."""
@@ -224,7 +224,7 @@ def analyse(
     *,
     budgets: bool = True,
 ) -> StudyResult:
-    """Every analysis of a study whose trials have run; `budgets`: what reaches the wanted yield, too."""
+    """Every analysis of a study whose trials have run; `budgets`: what reaches the target yield, too."""
     variants, moves = summarise(plan, tally), sensitivity(plan)
     tracing = notes(plan.question.design, plan.question.fields)
     rss = tuple(rss_rows(plan, moves, variants[0]))
@@ -405,7 +405,7 @@ def precision(
         measured = SIGMAS * max(yields.measured or 0.0, ranks.measured or 0.0)
     sampled = "Sobol points" if plan.draws.sampling == "sobol" else "random builds"
     accuracy = Accuracy(
-        "share of builds (0.01: 1 %) that hold every limit, or lie below a quantile",
+        "statistical error of the yield and of each quantile's rank (0.01: 1 % of the Monte Carlo units)",
         f"{plan.trials} {sampled}; {shapes_text(plan)}",
         max(SIGMAS * ranks.expected, 0.5 * (high - low)),
         measured,

@@ -153,7 +153,7 @@ class Allowed:
 
     place: str
     tolerance: float
-    """Half-width that uses no more than the study's share of any limit's room [mm or rad]; infinite where nothing up to
+    """Half-width that uses no more than the study's share of a limit's margin [mm or rad]; infinite where nothing up to
     `LOOSEST` times the given one does."""
     given: float
     limited_by: str

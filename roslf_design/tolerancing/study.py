@@ -206,7 +206,7 @@ class Study(StrictTable):
     share: Literal["rss", "worst-case"] = "rss"
     """How inverse sensitivity shares a limit out among n parameters: 1/sqrt(n) or 1/n of it each."""
     yield_target: Annotated[float, Field(gt=0, lt=1)] = 0.95
-    """Yield wanted, for the inverse by yield."""
+    """Target yield, for the inverse by yield."""
     sobol_samples: Annotated[int, Field(ge=0, le=2**22)] = 1024
     """Base samples of the Sobol indices, a power of two; 0: none."""
     quantiles: tuple[Annotated[float, Field(gt=0, lt=1)], ...] = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)

@@ -27,7 +27,7 @@ _DEPTH = dict(zip(SCALES, (0, 4, 3, 4, 2, 4, 3, 1, 4, 3, 4, 0), strict=True))
 CURVE_TRIALS, CURVE_TRIALS_ADJUSTED = 16384, 4096
 """Trials for each point of a curve; fewer where each trial is adjusted."""
 LOST = 8
-"""Builds that a wanted yield loses at least among those that a change is searched by: fewer tell it from no other."""
+"""Builds that a target yield loses at least among those that a change is searched by: fewer tell it from no other."""
 FRESH, ROUNDS = 4, 6
 """How many times as many builds a change is judged by as it was searched by, and how often it is searched anew."""
 T = TypeVar("T")
@@ -117,7 +117,7 @@ def fresh(draws: Draws) -> Draws:
 
 
 def search_trials(trials: int, target: float) -> int:
-    """Trials that tell a wanted yield from a smaller one: so many, or more where it is near 1."""
+    """Trials that tell a target yield from a smaller one: so many, or more where it is near 1."""
     return max(trials, math.ceil(LOST / (1 - target)))
 
 

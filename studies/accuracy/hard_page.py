@@ -108,8 +108,8 @@ def case_table(cases: HardCases) -> Table:
         "Of each case the function that uses most of its budget, 4 ulp (1 + condition) unless the table of other "
         "budgets says so. Ours, textbook: largest relative errors on the walk of the function that the figure shows, "
         "by the form used and by the textbook formula, in the same double precision; where ours is large the quantity "
-        "is ill-conditioned, and no formula does better with rounded arguments. No condition is told where errors stay "
-        "below half an ulp or the budget does not ask for it."
+        "is ill-conditioned, and no formula does better with rounded arguments. No condition is reported where errors "
+        "stay below half an ulp or the budget does not ask for it."
     )
     return Table(tuple(rows), "llrrrrrrl", headings, "", caption)
 

@@ -187,7 +187,7 @@ def unfit(design: Design, quantity: str, axis: tuple[float, float] | None = None
         Microlens on the array [mm]; None is the panels.
     """
     if not Camera.of(design).chain.in_air:
-        return "it is computed of cameras in air only, and this design has glass, a liquid or told distortion"
+        return "it is computed of cameras in air only, and this design has glass, a liquid or stated distortion"
     array = design.microlens_array
     if quantity in (WAVES, CUT):
         if array.lens_shape != "square" or array.rotation:

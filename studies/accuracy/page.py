@@ -63,7 +63,7 @@ RATES = (
     ("arc integrals", "exponential in n nodes", "nothing on a rim is singular, however near another it runs"),
     ("exact trace", "exact", "to 1e-13 of what a microlens sees"),
     ("adaptive quadrature", "to what is asked", "does not know where curves change, and pays for finding out"),
-    ("FFT", "about n^-2 to n^-3", "what lies above the grid's frequencies folds back"),
+    ("FFT", "about n^-2 to n^-3", "what lies above the grid's frequencies aliases"),
     ("harmonic series", "exact once complete", "(2 P/w + 1)^2 terms"),
     ("direct Huygens", "about 1/K^2 in K neighbours", "tails of the sinc"),
 )
@@ -208,7 +208,7 @@ def honesty_blocks(trials: Sequence[Tried]) -> tuple[Statements, Table]:
                 ", ".join(used),
             )
         )
-    headings = ("quantity", "kept", "largest error over promise", "median time over fastest", "methods used")
+    headings = ("quantity", "met", "largest error over promise", "median time over fastest", "methods used")
     return Statements(tuple(items)), Table(tuple(rows), "llrrl", headings)
 
 

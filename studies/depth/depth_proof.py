@@ -85,7 +85,7 @@ class Bar(NamedTuple):
 
 BARS = {
     "spread": Bar(0.0, 1.3, "Spread at most 1.3 times the prediction", "spread / predicted", (0.6, 2.6)),
-    "within": Bar(0.60, 0.76, "60 to 76 % within the errors told", "share within", (0.2, 1.0)),
+    "within": Bar(0.60, 0.76, "60 to 76 % within the errors reported", "share within", (0.2, 1.0)),
     "bias": Bar(0.0, 1 / 3, "Bias under a third of the spread", "bias / spread", (0.0, 1.6)),
     "known": Bar(0.95, 1.0, "95 % known of what is neither cut nor occluded", "share known", (0.6, 1.0)),
 }
@@ -351,7 +351,7 @@ def table(rows: Rows) -> Table:
         lines.append((f"{number}", name, words, *figures, one.words))
     heads = ("", "camera", "what it is", "spread", "within", "bias", "signed", "known", "verdict")
     note = (
-        "Spread over the prediction for the scene's texture and place; share of the errors within those told; bias "
+        "Spread over the prediction for the scene's texture and place; share of the errors within those reported; bias "
         "over spread, rms over scenes and lights, and its mean with the sign; known of the microlenses that are "
         "neither cut nor beside an edge. After ± the standard error that so few windows leave; "
         "open: missed by less than two of them."
@@ -411,7 +411,7 @@ def drawn(rows: Rows) -> Picture:
 def differences(predicted: Mapping[str, Mapping[str, float]]) -> Table:
     """Predicted standard errors against those of differences of rendered pictures."""
     lines = [(name, f"{one['kept']:.0%}", f"{one['x']:.3f}", f"{one['y']:.3f}") for name, one in predicted.items()]
-    heads = ("camera", "kept of the image", "grating along x", "along y")
+    heads = ("camera", "unvignetted", "grating along x", "along y")
     note = (
         "Predicted standard error over that from the Fisher information of rendered pictures, by their differences "
         "with disparity; amplitude and phase of the grating free (`prediction_proof.py`)."

@@ -99,7 +99,7 @@ class Measured:
     spread: Floats
     """Rms over the exposures about each microlens's mean [mm]."""
     told: Floats
-    """Rms of the standard errors told with the depths, each from its own window [mm]."""
+    """Rms of the standard errors reported with the depths, each from its own window [mm]."""
     predicted: Floats
     """Standard error for light, noise and texture, at the focal plane [mm]; inf where nothing tells depth."""
     kept: Floats
@@ -189,10 +189,10 @@ def lost(one: Measured) -> Picture:
         Dots(one.kept[both], one.spread[both], "blue", size=4),
     )
     keys = [
-        dot_key("measured spread", "blue"), dot_key("errors told with the depths", "green", "s", 3),
+        dot_key("measured spread", "blue"), dot_key("errors reported with the depths", "green", "s", 3),
         line_key("predicted", "vermillion", 1.8, "7 4"),
     ]  # fmt: skip
-    labels = "kept fraction of the microlens image", "standard error of depth [mm]"
+    labels = "unvignetted fraction of the microlens image", "standard error of depth [mm]"
     panel = Panel((0, 0, 1, 1), Scale(0.0, 1.04), up, marks, *labels)
     return one_panel("lost", "Standard error of depth over the kept fraction", (540.0, 320.0), panel, keys, left=70)
 
@@ -227,7 +227,7 @@ def statements(results: dict[str, dict[str, Measured]]) -> Iterator[Statement]:
             "plain",
             f"How much depth is lost where images are cut? Where {cut.kept[worst]:.0%} is kept depth scatters "
             f"{cut.spread[worst] / whole:.1f} times as far as where images are whole (predicted "
-            f"{cut.predicted[worst] / np.nanmin(cut.predicted):.1f}); of what is dark nothing is told.",
+            f"{cut.predicted[worst] / np.nanmin(cut.predicted):.1f}); of what is dark nothing is reported.",
         )
     off, scatter = float(np.nanmax(np.abs(wrong.bias))), float(np.nanmedian(wrong.spread))
     yield Statement(
@@ -249,10 +249,10 @@ def summary_table(results: dict[str, dict[str, Measured]]) -> Table:
             worst = "-" if not np.isfinite(one.bias).any() else f"{np.nanmax(np.abs(one.bias)):.2g}"
             values = ("-" if value is None else f"{value:.2g}" for value in numbers)
             rows.append((scene, name, f"{100 * summary.measured:.0f} %", *values, worst, inside))
-    heads = ("scene", "camera", "known", "bias", "spread", "predicted", "told", "largest bias", "within errors told")
+    heads = ("scene", "camera", "known", "bias", "spread", "predicted", "reported", "largest bias", "within reported")
     note = (
-        "Lengths in mm. Predicted for texture and light on average; told with each depth, from its own window. Largest "
-        "bias of a twenty-fourth of the field. 68 % within where the errors told are right."
+        "Lengths in mm. Predicted for texture and light on average; reported with each depth, from its own window. "
+        "Largest bias of a twenty-fourth of the field. 68 % within where the errors reported are right."
     )
     return Table(tuple(rows), "llrrrrrrr", heads, "Four cameras, two scenes", note)
 

@@ -164,7 +164,7 @@ class Unlike(NamedTuple):
     error: float
     """Within which 68 % of the depths lie of the wall's distance [mm]."""
     told: float
-    """Standard error told with them, median [mm]."""
+    """Standard error reported with them, median [mm]."""
     inside: float
     """Share of depths within their own."""
 
@@ -205,7 +205,7 @@ def unlike_believed() -> Iterator[Unlike]:
 
 
 def told_and_found(sets: list[Repeated], bins: int = 12) -> Picture:
-    """Draw by how much two sets of views differ, over the errors told, in bins of equally many pixels."""
+    """Draw by how much two sets of views differ, over the errors reported, in bins of equally many pixels."""
     looks = (("blue", "o"), ("sky", "s"), ("vermillion", "o"), ("orange", "s"), ("green", "o"), ("grey", "s"))
     marks: list[Mark] = []
     ends = []
@@ -219,10 +219,10 @@ def told_and_found(sets: list[Repeated], bins: int = 12) -> Picture:
     line = Line([scale.low, scale.high], [scale.low, scale.high], "ink", 1.2)
     keys = [dot_key(one.words, *look) for one, look in zip(sets, looks, strict=True)]
     keys.append(line_key("as told", "ink", 1.2))
-    labels = "standard error told [pitches over the pupil]", "error of one set [pitches]"
+    labels = "standard error reported [pitches over the pupil]", "error of one set [pitches]"
     panel = Panel((0, 0, 1, 1), scale, scale, (line, *marks), *labels)
     return one_panel(
-        "repeats", "Repeatability of two sets of views over errors told", (540.0, 470.0), panel, keys, left=70
+        "repeats", "Repeatability of two sets of views over errors reported", (540.0, 470.0), panel, keys, left=70
     )
 
 
@@ -317,7 +317,7 @@ def statements(real: Real | None, all_noise: list[Unlike]) -> Iterator[Statement
         yield Statement(
             "good" if max(ratios_of) <= 1.3 else "caution",
             f"Do real depths repeat as told? Disjoint sets of views differ by {min(ratios_of):.2f} to "
-            f"{max(ratios_of):.2f} times the errors told, rms.",
+            f"{max(ratios_of):.2f} times the errors reported, rms.",
         )
     least = min(one.known for one in all_noise)
     inside = [one.inside for one in all_noise]
@@ -325,7 +325,7 @@ def statements(real: Real | None, all_noise: list[Unlike]) -> Iterator[Statement
         "good" if least > 0.9 else "caution",
         f"Does wrong noise spoil a capture? Read with noise {TIMES[0]:g} to {TIMES[-1]:g} times as believed "
         f"{_percent(least, 3)} of the wall stay known at least, {_percent(min(inside))} to {_percent(max(inside))} "
-        "within the errors told.",
+        "within the errors reported.",
     )
 
 
@@ -348,7 +348,7 @@ def report(real: Real | None, all_noise: list[Unlike]) -> Report:
         sections.append(Section("Real light fields", (Paragraph(f"Not measured: {WITHOUT}."),), "real"))
     else:
         repeats = Figure.of(
-            "repeats", "Errors found over errors told",
+            "repeats", "Errors found over errors reported",
             "Each dot is a twelfth of the pixels. Below the line errors are told too large. Sets of every other view "
             "share what was interpolated between them, and differ by less than they err.",
             told_and_found(real.sets),

@@ -30,7 +30,7 @@ SEED = 202
 OFF = 0.07
 """Error beyond which a disparity is bad [px from view to view]."""
 LEAST_KNOWN, MOST_OFF, INSIDE, MOST_TIMES = 0.85, 0.06, (0.60, 0.76), 4.0
-"""Bars for scenes kept back: known, off, within the errors told, time over the structure tensor's."""
+"""Bars for scenes kept back: known, off, within the errors reported, time over the structure tensor's."""
 
 
 class Row(NamedTuple):
@@ -41,9 +41,9 @@ class Row(NamedTuple):
     off: float
     """Share of those known that are off by more than `OFF`."""
     inside: float
-    """Share of those known within the errors told."""
+    """Share of those known within the errors reported."""
     sigma: float
-    """Middle one of the errors told [px]."""
+    """Middle one of the errors reported [px]."""
     seconds: float
     """Of processor, files read."""
     plain_off: float
@@ -54,9 +54,9 @@ class Row(NamedTuple):
     dense_rms: float
     """Rms error of these [px]."""
     dense_told: float
-    """Rms of the errors told with these [px]."""
+    """Rms of the errors reported with these [px]."""
     dense_inside: float
-    """Share of these within the errors told."""
+    """Share of these within the errors reported."""
 
 
 def structure_tensor(views: NDArray[np.float32], inner: float = 0.8, outer: float = 2.0) -> Floats:
@@ -117,7 +117,7 @@ def table(rows: list[Row], title: str) -> Table:
     )  # fmt: skip
     note = (
         f"Off: by more than {OFF:g} px from view to view, of those known; the structure tensor always "
-        "answers. Told: middle one of the errors told [px]; 68 % lie within those that are right. Processor time."
+        "answers. Told: middle one of the errors reported [px]; 68 % lie within those that are right. Processor time."
     )
     return Table(cells, "lrrrrrrr", heads, title, note)
 
@@ -150,7 +150,7 @@ def dense_table(rows: list[Row], title: str) -> Table:
          f"{r.dense_told:.2g}", f"{100 * r.dense_inside:.0f} %")
         for r in rows
     )  # fmt: skip
-    note = "Filled in from known neighbours (dense.tif): off as above, rms error and rms of the errors told [px]."
+    note = "Filled in from known neighbours (dense.tif): off as above, rms error and rms of the errors reported [px]."
     return Table(cells, "lrrrrr", ("scene", "unknown", "off", "rms", "told", "within told"), title, note)
 
 

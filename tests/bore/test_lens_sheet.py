@@ -227,12 +227,12 @@ def test_rendered_white_darkens_as_told(objects):
 
 def test_what_the_sheet_does_not_tell_is_said_and_fields_beyond_it():
     result = roslf.evaluate(told(relative_illumination={"heights": [3.0], "percent": [80.0]}))
-    assert "known by its data sheet. It does not tell aberrations" in result.method
+    assert "known by its data sheet. It does not state aberrations" in result.method
     assert ", distortion: sharpness" in result.method
-    assert any("tells of fields to" in warning for warning in result.warnings)
+    assert any("states fields to" in warning for warning in result.warnings)
     whole = roslf.evaluate(told(relative_illumination=DIM, distortion={"heights": [6.0], "percent": [-1.0]}))
     assert ", distortion: sharpness" not in whole.method
-    assert not any("tells of fields to" in warning for warning in whole.warnings)
+    assert not any("states fields to" in warning for warning in whole.warnings)
 
 
 # --- a lens that ships, by its sheet ----------------------------------------------------------------------------------
@@ -367,7 +367,7 @@ def test_files_hold_sheets_and_a_design_written_again_is_the_same():
         ('["3 mm", "5.5 mm"], percent = [-0.4, -1.2]', '["3 mm", "3.1 mm"], percent = [-30, 30]', "angles do not rise"),
         ("[main_lens]", '[main_lens]\nprescription = "LA1050-A"', "the prescription says what the lens is made of"),
         ("[main_lens]", '[main_lens]\nmaterial = "N-BK7"', "the sheet says what the lens is made of; drop material"),
-        ("[main_lens]", "[main_lens]\nreversed = true", "a data sheet tells one way round"),
+        ("[main_lens]", "[main_lens]\nreversed = true", "a data sheet states one orientation"),
         ("[main_lens]", '[main_lens]\nfocal_length = "35 mm"', "35 mm contradicts the sheet's focal_length = 25 mm"),
         ("[microlens_array]", '[aperture]\ndistance = "50 mm"\n[microlens_array]', "whose pupil is seen at 5 mm"),
         ("[microlens_array]", '[aperture]\ndiameter = "15 mm"\n[microlens_array]', "wider than the sheet's pupil"),

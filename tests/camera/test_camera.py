@@ -155,7 +155,7 @@ def test_a_symbol_alone_answers_only_where_ruler_and_lens_agree():
         assert getattr(air, symbol) == getattr(air.seen, symbol) == getattr(air.ruler, symbol)
     assert behind.ruler.d_3 == 62.84
     assert behind.seen.d_3 == pytest.approx(0.0052, abs=5e-5)
-    with pytest.raises(AttributeError, match=r"62\.84 by a ruler \(camera\.ruler\.d_3\).*camera\.seen\.d_3"):
+    with pytest.raises(AttributeError, match=r"62\.84 as a mechanical .*\(camera\.ruler\.d_3\).*camera\.seen\.d_3"):
         _ = behind.d_3
     with pytest.raises(AttributeError, match=r"camera\.seen\.H"):
         _ = behind.H

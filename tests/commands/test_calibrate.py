@@ -214,8 +214,8 @@ def test_calibrated_in_air_used_in_water(capsys, captured, small, tmp_path, blan
     assert ruler["d_f"]["estimate"] == pytest.approx(small.d_f + 1 / 3, abs=3 * ruler["d_f"]["sigma"])
     assert wet.d_f == pytest.approx(end + 1.333 * (ruler["d_f"]["estimate"] - end), rel=1e-9)
     page = (out / "index.html").read_text()
-    assert "The same with a ruler" in page
-    assert "told uncorrected" in page
+    assert "The same as mechanical distances" in page
+    assert "uncorrected [mm]" in page
 
 
 def test_side_data_reach_the_answer(capsys, captured, small, tmp_path, blank_pngs):

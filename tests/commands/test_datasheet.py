@@ -49,7 +49,7 @@ def test_a_sheet_tells_each_line_with_its_tolerance(tmp_path, capsys, monkeypatc
         assert (code, out.strip()) == (0, str(tmp_path / name))
     told = json.loads((tmp_path / "a.json").read_text())
     lines = {line["name"]: line for line in told["lines"]}
-    assert "256 builds" in told["basis"]
+    assert "256 Monte Carlo units" in told["basis"]
     assert "yield 100.00 %" in told["basis"]
     # Views across are in proportion to D_F: 1 % of tolerance, as a bound or as two deviations.
     views = lines["views across"]
@@ -217,7 +217,7 @@ calibration = { boards = 9 }
         return json.loads((tmp_path / "a.json").read_text())
 
     told = told_of(parts)
-    assert all(words in told["basis"] for words in ("256 builds", "as planned"))
+    assert all(words in told["basis"] for words in ("256 Monte Carlo units", "as planned"))
     lines = {line["quantity"]: line for line in told["lines"]}
     assert lines["views_geometric"]["two_sigma"] > 0
     # The calibration does not see D_F, and all else is built exactly: it stays as it was.
@@ -261,7 +261,7 @@ def test_a_page_of_one_design(tmp_path, capsys, coarse_map):
     code, _, _ = run(capsys, "datasheet", "video-otoscope", "-o", tmp_path / "sheet.html")
     page = (tmp_path / "sheet.html").read_text()
     assert code == 0
-    assert all(words in page for words in ("ISO 8600-3", "no tolerance study is at hand", "direction of view", "folds"))
+    assert all(words in page for words in ("ISO 8600-3", "no tolerance study is at hand", "direction of view", "alias"))
 
 
 @pytest.mark.parametrize(

@@ -71,7 +71,7 @@ def test_maps_agree_with_points(written):
 def test_page_asks_and_answers(written):
     folder, _ = written
     page = (folder / "index.html").read_text()
-    for question in ("How much of the field", "How far does it scatter", "Is it as predicted", "errors told"):
+    for question in ("How much of the field", "How far does it scatter", "Is it as predicted", "errors reported"):
         assert question in page
     for name in ("map", "profile", "errors", "epi"):
         assert f'data-testid="picture-depth-{name}"' in page

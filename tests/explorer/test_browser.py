@@ -493,8 +493,8 @@ def test_a_tolerance_run_goes_on_beside_other_work_and_tells_and_draws_its_yield
     page.click("#tab-tolerance")
     text = result(page, "tolerance").inner_text()
     expected = run_tolerance(ToleranceRequest(PAPER, "commercial", 256))
-    assert f"{100 * expected.share.value:.3g} % of the builds hold every limit" in text
-    assert "256 builds to the grade 'commercial'" in text
+    assert f"{100 * expected.share.value:.3g} % of the Monte Carlo units (builds) hold every limit" in text
+    assert "256 Monte Carlo units (builds) to the grade 'commercial'" in text
     assert "earlier design" in text
     for name in ("yield", "yield-curve", "offenders", "spreads"):
         assert page.locator(f"[data-picture={name}] svg").is_visible()

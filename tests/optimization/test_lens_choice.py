@@ -173,7 +173,7 @@ def test_no_bought_lens_is_better_than_ours():
     best = ranking.best[0]
     lens, way = (part.part for part in combinations.chosen(best.number))
     values = combinations.problem_at(best.number).named(best.search.unit)
-    number = shapes.index((load_lens(lens), way == "turned round"))
+    number = shapes.index((load_lens(lens), way == "reversed"))
     assert cost([number, values["D_F"], values["d_3"]]) <= known.fun + 1e-3
 
 

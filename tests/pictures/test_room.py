@@ -24,7 +24,7 @@ FONT = ImageFont.truetype(f"{matplotlib.get_data_path()}/fonts/ttf/DejaVuSans.tt
 
 
 @pytest.mark.parametrize(
-    "words", ["telecentric: d", "kept fraction, edge", "D = 50.8 mm", "Eq. 6: undistorted", "90.4 %"]
+    "words", ["telecentric: d", "unvignetted fraction, edge", "D = 50.8 mm", "Eq. 6: undistorted", "90.4 %"]
 )
 def test_words_are_taken_as_wide_as_the_widest_font_sets_them(words):
     assert 0.97 < text_width(words, SMALL) / (FONT.getlength(words) * SMALL / 1000) < 1.12

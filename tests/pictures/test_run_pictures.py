@@ -38,14 +38,14 @@ TOLERANCE = ToleranceResult(
     share=HALF,
     limits=(("image fill, edge", HALF),),
     offenders=(
-        Offender("lens focal length", "1 mm", math.inf, "kept fraction, corner"),
+        Offender("lens focal length", "1 mm", math.inf, "unvignetted fraction, corner"),
         Offender("sensor distance", "20 um", 2.5, "image fill, edge"),
         Offender("aperture diameter", "50 um", 0.25, "depth spread σ_Z"),
         Offender("aperture tilt x", "3 mrad", 1e-9, "image fill, edge"),
     ),
     spreads=(
         LimitSpread("image fill, edge", 1.0, 0.95, 1.05, 0.9, 1.1),
-        LimitSpread("kept fraction, corner", 1.0, -math.inf, 1.0, 0.99, math.inf),
+        LimitSpread("unvignetted fraction, corner", 1.0, -math.inf, 1.0, 0.99, math.inf),
         LimitSpread("image-centre error, edge", 0.0, 0.0, 0.0, -math.inf, 1.0),
     ),
     grades=(
@@ -128,7 +128,7 @@ def test_offenders_that_break_a_limit_alone_look_different_and_small_ones_are_le
     assert _widths(picture, "offender-1", "offender-2") == pytest.approx([250, 25])
     words = [m.text for m in offender_bars(TOLERANCE.offenders, (210, 300)).marks if hasattr(m, "text")]
     assert "250 %" in words
-    assert any("kept fraction, corner undefined" in m.text for m in picture.marks if hasattr(m, "text"))
+    assert any("unvignetted fraction, corner undefined" in m.text for m in picture.marks if hasattr(m, "text"))
     assert "no tolerance matters" in offender_bars(()).svg()
 
 

@@ -33,7 +33,7 @@ def test_folded_and_dark_fields_are_told():
     assert np.isnan(curves.diameter_px[curves.folded]).all()
     assert "folded or dark" in {key.text for key in lens_over_field(CONVEX_FIRST, curves).keys}
     titles = [_lens_image(CONVEX_FIRST, place)[1] for place in ((0, 0), (11.15, 0), (11.15, 7.4))]
-    assert titles == ["whole", "folded, 62.3 % kept", "dark"]
+    assert titles == ["whole", "folded, 62.3 % unvignetted", "dark"]
 
 
 def test_captions_of_fields_without_whole_images():

@@ -138,7 +138,7 @@ def test_a_story_has_every_section_and_says_what_was_done(told):
     assert len(steps.items) == 3
     answers = " ".join(item.text for item in blocks(report, Statements)[0].items)
     assert "Optimisation: a design holds every limit" in answers
-    assert "2000 trials, seed 5" in answers
+    assert "2000 Monte Carlo units (builds), seed 5" in answers
     assert "Calibration as planned" in answers
     seeds = " ".join(item for block in blocks(report, Bullets) for item in block.items)
     assert all(f"{what}: {seed}." in seeds for what, seed in (("starts", 3), ("2000 builds", 5), ("poses", 4)))

@@ -66,7 +66,7 @@ def test_figures_have_the_same_bytes_each_time(result):
 
 
 def test_a_nominal_that_misses_is_told_and_of_every_metric_the_weakest_field_is_brief(result):
-    assert _yield_statement(result, "study").text.endswith("wanted 95 % (study).")
+    assert _yield_statement(result, "study").text.endswith("target yield 95 % (study).")
     assert [len(table.rows) for table in tables(result)] >= [len(table.rows) for table in tables(result, brief=True)]
     brief, whole = tables(result, brief=True)[1], tables(result)[1]
     assert len({row[0].partition("@")[0] for row in brief.rows}) == len(brief.rows)

@@ -1,4 +1,4 @@
-"""What reaches a wanted yield, against responses whose yields are known in closed form."""
+"""What reaches a target yield, against responses whose yields are known in closed form."""
 
 import math
 

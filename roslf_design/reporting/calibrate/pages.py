@@ -58,7 +58,7 @@ SOURCES: dict[str, tuple[str, str, str]] = {
 FIGURES: dict[str, tuple[str, str, Callable[[Outcome], Picture]]] = {
     "residuals": (
         "What the joint fit leaves over",
-        "A pattern that the boards share speaks of distortion that was not asked for; scatter alone is noise.",
+        "A pattern that the boards share is distortion that was not asked for; scatter alone is noise.",
         pictures.residuals,
     ),
     "epi-lines": (
@@ -238,11 +238,11 @@ def _through_tables(result: Outcome) -> Iterator[Table]:
         )
         heads = ("", "estimate", "", "sigma", "design")
         note = "The lengths above are those that the main lens sees through elements and glass, as if all were air."
-        yield Table(rows, "lrlrr", heads, "The same with a ruler", note)
+        yield Table(rows, "lrlrr", heads, "The same as mechanical distances", note)
     used = result.used_in
     if used is not None:
         columns = zip(used.distances, used.uncorrected, used.error, 100 * used.relative, strict=True)
-        titles = ("true distance [mm]", "told uncorrected [mm]", "off [mm]", "off [%]")
+        titles = ("true distance [mm]", "uncorrected [mm]", "off [mm]", "off [%]")
         depths = tuple(
             (f"{z:.5g}", f"{decoded:.5g}", f"{off:+.3g}", f"{share:+.1f}") for z, decoded, off, share in columns
         )
@@ -306,7 +306,7 @@ def _design_table(result: Outcome) -> Table:
     heads = ("", "calibrated", "design", "difference", "sigma", "", "in sigma")
     caption = (
         "Sigma: of the calibration, and of what f, as well as the data sheet knows it, leaves open of a camera built as"
-        f" designed. Beyond {DISAGREE:g} sigma it was built otherwise, or a length that the calibration rests on is"
+        f" designed. Beyond {DISAGREE:g} sigma it was built otherwise, or a length that it takes as known is"
         " wrong."
     )
     return Table(tuple(rows), "lrrrrlr", heads, "Calibrated against the design", caption)
@@ -388,7 +388,7 @@ def plan_blocks(
     if plan.distortion:
         text += f" Distortion is fitted ({_terms(plan.distortion)})."
     if SceneSide.of(design) is not None:
-        text += " Boards stand where a ruler says; d_3, H and the other lengths are as the main lens sees them."
+        text += " Boards stand at mechanical distances; d_3, H and the other lengths are as the main lens sees them."
     sigma = before.sigma
     promise = (
         f"Calibration as planned will know d_3 to {sigma['d_3']:.2g} mm, H to {sigma['H']:.2g} and d_2 to "

@@ -19,11 +19,11 @@ CAPTIONS = {
     "lattice": (
         "Microlens centres on the raw image",
         "Crosses are the fitted centres that views are read about; each should sit in the middle of its image. Colours"
-        " tell which microlenses spoke in the fit.",
+        " tell which microlenses were used in the fit.",
     ),
     "white": (
         "Microlens images of the white image",
-        "Dots: light of all whole microlens images, each pixel at its place behind its microlens, folded into one."
+        "Dots: light of all whole microlens images, each pixel at its place behind its microlens, overlaid."
         " Line: an evenly lit pupil's, blurred by microlens and pixel, with the neighbours' light, on the veil.",
     ),
     "centre-view": (
@@ -111,10 +111,10 @@ def _white(profile: WhiteProfile) -> Iterator[Statement]:
         return f"{rounded(value, sigma)} ± {sigma:.2g}"
 
     if profile.untold:
-        yield Statement("caution", f"Veil and width of the microlens images are not told here: {profile.untold}.")
+        yield Statement("caution", f"Veil and width of the microlens images are not reported here: {profile.untold}.")
     else:
         wide, pitch = profile.width, profile.lattice.pitch
-        pupil = "a `design` would tell how wide a pupil that is"
+        pupil = "a `design` would say how wide a pupil that is"
         if profile.pupil is not None and profile.narrower is not None:
             more = profile.narrower - 1
             off = f"{100 * abs(more):.2g} % {'narrower' if more < 0 else 'wider'} than the design's"

@@ -21,13 +21,13 @@ CAPTIONS = {
     ),
     "profile": (
         "Along the middle row",
-        "Above, what was measured, and the truth where there is one. Below, what it is off by against the errors told, "
-        "or, without a truth, the standard error told with each and where it comes from. Neighbours share a window and "
-        "err alike.",
+        "Above, what was measured, and the truth where there is one. Below, what it is off by against the errors "
+        "reported, or, without a truth, the standard error reported with each and where it comes from. Neighbours "
+        "share a window and err alike.",
     ),
     "errors": (
-        "Errors against those told",
-        "In units of the standard error told with each. Wider than the normal law: errors told are too small.",
+        "Errors against those reported",
+        "In units of the standard error reported with each. Wider than the normal law: errors reported are too small.",
     ),
     "dense": (
         "Dense: filled where unknown",
@@ -85,7 +85,7 @@ def _capture_statements(measured: MeasuredCapture) -> Iterator[Statement]:
             yield Statement("plain", text, "Averaging lessens the former; the latter is the same in all pictures.")
     if measured.known_to:
         lengths = listed([f"{place} to {length(sigma)}" for place, sigma in measured.known_to.items()])
-        rest = "what calibration told and " if measured.calibration else ""
+        rest = "what calibration found and " if measured.calibration else ""
         yield Statement("plain", f"Is the camera known? {lengths}, as given; but for {rest}these it is as designed.")
     elif run.calibration_sigma is None and run.geometry.place_unit == "mm":
         text = "Is the camera known? It is taken as designed, without error."
@@ -111,7 +111,7 @@ def _capture_statements(measured: MeasuredCapture) -> Iterator[Statement]:
     if flat is not None and flat.rms < FLAT * float(np.median(run.noise_sigma[some])):
         text = (
             f"Is it a plane? Off the best one by {flat.rms:.2g} {unit} rms; {100 * flat.inside_68:.0f} % lie within "
-            "the errors told for light and texture, 68 % would of a plane."
+            "the errors reported for light and texture, 68 % would of a plane."
         )
         yield Statement("plain", text)
     if measured.noise.times != 1.0:
@@ -135,7 +135,7 @@ def _numbers(measured: MeasuredCapture) -> Table:
     if summary.bias_mm is not None and summary.spread_mm is not None and summary.inside_68 is not None:
         lines.append(("bias", f"{summary.bias_mm:.3g}", unit, f"mean error by {measured.truth}"))
         lines.append(("spread", f"{summary.spread_mm:.3g}", unit, "about it"))
-        lines.append(("within the error told", f"{100 * summary.inside_68:.1f}", "%", "68 where it is right"))
+        lines.append(("within the error reported", f"{100 * summary.inside_68:.1f}", "%", "68 where it is right"))
     if flat is not None:
         lines.append(("off a plane", f"{flat.rms:.3g}", unit, "rms about the best one"))
     lines.append((f"{places(measured)} with a {_quantity(measured)}", f"{100 * summary.measured:.1f}", "%", ""))

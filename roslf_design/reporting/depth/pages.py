@@ -15,7 +15,7 @@ from ..blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, S
 from .pictures import depth_pictures
 
 RIGHT = (0.61, 0.75)
-"""Shares of errors within the standard error told, of right ones: 68 % in the long run."""
+"""Shares of errors within the standard error reported, of right ones: 68 % in the long run."""
 NEAR = (0.9, 1.3)
 """Spread over prediction where prediction holds."""
 ENOUGH = 30
@@ -23,9 +23,9 @@ ENOUGH = 30
 FEW = 0.98
 """Share of measured microlenses below which what is missing is a caution."""
 WIDE = 1.3
-"""Rms error over that told up to which errors told are right."""
+"""Rms error over that told up to which errors reported are right."""
 TAIL = 0.003
-"""Share of the errors beyond five of those told up to which they are right."""
+"""Share of the errors beyond five of those reported up to which they are right."""
 FIGURES = {
     "map": (
         "Depth and its standard error at every microlens",
@@ -35,14 +35,14 @@ FIGURES = {
     "profile": (
         "Along the middle row",
         "Above, depth and the truth that the chief ray of each microlens meets. Below, the difference: most dots lie "
-        "in the band where the errors told are right; the dashed lines are what light, noise and texture allow. "
+        "in the band where the errors reported are right; the dashed lines are what light, noise and texture allow. "
         "Neighbours share a window and err alike, so dots wander together.",
     ),
     "errors": (
         "Errors against prediction",
-        "Left: errors in units of the standard error told with each. Wider than the normal law: errors told are too "
-        "small. Right: rms error around places of the field over what was predicted there, bias included; in a small "
-        "part of the sensor each dot is only a few windows, and scatters.",
+        "Left: errors in units of the standard error reported with each. Wider than the normal law: errors reported "
+        "are too small. Right: rms error around places of the field over what was predicted there, bias included; in a "
+        "small part of the sensor each dot is only a few windows, and scatters.",
     ),
     "dense": (
         "Dense: filled where unknown",
@@ -88,7 +88,7 @@ def measurement_report(
         about,
         (
             Section("Answers", (*said, *figures[:1]), "answers"),
-            Section("What it rests on", rests_on, "basis"),
+            Section("Assumptions", rests_on, "basis"),
             Section("Evidence", tuple(figures[1:]), "evidence"),
             Section("How it was done", how, "how"),
         ),
@@ -146,8 +146,8 @@ def statements(trial: Trial) -> Iterator[Statement]:
     )
     yield _judged(text, windows, small, None if small or chance else ("bad", remedy))
     if summary.predicted_mm is None:
-        text = "Is it as predicted? Nothing was predicted: neither light nor texture tells depth here."
-        yield Statement("caution", text, "Believe the errors told with each depth, where there is one.")
+        text = "Is it as predicted? Nothing was predicted: neither light nor texture gives depth here."
+        yield Statement("caution", text, "Believe the errors reported with each depth, where there is one.")
     else:
         ratio, room = spread / summary.predicted_mm, math.sqrt(2 / windows)
         off = not NEAR[0] * (1 - room) <= ratio <= NEAR[1] * (1 + room)
@@ -155,7 +155,7 @@ def statements(trial: Trial) -> Iterator[Statement]:
         yield _judged(text, windows, NEAR[0] <= ratio <= NEAR[1], ("caution", _believe(trial, ratio)) if off else None)
     inside, room = summary.inside_68, 2 * math.sqrt(0.68 * 0.32 / windows)
     text = (
-        f"Are the errors told with each depth right? {100 * inside:.0f} % of the depths lie within theirs, "
+        f"Are the errors reported with each depth right? {100 * inside:.0f} % of the depths lie within theirs, "
         "68 % would be right."
     )
     wrong: tuple[Tone, str] | None = None
@@ -163,15 +163,15 @@ def statements(trial: Trial) -> Iterator[Statement]:
     if inside < RIGHT[0] - room or rms > WIDE * (1 + math.sqrt(2 / windows)) * summary.told_mm:
         wrong = "caution", f"They are too small: for this scene believe {_mm(rms)} instead."
     elif inside > RIGHT[1] + room:
-        wrong = "caution", "They are larger than need be: depths are better than told."
+        wrong = "caution", "They are larger than need be: depths are better than reported."
     elif (summary.beyond_5 or 0.0) > TAIL:
         tail = 100 * (summary.beyond_5 or 0.0)
-        wrong = "caution", f"Some are far off: {tail:.2g} % by more than five times the errors told."
+        wrong = "caution", f"Some are far off: {tail:.2g} % by more than five times the errors reported."
     yield _judged(text, windows, errors_right(summary), wrong)
 
 
 def errors_right(summary: Summary) -> bool:
-    """True where errors are as large as those told with each depth, in the middle and at the tails."""
+    """True where errors are as large as those reported with each depth, in the middle and at the tails."""
     if summary.bias_mm is None or summary.spread_mm is None or not summary.told_mm or summary.inside_68 is None:
         return False
     rms = math.hypot(summary.spread_mm, summary.bias_mm)
@@ -230,11 +230,11 @@ def _summary_table(trial: Trial) -> Table:
         ("bias", summary.bias_mm, "mean error"),
         ("spread", summary.spread_mm, _spread_note(trial)),
         ("predicted", summary.predicted_mm, "from light, noise and texture, over the field"),
-        ("told", summary.told_mm, "with each depth, from what its window shows"),
+        ("reported", summary.told_mm, "with each depth, from what its window shows"),
     ]
     lines = [(name, "-" if value is None else f"{value:.3g}", "mm", note) for name, value, note in rows]
     inside = "-" if summary.inside_68 is None else f"{100 * summary.inside_68:.1f}"
-    lines.append(("within the error told", inside, "%", "68 where it is right"))
+    lines.append(("within the error reported", inside, "%", "68 where it is right"))
     lines.append(("microlenses with a depth", f"{100 * summary.measured:.1f}", "%", ""))
     lines += [("unknown", f"{100 * share:.3g}", "%", reason) for reason, share in trial.unknown().items()]
     return Table(tuple(lines), "lrll", ("", "", "", ""), "In numbers")
@@ -272,7 +272,7 @@ def basis(trial: Trial) -> tuple[Block, ...]:
     notes = [
         "The scene's texture is alike everywhere and matt; real ones have shine, shadow and plain places.",
         "The camera is known exactly; what a calibration leaves open comes on top (roslf calibrate --plan).",
-        "Away from depth steps: windows that see two depths are told as unknown, or take the better side.",
+        "Away from depth steps: windows that see two depths are reported as unknown, or take the better side.",
     ]
     notes += optics_notes(trial.believed)
     if trial.believed is not trial.raw.design:
@@ -286,7 +286,7 @@ def optics_notes(design: Design) -> list[str]:
     if filters(colours := design.sensor.colours):
         notes.append(
             f"Behind its {colours} filters the white image makes all colours equal, and pixels are matched as grey "
-            "ones: a scene with colours of its own scatters more than told."
+            "ones: a scene with colours of its own scatters more than reported."
         )
     if through := list(design.traced_through):
         rest = "; colours and the blur of aberrations are left out"

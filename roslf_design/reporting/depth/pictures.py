@@ -175,7 +175,7 @@ def _off(trial: Measurement, row: int, size: float) -> tuple[Panel, list[Key]]:
         Dots(x, error, "blue", size=size, opacity=0.8, clip=True),
         Line(at, predicted, "vermillion", 1.8, "7 4"), Line(at, -predicted, "vermillion", 1.8, "7 4"),
     ]  # fmt: skip
-    keys = [box_key("± standard error told with it", "sky", 0.45)]
+    keys = [box_key("± standard error reported with it", "sky", 0.45)]
     if trial.prediction is not None:
         keys.append(line_key("± predicted from light, noise and texture", "vermillion", 1.8, "7 4"))
     panel = Panel((0, 0, 1, 1), across, Scale(-reach, reach), tuple(marks), words.place, f"off by [{words.unit}]")
@@ -183,7 +183,7 @@ def _off(trial: Measurement, row: int, size: float) -> tuple[Panel, list[Key]]:
 
 
 def _told(trial: Measurement, row: int, size: float) -> tuple[Panel, list[Key]]:
-    """Standard errors told along a row, by where they come from."""
+    """Standard errors reported along a row, by where they come from."""
     run, words = trial.first, _Words.of(trial.first)
     x, known = run.x_ml[row, :, 0], run.measured[row]
     noise = np.where(known, run.noise_sigma[row], np.nan)
@@ -225,7 +225,7 @@ def _band(x: Array, low: Array, high: Array) -> tuple[Array, Array]:
 
 
 def normalised(trial: Measurement, size: Point = (PAGE / 2, 340.0)) -> Picture:
-    """Draw errors in units of the standard error told."""
+    """Draw errors in units of the standard error reported."""
     some = trial.compared
     sigma = np.stack([run.sigma[some] for run in trial.runs])
     ratio = (trial.errors[:, some] / sigma).ravel()
@@ -238,18 +238,18 @@ def normalised(trial: Measurement, size: Point = (PAGE / 2, 340.0)) -> Picture:
     marks = (Area(*outline, "blue", 0.35), Line(*outline, "blue", 1.2), Line(at, normal, "vermillion", 1.8, "7 4"))
     top = 1.12 * max(float(heights.max(initial=0.0)), float(normal.max()))
     left = Panel(
-        (0, 0, 1, 1), Scale(-REACH, REACH), Scale(0.0, top), marks, "error over standard error told",
+        (0, 0, 1, 1), Scale(-REACH, REACH), Scale(0.0, top), marks, "error over standard error reported",
         "share per unit", f"{inside}; 68 % is right",
     )  # fmt: skip
     keys = [box_key("all errors", "blue", 0.35), line_key("normal law", "vermillion", 1.8, "7 4")]
-    return one_panel("normalised", "Errors against the errors told", size, left, keys, left=60, top=TOP)
+    return one_panel("normalised", "Errors against the errors reported", size, left, keys, left=60, top=TOP)
 
 
 def _errors(trial: Measurement) -> Picture:
-    """Draw errors in units of the standard error told, and their rms over the field against prediction."""
+    """Draw errors in units of the standard error reported, and their rms over the field against prediction."""
     histogram = normalised(trial)
     if trial.prediction is None:
-        return beside("depth-errors", "Errors against the errors told", (histogram,))
+        return beside("depth-errors", "Errors against the errors reported", (histogram,))
     predicted, off = _by_place(trial, trial.prediction)
     ends = np.concatenate([predicted, off])
     scale = Scale(float(ends.min()) / 1.25, float(ends.max()) * 1.25, log=True) if ends.size else Scale(0.1, 1, True)
@@ -267,7 +267,7 @@ def _errors(trial: Measurement) -> Picture:
         histogram,
         one_panel("against", "", histogram.size, right, more, left=66, top=TOP),
     )
-    return beside("depth-errors", "Errors of depth against the errors told and predicted", parts)
+    return beside("depth-errors", "Errors of depth against the errors reported and predicted", parts)
 
 
 def _by_place(trial: Measurement, prediction: Prediction) -> tuple[Array, Array]:

@@ -97,7 +97,7 @@ def depth_precision(design: Design, size: Point = (560, 320)) -> Picture:
     )
     if not known.any():
         up = Scale(0.0, 1.0)
-    sharp = f"{short(focus, 3)} mm" if math.isfinite(focus) else "unknown, as no light or texture tells it"
+    sharp = f"{short(focus, 3)} mm" if math.isfinite(focus) else "unknown, as no light or texture gives it"
     words = f"at d_f = {short(design.d_f)} mm: {sharp.partition(',')[0]}"
     width = max(size[0] - 114, 80.0)
     # Between the two curves, which both leave the upper middle free; never beyond the panel.

@@ -138,8 +138,8 @@ def field_maps(design: Design, fields: _ArrayMap) -> Picture:
                 arrows.append(Line([a - u, a + u], [b - v, b + v], "#ffffff", 1.3, ends=">"))
     size, pictures = (PAGE / 2, 300.0), []
     for name, title, values, high, ramp, label, marks in (
-        ("kept", f"kept fraction: {'1 everywhere' if lowest == 1 else f'down to {lowest:.3g}'}", fields.kept, 1.0,
-         "kept", "kept fraction [1]", []),
+        ("kept", f"unvignetted fraction: {'all 1' if lowest == 1 else f'down to {lowest:.3g}'}", fields.kept, 1.0,
+         "kept", "unvignetted fraction [1]", []),
         ("offset", f"image centroid: up to {top:.3g} px off axis", length, top or 1.0, "cividis",
          "offset from the microlens axis [px]", arrows),
     ):  # fmt: skip
@@ -147,7 +147,7 @@ def field_maps(design: Design, fields: _ArrayMap) -> Picture:
         panel = _panel(design, size, (LEFT, 28.0, 74.0, BELOW)).with_marks(shades, *marks, *_frames(design))
         panel = replace(panel, title=title)
         pictures.append(Picture(name, title, size, (panel, colour_bar(panel, 0.0, high, ramp, label))))
-    title = f"Kept fraction and offset of the microlens images of {design.name}: {lowest:.3g} kept at the least"
+    title = f"Unvignetted fraction and offset of the microlens images of {design.name}: {lowest:.3g} at the least"
     return beside("maps", title, pictures, [*KEPT_KEYS, *_frame_keys(design)])
 
 
@@ -346,8 +346,8 @@ def _lens_image(design: Design, place: Point) -> tuple[tuple[Line | Area, ...], 
         )
         marks.append(Area(edge[:, 0], edge[:, 1], "blue", 0.25, "blue", 2.0))
     kept = 100 * float(traced.images.kept_fraction[0])
-    words = {ImageFate.DARK: "dark", ImageFate.CLIPPED: f"cut, {kept:.3g} % kept", ImageFate.FULL: "whole"}
-    return tuple(marks), words.get(fate, f"folded, {kept:.3g} % kept")
+    words = {ImageFate.DARK: "dark", ImageFate.CLIPPED: f"cut, {kept:.3g} % unvignetted", ImageFate.FULL: "whole"}
+    return tuple(marks), words.get(fate, f"folded, {kept:.3g} % unvignetted")
 
 
 def _folded(design: Design, place: Point, centre: Array) -> Array:

@@ -51,9 +51,9 @@ def _ray_sheet(design: Design, result: Evaluation) -> Figure:
     field = result.non_distortion
     room = number(abs(field.room_at_corner_mm), 3)
     follow = (
-        f"Every pencil that fills the FAP passes the {field.limited_by} with {room} mm to spare at the corner."
+        f"Every pencil that fills the FAP passes the {field.limited_by} with {room} mm clearance at the corner."
         if field.undistorted_in_field
-        else f"Outer pencils lose light, most at the {field.limited_by}: {room} mm of room are missing at the corner."
+        else f"Outer pencils lose light, most at the {field.limited_by}: {room} mm too little clearance at the corner."
     )
     plane = (
         "Each field lies in its own meridional plane, turned into the page."
@@ -64,7 +64,7 @@ def _ray_sheet(design: Design, result: Evaluation) -> Figure:
     if result.object_space is not None:
         folds = " and ".join(dict.fromkeys(f"{part.kind}s" for part in Camera.of(design).chain.folding))
         bend = f"{folds} unfolded" if folds else "rays bend at its faces"
-        through = f" Glass before the lens and about the array is light blue, where a ruler finds it; {bend}."
+        through = f" Glass before the lens and about the array is light blue, at its mechanical distances; {bend}."
     caption = (
         "Solid rays reach the sensor; dashed orange rays are blocked and end, with a cross, at what stops them (the "
         "outermost of each fan miss the FAP on purpose, to show it at work). The FAP is black, the main lens and its "
@@ -106,7 +106,7 @@ def _image_sheet(design: Design, result: Evaluation) -> Figure:
     )
     if on_sensor < 0.999:
         follow += (
-            " Where it is hatched there is no sensor: of the outermost images only the share told as seen falls on "
+            " Where it is hatched there is no sensor: of the outermost images only the share reported as seen falls on "
             "pixels."
         )
     caption = (
@@ -195,7 +195,7 @@ def _depth_sheet(design: Design, result: Evaluation) -> Figure:
         f"Depth noise (bound), 1 σ: {number(depth.sigma_z_mm, 3)} mm at the focal plane, where the disparity "
         f"between the FAP's rims is known to {number(depth.sigma_disparity_pitches, 3)} microlens pitches ({basis}). "
         f"It grows with the square of the distance from the FAP (at Z = {design.d_3:.4g} mm), and further as views "
-        "blur. Errors of calibration come on top. The dashed curve tells how many microlenses an object "
+        "blur. Errors of calibration come on top. The dashed curve shows how many microlenses an object "
         "point spreads over: far from the focal plane views must be refocused before they are compared."
     )
     return Figure.of("depth", "Depth noise (bound) over distance", caption, depth_precision(design, (PAGE, 330)))

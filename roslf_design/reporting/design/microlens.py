@@ -187,7 +187,7 @@ def microlens_image(
         across = parted([[c, c] for c in a] + [[a[0], a[-1]]] * len(b))
         marks.append(Line(across, parted([[b[0], b[-1]]] * len(a) + [[c, c] for c in b]), "grey", 0.5, opacity=0.35))
     where = f"{short(place[0])}, {short(place[1])} mm"
-    state = "dark" if view.kept_fraction == 0 else f"{100 * view.kept_fraction:.4g} % kept"
+    state = "dark" if view.kept_fraction == 0 else f"{100 * view.kept_fraction:.4g} % unvignetted"
     if view.on_sensor <= 0.995 and view.kept_fraction > 0:
         state += f", {100 * view.on_sensor:.3g} % on the sensor"
     colour = "ink" if view.kept_fraction == 1 else "vermillion"
@@ -199,7 +199,7 @@ def microlens_image(
         Text(x.low, y.high, words, colour, SMALL, dy=-9, testid="microlens-kept"),
     ]  # fmt: skip
     panel = Panel(box, x, y, tuple(marks), "x from the axis [µm]", "y from the axis [µm]", grid="", equal=True)
-    kept = "no light" if view.kept_fraction == 0 else f"{100 * view.kept_fraction:.4g} % of the pupil's disc kept"
+    kept = "no light" if view.kept_fraction == 0 else f"{100 * view.kept_fraction:.4g} % of the pupil unvignetted"
     title = f"Image of the microlens at {where} on the MLA: {kept}"
     return Picture(name, title, size, (panel,), tuple(keys), (14.0, panel.bottom + BELOW - 2, size[0] - 24))
 

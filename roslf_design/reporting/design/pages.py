@@ -28,7 +28,7 @@ from ...evaluation.result import (
 from ...evaluation.verdicts import near_cases
 from ...theory.colours import PIXEL_FILTERS
 from ...units import format_quantity
-from ...words import listed, sentence, spaced
+from ...words import TERMS, listed, sentence, spaced
 from ..blocks import (
     Block,
     Bullets,
@@ -151,6 +151,7 @@ def design_report(
         *(one.section for one in studied),
         _accuracy_section(design, result, accuracy),
         Section("Assumptions and what was left out", _assumptions(design, result)),
+        Section("Terms", (Table(tuple(TERMS.items()), "ll", ("term", "what it is")),)),
         making(command, tuple(one.seed for one in studied if one.seed), stamp, design),
     )
     return Report(design.name, design.source, sections)
@@ -175,7 +176,7 @@ def verdicts(result: Evaluation, prefix: str = "") -> Statements:
 
 def _pupil(design: Design) -> str:
     """Remark on the FAP."""
-    outline, words = design.aperture.outline, "flexible angular plane: the entrance pupil"
+    outline, words = design.aperture.outline, "the aperture stop's image in object space (flexible angular plane, FAP)"
     return f"{words}; extent along x or y of {outline.words}" if outline.straight else words
 
 
@@ -345,7 +346,7 @@ def _assumptions(design: Design, result: Evaluation) -> tuple[Block, ...]:
     if PIXEL_FILTERS[design.sensor.colours].kinds:
         items.append(
             "Depth noise, depth expected and electrons are those behind the sensor's colour filters, in white light, "
-            "a third of its power in each colour; diffraction and resolution are told for the one wavelength."
+            "a third of its power in each colour; diffraction and resolution are reported for the one wavelength."
         )
     if result.object_space is not None:
         items.append(

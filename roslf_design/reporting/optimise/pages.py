@@ -28,7 +28,7 @@ from .pictures import bore_and_stop, ends_of, goal_front, robust_yields, search_
 TITLES = {
     "bore": ("One stop for the bore", "The field where the two lines part is where the model of one stop misleads."),
     "front": ("What one goal costs of another", "Every point is a design; none is better in every goal."),
-    "robust": ("What builds hold", "On fresh deviations, which neither design was chosen for."),
+    "robust": ("Yield of Monte Carlo units (builds)", "On fresh deviations, which neither design was chosen for."),
 }
 
 PRESSED = 1e-6
@@ -116,12 +116,12 @@ def _statements(result: Result) -> Iterator[Statement]:
             for goal in answer.asked.goals
         ]
         text = (
-            f"Of builds, {_share(robust.nominal.yield_)} of the nominal optimum's hold every limit, "
+            f"Of Monte Carlo units (builds) {_share(robust.nominal.yield_)} of the nominal optimum's hold every limit, "
             f"{_share(robust.robust.yield_)} of the robust design's; the price: {', '.join(costs)}."
         )
         table = result.study.table.robust
         if table is not None and table.maximise == "quantile" and robust.robust.yield_.interval[0] < table.wanted_yield:
-            text += f" A yield of {100 * table.wanted_yield:g} % was wanted, which the interval does not promise."
+            text += f" The target yield is {100 * table.wanted_yield:g} %, which the interval does not promise."
         yield Statement("plain", text)
     if result.front is not None:
         yield from _about_front(result.front)
@@ -185,7 +185,7 @@ def _optimum(answer: Answer, reached: str) -> Statement:
     stops += [f"what every camera must be ({', '.join(ends)})"] if ends else []
     bounds = " and ".join(stops)
     if answer.runs_off:
-        text = f"The goal runs off without end; {bounds or 'the search'} stopped it at {reached}, which is no optimum."
+        text = f"Unbounded objective: {bounds or 'the search'} stopped it at {reached}, which is no optimum."
         return Statement("caution", text, "Limit the goal, or what drives it, by a constraint or narrower bounds.")
     if answer.merit >= BIG:
         text = f"A design holds every limit, but a goal is infinite wherever it was looked for: {reached}."
@@ -193,7 +193,7 @@ def _optimum(answer: Answer, reached: str) -> Statement:
     if bounds and all(active.bound or active.always for active in pressed):
         text = f"A design holds every limit: {reached}; but nothing stops the goal there save {bounds}."
         return Statement("caution", text, "Where a bound is not meant so, limit what a better goal costs.")
-    stopped = f" It rests on {bounds}, too." if bounds else ""
+    stopped = f" Active constraints include {bounds}." if bounds else ""
     return Statement("good", f"A design holds every limit; best found: {reached}.{stopped}")
 
 
@@ -260,9 +260,9 @@ def _about_bore(result: Result) -> Statement:
     pupil = result.bore
     assert pupil is not None
     text = (
-        f"The bore acts as one stop of {pupil.stop[0]:.4g} mm at {pupil.stop[1]:.4g} mm; over the field kept fractions "
-        f"differ by up to {pupil.worst_kept_difference:.2g}, and up to {pupil.worst_misplaced:.2g} of the light is on "
-        "the wrong side of its rim"
+        f"The bore acts as one stop of {pupil.stop[0]:.4g} mm at {pupil.stop[1]:.4g} mm; over the field the "
+        f"unvignetted share differs by up to {pupil.worst_kept_difference:.2g}, and up to {pupil.worst_misplaced:.2g} "
+        "of the light is on the wrong side of its rim"
     )
     good = pupil.worst_misplaced <= 0.05
     remedy = "" if good else "Check the result with every rim as a stop of the design."
@@ -307,7 +307,7 @@ def _tables(result: Result) -> Iterator[Table]:
             "Relaxing, for small steps: a limit that gives way by one unit makes "
         )
         caption += "the goal so much better." if single else "the goals together so many percent better."
-        yield Table.of(answer.active, columns, "Limits that the optimum rests on", caption)
+        yield Table.of(answer.active, columns, "Active constraints", caption)
     if answer.stages:
         rows = tuple((s.goal, f"{s.value:.6g}", s.held) for s in answer.stages)
         yield Table(rows, "ldl", ("goal, in order", "best", "held for the later ones"), "Lexicographic order")

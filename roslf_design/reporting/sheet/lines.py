@@ -61,7 +61,7 @@ MANY = 1024
 """Number of builds for quantities that the study does not report: their scatter to some two in a hundred."""
 USABLE = (
     "Finest detail that shows as what it is: the coarser of what still has half its contrast (MTF 50 %) and of half a "
-    "period a microlens, beyond which detail folds back."
+    "period a microlens, above which detail aliases."
 )
 TENTH = 0.1
 """Share of the distance up to which its uncertainty leaves depth of use."""
@@ -180,7 +180,7 @@ class SpreadSources(NamedTuple):
     rows: tuple[_SheetLine, ...]
     """Every line, in the order of the page."""
     build: LengthCovariance | None = None
-    """Covariance of the lengths as built, where a tolerance study tells it."""
+    """Covariance of the lengths as built, where a tolerance study gives it."""
     calibration: CalibratedLengths | None = None
     at: tuple[float, ...] = ()
     """Distances ahead of the tip that lines were asked for [mm]."""
@@ -383,7 +383,7 @@ def _colour_lines(design: Design, colours: tuple[Colour, ...]) -> Iterator[_Shee
     yield _SheetLine(subject, "green pixels across a microlens image", green.views_across, "", apart, of=across)
     folds = partial(_in_green, "fold_lp_per_mm", math.sqrt(GREEN.share))
     detail = f"one pixel of each microlens, half of them green; {beside(lambda one: one.view_fold_lp_per_mm)}"
-    yield _SheetLine(subject, "a view of green alone folds at", green.view_fold_lp_per_mm, "lp/mm", detail, of=folds)
+    yield _SheetLine(subject, "green view aliases above", green.view_fold_lp_per_mm, "lp/mm", detail, of=folds)
     sharp = f"refocused, axis, {number(green.wavelength_nm, 3)} nm; {beside(lambda one: one.mtf50_lp_per_mm)}"
     yield _SheetLine(
         subject,
@@ -422,8 +422,8 @@ def basis(
     if built is not None:
         share, (low, high) = 100 * built.final.result.value, built.final.result.interval
         sentences.append(
-            f"Tolerances are two standard deviations over {built.plan.trials} builds of the study {built.plan.name}; "
-            f"yield {share:.2f} % (95 % interval {100 * low:.2f} to {100 * high:.2f} %). "
+            f"Tolerances are two standard deviations over {built.plan.trials} Monte Carlo units (builds) of the study "
+            f"{built.plan.name}; yield {share:.2f} % (95 % interval {100 * low:.2f} to {100 * high:.2f} %). "
             + (f"{lost} Tolerances are of the others. " if (lost := impossible_words(built.final)) else "")
             + "Lines that the study does not "
             f"report go by the first {MANY} builds, those at a distance or a field by {FEW}."
@@ -512,7 +512,7 @@ def datasheet_section(grounds: SpreadSources) -> Section:
     curves = (
         "Contrast of detail at the focal plane, tangential (along the field's radius) and sagittal: diffraction at the "
         "pupil as the stops cut it, at microlenses, their width, the pixel, defocus. Detail beyond the dashed line is "
-        "sampled less than twice a period and folds back."
+        "sampled less than twice a period and aliases."
     ) + words.curves
     mapped = (
         "Detail that the image refocused to each distance shows with half its contrast; the lower of tangential and "

@@ -40,7 +40,7 @@ def mtf_curves(design: Design) -> Picture:
         marks: list[Mark] = [Line([0.0, detail[-1]], [level, level], "grey", 1.0, "2 3") for level in (0.5, 0.1)]
         marks += [
             Line([fold, fold], [0.0, 1.0], "grey", 1.2, "6 3"),
-            Text(fold, 0.97, "folds beyond", "ink", SMALL, "start", 5, 4, halo=True),
+            Text(fold, 0.97, "aliases above", "ink", SMALL, "start", 5, 4, halo=True),
         ]
         for transfer, colour, width in zip(transfers, COLOURS, WIDTHS, strict=True):
             if transfer.middle is None:

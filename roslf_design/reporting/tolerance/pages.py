@@ -58,11 +58,11 @@ FIGURES = {
         "The {weakest}: as built, and after adjustment where anything is adjusted. Dashed: nominal.",
     ),
     "sensitivity": (
-        "What moves the weakest metric",
+        "Sensitivity of the weakest metric",
         "One miss at a time: change of {weakest} at both ends of its tolerance, after adjustment.",
     ),
     "correlation": (
-        "What goes with the weakest metric",
+        "Correlation with the weakest metric",
         "Over all trials, finally: {weakest}. Grey: what chance alone gives in 95 % of cases.",
     ),
 }
@@ -110,7 +110,8 @@ def headline(result: StudyResult) -> str:
     adjusted = "" if len(result.variants) == 1 else f" ({100 * result.variants[0].result.value:.2f} % as built)"
     return (
         f"Yield {100 * result.final.result.value:.2f} %{adjusted}, "
-        f"95 % interval {100 * low:.2f} to {100 * high:.2f} %, {plan.trials} trials, seed {plan.draws.seed}"
+        f"95 % interval {100 * low:.2f} to {100 * high:.2f} %, "
+        f"{plan.trials} Monte Carlo units (builds), seed {plan.draws.seed}"
     )
 
 
@@ -147,7 +148,7 @@ def _yield_statement(result: StudyResult, name: str = "", first_look: bool = Fal
     if first_look:
         ours = f"by limits that this report sets itself{f' ({name})' if name else ''}"
         return Statement("plain", f"{headline(result)}, {ours}.")
-    text = f"{headline(result)}; wanted {100 * target:.4g} %{f' ({name})' if name else ''}."
+    text = f"{headline(result)}; target yield {100 * target:.4g} %{f' ({name})' if name else ''}."
     if any(limit.label.startswith("depth_error_mm") for limit in result.final.limits) and result.depth is not None:
         question = result.plan.question
         ahead = _focus(question.design) + question.object_distance - question.design.d_f
@@ -201,7 +202,7 @@ def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
         place, part = ranked[0]
         yield Statement(
             "plain",
-            f"{short_name(place, result.plan.question.design)} goes with it most: {100 * part:.0f} % of its variance.",
+            f"{short_name(place, result.plan.question.design)} correlates most: {100 * part:.0f} % of its variance.",
         )
 
 
@@ -311,7 +312,7 @@ def _quantiles(result: StudyResult, shown: set[str]) -> Table:
 
 
 def _tolerances(result: StudyResult, brief: bool) -> Table:
-    """Every perturbation: its tolerance, what it may be alone, what the wanted yield asks, where it comes from."""
+    """Every perturbation: its tolerance, what it may be alone, what the target yield asks, where it comes from."""
     design = result.plan.question.design
     kinds = perturbable(design)
     allowed = {a.place: a for a in result.allowed}
@@ -331,13 +332,13 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
         ("alone up to", "r", lambda p: own("alone", p.place)),
         ("until it fails", "l", lambda p: allowed[p.place].alone_limited_by if p.place in allowed else ""),
         ("shared budget", "r", lambda p: own("tolerance", p.place)),
-        ("for the wanted yield", "r", lambda p: "" if scale is None else display(p.tolerance * scale, kinds[p.place])),
+        ("for the target yield", "r", lambda p: "" if scale is None else display(p.tolerance * scale, kinds[p.place])),
     )
     share = "1/sqrt(n)" if result.study.share == "rss" else "1/n"
     caption = (
         "r²: squared correlation with the weakest metric. Alone up to: where, all else nominal, the first goal fails, "
         "or the build cannot be put together. "
-        f"Shared budget: what uses {share} of every limit's room, n = {len(shares)} parameters. For the wanted yield: "
+        f"Shared budget: what uses {share} of each limit's margin, n = {len(shares)} parameters. For the target yield: "
         "all tolerances scaled by one factor."
     )
     if result.final.impossible:
@@ -350,7 +351,7 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
 
 
 def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
-    """Tables of changes that reach the wanted yield, cheapest first, and of tolerances that may be looser."""
+    """Tables of changes that reach the target yield, cheapest first, and of tolerances to relax."""
     design = result.plan.question.design
     columns: tuple[Column, ...] = (
         ("change", "l", lambda change: _change_words(result, change)),
@@ -366,7 +367,7 @@ def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
             "Cost: more than now, in the unit of the grades' file (as shipped, 1 is the part in its loosest grade); a "
             "tolerance between two grades by its logarithm."
         )
-        yield Table.of(budget.changes[:MOST_CHANGES], columns, "What reaches the wanted yield", caption)
+        yield Table.of(budget.changes[:MOST_CHANGES], columns, "Changes that reach the target yield", caption)
     if adjusted := _adjustments(result):
         caption = (
             "One more adjustment of each build, all tolerances as they are, whether or not it is enough by itself."
@@ -386,7 +387,7 @@ def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
             + ("" if budget.cost is None else f", for {_cost(budget.cost)} in all against now, changes and savings")
             + ". Saves: of the part's cost, in the unit of the grades' file (as shipped, 1 is its loosest grade)."
         )
-        yield Table.of(budget.looser, shown, "What may be looser", caption)
+        yield Table.of(budget.looser, shown, "Tolerances to relax", caption)
 
 
 def _adjustments(result: StudyResult) -> tuple[Change, ...]:

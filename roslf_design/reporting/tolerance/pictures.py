@@ -92,7 +92,7 @@ class LimitSpread:
 def yield_bars(result: Yields, size: Point = (420, 170), target: float | None = None) -> Picture:
     """Draw the yield of every grade with its 95 % interval; that of the run itself stands out.
 
-    `size` [px] is the least: rows stay legible. `target` is the wanted yield, marked by a line.
+    `size` [px] is the least: rows stay legible. `target` is the target yield, marked by a line.
     """
     shares = [result.share if name == result.grade else share for name, share in result.grades]
     names = [f"{name} grade" for name, _ in result.grades]

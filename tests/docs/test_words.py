@@ -1,0 +1,101 @@
+"""One word for one thing: what people read has the glossary's words, and none that were retired for them."""
+
+import ast
+import re
+
+import pytest
+
+from roslf_design.words import TERMS
+
+RETIRED = {
+    r"\bturned round\b": "reversed",
+    r"\bspoke\b": "used in the fit",
+    r"\bmay be looser\b|\blooser grades\b": "tolerances to relax",
+    r"\brests? on\b|\brested on\b": "active constraint; depends on",
+    r"\bfolds? (at|beyond|back)\b|\bfolding frequency\b": "aliases above",
+    r"\b(by|with|for) a ruler\b|\ba ruler('s| says| finds)\b": "mechanical distance",
+    r"\broom (to spare|at the|that the rim)|\bmm of room\b|\blimit's room\b": "clearance; margin",
+    r"% (are )?kept\b|\bkept (fraction|share)|\bof an image are kept\b": "unvignetted",
+    r"\bruns off without end\b": "unbounded objective",
+    r"\bwanted yield\b": "target yield",
+    r"\b(moves|goes with) the weakest\b|\bgoes with it most\b": "sensitivity; correlation",
+    r"\b(errors?|those|within|is|are|was|were) told\b(?! apart)|\btells of\b|\bsheets? tells?\b": "reported; states",
+    r"\bFeel how\b": "interactive explorer",
+}
+"""Words with the meaning for which they were retired, and what stands there now."""
+EXCEPTIONS = {
+    "kept fraction": "a key: the value of `roslf accuracy --quantity`, of Python's `choose` and of shipped tables",
+}
+"""Texts that stay, and why."""
+
+
+def _strings(path, public):
+    """Line and text of what a module says: strings, fields of public classes, and functions' docstrings if `public`."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    bare = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+            fields = zip(node.body, node.body[1:], strict=False)
+            bare -= {id(after.value) for field, after in fields if isinstance(field, ast.AnnAssign) and _bare(after)}
+        elif public and isinstance(node, ast.FunctionDef) and not node.name.startswith("_") and _bare(node.body[0]):
+            bare -= {id(node.body[0].value)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.JoinedStr):
+            yield node.lineno, "".join(str(v.value) if isinstance(v, ast.Constant) else "0" for v in node.values)
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in bare:
+            yield node.lineno, node.value
+
+
+def _bare(node):
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+
+
+@pytest.fixture(scope="module")
+def texts(root):
+    """Place and text of all that people read: messages, help, pages, documentation; not the history of changes."""
+    package, found = root / "roslf_design", []
+    for path in sorted(package.rglob("*.py")):
+        for line, text in _strings(path, path.parent.name == "commands"):
+            found.append((f"{path.relative_to(root)}:{line}", text))
+    pages = [*package.rglob("*.html"), *package.rglob("*.j2"), root / "README.md", root / "CONTRIBUTING.md"]
+    pages += [*(root / "docs").rglob("*.md"), root / "docs/_ext/keys.toml", *(root / "studies").rglob("README.md")]
+    for path in sorted(pages):
+        if "_build" not in path.parts and "_generated" not in path.parts:
+            text = path.read_text(encoding="utf-8").partition("## Words that were retired")[0]
+            found.append((str(path.relative_to(root)), text))
+    return found
+
+
+@pytest.mark.parametrize("words", RETIRED)
+def test_retired_words_stay_out(texts, words):
+    pattern, left = re.compile(words.replace(" ", r"\s+")), []
+    for place, text in texts:
+        for excepted in EXCEPTIONS:
+            text = text.replace(excepted, "")
+        left += [f"{place}: {match[0]!r}" for match in pattern.finditer(text)]
+    assert not left, f"say {RETIRED[words]}: {left}"
+
+
+def test_every_exception_is_needed(texts):
+    for excepted in EXCEPTIONS:
+        assert any(excepted in text for _, text in texts)
+        assert any(re.search(words, excepted) for words in RETIRED)
+
+
+@pytest.mark.parametrize(
+    ("text", "word"),
+    [
+        ("turned round the lens sees whole images", "reversed"),
+        ("0.1 mm of room are missing", "clearance; margin"),
+        ("cut, 62 % kept", "unvignetted"),
+        ("lie within the errors told for light", "reported; states"),
+    ],
+)
+def test_patterns_find_what_they_name(text, word):
+    assert [RETIRED[words] for words in RETIRED if re.search(words, text)] == [word]
+
+
+def test_terms_of_reports_stand_in_the_glossary(root):
+    rows = re.findall(r"(?m)^\| ([^|]+) \|", (root / "docs/glossary.md").read_text(encoding="utf-8"))
+    glossary = {term.strip() for row in rows for term in (row, *row.split(","))}
+    assert set(TERMS) <= glossary
