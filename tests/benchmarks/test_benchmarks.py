@@ -121,7 +121,7 @@ def test_every_series_has_sizes_that_grow_and_is_prepared(series):
 
 def test_readmes_first_commands_end_by_themselves():
     first = typed((REPOSITORY / "README.md").read_text())[:FIRST]
-    assert [words[0] for words in first] == ["presets", "quantities", "evaluate", "evaluate", "evaluate"]
+    assert [words[0] for words in first] == ["presets", "catalogue", "evaluate", "evaluate", "evaluate"]
 
 
 def test_plain_estimators_disparities_are_judged_by_their_slope_on_the_true_ones():

@@ -376,7 +376,8 @@ def test_a_plan_goes_on_where_a_lens_in_the_bore_may_show_what_is_in_focus_at_in
     text = (ROOT / "designs" / "grin-needle.toml").read_text()
     with open("x.toml", "w") as file:
         file.write(text.replace('distance = "41 mm"', 'distance = "40.3 mm"'))
-    assert main(["calibrate", "--plan", "x.toml", "--json", "--sigma", "elements.0.focal_length=20 %"]) == 0
+    board = ["--board", "4x5 6 mm"]
+    assert main(["calibrate", "--plan", "x.toml", "--json", *board, "--sigma", "elements.0.focal_length=20 %"]) == 0
     sigma = json.loads(capsys.readouterr().out)["expected_sigma"]
     assert np.isfinite([*sigma.values()]).all()
 

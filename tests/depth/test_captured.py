@@ -419,7 +419,7 @@ PART = ["--region", "2156,1396,288,288"]
         (["full.tif", *PAPER, *PART], "is saturated: 100 % of its pixels"),
         (["raw.tif", "--design", "rigid-scope", *WHITE], "--design: microlens images of raw.tif are 12.94 px apart"),
         (["raw.tif", *PAPER, "--calibration", "other"], 'other is of "another camera"'),
-        (["raw.tif", *WHITE, "--calibration", "old"], "does not tell how its lengths err together"),
+        (["raw.tif", *WHITE, "--calibration", "old"], "does not state how its lengths err together"),
         (["raw.tif", *WHITE, "--calibration", "broken"], "not symmetric, or below 0"),
         (["raw.tif", *WHITE, "--calibration", "strange"], "elements.7.index is no length of"),
         (["raw.tif", *WHITE, "--calibration", "nowhere"], "nowhere"),

@@ -192,7 +192,7 @@ def microlens_image(
         state += f", {100 * view.on_sensor:.3g} % on the sensor"
     colour = "ink" if view.kept_fraction == 1 else "vermillion"
     head = f"{label}: {where}" if label else f"at {where}"
-    words = f"{state}; {words}" if words else state
+    words = f"{state}, {words}" if words else state
     marks = [
         *_beyond(view, x, y), *marks, *_lines(design, view, waves and pixels),
         Text(x.low, y.high, head, "ink", PLAIN, dy=-26, bold=True),
@@ -232,7 +232,7 @@ def _light(design: Design, view: _ImageView, waves: bool) -> tuple[list[Mark], s
     if patch is None:
         return plain, "too many images overlap for diffraction"
     peak = float(patch.max(initial=0.0))
-    return [Image(patch, box, "blues", 0.0, max(peak, 1.0))], f"peak {short(peak, 3)}"
+    return [Image(patch, box, "blues", 0.0, max(peak, 1.0))], f"peak {short(peak, 2)}"
 
 
 def _lines(design: Design, view: _ImageView, on_picture: bool) -> list[Mark]:
