@@ -118,7 +118,7 @@ def commands(folder: Path, quick: bool) -> list[Command]:
 
 
 def typed(readme: str) -> list[tuple[str, ...]]:
-    """Words after `roslf` of every command in README's tour that ends by itself and computes, files named from anywhere."""
+    """Words after `roslf` of every command in README's tour that ends by itself, files named from anywhere."""
     lines = [shlex.split(line, comments=True) for line in re.findall(r"(?m)^roslf (.*)$", readme)]
     return [
         tuple(str(REPOSITORY / word) if (REPOSITORY / word).is_file() else word for word in words)

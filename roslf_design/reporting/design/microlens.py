@@ -232,7 +232,7 @@ def _light(design: Design, view: _ImageView, waves: bool) -> tuple[list[Mark], s
     if patch is None:
         return plain, "too many images overlap for diffraction"
     peak = float(patch.max(initial=0.0))
-    return [Image(patch, box, "blues", 0.0, max(peak, 1.0))], f"peak {short(peak, 2)}"
+    return [Image(patch, box, "blues", 0.0, max(peak, 1.0))], f"max {short(peak, 2)}"
 
 
 def _lines(design: Design, view: _ImageView, on_picture: bool) -> list[Mark]:
