@@ -163,6 +163,8 @@ def lit(answer: FirstAnswer) -> Verdict:
         if cut
         else "a smaller sensor, or light that meets the array straighter (an exit pupil farther away), evens it"
     )
+    if light > 1:
+        ways = "a smaller sensor, or a lens that keeps the pupil's size over the field, evens it"
     return Verdict(name, False, "limit" if light >= DIM else "fault", text, f"{noise}{ways}")
 
 
