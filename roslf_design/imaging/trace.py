@@ -43,6 +43,7 @@ from ..rays.backward import (
     posed_ray,
 )
 from ..scenes import Checkerboard, Noise, PictureTexture, Plane, Scene, Sinusoid, Sphere, Uniform, White
+from ..sobol import direction_numbers
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import chief_slope
@@ -72,9 +73,6 @@ STRIP = 64
 """Pixels of a row that are traced together."""
 DIMENSIONS = 6
 """Dimensions of the Sobol points: pixel (x, y), microlens aperture (x, y), diffraction at the FAP (radius, angle)."""
-JOE_KUO = (0, (1,) * 32), (0, (1,)), (1, (1, 3)), (1, (1, 3, 1)), (2, (1, 1, 1)), (1, (1, 1, 3, 3))
-"""Coefficients of each dimension's primitive polynomial, and its first numbers."""
-
 BLOCK_ROWS = 14
 """Rows of a block of rays."""
 X, Y, SLOPE_X, SLOPE_Y, LENS_AT_X, LENS_AT_Y, LIT, KICK_X, KICK_Y, NEAR, U, V, HIT, LIGHT = range(0, 14 * BLOCK, BLOCK)
@@ -174,52 +172,21 @@ def _texture(texture: Part, pictures: list[Image]) -> tuple[int, tuple[float, ..
 
 
 @kernel(inline=True)
+def _alternating(
+    q: float, a: float, b: float, c: float, d: float, e: float, f: float, g: float, h: float, i: float
+) -> float:
+    """Series 1 - q a (1 - q b (1 - q c ...))."""
+    end = 1.0 - q * g * (1.0 - q * h * (1.0 - q * i))
+    return 1.0 - q * a * (1.0 - q * b * (1.0 - q * c * (1.0 - q * d * (1.0 - q * e * (1.0 - q * f * end)))))
+
+
+@kernel(inline=True)
 def _on_circle(share: float) -> Any:
     """Cosine and sine of a share of a turn, from 0 to 1, to 1e-13: series, of which loops are made vectors."""
     z = math.pi * (share - 0.5)
     q = z * z
-    sine = z * (
-        1.0
-        - q
-        * (1 / 6)
-        * (
-            1.0
-            - q
-            * (1 / 20)
-            * (
-                1.0
-                - q
-                * (1 / 42)
-                * (
-                    1.0
-                    - q
-                    * (1 / 72)
-                    * (1.0 - q * (1 / 110) * (1.0 - q * (1 / 156) * (1.0 - q * (1 / 210) * (1.0 - q * (1 / 272)))))
-                )
-            )
-        )
-    )
-    cosine = 1.0 - q * (1 / 2) * (
-        1.0
-        - q
-        * (1 / 12)
-        * (
-            1.0
-            - q
-            * (1 / 30)
-            * (
-                1.0
-                - q
-                * (1 / 56)
-                * (
-                    1.0
-                    - q
-                    * (1 / 90)
-                    * (1.0 - q * (1 / 132) * (1.0 - q * (1 / 182) * (1.0 - q * (1 / 240) * (1.0 - q * (1 / 306)))))
-                )
-            )
-        )
-    )
+    sine = z * _alternating(q, 1 / 6, 1 / 20, 1 / 42, 1 / 72, 1 / 110, 1 / 156, 1 / 210, 1 / 272, 0.0)
+    cosine = _alternating(q, 1 / 2, 1 / 12, 1 / 30, 1 / 56, 1 / 90, 1 / 132, 1 / 182, 1 / 240, 1 / 306)
     return 2.0 * sine * sine - 1.0, -2.0 * sine * cosine
 
 
@@ -378,25 +345,13 @@ def refocused(d_3: float, d_f: float, hx: float, hy: float, ox: float, oy: float
 def sobol_points(count: int) -> NDArray[np.uint32]:
     """First points of the Sobol sequence times 2^32, shape (count, 6): an exclusive-or scrambles them evenly.
 
-    In the order of Gray's code, by the numbers of Joe and Kuo (2008); importing scipy's takes longer than a picture.
+    In the order of Gray's code.
     """
     points = np.zeros((1, DIMENSIONS), np.uint32)
-    directions = np.array([_directions(*numbers) for numbers in JOE_KUO], np.uint32).T
+    directions = direction_numbers(DIMENSIONS).astype(np.uint32).T
     while len(points) < count:
         points = np.concatenate([points, points[::-1] ^ directions[len(points).bit_length() - 1]])
     return points[:count]
-
-
-def _directions(polynomial: int, first: tuple[int, ...]) -> list[int]:
-    """Direction numbers of one dimension, times 2^32."""
-    degree = len(first)
-    numbers = [m << 31 - k for k, m in enumerate(first)]
-    for k in range(degree, 32):
-        new = numbers[k - degree] ^ numbers[k - degree] >> degree
-        for j in range(1, degree):
-            new ^= (polynomial >> degree - 1 - j & 1) * numbers[k - j]
-        numbers.append(new)
-    return numbers
 
 
 @functools.lru_cache(maxsize=4)

@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import lru_cache, reduce
-from operator import xor
-from pathlib import Path
+from functools import lru_cache
 from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array
+from ..sobol import BITS, direction_numbers
 
 Distribution = Literal["normal", "uniform", "parabolic", "end-point"]
 """Names of the known distributions."""
@@ -25,8 +24,6 @@ Sampling = Literal["random", "sobol"]
 
 SMALLEST = 2.0**-53
 """Uniform numbers are kept this far from 0 and 1, so that no deviation is infinite."""
-BITS = 32
-"""Bits of a coordinate of the Sobol sequence, which so has 2^32 points."""
 
 
 def deviation(distribution: Distribution, uniform: ArrayLike, truncation: float = 2.0) -> Array:
@@ -193,24 +190,13 @@ def sobol_points(dimensions: int, start: int, count: int, seed: int) -> Array:
 def _scrambled(dimensions: int, seed: int) -> tuple[NDArray[np.uint32], NDArray[np.uint32]]:
     """Shift and direction numbers of a scrambled Sobol sequence, shapes (dimensions,) and (dimensions, BITS).
 
-    As `scipy.stats.qmc.Sobol` has them, from its table (Joe and Kuo 2008): importing all of it takes half a second.
+    As `scipy.stats.qmc.Sobol` has them.
     """
-    import scipy
-
-    table = np.load(Path(scipy.__file__).parent / "stats" / "_sobol_direction_numbers.npz")
-    polynomials, firsts = (table[name][:dimensions].astype(np.int64) for name in ("poly", "vinit"))
-    numbers = np.ones((dimensions, BITS), np.int64)
-    for row, polynomial, first in zip(numbers[1:], polynomials[1:].tolist(), firsts[1:], strict=True):
-        degree = polynomial.bit_length() - 1
-        row[:degree] = first[:degree]
-        for k in range(degree, BITS):
-            terms = (row[k - back] << back for back in range(1, degree + 1) if polynomial >> (degree - back) & 1)
-            row[k] = reduce(xor, terms, row[k - degree])
     places = np.arange(BITS)
     stream = np.random.default_rng(seed).spawn(1)[0]
     shift = stream.integers(2, size=(dimensions, BITS), dtype=np.uint32) @ (1 << places)
     mixing = np.tril(stream.integers(2, size=(dimensions, BITS, BITS), dtype=np.uint32), -1) | np.eye(BITS, dtype=int)
     # Bits from the first, the most significant one; each becomes a sum, modulo 2, of itself and those before it.
-    bits = (numbers << places[::-1])[:, None, :] >> places[::-1, None] & 1
+    bits = direction_numbers(dimensions)[:, None, :] >> places[::-1, None] & 1
     steps = (mixing @ bits % 2 << places[::-1, None]).sum(axis=1)
     return shift.astype(np.uint32), steps.astype(np.uint32)

@@ -36,11 +36,12 @@ from ..errors import InputError, Problem
 from ..evaluation import default_fields
 from ..evaluation.fields import MOST_FIELDS
 from ..options import Options, Seed, up_to
+from ..sobol import BITS
 from ..theory.focused import focus_faults
 from ..theory.quantity import finite
 from ..toml_files import StrictTable, nearest, problems_of, read_toml
 from ..units import Length, in_file, read_quantity
-from .draws import BITS, Distribution, Draws, Perturbation, Sampling
+from .draws import Distribution, Draws, Perturbation, Sampling
 from .ideal import bore_end
 from .metrics import METRICS, Column, Question, evaluate_builds, faults_of
 from .places import LENSLETS, SHIPPED, Grades, expand, load_grades, nominal_values, tolerance_at
