@@ -36,13 +36,10 @@ class Kernel(Generic[P, R]):
     Divisions by zero must be guarded in the source (interpreted, they raise).
     """
 
-    def __init__(
-        self, function: Callable[P, R], parallel: bool = False, elementwise: bool = False, inline: bool = False
-    ) -> None:
+    def __init__(self, function: Callable[P, R], parallel: bool = False, inline: bool = False) -> None:
         self.interpreted = function
         self.parallel = parallel
         self.inline = inline
-        self.elementwise = elementwise
         self.__doc__ = function.__doc__
         self.__name__ = getattr(function, "__name__", "kernel")
         self._compiled: Callable[P, R] | None = None
@@ -115,17 +112,6 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
     twin.__qualname__, twin.__module__ = f"{source.__qualname__}_{kernel.digest}", source.__module__
     folder = _cache_folder(twin)
     alone = contextlib.nullcontext if folder is None else partial(_alone, folder / f"{twin.__qualname__}.lock")
-    fast: Callable[P, R]
-    if kernel.elementwise:
-        vectorize: Any = numba.vectorize
-        signature = numba.float64(*[numba.float64] * source.__code__.co_argcount)
-        swap_callees()
-        with alone():
-            try:
-                fast = vectorize([signature], cache=folder is not None)(twin).ufunc
-            except OSError:  # the folder is full: compiled, not kept
-                fast = vectorize([signature])(twin).ufunc
-        return fast
     compiled: Any = numba.njit(
         cache=folder is not None, fastmath=False, error_model="numpy", parallel=kernel.parallel, nogil=True,
         inline="always" if kernel.inline else "never",
@@ -163,7 +149,7 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
         return code
 
     compiled.compile = compile_once
-    fast = compiled
+    fast: Callable[P, R] = compiled
     return fast
 
 
@@ -200,18 +186,15 @@ def _alone(path: Path) -> Iterator[None]:
         yield
 
 
-def kernel(
-    *, parallel: bool = False, elementwise: bool = False, inline: bool = False
-) -> Callable[[Callable[P, R]], Kernel[P, R]]:
+def kernel(*, parallel: bool = False, inline: bool = False) -> Callable[[Callable[P, R]], Kernel[P, R]]:
     """Make a function a `Kernel`.
 
-    With `parallel`, its `prange` loops run on all threads when compiled. One that is `elementwise` takes and gives
-    floats, or arrays that broadcast; compiled, it takes one pass over them instead of one for each operation. One that
-    is `inline` becomes part of compiled callers, for loops that are made vectors of only so.
+    With `parallel`, its `prange` loops run on all threads when compiled. One that is `inline` becomes part of compiled
+    callers, for loops that are made vectors of only so.
     """
 
     def wrap(function: Callable[P, R]) -> Kernel[P, R]:
-        return Kernel(function, parallel, elementwise, inline)
+        return Kernel(function, parallel, inline)
 
     return wrap
 

@@ -54,27 +54,14 @@ def test_a_changed_callee_in_another_file_is_compiled_again(tmp_path, monkeypatc
     assert results == [3.0, 21.0, 7.0]
 
 
-@kernel(elementwise=True)
-def halved(x: float, y: float) -> float:
-    return 0.5 * x * y
-
-
-def test_an_elementwise_kernel_takes_arrays_that_broadcast():
-    x, y = np.linspace(-1, 1, 101), np.linspace(0, 3, 7)[:, None]
-    np.testing.assert_array_equal(halved.compiled(x, y), halved(x, y))
-    assert halved.compiled(x, y).shape == (7, 101)
-
-
 def test_a_cache_folder_that_cannot_be_written_to_is_done_without(tmp_path, monkeypatch):
     with _alone(tmp_path / "gone" / "kernel.lock"):
         pass
     # Full while machine code is kept; then no place for it at all.
     monkeypatch.setattr(IndexDataCacheFile, "save", lambda *_: (_ for _ in ()).throw(OSError(28, "No space left")))
     assert Kernel(lambda x: 3.0 * x).compiled(2.0) == 6.0
-    assert Kernel(lambda x: 4.0 * x, elementwise=True).compiled(2.0) == 8.0
     monkeypatch.setattr("roslf_design._jit._cache_folder", lambda _: None)
     assert Kernel(lambda x: 5.0 * x).compiled(2.0) == 10.0
-    assert Kernel(lambda x: 6.0 * x, elementwise=True).compiled(2.0) == 12.0
 
 
 @kernel()

@@ -27,10 +27,12 @@ IMAGINARY = 1e-40
 """Step for exact derivatives, as a share of the number; its square vanishes against 1."""
 LOOSEST = 1e3
 """Inverse sensitivity stops looking beyond this many times the given tolerance."""
-HALVINGS = 40
-"""Steps of its bisection, the first ones doublings: six digits and more."""
-AHEAD = 2
-"""Steps whose every outcome is measured at once: a few more builds cost less than another call."""
+CLOSE = 1e-9
+"""Relative width of a bracket at which it stops."""
+LEAPT = 1e-7
+"""The same where nothing is left beyond: no build."""
+MOST_STEPS = 64
+"""Steps that it takes at most, the first ones doublings; of a limit that is leapt over the rest are halvings."""
 LINEAR = 0.1
 """|RSS / Monte Carlo - 1| above which a response counts as not linear."""
 AMONG, LOST = 4096, 128
@@ -166,7 +168,7 @@ class Allowed:
 def inverse_sensitivity(plan: TolerancePlan, share: float) -> tuple[Allowed, ...]:
     """Largest tolerance of each perturbation alone: until a limit fails, and until it uses a share of a limit's room.
 
-    By bisection on the real response, not from a derivative: margins and decentres bend. Where something is adjusted,
+    By a bracket on the real response, not from a derivative: margins and decentres bend. Where something is adjusted,
     what is left after adjustment counts.
 
     Raises
@@ -190,28 +192,37 @@ def inverse_sensitivity(plan: TolerancePlan, share: float) -> tuple[Allowed, ...
         for edge in np.array([(limit.low, limit.high) for limit in limits]).T[..., None]
         for twin in [plan.judged(edge, columns)]
     )
+    scale = np.maximum(np.minimum(here - low, high - here), np.finfo(float).tiny)
     inside, outside = np.zeros(rows.size), np.full(rows.size, np.inf)
-    broken = np.zeros(rows.size, np.intp)
-    for _ in range(0, HALVINGS, AHEAD):
-        # What may be asked next, whichever way answers go: node k goes on to 2 k + 1 where it held, else to 2 k + 2.
-        brackets, trials = [(inside, outside)], []
-        for node in range(2**AHEAD - 1):
-            least, most = brackets[node]
-            doubled = np.minimum(np.maximum(2 * least, 1.0), LOOSEST)
-            trials.append(np.where(np.isinf(most), doubled, (least + np.minimum(most, LOOSEST)) / 2))
-            brackets += [(trials[-1], most), (least, trials[-1])]
-        deviations = np.zeros((len(perturbations), len(trials), rows.size))
-        deviations[rows, :, cases] = np.where(ends == 0, trials, np.negative(trials)).T
-        measured = measure_finally(plan, deviations.reshape(len(perturbations), -1), settled=0.0)[columns]
-        value = plan.judged(measured, columns).reshape(columns.size, len(trials), -1)
-        good = (value >= low[:, None]) & (value <= high[:, None])
-        at = np.zeros(rows.size, np.intp)
-        for _ in range(AHEAD):
-            holds = good[:, at, cases]
-            held = holds.all(axis=0)
-            broken = np.where(held, broken, np.argmin(holds, axis=0))
-            at = 2 * at + np.where(held, 1, 2)
-        inside, outside = np.array(brackets)[at, :, cases].T
+    left, over = np.ones(rows.size), np.full(rows.size, -np.inf)  # room at both, of the limit that has least
+    broken, last = np.zeros(rows.size, np.intp), np.zeros(rows.size)
+    open_ = cases
+    for _ in range(MOST_STEPS):
+        least, most, a, b = (part[open_] for part in (inside, outside, left, over))
+        middle = (least + np.minimum(most, LOOSEST)) / 2
+        with np.errstate(invalid="ignore"):
+            between = (least * b - np.where(np.isinf(most), 0.0, most) * a) / (b - a)
+        within = np.isfinite(b) & (between > least) & (between < most)
+        doubled = np.minimum(np.maximum(2 * least, 1.0), LOOSEST)
+        at = np.where(np.isinf(most), doubled, np.where(within, between, middle))
+        deviations = np.zeros((len(perturbations), open_.size))
+        deviations[rows[open_], np.arange(open_.size)] = np.where(ends[open_] == 0, at, -at)
+        value = plan.judged(measure_finally(plan, deviations, settled=0.0)[columns], columns)
+        room_left = np.minimum(value - low[:, open_], high[:, open_] - value) / scale[:, open_]
+        room_left = np.where(np.isnan(room_left), -np.inf, room_left)
+        tightest = room_left.min(axis=0)
+        held = tightest >= 0
+        # Illinois: an end that stays twice counts half, so that both close in.
+        over[open_] = np.where(held, np.where(last[open_] > 0, b / 2, b), tightest)
+        left[open_] = np.where(held, tightest, np.where(last[open_] < 0, a / 2, a))
+        inside[open_], outside[open_] = np.where(held, at, least), np.where(held, most, at)
+        broken[open_] = np.where(held, broken[open_], np.argmin(room_left >= 0, axis=0))
+        last[open_] = np.where(held, 1.0, -1.0)
+        near = outside - inside <= np.where(np.isinf(over), LEAPT, CLOSE) * outside
+        done = (inside >= LOOSEST) | (np.isfinite(outside) & near)
+        open_ = cases[~done]
+        if not open_.size:
+            break
     deviations = np.zeros((len(perturbations), rows.size))
     deviations[rows, cases] = np.where(ends == 0, 1.0, -1.0) * np.where(np.isfinite(outside), outside, 0.0)
     faults = np.empty(rows.size, dtype=object)

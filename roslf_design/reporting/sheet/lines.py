@@ -66,7 +66,9 @@ USABLE = (
 TENTH = 0.1
 """Share of the distance up to which its uncertainty leaves depth of use."""
 FAR, LOOKED_AT = 1e3, 12
-"""Distance that is looked about where the focal plane is at none [mm], and how many are looked at each time."""
+"""Distance that is looked about where the focal plane is at none [mm], and how many are looked at."""
+CLOSE = 1e-3
+"""Share to which the distance is then known: the sheet has three digits."""
 DEPTH, EXPECTED = "Depth noise (bound), 1 σ", "Depth, expected"
 SHARP = f"Sharp: {CRITERION}."
 PARTS = "parts"
@@ -283,15 +285,21 @@ def _whole_camera(subject: str, camera: Camera, known: Mapping[str, float]) -> I
 
 def _useful(budget: Callable[[float], DepthBudget], focus: float) -> float:
     """Farthest distance ahead of the tip at which U is a tenth of it at most [mm]; infinite without end, NaN: none."""
-    at = (focus if 0 < focus < math.inf else FAR) * np.geomspace(1e-2, 1e3, LOOKED_AT)
-    for _ in range(4):
-        good = np.flatnonzero([float(budget(far).expanded_mm) <= TENTH * far for far in at.tolist()])
-        if not good.size:
-            return math.nan
-        if good[-1] == at.size - 1:
-            return math.inf
-        at = np.linspace(at[good[-1]], at[good[-1] + 1], LOOKED_AT)
-    return float(at[0])
+
+    def useful(far: float) -> bool:
+        return float(budget(far).expanded_mm) <= TENTH * far
+
+    at = ((focus if 0 < focus < math.inf else FAR) * np.geomspace(1e3, 1e-2, LOOKED_AT)).tolist()
+    first = next((k for k, far in enumerate(at) if useful(far)), None)
+    if first is None:
+        return math.nan
+    if first == 0:
+        return math.inf
+    near, far = at[first], at[first - 1]
+    while far - near > CLOSE * near:
+        middle = (near + far) / 2
+        near, far = (middle, far) if useful(middle) else (near, middle)
+    return near
 
 
 def _expected_lines(budgets: Mapping[float | None, DepthBudget], useful: float) -> Iterator[_SheetLine]:
