@@ -289,7 +289,7 @@ def _useful(budget: Callable[[float], DepthBudget], focus: float) -> float:
     def useful(far: float) -> bool:
         return float(budget(far).expanded_mm) <= TENTH * far
 
-    at = ((focus if 0 < focus < math.inf else FAR) * np.geomspace(1e3, 1e-2, LOOKED_AT)).tolist()
+    at: list[float] = ((focus if 0 < focus < math.inf else FAR) * np.geomspace(1e3, 1e-2, LOOKED_AT)).tolist()
     first = next((k for k, far in enumerate(at) if useful(far)), None)
     if first is None:
         return math.nan
