@@ -10,15 +10,27 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import importlib
+import os
+import sys
 import threading
 from collections.abc import Callable, Iterator
+from contextvars import ContextVar
 from functools import cache, cached_property, partial
 from pathlib import Path
 from types import CodeType, FunctionType
 from typing import Any, Generic, ParamSpec, TypeVar
 
+import numpy as np
+
 P = ParamSpec("P")
 R = TypeVar("R")
+
+CALL, LOAD, IMPORT, COMPILE = 4e-5, 0.15, 0.4, 6.0
+"""Seconds of interpreting from which machine code pays: of one call where it is in memory; else of all calls so far,
+where it lies on disk and numba is imported already or not, and where it is yet to be compiled."""
+_interpreted = [0.0]
+PATIENCE = ContextVar("PATIENCE", default=COMPILE)
+"""`COMPILE`, or less within `compiling`."""
 
 PLAIN = (bool, int, float, str, tuple)
 """Kinds of module constants that are compiled into a kernel."""
@@ -66,6 +78,56 @@ class Kernel(Generic[P, R]):
         """Whether the compiled twin is in memory: from then on interpreting saves nothing."""
         return self._compiled is not None
 
+    @cached_property
+    def shelved(self) -> bool:
+        """Whether machine code of it lies on disk, so that it is loaded, not compiled."""
+        twin = self._twin()
+        source = Path(twin.__code__.co_filename)
+        beside = source.parent / "__pycache__"
+        # Numba is not asked where that is plain: importing it takes longer than most of what is asked for.
+        plain = "NUMBA_CACHE_DIR" not in os.environ and os.access(beside, os.W_OK)
+        folder = beside if plain else _cache_folder(twin)
+        shelf = [] if folder is None else [index.stat() for index in folder.glob(f"*{twin.__qualname__}-*.nbi")]
+        return any(index.st_mtime >= source.stat().st_mtime for index in shelf)
+
+    def pays(self, seconds: float) -> bool:
+        """Whether machine code is done first with what takes so many seconds interpreted, all told."""
+        if self.ready:
+            return seconds >= CALL
+        _interpreted[0] += seconds
+        patience = PATIENCE.get()
+        if patience and self.shelved:
+            patience = LOAD if "numba" in sys.modules else IMPORT
+        return _interpreted[0] >= patience
+
+    def quickest(self, seconds: float) -> Callable[P, R]:
+        """The twin that is done first with what takes so many seconds interpreted.
+
+        Of kernels that fill what they are given, and add nothing to it: what Python will not divide or take a root of
+        is done once more by machine code.
+        """
+        return self.compiled if self.pays(seconds) else self._without_complaint
+
+    def _without_complaint(self, *args: P.args, **kwargs: P.kwargs) -> R:
+        try:
+            with np.errstate(all="ignore"):
+                return self.interpreted(*args, **kwargs)
+        except (ArithmeticError, ValueError):
+            return self.compiled(*args, **kwargs)
+
+    def _twin(self) -> FunctionType:
+        """The function as it is compiled, in names of its own.
+
+        Numba's disk cache knows a function by its name and its own file's date, so a change in a callee's file would go
+        unnoticed and old machine code would run; with the digest in the name it cannot.
+        """
+        source = self.interpreted
+        assert isinstance(source, FunctionType)
+        names = dict(source.__globals__)
+        twin = FunctionType(source.__code__, names, source.__name__, source.__defaults__, source.__closure__)
+        twin.__qualname__, twin.__module__ = f"{source.__qualname__}_{self.digest}", source.__module__
+        return twin
+
     @property
     def compiled(self) -> Callable[P, R]:
         """The numba twin, compiled (or read from numba's disk cache) on first use."""
@@ -94,22 +156,17 @@ def _numba() -> Any:
 
 
 def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
-    numba, source = _numba(), kernel.interpreted
-    assert isinstance(source, FunctionType)
-    names: dict[str, Any] = dict(source.__globals__)
+    numba, twin = _numba(), kernel._twin()
+    names = twin.__globals__
 
     def swap_callees() -> None:
-        for name in source.__code__.co_names:
+        for name in twin.__code__.co_names:
             value = names.get(name)
             if isinstance(value, Kernel):
                 names[name] = value.compiled
             elif value is prange and kernel.parallel:
                 names[name] = numba.prange
 
-    twin = FunctionType(source.__code__, names, source.__name__, source.__defaults__, source.__closure__)
-    # Numba's disk cache knows a function by its name and its own file's date, so a change in a callee's file would go
-    # unnoticed and old machine code would run; with the digest in the name it cannot.
-    twin.__qualname__, twin.__module__ = f"{source.__qualname__}_{kernel.digest}", source.__module__
     folder = _cache_folder(twin)
     alone = contextlib.nullcontext if folder is None else partial(_alone, folder / f"{twin.__qualname__}.lock")
     compiled: Any = numba.njit(
@@ -197,6 +254,16 @@ def kernel(*, parallel: bool = False, inline: bool = False) -> Callable[[Callabl
         return Kernel(function, parallel, inline)
 
     return wrap
+
+
+@contextlib.contextmanager
+def compiling() -> Iterator[None]:
+    """Within it, machine code is made of all that runs, however little that is."""
+    before = PATIENCE.set(0.0)
+    try:
+        yield
+    finally:
+        PATIENCE.reset(before)
 
 
 THREADS = threading.Lock()

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 from numba.core.caching import IndexDataCacheFile
 
-from roslf_design._jit import THREADS, Kernel, _alone, kernel, prange
+from roslf_design._jit import COMPILE, THREADS, Kernel, _alone, compiling, kernel, prange
 
 GAIN = 2.5
 
@@ -62,6 +62,34 @@ def test_a_cache_folder_that_cannot_be_written_to_is_done_without(tmp_path, monk
     assert Kernel(lambda x: 3.0 * x).compiled(2.0) == 6.0
     monkeypatch.setattr("roslf_design._jit._cache_folder", lambda _: None)
     assert Kernel(lambda x: 5.0 * x).compiled(2.0) == 10.0
+
+
+@kernel()
+def inverse(values: np.ndarray, out: np.ndarray) -> None:
+    for i in range(values.size):
+        out[i] = 1.0 / float(values[i])
+
+
+def test_little_work_is_interpreted_and_what_python_will_not_divide_is_compiled(monkeypatch):
+    monkeypatch.setattr("roslf_design._jit._interpreted", [0.0])
+    out = np.empty(2)
+    inverse.quickest(1e-3)(np.array([2.0, 4.0]), out)
+    assert not inverse.ready
+    np.testing.assert_array_equal(out, [0.5, 0.25])
+    inverse.quickest(1e-3)(np.array([2.0, 0.0]), out)
+    assert inverse.ready
+    np.testing.assert_array_equal(out, [0.5, np.inf])
+
+
+def test_work_adds_up_until_machine_code_pays(monkeypatch):
+    monkeypatch.setattr("roslf_design._jit._interpreted", [0.0])
+    fresh = Kernel(lambda x: 7.0 * x)
+    assert [fresh.pays(0.4 * COMPILE) for _ in range(3)] == [False, False, True]
+    assert Kernel(lambda x: 8.0 * x).pays(0.0)  # what others have spent counts
+    monkeypatch.setattr("roslf_design._jit._interpreted", [0.0])
+    with compiling():
+        assert fresh.pays(0.0)
+    assert not fresh.pays(0.0)
 
 
 @kernel()

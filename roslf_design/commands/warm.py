@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from .._jit import compiling
 from ..depth.measure import simulate
 from ..depth.pictures import PictureOptions, default_scene
 from ..design import load
@@ -28,7 +29,8 @@ def warm() -> None:
     with bar("warm", len(jobs), at_once=True) as progress:
         for done, job in enumerate(jobs):
             progress(done)
-            job()
+            with compiling():
+                job()
     say(f"compiled in {time.perf_counter() - began:.0f} s; commands now begin at once")
 
 

@@ -11,7 +11,6 @@ cancel, it is exact in the limit of a plane, c -> 0.
 from __future__ import annotations
 
 import math
-import sys
 from math import sqrt
 from typing import Any, NamedTuple
 
@@ -61,14 +60,8 @@ KICK_AT, KICK_APART = 0.5 - sqrt(3.0) / 6, sqrt(3.0) / 3
 """Shares of such a step at which rays are bent by what a rod has beyond a harmonic one: Gauss's two points."""
 SAMPLES = 64
 
-CALL_ABOVE, LOAD_ABOVE, IMPORT_ABOVE = 5, 20_000, 50_000
-"""Ray-surface meetings from which the compiled kernel pays: of one call where it is loaded, else of all calls so far,
-where numba is imported already and where it is not.
-
-Interpreted, one meeting takes some 7 us, a compiled call some 20 us more than its work; loading the kernel takes 0.1 s,
-importing numba 0.4 s. Which of the two runs makes no difference to a single bit.
-"""
-_spent = [0]
+MEETING = 8e-6
+"""Seconds that one meeting of a ray and a surface takes interpreted, to the same bits as compiled."""
 
 
 class Passed(NamedTuple):
@@ -137,21 +130,13 @@ class SurfaceStack(NamedTuple):
         work = planes, np.empty(ROWS * BLOCK), np.empty(count * BLOCK)
         arrays: list[Any] = [part.reshape(-1) for part in (*given, *work, out, state, room)]
         has_law = self.table.shape[1] > count * COLUMNS  # whose sines numpy and the compiler take a bit apart
-        if has_law or use_compiled(_trace_slopes, total * count):
+        if has_law or _trace_slopes.pays(MEETING * total * count):
             _trace_slopes.compiled(total // builds, builds, count, backward, clip, *arrays)
         else:  # plain floats out, not numpy's slow and noisy scalars
             _trace_slopes.interpreted(
                 total // builds, builds, count, backward, clip, *[memoryview(array) for array in arrays]
             )
         return Passed(out[:2], out[2:], state, room)
-
-
-def use_compiled(kernel: Any, meetings: int) -> bool:
-    """Whether the compiled kernel is to do so many meetings of rays and surfaces; counts those that it does not."""
-    if kernel.ready:
-        return meetings >= CALL_ABOVE
-    _spent[0] += meetings
-    return _spent[0] >= (LOAD_ABOVE if "numba" in sys.modules else IMPORT_ABOVE)
 
 
 @kernel()

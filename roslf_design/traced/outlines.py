@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._jit import kernel
-from ..lenses.tracer import BLOCK, COLUMNS, ROWS, pass_surfaces
+from ..lenses.tracer import BLOCK, COLUMNS, MEETING, ROWS, pass_surfaces
 from ..shapes.pieces import ordered
 from .train import LOST, AimedRays, Planes, Train, crossing, kernel_args, side_height
 
@@ -49,6 +49,8 @@ NODES = 10
 """Nodes of a quadrature."""
 DENSE = 33
 """Places along a straight side at which the pencil's heights are looked at."""
+LOOKS, PEAK = 12, 2.5e-4
+"""Rays along a spoke, and seconds for the peak of a pencil's heights, interpreted: about."""
 GRID, ROOMY, FINEST = 7, 0.6, 17
 """Side of the grid on which the roomiest point is looked for, which squared height is low enough, and how many grids
 there may be for slivers."""
@@ -91,7 +93,7 @@ def _lobatto(count: int) -> tuple[Array, Array, Array, Array]:
 def _along_sides(values: Array) -> Array:
     """Largest values of functions along four sides (N, R), from those at `rim_points`, (N, 4 n, R)."""
     largest = np.empty((len(values), values.shape[2]))
-    _largest.compiled(np.ascontiguousarray(values), _lobatto(values.shape[1] // 4)[3], largest)
+    _largest.quickest(PEAK * largest.size)(np.ascontiguousarray(values), _lobatto(values.shape[1] // 4)[3], largest)
     return largest
 
 
@@ -160,7 +162,7 @@ def highest(heights: Array, *, straight: bool) -> Array:
         return _along_sides(heights)
     peaks, points = np.empty((len(heights), heights.shape[2])), heights.shape[1]
     waves = np.exp(-2j * np.pi * np.arange(points) / points)
-    _highest.compiled(heights, waves, np.empty(HARMONICS + 1, complex), peaks)
+    _highest.quickest(PEAK * peaks.size)(heights, waves, np.empty(HARMONICS + 1, complex), peaks)
     return peaks
 
 
@@ -246,7 +248,8 @@ def _lit_parts(
     lens, beyond = train
     shape, share, edge = np.zeros((len(base), 6)), np.zeros(len(base)), np.empty((len(base), spokes, 2))
     about, reach = (np.ascontiguousarray(part) for part in ((low + high) / 2, np.max(high - low, axis=1)))
-    _follow_images.compiled(
+    surfaces = lens.media.shape[1] + beyond.media.shape[1] - 2
+    _follow_images.quickest(MEETING * LOOKS * spokes * surfaces * len(base))(
         trial, *kernel_args(lens), *kernel_args(beyond), planes.array, planes.sensor, planes.rims,
         np.ascontiguousarray(base), about, reach, *_rule(), shape, share, edge,
     )  # fmt: skip

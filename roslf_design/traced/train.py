@@ -20,7 +20,7 @@ from .._jit import kernel
 from ..bore.faces import KIND, STOP
 from ..bore.opening import ClearAperture
 from ..fates import RayFate
-from ..lenses.tracer import BLOCK, COLUMNS, MAPPED, ROWS, SPHERE, SurfaceStack, pass_surfaces
+from ..lenses.tracer import BLOCK, COLUMNS, MAPPED, MEETING, ROWS, SPHERE, SurfaceStack, pass_surfaces
 from ..theory.object_space import FAP, ObjectSpaceFaces
 
 Array = NDArray[np.float64]
@@ -556,10 +556,11 @@ def nearest(
     # Of one layout: kernels are compiled once more for another.
     base, offset, target, start, inverse = map(np.ascontiguousarray, wanted)
     known = not np.isnan(inverse).all()
-    _aim.compiled(
+    corrections = CORRECTIONS if known else PATIENCE
+    _aim.quickest(MEETING * (corrections + 1) * miss.size * (lens.media.shape[1] + beyond.media.shape[1] - 2))(
         trial, begin, *kernel_args(lens), *kernel_args(beyond), planes.array, planes.sensor, planes.rims, half, base,
         offset, target, start, np.ascontiguousarray(home), inverse, known, TOLERANCE,
-        CORRECTIONS if known else PATIENCE, landed, heights, miss,
+        corrections, landed, heights, miss,
     )  # fmt: skip
     return landed, heights, miss
 
@@ -617,7 +618,8 @@ def beyond_fap(train: Train, ends: Array, start: ArrayLike = 0.0) -> tuple[Array
     if not train.beyond.table.size:
         return (ends[..., :2] - ends[..., 3:5]) / (ends[..., 2:3] - ends[..., 5:]), far, tallest
     slopes[...] = start
-    _aim_all.compiled(*kernel_args(train.beyond), np.ascontiguousarray(ends), slopes, far, tallest)
+    work = MEETING * PATIENCE * far.size * (train.beyond.media.shape[1] - 1)
+    _aim_all.quickest(work)(*kernel_args(train.beyond), np.ascontiguousarray(ends), slopes, far, tallest)
     return slopes, far, tallest
 
 
@@ -693,5 +695,6 @@ def spot_radii(
     size = np.empty((len(world), len(x)))
     rays = np.repeat(x, len(a), axis=0), np.tile(a, (len(x), 1))
     frame = np.ascontiguousarray(world)  # kernels are compiled once more for another layout
-    _spots.compiled(*kernel_args(train.lens), *kernel_args(train.beyond), plane, rims, frame, *rays, w, size)
+    work = MEETING * size.size * len(a) * (train.lens.media.shape[1] + PATIENCE * (train.beyond.media.shape[1] - 1))
+    _spots.quickest(work)(*kernel_args(train.lens), *kernel_args(train.beyond), plane, rims, frame, *rays, w, size)
     return size

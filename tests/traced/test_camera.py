@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from roslf_design._jit import Kernel
 from roslf_design.cli import main
-from roslf_design.design import DesignError, dumps
+from roslf_design.design import DesignError, dumps, load
 from roslf_design.effects import Budget, PlanError, SceneBrief, plan
 from roslf_design.effects.lens import lens_aberrations
 from roslf_design.errors import InputError
@@ -252,3 +253,12 @@ def test_colour_is_what_the_foci_and_heights_of_the_colours_say():
     assert single > 4 * double
     one = SceneBrief(smallest_period=2.0, wavelengths=(550e-6,))
     assert plan(real(), one)["lens_colour"].estimate == 0
+
+
+def test_interpreted_and_compiled_a_camera_is_the_same_to_the_bit(monkeypatch):
+    """Which of the two runs hangs on what is on disk, and must not show: whole images, cut ones, past windows."""
+    runs = []
+    for compiled in (False, True):
+        monkeypatch.setattr(Kernel, "pays", lambda *_, compiled=compiled: compiled)
+        runs.append([evaluate(load(name)).to_dict() for name in ("paper-singlet", "cystoscope")])
+    assert runs[0] == runs[1]
