@@ -1,4 +1,4 @@
-"""The printer for matplotlib: a picture's panels as Axes with true scales and ticks, for notebooks and PNG.
+"""The printer for matplotlib: a picture's panels as Axes with true scales and ticks, for notebooks.
 
 matplotlib is used without pyplot: no global state, and faster to start. Its own look here also serves drawings that are
 made with matplotlib itself.
@@ -17,6 +17,7 @@ from ..words import SYMBOL, typographic
 from .marks import Area, Disc, Dots, Image, Line, Mark, Point, Text
 from .svg import HEAD, STROKES, runs
 from .theme import THEMES, Theme
+from .typeset import POINTS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
 
     from .panel import Panel
 
-POINTS = 0.75
-"""Points a pixel."""
 INK, GREY, PALE = THEMES["light"].ink, THEMES["light"].grey, THEMES["light"].pale
 BLUE, SKY, GREEN = THEMES["light"].blue, THEMES["light"].sky, THEMES["light"].green
 ORANGE, VERMILLION, PURPLE = THEMES["light"].orange, THEMES["light"].vermillion, THEMES["light"].purple

@@ -10,6 +10,7 @@ from . import axes, svg
 from .marks import Key, Mark, Point, Text, shifted
 from .panel import Panel, Scale
 from .theme import SMALL, ThemeName, text_width, theme_named, wrapped
+from .typeset import png_of
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -85,7 +86,7 @@ class Picture:
 
     def to_png(self, dpi: int = 144, theme: ThemeName = "light") -> bytes:
         """As PNG bytes; 96 dots an inch are a dot a pixel."""
-        return axes.to_png(self.figure(theme), dpi)
+        return png_of(svg.file_of(self.svg(theme)), self.size, dpi)
 
     def _repr_svg_(self) -> str:
         return self.svg()

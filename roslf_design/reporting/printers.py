@@ -13,12 +13,12 @@ import re
 import tempfile
 from collections.abc import Iterable
 from functools import cache
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from ..drawing.picture import PAGE
 from ..drawing.solid import library, viewer
+from ..drawing.typeset import typeset
 from ..tables import csv_bytes
 from ..words import spans, to_html
 from .blocks import MARKS, Block, Bullets, Code, Figure, Paragraph, Report, Statements, Table, slug
@@ -87,13 +87,6 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
     ModuleNotFoundError
         The typst package is not installed.
     """
-    import typst
-
-    # Finding the fonts that come with matplotlib needs no import of it.
-    matplotlib = find_spec("matplotlib")
-    assert matplotlib is not None
-    home = next(iter(matplotlib.submodule_search_locations or ()))
-
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
         sections = [
@@ -104,13 +97,7 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
         content = {**head, "paper": PAGES[paper], "sections": sections}
         (root / "content.json").write_bytes(json.dumps(content, ensure_ascii=False).encode("utf-8", "replace"))
         (root / "main.typ").write_bytes(DOCUMENT.read_bytes())
-        pdf: bytes = typst.compile(
-            root / "main.typ",
-            root=root,
-            font_paths=[Path(home) / "mpl-data" / "fonts" / "ttf"],
-            ignore_system_fonts=True,
-            timestamp=0,
-        )
+        pdf = typeset(root, timestamp=0)
     return _packed(pdf)
 
 

@@ -30,7 +30,7 @@ LOOSEST = 1e3
 CLOSE = 1e-9
 """Relative width of a bracket at which it stops."""
 LEAPT = 1e-7
-"""The same where nothing is left beyond: no build."""
+"""Relative width where nothing is left beyond: no build."""
 MOST_STEPS = 64
 """Steps that it takes at most, the first ones doublings; of a limit that is leapt over the rest are halvings."""
 LINEAR = 0.1

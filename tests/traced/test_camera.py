@@ -264,7 +264,7 @@ def test_interpreted_and_compiled_a_camera_is_the_same_to_the_bit(monkeypatch):
         return bool(runs)
 
     monkeypatch.setattr(Kernel, "pays", pays)
-    for _ in range(2):
-        runs.append(evaluate(load("paper-singlet")).to_dict())
+    runs.append(evaluate(load("paper-singlet")).to_dict())
+    runs.append(evaluate(load("paper-singlet")).to_dict())
     assert runs[0] == runs[1]
     assert set(asked) == {0, 1}  # neither was remembered from the other
