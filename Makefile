@@ -6,7 +6,7 @@ INSTALLED := $(VENV)/.installed
 INSTALLED_DEV := $(VENV)/.installed-dev
 INSTALLED_DOCS := $(VENV)/.installed-docs
 
-.PHONY: bench-quick bench-compare report reports test pytest lint pins bench docs clean
+.PHONY: bench-quick bench-compare report reports test pytest lint pins bench wheel docs clean
 
 report: $(INSTALLED)
 	$(BIN)/roslf report designs/paper.toml -o reports/paper --figure rays
@@ -84,6 +84,10 @@ bench-compare: $(INSTALLED_DEV)
 	@test -n "$(REV)" || { echo "Say with what to compare: make bench-compare REV=HEAD~10"; exit 2; }
 	$(BIN)/python -m benchmarks --compare $(REV)
 
+# What is published: sdist and wheel in dist/, the wheel installed elsewhere and tried.
+wheel: $(INSTALLED_DEV)
+	$(BIN)/python tests/wheel.py
+
 docs: $(INSTALLED_DOCS)
 	$(BIN)/python -m sphinx -q -W --keep-going -b html docs docs/_build
 	@echo docs/_build/index.html
@@ -105,4 +109,4 @@ $(INSTALLED_DOCS): pyproject.toml constraints.txt | $(BIN)/python
 	@touch $@ $(INSTALLED)
 
 clean:
-	rm -rf $(VENV) out docs/_build docs/_generated docs/api .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) out dist docs/_build docs/_generated docs/api .pytest_cache .mypy_cache .ruff_cache .hypothesis
