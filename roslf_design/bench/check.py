@@ -57,6 +57,10 @@ _CORE = 0.3
 """Least light of a microlens whose centre is compared, over the brightest's."""
 
 
+_Shares = dict[str, dict[str, float]]
+"""For each length its standard deviation, and shares of its variance, as of `variance_shares`."""
+
+
 @dataclass(frozen=True)
 class ImageCheck:
     """One image's worth."""
@@ -111,7 +115,9 @@ class BenchCheck:
     """Standard deviations of H, d_3 and the rest by the images so far [mm or 1]; None where they determine none."""
     noise: float
     """Standard deviation of a corner's coordinate in a view [pitches]."""
-    best: NextPose | None
+    best: NextPose
+    by_images: float = 0.0
+    """Share of d_3's variance that more images could take down; the rest is the data sheet's and the board's."""
     missing: tuple[str, ...] = ()
     """Captures that the protocol asks for and that are not there."""
 
@@ -141,7 +147,8 @@ class BenchCheck:
             "corner_noise_pitches": self.noise,
             "sigma": self.sigma,
             "tilted_towards": dict(zip(("right", "top", "left", "bottom"), self.tilts, strict=True)),
-            "next": None if self.best is None else self.best.to_dict(),
+            "d_3_variance_by_images": self.by_images,
+            "next": self.best.to_dict(),
             "missing": list(self.missing),
             "faults": list(self.faults),
         }
@@ -190,7 +197,8 @@ def checked(bench: Bench, progress: CountedProgress = silent) -> BenchCheck:
     missing: list[str] = [kind for kind in KINDS if kind != "board" and not bench.of_kind(kind)]
     missing += [pose.file for pose in bench.setup.poses if pose.file not in checks]
     if observations is None or reference is None:
-        return BenchCheck(tuple(checks.values()), None, 0.0, NextPose(_left(bench, ())[0], None), tuple(missing))
+        first = NextPose(_left(bench, ())[0], None)
+        return BenchCheck(tuple(checks.values()), None, 0.0, first, missing=tuple(missing))
     looked = _Boards.of(bench, observations, reference.middle)
     for k, name in enumerate(observations.names):
         found = np.isfinite(observations.uv[k, ..., 0])
@@ -204,7 +212,10 @@ def checked(bench: Bench, progress: CountedProgress = silent) -> BenchCheck:
         if not checks[name].faults:
             checks[name] = checks[name].blamed(looked.wrong_size(k))
     sound = [k for k, name in enumerate(observations.names) if not checks[name].faults]
-    return BenchCheck(tuple(checks.values()), looked.sigma(sound), looked.noise, looked.best(sound), tuple(missing))
+    shares = looked.shares(sound)
+    by_images = 0.0 if shares is None else shares["d_3"]["images"]
+    sums = _sigma(shares), looked.noise, looked.best(sound), by_images
+    return BenchCheck(tuple(checks.values()), *sums, tuple(missing))
 
 
 def _read(capture: BenchCapture, design: Design) -> tuple[Image, ImageCheck]:
@@ -442,45 +453,33 @@ class _Boards:
             return f"wrong target, or another focus: cells look {size * cell:.3g} mm wide, bench.toml says {cell:g} mm"
         return ""
 
-    def _sigma(self, poses: Poses, uv: Array) -> dict[str, float] | None:
-        """Standard deviations that boards in these poses leave, at the design's camera; None where all is open."""
+    def shares(self, sound: list[int], more: tuple[BoardPose, ...] = ()) -> _Shares | None:
+        """Variances that sound boards, and more, would leave at the design's camera; None where something is open."""
         design, board = self.bench.design, self.bench.setup.board.board
-        if len(uv) < 2:
+        count = len(sound) + len(more)
+        if count < 2:
             return None
-        synthetic = replace(self.observations, uv=uv, names=tuple(map(str, range(len(uv)))), missing=())
-        statistics = corner_statistics(synthetic, fit_lines(synthetic), self.noise)
-        try:
-            fit = fit_at(statistics, self.camera, poses, shared_names(design.main_lens.kind.radial))
-            if undetermined(fit.covariance, self.camera, len(uv)):
-                return None
-            shares = variance_shares(fit, data_sheet(design, board, SheetOptions()))
-        except (CalibrationError, np.linalg.LinAlgError):
-            return None
-        return {name: share["sigma"] for name, share in shares.items()}
-
-    def _projected(self, poses: Poses) -> Array:
+        added = [placed(more, self._ahead).vector] if more else []
+        poses = Poses.from_vector(np.concatenate([self.poses.vector[sound], *added]))
         views, points = self.observations.views, self.observations.points
-        return np.asarray(project_boards(self.camera.vector(), poses.vector, points, views).values)
-
-    def _with(self, sound: list[int], more: Poses | None = None) -> dict[str, float] | None:
-        """Standard deviations of the boards that are sound and, if given, of more."""
-        mine = Poses.from_vector(self.poses.vector[sound])
-        uv = np.where(self.observations.seen[sound][..., None], self._projected(mine), np.nan)
-        if more is None:
-            return self._sigma(mine, uv)
-        both = Poses.from_vector(np.concatenate([mine.vector, more.vector]))
-        return self._sigma(both, np.concatenate([uv, self._projected(more)]))
-
-    def sigma(self, sound: list[int]) -> dict[str, float] | None:
-        """Standard deviations so far."""
-        return self._with(sound)
+        uv = np.array(project_boards(self.camera.vector(), poses.vector, points, views).values)
+        uv[: len(sound)][~self.observations.seen[sound]] = np.nan
+        corners = replace(self.observations, uv=uv, names=tuple(map(str, range(count))), missing=())
+        statistics = corner_statistics(corners, fit_lines(corners), self.noise)
+        fit = fit_at(statistics, self.camera, poses, shared_names(design.main_lens.kind.radial))
+        if undetermined(fit.covariance, self.camera, count):
+            return None
+        return variance_shares(fit, data_sheet(design, board, SheetOptions()))
 
     def best(self, sound: list[int]) -> NextPose:
-        """The pose among those planned, or of another round, that leaves d_3 surest."""
+        """Pose that leaves d_3 surest, of those planned that are left, or of another round."""
         taken = [self.observations.names[k] for k in sound]
-        after = [(pose, self._with(sound, placed((pose,), self._ahead))) for pose in _left(self.bench, taken)]
-        pose, sigma = min(after, key=lambda one: math.inf if one[1] is None else one[1]["d_3"])
-        return NextPose(pose, sigma)
+        after = [NextPose(pose, _sigma(self.shares(sound, (pose,)))) for pose in _left(self.bench, taken)]
+        return min(after, key=lambda one: math.inf if one.sigma is None else one.sigma["d_3"])
+
+
+def _sigma(shares: _Shares | None) -> dict[str, float] | None:
+    return None if shares is None else {name: share["sigma"] for name, share in shares.items()}
 
 
 def _left(bench: Bench, taken: Collection[str]) -> tuple[BoardPose, ...]:

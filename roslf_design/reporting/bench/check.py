@@ -32,9 +32,10 @@ def summary(check: BenchCheck) -> tuple[Statement, ...]:
     if check.sigma is None:
         sums.append(Statement("caution", f"{boards}: they do not determine H and d_3 yet."))
     else:
-        sums.append(
-            Statement("good", f"{boards}: {_known(check.sigma)} so far (one sigma, data sheet's errors in it).")
-        )
+        known = f"{boards}: {_known(check.sigma)} so far (one sigma), the images {_percent(check.by_images)} of d_3's"
+        limit = "More boards hardly help: know f, the microlens pitch and the board's cells better."
+        few = check.by_images < 0.2
+        sums.append(Statement("good", f"{known} variance.", limit if few else ""))
     right, top, left, bottom = check.tilts
     steepest = max((math.degrees(one.pose.tilt) for one in check.boards if one.pose is not None), default=0.0)
     sides = f"right {right}, top {top}, left {left}, bottom {bottom}"
@@ -45,8 +46,7 @@ def summary(check: BenchCheck) -> tuple[Statement, ...]:
             "" if min(check.tilts) else "Tilt boards towards every side.",
         )
     )
-    if check.best is not None:
-        sums.append(Statement("plain", f"Take next: {_next(check.best)}"))
+    sums.append(Statement("plain", f"Take next: {_next(check.best)}"))
     if check.missing:
         sums.append(Statement("plain", f"Not captured yet: {', '.join(check.missing)}."))
     return tuple(sums)
