@@ -132,11 +132,11 @@ class BenchCheck:
         return tuple(f"{one.name}: {fault}" for one in self.images for fault in one.faults)
 
     @property
-    def tilts(self) -> tuple[int, ...]:
-        """Images of boards tilted by 5 degrees or more towards right, top, left and bottom."""
+    def tilts(self) -> dict[str, int]:
+        """Images of boards tilted by 5 degrees or more, by the side that is nearer."""
         steep = [pose for one in self.boards if (pose := one.pose) is not None and pose.tilt >= math.radians(5.0)]
         quarters = [round(4 * pose.towards / math.tau) % 4 for pose in steep]
-        return tuple(quarters.count(k) for k in range(4))
+        return {side: quarters.count(k) for k, side in enumerate(("right", "top", "left", "bottom"))}
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON's types."""
@@ -146,7 +146,7 @@ class BenchCheck:
             "boards": len(self.boards),
             "corner_noise_pitches": self.noise,
             "sigma": self.sigma,
-            "tilted_towards": dict(zip(("right", "top", "left", "bottom"), self.tilts, strict=True)),
+            "tilted_towards": self.tilts,
             "d_3_variance_by_images": self.by_images,
             "next": self.best.to_dict(),
             "missing": list(self.missing),
