@@ -49,6 +49,8 @@ _LEAK = 0.01
 _ODD, _OTHER = 0.05, 0.08
 """Share by which a board's cells may look smaller or larger than those of the other images, and than bench.toml says:
 cameras are built to a few per cent of their design's magnification."""
+_SLOPES = 0.15
+"""Share that diffraction may take of views' slopes, and so of how far from focus a board looks."""
 _MOVED = 0.03
 """Shift of centres at the image's edge that counts as one [px]."""
 _SURE = 5.0
@@ -413,6 +415,8 @@ class _Boards:
     poses: Poses
     sizes: Array
     """Size of the cells, by parallax, over what bench.toml says, shape (b,)."""
+    doubts: Array
+    """Error that diffraction may make of it, shape (b,)."""
     noise: float
 
     @classmethod
@@ -422,7 +426,7 @@ class _Boards:
 
         camera, lines = camera_of(bench.design), fit_lines(observations)
         pinhole = np.diag([camera.A / camera.d, camera.A / camera.d, 1.0])
-        vectors, sizes = [], []
+        vectors, sizes, doubts = [], [], []
         for central, slope in zip(lines.central, lines.slope, strict=True):
             seen = np.isfinite(central[:, 0])
             points = np.ascontiguousarray(observations.points[seen])
@@ -432,8 +436,10 @@ class _Boards:
             depth = points @ rotation_matrix(pose[:3])[2] + pose[5]
             by_parallax = camera.m - slope[seen] * camera.d / (camera.q * camera.A * camera.inverse_d_2)
             sizes.append(float(np.nanmean(camera.A / depth) / np.nanmean(by_parallax)))
+            doubts.append(_SLOPES * abs(float(np.nanmean(by_parallax)) / camera.m - 1))
         noise = lines.sigma if lines.sigma > 0 else Captures().noise
-        return cls(bench, observations, camera, Poses.from_vector(np.array(vectors)), np.array(sizes), noise)
+        looks = np.array(sizes), np.array(doubts)
+        return cls(bench, observations, camera, Poses.from_vector(np.array(vectors)), *looks, noise)
 
     def described(self, k: int) -> BoardPose:
         """Pose of a board, as of the protocol."""
@@ -447,9 +453,9 @@ class _Boards:
 
     def wrong_size(self, k: int) -> str:
         """Fault of a board whose cells are not as large as bench.toml says."""
-        size, all_ = float(self.sizes[k]), float(np.median(self.sizes))
+        size, usual, doubt = float(self.sizes[k]), float(np.median(self.sizes)), float(self.doubts[k])
         cell = self.bench.setup.board.board.cell
-        if abs(size - 1) > _OTHER or (len(self.sizes) >= 3 and abs(size / all_ - 1) > _ODD):
+        if abs(size - 1) > _OTHER + doubt or (len(self.sizes) > 2 and abs(size / usual - 1) > _ODD + doubt):
             return f"wrong target, or another focus: cells look {size * cell:.3g} mm wide, bench.toml says {cell:g} mm"
         return ""
 
