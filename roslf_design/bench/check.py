@@ -176,7 +176,8 @@ def checked(bench: Bench, progress: CountedProgress = silent) -> BenchCheck:
         if checks[name].faults:
             continue
         for other, dark in frames["dark"].items():
-            checks[other] = checks[other].blamed(_leak(white, dark))
+            if not checks[other].faults:
+                checks[other] = checks[other].blamed(_leak(white, dark))
         darks = [dark for other, dark in frames["dark"].items() if not checks[other].faults]
         try:
             reference = _Reference.of(design, name, white, next(iter(darks), None))
