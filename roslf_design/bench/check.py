@@ -6,6 +6,7 @@ import math
 from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -198,7 +199,8 @@ def checked(bench: Bench, progress: CountedProgress = silent) -> BenchCheck:
         if not checks[name].faults and (observations is None or name not in observations.names):
             checks[name] = checks[name].blamed(_instead(views[name], board))
     missing: list[str] = [kind for kind in KINDS if kind != "board" and not bench.of_kind(kind)]
-    missing += [pose.file for pose in bench.setup.poses if pose.file not in checks]
+    captured = {Path(name).stem for name in checks}
+    missing += [pose.file for pose in bench.setup.poses if Path(pose.file).stem not in captured]
     if observations is None or reference is None:
         first = NextPose(_left(bench, ())[0], None)
         return BenchCheck(tuple(checks.values()), None, 0.0, first, missing=tuple(missing))
@@ -491,8 +493,9 @@ def _sigma(shares: _Shares | None) -> dict[str, float] | None:
 
 def _left(bench: Bench, taken: Collection[str]) -> tuple[BoardPose, ...]:
     """Poses that are planned and not taken; where all are, those of another round."""
+    stems = {Path(name).stem for name in taken}
     poses, round_ = bench.setup.poses, 0
-    while not (left := tuple(pose for pose in poses if pose.file not in taken)):
+    while not (left := tuple(pose for pose in poses if Path(pose.file).stem not in stems)):
         round_ += 1
         captures = Captures.for_design(bench.design, board=bench.setup.board.board, boards=len(bench.setup.poses) or 12)
         poses = planned_poses(bench.design, captures, bench.setup.seed, round_)

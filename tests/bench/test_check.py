@@ -5,6 +5,8 @@ import shutil
 
 import numpy as np
 import pytest
+import tifffile
+from PIL import Image
 
 from roslf_design.calibration.options import CalibrateOptions
 from roslf_design.calibration.outcome import calibrated
@@ -71,6 +73,13 @@ def test_a_bench_has_what_the_protocol_names(made):
 
 def test_sound_captures_have_no_fault_and_tell_how_sure_they_are(capsys, bench, tmp_path):
     folder, _ = bench
+    array = tifffile.imread(folder / "calibration" / SOUND[0])
+    Image.fromarray(array).save((folder / "calibration" / SOUND[0]).with_suffix(".png"))  # a picture of any kind
+    (folder / "calibration" / SOUND[0]).unlink()
+    check = told(capsys, folder)
+    assert not {one.removesuffix(".tif") for one in check["missing"]} & {one.removesuffix(".tif") for one in SOUND}
+    tifffile.imwrite(folder / "calibration" / SOUND[0], array)
+    (folder / "calibration" / SOUND[0]).with_suffix(".png").unlink()
     check = told(capsys, folder)
     assert check["faults"] == []
     assert check["boards"] == len(SOUND)
