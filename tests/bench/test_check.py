@@ -101,13 +101,14 @@ def test_sound_captures_have_no_fault_and_tell_how_sure_they_are(capsys, bench, 
     data = outcome.to_dict()["quantities"]
     for name in ("H", "d_3"):
         low, high = data[name]["interval_68"]
-        assert check["sigma"][name] == pytest.approx((high - low) / 2, rel=0.25)
+        assert check["sigma"][name] == pytest.approx((high - low) / 2, rel=0.1)
     # The pose to take next leaves them surer, and fewer boards less sure.
     assert check["next"]["sigma"]["d_3"] < check["sigma"]["d_3"]
     (folder / "calibration" / SOUND[1]).unlink()
     fewer = told(capsys, folder)
-    in_noise = [one["sigma"]["A"] / one["corner_noise_pitches"] for one in (fewer, check)]
-    assert in_noise[0] > 1.1 * in_noise[1]
+    images = [one["sigma"]["d_3"] * one["d_3_variance_by_images"] ** 0.5 for one in (fewer, check)]
+    noise = [one["corner_noise_pitches"] for one in (fewer, check)]
+    assert images[0] / noise[0] > 1.02 * images[1] / noise[1]
     for name in SOUND[2:]:
         (folder / "calibration" / name).unlink()
     one = told(capsys, folder)
