@@ -41,8 +41,8 @@ class Printed(StrictTable):
     def _alike(self) -> Self:
         if not 1 / _MOST_SCALED <= self.scale <= _MOST_SCALED:
             raise ValueError(
-                f"printed_bar: {self.printed_bar:g} mm is far from the drawing's {self.bar:g} mm; measure again, or print"
-                " at 100 %"
+                f"printed_bar: {self.printed_bar:g} mm is far from the drawing's {self.bar:g} mm; measure again, or"
+                " print at 100 %"
             )
         return self
 
