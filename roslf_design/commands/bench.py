@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-from cyclopts import App
+from cyclopts import App, Parameter
 
 from ..bench.captures import ACCEPTANCE, CALIBRATION, DESIGN, SETUP, read_bench
 from ..bench.check import checked
@@ -22,7 +22,6 @@ from .calibrate import POSES, PlannedPoses
 from .results import print_titled
 from .terminal import (
     DesignName,
-    Flat,
     Json,
     Output,
     StatusLine,
@@ -50,7 +49,7 @@ def write(
     *,
     output: Output,
     board: str | None = None,
-    poses: Annotated[PlannedPoses, Flat] = POSES,
+    poses: Annotated[PlannedPoses, Parameter(name="*", show_default=False)] = POSES,
     seed: int = 0,
 ) -> None:
     """The bench of a camera: a protocol of one page, targets true to scale, and folders for what is captured.
