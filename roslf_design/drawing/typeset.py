@@ -13,8 +13,8 @@ POINTS = 0.75
 """Points a pixel."""
 
 
-def typeset(root: Path, form: Literal["pdf", "png"] = "pdf", **more: Any) -> bytes:
-    """The document ``main.typ`` of a folder, with what lies beside it; the same folder gives the same bytes.
+def typeset(root: Path, document: bytes, form: Literal["pdf", "png"] = "pdf", **more: Any) -> bytes:
+    """A typst document whose files lie in `root`; the same files give the same bytes.
 
     Raises
     ------
@@ -27,6 +27,7 @@ def typeset(root: Path, form: Literal["pdf", "png"] = "pdf", **more: Any) -> byt
     matplotlib = find_spec("matplotlib")
     assert matplotlib is not None
     home = Path(next(iter(matplotlib.submodule_search_locations or ())))
+    (root / "main.typ").write_bytes(document)
     made: bytes = typst.compile(
         root / "main.typ",
         root=root,
@@ -38,12 +39,16 @@ def typeset(root: Path, form: Literal["pdf", "png"] = "pdf", **more: Any) -> byt
     return made
 
 
+def page_of(svg: bytes, width: str, height: str, form: Literal["pdf", "png"] = "pdf", **more: Any) -> bytes:
+    """A drawing's SVG file as a page of that size, with its unit; `more` and errors as of `typeset`."""
+    page = f'#set page(width: {width}, height: {height}, margin: 0pt)\n#image("drawing.svg", width: {width})\n'
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder)
+        (root / "drawing.svg").write_bytes(svg)
+        return typeset(root, page.encode(), form, **more)
+
+
 def png_of(svg: bytes, size: Point, dpi: float) -> bytes:
     """A picture's SVG file, so many pixels wide and high, as PNG; 96 dots an inch are a dot a pixel."""
     width, height = (f"{POINTS * side}pt" for side in size)
-    with tempfile.TemporaryDirectory() as folder:
-        root = Path(folder)
-        (root / "picture.svg").write_bytes(svg)
-        page = f"#set page(width: {width}, height: {height}, margin: 0pt)\n"
-        (root / "main.typ").write_text(f'{page}#image("picture.svg", width: {width}, height: {height})')
-        return typeset(root, "png", ppi=float(dpi))
+    return page_of(svg, width, height, "png", ppi=float(dpi))

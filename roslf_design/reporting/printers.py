@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from ..drawing.picture import PAGE
 from ..drawing.solid import library, viewer
-from ..drawing.typeset import typeset
+from ..drawing.typeset import page_of, typeset
 from ..tables import csv_bytes
 from ..words import spans, to_html
 from .blocks import MARKS, Block, Bullets, Code, Figure, Paragraph, Report, Statements, Table, slug
@@ -96,9 +96,12 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
         head = {"title": report.title, "subtitle": spans(report.subtitle), "footer": report.footer}
         content = {**head, "paper": PAGES[paper], "sections": sections}
         (root / "content.json").write_bytes(json.dumps(content, ensure_ascii=False).encode("utf-8", "replace"))
-        (root / "main.typ").write_bytes(DOCUMENT.read_bytes())
-        pdf = typeset(root, timestamp=0)
-    return _packed(pdf)
+        return _packed(typeset(root, DOCUMENT.read_bytes(), timestamp=0))
+
+
+def render_drawing(svg: bytes, width: float, height: float) -> bytes:
+    """A drawing as a PDF of one page of its size [mm], true to scale; errors as of `render_pdf`."""
+    return _packed(page_of(svg, f"{width}mm", f"{height}mm", timestamp=0))
 
 
 def page_files(report: Report) -> dict[str, bytes]:
