@@ -215,7 +215,7 @@ def _line(
     if not some:
         return "one white image of each exposure: two or more of one tell the noise (white_1, white_2)"
     if not points:
-        return "white images are saturated, or too small: no noise is told"
+        return "white images are saturated, or too small: no noise is measured"
     if darks is not None and darks.count > 1 and not _cut_off(darks):
         points.append((0.0, float(_variance(darks, None, good)[good].mean())))
         degrees.append(int(good.sum()) * (darks.count - 1))

@@ -48,7 +48,7 @@ def decode(
     Parameters
     ----------
     image
-        A raw image (.tif, .png, .npy, .mono12p), as of a camera or of roslf render; or decoded views: a folder of pictures named by row
+        A raw image (.tif, .png), as of a camera or of roslf render; or decoded views: a folder of pictures named by row
         and column (view_03_04.png) or counted (input_Cam040.png, with the parameters.cfg of the 4D light field
         benchmark), or a .mat file of LFToolbox.
     output
