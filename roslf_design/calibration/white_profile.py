@@ -3,7 +3,9 @@
 Pixels of all microlenses are fitted together, each where it lies in its own cell: this samples the images far more
 finely than pixels do. The model is `PupilImage`, its neighbours in it, times a gain of each microlens, on a veil that
 is alike in all pixels. Standard errors have the scatter of whole microlenses; the part of the misfit that is as
-symmetric as the images, as no other moves width and veil; and what a pupil that is darker at its rim would change.
+symmetric as the images, as no other moves width and veil. Where the images show a pupil that is darker at its rim, that
+is fitted, and half of what it moves counts as an error: light that falls off within the last tenth before the rim looks
+like a narrower pupil.
 """
 
 from __future__ import annotations
@@ -48,6 +50,8 @@ _OTHER = 0.03
 """Symmetric part of the misfit from which images are others than an evenly lit pupil's: real ones have up to 0.013."""
 _EXACT = 2e-4
 """Misfit that tabulating the model leaves [fully lit pixels], and renderings: errors told allow for it."""
+_UNEVEN = 0.5
+"""Part of what width and veil move by, once the rim may be darker, that other laws than the square leave open."""
 _ASTRAY = 4.0
 """Residuals of a microlens, against the median's, beyond which it is left out."""
 
@@ -97,6 +101,11 @@ class WhiteProfile:
         return measured, fitted
 
     @property
+    def share(self) -> float:
+        """Width of an image over the pitch."""
+        return self.width / self.lattice.pitch
+
+    @property
     def pupil(self) -> float | None:
         """Effective pupil's width [mm]."""
         return None if self.narrower is None or self.nominal is None else self.narrower * self.nominal
@@ -121,6 +130,7 @@ class WhiteProfile:
             "effective_pupil_mm": self.pupil,
             "effective_pupil_sigma_mm": None if self.pupil is None else self.pupil * self.sigma[0],
             "blur_px": self.image.blur,
+            "rim_darker": self.image.dimmer,
         }
         return {
             **(dict.fromkeys(told) if self.untold else told),
@@ -182,13 +192,15 @@ class WhiteFrame(NamedTuple):
             fit = ImageFit.of(samples, lattice, replace(designed, radius=fit.image.radius), ("radius",))
         if not fit.rms < 1:
             return None
-        measured, fitted, noise, symmetric = fit.folded()
-        variance = fit.variances(max(symmetric, _EXACT))
+        separable, uneven = fit.separable, np.zeros(2)
         dimmed = ImageFit.of(samples, lattice, fit.image, (*fit.free, "dimmer"))
         if dimmed.settled:
             apart = np.array([dimmed.veil - fit.veil, dimmed.image.radius - fit.image.radius])
             by_chance = (dimmed.variances(0.0) - fit.variances(0.0)).clip(0.0)
-            variance += np.maximum(apart**2 - 4 * by_chance, 0.0)
+            if (apart**2 > 4 * by_chance).any():
+                fit, uneven = dimmed, np.square(_UNEVEN * apart)
+        measured, fitted, noise, symmetric = fit.folded()
+        variance = fit.variances(max(symmetric, _EXACT)) + uneven
         sigma = float(np.sqrt(variance[1]) / fit.image.radius), float(np.sqrt(variance[0]))
         narrower = nominal = None
         if design is not None and designed is not None:
@@ -197,7 +209,7 @@ class WhiteFrame(NamedTuple):
             own, its = (each.radius / pitch for each, pitch in zip((fit.image, designed), pitches, strict=True))
             narrower, nominal = own / its, float(c.fap.outline.width)
         full, untold = None if self.full is None else self.full / float(fit.gains.mean()), ""
-        if not fit.separable:
+        if not separable:
             untold = "images run into each other so far that a veil changes them as another width does"
         elif symmetric > _OTHER:
             untold = f"images differ by {100 * symmetric:.0f} % rms from those of an evenly lit pupil"
@@ -222,6 +234,8 @@ class ImageSamples(NamedTuple):
     value: Array
     lenses: int
     """Number of microlenses."""
+    pixel: NDArray[np.intp]
+    """Row and column of each, shape (2, n)."""
 
     @classmethod
     def of(
@@ -241,13 +255,16 @@ class ImageSamples(NamedTuple):
             taken &= (balance.gains < 1.01 * balance.gains.min())[row % 2, column % 2]
         lens = np.broadcast_to(np.arange(len(nodes))[:, None, None], taken.shape)[taken]
         value = np.asarray(frame[row[taken], column[taken]], float)
-        return cls(away[taken] @ np.linalg.inv(lattice.basis).T, lens, value, len(nodes))
+        pixel = np.stack([row[taken], column[taken]])
+        return cls(away[taken] @ np.linalg.inv(lattice.basis).T, lens, value, len(nodes), pixel)
 
     def some(self, kept: NDArray[np.bool_]) -> ImageSamples:
         """Some of the microlenses."""
         mine = kept[self.lens]
         number = np.cumsum(kept) - 1
-        return ImageSamples(self.at[mine], number[self.lens[mine]], self.value[mine], int(kept.sum()))
+        return ImageSamples(
+            self.at[mine], number[self.lens[mine]], self.value[mine], int(kept.sum()), self.pixel[:, mine]
+        )
 
     def mean(self, values: Array) -> Array:
         """Mean of values over each microlens."""
@@ -356,7 +373,7 @@ class ImageFit:
         cell = np.rint(samples.at * n).astype(int) % n @ [n, 1]
         count = np.maximum(np.bincount(cell, minlength=n * n), 1)
         mean, square = (np.bincount(cell, part, n * n) / count for part in (self.residual, np.square(self.residual)))
-        off, error = mean.reshape(n, n), (square - mean**2) / np.maximum(count - 1, 1)
+        off, error = mean.reshape(n, n), np.maximum(square - mean**2, 0.0) / np.maximum(count - 1, 1)
         fitted = self.image.over_cell(self.lattice, n) + self.veil
         back = -np.arange(n) % n
         alike = [off, off[back][:, back]]

@@ -17,6 +17,7 @@ from ..errors import InputError, Problem, refusal
 from ..input_files import read_json
 from ..theory.length_covariance import CalibratedLengths, LengthCovariance
 from ..toml_files import problems_of
+from .noise import MeasuredSensor
 
 FILE, CALIBRATED, SCHEMA = "calibration.json", "calibrated.toml", "roslf.calibration/"
 REMEDY = "name the folder that roslf calibrate wrote"
@@ -107,6 +108,7 @@ class _FoundTable(_LenientTable):
     design: str
     quantities: dict[str, _FoundQuantity]
     covariance: _FoundCovariance | None = None
+    sensor: MeasuredSensor | None = None
     posterior: _FoundPosterior | None = None
     converged: bool | None = None
     images_used: tuple[str, ...] = ()
@@ -147,6 +149,12 @@ def read_numbers(place: Path) -> Mapping[str, Any]:
     except InputError as error:
         raise InputError((Problem("calibration", str(error)),)) from None
     return data
+
+
+def calibrated_sensor(place: Path) -> MeasuredSensor | None:
+    """Sensor by a calibration's folder; None where its gain was not measured; errors as of `read_numbers`."""
+    told = _FoundTable.model_validate(read_numbers(place)).sensor
+    return told if told is not None and told.gain is not None and told.gain.value > 0 else None
 
 
 def calibrated_design(place: Path) -> Design:

@@ -17,7 +17,7 @@ from ..calibration.frames import CalibrationError
 from ..calibration.model import relative_sigma
 from ..calibration.raw import OTHER_CAMERA, RawDecoded, from_raw
 from ..calibration.result import image_pitch
-from ..calibration.written import calibrated_camera
+from ..calibration.written import calibrated_camera, calibrated_sensor
 from ..camera import Camera
 from ..design import Design, load
 from ..errors import Argument, InputError, Problem, refusal
@@ -53,6 +53,8 @@ VIEWS_WINDOW, WIDEST = 7, 99
 """Pixels of views that are matched together along each side, unless told otherwise, and the most."""
 LEAST_KNOWN = 0.2
 """Relative standard error beyond which a length is as good as not known."""
+PUPIL = "aperture.diameter", "aperture.sides"
+"""Beginnings of places of the FAP's size."""
 TRUTH = "gt_disp_lowres.pfm"
 """Disparities of the middle view, in a folder of the 4D Light Field Benchmark."""
 
@@ -76,7 +78,7 @@ class CaptureOptions(Options):
     calibration: Path | None = Field(
         None,
         description="Folder that roslf calibrate wrote: depths by the camera as calibrated, with what that leaves "
-        "open in their errors.",
+        "open in their errors, and with its sensor's noise where that was measured.",
     )
     region: tuple[int, int, int, int] | None = Field(
         None,
@@ -169,6 +171,9 @@ def _known_to(
 ) -> dict[str, float]:
     """Standard errors of lengths [mm], as somebody gives them."""
     known: dict[str, float] = {}
+    if covariance is not None:  # what neighbours shine into an image follows from the pupil, besides depth by lengths
+        spread = np.sqrt(np.diag(covariance.matrix))
+        known = {at: float(s) for at, s in zip(covariance.places, spread, strict=True) if at.startswith(PUPIL)}
     for place, text in sigmas.items():
         if design is None:
             raise refusal("sigma", "is of a camera's length; name the camera by `design`")
@@ -213,7 +218,8 @@ def _raw(capture: _Capture, progress: CountedProgress) -> MeasuredCapture:
         field = ViewLight(camera, field).flat_fielded()
     if not float(field.values.max(initial=0.0)) > 0:
         raise capture.refused("is black; expose more, or check which file it is")
-    noise = raw_noise(camera, raw, field)
+    sensor = None if options.calibration is None else calibrated_sensor(options.calibration)
+    noise = raw_noise(camera, raw, field, sensor)
     if raw.balance is not None:
         noise = replace(noise, pixel=noise.pixel.dimmed(raw.balance.evenness))
     field = scaled(field, noise.scale)
