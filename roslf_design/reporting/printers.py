@@ -11,7 +11,7 @@ import io
 import json
 import re
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 Paper = Literal["a4", "letter"]
 PAGES = {"a4": "a4", "letter": "us-letter"}
 """Paper sizes by typst's names."""
+LEAST_SHARE, CLEARANCE, MOST_SETTINGS = 0.75, 28.0, 24
+"""Share of its size down to which a figure is drawn so that a page is filled; room above it [pt]; trials at most."""
 DOCUMENT = Path(__file__).with_name("templates") / "report.typ"
 
 SCRIPT = Path(__file__).with_name("templates") / "viewer.js"
@@ -104,14 +106,60 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
         content = {**head, "paper": PAGES[paper], "sections": sections}
         (root / "content.json").write_bytes(json.dumps(content, ensure_ascii=False).encode("utf-8", "replace"))
         (root / "main.typ").write_bytes(DOCUMENT.read_bytes())
-        pdf: bytes = typst.compile(
-            root / "main.typ",
-            root=root,
-            font_paths=[Path(home) / "mpl-data" / "fonts" / "ttf"],
-            ignore_system_fonts=True,
-            timestamp=0,
-        )
+        fonts = [Path(home) / "mpl-data" / "fonts" / "ttf"]
+
+        def setter(shares: Mapping[str, float]) -> typst.Compiler:
+            (root / "shares.json").write_text(json.dumps(shares), encoding="utf-8")
+            return typst.Compiler(root / "main.typ", root=root, font_paths=fonts, ignore_system_fonts=True)
+
+        shares = _filling(lambda shares: json.loads(setter(shares).query("<spot>", field="value")))
+        pdf: bytes = setter(shares).compile(timestamp=0)
     return _packed(pdf)
+
+
+def _filling(spots: Callable[[Mapping[str, float]], list[dict[str, Any]]]) -> dict[str, float]:
+    """Shares of their size, by name, at which figures leave the figure behind them room on their page.
+
+    Parameters
+    ----------
+    spots : callable
+        What the document says where figures have such shares: where each figure and block begins and ends.
+    """
+    shares: dict[str, float] = {}
+    moved: set[str] = set()
+    for _ in range(MOST_SETTINGS):
+        placed = spots(shares)
+        wanted = _follows_a_gap(placed, moved)
+        if wanted is None:
+            break
+        figures, share = wanted
+        smaller = shares | {name: shares.get(name, 1.0) * share for name in figures}
+        moved.add(figures[-1])
+        if min(smaller.values()) >= LEAST_SHARE and _page(spots(smaller), figures[-1]) < _page(placed, figures[-1]):
+            shares = smaller
+    return shares
+
+
+def _page(placed: Iterable[Mapping[str, Any]], name: str) -> int:
+    return next(spot["page"] for spot in placed if spot["image"] and spot["name"] == name)
+
+
+def _follows_a_gap(placed: Sequence[Mapping[str, Any]], moved: Container[str]) -> tuple[list[str], float] | None:
+    """First figure that begins a page, with those on the page before, and the share at which all would stand there."""
+    for end in sorted((end for end in placed if end["image"]), key=lambda end: (end["page"], end["y"])):
+        page, name = end["page"] - 1, end["name"]
+        first = all(at["name"] == name for at in placed if at["page"] == page + 1 and at["y"] < end["y"])
+        before = [at for at in placed if at["page"] == page]
+        if name in moved or not first or not before:
+            continue
+        filled = max((at["y"] for at in before if at["kind"] == "flow"), default=end["foot"])
+        tops = [at["y"] for at in before if at["kind"] == "begin" and at["y"] > filled]
+        excess = end["y"] + CLEARANCE - (min([*tops, end["foot"]]) - filled)
+        images = {at["name"]: at["image"] for at in (*before, end) if at["image"]}
+        share = 1 - excess / sum(images.values())
+        if share >= LEAST_SHARE:
+            return list(images), min(share, 1.0)
+    return None
 
 
 def page_files(report: Report) -> dict[str, bytes]:
@@ -180,7 +228,7 @@ def _block(block: Block, root: Path) -> dict[str, Any]:
             file = root / f"{block.name}.{'svg' if isinstance(block.content, str) else 'png'}"
             file.write_bytes(block.content.encode() if isinstance(block.content, str) else block.content)
             look = {"file": file.name, "width": _share_of_page(block.content), "alt": block.description or block.title}
-            look["breaks"] = block.breaks
+            look |= {"breaks": block.breaks, "name": block.name}
             return {"kind": "figure", **look, "title": spans(block.title), "caption": spans(block.caption)}
         case Bullets():
             return {"kind": "bullets", "items": [spans(item) for item in block.items]}

@@ -119,7 +119,10 @@ def design_report(
     progress("evaluating")
     studied = [findings[name] for name in STUDIES if name in findings] if findings else []
     grounds = grounds or basis(design)
-    result = evaluate(design, None, accuracy, at=grounds.at, build=grounds.build, calibration=grounds.calibration)
+    shown = grounds.shown if grounds.design is design else None
+    result = evaluate(
+        design, None, accuracy, at=grounds.at, build=grounds.build, calibration=grounds.calibration, shown=shown
+    )
     figures = _design_figures(design, result, progress)
     progress("sections")
     answers = Statements((*verdicts(result).items, *(one.statement for one in studied if one.statement)))
