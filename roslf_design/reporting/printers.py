@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 Paper = Literal["a4", "letter"]
 PAGES = {"a4": "a4", "letter": "us-letter"}
 """Paper sizes by typst's names."""
-LEAST_SHARE, CLEARANCE, MOST_SETTINGS = 0.75, 28.0, 24
-"""Share of its size down to which a figure is drawn so that a page is filled; room above it [pt]; trials at most."""
+LEAST_SHARE, CLEARANCE, MOST_TRIED = 0.75, 28.0, 16
+"""Share of its size down to which a figure is drawn so that a page is filled; room above it [pt]; figures tried."""
 DOCUMENT = Path(__file__).with_name("templates") / "report.typ"
 
 SCRIPT = Path(__file__).with_name("templates") / "viewer.js"
@@ -120,43 +120,34 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
 def _filling(spots: Callable[[Mapping[str, float]], list[dict[str, Any]]]) -> dict[str, float]:
     """Shares of their size, by name, at which figures leave the figure behind them room on their page.
 
-    Parameters
-    ----------
-    spots : callable
-        What the document says where figures have such shares: where each figure and block begins and ends.
+    `spots` tells where each figure and block begins and ends, of the document whose figures have such shares.
     """
     shares: dict[str, float] = {}
-    moved: set[str] = set()
-    for _ in range(MOST_SETTINGS):
-        placed = spots(shares)
-        wanted = _follows_a_gap(placed, moved)
-        if wanted is None:
-            break
+    tried: set[str] = set()
+    placed = spots(shares)
+    while len(tried) < MOST_TRIED and (wanted := _behind_a_gap(placed, tried)) is not None:
         figures, share = wanted
         smaller = shares | {name: shares.get(name, 1.0) * share for name in figures}
-        moved.add(figures[-1])
-        if min(smaller.values()) >= LEAST_SHARE and _page(spots(smaller), figures[-1]) < _page(placed, figures[-1]):
-            shares = smaller
+        tried.add(figures[-1])
+        if min(smaller.values()) >= LEAST_SHARE:
+            other = spots(smaller)
+            before, after = ({at["name"]: at["page"] for at in each if at["image"]} for each in (placed, other))
+            if after[figures[-1]] < before[figures[-1]]:
+                shares, placed = smaller, other
     return shares
 
 
-def _page(placed: Iterable[Mapping[str, Any]], name: str) -> int:
-    return next(spot["page"] for spot in placed if spot["image"] and spot["name"] == name)
-
-
-def _follows_a_gap(placed: Sequence[Mapping[str, Any]], moved: Container[str]) -> tuple[list[str], float] | None:
-    """First figure that begins a page, with those on the page before, and the share at which all would stand there."""
-    for end in sorted((end for end in placed if end["image"]), key=lambda end: (end["page"], end["y"])):
-        page, name = end["page"] - 1, end["name"]
-        first = all(at["name"] == name for at in placed if at["page"] == page + 1 and at["y"] < end["y"])
-        before = [at for at in placed if at["page"] == page]
-        if name in moved or not first or not before:
+def _behind_a_gap(placed: Sequence[Mapping[str, Any]], tried: Container[str]) -> tuple[list[str], float] | None:
+    """First figure that begins a page, behind those of the page before, and the share at which all stand there."""
+    for end in sorted((at for at in placed if at["image"]), key=lambda at: (at["page"], at["y"])):
+        first = all(at["name"] == end["name"] for at in placed if at["page"] == end["page"] and at["y"] < end["y"])
+        before = [at for at in placed if at["page"] == end["page"] - 1]
+        if end["name"] in tried or not first or not before:
             continue
         filled = max((at["y"] for at in before if at["kind"] == "flow"), default=end["foot"])
-        tops = [at["y"] for at in before if at["kind"] == "begin" and at["y"] > filled]
-        excess = end["y"] + CLEARANCE - (min([*tops, end["foot"]]) - filled)
+        foot = min([end["foot"], *(at["y"] for at in before if at["kind"] == "begin" and at["y"] > filled)])
         images = {at["name"]: at["image"] for at in (*before, end) if at["image"]}
-        share = 1 - excess / sum(images.values())
+        share = 1 - (end["y"] + CLEARANCE - (foot - filled)) / sum(images.values())
         if share >= LEAST_SHARE:
             return list(images), min(share, 1.0)
     return None

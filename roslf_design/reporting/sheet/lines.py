@@ -532,7 +532,7 @@ def datasheet_section(grounds: SpreadSources) -> Section:
     ) + words.curves
     mapped = (
         "Detail that the image refocused to each distance shows with half its contrast; the lower of tangential and "
-        "sagittal. Lines join equal resolution."
+        "sagittal. On a map lines join equal resolution; a curve is that of every field, as an ideal lens shows them."
     )
     blocks += [
         Figure.of("mtf", "MTF", curves, mtf_curves(grounds.design)),
