@@ -220,7 +220,8 @@ def _effects_sheet(_: Design, result: Evaluation) -> Figure:
 def _picture_sheet(design: Design, _: Evaluation | None = None) -> Figure:
     """The 3D view, with the scene to turn where the library for that is installed."""
     scene = instrument_scene(design)
-    ends = "Orange rays end at what blocks them. " if scene.blocks else ""
+    blocked = any(part.colour == "vermillion" for part in scene.parts)
+    ends = "Orange rays end at what blocks them. " if blocked else ""
     caption = (
         "Pencils of the centre, the edge and a corner of the sensor, cut off in front of the bore; the grey plate is "
         f"the FAP, the blue disc the main lens. {ends}The tube wall is drawn for "

@@ -460,17 +460,7 @@ def basis(
     # about 0, as the direction of view.
     for key in calibrated.keys() & sigma.keys():
         calibrated[key] = min(calibrated[key], sigma[key]) if calibrated[key] > KINK * sigma[key] else sigma[key]
-    return SpreadSources(
-        tuple(sentences),
-        sigma,
-        calibrated,
-        sheet,
-        shown,
-        rows,
-        build,
-        lengths,
-        tuple(at),
-    )
+    return SpreadSources(tuple(sentences), sigma, calibrated, sheet, shown, rows, build, lengths, tuple(at))
 
 
 def _value(line: _SheetLine) -> str:
