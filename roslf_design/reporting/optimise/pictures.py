@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 WIDE_ROW = 46.0
 """Height of a variable's row [px]."""
-FLOOR = 1e-8
-"""Losses below this share are drawn here: the same design."""
+FLOOR, SAME = 1e-8, 1e-6
+"""Share at which smaller losses are drawn; share up to which a design is the same."""
 
 
 class SearchEnd(NamedTuple):
@@ -125,7 +125,7 @@ def search_history(ends: Sequence[SearchEnd], size: Point = (420, 260)) -> Pictu
     across = Scale(0.0, 1.05 * max((end.spent for end in ends), default=1))
     up = Scale(100 * FLOOR / 3, 3 * top, log=True)
     panel = Panel((0, 0, 1, 1), across, up, tuple(marks), "evaluations so far [1]", "worse than the answer by [%]")
-    same = sum(end.kind != "bad" and end.loss <= 1e-6 for end in ends)
+    same = sum(end.kind != "bad" and end.loss <= SAME for end in ends)
     title = f"{same} of {len(ends)} searches ended at the answer"
     return one_panel("history", title, size, panel, keys, left=76)
 
