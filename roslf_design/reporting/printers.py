@@ -140,7 +140,7 @@ def _filling(spots: Callable[[Mapping[str, float]], list[dict[str, Any]]]) -> di
 def _behind_a_gap(placed: Sequence[Mapping[str, Any]], tried: Container[str]) -> tuple[list[str], float] | None:
     """First figure that begins a page, behind those of the page before, and the share at which all stand there."""
     for end in sorted((at for at in placed if at["image"]), key=lambda at: (at["page"], at["y"])):
-        first = all(at["name"] == end["name"] for at in placed if at["page"] == end["page"] and at["y"] < end["y"])
+        first = all(at["name"] == end["name"] for at in placed if at["page"] == end["page"] and 0 < at["y"] < end["y"])
         before = [at for at in placed if at["page"] == end["page"] - 1]
         if end["name"] in tried or not first or not before:
             continue
