@@ -59,7 +59,7 @@ def catalogue(
     for name in KINDS:
         lines = []
         for row in (row for row in chosen if row["kind"] == name):
-            read = " ".join(filter(None, (row.get("page"), "read" in row and f"read {row['read']}")))
+            read = " ".join(filter(None, (row.get("page"), f"read {row['read']}" if "read" in row else "")))
             note = "; ".join(filter(None, (row["provenance"], read, row.get("remark"))))
             if row.get("clear_aperture_assumed"):
                 note += "; clear aperture taken as 90 % of the diameter"

@@ -113,7 +113,8 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
             return typst.Compiler(root / "main.typ", root=root, font_paths=fonts, ignore_system_fonts=True)
 
         shares = _filling(lambda shares: json.loads(setter(shares).query("<spot>", field="value")))
-        pdf: bytes = setter(shares).compile(timestamp=0)
+        pdf = setter(shares).compile(timestamp=0)
+        assert isinstance(pdf, bytes)
     return _packed(pdf)
 
 
