@@ -13,7 +13,7 @@ from ..calibration.frames import Array
 from ..calibration.model import Board, Markers
 from ..camera import Camera
 from ..design import Design
-from ..evaluation.specification import ObjectField, field_ends, planes
+from ..evaluation.specification import FieldImages, ObjectField, planes
 from .captures import BoardPose, BoardTarget, EdgeTarget, FieldTarget, Kind, Setup, SpheresTarget, WallTarget
 
 A4 = (210.0, 297.0)
@@ -82,7 +82,7 @@ class Sheet:
 def setup_for(design: Design, board: Board, poses: tuple[BoardPose, ...], seed: int) -> Setup:
     """Targets that suit a design, at its working range's ends and focal plane; `poses` are the plan's."""
     camera = Camera.of(design)
-    ends = field_ends(design, camera)
+    ends = FieldImages.of(design).ends
     stations = tuple(ObjectField.of(ends, at, name) for name, at in planes(camera))
     near, focus, far = stations
     at = tuple(_rounded(field.at_mm, 4) for field in stations)

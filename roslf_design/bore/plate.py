@@ -90,12 +90,16 @@ class Block(Element):
 
 
 class Plate(Block):
-    """A plane-parallel plate: a window."""
+    """A plane-parallel plate: a window, or a rod where it is longer than wide."""
 
     kind: Literal["plate"]
 
-    trade_name: ClassVar = "window"
     catalogue: ClassVar = ("windows",)
+
+    @property
+    def trade_name(self) -> str:  # type: ignore[override]
+        """Name that makers know it by."""
+        return "rod" if self.diameter is not None and self.length > self.diameter else "window"
 
 
 class Prism(Block):

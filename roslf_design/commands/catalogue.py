@@ -59,7 +59,8 @@ def catalogue(
     for name in KINDS:
         lines = []
         for row in (row for row in chosen if row["kind"] == name):
-            note = f"{row['provenance']}; {row['remark']}" if "remark" in row else row["provenance"]
+            read = " ".join(filter(None, (row.get("page"), f"read {row['read']}" if "read" in row else "")))
+            note = "; ".join(filter(None, (row["provenance"], read, row.get("remark"))))
             if row.get("clear_aperture_assumed"):
                 note += "; clear aperture taken as 90 % of the diameter"
             if note not in notes:

@@ -14,7 +14,7 @@ from ..evaluation import evaluate as compute
 from ..evaluation.evaluate import evaluation_accuracy
 from ..evaluation.fields import MOST_FIELDS
 from ..evaluation.result import print_evaluation
-from ..evaluation.specification import specification
+from ..evaluation.specification import FieldImages, specification
 from ..tables import csv_bytes
 from ..units import COLDEST, FARTHEST, HOTTEST, read_quantity
 from .terminal import (
@@ -74,11 +74,12 @@ def evaluate(
     if temperature is not None:
         loaded = loaded.at_temperature(_parse_temperature(temperature))
     distances = read_distances(at)
-    result = compute(loaded, fields, accuracy, at=distances)
+    shown = FieldImages.of(loaded)
+    result = compute(loaded, fields, accuracy, at=distances, shown=shown)
     statement = evaluation_accuracy(loaded, result, accuracy, time.perf_counter() - began)
     if json or output is not None:
         # Without an accuracy asked for, nothing that differs from run to run.
-        sheet = {"specification": specification(loaded, distances).to_dict()}
+        sheet = {"specification": specification(loaded, distances, shown).to_dict()}
         data = result.to_dict() | sheet | {"accuracy": statement.to_dict(times=accuracy is not None)}
         if output is None:
             print(json_text(data))

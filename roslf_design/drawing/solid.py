@@ -193,7 +193,7 @@ def outlines(scene: Instrument, width: float = PAGE) -> Picture:
         head = max(head, level + 14 - height)
     marks += [Text(4.0, 6.0, name.text, "grey") for name in scene.names if name not in above]
     hues = zip(("centre", "edge", "corner", "blocked"), (*FIELDS, "vermillion"), strict=True)
-    keys = [line_key(label, hue, 2.0) for label, hue in hues]
+    keys = [line_key(label, hue, 2.0) for label, hue in hues if any(part.colour == hue for part in scene.parts)]
     panel = Panel((0.0, head, width, height), Scale(0, width), Scale(0, height), tuple(marks), bare=True)
     size = (width, head + height + legend_height(keys, width - 24) + 6)
     key_box = (14.0, head + height + 3, width - 24)

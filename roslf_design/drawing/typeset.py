@@ -5,16 +5,19 @@ from __future__ import annotations
 import tempfile
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from .marks import Point
+
+if TYPE_CHECKING:
+    import typst
 
 POINTS = 0.75
 """Points a pixel."""
 
 
-def typeset(root: Path, document: bytes, form: Literal["pdf", "png"] = "pdf", **more: Any) -> bytes:
-    """A typst document whose files lie in `root`; the same files give the same bytes.
+def typesetter(root: Path, document: bytes) -> typst.Compiler:
+    """Compiler of a typst document whose files lie in `root`.
 
     Raises
     ------
@@ -28,14 +31,14 @@ def typeset(root: Path, document: bytes, form: Literal["pdf", "png"] = "pdf", **
     assert matplotlib is not None
     home = Path(next(iter(matplotlib.submodule_search_locations or ())))
     (root / "main.typ").write_bytes(document)
-    made: bytes = typst.compile(
-        root / "main.typ",
-        root=root,
-        format=form,
-        font_paths=[home / "mpl-data" / "fonts" / "ttf"],
-        ignore_system_fonts=True,
-        **more,
-    )
+    fonts = [home / "mpl-data" / "fonts" / "ttf"]
+    return typst.Compiler(root / "main.typ", root=root, font_paths=fonts, ignore_system_fonts=True)
+
+
+def typeset(root: Path, document: bytes, form: Literal["pdf", "png"] = "pdf", **more: Any) -> bytes:
+    """A typst document whose files lie in `root`; the same files give the same bytes. Errors as of `typesetter`."""
+    made = typesetter(root, document).compile(format=form, **more)
+    assert isinstance(made, bytes)
     return made
 
 

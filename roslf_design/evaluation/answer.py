@@ -8,25 +8,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..design import Design
 from ..options import check_distances
 from ..theory.depth_budget import COVERAGE, DepthBudget, depth_budget
 from ..theory.field_of_view import focus_ahead
 from ..theory.focused import FocusedArray
 from ..theory.length_covariance import CalibratedLengths, LengthCovariance
 from ..theory.quantities import QUANTITIES
-from ..traced.fields import images_of
 from ..words import listed, number
-from .fields import default_fields
 from .specification import (
     ASKED,
     FOCUS,
+    FieldImages,
     FieldOfView,
-    FieldPoint,
     ObjectField,
     SharpEnds,
     corner,
-    field_ends,
     resolved,
 )
 
@@ -101,7 +97,7 @@ class FirstAnswer:
     @classmethod
     def of(
         cls,
-        design: Design,
+        shown: FieldImages,
         at: Sequence[float] = (),
         build: LengthCovariance | None = None,
         calibration: CalibratedLengths | None = None,
@@ -111,7 +107,8 @@ class FirstAnswer:
 
         Parameters
         ----------
-        design : Design
+        shown : FieldImages
+            Those of the design.
         at : sequence of float
             Distances ahead of the tip [mm], beside the focal plane.
         build, calibration : optional
@@ -125,9 +122,9 @@ class FirstAnswer:
             A distance that is none.
         """
         check_distances(at)
-        images = images_of(design, default_fields(design))
+        images, ends = shown.images, shown.ends
         camera = images.camera
-        ends, focus = field_ends(design, camera), float(focus_ahead(camera))
+        focus = float(focus_ahead(camera))
         views = FocusedArray.of(camera) is None
         planes = []
         for plane, distance in ((FOCUS, focus), *((ASKED, asked) for asked in at)):
@@ -144,9 +141,9 @@ class FirstAnswer:
             planes.append(
                 _AtDistance(distance, plane, field.width_mm, field.height_mm, u, expanded, mostly, lines, limit)
             )
-        points = FieldPoint.of(images, focus)
+        points = shown.points
         farthest = points.index(corner(points))
-        medium = design.object_space.medium.name
+        medium = shown.design.object_space.medium.name
         return cls(
             FieldOfView.of(ends, None),
             "" if medium == "air" else medium,

@@ -45,7 +45,7 @@ from .groups import (
     Temperatures,
 )
 from .result import Evaluation
-from .specification import depth_assumptions
+from .specification import FieldImages, depth_assumptions
 from .verdicts import verdicts_of, warnings_of
 
 METHOD = (
@@ -77,6 +77,7 @@ def evaluate(
     at: Sequence[float] = (),
     build: LengthCovariance | None = None,
     calibration: CalibratedLengths | None = None,
+    shown: FieldImages | None = None,
 ) -> Evaluation:
     """Everything closed forms say of a design.
 
@@ -95,6 +96,8 @@ def evaluate(
     build : LengthCovariance, optional
     calibration : CalibratedLengths, optional
         How sure the lengths are as built and as calibrated, for the budget of depth (`depth_budget`).
+    shown : FieldImages, optional
+        Those of the design, where they are known.
 
     Returns
     -------
@@ -138,7 +141,7 @@ def evaluate(
     traced = trace_lens(design, axes, non_distortion)
     budget = depth_budget(camera, build=build, calibration=calibration)
     depth, focused = _depth(design, camera, budget), FocusedArray.of(camera)
-    answer = FirstAnswer.of(design, at, build, calibration, budget)
+    answer = FirstAnswer.of(FieldImages.of(design) if shown is None else shown, at, build, calibration, budget)
     method = [METHOD]
     if not design.has_exact_areas:
         method.append(COUNTED.format(rays=rays, error=COUNTED_ERROR if accuracy is None else accuracy))

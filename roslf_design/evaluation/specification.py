@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
@@ -26,6 +27,7 @@ from ..theory.focused import FocusedArray
 from ..theory.light import on_array
 from ..theory.photometry import exposure, through_filter
 from ..theory.quantities import QUANTITIES
+from ..theory.resolution import Direction
 from ..theory.stop_images import MicrolensImages
 from ..traced.fields import DesignImages, IdealImages, images_of
 from ..words import number
@@ -40,6 +42,7 @@ AT_TIP = 0.01
 BEYOND = 2.0
 """Where the working range has no end, the data sheet's farthest plane, in distances of the focal plane."""
 LEVELS = (0.5, 0.1)
+WAYS: tuple[Direction, Direction] = ("tangential", "sagittal")
 FOCUS, ASKED = "focal plane", "asked for"
 Station = tuple[str, float]
 """Name of a plane, and its distance ahead of the tip [mm]."""
@@ -139,7 +142,7 @@ class SharpEnds:
 
 
 @dataclass(frozen=True)
-class FieldPoint:
+class _FieldPoint:
     """Field point on the focal plane."""
 
     x_ml_mm: Place
@@ -153,7 +156,7 @@ class FieldPoint:
     relative_illumination: float
 
     @classmethod
-    def of(cls, images: MicrolensImages, focus: float) -> tuple[FieldPoint, ...]:
+    def of(cls, images: MicrolensImages, focus: float) -> tuple[_FieldPoint, ...]:
         """Each of the fields, on the focal plane so far ahead of the tip [mm]."""
         shape = len(images.fields), 1
         names = ("distortion_percent", "local_magnification", "relative_illumination")
@@ -166,6 +169,29 @@ class FieldPoint:
             cls((at[0], at[1]), _known(x0), _known(angle), _known(bent), _known(along), light)
             for at, x0, angle, bent, along, light in rows
         )
+
+
+@dataclass(frozen=True, eq=False)
+class FieldImages:
+    """Images of a design that first answer and data sheet are read from."""
+
+    design: Design
+    images: IdealImages | DesignImages
+    """At the middle, the edge and the corner of what the sensor sees."""
+    ends: IdealImages | DesignImages
+    """At the ends of the field's width, height and both diagonals, two and two."""
+
+    @classmethod
+    def of(cls, design: Design) -> FieldImages:
+        """Images of a design, tilts left out."""
+        images = images_of(design, default_fields(design))
+        corners = np.array(field_of_view.ends(light.sensor_field(images.camera)), float).reshape(8, 2)
+        return cls(design, images, images_of(design, on_array(images.camera, corners)))
+
+    @cached_property
+    def points(self) -> tuple[_FieldPoint, ...]:
+        """The fields on the focal plane."""
+        return _FieldPoint.of(self.images, float(field_of_view.focus_ahead(self.images.camera)))
 
 
 @dataclass(frozen=True)
@@ -266,7 +292,7 @@ class Specification:
     depth_precision: _DepthPrecision
     resolution: tuple[Resolved, ...]
     depth_of_field_mm: SharpEnds
-    field: tuple[FieldPoint, ...]
+    field: tuple[_FieldPoint, ...]
     distortion: float | None
     """Distortion at the farthest of the fields [%]."""
     relative_illumination: float
@@ -324,13 +350,15 @@ def resolved(images: IdealImages | DesignImages, field: int, at: float, image: K
     x0 = np.broadcast_to(np.hypot(*images.on_plane(at)), (len(images.fields), 1))[field, 0]
     place = tuple(images.fields[field].tolist())
     each = [(None if math.isnan(a) else a, None if math.isnan(b) else b) for a, b in (tangential, sagittal)]
-    fold = min(transfer.fold(way) for way in ("tangential", "sagittal"))
+    fold = min(map(transfer.fold, WAYS))
     usable = None if half is None else min(half, fold)
     limit: Literal["contrast", "sampling"] = "contrast" if usable == half else "sampling"
     return Resolved(at, _known(float(x0)), place, image, half, tenth, each[0], each[1], fold, usable, limit)
 
 
-def specification(design: Design | str | Path, at: Sequence[float] = ()) -> Specification:
+def specification(
+    design: Design | str | Path, at: Sequence[float] = (), shown: FieldImages | None = None
+) -> Specification:
     """The data sheet of a design: of its straight parts, tilts left out.
 
     Behind a real main lens rays tell where fields lie, how they are lit and how sharp; the rest is its thin twin's.
@@ -342,6 +370,8 @@ def specification(design: Design | str | Path, at: Sequence[float] = ()) -> Spec
         A design, the name of a preset, or a design file.
     at : sequence of float
         Distances ahead of the tip [mm] that are told of beside the working range's ends and the focal plane.
+    shown : FieldImages, optional
+        Those of the design, where they are known.
 
     Raises
     ------
@@ -357,20 +387,19 @@ def specification(design: Design | str | Path, at: Sequence[float] = ()) -> Spec
     """
     check_distances(at)
     design = as_design(design)
-    axes = default_fields(design)
-    images = images_of(design, axes)
+    shown = FieldImages.of(design) if shown is None else shown
+    images, ends = shown.images, shown.ends
     camera = images.camera
-    ends = field_ends(design, camera)
     stations = planes(camera, at)
     distances = tuple(distance for _, distance in stations)
     sharp = SharpEnds.of(camera)
     focused, rows = FocusedArray.of(camera), list[Resolved]()
     if focused is None:
-        rows += [resolved(images, k, at, "refocused") for at in distances for k in range(len(axes))]
+        rows += [resolved(images, k, at, "refocused") for at in distances for k in range(len(images.fields))]
         rows += [resolved(images, 0, at, "view") for at in distances]
     if focused is None and design.main_lens.kind.faults:  # views, too, are less sharp off the axis
-        rows += [resolved(images, k, distances[1], "view") for k in range(1, len(axes))]
-    points = FieldPoint.of(images, distances[1])
+        rows += [resolved(images, k, distances[1], "view") for k in range(1, len(images.fields))]
+    points = shown.points
     farthest = corner(points)
     value = {name: float(QUANTITIES[name](camera)) for name in _NAMES}
     return Specification(
@@ -397,12 +426,6 @@ def specification(design: Design | str | Path, at: Sequence[float] = ()) -> Spec
         parts=tuple(_ListedPart(part.name, float(part.width)) for part in tube.housed(camera)),
         focused=focused,
     )
-
-
-def field_ends(design: Design, camera: Camera) -> IdealImages | DesignImages:
-    """Images at the ends of the field's width, height and both diagonals, two and two."""
-    corners = np.array(field_of_view.ends(light.sensor_field(camera)), float).reshape(8, 2)
-    return images_of(design, on_array(camera, corners))
 
 
 _NAMES = (
@@ -462,6 +485,6 @@ def _samples(camera: Camera) -> tuple[int, int]:
     return math.floor(across + 1e-9), math.floor(up / rows + 1e-9)
 
 
-def corner(points: Sequence[FieldPoint]) -> FieldPoint:
+def corner(points: Sequence[_FieldPoint]) -> _FieldPoint:
     """The farthest of some; first those that the lens does not show."""
     return max(points, key=lambda point: math.inf if point.x0_mm is None else point.x0_mm)

@@ -82,8 +82,18 @@ class Entry(Option):
     maker: str = ""
     provenance: str
     """Source of the figures."""
+    page: str = ""
+    """Address of the page or data sheet that they were read on."""
+    read: Annotated[str, Field(pattern=r"^(\d{4}-\d\d-\d\d)?$")] = ""
+    """Day on which they were read, as "2026-11-28"."""
     confidence: Confidence
     remark: str = ""
+
+    @property
+    def source(self) -> str:
+        """Source of the figures, where and when they were read."""
+        read = " ".join(filter(None, (self.page, self.read and f"read {self.read}")))
+        return f"{self.provenance}; {read}" if read else self.provenance
 
     @property
     def row(self) -> dict[str, Any]:

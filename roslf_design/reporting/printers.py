@@ -11,14 +11,14 @@ import io
 import json
 import re
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Callable, Container, Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from ..drawing.picture import PAGE
 from ..drawing.solid import library, viewer
-from ..drawing.typeset import page_of, typeset
+from ..drawing.typeset import page_of, typeset, typesetter
 from ..tables import csv_bytes
 from ..words import spans, to_html
 from .blocks import MARKS, Block, Bullets, Code, Figure, Paragraph, Report, Statements, Table, slug
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 Paper = Literal["a4", "letter"]
 PAGES = {"a4": "a4", "letter": "us-letter"}
 """Paper sizes by typst's names."""
+LEAST_SHARE, CLEARANCE, MOST_TRIED = 0.75, 28.0, 16
+"""Share of its size down to which a figure is drawn so that a page is filled; room above it [pt]; figures tried."""
 DOCUMENT = Path(__file__).with_name("templates") / "report.typ"
 
 SCRIPT = Path(__file__).with_name("templates") / "viewer.js"
@@ -96,12 +98,56 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
         head = {"title": report.title, "subtitle": spans(report.subtitle), "footer": report.footer}
         content = {**head, "paper": PAGES[paper], "sections": sections}
         (root / "content.json").write_bytes(json.dumps(content, ensure_ascii=False).encode("utf-8", "replace"))
-        return _packed(typeset(root, DOCUMENT.read_bytes(), timestamp=0))
+        document = DOCUMENT.read_bytes()
+
+        def spots(shares: Mapping[str, float]) -> list[dict[str, Any]]:
+            (root / "shares.json").write_text(json.dumps(shares), encoding="utf-8")
+            placed: list[dict[str, Any]] = json.loads(typesetter(root, document).query("<spot>", field="value"))
+            return placed
+
+        (root / "shares.json").write_text(json.dumps(_filling(spots)), encoding="utf-8")
+        return _packed(typeset(root, document, timestamp=0))
 
 
 def render_drawing(svg: bytes, width: float, height: float) -> bytes:
     """A drawing as a PDF of one page of its size [mm], true to scale; errors as of `render_pdf`."""
     return _packed(page_of(svg, f"{width}mm", f"{height}mm", timestamp=0))
+
+
+def _filling(spots: Callable[[Mapping[str, float]], list[dict[str, Any]]]) -> dict[str, float]:
+    """Shares of their size, by name, at which figures leave the figure behind them room on their page.
+
+    `spots` tells where each figure and block begins and ends, of the document whose figures have such shares.
+    """
+    shares: dict[str, float] = {}
+    tried: set[str] = set()
+    placed = spots(shares)
+    while len(tried) < MOST_TRIED and (wanted := _behind_a_gap(placed, tried)) is not None:
+        figures, share = wanted
+        smaller = shares | {name: shares.get(name, 1.0) * share for name in figures}
+        tried.add(figures[-1])
+        if min(smaller.values()) >= LEAST_SHARE:
+            other = spots(smaller)
+            before, after = ({at["name"]: at["page"] for at in each if at["image"]} for each in (placed, other))
+            if after[figures[-1]] < before[figures[-1]]:
+                shares, placed = smaller, other
+    return shares
+
+
+def _behind_a_gap(placed: Sequence[Mapping[str, Any]], tried: Container[str]) -> tuple[list[str], float] | None:
+    """First figure that begins a page, behind those of the page before, and the share at which all stand there."""
+    for end in sorted((at for at in placed if at["image"]), key=lambda at: (at["page"], at["y"])):
+        first = all(at["name"] == end["name"] for at in placed if at["page"] == end["page"] and 0 < at["y"] < end["y"])
+        before = [at for at in placed if at["page"] == end["page"] - 1]
+        if end["name"] in tried or not first or not before:
+            continue
+        filled = max((at["y"] for at in before if at["kind"] == "flow"), default=end["foot"])
+        foot = min([end["foot"], *(at["y"] for at in before if at["kind"] == "begin" and at["y"] > filled)])
+        images = {at["name"]: at["image"] for at in (*before, end) if at["image"]}
+        share = 1 - (end["y"] + CLEARANCE - (foot - filled)) / sum(images.values())
+        if share >= LEAST_SHARE:
+            return list(images), min(share, 1.0)
+    return None
 
 
 def page_files(report: Report) -> dict[str, bytes]:
@@ -170,7 +216,7 @@ def _block(block: Block, root: Path) -> dict[str, Any]:
             file = root / f"{block.name}.{'svg' if isinstance(block.content, str) else 'png'}"
             file.write_bytes(block.content.encode() if isinstance(block.content, str) else block.content)
             look = {"file": file.name, "width": _share_of_page(block.content), "alt": block.description or block.title}
-            look["breaks"] = block.breaks
+            look |= {"breaks": block.breaks, "name": block.name}
             return {"kind": "figure", **look, "title": spans(block.title), "caption": spans(block.caption)}
         case Bullets():
             return {"kind": "bullets", "items": [spans(item) for item in block.items]}

@@ -36,6 +36,7 @@ from numpy.typing import NDArray
 from .._arrays import Array, Complex, magnitude, ratio
 from ..bore.opening import ClearAperture
 from ..camera import Camera, Number
+from ..shapes.discs import gauss_legendre
 from ..shapes.lattice import PACKINGS
 from ..shapes.openings import Openings
 from .colours import filters
@@ -56,7 +57,6 @@ WIDEST = 8
 NODES = 3
 """Gauss-Legendre nodes over the periods of a texture, and over a quarter of its directions: information to 1e-3 where
 B lies within 1."""
-_GAUSS = np.polynomial.legendre.leggauss(NODES)
 FINEST_PLACES, FINEST_CUT = 128, 32
 """Periods in a pitch up to which `image_parts` follows the microlens's diffraction in whole images and in cut ones: at
 Fresnel numbers up to 32 and 8."""
@@ -100,6 +100,8 @@ class Seen(NamedTuple):
     """B there [microlens pitches]; 0 is the focal plane."""
     scale: Array
     """Millimetres on it per millimetre of the array."""
+    octaves: int = NODES
+    """Gauss-Legendre nodes over the periods of a texture: where B is large, `NODES` are off by up to a tenth."""
 
 
 class Spectrum(NamedTuple):
@@ -231,7 +233,7 @@ def texture(c: Camera, plane: Seen) -> _Texture:
         plane.
     """
     limit = PACKINGS[c.layout].fold
-    nodes, weights = _GAUSS
+    nodes, weights = gauss_legendre(NODES)
     shape = np.broadcast_shapes(np.shape(plane.disparity), np.shape(plane.scale), c.shape)
     contrast, period = c["depth.contrast"], c.numbers.get("depth.period")
     finest = np.broadcast_to(ratio(magnitude(c.d * plane.scale), period or c.numbers.get("depth.finest", 0.0)), shape)
@@ -239,7 +241,8 @@ def texture(c: Camera, plane: Seen) -> _Texture:
     angle, turn = (nodes + 1) * (math.pi / 4), weights / 2
     if period is None:
         # The same contrast in each octave of k: its square over ln(2), per step of ln(k).
-        at, radial = (nodes + 1) / 2, weights / (nodes + 1) / math.log(2)
+        octaves, over = gauss_legendre(plane.octaves)
+        at, radial = (octaves + 1) / 2, over / (octaves + 1) / math.log(2)
     else:
         at = radial = np.ones(1)
         strength = np.where(finest <= limit, strength, 0.0)

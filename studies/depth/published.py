@@ -349,8 +349,8 @@ def report(real: Real | None, all_noise: list[Unlike]) -> Report:
     else:
         repeats = Figure.of(
             "repeats", "Errors found over errors reported",
-            "Each dot is a twelfth of the pixels. Below the line errors are told too large. Sets of every other view "
-            "share what was interpolated between them, and differ by less than they err.",
+            "Each dot is a twelfth of the pixels. Below the line errors are reported too large. Sets of every other "
+            "view share what was interpolated between them, and differ by less than they err.",
             told_and_found(real.sets),
         )  # fmt: skip
         sections += [

@@ -109,7 +109,7 @@ def measured(scene: str, light_field: MadeViews) -> Row:
 
 def table(rows: list[Row], title: str) -> Table:
     """Rows as a table."""
-    heads = ("scene", "known", "off", "within told", "told", "seconds", "tensor off", "tensor seconds")
+    heads = ("scene", "known", "off", "within reported", "reported", "seconds", "tensor off", "tensor seconds")
     cells = tuple(
         (r.scene, f"{100 * r.known:.0f} %", f"{100 * r.off:.1f} %", f"{100 * r.inside:.0f} %", f"{r.sigma:.2g}",
          f"{r.seconds:.1f}", f"{100 * r.plain_off:.0f} %", f"{r.plain_seconds:.2f}")
@@ -117,7 +117,7 @@ def table(rows: list[Row], title: str) -> Table:
     )  # fmt: skip
     note = (
         f"Off: by more than {OFF:g} px from view to view, of those known; the structure tensor always "
-        "answers. Told: middle one of the errors reported [px]; 68 % lie within those that are right. Processor time."
+        "answers. Reported: middle one of the errors [px]; 68 % lie within those that are right. Processor time."
     )
     return Table(cells, "lrrrrrrr", heads, title, note)
 
@@ -131,12 +131,12 @@ def bars(rows: list[Row]) -> Table:
          all(row.known >= LEAST_KNOWN for row in rows)),
         ("off, most", "at most 6 %", f"{100 * max(row.off for row in rows):.1f} %",
          all(row.off <= MOST_OFF for row in rows)),
-        ("within told", "60 to 76 %", f"{100 * min(inside):.0f} to {100 * max(inside):.0f} %",
+        ("within reported", "60 to 76 %", f"{100 * min(inside):.0f} to {100 * max(inside):.0f} %",
          all(INSIDE[0] <= share <= INSIDE[1] for share in inside)),
         ("time, over a structure tensor's", "at most 4", f"{times:.0f}", times <= MOST_TIMES),
     )  # fmt: skip
     note = (
-        "The structure tensor works on the middle row and column of views, 17 of 81, and tells no errors; here all "
+        "The structure tensor works on the middle row and column of views, 17 of 81, and reports no errors; here all "
         "views are laid on each other several times, with windows along edges and an error for each pixel."
     )
     marked = tuple((*each, "met" if met else "missed") for *each, met in cells)
@@ -151,7 +151,7 @@ def dense_table(rows: list[Row], title: str) -> Table:
         for r in rows
     )  # fmt: skip
     note = "Filled in from known neighbours (dense.tif): off as above, rms error and rms of the errors reported [px]."
-    return Table(cells, "lrrrrr", ("scene", "unknown", "off", "rms", "told", "within told"), title, note)
+    return Table(cells, "lrrrrr", ("scene", "unknown", "off", "rms", "reported", "within reported"), title, note)
 
 
 def page(rows: dict[str, list[Row]]) -> Report:

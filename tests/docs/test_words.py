@@ -46,6 +46,15 @@ def _strings(path, public):
             yield node.lineno, node.value
 
 
+def _script_strings(path):
+    """Line and text of the string literals of a script; what a template puts in stands as 0."""
+    script = path.read_text(encoding="utf-8")
+    literal = r'"(?:\\.|[^"\\\n])*"|\'(?:\\.|[^\'\\\n])*\'|`(?:\\.|[^`\\])*`'
+    for match in re.finditer(rf"//[^\n]*|/\*.*?\*/|({literal})", script, re.DOTALL):
+        if match[1]:
+            yield script.count("\n", 0, match.start()) + 1, re.sub(r"\$\{[^}]*\}", "0", match[1][1:-1])
+
+
 def _bare(node):
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
 
@@ -57,8 +66,13 @@ def texts(root):
     for path in sorted(package.rglob("*.py")):
         for line, text in _strings(path, path.parent.name == "commands"):
             found.append((f"{path.relative_to(root)}:{line}", text))
+    for path in sorted((root / "studies").rglob("*.py")):
+        found += [(f"{path.relative_to(root)}:{line}", text) for line, text in _strings(path, public=False)]
+    for path in sorted(package.rglob("*.js")):
+        found += [(f"{path.relative_to(root)}:{line}", text) for line, text in _script_strings(path)]
     pages = [*package.rglob("*.html"), *package.rglob("*.j2"), root / "README.md", root / "CONTRIBUTING.md"]
     pages += [*(root / "docs").rglob("*.md"), root / "docs/_ext/keys.toml", *(root / "studies").rglob("README.md")]
+    pages += [*(root / "studies").rglob("*.toml"), *(root / "designs").rglob("*.toml")]
     for path in sorted(pages):
         if "_build" not in path.parts and "_generated" not in path.parts:
             text = path.read_text(encoding="utf-8").partition("## Words that were retired")[0]
@@ -93,6 +107,12 @@ def test_every_exception_is_needed(texts):
 )
 def test_patterns_find_what_they_name(text, word):
     assert [RETIRED[words] for words in RETIRED if re.search(words, text)] == [word]
+
+
+def test_what_scripts_say_is_read_without_their_comments(tmp_path):
+    script = tmp_path / "page.js"
+    script.write_text('// "no"\nsay("a \\"b\\" // c"); /* \'no\' */ x = `${n} of\n${m}`\n', encoding="utf-8")
+    assert list(_script_strings(script)) == [(2, r"a \"b\" // c"), (2, "0 of\n0")]
 
 
 def test_terms_of_reports_stand_in_the_glossary(root):

@@ -131,7 +131,8 @@ def test_perturbations_that_make_no_sense(line, said):
 def few():
     parts = load_catalogue()
     lenses = [lens for lens in parts.lenses if 50 <= lens.focal_length <= 150][:4]
-    return parts.model_copy(update={"lenses": tuple(lenses), "sensors": parts.sensors[-2:]})
+    few = {"lenses": tuple(lenses), "microlens_arrays": parts.microlens_arrays[:5], "sensors": parts.sensors[-2:]}
+    return parts.model_copy(update=few)
 
 
 def test_ranking_against_every_combination_optimised(few):
@@ -189,6 +190,10 @@ def test_the_shipped_catalogue():
     every = list(rows(load_catalogue()))
     assert len(every) > 40
     assert all(row["provenance"] and row["confidence"] for row in every)
+    # A maker's figure is one that was read where and when it says.
+    assert all("page" in row and "read" in row for row in every if row["confidence"] == "datasheet")
+    pitches = [row["pitch"] for row in every if row["kind"] == "microlens_arrays"]
+    assert min(pitches) == pytest.approx(0.03)
     canon = next(row for row in every if row["part"] == "EOS 90D sensor")
     assert canon["pixels"] == (6960, 4640)
     assert canon["size"] == pytest.approx([22.272, 14.848])
@@ -201,7 +206,7 @@ def test_conditions_on_parts():
         conditions = [read_condition(text) for text in texts]
         return {row["part"] for row in every if all(condition(row) for condition in conditions)}
 
-    assert names("pitch<=0.1 mm") == {"paper 63 um / 2 mm", "generic 100 um / 2.1 mm"}
+    assert names("pitch<=0.1 mm") == {"18-00079", "paper 63 um / 2 mm", "generic 100 um / 2.1 mm"}
     assert names("maker=thorlabs", "pitch>150 um") == {"MLA300-14AR"}
     assert names("pixels>=4000") == {"EOS 90D sensor"}
     kinds = {row["part"]: row.get("type", "") for row in every}
@@ -220,6 +225,10 @@ def test_faults_of_a_catalogue_file_are_all_told(tmp_path):
         load_catalogue([bad])
     for said in ("3.45 has no unit", "did you mean 'provenance'", "'measured'"):
         assert said in str(caught.value)
-    bad.write_text(head + 'pixel = "3.45 um"\nprovenance = "x"\nconfidence = "typical"\n')
+    good = 'pixel = "3.45 um"\nprovenance = "x"\nconfidence = "typical"\n'
+    bad.write_text(head + good + 'read = "yesterday"\n')
+    with pytest.raises(InputError, match=r"read.*yesterday"):
+        load_catalogue([bad])
+    bad.write_text(head + good)
     with pytest.raises(InputError, match="two parts are called 'IMX250'"):
         load_catalogue([bad])

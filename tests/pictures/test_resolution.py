@@ -23,8 +23,17 @@ def test_curves_begin_at_one_and_pass_the_limits_that_the_sheet_tells():
     assert abs(np.interp(told, x, y) - 0.5) < 2e-3  # drawn in steps
 
 
+def test_an_ideal_lens_has_a_curve_in_place_of_a_map():
+    """Its corner shows as much as its middle: shades would say nothing across."""
+    (panel,) = resolution_map(SCOPE).panels
+    (curve,) = panel.marks
+    assert isinstance(curve, Line)
+    assert (np.diff(np.asarray(curve.y)) < 0).all()
+    assert ("[mm]" in panel.x_label, "lp/mm" in panel.y_label) == (True, True)
+
+
 def test_the_map_is_in_units_and_falls_with_distance():
-    picture = resolution_map(SCOPE)
+    picture = resolution_map(roslf.load("cystoscope"))
     shades = next(mark for mark in picture.panels[0].marks if isinstance(mark, Image))
     assert (np.diff(shades.values[:, 0]) < 0).all()
     assert "[mm]" in picture.panels[0].y_label

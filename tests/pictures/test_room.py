@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import ImageFont
 
+from roslf_design.design import load
 from roslf_design.drawing.marks import Area, Disc, Dots, Line, Text
 from roslf_design.drawing.svg import redrawn
 from roslf_design.drawing.theme import SMALL, text_width, theme_named
@@ -74,18 +75,23 @@ def test_no_target_line_runs_through_a_yield():
 
 
 def test_a_map_where_all_is_kept_is_no_white_paper():
-    picture = field_maps(PAPER, field_map(PAPER, 40))
+    """Where all is kept the report has no map of it at all, and the explorer's names that shade alone."""
     for theme in ("light", "dark"):
         whole, ground = (theme_named(theme).colour(name) for name in ("whole", "ground"))
         channels = [[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in (whole, ground)]
         assert max(abs(a - b) for a, b in zip(*channels, strict=True)) > 40
-    assert [key.text for key in picture.keys][:3] == ["whole", "cut, a little to nearly all", "dark"]
+    cut = load("mismatched-borescope")
+    report = [[key.text for key in field_maps(each, field_map(each, 40)).keys] for each in (PAPER, cut)]
+    assert not {"whole", "cut, a little to nearly all", "dark"} & set(report[0])
+    assert report[1][:2] == ["whole", "cut, a little to nearly all"]
+    assert mla_map(PAPER).keys[0].text == "whole"
+    assert "cut" not in mla_map(PAPER).keys[1].text
 
 
 def test_legends_have_the_colours_of_what_they_name():
     """Shades of cut images run from `cut` to `lost`; on a picture of light, outlines are drawn in another colour."""
     theme = theme_named("light")
-    key = next(key for key in mla_map(PAPER).keys if key.text.startswith("cut"))
+    key = next(key for key in mla_map(load("mismatched-borescope")).keys if key.text.startswith("cut"))
     shades = theme.shades("kept", np.array([1 - 1e-9, 1e-9]))[:, :3]
     assert [theme.colour(sample.fill) for sample in key.samples] == [f"#{shade.tobytes().hex()}" for shade in shades]
     for waves in (False, True):

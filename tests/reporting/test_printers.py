@@ -10,6 +10,7 @@ from rich.console import Console
 
 from roslf_design.commands.results import print_blocks
 from roslf_design.design import PATHS, load
+from roslf_design.reporting import printers
 from roslf_design.reporting.blocks import (
     Bullets,
     Code,
@@ -59,6 +60,20 @@ def pages(report, tmp_path, paper="a4"):
     (tmp_path / "report.pdf").write_bytes(render_pdf(report, paper))
     command = ["pdftotext", "-layout", tmp_path / "report.pdf", "-"]
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout.split("\f")[:-1]
+
+
+def test_figures_a_little_smaller_fill_pages(tmp_path, monkeypatch):
+    """Three stand on a page, but for the first with its title, unless they are a little smaller."""
+    tall = SVG.replace('viewBox="0 0 9 9" width="9pt" height="9pt"', 'viewBox="0 0 768 322" width="768" height="322"')
+    figures = tuple(Figure(f"f{n}", f"Figure {n}", "what it shows", tall) for n in range(8))
+    whole = Report("title", "", (Section("Figures", figures), Section("Text", (Paragraph("end"),))))
+    told = []
+    filling = printers._filling
+    monkeypatch.setattr(printers, "_filling", lambda spots: told.append(filling(spots)) or told[-1])
+    assert len(pages(whole, tmp_path)) == 3
+    assert 0.75 <= min(told[0].values()) <= max(told[0].values()) < 1
+    monkeypatch.setattr(printers, "_filling", lambda spots: {})
+    assert len(pages(whole, tmp_path)) == 4
 
 
 def printed(block, width=80):

@@ -60,6 +60,14 @@ KEPT_KEYS = (
 """Shades of a map of kept fractions."""
 
 
+def _kept_keys(fields: _ArrayMap) -> tuple[Key, ...]:
+    """Keys of the shades that a map of kept fractions has."""
+    kept = fields.kept
+    return tuple(
+        key for key, own in zip(KEPT_KEYS, (kept == 1, (kept > 0) & (kept < 1), kept == 0), strict=True) if own.any()
+    )
+
+
 class _ArrayMap(NamedTuple):
     """Microlens images on a grid of places over the MLA, rows along y."""
 
@@ -105,7 +113,7 @@ def mla_map(design: Design, selected: Point | None = None, size: Point = (460, 4
     thin = design.thin_twin
     fields = field_map(thin, POINTS)
     dots = tuple(Dots((x,), (0.0,), colour, size=3.6) for x, colour in zip((-7.0, 0.0, 7.0), FIELDS, strict=True))
-    keys = [*KEPT_KEYS, *_frame_keys(thin), Key("centre, edge, corner", dots)]
+    keys = [*_kept_keys(fields), *_frame_keys(thin), Key("centre, edge, corner", dots)]
     tall = legend_height(keys, size[0] - 24)
     panel = _panel(thin, (size[0], size[1] - tall), (LEFT, TOP, RIGHT, BELOW))
     marks = [Image(fields.kept, fields.box, "kept"), *_frames(thin)]
@@ -136,19 +144,21 @@ def field_maps(design: Design, fields: _ArrayMap) -> Picture:
             if math.isfinite(u):
                 arrows.append(Line([a - u, a + u], [b - v, b + v], "#000000", 2.6, opacity=0.6))
                 arrows.append(Line([a - u, a + u], [b - v, b + v], "#ffffff", 1.3, ends=">"))
-    size, pictures = (PAGE / 2, 300.0), []
-    for name, title, values, high, ramp, label, marks in (
-        ("kept", f"unvignetted fraction: {'all 1' if lowest == 1 else f'down to {lowest:.3g}'}", fields.kept, 1.0,
-         "kept", "unvignetted fraction [1]", []),
+    shown: list[tuple[str, str, Array, float, str, str, list[Mark]]] = [
         ("offset", f"image centroid: up to {top:.3g} px off axis", length, top or 1.0, "cividis",
-         "offset from the microlens axis [px]", arrows),
-    ):  # fmt: skip
+         "offset from the microlens axis [px]", arrows)
+    ]  # fmt: skip
+    if lowest < 1:
+        words = f"unvignetted fraction: down to {lowest:.3g}"
+        shown.insert(0, ("kept", words, fields.kept, 1.0, "kept", "unvignetted fraction [1]", []))
+    size, pictures = (PAGE / 2 if lowest < 1 else 0.8 * PAGE, 300.0), []
+    for name, title, values, high, ramp, label, marks in shown:
         shades = Image(values, fields.box, ramp, 0.0, high)
         panel = _panel(design, size, (LEFT, 28.0, 74.0, BELOW)).with_marks(shades, *marks, *_frames(design))
         panel = replace(panel, title=title)
         pictures.append(Picture(name, title, size, (panel, colour_bar(panel, 0.0, high, ramp, label))))
     title = f"Unvignetted fraction and offset of the microlens images of {design.name}: {lowest:.3g} at the least"
-    return beside("maps", title, pictures, [*KEPT_KEYS, *_frame_keys(design)])
+    return beside("maps", title, pictures, [*(_kept_keys(fields) if lowest < 1 else ()), *_frame_keys(design)])
 
 
 def _shares(design: Design, fields: _ArrayMap) -> str:
@@ -219,7 +229,9 @@ def _cross(selected: Point, panel: Panel) -> list[Mark]:
 def _frame_keys(design: Design) -> list[Key]:
     _, _, radius = _circle_of_eq_6(design)
     bound = "at any radius" if math.isinf(radius) else "nowhere" if radius == 0 else f"within {short(radius)} mm"
-    return [line_key("what the sensor sees", "blue", 2), line_key(f"Eq. 6: undistorted {bound}", "vermillion", 2)]
+    limit = f"Eq. 6: undistorted {bound}"
+    drawn = 0 < radius < math.inf
+    return [line_key("what the sensor sees", "blue", 2), line_key(limit, "vermillion", 2) if drawn else Key(limit, ())]
 
 
 class _LensCurves(NamedTuple):

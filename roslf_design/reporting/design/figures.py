@@ -132,15 +132,15 @@ def _map_sheet(design: Design, result: Evaluation) -> Figure:
     fields = field_map(design)
     lost, dark = 1 - float(fields.kept.min()), float(np.mean(fields.kept == 0))
     left = (
-        "Left: no microlens on the array loses any of the pupil."
+        "No microlens on the array loses any of the pupil. Arrows"
         if lost == 0
-        else f"Left: the pupil is cut outside the Eq. 6 circle; {100 * dark:.3g} % of the array gets no light at all."
-        if dark > 0
-        else f"Left: the pupil is cut outside the Eq. 6 circle; the worst microlens loses {100 * lost:.3g} %."
+        else "Left: the pupil is cut outside the Eq. 6 circle; "
+        + (f"{100 * dark:.3g} % of the array gets no light at all" if dark else f"at most it loses {100 * lost:.3g} %")
+        + ". Right: arrows"
     )
     shift = result.microlens_image.centre_shift_px_per_microlens
     caption = (
-        f"{left} Right: arrows show where each image's centroid lies from its microlens's axis, as decoding meets it. "
+        f"{left} show where each image's centroid lies from its microlens's axis, as decoding meets it. "
         f"Against a camera whose pupil is the main lens, images move by {number(shift, 4)} px per microlens (Eq. 4), "
         f"{number(shift * design.microlens_array.size[0] / 2 / design.d, 3)} px at the array's edge."
     )
@@ -220,9 +220,11 @@ def _effects_sheet(_: Design, result: Evaluation) -> Figure:
 def _picture_sheet(design: Design, _: Evaluation | None = None) -> Figure:
     """The 3D view, with the scene to turn where the library for that is installed."""
     scene = instrument_scene(design)
+    blocked = any(part.colour == "vermillion" for part in scene.parts)
+    ends = "Orange rays end at what blocks them. " if blocked else ""
     caption = (
         "Pencils of the centre, the edge and a corner of the sensor, cut off in front of the bore; the grey plate is "
-        "the FAP, the blue disc the main lens. Orange rays end at what blocks them. The tube wall is drawn for "
+        f"the FAP, the blue disc the main lens. {ends}The tube wall is drawn for "
         f"orientation and is not part of the design.{lens_words(design.main_lens.kind).twin}"
     )
     sheet = Figure.of("view", "The instrument in three dimensions", caption, outlines(scene))

@@ -119,7 +119,10 @@ def design_report(
     progress("evaluating")
     studied = [findings[name] for name in STUDIES if name in findings] if findings else []
     grounds = grounds or basis(design)
-    result = evaluate(design, None, accuracy, at=grounds.at, build=grounds.build, calibration=grounds.calibration)
+    shown = grounds.shown if grounds.design is design else None
+    result = evaluate(
+        design, None, accuracy, at=grounds.at, build=grounds.build, calibration=grounds.calibration, shown=shown
+    )
     figures = _design_figures(design, result, progress)
     progress("sections")
     answers = Statements((*verdicts(result).items, *(one.statement for one in studied if one.statement)))
@@ -265,7 +268,7 @@ def _accuracy_section(design: Design, result: Evaluation, asked: float | None = 
     closest = f"the closest is {cases[0].case}, at a relative distance of {cases[0].distance:.2g}"
     said = [Statement("caution" if own.kept is False else "plain", sentence(own.sentence()))]
     said += [
-        Statement("caution", f"Near a hard case, {case.case} (relative distance {case.distance:.2g}): {case.says}.")
+        Statement("plain", f"Near a hard case, {case.case} (relative distance {case.distance:.2g}): {case.says}.")
         for case in cases
         if case.near
     ] or [Statement("good", f"The design is near no hard case; {closest}.")]

@@ -138,4 +138,4 @@ def _name(entry: Entry) -> str:
 
 def _provenance(entry: Entry) -> str:
     remark = f" {entry.remark[:1].upper()}{entry.remark[1:].rstrip('.')}." if entry.remark else ""
-    return f"{_name(entry)}: {entry.provenance} ({entry.confidence}).{remark}"
+    return f"{_name(entry)}: {entry.source} ({entry.confidence}).{remark}"

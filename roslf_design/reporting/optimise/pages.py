@@ -23,7 +23,7 @@ from ...theory.quantities import bound_note, in_words
 from ...tolerancing.yields import Yield
 from ...words import number, sentence
 from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
-from .pictures import bore_and_stop, ends_of, goal_front, robust_yields, search_history
+from .pictures import SAME, bore_and_stop, ends_of, goal_front, robust_yields, search_history
 
 TITLES = {
     "bore": ("One stop for the bore", "The field where the two lines part is where the model of one stop misleads."),
@@ -75,10 +75,9 @@ def optimization_finding(result: Result, take: str = "best", words: str = "") ->
     if take != "best":
         own = in_words(_reached(result, take))
         said = replace(said, text=f"{said.text} This report is of another design, {words}: {own}; believe these of it.")
-    history = search_history(ends_of(answer), (576, 290))
-    blocks = _optimization_section(result).blocks
-    if answer.feasible:
-        blocks = (*blocks, Figure.of("history", "What every start came to", HISTORY, history))
+    blocks, ends = _optimization_section(result).blocks, ends_of(answer)
+    if answer.feasible and any(end.kind != "bad" and end.loss > SAME for end in ends):  # else on the floor
+        blocks = (*blocks, Figure.of("history", "What every start came to", HISTORY, search_history(ends, (576, 290))))
     seed = f"Seed of the optimisation's starts: {result.study.settings.seed}."
     return Finding(Section("Optimisation", blocks, "optimisation"), said, seed)
 

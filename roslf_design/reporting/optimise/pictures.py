@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 WIDE_ROW = 46.0
 """Height of a variable's row [px]."""
-FLOOR = 1e-8
-"""Losses below this share are drawn here: the same design."""
+FLOOR, SAME = 1e-8, 1e-6
+"""Share at which smaller losses are drawn; share up to which a design is the same."""
 
 
 class SearchEnd(NamedTuple):
@@ -78,9 +78,10 @@ def change_bars(changes: Sequence[VariableMove], size: Point = (560, 200)) -> Pi
             Text(width, y, short(change.high, 3), "grey", SMALL, "end", dy=16),
         ]
     keys = [
-        dot_key("before", "ground", size=5, edge="grey", width=2), dot_key("found", "blue", size=6),
-        dot_key("found, at its bound", "orange", size=6),
-    ]  # fmt: skip
+        dot_key("before", "ground", size=5, edge="grey", width=2),
+        *([dot_key("found", "blue", size=6)] if not all(change.at_bound for change in changes) else []),
+        *([dot_key("found, at its bound", "orange", size=6)] if any(change.at_bound for change in changes) else []),
+    ]
     panel = Panel((left, 0.0, width, foot), Scale(0, width), Scale(foot, 0), tuple(marks), bare=True)
     height = max(size[1], foot + legend_height(keys, size[0] - 24) + 6)
     title = "Variables: " + "; ".join(f"{c.symbol} {c.before:.4g} to {c.after:.4g} mm" for c in changes)
@@ -119,12 +120,12 @@ def search_history(ends: Sequence[SearchEnd], size: Point = (420, 260)) -> Pictu
             marks.append(replace(sign, x=[end.spent for end in own], y=losses))
         named = [end for end in own if end.solver]
         marks += [Text(end.spent, end.percent, end.solver, "grey", SMALL, "end", dy=-9, halo=True) for end in named]
-    keys = [Key(words, (replace(sign, x=(0.0,), y=(0.0,), testid=""),)) for words, sign in
-            (SEARCHES[kind] for kind in ("start", "check", "bad"))]  # fmt: skip
+    signs = [SEARCHES[kind] for kind in ("start", "check", "bad") if any(end.kind == kind for end in ends)]
+    keys = [Key(words, (replace(sign, x=(0.0,), y=(0.0,), testid=""),)) for words, sign in signs]
     across = Scale(0.0, 1.05 * max((end.spent for end in ends), default=1))
     up = Scale(100 * FLOOR / 3, 3 * top, log=True)
     panel = Panel((0, 0, 1, 1), across, up, tuple(marks), "evaluations so far [1]", "worse than the answer by [%]")
-    same = sum(end.kind != "bad" and end.loss <= 1e-6 for end in ends)
+    same = sum(end.kind != "bad" and end.loss <= SAME for end in ends)
     title = f"{same} of {len(ends)} searches ended at the answer"
     return one_panel("history", title, size, panel, keys, left=76)
 

@@ -18,12 +18,14 @@ from ...evaluation.answer import FirstAnswer
 from ...evaluation.result import depth_basis, focused_table
 from ...evaluation.specification import (
     CRITERION,
+    LEVELS,
+    WAYS,
     Colour,
+    FieldImages,
     Place,
     Resolved,
     Specification,
     corner,
-    resolved,
     specification,
 )
 from ...evaluation.verdicts import lit
@@ -178,7 +180,7 @@ class SpreadSources(NamedTuple):
     calibrated: Mapping[str, float]
     """Standard deviation that a calibration leaves, by a line's key."""
     sheet: Specification
-    design: Design
+    shown: FieldImages
     rows: tuple[_SheetLine, ...]
     """Every line, in the order of the page."""
     build: LengthCovariance | None = None
@@ -188,15 +190,21 @@ class SpreadSources(NamedTuple):
     """Distances ahead of the tip that lines were asked for [mm]."""
 
     @property
+    def design(self) -> Design:
+        """The design, that of an instrument where that was calibrated."""
+        return self.shown.design
+
+    @property
     def words(self) -> str:
         """Sentences on the sources, joined."""
         return " ".join(self.sentences)
 
 
 def _lines(
-    design: Design, sheet: Specification, budgets: Mapping[float | None, DepthBudget], useful: float
+    shown: FieldImages, sheet: Specification, budgets: Mapping[float | None, DepthBudget], useful: float
 ) -> Iterator[_SheetLine]:
     """Lines of the page; budgets of depth are by distance, of the focal plane by None; `useful` is how far depth is."""
+    design = shown.design
     camera = Camera.of(design)
     traced = design.lens is not None  # whose builds are cameras of thin twins
     pupil, _, tip, *_ = sheet.field_of_view_deg  # of the rays that a real lens lets through
@@ -251,7 +259,7 @@ def _lines(
     yield _SheetLine("Over the field", f"local magnification {at}", scale, "", against, text=lost, of=stretched)
     light = 100 * outermost.relative_illumination
     yield _SheetLine("Over the field", f"relative illumination {at}", light, "%", "against the middle", of=shaded)
-    answer = lit(FirstAnswer.of(design, budget=budgets[None]))
+    answer = lit(FirstAnswer.of(shown, budget=budgets[None]))
     remark = "; ".join(filter(None, (answer.text, answer.remedy)))
     yield _SheetLine("Over the field", "evenly lit", None, "", remark, text="yes" if answer.ok else "no")
     width, height = sheet.pixels
@@ -351,10 +359,17 @@ def _at_distance(quantity: Quantity, at: float | None, factor: float, camera: Ca
 
 
 def _resolution(row: Resolved, focal: bool, camera: Camera) -> float:
-    """At the row's distance, or on the build's own focal plane."""
+    """At the row's distance, or on the build's own focal plane.
+
+    Where sampling limits the row, a build's contrast is looked at there alone: its whole fall takes ten times as long.
+    """
     at = float(focus_ahead(camera)) if focal else row.at_mm
-    value = resolved(IdealImages(camera, [row.x_ml_mm]), 0, at, row.image).usable_lp_per_mm
-    return math.nan if value is None else value
+    transfer = IdealImages(camera, [row.x_ml_mm]).transfer(0, at)
+    fold, half = min(map(transfer.fold, WAYS)), LEVELS[0]
+    if row.limited_by == "sampling" and all(transfer([fold], row.image, way)[0] > half for way in WAYS):
+        return fold
+    ends = [limit for (limit,) in transfer.limits_each_way((half,), row.image)]
+    return math.nan if np.isnan(ends).any() else min(*ends, fold)
 
 
 @dataclass(frozen=True)
@@ -419,14 +434,15 @@ def basis(
     at: Sequence[float] = (),
 ) -> SpreadSources:
     """A design's sheet, with what a tolerance study and a calibration know of it, and lines at distances asked for."""
-    sheet, sentences = specification(design, at), []
+    shown = FieldImages.of(design)
+    sheet, sentences = specification(design, at, shown), []
     build = None if built is None else lengths_built(built.plan)
     lengths = None if calibration is None else calibration.lengths
     twin = Camera.of(design.thin_twin)
     budget = partial(depth_budget, twin, build=build, calibration=lengths)
     useful = _useful(budget, float(focus_ahead(twin))) if sheet.focused is None else math.nan
     budgets = {far: budget(far) for far in (None, *at)}
-    rows = tuple(line for line in _lines(design, sheet, budgets, useful) if sheet.focused is None or not line.of_views)
+    rows = tuple(line for line in _lines(shown, sheet, budgets, useful) if sheet.focused is None or not line.of_views)
     if built is not None:
         share, (low, high) = 100 * built.final.result.value, built.final.result.interval
         sentences.append(
@@ -452,17 +468,7 @@ def basis(
     # about 0, as the direction of view.
     for key in calibrated.keys() & sigma.keys():
         calibrated[key] = min(calibrated[key], sigma[key]) if calibrated[key] > KINK * sigma[key] else sigma[key]
-    return SpreadSources(
-        tuple(sentences),
-        sigma,
-        calibrated,
-        sheet,
-        design,
-        rows,
-        build,
-        lengths,
-        tuple(at),
-    )
+    return SpreadSources(tuple(sentences), sigma, calibrated, sheet, shown, rows, build, lengths, tuple(at))
 
 
 def _value(line: _SheetLine) -> str:
@@ -524,7 +530,7 @@ def datasheet_section(grounds: SpreadSources) -> Section:
     ) + words.curves
     mapped = (
         "Detail that the image refocused to each distance shows with half its contrast; the lower of tangential and "
-        "sagittal. Lines join equal resolution."
+        "sagittal. On a map lines join equal resolution; a curve is that of every field, as an ideal lens shows them."
     )
     blocks += [
         Figure.of("mtf", "MTF", curves, mtf_curves(grounds.design)),

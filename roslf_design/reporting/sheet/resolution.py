@@ -25,8 +25,8 @@ COLOURS = ("blue", "orange", "green")
 WIDTHS = (4.6, 2.8, 1.2)
 """Widths of the lines: where they lie on each other, each shows beside the next."""
 PLACES = ("centre", "edge", "corner")
-COLUMNS, ROWS = 15, 13
-"""Fields and distances of the map."""
+COLUMNS, ROWS, ALIKE = 15, 13, 0.01
+"""Fields and distances of the map; share of detail below which corner and middle show alike."""
 
 
 def mtf_curves(design: Design) -> Picture:
@@ -62,7 +62,10 @@ def mtf_curves(design: Design) -> Picture:
 
 
 def resolution_map(design: Design) -> Picture:
-    """Detail at MTF 50 % of the refocused image, over distance ahead of the tip and field towards the corner."""
+    """Detail at MTF 50 % of the refocused image, over distance ahead of the tip and field towards the corner.
+
+    A curve over distance where the corner shows as much as the middle.
+    """
     camera = Camera.of(design)
     low, high = (np.array([float(v) for v in end]) for end in sensor_field(camera))
     share = np.linspace(1e-6, 1.0, COLUMNS)  # the middle, too, has the diagonal for its radius
@@ -72,13 +75,19 @@ def resolution_map(design: Design) -> Picture:
     near, focus, far = (at for _, at in planes(camera))
     distances = np.linspace(near, min(far, BEYOND * focus), ROWS)  # farther out hardly anything changes
     values = np.full((ROWS, COLUMNS), math.nan)
-    for row, at in enumerate(distances):
-        for column in range(COLUMNS):
+    title, ahead = f"Detail that {design.name} resolves", Scale(float(distances[0]), float(distances[-1]))
+    for column in (0, COLUMNS - 1, *range(1, COLUMNS - 1)):
+        for row, at in enumerate(distances):
             each_way = images.transfer(column, float(at)).limits_each_way((0.5,), "refocused")
             values[row, column] = min(limit for (limit,) in each_way)
+        if column and (np.ptp(values[:, [0, -1]], axis=1) < ALIKE * values[:, 0]).all():
+            up = Scale(0.0, 1.08 * float(values[:, 0].max()))
+            curve = Line(distances, values[:, 0], "blue", 2.2)
+            panel = Panel((0, 0, 1, 1), ahead, up, (curve,), "ahead of the tip [mm]", "MTF 50 % at [lp/mm]")
+            return one_panel("resolution-map", f"{title}, as much at every field", (PAGE, 220), panel, left=64)
     known = values[np.isfinite(values)]
     top = float(known.max(initial=0.0)) or 1.0
-    x, y = Scale(0.0, 100.0), Scale(float(distances[0]), float(distances[-1]))
+    x, y = Scale(0.0, 100.0), ahead
     half_x, half_y = 50 / (COLUMNS - 1), (y.high - y.low) / (ROWS - 1) / 2
     shades = Image(np.nan_to_num(values), (-half_x, 100 + half_x, y.low - half_y, y.high + half_y), "blue", 0.0, top)
     marks: list[Mark] = [shades]
@@ -89,7 +98,7 @@ def resolution_map(design: Design) -> Picture:
     panel = Panel(
         (0, 0, 1, 1), x, y, tuple(marks), "field, from the middle to the corner [%]", "ahead of the tip [mm]", grid=""
     )
-    picture = one_panel("resolution-map", f"Detail that {design.name} resolves", (PAGE, 250), panel, left=64, right=110)
+    picture = one_panel("resolution-map", title, (PAGE, 250), panel, left=64, right=110)
     return picture.with_panels(colour_bar(picture.panels[0], 0.0, top, "blue", "MTF 50 % at [lp/mm]"))
 
 
