@@ -6,6 +6,7 @@ Each takes a design, the name of a preset or the path of a file, prints nothing 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -24,7 +25,7 @@ from .imaging.render import RawImage
 from .imaging.render import render as render_image
 from .optimization.study import Result, load_study
 from .optimization.study import run as run_study
-from .reporting.blocks import Report
+from .reporting.blocks import Code, Report
 from .reporting.calibrate.pages import calibration_pictures, calibration_report
 from .reporting.decode.pages import decoding_pictures, decoding_report
 from .reporting.depth.captured import capture_report
@@ -221,7 +222,8 @@ def optimize(study: str | Path) -> Result:
     Returns
     -------
     Result
-        With ``answer.best``, the limits that hold and what they cost, the front where two goals trade.
+        ``designs()`` are the best and others by the names of their files; with the limits that hold and what they
+        cost, the front where two goals trade.
 
     Raises
     ------
@@ -312,18 +314,24 @@ def report(subject: Design | str | Path | Trial | MeasuredCapture | Decoded | Ou
     """
     match subject:
         case StudyResult():
-            return tolerance_report(subject, "")
+            page = tolerance_report(subject, "")
         case Result():
-            return optimization_report(subject, "")
+            page = optimization_report(subject, "")
         case Trial():
-            return depth_report(subject, measurement_pictures(subject), "")
+            page = depth_report(subject, measurement_pictures(subject), "")
         case MeasuredCapture():
-            return capture_report(subject, measurement_pictures(subject), "")
+            page = capture_report(subject, measurement_pictures(subject), "")
         case Decoded():
-            return decoding_report(subject, _drawings(decoding_pictures(subject)), "")
+            page = decoding_report(subject, _drawings(decoding_pictures(subject)), "")
         case Outcome():
-            return calibration_report(subject, _drawings(calibration_pictures(subject)), "")
-    return design_report(as_design(subject))
+            page = calibration_report(subject, _drawings(calibration_pictures(subject)), "")
+        case _:
+            return design_report(as_design(subject))
+    # No command made it.
+    parts = (
+        replace(part, blocks=tuple(b for b in part.blocks if b != Code("", "Run again"))) for part in page.sections
+    )
+    return replace(page, sections=tuple(part for part in parts if part.blocks))
 
 
 def _drawings(pictures: Mapping[str, Picture]) -> dict[str, str]:

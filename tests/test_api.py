@@ -181,11 +181,12 @@ def test_every_function_has_a_call_that_cannot_be_done():
 
 
 def test_a_report_is_made_of_a_design_and_of_a_result_and_shows_itself(tmp_path):
-    """Results of pictures have theirs in `docs/notebooks`."""
+    """Results of pictures have theirs in `docs/notebooks`; no command made any of them."""
     (tmp_path / "study.toml").write_text(STUDY)
     report = roslf.report(roslf.tolerance(tmp_path / "study.toml", trials=256, seed=3))
     names = [figure.name for figure in report.figures]
     assert report.subtitle == "small"
+    assert "Run again" not in roslf.render_html(report)
     assert set(report.figure(names[0])._repr_mimebundle_()) == {"image/svg+xml", "text/plain"}
     shown = report._repr_html_()
     assert all(name in shown for name in names)
