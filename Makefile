@@ -6,7 +6,7 @@ INSTALLED := $(VENV)/.installed
 INSTALLED_DEV := $(VENV)/.installed-dev
 INSTALLED_DOCS := $(VENV)/.installed-docs
 
-.PHONY: bench-quick bench-compare report reports test pytest lint pins bench wheel docs clean
+.PHONY: bench-quick bench-compare report reports test pytest lint pins bench wheel docs notebooks clean
 
 report: $(INSTALLED)
 	$(BIN)/roslf report designs/paper.toml -o reports/paper --figure rays
@@ -88,9 +88,14 @@ bench-compare: $(INSTALLED_DEV)
 wheel: $(INSTALLED_DEV)
 	$(BIN)/python tests/wheel.py
 
+# Where somebody watches, with what is being done; else only what is wrong.
 docs: $(INSTALLED_DOCS)
-	$(BIN)/python -m sphinx -q -W --keep-going -b html docs docs/_build
+	@test -t 1 || quiet=-q; $(BIN)/python -m sphinx $$quiet -W --keep-going -b html docs docs/_build
 	@echo docs/_build/index.html
+
+# The notebooks run again, with what they show stored in them.
+notebooks: $(INSTALLED_DEV)
+	$(BIN)/python docs/_ext/cells.py docs/notebooks/*.ipynb
 
 $(BIN)/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "Python 3.11 or newer is needed; say which with: make PYTHON=python3.12"; exit 1; }

@@ -14,8 +14,8 @@ author = "the roslf_design authors"
 project_copyright = author
 version = release = roslf_design.__version__
 
-extensions = ["myst_parser", "sphinx.ext.autodoc", "mathml", "docstrings", "generated"]
-exclude_patterns = ["_build", "_generated", "_ext"]
+extensions = ["myst_parser", "sphinx.ext.autodoc", "mathml", "docstrings", "generated", "notebooks", "pictures"]
+exclude_patterns = ["_build", "_generated", "_ext", "**/.ipynb_checkpoints"]
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist", "colon_fence", "attrs_inline"]
 myst_heading_anchors = 3
 default_role = "py:obj"

@@ -20,11 +20,13 @@ if TYPE_CHECKING:
     from .camera import Camera
     from .design import Design, DesignError, dumps, load, loads, preset_names, save
     from .errors import InputError
-    from .evaluation import Evaluation, evaluate
+    from .evaluation import Evaluation, evaluate, evaluate_many
     from .evaluation.specification import Specification, specification
     from .reporting.printers import render_html, render_pdf
+    from .scenes import Scene
     from .theory.quantities import QUANTITIES
     from .theory.quantity import Quantity
+    from .theory.quantity_table import QuantityTable
     from .theory.sweep import Sweep, sweep
 
 __all__ = [
@@ -35,6 +37,8 @@ __all__ = [
     "Evaluation",
     "InputError",
     "Quantity",
+    "QuantityTable",
+    "Scene",
     "Specification",
     "Sweep",
     "__version__",
@@ -43,6 +47,7 @@ __all__ = [
     "decode",
     "dumps",
     "evaluate",
+    "evaluate_many",
     "load",
     "loads",
     "measure_depth",
@@ -76,11 +81,13 @@ __getattr__, __dir__, _ = lazy.attach(
         "camera": ["Camera"],
         "design": ["Design", "DesignError", "dumps", "load", "loads", "preset_names", "save"],
         "errors": ["InputError"],
-        "evaluation": ["Evaluation", "evaluate"],
+        "evaluation": ["Evaluation", "evaluate", "evaluate_many"],
         "evaluation.specification": ["Specification", "specification"],
         "reporting.printers": ["render_html", "render_pdf"],
+        "scenes": ["Scene"],
         "theory.quantities": ["QUANTITIES"],
         "theory.quantity": ["Quantity"],
+        "theory.quantity_table": ["QuantityTable"],
         "theory.sweep": ["Sweep", "sweep"],
     },
 )

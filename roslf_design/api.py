@@ -5,7 +5,8 @@ Each takes a design, the name of a preset or the path of a file, prints nothing 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +20,19 @@ from .depth.measure import Trial, simulate
 from .depth.pictures import PictureOptions
 from .design import Design
 from .design.files import as_design
+from .drawing.picture import Picture
 from .imaging.render import RawImage
 from .imaging.render import render as render_image
 from .optimization.study import Result, load_study
 from .optimization.study import run as run_study
-from .reporting.blocks import Report
+from .reporting.blocks import Code, Report
+from .reporting.calibrate.pages import calibration_pictures, calibration_report
+from .reporting.decode.pages import decoding_pictures, decoding_report
+from .reporting.depth.captured import capture_report
+from .reporting.depth.pages import depth_report, measurement_pictures
 from .reporting.design.pages import design_report
+from .reporting.optimise.pages import optimization_report
+from .reporting.tolerance.pages import tolerance_report
 from .scenes import Scene, load_scene
 from .theory.quantities import quantity_named
 from .theory.quantity import Quantity
@@ -214,7 +222,8 @@ def optimize(study: str | Path) -> Result:
     Returns
     -------
     Result
-        With ``answer.best``, the limits that hold and what they cost, the front where two goals trade.
+        ``designs()`` are the best and others by the names of their files; with the limits that hold and what they
+        cost, the front where two goals trade.
 
     Raises
     ------
@@ -288,16 +297,42 @@ def decode(image: str | Path, white: str | Path | None = None, **options: Any) -
     return decoded(Path(image), DecodeOptions.of(white=white, **options))
 
 
-def report(design: Design | str | Path) -> Report:
-    """A report on a design, as sections of text, tables and figures; `render_html` makes it one self-contained page.
+def report(subject: Design | str | Path | Trial | MeasuredCapture | Decoded | Outcome | Result | StudyResult) -> Report:
+    """A report on a design or on a result, as sections of text, tables and figures.
+
+    `render_html` makes it one self-contained page; ``report(...).figure("rays")`` shows one figure in a notebook.
 
     Parameters
     ----------
-    design : Design, str or Path
+    subject : Design, str or Path, or a result
+        What `measure_depth`, `capture_depth`, `decode`, `calibrate`, `optimize` and `tolerance` return.
 
     Examples
     --------
     >>> import roslf_design as roslf
     >>> page = roslf.render_html(roslf.report("paper"))  # doctest: +SKIP
     """
-    return design_report(as_design(design))
+    match subject:
+        case StudyResult():
+            page = tolerance_report(subject, "")
+        case Result():
+            page = optimization_report(subject, "")
+        case Trial():
+            page = depth_report(subject, measurement_pictures(subject), "")
+        case MeasuredCapture():
+            page = capture_report(subject, measurement_pictures(subject), "")
+        case Decoded():
+            page = decoding_report(subject, _drawings(decoding_pictures(subject)), "")
+        case Outcome():
+            page = calibration_report(subject, _drawings(calibration_pictures(subject)), "")
+        case _:
+            return design_report(as_design(subject))
+    # No command made it.
+    parts = (
+        replace(part, blocks=tuple(b for b in part.blocks if b != Code("", "Run again"))) for part in page.sections
+    )
+    return replace(page, sections=tuple(part for part in parts if part.blocks))
+
+
+def _drawings(pictures: Mapping[str, Picture]) -> dict[str, str]:
+    return {name: picture.svg(name=name) for name, picture in pictures.items()}

@@ -7,6 +7,7 @@ import io
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from html import escape
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from .errors import printable
@@ -100,6 +101,18 @@ class Table:
             tuple(cell(*parts) for parts in zip(self.align, row, split, rooms, strict=True))
             for row, split in zip(self.rows, splits, strict=True)
         )
+
+    def html(self) -> str:
+        """Table as plain HTML, as notebooks show it; rows of words stand left, numbers right."""
+
+        def row(cells: Iterable[str], tag: str) -> str:
+            sides = (' style="text-align:left"' if kind == "l" else "" for kind in self.align)
+            parts = (f"<{tag}{side}>{escape(cell)}</{tag}>" for side, cell in zip(sides, cells, strict=True))
+            return f"<tr>{''.join(parts)}</tr>"
+
+        title = f"<h4>{escape(self.title)}</h4>" if self.title else ""
+        head = f"<thead>{row(self.headings, 'th')}</thead>" if self.headings else ""
+        return f"{title}<table>{head}<tbody>{''.join(row(cells, 'td') for cells in self.rows)}</tbody></table>"
 
 
 def csv_bytes(rows: Iterable[Iterable[object]]) -> bytes:

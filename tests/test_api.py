@@ -13,7 +13,10 @@ import tifffile
 
 import roslf_design as roslf
 
-FUNCTIONS = ("calibrate", "decode", "evaluate", "load", "optimize", "quantity", "render", "report", "tolerance")
+FUNCTIONS = (
+    *("calibrate", "decode", "evaluate", "evaluate_many", "load", "optimize", "quantity", "render", "report"),
+    "tolerance",
+)
 
 
 def test_importing_it_imports_nothing_heavy():
@@ -107,6 +110,14 @@ BAD = (
     'evaluate("paper", accuracy="fine")',
     'evaluate("paper", [0.0] * 501)',
     'evaluate("paper", [1e16])',
+    'evaluate("paper", temperature=500)',
+    'evaluate("paper", temperature="warm")',
+    "evaluate_many([])",
+    'evaluate_many(["paper", "nothing"])',
+    'evaluate_many(["paper"], ["kept_fraction"])',
+    'evaluate_many(["paper"], ["nothing"])',
+    'evaluate_many(["paper"], ["virtual_depth"])',
+    'evaluate_many(["paper"], temperature=500)',
     'measure_depth("paper", region=(0, 0, 4, 4))',
     'measure_depth("paper", exposures=0)',
     'measure_depth("paper", rays=0)',
@@ -167,3 +178,18 @@ def test_every_function_has_a_call_that_cannot_be_done():
     functions = {name for name in roslf.__all__ if name.islower() and callable(getattr(roslf, name))}
     others = {"dumps", "load", "loads", "preset_names", "render_html", "render_pdf", "save"}  # of files and values
     assert {call.split("(")[0] for call in BAD} == functions - others
+
+
+def test_a_report_is_made_of_a_design_and_of_a_result_and_shows_itself(tmp_path):
+    """Results of pictures have theirs in `docs/notebooks`; no command made any of them."""
+    (tmp_path / "study.toml").write_text(STUDY)
+    report = roslf.report(roslf.tolerance(tmp_path / "study.toml", trials=256, seed=3))
+    names = [figure.name for figure in report.figures]
+    assert report.subtitle == "small"
+    assert "Run again" not in roslf.render_html(report)
+    assert set(report.figure(names[0])._repr_mimebundle_()) == {"image/svg+xml", "text/plain"}
+    shown = report._repr_html_()
+    assert all(name in shown for name in names)
+    assert "<script" not in shown
+    with pytest.raises(ValueError, match=f"no figure 'nothing'; there are {names[0]}"):
+        report.figure("nothing")

@@ -14,6 +14,7 @@ from typing import Any, get_args
 from figures import FIGURES
 from sphinx.application import Sphinx
 from sphinx.pycode import ModuleAnalyzer
+from sphinx.util.display import status_iterator
 from tables import code, keys_table, markdown, plain, results_table
 
 import roslf_design as roslf
@@ -326,12 +327,17 @@ def _modules(package: ModuleType) -> Iterator[str]:
 def write_all(app: Sphinx) -> None:
     """Write what has changed, and nothing else: an unchanged page is then not built again."""
     generated, api = HERE / "_generated", HERE / "api"
-    for name, make in PARTS.items():
+    for name, make in _shown(app, "writing tables... ", PARTS):
         write(generated / f"{name}.md", make())
     for name, text in api_pages():
         write(api / name, text)
-    for name, draw in FIGURES.items():
+    for name, draw in _shown(app, "drawing figures... ", FIGURES):
         write(generated / f"{name}.svg", draw().svg_file().decode())
+
+
+def _shown(app: Sphinx, what: str, makers: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Names with what makes them, one after the other, with how far that is."""
+    return status_iterator(makers.items(), what, "brown", len(makers), app.verbosity, lambda item: item[0])
 
 
 def write(path: Path, text: str) -> None:

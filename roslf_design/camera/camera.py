@@ -6,7 +6,7 @@ refused here: a camera that cannot be built keeps its numbers, and `Camera.valid
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 from operator import attrgetter
@@ -260,6 +260,19 @@ class Camera(Symbols[Number]):
         return rest | {f"aperture.{key}": np.multiply(length, grown) for key, length in lengths}
 
     @property
+    def likeness(self) -> tuple[Any, ...]:
+        """Key that cameras share which differ in numbers alone, and can be `joined`."""
+        kind = (frozenset(part.items()) if isinstance(part, Mapping) else part for part in self._kind)
+        return frozenset(self._numbers), *kind
+
+    @classmethod
+    def joined(cls, cameras: Sequence[Camera]) -> Camera:
+        """Camera of many builds, the numbers of each those of one of the `cameras`, all of the same `likeness`."""
+        first, *rest = cameras
+        numbers = {place: [value, *(camera[place] for camera in rest)] for place, value in first.numbers.items()}
+        return first._with({p: v[0] if all(one == v[0] for one in v) else np.array(v) for p, v in numbers.items()})
+
+    @property
     def as_measured(self) -> Camera:
         """Camera whose lengths are as measured at whatever temperature: `replace` moves none of them with it."""
         own = self.layout, self.lens_shape, self.lens, self.chain, self.materials
@@ -347,8 +360,7 @@ class Camera(Symbols[Number]):
     def __hash__(self) -> int:
         # Adding 0 makes -0 and 0, which are equal, hash alike; as do a complex number and its real part.
         numbers = frozenset((place, (np.asarray(value).real + 0.0).tobytes()) for place, value in self._numbers.items())
-        kind = (frozenset(part.items()) if isinstance(part, Mapping) else part for part in self._kind)
-        return hash((numbers, *kind))
+        return hash((numbers, self.likeness))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return Camera, (dict(self._numbers), *self._kind)

@@ -16,7 +16,6 @@ from ..bore.conjugates import CONJUGATES
 from ..design import PATHS, Design, load
 from ..errors import InputError, one_line, refusal
 from ..reporting.sweep import sweep_picture
-from ..tables import csv_bytes
 from ..theory.sweep import sweep as compute
 from ..theory.sweep import unit_of
 from ..units import read_quantity
@@ -137,19 +136,11 @@ def _written(swept: Sweep, kind: str, name: str) -> bytes:
     if kind in (".png", ".svg"):
         picture = sweep_picture(swept, name)
         return picture.to_png() if kind == ".png" else picture.svg_file()
-    grid = np.meshgrid(*swept.places.values(), indexing="ij")
-    columns = dict(zip(swept.places, (axis.ravel() for axis in grid), strict=True))
-    columns |= {name: values.ravel() for name, values in swept.values.items()}
-    headed = {
-        f"{name} [{unit}]" if name in swept.places and (unit := swept.units[name]) else name: values
-        for name, values in columns.items()
-    }
     if kind == ".parquet":
         import pyarrow
         import pyarrow.parquet
 
         sink = pyarrow.BufferOutputStream()
-        pyarrow.parquet.write_table(pyarrow.table(headed), sink)
+        pyarrow.parquet.write_table(pyarrow.table(swept.table.headed), sink)
         return bytes(sink.getvalue())
-    # An empty cell is what has no value; "inf" what has no end.
-    return csv_bytes([headed, *zip(*(values.tolist() for values in headed.values()), strict=True)])
+    return swept.table.csv()

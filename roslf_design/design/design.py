@@ -167,13 +167,13 @@ class Design(Assembly):
         tilt = [math.atan(math.tan(angle) * grown) for angle in now.tilt]
         return self.replace({**own, "aperture.decentre": decentre, "aperture.tilt": tilt, **place})
 
-    def at_temperature(self, temperature: float) -> Design:
-        """Design at another temperature [degrees C], in a housing that does not grow where none is named.
+    def at_temperature(self, temperature: float | str) -> Design:
+        """Design at another temperature [degrees C, or text], in a housing that does not grow where none is named.
 
         Raises
         ------
         DesignError
-            A temperature that is beyond what is known of a material.
+            A temperature that no camera meets, or that is beyond what is known of a material.
         """
         if self.environment is None:
             return self.replace({"environment": {"temperature": temperature}})

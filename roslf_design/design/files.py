@@ -189,9 +189,20 @@ def save(design: Design, path: str | os.PathLike[str], *, overwrite: bool = Fals
     FileExistsError
         Where the file exists and `overwrite` is false.
     """
-    if not overwrite and Path(path).exists():
+    write_new(Path(path), dumps(design, digits).encode(), overwrite)
+
+
+def write_new(path: Path, content: bytes, overwrite: bool) -> None:
+    """Write a file as `write_atomically` does, over another only with `overwrite`.
+
+    Raises
+    ------
+    FileExistsError
+        Where the file exists and `overwrite` is false.
+    """
+    if not overwrite and path.exists():
         raise FileExistsError(f"{path} exists; choose another name or pass overwrite=True")
-    write_atomically(Path(path), dumps(design, digits).encode())
+    write_atomically(path, content)
 
 
 def in_the_way(path: Path) -> str:

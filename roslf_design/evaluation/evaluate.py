@@ -75,6 +75,7 @@ def evaluate(
     accuracy: float | None = None,
     *,
     at: Sequence[float] = (),
+    temperature: float | str | None = None,
     build: LengthCovariance | None = None,
     calibration: CalibratedLengths | None = None,
     shown: FieldImages | None = None,
@@ -93,6 +94,9 @@ def evaluate(
         designs are exact whatever is asked for.
     at : sequence of float
         Distances ahead of the tip [mm] that the first answer tells of, beside the focal plane.
+    temperature : float or str, optional
+        Of the camera and of what it looks through: degrees C, or text as "37 degC", as `Design.at_temperature` takes
+        it. None is what the design's `[environment]` says, else 20 degrees C.
     build : LengthCovariance, optional
     calibration : CalibratedLengths, optional
         How sure the lengths are as built and as calibrated, for the budget of depth (`depth_budget`).
@@ -107,7 +111,7 @@ def evaluate(
     Raises
     ------
     DesignError
-        A design file that cannot be used.
+        A design file that cannot be used; a temperature that no camera meets, or beyond what is known of a material.
     InputError
         More than `MOST_FIELDS` fields; a distance that is none; an accuracy that is none, or that no number of rays
         reaches.
@@ -122,7 +126,7 @@ def evaluate(
     """
     if accuracy is not None:
         check_accuracy(accuracy)
-    design = as_design(design)
+    design = at_temperature(as_design(design), temperature)
     rays = rays_for(None if design.has_exact_areas else accuracy)
     axes = default_fields(design) if fields is None else _axes(fields)
     camera = Camera.of(design)
@@ -178,6 +182,11 @@ def evaluate(
         temperature=_temperatures(design, camera),
         focused=focused,
     )
+
+
+def at_temperature(design: Design, temperature: float | str | None) -> Design:
+    """Design at a temperature [degrees C], or as it is at None."""
+    return design if temperature is None else design.at_temperature(temperature)
 
 
 def _temperatures(design: Design, camera: Camera) -> Temperatures | None:

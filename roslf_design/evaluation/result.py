@@ -124,10 +124,7 @@ class Evaluation:
         lines = [f"{MARKS[v.level]} {escape(v.text)} <em>{escape(v.remedy)}</em>" for v in self.verdicts]
         lines += [f"⚠ {escape(warning)}" for warning in self.warnings]
         parts = [f"<h3>{escape(self.design)}</h3><ul>{''.join(f'<li>{line}</li>' for line in lines)}</ul>"]
-        for table in (*answer_tables(self), *_tables(self)):
-            head = _html_row(table.headings, "th")
-            body = "".join(_html_row(row, "td") for row in table.rows)
-            parts.append(f"<h4>{escape(table.title)}</h4><table><thead>{head}</thead><tbody>{body}</tbody></table>")
+        parts += [table.html() for table in (*answer_tables(self), *_tables(self))]
         parts.append(f"<p>{escape(absent_effects(self))}</p><p>{escape(self.method)}</p>")
         return "".join(parts)
 
@@ -382,7 +379,3 @@ def print_evaluation(result: Evaluation, console: Console) -> None:
         print_table(table, console, least=() if table.headings else LEAST)
     console.print(plain_text(absent_effects(result), "dim"))
     console.print(plain_text(f"\n{result.method}", "dim"))
-
-
-def _html_row(cells: tuple[str, ...], tag: str) -> str:
-    return f"<tr>{''.join(f'<{tag}>{escape(cell)}</{tag}>' for cell in cells)}</tr>"

@@ -5,12 +5,15 @@ In all text, symbols written as ``d_3`` or ``D_F`` are set with a subscript.
 
 from __future__ import annotations
 
+import base64
 import re
 import unicodedata
 from dataclasses import dataclass
+from html import escape
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 from ..tables import Table as Table
+from ..words import to_html
 
 if TYPE_CHECKING:
     from ..drawing.picture import Picture
@@ -75,6 +78,12 @@ class Figure:
         """A picture as a figure, described by its title and caption."""
         svg = picture.svg(name=name)
         return cls(name, title, caption, svg, f"{title}. {caption}", breaks=picture.breaks)
+
+    def _repr_mimebundle_(self, **_: object) -> dict[str, str]:
+        """Figure as notebooks show it."""
+        if isinstance(self.content, str):
+            return {"image/svg+xml": self.content, "text/plain": self.title}
+        return {"image/png": base64.b64encode(self.content).decode(), "text/plain": self.title}
 
 
 @dataclass(frozen=True)
@@ -148,3 +157,26 @@ class Report:
     def figures(self) -> tuple[Figure, ...]:
         """All figures, in their order."""
         return tuple(b for section in self.sections for b in section.blocks if isinstance(b, Figure))
+
+    def figure(self, name: str) -> Figure:
+        """Figure of a name; a notebook shows it.
+
+        Raises
+        ------
+        ValueError
+            There is none of it; names those that there are.
+        """
+        figures = {figure.name: figure for figure in self.figures}
+        if name not in figures:
+            raise ValueError(f"the report has no figure '{name}'; there are {', '.join(figures) or 'none'}")
+        return figures[name]
+
+    def _repr_html_(self) -> str:
+        """Answers and contents, as a notebook shows them; the whole page is `render_html`'s."""
+        blocks = [block for section in self.sections[:1] for block in section.blocks if isinstance(block, Statements)]
+        answers = [f"{MARKS[item.tone][0]} {item.text} {item.remedy}" for block in blocks for item in block.items]
+        contents = [section.title for section in self.sections]
+        figures = ", ".join(figure.name for figure in self.figures)
+        lines = [*answers, f"Sections: {', '.join(contents)}", *([f"Figures: {figures}"] if figures else [])]
+        listed = "".join(f"<li>{to_html(line)}</li>" for line in lines)
+        return f"<h3>{escape(self.title)}</h3><p>{to_html(self.subtitle)}</p><ul>{listed}</ul>"

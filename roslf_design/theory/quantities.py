@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from operator import attrgetter
 from typing import Any, Literal
 
@@ -81,6 +81,29 @@ def quantity_named(name: str) -> Quantity:
     known = ", ".join(key for key in QUANTITIES if key not in PATHS)
     remedy = f"did you mean '{lowered[near[0]]}'?" if near else f"known are {known}, and the symbols {', '.join(PATHS)}"
     raise ValueError(f"'{name}' is no quantity of a design; {remedy}")
+
+
+def quantities_of_cameras(names: Sequence[str], at: Depth = None) -> list[Quantity]:
+    """Quantities of whole cameras, by their names.
+
+    Parameters
+    ----------
+    names : sequence of str
+    at : float, optional
+        Distance ahead of the bore's tip that they are asked for at [mm]; None is the focal plane.
+
+    Raises
+    ------
+    ValueError
+        One that is not known, belongs to a field, or needs a distance.
+    """
+    known = [quantity_named(name) for name in names]
+    for quantity in known:
+        if quantity.of is None:
+            raise ValueError(f"{quantity.name} belongs to a field, not to a whole camera; take another")
+        if quantity.at == "needed" and at is None:
+            raise ValueError(f"{quantity.name} is asked for at a distance; give one")
+    return known
 
 
 def _whole(form: Callable[[Camera], Number]) -> Callable[[Camera, Depth], Array]:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,7 +19,8 @@ from ..design import PATHS, Design
 from ..design.files import as_design
 from ..errors import InputError
 from .focused import refuse_focused
-from .quantities import quantity_named
+from .quantities import quantities_of_cameras
+from .quantity_table import QuantityTable
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +54,24 @@ class Sweep:
                 for problem in error.problems:
                     reasons.setdefault(re.sub(r"[\d.]+", "", str(problem)), f"at {at}{self._unit()}: {problem}")
         return tuple(reasons.values())
+
+    @property
+    def table(self) -> QuantityTable:
+        """Table with a row a point, places before quantities; of a grid the last place runs fastest."""
+        grid = np.meshgrid(*self.places.values(), indexing="ij")
+        columns = dict(zip(self.places, (axis.ravel() for axis in grid), strict=True))
+        return QuantityTable(columns | {name: values.ravel() for name, values in self.values.items()}, self.units)
+
+    def to_csv(self, path: str | os.PathLike[str], *, overwrite: bool = False) -> None:
+        """Write `table` as a CSV file, as `QuantityTable.to_csv` does."""
+        self.table.to_csv(path, overwrite=overwrite)
+
+    def to_pandas(self) -> Any:
+        """Copy of `table` as a `pandas.DataFrame`, as `QuantityTable.to_pandas` makes it."""
+        return self.table.to_pandas()
+
+    def _repr_html_(self) -> str:
+        return self.table._repr_html_()
 
     def _unit(self) -> str:
         units = {self.units[place] for place in self.places}
@@ -95,12 +116,8 @@ def sweep(
     design = as_design(design)
     if not 1 <= len(places) <= 2:
         raise ValueError(f"{len(places)} places given; sweep one or two")
-    known = [quantity_named(name) for name in quantities]
+    known = quantities_of_cameras(quantities, at)
     for quantity in known:
-        if quantity.of is None:
-            raise ValueError(f"{quantity.name} belongs to a field, not to a whole camera; take another")
-        if quantity.at == "needed" and at is None:
-            raise ValueError(f"{quantity.name} is asked for at a distance; give one")
         if quantity.of_views:
             refuse_focused(design, quantity.name, changed=places)
     axes = {place: np.asarray(values, float).ravel() for place, values in places.items()}

@@ -3,58 +3,21 @@
 import contextlib
 import doctest
 import io
-import re
 import shlex
 import shutil
 import subprocess
 import sys
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "docs/_ext"))
+from page_blocks import Block, blocks, pictures, steps
 
 import roslf_design.optimization.solve  # noqa: F401
 from roslf_design.cli import build_app, main
 from studies.accuracy import promises
 from tests.reporting.made import few_builds
-
-FENCE = re.compile(r"^(?P<ticks>`{3,})(?P<info>.*?)\n(?P<text>.*?)^(?P=ticks)\s*$", re.MULTILINE | re.DOTALL)
-RUN = ("console", "pycon", "toml", "sh", "python")
-
-
-class Block(NamedTuple):
-    """A fenced block."""
-
-    language: str
-    text: str
-    line: int
-    caption: str
-    """Name of the file that the reader is to write."""
-    code: int
-    """Exit code that the page promises."""
-
-
-def blocks(page: Path) -> list[Block]:
-    """Every block of a page in a language that is run or written."""
-    text = page.read_text(encoding="utf-8")
-    return [block_of(match, text) for match in FENCE.finditer(text) if language_of(match["info"]) in RUN]
-
-
-def language_of(info: str) -> str:
-    return info.strip().removeprefix("{code-block}").strip()
-
-
-def block_of(match: re.Match[str], text: str) -> Block:
-    options = {}
-    body = match["text"]
-    while found := re.match(r":(\w+): *(.*)\n", body):
-        options[found[1]] = found[2]
-        body = body[found.end() :]
-    code = re.search(r"exit-(\d)", options.get("class", ""))
-    line = text.count("\n", 0, match.start()) + 1
-    return Block(
-        language_of(match["info"]), body.lstrip("\n"), line, options.get("caption", ""), int(code[1]) if code else 0
-    )
 
 
 def follow(page: Path, folder: Path) -> int:
@@ -82,18 +45,13 @@ def follow(page: Path, folder: Path) -> int:
             done += check_session(block, place, names)
         else:
             assert block.language == "toml", f"{place}: {block.language} is shown but not run; use console or pycon"
+    for picture in pictures(page):
+        place = f"{page.name}:{picture.line}"
+        if picture.file:
+            assert (folder / picture.file).is_file(), f"{place}: no command above writes {picture.file}"
+        else:
+            compile(picture.code, place, "exec")
     return done
-
-
-def steps(text: str) -> list[tuple[str, str]]:
-    """Commands of a console block, each with what the page says it prints."""
-    parts = re.split(r"^\$ ", text, flags=re.MULTILINE)
-    assert not parts[0].strip(), "a console block starts with a command"
-    pairs = []
-    for part in parts[1:]:
-        command, _, expected = part.replace("\\\n", " ").partition("\n")
-        pairs.append((command.partition("  #")[0].strip(), expected))
-    return pairs
 
 
 def run(command: str, folder: Path) -> tuple[int, str]:

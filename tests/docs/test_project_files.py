@@ -31,11 +31,11 @@ def test_citation_names_software_and_paper(root):
 
 def test_pages_are_all_in_the_contents(root):
     docs = root / "docs"
-    listed = set(re.findall(r"(?m)^((?:guides|theory|reference|coming-from)/\S+|contributing|changelog|glossary)$",
-                            (docs / "index.md").read_text()))  # fmt: skip
+    folders, alone = "guides|theory|reference|coming-from|notebooks", "contributing|changelog|gallery|glossary"
+    listed = set(re.findall(rf"(?m)^((?:{folders})/\S+|{alone})$", (docs / "index.md").read_text()))
     pages = {
         page.relative_to(docs).with_suffix("").as_posix()
-        for page in docs.rglob("*.md")
+        for page in (*docs.rglob("*.md"), *docs.rglob("*.ipynb"))
         if not page.relative_to(docs).parts[0].startswith("_")
     }
     assert pages - {"index"} == listed

@@ -1,0 +1,92 @@
+"""`evaluate_many`: quantities of many designs as one table."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..camera import Camera
+from ..design import Design
+from ..design.files import as_design
+from ..errors import refusal
+from ..theory.focused import FocusedArray
+from ..theory.quantities import quantities_of_cameras
+from ..theory.quantity_table import QuantityTable
+from .evaluate import at_temperature
+
+ANSWERS = (
+    *("field_of_view_width_deg", "working_distance_mm", "field_half_width_mm", "object_sample_mm", "u_z_mm"),
+    *("outer_diameter_mm", "fill_factor", "non_distortion_room_mm", "views_independent"),
+)
+"""Quantities that a table has where none are named: what a buyer asks first, and what verdicts rest on."""
+
+
+def evaluate_many(
+    designs: Mapping[str, Design | str | Path] | Iterable[Design | str | Path],
+    quantities: Sequence[str] = ANSWERS,
+    *,
+    at: float | None = None,
+    temperature: float | str | None = None,
+) -> QuantityTable:
+    """Quantities of many designs as a table: a row a design, a column a quantity.
+
+    Designs that differ in numbers alone are computed all at once.
+
+    Parameters
+    ----------
+    designs : iterable of Design, str or Path, or mapping
+        Designs, names of presets, design files; a mapping gives each row its name, which else is the preset, the path,
+        or the design's own name.
+    quantities : sequence of str
+        Names in `QUANTITIES`, of whole cameras.
+    at : float, optional
+        Distance ahead of the bore's tip for quantities that are asked for at one [mm]; None is the focal plane.
+    temperature : float or str, optional
+        Of every camera, as for `evaluate`.
+
+    Returns
+    -------
+    QuantityTable
+        Shows as a table in a notebook; `to_pandas`, `to_csv`. NaN, or an empty cell, is what a design has no value of,
+        as numbers of views behind focused microlenses.
+
+    Raises
+    ------
+    DesignError
+        A design file that cannot be used; a temperature that no camera meets.
+    InputError
+        No design at all.
+    ValueError
+        A quantity that is not known, belongs to a field, or needs a distance.
+
+    Examples
+    --------
+    >>> import roslf_design as roslf
+    >>> table = roslf.evaluate_many(["paper", "rigid-scope"], ["fill_factor", "u_z_mm"])
+    >>> table.columns["fill_factor"].round(3)
+    array([1.005, 0.991])
+    """
+    known = quantities_of_cameras(quantities, at)
+    named = list(designs.items()) if isinstance(designs, Mapping) else [(_name(one), one) for one in designs]
+    if not named:
+        raise refusal("designs", "there are none; give one or more")
+    cameras = [Camera.of(at_temperature(as_design(design), temperature)) for _, design in named]
+    alike: dict[Any, list[int]] = defaultdict(list)
+    for row, camera in enumerate(cameras):
+        alike[camera.likeness, FocusedArray.of(camera) is not None].append(row)
+    columns = {quantity.name: np.full(len(cameras), np.nan) for quantity in known}
+    for (_, focused), rows in alike.items():
+        camera = Camera.joined([cameras[row] for row in rows])
+        for quantity in known:
+            if not (focused and quantity.of_views):
+                columns[quantity.name][rows] = quantity(camera, at if quantity.at != "never" else None)
+    names = np.array([name for name, _ in named])
+    return QuantityTable({"design": names, **columns}, {quantity.name: quantity.unit for quantity in known})
+
+
+def _name(design: Design | str | Path) -> str:
+    return design.name if isinstance(design, Design) else str(design)

@@ -1,0 +1,66 @@
+"""Many designs in one table are what each is alone."""
+
+import numpy as np
+import pytest
+
+import roslf_design as roslf
+from roslf_design.design import preset_names
+
+QUANTITIES = ("field_of_view_width_deg", "fill_factor", "u_z_mm", "non_distortion_room_mm", "d_1")
+
+
+def alone(design, name):
+    return float(roslf.quantity(name)(roslf.Camera.of(design)))
+
+
+def test_every_preset_has_the_numbers_that_it_has_alone():
+    table = roslf.evaluate_many(preset_names(), QUANTITIES)
+    assert table.columns["design"].tolist() == list(preset_names())
+    for row, preset in enumerate(preset_names()):
+        for name in QUANTITIES:
+            expected = pytest.approx(alone(roslf.load(preset), name), rel=1e-9, abs=1e-12)
+            assert table.columns[name][row] == expected, (preset, name)
+    assert table.units["fill_factor"] == ""
+    assert table.units["d_1"] == "mm"
+
+
+@pytest.mark.parametrize("preset", ["paper", "cystoscope", "paper-singlet"])
+def test_designs_alike_and_unlike_in_any_order(preset):
+    base = roslf.load(preset)
+    designs = {f"{part:g}": base.replace(D_F=part * base.D_F) for part in (0.9, 1.0, 0.8)}
+    designs["other"] = roslf.load("rigid-scope")
+    designs["coarse"] = base.replace(d=1.1 * base.d)
+    table = roslf.evaluate_many(designs, QUANTITIES)
+    assert table.columns["design"].tolist() == list(designs)
+    for row, design in enumerate(designs.values()):
+        for name in QUANTITIES:
+            assert table.columns[name][row] == pytest.approx(alone(design, name), rel=1e-9), name
+
+
+def test_rows_are_named_as_they_were_asked_for(tmp_path):
+    roslf.save(roslf.load("paper"), tmp_path / "mine.toml")
+    table = roslf.evaluate_many(["paper", tmp_path / "mine.toml", roslf.load("paper")], ["fill_factor"])
+    assert table.columns["design"].tolist() == ["paper", str(tmp_path / "mine.toml"), roslf.load("paper").name]
+    assert len(set(table.columns["fill_factor"])) == 1
+
+
+def test_views_of_focused_microlenses_have_no_number(root):
+    bench = roslf.load("paper")
+    focused = roslf.load(root / "studies/instruments/raytrix-r12.toml")
+    assert roslf.evaluate(focused).focused is not None
+    table = roslf.evaluate_many({"views": bench, "focused": focused}, ["fill_factor", "u_z_mm"])
+    assert np.isfinite(table.columns["fill_factor"]).all()
+    assert np.isnan(table.columns["u_z_mm"]).tolist() == [False, True]
+
+
+def test_at_a_distance_and_at_a_temperature():
+    warm = roslf.load("cystoscope").at_temperature(37.0)
+    for temperature in (37, 37.0, "37 degC"):
+        assert roslf.evaluate("cystoscope", temperature=temperature) == roslf.evaluate(warm)
+        table = roslf.evaluate_many(["cystoscope"], ["fill_factor", "u_z_mm"], at=10.0, temperature=temperature)
+        assert table.columns["fill_factor"][0] == pytest.approx(roslf.evaluate(warm).f_number.fill_factor, rel=1e-12)
+        (ahead,) = (one for one in roslf.evaluate(warm, at=[10.0]).answer.at if one.at_mm == 10.0)
+        assert 2 * table.columns["u_z_mm"][0] == pytest.approx(ahead.expanded_mm, rel=1e-6)
+    assert roslf.evaluate("cystoscope", temperature=37) != roslf.evaluate("cystoscope")
+    with pytest.raises(roslf.DesignError, match="at most 150"):
+        roslf.evaluate("cystoscope", temperature=500)

@@ -1,0 +1,85 @@
+"""Tables of quantities: what notebooks, files and pandas get of a sweep."""
+
+import csv
+import io
+import sys
+
+import numpy as np
+import pytest
+
+import roslf_design as roslf
+from roslf_design.theory.quantity_table import MOST_ROWS
+
+GRID = {"d_3": [0.0, 120.0], "aperture.diameter": [1.0, 2.0, 3.0]}
+
+
+@pytest.fixture(scope="module")
+def swept():
+    return roslf.sweep("paper", GRID, ["fill_factor", "d_1"])
+
+
+def test_a_row_a_point_and_units_where_names_do_not_state_them(swept):
+    heads, *rows = csv.reader(io.StringIO(swept.table.csv().decode()))
+    assert heads == ["d_3 [mm]", "aperture.diameter [mm]", "fill_factor", "d_1 [mm]"]
+    assert [tuple(map(float, row[:2])) for row in rows] == [(d_3, D_F) for d_3 in (0, 120) for D_F in (1, 2, 3)]
+    fill = roslf.quantity("fill_factor")
+    for row in rows:
+        design = roslf.load("paper").replace(d_3=float(row[0]), D_F=float(row[1]))
+        assert float(row[2]) == pytest.approx(float(fill(roslf.Camera.of(design))), rel=1e-14)
+
+
+def test_a_file_is_not_written_over_unless_asked(swept, tmp_path):
+    path = tmp_path / "sweep.csv"
+    swept.to_csv(path)
+    first = path.read_bytes()
+    assert first == swept.table.csv()
+    other = roslf.sweep("paper", {"d_3": [1.0]}, ["fill_factor"])
+    with pytest.raises(FileExistsError, match="overwrite=True"):
+        other.to_csv(path)
+    assert path.read_bytes() == first
+    other.to_csv(path, overwrite=True)
+    assert path.read_bytes() == other.table.csv()
+    assert [one.name for one in tmp_path.iterdir()] == ["sweep.csv"]
+
+
+def test_html_has_every_number_and_no_markup_of_a_name():
+    swept = roslf.sweep("paper", {"d_3": [0.0, 120.0]}, ["fill_factor"])
+    page = swept._repr_html_()
+    assert page.count("<tr>") == 3
+    assert "<th>d_3 [mm]</th><th>fill_factor</th>" in page
+    assert "1.0051" in page
+    shown = roslf.evaluate_many({"<b>": "paper"}, ["fill_factor"])._repr_html_()
+    assert "&lt;b&gt;" in shown
+    assert "<b>" not in shown
+
+
+def test_the_middle_of_a_long_table_is_left_out_on_the_screen_alone():
+    swept = roslf.sweep("paper", {"d_3": np.linspace(0, 150, 1000)}, ["fill_factor"])
+    assert len(swept.table) == 1000
+    assert swept._repr_html_().count("<tr>") == MOST_ROWS + 2  # a heading, and a row of dots
+    assert swept.table.csv().count(b"\n") == 1001
+
+
+def test_what_has_no_camera_is_empty():
+    swept = roslf.sweep("paper", {"d_3": [120.0, 500.0], "d_f": [350.0]}, ["fill_factor"])
+    assert not swept.valid[1, 0]
+    assert swept.table.csv().decode().splitlines()[2] == "500.0,350.0,"
+    assert "nan" not in swept._repr_html_()
+
+
+def test_pandas_gets_the_columns_with_their_units(swept):
+    pandas = pytest.importorskip("pandas")
+    frame = swept.to_pandas()
+    assert isinstance(frame, pandas.DataFrame)
+    assert list(frame.columns) == ["d_3", "aperture.diameter", "fill_factor", "d_1"]
+    assert frame.attrs["units"]["d_3"] == "mm"
+    np.testing.assert_array_equal(frame["fill_factor"], swept.values["fill_factor"].ravel())
+    frame.loc[0, "fill_factor"] = 0.0  # is its own
+    assert swept.values["fill_factor"][0, 0] > 0
+
+
+def test_without_pandas_it_says_what_to_install(swept, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(ModuleNotFoundError, match=r"pip install pandas.*to_csv") as caught:
+        swept.to_pandas()
+    assert "\n" not in str(caught.value)
