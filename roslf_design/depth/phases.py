@@ -50,6 +50,8 @@ MOST_PLACES = 50_000_000
 """Samples up to which each has a place of its own."""
 AMPLITUDES = 4
 """Rounds in which what the picture shows of each wave settles."""
+UNUSED = 1e12
+"""Square of the distance at which nodes count where a view is not used [microlenses^2]."""
 FOCUSED = 1.0
 """Disparity up to which the mean of a microlens's sure samples tells well enough what it sends for samples of less than
 `SURE` to be used [pitches]."""
@@ -146,6 +148,8 @@ class _Phases(NamedTuple):
     columns: NDArray[np.intp]
     freed: _FreedWaves
     waves: _Waves
+    nearest: NDArray[np.intp]
+    """Node that stands for each where a view is not used, the nearest where it is, shape (view, node)."""
     worked_out: dict[float, tuple[NDArray[np.float64], NDArray[np.float32]]]
     """By disparity, as they are asked for."""
 
@@ -159,14 +163,19 @@ class _Phases(NamedTuple):
         nodes = (few[:, None] * columns.size + some).ravel()
         parts = ImageParts(parts.steps, *(part[:, nodes] for part in parts[1:]))
         freed = _FreedWaves.of(light, rows[few], columns[some], parts, shared)
-        return cls(rows[few], columns[some], freed, _Waves.of(side, light.like, PACKINGS[light.camera.layout].fold), {})
+        at = np.stack(np.meshgrid(rows[few], columns[some], indexing="ij"), -1).reshape(-1, 2)
+        away = ((at[:, None] - at) ** 2).sum(-1) + np.where(freed.gain > 0, 0, UNUSED)[:, None]
+        waves = _Waves.of(side, light.like, PACKINGS[light.camera.layout].fold)
+        return cls(rows[few], columns[some], freed, waves, away.argmin(-1), {})
 
     def at(self, disparities: list[float]) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
         """How far views look past their mean places [pitches], shape (disparity, axis, view, node), and filters."""
         new = [b for b in disparities if b not in self.worked_out]
         for b, shown in zip(new, self.freed.shown(self.waves.k, np.array(new)) if new else (), strict=True):
             off = self.waves.moved(shown)
-            self.worked_out[b] = off, self.waves.filters(shown, off)
+            kernels = self.waves.filters(shown, off)
+            every = np.arange(self.nearest.shape[0])
+            self.worked_out[b] = np.take_along_axis(off, self.nearest[None], 2), kernels[self.nearest.T, every]
         offsets, kernels = zip(*(self.worked_out[b] for b in disparities), strict=True)
         return np.stack(offsets), np.stack(kernels)
 
