@@ -384,35 +384,34 @@ def _with_shared(
     """Views and disparities once light that microlenses share tells them too.
 
     What neighbours send follows from the disparities before, so that an error of those makes c times as much in those
-    found. The picture before the first round is without shared light and shows waves otherwise; a third round by other
-    disparities than the second's shows c. Noise of a single window comes back smoothed, and so less of it.
+    found. A second round by others shows c. Noise of a single window comes back smoothed, and so less of it.
     """
     from scipy import ndimage
 
     assumed, rounds, lit = list[Array](), [disparities], views
     dull = saturated(field, noise).mean((2, 3)) > DULLED
-    while len(rounds) < 4 and (begun := rounds[-1].begun) is not None:
-        assumed.append(ndimage.median_filter(begun.disparity, rounds[0].window) + ASKED * (len(rounds) == 3))
+    while len(rounds) < 3 and (begun := rounds[-1].begun) is not None:
+        assumed.append(ndimage.median_filter(begun.disparity, rounds[0].window) + ASKED * (len(rounds) - 1))
         shared = viewing.with_shared(field, looks, assumed[-1], begun.picture)
         if shared is None:
             return views, disparities
         bright = np.where(dull[..., None, None], 0, shared.field.weight)
         lit = shared._replace(field=replace(shared.field, weight=bright))
         rounds.append(estimate(lit.field, lit.pupil, aside=lit.aside, begun=begun))
-    if len(rounds) < 4:
+    if len(rounds) < 3:
         return views, disparities
-    some = rounds[-2].measured & rounds[-1].measured
+    some = rounds[1].measured & rounds[2].measured
     if not some.any():
         return views, disparities
-    change, answer = (assumed[-1] - assumed[-2])[some], (rounds[-1].disparity - rounds[-2].disparity)[some]
+    change, answer = (assumed[1] - assumed[0])[some], (rounds[2].disparity - rounds[1].disparity)[some]
     c = float(np.clip(np.median(answer) / max(float(np.median(change)), ASKED / 2), *ANSWERS))
-    before = np.where(disparities.measured, disparities.sigma, rounds[-2].sigma)
+    before = np.where(disparities.measured, disparities.sigma, rounds[1].sigma)
     again = math.sqrt(1 + 2 * c * ALIKE + c**2 * SMOOTH)
-    sigma = np.hypot(again * rounds[-1].sigma, c**2 * math.sqrt(TWICE) * before)
-    parts = {"disparity": rounds[-1].disparity - c * ASKED, "sigma": sigma}
+    sigma = np.hypot(again * rounds[2].sigma, c**2 * math.sqrt(TWICE) * before)
+    parts = {"disparity": rounds[2].disparity - c * ASKED, "sigma": sigma}
     names = ("disparity", "sigma", "status", "chi2", "views", "picture")
     told: dict[str, Any] = {
-        name: np.where(some, parts.get(name, getattr(rounds[-1], name)), getattr(disparities, name)) for name in names
+        name: np.where(some, parts.get(name, getattr(rounds[2], name)), getattr(disparities, name)) for name in names
     }
     return lit, replace(disparities, **told)
 

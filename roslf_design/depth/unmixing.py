@@ -354,7 +354,7 @@ def _shown(
     if field.hexagonal is not None:
         column = (field.hexagonal.starts[:, None] + column - field.u[0]) / steps[0]
     near = row, np.clip(np.rint(column).astype(int), 0, len(field.u) - 1)
-    spline, b = ndimage.spline_filter(_twice_as_fine(picture), 5, mode="mirror"), disparity[near]
+    spline, b = ndimage.spline_filter(picture.astype(float), 5, mode="mirror"), disparity[near]
     out = np.empty((int(usable.sum()), rows, count), np.float32)
     aside = np.zeros_like(looks.pupil) if looks.aside is None else looks.aside
     for n, (t, s) in enumerate(np.argwhere(usable)):
@@ -363,20 +363,9 @@ def _shown(
         )
         x, y = (b * p[k] + a[k] for k in (0, 1))
         out[n] = ndimage.map_coordinates(
-            spline, [2 * (row - y / steps[1]), 2 * (column - x / steps[0])], order=5, mode="mirror", prefilter=False
+            spline, [row - y / steps[1], column - x / steps[0]], order=5, mode="mirror", prefilter=False
         )
     return out
-
-
-def _twice_as_fine(picture: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Picture at twice as many places along each axis, by its waves: a spline of fewer loses a tenth of the finest."""
-    from scipy import fft
-
-    waves = fft.dctn(picture.astype(float), type=1, norm="forward")
-    waves[-1] /= 2
-    waves[:, -1] /= 2
-    rows, columns = picture.shape
-    return np.asarray(fft.idctn(np.pad(waves, ((0, rows - 1), (0, columns - 1))), type=1, norm="forward"))
 
 
 def _with(field: LightField, values: NDArray[np.float32], weight: NDArray[np.float32]) -> LightField:
