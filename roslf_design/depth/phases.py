@@ -173,9 +173,8 @@ class _Phases(NamedTuple):
         new = [b for b in disparities if b not in self.worked_out]
         for b, shown in zip(new, self.freed.shown(self.waves.k, np.array(new)) if new else (), strict=True):
             off = self.waves.moved(shown)
-            kernels = self.waves.filters(shown, off)
-            every = np.arange(self.nearest.shape[0])
-            self.worked_out[b] = np.take_along_axis(off, self.nearest[None], 2), kernels[self.nearest.T, every]
+            taps = self.waves.filters(shown, off)[self.nearest.T, np.arange(len(self.nearest))]
+            self.worked_out[b] = np.take_along_axis(off, self.nearest[None], 2), taps
         offsets, kernels = zip(*(self.worked_out[b] for b in disparities), strict=True)
         return np.stack(offsets), np.stack(kernels)
 
