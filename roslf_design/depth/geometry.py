@@ -24,6 +24,7 @@ from ..theory.focused import refuse_focused
 from ..theory.length_covariance import LengthCovariance
 from ..theory.light_field import depth_sigma, epi_slope, rim_disparity
 from .estimate import DisparityMap
+from .phases import PhasedViews
 from .traced_views import TracedViews
 from .unmixing import PreparedViews, ViewLight, places_on_array
 from .view_files import CameraGrid
@@ -231,6 +232,10 @@ class _ArrayViewing:
     traced: TracedViews | None
 
     @cached_property
+    def _phased(self) -> PhasedViews:
+        return PhasedViews(self.light)
+
+    @cached_property
     def _looks(self) -> tuple[NDArray[np.floating], NDArray[np.floating]]:
         """Where views look from and by how much aside, as lens and elements make them."""
         pupil, aside = self.light.looks
@@ -251,13 +256,15 @@ class _ArrayViewing:
         filled = np.where(known, found.disparity, np.median(found.disparity[known]))
         least = NEGLIGIBLE * float(np.median(found.sigma[known]))
         smooth = ndimage.median_filter(filled, SMOOTHED)
-        return self.light.in_phase(views, smooth, least)
+        return self._phased.in_phase(views, smooth, least)
 
     def with_shared(
         self, field: LightField, views: PreparedViews, disparity: Array, picture: Array
     ) -> PreparedViews | None:
         """By what the picture says of neighbours' light."""
-        return self.light.with_shared(field, views, disparity, picture) if self.light.shares else None
+        if not self.light.shares:
+            return None
+        return self._phased.in_phase(self.light.with_shared(field, views, disparity, picture), disparity, 0.0, True)
 
 
 @dataclass(frozen=True)

@@ -55,6 +55,10 @@ PREDICTED = 8
 DULLED, ASKED, ANSWERS = 0.05, 0.05, (-1.0, 0.5)
 """Share of a view's samples that are saturated from which light that it shares is left out; error of the disparities
 that say what neighbours send which asks for what comes of it [pitches], and bounds of what may, over it."""
+ALIKE, SMOOTH, TWICE = 0.46, 0.31, 0.19
+"""Noise of a window's disparity that comes back through those of neighbours, which are smoothed over a window and then
+summed over one: its covariance with the window's own, over the variance; its variance over that; and once it has come
+back twice. Autocorrelations of four, six and ten windows in a row, over that of two, squared for two axes."""
 
 
 BEYOND = 100
@@ -380,7 +384,7 @@ def _with_shared(
     """Views and disparities once light that microlenses share tells them too.
 
     What neighbours send follows from the disparities before, so that an error of those makes c times as much in those
-    found. A second round by others shows c; noise, the same in both, adds up to 1 + c of it, and c^2 of the first's.
+    found. A second round by others shows c. Noise of a single window comes back smoothed, and so less of it.
     """
     from scipy import ndimage
 
@@ -402,7 +406,8 @@ def _with_shared(
     change, answer = (assumed[1] - assumed[0])[some], (rounds[2].disparity - rounds[1].disparity)[some]
     c = float(np.clip(np.median(answer) / max(float(np.median(change)), ASKED / 2), *ANSWERS))
     before = np.where(disparities.measured, disparities.sigma, rounds[1].sigma)
-    sigma = np.hypot((1 + c) * rounds[2].sigma, c**2 * before)
+    again = math.sqrt(1 + 2 * c * ALIKE + c**2 * SMOOTH)
+    sigma = np.hypot(again * rounds[2].sigma, c**2 * math.sqrt(TWICE) * before)
     parts = {"disparity": rounds[2].disparity - c * ASKED, "sigma": sigma}
     names = ("disparity", "sigma", "status", "chi2", "views", "picture")
     told: dict[str, Any] = {

@@ -7,11 +7,9 @@ How much of it there is follows from the camera, and what the neighbours see sta
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from dataclasses import field as dataclass_field
 from functools import cached_property, partial
 from typing import Any, NamedTuple, Protocol
 
@@ -23,12 +21,11 @@ from ..calibration.decoding import DARKEST, LightField, read_between, squared
 from ..camera import Camera
 from ..shapes.lattice import PACKINGS
 from ..theory.colours import panchromatic
-from ..theory.disparity_error import AS_IT_IS, FINEST_PLACES, ImageParts, Read, image_parts, light_read, waves_shown
+from ..theory.disparity_error import AS_IT_IS, FINEST_PLACES, ImageParts, Read, image_parts, light_read
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import microlens_defocus
 from ..theory.stop_images import MicrolensImages
-from .warping import fill_holes
 
 STEP, MOST = 0.07, 400
 """Cut microlens images are worked out wherever their cut moved by so much of their diameter, and interpolated between;
@@ -50,29 +47,14 @@ MANY_BETWEEN, TURNED = 32, 0.2
 them, where the array is turned, beyond which it is taken of all."""
 FARTHEST = 0.25
 """Pitches from a microlens's middle beyond which no sample is taken to look."""
-WAVES = 13
-"""Waves along a side of the grid that views are compared by, two more for each pitch but one that any looks aside."""
-DISPARITIES, MOST_DISPARITIES = 0.5, 12
-"""Steps of disparity between which places are interpolated [pitches], and how many of them at most."""
-FADING, DARK_WAVE, MOST_GAIN, FAINT_WAVE = 0.8, 0.1, 3.0, (0.2, 0.5)
-"""Filters of views: share of the finest detail that the array shows from which on they fade out; share of a wave that
-views must show; by how much they change it at most; and what a view shows of it, against all, from and up to which they
-fade in."""
-MOST_FILTERS = 300_000
-"""Filters, of samples at places of the field and disparities, at most."""
-MOST_PLACES = 50_000_000
-"""Samples up to which each has a place of its own."""
 NEAR = 0.03
 """Pitches beside what a view shows up to which neighbours' light is taken for what it shows."""
-LEAST, SURE, FOCUSED = 0.6, 0.65, 1.0
+LEAST, SURE = 0.6, 0.65
 """Own share of a sample's light under which it is dropped: it tells more of its neighbours. Share from which on it
-tells what the microlens sends others: of less errors would go to and fro, and the mean of its other samples does.
-Disparity up to which that does so well enough for samples of less to be used [pitches]."""
+tells what the microlens sends others: of less errors would go to and fro, and the mean of its other samples does."""
 SHARED, SENT, PAYS = 0.2, 0.02, 1.3
 """Own share of a sample's light from which on it tells disparities where the picture says what neighbours send; share
 from which on its place counts among those that they send from; times the information from which on that pays."""
-AMPLITUDES = 4
-"""Rounds in which what the picture shows of each wave settles."""
 
 
 def places_on_array(camera: Camera, field: LightField) -> NDArray[np.float64]:
@@ -121,9 +103,9 @@ class _Freeing(NamedTuple):
     """Own share of their light, shape (sample, v, u), or (sample, 1, 1)."""
     noise: NDArray[np.float32]
     """Variance that neighbours' samples leave in them as well, over their own; likewise."""
-    ways: list[_Mixing]
+    ways: list[Mixing]
     """Strong and faint light of neighbours."""
-    maps: _Map
+    maps: NodeMap
     start: NDArray[np.intp]
     """First lens of each row."""
 
@@ -141,8 +123,6 @@ class ViewLight:
     """One of them, of which its places count; u and v count microlenses from the array's centre."""
     real: TracedLens | None = None
     """None of an ideal one."""
-    _phases: dict[tuple[int, int, bool], _Phases] = dataclass_field(default_factory=dict)
-    """By nodes and waves along each axis, as they are asked for."""
 
     @cached_property
     def parts(self) -> tuple[NDArray[np.intp], NDArray[np.intp], ImageParts]:
@@ -162,7 +142,7 @@ class ViewLight:
         return math.copysign(1.0, float(self.camera.seen.A) * float(self.camera.seen.D_F))
 
     @cached_property
-    def _mixed(self) -> tuple[ImageParts, _Map, NDArray[np.intp], NDArray[np.float64] | None]:
+    def _mixed(self) -> tuple[ImageParts, NodeMap, NDArray[np.intp], NDArray[np.float64] | None]:
         """Light in samples, the way from its nodes to lenses, the first lens of each row, and `beside`."""
         rows, columns, parts = self.parts
         field = self.like
@@ -172,18 +152,18 @@ class ViewLight:
         start = np.zeros(size[0], int)
         if field.hexagonal is not None:
             start = np.rint(field.hexagonal.starts - field.v / math.sqrt(3)).astype(int)
-        maps = _Map.of(rows, columns, (len(field.v), len(field.u)), size)
+        maps = NodeMap.of(rows, columns, (len(field.v), len(field.u)), size)
         beside = self.beside(self.places[np.ix_(rows, columns)].reshape(-1, 2), parts)
         return *(_each_between(self.camera, field, parts) or (parts, maps)), start, beside
 
     @cached_property
     def _freeing(self) -> _Freeing:
         mixed, maps, start, beside = self._mixed
-        shares, own = _shares(mixed.light), mixed.steps.index((0, 0))
+        shares, own = light_shares(mixed.light), mixed.steps.index((0, 0))
         mine = maps(np.moveaxis(shares[own], 0, -1))
         usable = np.asarray((mine > LEAST).any((2, 3)))
         each = (False, True) if usable.any() else ()
-        ways = [_Mixing.of(mixed, shares, own, usable, faint, beside) for faint in each]
+        ways = [Mixing.of(mixed, shares, own, usable, faint, beside) for faint in each]
         light, share = mixed.light.sum(0)[:, usable].T, shares[own][:, usable].T
         noise = sum((way.noise(light, share) for way in ways), np.zeros_like(share))
         return _Freeing(usable, mine[usable], maps(noise), ways, maps, start)
@@ -203,11 +183,11 @@ class ViewLight:
         """`PreparedViews.pupil` and `aside` by first order."""
         rows, columns, parts = self.parts
         own, size = parts.steps.index((0, 0)), (len(self.like.v), len(self.like.u))
-        over_view = _Map.of(rows, columns, size, size)
+        over_view = NodeMap.of(rows, columns, size, size)
         pupil = np.float32(self.side) * np.stack(
             [over_view(np.moveaxis(axis[own], 0, -1)) for axis in (parts.x, parts.y)]
         )
-        aside = over_view(_aside(self.camera, self.like, rows, columns, parts.light[own]))
+        aside = over_view(aside_by_cuts(self.camera, self.like, rows, columns, parts.light[own]))
         return (pupil[..., 0, 0], aside[..., 0, 0]) if rows.size == 1 else (pupil, aside)
 
     def flat_fielded(self) -> LightField:
@@ -215,7 +195,7 @@ class ViewLight:
         rows, columns, parts = self.parts
         field, total = self.like, parts.light.sum(0)
         lenses = field if field.hexagonal is None else field.hexagonal
-        spread = _Map.of(rows, columns, (len(field.v), len(field.u)), lenses.values.shape[2:])
+        spread = NodeMap.of(rows, columns, (len(field.v), len(field.u)), lenses.values.shape[2:])
         light = spread(np.moveaxis(total / total.max(initial=1e-30), 0, -1))
         lit = light > DARKEST
         gain = np.divide(1, light, out=np.zeros_like(light), where=lit)
@@ -237,20 +217,20 @@ class ViewLight:
         return _with(field, values, weight)
 
     @cached_property
-    def _sharing(self) -> tuple[NDArray[np.bool_], NDArray[np.float32], _Mixing]:
+    def sharing(self) -> tuple[NDArray[np.bool_], NDArray[np.float32], Mixing]:
         """As of `_Freeing`: usable ones, own share, and all light of neighbours."""
         mixed, maps, _, beside = self._mixed
-        shares, own = _shares(mixed.light), mixed.steps.index((0, 0))
+        shares, own = light_shares(mixed.light), mixed.steps.index((0, 0))
         mine = maps(np.moveaxis(shares[own], 0, -1))
         usable = np.asarray((mine > SENT).any((2, 3)))
-        return usable, mine[usable], _Mixing.of(mixed, shares, own, usable, None, beside, SENT)
+        return usable, mine[usable], Mixing.of(mixed, shares, own, usable, None, beside, SENT)
 
     @cached_property
     def shares(self) -> bool:
         """True where microlenses share so much of the light that tells disparities that `with_shared` pays."""
         parts = self.parts[2]
         own = parts.steps.index((0, 0))
-        share, light = _shares(parts.light)[own], parts.light.sum(0)
+        share, light = light_shares(parts.light)[own], parts.light.sum(0)
 
         def told(least: float) -> float:
             weight = np.where(share > least, light * share**2, 0)
@@ -263,7 +243,7 @@ class ViewLight:
 
     def with_shared(
         self, field: LightField, looks: PreparedViews, disparity: NDArray[np.float64], picture: NDArray[np.float64]
-    ) -> PreparedViews | None:
+    ) -> PreparedViews:
         """Views with samples that microlenses share, by what a picture and disparities say that neighbours send.
 
         Parameters
@@ -275,7 +255,7 @@ class ViewLight:
         disparity, picture : ndarray, shape (v, u)
             Found before.
         """
-        usable, share, mixing = self._sharing
+        usable, share, mixing = self.sharing
         _, maps, start, _ = self._mixed
         lenses = field if field.hexagonal is None else field.hexagonal
         values, weight = np.zeros_like(lenses.values, np.float32), np.zeros_like(lenses.weight, np.float32)
@@ -288,82 +268,7 @@ class ViewLight:
             _free.compiled(raw, gain, gain, np.zeros_like(raw), shown, dark, *mixing, *maps, start, freed)
         values[usable] = np.where(gain > 0, freed, 0)
         weight[usable] = np.where(gain > 0, light * share**2, 0)
-        return self.in_phase(looks._replace(field=_with(field, values, weight)), disparity, 0.0, shared=True)
-
-    def in_phase(
-        self, views: PreparedViews, disparity: NDArray[np.float64], least: float, shared: bool = False
-    ) -> PreparedViews | None:
-        """Views taken to look from where the phase of their light says; None where that makes no difference.
-
-        A texture of f periods a pitch at disparity B has nu = f B periods across the FAP. A view shows it turned by the
-        phase that its light has at nu: the mean place where nu is small, farther out where it is not, as the light of
-        outer views is skew; and what is wrong with the light taken off as neighbours' turns it as well. Both follow,
-        wave by wave, from taking neighbours' light off what microlenses show of single waves. Most of it is a place to
-        look from: how fast what a view shows moves with disparity, about that of each microlens, and what is left aside
-        of that. Filters take the rest out of the views, which then show all waves as strongly as each other, too.
-
-        Parameters
-        ----------
-        views : PreparedViews
-            Their own light as of `without_crosstalk`, by mean places; or as a real lens has these.
-        disparity : ndarray, shape (v, u)
-            Found with them [pitches].
-        least : float
-            Error of those, on average, that makes no difference [pitches].
-        shared : bool
-            Whether views are those of `with_shared`, and disparities were found in phase.
-        """
-        low, high = (float(np.quantile(disparity, part)) for part in (0.01, 0.99))
-        step = max(DISPARITIES, (high - low) / MOST_DISPARITIES)
-        step = DISPARITIES * math.ceil(step / DISPARITIES - 1e-9)
-        counted = range(math.floor(low / step) - 1, math.ceil(high / step) + 2)
-        samples = len(counted) * self.parts[2].light[0, 0].size
-        most = min(COARSE, max(2, int(math.sqrt(MOST_FILTERS / samples))))
-        aside = np.zeros_like(views.pupil) if views.aside is None else views.aside
-        far = float(np.abs(aside if aside.ndim == 3 else np.where(views.field.weight > 0, aside, 0)).max())
-        key = most, WAVES + 2 * max(0, round(far) - 1), shared
-        if key not in self._phases:
-            self._phases[key] = _Phases.of(self, *key)
-        phases = self._phases[key]
-        rows, columns, freed = phases.rows, phases.columns, phases.freed
-        offset, kernels = phases.at([step * k for k in counted])
-        nodes, disparities = rows.size * columns.size, step * np.array(counted)
-        slope = np.diff(offset, axis=0) / step
-        rest = offset[:-1] - disparities[:-1, None, None, None] * slope
-        # By mean places disparities come out wrong, by so much.
-        lever = freed.weight * freed.pupil
-        told = np.einsum("davn,avn->d", offset, lever) / max(float((lever * freed.pupil).sum()), 1e-12)
-        count = disparities.size
-        at = np.interp(disparity, np.maximum.accumulate(disparities + told * (not shared)), np.arange(count))
-        if not shared and np.abs(np.interp(at, np.arange(count), told)).mean() < least:
-            return None
-        over_view = _Map.of(rows, columns, disparity.shape, disparity.shape)
-        below = np.minimum(at.astype(int), count - 2)
-        if below.size * freed.usable.size > MOST_PLACES:
-            below = np.full_like(below, int(np.median(below)))
-
-        def spread(values: NDArray[np.float64]) -> NDArray[np.float32]:
-            every = np.zeros((*values.shape[:2], *freed.usable.shape, nodes))
-            every[:, :, freed.usable] = values
-            if nodes == 1 and not np.ptp(below):
-                return every[below[0, 0], ..., 0].astype(np.float32)
-            if nodes == 1:
-                return np.moveaxis(every[below, ..., 0], (0, 1), (-2, -1)).astype(np.float32)
-            out = over_view(every[0])
-            for k in range(1, count - 1):
-                out = np.where(below == k, over_view(every[k]), out)
-            return out
-
-        near = [
-            np.stack([np.interp(np.arange(n), nodes, one) for one in np.eye(nodes.size)])
-            for nodes, n in ((rows, at.shape[0]), (columns, at.shape[1]))
-        ]
-        field = _filtered(views.field, freed.usable, kernels, at, near)
-        if not shared and (away := np.abs(disparity) > FOCUSED).any():
-            sure = np.zeros((*freed.usable.shape, nodes))
-            sure[freed.usable] = freed.sure
-            field = replace(field, weight=np.where(away & (over_view(sure) < 0.5), 0, field.weight))
-        return PreparedViews(field, _sum(views.pupil, spread(slope)), _sum(aside, spread(rest)))
+        return looks._replace(field=_with(field, values, weight))
 
 
 def _as_they_stand(
@@ -384,224 +289,7 @@ def _as_they_stand(
     return parts._replace(light=np.concatenate([there, parts.light[near:]]))
 
 
-class _Phases(NamedTuple):
-    """Waves as views show them against where their mean places do, at some microlenses."""
-
-    rows: NDArray[np.intp]
-    columns: NDArray[np.intp]
-    freed: _FreedWaves
-    waves: _Waves
-    worked_out: dict[float, tuple[NDArray[np.float64], NDArray[np.float32]]]
-    """By disparity, as they are asked for."""
-
-    @classmethod
-    def of(cls, light: ViewLight, most: int, side: int, shared: bool = False) -> _Phases:
-        """At so many nodes along each axis, at most, by so many waves."""
-        rows, columns, parts = light.parts
-        few, some = (
-            np.unique(np.linspace(0, at.size - 1, min(at.size, most)).round().astype(np.intp)) for at in (rows, columns)
-        )
-        nodes = (few[:, None] * columns.size + some).ravel()
-        parts = ImageParts(parts.steps, *(part[:, nodes] for part in parts[1:]))
-        freed = _FreedWaves.of(light, rows[few], columns[some], parts, shared)
-        return cls(rows[few], columns[some], freed, _Waves.of(side, light.like, PACKINGS[light.camera.layout].fold), {})
-
-    def at(self, disparities: list[float]) -> tuple[NDArray[np.float64], NDArray[np.float32]]:
-        """How far views look past their mean places [pitches], shape (disparity, axis, view, node), and filters."""
-        new = [b for b in disparities if b not in self.worked_out]
-        for b, shown in zip(new, self.freed.shown(self.waves.k, np.array(new)) if new else (), strict=True):
-            off = self.waves.moved(shown)
-            self.worked_out[b] = off, self.waves.filters(shown, off)
-        offsets, kernels = zip(*(self.worked_out[b] for b in disparities), strict=True)
-        return np.stack(offsets), np.stack(kernels)
-
-
-def _sum(one: NDArray[np.floating], other: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Sum of arrays of views, shape (2, t, s), or (2, t, s, v, u)."""
-    most = max(one.ndim, other.ndim)
-    one, other = (part if part.ndim == most else part[..., None, None] for part in (one, other))
-    return np.asarray(one + other, np.float32)
-
-
-class _FreedWaves(NamedTuple):
-    """Waves as views show them once neighbours' light was taken off as `without_crosstalk` does it."""
-
-    light: ViewLight
-    images: MicrolensImages
-    usable: NDArray[np.bool_]
-    """Views that have own light at any node, shape (t, s)."""
-    gain: NDArray[np.float64]
-    """Reciprocal of the own share of light, 0 where samples are dropped; shape (view, node)."""
-    sure: NDArray[np.float64]
-    """1 where that tells what the microlens sends others, else 0; likewise."""
-    mixing: _Mixing
-    pupil: NDArray[np.float64]
-    """Mean places on the FAP, shape (2, view, node)."""
-    aside: NDArray[np.float64]
-    """As of `ViewLight.looks`, likewise."""
-    weight: NDArray[np.float64]
-    """Light that tells, shape (view, node)."""
-    shared: bool
-    """Whether neighbours' light is what a picture shows of it, as `with_shared` takes it, not what samples tell."""
-
-    @classmethod
-    def of(
-        cls, light: ViewLight, rows: NDArray[np.intp], columns: NDArray[np.intp], parts: ImageParts, shared: bool
-    ) -> _FreedWaves:
-        """Waves at microlenses of some rows and columns of views."""
-        camera = panchromatic(light.camera)
-        images = MicrolensImages(camera, light.places[np.ix_(rows, columns)].reshape(-1, 2))
-        own = parts.steps.index((0, 0))
-        total, shares = parts.light.sum(0), _shares(parts.light)
-        least, known = (SHARED, SENT) if shared else (LEAST, SURE)
-        usable = light._sharing[0] if shared else (shares[own] > LEAST).any(0)
-        share = shares[own][:, usable].T
-        sure = (share > known) * 1.0
-        gain = np.divide(sure.any(0), share, out=np.zeros_like(share), where=share > least)
-        mixing = _Mixing.of(parts, shares, own, usable, None, light.beside(images.fields, parts), known)
-        pupil = light.side * np.stack([axis[own][:, usable].T for axis in (parts.x, parts.y)])
-        aside = _aside(light.camera, light.like, rows, columns, parts.light[own])[:, usable]
-        weight = np.where(gain > 0, total[:, usable].T * share**2, 0.0)
-        return cls(light, images, usable, gain, sure, mixing, pupil, aside, weight, shared)
-
-    def _raw(
-        self, waves: NDArray[np.float64], disparities: NDArray[np.float64]
-    ) -> Iterator[tuple[NDArray[np.complex128], NDArray[np.float64]]]:
-        """Waves with neighbours' light (W, node, view), and where views look (2, view, node); of each disparity."""
-        field, real = self.light.like, self.light.real
-        if real is not None:
-            for raw, where in real.shown(field, self.images.fields, waves, disparities):
-                yield raw[..., self.usable], where[..., self.usable].swapaxes(1, 2)
-            return
-        s, t = field.s / field.pitch, field.t / field.pitch
-        every = waves_shown(self.images, s, t, waves, self.light.side * disparities, reading(field))
-        for raw, disparity in zip(every[..., self.usable], disparities.tolist(), strict=True):
-            yield raw, disparity * self.pupil + self.aside
-
-    def _squared(self, waves: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Share of waves, shape (W, 2), that is left on average once a hexagonal array's rows are made square."""
-        if self.light.like.hexagonal is None:
-            return np.ones(len(waves))
-        return np.asarray(read_between(waves[:, 0], (np.arange(MANY_BETWEEN) + 0.5) / MANY_BETWEEN).real)
-
-    def shown(self, waves: NDArray[np.float64], disparities: NDArray[np.float64]) -> Iterator[NDArray[np.complex128]]:
-        """Waves, shape (W, 2), as views show them against where their mean places do, shape (W, view, node)."""
-        turns = np.exp(2j * math.pi * (waves @ PACKINGS[self.images.camera.layout].steps @ self.mixing.step.T))
-        passed = self._squared(waves)[:, None, None]
-        for raw, where in self._raw(waves, disparities):
-            to_middle = np.exp(2j * math.pi * np.tensordot(waves, where, 1))
-            mean = np.ones((len(waves), 1, raw.shape[1])) * passed
-            for _ in range(AMPLITUDES if self.shared else 1):
-                values = (mean / to_middle).swapaxes(1, 2).copy() if self.shared else raw * self.gain.T
-                sure = np.ones_like(self.sure.T) if self.shared else self.sure.T.copy()
-                with THREADS:
-                    _free_waves.compiled(
-                        raw, self.gain.T.copy(), sure, self.mixing.first, self.mixing.source, turns,
-                        np.ascontiguousarray(self.mixing.share.T), 1 if self.shared else ROUNDS, values,
-                    )  # fmt: skip
-                shown = values.swapaxes(1, 2) * to_middle
-                size = np.abs(shown)
-                mean = passed * np.sqrt(
-                    (size**2).sum(1, keepdims=True) / np.maximum((size > 0).sum(1, keepdims=True), 1)
-                )
-            yield shown
-
-
-class _Waves(NamedTuple):
-    """Waves that views are compared by, on a grid of their frequencies, one of each with its mirror image."""
-
-    k: NDArray[np.float64]
-    """Periods a pitch along u and v, shape (W, 2)."""
-    on_grid: NDArray[np.intp]
-    """Place of each on the grid, from its middle, shape (W, 2)."""
-    side: int
-    """Waves along a side of the grid."""
-    passed: NDArray[np.float64]
-    """Share of its phase that is taken out of a wave: none where the lattice folds it."""
-
-    @classmethod
-    def of(cls, side: int, field: LightField, fold: float) -> _Waves:
-        half = side // 2
-        index = np.array([(x, y) for y in range(half + 1) for x in range(-half, half + 1) if (y, x) > (0, 0)], np.intp)
-        steps = np.array([field.u[1] - field.u[0], field.v[1] - field.v[0]])
-        k = index / (side * steps)
-        fine = np.hypot(*k.T) / fold
-        inside = fine < 1
-        return cls(k[inside], index[inside], side, np.clip((1 - fine[inside]) / (1 - FADING), 0, 1))
-
-    def moved(self, shown: NDArray[np.complex128]) -> NDArray[np.float64]:
-        """How far views look past where their mean places do [pitches], shape (2, view, node).
-
-        By the phases of all waves, of a texture with the same contrast in every octave, as they come through.
-        """
-        level = np.angle(shown)
-        power = np.where(self.passed > 0.8, (np.abs(shown) ** 2).mean(1).T / (self.k**2).sum(-1), 0.0)
-        normal = np.einsum("nw,wa,wb->nab", power, self.k, self.k) * (2 * math.pi)
-        told = np.einsum("nw,wa,wvn->nav", power, self.k, level)
-        off = -np.linalg.solve(normal + 1e-12 * np.eye(2), told)
-        return np.asarray(np.moveaxis(off, 0, -1))
-
-    def filters(self, shown: NDArray[np.complex128], off: NDArray[np.float64]) -> NDArray[np.float32]:
-        """Taps, shape (node, view, N, N), that make views alike which look `off` [pitches] past their mean places.
-
-        `shown` has the shape (W, view, node), `off` (2, view, node).
-        """
-        size = np.abs(shown)
-        mean = np.sqrt((size**2).sum(1, keepdims=True) / np.maximum((size > 0).sum(1, keepdims=True), 1))
-        gain = np.clip(mean / np.maximum(size, 1e-9), 1 / MOST_GAIN, MOST_GAIN)
-        shows = np.clip((size / np.maximum(mean, 1e-9) - FAINT_WAVE[0]) / (FAINT_WAVE[1] - FAINT_WAVE[0]), 0, 1)
-        passed = self.passed[:, None, None] * (mean > DARK_WAVE) * shows
-        turn = np.angle(shown * np.exp(2j * math.pi * np.tensordot(self.k, off, 1)))
-        factor = np.exp(passed * (np.log(np.maximum(gain, 1e-9)) - 1j * turn)).T
-        grid = np.ones((*factor.shape[:2], self.side, self.side), np.complex64)
-        x, y = self.on_grid.T
-        grid[..., y, x], grid[..., -y, -x] = factor, factor.conj()
-        return np.asarray(np.fft.fftshift(np.fft.ifft2(grid).real, (-2, -1)), np.float32)
-
-
-def _filtered(
-    field: LightField, usable: NDArray[np.bool_], kernels: NDArray[np.float32], at: NDArray[np.float64],
-    near: list[NDArray[np.float64]],
-) -> LightField:  # fmt: skip
-    """Views by filters, those of the nodes and disparities about each microlens by how near they are.
-
-    Parameters
-    ----------
-    field : LightField
-    usable : ndarray, shape (t, s)
-    kernels : ndarray, shape (disparity, node, view, N, N)
-    at : ndarray, shape (v, u)
-        Place among the disparities.
-    near : list of ndarray, shapes (rows of nodes, v), (columns of nodes, u)
-        Weights of the nodes.
-    """
-    from scipy import fft
-
-    values, noise = np.zeros_like(field.values), np.zeros_like(field.values)
-    reach = kernels.shape[-1] // 2
-    views, places = field.values[usable], tuple(np.argwhere(usable).T)
-    with THREADS:
-        fill_holes.compiled(views, field.weight[usable])
-    padded = np.pad(views, ((0, 0), (reach, reach), (reach, reach)), mode="symmetric")
-    for node, (row, column) in enumerate(itertools.product(*near)):
-        (top, bottom), (left, right) = (np.flatnonzero(line)[[0, -1]] for line in (row, column))
-        here = np.s_[top : bottom + 1, left : right + 1]
-        part = np.multiply.outer(row, column)[here]
-        shape = [fft.next_fast_len(n + 2 * reach, real=True) for n in part.shape]
-        inside = tuple(slice(2 * reach, 2 * reach + n) for n in part.shape)
-        shares = [np.clip(1 - np.abs(at[here] - k), 0, 1) * part for k in range(len(kernels))]
-        for n, (t, s) in enumerate(zip(*places, strict=True)):
-            sent = fft.rfft2(padded[n, top : bottom + 1 + 2 * reach, left : right + 1 + 2 * reach], shape)
-            for taps, share in zip(kernels[:, node, n], shares, strict=True):
-                if share.any():
-                    values[t, s][here] += share * fft.irfft2(sent * fft.rfft2(taps, shape), shape)[inside]
-                    noise[t, s][here] += share * (taps**2).sum()
-    lit = field.weight > 0
-    weight = np.divide(field.weight, noise, out=np.zeros_like(field.weight), where=lit & (noise > 0))
-    return replace(field, values=np.where(weight > 0, values, 0), weight=weight)
-
-
-def _aside(
+def aside_by_cuts(
     camera: Camera, field: LightField, rows: NDArray[np.intp], columns: NDArray[np.intp], light: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """`PreparedViews.aside` at the nodes, shape (2, t, s, nodes).
@@ -627,8 +315,8 @@ def _freed(
     raw: NDArray[np.float32],
     gain: NDArray[np.float32],
     sure: NDArray[np.float32],
-    ways: list[_Mixing],
-    maps: _Map,
+    ways: list[Mixing],
+    maps: NodeMap,
     start: NDArray[np.intp],
 ) -> NDArray[np.float32]:
     """Samples without what neighbours put into them, shape (view, v, u), by Jacobi's iteration; 0 where `gain` is.
@@ -749,13 +437,13 @@ def reading(field: LightField) -> Read:
     return (along,), (across,)
 
 
-def _shares(light: NDArray[np.float64]) -> NDArray[np.float64]:
+def light_shares(light: NDArray[np.float64]) -> NDArray[np.float64]:
     """Shares of samples' light, its first axis counting the microlenses that it comes from."""
     total = light.sum(0)
     return np.asarray(np.divide(light, total, out=np.zeros_like(light), where=total > 0))
 
 
-def _each_between(camera: Camera, field: LightField, parts: ImageParts) -> tuple[ImageParts, _Map] | None:
+def _each_between(camera: Camera, field: LightField, parts: ImageParts) -> tuple[ImageParts, NodeMap] | None:
     """Light at each of several places between pixels, of whole images, and the way to lenses; None where it is alike.
 
     Where detail of microlens images is finer than pixels, what a sample has of its neighbours' light changes with where
@@ -768,7 +456,7 @@ def _each_between(camera: Camera, field: LightField, parts: ImageParts) -> tuple
     for count in (2, BETWEEN):
         reads = [partial(read_between, between=np.array([part])) for part in np.arange(count) / count]
         light = light_read(images, field.s / field.pitch, field.t / field.pitch, (reads, reads))
-        share = _shares(light)[parts.steps.index((0, 0))]
+        share = light_shares(light)[parts.steps.index((0, 0))]
         if np.ptp(share[:, (share > LEAST).any(0)], axis=0).max(initial=0.0) < ALIKE:
             return None
     again = np.arange(BETWEEN + 1) % BETWEEN
@@ -777,10 +465,10 @@ def _each_between(camera: Camera, field: LightField, parts: ImageParts) -> tuple
     along, down = (field.between * BETWEEN % 1).astype(np.float32)
     light = light[:, nodes]
     x, y = (np.broadcast_to(part, light.shape) for part in parts[2:])
-    return ImageParts(parts.steps, light, x, y), _Map(row * (BETWEEN + 1) + column, down, along, BETWEEN + 1)
+    return ImageParts(parts.steps, light, x, y), NodeMap(row * (BETWEEN + 1) + column, down, along, BETWEEN + 1)
 
 
-class _Mixing(NamedTuple):
+class Mixing(NamedTuple):
     """Neighbours' light in every sample: a list for each, one after the other."""
 
     first: NDArray[np.int64]
@@ -796,7 +484,7 @@ class _Mixing(NamedTuple):
     def of(
         cls, parts: ImageParts, shares: NDArray[np.float64], own: int, usable: NDArray[np.bool_], faint: bool | None,
         beside: NDArray[np.float64] | None = None, sure: float = SURE,
-    ) -> _Mixing:  # fmt: skip
+    ) -> Mixing:  # fmt: skip
         """For samples that are `usable`, shape (t, s), and of them; of faint light, of other, or (None) of all.
 
         Where light sees `beside`, as `_beside` has it, what the nearest view shows is looked for that much farther on.
@@ -846,7 +534,7 @@ class _Mixing(NamedTuple):
         return left * light
 
 
-class _Map(NamedTuple):
+class NodeMap(NamedTuple):
     """For each lens, shape (v, u), the node before it in rows and columns of nodes, and how far the next ones are."""
 
     node: NDArray[np.int64]
@@ -858,7 +546,7 @@ class _Map(NamedTuple):
     @classmethod
     def of(
         cls, rows: NDArray[np.intp], columns: NDArray[np.intp], nodes: tuple[int, int], size: tuple[int, int]
-    ) -> _Map:
+    ) -> NodeMap:
         """For nodes at some `rows` and `columns` of as many as `nodes` says, over which `size` lenses are spread."""
         befores, parts = [], []
         for places, of, count in zip((rows, columns), nodes, size, strict=True):
@@ -950,32 +638,6 @@ def _gather_row(
     own = values[n, v]
     for u in range(columns):
         out[u] += like[u] * own[u]
-
-
-@kernel(parallel=True)
-def _free_waves(
-    raw: Any, gain: Any, sure: Any, first: Any, source: Any, turns: Any, shares: Any, rounds: int, out: Any,
-) -> None:  # fmt: skip
-    """Waves without what neighbours put into samples, which show them turned; all (wave, node, view), by `_freed`."""
-    count, nodes, views = raw.shape
-    for i in prange(nodes):
-        some, before = np.flatnonzero(shares[i]), np.empty(views, np.complex128)
-        ends, share, sent = np.searchsorted(some, first), shares[i][some], source[some]
-        for k in range(count):
-            values, turn = out[k, i], turns[k][some]
-            for _ in range(rounds):
-                total, known = 0j, 0
-                for n in range(views):
-                    if sure[i, n] > 0:
-                        total += values[n]
-                        known += 1
-                for n in range(views):
-                    before[n] = values[n] if sure[i, n] > 0 else total / max(known, 1)
-                for n in range(views):
-                    foreign = 0j
-                    for m in range(ends[n], ends[n + 1]):
-                        foreign += share[m] * turn[m] * before[sent[m]]
-                    values[n] = (raw[k, i, n] - foreign) * gain[i, n]
 
 
 @kernel(parallel=True)
