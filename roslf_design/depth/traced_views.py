@@ -60,6 +60,8 @@ def _ring(radius: float) -> Array:
 
 
 POINTS = np.concatenate([np.zeros((1, 2)), *(_ring(radius) for radius in RINGS)])
+RING = _ring(math.sqrt(sum(r**4 for r in RINGS) / sum(r**2 for r in RINGS)))
+"""Points whose linear fit is that of all those, up to the third order of aberrations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -160,8 +162,8 @@ class TracedViews:
 
         An ideal lens's where rays do not come through.
         """
-        looks, good = self.view_coordinates(places, POINTS)
-        pupil, aside = (_linear(POINTS, part) for part in looks)
+        looks, good = self.view_coordinates(places, RING)
+        pupil, aside = (_linear(RING, part) for part in looks)
         through = good[:, None, None]
         return np.where(through, pupil, np.eye(2)), np.where(through, aside, 0.0)
 

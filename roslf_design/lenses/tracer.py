@@ -68,6 +68,8 @@ where numba is imported already and where it is not.
 Interpreted, one meeting takes some 7 us, a compiled call some 20 us more than its work; loading the kernel takes 0.1 s,
 importing numba 0.4 s. Which of the two runs makes no difference to a single bit.
 """
+THICK = 100
+"""Meetings that take as long as a rod, about."""
 _spent = [0]
 
 
@@ -137,7 +139,8 @@ class SurfaceStack(NamedTuple):
         work = planes, np.empty(ROWS * BLOCK), np.empty(count * BLOCK)
         arrays: list[Any] = [part.reshape(-1) for part in (*given, *work, out, state, room)]
         has_law = self.table.shape[1] > count * COLUMNS  # whose sines numpy and the compiler take a bit apart
-        if has_law or use_compiled(_trace_slopes, total * count):
+        rods = int((self.table[0, 6 : count * COLUMNS : COLUMNS] == ROD).sum())
+        if has_law or use_compiled(_trace_slopes, total * (count + THICK * rods)):
             _trace_slopes.compiled(total // builds, builds, count, backward, clip, *arrays)
         else:  # plain floats out, not numpy's slow and noisy scalars
             _trace_slopes.interpreted(
