@@ -36,12 +36,12 @@ from .trace import BLOCK_ROWS, LIGHT, SLOPE_X, SLOPE_Y, RaySampling, Surfaces, X
 
 LENS_EFFECTS = ("lens_aberrations", "lens_distortion", "field_curvature", "lens_colour")
 """Any of these asks for the traced lens."""
-NODE_SPACING, RANGES = 1.0, (97, 33)
+NODE_SPACING, RANGES = 1.5, (97, 33)
 """Distance of places on the array [mm], and sensor points behind each along a side, that tell where light falls: behind
 all of the lens, then about what is lit."""
 BATCH = 100_000
 """Samples traced at once."""
-STRIP = 128
+STRIP = 256
 """Rows of pixels sampled at once."""
 PINHOLE_SAMPLES, LENS_SAMPLES = 4, 6
 """Samples along a pixel's side, through pinhole microlenses and through whole ones."""
@@ -226,7 +226,7 @@ class _RealLensTracer:
             weight = np.clip(room / (slopes + 1e-300) + 0.5, 0.0, 1.0)
         light = weight * (self.level if self.surfaces is None else self._met(self.surfaces, rays, weight))
         if self.falloff:
-            light = light * ((1 + leg_x**2 + leg_y**2) ** -2.0).reshape(shape)
+            light = light / np.square(1 + leg_x**2 + leg_y**2).reshape(shape)
         return np.asarray(light)
 
     def _met(self, surfaces: Surfaces, rays: _ObjectRays, weight: Floats) -> Floats:
@@ -345,12 +345,14 @@ def _shade_rays(
     slope_y: Any, weight: Any, out: Any,
 ) -> None:  # fmt: skip
     """Radiance that object-side rays (points on the FAP's plane and slopes) meet, where their weight is above 0."""
-    block = np.empty(BLOCK_ROWS * BLOCK)
+    block, which = np.empty(BLOCK_ROWS * BLOCK), np.empty(BLOCK, np.int64)
     for start in range(0, out.shape[0], BLOCK):
-        m = min(BLOCK, out.shape[0] - start)
-        for i in range(m):
-            ox, oy = slope_x[start + i], slope_y[start + i]
-            hx, hy = x[start + i] + lens_x + ox * d_3, y[start + i] + lens_y + oy * d_3
+        m = 0
+        for i in range(start, min(start + BLOCK, out.shape[0])):
+            if not weight[i] > 0.0:
+                continue
+            ox, oy = slope_x[i], slope_y[i]
+            hx, hy = x[i] + lens_x + ox * d_3, y[i] + lens_y + oy * d_3
             if in_focus and through:
                 fx = lens_x + (hx - ox * d_f - lens_x - sight[1]) / sight[0]
                 fy = lens_y + (hy - oy * d_f - lens_y - sight[2]) / sight[0]
@@ -358,7 +360,9 @@ def _shade_rays(
                 hx, hy, ox, oy = behind_elements(sight[5:], lens_x, lens_y, hx, hy, ox, oy)
             elif in_focus:
                 hx, hy, ox, oy = refocused(d_3, d_f, hx, hy, ox, oy)
-            block[X + i], block[Y + i], block[SLOPE_X + i], block[SLOPE_Y + i] = hx, hy, ox, oy
+            block[X + m], block[Y + m], block[SLOPE_X + m], block[SLOPE_Y + m] = hx, hy, ox, oy
+            which[m] = i
+            m += 1
         look(rows, pictures, beyond, mirrored, over, mouth, block, m)
         for i in range(m):
-            out[start + i] = block[LIGHT + i] if weight[start + i] > 0.0 else 0.0
+            out[which[i]] = block[LIGHT + i]
