@@ -592,7 +592,7 @@ def _filtered(
         shares = [np.clip(1 - np.abs(at[here] - k), 0, 1) * part for k in range(len(kernels))]
         for t in np.unique(at_t):
             row_of = at_t == t
-            some = (t, at_s[row_of], *here)
+            some: Any = (t, at_s[row_of], *here)
             sent = fft.rfft2(padded[row_of, top : bottom + 1 + 2 * reach, left : right + 1 + 2 * reach], shape)
             for taps, share in zip(kernels[:, node, row_of], shares, strict=True):
                 if share.any():
