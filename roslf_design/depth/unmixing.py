@@ -588,11 +588,11 @@ def _filtered(
         here = np.s_[top : bottom + 1, left : right + 1]
         part = np.multiply.outer(row, column)[here]
         shape = [fft.next_fast_len(n + 2 * reach, real=True) for n in part.shape]
-        inside = (..., *(slice(2 * reach, 2 * reach + n) for n in part.shape))
+        inside: Any = (..., *(slice(2 * reach, 2 * reach + n) for n in part.shape))
         shares = [np.clip(1 - np.abs(at[here] - k), 0, 1) * part for k in range(len(kernels))]
         for t in np.unique(at_t):
             row_of = at_t == t
-            some: Any = (t, at_s[row_of], *here)
+            some = (t, at_s[row_of], *here)
             sent = fft.rfft2(padded[row_of, top : bottom + 1 + 2 * reach, left : right + 1 + 2 * reach], shape)
             for taps, share in zip(kernels[:, node, row_of], shares, strict=True):
                 if share.any():
