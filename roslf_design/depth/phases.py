@@ -252,7 +252,7 @@ class _FreedWaves(NamedTuple):
         turns = np.exp(2j * math.pi * (waves @ PACKINGS[self.images.camera.layout].steps @ self.mixing.step.T))
         passed = self._squared(waves)[:, None, None]
         for raw, where in self._raw(waves, disparities):
-            to_middle = np.exp(2j * math.pi * np.tensordot(waves, where, 1))
+            raw, to_middle = np.ascontiguousarray(raw), np.exp(2j * math.pi * np.tensordot(waves, where, 1))
             mean = np.ones((len(waves), 1, raw.shape[1])) * passed
             for _ in range(AMPLITUDES if self.shared else 1):
                 values = (mean / to_middle).swapaxes(1, 2).copy() if self.shared else raw * self.gain.T
@@ -342,7 +342,7 @@ def _filtered(
 
     values, noise = np.zeros_like(field.values), np.zeros_like(field.values)
     reach = kernels.shape[-1] // 2
-    views, places = field.values[usable], tuple(np.argwhere(usable).T)
+    views, (at_t, at_s) = field.values[usable], np.nonzero(usable)
     with THREADS:
         fill_holes.compiled(views, field.weight[usable])
     padded = np.pad(views, ((0, 0), (reach, reach), (reach, reach)), mode="symmetric")
@@ -351,14 +351,16 @@ def _filtered(
         here = np.s_[top : bottom + 1, left : right + 1]
         part = np.multiply.outer(row, column)[here]
         shape = [fft.next_fast_len(n + 2 * reach, real=True) for n in part.shape]
-        inside = tuple(slice(2 * reach, 2 * reach + n) for n in part.shape)
+        inside: Any = (..., *(slice(2 * reach, 2 * reach + n) for n in part.shape))
         shares = [np.clip(1 - np.abs(at[here] - k), 0, 1) * part for k in range(len(kernels))]
-        for n, (t, s) in enumerate(zip(*places, strict=True)):
-            sent = fft.rfft2(padded[n, top : bottom + 1 + 2 * reach, left : right + 1 + 2 * reach], shape)
-            for taps, share in zip(kernels[:, node, n], shares, strict=True):
+        for t in np.unique(at_t):
+            row_of = at_t == t
+            some = (t, at_s[row_of], *here)
+            sent = fft.rfft2(padded[row_of, top : bottom + 1 + 2 * reach, left : right + 1 + 2 * reach], shape)
+            for taps, share in zip(kernels[:, node, row_of], shares, strict=True):
                 if share.any():
-                    values[t, s][here] += share * fft.irfft2(sent * fft.rfft2(taps, shape), shape)[inside]
-                    noise[t, s][here] += share * (taps**2).sum()
+                    values[some] += share * fft.irfft2(sent * fft.rfft2(taps, shape), shape)[inside]
+                    noise[some] += share * (taps**2).sum((1, 2), keepdims=True)
     lit = field.weight > 0
     weight = np.divide(field.weight, noise, out=np.zeros_like(field.weight), where=lit & (noise > 0))
     return replace(field, values=np.where(weight > 0, values, 0), weight=weight)
@@ -373,8 +375,11 @@ def _free_waves(
     for i in prange(nodes):
         some, before = np.flatnonzero(shares[i]), np.empty(views, np.complex128)
         ends, share, sent = np.searchsorted(some, first), shares[i][some], source[some]
+        sends = np.empty(some.size, np.complex128)
         for k in range(count):
-            values, turn = out[k, i], turns[k][some]
+            values, turn = out[k, i], turns[k]
+            for m in range(some.size):
+                sends[m] = share[m] * turn[some[m]]
             for _ in range(rounds):
                 total, known = 0j, 0
                 for n in range(views):
@@ -386,5 +391,5 @@ def _free_waves(
                 for n in range(views):
                     foreign = 0j
                     for m in range(ends[n], ends[n + 1]):
-                        foreign += share[m] * turn[m] * before[sent[m]]
+                        foreign += sends[m] * before[sent[m]]
                     values[n] = (raw[k, i, n] - foreign) * gain[i, n]

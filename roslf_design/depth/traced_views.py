@@ -60,6 +60,8 @@ def _ring(radius: float) -> Array:
 
 
 POINTS = np.concatenate([np.zeros((1, 2)), *(_ring(radius) for radius in RINGS)])
+RING = _ring(math.sqrt(sum(r**4 for r in RINGS) / sum(r**2 for r in RINGS)))
+"""Points whose linear fit is that of all those, up to the third order of aberrations."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,8 +112,8 @@ class TracedViews:
             column, row = (np.abs(at - axis[:, None]).argmin(1) for at, axis in ((along, x), (down, y)))
             dark = ~good.reshape(NODES, NODES)[np.ix_(row, column)]
         mean = image[good].mean(0) if good.any() else np.eye(2)
-        powers = self._powers(field, np.asarray(pupil), mean)
-        places, aside = (_spread(part.astype(np.float32), powers) for part in coefficients)
+        spread = self._spread(field, mean)
+        places, aside = _over_views(coefficients.astype(np.float32), np.asarray(pupil, np.float32), spread)
         places[..., dark], aside[..., dark] = np.nan, 0.0
         return places, aside
 
@@ -160,8 +162,8 @@ class TracedViews:
 
         An ideal lens's where rays do not come through.
         """
-        looks, good = self.view_coordinates(places, POINTS)
-        pupil, aside = (_linear(POINTS, part) for part in looks)
+        looks, good = self.view_coordinates(places, RING)
+        pupil, aside = (_linear(RING, part) for part in looks)
         through = good[:, None, None]
         return np.where(through, pupil, np.eye(2)), np.where(through, aside, 0.0)
 
@@ -188,7 +190,7 @@ class TracedViews:
             powers, inside = sampled.image(image, fap)
             lit, mine = (np.where(part > DARKEST, part, np.inf) for part in (still(inside[None]).real, sampled(inside)))
             each = [np.tensordot(aside + b * pupil, powers, (0, 0)) for b in disparities.tolist()]
-            shown.append([waving(inside * np.exp(-2j * math.pi * np.tensordot(waves, look, 1))) / lit for look in each])
+            shown.append([waving(inside * _turning(waves, look)) / lit for look in each])
             where.append([sampled(inside * look) / mine for look in each])
         yield from zip(np.stack(shown, 2), np.stack(where, 2), strict=True)
 
@@ -244,21 +246,17 @@ class TracedViews:
         image = _linear(self._by_first_order(points) @ turned.T, at @ turned.T)
         return image, at.mean(1), middle.ok & rim.ok.all(-1)
 
-    def _powers(self, field: LightField, pupil: NDArray[np.floating], shape: Array) -> NDArray[np.float32]:
-        """Means of `_over_pupil` over the light of each sample, shape (terms, t, s) or (terms, t, s, v, u).
+    def _spread(self, field: LightField, shape: Array) -> NDArray[np.float32]:
+        """Means of `_over_pupil` over the light of each sample, less those at its mean place, shape (terms, t, s).
 
-        `shape` is that of the images, as `TracedLens.images` has it.
-        A pixel and diffraction take in a good part of the pupil. Of cut images the means are those at where their light
-        comes from on average, and the same spread about it as in whole images.
+        `shape` is that of the images, as `TracedLens.images` has it. A pixel and diffraction take in a good part of the
+        pupil. In cut images light is taken to spread as much about where it comes from on average.
         """
         sampled = _Sampled.of(self.camera, field, shape[None])
         powers, inside = sampled.image(shape)
         means = sampled(powers * inside)
         means = np.divide(means, means[0], out=np.zeros_like(means), where=means[0] > 1e-3)
-        spread = means - products(means[PUPIL_DEGREE + 1], means[1], PUPIL_DEGREE)
-        if pupil.ndim > 3:
-            spread = spread[..., None, None]
-        return np.asarray(_over_pupil(np.asarray(pupil, np.float32)) + spread, np.float32)
+        return np.asarray(means - products(means[PUPIL_DEGREE + 1], means[1], PUPIL_DEGREE), np.float32)
 
     def chief_rays(self, places: Array) -> Array:
         """Rays through the FAP's middle, before all elements, from places in the array's frame (n, 2) [mm].
@@ -413,6 +411,15 @@ def _turned(design: Design) -> Array:
     return np.array([[cosine, sine], [-sine, cosine]])
 
 
+def _turning(waves: Array, look: Array) -> NDArray[np.complex128]:
+    """Waves (n, 2) against those at the origin where a point looks back by `look` (2, ...), shape (n, ...)."""
+    along, down = (
+        np.exp(-2j * math.pi * np.multiply.outer(k, at))[back]
+        for at, (k, back) in zip(look, (np.unique(part, return_inverse=True) for part in waves.T), strict=True)
+    )
+    return np.asarray(along * down)
+
+
 def _linear(points: Array, values: Array) -> Array:
     """Linear parts, row by column, of values (..., p, 2) over points (p, 2), shape (..., 2, 2)."""
     columns = np.concatenate([np.ones((len(points), 1)), points], -1)
@@ -441,8 +448,14 @@ def _over_pupil(at: NDArray[Any]) -> NDArray[Any]:
     return products(2 * at[0], 2 * at[1], PUPIL_DEGREE)
 
 
-def _spread(coefficients: NDArray[np.float32], powers: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Polynomials over the pupil, shape (2, terms, v, u), of the samples' powers: shape (2, t, s, v, u)."""
-    if powers.ndim == 3:
-        return np.stack([np.tensordot(powers, part, (0, 0)) for part in coefficients])
-    return np.stack([sum(p * c for p, c in zip(powers, part, strict=True)) for part in coefficients])
+def _over_views(
+    coefficients: NDArray[np.float32], pupil: NDArray[np.float32], spread: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Polynomials over the pupil, shape (n, 2, terms, v, u), at views, shape (n, 2, t, s, v, u)."""
+    if pupil.ndim == 3:
+        return np.moveaxis(np.tensordot(coefficients, _over_pupil(pupil) + spread, (2, 0)), (2, 3), (-2, -1))
+    out = np.empty((*coefficients.shape[:2], *pupil.shape[1:]), np.float32)
+    for t in range(pupil.shape[1]):  # all at once would not stay near the processor
+        powers = _over_pupil(pupil[:, t]) + spread[:, t, :, None, None]
+        np.einsum("ksvu,nckvu->ncsvu", powers, coefficients, out=out[:, :, t])
+    return out

@@ -30,17 +30,18 @@ from ..scenes import Scene
 from ..shapes.lattice import Lattice, lens_centres
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import microlens_defocus_blur
-from ..traced.camera import LensCamera, camera_of, microlenses, tilted_parts, views
+from ..traced.camera import LensCamera, camera_of, chief_slope, microlenses, tilted_parts, views
 from .camera import Floats, Image, Region, pixel_centres, straightened
 from .trace import BLOCK_ROWS, LIGHT, SLOPE_X, SLOPE_Y, RaySampling, Surfaces, X, Y, encode, look, refocused
 
 LENS_EFFECTS = ("lens_aberrations", "lens_distortion", "field_curvature", "lens_colour")
 """Any of these asks for the traced lens."""
-NODE_SPACING, RANGE = 1.0, 97
-"""Distance of places on the array [mm], and sensor points behind each along a side, that tell where light falls."""
-BATCH = 400_000
+NODE_SPACING, RANGES = 1.5, (97, 33)
+"""Distance of places on the array [mm], and sensor points behind each along a side, that tell where light falls: behind
+all of the lens, then about what is lit."""
+BATCH = 100_000
 """Samples traced at once."""
-STRIP = 128
+STRIP = 256
 """Rows of pixels sampled at once."""
 PINHOLE_SAMPLES, LENS_SAMPLES = 4, 6
 """Samples along a pixel's side, through pinhole microlenses and through whole ones."""
@@ -135,20 +136,20 @@ class _RealLensTracer:
     @classmethod
     def of(cls, design: Design, plan: Plan, scene: Scene, over: float) -> _RealLensTracer:
         """Tracer for a design without tilts of other parts than the main lens, a plan and a scene."""
-        mounted, array = camera_of(design), design.microlens_array
+        mounted = camera_of(design)
         camera = Camera.of(design).replace({}, in_focus=not plan.on("microlens_defocus"))
-        places = microlenses(design, lens_centres(Lattice(array.pitch, array.size, array.layout)))
         waves = (scene.light.wavelengths or (design.wavelength,)) if plan.on("lens_colour") else (design.wavelength,)
         level = scene.white
         finite = level is None and plan.on("finite_microlens_aperture")
         blur = float(microlens_defocus_blur(camera)) * math.sqrt(0.5) + design.d * design.d_2 / design.d_1
+        boxes = _boxes(design, waves) + (blur if finite else 0.0) * np.array([-1, -1, 1, 1])
         forced = not plan.on("vignetting") and plan["vignetting"].estimate > plan["vignetting"].budget
         focus = camera.focus
         sight = [focus.a, *focus.axis_offset, camera.seen.d_3, focus.distance, *lay_out(camera).front]
         return cls(
             camera,
-            places,
-            _boxes(mounted, places, waves, blur if finite else 0.0),
+            _axes(design),
+            np.where(np.isfinite(boxes).all(1, keepdims=True), boxes, 0.0),
             tuple(_way(mounted, wave, forced) for wave in waves),
             np.array(sight, float),
             encode(scene, design.d_f, camera.chain.mirrored, over) if level is None else None,
@@ -190,12 +191,12 @@ class _RealLensTracer:
         near = np.all((high >= 0) & (low < [x.size, y.size]) & (self.boxes[:, 2:] > self.boxes[:, :2]), axis=1)
         chosen = np.flatnonzero(near)
         # Alike in size, so that the common window of a batch fits all of it.
-        chosen = chosen[np.argsort((high - low)[chosen].max(1), kind="stable")]
-        spent, first = 0, 0
+        sizes = (high - low)[chosen].max(1) + 3
+        order = np.argsort(sizes, kind="stable")
+        chosen, sizes, spent, first = chosen[order], sizes[order], 0, 0
         while first < len(chosen):
-            width = int((high - low)[chosen[first]].max()) + 3
-            batch = chosen[first : first + max(1, BATCH // width**2)]
-            width = int((high - low)[batch].max()) + 3
+            batch = chosen[first : first + max(1, BATCH // int(sizes[first]) ** 2)]
+            width = int(sizes[first + len(batch) - 1])
             first += len(batch)
             k = np.arange(width)
             columns, rows = low[batch, :1] - 1 + k, low[batch, 1:] - 1 + k
@@ -225,7 +226,7 @@ class _RealLensTracer:
             weight = np.clip(room / (slopes + 1e-300) + 0.5, 0.0, 1.0)
         light = weight * (self.level if self.surfaces is None else self._met(self.surfaces, rays, weight))
         if self.falloff:
-            light = light * ((1 + leg_x**2 + leg_y**2) ** -2.0).reshape(shape)
+            light = light / np.square(1 + leg_x**2 + leg_y**2).reshape(shape)
         return np.asarray(light)
 
     def _met(self, surfaces: Surfaces, rays: _ObjectRays, weight: Floats) -> Floats:
@@ -243,17 +244,23 @@ class _RealLensTracer:
 
     def _points_on_lens(self, columns: Any, rows: Any, seed: int) -> tuple[Floats, Floats]:
         """A point on the microlens for every sample (n, rows * columns), evenly spread over neighbouring ones [mm]."""
-        n, width = columns.shape
+        n = len(columns)
         if not self.finite:
             return np.zeros((n, 1)), np.zeros((n, 1))
-        i = np.broadcast_to(columns[:, None, :], (n, width, width)).reshape(n, -1).astype(float)
-        j = np.broadcast_to(rows[:, :, None], (n, width, width)).reshape(n, -1).astype(float)
-        turn = 0.5 + 0.001 * (seed % 997)
+        turn, i, j = 0.5 + 0.001 * (seed % 997), columns[:, None, :], rows[:, :, None]
         # Steps from the plastic number: low discrepancy along both axes and over any block.
-        u = np.mod(turn + 0.7548776662466927 * i + 0.5698402909980532 * j, 1.0)
-        v = np.mod(turn + 0.5698402909980532 * i + 0.3294 * j + 0.2 * u, 1.0)
+        u = ((turn + 0.7548776662466927 * i) + 0.5698402909980532 * j).reshape(n, -1)
+        u -= np.floor(u)
+        v = ((turn + 0.5698402909980532 * i) + 0.3294 * j).reshape(n, -1) + 0.2 * u
+        v -= np.floor(v)
         turned = float(self.camera["microlens_array.rotation"])
         return LENS_SHAPES[self.camera.lens_shape].places(u, v, float(self.camera.d) / 2, turned)
+
+
+def _axes(design: Design) -> Floats:
+    """Axes of all microlenses in the lens's frame (M, 2) [mm]."""
+    array = design.microlens_array
+    return microlenses(design, lens_centres(Lattice(array.pitch, array.size, array.layout)))
 
 
 def _way(camera: LensCamera, wavelength: float, only_fap: bool) -> LensRays:
@@ -275,25 +282,38 @@ def _way(camera: LensCamera, wavelength: float, only_fap: bool) -> LensRays:
     return rays
 
 
-def _boxes(camera: LensCamera, places: Floats, waves: tuple[float, ...], margin: float) -> Floats:
-    """Boxes in which light behind microlenses may fall, from exact rays on a grid at nodes all over the array."""
-    half = 0.6 * camera.lens.clear_diameter * camera.d_2 / camera.d_1
-    side = np.linspace(-half, half, RANGE)
-    step = side[1] - side[0]
-    grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)
+@functools.lru_cache(maxsize=2)
+def _boxes(design: Design, waves: tuple[float, ...]) -> Floats:
+    """Boxes in which light behind microlenses may fall, low x, low y, high x, high y (M, 4) [mm]; infinite of none.
+
+    From exact rays at nodes all over the array, against first-order rays from the FAP's middle: on a grid behind all of
+    the lens, and on a finer one about what is lit.
+    """
+    camera, places = camera_of(design), _axes(design)
     low, high = places.min(0), places.max(0)
     across, along = (max(2, math.ceil(size / NODE_SPACING) + 1) for size in high - low)
     columns, rows = np.linspace(low[0], high[0], across), np.linspace(low[1], high[1], along)
     bounds = np.empty((along, across, 4))
     for row, y in enumerate(rows):
         c = np.stack([columns, np.full(across, y)], axis=-1)
-        spot = c[:, None] * (camera.d_2 / camera.d_1) + grid
-        lit = np.zeros((across, len(grid)), np.bool_)
-        for wave in waves:
-            at = views(camera, c[:, None], c[:, None] + spot, wave, clip=False)
-            lit |= np.minimum(at.fap_margin, at.margin) >= 0
-        bounds[row, :, :2] = np.min(np.where(lit[..., None], spot, np.inf), axis=1) - step - margin
-        bounds[row, :, 2:] = np.max(np.where(lit[..., None], spot, -np.inf), axis=1) + step + margin
+        half = np.full((across, 1, 2), 0.6 * camera.lens.clear_diameter * camera.d_2 / camera.d_1)
+        ends = c[:, None] * (camera.d_2 / camera.d_1) + np.stack([-half, half])
+        for count in RANGES:
+            share = np.linspace(0, 1, count)
+            with np.errstate(invalid="ignore"):  # where nothing is lit
+                spot = ends[0] + np.stack(np.meshgrid(share, share), axis=-1).reshape(-1, 2) * (ends[1] - ends[0])
+                step = (ends[1] - ends[0]) / (count - 1)
+            lit = np.zeros((*spot.shape[:2], 1), np.bool_)
+            for wave in waves:
+                at = views(camera, c[:, None], c[:, None] + spot, wave, clip=False)
+                lit |= (np.minimum(at.fap_margin, at.margin) >= 0)[..., None]
+            least, most = (
+                part(spot, axis=1, where=lit, initial=beyond, keepdims=True)
+                for part, beyond in ((np.min, np.inf), (np.max, -np.inf))
+            )
+            ends = np.stack([least - step, most + step])
+        ends = ends[:, :, 0] - camera.d_2 * chief_slope(camera, c, camera.fap.centre)
+        bounds[row] = np.concatenate([*ends], axis=-1)
     # Each microlens takes what the four nodes around it take.
     around = [(slice(a, along - 1 + a), slice(b, across - 1 + b)) for a in (0, 1) for b in (0, 1)]
     low_box = np.minimum.reduce([bounds[place][..., :2] for place in around])
@@ -301,8 +321,7 @@ def _boxes(camera: LensCamera, places: Floats, waves: tuple[float, ...], margin:
     spacing = np.maximum((high - low) / [across - 1, along - 1], 1e-12)
     cell = np.minimum(((places - low) / spacing).astype(int), [across - 2, along - 2])
     boxes = np.concatenate([low_box, high_box], axis=-1)[cell[:, 1], cell[:, 0]]
-    boxes[~np.all(np.isfinite(boxes), axis=1)] = 0.0
-    return np.asarray(boxes)
+    return np.asarray(boxes + np.tile(camera.d_2 * chief_slope(camera, places, camera.fap.centre), 2))
 
 
 @kernel()
@@ -326,12 +345,14 @@ def _shade_rays(
     slope_y: Any, weight: Any, out: Any,
 ) -> None:  # fmt: skip
     """Radiance that object-side rays (points on the FAP's plane and slopes) meet, where their weight is above 0."""
-    block = np.empty(BLOCK_ROWS * BLOCK)
+    block, which = np.empty(BLOCK_ROWS * BLOCK), np.empty(BLOCK, np.int64)
     for start in range(0, out.shape[0], BLOCK):
-        m = min(BLOCK, out.shape[0] - start)
-        for i in range(m):
-            ox, oy = slope_x[start + i], slope_y[start + i]
-            hx, hy = x[start + i] + lens_x + ox * d_3, y[start + i] + lens_y + oy * d_3
+        m = 0
+        for i in range(start, min(start + BLOCK, out.shape[0])):
+            if not weight[i] > 0.0:
+                continue
+            ox, oy = slope_x[i], slope_y[i]
+            hx, hy = x[i] + lens_x + ox * d_3, y[i] + lens_y + oy * d_3
             if in_focus and through:
                 fx = lens_x + (hx - ox * d_f - lens_x - sight[1]) / sight[0]
                 fy = lens_y + (hy - oy * d_f - lens_y - sight[2]) / sight[0]
@@ -339,7 +360,9 @@ def _shade_rays(
                 hx, hy, ox, oy = behind_elements(sight[5:], lens_x, lens_y, hx, hy, ox, oy)
             elif in_focus:
                 hx, hy, ox, oy = refocused(d_3, d_f, hx, hy, ox, oy)
-            block[X + i], block[Y + i], block[SLOPE_X + i], block[SLOPE_Y + i] = hx, hy, ox, oy
+            block[X + m], block[Y + m], block[SLOPE_X + m], block[SLOPE_Y + m] = hx, hy, ox, oy
+            which[m] = i
+            m += 1
         look(rows, pictures, beyond, mirrored, over, mouth, block, m)
         for i in range(m):
-            out[start + i] = block[LIGHT + i] if weight[start + i] > 0.0 else 0.0
+            out[which[i]] = block[LIGHT + i]

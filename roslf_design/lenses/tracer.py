@@ -62,6 +62,8 @@ SAMPLES = 64
 
 MEETING = 8e-6
 """Seconds that one meeting of a ray and a surface takes interpreted, to the same bits as compiled."""
+THICK = 100
+"""Meetings that take as long as a rod, about."""
 
 
 class Passed(NamedTuple):
@@ -130,7 +132,8 @@ class SurfaceStack(NamedTuple):
         work = planes, np.empty(ROWS * BLOCK), np.empty(count * BLOCK)
         arrays: list[Any] = [part.reshape(-1) for part in (*given, *work, out, state, room)]
         has_law = self.table.shape[1] > count * COLUMNS  # whose sines numpy and the compiler take a bit apart
-        if has_law or _trace_slopes.pays(MEETING * total * count):
+        rods = int((self.table[0, 6 : count * COLUMNS : COLUMNS] == ROD).sum())
+        if has_law or _trace_slopes.pays(MEETING * total * (count + THICK * rods)):
             _trace_slopes.compiled(total // builds, builds, count, backward, clip, *arrays)
         else:  # plain floats out, not numpy's slow and noisy scalars
             _trace_slopes.interpreted(
