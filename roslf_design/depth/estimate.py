@@ -278,11 +278,12 @@ def estimate_disparity(
     largest_chi2 : float
         Chi-square per degree of freedom above which views disagree.
     passes : int
-        Corrections after the search; the first two take half of the views, where these are many.
+        Corrections after the search; the first two take half of the views, a single one a quarter, where these are many.
     edges : bool
         Whether windows at odds are looked at once more for what smaller windows, and quarters of the views, have there.
     begun : Start, optional
-        Of an estimate of the same views with the same search: it is not made again.
+        Of an estimate of the same views with the same search: it is not made again, and of the same light field views
+        are not prepared again.
     progress : callable
         Told the share that is done, about: of search, corrections and edges a third each.
 
@@ -296,13 +297,15 @@ def estimate_disparity(
         raise ValueError(f"window is {window}; give an odd number of microlenses, 3 or more")
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise ValueError(f"search is {search}; give a least and a largest disparity")
-    views = _Views.of(field, pupil, noise, aside, captured)
+    every = None if begun is None else begun.every
+    ready = every is not None and every.field is field and every.noise.saturation == noise.saturation
+    views = every.views if every is not None and ready else _Views.of(field, pupil, noise, aside, captured)
     if not len(views.values):
         return _unlit(views, window, (low, high))
     first = _searched(views, noise, low, high, window) if begun is None else begun
-    every = _AllViews.of(views, noise)
+    every = replace(every, noise=noise) if every is not None and ready else _AllViews.of(views, noise, field)
     most = len(views.grid) >= _MANY
-    other = views.grid.sum(axis=1) % 2 == 0
+    other = views.grid.sum(axis=1) % 2 == 0 if passes > 1 else (views.grid % 2 == 0).all(axis=1)
     disparity, picture = first.disparity, first.picture
     bound = (low - first.step, high + first.step)
     seen: tuple[bool, bool, SharedLight] | None = None
@@ -310,7 +313,7 @@ def estimate_disparity(
     for count in range(passes):
         progress((1 + count / passes) / 3)
         # Half of many views suffices to come near. What has settled is not looked at again.
-        half, robust = most and begun is None and count < 2, begun is not None or count > 0
+        half, robust = most and begun is None and count < 2, begun is not None or count > 0 or passes == 1
         kept = seen[2] if seen is not None and seen[:2] == (half, robust) else None
         look = every.look(other if half else None, disparity, picture, robust, kept)
         seen = half, robust, look
@@ -320,7 +323,7 @@ def estimate_disparity(
         disparity = np.clip(look.disparity + np.clip(target - look.disparity, -0.5, 0.5), *bound)
     alike = first.alike(noise)
     judged = _judged(fit, look, views, noise, alike, window, (low, high), largest_sigma, largest_chi2)
-    judged = replace(judged, begun=replace(first, disparity=disparity, picture=picture))
+    judged = replace(judged, begun=replace(first, disparity=disparity, picture=picture, every=every))
     if not edges:
         return judged
     progress(2 / 3)
@@ -354,10 +357,12 @@ class _AllViews:
     noise: PixelNoise
     splines: Pictures
     cells: Pictures
+    field: LightField
+    """Light field that they are of."""
 
     @classmethod
-    def of(cls, views: _Views, noise: PixelNoise) -> _AllViews:
-        return cls(views, noise, *views.splines())
+    def of(cls, views: _Views, noise: PixelNoise, field: LightField) -> _AllViews:
+        return cls(views, noise, *views.splines(), field)
 
     def look(
         self, some: Flags | None, disparity: Array, picture: Array, robust: bool = True, kept: SharedLight | None = None
@@ -517,6 +522,7 @@ class Start:
     step: float
     noise: PixelNoise
     """Noise that chi-square is for."""
+    every: _AllViews | None = None
 
     def alike(self, noise: PixelNoise) -> Flags:
         """True where another disparity fits as well."""

@@ -370,6 +370,7 @@ def measure(
     sigma = np.full(z.shape, np.inf)
     sigma[known] = geometry.sigma(z[known], disparities.sigma[known])
     off = geometry.calibration_sigma(z)
+    disparities = replace(disparities, begun=None)
     return Depths(geometry, field, pupil, aside, disparities, geometry.places(field), z, sigma, off)
 
 

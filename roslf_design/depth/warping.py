@@ -199,21 +199,21 @@ def gather_zones(
 def window_sums(values: NDArray[np.floating], window: int, out: NDArray[np.floating]) -> None:
     """Sums over the window about each place of pictures, as far as it lies in them; shape (picture, v, u)."""
     count, rows, columns = values.shape
-    reach, down = window // 2, np.zeros(columns + window)
+    # In slices, which the compiler makes vectors of.
+    reach, down, total = window // 2, np.zeros(columns + window), np.zeros(columns)
+    inner = down[reach : reach + columns]
     for k in range(count):
-        for u in range(columns):
-            down[reach + u] = 0.0
+        inner[:] = 0.0
         for v in range(-reach, rows):
-            for u in range(columns):
-                if v + reach < rows:
-                    down[reach + u] += values[k, v + reach, u]
-                if v > reach:
-                    down[reach + u] -= values[k, v - reach - 1, u]
-            for u in range(columns if v >= 0 else 0):
-                total = 0.0
-                for a in range(window):
-                    total += down[u + a]
-                out[k, v, u] = total
+            if v + reach < rows:
+                inner += values[k, v + reach]
+            if v > reach:
+                inner -= values[k, v - reach - 1]
+            if v >= 0:
+                total[:] = down[:columns]
+                for a in range(1, window):
+                    total += down[a : a + columns]
+                out[k, v] = total
 
 
 @kernel(inline=True)
