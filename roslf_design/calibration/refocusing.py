@@ -131,7 +131,7 @@ def sharp_disparities(field: LightField, planes: int = PLANES, views: int = _VIE
         order = np.argsort(best, kind="stable")
         share = np.cumsum(votes[order]) / votes.sum()
         low, high = (float(best[order][np.searchsorted(share, at)]) for at in (_SHARE, 1 - _SHARE))
-        low, high = low - step, high + step
+        low, high = low - _STEP, high + _STEP
     return np.linspace(low, high, planes)
 
 

@@ -21,7 +21,7 @@ from ..json_data import plain
 from ..progress import CountedProgress, shares, silent
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.photometry import dark_variance, electrons, veil_electrons
-from .estimate import DisparityMap, PixelNoise, Start, estimate_disparity
+from .estimate import MANY_PIXELS, DisparityMap, PixelNoise, Start, estimate_disparity
 from .geometry import ArrayGeometry, GridGeometry, ViewGeometry
 from .measure import POINTS, Depths, Measurement, measure, sampled, search_about
 from .pictures import lattice_of
@@ -38,9 +38,8 @@ QUIET = 1e8
 """Electrons of views whose noise has nothing to do with light."""
 MOST_ELECTRONS = 1e12
 """Largest number of electrons in a pixel that a file is believed to stand for."""
-FEW_VIEWS, MANY_PIXELS = 4, 192
-"""Views along an axis that tell where to search, of views with little noise, and pixels along each side from which
-these are halved first."""
+FEW_VIEWS = 4
+"""Views along an axis that tell where to search, of views with little noise."""
 SOME_VIEWS = 4
 """Largest number of views whose noise is compared with itself."""
 WIDER, TWICE = 3, 1.0

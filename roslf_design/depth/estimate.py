@@ -38,6 +38,8 @@ _CLIPPED = 0.05
 _CLIPPED_SAMPLES = 0.1
 """Share of a window's samples that are saturated from which nothing is believed of it: those that are not are dark by
 selection."""
+MANY_PIXELS = 192
+"""Pixels of views along each side from which they are searched by half as many first."""
 _SETTLED = 0.1
 """Change of disparity from the one warped back by that a slope can tell [pitches]."""
 _BRIGHT = 0.5
@@ -302,7 +304,9 @@ def estimate_disparity(
     views = every.views if every is not None and ready else _Views.of(field, pupil, noise, aside, captured)
     if not len(views.values):
         return _unlit(views, window, (low, high))
-    first = _searched(views, noise, low, high, window) if begun is None else begun
+    # Noise that only views tell is that of views with many pixels, which may be searched by fewer.
+    coarse = (noise.alike is not None or passes == 1) and min(views.shape) >= MANY_PIXELS
+    first = _searched(views, noise, low, high, window, coarse) if begun is None else begun
     every = replace(every, noise=noise) if every is not None and ready else _AllViews.of(views, noise, field)
     most = len(views.grid) >= _MANY
     other = views.grid.sum(axis=1) % 2 == 0 if passes > 1 else (views.grid % 2 == 0).all(axis=1)
@@ -313,7 +317,7 @@ def estimate_disparity(
     for count in range(passes):
         progress((1 + count / passes) / 3)
         # Half of many views suffices to come near. What has settled is not looked at again.
-        half, robust = most and begun is None and count < 2, begun is not None or count > 0 or passes == 1
+        half, robust = most and begun is None and count < 2, begun is not None or count > 0
         kept = seen[2] if seen is not None and seen[:2] == (half, robust) else None
         look = every.look(other if half else None, disparity, picture, robust, kept)
         seen = half, robust, look
@@ -466,6 +470,19 @@ class _Views:
             saturated=full.sum(axis=0),
         )  # fmt: skip
 
+    def halved(self) -> _Views:
+        """Views of half as many microlenses along each side, means of four, lit where all of them are."""
+        rows, columns = (2 * (size // 2) for size in self.shape)
+        corners = [(..., slice(b, rows, 2), slice(a, columns, 2)) for b in (0, 1) for a in (0, 1)]
+        values = np.float32(0.25) * np.sum([self.values[corner] for corner in corners], axis=0)
+        light = np.min([self.light[corner] for corner in corners], axis=0)
+        full = np.max([self.full[corner] for corner in corners], axis=0)
+        return replace(
+            self, values=values, light=light, full=full, pupil=_read_only(self.pupil[corners[0]]),
+            aside=_read_only(self.aside[corners[0]]), lit=(light > 0).sum(axis=0), saturated=full.sum(axis=0),
+            steps=(2 * self.steps[0], 2 * self.steps[1]),
+        )  # fmt: skip
+
     def splines(self) -> tuple[Pictures, Pictures]:
         """Spline coefficients and light of the cells between samples."""
         views = self.values.copy()
@@ -530,15 +547,23 @@ class Start:
         return np.asarray(self.margin * times**2 < _ALIKE)
 
 
-def _searched(views: _Views, noise: PixelNoise, low: float, high: float, window: int) -> Start:
-    """Best of all candidates at every microlens, by the spread of groups of views about their mean."""
-    largest, shape = max(abs(low), abs(high)), views.shape
+def _searched(
+    views: _Views, noise: PixelNoise, low: float, high: float, window: int, coarse: bool = False
+) -> Start:  # fmt: skip
+    """Best of all candidates at every microlens, by the spread of groups of views about their mean.
+
+    `coarse`: of microlenses four by four together.
+    """
+    largest, shape, fine = max(abs(low), abs(high)), views.shape, views.shape
     if views.aside.any():
         largest += 2 * float(np.abs(views.aside).max())
     zone, count = views.zones(largest)
     if count == len(views.grid) >= _MANY:
         views = views.some((views.grid % 2 == 0).all(axis=1))
         zone, count = np.arange(len(views.grid)), len(views.grid)
+    if coarse:
+        views, window = views.halved(), window // 2 | 1
+        shape = views.shape
     overall = np.where(views.light > 0, views.values, 0).sum(axis=0, dtype=float) / np.maximum(views.lit, 1)
     zones = np.zeros((count, 6, *shape), np.float32)
     with THREADS:
@@ -558,19 +583,20 @@ def _searched(views: _Views, noise: PixelNoise, low: float, high: float, window:
         shown = overall.astype(np.float32)
         spread_of_zones.compiled(zones, cells, shown, candidates, views.steps, squares, freedoms, means)
     totals, freedoms = (box(each, window) for each in (squares, freedoms))
-    # A candidate that few zones can judge would win by chance.
-    judged = (freedoms > 0.5) & (freedoms >= 0.25 * freedoms.max(axis=0))
-    costs = np.divide(totals, freedoms, out=np.full(totals.shape, np.inf, np.float32), where=judged)
     best = np.zeros(shape, np.int64)
     part, least, second, level = np.zeros((4, *shape))
     with THREADS:
-        best_and_next.compiled(costs, best, part, least, second, level)
+        best_and_next.compiled(totals, freedoms, best, part, least, second, level)
     rows, columns = np.indices(shape, sparse=True)
     start = candidates[best] + step * part
     freedom = freedoms[best, rows, columns]
     with np.errstate(invalid="ignore"):
         margin = np.where(np.isfinite(second), ((second - least) - 0.02 * (level - least)) * freedom, np.inf)
-    return Start(start, np.where(np.isfinite(least), means[best, rows, columns], overall), margin, step, noise)
+    maps = start, np.where(np.isfinite(least), means[best, rows, columns], overall), margin
+    if coarse:
+        down, along = (np.minimum(np.arange(size) // 2, size // 2 - 1) for size in fine)
+        maps = tuple(each[down[:, None], along] for each in maps)
+    return Start(*maps, step, noise)
 
 
 def _judged(

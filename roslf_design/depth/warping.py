@@ -288,40 +288,48 @@ def spread_of_zones(
 
 @kernel(parallel=True)
 def best_and_next(
-    costs: Samples, best: Whole, part: Floats, least: Floats, second: Floats, level: Floats
+    squares: Samples, freedoms: Samples, best: Whole, part: Floats, least: Floats, second: Floats, level: Floats
 ) -> None:  # fmt: skip
-    """Best candidate of each microlens, and floors of its dip and of the next.
+    """Best candidate of each microlens by chi-square over freedom, and floors of its dip and of the next.
 
     `part` of a step lies its floor beyond it by the parabola through it; where there is no floor it is infinite;
     `level` is the mean of all costs.
     """
-    count, rows, columns = costs.shape
+    count, rows, columns = squares.shape
     for v in prange(rows):
+        most, costs = np.zeros(columns, float32), np.full((count + 2, columns), float32(math.inf))
+        lowest, some = np.full(columns, float32(math.inf)), np.zeros(columns)
         for u in range(columns):
-            at, total, some = 0, 0.0, 0
-            for k in range(count):
-                if costs[k, v, u] < costs[at, v, u]:
-                    at = k
-                if costs[k, v, u] < math.inf:
-                    total, some = total + costs[k, v, u], some + 1
-            best[v, u], level[v, u], part[v, u], least[v, u], second[v, u] = at, total, 0.0, math.inf, math.inf
-            if some > 0:
-                level[v, u] /= some
-            for k in range(count):
-                here = np.float64(costs[k, v, u])
-                before = costs[k - 1, v, u] if k > 0 else math.inf
-                after = costs[k + 1, v, u] if k < count - 1 else math.inf
+            best[v, u], level[v, u], part[v, u], least[v, u], second[v, u] = 0, 0.0, 0.0, math.inf, math.inf
+        for k in range(count):
+            for u in range(columns):
+                most[u] = max(most[u], freedoms[k, v, u])
+        for k in range(count):
+            for u in range(columns):
+                # A candidate that few zones can judge would win by chance.
+                if freedoms[k, v, u] > 0.5 and freedoms[k, v, u] >= 0.25 * most[u]:
+                    cost = squares[k, v, u] / freedoms[k, v, u]
+                    costs[k + 1, u] = cost
+                    level[v, u] += cost
+                    some[u] += 1
+                    if cost < lowest[u]:
+                        lowest[u], best[v, u] = cost, k
+        for u in range(columns):
+            level[v, u] /= max(some[u], 1.0)
+        for k in range(count):
+            for u in range(columns):
+                here, before, after = costs[k + 1, u], costs[k, u], costs[k + 2, u]
                 if not (here < math.inf and here <= before and here <= after):
                     continue
-                bend, rise = before - 2 * here + after, before - after
-                floor = here
+                bend, rise = np.float64(before) - 2 * here + after, np.float64(before) - after
+                floor = np.float64(here)
                 if 0 < bend < math.inf:
                     floor -= rise * rise / (8 * bend)
-                    if k == at:
+                    if k == best[v, u]:
                         part[v, u] = min(max(0.5 * rise / bend, -0.5), 0.5)
-                if k == at:
+                if k == best[v, u]:
                     least[v, u] = floor
-                elif abs(k - at) >= 3 and floor < second[v, u]:
+                elif abs(k - best[v, u]) >= 3 and floor < second[v, u]:
                     second[v, u] = floor
 
 
