@@ -280,7 +280,7 @@ def estimate_disparity(
     largest_chi2 : float
         Chi-square per degree of freedom above which views disagree.
     passes : int
-        Corrections after the search; the first two take half of the views, a single one a quarter, where these are many.
+        Corrections after the search; of many views the first two take half, a single one a quarter.
     edges : bool
         Whether windows at odds are looked at once more for what smaller windows, and quarters of the views, have there.
     begun : Start, optional

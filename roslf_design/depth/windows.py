@@ -51,6 +51,14 @@ class SharedLight:
         raw = slope_u**2 * sums[4] + 2 * slope_u * slope_v * sums[5] + slope_v**2 * sums[6]
         return raw, slope_u * sums[7] + slope_v * sums[8]
 
+    @cached_property
+    def terms(self) -> Array:
+        """What windows add up of each microlens, shape (`TERMS`, v, u)."""
+        terms, known, (raw, moment) = np.empty((TERMS, *self.disparity.shape)), self.gradient[2], self.moments
+        with THREADS:
+            window_terms.compiled(self.sums, known, raw, moment, self.disparity, self.steps, terms)
+        return terms
+
     def own(self, change: Array) -> Array:
         """Chi-square per sample of each microlens's own views, about a disparity that is so much larger."""
         raw, moment = self.moments
@@ -86,16 +94,11 @@ class WindowFit:
 
         `alone`: of the window about each microlens, whatever is known beside it.
         """
-        sums, disparity, steps = look.sums, look.disparity, look.steps
-        known, (raw, moment) = look.gradient[2], look.moments
-        terms = np.empty((TERMS, *disparity.shape))
+        near = box(look.terms, window)
+        wide = near if alone else box(look.terms, 3 * window)
+        fit = np.empty((11, *near.shape[1:]))
         with THREADS:
-            window_terms.compiled(sums, known, raw, moment, disparity, steps, terms)
-        near = box(terms, window)
-        wide = near if alone else box(terms, 3 * window)
-        fit = np.empty((11, *disparity.shape))
-        with THREADS:
-            fit_windows.compiled(near, wide, disparity, QUORUM * window**2, look.density, fit)
+            fit_windows.compiled(near, wide, look.disparity, QUORUM * window**2, look.density, fit)
         return cls(*fit) if alone else cls(*fit)._beside(window // 2)
 
     def misfit(self, least: float = 0.0) -> Array:
@@ -172,7 +175,7 @@ def window_terms(
 
 @kernel(inline=True)
 def _plane(t: Array, v: int, u: int) -> tuple[float, float, float, float, float, float, float, bool]:
-    """Plane of disparity fitted to a window: slopes, their covariance, `strain`, spare, and whether it is determined."""
+    """Plane of disparity fitted to a window: slopes, their covariance, `strain`, spare; whether it is one."""
     lit = t[0, v, u] > 1e-9
     s = t[0, v, u] if lit else 1.0
     su, sv, b = t[1, v, u], t[2, v, u], t[6, v, u]
