@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +17,7 @@ from .occlusion import BESIDE_STEP, SIZES, beside_steps, past_edges
 from .warping import (
     SUMS,
     best_and_next,
+    best_of_zones,
     common,
     fill_holes,
     gather_zones,
@@ -337,7 +339,7 @@ def estimate_disparity(
     left, above = ((side <= 0, side > 0) for side in views.pupil.mean(axis=(2, 3)))
     found = past_edges(
         look, wanted, [a & b for a in left for b in above],
-        lambda quarter: _searched(views.some(quarter & some), noise, low, high, SIZES[0]).disparity, every.look,
+        lambda quarter, near: _searched_near(views.some(quarter & some), noise, low, high, near), every.look,
         largest_sigma, noise.alike,
     )  # fmt: skip
     new = np.isfinite(found.sigma) & (found.disparity >= low) & (found.disparity <= high)
@@ -547,6 +549,54 @@ class Start:
         return np.asarray(self.margin * times**2 < _ALIKE)
 
 
+class _Zones(NamedTuple):
+    """Groups of views that are compared along disparities."""
+
+    zones: Pictures
+    """As `gather_zones` makes them."""
+    cells: Pictures
+    """Least information of each four neighbours."""
+    picture: Array
+    candidates: Array
+    """Disparities, equally far from each other, one beyond either end."""
+
+    @classmethod
+    def of(cls, views: _Views, noise: PixelNoise, low: float, high: float, coarse: bool = False) -> _Zones:
+        """Groups of views, or where these are few or move far each, to search from `low` to `high`."""
+        largest = max(abs(low), abs(high))
+        if views.aside.any():
+            largest += 2 * float(np.abs(views.aside).max())
+        zone, count = views.zones(largest)
+        if count == len(views.grid) >= _MANY:
+            views = views.some((views.grid % 2 == 0).all(axis=1))
+            zone, count = np.arange(len(views.grid)), len(views.grid)
+        if coarse:
+            views = views.halved()
+        overall = np.where(views.light > 0, views.values, 0).sum(axis=0, dtype=float) / np.maximum(views.lit, 1)
+        zones = np.zeros((count, 6, *views.shape), np.float32)
+        with THREADS:
+            gather_zones.compiled(
+                views.values, views.light, views.pupil, views.aside, zone, overall, noise.electrons, noise.read_noise,
+                zones,
+            )  # fmt: skip
+        reach = max(float(np.abs(np.where(zones[:, 1:2] > 0, zones[:, 2:4], 0)).max()), 1e-3)
+        # The outermost views move by a quarter of a microlens from one candidate to the next.
+        steps = max(2, math.ceil((high - low) * reach / (0.25 * min(views.steps))))
+        candidates = low + (high - low) / steps * np.arange(-1.0, steps + 2)
+        light = zones[:, 1]
+        above, below = (np.minimum(each[..., :-1], each[..., 1:]) for each in (light[:, :-1], light[:, 1:]))
+        return cls(zones, np.minimum(above, below), overall, candidates)
+
+
+def _searched_near(views: _Views, noise: PixelNoise, low: float, high: float, near: Flags) -> Array:
+    """Disparities of some views at microlenses `near` something, by small windows; not numbers elsewhere."""
+    zones, cells, picture, candidates = _Zones.of(views, noise, low, high)
+    disparity, shown = np.full(views.shape, np.nan), picture.astype(np.float32)
+    with THREADS:
+        best_of_zones.compiled(zones, cells, shown, candidates, views.steps, SIZES[0], near, disparity)
+    return disparity
+
+
 def _searched(
     views: _Views, noise: PixelNoise, low: float, high: float, window: int, coarse: bool = False
 ) -> Start:  # fmt: skip
@@ -554,34 +604,14 @@ def _searched(
 
     `coarse`: of microlenses four by four together.
     """
-    largest, shape, fine = max(abs(low), abs(high)), views.shape, views.shape
-    if views.aside.any():
-        largest += 2 * float(np.abs(views.aside).max())
-    zone, count = views.zones(largest)
-    if count == len(views.grid) >= _MANY:
-        views = views.some((views.grid % 2 == 0).all(axis=1))
-        zone, count = np.arange(len(views.grid)), len(views.grid)
-    if coarse:
-        views, window = views.halved(), window // 2 | 1
-        shape = views.shape
-    overall = np.where(views.light > 0, views.values, 0).sum(axis=0, dtype=float) / np.maximum(views.lit, 1)
-    zones = np.zeros((count, 6, *shape), np.float32)
-    with THREADS:
-        gather_zones.compiled(
-            views.values, views.light, views.pupil, views.aside, zone, overall, noise.electrons, noise.read_noise, zones
-        )
-    reach = max(float(np.abs(np.where(zones[:, 1:2] > 0, zones[:, 2:4], 0)).max()), 1e-3)
-    # The outermost views move by a quarter of a microlens from one candidate to the next.
-    steps = max(2, math.ceil((high - low) * reach / (0.25 * min(views.steps))))
-    step = (high - low) / steps
-    candidates: Array = low + step * np.arange(-1.0, steps + 2)
-    light = zones[:, 1]
-    above, below = (np.minimum(each[..., :-1], each[..., 1:]) for each in (light[:, :-1], light[:, 1:]))
-    cells = np.minimum(above, below)
+    zones, cells, overall, candidates = _Zones.of(views, noise, low, high, coarse)
+    shape, fine, size, step = overall.shape, views.shape, 1 + coarse, float(candidates[1] - candidates[0])
+    window = window // 2 | 1 if coarse else window
+    pitches = size * views.steps[0], size * views.steps[1]
     squares, freedoms, means = np.zeros((3, len(candidates), *shape), np.float32)
     with THREADS:
         shown = overall.astype(np.float32)
-        spread_of_zones.compiled(zones, cells, shown, candidates, views.steps, squares, freedoms, means)
+        spread_of_zones.compiled(zones, cells, shown, candidates, pitches, squares, freedoms, means)
     totals, freedoms = (box(each, window) for each in (squares, freedoms))
     best = np.zeros(shape, np.int64)
     part, least, second, level = np.zeros((4, *shape))
@@ -594,7 +624,7 @@ def _searched(
         margin = np.where(np.isfinite(second), ((second - least) - 0.02 * (level - least)) * freedom, np.inf)
     maps = start, np.where(np.isfinite(least), means[best, rows, columns], overall), margin
     if coarse:
-        down, along = (np.minimum(np.arange(size) // 2, size // 2 - 1) for size in fine)
+        down, along = (np.minimum(np.arange(n) // 2, n // 2 - 1) for n in fine)
         maps = tuple(each[down[:, None], along] for each in maps)
     return Start(*maps, step, noise)
 

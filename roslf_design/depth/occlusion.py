@@ -98,13 +98,13 @@ def take_best(
 
 
 def past_edges(
-    first: SharedLight, wanted: Flags, quarters: Iterable[Flags], search: Callable[[Flags], Array],
+    first: SharedLight, wanted: Flags, quarters: Iterable[Flags], search: Callable[[Flags, Flags], Array],
     look: Callable[[Flags, Array, Array], SharedLight], largest_sigma: float, alike: float | None,
 ) -> _Offered:  # fmt: skip
     """Disparities of the microlenses `wanted`, where other windows or a quarter of the views have them.
 
     `first` is of all views; `quarters` are true for the views of each quarter of the pupil, `search` makes disparities
-    of some views alone, and `look` looks at them along these, as `_AllViews` does.
+    of some views alone, near some microlenses, and `look` looks at them along these, as `_AllViews` does.
     """
     found = _Offered.none(wanted.shape)
     found.take(first, wanted, largest_sigma, alike)
@@ -112,8 +112,7 @@ def past_edges(
     near = ndimage.binary_dilation(wanted, iterations=SIZES[0])
     for some in quarters:
         if wanted.any() and some.sum() > 2:
-            begun = np.where(near, search(some), np.nan)
-            found.take(look(some, begun, first.picture), wanted, largest_sigma, alike)
+            found.take(look(some, search(some, near), first.picture), wanted, largest_sigma, alike)
     return found
 
 

@@ -14,6 +14,7 @@ Floats = NDArray[np.floating]
 Samples = NDArray[np.float32]
 Lines = NDArray[np.float64]
 Whole = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 Taps = tuple[float32, float32, float32, float32, float32, float32, float32, float32]
 
 SUMS = 12
@@ -28,6 +29,8 @@ _REACH = 27
 """Samples after which the slowest pole has died down to 5e-8."""
 _BEYOND = 11
 """Samples that a view is continued beyond its sides before it is made a spline: 0.54^11 of an error comes back."""
+_BAND = 16
+"""Rows searched together."""
 _SAME_PLACE = 1e-5
 """Difference of pupil coordinates, and of pitches, that is rounding."""
 _SPLINE_LOSS = 0.1235
@@ -238,6 +241,43 @@ def _add_zone(
         count[i] += lit
 
 
+@kernel(inline=True)
+def _whole(zones: Samples, v: int, whole: Floats) -> None:
+    """Tell which zones look from one place all along a row: those move as a whole, in vectors of the compiler's."""
+    for z in range(zones.shape[0]):
+        whole[z] = 1.0
+        for u in range(zones.shape[3]):
+            for a in range(2, 6):
+                if zones[z, 1, v, u] <= 0 or abs(zones[z, a, v, u] - zones[z, a, v, 0]) > _SAME_PLACE:
+                    whole[z] = 0.0
+
+
+@kernel(inline=True)
+def _add_zones(
+    zones: Samples, cells: Samples, expected: Samples, disparity: float, steps: tuple[float, float], whole: Floats,
+    v: int, start: int, stop: int, sums: Samples,
+) -> None:  # fmt: skip
+    """Add all zones, moved by a disparity, to columns `start` to `stop` of a row's sums."""
+    rows, columns = zones.shape[2:]
+    for z in range(zones.shape[0]):
+        end = start
+        while end < stop:
+            u, end = end, end + 1
+            if zones[z, 1, v, u] <= 0:
+                continue
+            x = u + (disparity * zones[z, 2, v, u] + zones[z, 4, v, u]) / steps[0]
+            y = v + (disparity * zones[z, 3, v, u] + zones[z, 5, v, u]) / steps[1]
+            if x < 0 or y < 0 or x > columns - 1 or y > rows - 1:
+                continue
+            a, b = min(int(x), columns - 2), min(int(y), rows - 2)
+            if whole[z] > 0:
+                end = max(end, columns - 1 - (a - u))
+            _add_zone(
+                zones[z, 0, b : b + 2], cells[z, b], expected, a - u, float32(x - a), float32(y - b), u,
+                min(end, stop), sums,
+            )  # fmt: skip
+
+
 @kernel(parallel=True)
 def spread_of_zones(
     zones: Samples, cells: Samples, picture: Samples, candidates: Lines, steps: tuple[float, float], squares: Samples,
@@ -250,40 +290,87 @@ def spread_of_zones(
     """
     count, _, rows, columns = zones.shape
     for v in prange(rows):
-        # A zone that looks from one place all along the row moves as a whole, which the compiler makes vectors of.
-        whole = np.ones(count)
-        for z in range(count):
-            for u in range(columns):
-                for a in range(2, 6):
-                    if zones[z, 1, v, u] <= 0 or abs(zones[z, a, v, u] - zones[z, a, v, 0]) > _SAME_PLACE:
-                        whole[z] = 0.0
-        sums = np.zeros((5, columns), float32)
+        whole, sums = np.ones(count), np.zeros((5, columns), float32)
+        _whole(zones, v, whole)
         for c in range(candidates.size):
-            for a in range(5):
-                for u in range(columns):
-                    sums[a, u] = 0.0
-            for z in range(count):
-                end = 0
-                while end < columns:
-                    u, end = end, end + 1
-                    if zones[z, 1, v, u] <= 0:
-                        continue
-                    x = u + (candidates[c] * zones[z, 2, v, u] + zones[z, 4, v, u]) / steps[0]
-                    y = v + (candidates[c] * zones[z, 3, v, u] + zones[z, 5, v, u]) / steps[1]
-                    if x < 0 or y < 0 or x > columns - 1 or y > rows - 1:
-                        continue
-                    a, b = min(int(x), columns - 2), min(int(y), rows - 2)
-                    if whole[z] > 0:
-                        end = max(end, columns - 1 - (a - u))
-                    _add_zone(
-                        zones[z, 0, b : b + 2], cells[z, b], picture[v], a - u, float32(x - a), float32(y - b), u,
-                        min(end, columns), sums,
-                    )  # fmt: skip
+            sums[:] = float32(0)
+            _add_zones(zones, cells, picture[v], candidates[c], steps, whole, v, 0, columns, sums)
             for u in range(columns):
                 if sums[0, u] > 0:
                     mean[c, v, u] = picture[v, u] + sums[1, u] / sums[0, u]
                     squares[c, v, u] = max(sums[2, u] - sums[1, u] * sums[1, u] / sums[0, u], 0.0)
                     freedom[c, v, u] = sums[3, u] * (1.0 - 1.0 / sums[4, u])
+
+
+@kernel(parallel=True)
+def best_of_zones(
+    zones: Samples, cells: Samples, picture: Samples, candidates: Lines, steps: tuple[float, float], window: int,
+    near: Flags, disparity: Floats,
+) -> None:  # fmt: skip
+    """Best of equally far candidates, as `spread_of_zones` and `best_and_next` find it, of some microlenses alone.
+
+    Windows count those `near` only; where these are not, and where none can be judged, nothing is written.
+    """
+    count, _, rows, columns = zones.shape
+    reach, step = window // 2, candidates[1] - candidates[0]
+    for band in prange((rows + _BAND - 1) // _BAND):
+        top, bottom = band * _BAND, min((band + 1) * _BAND, rows)
+        first, last = max(top - reach, 0), min(bottom + reach, rows)
+        high, wide = bottom - top, columns + 2 * reach
+        whole, sums = np.ones((last - first, count)), np.zeros((5, columns), float32)
+        squares, freedom = np.zeros((2, last - first, columns), float32)
+        down, below = np.zeros((2, wide), float32)
+        cost, over = np.zeros((2, columns), float32)
+        least, previous = np.full((2, high, columns), float32(math.inf))
+        before, after = np.full((2, high, columns), float32(math.inf))
+        best, enough = np.full((high, columns), -9), np.zeros((high, columns), float32)
+        for v in range(first, last):
+            _whole(zones, v, whole[v - first])
+        # That which moves least comes first: all zones have a say there.
+        for c in range(-1, candidates.size):
+            candidate = candidates[c] if c >= 0 else min(max(0.0, candidates[0]), candidates[-1])
+            for v in range(first, last):
+                stop = 0
+                while stop < columns:
+                    start, stop = stop, stop + 1
+                    if not near[v, start]:
+                        continue
+                    while stop < columns and near[v, stop]:
+                        stop += 1
+                    sums[:, start:stop] = float32(0)
+                    _add_zones(zones, cells, picture[v], candidate, steps, whole[v - first], v, start, stop, sums)
+                    for u in range(start, stop):
+                        some = sums[0, u] > 0
+                        total, most = sums[0, u] if some else float32(1), sums[4, u] if some else float32(1)
+                        squares[v - first, u] = max(sums[2, u] - sums[1, u] * sums[1, u] / total, float32(0))
+                        freedom[v - first, u] = sums[3, u] * (float32(1) - float32(1) / most)
+            for v in range(high):
+                down[:], below[:], cost[:], over[:] = float32(0), float32(0), float32(0), float32(0)
+                inner, lower = down[reach : reach + columns], below[reach : reach + columns]
+                for b in range(max(top + v - reach, first) - first, min(top + v + reach + 1, last) - first):
+                    inner += squares[b]
+                    lower += freedom[b]
+                for a in range(window):
+                    cost += down[a : a + columns]
+                    over += below[a : a + columns]
+                if c < 0:
+                    enough[v] = np.maximum(float32(0.25) * over, float32(0.5))
+                    continue
+                for u in range(columns):
+                    here = cost[u] / over[u] if over[u] >= enough[v, u] else float32(math.inf)
+                    if c == best[v, u] + 1:
+                        after[v, u] = here
+                    if here < least[v, u]:
+                        least[v, u], before[v, u], after[v, u] = here, previous[v, u], float32(math.inf)
+                        best[v, u] = c
+                    previous[v, u] = here
+        for v in range(high):
+            for u in range(columns):
+                if near[top + v, u] and least[v, u] < math.inf:
+                    bend, part = np.float64(before[v, u]) - 2 * least[v, u] + after[v, u], 0.0
+                    if 0 < bend < math.inf:
+                        part = min(max(0.5 * (before[v, u] - after[v, u]) / bend, -0.5), 0.5)
+                    disparity[top + v, u] = candidates[best[v, u]] + step * part
 
 
 @kernel(parallel=True)
