@@ -337,9 +337,15 @@ def estimate_disparity(
     wanted |= (judged.status == DisparityStatus.AMBIGUOUS) & (fit.misfit(largest_chi2) > 1)
     some = (views.grid % 2 == 0).all(axis=1) if most else np.ones(len(views.grid), np.bool_)
     left, above = ((side <= 0, side > 0) for side in views.pupil.mean(axis=(2, 3)))
+    # Beside edges is what is seen beside them.
+    least, largest = (
+        (float(np.nanmin(judged.disparity)) - 1, float(np.nanmax(judged.disparity)) + 1)
+        if judged.measured.any() else (low, high)
+    )  # fmt: skip
+    nearby = max(low, least), min(high, largest)
     found = past_edges(
         look, wanted, [a & b for a in left for b in above],
-        lambda quarter, near: _searched_near(views.some(quarter & some), noise, low, high, near), every.look,
+        lambda quarter, near: _searched_near(views.some(quarter & some), noise, *nearby, near), every.look,
         largest_sigma, noise.alike,
     )  # fmt: skip
     new = np.isfinite(found.sigma) & (found.disparity >= low) & (found.disparity <= high)
@@ -617,12 +623,12 @@ def _searched(
     part, least, second, level = np.zeros((4, *shape))
     with THREADS:
         best_and_next.compiled(totals, freedoms, best, part, least, second, level)
-    rows, columns = np.indices(shape, sparse=True)
+    rows, columns = np.ogrid[: shape[0], : shape[1]]
     start = candidates[best] + step * part
     freedom = freedoms[best, rows, columns]
     with np.errstate(invalid="ignore"):
         margin = np.where(np.isfinite(second), ((second - least) - 0.02 * (level - least)) * freedom, np.inf)
-    maps = start, np.where(np.isfinite(least), means[best, rows, columns], overall), margin
+    maps: tuple[Array, ...] = start, np.where(np.isfinite(least), means[best, rows, columns], overall), margin
     if coarse:
         down, along = (np.minimum(np.arange(n) // 2, n // 2 - 1) for n in fine)
         maps = tuple(each[down[:, None], along] for each in maps)

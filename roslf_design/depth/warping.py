@@ -326,6 +326,11 @@ def best_of_zones(
         best, enough = np.full((high, columns), -9), np.zeros((high, columns), float32)
         for v in range(first, last):
             _whole(zones, v, whole[v - first])
+        spans = np.zeros((high, 2), np.int64)
+        for v in range(high):
+            for u in range(columns):
+                if near[top + v, u]:
+                    spans[v, 0], spans[v, 1] = spans[v, 0] if spans[v, 1] > 0 else u, u + 1
         # That which moves least comes first: all zones have a say there.
         for c in range(-1, candidates.size):
             candidate = candidates[c] if c >= 0 else min(max(0.0, candidates[0]), candidates[-1])
@@ -345,25 +350,40 @@ def best_of_zones(
                         squares[v - first, u] = max(sums[2, u] - sums[1, u] * sums[1, u] / total, float32(0))
                         freedom[v - first, u] = sums[3, u] * (float32(1) - float32(1) / most)
             for v in range(high):
-                down[:], below[:], cost[:], over[:] = float32(0), float32(0), float32(0), float32(0)
-                inner, lower = down[reach : reach + columns], below[reach : reach + columns]
-                for b in range(max(top + v - reach, first) - first, min(top + v + reach + 1, last) - first):
-                    inner += squares[b]
-                    lower += freedom[b]
-                for a in range(window):
-                    cost += down[a : a + columns]
-                    over += below[a : a + columns]
-                if c < 0:
-                    enough[v] = np.maximum(float32(0.25) * over, float32(0.5))
+                start, stop = spans[v]
+                wide = stop - start + 2 * reach if stop > start else 0
+                if wide == 0:
                     continue
-                for u in range(columns):
-                    here = cost[u] / over[u] if over[u] >= enough[v, u] else float32(math.inf)
-                    if c == best[v, u] + 1:
-                        after[v, u] = here
-                    if here < least[v, u]:
-                        least[v, u], before[v, u], after[v, u] = here, previous[v, u], float32(math.inf)
-                        best[v, u] = c
-                    previous[v, u] = here
+                for a in range(wide):
+                    down[a], below[a] = float32(0), float32(0)
+                for b in range(max(top + v - reach, first) - first, min(top + v + reach + 1, last) - first):
+                    left, right = max(start - reach, 0), min(stop + reach, columns)
+                    shift = left - (start - reach)
+                    one, other = squares[b, left:right], freedom[b, left:right]
+                    to, also = down[shift : shift + right - left], below[shift : shift + right - left]
+                    for a in range(right - left):
+                        to[a] += one[a]
+                        also[a] += other[a]
+                for u in range(stop - start):
+                    total, free = float32(0), float32(0)
+                    for a in range(window):
+                        total += down[u + a]
+                        free += below[u + a]
+                    cost[u], over[u] = total, free
+                limit, lowest, at = enough[v, start:stop], least[v, start:stop], best[v, start:stop]
+                earlier, later, last_one = before[v, start:stop], after[v, start:stop], previous[v, start:stop]
+                for u in range(stop - start):
+                    if c < 0:
+                        limit[u] = max(float32(0.25) * over[u], float32(0.5))
+                        continue
+                    here = cost[u] / over[u] if over[u] >= limit[u] else float32(math.inf)
+                    later[u] = here if c == at[u] + 1 else later[u]
+                    better = here < lowest[u]
+                    earlier[u] = last_one[u] if better else earlier[u]
+                    later[u] = float32(math.inf) if better else later[u]
+                    at[u] = c if better else at[u]
+                    lowest[u] = here if better else lowest[u]
+                    last_one[u] = here
         for v in range(high):
             for u in range(columns):
                 if near[top + v, u] and least[v, u] < math.inf:
