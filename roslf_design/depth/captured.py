@@ -21,7 +21,7 @@ from ..json_data import plain
 from ..progress import CountedProgress, shares, silent
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.photometry import dark_variance, electrons, veil_electrons
-from .estimate import MANY_PIXELS, DisparityMap, PixelNoise, Start, estimate_disparity
+from .estimate import MANY_PIXELS, ROUGH, DisparityMap, PixelNoise, Start, estimate_disparity
 from .geometry import ArrayGeometry, GridGeometry, ViewGeometry
 from .measure import POINTS, Depths, Measurement, measure, sampled, search_about
 from .pictures import lattice_of
@@ -311,11 +311,11 @@ def _roughly(
     geometry: ViewGeometry, field: LightField, search: tuple[float, float], fixed: bool = True,
     progress: CountedProgress = silent,
 ) -> tuple[DisparityMap, PreparedViews]:  # fmt: skip
-    """Disparities of views by a guess of their noise and one correction, as good as noise and order need them."""
+    """Disparities of views by a guess of their noise and two corrections, as good as noise and order need them."""
     views = geometry.viewing(field).prepared(field)
     estimate = partial(
         estimate_disparity, views.field, views.pupil, PixelNoise(QUIET, QUIET * FIRST_NOISE), aside=views.aside,
-        window=geometry.window, passes=1,
+        window=geometry.window, passes=ROUGH,
     )  # fmt: skip
     what = "measuring noise"
     return _looked_wide(estimate, lambda one: one.outside, field, search, fixed, progress, what), views

@@ -40,6 +40,8 @@ _CLIPPED = 0.05
 _CLIPPED_SAMPLES = 0.1
 """Share of a window's samples that are saturated from which nothing is believed of it: those that are not are dark by
 selection."""
+ROUGH = 2
+"""Corrections that tell noise well enough: after one, what is left of movement still counts as noise."""
 MANY_PIXELS = 192
 """Pixels of views along each side from which they are searched by half as many first."""
 _SETTLED = 0.1
@@ -282,7 +284,7 @@ def estimate_disparity(
     largest_chi2 : float
         Chi-square per degree of freedom above which views disagree.
     passes : int
-        Corrections after the search; of many views the first two take half, a single one a quarter.
+        Corrections after the search; the first two take half of the views, where these are many.
     edges : bool
         Whether windows at odds are looked at once more for what smaller windows, and quarters of the views, have there.
     begun : Start, optional
@@ -307,11 +309,11 @@ def estimate_disparity(
     if not len(views.values):
         return _unlit(views, window, (low, high))
     # Noise that only views tell is that of views with many pixels, which may be searched by fewer.
-    coarse = (noise.alike is not None or passes == 1) and min(views.shape) >= MANY_PIXELS
+    coarse = (noise.alike is not None or passes == ROUGH) and min(views.shape) >= MANY_PIXELS
     first = _searched(views, noise, low, high, window, coarse) if begun is None else begun
     every = replace(every, noise=noise) if every is not None and ready else _AllViews.of(views, noise, field)
     most = len(views.grid) >= _MANY
-    other = views.grid.sum(axis=1) % 2 == 0 if passes > 1 else (views.grid % 2 == 0).all(axis=1)
+    other = views.grid.sum(axis=1) % 2 == 0
     disparity, picture = first.disparity, first.picture
     bound = (low - first.step, high + first.step)
     seen: tuple[bool, bool, SharedLight] | None = None

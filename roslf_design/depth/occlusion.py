@@ -58,7 +58,7 @@ class _Offered:
             fit = WindowFit.of(look, window, alone=True)
             widened, misfit = _PICKED * fit.widened(alike), fit.misfit(AT_ODDS)
             with THREADS:
-                take_best.compiled(
+                _take_best.compiled(
                     np.stack([*vars(fit).values()]), widened, misfit, look.disparity, look.sums, raw, moment,
                     own_limit, wanted, window // 2, largest_sigma,
                     self.disparity, self.sigma, self.chi2, self.views, self.picture,
@@ -66,7 +66,7 @@ class _Offered:
 
 
 @kernel(parallel=True)
-def take_best(
+def _take_best(
     fit: Array, widened: Array, misfit: Array, begun: Array, sums: Array, raw: Array, moment: Array, own_limit: Array,
     wanted: Flags, reach: int, largest_sigma: float, disparity: Array, sigma: Array, chi2: Array, views: Array,
     picture: Array,

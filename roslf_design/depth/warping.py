@@ -302,6 +302,15 @@ def spread_of_zones(
                     freedom[c, v, u] = sums[3, u] * (1.0 - 1.0 / sums[4, u])
 
 
+@kernel(inline=True)
+def _spans(near: Flags, spans: Whole) -> None:
+    """First place of each row that is near, and the one after the last."""
+    for v in range(near.shape[0]):
+        for u in range(near.shape[1]):
+            if near[v, u]:
+                spans[v, 0], spans[v, 1] = spans[v, 0] if spans[v, 1] > 0 else u, u + 1
+
+
 @kernel(parallel=True)
 def best_of_zones(
     zones: Samples, cells: Samples, picture: Samples, candidates: Lines, steps: tuple[float, float], window: int,
@@ -316,21 +325,17 @@ def best_of_zones(
     for band in prange((rows + _BAND - 1) // _BAND):
         top, bottom = band * _BAND, min((band + 1) * _BAND, rows)
         first, last = max(top - reach, 0), min(bottom + reach, rows)
-        high, wide = bottom - top, columns + 2 * reach
+        high = bottom - top
         whole, sums = np.ones((last - first, count)), np.zeros((5, columns), float32)
         squares, freedom = np.zeros((2, last - first, columns), float32)
-        down, below = np.zeros((2, wide), float32)
-        cost, over = np.zeros((2, columns), float32)
+        down, below, cost, over = np.zeros((4, columns + 2 * reach), float32)
         least, previous = np.full((2, high, columns), float32(math.inf))
         before, after = np.full((2, high, columns), float32(math.inf))
         best, enough = np.full((high, columns), -9), np.zeros((high, columns), float32)
         for v in range(first, last):
             _whole(zones, v, whole[v - first])
         spans = np.zeros((high, 2), np.int64)
-        for v in range(high):
-            for u in range(columns):
-                if near[top + v, u]:
-                    spans[v, 0], spans[v, 1] = spans[v, 0] if spans[v, 1] > 0 else u, u + 1
+        _spans(near[top:bottom], spans)
         # That which moves least comes first: all zones have a say there.
         for c in range(-1, candidates.size):
             candidate = candidates[c] if c >= 0 else min(max(0.0, candidates[0]), candidates[-1])
@@ -358,9 +363,9 @@ def best_of_zones(
                     down[a], below[a] = float32(0), float32(0)
                 for b in range(max(top + v - reach, first) - first, min(top + v + reach + 1, last) - first):
                     left, right = max(start - reach, 0), min(stop + reach, columns)
-                    shift = left - (start - reach)
                     one, other = squares[b, left:right], freedom[b, left:right]
-                    to, also = down[shift : shift + right - left], below[shift : shift + right - left]
+                    inner = slice(left - start + reach, right - start + reach)
+                    to, also = down[inner], below[inner]
                     for a in range(right - left):
                         to[a] += one[a]
                         also[a] += other[a]

@@ -20,7 +20,7 @@ _GRADIENT_NOISE = 1.894
 """Noise power of a quintic spline's slope at its nodes, per pitch^2, for samples of unit noise."""
 TERMS = 19
 """Sums over a window: `true` with powers of its place (6), `pulled` with these (3), then raw, moment, both with the
-disparity, residual and freedom, as `window_terms` makes them, and counts (2)."""
+disparity, residual and freedom, as `_window_terms` makes them, and counts (2)."""
 QUORUM = 0.25
 """Share of a window's microlenses that must say something of its disparity."""
 
@@ -53,10 +53,10 @@ class SharedLight:
 
     @cached_property
     def terms(self) -> Array:
-        """What windows add up of each microlens, shape (`TERMS`, v, u)."""
+        """Terms that windows add up of each microlens, shape (`TERMS`, v, u)."""
         terms, known, (raw, moment) = np.empty((TERMS, *self.disparity.shape)), self.gradient[2], self.moments
         with THREADS:
-            window_terms.compiled(self.sums, known, raw, moment, self.disparity, self.steps, terms)
+            _window_terms.compiled(self.sums, known, raw, moment, self.disparity, self.steps, terms)
         return terms
 
     def own(self, change: Array) -> Array:
@@ -98,7 +98,7 @@ class WindowFit:
         wide = near if alone else box(look.terms, 3 * window)
         fit = np.empty((11, *near.shape[1:]))
         with THREADS:
-            fit_windows.compiled(near, wide, look.disparity, QUORUM * window**2, look.density, fit)
+            _fit_windows.compiled(near, wide, look.disparity, QUORUM * window**2, look.density, fit)
         return cls(*fit) if alone else cls(*fit)._beside(window // 2)
 
     def misfit(self, least: float = 0.0) -> Array:
@@ -148,10 +148,10 @@ class WindowFit:
 
 
 @kernel(parallel=True)
-def window_terms(
+def _window_terms(
     sums: Array, known: Flags, raw: Array, moment: Array, disparity: Array, steps: tuple[float, float], terms: Array
 ) -> None:
-    """What windows add up of each microlens: shape (`TERMS`, v, u)."""
+    """Terms that windows add up of each microlens: shape (`TERMS`, v, u)."""
     rows, columns = disparity.shape
     for v in prange(rows):
         for u in range(columns):
@@ -193,7 +193,7 @@ def _plane(t: Array, v: int, u: int) -> tuple[float, float, float, float, float,
 
 
 @kernel(parallel=True)
-def fit_windows(near: Array, wide: Array, disparity: Array, quorum: float, density: float, fit: Array) -> None:
+def _fit_windows(near: Array, wide: Array, disparity: Array, quorum: float, density: float, fit: Array) -> None:
     """Least squares of windows by the sums of their terms, and of wider ones' where these show a plane.
 
     `fit`: the fields of `WindowFit`, shape (11, v, u).
