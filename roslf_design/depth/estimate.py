@@ -630,11 +630,11 @@ def _searched(
     freedom = freedoms[best, rows, columns]
     with np.errstate(invalid="ignore"):
         margin = np.where(np.isfinite(second), ((second - least) - 0.02 * (level - least)) * freedom, np.inf)
-    maps: tuple[Array, ...] = start, np.where(np.isfinite(least), means[best, rows, columns], overall), margin
+    picture: Array = np.where(np.isfinite(least), means[best, rows, columns], overall)
     if coarse:
         down, along = (np.minimum(np.arange(n) // 2, n // 2 - 1) for n in fine)
-        maps = tuple(each[down[:, None], along] for each in maps)
-    return Start(*maps, step, noise)
+        start, picture, margin = (each[down[:, None], along] for each in (start, picture, margin))
+    return Start(start, picture, margin, step, noise)
 
 
 def _judged(
