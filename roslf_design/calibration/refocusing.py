@@ -17,7 +17,8 @@ from .frames import Array
 PLANES = 7
 """Number of planes in a stack, by default."""
 _FARTHEST, _STEP = 24.0, 1.5
-"""Disparities across the views that are looked through, and from one to the next [pitches]."""
+"""Disparities across the views that are looked through [pitches], and from one to the next [pixels of the views, or
+pitches where they are finer]."""
 _VIEWS = 7
 """Views along an axis that this takes."""
 _TILES = 12
@@ -116,14 +117,15 @@ def sharp_disparities(field: LightField, planes: int = PLANES, views: int = _VIE
     `views` along an axis.
     """
     most = min(_FARTHEST, max(min(len(field.u), len(field.v)) / 4, _STEP))
-    steps = math.ceil(most / _STEP)
-    tried = _STEP * np.arange(-steps, steps + 1.0)
+    step = _STEP * max(1.0, float(field.u[-1] - field.u[0]) / max(len(field.u) - 1, 1))
+    steps = math.ceil(most / step)
+    tried = step * np.arange(-steps, steps + 1.0)
     every = math.ceil(max(len(field.s), len(field.t)) / views)
     sharpness = np.array([_sharpness(*field.refocused(-float(b) / field.pitch, every)) for b in tried])
     mostly = np.median(sharpness, axis=0)
     votes = sharpness.max(axis=0) - mostly
     votes[(votes < _STANDS_OUT * mostly) | (sharpness.max(axis=0) < _FAINT**2 * _power(field))] = 0
-    low, high = -2 * _STEP, 2 * _STEP
+    low, high = -2 * step, 2 * step
     if votes.sum() > 0:
         best = tried[sharpness.argmax(axis=0)]
         order = np.argsort(best, kind="stable")

@@ -22,7 +22,7 @@ from ..json_data import plain
 from ..progress import CountedProgress, shares, silent
 from ..theory.exit_pupil import microlens_image_diameter
 from ..theory.photometry import dark_variance, electrons, veil_electrons
-from .estimate import DisparityMap, PixelNoise, Start, estimate_disparity
+from .estimate import MANY_PIXELS, ROUGH, DisparityMap, PixelNoise, Start, estimate_disparity
 from .geometry import ArrayGeometry, GridGeometry, ViewGeometry
 from .measure import POINTS, Depths, Measurement, measure, sampled, search_about
 from .pictures import lattice_of
@@ -41,7 +41,7 @@ MOST_ELECTRONS = 1e12
 """Largest number of electrons in a pixel that a file is believed to stand for."""
 FEW_VIEWS = 4
 """Views along an axis that tell where to search, of views with little noise."""
-SOME_VIEWS = 12
+SOME_VIEWS = 4
 """Largest number of views whose noise is compared with itself."""
 WIDER, TWICE = 3, 1.0
 """Times that the search is widened where the scene goes on beyond it, and by how much of its width."""
@@ -212,8 +212,22 @@ def searched(field: LightField, across: float, views: int = 7) -> tuple[float, f
     views : int
         As many along an axis are looked at.
     """
+    if views == FEW_VIEWS and min(field.values.shape[2:]) >= MANY_PIXELS:
+        field = _halved(field, views)
     sharp = sharp_disparities(field, views=views) * (across / field.pitch)
     return search_about(float(sharp.min()), float(sharp.max()))
+
+
+def _halved(field: LightField, views: int) -> LightField:
+    """Some views along each axis, of half as many pixels along each side: means of four, lit where all of them are."""
+    every = math.ceil(max(len(field.s), len(field.t)) / views)
+    t, s = (slice(axis.size // 2 % every, None, every) for axis in (field.t, field.s))
+    rows, columns = (2 * (size // 2) for size in field.values.shape[2:])
+    corners = [(t, s, slice(b, rows, 2), slice(a, columns, 2)) for b in (0, 1) for a in (0, 1)]
+    values = np.float32(0.25) * np.sum([field.values[corner] for corner in corners], axis=0)
+    weight = np.min([field.weight[corner] for corner in corners], axis=0)
+    v, u = ((axis[:size:2] + axis[1:size:2]) / 2 for axis, size in ((field.v, rows), (field.u, columns)))
+    return LightField(values, weight, field.s[s], field.t[t], u, v, field.pitch)
 
 
 def image_width(camera: Camera) -> float:
@@ -283,10 +297,14 @@ def measured_with_noise(
 def measured_noise(
     geometry: ViewGeometry, field: LightField, search: tuple[float, float], fixed: bool = True,
     progress: CountedProgress = silent,
-) -> tuple[CaptureNoise, DisparityMap]:  # fmt: skip
-    """Noise of views that nobody knows the sensor of, what is left between them once they lie on each other; so how."""
+) -> tuple[CaptureNoise, DisparityMap, LightField]:  # fmt: skip
+    """Noise of views that nobody knows the sensor of, what is left between them once they lie on each other; so how.
+
+    The views come with it as they are measured, white being 1.
+    """
     level = _brightness(field) or 1.0
-    found, views = _roughly(geometry, scaled(field, level), search, fixed, progress)
+    field = scaled(field, level)
+    found, views = _roughly(geometry, field, search, fixed, progress)
     some = found.chi2[found.chi2 > 0]
     noise = max(FIRST_NOISE * math.sqrt(float(np.median(some))) if some.size else FIRST_NOISE, FAINTEST)
     alike = _noise_alike(views.field, views.pupil, found)
@@ -294,7 +312,7 @@ def measured_noise(
     if alike > 1.05:
         said += f", alike in neighbouring pixels, so that errors are {math.sqrt(alike):.2g} times as large"
     pixel = PixelNoise(QUIET, QUIET * noise, alike=alike)
-    return CaptureNoise(pixel, level, said, True), found
+    return CaptureNoise(pixel, level, said, True), found, field
 
 
 def _roughly(
@@ -305,7 +323,7 @@ def _roughly(
     views = geometry.viewing(field).prepared(field)
     estimate = partial(
         estimate_disparity, views.field, views.pupil, PixelNoise(QUIET, QUIET * FIRST_NOISE), aside=views.aside,
-        window=geometry.window, passes=2,
+        window=geometry.window, passes=ROUGH,
     )  # fmt: skip
     what = "measuring noise"
     return _looked_wide(estimate, lambda one: one.outside, field, search, fixed, progress, what), views

@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +17,7 @@ from .occlusion import BESIDE_STEP, SIZES, beside_steps, past_edges
 from .warping import (
     SUMS,
     best_and_next,
+    best_of_zones,
     common,
     fill_holes,
     gather_zones,
@@ -38,6 +40,10 @@ _CLIPPED = 0.05
 _CLIPPED_SAMPLES = 0.1
 """Share of a window's samples that are saturated from which nothing is believed of it: those that are not are dark by
 selection."""
+ROUGH = 2
+"""Corrections that tell noise well enough: after one, what is left of movement still counts as noise."""
+MANY_PIXELS = 192
+"""Pixels of views along each side from which they are searched by half as many first."""
 _SETTLED = 0.1
 """Change of disparity from the one warped back by that a slope can tell [pitches]."""
 _BRIGHT = 0.5
@@ -282,7 +288,8 @@ def estimate_disparity(
     edges : bool
         Whether windows at odds are looked at once more for what smaller windows, and quarters of the views, have there.
     begun : Start, optional
-        Of an estimate of the same views with the same search: it is not made again.
+        Of an estimate of the same views with the same search: it is not made again, and of the same light field views
+        are not prepared again.
     progress : callable
         Told the share that is done, about: of search, corrections and edges a third each.
 
@@ -296,11 +303,15 @@ def estimate_disparity(
         raise ValueError(f"window is {window}; give an odd number of microlenses, 3 or more")
     if not (math.isfinite(low) and math.isfinite(high) and low < high):
         raise ValueError(f"search is {search}; give a least and a largest disparity")
-    views = _Views.of(field, pupil, noise, aside, captured)
+    every = None if begun is None else begun.every
+    ready = every is not None and every.field is field and every.noise.saturation == noise.saturation
+    views = every.views if every is not None and ready else _Views.of(field, pupil, noise, aside, captured)
     if not len(views.values):
         return _unlit(views, window, (low, high))
-    first = _searched(views, noise, low, high, window) if begun is None else begun
-    every = _AllViews.of(views, noise)
+    # Noise that only views tell is that of views with many pixels, which may be searched by fewer.
+    coarse = (noise.alike is not None or passes == ROUGH) and min(views.shape) >= MANY_PIXELS
+    first = _searched(views, noise, low, high, window, coarse) if begun is None else begun
+    every = replace(every, noise=noise) if every is not None and ready else _AllViews.of(views, noise, field)
     most = len(views.grid) >= _MANY
     other = views.grid.sum(axis=1) % 2 == 0
     disparity, picture = first.disparity, first.picture
@@ -320,7 +331,7 @@ def estimate_disparity(
         disparity = np.clip(look.disparity + np.clip(target - look.disparity, -0.5, 0.5), *bound)
     alike = first.alike(noise)
     judged = _judged(fit, look, views, noise, alike, window, (low, high), largest_sigma, largest_chi2)
-    judged = replace(judged, begun=replace(first, disparity=disparity, picture=picture))
+    judged = replace(judged, begun=replace(first, disparity=disparity, picture=picture, every=every))
     if not edges:
         return judged
     progress(2 / 3)
@@ -328,9 +339,15 @@ def estimate_disparity(
     wanted |= (judged.status == DisparityStatus.AMBIGUOUS) & (fit.misfit(largest_chi2) > 1)
     some = (views.grid % 2 == 0).all(axis=1) if most else np.ones(len(views.grid), np.bool_)
     left, above = ((side <= 0, side > 0) for side in views.pupil.mean(axis=(2, 3)))
+    # Beside edges is what is seen beside them.
+    least, largest = (
+        (float(np.nanmin(judged.disparity)) - 1, float(np.nanmax(judged.disparity)) + 1)
+        if judged.measured.any() else (low, high)
+    )  # fmt: skip
+    nearby = max(low, least), min(high, largest)
     found = past_edges(
         look, wanted, [a & b for a in left for b in above],
-        lambda quarter: _searched(views.some(quarter & some), noise, low, high, SIZES[0]).disparity, every.look,
+        lambda quarter, near: _searched_near(views.some(quarter & some), noise, *nearby, near), every.look,
         largest_sigma, noise.alike,
     )  # fmt: skip
     new = np.isfinite(found.sigma) & (found.disparity >= low) & (found.disparity <= high)
@@ -354,10 +371,12 @@ class _AllViews:
     noise: PixelNoise
     splines: Pictures
     cells: Pictures
+    field: LightField
+    """Light field that they are of."""
 
     @classmethod
-    def of(cls, views: _Views, noise: PixelNoise) -> _AllViews:
-        return cls(views, noise, *views.splines())
+    def of(cls, views: _Views, noise: PixelNoise, field: LightField) -> _AllViews:
+        return cls(views, noise, *views.splines(), field)
 
     def look(
         self, some: Flags | None, disparity: Array, picture: Array, robust: bool = True, kept: SharedLight | None = None
@@ -461,6 +480,19 @@ class _Views:
             saturated=full.sum(axis=0),
         )  # fmt: skip
 
+    def halved(self) -> _Views:
+        """Views of half as many microlenses along each side, means of four, lit where all of them are."""
+        rows, columns = (2 * (size // 2) for size in self.shape)
+        corners = [(..., slice(b, rows, 2), slice(a, columns, 2)) for b in (0, 1) for a in (0, 1)]
+        values = np.float32(0.25) * np.sum([self.values[corner] for corner in corners], axis=0)
+        light = np.min([self.light[corner] for corner in corners], axis=0)
+        full = np.max([self.full[corner] for corner in corners], axis=0)
+        return replace(
+            self, values=values, light=light, full=full, pupil=_read_only(self.pupil[corners[0]]),
+            aside=_read_only(self.aside[corners[0]]), lit=(light > 0).sum(axis=0), saturated=full.sum(axis=0),
+            steps=(2 * self.steps[0], 2 * self.steps[1]),
+        )  # fmt: skip
+
     def splines(self) -> tuple[Pictures, Pictures]:
         """Spline coefficients and light of the cells between samples."""
         views = self.values.copy()
@@ -517,6 +549,7 @@ class Start:
     step: float
     noise: PixelNoise
     """Noise that chi-square is for."""
+    every: _AllViews | None = None
 
     def alike(self, noise: PixelNoise) -> Flags:
         """True where another disparity fits as well."""
@@ -524,47 +557,84 @@ class Start:
         return np.asarray(self.margin * times**2 < _ALIKE)
 
 
-def _searched(views: _Views, noise: PixelNoise, low: float, high: float, window: int) -> Start:
-    """Best of all candidates at every microlens, by the spread of groups of views about their mean."""
-    largest, shape = max(abs(low), abs(high)), views.shape
-    if views.aside.any():
-        largest += 2 * float(np.abs(views.aside).max())
-    zone, count = views.zones(largest)
-    if count == len(views.grid) >= _MANY:
-        views = views.some((views.grid % 2 == 0).all(axis=1))
-        zone, count = np.arange(len(views.grid)), len(views.grid)
-    overall = np.where(views.light > 0, views.values, 0).sum(axis=0, dtype=float) / np.maximum(views.lit, 1)
-    zones = np.zeros((count, 6, *shape), np.float32)
+class _Zones(NamedTuple):
+    """Groups of views that are compared along disparities."""
+
+    zones: Pictures
+    """As `gather_zones` makes them."""
+    cells: Pictures
+    """Least information of each four neighbours."""
+    picture: Array
+    candidates: Array
+    """Disparities, equally far from each other, one beyond either end."""
+
+    @classmethod
+    def of(cls, views: _Views, noise: PixelNoise, low: float, high: float, coarse: bool = False) -> _Zones:
+        """Groups of views, or where these are few or move far each, to search from `low` to `high`."""
+        largest = max(abs(low), abs(high))
+        if views.aside.any():
+            largest += 2 * float(np.abs(views.aside).max())
+        zone, count = views.zones(largest)
+        if count == len(views.grid) >= _MANY:
+            views = views.some((views.grid % 2 == 0).all(axis=1))
+            zone, count = np.arange(len(views.grid)), len(views.grid)
+        if coarse:
+            views = views.halved()
+        overall = np.where(views.light > 0, views.values, 0).sum(axis=0, dtype=float) / np.maximum(views.lit, 1)
+        zones = np.zeros((count, 6, *views.shape), np.float32)
+        with THREADS:
+            gather_zones.compiled(
+                views.values, views.light, views.pupil, views.aside, zone, overall, noise.electrons, noise.read_noise,
+                zones,
+            )  # fmt: skip
+        reach = max(float(np.abs(np.where(zones[:, 1:2] > 0, zones[:, 2:4], 0)).max()), 1e-3)
+        # The outermost views move by a quarter of a microlens from one candidate to the next.
+        steps = max(2, math.ceil((high - low) * reach / (0.25 * min(views.steps))))
+        candidates = low + (high - low) / steps * np.arange(-1.0, steps + 2)
+        light = zones[:, 1]
+        above, below = (np.minimum(each[..., :-1], each[..., 1:]) for each in (light[:, :-1], light[:, 1:]))
+        return cls(zones, np.minimum(above, below), overall, candidates)
+
+
+def _searched_near(views: _Views, noise: PixelNoise, low: float, high: float, near: Flags) -> Array:
+    """Disparities of some views at microlenses `near` something, by small windows; not numbers elsewhere."""
+    zones, cells, picture, candidates = _Zones.of(views, noise, low, high)
+    disparity, shown = np.full(views.shape, np.nan), picture.astype(np.float32)
     with THREADS:
-        gather_zones.compiled(
-            views.values, views.light, views.pupil, views.aside, zone, overall, noise.electrons, noise.read_noise, zones
-        )
-    reach = max(float(np.abs(np.where(zones[:, 1:2] > 0, zones[:, 2:4], 0)).max()), 1e-3)
-    # The outermost views move by a quarter of a microlens from one candidate to the next.
-    steps = max(2, math.ceil((high - low) * reach / (0.25 * min(views.steps))))
-    step = (high - low) / steps
-    candidates: Array = low + step * np.arange(-1.0, steps + 2)
-    light = zones[:, 1]
-    above, below = (np.minimum(each[..., :-1], each[..., 1:]) for each in (light[:, :-1], light[:, 1:]))
-    cells = np.minimum(above, below)
+        best_of_zones.compiled(zones, cells, shown, candidates, views.steps, SIZES[0], near, disparity)
+    return disparity
+
+
+def _searched(
+    views: _Views, noise: PixelNoise, low: float, high: float, window: int, coarse: bool = False
+) -> Start:  # fmt: skip
+    """Best of all candidates at every microlens, by the spread of groups of views about their mean.
+
+    `coarse`: of microlenses four by four together.
+    """
+    zones, cells, overall, candidates = _Zones.of(views, noise, low, high, coarse)
+    shape, fine, size, step = overall.shape, views.shape, 1 + coarse, float(candidates[1] - candidates[0])
+    window = window // 2 | 1 if coarse else window
+    pitches = size * views.steps[0], size * views.steps[1]
     squares, freedoms, means = np.zeros((3, len(candidates), *shape), np.float32)
     with THREADS:
         shown = overall.astype(np.float32)
-        spread_of_zones.compiled(zones, cells, shown, candidates, views.steps, squares, freedoms, means)
+        spread_of_zones.compiled(zones, cells, shown, candidates, pitches, squares, freedoms, means)
     totals, freedoms = (box(each, window) for each in (squares, freedoms))
-    # A candidate that few zones can judge would win by chance.
-    judged = (freedoms > 0.5) & (freedoms >= 0.25 * freedoms.max(axis=0))
-    costs = np.divide(totals, freedoms, out=np.full(totals.shape, np.inf, np.float32), where=judged)
     best = np.zeros(shape, np.int64)
     part, least, second, level = np.zeros((4, *shape))
     with THREADS:
-        best_and_next.compiled(costs, best, part, least, second, level)
-    rows, columns = np.indices(shape, sparse=True)
+        best_and_next.compiled(totals, freedoms, best, part, least, second, level)
+    rows, columns = np.ogrid[: shape[0], : shape[1]]
     start = candidates[best] + step * part
     freedom = freedoms[best, rows, columns]
     with np.errstate(invalid="ignore"):
         margin = np.where(np.isfinite(second), ((second - least) - 0.02 * (level - least)) * freedom, np.inf)
-    return Start(start, np.where(np.isfinite(least), means[best, rows, columns], overall), margin, step, noise)
+    picture: Array = np.where(np.isfinite(least), means[best, rows, columns], overall)
+    if coarse:
+        down, along = (np.minimum(np.arange(n) // 2, n // 2 - 1) for n in fine)
+        start, picture, margin = (each[down[:, None], along] for each in (start, picture, margin))
+    return Start(start, picture, margin, step, noise)
 
 
 def _judged(

@@ -289,10 +289,9 @@ def _views(capture: _Capture, progress: CountedProgress) -> MeasuredCapture:
         search = search_about(*sorted(across * end for end in files.disparities))
     else:
         search = searched(field, wide, FEW_VIEWS)
-    noise, first = measured_noise(geometry, field, search, options.between is not None, progress)
+    noise, first, field = measured_noise(geometry, field, search, options.between is not None, progress)
     if not float(field.values.max(initial=0.0)) > 0:
         raise capture.refused("all views are black; check which files they are")
-    field = scaled(field, noise.scale)
     run, noise = capture.measured(geometry, field, noise, first.search, progress, first.begun)
     return MeasuredCapture(
         (run,), true, None, image.name, files.kind, camera, capture.calibration, noise, truth,

@@ -32,7 +32,7 @@ from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
 from .dense import DenseMap
 from .estimate import DisparityMap, DisparityStatus, PixelNoise, Start, estimate_disparity, saturated
-from .geometry import ArrayGeometry, ViewGeometry, Viewing, disparity_of, sigma_of
+from .geometry import ArrayGeometry, GridGeometry, ViewGeometry, Viewing, disparity_of, sigma_of
 from .pictures import SLANT, Framed, PictureOptions, Unexposed, Work, chief_rays, default_scene, lattice_of, rays_for
 from .traced_views import TracedViews
 from .unmixing import PreparedViews, places_on_array
@@ -374,6 +374,7 @@ def measure(
     sigma = np.full(z.shape, np.inf)
     sigma[known] = geometry.sigma(z[known], disparities.sigma[known])
     off = geometry.calibration_sigma(z)
+    disparities = replace(disparities, begun=None)
     return Depths(geometry, field, pupil, aside, disparities, geometry.places(field), z, sigma, off)
 
 
@@ -388,6 +389,8 @@ def _with_shared(
     """
     from scipy import ndimage
 
+    if isinstance(viewing, GridGeometry):  # cameras share no light
+        return views, disparities
     assumed, rounds, lit = list[Array](), [disparities], views
     dull = saturated(field, noise).mean((2, 3)) > DULLED
     while len(rounds) < 3 and (begun := rounds[-1].begun) is not None:

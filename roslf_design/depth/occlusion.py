@@ -7,6 +7,7 @@ hold a microlens and are at one with themselves and with its own views, the one 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
@@ -14,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from .._jit import THREADS, kernel, prange
 from .windows import SharedLight, WindowFit, chance
 
 Array = NDArray[np.float64]
@@ -50,47 +52,59 @@ class _Offered:
 
     def take(self, look: SharedLight, wanted: Flags, largest_sigma: float, alike: float | None) -> None:
         """Take the windows of a look that know more than those so far."""
-        at = np.argwhere(wanted)
-        rows, columns = wanted.shape
         own_limit = np.maximum(AT_ODDS, chance(look.sums[10]))
-        raw, moment = look.moments
-        here = tuple(at.T)
-        moment, raw = (np.where(look.gradient[2], part, 0)[here] for part in (moment, raw))
+        raw, moment = (np.where(look.gradient[2], part, 0) for part in look.moments)
         for window in SIZES:
-            fit, reach = WindowFit.of(look, window, alone=True), window // 2
-            widened, misfit = fit.widened(alike), fit.misfit(AT_ODDS)
-            for under in (-reach, 0, reach):
-                for over in (-reach, 0, reach):
-                    v, u = at[:, 0] + under, at[:, 1] + over
-                    inside = (v >= 0) & (v < rows) & (u >= 0) & (u < columns)
-                    there = np.clip(v, 0, rows - 1), np.clip(u, 0, columns - 1)
-                    value = fit.disparity[there] - np.clip(
-                        fit.across[there] * over + fit.down[there] * under, -0.5, 0.5
-                    )
-                    carried = fit.uu[there] * over**2 + 2 * fit.uv[there] * over * under + fit.vv[there] * under**2
-                    sigma = np.sqrt(fit.sigma[there] ** 2 + np.maximum(carried, 0))
-                    change = value - look.disparity[here]
-                    own = (look.sums[9][here] + (2 * moment + raw * change) * change) / np.maximum(
-                        look.sums[10][here], 0.5
-                    )
-                    good = inside & (misfit[there] <= 1) & (own <= own_limit[here]) & (sigma <= largest_sigma)
-                    good &= (np.abs(change) <= np.maximum(0.5 * sigma, SETTLED)) & (fit.spare[there] > 3)
-                    sigma = _PICKED * sigma * widened[there]
-                    good &= sigma < self.sigma[here]
-                    to, source = tuple(at[good].T), (there[0][good], there[1][good])
-                    self.disparity[to], self.sigma[to] = value[good], sigma[good]
-                    self.chi2[to] = np.maximum(fit.chi2[source], fit.strain[source])
-                    self.views[to], self.picture[to] = look.sums[11][to], look.sums[0][to]
+            fit = WindowFit.of(look, window, alone=True)
+            widened, misfit = _PICKED * fit.widened(alike), fit.misfit(AT_ODDS)
+            with THREADS:
+                _take_best.compiled(
+                    np.stack([*vars(fit).values()]), widened, misfit, look.disparity, look.sums, raw, moment,
+                    own_limit, wanted, window // 2, largest_sigma,
+                    self.disparity, self.sigma, self.chi2, self.views, self.picture,
+                )  # fmt: skip
+
+
+@kernel(parallel=True)
+def _take_best(
+    fit: Array, widened: Array, misfit: Array, begun: Array, sums: Array, raw: Array, moment: Array, own_limit: Array,
+    wanted: Flags, reach: int, largest_sigma: float, disparity: Array, sigma: Array, chi2: Array, views: Array,
+    picture: Array,
+) -> None:  # fmt: skip
+    """Take, of windows that hold a microlens, that which knows its disparity best, if it knows more than `sigma`."""
+    rows, columns = wanted.shape
+    for v in prange(rows):
+        for u in range(columns):
+            if not wanted[v, u]:
+                continue
+            for b in range(max(v - reach, 0), min(v + reach + 1, rows), reach):
+                for a in range(max(u - reach, 0), min(u + reach + 1, columns), reach):
+                    over, under = u - a, v - b
+                    if (over % reach) + (under % reach) or misfit[b, a] > 1 or not fit[5, b, a] > 3:
+                        continue
+                    change = fit[6, b, a] * over + fit[7, b, a] * under
+                    value = fit[0, b, a] + min(max(change, -0.5), 0.5)
+                    carried = fit[8, b, a] * over * over + 2 * fit[9, b, a] * over * under
+                    carried += fit[10, b, a] * under * under
+                    error = math.sqrt(fit[1, b, a] ** 2 + max(carried, 0.0))
+                    change = value - begun[v, u]
+                    own = sums[9, v, u] + (2 * moment[v, u] + raw[v, u] * change) * change
+                    good = own <= own_limit[v, u] * max(sums[10, v, u], 0.5) and error <= largest_sigma
+                    good = good and abs(change) <= max(0.5 * error, SETTLED)
+                    if good and error * widened[b, a] < sigma[v, u]:
+                        disparity[v, u], sigma[v, u] = value, error * widened[b, a]
+                        chi2[v, u] = max(fit[2, b, a], fit[4, b, a])
+                        views[v, u], picture[v, u] = sums[11, v, u], sums[0, v, u]
 
 
 def past_edges(
-    first: SharedLight, wanted: Flags, quarters: Iterable[Flags], search: Callable[[Flags], Array],
+    first: SharedLight, wanted: Flags, quarters: Iterable[Flags], search: Callable[[Flags, Flags], Array],
     look: Callable[[Flags, Array, Array], SharedLight], largest_sigma: float, alike: float | None,
 ) -> _Offered:  # fmt: skip
     """Disparities of the microlenses `wanted`, where other windows or a quarter of the views have them.
 
     `first` is of all views; `quarters` are true for the views of each quarter of the pupil, `search` makes disparities
-    of some views alone, and `look` looks at them along these, as `_AllViews` does.
+    of some views alone, near some microlenses, and `look` looks at them along these, as `_AllViews` does.
     """
     found = _Offered.none(wanted.shape)
     found.take(first, wanted, largest_sigma, alike)
@@ -98,8 +112,7 @@ def past_edges(
     near = ndimage.binary_dilation(wanted, iterations=SIZES[0])
     for some in quarters:
         if wanted.any() and some.sum() > 2:
-            begun = np.where(near, search(some), np.nan)
-            found.take(look(some, begun, first.picture), wanted, largest_sigma, alike)
+            found.take(look(some, search(some, near), first.picture), wanted, largest_sigma, alike)
     return found
 
 

@@ -14,6 +14,7 @@ Floats = NDArray[np.floating]
 Samples = NDArray[np.float32]
 Lines = NDArray[np.float64]
 Whole = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 Taps = tuple[float32, float32, float32, float32, float32, float32, float32, float32]
 
 SUMS = 12
@@ -28,6 +29,8 @@ _REACH = 27
 """Samples after which the slowest pole has died down to 5e-8."""
 _BEYOND = 11
 """Samples that a view is continued beyond its sides before it is made a spline: 0.54^11 of an error comes back."""
+_BAND = 16
+"""Rows searched together."""
 _SAME_PLACE = 1e-5
 """Difference of pupil coordinates, and of pitches, that is rounding."""
 _SPLINE_LOSS = 0.1235
@@ -199,21 +202,21 @@ def gather_zones(
 def window_sums(values: NDArray[np.floating], window: int, out: NDArray[np.floating]) -> None:
     """Sums over the window about each place of pictures, as far as it lies in them; shape (picture, v, u)."""
     count, rows, columns = values.shape
-    reach, down = window // 2, np.zeros(columns + window)
+    # In slices, which the compiler makes vectors of.
+    reach, down, total = window // 2, np.zeros(columns + window), np.zeros(columns)
+    inner = down[reach : reach + columns]
     for k in range(count):
-        for u in range(columns):
-            down[reach + u] = 0.0
+        inner[:] = 0.0
         for v in range(-reach, rows):
-            for u in range(columns):
-                if v + reach < rows:
-                    down[reach + u] += values[k, v + reach, u]
-                if v > reach:
-                    down[reach + u] -= values[k, v - reach - 1, u]
-            for u in range(columns if v >= 0 else 0):
-                total = 0.0
-                for a in range(window):
-                    total += down[u + a]
-                out[k, v, u] = total
+            if v + reach < rows:
+                inner += values[k, v + reach]
+            if v > reach:
+                inner -= values[k, v - reach - 1]
+            if v >= 0:
+                total[:] = down[:columns]
+                for a in range(1, window):
+                    total += down[a : a + columns]
+                out[k, v] = total
 
 
 @kernel(inline=True)
@@ -238,6 +241,43 @@ def _add_zone(
         count[i] += lit
 
 
+@kernel(inline=True)
+def _whole(zones: Samples, v: int, whole: Floats) -> None:
+    """Tell which zones look from one place all along a row: those move as a whole, in vectors of the compiler's."""
+    for z in range(zones.shape[0]):
+        whole[z] = 1.0
+        for u in range(zones.shape[3]):
+            for a in range(2, 6):
+                if zones[z, 1, v, u] <= 0 or abs(zones[z, a, v, u] - zones[z, a, v, 0]) > _SAME_PLACE:
+                    whole[z] = 0.0
+
+
+@kernel(inline=True)
+def _add_zones(
+    zones: Samples, cells: Samples, expected: Samples, disparity: float, steps: tuple[float, float], whole: Floats,
+    v: int, start: int, stop: int, sums: Samples,
+) -> None:  # fmt: skip
+    """Add all zones, moved by a disparity, to columns `start` to `stop` of a row's sums."""
+    rows, columns = zones.shape[2:]
+    for z in range(zones.shape[0]):
+        end = start
+        while end < stop:
+            u, end = end, end + 1
+            if zones[z, 1, v, u] <= 0:
+                continue
+            x = u + (disparity * zones[z, 2, v, u] + zones[z, 4, v, u]) / steps[0]
+            y = v + (disparity * zones[z, 3, v, u] + zones[z, 5, v, u]) / steps[1]
+            if x < 0 or y < 0 or x > columns - 1 or y > rows - 1:
+                continue
+            a, b = min(int(x), columns - 2), min(int(y), rows - 2)
+            if whole[z] > 0:
+                end = max(end, columns - 1 - (a - u))
+            _add_zone(
+                zones[z, 0, b : b + 2], cells[z, b], expected, a - u, float32(x - a), float32(y - b), u,
+                min(end, stop), sums,
+            )  # fmt: skip
+
+
 @kernel(parallel=True)
 def spread_of_zones(
     zones: Samples, cells: Samples, picture: Samples, candidates: Lines, steps: tuple[float, float], squares: Samples,
@@ -250,35 +290,11 @@ def spread_of_zones(
     """
     count, _, rows, columns = zones.shape
     for v in prange(rows):
-        # A zone that looks from one place all along the row moves as a whole, which the compiler makes vectors of.
-        whole = np.ones(count)
-        for z in range(count):
-            for u in range(columns):
-                for a in range(2, 6):
-                    if zones[z, 1, v, u] <= 0 or abs(zones[z, a, v, u] - zones[z, a, v, 0]) > _SAME_PLACE:
-                        whole[z] = 0.0
-        sums = np.zeros((5, columns), float32)
+        whole, sums = np.ones(count), np.zeros((5, columns), float32)
+        _whole(zones, v, whole)
         for c in range(candidates.size):
-            for a in range(5):
-                for u in range(columns):
-                    sums[a, u] = 0.0
-            for z in range(count):
-                end = 0
-                while end < columns:
-                    u, end = end, end + 1
-                    if zones[z, 1, v, u] <= 0:
-                        continue
-                    x = u + (candidates[c] * zones[z, 2, v, u] + zones[z, 4, v, u]) / steps[0]
-                    y = v + (candidates[c] * zones[z, 3, v, u] + zones[z, 5, v, u]) / steps[1]
-                    if x < 0 or y < 0 or x > columns - 1 or y > rows - 1:
-                        continue
-                    a, b = min(int(x), columns - 2), min(int(y), rows - 2)
-                    if whole[z] > 0:
-                        end = max(end, columns - 1 - (a - u))
-                    _add_zone(
-                        zones[z, 0, b : b + 2], cells[z, b], picture[v], a - u, float32(x - a), float32(y - b), u,
-                        min(end, columns), sums,
-                    )  # fmt: skip
+            sums[:] = float32(0)
+            _add_zones(zones, cells, picture[v], candidates[c], steps, whole, v, 0, columns, sums)
             for u in range(columns):
                 if sums[0, u] > 0:
                     mean[c, v, u] = picture[v, u] + sums[1, u] / sums[0, u]
@@ -286,42 +302,146 @@ def spread_of_zones(
                     freedom[c, v, u] = sums[3, u] * (1.0 - 1.0 / sums[4, u])
 
 
+@kernel(inline=True)
+def _spans(near: Flags, spans: Whole) -> None:
+    """First place of each row that is near, and the one after the last."""
+    for v in range(near.shape[0]):
+        for u in range(near.shape[1]):
+            if near[v, u]:
+                spans[v, 0], spans[v, 1] = spans[v, 0] if spans[v, 1] > 0 else u, u + 1
+
+
+@kernel(parallel=True)
+def best_of_zones(
+    zones: Samples, cells: Samples, picture: Samples, candidates: Lines, steps: tuple[float, float], window: int,
+    near: Flags, disparity: Floats,
+) -> None:  # fmt: skip
+    """Best of equally far candidates, as `spread_of_zones` and `best_and_next` find it, of some microlenses alone.
+
+    Windows count those `near` only; where these are not, and where none can be judged, nothing is written.
+    """
+    count, _, rows, columns = zones.shape
+    reach, step = window // 2, candidates[1] - candidates[0]
+    for band in prange((rows + _BAND - 1) // _BAND):
+        top, bottom = band * _BAND, min((band + 1) * _BAND, rows)
+        first, last = max(top - reach, 0), min(bottom + reach, rows)
+        high = bottom - top
+        whole, sums = np.ones((last - first, count)), np.zeros((5, columns), float32)
+        squares, freedom = np.zeros((2, last - first, columns), float32)
+        down, below, cost, over = np.zeros((4, columns + 2 * reach), float32)
+        least, previous = np.full((2, high, columns), float32(math.inf))
+        before, after = np.full((2, high, columns), float32(math.inf))
+        best, enough = np.full((high, columns), -9), np.zeros((high, columns), float32)
+        for v in range(first, last):
+            _whole(zones, v, whole[v - first])
+        spans = np.zeros((high, 2), np.int64)
+        _spans(near[top:bottom], spans)
+        # That which moves least comes first: all zones have a say there.
+        for c in range(-1, candidates.size):
+            candidate = candidates[c] if c >= 0 else min(max(0.0, candidates[0]), candidates[-1])
+            for v in range(first, last):
+                stop = 0
+                while stop < columns:
+                    start, stop = stop, stop + 1
+                    if not near[v, start]:
+                        continue
+                    while stop < columns and near[v, stop]:
+                        stop += 1
+                    sums[:, start:stop] = float32(0)
+                    _add_zones(zones, cells, picture[v], candidate, steps, whole[v - first], v, start, stop, sums)
+                    for u in range(start, stop):
+                        some = sums[0, u] > 0
+                        total, most = sums[0, u] if some else float32(1), sums[4, u] if some else float32(1)
+                        squares[v - first, u] = max(sums[2, u] - sums[1, u] * sums[1, u] / total, float32(0))
+                        freedom[v - first, u] = sums[3, u] * (float32(1) - float32(1) / most)
+            for v in range(high):
+                start, stop = spans[v]
+                wide = stop - start + 2 * reach if stop > start else 0
+                if wide == 0:
+                    continue
+                for a in range(wide):
+                    down[a], below[a] = float32(0), float32(0)
+                for b in range(max(top + v - reach, first) - first, min(top + v + reach + 1, last) - first):
+                    left, right = max(start - reach, 0), min(stop + reach, columns)
+                    one, other = squares[b, left:right], freedom[b, left:right]
+                    inner = slice(left - start + reach, right - start + reach)
+                    to, also = down[inner], below[inner]
+                    for a in range(right - left):
+                        to[a] += one[a]
+                        also[a] += other[a]
+                for u in range(stop - start):
+                    total, free = float32(0), float32(0)
+                    for a in range(window):
+                        total += down[u + a]
+                        free += below[u + a]
+                    cost[u], over[u] = total, free
+                limit, lowest, at = enough[v, start:stop], least[v, start:stop], best[v, start:stop]
+                earlier, later, last_one = before[v, start:stop], after[v, start:stop], previous[v, start:stop]
+                for u in range(stop - start):
+                    if c < 0:
+                        limit[u] = max(float32(0.25) * over[u], float32(0.5))
+                        continue
+                    here = cost[u] / over[u] if over[u] >= limit[u] else float32(math.inf)
+                    later[u] = here if c == at[u] + 1 else later[u]
+                    better = here < lowest[u]
+                    earlier[u] = last_one[u] if better else earlier[u]
+                    later[u] = float32(math.inf) if better else later[u]
+                    at[u] = c if better else at[u]
+                    lowest[u] = here if better else lowest[u]
+                    last_one[u] = here
+        for v in range(high):
+            for u in range(columns):
+                if near[top + v, u] and least[v, u] < math.inf:
+                    bend, part = np.float64(before[v, u]) - 2 * least[v, u] + after[v, u], 0.0
+                    if 0 < bend < math.inf:
+                        part = min(max(0.5 * (before[v, u] - after[v, u]) / bend, -0.5), 0.5)
+                    disparity[top + v, u] = candidates[best[v, u]] + step * part
+
+
 @kernel(parallel=True)
 def best_and_next(
-    costs: Samples, best: Whole, part: Floats, least: Floats, second: Floats, level: Floats
+    squares: Samples, freedoms: Samples, best: Whole, part: Floats, least: Floats, second: Floats, level: Floats
 ) -> None:  # fmt: skip
-    """Best candidate of each microlens, and floors of its dip and of the next.
+    """Best candidate of each microlens by chi-square over freedom, and floors of its dip and of the next.
 
     `part` of a step lies its floor beyond it by the parabola through it; where there is no floor it is infinite;
     `level` is the mean of all costs.
     """
-    count, rows, columns = costs.shape
+    count, rows, columns = squares.shape
     for v in prange(rows):
+        most, costs = np.zeros(columns, float32), np.full((count + 2, columns), float32(math.inf))
+        lowest, some = np.full(columns, float32(math.inf)), np.zeros(columns)
         for u in range(columns):
-            at, total, some = 0, 0.0, 0
-            for k in range(count):
-                if costs[k, v, u] < costs[at, v, u]:
-                    at = k
-                if costs[k, v, u] < math.inf:
-                    total, some = total + costs[k, v, u], some + 1
-            best[v, u], level[v, u], part[v, u], least[v, u], second[v, u] = at, total, 0.0, math.inf, math.inf
-            if some > 0:
-                level[v, u] /= some
-            for k in range(count):
-                here = np.float64(costs[k, v, u])
-                before = costs[k - 1, v, u] if k > 0 else math.inf
-                after = costs[k + 1, v, u] if k < count - 1 else math.inf
+            best[v, u], level[v, u], part[v, u], least[v, u], second[v, u] = 0, 0.0, 0.0, math.inf, math.inf
+        for k in range(count):
+            for u in range(columns):
+                most[u] = max(most[u], freedoms[k, v, u])
+        for k in range(count):
+            for u in range(columns):
+                # A candidate that few zones can judge would win by chance.
+                if freedoms[k, v, u] > 0.5 and freedoms[k, v, u] >= 0.25 * most[u]:
+                    cost = squares[k, v, u] / freedoms[k, v, u]
+                    costs[k + 1, u] = cost
+                    level[v, u] += cost
+                    some[u] += 1
+                    if cost < lowest[u]:
+                        lowest[u], best[v, u] = cost, k
+        for u in range(columns):
+            level[v, u] /= max(some[u], 1.0)
+        for k in range(count):
+            for u in range(columns):
+                here, before, after = costs[k + 1, u], costs[k, u], costs[k + 2, u]
                 if not (here < math.inf and here <= before and here <= after):
                     continue
-                bend, rise = before - 2 * here + after, before - after
-                floor = here
+                bend, rise = np.float64(before) - 2 * here + after, np.float64(before) - after
+                floor = np.float64(here)
                 if 0 < bend < math.inf:
                     floor -= rise * rise / (8 * bend)
-                    if k == at:
+                    if k == best[v, u]:
                         part[v, u] = min(max(0.5 * rise / bend, -0.5), 0.5)
-                if k == at:
+                if k == best[v, u]:
                     least[v, u] = floor
-                elif abs(k - at) >= 3 and floor < second[v, u]:
+                elif abs(k - best[v, u]) >= 3 and floor < second[v, u]:
                     second[v, u] = floor
 
 

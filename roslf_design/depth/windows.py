@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .._jit import THREADS
+from .._jit import THREADS, kernel, prange
 from .warping import fill_holes, window_sums
 
 Array = NDArray[np.float64]
@@ -17,6 +18,9 @@ Flags = NDArray[np.bool_]
 
 _GRADIENT_NOISE = 1.894
 """Noise power of a quintic spline's slope at its nodes, per pitch^2, for samples of unit noise."""
+TERMS = 19
+"""Sums over a window: `true` with powers of its place (6), `pulled` with these (3), then raw, moment, both with the
+disparity, residual and freedom, as `_window_terms` makes them, and counts (2)."""
 QUORUM = 0.25
 """Share of a window's microlenses that must say something of its disparity."""
 
@@ -46,6 +50,14 @@ class SharedLight:
         sums, (slope_u, slope_v, _) = self.sums, self.gradient
         raw = slope_u**2 * sums[4] + 2 * slope_u * slope_v * sums[5] + slope_v**2 * sums[6]
         return raw, slope_u * sums[7] + slope_v * sums[8]
+
+    @cached_property
+    def terms(self) -> Array:
+        """Terms that windows add up of each microlens, shape (`TERMS`, v, u)."""
+        terms, known, (raw, moment) = np.empty((TERMS, *self.disparity.shape)), self.gradient[2], self.moments
+        with THREADS:
+            _window_terms.compiled(self.sums, known, raw, moment, self.disparity, self.steps, terms)
+        return terms
 
     def own(self, change: Array) -> Array:
         """Chi-square per sample of each microlens's own views, about a disparity that is so much larger."""
@@ -82,43 +94,12 @@ class WindowFit:
 
         `alone`: of the window about each microlens, whatever is known beside it.
         """
-        sums, disparity, steps, density = look.sums, look.disparity, look.steps, look.density
-        known, scatter, (raw, moment) = look.gradient[2], sums[4:7], look.moments
-        # The picture's own noise lends it gradient that the views do not share.
-        lent = (scatter[0] / steps[0] ** 2 + scatter[2] / steps[1] ** 2) * _GRADIENT_NOISE
-        lent /= np.maximum(sums[1], 1e-30)
-        used = known & (sums[11] > 1)
-        raw, moment = np.where(used, raw, 0), np.where(used, moment, 0)
-        true = np.where(used, raw - lent, 0)
-        residual, freedom = np.where(used, sums[9], 0), np.where(used, sums[10], 0)
-        pulled = true * disparity - moment
-        information, sharp, pull, spread, free, push = (
-            box(a, window) for a in (raw, true, pulled, residual, freedom, moment)
-        )
-        first, second, crossed = (box(a, window) for a in (raw * disparity, raw * disparity**2, moment * disparity))
-        enough = (sharp > np.maximum(0.05 * information, 1e-9)) & (box(used, window) > QUORUM * window**2)
-        share = np.where(enough, sharp, 1)
-        value = np.where(enough, pull / share, disparity)
-        square = spread + 2 * (value * push - crossed) + value**2 * information - 2 * value * first + second
-        chi2 = np.where(free > 1.5, np.maximum(square, 0) / np.maximum(free - 1, 0.5), 0)
-        variance = np.where(enough, information, np.inf) / density / share**2
-        near = _Plane.of(true, pulled, raw, moment, disparity, window)
-        plane = near
-        if not alone:
-            wide = _Plane.of(true, pulled, raw, moment, disparity, 3 * window)
-            trusted = wide.sound & (wide.strain < 2)
-            plane = _Plane(
-                *(np.where(trusted, a, b) for a, b in zip(vars(wide).values(), vars(near).values(), strict=True))
-            )
-        rows, columns = _places(value.shape)
-        across = np.where(enough & plane.sound, box(true * columns, window) / share - columns, 0)
-        down = np.where(enough & plane.sound, box(true * rows, window) / share - rows, 0)
-        value = value - np.clip(plane.across * across + plane.down * down, -0.5, 0.5)
-        variance = variance + plane.variance(across, down) / density
-        strain = np.where(near.sound, near.strain, 0)
-        slopes = (np.where(plane.sound, a, 0) for a in (plane.across, plane.down, plane.uu, plane.uv, plane.vv))
-        fit = cls(value, np.sqrt(variance), chi2, free - 1, strain, near.spare, *slopes)
-        return fit if alone else fit._beside(window // 2)
+        near = box(look.terms, window)
+        wide = near if alone else box(look.terms, 3 * window)
+        fit = np.empty((11, *near.shape[1:]))
+        with THREADS:
+            _fit_windows.compiled(near, wide, look.disparity, QUORUM * window**2, look.density, fit)
+        return cls(*fit) if alone else cls(*fit)._beside(window // 2)
 
     def misfit(self, least: float = 0.0) -> Array:
         """Larger of `chi2` and `strain` against what chance, or `least`, allows: above 1 is at odds."""
@@ -166,6 +147,84 @@ class WindowFit:
         return fit
 
 
+@kernel(parallel=True)
+def _window_terms(
+    sums: Array, known: Flags, raw: Array, moment: Array, disparity: Array, steps: tuple[float, float], terms: Array
+) -> None:
+    """Terms that windows add up of each microlens: shape (`TERMS`, v, u)."""
+    rows, columns = disparity.shape
+    for v in prange(rows):
+        for u in range(columns):
+            if not known[v, u] or sums[11, v, u] <= 1:
+                for k in range(TERMS):
+                    terms[k, v, u] = 0.0
+                continue
+            r, m, d = raw[v, u], moment[v, u], disparity[v, u]
+            # The picture's own noise lends it gradient that the views do not share.
+            lent = (sums[4, v, u] / steps[0] ** 2 + sums[6, v, u] / steps[1] ** 2) * _GRADIENT_NOISE
+            true = r - lent / max(sums[1, v, u], 1e-30)
+            pulled = true * d - m
+            terms[0, v, u], terms[1, v, u], terms[2, v, u] = true, true * u, true * v
+            terms[3, v, u], terms[4, v, u], terms[5, v, u] = true * u * u, true * u * v, true * v * v
+            terms[6, v, u], terms[7, v, u], terms[8, v, u] = pulled, pulled * u, pulled * v
+            terms[9, v, u], terms[10, v, u], terms[11, v, u] = r, m, r * d
+            terms[12, v, u], terms[13, v, u], terms[14, v, u] = r * d * d, m * d, m * m / r if r > 0 else 0.0
+            terms[15, v, u], terms[16, v, u] = sums[9, v, u], sums[10, v, u]
+            terms[17, v, u], terms[18, v, u] = 1.0, 1.0 if r > 0 else 0.0
+
+
+@kernel(inline=True)
+def _plane(t: Array, v: int, u: int) -> tuple[float, float, float, float, float, float, float, bool]:
+    """Plane of disparity fitted to a window: slopes, their covariance, `strain`, spare; whether it is one."""
+    lit = t[0, v, u] > 1e-9
+    s = t[0, v, u] if lit else 1.0
+    su, sv, b = t[1, v, u], t[2, v, u], t[6, v, u]
+    cuu, cuv, cvv = t[3, v, u] - su * su / s, t[4, v, u] - su * sv / s, t[5, v, u] - sv * sv / s
+    cub, cvb = t[7, v, u] - su * b / s, t[8, v, u] - sv * b / s
+    whole, spare = cuu * cvv - cuv * cuv, t[18, v, u] - 3
+    sound = lit and whole > 1e-6 * (cuu + cvv) ** 2 and cuu > 0 and cvv > 0 and spare > 0.5
+    whole = whole if sound else 1.0
+    across, down = (cub * cvv - cvb * cuv) / whole, (cvb * cuu - cub * cuv) / whole
+    # Each microlens's own disparity is d - m / r; about the mean first: what is left is small against the squares.
+    own, square = t[11, v, u] - t[10, v, u], t[12, v, u] - 2 * t[13, v, u] + t[14, v, u]
+    square += (b / s) ** 2 * t[9, v, u] - 2 * b / s * own
+    square = max(square - across * cub - down * cvb, 0.0)
+    return across, down, cvv / whole, -cuv / whole, cuu / whole, square / max(spare, 1.0), max(spare, 0.0), sound
+
+
+@kernel(parallel=True)
+def _fit_windows(near: Array, wide: Array, disparity: Array, quorum: float, density: float, fit: Array) -> None:
+    """Least squares of windows by the sums of their terms, and of wider ones' where these show a plane.
+
+    `fit`: the fields of `WindowFit`, shape (11, v, u).
+    """
+    rows, columns = disparity.shape
+    for v in prange(rows):
+        for u in range(columns):
+            sharp, information, free = near[0, v, u], near[9, v, u], near[16, v, u]
+            enough = sharp > max(0.05 * information, 1e-9) and near[17, v, u] > quorum
+            share = sharp if enough else 1.0
+            value = near[6, v, u] / share if enough else disparity[v, u]
+            square = near[15, v, u] + 2 * (value * near[10, v, u] - near[13, v, u]) + value * value * information
+            square += near[12, v, u] - 2 * value * near[11, v, u]
+            across, down, uu, uv, vv, strain, spare, sound = _plane(near, v, u)
+            own = strain if sound else 0.0
+            a, b, c, d, e, bent, _, trusted = _plane(wide, v, u)
+            if trusted and bent < 2:
+                across, down, uu, uv, vv, sound = a, b, c, d, e, True
+            if not sound:
+                across, down, uu, uv, vv = 0.0, 0.0, 0.0, 0.0, 0.0
+            over = near[1, v, u] / share - u if enough and sound else 0.0
+            under = near[2, v, u] / share - v if enough and sound else 0.0
+            variance = information / density / share**2 if enough else math.inf
+            variance += max(uu * over * over + 2 * uv * over * under + vv * under * under, 0.0) / density
+            fit[0, v, u] = value - min(max(across * over + down * under, -0.5), 0.5)
+            fit[1, v, u] = math.sqrt(variance)
+            fit[2, v, u] = max(square, 0.0) / max(free - 1, 0.5) if free > 1.5 else 0.0
+            fit[3, v, u], fit[4, v, u], fit[5, v, u] = free - 1, own, spare
+            fit[6, v, u], fit[7, v, u], fit[8, v, u], fit[9, v, u], fit[10, v, u] = across, down, uu, uv, vv
+
+
 def chance(freedom: Array) -> Array:
     """Chi-square per degree of freedom that chance exceeds once in 3000 at most (Laurent and Massart 2000, lemma 1)."""
     over = 8.0 / np.maximum(freedom, 0.5)
@@ -181,11 +240,6 @@ def box(values: NDArray[Any], window: int) -> NDArray[Any]:
     out = np.empty_like(kept)
     window_sums.compiled(kept.reshape(-1, *kept.shape[-2:]), window, out.reshape(-1, *kept.shape[-2:]))
     return out
-
-
-def _places(shape: tuple[int, ...]) -> tuple[Array, Array]:
-    """Rows and columns of a picture, shapes (v, 1) and (1, u)."""
-    return np.arange(float(shape[0]))[:, None], np.arange(float(shape[1]))
 
 
 def gradient(picture: Array, lit: Flags, steps: tuple[float, float]) -> tuple[Array, Array, Flags]:
@@ -205,55 +259,3 @@ def gradient(picture: Array, lit: Flags, steps: tuple[float, float]) -> tuple[Ar
     cross = np.zeros((5, 5), bool)
     cross[2], cross[:, 2] = True, True
     return slopes[0], slopes[1], ndimage.binary_erosion(lit, cross, border_value=1)
-
-
-@dataclass(frozen=True, eq=False)
-class _Plane:
-    """Planes of disparity fitted to windows about each microlens."""
-
-    across: Array
-    """Slope along u [pitches of disparity per sample]."""
-    down: Array
-    uu: Array
-    """Covariance of the slopes."""
-    uv: Array
-    vv: Array
-    strain: Array
-    """Chi-square of single microlenses about the plane, per degree of freedom."""
-    spare: Array
-    sound: Flags
-    """True where the window determines a plane."""
-
-    @classmethod
-    def of(cls, true: Array, pulled: Array, raw: Array, moment: Array, disparity: Array, window: int) -> _Plane:
-        rows, columns = _places(true.shape)
-        s, su, sv = box(true, window), box(true * columns, window), box(true * rows, window)
-        suu, suv, svv = (box(true * a, window) for a in (columns * columns, columns * rows, rows * rows))
-        b, bu, bv = box(pulled, window), box(pulled * columns, window), box(pulled * rows, window)
-        lit = s > 1e-9
-        s = np.where(lit, s, 1)
-        cuu, cuv, cvv = suu - su * su / s, suv - su * sv / s, svv - sv * sv / s
-        cub, cvb = bu - su * b / s, bv - sv * b / s
-        whole = cuu * cvv - cuv**2
-        spare = box(raw > 0, window) - 3
-        sound = lit & (whole > 1e-6 * (cuu + cvv) ** 2) & (cuu > 0) & (cvv > 0) & (spare > 0.5)
-        whole = np.where(sound, whole, 1)
-        across, down = (cub * cvv - cvb * cuv) / whole, (cvb * cuu - cub * cuv) / whole
-        own = np.where(raw > 0, disparity - moment / np.where(raw > 0, raw, 1), 0)
-        # About the mean first: what is left is small against the squares.
-        square = box(raw * own * own, window) - 2 * b / s * box(raw * own, window) + (b / s) ** 2 * box(raw, window)
-        square = np.maximum(square - across * cub - down * cvb, 0)
-        return cls(
-            across,
-            down,
-            cvv / whole,
-            -cuv / whole,
-            cuu / whole,
-            square / np.maximum(spare, 1),
-            np.maximum(spare, 0),
-            sound,
-        )
-
-    def variance(self, across: Array, down: Array) -> Array:
-        """Variance of the slopes' error carried over a distance [samples]."""
-        return np.maximum(self.uu * across**2 + 2 * self.uv * across * down + self.vv * down**2, 0)

@@ -128,7 +128,7 @@ def repeated(views: LytroViews, sets: Sequence[Halves] = SETS) -> Iterator[Repea
         runs = []
         for rows, columns in (halves.first, halves.second):
             some = views.some(rows, columns)
-            noise, first = measured_noise(views.geometry, some, views.search)
+            noise, first, some = measured_noise(views.geometry, some, views.search)
             runs.append(measured_with_noise(views.geometry, some, noise, first.search, True))
         (one, noise), (two, _) = runs
         known = one.measured & two.measured
