@@ -1,0 +1,1 @@
+"""From the design to the bench and back: targets, captures, acceptance."""
