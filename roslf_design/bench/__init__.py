@@ -1,1 +1,0 @@
-"""From the design to the bench and back: targets, captures, acceptance."""
