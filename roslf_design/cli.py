@@ -72,6 +72,10 @@ COMMANDS = {
         "H, d_3 and the rest from images of a checkerboard, with how sure they are; or plan the capture.",
         'roslf calibrate captures --design designs/paper.toml --board "4x5 6 mm" -o out/calibration',
     ),
+    "bench": _Command(
+        "The camera that was built: a bench's protocol and targets to print, and what its captures are worth.",
+        "roslf bench paper -o out/bench",
+    ),
     "decode": _Command(
         "From a raw image, or decoded views, to pictures: views, refocus stack, epipolar-plane image.",
         "roslf decode raw.tif --white white.tif --design designs/paper.toml -o out/decoded",
@@ -100,7 +104,7 @@ COMMANDS = {
 }
 """Each command: a function in the module of that name in `commands`, imported only when called."""
 
-GROUPS = frozenset({"accuracy"})
+GROUPS = frozenset({"accuracy", "bench"})
 """Commands that have commands of their own: an App instead of a function, which brings its own example."""
 
 

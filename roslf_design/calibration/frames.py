@@ -69,7 +69,7 @@ def read_capture(folder: Path) -> Capture:
         raise CalibrationError("is a file; name the folder of images" if folder.exists() else "no such folder")
     images = sorted(
         (path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")),
-        key=_in_order,
+        key=in_order,
     )
     white, dark = _only(images, "white"), _only(images, "dark")
     if white is None:
@@ -94,7 +94,7 @@ def _only(images: list[Path], stem: str) -> Path | None:
     return named[0] if named else None
 
 
-def _in_order(path: Path) -> list[str]:
+def in_order(path: Path) -> list[str]:
     """board2 before board10."""
     return [part.zfill(20) if part.isdigit() else part for part in re.split(r"(\d+)", path.name)]
 
