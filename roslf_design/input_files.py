@@ -7,6 +7,7 @@ import logging
 import math
 import stat
 import struct
+import tomllib
 import warnings
 import zlib
 from collections.abc import Mapping
@@ -36,6 +37,10 @@ LONGEST = 10_000
 """Entries of one table or list."""
 LARGEST = 2**63
 """Bound of whole numbers, as TOML has it."""
+PACKED = ".mono12p", ".mono12packed"
+"""Endings of raw files of 12 bits a pixel, as GenICam's pixel format naming convention packs them."""
+SIZES = "raw.toml"
+"""File beside them that tells their width and height."""
 
 
 def read_bytes(
@@ -148,23 +153,43 @@ def read_json(path: Path, origin: str, remedy: str) -> Any:
 def read_pixels(path: Path, origin: str) -> tuple[NDArray[Any], str]:
     """Pixels of a picture as they are stored, (rows, columns) or (rows, columns, channels), and its description.
 
-    TIFF by its ending, else whatever Pillow reads: its palette as the colours that it stands for, without opacity.
+    Raises
+    ------
+    InputError
+        As for `read_frames`; several pictures.
+    """
+    frames, note = read_frames(path, origin)
+    if len(frames) > 1:
+        raise InputError((Problem("", f"holds {len(frames)} pictures; name a file of one"),), origin)
+    return frames[0], note
+
+
+def read_frames(path: Path, origin: str) -> tuple[NDArray[Any], str]:
+    """Pictures of one file as they are stored, (frames, rows, columns) or with channels at the end, and a description.
+
+    By its ending: TIFF (pages are frames), numpy's .npy, 12 bits packed as GenICam has Mono12p and Mono12Packed; else
+    whatever Pillow reads: its palette as the colours that it stands for, without opacity.
 
     Raises
     ------
     InputError
-        As for `read_bytes`; no picture, damaged, or larger than any sensor.
+        As for `read_bytes`; no picture, damaged, or larger than any sensor; packed pixels without their width and
+        height.
     """
     from PIL import Image
 
     check_file(path, origin)
-    reader = _tiff if path.suffix.lower() in (".tif", ".tiff") else _picture
+    suffix = path.suffix.lower()
+    reader = {".tif": _tiff, ".tiff": _tiff, ".npy": _array, **dict.fromkeys(PACKED, _packed)}.get(suffix, _picture)
     try:
-        pixels, note = reader(path)
+        frames, note = reader(path)
+    except InputError as error:  # of the file beside packed pixels
+        message = f"needs {SIZES} beside it with width and height [pixels]: {error.problems[0]}"
+        raise InputError((Problem("", message),), origin) from None
     except (*DAMAGED, Image.DecompressionBombError) as error:
         detail = " ".join(str(error).split()) or type(error).__name__
         raise InputError((Problem("", f"cannot be read as an image ({detail}); save it again"),), origin) from None
-    return pixels, note
+    return frames, note
 
 
 def _tiff(path: Path) -> tuple[NDArray[Any], str]:
@@ -172,9 +197,52 @@ def _tiff(path: Path) -> tuple[NDArray[Any], str]:
 
     tifffile.logger().setLevel(logging.CRITICAL + 1)  # what is damaged is told once, by us
     with tifffile.TiffFile(path) as file:
-        _bearable(file.series[0].size)
-        note = file.pages[0].tags.get("ImageDescription")  # type: ignore[union-attr]
-        return np.asarray(file.asarray()), "" if note is None else str(note.value)
+        series = file.series[0]
+        _bearable(series.size)
+        note, axes = file.pages[0].tags.get("ImageDescription"), series.axes  # type: ignore[union-attr]
+        own = [axes.index(axis) for axis in "YXS" if axis in "YX" or axis in axes]
+        pages = [k for k in range(len(axes)) if k not in own]
+        pixels = np.asarray(series.asarray()).transpose(pages + own)
+        return pixels.reshape(-1, *pixels.shape[len(pages) :]), "" if note is None else str(note.value)
+
+
+def _array(path: Path) -> tuple[NDArray[Any], str]:
+    """Of numpy: (rows, columns), (frames, rows, columns), or with 3 or 4 channels at the end."""
+    stored = np.load(path, mmap_mode="r", allow_pickle=False)
+    _bearable(stored.size)
+    coloured = stored.ndim > 2 and stored.shape[-1] in (3, 4)
+    if stored.ndim - coloured not in (2, 3):
+        raise ValueError(f"an array of shape {stored.shape}")
+    pixels = np.array(stored).astype(stored.dtype.newbyteorder("="), copy=False)
+    return (pixels if stored.ndim - coloured == 3 else pixels[None]), ""
+
+
+def _packed(path: Path) -> tuple[NDArray[Any], str]:
+    """Frames one after another, two pixels in three bytes, the last byte of each frame filled up."""
+    text = read_text(path.with_name(SIZES), SIZES, "TOML", "write width = 4096 and height = 3000 into it")
+    try:
+        told = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError((Problem("", f"is no TOML ({error}); write width = 4096"),), SIZES) from None
+    for key in ("width", "height"):
+        if type(value := told.get(key)) is not int or not 0 < value <= MOST_SAMPLES:
+            raise InputError((Problem(key, f"is {value}; write {key} = 3000"),), SIZES)
+    pixels, genicam = told["width"] * told["height"], path.suffix.lower() == PACKED[0]
+    _bearable(pixels)
+    size = -(-3 * pixels // 2) if genicam else 3 * -(-pixels // 2)
+    content = read_bytes(path, str(path))
+    if not content or len(content) % size:
+        shape = f"{told['width']} x {told['height']} px in {SIZES} make {size}"
+        raise ValueError(f"{len(content)} bytes, and {shape}")
+    frames = np.frombuffer(content, np.uint8).reshape(-1, size)
+    frames = np.pad(frames, ((0, 0), (0, -size % 3))).reshape(len(frames), -1, 3).astype(np.uint16)
+    first, middle, last = np.moveaxis(frames, -1, 0)
+    if genicam:  # the low bits first
+        pair = first | (middle & 15) << 8, middle >> 4 | last << 4
+    else:
+        pair = first << 4 | middle & 15, last << 4 | middle >> 4
+    unpacked = np.stack(pair, -1).reshape(len(frames), -1)[:, :pixels]
+    return unpacked.reshape(-1, told["height"], told["width"]), ""
 
 
 def _picture(path: Path) -> tuple[NDArray[Any], str]:
@@ -187,7 +255,7 @@ def _picture(path: Path) -> tuple[NDArray[Any], str]:
         _bearable(math.prod(picture.size) * len(picture.getbands()))
         picture.load()
         plain = {"P": "RGB", "RGBA": "RGB", "LA": "L"}.get(picture.mode, picture.mode)
-        return np.asarray(picture.convert(plain)), str(picture.info.get("Description", ""))
+        return np.asarray(picture.convert(plain))[None], str(picture.info.get("Description", ""))
 
 
 def _bearable(samples: int) -> None:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -12,12 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..errors import InputError
-from ..input_files import read_pixels
+from ..input_files import PACKED, read_frames
 
 Array = NDArray[np.float64]
 Frame = NDArray[np.float32]
 Image = NDArray[Any]
-SUFFIXES = (".tif", ".tiff", ".png")
+SUFFIXES = (".tif", ".tiff", ".png", ".npy", *PACKED)
 _OURS = ('"full_scale"', '"roslf.render')
 """Marks of an image's notes by which our own renderings are known."""
 LARGEST = 1e30
@@ -25,6 +27,8 @@ LARGEST = 1e30
 MOST_SATURATED = 0.05
 """Share of saturated pixels beyond which a raw image is refused."""
 _FULL = tuple(2**bits - 1 for bits in (8, 10, 12, 14))
+ALIKE = 0.03
+"""Share by which the brightness of white images of one exposure may differ, as lamps do."""
 
 
 class CalibrationError(ValueError):
@@ -32,13 +36,63 @@ class CalibrationError(ValueError):
 
 
 @dataclass(frozen=True, eq=False)
+class Repeated:
+    """Frames of one exposure and scene, taken together."""
+
+    levels: tuple[float, ...]
+    """Mean of each frame's pixels."""
+    mean: Array
+    """Mean of each pixel."""
+    squares: Array
+    """Sum of squares of each pixel's deviations from its mean."""
+    full: NDArray[np.bool_]
+    """True where a pixel is saturated in some frame."""
+    top: float
+    """Level at which pixels are saturated; infinite where nothing tells it."""
+    kind: np.dtype[Any]
+    """Type of the pixels."""
+
+    @classmethod
+    def of(cls, frame: Image) -> Repeated:
+        """Of one frame."""
+        top = saturation_level(frame)
+        mean = np.asarray(frame, float)
+        return cls((float(mean.mean()),), mean, np.zeros(mean.shape), frame >= top, top, frame.dtype)
+
+    @property
+    def count(self) -> int:
+        """Number of frames."""
+        return len(self.levels)
+
+    @property
+    def averaged(self) -> Image:
+        """Mean frame; of counts rounded to counts, of which saturation is told."""
+        if self.kind.kind == "f":
+            return self.mean.astype(self.kind)
+        return np.where(self.full, self.top, np.rint(self.mean)).astype(self.kind)
+
+    def plus(self, frame: Image) -> Repeated:
+        """With one more frame (Welford's update)."""
+        other, off = Repeated.of(frame), frame - self.mean
+        mean = self.mean + off / (self.count + 1)
+        squares = self.squares + off * (frame - mean)
+        top = min(self.top, other.top)
+        levels = (*self.levels, *other.levels)
+        return Repeated(levels, mean, squares, self.full | (frame >= top), top, self.kind)
+
+
+@dataclass(frozen=True, eq=False)
 class Capture:
     """Capture in a folder; the images of the board are read one at a time."""
 
     white: Image
+    """Mean of the brightest white images that are not saturated."""
     dark: Image | None
     boards: tuple[Path, ...]
     """Files of the boards' images, by name."""
+    whites: tuple[Repeated, ...] = ()
+    """White images of each exposure, the one that `white` is the mean of first."""
+    darks: Repeated | None = None
     balance: ColourBalance | None = None
     """Colour balance that images of the board are yet to get; white image and dark frame have had it."""
 
@@ -55,14 +109,15 @@ class Capture:
 
 
 def read_capture(folder: Path) -> Capture:
-    """Find the images of a folder: ``white.*``, ``dark.*`` where there is one, and boards by any other name.
+    """Find the images of a folder: ``white.*`` or several ``white_*.*``, dark frames likewise, and boards.
 
-    Previews that `roslf render` writes (``*-preview.png``) are left out.
+    Boards have any other name. Frames of one exposure are averaged. Previews that `roslf render` writes
+    (``*-preview.png``) are left out.
 
     Raises
     ------
     CalibrationError
-        No such folder, no white image or two, no images of the board, files that cannot be read, a dark frame of
+        No such folder, no white image, two of one name, no images of the board, files that cannot be read, frames of
         another size.
     """
     if not folder.is_dir():
@@ -71,27 +126,53 @@ def read_capture(folder: Path) -> Capture:
         (path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")),
         key=in_order,
     )
-    white, dark = _only(images, "white"), _only(images, "dark")
-    if white is None:
+    images = [path for path in images if not path.stem.endswith("-preview")]
+    white, dark = _named(images, "white"), _named(images, "dark")
+    if not white:
         raise CalibrationError(
-            "no white image: capture a bright, even surface with the camera as it is and save it as white.tif or"
-            " white.png"
+            "no white image: capture a bright, even surface with the camera as it is and save it as white.tif, or"
+            " several as white_1.tif, white_2.tif"
         )
-    boards = tuple(p for p in images if p not in (white, dark) and not p.stem.endswith("-preview"))
+    boards = tuple(path for path in images if path not in (*white, *dark))
     if not boards:
-        raise CalibrationError("no images of the board (*.tif, *.tiff, *.png) beside the white image")
-    pixels = read_image(white)
-    black = None if dark is None else read_image(dark)
-    if black is not None:
-        same_size("white image", pixels.shape, "dark frame", black.shape)
-    return Capture(pixels, black, boards)
+        raise CalibrationError(f"no images of the board ({', '.join(f'*{end}' for end in SUFFIXES)}) beside white")
+    whites: list[Repeated] = []
+    for frame in _frames(white, "white image"):
+        if whites:
+            same_size("white image", frame.shape, "first white image", whites[0].mean.shape)
+        level = float(frame.mean(dtype=float))
+        like = [k for k, group in enumerate(whites) if abs(level - group.levels[0]) <= ALIKE * abs(group.levels[0])]
+        if like:
+            whites[like[0]] = whites[like[0]].plus(frame)
+        else:
+            whites.append(Repeated.of(frame))
+    whites.sort(key=lambda group: (group.full.mean() > MOST_SATURATED, -group.levels[0]))
+    darks: Repeated | None = None
+    for frame in _frames(dark, "dark frame"):
+        same_size("white image", whites[0].mean.shape, "dark frame", frame.shape)
+        darks = Repeated.of(frame) if darks is None else darks.plus(frame)
+    black = None if darks is None else darks.averaged
+    return Capture(whites[0].averaged, black, boards, tuple(whites), darks)
 
 
-def _only(images: list[Path], stem: str) -> Path | None:
-    named = [path for path in images if path.stem.lower() == stem]
-    if len(named) > 1:
-        raise CalibrationError(f"{' and '.join(p.name for p in named)} are both there; keep one {stem} image")
-    return named[0] if named else None
+def _named(images: list[Path], stem: str) -> list[Path]:
+    """Files of white images or dark frames."""
+    named = [path for path in images if re.fullmatch(f"{stem}(_.+)?", path.stem.lower())]
+    single = [path for path in named if path.stem.lower() == stem]
+    if single and len(named) > 1:
+        raise CalibrationError(
+            f"{' and '.join(p.name for p in named[:2])} are both there; keep one {stem} image, or number all of them:"
+            f" {stem}_1, {stem}_2"
+        )
+    return named
+
+
+def _frames(paths: list[Path], name: str) -> Iterator[Image]:
+    """Frames of files, one at a time; errors as of `grey_frame`."""
+    for path in paths:
+        for frame in read_stack(path)[0]:
+            grey_frame(frame, None, name)
+            yield frame
 
 
 def in_order(path: Path) -> list[str]:
@@ -100,10 +181,10 @@ def in_order(path: Path) -> list[str]:
 
 
 def read_image(path: Path) -> Image:
-    """Pixels of a TIFF or PNG as they are stored, shape (rows, columns) or (rows, columns, channels).
+    """Pixels of an image as they are stored, shape (rows, columns) or (rows, columns, channels).
 
-    Whole numbers that `roslf` wrote come back as the intensities they stand for: its full scale is that of the
-    picture, and no sensor's saturation.
+    Frames of a stack are averaged. Whole numbers that `roslf` wrote come back as the intensities they stand for: its
+    full scale is that of the picture, and no sensor's saturation.
 
     Raises
     ------
@@ -115,12 +196,22 @@ def read_image(path: Path) -> Image:
 
 def read_image_and_notes(path: Path) -> tuple[Image, dict[str, Any]]:
     """Pixels as `read_image` has them, and what `roslf` noted in the file; errors as there."""
+    frames, notes = read_stack(path)
+    if len(frames) == 1:
+        return frames[0], notes
+    for frame in frames:
+        grey_frame(frame, None, path.name)
+    return reduce(Repeated.plus, frames[1:], Repeated.of(frames[0])).averaged, notes
+
+
+def read_stack(path: Path) -> tuple[Image, dict[str, Any]]:
+    """Frames of a file, shape (frames, rows, columns) or with channels at the end, else as `read_image_and_notes`."""
     try:
-        pixels, note = read_pixels(path, path.name)
+        pixels, note = read_frames(path, path.name)
     except InputError as error:
         raise CalibrationError(f"{path.name} {error.problems[0].message}") from None
-    if pixels.ndim not in (2, 3) or pixels.dtype.kind not in "uif":
-        raise CalibrationError(f"{path.name} is no single image: its pixels have shape {pixels.shape}")
+    if pixels.ndim not in (3, 4) or not len(pixels) or pixels.dtype.kind not in "uif":
+        raise CalibrationError(f"{path.name} is no image: its pixels have shape {pixels.shape[1:]}")
     try:
         notes = json.loads(note) if any(key in note for key in _OURS) else {}
     except (ValueError, RecursionError):

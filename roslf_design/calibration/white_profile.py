@@ -356,7 +356,7 @@ class ImageFit:
         cell = np.rint(samples.at * n).astype(int) % n @ [n, 1]
         count = np.maximum(np.bincount(cell, minlength=n * n), 1)
         mean, square = (np.bincount(cell, part, n * n) / count for part in (self.residual, np.square(self.residual)))
-        off, error = mean.reshape(n, n), (square - mean**2) / np.maximum(count - 1, 1)
+        off, error = mean.reshape(n, n), np.maximum(square - mean**2, 0.0) / np.maximum(count - 1, 1)
         fitted = self.image.over_cell(self.lattice, n) + self.veil
         back = -np.arange(n) % n
         alike = [off, off[back][:, back]]
