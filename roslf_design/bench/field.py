@@ -232,28 +232,28 @@ class FieldAngles(NamedTuple):
     pupil_sigma: float
 
 
-def field_angles(near: RingView, far: RingView, placed: float, printed: float) -> FieldAngles:
+def field_angles(near: RingView, far: RingView, placed: tuple[float, float], printed: float) -> FieldAngles:
     """Angles by method B.
 
     Parameters
     ----------
     near, far : RingView
-    placed : float
-        Standard uncertainty of each distance [mm].
+    placed : pair of float
+        Standard uncertainties of their distances [mm].
     printed : float
         Relative standard uncertainty of the printed radii.
     """
     between = far.ahead - near.ahead
     growth = (far.sizes_mm - near.sizes_mm) / between
     random = np.hypot(near.sigma, far.sigma) / between
-    error = np.hypot(random, growth * math.hypot(math.sqrt(2) * placed / between, printed))
+    error = np.hypot(random, growth * math.hypot(math.hypot(*placed) / between, printed))
     angles = 2 * np.arctan(growth / 2)
     behind = near.sizes_mm / growth - near.ahead
     best = int(np.argmin(random / growth))
     near_share, far_share = far.sizes_mm[best], near.sizes_mm[best]  # of errors of the near size and the far one
     of_sizes = math.hypot(near_share * near.sigma[best], far_share * far.sigma[best])
     of_sizes *= between / (far.sizes_mm[best] - near.sizes_mm[best]) ** 2
-    of_places = placed * math.hypot(near.ahead + behind[best], far.ahead + behind[best]) / between
+    of_places = math.hypot(placed[0] * (far.ahead + behind[best]), placed[1] * (near.ahead + behind[best])) / between
     return FieldAngles(
         np.rad2deg(angles), np.rad2deg(error / (1 + growth**2 / 4)), float(behind[best]), math.hypot(of_sizes, of_places)
     )

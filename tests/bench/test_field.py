@@ -64,7 +64,7 @@ def test_angle_from_two_distances_holds_the_truth():
             seen(away + rng.normal(0, 0.02), away - 1, seed, tilt=rng.normal(0, 0.02, 2), centre=rng.normal(0, 0.01 * away, 2))
             for away in (6.0, 50.0)
         ]
-        angles = field_angles(*looks, placed=0.02, printed=1e-4)
+        angles = field_angles(*looks, placed=(0.02, 0.02), printed=1e-4)
         off.append((angles.degrees - truth) / angles.sigma)
         pupils.append((angles.pupil_behind_tip - 1.0) / angles.pupil_sigma)
     assert np.abs(off).max() < 4
