@@ -11,7 +11,7 @@ from typing import Annotated, Literal, NamedTuple, Self, get_args
 
 from pydantic import Field, field_validator, model_validator
 
-from ..calibration.frames import SUFFIXES, in_order
+from ..calibration.frames import SUFFIXES
 from ..calibration.model import Board, Markers
 from ..design import Design, load
 from ..errors import InputError, Problem
@@ -24,7 +24,7 @@ DESIGN, SETUP, CALIBRATION, ACCEPTANCE = "design.toml", "bench.toml", "calibrati
 Kind = Literal["white", "dark", "board", "edge", "wall", "spheres", "field"]
 """Kinds of capture: the first three calibrate, the others are measured for acceptance."""
 KINDS: tuple[Kind, ...] = get_args(Kind)
-_EVEN = re.compile(r"(white|dark)([_-]?\d+)?", re.IGNORECASE)
+_EVEN = re.compile(r"(white|dark)(_.+)?", re.IGNORECASE)
 _ACCEPTED = re.compile(r"(edge|wall|spheres|field)_(\d+(?:\.\d+)?)mm(?:_(\d+))?", re.IGNORECASE)
 Distances = Annotated[tuple[Length, ...], Field(min_length=1)]
 """Distances ahead of the tip [mm] at which a target is to stand."""
@@ -86,7 +86,7 @@ class WallTarget(Printed):
 
     side: Length
     finest: Length
-    """Period of the finest octave."""
+    """Side of the smallest dots, as drawn."""
     octaves: int = Field(ge=1, le=12)
     at: Distances
 
@@ -142,6 +142,11 @@ class BoardPose(StrictTable):
     def rotation(self) -> tuple[float, float, float]:
         """Rotation vector in the calibration's frame (x right, y down, z away from the camera) [rad]."""
         return self.tilt * math.sin(self.towards), self.tilt * math.cos(self.towards), self.turn
+
+    def to_dict(self) -> dict[str, float]:
+        """As JSON's types: lengths in mm, angles in degrees."""
+        lengths = {f"{name}_mm": float(getattr(self, name)) for name in ("ahead", "right", "up")}
+        return lengths | {f"{name}_deg": math.degrees(getattr(self, name)) for name in ("tilt", "towards", "turn")}
 
 
 class Setup(StrictTable):
@@ -206,7 +211,7 @@ class Bench:
         """Captures there are, in the order of kinds and then of names."""
         paths = [path for name in (CALIBRATION, ACCEPTANCE) for path in sorted((self.folder / name).glob("*.*"))]
         named = [one for path in paths if (one := BenchCapture.named(path)) is not None]
-        return tuple(sorted(named, key=lambda one: (KINDS.index(one.kind), in_order(one.path))))
+        return tuple(sorted(named, key=lambda one: (KINDS.index(one.kind), one.path.name)))
 
     def of_kind(self, kind: Kind) -> tuple[BenchCapture, ...]:
         """Captures of one kind."""

@@ -13,7 +13,7 @@ from .._jit import kernel
 from ..theory.lens_shapes import LENS_SHAPES
 from .decoding import LightField
 from .frames import Array, CalibrationError
-from .model import Board, Markers, Observations
+from .model import LEAST_CELLS, Board, Markers, Observations
 
 _LARGE = 800
 """Views with a short side of fewer pixels are searched doubled as well, where small boards are found better."""
@@ -73,6 +73,22 @@ def find_corners(picture: ArrayLike, board: Board, weight: ArrayLike | None = No
         typical = float(np.median(np.abs(saddles.contrast)))
         believed = _believed(saddles, checked, board, np.sign(saddles.contrast) * typical)
         return _FoundCorners(np.where(believed[:, None], saddles.corners, np.nan), saddles.contrast)
+    return None
+
+
+def cells_of(picture: ArrayLike) -> tuple[int, int] | None:
+    """Cells across and down of whatever checkerboard a picture shows; None where OpenCV sees none."""
+    import cv2 as cv
+
+    grey = _eight_bit(*_pixels(picture, None))
+    least = (LEAST_CELLS - 1, LEAST_CELLS - 1)
+    flags = cv.CALIB_CB_LARGER | cv.CALIB_CB_ACCURACY | cv.CALIB_CB_EXHAUSTIVE | cv.CALIB_CB_NORMALIZE_IMAGE
+    for scale in (1, 2) if min(grey.shape) < _LARGE else (1,):
+        view = grey if scale == 1 else cv.resize(grey, None, fx=scale, fy=scale, interpolation=cv.INTER_CUBIC)
+        detected, _, cells = cv.findChessboardCornersSBWithMeta(view, least, flags)
+        if detected:
+            down, across = np.shape(cells)[:2]
+            return across + 1, down + 1
     return None
 
 

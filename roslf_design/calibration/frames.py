@@ -124,7 +124,7 @@ def read_capture(folder: Path) -> Capture:
         raise CalibrationError("is a file; name the folder of images" if folder.exists() else "no such folder")
     images = sorted(
         (path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")),
-        key=in_order,
+        key=_in_order,
     )
     images = [path for path in images if not path.stem.endswith("-preview")]
     white, dark = _named(images, "white"), _named(images, "dark")
@@ -175,7 +175,7 @@ def _frames(paths: list[Path], name: str) -> Iterator[Image]:
             yield frame
 
 
-def in_order(path: Path) -> list[str]:
+def _in_order(path: Path) -> list[str]:
     """board2 before board10."""
     return [part.zfill(20) if part.isdigit() else part for part in re.split(r"(\d+)", path.name)]
 

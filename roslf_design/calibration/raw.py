@@ -122,14 +122,14 @@ def from_raw(
     if design is not None and pixels.shape[1::-1] == Camera.of(design).pixels:  # it counts from the sensor's middle
         radius = undistorted_radius(design) or None
     bits = math.inf if design is None else design.sensor.bits
-    full = _full_scale(pixels, notes, bits, even)
+    full = full_scale(pixels, notes, bits, even)
     try:
         for name, path, other in (("white image", white, even), ("dark frame", dark, black)):
             if other is not None:
                 same_size(f"raw image {image.name}", pixels.shape, f"{name} {path.name if path else ''}", other.shape)
         plain = None
         if even is not None:
-            level = _full_scale(even, white_notes, bits, pixels)
+            level = full_scale(even, white_notes, bits, pixels)
             plain = WhiteFrame(grey_frame(even, black, "white image"), level, bool(white_notes) or black is not None)
         if design is not None and design.light.veil > 0 and full is not None:
             black = np.float32(design.light.veil * full) + (
@@ -163,7 +163,7 @@ def from_raw(
     return RawDecoded(field, RawSource(frame, centres, even is not None), pixels, notes, balance, plain, full)
 
 
-def _full_scale(pixels: Image, notes: Mapping[str, Any], bits: float, beside: Image | None) -> float | None:
+def full_scale(pixels: Image, notes: Mapping[str, Any], bits: float, beside: Image | None) -> float | None:
     """Value at which a pixel is full; None where nothing states it.
 
     Counts are those of a sensor of so many bits; where they, or those of a file beside, are larger, of their type.

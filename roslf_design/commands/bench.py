@@ -3,11 +3,37 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
 from cyclopts import App
 
-from ..bench.captures import read_bench
-from .terminal import Json, json_text, say
+from ..bench.captures import ACCEPTANCE, CALIBRATION, DESIGN, SETUP, read_bench
+from ..bench.check import checked
+from ..bench.protocol import Protocol
+from ..calibration.options import PlanOptions
+from ..design import dumps, load
+from ..errors import refusal
+from ..reporting.bench.check import check_report, image_line, summary
+from ..reporting.bench.protocol import protocol_report
+from ..reporting.bench.targets import target_files
+from ..reporting.blocks import Statements
+from ..reporting.printers import render_html, render_pdf
+from .calibrate import POSES, PlannedPoses
+from .results import print_titled
+from .terminal import (
+    DesignName,
+    Flat,
+    Json,
+    Output,
+    StatusLine,
+    check_options,
+    check_typst,
+    json_text,
+    listed,
+    say,
+    status_and_bars,
+    write_files,
+)
 
 bench = App(
     name="bench",
@@ -15,6 +41,61 @@ bench = App(
     help_epilogue="Example: roslf bench paper -o out/bench",
     help_format="plaintext",
 )
+
+
+@bench.default
+def write(
+    design: DesignName,
+    /,
+    *,
+    output: Output,
+    board: str | None = None,
+    poses: Annotated[PlannedPoses, Flat] = POSES,
+    seed: int = 0,
+) -> None:
+    """The bench of a camera: a protocol of one page, targets true to scale, and folders for what is captured.
+
+    Example: roslf bench paper -o out/bench
+
+    Parameters
+    ----------
+    output
+        Folder for design.toml, bench.toml, protocol.pdf and .html, targets/, calibration/ and acceptance/.
+    board
+        The checkerboard, as "4x5 6 mm", or "charuco 8x6 6 mm 4.5 mm DICT_4X4_50". Default: one that suits the field.
+    seed
+        Seed of poses and texture; the same seed gives the same bytes.
+    """
+    check_typst("output")
+    check_options(seed, output)
+    loaded = load(design)
+    asked = PlanOptions.of(board=board, seed=seed, **dict(poses))
+    with StatusLine("bench") as status:
+        status.tell("planning")
+        protocol = Protocol.of(loaded, asked)
+        text = protocol.setup.dumps()
+        _refuse_another(output / SETUP, text)
+        status.tell("drawing")
+        page = protocol_report(protocol)
+        files = {
+            DESIGN: dumps(loaded).encode(),
+            SETUP: text.encode(),
+            "protocol.html": render_html(page).encode(),
+            "protocol.pdf": render_pdf(page),
+        }
+        files |= {f"targets/{name}": content for name, content in target_files(protocol.sheets).items()}
+    write_files(output, files)
+    for name in (CALIBRATION, ACCEPTANCE):
+        (output / name).mkdir(exist_ok=True)
+    for sheet in protocol.sheets:
+        say(f"{sheet.title}: {sheet.remark}")
+    say(f"\nWritten to {output}: {', '.join(listed(files))}")
+
+
+def _refuse_another(path: Path, text: str) -> None:
+    """Refuse to write over a bench.toml that says something else: what was measured of the prints stands in it."""
+    if path.is_file() and path.read_text(encoding="utf-8", errors="replace") != text:
+        raise refusal("output", f"{path} is of another bench, or was changed by hand; remove it or name another folder")
 
 
 @bench.command(name="check")
@@ -28,9 +109,14 @@ def check(folder: Path, /, *, json: Json = False) -> None:
     folder
         Folder that roslf bench wrote, with captures in calibration/ and acceptance/.
     """
-    bench = read_bench(folder)
+    read = read_bench(folder)
+    with status_and_bars("bench check") as tell:
+        result = checked(read, tell)
+    write_files(folder, {"check.html": render_html(check_report(read.design.name, result)).encode()})
     if json:
-        print(json_text({"schema": "roslf.bench-check/1", "images": [str(one.path.name) for one in bench.captures]}))
+        print(json_text(result.to_dict()))
         return
-    for one in bench.captures:
-        say(f"{one.path.name}: {one.kind}")
+    for one in result.images:
+        say(image_line(one))
+    print_titled("\nTogether", [Statements(tuple(one for one in summary(result) if one.tone != "bad"))])
+    say(f"\nWritten to {folder}: check.html")

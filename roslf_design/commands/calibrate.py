@@ -67,7 +67,7 @@ def _as_planned(name: str) -> Any:
     return Field(field.default, description=field.description)
 
 
-class _Poses(PoseOptions):
+class PlannedPoses(PoseOptions):
     """Options whose quantities are text in the shell."""
 
     tilt: Annotated[Angle, Parameter(metavar="STR")] = _as_planned("tilt")
@@ -79,7 +79,7 @@ class _Poses(PoseOptions):
         return dict.fromkeys(self.model_fields_set, "goes with --plan only; leave it out")
 
 
-OPTIONS, POSES = _Options(), _Poses()
+OPTIONS, POSES = _Options(), PlannedPoses()
 
 
 def calibrate(
@@ -92,7 +92,7 @@ def calibrate(
     sigma: Repeated = None,
     no_posterior: Flag = False,
     plan: str | None = None,
-    poses: Annotated[_Poses, Parameter(name="*", group="With --plan", show_default=False)] = POSES,
+    poses: Annotated[PlannedPoses, Parameter(name="*", group="With --plan", show_default=False)] = POSES,
 ) -> None:
     """H, d_3 and the rest from images of a checkerboard, and how sure they are; or, with --plan, how sure they will be.
 

@@ -87,13 +87,6 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
     ModuleNotFoundError
         The typst package is not installed.
     """
-    import typst
-
-    # Finding the fonts that come with matplotlib needs no import of it.
-    matplotlib = find_spec("matplotlib")
-    assert matplotlib is not None
-    home = next(iter(matplotlib.submodule_search_locations or ()))
-
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
         sections = [
@@ -103,14 +96,34 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
         head = {"title": report.title, "subtitle": spans(report.subtitle), "footer": report.footer}
         content = {**head, "paper": PAGES[paper], "sections": sections}
         (root / "content.json").write_bytes(json.dumps(content, ensure_ascii=False).encode("utf-8", "replace"))
-        (root / "main.typ").write_bytes(DOCUMENT.read_bytes())
-        pdf: bytes = typst.compile(
-            root / "main.typ",
-            root=root,
-            font_paths=[Path(home) / "mpl-data" / "fonts" / "ttf"],
-            ignore_system_fonts=True,
-            timestamp=0,
-        )
+        return _compiled(root, DOCUMENT.read_bytes())
+
+
+def render_drawing(svg: bytes, width: float, height: float) -> bytes:
+    """A drawing as a PDF of one page of its size [mm], true to scale; errors as of `render_pdf`."""
+    page = f'#set page(width: {width}mm, height: {height}mm, margin: 0mm)\n#image("drawing.svg", width: {width}mm)\n'
+    with tempfile.TemporaryDirectory() as folder:
+        root = Path(folder)
+        (root / "drawing.svg").write_bytes(svg)
+        return _compiled(root, page.encode())
+
+
+def _compiled(root: Path, document: bytes) -> bytes:
+    """PDF of a typst document whose files lie in `root`."""
+    import typst
+
+    # Finding the fonts that come with matplotlib needs no import of it.
+    matplotlib = find_spec("matplotlib")
+    assert matplotlib is not None
+    home = next(iter(matplotlib.submodule_search_locations or ()))
+    (root / "main.typ").write_bytes(document)
+    pdf: bytes = typst.compile(
+        root / "main.typ",
+        root=root,
+        font_paths=[Path(home) / "mpl-data" / "fonts" / "ttf"],
+        ignore_system_fonts=True,
+        timestamp=0,
+    )
     return _packed(pdf)
 
 

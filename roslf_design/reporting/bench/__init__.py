@@ -1,0 +1,1 @@
+"""Pages about a bench: targets to print, protocol, what captures are worth."""
