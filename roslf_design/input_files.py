@@ -207,7 +207,7 @@ def _tiff(path: Path) -> tuple[NDArray[Any], str]:
 
 
 def _array(path: Path) -> tuple[NDArray[Any], str]:
-    """Of numpy: (rows, columns), (frames, rows, columns), or with 3 or 4 channels at the end."""
+    """Array of numpy: (rows, columns), (frames, rows, columns), or with 3 or 4 channels at the end."""
     stored = np.load(path, mmap_mode="r", allow_pickle=False)
     _bearable(stored.size)
     coloured = stored.ndim > 2 and stored.shape[-1] in (3, 4)
@@ -235,8 +235,8 @@ def _packed(path: Path) -> tuple[NDArray[Any], str]:
         shape = f"{told['width']} x {told['height']} px in {SIZES} make {size}"
         raise ValueError(f"{len(content)} bytes, and {shape}")
     frames = np.frombuffer(content, np.uint8).reshape(-1, size)
-    frames = np.pad(frames, ((0, 0), (0, -size % 3))).reshape(len(frames), -1, 3).astype(np.uint16)
-    first, middle, last = np.moveaxis(frames, -1, 0)
+    triples = np.pad(frames, ((0, 0), (0, -size % 3))).reshape(len(frames), -1, 3).astype(np.uint16)
+    first, middle, last = np.moveaxis(triples, -1, 0)
     if genicam:  # the low bits first
         pair = first | (middle & 15) << 8, middle >> 4 | last << 4
     else:

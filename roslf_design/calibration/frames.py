@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from functools import reduce
 from pathlib import Path
 from typing import Any
@@ -54,7 +54,7 @@ class Repeated:
 
     @classmethod
     def of(cls, frame: Image) -> Repeated:
-        """Of one frame."""
+        """Start with one frame."""
         top = saturation_level(frame)
         mean = np.asarray(frame, float)
         return cls((float(mean.mean()),), mean, np.zeros(mean.shape), frame >= top, top, frame.dtype)
@@ -93,6 +93,8 @@ class Capture:
     whites: tuple[Repeated, ...] = ()
     """White images of each exposure, the one that `white` is the mean of first."""
     darks: Repeated | None = None
+    notes: Mapping[str, Any] = field(default_factory=dict)
+    """Notes that `roslf` left in the first white image."""
     balance: ColourBalance | None = None
     """Colour balance that images of the board are yet to get; white image and dark frame have had it."""
 
@@ -136,8 +138,9 @@ def read_capture(folder: Path) -> Capture:
     boards = tuple(path for path in images if path not in (*white, *dark))
     if not boards:
         raise CalibrationError(f"no images of the board ({', '.join(f'*{end}' for end in SUFFIXES)}) beside white")
-    whites: list[Repeated] = []
-    for frame in _frames(white, "white image"):
+    whites, notes = list[Repeated](), dict[str, Any]()
+    for frame, noted in _frames(white, "white image"):
+        notes = notes or noted
         if whites:
             same_size("white image", frame.shape, "first white image", whites[0].mean.shape)
         level = float(frame.mean(dtype=float))
@@ -148,11 +151,11 @@ def read_capture(folder: Path) -> Capture:
             whites.append(Repeated.of(frame))
     whites.sort(key=lambda group: (group.full.mean() > MOST_SATURATED, -group.levels[0]))
     darks: Repeated | None = None
-    for frame in _frames(dark, "dark frame"):
+    for frame, _ in _frames(dark, "dark frame"):
         same_size("white image", whites[0].mean.shape, "dark frame", frame.shape)
         darks = Repeated.of(frame) if darks is None else darks.plus(frame)
     black = None if darks is None else darks.averaged
-    return Capture(whites[0].averaged, black, boards, tuple(whites), darks)
+    return Capture(whites[0].averaged, black, boards, tuple(whites), darks, notes)
 
 
 def _named(images: list[Path], stem: str) -> list[Path]:
@@ -167,12 +170,13 @@ def _named(images: list[Path], stem: str) -> list[Path]:
     return named
 
 
-def _frames(paths: list[Path], name: str) -> Iterator[Image]:
-    """Frames of files, one at a time; errors as of `grey_frame`."""
+def _frames(paths: list[Path], name: str) -> Iterator[tuple[Image, dict[str, Any]]]:
+    """Frames of files, one at a time, each with its file's notes; errors as of `grey_frame`."""
     for path in paths:
-        for frame in read_stack(path)[0]:
+        frames, notes = _read_stack(path)
+        for frame in frames:
             grey_frame(frame, None, name)
-            yield frame
+            yield frame, notes
 
 
 def _in_order(path: Path) -> list[str]:
@@ -196,7 +200,7 @@ def read_image(path: Path) -> Image:
 
 def read_image_and_notes(path: Path) -> tuple[Image, dict[str, Any]]:
     """Pixels as `read_image` has them, and what `roslf` noted in the file; errors as there."""
-    frames, notes = read_stack(path)
+    frames, notes = _read_stack(path)
     if len(frames) == 1:
         return frames[0], notes
     for frame in frames:
@@ -204,7 +208,7 @@ def read_image_and_notes(path: Path) -> tuple[Image, dict[str, Any]]:
     return reduce(Repeated.plus, frames[1:], Repeated.of(frames[0])).averaged, notes
 
 
-def read_stack(path: Path) -> tuple[Image, dict[str, Any]]:
+def _read_stack(path: Path) -> tuple[Image, dict[str, Any]]:
     """Frames of a file, shape (frames, rows, columns) or with channels at the end, else as `read_image_and_notes`."""
     try:
         pixels, note = read_frames(path, path.name)

@@ -19,15 +19,17 @@ from .decoding import Decoder, LightField, Samples
 from .diffraction import Corrected, WhiteImage, calibrate_corrected
 from .distortion import Distortion, with_distortion
 from .fit import Calibration, StatisticsFit, calibrate
-from .frames import CalibrationError, Capture, read_capture
+from .frames import CalibrationError, Capture, grey_frame, read_capture
 from .model import Board, DataSheet, Observations
+from .noise import measured_sensor
 from .options import BoardDistances, CalibrateOptions, data_sheet
 from .planning import camera_of
 from .posterior import CameraDraws, laplace_draws, most_steps_for, sample_posterior, sample_size_for
-from .raw import NoLatticeError
+from .raw import NoLatticeError, full_scale
 from .result import LAPLACE_DRAWS, Outcome, image_pitch, outcome_of, undistorted_radius
 from .sidedata import SideDatum, board_distances, white_pitch
 from .space import in_medium
+from .white_profile import WhiteFrame
 
 
 class NoCameraError(CalibrationError):
@@ -65,7 +67,7 @@ def calibrated(folder: Path, design: Design, options: CalibrateOptions, progress
     if options.distances is not None:
         file = str(options.distances)
         stood = validated(BoardDistances, read_toml(options.distances, file), file)
-    capture, centres = _white_image(folder, design, progress)
+    plain, capture, centres = _white_image(folder, design, progress)
     views: dict[str, Samples] = {}
     try:
         fields = _decoded(capture, centres, views, progress)
@@ -86,7 +88,15 @@ def calibrated(folder: Path, design: Design, options: CalibrateOptions, progress
         if not views:
             raise
         raise NoCameraError(str(error), centres, views) from error
-    return outcome_of(design, sheet, centres, corrected, bent, draws, options, data)
+    progress("measuring sensor and pupil")
+    even = WhiteFrame(
+        grey_frame(plain.white, plain.dark, "white image"),
+        full_scale(plain.white, plain.notes, design.sensor.bits, None),
+        bool(plain.notes) or plain.dark is not None,
+    )
+    profile = even.profile(centres, design, capture.balance)
+    sensor = measured_sensor(plain.whites, plain.darks, profile, centres, capture.balance is not None)
+    return outcome_of(design, sheet, centres, corrected, bent, draws, options, data, sensor, profile)
 
 
 def _check_medium(design: Design, medium: str | None) -> None:
@@ -106,12 +116,11 @@ def _sheet(design: Design, board: Board, options: CalibrateOptions) -> DataSheet
         raise refusal("sigma", str(error).removeprefix("sigma of ")) from None
 
 
-def _white_image(folder: Path, design: Design, progress: CountedProgress) -> tuple[Capture, MicrolensCentres]:
-    """Captures of a folder, and the microlens centres that their white image tells."""
+def _white_image(folder: Path, design: Design, progress: CountedProgress) -> tuple[Capture, Capture, MicrolensCentres]:
+    """Captures of a folder as stored and with their colours balanced, and the centres that their white image tells."""
     progress("reading the white image")
-    capture = read_capture(folder)
-    if filters(design.sensor.colours):
-        capture = capture.balanced()
+    plain = read_capture(folder)
+    capture = plain.balanced() if filters(design.sensor.colours) else plain
     progress("finding microlens centres")
     pitch, radius = image_pitch(design), undistorted_radius(design) or None
     layout = design.microlens_array.layout
@@ -119,7 +128,7 @@ def _white_image(folder: Path, design: Design, progress: CountedProgress) -> tup
         centres = find_centres(capture.white, capture.dark, layout=layout, pitch=pitch, undistorted_radius=radius)
     except CalibrationError as error:
         raise NoLatticeError(str(error), capture.white, pitch) from None
-    return capture, centres
+    return plain, capture, centres
 
 
 def _decoded(

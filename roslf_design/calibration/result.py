@@ -5,12 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
 from ..accuracy.statement import Accuracy
 from ..camera import Camera
-from ..design import Design
+from ..design import PATHS, Design
 from ..theory.exit_pupil import microlens_image_pitch
 from ..theory.length_covariance import CalibratedLengths
 from ..theory.vignetting import field_limit
@@ -19,14 +20,16 @@ from .diffraction import Corrected, DiffractionCheck
 from .distortion import Distortion
 from .fit import Calibration
 from .frames import Array
-from .lengths import calibrated_lengths
+from .lengths import ImageShare, calibrated_lengths
 from .misfit import DISAGREE, Misfit, misfit_of
 from .model import QUANTITIES, UNITS, Board, DataSheet, derived
+from .noise import MeasuredSensor
 from .options import CalibrateOptions
 from .planning import camera_of
 from .posterior import CameraDraws, Posterior, depth_errors, posterior_accuracy, variance_shares
 from .sidedata import Combined, SideDatum, combine
 from .space import MediumChange, used_in
+from .white_profile import WhiteProfile
 
 SCHEMA = "roslf.calibration/1"
 LAPLACE = "Fisher matrix (Laplace)"
@@ -94,6 +97,10 @@ class Outcome:
     seed: int
     distortion: Distortion
     accuracy: Accuracy
+    sensor: MeasuredSensor
+    """As white images and dark frames tell it."""
+    white: WhiteProfile | None
+    """Microlens images of the white image; None where nothing fits."""
     medium: str | None = None
     """Medium that the camera is to be used in, where it is another than that of its boards."""
 
@@ -129,11 +136,49 @@ class Outcome:
     @property
     def lengths(self) -> CalibratedLengths:
         """How sure the lengths are that `calibrated` has from here, those of elements before the lens included."""
-        return calibrated_lengths(self.design, self.draws, self.calibration.fit, self.sheet, self.combined.data)
+        return calibrated_lengths(
+            self.design, self.draws, self.calibration.fit, self.sheet, self.combined.data, self._images
+        )
+
+    @property
+    def _images(self) -> ImageShare | None:
+        return None if self.white is None or self.white.untold else ImageShare(self.white.share, self.white.sigma[0])
+
+    @property
+    def pupil(self) -> tuple[float, float] | None:
+        """Effective diameter of the flexible angular plane, of others their width, and its standard error [mm].
+
+        None where the white image does not tell it.
+        """
+        if self._images is None:
+            return None
+        lengths = {PATHS[name]: np.asarray(value) for name, value in self._lengths.items()}
+        seen = self._images.pupil(self.design, lengths)
+        place = next(iter(seen))
+        known = self.lengths.covariance
+        share = math.sqrt(known.matrix[known.places.index(place), known.places.index(place)]) / float(seen[place])
+        value = self.design.D_F * float(seen[place]) / float(Camera.of(self.design)[place])
+        return value, share * value
+
+    @property
+    def veil(self) -> tuple[float, float] | None:
+        """Veil as a share of full scale, and its standard error; None where the white image does not tell it."""
+        white = self.white
+        if white is None or white.untold or white.full is None or not white.dark:
+            return None
+        return white.veil / white.full, white.sigma[1] / white.full
+
+    @property
+    def _lengths(self) -> dict[str, float]:
+        """Lengths that `calibrated` has, with a ruler, but for the pupil's."""
+        lengths = {name: (self.ruler or self.estimates)[name].value for name in ("d_3", "d_1", "d_2")}
+        return lengths | ({"f": self.combined.f} if self.combined.data else {})
 
     @property
     def calibrated(self) -> Design:
-        """The design with d_3, d_1 and d_2 as calibrated, f as data sheet and side data have it, errors in its source.
+        """The design with d_3, d_1, d_2, D_F, veil and sensor as measured, f as data sheet and side data have it.
+
+        Errors are in its source.
 
         Raises
         ------
@@ -149,10 +194,14 @@ class Outcome:
             f"roslf calibrate, {images} images of a board, {known}: {said} (standard deviations);"
             f" before: {self.design.name}"
         )
-        lengths = {name: (self.ruler or values)[name].value for name in ("d_3", "d_1", "d_2")}
-        if self.combined.data:
-            lengths["f"] = self.combined.f
-        return self.design.replace({"name": f"{self.design.name}, calibrated", "source": source}, **lengths)
+        lengths, pupil, veil = self._lengths, self.pupil, self.veil
+        if pupil is not None:
+            lengths["D_F"] = pupil[0]
+        changes: dict[str, Any] = {"name": f"{self.design.name}, calibrated", "source": source}
+        changes |= {f"sensor.{name}": value for name, value in self.sensor.known(self.design.sensor).items()}
+        if veil is not None:
+            changes["light.veil"] = max(veil[0], 0.0)
+        return self.design.replace(changes, **lengths)
 
     def to_dict(self) -> dict[str, object]:
         """Everything as JSON's types."""
@@ -203,6 +252,9 @@ class Outcome:
                 "cell_sigma_relative": self.sheet.cell_sigma,
                 "elements": {at: {"value": value, "sigma": sigma} for at, value, sigma in self.sheet.uncertain},
             },
+            "sensor": self.sensor.to_dict(),
+            "pupil": self._pupil_dict(),
+            "veil": None if self.veil is None else dict(zip(("share", "sigma"), self.veil, strict=True)),
             "side_data": _side_dict(self.combined, self.draws),
             "reprojection_rms_pitches": result.joint.rms,
             "step_one_rms_pitches": result.first.rms,
@@ -220,6 +272,7 @@ class Outcome:
                 "microlenses": self.centres.counts(),
                 "used": int(self.centres.used.sum()),
                 "undistorted_radius_px": radius if radius is not None and np.isfinite(radius) else None,
+                "profile": None if self.white is None else self.white.to_dict(),
             },
             "depth_errors_mm": {name: values.tolist() for name, values in self.depths.items()},
             "distortion_coefficients": self.distortion.coefficients,
@@ -227,6 +280,12 @@ class Outcome:
             "seed": self.seed,
             "warnings": list(self.warnings),
         }  # fmt: skip
+
+    def _pupil_dict(self) -> dict[str, object]:
+        """Pupil as JSON's types, and why it is not told."""
+        value, sigma = self.pupil or (None, None)
+        untold = "no microlens images fit" if self.white is None else self.white.untold
+        return {"diameter_mm": value, "sigma_mm": sigma, "design_mm": self.design.D_F, "untold": untold or None}
 
 
 def outcome_of(
@@ -237,7 +296,9 @@ def outcome_of(
     distortion: Distortion,
     draws: CameraDraws,
     options: CalibrateOptions,
-    data: Sequence[SideDatum] = (),
+    data: Sequence[SideDatum],
+    sensor: MeasuredSensor,
+    white: WhiteProfile | None,
 ) -> Outcome:
     """Put together what came out, with the warnings that follow."""
     calibration, diffraction = corrected
@@ -297,7 +358,7 @@ def outcome_of(
     return Outcome(
         design, board, sheet, centres, calibration, diffraction, undistorted_radius(design) or None, draws, depths,
         shares, estimates, ruler, misfit, combined, tuple(notes), options.seed, distortion,
-        posterior_accuracy(draws, options.accuracy), options.use_in,
+        posterior_accuracy(draws, options.accuracy), sensor, white, options.use_in,
     )  # fmt: skip
 
 

@@ -97,6 +97,11 @@ class WhiteProfile:
         return measured, fitted
 
     @property
+    def share(self) -> float:
+        """Width of an image over the pitch."""
+        return self.width / self.lattice.pitch
+
+    @property
     def pupil(self) -> float | None:
         """Effective pupil's width [mm]."""
         return None if self.narrower is None or self.nominal is None else self.narrower * self.nominal
@@ -222,6 +227,8 @@ class ImageSamples(NamedTuple):
     value: Array
     lenses: int
     """Number of microlenses."""
+    pixel: NDArray[np.intp]
+    """Row and column of each, shape (2, n)."""
 
     @classmethod
     def of(
@@ -241,13 +248,16 @@ class ImageSamples(NamedTuple):
             taken &= (balance.gains < 1.01 * balance.gains.min())[row % 2, column % 2]
         lens = np.broadcast_to(np.arange(len(nodes))[:, None, None], taken.shape)[taken]
         value = np.asarray(frame[row[taken], column[taken]], float)
-        return cls(away[taken] @ np.linalg.inv(lattice.basis).T, lens, value, len(nodes))
+        pixel = np.stack([row[taken], column[taken]])
+        return cls(away[taken] @ np.linalg.inv(lattice.basis).T, lens, value, len(nodes), pixel)
 
     def some(self, kept: NDArray[np.bool_]) -> ImageSamples:
         """Some of the microlenses."""
         mine = kept[self.lens]
         number = np.cumsum(kept) - 1
-        return ImageSamples(self.at[mine], number[self.lens[mine]], self.value[mine], int(kept.sum()))
+        return ImageSamples(
+            self.at[mine], number[self.lens[mine]], self.value[mine], int(kept.sum()), self.pixel[:, mine]
+        )
 
     def mean(self, values: Array) -> Array:
         """Mean of values over each microlens."""

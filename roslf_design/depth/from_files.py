@@ -17,7 +17,7 @@ from ..calibration.frames import CalibrationError
 from ..calibration.model import relative_sigma
 from ..calibration.raw import OTHER_CAMERA, RawDecoded, from_raw
 from ..calibration.result import image_pitch
-from ..calibration.written import calibrated_camera
+from ..calibration.written import calibrated_camera, calibrated_sensor
 from ..camera import Camera
 from ..design import Design, load
 from ..errors import Argument, InputError, Problem, refusal
@@ -76,7 +76,7 @@ class CaptureOptions(Options):
     calibration: Path | None = Field(
         None,
         description="Folder that roslf calibrate wrote: depths by the camera as calibrated, with what that leaves "
-        "open in their errors.",
+        "open in their errors, and with its sensor's noise where that was measured.",
     )
     region: tuple[int, int, int, int] | None = Field(
         None,
@@ -213,7 +213,8 @@ def _raw(capture: _Capture, progress: CountedProgress) -> MeasuredCapture:
         field = ViewLight(camera, field).flat_fielded()
     if not float(field.values.max(initial=0.0)) > 0:
         raise capture.refused("is black; expose more, or check which file it is")
-    noise = raw_noise(camera, raw, field)
+    sensor = None if options.calibration is None else calibrated_sensor(options.calibration)
+    noise = raw_noise(camera, raw, field, sensor)
     if raw.balance is not None:
         noise = replace(noise, pixel=noise.pixel.dimmed(raw.balance.evenness))
     field = scaled(field, noise.scale)

@@ -7,7 +7,8 @@ from PIL import Image
 
 import roslf_design as roslf
 from roslf_design.calibration import CalibrationError
-from roslf_design.calibration.frames import read_capture, read_image, read_stack
+from roslf_design.calibration.frames import read_capture, read_image
+from roslf_design.input_files import read_frames
 
 RNG = np.random.default_rng(3)
 
@@ -35,7 +36,7 @@ def test_packed_pixels_come_back(tmp_path, name, pack, shape):
     (tmp_path / name).write_bytes(pack(frames[0]))
     np.testing.assert_array_equal(read_image(tmp_path / name), frames[0])
     (tmp_path / name).write_bytes(b"".join(pack(frame) for frame in frames))
-    np.testing.assert_array_equal(read_stack(tmp_path / name)[0], frames)
+    np.testing.assert_array_equal(read_frames(tmp_path / name, name)[0], frames)
 
 
 def test_packed_pixels_without_their_sizes_are_refused(tmp_path):
@@ -59,7 +60,7 @@ def test_stacks_and_arrays_are_read_alike(tmp_path):
     np.save(tmp_path / "stack.npy", frames)
     np.save(tmp_path / "big.npy", frames.astype(">u2"))
     for name in ("pages.tif", "loose.tif", "imagej.tif", "stack.npy", "big.npy"):
-        np.testing.assert_array_equal(read_stack(tmp_path / name)[0], frames)
+        np.testing.assert_array_equal(read_frames(tmp_path / name, name)[0], frames)
         np.testing.assert_array_equal(read_image(tmp_path / name), np.rint(frames.mean(0)).astype(np.uint16))
     np.save(tmp_path / "one.npy", frames[0] / 7)
     np.testing.assert_array_equal(read_image(tmp_path / "one.npy"), frames[0] / 7)

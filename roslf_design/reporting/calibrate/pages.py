@@ -157,6 +157,7 @@ def calibration_report(result: Outcome, drawings: Mapping[str, str], command: st
     evidence: tuple[Block, ...] = (
         *_drawings(drawings),
         _design_table(result),
+        *_sensor_table(result),
         _boards_table(result),
         _ways_table(result),
         _shares_table(result.shares),
@@ -209,6 +210,8 @@ def _statements(result: Outcome) -> Iterator[Statement]:
     _, source, advice = SOURCES[worst]
     text = f"{100 * parts[worst]:.0f} % of d_3's variance comes from {source}."
     yield Statement("plain", text, f"To do better, {advice}.")
+    yield _pupil(result)
+    yield _sensor(result)
     if result.posterior is not None:
         yield Statement("good" if result.posterior.converged else "bad", f"Posterior {result.posterior.message}.")
     words = sentence(result.accuracy.sentence(times=False))
@@ -227,6 +230,60 @@ def _statements(result: Outcome) -> Iterator[Statement]:
         )
     for warning in result.warnings:
         yield Statement("caution", sentence(warning))
+
+
+def _pupil(result: Outcome) -> Statement:
+    """Pupil and veil as the white image tells them."""
+    if result.pupil is None:
+        reason = "no microlens images fit" if result.white is None else result.white.untold
+        return Statement("plain", f"The white image tells no pupil and no veil: {reason}.", "D_F is the design's.")
+    (value, sigma), design = result.pupil, result.design.D_F
+    off = 100 * (value / design - 1)
+    text = f"Effective pupil: {rounded(value, sigma)} ± {sigma:.2g} mm, {off:+.2g} % off the design's {design:.4g} mm"
+    if result.veil is None:
+        return Statement("plain", f"{text}; its veil is not told without black level and full scale.")
+    share, error = (100 * part for part in result.veil)
+    return Statement("plain", f"{text}; veil {rounded(share, error)} ± {error:.2g} % of full scale.")
+
+
+def _sensor(result: Outcome) -> Statement:
+    """Sensor's figures as photon transfer tells them, and why others are not told."""
+    figures = [f"{name.lower()} {said} {unit}".strip() for name, said, unit, _ in _sensor_rows(result)]
+    why = "; ".join(result.sensor.untold)
+    if not figures:
+        return Statement("plain", f"The sensor's noise is not measured: {why}.", "It is the design's.")
+    return Statement("plain", f"Sensor: {', '.join(figures)}.", sentence(why))
+
+
+def _sensor_rows(result: Outcome) -> list[tuple[str, str, str, str]]:
+    """Name, value with its standard error, unit and the design's value of each figure of the sensor."""
+    sensor, design = result.sensor, result.design.sensor
+    rows = (
+        ("Gain", sensor.gain, 1.0, "e/count", math.nan),
+        ("Read noise", sensor.read_noise, 1.0, "e", design.read_noise),
+        ("Full well", sensor.full_well, 1.0, "e", design.full_well),
+        ("PRNU", sensor.prnu, 100.0, "%", math.nan),
+        ("DSNU", sensor.dsnu, 1.0, "e", math.nan),
+        ("PRNU left by the white image", sensor.prnu_left, 100.0, "%", 100 * design.prnu),
+        ("DSNU left by the dark frame", sensor.dsnu_left, 1.0, "e", design.dsnu),
+    )
+    told = []
+    for name, figure, scale, unit, own in rows:
+        if figure is not None:
+            value, sigma = scale * figure.value, scale * figure.sigma
+            text = f"{figure.bound} {number(value, 3)}" if figure.bound else f"{rounded(value, sigma)} ± {sigma:.2g}"
+            told.append((name, text, unit, "" if math.isnan(own) else f"{own:.4g}"))
+    return told
+
+
+def _sensor_table(result: Outcome) -> Iterator[Table]:
+    """Table of the sensor's figures, where any is told."""
+    if rows := _sensor_rows(result):
+        caption = (
+            "Photon transfer over the levels within microlens images. PRNU and DSNU are those of pixels against their"
+            " neighbours: shading is not in them, and what microlenses differ by within a pixel or two is."
+        )
+        yield Table(tuple(rows), "lrlr", ("", "measured", "", "design"), "Sensor (EMVA 1288)", caption)
 
 
 def _through_tables(result: Outcome) -> Iterator[Table]:
