@@ -17,7 +17,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from .._arrays import Array
-from ..calibration.frames import CalibrationError
+from ..calibration.frames import CalibrationError, read_capture
 from ..calibration.raw import from_raw
 from ..calibration.refocusing import CameraDistances
 from ..calibration.written import calibrated_camera, read_numbers
@@ -34,6 +34,9 @@ from ..theory.depth_budget import COVERAGE, DepthBudget, depth_budget
 from ..theory.depth_of_field import Kind
 from ..theory.length_covariance import CalibratedLengths, LengthCovariance
 from ..theory.quantities import QUANTITIES
+from ..toml_files import read_toml
+from ..tolerancing.study import tolerance_plan
+from ..tolerancing.trials import lengths_built
 from ..traced.fields import IdealImages
 from ..words import number
 from .captures import Bench, BenchCapture
@@ -54,7 +57,7 @@ LEAST_POINTS = 50
 FIELD, RESOLUTION, DEPTH, CAMERA, SENSOR = (
     "Field of view (ISO 8600-3, method B)", "Resolution (ISO 12233, e-SFR)", "Depth (VDI/VDE 2634-2)", "Camera", "Sensor",
 )  # fmt: skip
-DEFAULT_CALIBRATION = "result"
+RESULT = "result"
 """Folder of a calibration beside its images."""
 
 
@@ -173,9 +176,8 @@ class Measuring:
 
     def good(self, kind: Literal["edge", "wall", "spheres", "field"]) -> Iterator[tuple[BenchCapture, float]]:
         """Captures without a fault, and their distances ahead of the tip [mm]."""
-        faulty = {one.name for one in self.check.images if one.faults}
         for capture in self.bench.of_kind(kind):
-            if capture.path.name not in faulty and capture.ahead is not None:
+            if capture.path.name not in self.check.faulty and capture.ahead is not None:
                 yield capture, capture.ahead
 
     def tolerance(self, compute: Callable[[Camera], Any]) -> float | None:
@@ -215,7 +217,7 @@ def accepted(measuring: Measuring, progress: CountedProgress = silent) -> Accept
     """
     check, left_out = measuring.check, list[str]()
     resting = [*measuring.numbers.get("images_used", ())]
-    spoilt = [one.name for one in check.images if one.faults and one.name in resting]
+    spoilt = sorted(check.faulty.intersection(resting))
     lines: list[AcceptanceLine] = []
     if spoilt:
         left_out.append(f"everything: the calibration rests on {', '.join(spoilt)}; calibrate again without")
@@ -230,6 +232,30 @@ def accepted(measuring: Measuring, progress: CountedProgress = silent) -> Accept
                 lines.append(line)
     progress("measuring", len(steps), len(steps))
     return Acceptance(measuring.bench.design.name, tuple(lines), check.faults, tuple(left_out))
+
+
+def built_lengths(study: Path) -> LengthCovariance:
+    """Covariance of a camera's lengths over the builds of a tolerance study; errors as of `tolerance_plan`."""
+    return lengths_built(tolerance_plan(read_toml(study, str(study)), None, study.parent, str(study))[0])
+
+
+def mean_frames(folder: Path) -> tuple[Path, Path | None]:
+    """Mean white image and mean dark frame of a folder, written beside its images.
+
+    Raises
+    ------
+    CalibrationError
+        As `read_capture`.
+    """
+    import tifffile
+
+    capture = read_capture(folder)
+    white, dark = folder / "mean-white.tif", folder / "mean-dark.tif"
+    tifffile.imwrite(white, capture.white)
+    if capture.dark is None:
+        return white, None
+    tifffile.imwrite(dark, capture.dark)
+    return white, dark
 
 
 Told = Iterator[AcceptanceLine | str]

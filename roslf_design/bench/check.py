@@ -126,6 +126,11 @@ class BenchCheck:
         return tuple(f"{one.name}: {fault}" for one in self.images for fault in one.faults)
 
     @property
+    def faulty(self) -> frozenset[str]:
+        """Names of images with a fault."""
+        return frozenset(one.name for one in self.images if one.faults)
+
+    @property
     def tilts(self) -> tuple[int, ...]:
         """Images of boards tilted by 5 degrees or more towards right, top, left and bottom."""
         steep = [pose for one in self.boards if (pose := one.pose) is not None and pose.tilt >= math.radians(5.0)]

@@ -206,7 +206,9 @@ def _lines(field: LightField) -> Iterator[_Line]:
         for _ in range(2):
             away = math.cos(angle) * place[0] + math.sin(angle) * place[1]
             along = math.cos(angle) * place[1] - math.sin(angle) * place[0]
-            heights, ends = np.histogram(away[near], np.arange(away.min() - 1, away.max() + 2, 1.0), weights=power[near])
+            heights, ends = np.histogram(
+                away[near], np.arange(away.min() - 1, away.max() + 2, 1.0), weights=power[near]
+            )
             top = ndimage.uniform_filter1d(heights, 3, mode="constant").argmax()
             on = near & (np.abs(away - ends[top] - 0.5) < CLOSE)
             fall = np.polyfit(along[on], away[on], 1, w=np.sqrt(power[on])) if on.sum() > 3 else np.zeros(2)
@@ -242,7 +244,9 @@ def _fitted(samples: _Samples, line: _Line, slope: float, refocus: bool) -> Edge
     sigma = math.sqrt(max(float(profile.covariance.sum()), 0.0))
     if not profile.steps.sum() > LEAST_STEP * sigma:
         return None
-    return EdgeResponse(profile.places, profile.steps, profile.covariance, line.angle + turn, slope, profile.slope_sigma)
+    return EdgeResponse(
+        profile.places, profile.steps, profile.covariance, line.angle + turn, slope, profile.slope_sigma
+    )
 
 
 class _Profile(NamedTuple):

@@ -255,5 +255,8 @@ def field_angles(near: RingView, far: RingView, placed: tuple[float, float], pri
     of_sizes *= between / (far.sizes_mm[best] - near.sizes_mm[best]) ** 2
     of_places = math.hypot(placed[0] * (far.ahead + behind[best]), placed[1] * (near.ahead + behind[best])) / between
     return FieldAngles(
-        np.rad2deg(angles), np.rad2deg(error / (1 + growth**2 / 4)), float(behind[best]), math.hypot(of_sizes, of_places)
+        np.rad2deg(angles),
+        np.rad2deg(error / (1 + growth**2 / 4)),
+        float(behind[best]),
+        math.hypot(of_sizes, of_places),
     )

@@ -87,9 +87,7 @@ def plane_through(points: Array, sigma: Array, window: float) -> SurfaceFit:
     return SurfaceFit(parameters, covariance, *_range(off, max(1.0, z.size / window)))
 
 
-def sphere_through(
-    points: Array, sigma: Array, window: float, centre: Array, radius: float, free: bool
-) -> SurfaceFit:
+def sphere_through(points: Array, sigma: Array, window: float, centre: Array, radius: float, free: bool) -> SurfaceFit:
     """Sphere that fits points best, from a centre and a radius to begin with; `free` fits the radius too.
 
     Errors of Z count along the sphere's normal. Other arguments as of `plane_through`.

@@ -28,7 +28,7 @@ _ACROSS, _WHOLE = 0.45, 0.85
 """Shares of the field's shorter side that the slanted square takes in the focal plane, and that it may take."""
 _LEAST_EDGE = 20.0
 """Microlenses' footprints along the square's side, where its edges still tell something."""
-_RINGS, _LINE = 8, 0.2
+_RINGS, LINE = 8, 0.2
 """Rings in half the field at least, and the width of their lines over the gap between them."""
 
 
@@ -115,7 +115,7 @@ def setup_for(design: Design, board: Board, poses: tuple[BoardPose, ...], seed: 
             octaves=1 + max(1, round(math.log2(coarsest / finest))), at=at, **printed(finest < 2 * DOT),
         ),
         spheres=SpheresTarget(diameter=_rounded(0.15 * volume, 2), spacing=_rounded(0.3 * volume, 2), at=(at[1],)),
-        field=FieldTarget(radii=radii, at=(at[0], at[2]), **printed(_LINE * radii[0] < 2 * DOT)),
+        field=FieldTarget(radii=radii, at=(at[0], at[2]), **printed(LINE * radii[0] < 2 * DOT)),
         poses=poses,
     )  # fmt: skip
 
@@ -293,8 +293,8 @@ def _spheres(setup: Setup, name: str) -> Sheet:
 def _field(setup: Setup, name: str) -> Sheet:
     field = setup.field
     gaps = np.diff([0.0, *field.radii])
-    rings = [(0.0, 0.0, radius, _LINE * float(gap)) for radius, gap in zip(field.radii, gaps, strict=True)]
-    arm, line = field.radii[0] / 2, _LINE * field.radii[0]
+    rings = [(0.0, 0.0, radius, LINE * float(gap)) for radius, gap in zip(field.radii, gaps, strict=True)]
+    arm, line = field.radii[0] / 2, LINE * field.radii[0]
     dark = [_rectangle((-arm, -line / 2), 2 * arm, line), _rectangle((-line / 2, -arm), line, 2 * arm)]
     words = [
         Words((radius - gap / 2) / math.sqrt(2), (radius - 0.25 * gap) / math.sqrt(2), f"{radius:g}", 0.3 * gap, True)

@@ -156,7 +156,9 @@ class Bench:
 def _means(shade: Any, width: float, count: int, fine: int = 3) -> NDArray[np.float64]:
     """Picture of a function of places, `count` pixels wide, each the mean of fine x fine places."""
     at = ((np.arange(count * fine) + 0.5) / (count * fine) - 0.5) * width
-    rows = [shade(at, at[k * fine : (k + 1) * fine, None]).reshape(fine, count, fine).mean((0, 2)) for k in range(count)]
+    rows = [
+        shade(at, at[k * fine : (k + 1) * fine, None]).reshape(fine, count, fine).mean((0, 2)) for k in range(count)
+    ]
     return np.array(rows)
 
 

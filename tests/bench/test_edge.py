@@ -62,7 +62,9 @@ def square_field(rng, side=24.0, noise=0.01, sigma=0.6, size=(56, 74)):
     field = edge_field(rng, views=1, size=size)
     u, v = np.meshgrid(field.u, field.v)
     cos, sin = math.cos(math.radians(5)), math.sin(math.radians(5))
-    rise = [0.5 * (1 + erf((side / 2 - np.abs(a)) / (math.sqrt(2) * sigma))) for a in (cos * u + sin * v, cos * v - sin * u)]
+    rise = [
+        0.5 * (1 + erf((side / 2 - np.abs(a)) / (math.sqrt(2) * sigma))) for a in (cos * u + sin * v, cos * v - sin * u)
+    ]
     values = 0.9 - 0.8 * rise[0] * rise[1] + noise * rng.standard_normal(u.shape)
     return replace(field, values=values[None, None].astype(np.float32))
 
@@ -80,6 +82,8 @@ def test_square_has_four_edges_and_their_mean_is_its_contrast():
 
 def test_picture_without_an_edge_is_refused():
     field = edge_field(np.random.default_rng(0), views=1)
-    flat = replace(field, values=(0.5 + np.random.default_rng(2).normal(0, 0.01, field.values.shape)).astype(np.float32))
+    flat = replace(
+        field, values=(0.5 + np.random.default_rng(2).normal(0, 0.01, field.values.shape)).astype(np.float32)
+    )
     with pytest.raises(CalibrationError, match="no edge"):
         edges_in_view(flat)

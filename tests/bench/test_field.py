@@ -36,7 +36,9 @@ def drawn(away, rng, tilt=(0.0, 0.0), centre=(0.0, 0.0), noise=0.01, fine=5):
     dark = sum(np.abs(radius - r) < LINE * gap / 2 for r, gap in zip(RADII, gaps, strict=True))
     picture = 0.9 - 0.8 * dark
     picture = picture.reshape(v.size, fine, u.size, fine).mean((1, 3))
-    picture = picture * (1 - 0.1 * ((u / 38) ** 2 + (v[:, None] / 38) ** 2)) + noise * rng.standard_normal(picture.shape)
+    picture = picture * (1 - 0.1 * ((u / 38) ** 2 + (v[:, None] / 38) ** 2)) + noise * rng.standard_normal(
+        picture.shape
+    )
     return picture, (u, v)
 
 
@@ -61,7 +63,13 @@ def test_angle_from_two_distances_holds_the_truth():
     for seed in range(12):
         rng = np.random.default_rng(100 + seed)
         looks = [
-            seen(away + rng.normal(0, 0.02), away - 1, seed, tilt=rng.normal(0, 0.02, 2), centre=rng.normal(0, 0.01 * away, 2))
+            seen(
+                away + rng.normal(0, 0.02),
+                away - 1,
+                seed,
+                tilt=rng.normal(0, 0.02, 2),
+                centre=rng.normal(0, 0.01 * away, 2),
+            )
             for away in (6.0, 50.0)
         ]
         angles = field_angles(*looks, placed=(0.02, 0.02), printed=1e-4)
@@ -74,7 +82,11 @@ def test_angle_from_two_distances_holds_the_truth():
 
 def test_other_picture_is_refused():
     rng = np.random.default_rng(0)
-    picture = 0.5 + 0.2 * np.sign(np.sin(np.arange(75) / 3) * np.sin(np.arange(57)[:, None] / 3)) + rng.normal(0, 0.01, (57, 75))
+    picture = (
+        0.5
+        + 0.2 * np.sign(np.sin(np.arange(75) / 3) * np.sin(np.arange(57)[:, None] / 3))
+        + rng.normal(0, 0.01, (57, 75))
+    )
     with pytest.raises(CalibrationError, match="no rings"):
         rings_seen(
             picture, np.ones((57, 75), bool), (np.arange(-37, 38.0), np.arange(-28, 29.0)), ENDS,

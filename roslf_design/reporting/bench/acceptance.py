@@ -41,11 +41,10 @@ def acceptance_statements(result: Acceptance) -> tuple[Statement, ...]:
 
 def _verdicts(result: Acceptance) -> Iterator[Statement]:
     for verdict, tone in TONES.items():
-        lines = [line for line in result.lines if line.verdict == verdict]
-        if not lines or verdict == "reported":
-            continue
-        names = listed([line.name for line in lines])
-        yield Statement(tone, f"{verdict.capitalize()}, {len(lines)}: {names}.")
+        names = [line.name for line in result.lines if line.verdict == verdict]
+        if names and verdict != "reported":
+            which = "" if verdict == "in tolerance" else f": {listed(names)}"
+            yield Statement(tone, f"{verdict.capitalize()}: {len(names)} of {len(result.lines)} figures{which}.")
     if not any(line.limits for line in result.lines):
         yield Statement("plain", "No figure has a limit: nothing is judged.", "Name a tolerance study by --tolerances.")
 
