@@ -17,14 +17,15 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from .._arrays import Array
-from ..calibration.frames import CalibrationError, read_capture
-from ..calibration.raw import from_raw
+from ..calibration.decoding import Decoder, LightField
+from ..calibration.frames import CalibrationError, Capture
+from ..calibration.outcome import white_image
 from ..calibration.refocusing import CameraDistances
 from ..calibration.written import calibrated_camera, read_numbers
 from ..camera import Camera
 from ..depth.from_files import CaptureOptions, captured
 from ..depth.measure import Depths
-from ..design import PATHS
+from ..design import PATHS, Design
 from ..errors import InputError
 from ..evaluation.specification import Specification, resolved, specification
 from ..json_data import plain
@@ -34,9 +35,9 @@ from ..theory.depth_budget import COVERAGE, DepthBudget, depth_budget
 from ..theory.depth_of_field import Kind
 from ..theory.length_covariance import CalibratedLengths, LengthCovariance
 from ..theory.quantities import QUANTITIES
-from ..toml_files import read_toml
 from ..tolerancing.study import tolerance_plan
 from ..tolerancing.trials import lengths_built
+from ..toml_files import read_toml
 from ..traced.fields import IdealImages
 from ..words import number
 from .captures import Bench, BenchCapture
@@ -55,7 +56,8 @@ STRAY_SPAN = 6.0
 """Range that holds all normal errors but three in a thousand [standard deviations]."""
 LEAST_POINTS = 50
 FIELD, RESOLUTION, DEPTH, CAMERA, SENSOR = (
-    "Field of view (ISO 8600-3, method B)", "Resolution (ISO 12233, e-SFR)", "Depth (VDI/VDE 2634-2)", "Camera", "Sensor",
+    "Field of view (ISO 8600-3, method B)", "Resolution (ISO 12233, e-SFR)", "Depth (VDI/VDE 2634-2)", "Camera",
+    "Sensor",
 )  # fmt: skip
 RESULT = "result"
 """Folder of a calibration beside its images."""
@@ -127,15 +129,37 @@ class Acceptance:
         }
 
 
-class Stood(NamedTuple):
-    """How well targets stood where their files say."""
+class Frames(NamedTuple):
+    """Mean white image and mean dark frame of a camera, and what its images are decoded with."""
 
-    relative: float = PLACED
-    """Standard uncertainty of distances, of themselves."""
+    white: Path
+    dark: Path | None
+    capture: Capture
+    decoder: Decoder
 
-    def at(self, ahead: float) -> float:
-        """Standard uncertainty of a distance [mm]."""
-        return self.relative * ahead
+    @classmethod
+    def of(cls, folder: Path, design: Design, progress: CountedProgress = silent) -> Frames:
+        """Frames of a calibration's images; the means are written beside them.
+
+        Raises
+        ------
+        CalibrationError
+            No white image, or one without microlens images.
+        """
+        import tifffile
+
+        plain, capture, centres = white_image(folder, design, progress)
+        white, dark = folder / "mean-white.tif", None if plain.dark is None else folder / "mean-dark.tif"
+        tifffile.imwrite(white, plain.white)
+        if dark is not None:
+            tifffile.imwrite(dark, plain.dark)
+        shape = capture.white.shape
+        decoder = Decoder.of(centres.lattice, shape, white=capture.white, dark=capture.dark)
+        return cls(white, dark, capture, decoder)
+
+    def field(self, path: Path) -> LightField:
+        """Light field of an image of the same camera."""
+        return self.decoder(self.capture.board(path))
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,12 +170,11 @@ class Measuring:
     check: BenchCheck
     calibration: Path
     """Folder that roslf calibrate wrote."""
-    white: Path
-    """Mean white image."""
-    dark: Path | None
+    frames: Frames
     build: LengthCovariance | None = None
     """Covariance of lengths by a tolerance study; without one lines have no tolerance."""
-    stood: Stood = Stood()
+    placed: float = PLACED
+    """Standard uncertainty of targets' distances, of themselves."""
 
     @cached_property
     def camera(self) -> Camera:
@@ -199,7 +222,7 @@ class Measuring:
         at, step = float(span(camera, ahead)), 1e-3 * ahead
         slope = (float(span(camera, ahead + step)) - at) / step
         known = float(lengths.covariance.carried(camera, lambda builds: span(builds, ahead)))
-        return at, math.hypot(known, slope * self.stood.at(ahead)) / at
+        return at, math.hypot(known, slope * self.placed * ahead) / at
 
     def budget(self, ahead: float) -> DepthBudget:
         """Expected uncertainty of depth by the data sheet, of the calibrated camera."""
@@ -239,25 +262,6 @@ def built_lengths(study: Path) -> LengthCovariance:
     return lengths_built(tolerance_plan(read_toml(study, str(study)), None, study.parent, str(study))[0])
 
 
-def mean_frames(folder: Path) -> tuple[Path, Path | None]:
-    """Mean white image and mean dark frame of a folder, written beside its images.
-
-    Raises
-    ------
-    CalibrationError
-        As `read_capture`.
-    """
-    import tifffile
-
-    capture = read_capture(folder)
-    white, dark = folder / "mean-white.tif", folder / "mean-dark.tif"
-    tifffile.imwrite(white, capture.white)
-    if capture.dark is None:
-        return white, None
-    tifffile.imwrite(dark, capture.dark)
-    return white, dark
-
-
 Told = Iterator[AcceptanceLine | str]
 """Lines, and in their place sentences on why there are none."""
 
@@ -274,7 +278,7 @@ def _field_lines(m: Measuring) -> Told:
         yield "field of view: takes rings at two distances"
         return
     near, far = views[0], views[-1]
-    angles: FieldAngles = field_angles(near, far, (m.stood.at(near.ahead), m.stood.at(far.ahead)), PRINTED)
+    angles: FieldAngles = field_angles(near, far, (m.placed * near.ahead, m.placed * far.ahead), PRINTED)
     pupil = m.sheet.field_of_view_deg[0]
     for k, (way, part) in enumerate((("width", "width_"), ("height", "height_"), ("diagonal", ""))):
         expected = float(getattr(pupil, way))
@@ -287,10 +291,8 @@ def _field_lines(m: Measuring) -> Told:
 
 
 def _rings(m: Measuring, capture: BenchCapture, ahead: float) -> RingView:
-    design = m.bench.design
-    raw = from_raw(capture.path, m.white, m.dark, design, lambda _: None)
-    field, lattice = raw.field, raw.source.centres.lattice
-    rows, columns = raw.pixels.shape[:2]
+    field, lattice = m.frames.field(capture.path), m.frames.decoder.lattice
+    rows, columns = m.frames.decoder.shape
     corners = np.array([[x, y] for x in (-0.5, columns - 0.5) for y in (-0.5, rows - 0.5)])
     i, j = lattice.indices(corners).T
     step = float(field.v[1] - field.v[0])
@@ -315,7 +317,7 @@ def _resolution_lines(m: Measuring) -> Told:
         looks: tuple[tuple[Kind, str], ...] = (("view", "a view"), ("refocused", "refocused"))
         for kind, words in looks:
             try:
-                field = field or from_raw(capture.path, m.white, m.dark, m.bench.design, lambda _: None).field
+                field = field or m.frames.field(capture.path)
                 slope = distances.slope(float(m.camera.tip) + ahead)
                 responses = edges_in_view(field) if kind == "view" else edges_refocused(field, slope)
             except (CalibrationError, InputError) as error:
@@ -349,7 +351,7 @@ def _resolved(axis: tuple[float, float], ahead: float, kind: Kind, level: float,
 
 def _points(m: Measuring, capture: BenchCapture) -> tuple[Depths, Array, Array]:
     """Depths in a capture, its points (n, 3) with Z from the tip [mm], and their own standard errors."""
-    options = CaptureOptions(white=m.white, dark=m.dark, calibration=m.calibration)
+    options = CaptureOptions(white=m.frames.white, dark=m.frames.dark, calibration=m.calibration)
     run = captured(capture.path, options).first
     known = run.measured
     z = run.depth[known]
@@ -379,7 +381,7 @@ def _wall_lines(m: Measuring) -> Told:
         common = 0.0 if run.calibration_sigma is None else float(np.nanmedian(run.calibration_sigma))
         yield AcceptanceLine(
             DEPTH, f"error of depth, {at}", "mm", float(plane.parameters[0]) - ahead,
-            COVERAGE * math.hypot(own, m.stood.at(ahead)), 0.0, (-expanded, expanded),
+            COVERAGE * math.hypot(own, m.placed * ahead), 0.0, (-expanded, expanded),
             f"limits: depth, expected, U = {number(expanded, 2)} mm", COVERAGE * math.hypot(own, common),
         )  # fmt: skip
         yield from _ranges(plane, f"flatness error, {at}", f"off a plane, rms, {at}", precision)

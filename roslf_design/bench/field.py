@@ -23,10 +23,10 @@ APART = 3.0
 """Gap between rings that a picture shows as such [pitches]."""
 MOST = 6000
 """Microlenses that are fitted at most; others are left out evenly."""
-OFF_CENTRE, SCALES = 0.25, 0.1
+OFF_CENTRE, SCALES = 0.35, 0.1
 """Share of the field that the rings' middle may be off its own, and share by which their scale may be off."""
 STRAYS, ROUNDS = 3.5, 4
-"""Residuals over their rms beyond which a microlens shows something else, as a label, and rounds of leaving those out."""
+"""Residuals over their rms beyond which a microlens shows something else, as a label; rounds of leaving those out."""
 PATCH = 6
 """Microlenses along a side of patches whose residuals are taken to err alike."""
 LEAST_SHOWN = 0.5

@@ -137,7 +137,7 @@ def spheres_apart(points: Array, sigma: Array, window: float, diameter: float, s
             return None
         nearest = points[left][np.argsort(points[left][:, 2])[: max(5, int(0.02 * left.sum()))]]
         close = np.linalg.norm(nearest[:, None] - nearest, axis=-1) < 0.4 * radius
-        centre = nearest[close[close.sum(axis=1).argmax()]].mean(axis=0) + [0, 0, radius]
+        centre = nearest[close[close.sum(axis=1).argmax()]].mean(axis=0) + np.array([0, 0, radius])
         for _ in range(6):
             near = left & (np.abs(np.linalg.norm(points - centre, axis=1) - radius) < max(4 * smooth, 0.15 * radius))
             near &= points[:, 2] < centre[2] - 0.3 * radius

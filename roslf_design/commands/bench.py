@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import App
 
-from ..bench.acceptance import RESULT, Measuring, Stood, accepted, built_lengths, mean_frames
+from ..bench.acceptance import RESULT, Frames, Measuring, accepted, built_lengths
 from ..bench.captures import ACCEPTANCE, CALIBRATION, DESIGN, SETUP, read_bench
 from ..bench.check import checked
 from ..bench.protocol import Protocol
@@ -151,7 +151,7 @@ def report(
     Parameters
     ----------
     folder
-        Folder that roslf bench wrote, with captures. Its calibration/result is taken, or made: from sound images, without
+        Folder that roslf bench wrote, with captures. Its calibration/result is taken, or made of sound images, without
         sampling the posterior.
     tolerances
         A study of roslf tolerance: lines get two standard deviations of its builds as their limits.
@@ -163,7 +163,7 @@ def report(
         Date on the page; --no-stamp for none. SOURCE_DATE_EPOCH sets it.
     """
     check_typst("folder")
-    read, stood = read_bench(folder), Stood(_share(placed))
+    read, share = read_bench(folder), _share(placed)
     build = None if tolerances is None else built_lengths(tolerances)
     date = f"{date_of_making():%Y-%m-%d}" if stamp else NONE
     with status_and_bars("bench report") as tell, TemporaryDirectory() as place:
@@ -179,10 +179,10 @@ def report(
                 command = typed("calibrate", read.calibration, design=folder / DESIGN, board=options.board,
                                 no_posterior=True, output=calibration)  # fmt: skip
                 write_calibration(calibrated(sound, read.design, options, tell), calibration, command)
-            white, dark = mean_frames(sound)
+            frames = Frames.of(sound, read.design, tell)
         except CalibrationError as error:
             raise refused(error, read.calibration, calibration) from None
-        result = accepted(Measuring(read, check, calibration, white, dark, build, stood), tell)
+        result = accepted(Measuring(read, check, calibration, frames, build, share), tell)
     page = acceptance_report(result, read.design, str(calibration), revision, date)
     data = result.to_dict() | {"revision": revision, "date": date}
     write_files(
