@@ -442,8 +442,7 @@ def _camera_lines(m: Measuring) -> Told:
     else:
         yield "D_F: " + str(pupil.get("untold") or "the calibration does not tell it")
     for name, quantity, value, sigma, unit in rows:
-        place = PATHS.get(name, "")
-        compute: Callable[[Camera], Any] = QUANTITIES[quantity] if quantity else lambda c, place=place: c[place]
+        compute: Callable[[Camera], Any] = QUANTITIES[quantity] if quantity else partial(_length, PATHS[name])
         expected = float(np.asarray(compute(designed)))
         yield AcceptanceLine(CAMERA, name, unit, value, COVERAGE * sigma, expected, m.about(expected, compute))
     if veil is None:
@@ -451,6 +450,10 @@ def _camera_lines(m: Measuring) -> Told:
         return
     share, sigma = veil["share"], veil["sigma"]
     yield AcceptanceLine(CAMERA, "veil", "%", 100 * share, 100 * COVERAGE * sigma, 100 * design.light.veil)
+
+
+def _length(place: str, camera: Camera) -> Any:
+    return camera[place]
 
 
 def _sensor_lines(m: Measuring) -> Told:

@@ -15,6 +15,7 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy import ndimage, sparse
 from scipy.interpolate import BSpline
 
@@ -98,9 +99,9 @@ class _Samples(NamedTuple):
     """Number of the microlens that each is from."""
 
     @classmethod
-    def of(cls, field: LightField, views: tuple[Array, Array]) -> _Samples:
+    def of(cls, field: LightField, views: tuple[NDArray[np.intp], NDArray[np.intp]]) -> _Samples:
         """Samples of some views, of `views` along t and s, that have light."""
-        part = np.ix_(*views, range(len(field.v)), range(len(field.u)))
+        part = np.ix_(*views, np.arange(len(field.v)), np.arange(len(field.u)))
         values, weight = field.values[part].astype(float), field.weight[part].astype(float)
         axes = np.broadcast_arrays(
             field.t[views[0], None, None, None], field.s[views[1], None, None], field.v[:, None], field.u,
@@ -110,7 +111,7 @@ class _Samples(NamedTuple):
         t, s, v, u, number = (axis[lit] for axis in axes)
         return cls(u, v, s, t, values[lit], weight[lit], number)
 
-    def some(self, chosen: Array) -> _Samples:
+    def some(self, chosen: NDArray[np.bool_]) -> _Samples:
         """Those chosen."""
         return _Samples(*(axis[chosen] for axis in self))
 
@@ -136,8 +137,8 @@ def edges_in_view(field: LightField) -> tuple[EdgeResponse, ...]:
     CalibrationError
         It shows none.
     """
-    middle = tuple(np.array([np.abs(axis).argmin()]) for axis in (field.t, field.s))
-    samples = _Samples.of(field, (middle[0], middle[1]))
+    middle = np.array([np.abs(field.t).argmin()]), np.array([np.abs(field.s).argmin()])
+    samples = _Samples.of(field, middle)
     return _each(field, lambda line: _fitted(samples, line, 0.0, refocus=False))
 
 

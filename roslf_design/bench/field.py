@@ -10,9 +10,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import erf
 
@@ -79,7 +80,7 @@ class _Sight(NamedTuple):
         x, y = self.on_plane(place, reach)
         meets = (pupil - self.tilt_x * self.x - self.tilt_y * self.y) / (pupil - self.tilt_x * x - self.tilt_y * y)
         dx, dy = meets * x - self.x, meets * y - self.y
-        return np.sqrt(dx**2 + dy**2 + (self.tilt_x * dx + self.tilt_y * dy) ** 2)
+        return np.asarray(np.sqrt(dx**2 + dy**2 + (self.tilt_x * dx + self.tilt_y * dy) ** 2))
 
     def on_plane(self, place: Array, reach: float) -> Array:
         """Places on a plane square to the axis through the rings' middle [mm]."""
@@ -112,7 +113,7 @@ class _Picture:
     """Distance of the target from the entrance pupil, about [mm]."""
     rings: Rings
 
-    def some(self, chosen: Array) -> _Picture:
+    def some(self, chosen: NDArray[Any]) -> _Picture:
         """Those chosen."""
         return replace(self, values=self.values[chosen], place=self.place[:, chosen])
 
@@ -149,8 +150,8 @@ class _Picture:
 
 
 def rings_seen(
-    picture: Array, lit: Array, axes: tuple[Array, Array], ends: Array, rings: Rings, ahead: float,
-    sample: float, pupil: float,
+    picture: NDArray[np.floating], lit: NDArray[np.bool_], axes: tuple[Array, Array], ends: Array, rings: Rings,
+    ahead: float, sample: float, pupil: float,
 ) -> RingView:  # fmt: skip
     """Rings in a picture.
 
@@ -186,7 +187,7 @@ def rings_seen(
     parameters, gap = seen.start(sample), shown.radii[0] - (rings.radii[rings.radii < shown.radii[0]][-1:].sum())
     inner = shown.radii[0] - gap / 2
 
-    def outside(parameters: Array) -> Array:
+    def outside(parameters: Array) -> NDArray[np.bool_]:
         return np.asarray(_Sight(*parameters.tolist()).radius(place, reach, pupil) > inner)
 
     used = outside(parameters)
@@ -204,13 +205,14 @@ def rings_seen(
         (left, right), (below, above) = ends - ends.mean(axis=1)[:, None]
         pairs = [(left, 0), (right, 0), (0, below), (0, above), (left, below), (right, above)]
         x, y = _Sight(*at.tolist()).on_plane(np.array(pairs, float).T, reach)
-        return np.hypot(np.diff(x)[::2], np.diff(y)[::2])
+        return np.asarray(np.hypot(np.diff(x)[::2], np.diff(y)[::2]))
 
     fit = least_squares(fitted.left, parameters, x_scale=scale, max_nfev=1)
+    left, slopes = np.asarray(fit.fun), np.asarray(fit.jac)
     bins = np.floor(fitted.place / PATCH).astype(int)
     _, patch = np.unique(bins[0] * 100_000 + bins[1], return_inverse=True)
-    scores = np.stack([np.bincount(patch, fit.fun * column) for column in fit.jac.T], axis=-1)
-    inverse = np.linalg.pinv(fit.jac.T @ fit.jac)
+    scores = np.stack([np.bincount(patch, left * column) for column in slopes.T], axis=-1)
+    inverse = np.linalg.pinv(slopes.T @ slopes)
     count = len(scores)
     covariance = inverse @ (scores.T @ scores) @ inverse * count / max(count - len(scale), 1)
     step = 1e-4

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import ndtri
 
@@ -55,14 +56,17 @@ def _fitted(
 ) -> tuple[Array, Array, Array]:
     """Parameters, their covariance, and distances from the surface; strays beyond three thousandths do not count."""
     used = np.ones(sigma.size, bool)
-    fit = None
+    rates = np.zeros((0, 0))
+
+    def left(at: Array, some: NDArray[np.bool_]) -> Array:
+        return np.asarray(distance(at)[some] / sigma[some])
+
     for _ in range(3):
-        fit = least_squares(lambda at, used=used: distance(at)[used] / sigma[used], start)
-        start = fit.x
+        fit = least_squares(left, start, args=(used,))
+        start, rates = fit.x, np.asarray(fit.jac)
         off = np.abs(distance(start)) / sigma
         used = off <= np.quantile(off, 1 - REJECTED)
-    assert fit is not None
-    return start, np.linalg.pinv(fit.jac.T @ fit.jac) * window, distance(start)
+    return start, np.asarray(np.linalg.pinv(rates.T @ rates) * window, float), distance(start)
 
 
 def plane_through(points: Array, sigma: Array, window: float) -> SurfaceFit:
@@ -94,7 +98,7 @@ def sphere_through(points: Array, sigma: Array, window: float, centre: Array, ra
     """
 
     def distance(at: Array) -> Array:
-        return np.linalg.norm(points - at[:3], axis=1) - (at[3] if free else radius)
+        return np.asarray(np.linalg.norm(points - at[:3], axis=1) - (at[3] if free else radius))
 
     start = np.append(centre, radius) if free else np.asarray(centre, float)
     own = sigma

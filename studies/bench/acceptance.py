@@ -16,7 +16,7 @@ import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -34,7 +34,19 @@ from roslf_design.reporting.printers import page_files
 from roslf_design.tables import Table
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.traced.fields import IdealImages
-from studies.bench.made import GAIN, LEVEL, PRNU, READ, VEIL, Bench, Build, board_picture, edge_picture, rings_picture, wall_picture
+from studies.bench.made import (
+    GAIN,
+    LEVEL,
+    PRNU,
+    READ,
+    VEIL,
+    Bench,
+    Build,
+    board_picture,
+    edge_picture,
+    rings_picture,
+    wall_picture,
+)
 
 BY_RAYS = 5e-6
 """Wavelength at which nothing is diffracted, as in the captures [mm]."""
@@ -120,7 +132,7 @@ def compared(bench: Bench, data: dict[str, Any]) -> Iterator[Compared]:
         if name in truths:
             yield Compared(bench.folder.name, name, value, expanded, truths[name])
         elif name.startswith("MTF"):
-            kind = "view" if "a view" in name else "refocused"
+            kind: Literal["view", "refocused"] = "view" if "a view" in name else "refocused"
             at = next(stood for file, stood in bench.stood.items() if file.startswith("edge"))
             row = resolved(IdealImages(sharp, [(0.0, 0.0)]), 0, at, kind)
             truth = row.mtf50_lp_per_mm if "50" in name else row.mtf10_lp_per_mm
@@ -191,7 +203,9 @@ def main() -> None:
     words = f"{inside} of {len(rows)} figures lie within their expanded uncertainty of what the build has."
     blocks = (
         Paragraph(words),
-        Table(tuple((name, "; ".join(told) or "not named") for name, told in named.items()), "ll", title="Faults named"),
+        Table(
+            tuple((name, "; ".join(told) or "not named") for name, told in named.items()), "ll", title="Faults"
+        ),
         Table(tuple(cells), "lldlll", ("bench", "figure", "measured", "U", "truth", "error over U"), "Figures"),
     )
     page = Report("Acceptance on rendered captures", words, (Section("Figures", blocks),))

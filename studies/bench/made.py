@@ -196,9 +196,9 @@ def edge_picture(setup: Setup) -> tuple[NDArray[np.float64], float]:
 
 def rings_picture(setup: Setup) -> tuple[NDArray[np.float64], float]:
     """The rings on their page, and its width."""
-    radii = np.array(setup.field.printed_radii)
+    radii = np.array(setup.field.printed_radii, float)
     lines = LINE * np.diff([0.0, *radii])
-    width = 2.3 * radii[-1]
+    width = 2.3 * float(radii[-1])
 
     def shade(x: NDArray[Any], y: NDArray[Any]) -> NDArray[np.float64]:
         radius = np.hypot(x, y)
@@ -214,4 +214,4 @@ def wall_picture(setup: Setup) -> tuple[NDArray[np.float64], float]:
     wall = setup.wall
     count = max(2 ** (wall.octaves - 1), math.ceil(wall.printed_side / wall.finest))
     dark = texture(count, wall.octaves, np.random.default_rng(setup.seed))
-    return np.kron(np.where(dark, INK, PAPER), np.ones((3, 3))), count * wall.finest
+    return np.asarray(np.kron(np.where(dark, INK, PAPER), np.ones((3, 3))), float), float(count * wall.finest)

@@ -14,8 +14,8 @@ from ..sheet.lines import NONE, sheet_head, signatures
 TONES: dict[Verdict, Tone] = {"in tolerance": "good", "out": "bad", "undecided": "caution", "reported": "plain"}
 RULE = (
     "Measured figures with their expanded uncertainty U (k = 2), beside the data sheet's. In tolerance: all of a figure"
-    " ± U lies within the limits; out: all of it lies outside; undecided: neither (ISO 14253-1, JCGM 106). Lines without"
-    " limits are reported."
+    " ± U lies within the limits; out: all of it lies outside; undecided: neither (ISO 14253-1, JCGM 106). Lines"
+    " without limits are reported."
 )
 
 
