@@ -6,6 +6,7 @@ import math
 from collections.abc import Collection, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -49,12 +50,18 @@ _LEAK = 0.01
 _ODD, _OTHER = 0.05, 0.08
 """Share by which a board's cells may look smaller or larger than those of the other images, and than bench.toml says:
 cameras are built to a few per cent of their design's magnification."""
+_SLOPES = 0.15
+"""Share that diffraction may take of views' slopes, and so of how far from focus a board looks."""
 _MOVED = 0.03
 """Shift of centres at the image's edge that counts as one [px]."""
 _SURE = 5.0
 _MOST_LENSES = 20_000
 _CORE = 0.3
 """Least light of a microlens whose centre is compared, over the brightest's."""
+
+
+_Shares = dict[str, dict[str, float]]
+"""For each length its standard deviation, and shares of its variance, as of `variance_shares`."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +118,9 @@ class BenchCheck:
     """Standard deviations of H, d_3 and the rest by the images so far [mm or 1]; None where they determine none."""
     noise: float
     """Standard deviation of a corner's coordinate in a view [pitches]."""
-    best: NextPose | None
+    best: NextPose
+    by_images: float = 0.0
+    """Share of d_3's variance that more images could take down; the rest is the data sheet's and the board's."""
     missing: tuple[str, ...] = ()
     """Captures that the protocol asks for and that are not there."""
 
@@ -131,11 +140,11 @@ class BenchCheck:
         return frozenset(one.name for one in self.images if one.faults)
 
     @property
-    def tilts(self) -> tuple[int, ...]:
-        """Images of boards tilted by 5 degrees or more towards right, top, left and bottom."""
+    def tilts(self) -> dict[str, int]:
+        """Images of boards tilted by 5 degrees or more, by the side that is nearer."""
         steep = [pose for one in self.boards if (pose := one.pose) is not None and pose.tilt >= math.radians(5.0)]
         quarters = [round(4 * pose.towards / math.tau) % 4 for pose in steep]
-        return tuple(quarters.count(k) for k in range(4))
+        return {side: quarters.count(k) for k, side in enumerate(("right", "top", "left", "bottom"))}
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON's types."""
@@ -145,8 +154,9 @@ class BenchCheck:
             "boards": len(self.boards),
             "corner_noise_pitches": self.noise,
             "sigma": self.sigma,
-            "tilted_towards": dict(zip(("right", "top", "left", "bottom"), self.tilts, strict=True)),
-            "next": None if self.best is None else self.best.to_dict(),
+            "tilted_towards": self.tilts,
+            "d_3_variance_by_images": self.by_images,
+            "next": self.best.to_dict(),
             "missing": list(self.missing),
             "faults": list(self.faults),
         }
@@ -172,7 +182,8 @@ def checked(bench: Bench, progress: CountedProgress = silent) -> BenchCheck:
         if checks[name].faults:
             continue
         for other, dark in frames["dark"].items():
-            checks[other] = checks[other].blamed(_leak(white, dark))
+            if not checks[other].faults:
+                checks[other] = checks[other].blamed(_leak(white, dark))
         darks = [dark for other, dark in frames["dark"].items() if not checks[other].faults]
         try:
             reference = _Reference.of(design, name, white, next(iter(darks), None))
@@ -193,9 +204,11 @@ def checked(bench: Bench, progress: CountedProgress = silent) -> BenchCheck:
         if not checks[name].faults and (observations is None or name not in observations.names):
             checks[name] = checks[name].blamed(_instead(views[name], board))
     missing: list[str] = [kind for kind in KINDS if kind != "board" and not bench.of_kind(kind)]
-    missing += [pose.file for pose in bench.setup.poses if pose.file not in checks]
+    captured = {Path(name).stem for name in checks}
+    missing += [pose.file for pose in bench.setup.poses if Path(pose.file).stem not in captured]
     if observations is None or reference is None:
-        return BenchCheck(tuple(checks.values()), None, 0.0, NextPose(_left(bench, ())[0], None), tuple(missing))
+        first = NextPose(_left(bench, ())[0], None)
+        return BenchCheck(tuple(checks.values()), None, 0.0, first, missing=tuple(missing))
     looked = _Boards.of(bench, observations, reference.middle)
     for k, name in enumerate(observations.names):
         found = np.isfinite(observations.uv[k, ..., 0])
@@ -209,7 +222,10 @@ def checked(bench: Bench, progress: CountedProgress = silent) -> BenchCheck:
         if not checks[name].faults:
             checks[name] = checks[name].blamed(looked.wrong_size(k))
     sound = [k for k, name in enumerate(observations.names) if not checks[name].faults]
-    return BenchCheck(tuple(checks.values()), looked.sigma(sound), looked.noise, looked.best(sound), tuple(missing))
+    shares = looked.shares(sound)
+    by_images = 0.0 if shares is None else shares["d_3"]["images"]
+    sums = _sigma(shares), looked.noise, looked.best(sound), by_images
+    return BenchCheck(tuple(checks.values()), *sums, tuple(missing))
 
 
 def _read(capture: BenchCapture, design: Design) -> tuple[Image, ImageCheck]:
@@ -407,6 +423,8 @@ class _Boards:
     poses: Poses
     sizes: Array
     """Size of the cells, by parallax, over what bench.toml says, shape (b,)."""
+    doubts: Array
+    """Error that diffraction may make of it, shape (b,)."""
     noise: float
 
     @classmethod
@@ -416,7 +434,7 @@ class _Boards:
 
         camera, lines = camera_of(bench.design), fit_lines(observations)
         pinhole = np.diag([camera.A / camera.d, camera.A / camera.d, 1.0])
-        vectors, sizes = [], []
+        vectors, sizes, doubts = [], [], []
         for central, slope in zip(lines.central, lines.slope, strict=True):
             seen = np.isfinite(central[:, 0])
             points = np.ascontiguousarray(observations.points[seen])
@@ -426,8 +444,10 @@ class _Boards:
             depth = points @ rotation_matrix(pose[:3])[2] + pose[5]
             by_parallax = camera.m - slope[seen] * camera.d / (camera.q * camera.A * camera.inverse_d_2)
             sizes.append(float(np.nanmean(camera.A / depth) / np.nanmean(by_parallax)))
+            doubts.append(_SLOPES * abs(float(np.nanmean(by_parallax)) / camera.m - 1))
         noise = lines.sigma if lines.sigma > 0 else Captures().noise
-        return cls(bench, observations, camera, Poses.from_vector(np.array(vectors)), np.array(sizes), noise)
+        looks = np.array(sizes), np.array(doubts)
+        return cls(bench, observations, camera, Poses.from_vector(np.array(vectors)), *looks, noise)
 
     def described(self, k: int) -> BoardPose:
         """Pose of a board, as of the protocol."""
@@ -441,57 +461,46 @@ class _Boards:
 
     def wrong_size(self, k: int) -> str:
         """Fault of a board whose cells are not as large as bench.toml says."""
-        size, all_ = float(self.sizes[k]), float(np.median(self.sizes))
+        size, usual, doubt = float(self.sizes[k]), float(np.median(self.sizes)), float(self.doubts[k])
         cell = self.bench.setup.board.board.cell
-        if abs(size - 1) > _OTHER or (len(self.sizes) >= 3 and abs(size / all_ - 1) > _ODD):
+        if abs(size - 1) > _OTHER + doubt or (len(self.sizes) > 2 and abs(size / usual - 1) > _ODD + doubt):
             return f"wrong target, or another focus: cells look {size * cell:.3g} mm wide, bench.toml says {cell:g} mm"
         return ""
 
-    def _sigma(self, poses: Poses, uv: Array) -> dict[str, float] | None:
-        """Standard deviations that boards in these poses leave, at the design's camera; None where all is open."""
+    def shares(self, sound: list[int], more: tuple[BoardPose, ...] = ()) -> _Shares | None:
+        """Variances that sound boards, and more, would leave at the design's camera; None where something is open."""
         design, board = self.bench.design, self.bench.setup.board.board
-        if len(uv) < 2:
+        count = len(sound) + len(more)
+        if count < 2:
             return None
-        synthetic = replace(self.observations, uv=uv, names=tuple(map(str, range(len(uv)))), missing=())
-        statistics = corner_statistics(synthetic, fit_lines(synthetic), self.noise)
-        try:
-            fit = fit_at(statistics, self.camera, poses, shared_names(design.main_lens.kind.radial))
-            if undetermined(fit.covariance, self.camera, len(uv)):
-                return None
-            shares = variance_shares(fit, data_sheet(design, board, SheetOptions()))
-        except (CalibrationError, np.linalg.LinAlgError):
-            return None
-        return {name: share["sigma"] for name, share in shares.items()}
-
-    def _projected(self, poses: Poses) -> Array:
+        added = [placed(more, self._ahead).vector] if more else []
+        poses = Poses.from_vector(np.concatenate([self.poses.vector[sound], *added]))
         views, points = self.observations.views, self.observations.points
-        return np.asarray(project_boards(self.camera.vector(), poses.vector, points, views).values)
-
-    def _with(self, sound: list[int], more: Poses | None = None) -> dict[str, float] | None:
-        """Standard deviations of the boards that are sound and, if given, of more."""
-        mine = Poses.from_vector(self.poses.vector[sound])
-        uv = np.where(self.observations.seen[sound][..., None], self._projected(mine), np.nan)
-        if more is None:
-            return self._sigma(mine, uv)
-        both = Poses.from_vector(np.concatenate([mine.vector, more.vector]))
-        return self._sigma(both, np.concatenate([uv, self._projected(more)]))
-
-    def sigma(self, sound: list[int]) -> dict[str, float] | None:
-        """Standard deviations so far."""
-        return self._with(sound)
+        uv = np.array(project_boards(self.camera.vector(), poses.vector, points, views).values)
+        uv[: len(sound)][~self.observations.seen[sound]] = np.nan
+        corners = replace(self.observations, uv=uv, names=tuple(map(str, range(count))), missing=())
+        statistics = corner_statistics(corners, fit_lines(corners), self.noise)
+        fit = fit_at(statistics, self.camera, poses, shared_names(design.main_lens.kind.radial))
+        if undetermined(fit.covariance, self.camera, count):
+            return None
+        return variance_shares(fit, data_sheet(design, board, SheetOptions()))
 
     def best(self, sound: list[int]) -> NextPose:
-        """The pose among those planned, or of another round, that leaves d_3 surest."""
+        """Pose that leaves d_3 surest, of those planned that are left, or of another round."""
         taken = [self.observations.names[k] for k in sound]
-        after = [(pose, self._with(sound, placed((pose,), self._ahead))) for pose in _left(self.bench, taken)]
-        pose, sigma = min(after, key=lambda one: math.inf if one[1] is None else one[1]["d_3"])
-        return NextPose(pose, sigma)
+        after = [NextPose(pose, _sigma(self.shares(sound, (pose,)))) for pose in _left(self.bench, taken)]
+        return min(after, key=lambda one: math.inf if one.sigma is None else one.sigma["d_3"])
+
+
+def _sigma(shares: _Shares | None) -> dict[str, float] | None:
+    return None if shares is None else {name: share["sigma"] for name, share in shares.items()}
 
 
 def _left(bench: Bench, taken: Collection[str]) -> tuple[BoardPose, ...]:
     """Poses that are planned and not taken; where all are, those of another round."""
+    stems = {Path(name).stem for name in taken}
     poses, round_ = bench.setup.poses, 0
-    while not (left := tuple(pose for pose in poses if pose.file not in taken)):
+    while not (left := tuple(pose for pose in poses if Path(pose.file).stem not in stems)):
         round_ += 1
         captures = Captures.for_design(bench.design, board=bench.setup.board.board, boards=len(bench.setup.poses) or 12)
         poses = planned_poses(bench.design, captures, bench.setup.seed, round_)

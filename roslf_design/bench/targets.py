@@ -87,7 +87,7 @@ def setup_for(design: Design, board: Board, poses: tuple[BoardPose, ...], seed: 
     near, focus, far = stations
     at = tuple(_rounded(field.at_mm, 4) for field in stations)
     finest = _rounded(2 * min(far.object_sample_mm, 2 * near.object_sample_mm), 2)
-    coarsest = max(_narrow(near) / 4, 4 * far.object_sample_mm)
+    coarsest = max(_narrow(near) / 4, 8 * far.object_sample_mm)
     side = _rounded(_ACROSS * _narrow(focus), 2)
     suited = [
         field
@@ -112,7 +112,7 @@ def setup_for(design: Design, board: Board, poses: tuple[BoardPose, ...], seed: 
         ),
         wall=WallTarget(
             side=_rounded(1.1 * max(far.width_mm, far.height_mm), 3), finest=finest,
-            octaves=1 + max(1, round(math.log2(coarsest / finest))), at=at, **printed(finest < 2 * DOT),
+            octaves=1 + max(1, math.ceil(math.log2(coarsest / finest))), at=at, **printed(finest < 2 * DOT),
         ),
         spheres=SpheresTarget(diameter=_rounded(0.15 * volume, 2), spacing=_rounded(0.3 * volume, 2), at=(at[1],)),
         field=FieldTarget(radii=radii, at=(at[0], at[2]), **printed(LINE * radii[0] < 2 * DOT)),

@@ -13,7 +13,7 @@ from .._jit import kernel
 from ..theory.lens_shapes import LENS_SHAPES
 from .decoding import LightField
 from .frames import Array, CalibrationError
-from .model import LEAST_CELLS, Board, Markers, Observations
+from .model import LEAST_CELLS, MOST_CELLS, Board, Markers, Observations
 
 _LARGE = 800
 """Views with a short side of fewer pixels are searched doubled as well, where small boards are found better."""
@@ -77,7 +77,7 @@ def find_corners(picture: ArrayLike, board: Board, weight: ArrayLike | None = No
 
 
 def cells_of(picture: ArrayLike) -> tuple[int, int] | None:
-    """Cells across and down of whatever checkerboard a picture shows; None where OpenCV sees none."""
+    """Cells across and down of whatever checkerboard a picture shows; None where none is seen."""
     import cv2 as cv
 
     grey = _eight_bit(*_pixels(picture, None))
@@ -88,7 +88,8 @@ def cells_of(picture: ArrayLike) -> tuple[int, int] | None:
         detected, _, cells = cv.findChessboardCornersSBWithMeta(view, least, flags)
         if detected:
             down, across = np.shape(cells)[:2]
-            return across + 1, down + 1
+            if max(across, down) < MOST_CELLS and find_corners(picture, Board(across + 1, down + 1, 1.0)) is not None:
+                return across + 1, down + 1
     return None
 
 

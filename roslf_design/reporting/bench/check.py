@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+from ...bench.captures import KINDS
 from ...bench.check import BenchCheck, ImageCheck, NextPose
 from ...bench.protocol import BRIGHT
 from ..blocks import Block, Paragraph, Report, Section, Statement, Statements, Table
@@ -32,23 +33,23 @@ def summary(check: BenchCheck) -> tuple[Statement, ...]:
     if check.sigma is None:
         sums.append(Statement("caution", f"{boards}: they do not determine H and d_3 yet."))
     else:
-        sums.append(
-            Statement("good", f"{boards}: {_known(check.sigma)} so far (one sigma, data sheet's errors in it).")
-        )
-    right, top, left, bottom = check.tilts
-    steepest = max((math.degrees(one.pose.tilt) for one in check.boards if one.pose is not None), default=0.0)
-    sides = f"right {right}, top {top}, left {left}, bottom {bottom}"
-    sums.append(
-        Statement(
-            "good" if min(check.tilts) else "caution",
-            f"Tilts up to {steepest:.0f}°; images with a side nearer: {sides}.",
-            "" if min(check.tilts) else "Tilt boards towards every side.",
-        )
-    )
-    if check.best is not None:
-        sums.append(Statement("plain", f"Take next: {_next(check.best)}"))
+        known = f"{boards}: {_known(check.sigma)} so far (one sigma), the images {_percent(check.by_images)} of d_3's"
+        limit = "More boards hardly help: know f, the microlens pitch and the board's cells better."
+        few = check.by_images < 0.2
+        sums.append(Statement("good", f"{known} variance.", limit if few else ""))
+    tilts = [math.degrees(one.pose.tilt) for one in check.boards if one.pose is not None]
+    if tilts:
+        sides = ", ".join(f"{side} {count}" for side, count in check.tilts.items())
+        every = min(check.tilts.values()) > 0
+        text = f"Tilts up to {max(tilts):.0f}°; images with a side nearer: {sides}."
+        sums.append(Statement("good" if every else "caution", text, "" if every else "Tilt boards towards every side."))
+    sums.append(Statement("plain", f"Take next: {_next(check.best)}"))
     if check.missing:
-        sums.append(Statement("plain", f"Not captured yet: {', '.join(check.missing)}."))
+        poses = [name for name in check.missing if name not in KINDS]
+        left = [name for name in check.missing if name in KINDS] + (
+            [f"{len(poses)} poses of the board"] if poses else []
+        )
+        sums.append(Statement("plain", f"Not captured yet: {', '.join(left)}."))
     return tuple(sums)
 
 

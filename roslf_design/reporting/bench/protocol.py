@@ -8,6 +8,7 @@ from ...bench.captures import BoardPose, Distances
 from ...bench.protocol import BRIGHT, Protocol
 from ...bench.targets import PAPER_BAR
 from ...camera import Camera
+from ...lenses.glass import AIR
 from ...theory.photometry import exposure
 from ...theory.quantities import QUANTITIES
 from ..blocks import Bullets, Paragraph, Report, Section, Table
@@ -45,6 +46,8 @@ def protocol_report(protocol: Protocol) -> Report:
     subtitle = (
         "Distances are mm ahead of the tip, the instrument's front. Raw counts: fixed gain, gamma 1, no sharpening."
     )
+    if design.object_space.medium != AIR:
+        subtitle += " Targets stand in the medium that the design looks into: laminated, or on glass."
     return Report(f"Bench of {design.name}", subtitle, sections, "roslf bench")
 
 
@@ -117,7 +120,7 @@ def _poses(poses: tuple[BoardPose, ...]) -> Table:
     others: list[BoardPose | None] = [*poses[half:], *[None] * (2 * half - len(poses))]
     rows = tuple((*cells(one), *cells(other)) for one, other in zip(poses[:half], others, strict=True))
     heads = ("board", "ahead", "right", "up", "tilt", "turn")
-    return Table(rows, "rrrrlr" * 2, heads * 2, dense=True, widths=(4, 4.5, 3.5, 3.5, 0, 3.5) * 2)
+    return Table(rows, "lrrrlr" * 2, heads * 2, dense=True, widths=(5, 4.5, 3.5, 3.5, 0, 4.5) * 2)
 
 
 def _targets(protocol: Protocol) -> Table:
