@@ -13,13 +13,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..design.parts import Sensor
+from ..words import number, rounded
 from .centres import MicrolensCentres
 from .frames import Array, Repeated
 from .white_profile import ImageSamples, WhiteProfile
@@ -43,7 +44,8 @@ _BRIGHT = 0.5
 _SECOND = np.outer([1, -2, 1], [1, -2, 1]).astype(float)
 
 
-class Figure(NamedTuple):
+@dataclass(frozen=True)
+class _Figure:
     """Figure of a sensor with its standard error, or a bound of it."""
 
     value: float
@@ -51,34 +53,36 @@ class Figure(NamedTuple):
     bound: str = ""
     """"at least" or "at most"; empty where it is the figure itself."""
 
-    def to_dict(self) -> dict[str, Any]:
-        """As JSON's types."""
-        return {"value": self.value, "sigma": self.sigma, "bound": self.bound or None}
+    def words(self, scale: float = 1.0) -> str:
+        """Value with its standard error, both `scale` times as large, or the bound: "2.6 ± 0.03", "at least 8170"."""
+        value, sigma = scale * self.value, scale * self.sigma
+        return f"{self.bound} {number(value, 3)}" if self.bound else f"{rounded(value, sigma)} ± {sigma:.2g}"
 
 
 @dataclass(frozen=True)
 class MeasuredSensor:
     """Sensor's figures in the terms of EMVA 1288; None where images do not tell one, and `untold` says why."""
 
-    gain: Figure | None = None
+    gain: _Figure | None = None
     """Electrons a count."""
-    read_noise: Figure | None = None
+    read_noise: _Figure | None = None
     """Rms, without rounding [electrons]."""
-    full_well: Figure | None = None
+    full_well: _Figure | None = None
     """[electrons]"""
-    prnu: Figure | None = None
+    prnu: _Figure | None = None
     """Photo-response non-uniformity, rms share of the signal."""
-    dsnu: Figure | None = None
+    dsnu: _Figure | None = None
     """Dark-signal non-uniformity, rms [electrons]."""
-    prnu_left: Figure | None = None
+    prnu_left: _Figure | None = None
     """Share that dividing by the mean white image leaves, at its bright pixels: the noise of that mean."""
-    dsnu_left: Figure | None = None
+    dsnu_left: _Figure | None = None
     """Rms that taking the mean dark frame off leaves [electrons]."""
     black: float | None = None
     """Black level [counts]."""
-    frames: tuple[tuple[int, ...], int] = ((), 0)
-    """White images of each exposure, and dark frames."""
-    defects: int = 0
+    white_frames: tuple[int, ...] = ()
+    """Number of white images of each exposure."""
+    dark_frames: int = 0
+    defective_pixels: int = 0
     """Pixels left out, of a black level or noise unlike the others'."""
     curve: tuple[tuple[float, float, float], ...] = ()
     """Photon transfer: level above black [counts], variance and its standard error [counts^2]."""
@@ -95,18 +99,7 @@ class MeasuredSensor:
 
     def to_dict(self) -> dict[str, Any]:
         """Object `sensor` of `calibration.json`."""
-        units = {"gain": "e/count", "read_noise": "e", "full_well": "e", "prnu": "", "dsnu": "e"}
-        units |= {"prnu_left": "", "dsnu_left": "e"}
-        figures = {name: (getattr(self, name), unit) for name, unit in units.items()}
-        return {
-            **{name: None if one is None else {**one.to_dict(), "unit": unit} for name, (one, unit) in figures.items()},
-            "black_counts": self.black,
-            "white_frames": list(self.frames[0]),
-            "dark_frames": self.frames[1],
-            "defective_pixels": self.defects,
-            "curve": [list(point) for point in self.curve],
-            "untold": list(self.untold),
-        }
+        return asdict(self)
 
 
 class _Line(NamedTuple):
@@ -118,6 +111,10 @@ class _Line(NamedTuple):
     """Standard errors of both."""
     points: Array
     """Level, variance and its standard error; shape (n, 3)."""
+
+    def variance(self, level: Array) -> Array:
+        """Variance over frames of pixels at levels above black."""
+        return np.maximum(self.floor + self.slope * level, 0.0)
 
 
 def measured_sensor(
@@ -140,17 +137,19 @@ def measured_sensor(
     colours : bool
         Whether pixels have colour filters.
     """
-    frames = tuple(group.count for group in whites), 0 if darks is None else darks.count
+    told = MeasuredSensor(
+        white_frames=tuple(group.count for group in whites), dark_frames=0 if darks is None else darks.count
+    )
     if whites[0].mean.ndim == 3 or (darks is not None and darks.mean.ndim == 3):
-        return MeasuredSensor(frames=frames, untold=("colour pictures are no raw counts: their noise is not told",))
+        return replace(told, untold=("colour pictures are no raw counts: their noise is not told",))
     black = 0.0 if darks is None else float(np.median(darks.mean))
     good = _good(darks, whites[0].mean.shape)
-    told = MeasuredSensor(black=None if darks is None else black, frames=frames, defects=int((~good).sum()))
+    told = replace(told, black=None if darks is None else black, defective_pixels=int((~good).sum()))
     step = 1.0 if whites[0].kind.kind in "ui" else 0.0
     line = _line(whites, darks, good, black, step)
     if isinstance(line, str):
         return replace(told, untold=(line,))
-    gain = Figure(1 / line.slope, line.sigma[1] / line.slope**2)
+    gain = _Figure(1 / line.slope, line.sigma[1] / line.slope**2)
     untold: list[str] = []
     read, dsnu, dsnu_left = _dark_figures(darks, good, gain, step)
     if isinstance(read, str):
@@ -216,7 +215,7 @@ def _line(
     if not some:
         return "one white image of each exposure: two or more of one tell the noise (white_1, white_2)"
     if not points:
-        return "white images are saturated, or too small: no noise is told"
+        return "white images are saturated, or too small: no noise is measured"
     if darks is not None and darks.count > 1 and not _cut_off(darks):
         points.append((0.0, float(_variance(darks, None, good)[good].mean())))
         degrees.append(int(good.sum()) * (darks.count - 1))
@@ -280,8 +279,8 @@ def _fitted(columns: Array, values: Array, sigma: Array) -> tuple[Array, Array]:
 
 
 def _dark_figures(
-    darks: Repeated | None, good: NDArray[np.bool_], gain: Figure, step: float
-) -> tuple[Figure | str, Figure | None, Figure | None]:
+    darks: Repeated | None, good: NDArray[np.bool_], gain: _Figure, step: float
+) -> tuple[_Figure | str, _Figure | None, _Figure | None]:
     """Read noise or why it is not told, DSNU, and what a mean dark frame leaves of it."""
     if darks is None or darks.count < 2:
         return "two dark frames or more tell read noise and DSNU (dark_1, dark_2)", None, None
@@ -292,27 +291,28 @@ def _dark_figures(
     noise = float(each[good].mean())
     error = float(each[good].std()) / math.sqrt(float(good.sum()))
     if noise < _COARSE * step**2:
-        read = Figure(0.4 * step * gain.value, 0.0, "at most")
+        read = _Figure(0.4 * step * gain.value, 0.0, "at most")
     else:
         rms = math.sqrt(noise - step**2 / 12)
-        read = Figure(rms * gain.value, rms * gain.value * math.hypot(share, error / (2 * rms**2)))
+        read = _Figure(rms * gain.value, rms * gain.value * math.hypot(share, error / (2 * rms**2)))
     left = math.sqrt(noise / darks.count) * gain.value
     level = np.ones(darks.mean.shape)
     square, doubt = _unlike(darks.mean, noise / darks.count * level, level, good)
-    return read, _root(square, doubt, gain.value, share), Figure(left, left * share)
+    doubt = math.hypot(doubt, error / darks.count)
+    return read, _root(square, doubt, gain.value, share), _Figure(left, left * share)
 
 
-def _full_well(whites: Sequence[Repeated], black: float, gain: Figure) -> Figure:
+def _full_well(whites: Sequence[Repeated], black: float, gain: _Figure) -> _Figure:
     """Electrons at the level where pixels saturate, or as many as they were seen to hold."""
     ends = [group.top for group in whites if math.isfinite(group.top) and float(group.full.mean()) >= _CLIPPED]
     level = min(ends) if ends else max(float(np.quantile(group.mean, 0.999)) for group in whites)
     value = (level - black) * gain.value
-    return Figure(value, value * gain.sigma / gain.value, "" if ends else "at least")
+    return _Figure(value, value * gain.sigma / gain.value, "" if ends else "at least")
 
 
 def _unlike_pixels(
     white: Repeated, darks: Repeated, good: NDArray[np.bool_], profile: WhiteProfile, nodes: Array, line: _Line
-) -> tuple[Figure | None, Figure]:
+) -> tuple[_Figure | None, _Figure]:
     """PRNU of the pixels in bright parts of microlens images, and what dividing by their mean leaves."""
     from scipy.ndimage import gaussian_filter
 
@@ -326,14 +326,14 @@ def _unlike_pixels(
     row, column = samples.pixel
     own, some = np.zeros(frame.shape), np.zeros(frame.shape, bool)
     own[row, column], some[row, column] = level, light > _BRIGHT * light.max()
-    noise = np.maximum(line.floor + line.slope * own, 0.0) / white.count
+    noise = line.variance(own) / white.count
     if darks.count > 1:
         noise += float((darks.squares[good] / (darks.count - 1)).mean()) / darks.count
     some &= good & ~white.full
     square, doubt = _unlike(frame - own, noise, own, some)
     left = math.sqrt(float(noise[some].mean() / np.square(own[some]).mean()))
     share = line.sigma[1] / line.slope
-    return _root(square, math.hypot(doubt, share * left**2), 1.0, 0.0), Figure(left, 0.5 * left * share)
+    return _root(square, math.hypot(doubt, share * left**2), 1.0, 0.0), _Figure(left, 0.5 * left * share)
 
 
 def _unlike(off: Array, noise: Array, level: Array, some: NDArray[np.bool_]) -> tuple[float, float]:
@@ -360,14 +360,15 @@ def _unlike(off: Array, noise: Array, level: Array, some: NDArray[np.bool_]) -> 
     if not b.sum() > 0:
         return 0.0, math.inf
     square = float(a.sum() / b.sum())
-    return square, float(np.sqrt(np.square(a - square * b).sum()) / b.sum())
+    shared = 1 + 2 / _TILE  # neighbouring tiles share pixels at their sides
+    return square, shared * float(np.sqrt(np.square(a - square * b).sum()) / b.sum())
 
 
-def _root(square: float, doubt: float, scale: float, share: float) -> Figure | None:
+def _root(square: float, doubt: float, scale: float, share: float) -> _Figure | None:
     """Figure whose square, in units of `scale`, is known to a standard error; a bound where that may be nothing."""
     if not math.isfinite(doubt):
         return None
     if square < 2 * doubt:
-        return Figure(scale * math.sqrt(max(square, 0.0) + 2 * doubt), 0.0, "at most")
+        return _Figure(scale * math.sqrt(max(square, 0.0) + 2 * doubt), 0.0, "at most")
     root = math.sqrt(square)
-    return Figure(scale * root, scale * root * math.hypot(doubt / (2 * square), share))
+    return _Figure(scale * root, scale * root * math.hypot(doubt / (2 * square), share))

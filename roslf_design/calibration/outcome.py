@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -96,7 +97,8 @@ def calibrated(folder: Path, design: Design, options: CalibrateOptions, progress
     )
     profile = even.profile(centres, design, capture.balance)
     sensor = measured_sensor(plain.whites, plain.darks, profile, centres, capture.balance is not None)
-    return outcome_of(design, sheet, centres, corrected, bent, draws, options, data, sensor, profile)
+    result = outcome_of(design, sheet, centres, corrected, bent, draws, options, data)
+    return replace(result, sensor=sensor, white=profile)
 
 
 def _check_medium(design: Design, medium: str | None) -> None:

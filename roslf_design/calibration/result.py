@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
@@ -97,12 +97,12 @@ class Outcome:
     seed: int
     distortion: Distortion
     accuracy: Accuracy
-    sensor: MeasuredSensor
-    """As white images and dark frames tell it."""
-    white: WhiteProfile | None
-    """Microlens images of the white image; None where nothing fits."""
     medium: str | None = None
     """Medium that the camera is to be used in, where it is another than that of its boards."""
+    sensor: MeasuredSensor = field(default_factory=MeasuredSensor)
+    """Sensor as white images and dark frames tell it."""
+    white: WhiteProfile | None = None
+    """Microlens images of the white image; None where nothing fits."""
 
     @property
     def used_in(self) -> MediumChange | None:
@@ -296,9 +296,7 @@ def outcome_of(
     distortion: Distortion,
     draws: CameraDraws,
     options: CalibrateOptions,
-    data: Sequence[SideDatum],
-    sensor: MeasuredSensor,
-    white: WhiteProfile | None,
+    data: Sequence[SideDatum] = (),
 ) -> Outcome:
     """Put together what came out, with the warnings that follow."""
     calibration, diffraction = corrected
@@ -358,7 +356,7 @@ def outcome_of(
     return Outcome(
         design, board, sheet, centres, calibration, diffraction, undistorted_radius(design) or None, draws, depths,
         shares, estimates, ruler, misfit, combined, tuple(notes), options.seed, distortion,
-        posterior_accuracy(draws, options.accuracy), sensor, white, options.use_in,
+        posterior_accuracy(draws, options.accuracy), options.use_in,
     )  # fmt: skip
 
 

@@ -3,7 +3,9 @@
 Pixels of all microlenses are fitted together, each where it lies in its own cell: this samples the images far more
 finely than pixels do. The model is `PupilImage`, its neighbours in it, times a gain of each microlens, on a veil that
 is alike in all pixels. Standard errors have the scatter of whole microlenses; the part of the misfit that is as
-symmetric as the images, as no other moves width and veil; and what a pupil that is darker at its rim would change.
+symmetric as the images, as no other moves width and veil. Where the images show a pupil that is darker at its rim, that
+is fitted, and half of what it moves counts as an error: light that falls off within the last tenth before the rim looks
+like a narrower pupil.
 """
 
 from __future__ import annotations
@@ -48,6 +50,8 @@ _OTHER = 0.03
 """Symmetric part of the misfit from which images are others than an evenly lit pupil's: real ones have up to 0.013."""
 _EXACT = 2e-4
 """Misfit that tabulating the model leaves [fully lit pixels], and renderings: errors told allow for it."""
+_UNEVEN = 0.5
+"""Part of what width and veil move by, once the rim may be darker, that other laws than the square leave open."""
 _ASTRAY = 4.0
 """Residuals of a microlens, against the median's, beyond which it is left out."""
 
@@ -126,6 +130,7 @@ class WhiteProfile:
             "effective_pupil_mm": self.pupil,
             "effective_pupil_sigma_mm": None if self.pupil is None else self.pupil * self.sigma[0],
             "blur_px": self.image.blur,
+            "rim_darker": self.image.dimmer,
         }
         return {
             **(dict.fromkeys(told) if self.untold else told),
@@ -187,13 +192,15 @@ class WhiteFrame(NamedTuple):
             fit = ImageFit.of(samples, lattice, replace(designed, radius=fit.image.radius), ("radius",))
         if not fit.rms < 1:
             return None
-        measured, fitted, noise, symmetric = fit.folded()
-        variance = fit.variances(max(symmetric, _EXACT))
+        separable, uneven = fit.separable, np.zeros(2)
         dimmed = ImageFit.of(samples, lattice, fit.image, (*fit.free, "dimmer"))
         if dimmed.settled:
             apart = np.array([dimmed.veil - fit.veil, dimmed.image.radius - fit.image.radius])
             by_chance = (dimmed.variances(0.0) - fit.variances(0.0)).clip(0.0)
-            variance += np.maximum(apart**2 - 4 * by_chance, 0.0)
+            if (apart**2 > 4 * by_chance).any():
+                fit, uneven = dimmed, np.square(_UNEVEN * apart)
+        measured, fitted, noise, symmetric = fit.folded()
+        variance = fit.variances(max(symmetric, _EXACT)) + uneven
         sigma = float(np.sqrt(variance[1]) / fit.image.radius), float(np.sqrt(variance[0]))
         narrower = nominal = None
         if design is not None and designed is not None:
@@ -202,7 +209,7 @@ class WhiteFrame(NamedTuple):
             own, its = (each.radius / pitch for each, pitch in zip((fit.image, designed), pitches, strict=True))
             narrower, nominal = own / its, float(c.fap.outline.width)
         full, untold = None if self.full is None else self.full / float(fit.gains.mean()), ""
-        if not fit.separable:
+        if not separable:
             untold = "images run into each other so far that a veil changes them as another width does"
         elif symmetric > _OTHER:
             untold = f"images differ by {100 * symmetric:.0f} % rms from those of an evenly lit pupil"

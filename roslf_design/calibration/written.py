@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
@@ -17,6 +17,7 @@ from ..errors import InputError, Problem, refusal
 from ..input_files import read_json
 from ..theory.length_covariance import CalibratedLengths, LengthCovariance
 from ..toml_files import problems_of
+from .noise import MeasuredSensor
 
 FILE, CALIBRATED, SCHEMA = "calibration.json", "calibrated.toml", "roslf.calibration/"
 REMEDY = "name the folder that roslf calibrate wrote"
@@ -100,32 +101,6 @@ class _FoundCovariance(_FoundMatrix):
         return CalibratedLengths(self.value, told.value, sheet)
 
 
-class _FoundFigure(_LenientTable):
-    """Figure of a sensor, or a bound of it."""
-
-    value: Annotated[float, Field(ge=0)]
-    bound: str | None = None
-
-
-class _FoundSensor(_LenientTable):
-    """Sensor as photon transfer tells it."""
-
-    gain: _FoundFigure | None = None
-    read_noise: _FoundFigure | None = None
-    full_well: _FoundFigure | None = None
-
-
-class SensorNoise(NamedTuple):
-    """Noise of a calibrated sensor's counts."""
-
-    gain: float
-    """Electrons a count."""
-    read_noise: float | None
-    """[electrons]; None where it was not measured."""
-    full_well: float | None
-    """Electrons at which pixels saturate; None where no white image showed it."""
-
-
 class _FoundTable(_LenientTable):
     """A whole calibration.json."""
 
@@ -133,7 +108,7 @@ class _FoundTable(_LenientTable):
     design: str
     quantities: dict[str, _FoundQuantity]
     covariance: _FoundCovariance | None = None
-    sensor: _FoundSensor | None = None
+    sensor: MeasuredSensor | None = None
     posterior: _FoundPosterior | None = None
     converged: bool | None = None
     images_used: tuple[str, ...] = ()
@@ -176,16 +151,10 @@ def read_numbers(place: Path) -> Mapping[str, Any]:
     return data
 
 
-def calibrated_sensor(place: Path) -> SensorNoise | None:
-    """Noise of the sensor by a calibration's folder; None where it was not measured; errors as of `read_numbers`."""
+def calibrated_sensor(place: Path) -> MeasuredSensor | None:
+    """Sensor by a calibration's folder; None where its gain was not measured; errors as of `read_numbers`."""
     told = _FoundTable.model_validate(read_numbers(place)).sensor
-    if told is None or told.gain is None or not told.gain.value > 0:
-        return None
-    read, full = told.read_noise, told.full_well
-    saturates = full is not None and not full.bound and full.value > 0
-    return SensorNoise(
-        told.gain.value, None if read is None else read.value, full.value if full and saturates else None
-    )
+    return told if told is not None and told.gain is not None and told.gain.value > 0 else None
 
 
 def calibrated_design(place: Path) -> Design:

@@ -104,7 +104,8 @@ def calibrate(
     Parameters
     ----------
     folder
-        Raw images: white.tif (or .png), perhaps dark.tif, and images of the board by any other name.
+        Raw images: white.tif (or white_1.tif, white_2.tif, ...), perhaps dark.tif, and images of the board by any other
+        name; .tif, .png, .npy or packed .mono12p.
     output
         Folder for calibration.json, calibrated.toml, figures and index.html.
     sigma

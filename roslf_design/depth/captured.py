@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from ..calibration.decoding import LightField
 from ..calibration.lattice import CentreLattice
+from ..calibration.noise import MeasuredSensor
 from ..calibration.raw import RawDecoded
 from ..calibration.refocusing import sharp_disparities
-from ..calibration.written import SensorNoise
 from ..camera import Camera
 from ..imaging.camera import Region
 from ..json_data import plain
@@ -151,7 +151,7 @@ def on_array(field: LightField, lattice: CentreLattice, camera: Camera, region: 
     return replace(field, values=values, weight=weight, u=u, v=v, hexagonal=rows)
 
 
-def raw_noise(camera: Camera, raw: RawDecoded, field: LightField, sensor: SensorNoise | None = None) -> CaptureNoise:
+def raw_noise(camera: Camera, raw: RawDecoded, field: LightField, sensor: MeasuredSensor | None = None) -> CaptureNoise:
     """Noise of a decoded raw image, by the `sensor` as it was calibrated, where that is known.
 
     Whole numbers are taken for the counts of the design's sensor, which saturates at the largest of its bits; where
@@ -166,12 +166,13 @@ def raw_noise(camera: Camera, raw: RawDecoded, field: LightField, sensor: Sensor
         exposure, read = light
         noise = PixelNoise(exposure * level, read).on_veil(veil)
         return CaptureNoise(noise, level, "the exposure that the file was rendered with")
-    if sensor is not None:
-        said = f"the sensor as calibrated, {sensor.gain:.4g} electrons a count"
+    if sensor is not None and sensor.gain is not None:
+        gain, well = sensor.gain.value, sensor.full_well
         if sensor.read_noise is not None:  # rounding is none of it
-            dark = math.hypot(sensor.read_noise, sensor.gain * (raw.pixels.dtype.kind in "ui") / math.sqrt(12))
-        full = sensor.full_well or (math.inf if raw.full is None else sensor.gain * raw.full)
-        return CaptureNoise(PixelNoise(sensor.gain * level, dark, full * FULL).on_veil(veil), level, said)
+            dark = math.hypot(sensor.read_noise.value, gain * (raw.pixels.dtype.kind in "ui") / math.sqrt(12))
+        full = math.inf if raw.full is None else gain * raw.full
+        noise = PixelNoise(gain * level, dark, FULL * (full if well is None or well.bound else well.value))
+        return CaptureNoise(noise.on_veil(veil), level, f"the sensor as calibrated, {gain:.4g} electrons a count")
     if raw.pixels.dtype.kind in "ui" and raw.full is not None:
         said = f"the design's sensor, full at {raw.full:g} counts"
         noise = PixelNoise(full_well / raw.full * level, dark, full_well * FULL).on_veil(veil)

@@ -53,6 +53,8 @@ VIEWS_WINDOW, WIDEST = 7, 99
 """Pixels of views that are matched together along each side, unless told otherwise, and the most."""
 LEAST_KNOWN = 0.2
 """Relative standard error beyond which a length is as good as not known."""
+PUPIL = "aperture.diameter", "aperture.sides"
+"""Beginnings of places of the FAP's size."""
 TRUTH = "gt_disp_lowres.pfm"
 """Disparities of the middle view, in a folder of the 4D Light Field Benchmark."""
 
@@ -169,6 +171,9 @@ def _known_to(
 ) -> dict[str, float]:
     """Standard errors of lengths [mm], as somebody gives them."""
     known: dict[str, float] = {}
+    if covariance is not None:  # what neighbours shine into an image follows from the pupil, besides depth by lengths
+        spread = np.sqrt(np.diag(covariance.matrix))
+        known = {at: float(s) for at, s in zip(covariance.places, spread, strict=True) if at.startswith(PUPIL)}
     for place, text in sigmas.items():
         if design is None:
             raise refusal("sigma", "is of a camera's length; name the camera by `design`")

@@ -3,7 +3,8 @@
     python studies/bench/acceptance.py --builds 10 -o reports/bench
 
 Every figure is compared with that of the build it was measured on: within its expanded uncertainty (k = 2) it should
-lie in 95 of 100. A wrong target, a camera refocused between white and board, and an overexposed picture are to be named.
+lie in 95 of 100. A wrong target, a camera refocused between white and board and an overexposed picture are to be
+named.
 """
 
 from __future__ import annotations
@@ -203,9 +204,7 @@ def main() -> None:
     words = f"{inside} of {len(rows)} figures lie within their expanded uncertainty of what the build has."
     blocks = (
         Paragraph(words),
-        Table(
-            tuple((name, "; ".join(told) or "not named") for name, told in named.items()), "ll", title="Faults"
-        ),
+        Table(tuple((name, "; ".join(told) or "not named") for name, told in named.items()), "ll", title="Faults"),
         Table(tuple(cells), "lldlll", ("bench", "figure", "measured", "U", "truth", "error over U"), "Figures"),
     )
     page = Report("Acceptance on rendered captures", words, (Section("Figures", blocks),))

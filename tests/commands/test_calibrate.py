@@ -498,3 +498,61 @@ def test_boards_come_in_the_order_of_their_numbers_without_previews(tmp_path):
     assert [path.name for path in read_capture(tmp_path).boards] == ["b1.png", "b2.png", "b10.png"]
     with pytest.raises(CalibrationError, match="is a file"):
         read_capture(tmp_path / "b1.png")
+
+
+def test_sensor_and_pupil_are_measured_and_used(capsys, captured, small, tmp_path):
+    """Counts with noise of a sensor and a pupil other than the design's: both come back, in depth as well."""
+    rng, gain, read, black = np.random.default_rng(4), 2.0, 6.0, 120
+    built = small.replace(D_F=0.94 * small.D_F)
+    even = read_image(captured / "images" / "white.tif")
+    scenes = {f"board{number}": read_image(captured / "images" / f"board{number}.tif") for number in range(1, 6)}
+    white = render(built, overrides=RAYS, sampling=SAMPLING).pixels
+    for name, light, count in (("white", white, 2), ("dark", 0 * even, 3), *((n, s, 1) for n, s in scenes.items())):
+        charge = rng.poisson(np.broadcast_to(7000 * light, (count, *light.shape))) + read * rng.normal(
+            size=(count, *light.shape)
+        )
+        counts = np.clip(np.rint(charge / gain + black), 0, 4095).astype(np.uint16)
+        (tmp_path / "in").mkdir(exist_ok=True)
+        if name == "dark":
+            np.save(tmp_path / "in" / "dark_1.npy", counts)
+        else:
+            for number, frame in enumerate(counts, 1):
+                tifffile.imwrite(tmp_path / "in" / f"{name}_{number}.tif", frame)
+    out = tmp_path / "out"
+    options = ["--design", captured / "small.toml", "--board", BOARD, "--no-posterior", "-o", out]
+    code, said, err = run(capsys, "calibrate", tmp_path / "in", *options)
+    assert (code, err) == (0, "")
+    result = json.loads((out / "calibration.json").read_text())
+    sensor, pupil = result["sensor"], result["pupil"]
+    assert abs(sensor["gain"]["value"] - gain) < 3 * sensor["gain"]["sigma"] < 0.05
+    assert abs(sensor["read_noise"]["value"] - read) < 3 * sensor["read_noise"]["sigma"] < 0.2
+    assert sensor["full_well"]["bound"] == "at least"
+    assert (sensor["white_frames"], sensor["dark_frames"]) == ([2], 3)
+    assert abs(pupil["diameter_mm"] - built.D_F) < 3 * pupil["sigma_mm"] < 0.1 * built.D_F
+    assert abs(result["veil"]["share"]) < 3 * result["veil"]["sigma"] + 1e-3
+    places = result["covariance"]["places"]
+    at = places.index("aperture.diameter")
+    assert np.sqrt(result["covariance"]["matrix"][at][at]) == pytest.approx(pupil["sigma_mm"])
+    assert "aperture.diameter" in result["covariance"]["information"]["places"]
+    used = load(str(out / "calibrated.toml"))
+    assert pytest.approx(pupil["diameter_mm"], rel=1e-6) == used.D_F
+    assert used.sensor.read_noise == pytest.approx(sensor["read_noise"]["value"], rel=1e-6)
+    words = " ".join(said.split())
+    assert "Effective pupil" in words
+    assert "read noise 6" in words or "read noise 5.9" in words
+    assert "at least" in words
+    frames = [tmp_path / "in" / name for name in ("board1_1.tif", "white_1.tif", "dark_1.npy")]
+    between = f"{small.d_f - 16} mm, {small.d_f - 8} mm"
+    code, said, err = run(
+        capsys, "depth", frames[0], "--white", frames[1], "--dark", frames[2], "--calibration", out, "--json",
+        "--between", between,
+    )  # fmt: skip
+    assert (code, err) == (0, "")
+    noise = json.loads(said)["noise"]
+    assert "as calibrated" in noise["from"]
+    believed = noise["read_noise"] * noise["times_believed"]  # views differ by the rendering's scatter besides
+    assert believed == pytest.approx(np.hypot(sensor["read_noise"]["value"], gain / np.sqrt(12)), rel=0.01)
+    sheet = tmp_path / "sheet.html"
+    code, said, err = run(capsys, "datasheet", captured / "small.toml", "--calibration", out, "-o", sheet)
+    assert (code, err) == (0, "")
+    assert "aperture.diameter" in sheet.read_text()

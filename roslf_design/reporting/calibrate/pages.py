@@ -248,7 +248,7 @@ def _pupil(result: Outcome) -> Statement:
 
 def _sensor(result: Outcome) -> Statement:
     """Sensor's figures as photon transfer tells them, and why others are not told."""
-    figures = [f"{name.lower()} {said} {unit}".strip() for name, said, unit, _ in _sensor_rows(result)]
+    figures = [f"{name} {said} {unit}".strip() for name, said, unit, _ in _sensor_rows(result)]
     why = "; ".join(result.sensor.untold)
     if not figures:
         return Statement("plain", f"The sensor's noise is not measured: {why}.", "It is the design's.")
@@ -259,21 +259,15 @@ def _sensor_rows(result: Outcome) -> list[tuple[str, str, str, str]]:
     """Name, value with its standard error, unit and the design's value of each figure of the sensor."""
     sensor, design = result.sensor, result.design.sensor
     rows = (
-        ("Gain", sensor.gain, 1.0, "e/count", math.nan),
-        ("Read noise", sensor.read_noise, 1.0, "e", design.read_noise),
-        ("Full well", sensor.full_well, 1.0, "e", design.full_well),
-        ("PRNU", sensor.prnu, 100.0, "%", math.nan),
-        ("DSNU", sensor.dsnu, 1.0, "e", math.nan),
-        ("PRNU left by the white image", sensor.prnu_left, 100.0, "%", 100 * design.prnu),
-        ("DSNU left by the dark frame", sensor.dsnu_left, 1.0, "e", design.dsnu),
+        ("gain", sensor.gain, "e/count", ""),
+        ("read noise", sensor.read_noise, "e", f"{design.read_noise:.4g}"),
+        ("full well", sensor.full_well, "e", f"{design.full_well:.4g}"),
+        ("PRNU", sensor.prnu, "%", ""),
+        ("DSNU", sensor.dsnu, "e", ""),
+        ("PRNU left by the white image", sensor.prnu_left, "%", f"{100 * design.prnu:.4g}"),
+        ("DSNU left by the dark frame", sensor.dsnu_left, "e", f"{design.dsnu:.4g}"),
     )
-    told = []
-    for name, figure, scale, unit, own in rows:
-        if figure is not None:
-            value, sigma = scale * figure.value, scale * figure.sigma
-            text = f"{figure.bound} {number(value, 3)}" if figure.bound else f"{rounded(value, sigma)} ± {sigma:.2g}"
-            told.append((name, text, unit, "" if math.isnan(own) else f"{own:.4g}"))
-    return told
+    return [(name, one.words(100.0 if unit == "%" else 1.0), unit, own) for name, one, unit, own in rows if one]
 
 
 def _sensor_table(result: Outcome) -> Iterator[Table]:
