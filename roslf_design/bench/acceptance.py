@@ -43,8 +43,8 @@ from ..words import number
 from .captures import Bench, BenchCapture
 from .check import BenchCheck
 from .edge import EdgeResponse, edges_in_view, edges_refocused, limit_of
-from .field import FieldAngles, Rings, RingView, field_angles, rings_seen
-from .flatness import SurfaceFit, plane_through, spheres_apart
+from .field import FieldAngles, Rings, RingView
+from .flatness import SphereSpacing, SurfaceFit
 from .targets import LINE
 
 Verdict = Literal["in tolerance", "out", "undecided", "reported"]
@@ -194,18 +194,18 @@ class Measuring:
     @cached_property
     def sheet(self) -> Specification:
         """Data sheet, with lines at the distances of edges."""
-        at = sorted({one.ahead for one in self.bench.of_kind("edge") if one.ahead is not None})
+        at = sorted({ahead for _, ahead in self.good("edge")})
         return specification(self.bench.design.replace({"light.veil": 0.0}), at)
 
     def good(self, kind: Literal["edge", "wall", "spheres", "field"]) -> Iterator[tuple[BenchCapture, float]]:
         """Captures without a fault, and their distances ahead of the tip [mm]."""
         for capture in self.bench.of_kind(kind):
-            if capture.path.name not in self.check.faulty and capture.ahead is not None:
-                yield capture, capture.ahead
+            if capture.path.name not in self.check.faulty:
+                yield capture, float(capture.ahead or 0.0)
 
     def tolerance(self, compute: Callable[[Camera], Any]) -> float | None:
         """Two standard deviations of a figure over builds; None where no study gives any."""
-        if self.build is None or self.bench.design.lens is not None:
+        if self.build is None or self.bench.design.main_lens.kind.faults:
             return None
         sigma = float(self.build.carried(self.camera, compute))
         return COVERAGE * sigma if math.isfinite(sigma) else None
@@ -278,7 +278,7 @@ def _field_lines(m: Measuring) -> Told:
         yield "field of view: takes rings at two distances"
         return
     near, far = views[0], views[-1]
-    angles: FieldAngles = field_angles(near, far, (m.placed * near.ahead, m.placed * far.ahead), PRINTED)
+    angles: FieldAngles = FieldAngles.of(near, far, (m.placed * near.ahead, m.placed * far.ahead), PRINTED)
     pupil = m.sheet.field_of_view_deg[0]
     for k, (way, part) in enumerate((("width", "width_"), ("height", "height_"), ("diagonal", ""))):
         expected = float(getattr(pupil, way))
@@ -307,7 +307,7 @@ def _rings(m: Measuring, capture: BenchCapture, ahead: float) -> RingView:
     span = partial(QUANTITIES["object_sample_mm"], m.camera)
     sample, growth = float(span(ahead)), (float(span(1.01 * ahead)) - float(span(ahead))) / (0.01 * ahead)
     rings = Rings.of(m.bench.setup.field.printed_radii, LINE)
-    return rings_seen(field.view(), lit, (field.u, field.v), ends, rings, ahead, sample, sample / growth)
+    return RingView.of(field.view(), lit, (field.u, field.v), ends, rings, ahead, sample, sample / growth)
 
 
 def _resolution_lines(m: Measuring) -> Told:
@@ -373,7 +373,7 @@ def _wall_lines(m: Measuring) -> Told:
             yield f"depth, {capture.path.name}: too few microlenses have a depth"
             continue
         window = float(run.disparities.window**2)
-        plane = plane_through(points[on], sigma[on], window)
+        plane = SurfaceFit.plane(points[on], sigma[on], window)
         budget = m.budget(ahead)
         expanded, precision = float(budget.expanded_mm), float(budget.of_kind("precision"))
         at = f"wall at {number(ahead, 4)} mm"
@@ -407,7 +407,7 @@ def _sphere_lines(m: Measuring) -> Told:
         except (CalibrationError, InputError) as error:
             yield f"depth, {capture.path.name}: {error}"
             continue
-        seen = spheres_apart(points, sigma, float(run.disparities.window**2), target.diameter, target.spacing)
+        seen = SphereSpacing.of(points, sigma, float(run.disparities.window**2), target.diameter, target.spacing)
         if seen is None:
             yield f"depth, {capture.path.name}: shows no two spheres of their size so far apart"
             continue

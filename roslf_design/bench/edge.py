@@ -38,11 +38,8 @@ HIGHEST = 2.0
 """Largest frequency looked at [cycles per pitch]."""
 
 
-class Frequency(NamedTuple):
-    """Frequency at which the contrast has fallen to a level, and its standard error; NaN where it never does."""
-
-    value: float
-    sigma: float
+Frequency = tuple[float, float]
+"""Frequency at which the contrast has fallen to a level, and its standard error; NaN where it never does."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,14 +73,14 @@ class EdgeResponse:
         nu = np.linspace(0.0, HIGHEST, 801)
         below = np.flatnonzero(self.transfer(nu)[0] < level)
         if not below.size:
-            return Frequency(math.nan, math.nan)
+            return math.nan, math.nan
         low, high = nu[below[0] - 1], nu[below[0]]
         for _ in range(20):
             middle = (low + high) / 2
             low, high = (low, middle) if self.transfer(middle)[0][0] < level else (middle, high)
         around = low + 0.02 * np.array([-1.0, 0.0, 1.0])
         contrast, sigma = self.transfer(around)
-        return Frequency(float(low), float(sigma[1] * 0.04 / max(abs(contrast[2] - contrast[0]), 1e-12)))
+        return float(low), float(sigma[1] * 0.04 / max(abs(contrast[2] - contrast[0]), 1e-12))
 
 
 class _Samples(NamedTuple):
@@ -112,7 +109,7 @@ class _Samples(NamedTuple):
         return cls(u, v, s, t, values[lit], weight[lit], number)
 
     def some(self, chosen: NDArray[np.bool_]) -> _Samples:
-        """Those chosen."""
+        """Samples chosen."""
         return _Samples(*(axis[chosen] for axis in self))
 
 
@@ -127,6 +124,12 @@ class _Line(NamedTuple):
     """Middle of the stretch that shows it, along the edge [pitches]."""
     half: float
     """Half of that stretch's length."""
+
+    @property
+    def foot(self) -> tuple[float, float]:
+        """Place (u, v) of its middle [pitches]."""
+        cos, sin = math.cos(self.angle), math.sin(self.angle)
+        return self.away * cos - self.middle * sin, self.away * sin + self.middle * cos
 
 
 def edges_in_view(field: LightField) -> tuple[EdgeResponse, ...]:
@@ -167,11 +170,11 @@ def limit_of(responses: Sequence[EdgeResponse], level: float) -> Frequency:
     """
     values, sigmas = np.array([response.limit(level) for response in responses]).T
     if not np.isfinite(values).all():
-        return Frequency(math.nan, math.nan)
+        return math.nan, math.nan
     weight = 1 / np.maximum(sigmas, 1e-12) ** 2
     mean = float(weight @ values / weight.sum())
     apart = float(weight @ (values - mean) ** 2) / max(len(values) - 1, 1)
-    return Frequency(mean, math.sqrt(max(1.0, apart) / float(weight.sum())))
+    return mean, math.sqrt(max(1.0, apart) / float(weight.sum()))
 
 
 def _each(field: LightField, fit: Callable[[_Line], EdgeResponse | None]) -> tuple[EdgeResponse, ...]:
@@ -222,8 +225,7 @@ def _lines(field: LightField) -> Iterator[_Line]:
 
 def _fitted(samples: _Samples, line: _Line, slope: float, refocus: bool) -> EdgeResponse | None:
     """Profile, angle and slope by Gauss-Newton steps, the profile's reach by its width; None where there is no edge."""
-    cos, sin = math.cos(line.angle), math.sin(line.angle)
-    u_0, v_0 = line.away * cos - line.middle * sin, line.away * sin + line.middle * cos
+    u_0, v_0 = line.foot
     reach, turn, profile = LEAST_REACH, 0.0, None
     for round_ in range(ROUNDS):
         cos, sin = math.cos(line.angle + turn), math.sin(line.angle + turn)
@@ -234,7 +236,7 @@ def _fitted(samples: _Samples, line: _Line, slope: float, refocus: bool) -> Edge
         if chosen.sum() < FEWEST:
             return None
         here = samples.some(chosen)
-        profile = _profile(across[chosen], along[chosen], cos * here.s + sin * here.t if refocus else None, here)
+        profile = _Profile.of(across[chosen], along[chosen], cos * here.s + sin * here.t if refocus else None, here)
         turn, slope = turn + profile.turned, slope - profile.shifted
         if round_ == 1:
             share = np.maximum.accumulate(np.cumsum(profile.steps) / profile.steps.sum())
@@ -260,39 +262,39 @@ class _Profile(NamedTuple):
     shifted: float
     slope_sigma: float
 
+    @classmethod
+    def of(cls, across: Array, along: Array, view: Array | None, samples: _Samples) -> _Profile:
+        """Steps of the spline through samples, their covariance, and by how much angle and slope are off.
 
-def _profile(across: Array, along: Array, view: Array | None, samples: _Samples) -> _Profile:
-    """Steps of the spline through samples, their covariance, and by how much angle and slope are off.
-
-    To first order a turned normal moves samples by their place along the edge, a slope that is off by their view's:
-    both are fitted as multiples of the profile's own derivative.
-    """
-    first, last = math.floor(across.min() / KNOT), math.ceil(across.max() / KNOT)
-    count = last - first + 3
-    knots = KNOT * np.arange(first - 3, last + 4)
-    # Flat at both ends, where little would hold its outermost parts.
-    flat = np.clip(np.arange(count), 2, count - 3) - 2
-    ends = sparse.csc_matrix((np.ones(count), (np.arange(count), flat)))
-    basis = (BSpline.design_matrix(across, knots, 3) @ ends).tocsc()
-    values, weight = samples.values, samples.weight
-    plain = _solved(basis, weight, values)[0]
-    rate = BSpline(knots, ends @ plain, 3).derivative()(across)
-    moves = [rate * along] if view is None else [rate * along, rate * view]
-    whole = sparse.hstack([basis, sparse.csc_matrix(np.stack(moves, -1))]).tocsc()
-    found, inverse = _solved(whole, weight, values)
-    left = weight * (values - whole @ found)
-    _, group = np.unique(samples.microlens, return_inverse=True)
-    member = sparse.csr_matrix((left, (group, np.arange(group.size))))
-    scores = (member @ whole).toarray()
-    groups = len(scores)
-    covariance = inverse @ (scores.T @ scores) @ inverse * groups / max(groups - count, 1)
-    differ, inner = np.diff(np.eye(count), axis=0) @ ends.toarray(), count - 4
-    steps = differ @ found[:inner]
-    places = knots[1:count] + 1.5 * KNOT
-    turned, shifted = found[inner], 0.0 if view is None else found[inner + 1]
-    sigma = 0.0 if view is None else math.sqrt(covariance[inner + 1, inner + 1])
-    spread = differ @ covariance[:inner, :inner] @ differ.T
-    return _Profile(places, steps, spread, float(turned), float(shifted), sigma)
+        To first order a turned normal moves samples by their place along the edge, a slope that is off by their view's:
+        both are fitted as multiples of the profile's own derivative.
+        """
+        first, last = math.floor(across.min() / KNOT), math.ceil(across.max() / KNOT)
+        count = last - first + 3
+        knots = KNOT * np.arange(first - 3, last + 4)
+        # Flat at both ends, where little would hold its outermost parts.
+        flat = np.clip(np.arange(count), 2, count - 3) - 2
+        ends = sparse.csc_matrix((np.ones(count), (np.arange(count), flat)))
+        basis = (BSpline.design_matrix(across, knots, 3) @ ends).tocsc()
+        values, weight = samples.values, samples.weight
+        plain = _solved(basis, weight, values)[0]
+        rate = BSpline(knots, ends @ plain, 3).derivative()(across)
+        moves = [rate * along] if view is None else [rate * along, rate * view]
+        whole = sparse.hstack([basis, sparse.csc_matrix(np.stack(moves, -1))]).tocsc()
+        found, inverse = _solved(whole, weight, values)
+        left = weight * (values - whole @ found)
+        _, group = np.unique(samples.microlens, return_inverse=True)
+        member = sparse.csr_matrix((left, (group, np.arange(group.size))))
+        scores = (member @ whole).toarray()
+        groups = len(scores)
+        covariance = inverse @ (scores.T @ scores) @ inverse * groups / max(groups - count, 1)
+        differ, inner = np.diff(np.eye(count), axis=0) @ ends.toarray(), count - 4
+        steps = differ @ found[:inner]
+        places = knots[1:count] + 1.5 * KNOT
+        turned, shifted = found[inner], 0.0 if view is None else found[inner + 1]
+        sigma = 0.0 if view is None else math.sqrt(covariance[inner + 1, inner + 1])
+        spread = differ @ covariance[:inner, :inner] @ differ.T
+        return cls(places, steps, spread, float(turned), float(shifted), sigma)
 
 
 def _solved(columns: sparse.csc_matrix, weight: Array, values: Array) -> tuple[Array, Array]:

@@ -88,18 +88,6 @@ class _Sight(NamedTuple):
         return np.asarray(math.exp(self.log_scale) * place * bent)
 
 
-@dataclass(frozen=True, eq=False)
-class RingView:
-    """Picture of the rings at one distance."""
-
-    ahead: float
-    """Distance of the target ahead of the tip [mm]."""
-    sizes_mm: Array
-    """Width, height and diagonal of the field there, shape (3,)."""
-    sigma: Array
-    """Standard errors of those, (3,)."""
-
-
 @dataclass(frozen=True)
 class _Picture:
     """Microlenses that rings are fitted to."""
@@ -114,7 +102,7 @@ class _Picture:
     rings: Rings
 
     def some(self, chosen: NDArray[Any]) -> _Picture:
-        """Those chosen."""
+        """Microlenses chosen."""
         return replace(self, values=self.values[chosen], place=self.place[:, chosen])
 
     def left(self, parameters: Array) -> Array:
@@ -149,77 +137,89 @@ class _Picture:
         return max(tried, key=few.contrast)
 
 
-def rings_seen(
-    picture: NDArray[np.floating], lit: NDArray[np.bool_], axes: tuple[Array, Array], ends: Array, rings: Rings,
-    ahead: float, sample: float, pupil: float,
-) -> RingView:  # fmt: skip
-    """Rings in a picture.
+@dataclass(frozen=True, eq=False)
+class RingView:
+    """Picture of the rings at one distance."""
 
-    Parameters
-    ----------
-    picture, lit : ndarray, shape (v, u)
-        Middle view, and where it holds anything.
-    axes : pair of ndarray
-        u and v of its columns and rows [pitches].
-    ends : ndarray, shape (2, 2)
-        Least and largest u, then v, of the field.
-    rings : Rings
-    ahead : float
-        Distance ahead of the tip [mm].
-    sample, pupil : float
-        Span of a pitch there and distance from the entrance pupil [mm], about, as the design has them.
+    ahead: float
+    """Distance of the target ahead of the tip [mm]."""
+    sizes_mm: Array
+    """Width, height and diagonal of the field there, shape (3,)."""
+    sigma: Array
+    """Standard errors of those, (3,)."""
 
-    Raises
-    ------
-    CalibrationError
-        No rings of that size are seen.
-    """
-    shown = rings.shown((1 + SCALES) * sample)
-    if not shown.radii.size:
-        raise CalibrationError(f"shows no rings that stand {APART:g} microlenses apart; print coarser ones")
-    v, u = np.nonzero(lit)
-    every = max(1, v.size // MOST)
-    v, u = v[::every], u[::every]
-    place = np.stack([axes[0][u], axes[1][v]]) - ends.mean(axis=1)[:, None]
-    reach = float(np.hypot(*np.diff(ends, axis=1)[:, 0])) / 2
-    seen = _Picture(picture[v, u].astype(float), place, reach, pupil, shown)
-    # Finer rings than these, and what stands in the middle, are no part of the picture that is fitted.
-    parameters, gap = seen.start(sample), shown.radii[0] - (rings.radii[rings.radii < shown.radii[0]][-1:].sum())
-    inner = shown.radii[0] - gap / 2
+    @classmethod
+    def of(
+        cls, picture: NDArray[np.floating], lit: NDArray[np.bool_], axes: tuple[Array, Array], ends: Array,
+        rings: Rings, ahead: float, sample: float, pupil: float,
+    ) -> RingView:  # fmt: skip
+        """Rings in a picture.
 
-    def outside(parameters: Array) -> NDArray[np.bool_]:
-        return np.asarray(_Sight(*parameters.tolist()).radius(place, reach, pupil) > inner)
+        Parameters
+        ----------
+        picture, lit : ndarray, shape (v, u)
+            Middle view, and where it holds anything.
+        axes : pair of ndarray
+            u and v of its columns and rows [pitches].
+        ends : ndarray, shape (2, 2)
+            Least and largest u, then v, of the field.
+        rings : Rings
+        ahead : float
+            Distance ahead of the tip [mm].
+        sample, pupil : float
+            Span of a pitch there and distance from the entrance pupil [mm], about, as the design has them.
 
-    used = outside(parameters)
-    scale = [0.01, 0.01, sample, sample, 0.05, 0.05, 0.1]
-    fitted = seen
-    for _ in range(ROUNDS):
-        fitted = seen.some(used)
-        parameters = least_squares(fitted.left, parameters, x_scale=scale, max_nfev=50).x
-        off = np.abs(seen.left(parameters))
-        used = outside(parameters) & (off < STRAYS * float(np.sqrt(np.mean(off[used] ** 2))))
-    if not fitted.contrast(parameters) > LEAST_SHOWN:
-        raise CalibrationError("shows no rings of the printed sizes")
+        Raises
+        ------
+        CalibrationError
+            No rings of that size are seen.
+        """
+        shown = rings.shown((1 + SCALES) * sample)
+        if not shown.radii.size:
+            raise CalibrationError(f"shows no rings that stand {APART:g} microlenses apart; print coarser ones")
+        v, u = np.nonzero(lit)
+        every = max(1, v.size // MOST)
+        v, u = v[::every], u[::every]
+        place = np.stack([axes[0][u], axes[1][v]]) - ends.mean(axis=1)[:, None]
+        reach = float(np.hypot(*np.diff(ends, axis=1)[:, 0])) / 2
+        seen = _Picture(picture[v, u].astype(float), place, reach, pupil, shown)
+        # Finer rings than these, and what stands in the middle, are no part of the picture that is fitted.
+        parameters, gap = seen.start(sample), shown.radii[0] - (rings.radii[rings.radii < shown.radii[0]][-1:].sum())
+        inner = shown.radii[0] - gap / 2
 
-    def sizes(at: Array) -> Array:
-        (left, right), (below, above) = ends - ends.mean(axis=1)[:, None]
-        pairs = [(left, 0), (right, 0), (0, below), (0, above), (left, below), (right, above)]
-        x, y = _Sight(*at.tolist()).on_plane(np.array(pairs, float).T, reach)
-        return np.asarray(np.hypot(np.diff(x)[::2], np.diff(y)[::2]))
+        def outside(parameters: Array) -> NDArray[np.bool_]:
+            return np.asarray(_Sight(*parameters.tolist()).radius(place, reach, pupil) > inner)
 
-    fit = least_squares(fitted.left, parameters, x_scale=scale, max_nfev=1)
-    left, slopes = np.asarray(fit.fun), np.asarray(fit.jac)
-    bins = np.floor(fitted.place / PATCH).astype(int)
-    _, patch = np.unique(bins[0] * 100_000 + bins[1], return_inverse=True)
-    scores = np.stack([np.bincount(patch, left * column) for column in slopes.T], axis=-1)
-    inverse = np.linalg.pinv(slopes.T @ slopes)
-    count = len(scores)
-    covariance = inverse @ (scores.T @ scores) @ inverse * count / max(count - len(scale), 1)
-    step = 1e-4
-    moved = np.eye(len(scale))[:2] * step
-    rates = np.array([(sizes(parameters + one) - sizes(parameters - one)) / (2 * step) for one in moved])
-    sigma = np.sqrt(np.einsum("ik,ij,jk->k", rates, covariance[:2, :2], rates))
-    return RingView(ahead, sizes(parameters), sigma)
+        used = outside(parameters)
+        scale = [0.01, 0.01, sample, sample, 0.05, 0.05, 0.1]
+        fitted = seen
+        for _ in range(ROUNDS):
+            fitted = seen.some(used)
+            parameters = least_squares(fitted.left, parameters, x_scale=scale, max_nfev=50).x
+            off = np.abs(seen.left(parameters))
+            used = outside(parameters) & (off < STRAYS * float(np.sqrt(np.mean(off[used] ** 2))))
+        if not fitted.contrast(parameters) > LEAST_SHOWN:
+            raise CalibrationError("shows no rings of the printed sizes")
+
+        def sizes(at: Array) -> Array:
+            (left, right), (below, above) = ends - ends.mean(axis=1)[:, None]
+            pairs = [(left, 0), (right, 0), (0, below), (0, above), (left, below), (right, above)]
+            x, y = _Sight(*at.tolist()).on_plane(np.array(pairs, float).T, reach)
+            return np.asarray(np.hypot(np.diff(x)[::2], np.diff(y)[::2]))
+
+        fit = least_squares(fitted.left, parameters, x_scale=scale, max_nfev=1)
+        left, slopes = np.asarray(fit.fun), np.asarray(fit.jac)
+        bins = np.floor(fitted.place / PATCH).astype(int)
+        _, patch = np.unique(bins[0] * 100_000 + bins[1], return_inverse=True)
+        scores = np.stack([np.bincount(patch, left * column) for column in slopes.T], axis=-1)
+        inverse = np.linalg.pinv(slopes.T @ slopes)
+        count = len(scores)
+        covariance = inverse @ (scores.T @ scores) @ inverse * count / max(count - len(scale), 1)
+        step = 1e-4
+        moved = np.eye(len(scale))[:2] * step
+        rates = np.array([(sizes(parameters + one) - sizes(parameters - one)) / (2 * step) for one in moved])
+        sigma = np.sqrt(np.einsum("ik,ij,jk->k", rates, covariance[:2, :2], rates))
+        return cls(ahead, sizes(parameters), sigma)
 
 
 class FieldAngles(NamedTuple):
@@ -233,32 +233,34 @@ class FieldAngles(NamedTuple):
     """Distance of the entrance pupil behind the tip [mm]."""
     pupil_sigma: float
 
+    @classmethod
+    def of(cls, near: RingView, far: RingView, placed: tuple[float, float], printed: float) -> FieldAngles:
+        """Angles by method B.
 
-def field_angles(near: RingView, far: RingView, placed: tuple[float, float], printed: float) -> FieldAngles:
-    """Angles by method B.
-
-    Parameters
-    ----------
-    near, far : RingView
-    placed : pair of float
-        Standard uncertainties of their distances [mm].
-    printed : float
-        Relative standard uncertainty of the printed radii.
-    """
-    between = far.ahead - near.ahead
-    growth = (far.sizes_mm - near.sizes_mm) / between
-    random = np.hypot(near.sigma, far.sigma) / between
-    error = np.hypot(random, growth * math.hypot(math.hypot(*placed) / between, printed))
-    angles = 2 * np.arctan(growth / 2)
-    behind = near.sizes_mm / growth - near.ahead
-    best = int(np.argmin(random / growth))
-    near_share, far_share = far.sizes_mm[best], near.sizes_mm[best]  # of errors of the near size and the far one
-    of_sizes = math.hypot(near_share * near.sigma[best], far_share * far.sigma[best])
-    of_sizes *= between / (far.sizes_mm[best] - near.sizes_mm[best]) ** 2
-    of_places = math.hypot(placed[0] * (far.ahead + behind[best]), placed[1] * (near.ahead + behind[best])) / between
-    return FieldAngles(
-        np.rad2deg(angles),
-        np.rad2deg(error / (1 + growth**2 / 4)),
-        float(behind[best]),
-        math.hypot(of_sizes, of_places),
-    )
+        Parameters
+        ----------
+        near, far : RingView
+        placed : pair of float
+            Standard uncertainties of their distances [mm].
+        printed : float
+            Relative standard uncertainty of the printed radii.
+        """
+        between = far.ahead - near.ahead
+        growth = (far.sizes_mm - near.sizes_mm) / between
+        random = np.hypot(near.sigma, far.sigma) / between
+        error = np.hypot(random, growth * math.hypot(math.hypot(*placed) / between, printed))
+        angles = 2 * np.arctan(growth / 2)
+        behind = near.sizes_mm / growth - near.ahead
+        best = int(np.argmin(random / growth))
+        near_share, far_share = far.sizes_mm[best], near.sizes_mm[best]  # of errors of the near size and the far one
+        of_sizes = math.hypot(near_share * near.sigma[best], far_share * far.sigma[best])
+        of_sizes *= between / (far.sizes_mm[best] - near.sizes_mm[best]) ** 2
+        of_places = (
+            math.hypot(placed[0] * (far.ahead + behind[best]), placed[1] * (near.ahead + behind[best])) / between
+        )
+        return cls(
+            np.rad2deg(angles),
+            np.rad2deg(error / (1 + growth**2 / 4)),
+            float(behind[best]),
+            math.hypot(of_sizes, of_places),
+        )

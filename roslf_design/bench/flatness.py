@@ -23,7 +23,7 @@ class SurfaceFit(NamedTuple):
     """Measured points about the surface that fits them best."""
 
     parameters: Array
-    """Of a plane: Z at x = y = 0, and its growth along x and y. Of a sphere: its centre and, if fitted, its radius."""
+    """Plane: Z at x = y = 0, and its growth along x and y. Sphere: its centre and, if fitted, its radius."""
     covariance: Array
     """Covariance of those, by the errors reported with the points; neighbours within a window err alike."""
     error: float
@@ -33,6 +33,47 @@ class SurfaceFit(NamedTuple):
     rms: float
     """[mm]"""
     rms_sigma: float
+
+    @classmethod
+    def plane(cls, points: Array, sigma: Array, window: float) -> SurfaceFit:
+        """Plane that fits points best, by their distances square to it.
+
+        Parameters
+        ----------
+        points : ndarray, shape (n, 3)
+            x, y and Z [mm].
+        sigma : ndarray, shape (n,)
+            Standard errors of Z, each point's own [mm].
+        window : float
+            Points that share a measurement, and err alike.
+        """
+        x, y, z = points.T
+
+        def distance(at: Array) -> Array:
+            return np.asarray((z - at[0] - at[1] * x - at[2] * y) / math.sqrt(1 + at[1] ** 2 + at[2] ** 2))
+
+        start = np.linalg.lstsq(np.stack([np.ones(z.size), x, y], -1) / sigma[:, None], z / sigma, rcond=None)[0]
+        parameters, covariance, off = _fitted(distance, start, sigma, window)
+        return cls(parameters, covariance, *_range(off, max(1.0, z.size / window)))
+
+    @classmethod
+    def sphere(cls, points: Array, sigma: Array, window: float, centre: Array, radius: float, free: bool) -> SurfaceFit:
+        """Sphere that fits points best, from a centre and a radius to begin with; `free` fits the radius too.
+
+        Errors of Z count along the sphere's normal. Other arguments as of `plane`.
+        """
+
+        def distance(at: Array) -> Array:
+            return np.asarray(np.linalg.norm(points - at[:3], axis=1) - (at[3] if free else radius))
+
+        start = np.append(centre, radius) if free else np.asarray(centre, float)
+        own = sigma
+        for _ in range(2):
+            parameters, covariance, off = _fitted(distance, start, own, window)
+            away = points - parameters[:3]
+            steep = np.abs(away[:, 2]) / np.maximum(np.linalg.norm(away, axis=1), 1e-30)
+            own, start = sigma * np.maximum(steep, 0.2), parameters
+        return cls(parameters, covariance, *_range(off, max(1.0, len(points) / window)))
 
 
 def _range(off: Array, independent: float) -> tuple[float, float, float, float]:
@@ -69,98 +110,59 @@ def _fitted(
     return start, np.asarray(np.linalg.pinv(rates.T @ rates) * window, float), distance(start)
 
 
-def plane_through(points: Array, sigma: Array, window: float) -> SurfaceFit:
-    """Plane that fits points best, by their distances square to it.
-
-    Parameters
-    ----------
-    points : ndarray, shape (n, 3)
-        x, y and Z [mm].
-    sigma : ndarray, shape (n,)
-        Standard errors of Z, each point's own [mm].
-    window : float
-        Points that share a measurement, and err alike.
-    """
-    x, y, z = points.T
-
-    def distance(at: Array) -> Array:
-        return np.asarray((z - at[0] - at[1] * x - at[2] * y) / math.sqrt(1 + at[1] ** 2 + at[2] ** 2))
-
-    start = np.linalg.lstsq(np.stack([np.ones(z.size), x, y], -1) / sigma[:, None], z / sigma, rcond=None)[0]
-    parameters, covariance, off = _fitted(distance, start, sigma, window)
-    return SurfaceFit(parameters, covariance, *_range(off, max(1.0, z.size / window)))
-
-
-def sphere_through(points: Array, sigma: Array, window: float, centre: Array, radius: float, free: bool) -> SurfaceFit:
-    """Sphere that fits points best, from a centre and a radius to begin with; `free` fits the radius too.
-
-    Errors of Z count along the sphere's normal. Other arguments as of `plane_through`.
-    """
-
-    def distance(at: Array) -> Array:
-        return np.asarray(np.linalg.norm(points - at[:3], axis=1) - (at[3] if free else radius))
-
-    start = np.append(centre, radius) if free else np.asarray(centre, float)
-    own = sigma
-    for _ in range(2):
-        parameters, covariance, off = _fitted(distance, start, own, window)
-        away = points - parameters[:3]
-        steep = np.abs(away[:, 2]) / np.maximum(np.linalg.norm(away, axis=1), 1e-30)
-        own, start = sigma * np.maximum(steep, 0.2), parameters
-    return SurfaceFit(parameters, covariance, *_range(off, max(1.0, len(points) / window)))
-
-
-class Spacing(NamedTuple):
+class SphereSpacing(NamedTuple):
     """Two spheres as measured."""
 
     spacing: float
     """Distance between their centres [mm]."""
     sigma: float
     spheres: tuple[SurfaceFit, SurfaceFit]
-    """Of free radii."""
+    """Spheres of free radii."""
 
+    @classmethod
+    def of(cls, points: Array, sigma: Array, window: float, diameter: float, spacing: float) -> SphereSpacing | None:
+        """Spacing of a pair of spheres in front of whatever else was measured; None where they are not seen.
 
-def spheres_apart(points: Array, sigma: Array, window: float, diameter: float, spacing: float) -> Spacing | None:
-    """Spacing of a pair of spheres in front of whatever else was measured; None where they are not seen.
+        The pair is looked for where most points lie on two spheres so far apart, from the points nearest to the camera.
 
-    The pair is looked for where most points lie on two spheres so far apart, from the points nearest to the camera.
-
-    Parameters
-    ----------
-    points, sigma, window
-        As of `plane_through`.
-    diameter, spacing : float
-        As calibrated [mm].
-    """
-    radius = diameter / 2
-    smooth = max(float(np.median(sigma)), 1e-3 * radius)
-    starts: list[Array] = []
-    left = np.ones(len(points), bool)
-    for _ in range(2):
-        if left.sum() < 20:
-            return None
-        nearest = points[left][np.argsort(points[left][:, 2])[: max(5, int(0.02 * left.sum()))]]
-        close = np.linalg.norm(nearest[:, None] - nearest, axis=-1) < 0.4 * radius
-        centre = nearest[close[close.sum(axis=1).argmax()]].mean(axis=0) + np.array([0, 0, radius])
-        for _ in range(6):
-            near = left & (np.abs(np.linalg.norm(points - centre, axis=1) - radius) < max(4 * smooth, 0.15 * radius))
-            near &= points[:, 2] < centre[2] - 0.3 * radius
-            if near.sum() < 20:
+        Parameters
+        ----------
+        points, sigma, window
+            As of `SurfaceFit.plane`.
+        diameter, spacing : float
+            As calibrated [mm].
+        """
+        radius = diameter / 2
+        smooth = max(float(np.median(sigma)), 1e-3 * radius)
+        starts: list[Array] = []
+        left = np.ones(len(points), bool)
+        for _ in range(2):
+            if left.sum() < 20:
                 return None
-            centre = sphere_through(points[near], sigma[near], window, centre, radius, free=False).parameters
-        starts.append(centre)
-        left &= np.hypot(*(points - centre)[:, :2].T) > 1.1 * radius
-    fits, free = [], []
-    for centre in starts:
-        near = np.linalg.norm(points - centre, axis=1) < radius + max(5 * smooth, 0.1 * radius)
-        near &= points[:, 2] < centre[2] - 0.3 * radius
-        fits.append(sphere_through(points[near], sigma[near], window, centre, radius, free=False))
-        free.append(sphere_through(points[near], sigma[near], window, centre, radius, free=True))
-    between = fits[1].parameters - fits[0].parameters
-    apart = float(np.linalg.norm(between))
-    round_ = all(abs(float(fit.parameters[3]) / radius - 1) < ROUND for fit in free)
-    if not (round_ and abs(apart / spacing - 1) < ROUND):
-        return None
-    way = between / apart
-    variance = sum(float(way @ fit.covariance @ way) for fit in fits)
-    return Spacing(apart, math.sqrt(variance), (free[0], free[1]))
+            nearest = points[left][np.argsort(points[left][:, 2])[: max(5, int(0.02 * left.sum()))]]
+            close = np.linalg.norm(nearest[:, None] - nearest, axis=-1) < 0.4 * radius
+            centre = nearest[close[close.sum(axis=1).argmax()]].mean(axis=0) + np.array([0, 0, radius])
+            for _ in range(6):
+                near = left & (
+                    np.abs(np.linalg.norm(points - centre, axis=1) - radius) < max(4 * smooth, 0.15 * radius)
+                )
+                near &= points[:, 2] < centre[2] - 0.3 * radius
+                if near.sum() < 20:
+                    return None
+                centre = SurfaceFit.sphere(points[near], sigma[near], window, centre, radius, free=False).parameters
+            starts.append(centre)
+            left &= np.hypot(*(points - centre)[:, :2].T) > 1.1 * radius
+        fits, free = [], []
+        for centre in starts:
+            near = np.linalg.norm(points - centre, axis=1) < radius + max(5 * smooth, 0.1 * radius)
+            near &= points[:, 2] < centre[2] - 0.3 * radius
+            fits.append(SurfaceFit.sphere(points[near], sigma[near], window, centre, radius, free=False))
+            free.append(SurfaceFit.sphere(points[near], sigma[near], window, centre, radius, free=True))
+        between = fits[1].parameters - fits[0].parameters
+        apart = float(np.linalg.norm(between))
+        round_ = all(abs(float(fit.parameters[3]) / radius - 1) < ROUND for fit in free)
+        if not (round_ and abs(apart / spacing - 1) < ROUND):
+            return None
+        way = between / apart
+        variance = sum(float(way @ fit.covariance @ way) for fit in fits)
+        return cls(apart, math.sqrt(variance), (free[0], free[1]))

@@ -34,7 +34,7 @@ def gaussian(level, sigma):
 def test_gaussian_edge_has_its_contrast(angle, sigma):
     (response,) = edges_in_view(edge_field(np.random.default_rng(0), sigma=sigma, angle=angle))
     for level in (0.5, 0.1):
-        assert response.limit(level).value == pytest.approx(gaussian(level, sigma), rel=3e-3)
+        assert response.limit(level)[0] == pytest.approx(gaussian(level, sigma), rel=3e-3)
     assert math.tan(response.angle) == pytest.approx(math.tan(angle), rel=1e-3)
 
 
@@ -42,17 +42,17 @@ def test_views_refocused_to_the_edge_are_as_sharp_as_one():
     field = edge_field(np.random.default_rng(1), slope=0.31, falls=True)
     (response,) = edges_refocused(field, 0.25)
     assert response.slope == pytest.approx(0.31, abs=1e-5)
-    assert response.limit(0.5).value == pytest.approx(gaussian(0.5, 0.5), rel=3e-3)
+    assert response.limit(0.5)[0] == pytest.approx(gaussian(0.5, 0.5), rel=3e-3)
 
 
 @pytest.mark.parametrize("look", [edges_in_view, lambda field: edges_refocused(field, 0.2)])
 def test_errors_hold_the_truth(look):
     truth, off = gaussian(0.5, 0.6), []
-    for seed in range(100):
+    for seed in range(60):
         field = edge_field(np.random.default_rng(seed), sigma=0.6, slope=0.2, noise=0.02, uneven=0.01, views=3)
         value, sigma = limit_of(look(field), 0.5)
         off.append((value - truth) / sigma)
-    assert np.sum(np.abs(off) < 2) >= 90  # 95 of 100 expected; 90 or more in 98 of 100
+    assert np.sum(np.abs(off) < 2) >= 53  # 57 of 60 expected; 53 or more in 97 of 100
     assert 0.75 < np.std(off) < 1.3
     assert abs(np.mean(off)) < 0.35
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from roslf_design.bench.field import Rings, field_angles, rings_seen
+from roslf_design.bench.field import FieldAngles, Rings, RingView
 from roslf_design.calibration.frames import CalibrationError
 
 RADII = (0.5, 1.0, 1.5, 2.0, 2.5, 3.0, 5.0, 10.0, 15.0, 20.0, 25.0)
@@ -45,7 +45,7 @@ def drawn(away, rng, tilt=(0.0, 0.0), centre=(0.0, 0.0), noise=0.01, fine=5):
 def seen(away, ahead, seed, **look):
     picture, axes = drawn(away, np.random.default_rng(seed), **look)
     sample = 1.04 * SAMPLE_ANGLE * away
-    return rings_seen(picture, np.ones(picture.shape, bool), axes, ENDS, Rings.of(RADII, LINE), ahead, sample, away)
+    return RingView.of(picture, np.ones(picture.shape, bool), axes, ENDS, Rings.of(RADII, LINE), ahead, sample, away)
 
 
 @pytest.mark.parametrize(("away", "centre"), [(6.0, (0.1, -0.2)), (50.0, (1.5, 1.0))])
@@ -72,7 +72,7 @@ def test_angle_from_two_distances_holds_the_truth():
             )
             for away in (6.0, 50.0)
         ]
-        angles = field_angles(*looks, placed=(0.02, 0.02), printed=1e-4)
+        angles = FieldAngles.of(*looks, placed=(0.02, 0.02), printed=1e-4)
         off.append((angles.degrees - truth) / angles.sigma)
         pupils.append((angles.pupil_behind_tip - 1.0) / angles.pupil_sigma)
     assert np.abs(off).max() < 4
@@ -88,7 +88,7 @@ def test_other_picture_is_refused():
         + rng.normal(0, 0.01, (57, 75))
     )
     with pytest.raises(CalibrationError, match="no rings"):
-        rings_seen(
+        RingView.of(
             picture, np.ones((57, 75), bool), (np.arange(-37, 38.0), np.arange(-28, 29.0)), ENDS,
             Rings.of(RADII, LINE), 49.0, SAMPLE_ANGLE * 50, 50.0,
         )  # fmt: skip
