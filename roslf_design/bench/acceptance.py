@@ -175,6 +175,8 @@ class Measuring:
     """Covariance of lengths by a tolerance study; without one lines have no tolerance."""
     placed: float = PLACED
     """Standard uncertainty of targets' distances, of themselves."""
+    given: bool = True
+    """Whether the calibration was there; else it was made of sound images alone."""
 
     @cached_property
     def camera(self) -> Camera:
@@ -240,6 +242,8 @@ def accepted(measuring: Measuring, progress: CountedProgress = silent) -> Accept
     """
     check, left_out = measuring.check, list[str]()
     resting = [*measuring.numbers.get("images_used", ())]
+    if measuring.given:
+        resting += [one.name for one in check.images if one.kind in ("white", "dark")]
     spoilt = sorted(check.faulty.intersection(resting))
     lines: list[AcceptanceLine] = []
     if spoilt:

@@ -8,7 +8,7 @@ from typing import Annotated
 
 from cyclopts import App
 
-from ..bench.acceptance import RESULT, Frames, Measuring, accepted, built_lengths
+from ..bench.acceptance import RESULT, Acceptance, Frames, Measuring, accepted, built_lengths
 from ..bench.captures import ACCEPTANCE, CALIBRATION, DESIGN, SETUP, read_bench
 from ..bench.check import checked
 from ..bench.protocol import Protocol
@@ -169,20 +169,23 @@ def report(
     with status_and_bars("bench report") as tell, TemporaryDirectory() as place:
         check = checked(read, tell)
         sound = Path(place)
-        for one in read.captures:
-            if one.path.parent == read.calibration and one.path.name not in check.faulty:
-                (sound / one.path.name).symlink_to(one.path.resolve())
+        for path in read.calibration.iterdir():
+            if path.is_file() and path.name not in check.faulty:
+                (sound / path.name).symlink_to(path.resolve())
         calibration = read.calibration / RESULT
+        given = (calibration / FILE).is_file()
         try:
-            if not (calibration / FILE).is_file():
+            if not given:
                 options = CalibrateOptions(board=read.setup.board.board.text, posterior=False)
                 command = typed("calibrate", read.calibration, design=folder / DESIGN, board=options.board,
                                 no_posterior=True, output=calibration)  # fmt: skip
                 write_calibration(calibrated(sound, read.design, options, tell), calibration, command)
             frames = Frames.of(sound, read.design, tell)
+            result = accepted(Measuring(read, check, calibration, frames, build, share, given), tell)
         except CalibrationError as error:
-            raise refused(error, read.calibration, calibration) from None
-        result = accepted(Measuring(read, check, calibration, frames, build, share), tell)
+            if not check.faults:
+                raise refused(error, read.calibration, calibration) from None
+            result = Acceptance(read.design.name, (), check.faults, (f"everything: {' '.join(str(error).split())}",))
     page = acceptance_report(result, read.design, str(calibration), revision, date)
     data = result.to_dict() | {"revision": revision, "date": date}
     write_files(

@@ -1,6 +1,6 @@
 """Does `roslf bench report` tell the truth? Rendered captures of builds that are known, and of benches with faults.
 
-    python studies/bench/acceptance.py --builds 10 -o reports/bench
+    python -m studies.bench.acceptance --builds 10 -o reports/bench
 
 Every figure is compared with that of the build it was measured on: within its expanded uncertainty (k = 2) it should
 lie in 95 of 100. A wrong target, a camera refocused between white and board and an overexposed picture are to be
