@@ -26,6 +26,7 @@ Kind = Literal["white", "dark", "board", "edge", "wall", "spheres", "field"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 _EVEN = re.compile(r"(white|dark)(_.+)?", re.IGNORECASE)
 _ACCEPTED = re.compile(r"(edge|wall|spheres|field)_(\d+(?:\.\d+)?)mm(?:_(\d+))?", re.IGNORECASE)
+_MOST_SCALED = 1.25
 Distances = Annotated[tuple[Length, ...], Field(min_length=1)]
 """Distances ahead of the tip [mm] at which a target is to stand."""
 
@@ -35,6 +36,15 @@ class Printed(StrictTable):
 
     bar: Length
     printed_bar: Length
+
+    @model_validator(mode="after")
+    def _alike(self) -> Self:
+        if not 1 / _MOST_SCALED <= self.scale <= _MOST_SCALED:
+            raise ValueError(
+                f"printed_bar: {self.printed_bar:g} mm is far from the drawing's {self.bar:g} mm; measure again, or"
+                " print at 100 %"
+            )
+        return self
 
     @property
     def scale(self) -> float:

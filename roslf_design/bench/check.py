@@ -14,7 +14,7 @@ import numpy as np
 from ..calibration.centres import find_centres
 from ..calibration.corners import cells_of, observe
 from ..calibration.decoding import Decoder, LightField
-from ..calibration.fit import corner_statistics, fit_at, fit_lines, shared_names, undetermined
+from ..calibration.fit import calibrate, corner_statistics, fit_at, fit_lines, shared_names, undetermined
 from ..calibration.frames import (
     Array,
     CalibrationError,
@@ -52,6 +52,7 @@ _ODD, _OTHER = 0.05, 0.08
 cameras are built to a few per cent of their design's magnification."""
 _SLOPES = 0.15
 """Share that diffraction may take of views' slopes, and so of how far from focus a board looks."""
+_STEEP = math.radians(5.0)
 _MOVED = 0.03
 """Shift of centres at the image's edge that counts as one [px]."""
 _SURE = 5.0
@@ -141,10 +142,12 @@ class BenchCheck:
 
     @property
     def tilts(self) -> dict[str, int]:
-        """Images of boards tilted by 5 degrees or more, by the side that is nearer."""
-        steep = [pose for one in self.boards if (pose := one.pose) is not None and pose.tilt >= math.radians(5.0)]
-        quarters = [round(4 * pose.towards / math.tau) % 4 for pose in steep]
-        return {side: quarters.count(k) for k, side in enumerate(("right", "top", "left", "bottom"))}
+        """Images of boards tilted by 5 degrees or more, by the sides that are nearer."""
+        poses = [one.pose for one in self.boards if one.pose is not None]
+        return {
+            side: sum(pose.tilt * math.cos(pose.towards - k * math.pi / 2) >= _STEEP for pose in poses)
+            for k, side in enumerate(("right", "top", "left", "bottom"))
+        }
 
     def to_dict(self) -> dict[str, Any]:
         """As JSON's types."""
@@ -222,6 +225,7 @@ def checked(bench: Bench, progress: CountedProgress = silent) -> BenchCheck:
         if not checks[name].faults:
             checks[name] = checks[name].blamed(looked.wrong_size(k))
     sound = [k for k, name in enumerate(observations.names) if not checks[name].faults]
+    looked = looked.scattered(sound)
     shares = looked.shares(sound)
     by_images = 0.0 if shares is None else shares["d_3"]["images"]
     sums = _sigma(shares), looked.noise, looked.best(sound), by_images
@@ -466,6 +470,20 @@ class _Boards:
         if abs(size - 1) > _OTHER + doubt or (len(self.sizes) > 2 and abs(size / usual - 1) > _ODD + doubt):
             return f"wrong target, or another focus: cells look {size * cell:.3g} mm wide, bench.toml says {cell:g} mm"
         return ""
+
+    def scattered(self, sound: list[int]) -> _Boards:
+        """Boards whose corners' noise is what the sound ones scatter by about the camera that fits them, if one does.
+
+        Errors in neighbouring views go together: scatter about lines through the views promises too much.
+        """
+        design, names = self.bench.design, self.observations.names
+        sheet = data_sheet(design, self.bench.setup.board.board, SheetOptions())
+        part = replace(self.observations, uv=self.observations.uv[sound], names=tuple(names[k] for k in sound))
+        try:
+            fit = calibrate(part, sheet, distortion=design.main_lens.kind.radial, guess=self.camera.A).fit
+        except CalibrationError:
+            return self
+        return replace(self, noise=self.noise * max(1.0, *fit.scales))
 
     def shares(self, sound: list[int], more: tuple[BoardPose, ...] = ()) -> _Shares | None:
         """Variances that sound boards, and more, would leave at the design's camera; None where something is open."""

@@ -6,7 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated
 
-from cyclopts import App
+from cyclopts import App, Parameter
 
 from ..bench.acceptance import RESULT, Acceptance, Frames, Measuring, accepted, built_lengths
 from ..bench.captures import ACCEPTANCE, CALIBRATION, DESIGN, SETUP, read_bench
@@ -32,7 +32,6 @@ from .report import date_of_making
 from .results import print_titled
 from .terminal import (
     DesignName,
-    Flat,
     Json,
     Output,
     StatusLine,
@@ -61,7 +60,7 @@ def write(
     *,
     output: Output,
     board: str | None = None,
-    poses: Annotated[PlannedPoses, Flat] = POSES,
+    poses: Annotated[PlannedPoses, Parameter(name="*", show_default=False)] = POSES,
     seed: int = 0,
 ) -> None:
     """The bench of a camera: a protocol of one page, targets true to scale, and folders for what is captured.

@@ -54,6 +54,12 @@ def bench(made, tmp_path):
     return shutil.copytree(made[0] / "bench", tmp_path / "bench"), made[1]
 
 
+def change(folder, old, new):
+    text = (folder / "bench.toml").read_text()
+    assert old in text
+    (folder / "bench.toml").write_text(text.replace(old, new, 1))
+
+
 def told(capsys, folder):
     code, out, err = run(capsys, "bench", "check", folder, "--json")
     assert (code, err) == (0, "")
@@ -101,13 +107,14 @@ def test_sound_captures_have_no_fault_and_tell_how_sure_they_are(capsys, bench, 
     data = outcome.to_dict()["quantities"]
     for name in ("H", "d_3"):
         low, high = data[name]["interval_68"]
-        assert check["sigma"][name] == pytest.approx((high - low) / 2, rel=0.25)
+        assert check["sigma"][name] == pytest.approx((high - low) / 2, rel=0.1)
     # The pose to take next leaves them surer, and fewer boards less sure.
     assert check["next"]["sigma"]["d_3"] < check["sigma"]["d_3"]
     (folder / "calibration" / SOUND[1]).unlink()
     fewer = told(capsys, folder)
-    in_noise = [one["sigma"]["A"] / one["corner_noise_pitches"] for one in (fewer, check)]
-    assert in_noise[0] > 1.1 * in_noise[1]
+    images = [one["sigma"]["d_3"] * one["d_3_variance_by_images"] ** 0.5 for one in (fewer, check)]
+    noise = [one["corner_noise_pitches"] for one in (fewer, check)]
+    assert images[0] / noise[0] > 1.02 * images[1] / noise[1]
     for name in SOUND[2:]:
         (folder / "calibration" / name).unlink()
     one = told(capsys, folder)
@@ -191,6 +198,9 @@ def test_what_was_measured_is_not_overwritten(capsys, made, bench):
         (lambda folder: (folder / "bench.toml").unlink(), "has no bench.toml"),
         (lambda folder: (folder / "design.toml").unlink(), "design.toml"),
         (lambda folder: (folder / "bench.toml").write_text("[board"), "not valid TOML"),
+        (lambda folder: change(folder, 'printed_bar = "100 mm"', 'printed_bar = "10 mm"'), "measure again"),
+        (lambda folder: change(folder, 'cells = "7x6 1.7 mm"', 'cells = "7x"'), "board.cells"),
+        (lambda folder: change(folder, "seed = 0", "sead = 0"), "did you mean 'seed'"),
         (lambda folder: (folder / "calibration" / "white_1.tif").write_bytes(b"II*"), "cannot be read as an image"),
         (lambda folder: (folder / "acceptance" / "edge.tif").write_bytes(b"II*"), "edge_40mm.tif"),
     ],
@@ -204,8 +214,19 @@ def test_bad_folders_are_refused_in_one_line(capsys, bench, spoil, words):
     assert words in err
 
 
-def test_a_board_that_does_not_fit_and_a_focused_camera_are_refused(capsys, tmp_path):
-    code, _, err = run(capsys, "bench", "paper", "-o", tmp_path / "a", "--board", "9x9 60 mm")
-    assert code == 2
-    assert "--board" in err
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (["--board", "9x9 60 mm"], "--board: the board measures 540 x 540 mm"),
+        (["--board", "9x9"], "--board"),
+        (["--boards", "1"], "one image of the board"),
+        (["--distance", "100 mm"], "reach into the bore"),
+        (["--seed", "-1"], "--seed"),
+    ],
+)
+def test_benches_that_cannot_be_are_refused_in_one_line(capsys, tmp_path, options, words):
+    code, out, err = run(capsys, "bench", "paper", "-o", tmp_path / "a", *options)
+    assert (code, out) == (2, "")
+    assert len(err.strip().splitlines()) == 1
+    assert words in err
     assert not (tmp_path / "a").exists()
