@@ -221,6 +221,8 @@ def _line(
         degrees.append(int(good.sum()) * (darks.count - 1))
     level, variance = np.array(points).T
     most, noisiest = float(level.max()), float(variance.max())
+    if not most > 0:
+        return "white images are no brighter than the dark frames"
     if noisiest <= 1e-12 * most**2:
         return "white images of one exposure do not differ: copies, or rendered without noise"
     if noisiest < _COARSE * step**2:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -144,7 +145,7 @@ class Outcome:
     def _images(self) -> ImageShare | None:
         return None if self.white is None or self.white.untold else ImageShare(self.white.share, self.white.sigma[0])
 
-    @property
+    @cached_property
     def pupil(self) -> tuple[float, float] | None:
         """Effective diameter of the flexible angular plane, of others their width, and its standard error [mm].
 
@@ -190,6 +191,8 @@ class Outcome:
         images = len(self.calibration.observations.names)
         known = f"f = {self.sheet.f:.6g} ± {self.sheet.f_sigma:.2g} mm from the data sheet"
         known = ", ".join([known, *(datum.what for datum in self.combined.data)])
+        if self.pupil is not None:
+            known += ", D_F = {:.6g} ± {:.2g} mm from the white image".format(*self.pupil)
         source = (
             f"roslf calibrate, {images} images of a board, {known}: {said} (standard deviations);"
             f" before: {self.design.name}"

@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
+from roslf_design.calibration.lengths import ImageShare, calibrated_lengths
 from roslf_design.calibration.options import PlanOptions, calibration_plan, data_sheet, planned_lengths
 from roslf_design.calibration.planning import camera_of
+from roslf_design.calibration.posterior import laplace_draws
 from roslf_design.calibration.written import _FoundCovariance
 from roslf_design.camera import Camera
 from roslf_design.design import PATHS
 from roslf_design.reporting.story import quick_study
 from roslf_design.theory.depth_budget import depth_budget
+from roslf_design.theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 from roslf_design.theory.length_covariance import LengthCovariance
 from roslf_design.tolerancing.study import plan_from, tolerance_plan
 from roslf_design.tolerancing.trials import first_builds, lengths_built
@@ -49,6 +52,47 @@ def test_information_with_the_data_sheet_is_the_calibration_s_covariance(design,
     np.testing.assert_allclose(after / np.outer(unit, unit), matrix / np.outer(unit, unit) * known, atol=0.04)
     back = _FoundCovariance.model_validate(json.loads(json.dumps(lengths.to_dict()))).lengths()
     assert back.to_dict() == lengths.to_dict()
+
+
+@pytest.mark.parametrize("design", ["paper", WINDOWED], ids=["paper", "windowed"])
+def test_a_white_image_that_tells_the_pupil(design):
+    """D_F follows from the images' share of the pitch and from lengths: draw by draw, and by information with the data
+    sheet; a workshop's builds know it no worse than the white image says."""
+    design = roslf.load(design) if isinstance(design, str) else design
+    asked = PlanOptions()
+    best = calibration_plan(design, asked)
+    sheet = data_sheet(design, best.captures.board, asked)
+    fit, data = best.expected.typical
+    draws = laplace_draws(fit, sheet, 20_000, np.random.default_rng(0), data)
+    plain = calibrated_lengths(design, draws, fit, sheet, data)
+    c = Camera.of(design)
+    share, sigma = abs(float(microlens_image_diameter(c) / microlens_image_pitch(c))), 0.004
+    images = ImageShare(0.9 * share, sigma)
+    lengths = calibrated_lengths(design, draws, fit, sheet, data, images)
+    places, matrix = lengths.covariance
+    assert places == (*plain.covariance.places, "aperture.diameter")
+    np.testing.assert_allclose(matrix[:-1, :-1], plain.covariance.matrix)
+    # A camera with such lengths, one after another.
+    one = images.pupil(design, {place: float(c[place]) for place in plain.covariance.places})["aperture.diameter"]
+    assert float(one) == pytest.approx(0.9 * design.D_F, rel=1e-9)
+    alone = plain.covariance.carried(
+        c, lambda builds: np.log(microlens_image_diameter(builds) / microlens_image_pitch(builds))
+    )
+    assert np.sqrt(matrix[-1, -1]) == pytest.approx(0.9 * design.D_F * np.hypot(sigma, float(alone)), rel=0.05)
+    sheet_sigma = np.array([lengths.sheet[lengths.information.places.index(place)] for place in places])
+    values = np.abs([float(c[place]) for place in places])
+    values[places.index("sensor.pixel")] = 0.0
+    before = LengthCovariance(places, np.diag(np.where(np.isfinite(sheet_sigma), sheet_sigma, 1e3 * values) ** 2))
+    after = before.informed(lengths.information.of(places).matrix).matrix
+    unit = np.sqrt(np.diag(matrix))
+    known = unit > 1e-9 * np.maximum(values, 1e-6)
+    unit = np.where(known, unit, 1.0)
+    np.testing.assert_allclose(after / np.outer(unit, unit), matrix / np.outer(unit, unit) * known, atol=0.04)
+    made = 1e-6 * values
+    made[-1] = 0.02 * design.D_F
+    told, _ = lengths.after(LengthCovariance(places, np.diag(made**2)))
+    at = told.places.index("aperture.diameter")
+    assert np.sqrt(told.matrix[at, at]) == pytest.approx(0.9 * design.D_F * sigma, rel=0.05)
 
 
 def test_lengths_built_against_the_builds_themselves():
