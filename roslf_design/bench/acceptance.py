@@ -473,8 +473,8 @@ def _sensor_lines(m: Measuring) -> Told:
     for name, key, unit, factor, expected in rows:
         if (figure := told.get(key)) is None:
             continue
-        remark = str(figure.get("bound") or "")
+        called = ", ".join(filter(None, (name, figure.get("bound"))))
         value, spread = factor * figure["value"], factor * COVERAGE * figure["sigma"]
-        yield AcceptanceLine(SENSOR, name, unit, value, spread, expected, None, remark)
+        yield AcceptanceLine(SENSOR, called, unit, value, spread, expected)
     for reason in told.get("untold", ()):
         yield f"noise: {reason}"

@@ -12,6 +12,7 @@ from ..blocks import Block, Bullets, Paragraph, Report, Section, Statement, Stat
 from ..sheet.lines import NONE, sheet_head, signatures
 
 TONES: dict[Verdict, Tone] = {"in tolerance": "good", "out": "bad", "undecided": "caution", "reported": "plain"}
+_WORST: tuple[Verdict, ...] = ("out", "undecided", "in tolerance")
 RULE = (
     "Measured figures with their expanded uncertainty U (k = 2), beside the data sheet's. In tolerance: all of a figure"
     " ± U lies within the limits; out: all of it lies outside; undecided: neither (ISO 14253-1, JCGM 106). Lines"
@@ -40,11 +41,14 @@ def acceptance_statements(result: Acceptance) -> tuple[Statement, ...]:
 
 
 def _verdicts(result: Acceptance) -> Iterator[Statement]:
-    for verdict, tone in TONES.items():
-        names = [line.name for line in result.lines if line.verdict == verdict]
-        if names and verdict != "reported":
-            which = "" if verdict == "in tolerance" else f": {listed(names)}"
-            yield Statement(tone, f"{verdict.capitalize()}: {len(names)} of {len(result.lines)} figures{which}.")
+    """Counts of the verdicts in one statement, as bad as the worst."""
+    counts = [(verdict, result.count(verdict)) for verdict in TONES if result.count(verdict)]
+    worst = next((verdict for verdict in _WORST if result.count(verdict)), None)
+    said = ", ".join(f"{count} {verdict}" for verdict, count in counts)
+    if worst is not None:
+        out = [line.name for line in result.lines if line.verdict == "out"]
+        which = f"; out: {listed(out)}" if out else ""
+        yield Statement(TONES[worst], f"Of {len(result.lines)} figures {said}{which}.")
     if not any(line.limits for line in result.lines):
         yield Statement("plain", "No figure has a limit: nothing is judged.", "Name a tolerance study by --tolerances.")
 
@@ -59,7 +63,7 @@ def acceptance_tables(result: Acceptance) -> tuple[Block, ...]:
         Table(
             tuple(map(_cells, lines)), "ldllll", headings if not k else (), subject,
             "; ".join(dict.fromkeys(line.remark for line in lines if line.remark)),
-            widths=(22, 8, 6, 8, 11, 0), dense=True,
+            widths=(21, 10, 6, 8, 11, 0), dense=True,
         )
         for k, (subject, lines) in enumerate(subjects.items())
     ]  # fmt: skip
