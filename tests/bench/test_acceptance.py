@@ -51,9 +51,16 @@ def result():
 
 def test_page_has_faults_first_verdicts_and_fields_to_sign():
     page = render_html(acceptance_report(result(), load("rigid-scope"), "result", "B", "2026-11-28"))
-    text = re.sub(r"<[^>]+>", " ", page.partition("<body")[2])
+    text = " ".join(re.sub(r"<[^>]+>", " ", page.partition("<body")[2]).split())
     assert text.index("board_03.tif: overexposed") < text.index("Of 4 figures") < text.index("2.34")
-    for words in ("1 in tolerance, 1 out, 1 undecided, 1 reported", "out: d", "2026-11-28", "no dark frame", "signature", "approved"):
+    for words in (
+        "1 in tolerance, 1 out, 1 undecided, 1 reported",
+        "out: d",
+        "2026-11-28",
+        "no dark frame",
+        "signature",
+        "approved",
+    ):
         assert words in text
 
 
