@@ -54,7 +54,9 @@ PRINTED = 1e-3
 """Standard uncertainty of a printed target's size, of itself: a scale bar read to a tenth of a millimetre in 100."""
 STRAY_SPAN = 6.0
 """Range that holds all normal errors but three in a thousand [standard deviations]."""
-LEAST_POINTS = 50
+LEAST_POINTS, TEXTURED = 50, 2.0
+"""Microlenses with a depth that a wall takes, and their standard errors at most, over the middle one: beyond, a window
+sees too little texture to count."""
 FIELD, RESOLUTION, DEPTH, CAMERA, SENSOR = (
     "Field of view (ISO 8600-3, method B)", "Resolution (ISO 12233, e-SFR)", "Depth (VDI/VDE 2634-2)", "Camera",
     "Sensor",
@@ -354,10 +356,10 @@ def _resolved(axis: tuple[float, float], ahead: float, kind: Kind, level: float,
 
 
 def _points(m: Measuring, capture: BenchCapture) -> tuple[Depths, Array, Array]:
-    """Depths in a capture, its points (n, 3) with Z from the tip [mm], and their own standard errors."""
+    """Depths in a capture, points (n, 3) where there is texture, Z from the tip [mm], and their standard errors."""
     options = CaptureOptions(white=m.frames.white, dark=m.frames.dark, calibration=m.calibration)
     run = captured(capture.path, options).first
-    known = run.measured
+    known = run.measured & (run.noise_sigma <= TEXTURED * np.median(run.noise_sigma[run.measured]))
     z = run.depth[known]
     camera = m._calibrated[0]
     x, y = chief_rays(camera, (run.x_ml[known][:, 0], run.x_ml[known][:, 1])).on_plane(z)

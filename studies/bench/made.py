@@ -29,7 +29,7 @@ GAIN, BLACK, READ, PRNU, VEIL = 2.5, 60.0, 3.0, 0.008, 0.01
 FULL, LEVEL = 4095, 0.7
 """Largest count, and the level of a fully lit pixel over it."""
 RAYS = ("-microlens_diffraction", "-fap_diffraction", "-microlens_defocus")
-"""Effects left out: pictures by rays, whose contrast is known (`roslf render` takes a texture's diffraction within a
+"""Effects left out of edges: by rays their contrast is known (`roslf render` takes a texture's diffraction within a
 microlens as incoherent, which moves MTF 50 % of the rigid scope by 3 to 7 %)."""
 SAMPLING = RaySampling(least=32, most=96, tolerance=0.01)
 FRAMES = 4
@@ -45,7 +45,6 @@ class Build:
     design: Design
     seed: int
     sampling: RaySampling = SAMPLING
-    effects: tuple[str, ...] = RAYS
 
     @classmethod
     def drawn(cls, design: Design, seed: int, **look: Any) -> Build:
@@ -87,11 +86,10 @@ class Bench:
         noisy = self.rng.poisson(np.maximum(electrons, 0)) + READ * self.rng.standard_normal(light.shape)
         return np.clip(np.rint(noisy / GAIN + BLACK), 0, FULL).astype(np.uint16)
 
-    def rendered(self, scene: Scene | None) -> NDArray[np.float64]:
+    def rendered(self, scene: Scene | None, without: tuple[str, ...] = ()) -> NDArray[np.float64]:
         """Light of each pixel, 1 where white paper fills it."""
         build = self.build
-        overrides = build.effects if scene is not None else [one for one in build.effects if "object" not in one]
-        picture = render(build.design, scene, sampling=build.sampling, overrides=overrides, seed=build.seed)
+        picture = render(build.design, scene, sampling=build.sampling, overrides=without, seed=build.seed)
         return np.asarray(picture.pixels, float)
 
     def save(self, name: str, counts: NDArray[np.uint16]) -> None:
@@ -125,7 +123,8 @@ class Bench:
         lean = tuple((LEANS * self.rng.standard_normal(2)).tolist())
         scene = self.plane(picture, width, ahead, lean, centre=tuple(aside.tolist()))
         self.stood[name] = ahead
-        self.save(f"{ACCEPTANCE}/{name}", self.exposed(self.rendered(scene), times))
+        without = RAYS if name.startswith("edge") else ()
+        self.save(f"{ACCEPTANCE}/{name}", self.exposed(self.rendered(scene, without), times))
 
     def boards(self) -> Iterator[str]:
         """Images of the board in the poses of bench.toml, one after the other."""
