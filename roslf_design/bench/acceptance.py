@@ -1,7 +1,7 @@
 """Acceptance of a camera: what was measured of it beside its data sheet, and whether that lies in tolerance.
 
 Verdicts are those of ISO 14253-1 (JCGM 106): a value is in tolerance where all of it +-U lies inside, out where all of
-it lies outside, else undecided. A line without a tolerance is reported. Nothing is judged that rests on a picture with
+it lies outside, else undecided. A line without a tolerance is reported. Nothing is judged that depends on a picture with
 a fault.
 """
 
@@ -249,7 +249,7 @@ def accepted(measuring: Measuring, progress: CountedProgress = silent) -> Accept
     spoilt = sorted(check.faulty.intersection(resting))
     lines: list[AcceptanceLine] = []
     if spoilt:
-        left_out.append(f"everything: the calibration rests on {', '.join(spoilt)}; calibrate again without")
+        left_out.append(f"everything: the calibration depends on {', '.join(spoilt)}; calibrate again without")
         return Acceptance(measuring.bench.design.name, (), check.faults, tuple(left_out))
     steps = (_field_lines, _resolution_lines, _wall_lines, _sphere_lines, _camera_lines, _sensor_lines)
     for done, step in enumerate(steps):

@@ -36,7 +36,7 @@ def acceptance_report(
 
 def acceptance_statements(result: Acceptance) -> tuple[Statement, ...]:
     """Faults of pictures, then what the figures say together."""
-    remedy = "Take it again; nothing is judged that rests on it."
+    remedy = "Take it again; nothing is judged that depends on it."
     return (*(Statement("bad", fault, remedy) for fault in result.faults), *_verdicts(result))
 
 
