@@ -1,8 +1,8 @@
 """Acceptance of a camera: what was measured of it beside its data sheet, and whether that lies in tolerance.
 
 Verdicts are those of ISO 14253-1 (JCGM 106): a value is in tolerance where all of it +-U lies inside, out where all of
-it lies outside, else undecided. A line without a tolerance is reported. Nothing is judged that depends on a picture with
-a fault.
+it lies outside, else undecided. A line without a tolerance is reported. Nothing is judged that depends on a picture
+with a fault.
 """
 
 from __future__ import annotations
