@@ -136,6 +136,11 @@ class BenchCheck:
         return tuple(f"{one.name}: {fault}" for one in self.images for fault in one.faults)
 
     @property
+    def faulty(self) -> frozenset[str]:
+        """Names of images with a fault."""
+        return frozenset(one.name for one in self.images if one.faults)
+
+    @property
     def tilts(self) -> dict[str, int]:
         """Images of boards tilted by 5 degrees or more, by the sides that are nearer."""
         poses = [one.pose for one in self.boards if one.pose is not None]

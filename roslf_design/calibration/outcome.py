@@ -68,7 +68,7 @@ def calibrated(folder: Path, design: Design, options: CalibrateOptions, progress
     if options.distances is not None:
         file = str(options.distances)
         stood = validated(BoardDistances, read_toml(options.distances, file), file)
-    plain, capture, centres = _white_image(folder, design, progress)
+    plain, capture, centres = white_image(folder, design, progress)
     views: dict[str, Samples] = {}
     try:
         fields = _decoded(capture, centres, views, progress)
@@ -118,7 +118,7 @@ def _sheet(design: Design, board: Board, options: CalibrateOptions) -> DataSheet
         raise refusal("sigma", str(error).removeprefix("sigma of ")) from None
 
 
-def _white_image(folder: Path, design: Design, progress: CountedProgress) -> tuple[Capture, Capture, MicrolensCentres]:
+def white_image(folder: Path, design: Design, progress: CountedProgress) -> tuple[Capture, Capture, MicrolensCentres]:
     """Captures of a folder as stored and with their colours balanced, and the centres that their white image tells."""
     progress("reading the white image")
     plain = read_capture(folder)

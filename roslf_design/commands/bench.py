@@ -3,22 +3,32 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated
 
 from cyclopts import App, Parameter
 
+from ..bench.acceptance import RESULT, Acceptance, Frames, Measuring, accepted, built_lengths
 from ..bench.captures import ACCEPTANCE, CALIBRATION, DESIGN, SETUP, read_bench
 from ..bench.check import checked
 from ..bench.protocol import Protocol
-from ..calibration.options import PlanOptions
+from ..calibration import CalibrationError
+from ..calibration.model import relative_sigma
+from ..calibration.options import CalibrateOptions, PlanOptions
+from ..calibration.outcome import calibrated
+from ..calibration.written import FILE
 from ..design import dumps, load
 from ..errors import refusal
+from ..reporting.bench.acceptance import acceptance_report, acceptance_statements, acceptance_tables
 from ..reporting.bench.check import check_report, image_line, summary
 from ..reporting.bench.protocol import protocol_report
 from ..reporting.bench.targets import target_files
 from ..reporting.blocks import Statements
 from ..reporting.printers import render_html, render_pdf
-from .calibrate import POSES, PlannedPoses
+from ..reporting.sheet.lines import NONE
+from .calibrate import POSES, PlannedPoses, write_calibration
+from .refused import refused
+from .report import date_of_making
 from .results import print_titled
 from .terminal import (
     DesignName,
@@ -31,6 +41,7 @@ from .terminal import (
     listed,
     say,
     status_and_bars,
+    typed,
     write_files,
 )
 
@@ -119,3 +130,84 @@ def check(folder: Path, /, *, json: Json = False) -> None:
         say(image_line(one))
     print_titled("\nTogether", [Statements(tuple(one for one in summary(result) if one.tone != "bad"))])
     say(f"\nWritten to {folder}: check.html")
+
+
+@bench.command(name="report")
+def report(
+    folder: Path,
+    /,
+    *,
+    tolerances: Path | None = None,
+    placed: str = "0.2 %",
+    revision: str = NONE,
+    stamp: bool = True,
+    json: Json = False,
+) -> None:
+    """Acceptance: what was measured beside the data sheet, in tolerance, out, or undecided; one page to sign.
+
+    Example: roslf bench report out/bench --tolerances studies/tolerance-scope/study.toml
+
+    Parameters
+    ----------
+    folder
+        Folder that roslf bench wrote, with captures. Its calibration/result is taken, or made of sound images, without
+        sampling the posterior.
+    tolerances
+        A study of roslf tolerance: lines get two standard deviations of its builds as their limits.
+    placed
+        Standard uncertainty of the distances in the names of captures, of themselves.
+    revision
+        Revision of the page, as "B".
+    stamp
+        Date on the page; --no-stamp for none. SOURCE_DATE_EPOCH sets it.
+    """
+    check_typst("folder")
+    read, share = read_bench(folder), _share(placed)
+    build = None if tolerances is None else built_lengths(tolerances)
+    date = f"{date_of_making():%Y-%m-%d}" if stamp else NONE
+    with status_and_bars("bench report") as tell, TemporaryDirectory() as place:
+        check = checked(read, tell)
+        sound = Path(place)
+        for path in read.calibration.iterdir():
+            if path.is_file() and path.name not in check.faulty:
+                (sound / path.name).symlink_to(path.resolve())
+        calibration = read.calibration / RESULT
+        given = (calibration / FILE).is_file()
+        try:
+            if not given:
+                options = CalibrateOptions(board=read.setup.board.board.text, posterior=False)
+                command = typed("calibrate", read.calibration, design=folder / DESIGN, board=options.board,
+                                no_posterior=True, output=calibration)  # fmt: skip
+                write_calibration(calibrated(sound, read.design, options, tell), calibration, command)
+            frames = Frames.of(sound, read.design, tell)
+            result = accepted(Measuring(read, check, calibration, frames, build, share, given), tell)
+        except CalibrationError as error:
+            if not check.faults:
+                raise refused(error, read.calibration, calibration) from None
+            result = Acceptance(read.design.name, (), check.faults, (f"everything: {' '.join(str(error).split())}",))
+    page = acceptance_report(result, read.design, str(calibration), revision, date)
+    data = result.to_dict() | {"revision": revision, "date": date}
+    write_files(
+        folder,
+        {
+            "acceptance.html": render_html(page).encode(),
+            "acceptance.pdf": render_pdf(page),
+            "acceptance.json": f"{json_text(data)}\n".encode(),
+        },
+    )
+    if json:
+        print(json_text(data))
+        return
+    print_titled(page.title, [Statements(acceptance_statements(result)), *acceptance_tables(result)])
+    say(f"\nWritten to {folder}: acceptance.html, acceptance.pdf, acceptance.json")
+
+
+def _share(text: str) -> float:
+    """A share from its text, as "0.2 %"; refused where it is none."""
+    try:
+        share = relative_sigma(text, 1.0)
+    except ValueError:
+        share = -1.0
+    if not (0 < share < 1 and text.strip().endswith("%")):
+        raise refusal("placed", f'"{text}" is no share; give "0.2 %"')
+    return share

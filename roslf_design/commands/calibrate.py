@@ -19,6 +19,7 @@ from ..design import DesignError, dumps, load
 from ..design.files import WRITTEN
 from ..errors import Problem, refusal
 from ..json_data import plain
+from ..reporting.blocks import Report
 from ..reporting.calibrate import pages
 from ..reporting.printers import page_files
 from ..units import Angle, Distance, Length
@@ -154,6 +155,16 @@ def calibrate(
 
 def _write_outcome(result: Outcome, output: Path, command: str, json: bool, seconds: float) -> None:
     """Write what came out into a folder, and print its answers or its JSON object."""
+    report, files = write_calibration(result, output, command)
+    if json:
+        print(json_text(result.to_dict() | {"accuracy": result.accuracy.to_dict() | {"seconds": seconds}}))
+        return
+    print_titled(report.title, [block for section in report.sections[:2] for block in section.blocks])
+    say(f"\nWritten to {output}: {', '.join(listed(files))}\n{seconds:.1f} s")
+
+
+def write_calibration(result: Outcome, output: Path, command: str) -> tuple[Report, dict[str, bytes]]:
+    """Write the folder of a calibration; its page and all its files."""
     files = {"calibration.json": f"{json_text(result.to_dict())}\n".encode()}
     try:
         used = result.used_in
@@ -165,11 +176,7 @@ def _write_outcome(result: Outcome, output: Path, command: str, json: bool, seco
     report = pages.calibration_report(result, drawings, command)
     files |= picture_files(pictures, drawings) | page_files(report)
     write_files(output, files)
-    if json:
-        print(json_text(result.to_dict() | {"accuracy": result.accuracy.to_dict() | {"seconds": seconds}}))
-        return
-    print_titled(report.title, [block for section in report.sections[:2] for block in section.blocks])
-    say(f"\nWritten to {output}: {', '.join(listed(files))}\n{seconds:.1f} s")
+    return report, files
 
 
 def _print_plan(design: str, asked: PlanOptions, distortion: int | None, json: bool) -> None:

@@ -542,17 +542,22 @@ def datasheet_section(grounds: SpreadSources) -> Section:
 def datasheet_report(grounds: SpreadSources, revision: str = NONE, date: str = NONE) -> Report:
     """The page alone: which design in which revision, its drawing, the lines, fields to sign."""
     design, section = grounds.design, datasheet_section(grounds)
+    blocks = (sheet_head(design, revision, date), *section.blocks, dimensions_sheet(design), signatures())
+    return Report(design.name, design.source, (Section(section.title, blocks),))
+
+
+def sheet_head(design: Design, revision: str, date: str) -> Table:
+    """Which design in which revision a page to sign is of, and of what day."""
     about = f"{_fingerprint(design)} (sha256 of the design as roslf writes it)"
     head = (("design", design.name), ("revision", revision), ("hash of the design", about), ("date", date))
+    return Table(head, "ll", title="This sheet", dense=True, widths=(24, 0))
+
+
+def signatures() -> Table:
+    """Fields to sign."""
     line = 36 * "."
     signed = tuple((role, line, line, line) for role in ("prepared", "checked", "approved"))
-    blocks = (
-        Table(head, "ll", title="This sheet", dense=True, widths=(24, 0)),
-        *section.blocks,
-        dimensions_sheet(design),
-        Table(signed, "llll", ("", "name", "signature", "date"), "Signed"),
-    )
-    return Report(design.name, design.source, (Section(section.title, blocks),))
+    return Table(signed, "llll", ("", "name", "signature", "date"), "Signed")
 
 
 def _fingerprint(design: Design) -> str:

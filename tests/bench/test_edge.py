@@ -1,0 +1,89 @@
+"""Slanted edges drawn by closed forms: what they are blurred by is known, and so is their contrast."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.special import erf
+
+from roslf_design.bench.edge import edges_in_view, edges_refocused, limit_of
+from roslf_design.calibration.decoding import LightField
+from roslf_design.calibration.frames import CalibrationError
+
+
+def edge_field(rng, *, sigma=0.5, angle=0.1, slope=0.0, noise=0.0, views=5, size=(48, 56), uneven=0.0, falls=False):
+    """Views of an edge between 0.1 and 0.9, blurred by a Gaussian [pitches]."""
+    s = np.arange(views) - (views - 1) / 2
+    u, v = (np.arange(n) - (n - 1) / 2 for n in size[::-1])
+    t_, s_, v_, u_ = np.meshgrid(s, s, v, u, indexing="ij")
+    away = math.cos(angle) * (u_ - slope * s_ - 0.37) + math.sin(angle) * (v_ - slope * t_)
+    values = 0.5 + 0.4 * (-1 if falls else 1) * erf(away / (math.sqrt(2) * sigma))
+    values *= 1 + uneven * rng.standard_normal(values.shape)
+    values += noise * rng.standard_normal(values.shape)
+    weight = np.ones(values.shape, np.float32)
+    return LightField(values.astype(np.float32), weight, s, s.copy(), u, v, 10.0)
+
+
+def gaussian(level, sigma):
+    return math.sqrt(-2 * math.log(level)) / (2 * math.pi * sigma)
+
+
+@pytest.mark.parametrize("angle", [0.1, -0.09, 1.45, 1.67])
+@pytest.mark.parametrize("sigma", [0.35, 0.5, 1.2])
+def test_gaussian_edge_has_its_contrast(angle, sigma):
+    (response,) = edges_in_view(edge_field(np.random.default_rng(0), sigma=sigma, angle=angle))
+    for level in (0.5, 0.1):
+        assert response.limit(level)[0] == pytest.approx(gaussian(level, sigma), rel=3e-3)
+    assert math.tan(response.angle) == pytest.approx(math.tan(angle), rel=1e-3)
+
+
+def test_views_refocused_to_the_edge_are_as_sharp_as_one():
+    field = edge_field(np.random.default_rng(1), slope=0.31, falls=True)
+    (response,) = edges_refocused(field, 0.25)
+    assert response.slope == pytest.approx(0.31, abs=1e-5)
+    assert response.limit(0.5)[0] == pytest.approx(gaussian(0.5, 0.5), rel=3e-3)
+
+
+@pytest.mark.parametrize("look", [edges_in_view, lambda field: edges_refocused(field, 0.2)])
+def test_errors_hold_the_truth(look):
+    truth, off = gaussian(0.5, 0.6), []
+    for seed in range(60):
+        field = edge_field(np.random.default_rng(seed), sigma=0.6, slope=0.2, noise=0.02, uneven=0.01, views=3)
+        value, sigma = limit_of(look(field), 0.5)
+        off.append((value - truth) / sigma)
+    assert np.sum(np.abs(off) < 2) >= 53  # 57 of 60 expected; 53 or more in 97 of 100
+    assert 0.75 < np.std(off) < 1.3
+    assert abs(np.mean(off)) < 0.35
+
+
+def square_field(rng, side=24.0, noise=0.01, sigma=0.6, size=(56, 74)):
+    """View of a dark square turned by 5 degrees."""
+    field = edge_field(rng, views=1, size=size)
+    u, v = np.meshgrid(field.u, field.v)
+    cos, sin = math.cos(math.radians(5)), math.sin(math.radians(5))
+    rise = [
+        0.5 * (1 + erf((side / 2 - np.abs(a)) / (math.sqrt(2) * sigma))) for a in (cos * u + sin * v, cos * v - sin * u)
+    ]
+    values = 0.9 - 0.8 * rise[0] * rise[1] + noise * rng.standard_normal(u.shape)
+    return replace(field, values=values[None, None].astype(np.float32))
+
+
+def test_square_has_four_edges_and_their_mean_is_its_contrast():
+    off = []
+    for seed in range(20):
+        responses = edges_in_view(square_field(np.random.default_rng(seed)))
+        assert len(responses) == 4
+        value, sigma = limit_of(responses, 0.5)
+        off.append((value - gaussian(0.5, 0.6)) / sigma)
+    assert np.abs(off).max() < 3.5
+    assert np.sqrt(np.mean(np.square(off))) < 1.5
+
+
+def test_picture_without_an_edge_is_refused():
+    field = edge_field(np.random.default_rng(0), views=1)
+    flat = replace(
+        field, values=(0.5 + np.random.default_rng(2).normal(0, 0.01, field.values.shape)).astype(np.float32)
+    )
+    with pytest.raises(CalibrationError, match="no edge"):
+        edges_in_view(flat)

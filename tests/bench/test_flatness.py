@@ -1,0 +1,54 @@
+"""Points made on planes and spheres, with errors of a known size."""
+
+import math
+
+import numpy as np
+import pytest
+
+from roslf_design.bench.flatness import SphereSpacing, SurfaceFit
+
+
+def test_flatness_error_is_the_range_about_a_tilted_plane():
+    x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(-10, 10, 21), np.linspace(-8, 8, 17)))
+    bump = 0.05 * (x == 0) * (y == 0) - 0.03 * (x == 5) * (y == 8)
+    slope = np.array([0.2, -0.1])
+    lean = math.sqrt(1 + slope @ slope)
+    z = 40 + slope[0] * x + slope[1] * y + bump * lean
+    fit = SurfaceFit.plane(np.stack([x, y, z], -1), np.full(x.size, 0.01), 1.0)
+    # One point in 357 is three thousandths: the larger bump goes as a stray.
+    assert fit.error == pytest.approx(0.03, rel=0.01)
+    assert fit.parameters == pytest.approx([40, 0.2, -0.1], abs=1e-3)
+
+
+def test_flatness_of_noise_is_told_with_its_error():
+    rng, off, placed = np.random.default_rng(0), [], []
+    x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(-10, 10, 40), np.linspace(-8, 8, 30)))
+    for _ in range(100):
+        fit = SurfaceFit.plane(np.stack([x, y, 40 + rng.normal(0, 0.02, x.size)], -1), np.full(x.size, 0.02), 1.0)
+        off.append((fit.rms - 0.02) / fit.rms_sigma)
+        placed.append((fit.parameters[0] - 40) / math.sqrt(fit.covariance[0, 0]))
+        assert fit.error == pytest.approx(6 * 0.02, abs=4 * fit.error_sigma)
+    assert np.sum(np.abs(off) < 2) >= 90
+    assert np.sum(np.abs(placed) < 2) >= 90
+
+
+def test_spacing_of_spheres_before_a_wall_holds_the_truth():
+    off, rng = [], np.random.default_rng(1)
+    x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(-10, 10, 60), np.linspace(-6, 6, 36)))
+    for _ in range(40):
+        z, sigma = np.full(x.size, 50.0), 0.03
+        for cx in (-4.0, 4.0):
+            inside = 2.5**2 - (x - cx) ** 2 - y**2
+            z = np.where(inside > 0, 40 - np.sqrt(np.maximum(inside, 0)), z)
+        points = np.stack([x, y, z + rng.normal(0, sigma, z.size)], -1)
+        seen = SphereSpacing.of(points, np.full(z.size, sigma), 1.0, 5.0, 8.1)
+        assert seen is not None
+        off.append((seen.spacing - 8) / seen.sigma)
+        assert [2 * sphere.parameters[3] for sphere in seen.spheres] == pytest.approx([5, 5], abs=0.1)
+    assert np.sum(np.abs(off) < 2) >= 34
+
+
+def test_wall_alone_has_no_spheres():
+    x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(-10, 10, 60), np.linspace(-6, 6, 36)))
+    points = np.stack([x, y, 40 + np.random.default_rng(0).normal(0, 0.02, x.size)], -1)
+    assert SphereSpacing.of(points, np.full(x.size, 0.02), 1.0, 5.0, 8.0) is None
