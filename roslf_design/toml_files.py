@@ -12,7 +12,7 @@ import tomllib
 from collections.abc import Collection, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, TypeVar, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic.fields import FieldInfo
@@ -50,6 +50,22 @@ class StrictTable(BaseModel):
     """Base of every table of a file: frozen, unknown keys are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, defer_build=True)
+
+    if not TYPE_CHECKING:  # to which fields are the arguments
+
+        def __init__(self, **data: Any) -> None:
+            try:
+                super().__init__(**data)
+            except ValidationError as error:
+                raise self._refused(error, data) from None
+
+        # Not an initialiser of its own to pydantic, which would otherwise lose the context of `model_validate` over it.
+        __init__.__pydantic_base_init__ = True
+
+    @classmethod
+    def _refused(cls, error: ValidationError, data: Mapping[str, Any]) -> InputError:
+        """Error for values that make no such table, in the words of a file."""
+        return InputError(problems_of(error, cls))
 
 
 PlainNumber = Annotated[float, Field(strict=True)]

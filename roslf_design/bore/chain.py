@@ -153,16 +153,17 @@ class BoreWalk(NamedTuple):
         behind = 0  # elements that every build's plane has behind it
         while behind < len(parts) and _all(z > parts[behind].start) and _all(z >= steps[behind + 1].place):
             behind += 1
-        step, back = steps[behind], _smaller(z, 0.0)
+        step = steps[behind]
         index: Number = 1.0
+        back = _smaller(z, 0.0)  # once, before the first part
         for part in parts[behind:]:
-            step = step.propagated(_larger(_smaller(part.start, z) - step.place, back))
+            step, back = step.propagated(_larger(_smaller(part.start, z) - step.place, back)), 0.0
             passed = np.greater(z, part.start)
             if not np.any(passed):
                 return step.plane(index)
             inside = np.minimum(np.maximum(z - part.start, 0.0), part.length)
             step = part.through(step, inside, passed)
-            index = _either(passed & np.less(z, step.place), part.at.get("index", 1.0), 1.0)
+            index = _either(passed & np.less(z, step.place), part.at.get("index", 1.0), index)
         beyond = _larger(z - step.place, back) / medium
         return step.propagated(beyond).plane(_either(z >= step.place, medium, index))
 

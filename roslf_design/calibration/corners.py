@@ -27,8 +27,8 @@ _STRAY = 0.06
 _LEAST = 6
 """Corners of a board with markers that must be seen in the central view."""
 _MOST_VIEWS, _LEAST_LIGHT = 100, 0.85
-"""Views are left out where they, or a view one pixel beside them, have less light than this share of the brightest, in
-the middle of the array: those at the rim of the pupil."""
+"""Views are left out where they, or a view one pixel beside them, have less light than this share of the pupil's
+middle, or that over this share, in the middle of the array: those at the rim of the pupil, where images overlap."""
 
 
 class _FoundCorners(NamedTuple):
@@ -220,11 +220,19 @@ def _chosen_views(field: LightField, most: int) -> list[tuple[int, int]]:
 
     At the rim a sample mixes lit pixels with dark ones or a neighbour's: it looks from further inside than its (s, t)
     says, by up to half a pixel, and slopes through it are too small by several per cent.
+
+    Raises
+    ------
+    CalibrationError
+        No view but the central one is left of many.
     """
     v, u = len(field.v) // 2, len(field.u) // 2
     reach_v, reach_u = max(1, len(field.v) // 8), max(1, len(field.u) // 8)
     light = np.median(field.weight[:, :, v - reach_v : v + reach_v + 1, u - reach_u : u + reach_u + 1], axis=(2, 3))
-    light = light / max(float(light.max()), 1e-30)
+    # Not the brightest: that is where neighbours' images overlap.
+    middle = light[np.hypot(*np.meshgrid(field.s, field.t)) <= max(field.pitch / 4, np.abs(field.s).min())]
+    light = light / max(float(np.median(middle)), 1e-30)
+    light, over = np.minimum(light, 1 / np.maximum(light, 1e-30)), bool((light > 1 / _LEAST_LIGHT).any())
     if len(field.s) > 1 and max(np.diff(field.s).max(), np.diff(field.t).max()) < 1.5:
         whole = max(field.s.max(), field.t.max()) < field.pitch / 2 - 1  # all views asked for lie inside
         around = np.pad(light, 1, mode="edge") if whole else np.pad(light, 1)
@@ -236,6 +244,12 @@ def _chosen_views(field: LightField, most: int) -> list[tuple[int, int]]:
         chosen = [(i, j) for j in rows for i in columns if light[j, i] >= _LEAST_LIGHT or (i, j) == (ci, cj)]
         if len(chosen) <= most:
             break
+    if len(chosen) == 1 < min(most, len(field.s)):
+        cause, remedy = ("overlap", "narrow the aperture") if over else ("are too small", "open the aperture")
+        raise CalibrationError(
+            f"one view alone is lit evenly, and d_2 and m need several: microlens images, {field.pitch:.1f} px apart,"
+            f" {cause}; {remedy}, or take smaller pixels"
+        )
     return chosen
 
 

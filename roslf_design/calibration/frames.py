@@ -27,6 +27,8 @@ LARGEST = 1e30
 MOST_SATURATED = 0.05
 """Share of saturated pixels beyond which a raw image is refused."""
 _FULL = tuple(2**bits - 1 for bits in (8, 10, 12, 14))
+_STEPS = tuple(2 ** (16 - bits) for bits in (8, 10, 12, 14))
+"""Steps between values of so many bits that are a file's highest."""
 ALIKE = 0.03
 """Share by which the brightness of white images of one exposure may differ, as lamps do."""
 
@@ -295,14 +297,19 @@ def saturation_level(image: ArrayLike) -> float:
     """Level at which a pixel of this raw image is saturated: its integer type's largest value, or infinity for floats.
 
     Sensors with fewer bits than their file saturate lower: where at least 0.1 % of the pixels share the largest value
-    found and that is the end of 8, 10, 12 or 14 bits, it is the level.
+    found and that is the end of 8, 10, 12 or 14 bits, it is the level. Where their bits are the highest of 16, all
+    values are multiples of what one of them counts, and the level is the largest such.
     """
     raw = np.asarray(image)
     if raw.dtype.kind not in "ui":
         return float("inf")
     top = int(raw.max())
     piled = top in _FULL and np.count_nonzero(raw == top) >= max(0.001 * raw.size, 16)
-    return float(top) if piled else float(np.iinfo(raw.dtype).max)
+    if piled:
+        return float(top)
+    used = int(np.bitwise_or.reduce(raw, axis=None)) if raw.dtype == np.uint16 else 1
+    step = used & -used  # their lowest bit in use
+    return float(np.iinfo(raw.dtype).max - (step - 1 if step in _STEPS else 0))
 
 
 def refuse_saturated(image: ArrayLike, name: str, most: float) -> float:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array, by_value, magnitude, same
-from ..bore.chain import BoreWalk, Chain, ImagedPlane, StandingElement
+from ..bore.chain import BoreWalk, Chain, Flags, ImagedPlane, StandingElement
 from ..bore.conjugates import CONJUGATES, follower
 from ..bore.lens import IMAGE
 from ..bore.main_lens import IdealMainLens, MainLensKind
@@ -102,9 +102,11 @@ class Rim:
         return self.outline.reach
 
     @property
-    def behind(self) -> bool:
-        """Whether it stands behind the main lens, which shows the scene its image alone."""
-        return self.plane is not None and bool(np.any(np.less(self.ruler_distance, 0)) and np.any(self.plane.c))
+    def behind(self) -> Flags:
+        """True of builds where it stands behind the main lens, which shows the scene its image alone."""
+        if self.plane is None:
+            return np.False_
+        return np.less(self.ruler_distance, 0) & np.not_equal(self.plane.c, 0)
 
     @property
     def size_places(self) -> tuple[str, ...]:
@@ -338,7 +340,7 @@ class Camera(Symbols[Number]):
         numbers = {p: float(np.broadcast_to(v, self.shape)[index]) for p, v in self._numbers.items()}
         return self._with(numbers)
 
-    def in_row(self, shape: tuple[int, ...], part: slice) -> Camera:
+    def in_row(self, shape: tuple[int, ...], part: slice | NDArray[np.intp]) -> Camera:
         """Some of its builds, broadcast to a shape, one after the other."""
         numbers = {p: np.broadcast_to(v, shape).ravel()[part] if np.ndim(v) else v for p, v in self._numbers.items()}
         return self._with(numbers)
@@ -608,12 +610,12 @@ class Camera(Symbols[Number]):
     def towards_scene(self, rim: Rim) -> PartNumbers:
         """Numbers of a stop as rays on the scene's side meet it: those of its image where it stands behind the lens."""
         part, numbers = rim.part, dict(self._numbers)
-        if rim.behind:
-            numbers[f"{part}.distance"] = rim.distance
-            numbers |= {f"{part}.{key}": size for key, size in zip(rim.outline.keys, rim.outline.lengths, strict=True)}
+        if np.any(rim.behind):
+            image = {"distance": rim.distance} | dict(zip(rim.outline.keys, rim.outline.lengths, strict=True))
             for axis, (aside, tilt) in enumerate(zip(self.decentre(part), self.tilt(part), strict=True)):
-                numbers[f"{part}.decentre.{axis}"] = aside + self.lens_centre[axis]
-                numbers[f"{part}.tilt.{axis}"] = tilt
+                image |= {f"decentre.{axis}": aside + self.lens_centre[axis], f"tilt.{axis}": tilt}
+            for key, value in image.items():
+                numbers[f"{part}.{key}"] = np.where(rim.behind, value, numbers[f"{part}.{key}"])[()]
         return PartNumbers(numbers, part)
 
     @cached_property

@@ -40,14 +40,9 @@ class Design(Assembly):
         From `replace`, `make` and the readers, with every fault at once.
     """
 
-    def __init__(self, **data: Any) -> None:
-        try:
-            super().__init__(**data)
-        except ValidationError as error:
-            raise DesignError(design_problems(error, data, Design, from_file=False)) from None
-
-    # Not an initialiser of its own to pydantic, which would otherwise lose the context of `model_validate` over it.
-    __init__.__pydantic_base_init__ = True  # type: ignore[attr-defined]
+    @classmethod
+    def _refused(cls, error: ValidationError, data: Mapping[str, Any]) -> DesignError:
+        return DesignError(design_problems(error, data, Design, from_file=False))
 
     @model_validator(mode="after")
     def _parts_fit(self) -> Design:

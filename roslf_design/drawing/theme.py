@@ -155,6 +155,12 @@ def text_width(content: str, size: float = PLAIN) -> float:
     return size * (sum(WIDTHS.get(letter, LETTER) for letter in content) - lost)
 
 
+def drawn_in(content: str, left: float, width: float, size: float = PLAIN, *, bold: bool = False) -> float:
+    """Shift [px] of a text that starts at `left` of a picture, for it to end within its width: to its left edge."""
+    over = left + text_width(content, size) * (1.12 if bold else 1.0) - width
+    return -min(max(over, 0.0), max(left - 3, 0.0))
+
+
 def wrapped(content: str, width: float, size: float = SMALL, most: int = 99) -> list[str]:
     """A text in lines no wider than `width` px; where there are more than `most`, the last ends in an ellipsis."""
     lines = [""]

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, fields
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
-from pydantic import ValidationError
 
 from ..camera import Camera
 from ..depth.measure import Trial, simulate
@@ -38,7 +37,6 @@ from ..tolerancing.summaries import Variant, summarise
 from ..tolerancing.tally import merged
 from ..tolerancing.trials import lengths_built
 from ..tolerancing.yields import Yield, yield_at
-from ..toml_files import problems_of
 from ..units import format_quantity
 from ..words import listed, to_html
 from .jobs import Done, Failure, ProcessJob, Progress, Tell
@@ -347,13 +345,10 @@ def _limits(options: Options) -> tuple[MetricGoal, ...]:
     """Limits that were asked for: quantities with the ends beside them."""
     rows = zip(*(options.get(f"limit_{part}", ()) for part in ("of", "min", "max")), strict=False)
     asked = [(name, zip(("min", "max"), ends, strict=True)) for name, *ends in rows if name]
-    try:
-        return tuple(
-            MetricGoal(metric=name, **{end: _number_or_text(text) for end, text in ends if text.strip()})
-            for name, ends in asked
-        )
-    except ValidationError as error:
-        raise InputError(problems_of(error, MetricGoal)) from None
+    return tuple(
+        MetricGoal(metric=name, **{end: _number_or_text(text) for end, text in ends if text.strip()})
+        for name, ends in asked
+    )
 
 
 def _number_or_text(text: str) -> float | str:

@@ -80,6 +80,10 @@ class Scene(Part):
             raise ValueError("must be tables, each headed [[objects]]")
         return objects
 
+    @classmethod
+    def _refused(cls, error: ValidationError, data: Mapping[str, Any]) -> SceneError:
+        return SceneError(problems_of(error, cls))
+
     @property
     def white(self) -> float | None:
         """Radiance of a scene that is the same everywhere; None where there is anything to see."""

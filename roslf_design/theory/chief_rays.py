@@ -10,6 +10,7 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._arrays import Array, product, ratio
 from ..camera import Camera, Number
@@ -94,13 +95,26 @@ def chief_rays(c: Camera, place: Place) -> ChiefRays:
         rays = c.worked_out[key]
     else:
         builds = shape[len(shape) - len(c.shape) :]
-        at, count = at.reshape(2, -1, math.prod(builds)), math.prod(builds)
-        parts = [slice(start, start + TOGETHER) for start in range(0, count, TOGETHER)]
-        rays = np.concatenate([_past_elements(c.in_row(builds, part), at[..., part]) for part in parts], axis=-1)
+        at = at.reshape(2, -1, math.prod(builds))
+        rays = np.empty((4, *at.shape[1:]))
+        for alike in _alike(c, builds):
+            for part in np.split(alike, range(TOGETHER, len(alike), TOGETHER)):
+                rays[..., part] = _past_elements(c.in_row(builds, part), at[..., part])
     rays = rays.reshape(4, *shape)
     lost, straight = np.isnan(rays).any(0), (*first.height, *first.slope)
     x, y, slope_x, slope_y = (np.where(lost, one, ray)[()] for one, ray in zip(straight, rays, strict=True))
     return ChiefRays((x, y), (slope_x, slope_y))
+
+
+def _alike(c: Camera, shape: tuple[int, ...]) -> list[NDArray[np.intp]]:
+    """Builds in a row, broadcast to a shape, by the order in which FAP and elements stand: those of one order together.
+
+    The FAP comes before an element that begins where it stands, as in `ObjectSpaceFaces.of`.
+    """
+    starts = [c["aperture.distance"], *(part.start for part in c.in_bore)]
+    orders = np.argsort([np.broadcast_to(start, shape).ravel() for start in starts], axis=0, kind="stable")
+    _, which = np.unique(orders, axis=1, return_inverse=True)
+    return [np.flatnonzero(which == k) for k in range(which.max(initial=-1) + 1)]
 
 
 def _at_main_lens(c: Camera, place: Place) -> tuple[Place, Place]:

@@ -247,7 +247,7 @@ def _sensor_field(c: Camera, margin: Array) -> SensorField:
 
 def view_baseline(c: Camera) -> Array:
     """Distance on the FAP between neighbouring pixels' views, ``q A/d_2 = q d_1/(H d_2)`` [mm]; inf at d_2 = 0."""
-    own: Number = 1.0 if c.fap.behind else c.fap.scale
+    own: Number = np.where(c.fap.behind, 1.0, c.fap.scale)
     return ratio(c.q * c.seen.A, c.seen.d_2) * own
 
 

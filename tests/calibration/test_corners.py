@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -106,6 +107,27 @@ def test_dark_views_are_left_out_and_gaps_filled(drawn):
     assert len(observations.views) == 8
     assert observations.seen.any(axis=(0, 2)).all()
     assert len(observe({"holed": holed}, BOARD, most_views=1).views) == 1
+
+
+def test_overlap_of_images_at_the_pupils_rim_is_not_what_views_are_judged_by():
+    """Light of the guide's practice camera built with d_3 = 42 mm for 40: images 6.7 px wide, 6.4 px apart."""
+    quarter = [[0.8, 0.8, 0.8, 0.98], [0.8, 0.8, 0.8, 0.77], [0.8, 0.8, 0.68, 0.25], [0.98, 0.77, 0.25, 0.0]]
+    light = np.pad(quarter, ((3, 0), (3, 0)), mode="reflect")
+    offsets, rng = np.arange(-3.0, 4.0), np.random.default_rng(3)
+    pose = random_poses(Captures(boards=1, tilt=0.35, offset=4.0), 120.0, rng).vector[0]
+    field = replace(drawn_field(pose, offsets, 0.01, rng), pitch=6.4)
+
+    def seen_in(light):
+        return observe({"board": replace(field, weight=field.weight * np.float32(light[..., None, None]))}, BOARD)
+
+    assert {tuple(view) for view in seen_in(light).views} >= {(0, 0), (1, 0), (0, 1), (-1, 0), (0, -1)}
+    assert np.abs(seen_in(light).views).max() == 1
+    closer = np.where(np.hypot(*np.meshgrid(offsets, offsets)) > 1.5, 1.0, 0.5)
+    with pytest.raises(CalibrationError, match=r"one view alone .* 6\.4 px apart, overlap; narrow the aperture"):
+        seen_in(closer)
+    smaller = np.where(np.hypot(*np.meshgrid(offsets, offsets)) > 1.5, 0.1, 0.5)
+    with pytest.raises(CalibrationError, match=r"one view alone .* are too small; open the aperture"):
+        seen_in(smaller)
 
 
 def test_a_wrong_grid_is_not_taken_for_the_board():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from roslf_design.calibration import CalibrationError, CentreLattice, Decoder, decode, find_centres
+from roslf_design.calibration.frames import saturation_level
 from tests.oracles.calibration import nodes_over, white_image
 
 
@@ -125,3 +126,11 @@ def test_bad_images_are_named():
     with pytest.raises(CalibrationError, match=r"raw image is saturated: 100 % .* reach grey level 4095; expose less"):
         decode(np.full((90, 90), 4095, np.uint16), lattice)
     decode(np.full((90, 90), 4000, np.uint16), lattice)  # bright and even, not saturated
+    for bits in (8, 10, 12, 14):  # of 16, the highest: no pixel reaches 65535
+        step = 2 ** (16 - bits)
+        counts = np.random.default_rng(bits).integers(0, 2**bits - 1, (90, 90)).astype(np.uint16) * np.uint16(step)
+        decode(counts, lattice)
+        assert saturation_level(counts) == 65536 - step
+        counts[:, :30] = 65536 - step
+        with pytest.raises(CalibrationError, match=rf"saturated: 33 % .* reach grey level {65536 - step}; expose less"):
+            decode(counts, lattice)

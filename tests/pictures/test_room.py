@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 from PIL import ImageFont
 
-from roslf_design.design import load
+from roslf_design.design import load, preset_names
 from roslf_design.drawing.marks import Area, Disc, Dots, Line, Text
 from roslf_design.drawing.svg import redrawn
 from roslf_design.drawing.theme import SMALL, text_width, theme_named
+from roslf_design.evaluation import evaluate
 from roslf_design.reporting.design.curves import matching_plane
 from roslf_design.reporting.design.field import field_map, field_maps, mla_map
+from roslf_design.reporting.design.figures import SHEETS, lens_sheets
 from roslf_design.reporting.design.microlens import ON_PICTURE, microlens_image
 from roslf_design.reporting.design.rays import cells, dimensions, meridional, ray_diagrams
 from roslf_design.reporting.tolerance.pictures import Yields, yield_bars
@@ -22,6 +24,7 @@ from tests.pictures.designs import DESIGNS, PAPER, THROUGH
 
 LOOKING = THROUGH | {name: design for name, design in DESIGNS.items() if design.elements}
 FONT = ImageFont.truetype(f"{matplotlib.get_data_path()}/fonts/ttf/DejaVuSans.ttf", 1000)
+BOLD = ImageFont.truetype(f"{matplotlib.get_data_path()}/fonts/ttf/DejaVuSans-Bold.ttf", 1000)
 
 
 @pytest.mark.parametrize(
@@ -29,6 +32,27 @@ FONT = ImageFont.truetype(f"{matplotlib.get_data_path()}/fonts/ttf/DejaVuSans.tt
 )
 def test_words_are_taken_as_wide_as_the_widest_font_sets_them(words):
     assert 0.97 < text_width(words, SMALL) / (FONT.getlength(words) * SMALL / 1000) < 1.12
+
+
+def _outside(svg):
+    """Lines of text that leave their picture at a side, as the widest font sets them."""
+    root = ET.fromstring(svg)
+    for text in root.iter("{http://www.w3.org/2000/svg}text"):
+        words = "".join(text.itertext()).replace("\u200b", "")
+        font = BOLD if "font-weight" in text.attrib else FONT
+        wide = font.getlength(words) * float(text.attrib["font-size"]) / 1000
+        left = float(text.attrib["x"]) - {"middle": wide / 2, "end": wide}.get(text.attrib.get("text-anchor"), 0.0)
+        if "transform" not in text.attrib and not -1 <= left <= float(root.attrib["width"]) + 1 - wide:
+            yield words
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_no_text_of_a_preset_s_figures_leaves_its_picture(name):
+    design = load(name)
+    result = evaluate(design)
+    sheets = [SHEETS[key](design, result) for key in ("dimensions", "cells", "images", "plane", "depth", "effects")]
+    for figure in sheets if result.real_lens is None else [*sheets, *lens_sheets(design, result, result.real_lens)]:
+        assert not list(_outside(figure.content)), figure.name
 
 
 @pytest.mark.parametrize("near", [0.9, 0.99, 1 - 1e-6])

@@ -3,6 +3,8 @@ import pytest
 from PIL import Image
 
 from roslf_design.design import load
+from roslf_design.design.parts import MicrolensArray
+from roslf_design.errors import InputError
 from roslf_design.imaging.trace import encode, met
 from roslf_design.scenes import (
     Checkerboard,
@@ -11,10 +13,12 @@ from roslf_design.scenes import (
     Points,
     Scene,
     SceneError,
+    SceneLight,
     Sinusoid,
     Tube,
     load_scene,
     loads_scene,
+    make_scene,
 )
 
 PAPER = load("paper")
@@ -194,3 +198,18 @@ def test_depths_of_a_tilted_plane_bound_what_the_chief_rays_meet():
     distances = -(start[2] + t * along[2])
     assert nearest <= distances.min() <= distances.max() <= farthest
     assert farthest < 1.2 * distances.max()
+
+
+def test_values_that_make_no_scene_are_told_in_one_line_each_however_they_are_given():
+    for data, told in (
+        ({"nmae": "x"}, "nmae: is not a known key; did you mean 'name'?"),
+        ({"light": {"exposur": 1.0}}, "light.exposur: is not a known key; did you mean 'exposure'?"),
+        ({"background": "dark"}, "background: must be a finite number without a unit, got 'dark'"),
+    ):
+        for make in (lambda data: Scene(**data), lambda data: make_scene({"objects": [{"kind": "white"}], **data})):
+            with pytest.raises(SceneError) as error:
+                make(data)
+            assert str(error.value) == told
+    for part, key in ((Plane, "distance"), (SceneLight, "exposure"), (MicrolensArray, "pitch")):
+        with pytest.raises(InputError, match=rf"{key}x: is not a known key; did you mean '{key}'\?"):
+            part(**{key: 1.0, f"{key}x": 1.0})

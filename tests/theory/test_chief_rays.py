@@ -194,6 +194,25 @@ def test_quantities_of_that_name_are_half_the_sheets(name):
     assert QUANTITIES["field_half_width_mm"](grid.replace({"sensor.size.0": np.array([2.0, 1.0])})).shape == (3, 2)
 
 
+def test_chief_rays_of_builds_are_each_its_own_wherever_their_stops_stand():
+    """Between which elements a build's stop stands, or behind the lens, is no other build's affair."""
+    design = DESIGNS["cystoscope"]
+    stands, places = [62.84, 1.0, 30.0, 81.5], ((1.0, 0.5), (-1.7, 1.2))
+    for order in (slice(None), slice(None, None, -1)):
+        many, (x, y) = Camera.of(design, {"d_3": stands[order]}), np.array(places).T[..., None]
+        met = np.stack(chief_rays(many, (x, y)).on_plane(design.d_f))
+        bores = [Bore(design.replace({"aperture.distance": d_3})) for d_3 in stands[order]]
+        alone = [[bore.on_plane(*at, design.d_f - bore.tip) for bore in bores] for at in places]
+        np.testing.assert_allclose(met.transpose(1, 2, 0), alone, rtol=1e-9)
+    for name in ("cystoscope", "arthroscope"):
+        camera = Camera.of(DESIGNS[name])
+        inside = [part.start + part.length / 2 for part in camera.in_bore]
+        many = camera.replace({"aperture.distance": [camera["aperture.distance"], -5.0, *inside]})
+        for quantity in ("field_half_width_mm", "view_baseline_mm", "inverse_aperture_constant"):
+            alone = [float(QUANTITIES[quantity](many.build(k))) for k in range(len(inside) + 2)]
+            np.testing.assert_allclose(QUANTITIES[quantity](many), alone, rtol=1e-10)
+
+
 def test_in_air_nothing_is_traced_and_nothing_moves():
     """Half widths are the sensor's times d_f/d_1, whatever they are worked out by."""
     for name in ("paper", "rigid-scope", "ear-speculum"):

@@ -30,7 +30,7 @@ from ...drawing.marks import (
 )
 from ...drawing.panel import Panel, Scale, colour_bar
 from ...drawing.picture import PAGE, Picture, as_tall, beside, legend_height, one_panel
-from ...drawing.theme import FIELDS, short
+from ...drawing.theme import FIELDS, PLAIN, short
 from ...evaluation import default_fields
 from ...evaluation.fields import field_openings
 from ...fates import ImageFate, RayFate
@@ -336,9 +336,11 @@ def lens_images(design: Design, places: Mapping[str, Point]) -> Picture:
     side = min(each - 68, 240.0)
     pictures = []
     for label, (marks, words) in drawn.items():
-        panel = Panel(
-            (54.0, 28.0, side, side), scale, scale, marks, "x [px]", "y [px]", f"{label}: {words}", equal=True
+        said = (
+            Text(scale.low, scale.high, label, size=PLAIN, dy=-26, bold=True),
+            Text(scale.low, scale.high, words, dy=-9),
         )
+        panel = Panel((54.0, 45.0, side, side), scale, scale, (*marks, *said), "x [px]", "y [px]", equal=True)
         pictures.append(as_tall(f"lens-{label}", words, panel, size=(each, 0.0)))
     return beside("lens-images", f"Microlens images behind the real lens of {design.name}", pictures, TWINS)
 

@@ -29,7 +29,7 @@ from ...drawing.marks import (
 )
 from ...drawing.panel import Panel, Scale, colour_bar
 from ...drawing.picture import PAGE, Picture, beside, legend_height
-from ...drawing.theme import PLAIN, SMALL, short, stop_colour
+from ...drawing.theme import PLAIN, SMALL, drawn_in, short, stop_colour
 from ...effects import plan
 from ...errors import InputError, Problem
 from ...evaluation.fields import field_openings
@@ -193,10 +193,11 @@ def microlens_image(
     colour = "ink" if view.kept_fraction == 1 else "vermillion"
     head = f"{label}: {where}" if label else f"at {where}"
     words = f"{state}, {words}" if words else state
+    aside = drawn_in(words, box[0], size[0], SMALL)
     marks = [
         *_beyond(view, x, y), *marks, *_lines(design, view, waves and pixels),
-        Text(x.low, y.high, head, "ink", PLAIN, dy=-26, bold=True),
-        Text(x.low, y.high, words, colour, SMALL, dy=-9, testid="microlens-kept"),
+        Text(x.low, y.high, head, "ink", PLAIN, dx=drawn_in(head, box[0], size[0], bold=True), dy=-26, bold=True),
+        Text(x.low, y.high, words, colour, SMALL, dx=aside, dy=-9, testid="microlens-kept"),
     ]  # fmt: skip
     panel = Panel(box, x, y, tuple(marks), "x from the axis [µm]", "y from the axis [µm]", grid="", equal=True)
     kept = "no light" if view.kept_fraction == 0 else f"{100 * view.kept_fraction:.4g} % of the pupil unvignetted"
