@@ -137,7 +137,8 @@ class _Nodes(NamedTuple):
         every = np.maximum(few, fine)
         less = [min(1.0, math.sqrt(MOST / math.prod(each.tolist()))) for each in (few, every)]
         few, every = (np.maximum(2, (each * part).astype(int)) for each, part in zip((few, every), less, strict=True))
-        return cls(*spread(every), (int(few[0]), int(few[1])))
+        rows, columns = spread(every)
+        return cls(rows, columns, (int(few[0]), int(few[1])))
 
 
 class _Freeing(NamedTuple):
