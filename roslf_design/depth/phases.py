@@ -158,7 +158,8 @@ class _Phases(NamedTuple):
         """At so many nodes along each axis, at most, by so many waves."""
         rows, columns, parts = light.parts
         few, some = (
-            np.unique(np.linspace(0, at.size - 1, min(at.size, most)).round().astype(np.intp)) for at in (rows, columns)
+            np.unique(np.linspace(0, at.size - 1, min(at.size, most, count)).round().astype(np.intp))
+            for at, count in zip((rows, columns), light.nodes.few, strict=True)
         )
         nodes = (few[:, None] * columns.size + some).ravel()
         parts = ImageParts(parts.steps, *(part[:, nodes] for part in parts[1:]))

@@ -135,17 +135,9 @@ class Framed(NamedTuple):
     @classmethod
     def of(cls, design: Design, scene: Scene | None, region: Region) -> Framed:
         """Around a region in which a design looks at a scene; of None what lies out of focus is left out."""
-        geometry = ArrayGeometry(design)
-        camera, beside = geometry.camera, float(BESIDE)
-        lattice, share = lattice_of(camera, region), np.linspace(0, 1, LOOKS)
-        corners = np.stack(np.meshgrid(share * (region.columns - 1), share * (region.rows - 1)), -1).reshape(-1, 2)
-        places = lattice.indices(corners) @ PACKINGS[lattice.layout].steps.T * float(camera.d)
-        if geometry.traced is not None:
-            beside += float(np.linalg.norm(geometry.traced.bends(places)[1], 2, (1, 2)).max()) / 2
-        if scene is not None:
-            met = seen_distances(scene, camera, chief_rays(camera, geometry.traced, places))
-            beside += float(np.abs(disparity_of(camera, met[np.isfinite(met)])).max(initial=0.0)) / 2
-        margin = math.ceil(beside * abs(float(QUANTITIES["image_pitch_mm"](camera) / camera.q)))
+        camera = Camera.of(design.thin_twin)
+        pitch = abs(float(QUANTITIES["image_pitch_mm"](camera) / camera.q))
+        margin = math.ceil(_beside(design, scene, region) * pitch)
         return cls(region, region.grown(margin).common(Region.checked(camera, None)), margin)
 
 
@@ -212,6 +204,21 @@ def _steepest(sight: float) -> float:
     return float(slopes[longer <= LONGEST][-1])
 
 
+def _beside(design: Design, scene: Scene | None, region: Region) -> float:
+    """Microlenses beside a region that are measured as well: `BESIDE`, and as many as views look past it."""
+    geometry = ArrayGeometry(design)
+    camera, beside = geometry.camera, float(BESIDE)
+    lattice, share = lattice_of(camera, region), np.linspace(0, 1, LOOKS)
+    corners = np.stack(np.meshgrid(share * (region.columns - 1), share * (region.rows - 1)), -1).reshape(-1, 2)
+    places = lattice.indices(corners) @ PACKINGS[lattice.layout].steps.T * float(camera.d)
+    if geometry.traced is not None:
+        beside += float(np.linalg.norm(geometry.traced.bends(places)[1], 2, (1, 2)).max()) / 2
+    if scene is not None:
+        met = seen_distances(scene, camera, chief_rays(camera, geometry.traced, places))
+        beside += float(np.abs(disparity_of(camera, met[np.isfinite(met)])).max(initial=0.0)) / 2
+    return beside
+
+
 def _default_region(design: Design) -> Region:
     """A strip of microlenses through the middle, all of the sensor's width where `LONG` allows."""
     camera, window = Camera.of(design.thin_twin), design.depth.window
@@ -219,9 +226,11 @@ def _default_region(design: Design) -> Region:
     pitch = abs(float(QUANTITIES["image_pitch_mm"](camera)) / float(camera.q))
     across = max(STRIP, WINDOWS * window**2 / max(width / pitch - window, 1.0) + window)
     each = rays_for(camera) * max(1.0, float(QUANTITIES["fill_factor"](camera)) ** 2)  # of all that overlap
-    across = np.clip(LONG / (each * width * pitch) - 2 * BESIDE, STRIP, across)
+    strip = min(height, math.ceil(STRIP * pitch))
+    beside = _beside(design, None, Region(0, (height - strip) // 2, width, strip))
+    across = np.clip(LONG / (each * width * pitch) - 2 * beside, STRIP, across)
     rows = min(height, math.ceil(across * pitch))
-    columns = min(width, math.ceil(max(LONG / (each * (across + 2 * BESIDE)) / pitch, STRIP * pitch)))
+    columns = min(width, math.ceil(max(LONG / (each * (across + 2 * beside)) / pitch, STRIP * pitch)))
     return Region((width - columns) // 2, (height - rows) // 2, columns, rows)
 
 

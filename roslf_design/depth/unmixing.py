@@ -8,7 +8,7 @@ How much of it there is follows from the camera, and what the neighbours see sta
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Any, NamedTuple, Protocol
@@ -32,6 +32,9 @@ STEP, MOST = 0.07, 400
 at so many places at most."""
 WIDER = 0.02
 """Share by which images behind a real lens grow that counts as such a step."""
+BENT = 5e-4
+"""Share of their size by which images between such places may differ along an axis from what is interpolated: light at
+their rims goes over from one microlens to the next within a few hundredths of it, and looks a pitch aside."""
 COARSE = 9
 """Places along each axis at which is looked whether any is cut."""
 BLOCK, COMMON = 32, 12.0
@@ -94,6 +97,50 @@ class PreparedViews(NamedTuple):
     """How far from the microlens's middle that light passed it, on average, backwards [pitches]: likewise."""
 
 
+class _Nodes(NamedTuple):
+    """Microlenses whose images are worked out, by rows and columns of views: one of each where all are alike."""
+
+    rows: NDArray[np.intp]
+    columns: NDArray[np.intp]
+    few: tuple[int, int]
+    """As many along each axis as do for what goes slowly from one microlens to the next, as phases of waves."""
+
+    @classmethod
+    def of(cls, camera: Camera, places: NDArray[np.float64], real: TracedLens | None) -> _Nodes:
+        """Nodes of places on the array, shape (v, u, 2) [mm]."""
+        size = places.shape[:2]
+
+        def spread(counts: Iterable[int]) -> list[NDArray[np.intp]]:
+            return [
+                np.linspace(0, n - 1, min(n, count)).round().astype(np.intp)
+                for n, count in zip(size, counts, strict=True)
+            ]
+
+        rows, columns = spread((COARSE, COARSE))
+        some = places[np.ix_(rows, columns)].reshape(-1, 2)
+        images = MicrolensImages(camera, some)
+        shapes = _images(some, real).reshape(rows.size, columns.size, -1)
+        apart = shapes * (STEP / WIDER)
+        if (images.shapes.kept_fraction < 1 - 1e-9).any():
+            centres, spans = images.openings.centres, images.openings.spans
+            cuts = ((centres - centres[..., :1, :]) / spans[..., :1, None]).reshape(rows.size, columns.size, -1)
+            apart = np.concatenate([apart, cuts], -1)
+        elif np.ptp(apart, axis=(0, 1)).max() < STEP / 4:
+            return cls(rows[rows.size // 2, None], columns[columns.size // 2, None], (1, 1))
+        counts = []
+        for axis, at in enumerate((rows, columns)):
+            moved = float(np.ptp(apart, axis=axis).max(initial=0.0))
+            ahead, line = (at / max(at[-1], 1))[:, None, None], np.moveaxis(shapes, axis, 0)
+            bent = float(np.abs(line - line[0] - ahead * (line[-1] - line[0])).max())  # a quarter with a node between
+            counts.append([max(2, math.ceil(far) + 1) for far in (moved / STEP, math.sqrt(bent / BENT))])
+        few, fine = np.transpose(counts)
+        every = np.maximum(few, fine)
+        less = [min(1.0, math.sqrt(MOST / math.prod(each.tolist()))) for each in (few, every)]
+        few, every = (np.maximum(2, (each * part).astype(int)) for each, part in zip((few, every), less, strict=True))
+        rows, columns = spread(every)
+        return cls(rows, columns, (int(few[0]), int(few[1])))
+
+
 class _Freeing(NamedTuple):
     """Way from samples to what their own microlens alone sends them."""
 
@@ -125,9 +172,14 @@ class ViewLight:
     """None of an ideal one."""
 
     @cached_property
+    def nodes(self) -> _Nodes:
+        """Microlenses whose images are worked out."""
+        return _Nodes.of(self.camera, self.places, self.real)
+
+    @cached_property
     def parts(self) -> tuple[NDArray[np.intp], NDArray[np.intp], ImageParts]:
         """`ImageParts` of microlenses at some rows and columns of views; of one where all are alike."""
-        rows, columns = _nodes(self.camera, self.places, self.real)
+        rows, columns, _ = self.nodes
         places = self.places[np.ix_(rows, columns)].reshape(-1, 2)
         return rows, columns, _parts_at(panchromatic(self.camera), places, self.like, self.real)
 
@@ -379,34 +431,6 @@ def _with(field: LightField, values: NDArray[np.float32], weight: NDArray[np.flo
 
 def _images(places: NDArray[np.float64], real: TracedLens | None) -> NDArray[np.float64]:
     return np.broadcast_to(np.eye(2), (len(places), 2, 2)) if real is None else real.images(places)
-
-
-def _nodes(
-    camera: Camera, places: NDArray[np.float64], real: TracedLens | None
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Rows and columns of microlenses at which their images are worked out: one of each where all are alike."""
-    size = places.shape[:2]
-
-    def spread(counts: tuple[int, ...]) -> list[NDArray[np.intp]]:
-        return [
-            np.linspace(0, n - 1, min(n, count)).round().astype(np.intp) for n, count in zip(size, counts, strict=True)
-        ]
-
-    rows, columns = spread((COARSE, COARSE))
-    some = places[np.ix_(rows, columns)].reshape(-1, 2)
-    images = MicrolensImages(camera, some)
-    apart = (_images(some, real) * (STEP / WIDER)).reshape(rows.size, columns.size, -1)
-    if (images.shapes.kept_fraction < 1 - 1e-9).any():
-        centres, spans = images.openings.centres, images.openings.spans
-        cuts = ((centres - centres[..., :1, :]) / spans[..., :1, None]).reshape(rows.size, columns.size, -1)
-        apart = np.concatenate([apart, cuts], -1)
-    elif np.ptp(apart, axis=(0, 1)).max() < STEP / 4:
-        return rows[rows.size // 2, None], columns[columns.size // 2, None]
-    moved = [float(np.ptp(apart, axis=axis).max(initial=0.0)) for axis in (0, 1)]
-    counts = [max(2.0, math.ceil(far / STEP) + 1.0) for far in moved]
-    less = min(1.0, math.sqrt(MOST / math.prod(counts)))
-    rows, columns = spread(tuple(max(2, int(count * less)) for count in counts))
-    return rows, columns
 
 
 def _parts_at(camera: Camera, places: NDArray[np.float64], field: LightField, real: TracedLens | None) -> ImageParts:
