@@ -91,8 +91,8 @@ class Design(Assembly):
         Parameters
         ----------
         changes : mapping, optional
-            Dotted places, or the paper's symbols, to values, e.g. ``{"aperture.distance": 20.0, "D_F": 4.0}``. The diameter
-            of a rectangular FAP is the wider of its extents along x and y: both sides grow alike.
+            Dotted places, or the paper's symbols, to values, e.g. ``{"aperture.distance": 20.0, "D_F": 4.0}``. The
+            diameter of a rectangular FAP is the wider of its extents along x and y: both sides grow alike.
         **symbols
             The same by the paper's symbols, e.g. ``d_3=20.0, D_F=4.0``.
 
