@@ -117,6 +117,16 @@ def spaced(name: str) -> str:
     return re.sub(r"\b(fap|mla)\b", lambda match: match[0].upper(), name.replace("_", " "))
 
 
+def the(part: str) -> str:
+    """Name of a part in a sentence: those of which there are several are numbered, and take no article."""
+    return part if any(letter.isdigit() for letter in part) else f"the {part}"
+
+
+def percent(share: float, decimals: int = 0) -> str:
+    """Share of one as a percentage."""
+    return f"{100 * share:.{decimals}f} %"
+
+
 def listed(names: list[str]) -> str:
     """Names as a sentence lists them."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"

@@ -28,6 +28,8 @@ DRAWS = 20_000
 MOST_CORNERS = 10_000
 """Largest number of corners in a plan, over all its images: beyond it, time and memory grow and accuracy hardly does.
 """
+LEAST_GAIN = 1.02
+"""Standard deviation before over after from which a change is advised."""
 _STEEPEST = math.radians(40.0)
 """Beyond this tilt corners are no longer found well."""
 USUAL = Board(4, 5, 6.0)
@@ -247,6 +249,8 @@ class _PlanChange(NamedTuple):
 
     what: str
     expected: _ExpectedErrors
+    sheet: DataSheet
+    """Knowledge beforehand, once it is made."""
 
     def gain(self, before: _ExpectedErrors, name: str = "d_3") -> float:
         """Standard deviation before over after."""
@@ -266,7 +270,7 @@ class CapturePlan(NamedTuple):
     @property
     def advice(self) -> str:
         """The change that helps most, in one sentence; where none helps, that."""
-        if not self.changes or self.changes[0].gain(self.expected) < 1.02:
+        if not self.changes or self.changes[0].gain(self.expected) < LEAST_GAIN:
             return "No single change helps by more than 2 %."
         best = self.changes[0]
         before, after = self.expected.sigma, best.expected.sigma
@@ -388,7 +392,7 @@ def plan(
             after = expected(known, other)
         except CalibrationError:
             continue
-        changes.append(_PlanChange(what, after))
+        changes.append(_PlanChange(what, after, known))
     changes.sort(key=lambda change: change.expected.sigma["d_3"])
     return CapturePlan(captures, before, tuple(changes), distortion)
 

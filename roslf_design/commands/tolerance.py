@@ -124,7 +124,10 @@ def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
         yield Paragraph(sentence(result.precision.accuracy.sentence(times)))
     if result.scale_for_target is not None:
         scale, reached = result.scale_for_target
-        yield Paragraph(f"All tolerances times {scale:.3g} give a yield of {share_words(reached)}")
+        yield Paragraph(
+            f"All tolerances times {scale:.3g} give a yield of {share_words(reached)}; the target is "
+            f"{100 * result.study.yield_target:.4g} %"
+        )
     for grade, at_grade in result.grades:
         yield Paragraph(f"Grade {grade}: yield {share_words(at_grade)}")
     if result.budget is not None and result.budget.looser:
@@ -132,8 +135,10 @@ def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
         first = "with the cheapest change and all" if result.budget.changes else "with all"
         yield Paragraph(f"Budget: {first} tolerances to relax, yield {share_words(result.budget.result)}{saved}")
     yield Paragraph(depth_sentence(result.depth, result.plan.question.design))
-    yield from tables(result, brief=True)
+    shown = tables(result, brief=True)
+    yield from shown
     yield Paragraph("\nOf each metric the weakest field; all fields in results.json.")
+    yield from (Paragraph(table.caption) for table in shown if table.title in {"Limits", "Tolerances"})
     for warning in result.warnings:
         yield Paragraph(f"\nNote: {warning}")
 

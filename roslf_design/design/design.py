@@ -86,8 +86,8 @@ class Design(Assembly):
         Parameters
         ----------
         changes : mapping, optional
-            Dotted places to values, e.g. ``{"aperture.distance": 20.0, "stops.0.diameter": 3.0}``. The diameter of a
-            rectangular FAP is the wider of its extents along x and y: both sides grow alike.
+            Dotted places, or the paper's symbols, to values, e.g. ``{"aperture.distance": 20.0, "D_F": 4.0}``. The
+            diameter of a rectangular FAP is the wider of its extents along x and y: both sides grow alike.
         **symbols
             The same by the paper's symbols, e.g. ``d_3=20.0, D_F=4.0``.
 
@@ -102,7 +102,9 @@ class Design(Assembly):
         DesignError
             Unknown places, or values that do not make a design.
         """
-        wanted = _by_path(changes or {}, symbols)
+        places = dict(changes or {})
+        symbols = {name: places.pop(name) for name in [*places] if name in PATHS} | symbols
+        wanted = _by_path(places, symbols)
         if "q" in symbols:
             wanted[PATHS["q"]] = symbols["q"] * self.sensor.relay_magnification
         for place in self.materials.keys() & wanted.keys():  # what is said of a glass is then its index alone

@@ -17,6 +17,7 @@ from ..theory.exit_pupil import microlens_image_diameter, stop_angle
 from ..theory.light import chief_slope, outer_slope
 from ..theory.stop_images import settled, stop_openings
 from ..theory.vignetting import room_at
+from ..words import percent
 from . import lens
 from .effect import Effect, Estimate, Subject
 
@@ -130,9 +131,9 @@ def cos4(s: Subject) -> Estimate:
     """
     if s.design.main_lens.kind.faults:
         loss = F_TAN.loss(lens.lens_aberrations(s.design, s.lens_field).steepest)
-        return Estimate(loss, f"{loss:.2%} darker at X_ml = {s.lens_field:.4g} mm, behind the array (traced)")
+        return Estimate(loss, f"{percent(loss, 2)} darker at X_ml = {s.lens_field:.4g} mm, behind the array (traced)")
     loss = s.camera.mapping.loss(s.x_ml * float(chief_slope(s.camera)))
-    return Estimate(loss, f"{loss:.2%} darker {s.at}{s.camera.mapping.words}")
+    return Estimate(loss, f"{percent(loss, 2)} darker {s.at}{s.camera.mapping.words}")
 
 
 def _mla_rotation(s: Subject) -> Estimate:

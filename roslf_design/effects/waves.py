@@ -13,6 +13,7 @@ from ..theory import light
 from ..theory.f_number import fill_factor
 from ..theory.photometry import veil_level
 from ..theory.transfer import pixel_box
+from ..words import percent
 from .effect import Effect, Estimate, SceneBrief, Subject
 
 LONGEST_GRATING = 4.0
@@ -126,13 +127,13 @@ def _pixel_integration(s: Subject) -> Estimate:
     order = max(1, math.floor(abs(s.pitch) / float(light.diffraction_width(s.camera))))
     cycles = order * s.design.q / abs(s.pitch)
     share = 1.0 if cycles >= 1 else float(1 - pixel_box(cycles, 1.0))
-    return Estimate(share, f"takes {share:.2%} of harmonic {order} of the microlens-image pitch")
+    return Estimate(share, f"takes {percent(share, 2)} of harmonic {order} of the microlens-image pitch")
 
 
 def _veil(s: Subject) -> Estimate:
     """Veiling light of each pixel, over a fully lit pixel's own."""
     share, level = float(s.camera["light.veil"]), float(veil_level(s.camera, s.brief.exposure))
-    return Estimate(level, f"{share:.2%} of the full well is {level:.3g} of a fully lit pixel")
+    return Estimate(level, f"{percent(share, 2)} of the full well is {level:.3g} of a fully lit pixel")
 
 
 def _veiled(image: NDArray[np.float32], scene: SceneBrief, _: np.random.Generator) -> NDArray[np.float32]:
@@ -146,7 +147,7 @@ def _noise(s: Subject) -> Estimate:
     if exposure is None:
         return Estimate(0.0, "the scene gives no exposure, so no noise is asked for")
     rms = math.sqrt(exposure + read**2) / exposure
-    return Estimate(rms, f"{rms:.2%} rms at {exposure:.4g} electrons and {read:.3g} read noise")
+    return Estimate(rms, f"{percent(rms, 2)} rms at {exposure:.4g} electrons and {read:.3g} read noise")
 
 
 def add_noise(

@@ -16,12 +16,12 @@ from ..shapes.lattice import PACKINGS
 from ..theory import tube
 from ..theory.colours import PIXEL_FILTERS
 from ..theory.f_number import fill_factor, matched
-from ..theory.focused import FocusedArray, pupil_remedy
+from ..theory.focused import FocusedArray, is_focused, pupil_remedy
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import geometric_views, outer_slope, sensor_field
 from ..theory.photometry import accepted, response
 from ..theory.quantities import QUANTITIES
-from ..words import listed, number, place
+from ..words import listed, number, place, the
 from .answer import FirstAnswer
 from .fields import default_fields, field_openings
 from .groups import Field, Numbers, RealLens, Verdict
@@ -104,10 +104,19 @@ def _matched(camera: Camera, f: Numbers) -> Verdict:
         f"{f.fill_factor:.4g}, {images}"
     )
     ways = {"d_2": matched(camera, "d_2"), "D_F": matched(camera, "D_F"), "d_3": matched(camera, "d_3")}
-    lengths = [f"{symbol} = {float(way.value):.5g} mm" for symbol, way in ways.items() if way.exists]
+    lengths = [_way(camera, symbol, float(way.value)) for symbol, way in ways.items() if way.exists]
     remedy = f"any one of these matches it exactly: {', '.join(lengths)}"
     none = "no single change of d_2, D_F or d_3 matches it; change the microlens pitch or the focus"
     return Verdict.of("f_number_matched", text, remedy if lengths else none)
+
+
+def _way(camera: Camera, symbol: str, value: float) -> str:
+    """Length that matches, with the f_ml that keeps the microlenses on the pupil where their own would not."""
+    way, changed = f"{symbol} = {value:.5g} mm", camera.replace({symbol: value})
+    if is_focused(camera) or not is_focused(changed):
+        return way
+    focal = float(camera.replace({symbol: value}, in_focus=True).f_ml)
+    return f"{way} with f_ml = {focal:.5g} mm" if 0 < focal < math.inf else f"{way}, out of the microlenses' focus"
 
 
 def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdict:
@@ -133,11 +142,11 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
     if by_thin:
         text = (
             f"field distorted: cat's-eye images beyond {thin.x0_max_mm:.4g} mm object radius "
-            f"({thin.x_ml_max_mm:.4g} mm on the MLA), cut by the {thin.limited_by}; {sees}"
+            f"({thin.x_ml_max_mm:.4g} mm on the MLA), cut by {the(thin.limited_by)}; {sees}"
         )
         return Verdict.of("field_undistorted", text, by_thin)
     bound = (
-        f"out to {thin.x0_max_mm:.4g} mm object radius, limited by the {thin.limited_by}"
+        f"out to {thin.x0_max_mm:.4g} mm object radius, limited by {the(thin.limited_by)}"
         if math.isfinite(thin.x0_max_mm)
         else "at any field"
     )
@@ -176,7 +185,7 @@ def _fits(camera: Camera) -> Verdict:
     holds = f"{outer:.4g} mm outside and a wall of {wall:.4g} mm leave {room:.4g} mm"
     if not wide:
         widest = max(within, key=lambda part: float(part.width))
-        text = f"fits inside the tube: {holds}; widest is the {widest.name}, {float(widest.width):.4g} mm"
+        text = f"fits inside the tube: {holds}; widest is {the(widest.name)}, {float(widest.width):.4g} mm"
         return Verdict.of("fits_tube", text)
     parts = [f"{part.name} ({float(part.width):.4g} mm, {float(part.width) - room:.4g} mm too much)" for part in wide]
     text = f"does not fit inside the tube: {holds}; too wide: {', '.join(parts)}"
@@ -194,7 +203,7 @@ def _field_remedy(camera: Camera, field: Numbers) -> str:
     if field.limited_by.endswith("mapping"):
         largest = math.degrees(camera.mapping.widest)
         return f"the objective images no farther than {largest:.4g} degrees in air; use a smaller sensor or FAP"
-    return f"widen the {field.limited_by} by {_rounded_up(grow)} mm, or use a smaller FAP or a smaller sensor"
+    return f"widen {the(field.limited_by)} by {_rounded_up(grow)} mm, or use a smaller FAP or a smaller sensor"
 
 
 def _rounded_up(length: float) -> str:

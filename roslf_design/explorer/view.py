@@ -30,7 +30,7 @@ from ..reporting.optimise.pictures import change_bars, goal_front, search_histor
 from ..reporting.tolerance.pictures import offender_bars, spread_bars, yield_bars, yield_curve
 from ..theory.depth_budget import NOISE
 from ..theory.quantities import QUANTITIES
-from ..words import listed, to_html
+from ..words import listed, percent, the, to_html
 from .runs import OptimiseResult
 from .state import (
     BY_SYMBOL,
@@ -451,7 +451,7 @@ def glance(evaluation: Evaluation) -> list[dict[str, str]]:
     for name, share in evaluation.fields[-1].ray_budget.taken():
         landed = {"own cell": "in its own cell", "neighbours": "in its neighbours"}.get(name)
         if landed or share > 0:
-            rows[f"light at the corner {landed or f'lost at the {name}'}"] = f"{share:.1%}"
+            rows[f"light at the corner {landed or f'lost at {the(name)}'}"] = percent(share, 1)
     return [{"label": to_html(label), "value": value} for label, value in rows.items()]
 
 

@@ -20,7 +20,7 @@ from ..bore.opening import ClearAperture
 from ..camera import Camera, Number
 from ..camera.camera import place_of
 from ..design.parts import PATHS
-from ..words import number
+from ..words import number, the
 from . import (
     depth_of_field,
     exit_pupil,
@@ -470,7 +470,7 @@ _register(
         evaluated=Listed(
             "non_distortion",
             "clearance at the corner",
-            lambda field: f"pencil to the rim of the {field.limited_by}",
+            lambda field: f"pencil to the rim of {the(field.limited_by)}",
             key="room_at_corner_mm",
         ),
     ),

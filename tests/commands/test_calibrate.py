@@ -469,6 +469,9 @@ def test_the_plan_of_the_paper(capsys):
     assert code == 0
     assert "Expected sigma after one change" in out
     assert "Depth, expected, after it: u = 3.5" in out
+    # All of it is f's, which moves d_f by as much: half of its error leaves half.
+    assert "Know f twice as well: u = 1.8 mm." in out
+    assert json.loads(exact)["depth_expected"]["u_z_mm"] < 1.8
     pitch = ["--white-pitch", "0.01%", "--d-sigma", "0.01%"]
     code, tied, _ = run(capsys, "calibrate", "--plan", "paper", "--range", "80 mm", "--json", *pitch)
     assert code == 0

@@ -163,6 +163,13 @@ def test_replace_tells_what_is_wrong(changes, said):
         load("paper").replace(changes)
 
 
+@pytest.mark.parametrize("symbol", ["d_3", "D_F", "q", "f_ml"])
+def test_replace_takes_symbols_among_places(symbol):
+    paper = load("paper").replace({"sensor.relay_magnification": 2.0})
+    value = 0.9 * getattr(paper, symbol)
+    assert paper.replace({symbol: value, "sensor.relay_magnification": 2.0}) == paper.replace(**{symbol: value})
+
+
 def test_faults_between_parts_made_in_python_are_told():
     with pytest.raises(DesignError, match=r"aperture\.distance: 400 mm .* inside the bore"):
         Design(**{**dict(load("paper")), "aperture": Stop(diameter=1.0, distance=400.0)})

@@ -312,6 +312,28 @@ def test_remedies_do_mend(paper):
     assert roslf.evaluate(bore.replace(D=wider)).non_distortion.undistorted_in_field
 
 
+def test_remedies_of_the_match_leave_microlenses_on_the_pupil():
+    import re
+
+    small = roslf.load("video-otoscope").replace(D_F=0.4 * roslf.load("video-otoscope").D_F)
+    remedy = roslf.evaluate(small).verdicts[0].remedy
+    ways = re.findall(r"(d_2|D_F|d_3) = ([\d.]+) mm(?: with (f_ml) = ([\d.]+) mm)?", remedy)
+    assert {symbol for symbol, *_ in ways} == {"d_2", "D_F", "d_3"}
+    assert any(also for _, _, also, _ in ways)
+    for symbol, value, also, focal in ways:
+        alone = roslf.evaluate(small.replace(**{symbol: float(value)}))
+        assert (alone.focused is not None) == bool(also), symbol  # f_ml is named where it has to follow
+        mended = roslf.evaluate(small.replace(**{symbol: float(value)}, **({also: float(focal)} if also else {})))
+        assert mended.focused is None, symbol
+        assert abs(mended.f_number.fill_factor - 1) < 2e-4, symbol
+
+
+def test_parts_of_which_there_are_several_have_no_article():
+    texts = [roslf.evaluate(name).verdicts[1].text for name in ("paper", "cystoscope")]
+    assert "limited by the main lens;" in texts[0]
+    assert "limited by lens 2;" in texts[1]
+
+
 def test_a_field_that_is_no_number_is_refused(paper):
     with pytest.raises(ValueError, match="not finite"):
         roslf.evaluate(paper, [math.nan])

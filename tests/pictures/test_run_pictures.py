@@ -132,6 +132,14 @@ def test_offenders_that_break_a_limit_alone_look_different_and_small_ones_are_le
     assert "no tolerance matters" in offender_bars(()).svg()
 
 
+@pytest.mark.parametrize("reached", [0.1, 0.7, 5.0])
+def test_a_factor_beyond_the_axis_is_named_at_its_end(reached):
+    curve = yield_curve(TOLERANCE, target=0.8, reached=reached)
+    (words,) = (m for m in curve.marks if getattr(m, "text", "") == f"80 % at {reached:g} times")
+    assert TOLERANCE.curve[0][0] <= words.x <= TOLERANCE.curve[-1][0]
+    assert (words.dx > 0) == (words.x < 1)  # into the picture, whose axis is logarithmic about 1
+
+
 def test_scatter_is_drawn_on_the_way_to_its_limit():
     assert _widths(PICTURES["spread"], "spread-0") == pytest.approx([100])
 

@@ -19,7 +19,7 @@ from ...calibration.fit import VISIBLE
 from ...calibration.misfit import DISAGREE
 from ...calibration.model import QUANTITIES, UNITS
 from ...calibration.options import PlanOptions, calibration_plan, data_sheet
-from ...calibration.planning import too_large
+from ...calibration.planning import LEAST_GAIN, too_large
 from ...calibration.result import LAPLACE, Outcome
 from ...calibration.space import SceneSide
 from ...calibration.written import file_in, read_numbers
@@ -418,6 +418,14 @@ def planned_depth(
     return depth_budget(Camera.of(design.thin_twin), build=build, calibration=lengths)
 
 
+def _changed_depths(design: Design, plan: CapturePlan, build: LengthCovariance | None) -> dict[str, float]:
+    """Standard uncertainty of depth after each change of a plan [mm]; smallest first."""
+    camera = Camera.of(design.thin_twin)
+    lengths = {change.what: change.expected.lengths(design, change.sheet) for change in plan.changes}
+    after = {what: float(depth_budget(camera, build=build, calibration=one).u_z_mm) for what, one in lengths.items()}
+    return dict(sorted(after.items(), key=lambda pair: pair[1]))
+
+
 def plan_blocks(
     design: Design, plan: CapturePlan, asked: PlanOptions, build: LengthCovariance | None = None
 ) -> tuple[Block, ...]:
@@ -450,12 +458,28 @@ def plan_blocks(
     if large:
         answers.append(Statement("caution", sentence(large), "Choose a smaller board."))
     before_it, depth = "" if build is None else ", tolerances known before", planned_depth(design, plan, asked, build)
-    answers.append(Statement("plain", f"Depth, expected, after it{before_it}: {depth.words}, in the focal plane."))
+    after = _changed_depths(design, plan, build)
+    best = next(iter(after), "")
+    helps = best and after[best] < float(depth.u_z_mm) / LEAST_GAIN
+    answers.append(
+        Statement(
+            "plain",
+            f"Depth, expected, after it{before_it}: {depth.words}, in the focal plane.",
+            sentence(f"{best}: u = {number(after[best], 3)} mm")
+            if helps
+            else "No single change helps by more than 2 %.",
+        )
+    )
     sigmas = "".join(f' --sigma "{place}={sigma}"' for place, sigma in asked.sigma.items())
     command = f'roslf calibrate CAPTURES --design design.toml --board "{c.board.text}"{sigmas} -o calibration'
     rows = tuple((name, f"{sigma[name]:.3g}", UNITS[name]) for name in QUANTITIES)
     changes = tuple(
-        (c.what, *(f"{c.expected.sigma[name]:.3g}" for name in ("d_3", "H", "d_2")), f"{c.gain(before):.2f}")
+        (
+            c.what,
+            *(f"{c.expected.sigma[name]:.3g}" for name in ("d_3", "H", "d_2")),
+            f"{c.gain(before):.2f}",
+            number(after[c.what], 3),
+        )
         for c in plan.changes
     )
     return (
@@ -463,7 +487,12 @@ def plan_blocks(
         Statements(tuple(answers)),
         Table(rows, "lrl", ("", "expected sigma", ""), "What these captures promise"),
         _shares_table(before.shares),
-        Table(changes, "lrrrr", ("one change", "d_3 [mm]", "H", "d_2 [mm]", "gain"), "Expected sigma after one change"),
+        Table(
+            changes,
+            "lrrrrr",
+            ("one change", "d_3 [mm]", "H", "d_2 [mm]", "gain in d_3", "depth, u [mm]"),
+            "Expected sigma after one change",
+        ),
         Code(command, "Once images are captured, with the design below as design.toml"),
     )
 

@@ -10,7 +10,7 @@ from ...depth.measure import REASONS, Measurement, Summary, Trial
 from ...design import Design
 from ...drawing.picture import Picture
 from ...theory.colours import filters
-from ...words import length, listed, number
+from ...words import length, listed, number, percent
 from ..blocks import Block, Bullets, Code, Figure, Paragraph, Report, Section, Statement, Statements, Table, Tone
 from .pictures import depth_pictures
 
@@ -252,12 +252,12 @@ def basis(trial: Trial) -> tuple[Block, ...]:
     light, sensor = design.light, design.sensor
     source = (
         f"radiance {light.radiance:g} W/m^2/sr" if light.radiance is not None
-        else f"{light.illuminance:g} lx on a surface that reflects {light.reflectance:.0%}"
+        else f"{light.illuminance:g} lx on a surface that reflects {percent(light.reflectance)}"
     )  # fmt: skip
     rows: list[tuple[str, str, str]] = [
-        ("light", source, f"{light.transmission:.0%} passes the optics, {1e6 * light.wavelength:.4g} nm"),
+        ("light", source, f"{percent(light.transmission)} passes the optics, {1e6 * light.wavelength:.4g} nm"),
         ("electrons a pixel", number(trial.electrons, 4), "fully lit, where the scene is as bright as on average"),
-        ("sensor", f"{sensor.quantum_efficiency:.0%} quantum efficiency", _noise_words(trial)),
+        ("sensor", f"{percent(sensor.quantum_efficiency)} quantum efficiency", _noise_words(trial)),
     ]
     if "exposure_s" in given:
         detail = "in each octave of detail" if given["period_mm"] is None else f"period {length(given['period_mm'])}"

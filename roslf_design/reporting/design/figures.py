@@ -14,7 +14,7 @@ from ...drawing.solid import NoViewerError, library, outlines, scene_data
 from ...evaluation import default_fields
 from ...evaluation.result import depth_basis
 from ...imaging.transfer import encircled
-from ...words import number, spaced
+from ...words import number, spaced, the
 from ..blocks import Figure
 from ..lens_words import lens_words
 from .curves import depth_precision, matching_plane
@@ -51,9 +51,9 @@ def _ray_sheet(design: Design, result: Evaluation) -> Figure:
     field = result.non_distortion
     room = number(abs(field.room_at_corner_mm), 3)
     follow = (
-        f"Every pencil that fills the FAP passes the {field.limited_by} with {room} mm clearance at the corner."
+        f"Every pencil that fills the FAP passes {the(field.limited_by)} with {room} mm clearance at the corner."
         if field.undistorted_in_field
-        else f"Outer pencils lose light, most at the {field.limited_by}: {room} mm too little clearance at the corner."
+        else f"Outer pencils lose light, most at {the(field.limited_by)}: {room} mm too little clearance at the corner."
     )
     plane = (
         "Each field lies in its own meridional plane, turned into the page."

@@ -42,6 +42,7 @@ from ...shapes.openings import Openings
 from ...theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 from ...theory.stop_images import MicrolensImages
 from ...theory.transfer import MicrolensTransfer
+from ...words import percent
 
 if TYPE_CHECKING:
     from ...design import Design
@@ -319,9 +320,10 @@ def rays_and_waves(design: Design, width: float = PAGE, samples: int = 181) -> P
     side = each - 56 - 68
     cell = UM * cell_polygon(camera.layout, pitch, float(flat["microlens_array.rotation"]))
     pictures = []
+    waves = f"Waves: {percent(light.disc, 1)} in the {image_of_fap.kind}, {percent(light.cell, 1)} in the cell"
     for number, (image, title) in enumerate((
         (ray, f"Rays: all light in the {image_of_fap.kind}"),
-        (np.asarray(wave, float), f"Waves: {light.disc:.1%} in the {image_of_fap.kind}, {light.cell:.1%} in the cell"),
+        (np.asarray(wave, float), waves),
     )):  # fmt: skip
         marks: list[Mark] = [
             Image(image, (-reach, reach, -reach, reach), "cividis", 0.0, top),

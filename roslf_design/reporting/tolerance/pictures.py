@@ -138,7 +138,7 @@ def yield_curve(
     if target is not None:
         marks.append(Line([least, most], [100 * target] * 2, "orange", 1.6))
         if reached is not None:
-            at, words = min(reached, most), f"{100 * target:.3g} % at {reached:.3g} times"
+            at, words = min(max(reached, least), most), f"{100 * target:.3g} % at {reached:.3g} times"
             marks.append(Dots([at], [100 * target], "vermillion", "D", 4.5, edge="ground", width=1.2))
             if at * at < least * most:  # no room on the left
                 marks.append(Text(at, 100 * target, words, "ink", SMALL, "start", dx=8, dy=-6, halo=True))
