@@ -9,6 +9,7 @@ import pytest
 
 import roslf_design as roslf
 from roslf_design.calibration.options import PlanOptions, planned_lengths
+from roslf_design.camera import Camera
 from roslf_design.drawing.marks import Dots
 from roslf_design.reporting import story
 from roslf_design.reporting.blocks import Report
@@ -95,6 +96,15 @@ def test_the_sheet_one_signs_names_its_design_and_ends_where_depth_is_of_little_
     camera = roslf.Camera.of(roslf.load("paper"))
     assert float(depth_budget(camera, useful).expanded_mm) <= 0.1 * useful
     assert all(float(depth_budget(camera, far * useful).expanded_mm) > 0.1 * far * useful for far in (1.01, 2.0, 20.0))
+
+
+def test_what_spreads_are_taken_of_is_the_design_s_own_value_on_the_design():
+    """Lines at a distance or a field, detail of single views among them, which reports' tests take for another's."""
+    paper = roslf.load("paper")
+    rows = [row for row in datasheet.basis(paper).rows if row.of is not None and row.value is not None]
+    assert any(row.subject.startswith("Resolution") for row in rows)
+    for row in rows:
+        assert row.of(Camera.of(paper)) == pytest.approx(row.value, rel=1e-6), row.key
 
 
 def test_spreads_are_of_builds_that_can_be_put_together(tmp_path, monkeypatch, capsys):

@@ -180,6 +180,7 @@ def test_microlenses_out_of_focus_on_the_fap_put_nothing_into_depths():
     assert abs(summary.bias_mm) < summary.told_mm < 0.3
 
 
+@pytest.mark.usefixtures("light_from_48_px")
 def test_a_strip_from_the_dark_to_whole_images_is_right_all_along():
     """The light's edge cuts images to nothing within 30 microlenses; errors told hold on both sides."""
     cut = roslf.load("paper").replace({"main_lens.diameter": 24.0})

@@ -113,7 +113,7 @@ def test_a_wall_stands_where_it_is(name, disparity, aside, finest, least, around
     scene = Scene(objects=(Plane(distance=z, texture=Noise(finest=finest * sample, contrast=0.2, seed=1)),))
     width, height = camera.pixels
     region = (width // 2 - 60 + aside, height // 2 - 60, 120, 120)
-    runs = roslf.measure_depth(design, scene, region=region, rays=128, exposures=4).runs
+    runs = roslf.measure_depth(design, scene, region=region, rays=64, exposures=4).runs
     assert min(run.measured.mean() for run in runs) > least
     # One window and a half of up to 0.04 pitches each, by noise: four exposures leave half, and rays less.
     off = [float((run.disparities.disparity[run.measured] - disparity).mean()) for run in runs]

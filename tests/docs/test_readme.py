@@ -33,6 +33,7 @@ THINNER = (
     (r'(?m)^(report = \[.*), "sigma_z_mm"\]$', r"\1]"),
     (r'(?m)^(goals = \["\w+", "\w+"), .*$', r"\1]"),
     (r"focal_length<=20 mm", "focal_length<=9 mm"),  # one lens, either way round
+    (r'(?m)^(kinds = \["microlens_arrays", "sensors"\])$', r'\1\nwhere.sensors = ["pixel>=3.3 um"]'),
     (r"(?m)^\[solver\]\nstarts = .*\n\n", ""),
     (r"(?m)^\[variables\]", "[solver]\nstarts = 2\nevaluations = 100\ncheck = false\n\n[variables]"),
 )

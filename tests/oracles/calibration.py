@@ -25,8 +25,11 @@ def nodes_over(shape, pitch, rotation, layout, origin=(0.0, 0.0)):
     return np.stack([cx[near], cy[near]], axis=-1)
 
 
-def white_image(shape, centres, radius, cut_radius=None, cut_shift=None, noise=0.0, seed=0, envelope=None):
-    """Discs (each cut by a second disc displaced by `cut_shift`), coverage by 8 x 8 sub-samples of edge pixels."""
+def white_image(shape, centres, radius, cut_radius=None, cut_shift=None, noise=0.0, seed=0, envelope=None, light=None):
+    """Discs (each cut by a second disc displaced by `cut_shift`), coverage by 8 x 8 sub-samples of edge pixels.
+
+    `light` is the brightness of each disc, 1 where it is not given.
+    """
     rows, columns = shape
     image = np.zeros(rows * columns)
     k = math.ceil(radius) + 2
@@ -54,6 +57,8 @@ def white_image(shape, centres, radius, cut_radius=None, cut_shift=None, noise=0
                     inside &= (ex + ox - tx) ** 2 + (ey + oy - ty) ** 2 < cut**2
                 area += inside
         value[edge] = area / SUB**2
+        if light is not None:
+            value *= light[start : start + 4000, None]
         on = (px >= 0) & (px < columns) & (py >= 0) & (py < rows)
         at = (py[on] * columns + px[on]).astype(np.int64)
         image += np.bincount(at, value[on], rows * columns)
