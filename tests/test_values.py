@@ -98,8 +98,8 @@ def hints(cls: type) -> dict[str, Any]:
 def samples(kind: Any, depth: int = 0) -> tuple[Any, Any]:
     """Two values of a type that differ; arrays where there may be some."""
     origin, arguments = typing.get_origin(kind), typing.get_args(kind)
-    if kind in PLAIN:
-        return PLAIN[kind]
+    if kind in PLAIN or origin in PLAIN:
+        return PLAIN[kind if kind in PLAIN else origin]
     if isinstance(kind, typing.TypeVar):
         return samples(kind.__bound__ or (kind.__constraints__ or (float,))[0], depth)
     if isinstance(kind, str | typing.ForwardRef):

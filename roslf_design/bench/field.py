@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from scipy.optimize import least_squares
 from scipy.special import erf
 
-from .._arrays import Array
+from .._arrays import Array, by_value
 from ..calibration.frames import CalibrationError
 
 APART = 3.0
@@ -88,6 +88,7 @@ class _Sight(NamedTuple):
         return np.asarray(math.exp(self.log_scale) * place * bent)
 
 
+@by_value
 @dataclass(frozen=True)
 class _Picture:
     """Microlenses that rings are fitted to."""

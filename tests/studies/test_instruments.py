@@ -105,7 +105,8 @@ def test_the_vesicles_white_frame_is_measured_and_predicted(rows):
     assert width.predicted == pytest.approx(1, abs=1e-6)
     assert 0.838 < width.published[0] < 0.898
     assert blur.predicted == pytest.approx(0.593e-3 * 2.5 / 0.1 / 6.5e-3, rel=1e-9)
-    assert blur.ratio < 0.7
+    # 2.28 px of 3.23, once the pupil's darker rim is fitted as well: of an evenly lit one 3.68 had been blur.
+    assert 0.65 < blur.ratio < 0.75
     assert 0 < veil.published[0] < 4
     assert veil.ratio is None
 
