@@ -36,6 +36,9 @@ from roslf_design.tables import Table
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.traced.fields import IdealImages
 from studies.bench.made import (
+    BLACK,
+    BY_RAYS,
+    FULL,
     GAIN,
     LEVEL,
     PRNU,
@@ -48,9 +51,6 @@ from studies.bench.made import (
     rings_picture,
     wall_picture,
 )
-
-BY_RAYS = 5e-6
-"""Wavelength at which nothing is diffracted, as in the captures [mm]."""
 
 
 def presets() -> dict[str, Design]:
@@ -123,7 +123,7 @@ def compared(bench: Bench, data: dict[str, Any]) -> Iterator[Compared]:
         "diagonal": float(QUANTITIES["field_of_view_deg"](camera)),
         "entrance pupil behind the tip": bench.tip - design.d_3,
         "H": float(QUANTITIES["aperture_constant"](camera)),
-        "d_3": design.d_3, "D_F": design.D_F, "veil": 100 * VEIL * LEVEL,
+        "d_3": design.d_3, "D_F": design.D_F, "veil": 100 * VEIL * LEVEL * FULL / (FULL - BLACK),
         "gain": GAIN, "read noise": READ, "PRNU": 100 * PRNU,
     }  # fmt: skip
     for line in data["lines"]:
