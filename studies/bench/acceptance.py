@@ -186,24 +186,39 @@ def main() -> None:
     parser.add_argument("--builds", type=int, default=1, help="builds of each preset")
     parser.add_argument("--presets", nargs="*", default=list(presets()), choices=list(presets()))
     parser.add_argument("-o", "--output", type=Path, default=Path("reports/bench"))
-    parser.add_argument("--work", type=Path, default=Path("out/bench-study"), help="folder for the captures")
+    parser.add_argument(
+        "--work",
+        type=Path,
+        default=Path("out/bench-study"),
+        help="folder for the captures; builds measured there are not again",
+    )
     asked = parser.parse_args()
     rows: list[Compared] = []
     named: dict[str, tuple[str, ...]] = {}
     for preset in asked.presets:
         for seed in range(1, asked.builds + 1):
-            bench = filled(asked.work / f"{preset}-{seed}", presets()[preset], seed)
-            rows += compared(bench, reported(bench.folder))
+            folder = asked.work / f"{preset}-{seed}"
+            done, blamed = folder / "compared.json", asked.work / "faults.json"
+            if done.is_file():
+                rows += [Compared(**row) for row in json.loads(done.read_text(encoding="utf-8"))]
+                named = named or json.loads(blamed.read_text(encoding="utf-8"))
+                continue
+            bench = filled(folder, presets()[preset], seed)
+            mine = list(compared(bench, reported(bench.folder)))
             if not named:
                 named = faults(bench.folder, bench)
+                blamed.write_text(json.dumps(named, indent=1), encoding="utf-8")
+            done.write_text(json.dumps([vars(row) for row in mine], indent=1), encoding="utf-8")
+            rows += mine
     inside = sum(abs(row.off) <= 1 for row in rows)
     cells = [
         (row.bench, row.name, f"{row.value:.5g}", f"± {row.expanded:.2g}", f"{row.truth:.5g}", f"{row.off:+.2f}")
         for row in rows
     ]
     words = f"{inside} of {len(rows)} figures lie within their expanded uncertainty of what the build has."
+    command = f"python -m studies.bench.acceptance --builds {asked.builds} --presets {' '.join(asked.presets)}"
     blocks = (
-        Paragraph(words),
+        Paragraph(f"{words} One build or more of each preset, by `{command}`."),
         Table(tuple((name, "; ".join(told) or "not named") for name, told in named.items()), "ll", title="Faults"),
         Table(tuple(cells), "lldlll", ("bench", "figure", "measured", "U", "truth", "error over U"), "Figures"),
     )
@@ -211,6 +226,7 @@ def main() -> None:
     asked.output.mkdir(parents=True, exist_ok=True)
     data = {
         "schema": "roslf.acceptance-study/1",
+        "command": command,
         "builds": asked.builds,
         "presets": asked.presets,
         "inside": inside,
