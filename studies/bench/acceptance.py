@@ -218,7 +218,7 @@ def main() -> None:
     words = f"{inside} of {len(rows)} figures lie within their expanded uncertainty of what the build has."
     command = f"python -m studies.bench.acceptance --builds {asked.builds} --presets {' '.join(asked.presets)}"
     blocks = (
-        Paragraph(f"{words} One build or more of each preset, by `{command}`."),
+        Paragraph(f"{words} By {command}."),
         Table(tuple((name, "; ".join(told) or "not named") for name, told in named.items()), "ll", title="Faults"),
         Table(tuple(cells), "lldlll", ("bench", "figure", "measured", "U", "truth", "error over U"), "Figures"),
     )
