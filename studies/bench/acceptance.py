@@ -134,7 +134,7 @@ def compared(bench: Bench, data: dict[str, Any]) -> Iterator[Compared]:
             yield Compared(bench.folder.name, name, value, expanded, truths[name])
         elif name.startswith("MTF"):
             kind: Literal["view", "refocused"] = "view" if "a view" in name else "refocused"
-            at = next(stood for file, stood in bench.stood.items() if file.startswith("edge"))
+            at = bench.stood[f"edge_{name.split()[-2]}mm.tif"]
             row = resolved(IdealImages(sharp, [(0.0, 0.0)]), 0, at, kind)
             truth = row.mtf50_lp_per_mm if "50" in name else row.mtf10_lp_per_mm
             if truth is not None:
