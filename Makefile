@@ -29,7 +29,7 @@ lint: $(INSTALLED_DEV)
 # Everything under reports/ that git keeps, written again (an hour on two cores); `make reports R="paper tolerance-scope"` for some.
 R ?= paper story-arthroscope story-borescope story-otoscope tolerance-paper tolerance-scope tolerance-singlet optimize-rigid-scope \
   optimize-ear-speculum optimize-real-lens optimize-custom-lens accuracy hard-cases paper-images paper-real-lens calibration-circle calibration-coverage depth \
-  depth-proof depth-published depth-views instruments compare
+  depth-proof depth-published depth-views instruments compare bench
 REPORTS := $(addprefix report-,$(R))
 reports: $(REPORTS)
 
@@ -66,6 +66,8 @@ report-depth-views: $(INSTALLED)
 	$(BIN)/python studies/depth/views_study.py
 report-instruments: $(INSTALLED)
 	$(BIN)/python studies/instruments/gallery.py
+report-bench: $(INSTALLED)
+	$(BIN)/python -m studies.bench.acceptance --builds 1 --presets rigid-scope paper-third -o reports/bench
 report-compare: $(INSTALLED)
 	$(BIN)/python studies/compare/compare_study.py --install
 

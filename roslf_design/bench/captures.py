@@ -112,6 +112,8 @@ class SpheresTarget(StrictTable):
     diameter: Length
     spacing: Length
     """Distance between their centres."""
+    finest: Length
+    """Side of the smallest dots on them."""
     at: Distances
 
     @model_validator(mode="after")

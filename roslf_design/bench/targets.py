@@ -28,6 +28,8 @@ _ACROSS, _WHOLE = 0.45, 0.85
 """Shares of the field's shorter side that the slanted square takes in the focal plane, and that it may take."""
 _LEAST_EDGE = 20.0
 """Microlenses' footprints along the square's side, where its edges still tell something."""
+_FEWEST_DOTS = 3
+"""Dots of the wall across the field's shorter side, where it still has texture."""
 _RINGS, LINE = 8, 0.2
 """Rings in half the field at least, and the width of their lines over the gap between them."""
 
@@ -85,8 +87,8 @@ def setup_for(design: Design, board: Board, poses: tuple[BoardPose, ...], seed: 
     ends = FieldImages.of(design).ends
     stations = tuple(ObjectField.of(ends, at, name) for name, at in planes(camera))
     near, focus, far = stations
-    at = tuple(_rounded(field.at_mm, 4) for field in stations)
-    finest = _rounded(2 * min(far.object_sample_mm, 2 * near.object_sample_mm), 2)
+    finest = _rounded(2 * far.object_sample_mm, 2)  # finer dots alias, and put depth off
+    textured = [field for field in stations if _narrow(field) >= _FEWEST_DOTS * finest]
     coarsest = max(_narrow(near) / 4, 8 * far.object_sample_mm)
     side = _rounded(_ACROSS * _narrow(focus), 2)
     suited = [
@@ -107,15 +109,17 @@ def setup_for(design: Design, board: Board, poses: tuple[BoardPose, ...], seed: 
         seed=seed,
         board=BoardTarget(cells=board.text, **printed(board.cell < 10 * DOT or _feature(board) < 4 * DOT)),
         edge=EdgeTarget(
-            angle=_ANGLE, side=side, at=tuple(_rounded(field.at_mm, 4) for field in suited),
-            **printed(suited[0].object_sample_mm < 2 * DOT),
+            angle=_ANGLE, side=side, at=_at(suited), **printed(suited[0].object_sample_mm < 2 * DOT),
         ),
         wall=WallTarget(
             side=_rounded(1.1 * max(far.width_mm, far.height_mm), 3), finest=finest,
-            octaves=1 + max(1, math.ceil(math.log2(coarsest / finest))), at=at, **printed(finest < 2 * DOT),
+            octaves=1 + max(1, math.ceil(math.log2(coarsest / finest))), at=_at(textured), **printed(finest < 2 * DOT),
         ),
-        spheres=SpheresTarget(diameter=_rounded(0.15 * volume, 2), spacing=_rounded(0.3 * volume, 2), at=(at[1],)),
-        field=FieldTarget(radii=radii, at=(at[0], at[2]), **printed(LINE * radii[0] < 2 * DOT)),
+        spheres=SpheresTarget(
+            diameter=_rounded(0.15 * volume, 2), spacing=_rounded(0.3 * volume, 2),
+            finest=_rounded(2 * focus.object_sample_mm, 2), at=_at([focus]),
+        ),
+        field=FieldTarget(radii=radii, at=_at([near, far]), **printed(LINE * radii[0] < 2 * DOT)),
         poses=poses,
     )  # fmt: skip
 
@@ -123,6 +127,10 @@ def setup_for(design: Design, board: Board, poses: tuple[BoardPose, ...], seed: 
 def sheets(setup: Setup, name: str) -> tuple[Sheet, ...]:
     """Drawings of the targets, for the design of that name."""
     return (_board(setup, name), _edge(setup, name), _wall(setup, name), _spheres(setup, name), _field(setup, name))
+
+
+def _at(fields: Iterable[ObjectField]) -> tuple[float, ...]:
+    return tuple(_rounded(field.at_mm, 4) for field in fields)
 
 
 def _rounded(value: float, digits: int) -> float:
@@ -281,7 +289,7 @@ def _spheres(setup: Setup, name: str) -> Sheet:
     words = [
         Words(0.0, low + 1.5 * size, f"{ball.spacing:g} mm between centres", size, middle=True),
         Words(-half - radius, high - 0.8 * size, f"diameter {ball.diameter:g} mm, twice", size),
-        Words(0.0, low + 3.0 * size, "matt, light, with dots as fine as the wall's", size, middle=True),
+        Words(0.0, low + 3.0 * size, f"matt, light, with dots of {ball.finest:g} mm", size, middle=True),
     ]
     rings = [(x, 0.0, radius, line) for x in (-half, half)]
     scale = "" if enlarged == 1 else f" (drawn {enlarged} : 1)"

@@ -36,6 +36,9 @@ from roslf_design.tables import Table
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.traced.fields import IdealImages
 from studies.bench.made import (
+    BLACK,
+    BY_RAYS,
+    FULL,
     GAIN,
     LEVEL,
     PRNU,
@@ -48,9 +51,6 @@ from studies.bench.made import (
     rings_picture,
     wall_picture,
 )
-
-BY_RAYS = 5e-6
-"""Wavelength at which nothing is diffracted, as in the captures [mm]."""
 
 
 def presets() -> dict[str, Design]:
@@ -123,7 +123,7 @@ def compared(bench: Bench, data: dict[str, Any]) -> Iterator[Compared]:
         "diagonal": float(QUANTITIES["field_of_view_deg"](camera)),
         "entrance pupil behind the tip": bench.tip - design.d_3,
         "H": float(QUANTITIES["aperture_constant"](camera)),
-        "d_3": design.d_3, "D_F": design.D_F, "veil": 100 * VEIL * LEVEL,
+        "d_3": design.d_3, "D_F": design.D_F, "veil": 100 * VEIL * LEVEL * FULL / (FULL - BLACK),
         "gain": GAIN, "read noise": READ, "PRNU": 100 * PRNU,
     }  # fmt: skip
     for line in data["lines"]:
@@ -134,7 +134,7 @@ def compared(bench: Bench, data: dict[str, Any]) -> Iterator[Compared]:
             yield Compared(bench.folder.name, name, value, expanded, truths[name])
         elif name.startswith("MTF"):
             kind: Literal["view", "refocused"] = "view" if "a view" in name else "refocused"
-            at = next(stood for file, stood in bench.stood.items() if file.startswith("edge"))
+            at = bench.stood[f"edge_{name.split()[-2]}mm.tif"]
             row = resolved(IdealImages(sharp, [(0.0, 0.0)]), 0, at, kind)
             truth = row.mtf50_lp_per_mm if "50" in name else row.mtf10_lp_per_mm
             if truth is not None:
@@ -186,24 +186,39 @@ def main() -> None:
     parser.add_argument("--builds", type=int, default=1, help="builds of each preset")
     parser.add_argument("--presets", nargs="*", default=list(presets()), choices=list(presets()))
     parser.add_argument("-o", "--output", type=Path, default=Path("reports/bench"))
-    parser.add_argument("--work", type=Path, default=Path("out/bench-study"), help="folder for the captures")
+    parser.add_argument(
+        "--work",
+        type=Path,
+        default=Path("out/bench-study"),
+        help="folder for the captures; builds measured there are not again",
+    )
     asked = parser.parse_args()
     rows: list[Compared] = []
     named: dict[str, tuple[str, ...]] = {}
     for preset in asked.presets:
         for seed in range(1, asked.builds + 1):
-            bench = filled(asked.work / f"{preset}-{seed}", presets()[preset], seed)
-            rows += compared(bench, reported(bench.folder))
+            folder = asked.work / f"{preset}-{seed}"
+            done, blamed = folder / "compared.json", asked.work / "faults.json"
+            if done.is_file():
+                rows += [Compared(**row) for row in json.loads(done.read_text(encoding="utf-8"))]
+                named = named or json.loads(blamed.read_text(encoding="utf-8"))
+                continue
+            bench = filled(folder, presets()[preset], seed)
+            mine = list(compared(bench, reported(bench.folder)))
             if not named:
                 named = faults(bench.folder, bench)
+                blamed.write_text(json.dumps(named, indent=1), encoding="utf-8")
+            done.write_text(json.dumps([vars(row) for row in mine], indent=1), encoding="utf-8")
+            rows += mine
     inside = sum(abs(row.off) <= 1 for row in rows)
     cells = [
         (row.bench, row.name, f"{row.value:.5g}", f"± {row.expanded:.2g}", f"{row.truth:.5g}", f"{row.off:+.2f}")
         for row in rows
     ]
     words = f"{inside} of {len(rows)} figures lie within their expanded uncertainty of what the build has."
+    command = f"python -m studies.bench.acceptance --builds {asked.builds} --presets {' '.join(asked.presets)}"
     blocks = (
-        Paragraph(words),
+        Paragraph(f"{words} By {command}."),
         Table(tuple((name, "; ".join(told) or "not named") for name, told in named.items()), "ll", title="Faults"),
         Table(tuple(cells), "lldlll", ("bench", "figure", "measured", "U", "truth", "error over U"), "Figures"),
     )
@@ -211,6 +226,7 @@ def main() -> None:
     asked.output.mkdir(parents=True, exist_ok=True)
     data = {
         "schema": "roslf.acceptance-study/1",
+        "command": command,
         "builds": asked.builds,
         "presets": asked.presets,
         "inside": inside,

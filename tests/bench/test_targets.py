@@ -164,8 +164,10 @@ def test_what_is_printed_can_be_and_what_is_seen_suits_the_field(name):
     camera = roslf.Camera.of(roslf.load(name))
     footprint = roslf.quantity("object_sample_mm")
     for at in setup.wall.at:
-        octaves = setup.wall.finest * 2.0 ** np.arange(setup.wall.octaves)
-        assert (octaves >= 2 * footprint(camera, at) * 0.99).sum() >= 2  # two octaves or more that the camera resolves
+        assert setup.wall.finest >= 2 * footprint(camera, at) * 0.95  # finer dots alias; two digits
+    (at,) = setup.spheres.at
+    assert setup.spheres.finest >= 2 * footprint(camera, at) * 0.95
+    assert setup.spheres.finest < setup.spheres.diameter / 4
     if setup.wall.bar == 100:
         assert setup.wall.finest >= 2 * DOT
     for at in setup.field.at:  # rings both inside the picture and beyond its corner
