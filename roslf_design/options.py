@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from numbers import Integral
 from typing import Annotated, Any, Self
 
@@ -73,10 +73,11 @@ class Options(StrictTable):
         InputError
             Every fault, by its keyword.
         """
-        try:
-            return cls(**{name: value for name, value in values.items() if value is not None})
-        except ValidationError as error:
-            raise cls.refused(error) from None
+        return cls(**{name: value for name, value in values.items() if value is not None})
+
+    @classmethod
+    def _refused(cls, error: ValidationError, data: Mapping[str, Any]) -> InputError:
+        return cls.refused(error)
 
     @classmethod
     def refused(cls, error: ValidationError) -> InputError:

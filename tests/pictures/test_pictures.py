@@ -419,7 +419,7 @@ def test_a_hexagonal_array_is_hexagonal_by_rays_by_waves_and_in_its_cell(turn):
 
 def test_waves_and_raw_images_are_shown_with_their_scales():
     picture = rays_and_waves(PAPER, samples=31)
-    assert "74.1%" in picture.panels[2].title
+    assert "74.1 %" in picture.panels[2].title
     assert all("µm" in panel.x_label for panel in picture.panels[::2])
     raw = render(PAPER, region=(0, 0, 200, 100), threads=1)
     assert {panel.title for panel in preview(raw).panels} >= {"centre", "edge", "corner"}
