@@ -66,6 +66,11 @@ THICK = 100
 """Meetings that take as long as a rod, about."""
 
 
+def seconds_through(kinds: Array) -> float:
+    """Seconds that a ray takes interpreted through surfaces of such kinds."""
+    return MEETING * (kinds.size + THICK * int((kinds == ROD).sum()))
+
+
 class Passed(NamedTuple):
     """Rays on the far side of a lens, told by where they cross a plane."""
 
@@ -92,6 +97,11 @@ class SurfaceStack(NamedTuple):
         """Semi-diameters, (T, S) [mm]."""
         count = int(self.media.shape[1]) - 1
         return np.asarray(np.sqrt(self.table[:, : count * COLUMNS].reshape(len(self.table), count, COLUMNS)[:, :, 5]))
+
+    @property
+    def seconds(self) -> float:
+        """Seconds that a ray takes through it interpreted, about."""
+        return seconds_through(self.table[:1, 6 : (self.media.shape[1] - 1) * COLUMNS : COLUMNS])
 
     def through(
         self,
@@ -132,8 +142,7 @@ class SurfaceStack(NamedTuple):
         work = planes, np.empty(ROWS * BLOCK), np.empty(count * BLOCK)
         arrays: list[Any] = [part.reshape(-1) for part in (*given, *work, out, state, room)]
         has_law = self.table.shape[1] > count * COLUMNS  # whose sines numpy and the compiler take a bit apart
-        rods = int((self.table[0, 6 : count * COLUMNS : COLUMNS] == ROD).sum())
-        if has_law or _trace_slopes.pays(MEETING * total * (count + THICK * rods)):
+        if has_law or _trace_slopes.pays(self.seconds * total):
             _trace_slopes.compiled(total // builds, builds, count, backward, clip, *arrays)
         else:  # plain floats out, not numpy's slow and noisy scalars
             _trace_slopes.interpreted(

@@ -29,7 +29,6 @@ from ..lenses.tracer import (
     INVALID,
     LENGTH,
     MAPPED,
-    MEETING,
     MISSED,
     REFLECTED,
     ROD,
@@ -39,6 +38,7 @@ from ..lenses.tracer import (
     bend_mapped,
     cross_thin,
     pass_surfaces,
+    seconds_through,
 )
 
 Floats = NDArray[np.float64]
@@ -135,7 +135,7 @@ class ObjectSpaceFaces:
         out, status = np.zeros_like(rays), np.zeros((count, rays.shape[2]), np.int16)
         room = np.empty(ROWS * BLOCK), np.empty(BLOCK)
         # Angles from sines come out of numpy and of the compiler a bit apart.
-        if len(self.law) or _carry_builds.pays(MEETING * status.size * table.shape[1]):
+        if len(self.law) or _carry_builds.pays(seconds_through(table[0, :, KIND]) * status.size):
             _carry_builds.compiled(table, media, self.openings, self.law, *room, rays, out, status)
         else:
             buffer, work = (_plain(part) for part in room)

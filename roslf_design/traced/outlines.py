@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._jit import kernel
-from ..lenses.tracer import BLOCK, COLUMNS, MEETING, ROWS, pass_surfaces
+from ..lenses.tracer import BLOCK, COLUMNS, ROWS, pass_surfaces
 from ..shapes.pieces import ordered
 from .train import LOST, AimedRays, Planes, Train, crossing, kernel_args, side_height
 
@@ -248,8 +248,7 @@ def _lit_parts(
     lens, beyond = train
     shape, share, edge = np.zeros((len(base), 6)), np.zeros(len(base)), np.empty((len(base), spokes, 2))
     about, reach = (np.ascontiguousarray(part) for part in ((low + high) / 2, np.max(high - low, axis=1)))
-    surfaces = lens.media.shape[1] + beyond.media.shape[1] - 2
-    _follow_images.quickest(MEETING * LOOKS * spokes * surfaces * len(base))(
+    _follow_images.quickest((lens.seconds + beyond.seconds) * LOOKS * spokes * len(base))(
         trial, *kernel_args(lens), *kernel_args(beyond), planes.array, planes.sensor, planes.rims,
         np.ascontiguousarray(base), about, reach, *_rule(), shape, share, edge,
     )  # fmt: skip

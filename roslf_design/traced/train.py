@@ -20,7 +20,7 @@ from .._jit import kernel
 from ..bore.faces import KIND, STOP
 from ..bore.opening import ClearAperture
 from ..fates import RayFate
-from ..lenses.tracer import BLOCK, COLUMNS, MAPPED, MEETING, ROWS, SPHERE, SurfaceStack, pass_surfaces
+from ..lenses.tracer import BLOCK, COLUMNS, MAPPED, ROWS, SPHERE, SurfaceStack, pass_surfaces
 from ..theory.object_space import FAP, ObjectSpaceFaces
 
 Array = NDArray[np.float64]
@@ -557,7 +557,7 @@ def nearest(
     base, offset, target, start, inverse = map(np.ascontiguousarray, wanted)
     known = not np.isnan(inverse).all()
     corrections = CORRECTIONS if known else PATIENCE
-    _aim.quickest(MEETING * (corrections + 1) * miss.size * (lens.media.shape[1] + beyond.media.shape[1] - 2))(
+    _aim.quickest((lens.seconds + beyond.seconds) * (corrections + 1) * miss.size)(
         trial, begin, *kernel_args(lens), *kernel_args(beyond), planes.array, planes.sensor, planes.rims, half, base,
         offset, target, start, np.ascontiguousarray(home), inverse, known, TOLERANCE,
         corrections, landed, heights, miss,
@@ -618,7 +618,7 @@ def beyond_fap(train: Train, ends: Array, start: ArrayLike = 0.0) -> tuple[Array
     if not train.beyond.table.size:
         return (ends[..., :2] - ends[..., 3:5]) / (ends[..., 2:3] - ends[..., 5:]), far, tallest
     slopes[...] = start
-    work = MEETING * PATIENCE * far.size * (train.beyond.media.shape[1] - 1)
+    work = train.beyond.seconds * PATIENCE * far.size
     _aim_all.quickest(work)(*kernel_args(train.beyond), np.ascontiguousarray(ends), slopes, far, tallest)
     return slopes, far, tallest
 
@@ -695,6 +695,6 @@ def spot_radii(
     size = np.empty((len(world), len(x)))
     rays = np.repeat(x, len(a), axis=0), np.tile(a, (len(x), 1))
     frame = np.ascontiguousarray(world)  # kernels are compiled once more for another layout
-    work = MEETING * size.size * len(a) * (train.lens.media.shape[1] + PATIENCE * (train.beyond.media.shape[1] - 1))
+    work = (train.lens.seconds + PATIENCE * train.beyond.seconds) * size.size * len(a)
     _spots.quickest(work)(*kernel_args(train.lens), *kernel_args(train.beyond), plane, rims, frame, *rays, w, size)
     return size
