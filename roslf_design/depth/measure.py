@@ -21,7 +21,7 @@ from ..errors import InputError, Problem
 from ..evaluation import evaluate
 from ..imaging.camera import Region
 from ..imaging.render import RawImage
-from ..imaging.trace import seen_distances
+from ..imaging.surfaces import seen_distances
 from ..json_data import plain
 from ..progress import part_of
 from ..scenes import Noise, Scene

@@ -21,7 +21,8 @@ from ..effects.elements import PLATE_ABERRATION
 from ..imaging import transfer
 from ..imaging.camera import ImageLattice, Region
 from ..imaging.render import RawImage, render
-from ..imaging.trace import RaySampling, seen_distances
+from ..imaging.surfaces import seen_distances
+from ..imaging.trace import RaySampling
 from ..options import Options, Seed
 from ..scenes import Noise, Plane, Scene
 from ..scenes.scene import chief_ray_limits

@@ -12,7 +12,8 @@ from roslf_design.errors import InputError
 from roslf_design.imaging.camera import ImageLattice, Region, pixel_centres, planned_camera
 from roslf_design.imaging.points import PointSource, point_image
 from roslf_design.imaging.render import render
-from roslf_design.imaging.trace import RaySampling, Tracer, encode, met, sobol_points
+from roslf_design.imaging.surfaces import encode, met
+from roslf_design.imaging.trace import RaySampling, Tracer, sobol_points
 from roslf_design.imaging.white import WhiteGeometry
 from roslf_design.scenes import WHITE_FIELD, Plane, Points, Scene, Sinusoid, Sphere, Tube, Uniform
 

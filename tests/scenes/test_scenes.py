@@ -5,7 +5,7 @@ from PIL import Image
 from roslf_design.design import load
 from roslf_design.design.parts import MicrolensArray
 from roslf_design.errors import InputError
-from roslf_design.imaging.trace import encode, met
+from roslf_design.imaging.surfaces import encode, met
 from roslf_design.scenes import (
     Checkerboard,
     PictureTexture,
