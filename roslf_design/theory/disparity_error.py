@@ -84,7 +84,7 @@ WIDE_DEGREE, WIDE_CELL = 5, 0.4
 """
 NESTED = np.array([0.0, 1.0, -1.0, -0.577, 0.659, -0.839])
 """Places along an axis, each where it adds most to those before it (Leja)."""
-CLOSE, STEP = 0.02, 1e-5
+CLOSE, STEP = 0.004, 1e-5
 """Distance from the first image, in logarithms, within which fewer are taken from its tangents, to about the square of
 that; and the step of the differences that tangents are."""
 STEEPEST = 100.0
