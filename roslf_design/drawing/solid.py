@@ -209,9 +209,19 @@ def _split(cells: NDArray[np.int64]) -> Iterator[NDArray[np.int64]]:
 
 def outline(points: Array) -> Array:
     """Corners of the convex hull of points in a plane, shape (M, 2), counter-clockwise."""
-    from scipy.spatial import ConvexHull
-
-    return np.asarray(points[ConvexHull(points).vertices])
+    halves = []
+    rising = points[np.lexsort(points.T[::-1])].tolist()
+    for some in (rising, rising[::-1]):
+        half: list[list[float]] = []
+        for x, y in some:
+            while len(half) > 1:
+                (a, b), (c, d) = half[-2:]
+                if (c - a) * (y - b) - (d - b) * (x - a) > 0:
+                    break
+                half.pop()
+            half.append([x, y])
+        halves += half[:-1]
+    return np.array(halves)
 
 
 class BrowserMesh(NamedTuple):

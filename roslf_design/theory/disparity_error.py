@@ -84,7 +84,7 @@ WIDE_DEGREE, WIDE_CELL = 5, 0.4
 """
 NESTED = np.array([0.0, 1.0, -1.0, -0.577, 0.659, -0.839])
 """Places along an axis, each where it adds most to those before it (Leja)."""
-CLOSE, STEP = 0.02, 1e-5
+CLOSE, STEP = 0.004, 1e-5
 """Distance from the first image, in logarithms, within which fewer are taken from its tangents, to about the square of
 that; and the step of the differences that tangents are."""
 STEEPEST = 100.0
@@ -514,16 +514,15 @@ def _sharpened(images: _Images, c: _Array, level: int, whole: bool) -> Array:
 
 
 class _Spectra(NamedTuple):
-    """Spectra of the light of each wave that stops leave, before diffraction; arrays of shape (N, 1 + W, S, S)."""
+    """Spectra of the light of each wave that stops leave, before diffraction; arrays broadcast to (N, 1 + W, S, S)."""
 
-    kx: Array
-    """Frequencies along x: of the uniform light, by which all is divided, then of the texture's waves; shape (N, 1 + W,
-    1, 1)."""
-    ky: Array
     fx: Array
+    """Frequencies along x: of the uniform light, by which all is divided, then of the texture's waves."""
     fy: Array
     cell: float
-    parts: Spectra
+    light: Complex
+    turned: Complex
+    """Change of each wave with B, shape (N, W, S, S)."""
     power: Array
     """Power of the texture's waves, shape (N, W)."""
 
@@ -536,22 +535,24 @@ def _spectra(images: _Images, waves: Spectrum, c: _Array, level: int, whole: boo
     form = _cut
     if whole:
         form = _straight if not images.openings.first_is_disc else _whole if c.many or count >= MANY else _cut
-    return _Spectra(kx, ky, fx, fy, cell, form(images, fx - bend * kx, fy - bend * ky), waves.power)
+    light, along, across = form(images, fx - bend * kx, fy - bend * ky)
+    per_wide = 2 * math.pi / images.wide[:, None, None, None]
+    turned = per_wide * kx[:, 1:] * along[:, 1:] + per_wide * ky[:, 1:] * across[:, 1:]
+    return _Spectra(fx, fy, cell, light, turned, waves.power)
 
 
 def _information(images: _Images, c: _Array, spectra: _Spectra) -> Array:
     """Information of images in each of their noises, shape (N, M): one signal, weighed by each."""
-    kx, ky, fx, fy, cell, parts, power = spectra
-    side = fx.shape[-1]
+    fx, fy, cell, light, turned, power = spectra
+    side = light.shape[-1]
     passed = _transfer(images, c, fx, fy) * (side * side / cell)
-    light, along, across = (np.fft.ifft2(part * passed) for part in parts)
+    light, turned = np.fft.ifft2(light * passed), np.fft.ifft2(turned * passed[:, 1:])
     count = len(images.pitch)
     dark, uneven, shot = (part[..., None] for part in (images.dark, images.uneven, images.shot))
     own_light = images.light[:, None] * np.maximum(light[:, 0].real, 0.0).reshape(count, -1)
     variance = shot * (own_light[:, None] * (1 + uneven * own_light[:, None]) + dark)
     area = cell / side**2 * (images.pitch / images.pixel) ** 2
     weight = (images.light**2 * area)[:, None, None] / np.maximum(variance, 1e-300)
-    turned = 2 * math.pi * (kx * along + ky * across)[:, 1:] / images.wide[:, None, None, None]
     turned, light = (part.reshape(count, part.shape[1], -1).swapaxes(1, 2) for part in (turned, light[:, 1:]))
     own, free = (weight @ (part.real**2 + part.imag**2) for part in (turned, light))
     mixed = np.abs(weight @ (turned * light.conj())) ** 2
@@ -561,12 +562,14 @@ def _information(images: _Images, c: _Array, spectra: _Spectra) -> Array:
 def _orders(c: _Array, finest: float) -> tuple[Array, Array, float]:
     """Frequencies of a lattice that images with so fine a detail have, and the area of its cell.
 
-    Along x and y, shape (S, S), in the order of a Fourier transform over the lattice's directions [periods per pitch].
+    Along x, shape (S, 1), and y, (S, S) or where all rows are alike (1, S), in the order of a Fourier transform over
+    the lattice's directions [periods per pitch].
     """
     packing = PACKINGS[c.layout]
     side = 2 * math.ceil(packing.orders * finest) + 2
     n = np.fft.fftfreq(side, 1 / side)
-    return n[:, None] + 0 * n, packing.wave_up(n[:, None], n), packing.rise
+    up = packing.wave_up(n[:, None], n)
+    return n[:, None], up[:1] if (up == up[0]).all() else up, packing.rise
 
 
 def _whole(images: _Images, fx: Array, fy: Array) -> Spectra:
@@ -673,7 +676,7 @@ class _WavesOfLenses(NamedTuple):
     rows: _Images
     form: Callable[[_Images, Array, Array], Spectra]
     fx: Array
-    """Frequencies along x of every order of each wave, shape (fields, W, S, S)."""
+    """Frequencies along x of every order of each wave, shape (fields, W, S, 1), and along y, (fields, W, S or 1, S)."""
     fy: Array
     passed: Array
     along: Array
@@ -712,10 +715,9 @@ class _WavesOfLenses(NamedTuple):
             form = _whole if rows.openings.first_is_disc else _straight
         else:  # rows of a cut image stay rows
             image = np.sqrt(np.abs(np.linalg.det(image)))[:, None, None] * np.eye(2)
-        over = fy[0] if (fy[0] != fy[0, :, :1]).any() else fy[0, :, :1]  # alike in all columns of a square lattice
-        along, across = np.exp(2j * math.pi * fx[0, ..., :1] * x), np.exp(2j * math.pi * over[..., None] * y)
+        along, across = np.exp(2j * math.pi * fx[0] * x), np.exp(2j * math.pi * fy[0, ..., None] * y)
         pixel = float(rows.pixel[0] / rows.pitch[0])
-        reads = [at(fx[0, ..., :1] * pixel) for at in read[0]], [at(over * pixel) for at in read[1]]
+        reads = [at(fx[0] * pixel) for at in read[0]], [at(fy[0] * pixel) for at in read[1]]
         passed = _transfer(rows, array, fx, fy) / cell
         return cls(first, second, rows, form, fx, fy, passed, along, across, reads, image)
 

@@ -27,8 +27,12 @@ CYCLES = (0, 4, 8, 16, 32, 64, 128, 256, 512, 1024)
 MOST_TERMS = 2**18
 """Nodes of overlaps at a time, for memory's sake."""
 
-TABULATE_FROM = 20_000
-"""Frequencies from which a circle's transfer is read from a table along the radius, to about 1e-7."""
+LENSES = 8
+"""Lenses whose series are summed at a time: what a processor's cache holds."""
+
+SERIES_FROM, TERMS, TERMS_PER_CYCLE = 64, 24, 2.0
+"""Frequencies of a lens from which a circle's transfer is a Chebyshev series along the radius, its terms, and more for
+each cycle of a phase across the aperture: to 1e-12."""
 
 
 GAUSS = ((-math.sqrt(0.6) / 2, 5 / 18), (0.0, 8 / 18), (math.sqrt(0.6) / 2, 5 / 18))
@@ -193,20 +197,12 @@ class _Round(LensShape):
     def factors(
         self, width: Number, sensor_distance: Number, defocus: Number, wavelength: Number, x: Floats, y: Floats
     ) -> tuple[Floats, ...]:
-        """One factor, along the radius; from a table where many are asked for."""
-        own = width, sensor_distance, defocus, wavelength
-        if np.ndim(width):
-            lenses = zip(*(np.ravel(part).tolist() for part in own), x, y, strict=True)
-            return (np.stack([self.factors(*lens)[0] for lens in lenses]),)
-        radius = np.hypot(x, y)
-        if radius.size <= TABULATE_FROM:
-            return (_circle_transfer(*own, radius),)
-        grid = np.linspace(0, float(radius.max()), TABULATE_FROM)
-        return (np.interp(radius, grid, _circle_transfer(*own, grid)),)
+        """One factor, along the radius."""
+        return (_circle_transfer(width, sensor_distance, defocus, wavelength, np.hypot(x, y)),)
 
     def overlap(self, width: Number, shift: Floats, detail: Floats, axes: tuple[float, float]) -> Floats:
         """Integral over the common part of two discs, column by column."""
-        nodes, weights = np.polynomial.legendre.leggauss(24)
+        nodes, weights = gauss_legendre(24)
         half = (width - shift)[..., None] / 2
         angle = (nodes + 1) * (math.pi / 4)
         x = half * np.sin(angle)
@@ -261,8 +257,31 @@ def shared_line(width: Number, shift: Floats, cycles: Floats) -> Floats:
 
 
 def _circle_transfer(width: Number, distance: Number, defocus: Number, wavelength: Number, frequency: Floats) -> Floats:
-    """Transfer of a round microlens, defocused, at frequencies [1/mm]."""
-    return _circle_overlap(wavelength * distance * frequency / width, defocus * distance * width * frequency)
+    """Transfer of round microlenses, defocused, at frequencies [1/mm]; parameters as of `LensShape.factors`."""
+    moved, turned = (
+        np.reshape(np.asarray(part, float), (-1, 1))
+        for part in (wavelength * distance / width, defocus * distance * width)
+    )
+    rows = frequency.reshape(len(moved), -1)
+    if rows.shape[1] < SERIES_FROM:
+        return _circle_overlap(moved * rows, turned * rows).reshape(frequency.shape)
+    speed = np.maximum(moved, np.abs(turned) / CYCLES[-1])
+    last = np.minimum(rows.max(1, keepdims=True), 1 / np.where(speed > 0, speed, 1e-300))
+    last = np.where(last > 0, last, 1.0)
+    count = TERMS + math.ceil(TERMS_PER_CYCLE * float((np.abs(turned) * last).max()))
+    angle = (np.arange(count) + 0.5) * (math.pi / count)
+    nodes = last * np.cos(angle / 2) ** 2
+    # Smooth up to where nothing overlaps: the lens that is left there is (1 - offset)^(3/2) wide and high.
+    smooth = _circle_overlap(moved * nodes, turned * nodes) / (1 - moved * nodes) ** 1.5
+    terms = np.cos(np.arange(count)[:, None] * angle) @ smooth.T * (2 / count)
+    terms[0] /= 2
+    values = np.empty(rows.shape)
+    for at in range(0, len(rows), LENSES):
+        some = slice(at, at + LENSES)
+        place, left = 2 * np.minimum(rows[some] / last[some], 1.0) - 1, np.maximum(1 - moved[some] * rows[some], 0.0)
+        values[some] = np.polynomial.chebyshev.chebval(place, terms[:, some, None], tensor=False)
+        values[some] *= left * np.sqrt(left)
+    return np.where(rows <= last, values, 0.0).reshape(frequency.shape)
 
 
 def _line_transfer(

@@ -72,15 +72,15 @@ class ObjectSpaceFaces:
     media: Floats
     """Indices on the scene's and on the sensor's side of each, (..., S, 2)."""
     openings: NDArray[np.int16]
-    """Number of the opening that each face belongs to, as rays' states count them, (S,)."""
+    """Number of the opening that each face belongs to, as in rays' states, (S,); where builds differ (..., S)."""
     law: Floats
     """Law of an objective with a mapping (`..lenses.angles`); no rows where there is none."""
     names: tuple[str, ...] = ()
-    """Names of the faces and openings: "plate 1, back", "stop 2"."""
+    """Names of the faces and openings: "plate 1, back", "stop 2"; in the first build."""
 
     @classmethod
     def of(cls, camera: Camera, *, clip: bool = True) -> ObjectSpaceFaces:
-        """All that stands before the main lens of a camera, in the order in which it stands in the first build.
+        """All that stands before the main lens of a camera, in the order in which it stands in each build.
 
         Parameters
         ----------
@@ -88,7 +88,8 @@ class ObjectSpaceFaces:
         clip : bool
             Whether clear apertures stop rays.
         """
-        faces = [face for _, unit in sorted(_units(camera, clip), key=lambda unit: unit[0]) for face in unit]
+        units = sorted(_units(camera, clip), key=lambda unit: (float(np.ravel(unit[0])[0]), unit[1]))
+        starts, ranks, faces = zip(*((start, rank, face) for start, rank, unit in units for face in unit), strict=True)
         table = np.empty((*camera.shape, len(faces), COLUMNS))
         media = np.empty((*camera.shape, len(faces), 2))
         for k, face in enumerate(faces):
@@ -99,7 +100,13 @@ class ObjectSpaceFaces:
         numbers = {rim.part: FAP + k for k, rim in enumerate(camera.openings_ahead)}
         # Of a thin element both faces are one opening; one that no aperture takes rays at is lost in the element.
         openings = [numbers.get(part, numbers.get(f"{part.rpartition('.')[0]}.0", 0)) for part in parts]
-        return cls(table, media, np.array(openings, np.int16), camera.mapping.kernel, names)
+        starts = np.stack([np.broadcast_to(start, camera.shape) for start in starts], axis=-1)
+        order = np.lexsort((np.broadcast_to(ranks, starts.shape), starts))
+        belongs = np.array(openings, np.int16)
+        if (order != np.arange(len(faces))).any():
+            table, media = (np.take_along_axis(part, order[..., None], axis=-2) for part in (table, media))
+            belongs = belongs[order]
+        return cls(table, media, belongs, camera.mapping.kernel, names)
 
     @classmethod
     def unclipped(cls, camera: Camera) -> ObjectSpaceFaces:
@@ -134,15 +141,16 @@ class ObjectSpaceFaces:
         rays = np.ascontiguousarray(lines.reshape(4, -1, count).transpose(2, 0, 1))
         out, status = np.zeros_like(rays), np.zeros((count, rays.shape[2]), np.int16)
         room = np.empty(ROWS * BLOCK), np.empty(BLOCK)
+        openings = np.ascontiguousarray(np.broadcast_to(self.openings, (count, table.shape[1])))
         # Angles from sines come out of numpy and of the compiler a bit apart.
         if len(self.law) or _carry_builds.pays(seconds_through(table[0, :, KIND]) * status.size):
-            _carry_builds.compiled(table, media, self.openings, self.law, *room, rays, out, status)
+            _carry_builds.compiled(table, media, openings, self.law, *room, rays, out, status)
         else:
             buffer, work = (_plain(part) for part in room)
             for k in range(count):
                 faces, indices = ([_plain(row) for row in part[k]] for part in (table, media))
                 carry.interpreted(
-                    faces, indices, self.openings, self.law, buffer, work, _plain(rays[k]), out[k], status[k]
+                    faces, indices, openings[k], self.law, buffer, work, _plain(rays[k]), out[k], status[k]
                 )
         outside = out.transpose(1, 2, 0).reshape(4, *shape)
         return SceneRays(outside[:2], outside[2:], status.T.reshape(shape))
@@ -201,8 +209,8 @@ def _plain(array: Floats) -> Any:
     return memoryview(array)  # type: ignore[arg-type]
 
 
-def _units(camera: Camera, clip: bool) -> Iterator[tuple[tuple[float, int], list[Face]]]:
-    """Stops and elements, each with where it begins; a stop on an element's vertex comes before that.
+def _units(camera: Camera, clip: bool) -> Iterator[tuple[Number, int, list[Face]]]:
+    """Stops and elements, each with where it begins; a stop, 0, on an element's vertex comes before that, 1.
 
     Stops that do not clip let everything through.
     """
@@ -217,14 +225,10 @@ def _units(camera: Camera, clip: bool) -> Iterator[tuple[tuple[float, int], list
         at, z = camera.towards_scene(rim), rim.ruler_distance
         opening = ClearAperture.of(at.numbers, rim.part) if clip else UNBOUNDED
         row = stop_row(vertex_of(at, at["distance"]), axes_of(at), opening)
-        yield (_first(z), 0), [Face(row, around(z), around(z), rim.part, rim.name)]
+        yield z, 0, [Face(row, around(z), around(z), rim.part, rim.name)]
     for part in camera.in_bore:
         surroundings = Surroundings(around(part.end), camera.pupil_seen_before)
-        yield (_first(part.start), 1), part.element.faces(part.at, part.name, surroundings)
-
-
-def _first(value: Number) -> float:
-    return float(np.ravel(value)[0])
+        yield part.start, 1, part.element.faces(part.at, part.name, surroundings)
 
 
 @kernel()
@@ -334,6 +338,6 @@ def carry(
 def _carry_builds(
     table: Any, media: Any, openings: Any, law: Any, buffer: Any, work: Any, rays: Any, out: Any, status: Any
 ) -> None:
-    """`carry` through builds, the first axis of all but `openings` and `law`."""
+    """`carry` through builds, the first axis of all but `law`."""
     for build in range(len(table)):
-        carry(table[build], media[build], openings, law, buffer, work, rays[build], out[build], status[build])
+        carry(table[build], media[build], openings[build], law, buffer, work, rays[build], out[build], status[build])

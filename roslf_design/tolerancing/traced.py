@@ -123,7 +123,7 @@ def real_lens_builds(design: Design, values: Mapping[str, Array], trials: int) -
     twins |= {f"{part}.distance": lens.front_principal - z for part, z in fronts.items()}
     sound = lens.sound & (mla - before > lens.rear)
     for part, z in fronts.items():
-        image = part == "aperture" and design.d_3 < 0  # which is nowhere in the way
+        image = (part == "aperture") & (number("aperture.distance") < 0)  # which is nowhere in the way
         sound = sound & ((z <= np.minimum(lens.front, camera.front)) | (image & (z > lens.front_principal)))
     world = -np.stack([lens_x, lens_y, 0 * lens_x], axis=-1)
     mount = Mount(train, planes, lens.front_principal, lens.rear_principal, world)

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import DISC_RULE
 from .._jit import kernel
-from ..bore.faces import KIND, STOP
+from ..bore.faces import KIND, LIMIT, OPEN, STOP
 from ..bore.opening import ClearAperture
 from ..fates import RayFate
 from ..lenses.tracer import BLOCK, COLUMNS, MAPPED, ROWS, SPHERE, SurfaceStack, pass_surfaces
@@ -70,11 +70,20 @@ class Train(NamedTuple):
         table = np.array(np.broadcast_to(ahead.table, (builds, *ahead.table.shape[-2:])))
         table[..., :3] += np.broadcast_to(np.asarray(origin, float), (builds, 3))[:, None]
         media = np.broadcast_to(ahead.media, (builds, *ahead.media.shape[-2:]))
-        fap = fap_of(ahead)
-        near = _stack(table[:, :fap], media[:, :fap], media[:, :1, 1])
-        far = _stack(table[:, fap + 1 :], media[:, fap + 1 :], media[:, fap, :1])
-        law = np.broadcast_to(ahead.law.ravel(), (builds, ahead.law.size))
-        near_law, far_law = (law, law[:, :0]) if MAPPED in ahead.table[..., :fap, KIND] else (law[:, :0], law)
+        fap = np.argmax(np.broadcast_to(ahead.openings, table.shape[:2]) == FAP, axis=1)[:, None, None]
+        # A build with fewer faces on a side than others meets the FAP's plane there instead, which does nothing.
+        bare, beside = (np.take_along_axis(part, fap, axis=1) for part in (table, media))
+        bare[..., LIMIT] = OPEN
+        table, media, none = np.concatenate([table, bare], 1), np.concatenate([media, beside], 1), table.shape[1]
+        inside, outside = np.arange(fap.max())[:, None], np.arange(fap.min() + 1, none)[:, None]
+        law, sides = np.broadcast_to(ahead.law.ravel(), (builds, ahead.law.size)), []
+        for rows, medium in (
+            (np.where(inside < fap, inside, none), media[:, :1, 1]),
+            (np.where(outside > fap, outside, none), beside[..., 0]),
+        ):
+            own, indices = (np.take_along_axis(part, rows, axis=1) for part in (table, media))
+            sides.append((_stack(own, indices, medium), law if MAPPED in own[..., KIND] else law[:, :0]))
+        (near, near_law), (far, far_law) = sides
         own = SurfaceStack(
             np.concatenate([near.table, lens.table, near_law], axis=1),
             np.concatenate([near.media[:, :-1], lens.media], axis=1),

@@ -279,6 +279,16 @@ def test_builds_far_from_alike_are_those_taken_one_by_one():
         assert float(QUANTITIES["sigma_disparity_pitches"](one)) == pytest.approx(together[k], rel=8e-4)
 
 
+@pytest.mark.parametrize("name", ["grin-needle", "rigid-scope"])
+def test_few_builds_that_differ_little_are_those_taken_one_by_one(name):
+    camera, at = Camera.of(roslf.load(name)), np.random.default_rng(3)
+    for spread in (1e-2, 1e-3):
+        places = ("aperture.distance", "sensor.distance", "aperture.diameter")
+        many = camera.replace({place: camera[place] * np.exp(spread * at.uniform(-1, 1, 24)) for place in places})
+        alone = [float(QUANTITIES["sigma_z_mm"](many.build(k))) for k in range(24)]
+        assert_allclose(QUANTITIES["sigma_z_mm"](many), alone, rtol=5e-5)
+
+
 def test_distances_at_once():
     camera = Camera.of(PAPER)
     ahead = np.array([100.0, 200.0, 230.0, 400.0])

@@ -2,6 +2,7 @@
 
 import math
 
+import mpmath
 import numpy as np
 import pytest
 
@@ -75,6 +76,30 @@ def test_what_two_apertures_share_is_a_sum_over_their_common_part(name, shift, c
     total = np.cos(2 * math.pi * (cycles[0] * x + cycles[1] * y))[both].sum() * step**2 / inside.mean()
     shared = LENS_SHAPES[name].shared(1.0, np.array([shift]), np.array([cycles], float))
     assert float(shared[0]) == pytest.approx(total, abs=4e-3)
+
+
+@pytest.mark.parametrize("defocus", [0.0, 0.04, -3.0])
+def test_a_round_lens_passes_what_its_overlap_with_itself_leaves_of_a_phase(defocus):
+    """Many frequencies and lenses at once, beside each integral to 20 digits."""
+    width, distance, waves = 0.1, 0.5, np.array([5e-4, 0.0])[:, None]
+    radius = np.geomspace(1e-3, 250.0, 80)
+    own = (np.full((2, 1), part) for part in (width, distance, defocus))
+    (many,) = LENS_SHAPES["circular"].factors(*own, waves, radius + 0 * waves, 0 * radius + 0 * waves)
+    for lens, at in ((0, 0), (0, 40), (0, 61), (0, 70), (0, 79), (1, 30), (1, 65)):
+        offset = float(waves[lens, 0]) * distance * radius[at] / width
+        turns = 2 * math.pi * defocus * distance * width * radius[at]
+        assert many[lens, at] == pytest.approx(_overlap_integral(offset, turns), abs=1e-12)
+
+
+def _overlap_integral(offset, turns):
+    """Integral of a phase over what two circles share, over a circle's area."""
+    half = max(0.5 - mpmath.mpf(offset) / 2, mpmath.mpf(0))
+    ends = mpmath.linspace(0, half, 2 + int(abs(turns) * half / 3))
+
+    def column(x):
+        return mpmath.sqrt(max(0.25 - (x + offset / 2) ** 2, 0)) * mpmath.cos(turns * x)
+
+    return float(16 / mpmath.pi * mpmath.quad(column, ends))
 
 
 @layouts

@@ -141,6 +141,28 @@ def test_builds_equal_one_at_a_time_tracing(name):
             assert_allclose(found[key][:, trial], (centre - believed)[:, axis], atol=2e-6)
 
 
+@pytest.mark.parametrize("order", [slice(None), slice(None, None, -1)])
+def test_builds_are_each_its_own_wherever_their_stops_and_elements_stand(order):
+    """Between which elements a build's FAP stands, or behind the lens, is no other build's affair."""
+    design = DESIGNS["window"]
+    values = {
+        "aperture.distance": np.array([115.0, 119.5, 50.0, 85.0, -20.0, 115.0]),
+        "elements.1.distance": np.array([118.0, 118.0, 118.0, 118.0, 118.0, 114.0]),
+        "stops.0.distance": np.array([90.0, 117.0, 90.0, 55.0, 90.0, 90.0]),
+    }
+    values = {place: numbers[order] for place, numbers in values.items()}
+    names = ("image_diameter_mm", "centre_error_x_px", "blur_pitches", "depth_error_mm", "non_distortion_room_mm")
+    question = Question(design, names, FIELDS, 350.0)
+    together = evaluate_builds(question, values, 6).reshape(len(names), len(FIELDS), 6)
+    for trial in range(6):
+        single = {place: numbers[[trial]] for place, numbers in values.items()}
+        alone = evaluate_builds(question, single, 1).reshape(len(names), len(FIELDS))
+        assert_allclose(together[:, :, trial], alone, rtol=1e-9, atol=1e-12)
+        one = as_built(design, one_of(values, trial))
+        images = real_images(camera_of(one), microlenses(one, FIELDS))
+        assert_allclose(together[0, :, trial], images.diameter, rtol=1e-8)
+
+
 def pixels(design, chief):
     """Image centres in the sensor's own frame [px]."""
     camera = camera_of(design)
