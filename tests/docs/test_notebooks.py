@@ -58,6 +58,7 @@ GALLERY = DOCS / "gallery.md"
 
 @pytest.mark.parametrize("number", range(len(pictures(GALLERY))))
 def test_code_of_the_gallery_draws(number, tmp_path, monkeypatch, near_light, few_rays):
+    few_builds(monkeypatch)
     monkeypatch.chdir(tmp_path)
     for block in blocks(GALLERY):
         (tmp_path / block.caption).write_text(block.text, encoding="utf-8")
