@@ -25,7 +25,6 @@ FLAGS = (
 )
 
 
-
 @pytest.fixture(scope="module")
 def drawing():
     """A picture that is not to be turned."""
