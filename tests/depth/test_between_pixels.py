@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import pytest
-from scipy import signal
 
 import roslf_design as roslf
 from roslf_design.calibration.decoding import Decoder, LightField, read_between
@@ -39,6 +38,8 @@ def pictures(camera, pixel, spot, *brightness):
 
     Places of images are whole numbers of `FINE` parts of a pixel of width `pixel`.
     """
+    from scipy import signal  # a second of every worker's, where only one comes here
+
     pitch = float(microlens_image_pitch(camera)) / pixel
     radius, step = float(microlens_image_diameter(camera)) / pixel / 2, 1 / FINE
     reach = int(2 * pitch)

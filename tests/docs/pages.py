@@ -3,9 +3,9 @@
 import contextlib
 import doctest
 import io
+import runpy
 import shlex
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
@@ -55,7 +55,7 @@ def follow(page: Path, folder: Path) -> int:
 
 
 def run(command: str, folder: Path) -> tuple[int, str]:
-    """Exit code and output (stdout and stderr) of one command; `roslf` runs in this process."""
+    """Exit code and output (stdout and stderr) of one command; `roslf` and scripts run in this process."""
     words = shlex.split(command)
     if words[:2] == ["roslf", "explore"]:  # serves until it is stopped: read, not run
         build_app().parse_args(words[1:], exit_on_error=False, print_error=False)
@@ -71,8 +71,11 @@ def run(command: str, folder: Path) -> tuple[int, str]:
     if words[0] == "ls":
         return 0, "\n".join(sorted(path.name for path in (folder / words[1]).iterdir()))
     assert words[0] == "python", f"no test knows how to run `{words[0]}`"
-    found = subprocess.run([sys.executable, *words[1:]], cwd=folder, capture_output=True, text=True, timeout=120)
-    return found.returncode, found.stdout + found.stderr
+    (script,) = words[1:]
+    stream = io.StringIO()
+    with contextlib.redirect_stdout(stream), contextlib.redirect_stderr(stream):
+        runpy.run_path(str(folder / script), run_name="__main__")
+    return 0, stream.getvalue()
 
 
 def matches(expected: str, output: str) -> bool:

@@ -10,6 +10,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "docs/_ext"))
 from cells import code_cells, run, run_notebook
 from page_blocks import blocks, pictures
 
+from tests.reporting.made import few_builds
+
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 NOTEBOOKS = sorted((DOCS / "notebooks").glob("*.ipynb"))
 
@@ -22,6 +24,7 @@ def printed(outputs):
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_shows_what_is_stored_in_it(path, tmp_path, monkeypatch):
+    few_builds(monkeypatch)  # of reports; no notebook prints what their first look at tolerances says
     monkeypatch.chdir(tmp_path)
     for cell, outputs in run_notebook(path):
         assert printed(outputs) == printed(cell["outputs"]), "".join(cell["source"])
@@ -55,6 +58,7 @@ GALLERY = DOCS / "gallery.md"
 
 @pytest.mark.parametrize("number", range(len(pictures(GALLERY))))
 def test_code_of_the_gallery_draws(number, tmp_path, monkeypatch, near_light, few_rays):
+    few_builds(monkeypatch)
     monkeypatch.chdir(tmp_path)
     for block in blocks(GALLERY):
         (tmp_path / block.caption).write_text(block.text, encoding="utf-8")

@@ -6,7 +6,7 @@ import numpy as np
 
 from roslf_design.reporting import story
 from roslf_design.reporting.blocks import Figure
-from roslf_design.reporting.design import pages
+from roslf_design.reporting.design import curves, pages
 from roslf_design.reporting.sheet import lines as datasheet
 from roslf_design.reporting.sheet import resolution
 from roslf_design.theory.resolution import FieldTransfer
@@ -27,9 +27,10 @@ def few_builds(patch):
 
     Detail that single views resolve scatters as the refocused image's, and curves of MTF are polygons of seven points:
     where microlens images are long, the transfer of views takes many times the work of all else.
-    Without predicted depth precision, which is many times the work of all else.
+    Without predicted depth precision, which is many times the work of all else; its curve over distance, half of what a
+    whole report takes, is a polygon too.
     """
-    look, study = story._quick_tolerances, story.quick_study
+    look, study, over_distance = story._quick_tolerances, story.quick_study, curves._depth_curve
     detail, mtf = datasheet._resolution, FieldTransfer.__call__
 
     def refocused(row, focal, camera):
@@ -43,6 +44,7 @@ def few_builds(patch):
         data = study(design, seed)
         return data | {"goals": [goal for goal in data["goals"] if goal["metric"] != "sigma_z_mm"]}
 
+    patch.setattr(curves, "_depth_curve", lambda design, points=241: over_distance(design, 1 + points // 12))
     patch.setattr(FieldTransfer, "__call__", polygon)
     patch.setattr(datasheet, "_resolution", refocused)
     patch.setattr(datasheet, "FEW", 6)

@@ -24,7 +24,11 @@ FLAGS = (
     *("--disable-component-update", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"),
 )
 
-DRAWING = depth_precision(load("paper")).svg()
+
+@pytest.fixture(scope="module")
+def drawing():
+    """A picture that is not to be turned."""
+    return depth_precision(load("paper"))
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium; on Debian: apt-get install chromium")
@@ -82,10 +86,10 @@ ATTACKS = (
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="no chromium; on Debian: apt-get install chromium")
-def test_the_page_runs_and_loads_nothing_but_its_own_whatever_got_into_it(tmp_path):
+def test_the_page_runs_and_loads_nothing_but_its_own_whatever_got_into_it(tmp_path, drawing):
     api = pytest.importorskip("playwright.sync_api", reason="the playwright package is not installed")
-    picture = depth_precision(load("paper")).to_png(72)
-    still = Report("still", "", (Section("Rays", (Figure("a", "A", "", picture), Figure("b", "B", "", DRAWING))),))
+    figures = Figure("a", "A", "", drawing.to_png(72)), Figure("b", "B", "", drawing.svg())
+    still = Report("still", "", (Section("Rays", figures),))
     turned = Report("turned", "", (Section("Rays", (_picture_sheet(load("rigid-scope")),)),))
     with api.sync_playwright() as driver:
         browser = driver.chromium.launch(executable_path=CHROMIUM, args=list(FLAGS))
@@ -109,9 +113,9 @@ def test_the_page_runs_and_loads_nothing_but_its_own_whatever_got_into_it(tmp_pa
         browser.close()
 
 
-def test_the_policy_allows_scripts_by_what_they_say_alone():
+def test_the_policy_allows_scripts_by_what_they_say_alone(drawing):
     turned = render_html(Report("a", "", (Section("Rays", (_picture_sheet(load("rigid-scope")),)),)))
-    still = render_html(Report("a", "", (Section("Rays", (Figure("a", "A", "", DRAWING),)),)))
+    still = render_html(Report("a", "", (Section("Rays", (Figure("a", "A", "", drawing.svg()),)),)))
     policies = [re.search(r'Content-Security-Policy" content="([^"]*)"', text)[1] for text in (turned, still)]
     for policy in policies:
         assert policy.startswith("default-src 'none';")

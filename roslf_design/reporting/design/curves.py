@@ -70,6 +70,7 @@ class _DepthCurve(NamedTuple):
     """sigma_Z at the focal plane [mm]."""
 
 
+@lru_cache(maxsize=2)
 def _depth_curve(design: Design, points: int = 241) -> _DepthCurve:
     """Depth noise (bound) from 0.4 to 1.8 times the focal plane's depth, counted from the FAP or what is before it."""
     camera = Camera.of(design)
