@@ -27,7 +27,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -54,9 +54,14 @@ SHARPEST = 8
 inverse: that grows as the blur shrinks, nearly in proportion. Right to 1 %."""
 WIDEST = 8
 """Pitches across a microlens image beyond which images overlap so often that they tell nothing."""
-NODES = 3
-"""Gauss-Legendre nodes over the periods of a texture, and over a quarter of its directions: information to 1e-3 where
-B lies within 1."""
+OCTAVE_NODES = ((1.75, 3), (3.25, 5), (5.5, 8), (7.5, 12), (10.0, 16), (16.0, 24), (math.inf, 40))
+"""Gauss-Legendre nodes over an octave of a texture's periods, each up to so many turns of `_waves_needed`: out of focus
+what a wave tells rises and falls with its phases over the image. Sigma to 1 %; to 3 % where images overlap twofold."""
+DIRECTIONS, OVERLAPPING, FINER = 3, 1.2, 5
+"""Nodes over a quarter of its directions; pitches across an image from which neighbours' mixed light asks for more, and
+how many then."""
+SEAM = 0.95
+"""Share of each bound from which on its nodes give way to the next, so that sigma has slopes there too."""
 FINEST_PLACES, FINEST_CUT = 128, 32
 """Periods in a pitch up to which `image_parts` follows the microlens's diffraction in whole images and in cut ones: at
 Fresnel numbers up to 32 and 8."""
@@ -100,8 +105,6 @@ class Seen(NamedTuple):
     """B there [microlens pitches]; 0 is the focal plane."""
     scale: Array
     """Millimetres on it per millimetre of the array."""
-    octaves: int = NODES
-    """Gauss-Legendre nodes over the periods of a texture: where B is large, `NODES` are off by up to a tenth."""
 
 
 class Spectrum(NamedTuple):
@@ -233,24 +236,50 @@ def texture(c: Camera, plane: Seen) -> _Texture:
         plane.
     """
     limit = PACKINGS[c.layout].fold
-    nodes, weights = gauss_legendre(NODES)
     shape = np.broadcast_shapes(np.shape(plane.disparity), np.shape(plane.scale), c.shape)
     contrast, period = c["depth.contrast"], c.numbers.get("depth.period")
     finest = np.broadcast_to(ratio(magnitude(c.d * plane.scale), period or c.numbers.get("depth.finest", 0.0)), shape)
     strength = np.broadcast_to(np.square(contrast), shape)
-    angle, turn = (nodes + 1) * (math.pi / 4), weights / 2
-    if period is None:
-        # The same contrast in each octave of k: its square over ln(2), per step of ln(k).
-        octaves, over = gauss_legendre(plane.octaves)
-        at, radial = (octaves + 1) / 2, over / (octaves + 1) / math.log(2)
-    else:
-        at = radial = np.ones(1)
+    if period is not None:
         strength = np.where(finest <= limit, strength, 0.0)
-    fine = np.minimum(finest, limit)
-    x, y, power = (
-        np.outer(part, along).ravel() for part, along in ((at, np.cos(angle)), (at, np.sin(angle)), (radial, turn))
-    )
-    return _Texture(fine, strength, Spectrum(x, y, power), c.lens_shape)
+    waves = _waves(OCTAVE_NODES[0][1] if period is None else None, DIRECTIONS)
+    return _Texture(np.minimum(finest, limit), strength, waves, c.lens_shape)
+
+
+@functools.lru_cache
+def _waves(octave: int | None, directions: int) -> Spectrum:
+    """Waves of unit texture: so many nodes over an octave of periods, or None of one period, in each direction."""
+    at = radial = np.ones(1)
+    if octave is not None:
+        # The same contrast in each octave of k: its square over ln(2), per step of ln(k).
+        nodes, weights = gauss_legendre(octave)
+        at, radial = (nodes + 1) / 2, weights / (nodes + 1) / math.log(2)
+    nodes, weights = gauss_legendre(directions)
+    angle, turn = (nodes + 1) * (math.pi / 4), weights / 2
+    pairs = (at, np.cos(angle)), (at, np.sin(angle)), (radial, turn)
+    return Spectrum(*(np.outer(part, along).ravel() for part, along in pairs))
+
+
+def _waves_needed(disparity: Array, fine: Array, wide: Array) -> Iterator[tuple[Spectrum, Array]]:
+    """Waves of a texture with detail of every size, and the share that their sum has in each image's information.
+
+    Parameters
+    ----------
+    disparity : ndarray, shape (N,)
+        B [pitches].
+    fine : ndarray, shape (N,)
+        Finest detail [periods a pitch].
+    wide : ndarray, shape (N,)
+        Pitches across each image: phases turn over the image by B, among images that overlap by ``wide - B``.
+    """
+    overlap = np.maximum(wide - 1, 0.0)
+    turns = fine * np.maximum((1 + overlap) * np.abs(disparity), (1.35 + 2.4 * overlap) * (wide - disparity))
+    before = np.ones(turns.shape)
+    for bound, octave in OCTAVE_NODES:
+        after = np.clip((turns / bound - SEAM) / (1 - SEAM), 0.0, 1.0)
+        share, before = before - after, after
+        for some, count in ((wide < OVERLAPPING, DIRECTIONS), (wide >= OVERLAPPING, FINER)):
+            yield _waves(octave, count), share * some
 
 
 def view_gradient(c: Camera, plane: Seen) -> Array:
@@ -290,7 +319,8 @@ def _informations(images: MicrolensImages, plane: Seen, waves: Spectrum | None, 
     if parts := [(one.share, images.by(through_filter(c, one))) for one in filters(c.colours)]:
         return np.asarray(sum(share * _informations(part, plane, waves, besides) for share, part in parts))
     one = np.ones(())
-    rows = _rows_of(images, plane, texture(c, plane) if waves is None else _Texture(one, one, waves), besides)
+    own = texture(c, plane) if waves is None else _Texture(one, one, waves)
+    rows = _rows_of(images, plane, own, besides)
     builds = _builds(images, plane)
     shape = (len(images.fields), *builds)
     array = _Array(c.layout, c.lens_shape, bool(c.shape))
@@ -303,12 +333,18 @@ def _informations(images: MicrolensImages, plane: Seen, waves: Spectrum | None, 
     level = np.where(usable, np.minimum(2 * np.ceil(rows.finest / 2), SHARPEST).clip(2, None), 0).astype(int)
     information = np.zeros((fill.size, len(besides)))
     level = np.where(usable & (rows.finest > SHARPEST), SHARPEST + 1, level)
-    for detail, uncut in itertools.product(
-        (np.flatnonzero(np.bincount(level, minlength=2)[1:]) + 1).tolist(), (False, True)
+    shares: Iterable[tuple[Spectrum, Array]] = [(own.waves, np.ones(fill.size))]
+    if waves is None and "depth.period" not in c.numbers:
+        disparity = np.broadcast_to(plane.disparity, shape).ravel()
+        shares = _waves_needed(*(np.where(usable, part, 0.0) for part in (disparity, rows.texture.fine, fill)))
+    for (spectrum, share), detail, uncut in itertools.product(
+        shares, (np.flatnonzero(np.bincount(level, minlength=2)[1:]) + 1).tolist(), (False, True)
     ):
-        mine = np.flatnonzero((level == detail) & (whole == uncut))
+        mine = np.flatnonzero((level == detail) & (whole == uncut) & (share > 0))
         if mine.size:
-            information[mine] = (_interpolated if uncut else _each)(rows.at(mine), array, detail, uncut)
+            some = rows.at(mine)._replace(texture=rows.texture.at(mine)._replace(waves=spectrum))
+            part = (_interpolated if uncut else _each)(some, array, detail, uncut)
+            information[mine] += share[mine, None] * part
     return np.where(rows.light <= room, information.T, 0.0).reshape(-1, *shape)
 
 

@@ -10,16 +10,19 @@ from scipy.optimize import brentq
 import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.evaluation import default_fields
+from roslf_design.shapes.lattice import PACKINGS
 from roslf_design.theory.depth_error import seen_at
 from roslf_design.theory.disparity_error import (
     Seen,
     Spectrum,
     _disparity_information,
+    axial_disparity_sigma,
     disparity_sigma,
     image_parts,
     view_gradient,
 )
 from roslf_design.theory.exit_pupil import microlens_image_pitch
+from roslf_design.theory.lens_shapes import LENS_SHAPES
 from roslf_design.theory.photometry import dark_variance, electrons, exposure
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.theory.stop_images import MicrolensImages
@@ -336,3 +339,49 @@ def test_a_plane_seen_upside_down_has_the_texture_of_one_seen_upright(texture):
     assert_allclose(view_gradient(camera, inverted), view_gradient(camera, upright), rtol=1e-15)
     fields = MicrolensImages(camera, [(0.0, 0.0)])
     assert_allclose(_disparity_information(fields, inverted), _disparity_information(fields, upright), rtol=1e-15)
+
+
+def many_waves(camera, disparity, octave, directions):
+    """Information of the texture that designs assume, by so many waves that more change nothing: NumPy's nodes."""
+    fine = PACKINGS[camera.layout].fold
+    r, over_r = np.polynomial.legendre.leggauss(octave)
+    t, over_t = np.polynomial.legendre.leggauss(directions)
+    k, angle = (fine * (r + 1) / 2)[:, None], ((t + 1) * np.pi / 4)[None]
+    x, y = (k * np.cos(angle)).ravel(), (k * np.sin(angle)).ravel()
+    power = np.outer(over_r / (r + 1) / np.log(2), over_t / 2).ravel() * float(camera["depth.contrast"]) ** 2
+    power *= LENS_SHAPES[camera.lens_shape].blur(x, y) ** 2
+    images = MicrolensImages(camera, [(0.0, 0.0)])
+    plane = seen_at(camera, None)._replace(disparity=np.asarray(disparity))
+    return float(_disparity_information(images, plane, Spectrum(x, y, power))[0, 0])
+
+
+@pytest.mark.parametrize(
+    ("preset", "changes", "within"),
+    [
+        ("paper", {}, 0.01),
+        ("video-otoscope", {}, 0.01),
+        ("paper", {"microlens_array.layout": "hexagonal", "microlens_array.lens_shape": "circular"}, 0.01),
+        ("mismatched-borescope", {}, 0.035),  # images overlap twofold
+    ],
+)
+def test_waves_are_enough_however_far_out_of_focus(preset, changes, within):
+    """Sigma against many waves, before the focal plane and behind it; nine waves were up to 30 % off here."""
+    camera = Camera.of(roslf.load(preset).replace(changes))
+    images = MicrolensImages(camera, [(0.0, 0.0)])
+    for disparity in (-12.3, -6.1, -2.2, -1.2, 0.0, 2.1, 3.6, 12.3):
+        plane = seen_at(camera, None)._replace(disparity=np.asarray(disparity))
+        ours = float(_disparity_information(images, plane)[0, 0])
+        many = many_waves(camera, disparity, 30, 5)
+        assert (many / ours) ** 0.5 == pytest.approx(1.0, abs=within), disparity
+
+
+def test_waves_grow_in_number_without_a_step():
+    """Sigma's slope by differences of 1e-5 pitches is that by differences of 1e-2, so it has no steps to trip over."""
+    camera = Camera.of(PAPER)
+    at = np.linspace(2.0, 9.0, 701)
+
+    def sigma(disparity):
+        return axial_disparity_sigma(camera, Seen(np.asarray(disparity), np.full(np.shape(disparity), 3.0)))
+
+    coarse, fine = (np.log(sigma(at + step) / sigma(at - step)) / (2 * step) for step in (5e-3, 5e-6))
+    assert_allclose(fine, coarse, atol=0.05)

@@ -32,8 +32,7 @@ from ...drawing.panel import Panel, Scale
 from ...drawing.picture import PAGE, Picture, legend_height, one_panel
 from ...drawing.theme import SMALL, short, text_width
 from ...evaluation import default_fields
-from ...theory.depth_error import depth_at, depth_error, seen_at
-from ...theory.disparity_error import axial_disparity_sigma
+from ...theory.depth_error import depth_at, depth_error
 from ...theory.f_number import matched, mismatch_px
 from ...theory.light_field import rim_disparity
 from ...theory.quantities import QUANTITIES
@@ -48,8 +47,6 @@ LOOKS = (("blue", ""), ("orange", "7 4"), ("green", "8 3 2 3"))
 UNKNOWN = box_key("unknown", "grey", 0.9, hatch=True)
 FIELDS = 21
 """Number of points from the centre of the field to its corner."""
-FAR_OUT, OCTAVES = 2.0, 14
-"""Spread of a point [pitches] from which on a curve takes so many nodes over a texture's octaves: else it waves."""
 POINTS = 121
 """Number of points along each axis of the plane of D_F and d_3."""
 
@@ -80,12 +77,7 @@ def _depth_curve(design: Design, points: int = 241) -> _DepthCurve:
     def precision(at: Array | float) -> tuple[Array, Array]:
         ahead = np.asarray(at - camera.tip)
         blur = np.abs(rim_disparity(camera, depth_at(camera, ahead)))
-        error = np.array(np.abs(depth_error(camera, ahead)))
-        far = np.flatnonzero(blur > FAR_OUT)
-        if far.size and "depth.period" not in camera.numbers:
-            seen = seen_at(camera, ahead[far])._replace(octaves=OCTAVES)
-            error[far] = np.abs(depth_error(camera, ahead[far], axial_disparity_sigma(camera, seen)))
-        return error, blur
+        return np.abs(depth_error(camera, ahead)), blur
 
     return _DepthCurve(distance, *precision(distance), float(precision(design.d_f)[0]))
 
