@@ -24,7 +24,6 @@ from ..calibration.refocusing import CameraDistances
 from ..calibration.written import calibrated_camera, read_numbers
 from ..camera import Camera
 from ..depth.from_files import CaptureOptions, captured
-from ..depth.measure import Depths
 from ..design import PATHS, Design
 from ..errors import InputError
 from ..evaluation.specification import Specification, resolved, specification
@@ -355,82 +354,96 @@ def _resolved(axis: tuple[float, float], ahead: float, kind: Kind, level: float,
     return np.array([(r.mtf50_lp_per_mm if level == 0.5 else r.mtf10_lp_per_mm) or math.nan for r in rows])
 
 
-def _points(m: Measuring, capture: BenchCapture) -> tuple[Depths, Array, Array]:
-    """Depths in a capture, points (n, 3) where there is texture, Z from the tip [mm], and their standard errors."""
-    options = CaptureOptions(white=m.frames.white, dark=m.frames.dark, calibration=m.calibration)
-    run = captured(capture.path, options).first
-    known = run.measured & (run.noise_sigma <= TEXTURED * np.median(run.noise_sigma[run.measured]))
-    z = run.depth[known]
-    camera = m._calibrated[0]
-    x, y = chief_rays(camera, (run.x_ml[known][:, 0], run.x_ml[known][:, 1])).on_plane(z)
-    return run, np.stack([x, y, z - float(camera.tip)], axis=-1), run.noise_sigma[known]
+class _Depth(NamedTuple):
+    """Depths of one capture, and what the data sheet expects of them."""
+
+    at: str
+    """Target and its distance, in words."""
+    ahead: float
+    points: Array
+    """Where there is texture, from the tip [mm], shape (n, 3)."""
+    sigma: Array
+    """Standard errors of their Z."""
+    window: float
+    """Microlenses that share a measurement."""
+    common: float
+    """Standard error that all of them have [mm]."""
+    limits: tuple[float, float]
+    """Errors of depth that the data sheet allows [mm]."""
+    precision: float
+    """Standard error of one microlens by it [mm]."""
+
+    @classmethod
+    def each(cls, m: Measuring, kind: Literal["wall", "spheres"]) -> Iterator[_Depth | str]:
+        """Depths of each capture of a kind, or why there are none."""
+        for capture, ahead in m.good(kind):
+            options = CaptureOptions(white=m.frames.white, dark=m.frames.dark, calibration=m.calibration)
+            try:
+                run = captured(capture.path, options).first
+            except (CalibrationError, InputError) as error:
+                yield f"depth, {capture.path.name}: {error}"
+                continue
+            textured = run.measured & (run.noise_sigma <= TEXTURED * np.median(run.noise_sigma[run.measured]))
+            z, camera = run.depth[textured], m._calibrated[0]
+            x, y = chief_rays(camera, (run.x_ml[textured][:, 0], run.x_ml[textured][:, 1])).on_plane(z)
+            budget = m.budget(ahead)
+            expanded, precision = float(budget.expanded_mm), float(budget.of_kind("precision"))
+            common = 0.0 if run.calibration_sigma is None else float(np.nanmedian(run.calibration_sigma))
+            yield cls(
+                f"{kind} at {number(ahead, 4)} mm", ahead, np.stack([x, y, z - float(camera.tip)], axis=-1),
+                run.noise_sigma[textured], float(run.disparities.window**2), common, (-expanded, expanded), precision,
+            )  # fmt: skip
 
 
 def _wall_lines(m: Measuring) -> Told:
-    for capture, ahead in m.good("wall"):
-        try:
-            run, points, sigma = _points(m, capture)
-        except (CalibrationError, InputError) as error:
-            yield f"depth, {capture.path.name}: {error}"
+    half = 0.45 * m.bench.setup.wall.printed_side
+    for wall in _Depth.each(m, "wall"):
+        if isinstance(wall, str):
+            yield wall
             continue
-        half = 0.45 * m.bench.setup.wall.printed_side
-        on = (np.abs(points[:, :2]) < half).all(axis=1)
+        on = (np.abs(wall.points[:, :2]) < half).all(axis=1)
         if on.sum() < LEAST_POINTS:
-            yield f"depth, {capture.path.name}: too few microlenses have a depth"
+            yield f"depth, {wall.at}: too few microlenses have a depth"
             continue
-        window = float(run.disparities.window**2)
-        plane = SurfaceFit.plane(points[on], sigma[on], window)
-        budget = m.budget(ahead)
-        expanded, precision = float(budget.expanded_mm), float(budget.of_kind("precision"))
-        at = f"wall at {number(ahead, 4)} mm"
+        plane = SurfaceFit.plane(wall.points[on], wall.sigma[on], wall.window)
         own = math.sqrt(float(plane.covariance[0, 0]))
-        common = 0.0 if run.calibration_sigma is None else float(np.nanmedian(run.calibration_sigma))
         yield AcceptanceLine(
-            DEPTH, f"error of depth, {at}", "mm", float(plane.parameters[0]) - ahead,
-            COVERAGE * math.hypot(own, m.placed * ahead), 0.0, (-expanded, expanded),
-            f"limits: depth, expected, U = {number(expanded, 2)} mm", COVERAGE * math.hypot(own, common),
+            DEPTH, f"error of depth, {wall.at}", "mm", float(plane.parameters[0]) - wall.ahead,
+            COVERAGE * math.hypot(own, m.placed * wall.ahead), 0.0, wall.limits,
+            f"limits: depth, expected, U = {number(wall.limits[1], 2)} mm", COVERAGE * math.hypot(own, wall.common),
         )  # fmt: skip
-        yield from _ranges(plane, f"flatness error, {at}", f"off a plane, rms, {at}", precision)
+        yield from _ranges(plane, "flatness error", "a plane", wall.at, wall.precision)
 
 
-def _ranges(fit: SurfaceFit, error: str, rms: str, precision: float) -> Told:
-    """Range and rms of points about a surface, against what noise alone is expected to leave."""
-    words = f"limit: {number(STRAY_SPAN, 2)} x the noise expected of one microlens, {number(precision, 2)} mm"
+def _ranges(fit: SurfaceFit, form: str, shape: str, at: str, precision: float) -> Told:
+    """Range and rms of points about a surface, beside what noise alone is expected to leave."""
+    words = f"expected: noise of the data sheet's texture, {number(precision, 2)} mm, without what a texture puts off"
     yield AcceptanceLine(
-        DEPTH, error, "mm", fit.error, COVERAGE * fit.error_sigma, STRAY_SPAN * precision,
-        (-math.inf, STRAY_SPAN * precision), words,
-    )  # fmt: skip
-    yield AcceptanceLine(
-        DEPTH, rms, "mm", fit.rms, COVERAGE * fit.rms_sigma, precision, (-math.inf, precision), "limit: that noise"
+        DEPTH, f"{form}, {at}", "mm", fit.error, COVERAGE * fit.error_sigma, STRAY_SPAN * precision, remark=words
     )
+    yield AcceptanceLine(DEPTH, f"off {shape}, rms, {at}", "mm", fit.rms, COVERAGE * fit.rms_sigma, precision)
 
 
 def _sphere_lines(m: Measuring) -> Told:
     target = m.bench.setup.spheres
-    for capture, ahead in m.good("spheres"):
-        try:
-            run, points, sigma = _points(m, capture)
-        except (CalibrationError, InputError) as error:
-            yield f"depth, {capture.path.name}: {error}"
+    for pair in _Depth.each(m, "spheres"):
+        if isinstance(pair, str):
+            yield pair
             continue
-        seen = SphereSpacing.of(points, sigma, float(run.disparities.window**2), target.diameter, target.spacing)
+        seen = SphereSpacing.of(pair.points, pair.sigma, pair.window, target.diameter, target.spacing)
         if seen is None:
-            yield f"depth, {capture.path.name}: shows no two spheres of their size so far apart"
+            yield f"depth, {pair.at}: shows no two spheres of their size so far apart"
             continue
-        budget = m.budget(ahead)
-        expanded, precision = float(budget.expanded_mm), float(budget.of_kind("precision"))
-        limits, at = (-expanded, expanded), f"spheres at {number(ahead, 4)} mm"
-        common = 0.0 if run.calibration_sigma is None else float(np.nanmedian(run.calibration_sigma))
-        claimed = COVERAGE * math.hypot(seen.sigma, common * target.spacing / ahead)
+        claimed = COVERAGE * math.hypot(seen.sigma, pair.common * target.spacing / pair.ahead)
         yield AcceptanceLine(
-            DEPTH, f"sphere-spacing error, {at}", "mm", seen.spacing - target.spacing,
-            COVERAGE * seen.sigma, 0.0, limits, "limits: depth, expected", claimed,
+            DEPTH, f"sphere-spacing error, {pair.at}", "mm", seen.spacing - target.spacing,
+            COVERAGE * seen.sigma, 0.0, pair.limits, "limits: depth, expected", claimed,
         )  # fmt: skip
         worst = max(seen.spheres, key=lambda sphere: sphere.error)
         size = 2 * float(worst.parameters[3]) - target.diameter
         spread = 2 * COVERAGE * math.sqrt(float(worst.covariance[3, 3]))
-        yield AcceptanceLine(DEPTH, f"probing error, size, {at}", "mm", size, spread, 0.0, limits, "limits likewise")
-        yield from _ranges(worst, f"probing error, form, {at}", f"off a sphere, rms, {at}", precision)
+        yield AcceptanceLine(DEPTH, f"probing error, size, {pair.at}", "mm", size, spread, 0.0, pair.limits)
+        yield from _ranges(worst, "probing error, form", "a sphere", pair.at, pair.precision)
 
 
 def _camera_lines(m: Measuring) -> Told:

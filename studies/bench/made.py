@@ -216,6 +216,6 @@ def rings_picture(setup: Setup) -> tuple[NDArray[np.float64], float]:
 def wall_picture(setup: Setup) -> tuple[NDArray[np.float64], float]:
     """The wall's texture, and its width."""
     wall = setup.wall
-    count = max(2 ** (wall.octaves - 1), math.ceil(wall.printed_side / wall.finest))
-    dark = texture(count, wall.octaves, np.random.default_rng(setup.seed))
-    return np.asarray(np.kron(np.where(dark, INK, PAPER), np.ones((3, 3))), float), float(count * wall.finest)
+    dark = texture(wall.count, wall.octaves, np.random.default_rng(setup.seed))
+    picture = np.kron(np.where(dark, INK, PAPER), np.ones((3, 3)))
+    return np.asarray(picture, float), wall.scale * wall.count * wall.finest
