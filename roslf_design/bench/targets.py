@@ -249,7 +249,8 @@ def _edge(setup: Setup, name: str) -> Sheet:
     cos, sin = math.cos(edge.angle), math.sin(edge.angle)
     square = _rectangle((-edge.side / 2, -edge.side / 2), edge.side, edge.side) @ np.array([[cos, sin], [-sin, cos]])
     title = f"Slanted edge, square of {edge.side:g} mm turned by {math.degrees(edge.angle):g} degrees"
-    return _sheet("edge", (title, name), (edge.across, edge.across), [square], bar=edge.bar, feature="edges are too ragged")
+    size, ragged = (edge.across, edge.across), "edges are too ragged"
+    return _sheet("edge", (title, name), size, [square], bar=edge.bar, feature=ragged)
 
 
 def _wall(setup: Setup, name: str) -> Sheet:
