@@ -206,17 +206,12 @@ class Measuring:
             if capture.path.name not in self.check.faulty:
                 yield capture, float(capture.ahead or 0.0)
 
-    def tolerance(self, compute: Callable[[Camera], Any]) -> float | None:
-        """Two standard deviations of a figure over builds; None where no study gives any."""
-        if self.build is None or self.bench.design.main_lens.kind.faults:
-            return None
-        sigma = float(self.build.carried(self.camera, compute))
-        return COVERAGE * sigma if math.isfinite(sigma) else None
-
     def about(self, expected: float | None, compute: Callable[[Camera], Any]) -> tuple[float, float] | None:
-        """Limits about the data sheet's line."""
-        tolerance = self.tolerance(compute)
-        return None if tolerance is None or expected is None else (expected - tolerance, expected + tolerance)
+        """Limits about the data sheet's line: two standard deviations over builds; None where no study gives any."""
+        if expected is None or self.build is None or self.bench.design.main_lens.kind.faults:
+            return None
+        tolerance = COVERAGE * float(self.build.carried(self.camera, compute))
+        return (expected - tolerance, expected + tolerance) if math.isfinite(tolerance) else None
 
     def scale(self, ahead: float) -> tuple[float, float]:
         """Span of a microlens pitch at a distance [mm], as calibrated, and its relative standard uncertainty."""
@@ -250,7 +245,7 @@ def accepted(measuring: Measuring, progress: CountedProgress = silent) -> Accept
     if spoilt:
         left_out.append(f"everything: the calibration depends on {', '.join(spoilt)}; calibrate again without")
         return Acceptance(measuring.bench.design.name, (), check.faults, tuple(left_out))
-    steps = (_field_lines, _resolution_lines, _wall_lines, _sphere_lines, _camera_lines, _sensor_lines)
+    steps = (_field_lines, _resolution_lines, _depth_lines, _camera_lines, _sensor_lines)
     for done, step in enumerate(steps):
         progress("measuring", done, len(steps))
         for line in step(measuring):
@@ -342,8 +337,8 @@ def _limits(m: Measuring, responses: Sequence[EdgeResponse], kind: Kind, words: 
         if not math.isfinite(value):
             yield f"{name}: contrast does not fall so far"
             continue
-        tolerance = m.tolerance(partial(_resolved, axis, ahead, kind, level))
-        limits = None if tolerance is None or expected is None else (expected - tolerance, math.inf)
+        about = m.about(expected, partial(_resolved, axis, ahead, kind, level))
+        limits = about and (about[0], math.inf)
         expanded = COVERAGE * value / span * math.hypot(sigma / value, uncertain)
         remark = f"{len(responses)} edge{'s' * (len(responses) > 1)}; the print's own blur is in it"
         yield AcceptanceLine(RESOLUTION, name, "lp/mm", value / span, expanded, expected, limits, remark)
@@ -354,96 +349,71 @@ def _resolved(axis: tuple[float, float], ahead: float, kind: Kind, level: float,
     return np.array([(r.mtf50_lp_per_mm if level == 0.5 else r.mtf10_lp_per_mm) or math.nan for r in rows])
 
 
-class _Depth(NamedTuple):
-    """Depths of one capture, and what the data sheet expects of them."""
-
-    at: str
-    """Target and its distance, in words."""
-    ahead: float
-    points: Array
-    """Where there is texture, from the tip [mm], shape (n, 3)."""
-    sigma: Array
-    """Standard errors of their Z."""
-    window: float
-    """Microlenses that share a measurement."""
-    common: float
-    """Standard error that all of them have [mm]."""
-    limits: tuple[float, float]
-    """Errors of depth that the data sheet allows [mm]."""
-    precision: float
-    """Standard error of one microlens by it [mm]."""
-
-    @classmethod
-    def each(cls, m: Measuring, kind: Literal["wall", "spheres"]) -> Iterator[_Depth | str]:
-        """Depths of each capture of a kind, or why there are none."""
+def _depth_lines(m: Measuring) -> Told:
+    ways: tuple[tuple[Literal["wall", "spheres"], Callable[..., Told]], ...]
+    ways = ("wall", _wall_lines), ("spheres", _sphere_lines)
+    for kind, lines in ways:
         for capture, ahead in m.good(kind):
+            at = f"{kind} at {number(ahead, 4)} mm"
             options = CaptureOptions(white=m.frames.white, dark=m.frames.dark, calibration=m.calibration)
             try:
                 run = captured(capture.path, options).first
             except (CalibrationError, InputError) as error:
-                yield f"depth, {capture.path.name}: {error}"
+                yield f"depth, {at}: {error}"
                 continue
             textured = run.measured & (run.noise_sigma <= TEXTURED * np.median(run.noise_sigma[run.measured]))
             z, camera = run.depth[textured], m._calibrated[0]
             x, y = chief_rays(camera, (run.x_ml[textured][:, 0], run.x_ml[textured][:, 1])).on_plane(z)
-            budget = m.budget(ahead)
-            expanded, precision = float(budget.expanded_mm), float(budget.of_kind("precision"))
+            points = np.stack([x, y, z - float(camera.tip)], axis=-1)
             common = 0.0 if run.calibration_sigma is None else float(np.nanmedian(run.calibration_sigma))
-            yield cls(
-                f"{kind} at {number(ahead, 4)} mm", ahead, np.stack([x, y, z - float(camera.tip)], axis=-1),
-                run.noise_sigma[textured], float(run.disparities.window**2), common, (-expanded, expanded), precision,
-            )  # fmt: skip
+            window = float(run.disparities.window**2)
+            yield from lines(m, ahead, at, points, run.noise_sigma[textured], window, common)
 
 
-def _wall_lines(m: Measuring) -> Told:
-    half = 0.45 * m.bench.setup.wall.printed_side
-    for wall in _Depth.each(m, "wall"):
-        if isinstance(wall, str):
-            yield wall
-            continue
-        on = (np.abs(wall.points[:, :2]) < half).all(axis=1)
-        if on.sum() < LEAST_POINTS:
-            yield f"depth, {wall.at}: too few microlenses have a depth"
-            continue
-        plane = SurfaceFit.plane(wall.points[on], wall.sigma[on], wall.window)
-        own = math.sqrt(float(plane.covariance[0, 0]))
-        yield AcceptanceLine(
-            DEPTH, f"error of depth, {wall.at}", "mm", float(plane.parameters[0]) - wall.ahead,
-            COVERAGE * math.hypot(own, m.placed * wall.ahead), 0.0, wall.limits,
-            f"limits: depth, expected, U = {number(wall.limits[1], 2)} mm", COVERAGE * math.hypot(own, wall.common),
-        )  # fmt: skip
-        yield from _ranges(plane, "flatness error", "a plane", wall.at, wall.precision)
-
-
-def _ranges(fit: SurfaceFit, form: str, shape: str, at: str, precision: float) -> Told:
-    """Range and rms of points about a surface, beside what noise alone is expected to leave."""
-    words = f"expected: noise of the data sheet's texture, {number(precision, 2)} mm, without what a texture puts off"
+def _wall_lines(m: Measuring, ahead: float, at: str, points: Array, sigma: Array, window: float, common: float) -> Told:
+    """Figures of a wall, by points (n, 3) from the tip [mm] and their standard errors, common ones apart."""
+    on = (np.abs(points[:, :2]) < 0.45 * m.bench.setup.wall.printed_side).all(axis=1)
+    if on.sum() < LEAST_POINTS:
+        yield f"depth, {at}: too few microlenses have a depth"
+        return
+    plane, expanded = SurfaceFit.plane(points[on], sigma[on], window), float(m.budget(ahead).expanded_mm)
+    own = math.sqrt(float(plane.covariance[0, 0]))
     yield AcceptanceLine(
-        DEPTH, f"{form}, {at}", "mm", fit.error, COVERAGE * fit.error_sigma, STRAY_SPAN * precision, remark=words
-    )
-    yield AcceptanceLine(DEPTH, f"off {shape}, rms, {at}", "mm", fit.rms, COVERAGE * fit.rms_sigma, precision)
+        DEPTH, f"error of depth, {at}", "mm", float(plane.parameters[0]) - ahead,
+        COVERAGE * math.hypot(own, m.placed * ahead), 0.0, (-expanded, expanded),
+        f"limits: depth, expected, U = {number(expanded, 2)} mm", COVERAGE * math.hypot(own, common),
+    )  # fmt: skip
+    yield from _ranges(m, plane, "flatness error", "a plane", ahead, at)
 
 
-def _sphere_lines(m: Measuring) -> Told:
-    target = m.bench.setup.spheres
-    for pair in _Depth.each(m, "spheres"):
-        if isinstance(pair, str):
-            yield pair
-            continue
-        seen = SphereSpacing.of(pair.points, pair.sigma, pair.window, target.diameter, target.spacing)
-        if seen is None:
-            yield f"depth, {pair.at}: shows no two spheres of their size so far apart"
-            continue
-        claimed = COVERAGE * math.hypot(seen.sigma, pair.common * target.spacing / pair.ahead)
-        yield AcceptanceLine(
-            DEPTH, f"sphere-spacing error, {pair.at}", "mm", seen.spacing - target.spacing,
-            COVERAGE * seen.sigma, 0.0, pair.limits, "limits: depth, expected", claimed,
-        )  # fmt: skip
-        worst = max(seen.spheres, key=lambda sphere: sphere.error)
-        size = 2 * float(worst.parameters[3]) - target.diameter
-        spread = 2 * COVERAGE * math.sqrt(float(worst.covariance[3, 3]))
-        yield AcceptanceLine(DEPTH, f"probing error, size, {pair.at}", "mm", size, spread, 0.0, pair.limits)
-        yield from _ranges(worst, "probing error, form", "a sphere", pair.at, pair.precision)
+def _ranges(m: Measuring, fit: SurfaceFit, form: str, shape: str, ahead: float, at: str) -> Told:
+    """Range and rms of points about a surface, beside what noise alone is expected to leave."""
+    noise = float(m.budget(ahead).of_kind("precision"))
+    words = f"expected: noise of the data sheet's texture, {number(noise, 2)} mm, without what a texture puts off"
+    error, rms = COVERAGE * fit.error_sigma, COVERAGE * fit.rms_sigma
+    yield AcceptanceLine(DEPTH, f"{form}, {at}", "mm", fit.error, error, STRAY_SPAN * noise, remark=words)
+    yield AcceptanceLine(DEPTH, f"off {shape}, rms, {at}", "mm", fit.rms, rms, noise)
+
+
+def _sphere_lines(
+    m: Measuring, ahead: float, at: str, points: Array, sigma: Array, window: float, common: float
+) -> Told:
+    """Figures of a pair of spheres; arguments as of `_wall_lines`."""
+    target, expanded = m.bench.setup.spheres, float(m.budget(ahead).expanded_mm)
+    pair = SphereSpacing.of(points, sigma, window, target.diameter, target.spacing)
+    if pair is None:
+        yield f"depth, {at}: shows no two spheres of their size so far apart"
+        return
+    limits, claimed = (-expanded, expanded), COVERAGE * math.hypot(pair.sigma, common * target.spacing / ahead)
+    yield AcceptanceLine(
+        DEPTH, f"sphere-spacing error, {at}", "mm", pair.spacing - target.spacing,
+        COVERAGE * pair.sigma, 0.0, limits, "limits: depth, expected", claimed,
+    )  # fmt: skip
+    worst = max(pair.spheres, key=lambda sphere: sphere.error)
+    size = 2 * float(worst.parameters[3]) - target.diameter
+    spread = 2 * COVERAGE * math.sqrt(float(worst.covariance[3, 3]))
+    yield AcceptanceLine(DEPTH, f"probing error, size, {at}", "mm", size, spread, 0.0, limits)
+    yield from _ranges(m, worst, "probing error, form", "a sphere", ahead, at)
 
 
 def _camera_lines(m: Measuring) -> Told:

@@ -111,7 +111,7 @@ class WallTarget(_Square):
     @property
     def count(self) -> int:
         """Smallest dots along its side."""
-        return max(2 ** (self.octaves - 1), math.ceil(self.side / self.finest))
+        return max(1 << (self.octaves - 1), math.ceil(self.side / self.finest))
 
 
 class SpheresTarget(StrictTable):

@@ -191,7 +191,7 @@ def board_picture(board: Board, turn: float) -> NDArray[np.float64]:
     on = (a > 0) & (a < board.columns) & (b > 0) & (b < board.rows)
     paper = (a > -1) & (a < board.columns + 1) & (b > -1) & (b < board.rows + 1)
     dark = on * (1 + side(a) * side(b)) / 2
-    return np.where(paper, PAPER + (INK - PAPER) * dark, ROOM)
+    return np.asarray(np.where(paper, PAPER + (INK - PAPER) * dark, ROOM), float)
 
 
 @cache
