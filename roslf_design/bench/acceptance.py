@@ -24,7 +24,6 @@ from ..calibration.refocusing import CameraDistances
 from ..calibration.written import calibrated_camera, read_numbers
 from ..camera import Camera
 from ..depth.from_files import CaptureOptions, captured
-from ..depth.measure import Depths
 from ..design import PATHS, Design
 from ..errors import InputError
 from ..evaluation.specification import Specification, resolved, specification
@@ -207,17 +206,12 @@ class Measuring:
             if capture.path.name not in self.check.faulty:
                 yield capture, float(capture.ahead or 0.0)
 
-    def tolerance(self, compute: Callable[[Camera], Any]) -> float | None:
-        """Two standard deviations of a figure over builds; None where no study gives any."""
-        if self.build is None or self.bench.design.main_lens.kind.faults:
-            return None
-        sigma = float(self.build.carried(self.camera, compute))
-        return COVERAGE * sigma if math.isfinite(sigma) else None
-
     def about(self, expected: float | None, compute: Callable[[Camera], Any]) -> tuple[float, float] | None:
-        """Limits about the data sheet's line."""
-        tolerance = self.tolerance(compute)
-        return None if tolerance is None or expected is None else (expected - tolerance, expected + tolerance)
+        """Limits about the data sheet's line: two standard deviations over builds; None where no study gives any."""
+        if expected is None or self.build is None or self.bench.design.main_lens.kind.faults:
+            return None
+        tolerance = COVERAGE * float(self.build.carried(self.camera, compute))
+        return (expected - tolerance, expected + tolerance) if math.isfinite(tolerance) else None
 
     def scale(self, ahead: float) -> tuple[float, float]:
         """Span of a microlens pitch at a distance [mm], as calibrated, and its relative standard uncertainty."""
@@ -251,7 +245,7 @@ def accepted(measuring: Measuring, progress: CountedProgress = silent) -> Accept
     if spoilt:
         left_out.append(f"everything: the calibration depends on {', '.join(spoilt)}; calibrate again without")
         return Acceptance(measuring.bench.design.name, (), check.faults, tuple(left_out))
-    steps = (_field_lines, _resolution_lines, _wall_lines, _sphere_lines, _camera_lines, _sensor_lines)
+    steps = (_field_lines, _resolution_lines, _depth_lines, _camera_lines, _sensor_lines)
     for done, step in enumerate(steps):
         progress("measuring", done, len(steps))
         for line in step(measuring):
@@ -343,8 +337,8 @@ def _limits(m: Measuring, responses: Sequence[EdgeResponse], kind: Kind, words: 
         if not math.isfinite(value):
             yield f"{name}: contrast does not fall so far"
             continue
-        tolerance = m.tolerance(partial(_resolved, axis, ahead, kind, level))
-        limits = None if tolerance is None or expected is None else (expected - tolerance, math.inf)
+        about = m.about(expected, partial(_resolved, axis, ahead, kind, level))
+        limits = about and (about[0], math.inf)
         expanded = COVERAGE * value / span * math.hypot(sigma / value, uncertain)
         remark = f"{len(responses)} edge{'s' * (len(responses) > 1)}; the print's own blur is in it"
         yield AcceptanceLine(RESOLUTION, name, "lp/mm", value / span, expanded, expected, limits, remark)
@@ -355,82 +349,71 @@ def _resolved(axis: tuple[float, float], ahead: float, kind: Kind, level: float,
     return np.array([(r.mtf50_lp_per_mm if level == 0.5 else r.mtf10_lp_per_mm) or math.nan for r in rows])
 
 
-def _points(m: Measuring, capture: BenchCapture) -> tuple[Depths, Array, Array]:
-    """Depths in a capture, points (n, 3) where there is texture, Z from the tip [mm], and their standard errors."""
-    options = CaptureOptions(white=m.frames.white, dark=m.frames.dark, calibration=m.calibration)
-    run = captured(capture.path, options).first
-    known = run.measured & (run.noise_sigma <= TEXTURED * np.median(run.noise_sigma[run.measured]))
-    z = run.depth[known]
-    camera = m._calibrated[0]
-    x, y = chief_rays(camera, (run.x_ml[known][:, 0], run.x_ml[known][:, 1])).on_plane(z)
-    return run, np.stack([x, y, z - float(camera.tip)], axis=-1), run.noise_sigma[known]
+def _depth_lines(m: Measuring) -> Told:
+    ways: tuple[tuple[Literal["wall", "spheres"], Callable[..., Told]], ...]
+    ways = ("wall", _wall_lines), ("spheres", _sphere_lines)
+    for kind, lines in ways:
+        for capture, ahead in m.good(kind):
+            at = f"{kind} at {number(ahead, 4)} mm"
+            options = CaptureOptions(white=m.frames.white, dark=m.frames.dark, calibration=m.calibration)
+            try:
+                run = captured(capture.path, options).first
+            except (CalibrationError, InputError) as error:
+                yield f"depth, {at}: {error}"
+                continue
+            textured = run.measured & (run.noise_sigma <= TEXTURED * np.median(run.noise_sigma[run.measured]))
+            z, camera = run.depth[textured], m._calibrated[0]
+            x, y = chief_rays(camera, (run.x_ml[textured][:, 0], run.x_ml[textured][:, 1])).on_plane(z)
+            points = np.stack([x, y, z - float(camera.tip)], axis=-1)
+            common = 0.0 if run.calibration_sigma is None else float(np.nanmedian(run.calibration_sigma))
+            window = float(run.disparities.window**2)
+            yield from lines(m, ahead, at, points, run.noise_sigma[textured], window, common)
 
 
-def _wall_lines(m: Measuring) -> Told:
-    for capture, ahead in m.good("wall"):
-        try:
-            run, points, sigma = _points(m, capture)
-        except (CalibrationError, InputError) as error:
-            yield f"depth, {capture.path.name}: {error}"
-            continue
-        half = 0.45 * m.bench.setup.wall.printed_side
-        on = (np.abs(points[:, :2]) < half).all(axis=1)
-        if on.sum() < LEAST_POINTS:
-            yield f"depth, {capture.path.name}: too few microlenses have a depth"
-            continue
-        window = float(run.disparities.window**2)
-        plane = SurfaceFit.plane(points[on], sigma[on], window)
-        budget = m.budget(ahead)
-        expanded, precision = float(budget.expanded_mm), float(budget.of_kind("precision"))
-        at = f"wall at {number(ahead, 4)} mm"
-        own = math.sqrt(float(plane.covariance[0, 0]))
-        common = 0.0 if run.calibration_sigma is None else float(np.nanmedian(run.calibration_sigma))
-        yield AcceptanceLine(
-            DEPTH, f"error of depth, {at}", "mm", float(plane.parameters[0]) - ahead,
-            COVERAGE * math.hypot(own, m.placed * ahead), 0.0, (-expanded, expanded),
-            f"limits: depth, expected, U = {number(expanded, 2)} mm", COVERAGE * math.hypot(own, common),
-        )  # fmt: skip
-        yield from _ranges(plane, f"flatness error, {at}", f"off a plane, rms, {at}", precision)
-
-
-def _ranges(fit: SurfaceFit, error: str, rms: str, precision: float) -> Told:
-    """Range and rms of points about a surface, against what noise alone is expected to leave."""
-    words = f"limit: {number(STRAY_SPAN, 2)} x the noise expected of one microlens, {number(precision, 2)} mm"
+def _wall_lines(m: Measuring, ahead: float, at: str, points: Array, sigma: Array, window: float, common: float) -> Told:
+    """Figures of a wall, by points (n, 3) from the tip [mm] and their standard errors, common ones apart."""
+    on = (np.abs(points[:, :2]) < 0.45 * m.bench.setup.wall.printed_side).all(axis=1)
+    if on.sum() < LEAST_POINTS:
+        yield f"depth, {at}: too few microlenses have a depth"
+        return
+    plane, expanded = SurfaceFit.plane(points[on], sigma[on], window), float(m.budget(ahead).expanded_mm)
+    own = math.sqrt(float(plane.covariance[0, 0]))
     yield AcceptanceLine(
-        DEPTH, error, "mm", fit.error, COVERAGE * fit.error_sigma, STRAY_SPAN * precision,
-        (-math.inf, STRAY_SPAN * precision), words,
+        DEPTH, f"error of depth, {at}", "mm", float(plane.parameters[0]) - ahead,
+        COVERAGE * math.hypot(own, m.placed * ahead), 0.0, (-expanded, expanded),
+        f"limits: depth, expected, U = {number(expanded, 2)} mm", COVERAGE * math.hypot(own, common),
     )  # fmt: skip
+    yield from _ranges(m, plane, "flatness error", "a plane", ahead, at)
+
+
+def _ranges(m: Measuring, fit: SurfaceFit, form: str, shape: str, ahead: float, at: str) -> Told:
+    """Range and rms of points about a surface, beside what noise alone is expected to leave."""
+    noise = float(m.budget(ahead).of_kind("precision"))
+    words = f"expected: noise of the data sheet's texture, {number(noise, 2)} mm, without what a texture puts off"
+    error, rms = COVERAGE * fit.error_sigma, COVERAGE * fit.rms_sigma
+    yield AcceptanceLine(DEPTH, f"{form}, {at}", "mm", fit.error, error, STRAY_SPAN * noise, remark=words)
+    yield AcceptanceLine(DEPTH, f"off {shape}, rms, {at}", "mm", fit.rms, rms, noise)
+
+
+def _sphere_lines(
+    m: Measuring, ahead: float, at: str, points: Array, sigma: Array, window: float, common: float
+) -> Told:
+    """Figures of a pair of spheres; arguments as of `_wall_lines`."""
+    target, expanded = m.bench.setup.spheres, float(m.budget(ahead).expanded_mm)
+    pair = SphereSpacing.of(points, sigma, window, target.diameter, target.spacing)
+    if pair is None:
+        yield f"depth, {at}: shows no two spheres of their size so far apart"
+        return
+    limits, claimed = (-expanded, expanded), COVERAGE * math.hypot(pair.sigma, common * target.spacing / ahead)
     yield AcceptanceLine(
-        DEPTH, rms, "mm", fit.rms, COVERAGE * fit.rms_sigma, precision, (-math.inf, precision), "limit: that noise"
-    )
-
-
-def _sphere_lines(m: Measuring) -> Told:
-    target = m.bench.setup.spheres
-    for capture, ahead in m.good("spheres"):
-        try:
-            run, points, sigma = _points(m, capture)
-        except (CalibrationError, InputError) as error:
-            yield f"depth, {capture.path.name}: {error}"
-            continue
-        seen = SphereSpacing.of(points, sigma, float(run.disparities.window**2), target.diameter, target.spacing)
-        if seen is None:
-            yield f"depth, {capture.path.name}: shows no two spheres of their size so far apart"
-            continue
-        budget = m.budget(ahead)
-        expanded, precision = float(budget.expanded_mm), float(budget.of_kind("precision"))
-        limits, at = (-expanded, expanded), f"spheres at {number(ahead, 4)} mm"
-        common = 0.0 if run.calibration_sigma is None else float(np.nanmedian(run.calibration_sigma))
-        claimed = COVERAGE * math.hypot(seen.sigma, common * target.spacing / ahead)
-        yield AcceptanceLine(
-            DEPTH, f"sphere-spacing error, {at}", "mm", seen.spacing - target.spacing,
-            COVERAGE * seen.sigma, 0.0, limits, "limits: depth, expected", claimed,
-        )  # fmt: skip
-        worst = max(seen.spheres, key=lambda sphere: sphere.error)
-        size = 2 * float(worst.parameters[3]) - target.diameter
-        spread = 2 * COVERAGE * math.sqrt(float(worst.covariance[3, 3]))
-        yield AcceptanceLine(DEPTH, f"probing error, size, {at}", "mm", size, spread, 0.0, limits, "limits likewise")
-        yield from _ranges(worst, f"probing error, form, {at}", f"off a sphere, rms, {at}", precision)
+        DEPTH, f"sphere-spacing error, {at}", "mm", pair.spacing - target.spacing,
+        COVERAGE * pair.sigma, 0.0, limits, "limits: depth, expected", claimed,
+    )  # fmt: skip
+    worst = max(pair.spheres, key=lambda sphere: sphere.error)
+    size = 2 * float(worst.parameters[3]) - target.diameter
+    spread = 2 * COVERAGE * math.sqrt(float(worst.covariance[3, 3]))
+    yield AcceptanceLine(DEPTH, f"probing error, size, {at}", "mm", size, spread, 0.0, limits)
+    yield from _ranges(m, worst, "probing error, form", "a sphere", ahead, at)
 
 
 def _camera_lines(m: Measuring) -> Told:

@@ -76,34 +76,42 @@ class BoardTarget(Printed):
         return Board(drawn.columns, drawn.rows, drawn.cell * scale, marks)
 
 
-class EdgeTarget(Printed):
+class _Square(Printed):
+    """A square target."""
+
+    side: Length
+    """Side, as drawn."""
+    at: Distances
+
+    @property
+    def printed_side(self) -> float:
+        """Side as printed [mm]."""
+        return self.side * self.scale
+
+
+class EdgeTarget(_Square):
     """A slanted edge for e-SFR: a dark square turned in a bright one."""
 
     angle: Angle
     """Angle between the edges and the array's rows and columns [rad]."""
-    side: Length
-    """Side of the dark square, as drawn."""
-    at: Distances
 
     @property
-    def printed_side(self) -> float:
-        """Side as printed [mm]."""
-        return self.side * self.scale
+    def across(self) -> float:
+        """Width that it takes on the page, as drawn [mm]."""
+        return self.side * (math.cos(self.angle) + math.sin(self.angle))
 
 
-class WallTarget(Printed):
+class WallTarget(_Square):
     """A flat wall with texture: noise of several octaves."""
 
-    side: Length
     finest: Length
     """Side of the smallest dots, as drawn."""
     octaves: int = Field(ge=1, le=12)
-    at: Distances
 
     @property
-    def printed_side(self) -> float:
-        """Side as printed [mm]."""
-        return self.side * self.scale
+    def count(self) -> int:
+        """Smallest dots along its side."""
+        return max(1 << (self.octaves - 1), math.ceil(self.side / self.finest))
 
 
 class SpheresTarget(StrictTable):

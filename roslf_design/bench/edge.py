@@ -1,4 +1,4 @@
-"""Spatial frequency response of a slanted edge (e-SFR, ISO 12233), in a view or over all views refocused to the edge.
+"""Spatial frequency response of a slanted edge (e-SFR, ISO 12233), in a view or over views refocused to the edge.
 
 Samples lie at distances x from the edge, all microlenses and views together: the oversampled edge profile is a cubic
 spline through them, and its derivative, whose Fourier transform is known, the line spread. No picture is resampled:
@@ -20,7 +20,7 @@ from scipy import ndimage, sparse
 from scipy.interpolate import BSpline
 
 from .._arrays import Array
-from ..calibration.decoding import LightField
+from ..calibration.decoding import TAPS, LightField
 from ..calibration.frames import CalibrationError
 
 KNOT = 0.25
@@ -64,9 +64,11 @@ class EdgeResponse:
         waves = np.exp(-2j * math.pi * nu[:, None] * self.places) * np.sinc(nu * KNOT)[:, None] ** 3
         height, light = self.steps.sum(), waves @ self.steps
         size = np.abs(light)
-        rates = ((light.conj() / np.maximum(size, 1e-30))[:, None] * waves).real / height
-        rates -= np.sign(height) * (size / height**2)[:, None]
-        return size / abs(height), np.sqrt(((rates @ self.covariance) * rates).sum(-1).clip(0))
+        turned = (light.conj() / np.maximum(size, 1e-30))[:, None] * waves
+        rates = turned.real / height - np.sign(height) * (size / height**2)[:, None]
+        along, across = (((part @ self.covariance) * part).sum(-1).clip(0) for part in (rates, turned.imag / height))
+        # Noise across the mean's phase lengthens it, whichever way it goes.
+        return np.sqrt(np.maximum((size / height) ** 2 - across, 0.0)), np.sqrt(along)
 
     def limit(self, level: float) -> Frequency:
         """Lowest frequency at which the contrast has fallen to `level`."""
@@ -146,7 +148,10 @@ def edges_in_view(field: LightField) -> tuple[EdgeResponse, ...]:
 
 
 def edges_refocused(field: LightField, slope: float) -> tuple[EdgeResponse, ...]:
-    """Responses of edges over all views, refocused to each of them.
+    """Responses of edges over views, refocused to each of them; those of light from one microlens alone.
+
+    Nearer to the next microlens's image samples are interpolated from its pixels too: its light, a pitch aside, is no
+    blur of the camera's.
 
     Parameters
     ----------
@@ -159,7 +164,8 @@ def edges_refocused(field: LightField, slope: float) -> tuple[EdgeResponse, ...]
     CalibrationError
         It shows none.
     """
-    samples = _Samples.of(field, (np.arange(len(field.t)), np.arange(len(field.s))))
+    t, s = (np.flatnonzero(np.abs(axis) <= max(field.pitch / 2 - TAPS, 0.0)) for axis in (field.t, field.s))
+    samples = _Samples.of(field, (t, s))
     return _each(field, lambda line: _fitted(samples, line, slope, refocus=True))
 
 

@@ -25,7 +25,7 @@ class SurfaceFit(NamedTuple):
     parameters: Array
     """Plane: Z at x = y = 0, and its growth along x and y. Sphere: its centre and, if fitted, its radius."""
     covariance: Array
-    """Covariance of those, by the errors reported with the points; neighbours within a window err alike."""
+    """Covariance of those, by the points' errors; neighbours within a window err alike."""
     error: float
     """Range of the points' distances from it, strays left out: flatness error, or probing error (form) [mm]."""
     error_sigma: float
@@ -95,7 +95,10 @@ def _range(off: Array, independent: float) -> tuple[float, float, float, float]:
 def _fitted(
     distance: Callable[[Array], Array], start: Array, sigma: Array, window: float
 ) -> tuple[Array, Array, Array]:
-    """Parameters, their covariance, and distances from the surface; strays beyond three thousandths do not count."""
+    """Parameters, their covariance, and distances from the surface; strays beyond three thousandths do not count.
+
+    Points that scatter more than their errors say, as a texture puts them off, widen the covariance (Birge).
+    """
     used = np.ones(sigma.size, bool)
     rates = np.zeros((0, 0))
 
@@ -107,7 +110,8 @@ def _fitted(
         start, rates = fit.x, np.asarray(fit.jac)
         off = np.abs(distance(start)) / sigma
         used = off <= np.quantile(off, 1 - REJECTED)
-    return start, np.asarray(np.linalg.pinv(rates.T @ rates) * window, float), distance(start)
+    wider = max(1.0, float(np.mean(off[used] ** 2)))
+    return start, np.asarray(np.linalg.pinv(rates.T @ rates) * window * wider, float), distance(start)
 
 
 class SphereSpacing(NamedTuple):

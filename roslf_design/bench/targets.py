@@ -249,13 +249,12 @@ def _edge(setup: Setup, name: str) -> Sheet:
     cos, sin = math.cos(edge.angle), math.sin(edge.angle)
     square = _rectangle((-edge.side / 2, -edge.side / 2), edge.side, edge.side) @ np.array([[cos, sin], [-sin, cos]])
     title = f"Slanted edge, square of {edge.side:g} mm turned by {math.degrees(edge.angle):g} degrees"
-    across = edge.side * (cos + sin)
-    return _sheet("edge", (title, name), (across, across), [square], bar=edge.bar, feature="edges are too ragged")
+    size, ragged = (edge.across, edge.across), "edges are too ragged"
+    return _sheet("edge", (title, name), size, [square], bar=edge.bar, feature=ragged)
 
 
 def _wall(setup: Setup, name: str) -> Sheet:
-    wall = setup.wall
-    count = max(2 ** (wall.octaves - 1), math.ceil(wall.side / wall.finest))
+    wall, count = setup.wall, setup.wall.count
     dark = texture(count, wall.octaves, np.random.default_rng(setup.seed))
     side = count * wall.finest
     corner = np.full(2, -side / 2)

@@ -18,6 +18,8 @@ DARKEST = 0.05
 """Light of the white image, against its brightest, under which a sample says nothing."""
 
 
+TAPS = 2.0
+"""Reach of cubic convolution [px]: samples are of pixels up to so far."""
 TABLE = 1000
 """Steps a period in which what interpolation does to detail is tabulated: to 2e-5."""
 

@@ -373,4 +373,5 @@ def _root(square: float, doubt: float, scale: float, share: float) -> _Figure | 
     if square < 2 * doubt:
         return _Figure(scale * math.sqrt(max(square, 0.0) + 2 * doubt), 0.0, "at most")
     root = math.sqrt(square)
-    return _Figure(scale * root, scale * root * math.hypot(doubt / (2 * square), share))
+    down = (root - math.sqrt(square - 2 * doubt)) / 2  # a root is known less well downwards, where doubt is large
+    return _Figure(scale * root, scale * math.hypot(down, root * share))

@@ -92,7 +92,7 @@ def calibrated(folder: Path, design: Design, options: CalibrateOptions, progress
     progress("measuring sensor and pupil")
     even = WhiteFrame(
         grey_frame(plain.white, plain.dark, "white image"),
-        full_scale(plain.white, plain.notes, design.sensor.bits, None),
+        full_scale(plain.white, plain.notes, design.sensor.bits, None, plain.dark),
         bool(plain.notes) or plain.dark is not None,
     )
     profile = even.profile(centres, design, capture.balance)

@@ -122,14 +122,14 @@ def from_raw(
     if design is not None and pixels.shape[1::-1] == Camera.of(design).pixels:  # it counts from the sensor's middle
         radius = undistorted_radius(design) or None
     bits = math.inf if design is None else design.sensor.bits
-    full = full_scale(pixels, notes, bits, even)
+    full = full_scale(pixels, notes, bits, even, black)
     try:
         for name, path, other in (("white image", white, even), ("dark frame", dark, black)):
             if other is not None:
                 same_size(f"raw image {image.name}", pixels.shape, f"{name} {path.name if path else ''}", other.shape)
         plain = None
         if even is not None:
-            level = full_scale(even, white_notes, bits, pixels)
+            level = full_scale(even, white_notes, bits, pixels, black)
             plain = WhiteFrame(grey_frame(even, black, "white image"), level, bool(white_notes) or black is not None)
         if design is not None and design.light.veil > 0 and full is not None:
             black = np.float32(design.light.veil * full) + (
@@ -163,8 +163,10 @@ def from_raw(
     return RawDecoded(field, RawSource(frame, centres, even is not None), pixels, notes, balance, plain, full)
 
 
-def full_scale(pixels: Image, notes: Mapping[str, Any], bits: float, beside: Image | None) -> float | None:
-    """Value at which a pixel is full; None where nothing states it.
+def full_scale(
+    pixels: Image, notes: Mapping[str, Any], bits: float, beside: Image | None, dark: Image | None = None
+) -> float | None:
+    """Value at which a pixel is full, above the level of a dark frame; None where nothing states it.
 
     Counts are those of a sensor of so many bits; where they, or those of a file beside, are larger, of their type.
     Pictures that `roslf` rendered say it themselves.
@@ -176,7 +178,8 @@ def full_scale(pixels: Image, notes: Mapping[str, Any], bits: float, beside: Ima
     if pixels.dtype.kind not in "ui":
         return None
     most = 2.0**bits - 1
-    return most if max(float(image.max()) for image in counts) <= most < math.inf else saturation_level(pixels)
+    end = most if max(float(image.max()) for image in counts) <= most < math.inf else saturation_level(pixels)
+    return end - (0.0 if dark is None else float(np.median(dark)))
 
 
 def _filtered(design: Design | None, notes: Mapping[str, Any]) -> bool:

@@ -54,18 +54,24 @@ from studies.bench.made import (
 
 
 def presets() -> dict[str, Design]:
-    """Designs, two with fewer and larger pixels: pictures take seconds."""
+    """Designs with fewer and larger pixels: pictures take seconds."""
     paper, scope = load("paper"), load("rigid-scope")
-    coarse = {"name": "Paper's camera at a third", "sensor.pixel": 2 * paper.sensor.pixel}
-    size = 640 * 2 * paper.sensor.pixel, 540 * 2 * paper.sensor.pixel
-    coarse |= {"sensor.size": size, "microlens_array.size": (size[0] + 0.5, size[1] + 0.5)}
+    coarse = {"name": "Paper's camera at a third"} | _pixels(2 * paper.sensor.pixel, (640, 540), 0.5)
     lengths = {name: getattr(paper, name) / 3 for name in ("f", "d_1", "d_3", "D", "D_F")}
-    longer = {"name": "Rigid scope, longer focus"}
+    wide = _pixels(1.5 * scope.sensor.pixel, (692, 520), 0.05)
+    longer = {"name": "Rigid scope, longer focus"} | wide
     return {
-        "rigid-scope": scope,
+        "scope": scope.replace({"name": "Rigid scope"} | wide),
         "paper-third": paper.replace(coarse, **lengths),
         "scope-long": scope.replace(longer, d_3=1.0, D_F=0.35),
     }
+
+
+def _pixels(pixel: float, count: tuple[int, int], more: float) -> dict[str, Any]:
+    """Changes to so many pixels, and an array that is larger by `more` [mm]."""
+    size = count[0] * pixel, count[1] * pixel
+    array = size[0] + more, size[1] + more
+    return {"sensor.pixel": pixel, "sensor.size": size, "microlens_array.size": array}
 
 
 @dataclass(frozen=True)
@@ -84,12 +90,21 @@ class Compared:
         return (self.value - self.truth) / self.expanded
 
 
+BOARDS = 8
+"""Images of the board of each build."""
+STOOD = "stood.json"
+"""Where targets stood; written once all captures of a build are."""
+
+
 def filled(folder: Path, nominal: Design, seed: int) -> Bench:
-    """A bench folder with all captures of one build."""
+    """A bench folder with all captures of one build; of one preset all builds have the same targets and poses."""
+    setup = Protocol.of(nominal, PlanOptions.of(board=None, boards=BOARDS)).setup
+    bench = Bench(folder, setup, Build.drawn(nominal, seed))
+    if (folder / STOOD).is_file():
+        bench.stood = json.loads((folder / STOOD).read_text(encoding="utf-8"))
+        return bench
     shutil.rmtree(folder, ignore_errors=True)
-    setup = Protocol.of(nominal, PlanOptions.of(board=None, seed=seed)).setup
-    bench = Bench(folder, setup, Build.drawn(nominal, seed)).begun(nominal)
-    bench.even()
+    bench.begun(nominal).even()
     for at in setup.edge.at:
         bench.taken(f"edge_{at:g}mm.tif", *edge_picture(setup))
     for at in setup.field.at:
@@ -102,6 +117,7 @@ def filled(folder: Path, nominal: Design, seed: int) -> Bench:
         pass
     for printed in folder.glob("printed-*.png"):
         printed.unlink()
+    (folder / STOOD).write_text(json.dumps(bench.stood), encoding="utf-8")
     return bench
 
 
@@ -195,8 +211,8 @@ def main() -> None:
     asked = parser.parse_args()
     rows: list[Compared] = []
     named: dict[str, tuple[str, ...]] = {}
-    for preset in asked.presets:
-        for seed in range(1, asked.builds + 1):
+    for seed in range(1, asked.builds + 1):
+        for preset in asked.presets:
             folder = asked.work / f"{preset}-{seed}"
             done, blamed = folder / "compared.json", asked.work / "faults.json"
             if done.is_file():
@@ -210,6 +226,8 @@ def main() -> None:
                 blamed.write_text(json.dumps(named, indent=1), encoding="utf-8")
             done.write_text(json.dumps([vars(row) for row in mine], indent=1), encoding="utf-8")
             rows += mine
+            held = sum(abs(row.off) <= 1 for row in mine)
+            print(f"{folder.name}: {held} of {len(mine)} within U, {_used():.0f} s so far", flush=True)
     inside = sum(abs(row.off) <= 1 for row in rows)
     cells = [
         (row.bench, row.name, f"{row.value:.5g}", f"± {row.expanded:.2g}", f"{row.truth:.5g}", f"{row.off:+.2f}")
@@ -238,8 +256,13 @@ def main() -> None:
     for name, content in page_files(page).items():
         (asked.output / name).parent.mkdir(exist_ok=True)
         (asked.output / name).write_bytes(content)
+    print(f"{words} {_used():.0f} s of processor time")
+
+
+def _used() -> float:
+    """Processor time so far [s]."""
     used = resource.getrusage(resource.RUSAGE_SELF)
-    print(f"{words} {used.ru_utime + used.ru_stime:.0f} s of processor time")
+    return used.ru_utime + used.ru_stime
 
 
 if __name__ == "__main__":

@@ -15,6 +15,7 @@ POSES = [(-14, 28, 5), (25, -28, 8), (2, 3, -33), (-8, 20, 26)]
 """Distance from the focal plane [mm], tilts [deg]."""
 RAYS = ["-microlens_diffraction", "-fap_diffraction", "-microlens_defocus"]
 SAMPLING = RaySampling(least=12, most=40, tolerance=0.035)
+"""Scatter of a few per cent along edges, as noise of an exposure makes it everywhere."""
 BLACK, GAIN = 40, 2800
 
 

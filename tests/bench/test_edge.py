@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.special import erf
 
-from roslf_design.bench.edge import edges_in_view, edges_refocused, limit_of
+from roslf_design.bench.edge import KNOT, EdgeResponse, edges_in_view, edges_refocused, limit_of
 from roslf_design.calibration.decoding import LightField
 from roslf_design.calibration.frames import CalibrationError
 
@@ -87,3 +87,28 @@ def test_picture_without_an_edge_is_refused():
     )
     with pytest.raises(CalibrationError, match="no edge"):
         edges_in_view(flat)
+
+
+def test_noise_does_not_lengthen_what_is_left_of_the_contrast():
+    rng, sigma, noise, nu = np.random.default_rng(3), 0.6, 0.02, np.array([gaussian(0.2, 0.6)])
+    places = KNOT * (np.arange(80) - 39.5)
+    steps = np.exp(-((places / sigma) ** 2) / 2)
+    steps /= steps.sum()
+    covariance = noise**2 * np.eye(80)
+    drawn = steps + noise * (rng.standard_normal((400, 80)))
+    off = [float(EdgeResponse(places, one, covariance, 0.0, 0.0, 0.0).transfer(nu)[0][0]) for one in drawn]
+    still = float(EdgeResponse(places, steps, 0 * covariance, 0.0, 0.0, 0.0).transfer(nu)[0][0])
+    assert np.std(off) > 0.04  # by which the modulus of a noisy wave would be too long by a twentieth
+    assert np.mean(off) == pytest.approx(still, abs=3 * np.std(off) / 20)
+
+
+def test_light_of_neighbours_in_outer_views_is_no_blur():
+    field = edge_field(np.random.default_rng(4), slope=0.1, views=9)
+    values = field.values.copy()
+    for k, away in ((0, -1), (-1, 1)):
+        values[:, k] += 0.3 * (np.roll(field.values[:, k], -away, axis=-1) - values[:, k])
+        values[k] += 0.3 * (np.roll(field.values[k], -away, axis=-2) - values[k])
+    (response,) = edges_refocused(replace(field, values=values), 0.1)
+    assert response.limit(0.5)[0] == pytest.approx(gaussian(0.5, 0.5), rel=3e-3)
+    (response,) = edges_refocused(replace(field, values=values, pitch=14.0), 0.1)
+    assert response.limit(0.5)[0] < 0.97 * gaussian(0.5, 0.5)

@@ -52,3 +52,13 @@ def test_wall_alone_has_no_spheres():
     x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(-10, 10, 60), np.linspace(-6, 6, 36)))
     points = np.stack([x, y, 40 + np.random.default_rng(0).normal(0, 0.02, x.size)], -1)
     assert SphereSpacing.of(points, np.full(x.size, 0.02), 1.0, 5.0, 8.0) is None
+
+
+def test_points_that_scatter_more_than_they_say_make_the_plane_less_sure():
+    rng, off = np.random.default_rng(2), []
+    x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(-10, 10, 20), np.linspace(-8, 8, 16)))
+    for _ in range(60):
+        z = 40 + rng.normal(0, 0.05, x.size)
+        fit = SurfaceFit.plane(np.stack([x, y, z], -1), np.full(x.size, 0.02), 1.0)
+        off.append((fit.parameters[0] - 40) / math.sqrt(fit.covariance[0, 0]))
+    assert np.sum(np.abs(off) < 2) >= 53  # 57 expected

@@ -8,6 +8,7 @@ from PIL import Image
 import roslf_design as roslf
 from roslf_design.calibration import CalibrationError
 from roslf_design.calibration.frames import read_capture, read_image
+from roslf_design.calibration.raw import full_scale
 from roslf_design.input_files import read_frames
 
 RNG = np.random.default_rng(3)
@@ -118,3 +119,11 @@ def test_all_commands_read_them(tmp_path):
     assert np.isfinite(views[0].field.values).all()
     for other in views[1:]:
         np.testing.assert_array_equal(other.field.values, views[0].field.values)
+
+
+def test_a_full_pixel_counts_from_the_black_level():
+    white, dark = np.full((4, 4), 3000, np.uint16), np.full((4, 4), 120, np.uint16)
+    assert full_scale(white, {}, 12, None) == 4095
+    assert full_scale(white, {}, 12, None, dark) == 4095 - 120
+    assert full_scale(white, {}, 10, None, dark) == 65535 - 120
+    assert full_scale(white, {"full_well": 2.0}, 12, None, dark) == 2.0

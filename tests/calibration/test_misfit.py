@@ -82,6 +82,19 @@ def test_one_wrong_corner_does_not_pull_the_camera(clean):
     assert [board.strays for board in misfit.boards] == [0, 0, 0, 1, 0, 0, 0, 0]
 
 
+def test_what_sampling_leaves_of_corners_is_no_misfit(clean):
+    """Views that sample once a microlens put corners of an ideal board off by a hundredth of it, all of them alike."""
+    misfit = replace(misfit_of(calibrate(clean, SHEET)), places=4.8)
+
+    def off(rms, **scales):
+        boards = tuple(board._replace(rms=rms) for board in misfit.boards)
+        return list(replace(misfit, boards=boards, **scales).warnings)
+
+    assert off(0.008) == []
+    assert "4.8 times" in off(0.02)[0]
+    assert "5.2 times" in off(0.008, slopes=5.2)[0]
+
+
 def test_two_steps_far_from_the_joint_fit_are_told_with_which_to_believe(clean):
     found = calibrate(clean, SHEET)
     sigma = found.fit.covariance.sigma["A"]

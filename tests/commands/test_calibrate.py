@@ -18,15 +18,10 @@ from roslf_design.depth.geometry import calibration_sigma
 from roslf_design.design import load, save
 from roslf_design.imaging.files import write_image
 from roslf_design.imaging.render import render
-from roslf_design.imaging.trace import RaySampling
-from roslf_design.scenes import make_scene
 from roslf_design.theory.length_covariance import LengthCovariance
+from tests.bench.made import BOARD, CELL, RAYS, SAMPLING, board_scene
+from tests.bench.made import small as small_camera
 
-CELL = 1.7
-BOARD = f"7x6 {CELL} mm"
-RAYS = ["-microlens_diffraction", "-fap_diffraction", "-microlens_defocus"]
-SAMPLING = RaySampling(least=12, most=40, tolerance=0.035)
-"""Scatter of a few per cent along edges, as noise of an exposure makes it everywhere."""
 POSES = [(-14, 28, 5), (25, -28, 8), (2, 3, -33), (-8, 20, 26), (12, -24, -20)]
 """Distance from the focal plane [mm], tilts [deg]."""
 
@@ -39,17 +34,7 @@ def run(capsys, *arguments):
 
 @pytest.fixture(scope="module")
 def small():
-    """The paper's camera at a third of its size with pixels twice as large: 640 x 540 of them hold whole boards."""
-    paper = load("paper")
-    pixel = 2 * paper.sensor.pixel
-    size = (640 * pixel, 540 * pixel)
-    changes = {
-        "name": "small camera",
-        "sensor.pixel": pixel,
-        "sensor.size": size,
-        "microlens_array.size": (size[0] + 0.5, size[1] + 0.5),
-    }
-    return paper.replace(changes, f=paper.f / 3, d_1=paper.d_1 / 3, d_3=paper.d_3 / 3, D=paper.D / 3, D_F=paper.D_F / 3)
+    return small_camera()
 
 
 @pytest.fixture(scope="module")
@@ -57,29 +42,15 @@ def captured(small, tmp_path_factory):
     """A folder of rendered images, the last without a board; the design file beside it."""
     place = tmp_path_factory.mktemp("calibrate")
     save(small, place / "small.toml")
-    cells = np.pad(np.where(np.add.outer(np.arange(6), np.arange(7)) % 2 == 0, 20, 230), 1, constant_values=230)
-    Image.fromarray(np.kron(cells, np.ones((24, 24))).astype(np.uint8)).save(place / "board.png")
     folder = place / "images"
     folder.mkdir()
     white = render(small, overrides=RAYS, sampling=SAMPLING)
     write_image(white, folder / "white.tif")
-    for number, (away, about_x, about_y) in enumerate(POSES, 1):
-        scene = board_scene(place, small, away, about_x, about_y)
+    for number, pose in enumerate(POSES, 1):
+        scene = board_scene(place, small, pose)
         write_image(render(small, scene, overrides=RAYS, sampling=SAMPLING), folder / f"board{number}.tif")
     shutil.copy(folder / "white.tif", folder / "board6.tif")
     return place
-
-
-def board_scene(place, camera, away, about_x, about_y):
-    """The board `away` from the focal plane [mm], tilted [deg]."""
-    plane = {
-        "kind": "plane",
-        "distance": camera.d_f + away,
-        "tilt": (np.radians(about_x), np.radians(about_y)),
-        "size": (9 * CELL, 8 * CELL),
-        "texture": {"kind": "image", "file": str(place / "board.png"), "width": 9 * CELL},
-    }
-    return make_scene({"name": "board", "objects": [plane]})
 
 
 @pytest.fixture
@@ -437,7 +408,7 @@ def test_boards_at_one_depth_are_used_with_a_warning(capsys, captured, small, tm
     folder.mkdir()
     shutil.copy(captured / "images" / "white.tif", folder / "white.tif")
     for number, tilt in enumerate([(28, 5), (-24, -20)], 1):
-        image = render(small, board_scene(captured, small, 0, *tilt), overrides=RAYS, sampling=SAMPLING)
+        image = render(small, board_scene(captured, small, (0, *tilt)), overrides=RAYS, sampling=SAMPLING)
         write_image(image, folder / f"board{number}.tif")
     code, said, err = run(
         capsys, "calibrate", folder, "--design", captured / "small.toml", "--board", BOARD, "-o", tmp_path / "out",

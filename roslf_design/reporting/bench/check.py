@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 
+from ...bench.boards import NextPose
 from ...bench.captures import KINDS
-from ...bench.check import BenchCheck, ImageCheck, NextPose
+from ...bench.check import BenchCheck, ImageCheck
 from ...bench.protocol import BRIGHT
 from ..blocks import Block, Paragraph, Report, Section, Statement, Statements, Table
 from .protocol import placed_at, tilted
