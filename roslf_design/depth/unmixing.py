@@ -342,9 +342,10 @@ def _as_they_stand(
 
 
 def aside_by_cuts(
-    camera: Camera, field: LightField, rows: NDArray[np.intp], columns: NDArray[np.intp], light: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """`PreparedViews.aside` at the nodes, shape (2, t, s, nodes).
+    camera: Camera, field: LightField, rows: NDArray[np.intp], columns: NDArray[np.intp], light: NDArray[np.float64],
+    moving: bool = True,
+) -> NDArray[np.float64]:  # fmt: skip
+    """`PreparedViews.aside` at the nodes, shape (2, t, s, nodes); `moving` or not as rims go from one to the next.
 
     Where a stop is not what the microlenses have in focus on the sensor, it cuts another part of what passes each side
     of a microlens: a sample at the cut sees more of the scene behind the side that is cut less. The FAP's rim moves by
@@ -357,7 +358,7 @@ def aside_by_cuts(
         [blur * np.gradient(even, at / field.pitch, axis=axis) for axis, at in ((3, field.s), (2, field.t))]
     )
     for slope, axis, at in zip(slopes, (1, 0), (field.u[columns], field.v[rows]), strict=True):
-        if at.size > 1:
+        if moving and at.size > 1:
             slope += np.gradient(even, at, axis=axis)
     share = np.divide(slopes, even, out=np.zeros_like(slopes), where=even > DARKEST)
     return np.moveaxis(np.clip(-variance * share, -FARTHEST, FARTHEST).reshape(2, *light.shape), 1, -1)

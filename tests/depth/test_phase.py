@@ -9,10 +9,12 @@ import roslf_design as roslf
 from roslf_design.calibration.decoding import LightField
 from roslf_design.camera import Camera
 from roslf_design.depth import geometry
+from roslf_design.depth import measure as measuring
 from roslf_design.depth.estimate import PixelNoise, estimate_disparity
 from roslf_design.depth.measure import measure, simulate
-from roslf_design.depth.pictures import PictureOptions
+from roslf_design.depth.pictures import PictureOptions, region_about
 from roslf_design.depth.unmixing import _as_they_stand as as_they_stand
+from roslf_design.design import Design
 from roslf_design.scenes import make_scene
 from roslf_design.theory.disparity_error import image_parts, waves_shown
 from roslf_design.theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
@@ -159,6 +161,32 @@ def test_depth_away_from_the_focal_plane(monkeypatch):
     # A tenth of that: so few rays, and light from 48 pixels around alone, put some of it back.
     assert abs(found.bias_mm) < 0.5
     assert found.spread_mm < 0.6
+
+
+def test_rims_that_move_over_a_microlens_shift_nothing(monkeypatch):
+    """A main lens cuts images, the more the farther to one side: each microlens's sides see other parts of the FAP.
+
+    What views see aside for that, whatever the disparity, phases know nothing of: .025 pitches off where they do.
+    """
+    fewer_rays(monkeypatch)
+    monkeypatch.setattr(measuring, "add_noise", lambda pixels, full, dark, generator: pixels)
+    design = Design.make({
+        "name": "cut",
+        "main_lens": {"focal_length": 6.0, "diameter": 2.03, "focal_plane": 18.0},
+        "aperture": {"diameter": 0.5, "distance": 8.8},
+        "microlens_array": {"pitch": 0.022, "focal_length": 0.15, "size": [1.6, 1.3]},
+        "sensor": {"distance": 0.15, "pixel": 1.76e-3, "size": [1.4, 1.0]},
+        "light": {"wavelength": 0.00057},
+    })  # fmt: skip
+    place, step = (0.45, 0.0), float(roslf.quantity("object_sample_mm")(Camera.of(design)))
+    assert MicrolensImages(Camera.of(design), [place]).shapes.kept_fraction < 0.9
+    texture = {"kind": "noise", "finest": 2.5 * step, "contrast": 0.1, "seed": 1}
+    scene = make_scene({"objects": [{"kind": "plane", "distance": 18.0, "texture": texture}]})
+    trial = simulate(design, scene, PictureOptions(region=region_about(design, place, 17), rays=32))
+    off = trial.first.disparities.disparity[trial.compared]
+    assert off.size > 150
+    # Rays scatter by .007 in each of some nine windows.
+    assert abs(off.mean()) < 0.007
 
 
 def test_neighbours_light_is_cut_where_they_stand():
