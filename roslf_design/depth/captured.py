@@ -26,7 +26,6 @@ from .estimate import MANY_PIXELS, ROUGH, DisparityMap, PixelNoise, Start, estim
 from .geometry import ArrayGeometry, GridGeometry, ViewGeometry
 from .measure import POINTS, Depths, Measurement, measure, sampled, search_about
 from .pictures import lattice_of
-from .unmixing import PreparedViews
 
 Found = TypeVar("Found")
 FULL = 0.98
@@ -41,8 +40,6 @@ MOST_ELECTRONS = 1e12
 """Largest number of electrons in a pixel that a file is believed to stand for."""
 FEW_VIEWS = 4
 """Views along an axis that tell where to search, of views with little noise."""
-SOME_VIEWS = 4
-"""Largest number of views whose noise is compared with itself."""
 WIDER, TWICE = 3, 1.0
 """Times that the search is widened where the scene goes on beyond it, and by how much of its width."""
 BEYOND = 0.01
@@ -282,7 +279,11 @@ def measured_with_noise(
         return _looked_wide(each, lambda run: run.disparities.outside, field, search, fixed, progress, what)
 
     if noise.measured:
-        return look(noise.pixel, search=search, begun=begun, progress=shares(progress, what)), noise
+        run = look(noise.pixel, search=search, begun=begun, progress=shares(progress, what))
+        if (alike := run.disparities.alike) > 1.05:
+            said = f"alike in neighbouring pixels, so that errors are {math.sqrt(alike):.2g} times as large"
+            noise = replace(noise, source=f"{noise.source}, {said}")
+        return run, noise
     run = wide(search, noise, what)
     # Where the noise is far off, few samples were used with their right weights: the second time tells it better.
     for _ in range(2):
@@ -304,21 +305,18 @@ def measured_noise(
     """
     level = _brightness(field) or 1.0
     field = scaled(field, level)
-    found, views = _roughly(geometry, field, search, fixed, progress)
+    found = _roughly(geometry, field, search, fixed, progress)
     some = found.chi2[found.chi2 > 0]
     noise = max(FIRST_NOISE * math.sqrt(float(np.median(some))) if some.size else FIRST_NOISE, FAINTEST)
-    alike = _noise_alike(views.field, views.pupil, found)
     said = f"what is left between views: {100 * noise:.2g} % of their brightness"
-    if alike > 1.05:
-        said += f", alike in neighbouring pixels, so that errors are {math.sqrt(alike):.2g} times as large"
-    pixel = PixelNoise(QUIET, QUIET * noise, alike=alike)
+    pixel = PixelNoise(QUIET, QUIET * noise, measured=True)
     return CaptureNoise(pixel, level, said, True), found, field
 
 
 def _roughly(
     geometry: ViewGeometry, field: LightField, search: tuple[float, float], fixed: bool = True,
     progress: CountedProgress = silent,
-) -> tuple[DisparityMap, PreparedViews]:  # fmt: skip
+) -> DisparityMap:  # fmt: skip
     """Disparities of views by a guess of their noise and two corrections, as good as noise and order need them."""
     views = geometry.viewing(field).prepared(field)
     estimate = partial(
@@ -326,7 +324,7 @@ def _roughly(
         window=geometry.window, passes=ROUGH,
     )  # fmt: skip
     what = "measuring noise"
-    return _looked_wide(estimate, lambda one: one.outside, field, search, fixed, progress, what), views
+    return _looked_wide(estimate, lambda one: one.outside, field, search, fixed, progress, what)
 
 
 def disagreement(field: LightField, across: int) -> float:
@@ -334,66 +332,8 @@ def disagreement(field: LightField, across: int) -> float:
     level = _brightness(field)
     if not level > 0:
         return 0.0
-    some = _roughly(GridGeometry(across), scaled(field, level), searched(field, float(across), FEW_VIEWS))[0].chi2
+    some = _roughly(GridGeometry(across), scaled(field, level), searched(field, float(across), FEW_VIEWS)).chi2
     return float(np.median(some[some > 0])) if (some > 0).any() else 0.0
-
-
-def _noise_alike(field: LightField, pupil: NDArray[np.floating], estimate: DisparityMap) -> float:
-    """How much more disparities vary than if each sample had noise of its own.
-
-    What is left between views that lie on each other is compared with itself a few samples aside: interpolated and
-    compressed views have noise that neighbours share, which a window does not average out.
-
-    Parameters
-    ----------
-    field : LightField
-    pupil : ndarray
-        As `estimate_disparity` takes it.
-    estimate : DisparityMap
-        Of them.
-
-    Returns
-    -------
-    float
-        1 or more; 1 where too little is known.
-    """
-    from scipy import ndimage
-
-    known = estimate.measured
-    if known.sum() < estimate.window**2:
-        return 1.0
-    disparity = np.where(known, estimate.disparity, np.median(estimate.disparity[known]))
-    inner = ndimage.binary_erosion(known, np.ones((3, 3), bool))
-    rows, columns = np.indices(known.shape, dtype=float)
-    along_v, along_u = np.gradient(estimate.picture)
-    lit = np.argwhere((field.weight > 0).mean(axis=(2, 3)) > 0.5)
-    some = lit[np.linspace(0, len(lit) - 1, min(len(lit), SOME_VIEWS)).astype(int)]
-    middle = [np.nanmean(axis[tuple(lit.T)]) for axis in pupil]
-    left, slopes = [], []
-    for t, s in some:
-        x, y = (np.nan_to_num(axis[t, s]) for axis in pupil)
-        warped = ndimage.map_coordinates(
-            field.values[t, s].astype(float), [rows + disparity * y, columns + disparity * x], order=3, mode="nearest"
-        )
-        left.append(np.where(inner, warped - estimate.picture, 0.0))
-        slopes.append(np.where(inner, along_u * (x - middle[0]) + along_v * (y - middle[1]), 0.0))
-    noise, slope = np.stack(left), np.stack(slopes)
-    width = estimate.window
-    own = float(np.mean(slope**2, axis=(1, 2)) @ np.mean(noise**2, axis=(1, 2)))
-    both = (_with_itself(slope, width) * _with_itself(noise, width)).sum(axis=0)
-    near = 1 - np.abs(np.arange(1 - width, width)) / width
-    return max(1.0, float(near @ both @ near) / own) if own > 0 else 1.0
-
-
-def _with_itself(parts: NDArray[np.floating], width: int) -> NDArray[np.float64]:
-    """Mean product of each picture with itself less than a width aside, shape (picture, along v, along u)."""
-    from scipy import fft
-
-    rows, columns = parts.shape[1:]
-    padded = fft.next_fast_len(rows + width, True), fft.next_fast_len(columns + width, True)
-    aside = np.arange(1 - width, width)
-    product = fft.irfft2(np.abs(fft.rfft2(parts, padded)) ** 2, padded)[:, aside[:, None], aside]
-    return np.asarray(product / np.outer(rows - np.abs(aside), columns - np.abs(aside)))
 
 
 def with_errors_of(

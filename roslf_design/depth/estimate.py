@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import NamedTuple
@@ -40,6 +40,8 @@ _CLIPPED = 0.05
 _CLIPPED_SAMPLES = 0.1
 """Share of a window's samples that are saturated from which nothing is believed of it: those that are not are dark by
 selection."""
+SOME_VIEWS = 5
+"""Views along each axis, about, whose pull on windows' disparities tells their variance."""
 ROUGH = 2
 """Corrections that tell noise well enough: after one, what is left of movement still counts as noise."""
 MANY_PIXELS = 192
@@ -99,9 +101,8 @@ class PixelNoise:
     """r [electrons]"""
     saturation: float = math.inf
     """Electrons at which a pixel saturates."""
-    alike: float | None = None
-    """Variance of windows' disparities over that of samples whose noise is each its own, of noise that only views tell:
-    errors are then for what each window shows. None where noise is as told."""
+    measured: bool = False
+    """True of noise that only views tell: errors are then for what each window's views show."""
 
     def __post_init__(self) -> None:
         if not (self.electrons > 0 and math.isfinite(self.electrons)):
@@ -163,6 +164,8 @@ class DisparityMap:
     """Shares of the microlenses with light whose disparities lie below and above those searched."""
     begun: Start | None = None
     """Where it started from."""
+    alike: float = 1.0
+    """Variance of windows' disparities over that of samples whose noise is each its own, where views tell it."""
 
     @property
     def measured(self) -> Flags:
@@ -309,7 +312,7 @@ def estimate_disparity(
     if not len(views.values):
         return _unlit(views, window, (low, high))
     # Noise that only views tell is that of views with many pixels, which may be searched by fewer.
-    coarse = (noise.alike is not None or passes == ROUGH) and min(views.shape) >= MANY_PIXELS
+    coarse = (noise.measured or passes == ROUGH) and min(views.shape) >= MANY_PIXELS
     first = _searched(views, noise, low, high, window, coarse) if begun is None else begun
     every = replace(every, noise=noise) if every is not None and ready else _AllViews.of(views, noise, field)
     most = len(views.grid) >= _MANY
@@ -329,9 +332,15 @@ def estimate_disparity(
         reliable = (fit.sigma < 2 * largest_sigma) & np.isfinite(fit.disparity)
         target = np.where(reliable, fit.disparity, look.disparity)
         disparity = np.clip(look.disparity + np.clip(target - look.disparity, -0.5, 0.5), *bound)
-    alike = first.alike(noise)
-    judged = _judged(fit, look, views, noise, alike, window, (low, high), largest_sigma, largest_chi2)
+    pulled = every.pulled(look, (window, *SIZES)) if noise.measured else None
+    alike = None if pulled is None else np.where(pulled[0] > 0, pulled[0] / np.maximum(fit.chi2, 1e-12), 1.0)
+    judged = _judged(
+        fit, look, views, noise, first.alike(noise), window, (low, high), largest_sigma, largest_chi2, alike
+    )
     judged = replace(judged, begun=replace(first, disparity=disparity, picture=picture, every=every))
+    pooled = None
+    if pulled is not None:
+        judged, pooled = _with_errors_of_views(judged, pulled, fit.chi2)
     if not edges:
         return judged
     progress(2 / 3)
@@ -348,7 +357,7 @@ def estimate_disparity(
     found = past_edges(
         look, wanted, [a & b for a in left for b in above],
         lambda quarter, near: _searched_near(views.some(quarter & some), noise, *nearby, near), every.look,
-        largest_sigma, noise.alike,
+        largest_sigma, pooled,
     )  # fmt: skip
     new = np.isfinite(found.sigma) & (found.disparity >= low) & (found.disparity <= high)
     disparity = np.where(new, found.disparity, judged.disparity)
@@ -405,6 +414,25 @@ class _AllViews:
         if kept is not None:
             sums, where = np.where(stays, kept.sums, sums), np.where(stays, kept.disparity, where)
         return SharedLight(sums, np.where(sums[11] > 0, sums[0], picture), where, views.steps, views.density)
+
+    def pulled(self, look: SharedLight, windows: Sequence[int]) -> Array:
+        """Variance of disparities of windows by how each view pulls them, over that by the noise believed of samples.
+
+        Shape (window, v, u); 0 where no view tells it. Samples that err alike pull together (clusters of Liang and
+        Zeger 1986, eq. 9): noise of interpolated or compressed views, and what splines and occlusion leave.
+        """
+        slope_u, slope_v, known = look.gradient
+        every = -(-(np.ptp(self.views.grid, axis=0) + 1) // SOME_VIEWS)
+        square, information = np.zeros((2, len(windows), *self.views.shape))
+        for k in np.flatnonzero((self.views.grid % every == every // 2).all(axis=1)):
+            sums = self.look(np.arange(len(self.views.grid)) == k, look.disparity, look.picture).sums
+            moved = slope_u * (sums[2] - look.sums[2]) + slope_v * (sums[3] - look.sums[3])
+            weight = np.where(known, sums[1] * moved, 0.0)
+            pull = weight * (sums[0] - look.picture)
+            for n, window in enumerate(windows):
+                square[n] += box(pull, window) ** 2
+                information[n] += box(weight * moved, window)
+        return np.divide(square, information, out=np.zeros_like(square), where=information > 0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -639,10 +667,10 @@ def _searched(
 
 def _judged(
     fit: WindowFit, look: SharedLight, views: _Views, noise: PixelNoise, alike: Flags,
-    window: int, search: tuple[float, float], largest_sigma: float, largest_chi2: float,
+    window: int, search: tuple[float, float], largest_sigma: float, largest_chi2: float, pulled: Array | None,
 ) -> DisparityMap:  # fmt: skip
     sums, change = look.sums, fit.disparity - look.disparity
-    sigma, known = fit.sigma * fit.widened(noise.alike), look.gradient[2]
+    sigma, known = fit.sigma * fit.widened(pulled), look.gradient[2]
     own = look.own(change)
     # Saturation takes what splines and slopes would need about it as well.
     charge = noise.electrons * look.picture * views.light.sum(axis=0) / np.maximum(views.lit, 1)
@@ -682,6 +710,26 @@ def _judged(
         search,
         outside,
     )
+
+
+def _with_errors_of_views(judged: DisparityMap, pulled: Array, chi2: Array) -> tuple[DisparityMap, list[float]]:
+    """Disparities with errors for bends too; how much more windows of `SIZES` vary than if noise were each sample's."""
+    bent = _bent(np.where(beside_steps(judged.disparity), np.nan, judged.disparity), judged.window)
+    some = judged.measured & (pulled > 0).all(axis=0)
+    total = chi2[some].sum()
+    whole, *small = (max(1.0, float(pull[some].sum() / total)) if total > 0 else 1.0 for pull in pulled)
+    return replace(judged, sigma=np.hypot(judged.sigma, bent), alike=whole), small
+
+
+def _bent(disparity: Array, window: int) -> Array:
+    """Distance of the mean of each window of a bent surface from its middle; 0 where it cannot be told.
+
+    Of uniform windows of w samples: (w^2 - 1)/24 of the second derivatives, by differences over somewhat less than w.
+    """
+    lag, total = window // 2 + 2, np.zeros(disparity.shape)
+    for part, apart in ((disparity, total), (disparity.T, total.T)):
+        apart[lag:-lag] += part[2 * lag :] + part[: -2 * lag] - 2 * part[lag:-lag]
+    return np.nan_to_num(np.abs(total)) * (window**2 - 1) / 24 / lag**2
 
 
 def _unlit(views: _Views, window: int, search: tuple[float, float]) -> DisparityMap:

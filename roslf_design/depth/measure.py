@@ -360,7 +360,7 @@ def measure(
     progress(prepared)
     estimate = partial(
         estimate_disparity, noise=noise, search=search, window=geometry.window, captured=field,
-        edges=noise.alike is not None, begun=begun,
+        edges=noise.measured, begun=begun,
     )  # fmt: skip
     disparities = estimate(views.field, views.pupil, aside=views.aside, progress=part_of(progress, prepared, found))
     if (again := viewing.at_phase(views, disparities)) is not None:

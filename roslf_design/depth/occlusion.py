@@ -8,7 +8,7 @@ hold a microlens and are at one with themselves and with its own views, the one 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,13 +50,13 @@ class _Offered:
         """Nothing to begin with."""
         return cls(np.full(shape, np.nan), np.full(shape, np.inf), *(np.zeros(shape) for _ in range(3)))
 
-    def take(self, look: SharedLight, wanted: Flags, largest_sigma: float, alike: float | None) -> None:
+    def take(self, look: SharedLight, wanted: Flags, largest_sigma: float, alike: Sequence[float] | None) -> None:
         """Take the windows of a look that know more than those so far."""
         own_limit = np.maximum(AT_ODDS, chance(look.sums[10]))
         raw, moment = (np.where(look.gradient[2], part, 0) for part in look.moments)
-        for window in SIZES:
+        for window, wider in zip(SIZES, alike or [None] * len(SIZES), strict=True):
             fit = WindowFit.of(look, window, alone=True)
-            widened, misfit = _PICKED * fit.widened(alike), fit.misfit(AT_ODDS)
+            widened, misfit = _PICKED * fit.widened(wider), fit.misfit(AT_ODDS)
             with THREADS:
                 _take_best.compiled(
                     np.stack([*vars(fit).values()]), widened, misfit, look.disparity, look.sums, raw, moment,
@@ -99,7 +99,7 @@ def _take_best(
 
 def past_edges(
     first: SharedLight, wanted: Flags, quarters: Iterable[Flags], search: Callable[[Flags, Flags], Array],
-    look: Callable[[Flags, Array, Array], SharedLight], largest_sigma: float, alike: float | None,
+    look: Callable[[Flags, Array, Array], SharedLight], largest_sigma: float, alike: Sequence[float] | None,
 ) -> _Offered:  # fmt: skip
     """Disparities of the microlenses `wanted`, where other windows or a quarter of the views have them.
 

@@ -106,7 +106,7 @@ class WindowFit:
         chi2 = self.chi2 / np.maximum(chance(self.free), least)
         return np.maximum(chi2, self.strain / np.maximum(chance(self.spare), least))
 
-    def widened(self, alike: float | None) -> Array:
+    def widened(self, alike: Array | float | None) -> Array:
         """Factor by which errors are larger than `sigma`: where noise is as told (None), for what is surely at odds.
 
         Else noise is what each window shows, alike in neighbours: its variance of disparities over that of samples

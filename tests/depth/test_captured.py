@@ -18,7 +18,7 @@ from roslf_design.calibration.lattice import CentreLattice
 from roslf_design.calibration.model import project_boards, rotation_matrix
 from roslf_design.camera import Camera
 from roslf_design.cli import main
-from roslf_design.depth.captured import _noise_alike, on_array
+from roslf_design.depth.captured import on_array
 from roslf_design.depth.estimate import PixelNoise, estimate_disparity
 from roslf_design.depth.geometry import ArrayGeometry
 from roslf_design.depth.measure import simulate
@@ -349,8 +349,9 @@ def test_a_plane_in_real_views_comes_out_plane(shared_data):
     unit = wide / step  # pitches over all cameras per mm
     where, noise = (pupil / wide).reshape(2, 3, 3, *x.shape), 0.1
     measured = estimate_disparity(
-        field, where, PixelNoise(1e8, 1e8 * noise), search=((before - 6) * unit, (before + 6) * unit), window=7
-    )
+        field, where, PixelNoise(1e8, 1e8 * noise, measured=True), search=((before - 6) * unit, (before + 6) * unit),
+        window=7,
+    )  # fmt: skip
     known = measured.measured
     assert known.mean() > 0.9
     depth = measured.disparity[known] / unit
@@ -358,8 +359,7 @@ def test_a_plane_in_real_views_comes_out_plane(shared_data):
     level, along, down = np.linalg.lstsq(columns, depth, rcond=None)[0]
     off = depth - columns @ (level, along, down)
     # Views of this Lytro are interpolated: their noise is alike in neighbours, which makes errors larger.
-    wider = np.sqrt(_noise_alike(field, where, measured))
-    inside = np.abs(off) < wider * measured.sigma[known] / unit
+    inside = np.abs(off) < measured.sigma[known] / unit
     assert 0.5 < inside.mean() < 0.75
     # At 132 to 189 mm, with pixels of 0.3 mm there: residual 0.05 mm, tilt below 0.1 degrees, 0.06 mm nearer.
     assert np.sqrt(np.mean(off**2)) < 0.08

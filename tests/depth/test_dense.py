@@ -45,7 +45,7 @@ def test_where_the_picture_has_no_edge_the_error_told_grows_to_the_step():
 def test_errors_told_hold_beside_a_bar_that_views_were_measured_of():
     field, true = bar()
     views = GridGeometry(ACROSS).viewing(field).prepared(field)
-    noise = PixelNoise(1e8, 2e5, alike=1.0)
+    noise = PixelNoise(1e8, 2e5, measured=True)
     found = estimate_disparity(views.field, views.pupil, noise, search=(-8.0, 8.0), window=7, edges=False)
     dense = DenseMap.of(found.disparity, found.sigma, found.measured, found.picture)
     some = ~found.measured & np.isfinite(dense.disparity)

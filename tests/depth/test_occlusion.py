@@ -48,7 +48,7 @@ def test_both_sides_of_an_edge_are_known_with_their_errors_even_where_near_and_f
     field, true = bar(turned)
     geometry = GridGeometry(ACROSS)
     views = geometry.viewing(field).prepared(field)
-    noise = PixelNoise(1e8, 2e5, alike=1.0)
+    noise = PixelNoise(1e8, 2e5, measured=True)
     plain, edges = (
         estimate_disparity(views.field, views.pupil, noise, search=(-8.0, 8.0), window=7, edges=edges)
         for edges in (False, True)
