@@ -297,7 +297,7 @@ def _controlled_random(
 
 
 def derivative_free(
-    algorithm: Literal["LN_NELDERMEAD", "LN_SBPLX", "GN_ISRES"],
+    algorithm: Literal["LN_NELDERMEAD", "LN_SBPLX", "GN_CRS2_LM", "GN_ISRES"],
     cost: Callable[[Array], tuple[float, ...]],
     start: Array,
     limits: Sequence[Callable[[Array], float]] = (),
