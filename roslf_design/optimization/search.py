@@ -11,7 +11,6 @@ import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from heapq import heappush, heappushpop
 from typing import Any, Literal
 
 import numpy as np
@@ -35,6 +34,8 @@ QUICK = 1e-8
 GLOBAL_FTOL = 1e-9
 AGREED = 1e-2
 """Spread of the merit over CRS2's population at which it has found its valley: a polish follows it to the bottom."""
+TOGETHER = 16
+"""Candidates of a global search in one call."""
 ROW_TOLERANCE = 1e-11
 """Passed to nlopt; the guard's own `FEASIBLE` decides."""
 NEAR = 1e-7
@@ -170,6 +171,19 @@ class Guard:
         _, values, jacobian = self._last
         return values, np.empty((0, 0)) if jacobian is None else jacobian
 
+    def together(self, units: Array) -> Array:
+        """Merit and rows, all finite, at many points (N, n) in one call, shape (1 + rows, N)."""
+        if not len(units):
+            return np.empty((1, 0))
+        values = np.clip(self.vector(units), -BIG, BIG)
+        undefined = np.isnan(values)
+        self.evaluations += len(units)
+        self.budget.evaluations -= len(units)
+        self.mapped += int(undefined.any(axis=0).sum())
+        for k in np.flatnonzero(~undefined.any(axis=0)):
+            self._remember(units[k].copy(), values[:, k])
+        return np.where(undefined, BIG, values)
+
     def _remember(self, unit: Array, values: Array) -> None:
         violation = violation_of(values[1:])
         better = violation < self.violation
@@ -227,33 +241,59 @@ def globally(
     Gives CRS2_LM's point of least merit plus penalty, feasible or not, once those of its population differ by no more
     than `agreed`; ISRES keeps to the rows themselves, and gives its best feasible point if it met one.
     """
+    budget = guard.budget.at_most(evaluations)
+    if algorithm == "crs2":
+        return _controlled_random(guard, n, weight, budget, np.random.default_rng(seed), agreed)
     import nlopt
 
     nlopt.srand(seed + 1)  # 0 would mean the clock
     middle = np.full(n, 0.5)
-    penalty = 0.0 if algorithm == "isres" else weight
-    population: list[float] = []  # CRS2's is the best so many points: a heap, the worst first
-
-    def cost(unit: Array) -> tuple[float]:
-        full = algorithm == "crs2" and len(population) == 10 * (n + 1)
-        if full and max(population) - population[0] <= agreed and -population[0] < BIG:
-            raise nlopt.ForcedStop
-        values, _ = guard.rows(unit)
-        own = float(values[0] + penalty * np.maximum(values[1:], 0.0).sum())
-        (heappushpop if full else heappush)(population, -own)
-        return (own,)
-
-    held = range(1, len(guard.rows(middle)[0])) if algorithm == "isres" else ()
     unit, _ = derivative_free(
-        "GN_ISRES" if algorithm == "isres" else "GN_CRS2_LM",
-        cost,
+        "GN_ISRES",
+        lambda unit: (float(guard.rows(unit)[0][0]),),
         middle,
-        [lambda unit, k=k: float(guard.rows(unit)[0][k]) for k in held],  # type: ignore[misc]
-        ftol=GLOBAL_FTOL if algorithm == "isres" else 0.0,
+        [lambda unit, k=k: float(guard.rows(unit)[0][k]) for k in range(1, len(guard.rows(middle)[0]))],  # type: ignore[misc]
+        ftol=GLOBAL_FTOL,
         xtol=XTOL,
-        budget=guard.budget.at_most(evaluations),
+        budget=budget,
     )
-    return guard.unit if algorithm == "isres" and guard.unit is not None else unit
+    return unit if guard.unit is None else guard.unit
+
+
+def _controlled_random(
+    guard: Guard, n: int, weight: float, budget: SearchBudget, random: np.random.Generator, agreed: float
+) -> Array:
+    """Controlled random search with local mutation (Kaelo and Ali 2006), `TOGETHER` candidates to a call.
+
+    Each is a simplex's farthest corner, turned over through the middle of the others, the best point among them; what
+    betters no point of the population is mirrored about the best by random shares. The better replace the worst.
+    """
+
+    def costs_of(units: Array) -> Array:
+        budget.evaluations -= len(units)
+        values = guard.together(units)
+        return np.asarray(values[0] + weight * np.maximum(values[1:], 0.0).sum(axis=0))
+
+    units = random.random((10 * (n + 1), n))
+    units[0] = 0.5
+    costs = costs_of(units)
+    while not budget.ended and not (np.ptp(costs) <= agreed and costs.max() < BIG):
+        best = units[costs.argmin()]
+        order = random.random((TOGETHER, len(units)))
+        order[:, costs.argmin()] = 2.0  # no corner but the best one
+        corners = units[order.argsort(axis=1)[:, :n]]
+        tried = 2 * (best + corners[:, 1:].sum(axis=1)) / n - corners[:, 0]
+        tried = tried[((tried >= 0) & (tried <= 1)).all(axis=1)]
+        reached = costs_of(tried)
+        worse = reached >= costs.max()
+        share = random.random((worse.sum(), n))
+        mirrored = np.clip(best + share * (best - tried[worse]), 0.0, 1.0)
+        reached[worse], tried[worse] = costs_of(mirrored), mirrored
+        for cost, unit in zip(reached, tried, strict=True):
+            worst = costs.argmax()
+            if cost < costs[worst]:
+                units[worst], costs[worst] = unit, cost
+    return np.asarray(units[costs.argmin()])
 
 
 def derivative_free(
@@ -270,7 +310,7 @@ def derivative_free(
     """The point of least cost that one of nlopt's algorithms meets from a start, and how many points it tried.
 
     The cost may have kinks; its first number is made small, further ones decide between equals. Only ISRES holds limits
-    (not above 0). The budget is the caller's to spend; a cost that raises `nlopt.ForcedStop` ends it.
+    (not above 0). The budget is the caller's to spend.
     """
     import nlopt
 
@@ -309,7 +349,7 @@ def _run(optimiser: Any, start: ArrayLike, xtol: float, budget: SearchBudget) ->
     if math.isfinite(budget.deadline):
         optimiser.set_maxtime(max(budget.deadline - time.monotonic(), 1e-3))  # 0 would be no limit
     # From one version of nlopt to the next its exceptions change their names, and whether they are RuntimeErrors.
-    names = ("RoundoffLimited", "roundoff_limited", "ForcedStop", "forced_stop", "runtime_error")
+    names = ("RoundoffLimited", "roundoff_limited", "runtime_error")
     with suppress(RuntimeError, *(getattr(nlopt, name) for name in names if hasattr(nlopt, name))):
         optimiser.optimize(_inside(start))
 

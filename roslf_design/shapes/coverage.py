@@ -25,15 +25,11 @@ Array = Floats
 Image = NDArray[np.floating[Any]]
 
 
-INTERPRETED_BELOW = 40_000
-"""Pixels in the boxes around all parts up to which compiling, or even loading compiled code, takes longer.
-
-Interpreted, a pixel takes 1 to 5 us, and loading numba with the compiled kernel some 0.5 s; once loaded, it is quicker
-at any size. Small calls add up: `INTERPRETED_IN_ALL` counts all pixels that the process has interpreted so far. Which
-of the two runs makes no difference but an ulp of a sine or an arc tangent, where the libraries' differ.
-"""
-INTERPRETED_IN_ALL = 200_000
-_interpreted = [0]
+PIXEL = 2e-6
+"""Seconds that a pixel in the boxes around all parts takes interpreted: the same but for an ulp of a sine or an arc
+tangent, where the libraries' differ."""
+PARALLEL_FROM = 40_000
+"""Such pixels from which threads pay."""
 LARGEST_PART = 20_000
 """Pixels across one part: its own workspace is this many squared."""
 LARGEST_SENSOR = 2**40
@@ -124,14 +120,13 @@ def coverage_image(
         centre, radius = _without_vast_discs(centre, radius, pixel)
     arguments = (axis, centre, radius, corner, *origin, pixel, low_row, low_column, int(across.max()) + 4, image)
     pixels = int(((across + 2) ** 2).sum())
-    if not coverage.ready and pixels < INTERPRETED_BELOW and _interpreted[0] < INTERPRETED_IN_ALL:
-        _interpreted[0] += pixels
-        coverage.interpreted(*arguments)
-    elif parallel and pixels >= INTERPRETED_BELOW:
+    if parallel and pixels >= PARALLEL_FROM:
         with THREADS:
             coverage_bands.compiled(*arguments, min(len(image), BANDS))
-    else:
+    elif coverage.pays(PIXEL * pixels):
         coverage.compiled(*arguments)
+    else:
+        coverage.interpreted(*arguments)
     return image
 
 

@@ -603,7 +603,7 @@ def _orders(c: _Array, finest: float) -> tuple[Array, Array, float]:
     """
     packing = PACKINGS[c.layout]
     side = 2 * math.ceil(packing.orders * finest) + 2
-    n = np.fft.fftfreq(side, 1 / side)
+    n = np.asarray(np.fft.fftfreq(side, 1 / side), np.float64)
     up = packing.wave_up(n[:, None], n)
     return n[:, None], up[:1] if (up == up[0]).all() else up, packing.rise
 

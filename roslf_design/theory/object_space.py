@@ -100,8 +100,8 @@ class ObjectSpaceFaces:
         numbers = {rim.part: FAP + k for k, rim in enumerate(camera.openings_ahead)}
         # Of a thin element both faces are one opening; one that no aperture takes rays at is lost in the element.
         openings = [numbers.get(part, numbers.get(f"{part.rpartition('.')[0]}.0", 0)) for part in parts]
-        starts = np.stack([np.broadcast_to(start, camera.shape) for start in starts], axis=-1)
-        order = np.lexsort((np.broadcast_to(ranks, starts.shape), starts))
+        begin = np.stack([np.broadcast_to(start, camera.shape) for start in starts], axis=-1)
+        order = np.lexsort((np.broadcast_to(ranks, begin.shape), begin))
         belongs = np.array(openings, np.int16)
         if (order != np.arange(len(faces))).any():
             table, media = (np.take_along_axis(part, order[..., None], axis=-2) for part in (table, media))

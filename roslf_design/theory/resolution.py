@@ -330,12 +330,12 @@ class FieldTransfer:
         return np.asarray(np.multiply.outer(*lines))
 
     def _paired(self, at: Array, order: NDArray[np.int64], detail: Array, pairs: Sequence[NDArray[np.int64]]) -> Array:
-        lens, passed = self._microlens, np.zeros(len(at))
-        for pair in pairs:
-            apart = float(self.camera.d) * PACKINGS[self.camera.layout].steps @ pair
-            near = (np.abs(lens.wavelengths[0] * lens.sensor_distance * at - apart) < lens.width).all(-1)
-            part = pair_transfer(lens, at[near], apart, float(self.camera.seen.vergence), detail)
-            passed[near] += np.where(order[near] @ pair % 2, -part, part)
+        lens, passed, steps = self._microlens, np.zeros(len(at)), np.array(pairs)
+        apart = float(self.camera.d) * (steps @ PACKINGS[self.camera.layout].steps.T)
+        reached = lens.wavelengths[0] * lens.sensor_distance * at
+        pair, near = np.nonzero((np.abs(reached - apart[:, None]) < lens.width).all(-1))
+        part = pair_transfer(lens, at[near], apart[pair], float(self.camera.seen.vergence), detail)
+        np.add.at(passed, near, np.where((order[near] * steps[pair]).sum(-1) % 2, -part, part))
         return passed
 
     def _orders(self, nu: float, axes: Array) -> tuple[Array, Array, Array, NDArray[np.int64]]:

@@ -112,7 +112,7 @@ def pair_transfer(
         With one wavelength or more; not `beyond_rays`.
     frequency : ndarray, shape (M, 2)
         G on the sensor [1/mm].
-    apart : ndarray, shape (2,)
+    apart : ndarray, shape (2,) or (M, 2)
         [mm], along the same axes.
     vergence : float
         1/L [1/mm].

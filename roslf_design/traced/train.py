@@ -81,8 +81,8 @@ class Train(NamedTuple):
             (np.where(inside < fap, inside, none), media[:, :1, 1]),
             (np.where(outside > fap, outside, none), beside[..., 0]),
         ):
-            own, indices = (np.take_along_axis(part, rows, axis=1) for part in (table, media))
-            sides.append((_stack(own, indices, medium), law if MAPPED in own[..., KIND] else law[:, :0]))
+            met, indices = (np.take_along_axis(part, rows, axis=1) for part in (table, media))
+            sides.append((_stack(met, indices, medium), law if MAPPED in met[..., KIND] else law[:, :0]))
         (near, near_law), (far, far_law) = sides
         own = SurfaceStack(
             np.concatenate([near.table, lens.table, near_law], axis=1),
