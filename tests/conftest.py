@@ -25,9 +25,29 @@ from tests.depth.made import fewer_rays  # noqa: E402
 ROOT = Path(__file__).resolve().parent.parent
 
 
+FIRST = ("tests/docs/", "tests/explorer/")
+"""Where the longest tests lie, so that none is left when all others are done; and those in a browser, which one worker
+then has, with one browser and one explorer."""
+
+
+def pytest_configure(config):
+    """Workers begin to read tests at different places: each then finds others' files with their asserts rewritten."""
+    worker = getattr(config, "workerinput", None)
+    if worker and config.args == ["tests"]:
+        places = [path for path in (ROOT / "tests").iterdir() if path.is_dir() or path.match("test_*.py")]
+        names = sorted(f"tests/{path.name}" for path in places if path.name[0] not in "_.")
+        start = int(worker["workerid"].removeprefix("gw")) * len(names) // worker["workercount"]
+        config.args = [*names[start:], *names[:start]]
+
+
 def pytest_collection_modifyitems(items):
-    """Tests in a browser first: one worker then has them all, with one browser and one explorer."""
-    items.sort(key=lambda item: "tests/explorer/" not in item.nodeid)
+    """The first first, then file by file, in the same order in every worker."""
+
+    def place(item):
+        file = item.nodeid.partition("::")[0]
+        return next((number for number, first in enumerate(FIRST) if file.startswith(first)), len(FIRST)), file
+
+    items.sort(key=place)
 
 
 @pytest.fixture(scope="session")

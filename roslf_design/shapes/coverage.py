@@ -122,7 +122,8 @@ def coverage_image(
         raise ValueError(f"a part {across.max():.0f} pixels across; at most {LARGEST_PART} are possible: check pixel")
     if radius.max(initial=0.0) / pixel > LARGEST_RADIUS:
         centre, radius = _without_vast_discs(centre, radius, pixel)
-    arguments = (axis, centre, radius, corner, *origin, pixel, low_row, low_column, int(across.max()) + 4, image)
+    whole = np.ascontiguousarray(image)  # kernels are compiled once more for another layout
+    arguments = (axis, centre, radius, corner, *origin, pixel, low_row, low_column, int(across.max()) + 4, whole)
     pixels = int(((across + 2) ** 2).sum())
     if not coverage.ready and pixels < INTERPRETED_BELOW and _interpreted[0] < INTERPRETED_IN_ALL:
         _interpreted[0] += pixels
@@ -132,6 +133,8 @@ def coverage_image(
             coverage_bands.compiled(*arguments, min(len(image), BANDS))
     else:
         coverage.compiled(*arguments)
+    if whole is not image:
+        image[...] = whole
     return image
 
 
