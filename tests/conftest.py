@@ -25,11 +25,6 @@ from tests.depth.made import fewer_rays  # noqa: E402
 ROOT = Path(__file__).resolve().parent.parent
 
 
-FIRST = ("tests/docs/", "tests/explorer/")
-"""Where the longest tests lie, so that none is left when all others are done; and those in a browser, which one worker
-then has, with one browser and one explorer."""
-
-
 def pytest_configure(config):
     """Workers begin to read tests at different places: each then finds others' files with their asserts rewritten."""
     worker = getattr(config, "workerinput", None)
@@ -41,13 +36,11 @@ def pytest_configure(config):
 
 
 def pytest_collection_modifyitems(items):
-    """The first first, then file by file, in the same order in every worker."""
+    """Tests in a browser first: one worker then has them all, with one browser and one explorer.
 
-    def place(item):
-        file = item.nodeid.partition("::")[0]
-        return next((number for number, first in enumerate(FIRST) if file.startswith(first)), len(FIRST)), file
-
-    items.sort(key=place)
+    Then file by file: in the same order in every worker.
+    """
+    items.sort(key=lambda item: ("tests/explorer/" not in item.nodeid, item.nodeid.partition("::")[0]))
 
 
 @pytest.fixture(scope="session")
