@@ -25,9 +25,22 @@ from tests.depth.made import fewer_rays  # noqa: E402
 ROOT = Path(__file__).resolve().parent.parent
 
 
+def pytest_configure(config):
+    """Workers begin to read tests at different places: each then finds others' files with their asserts rewritten."""
+    worker = getattr(config, "workerinput", None)
+    if worker and config.args == ["tests"]:
+        places = [path for path in (ROOT / "tests").iterdir() if path.is_dir() or path.match("test_*.py")]
+        names = sorted(f"tests/{path.name}" for path in places if path.name[0] not in "_.")
+        start = int(worker["workerid"].removeprefix("gw")) * len(names) // worker["workercount"]
+        config.args = [*names[start:], *names[:start]]
+
+
 def pytest_collection_modifyitems(items):
-    """Tests in a browser first: one worker then has them all, with one browser and one explorer."""
-    items.sort(key=lambda item: "tests/explorer/" not in item.nodeid)
+    """Tests in a browser first: one worker then has them all, with one browser and one explorer.
+
+    Then file by file: in the same order in every worker.
+    """
+    items.sort(key=lambda item: ("tests/explorer/" not in item.nodeid, item.nodeid.partition("::")[0]))
 
 
 @pytest.fixture(scope="session")

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -56,9 +57,11 @@ class Rings(NamedTuple):
 
     def darkness(self, radius: Array, blur: float) -> Array:
         """Share of a line at places so far from the middle, blurred by a Gaussian [mm]."""
-        off = np.subtract.outer(radius, self.radii)
-        ends = [erf((off + side * self.lines / 2) / (math.sqrt(2) * blur)) for side in (1, -1)]
-        return np.asarray((ends[0] - ends[1]).sum(-1) / 2)
+        off, half, spread = np.subtract.outer(radius, self.radii), self.lines / 2, math.sqrt(2) * blur
+        near = np.abs(off) < half + 6 * spread  # farther lines add nothing to the last digit
+        at, half, dark = off[near], np.broadcast_to(half, off.shape)[near], np.zeros_like(off)
+        dark[near] = erf((at + half) / spread) - erf((at - half) / spread)
+        return np.asarray(dark.sum(-1) / 2)
 
 
 class _Sight(NamedTuple):
@@ -108,23 +111,23 @@ class _Picture:
 
     def left(self, parameters: Array) -> Array:
         """Residuals of shading and the rings' darkness, whose own sizes are fitted for each sight."""
-        columns = self._columns(parameters)
+        columns = np.column_stack([self._dark(parameters), self._shade])
         return np.asarray(self.values - columns @ np.linalg.lstsq(columns, self.values, rcond=None)[0])
 
     def contrast(self, parameters: Array) -> float:
         """Correlation of what shading leaves with the rings; below 0 where they are brighter than the paper."""
-        columns = self._columns(parameters)
-        shade = columns[:, 1:]
-        dark, seen = (
-            part - shade @ np.linalg.lstsq(shade, part, rcond=None)[0] for part in (columns[:, 0], self.values)
-        )
+        dark, seen = (part - self._shade @ (self._shade.T @ part) for part in (self._dark(parameters), self.values))
         return -float(dark @ seen) / max(float(np.linalg.norm(dark) * np.linalg.norm(seen)), 1e-30)
 
-    def _columns(self, parameters: Array) -> Array:
-        sight = _Sight(*parameters.tolist())
-        dark = self.rings.darkness(sight.radius(self.place, self.reach, self.pupil), math.exp(sight.log_blur))
+    @cached_property
+    def _shade(self) -> Array:
+        """Shading as orthonormal columns, the same for every sight."""
         x, y = self.place / self.reach
-        return np.stack([dark, np.ones(x.size), x, y, x**2 + y**2], axis=-1)
+        return np.linalg.qr(np.stack([np.ones(x.size), x, y, x**2 + y**2], axis=-1))[0]
+
+    def _dark(self, parameters: Array) -> Array:
+        sight = _Sight(*parameters.tolist())
+        return self.rings.darkness(sight.radius(self.place, self.reach, self.pupil), math.exp(sight.log_blur))
 
     def start(self, sample: float) -> Array:
         """Best of many sights, evenly over where rings may stand and how large they may be."""

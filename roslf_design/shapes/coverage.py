@@ -118,7 +118,8 @@ def coverage_image(
         raise ValueError(f"a part {across.max():.0f} pixels across; at most {LARGEST_PART} are possible: check pixel")
     if radius.max(initial=0.0) / pixel > LARGEST_RADIUS:
         centre, radius = _without_vast_discs(centre, radius, pixel)
-    arguments = (axis, centre, radius, corner, *origin, pixel, low_row, low_column, int(across.max()) + 4, image)
+    whole = np.ascontiguousarray(image)  # kernels are compiled once more for another layout
+    arguments = (axis, centre, radius, corner, *origin, pixel, low_row, low_column, int(across.max()) + 4, whole)
     pixels = int(((across + 2) ** 2).sum())
     if parallel and pixels >= PARALLEL_FROM:
         with THREADS:
@@ -127,6 +128,8 @@ def coverage_image(
         coverage.compiled(*arguments)
     else:
         coverage.interpreted(*arguments)
+    if whole is not image:
+        image[...] = whole
     return image
 
 

@@ -22,6 +22,7 @@ from roslf_design.design import Design, DesignError, dumps, loads
 from roslf_design.design.sequence import sequence_of
 from roslf_design.reporting.design.pages import design_report
 from roslf_design.theory.quantities import QUANTITIES
+from tests.reporting.made import few_builds
 
 F193 = Path(__file__).parents[2] / "studies/instruments/hahne-f193.toml"
 
@@ -130,7 +131,8 @@ def test_what_needs_a_seen_pupil_says_so_where_the_scene_sees_none(t: float) -> 
         Captures.for_design(design)
 
 
-def test_reports_leave_out_the_plane_of_pupils_where_the_scene_sees_none() -> None:
+def test_reports_leave_out_the_plane_of_pupils_where_the_scene_sees_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    few_builds(monkeypatch)
     names = [figure.name for figure in design_report(behind(50.0, 0.6)).figures]
     assert {"rays", "depth"} <= set(names)
     assert "plane" not in names

@@ -80,8 +80,9 @@ def test_compiled_and_interpreted_kernels_agree():
     stream = np.random.default_rng(4)
     centres, radii = stream.normal(0, 0.4, (12, 3, 2)), stream.uniform(0.6, 1.5, (12, 3))
     matrices = np.stack([radii**2, 0.1 * radii**2, 0.8 * radii**2], -1)
+    whole = centres[:, 0].copy(), matrices[:, 0].copy()  # as callers have them: another layout is compiled anew
     both = [(np.empty((12, 8)), np.empty(12, np.int8), np.empty((12, 3), np.bool_)) for _ in range(2)]
     for run, out in zip((_ellipse_shapes.interpreted, _ellipse_shapes.compiled), both, strict=True):
-        run(centres[:, 0], matrices[:, 0], centres, matrices, np.empty((12, 0, 3, 2)), 0, *out)
+        run(*whole, centres, matrices, np.empty((12, 0, 3, 2)), 0, *out)
     np.testing.assert_allclose(both[0][0], both[1][0], atol=1e-13)
     assert all(np.array_equal(a, b) for a, b in zip(both[0][1:], both[1][1:], strict=True))
