@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -411,11 +411,15 @@ def plan_finding(design: Design, asked: PlanOptions, build: LengthCovariance | N
 
 
 def planned_depth(
-    design: Design, plan: CapturePlan, asked: PlanOptions, build: LengthCovariance | None = None
+    design: Design,
+    plan: CapturePlan,
+    asked: PlanOptions,
+    build: LengthCovariance | None = None,
+    at: float | None = None,
 ) -> DepthBudget:
-    """Depth to be expected of a camera that is calibrated as planned."""
+    """Depth to be expected of a camera that is calibrated as planned, `at` [mm] ahead of the tip or in focus."""
     lengths = plan.expected.lengths(design, data_sheet(design, plan.captures.board, asked))
-    return depth_budget(Camera.of(design.thin_twin), build=build, calibration=lengths)
+    return depth_budget(Camera.of(design.thin_twin), at, build=build, calibration=lengths)
 
 
 def _changed_depths(design: Design, plan: CapturePlan, build: LengthCovariance | None) -> dict[str, float]:
@@ -427,9 +431,16 @@ def _changed_depths(design: Design, plan: CapturePlan, build: LengthCovariance |
 
 
 def plan_blocks(
-    design: Design, plan: CapturePlan, asked: PlanOptions, build: LengthCovariance | None = None
+    design: Design,
+    plan: CapturePlan,
+    asked: PlanOptions,
+    build: LengthCovariance | None = None,
+    at: Sequence[float] = (),
 ) -> tuple[Block, ...]:
-    """A plan with its promise and its changes; with the `build`'s tolerances, where a study knows them."""
+    """A plan with its promise and its changes; with the `build`'s tolerances, where a study knows them.
+
+    Depth is told `at` further distances ahead of the tip [mm] beside the focal plane.
+    """
     c, before = plan.captures, plan.expected
     known = f"microlens pitch to {asked.d_sigma} and board to {asked.cell_sigma}"
     if asked.d_sigma == asked.cell_sigma:
@@ -470,6 +481,9 @@ def plan_blocks(
             else "No single change helps by more than 2 %.",
         )
     )
+    for z in at:
+        there = planned_depth(design, plan, asked, build, z)
+        answers.append(Statement("plain", f"At {number(z, 4)} mm ahead of the tip: {there.words}."))
     sigmas = "".join(f' --sigma "{place}={sigma}"' for place, sigma in asked.sigma.items())
     command = f'roslf calibrate CAPTURES --design design.toml --board "{c.board.text}"{sigmas} -o calibration'
     rows = tuple((name, f"{sigma[name]:.3g}", UNITS[name]) for name in QUANTITIES)
