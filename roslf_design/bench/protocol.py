@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,8 +30,8 @@ class Protocol:
     sheets: tuple[Sheet, ...]
 
     @classmethod
-    def of(cls, design: Design, asked: PlanOptions, at: Sequence[float] = ()) -> Protocol:
-        """Bench with the plan's board and poses, and targets that suit the design; walls `at` further distances [mm].
+    def of(cls, design: Design, asked: PlanOptions) -> Protocol:
+        """Bench with the plan's board and poses, and targets that suit the design.
 
         Raises
         ------
@@ -46,7 +45,7 @@ class Protocol:
         if large:
             raise refusal("board", f"{large}: choose a smaller `board`")
         poses = planned_poses(design, plan.captures, asked.seed)
-        setup = setup_for(design, plan.captures.board, poses, asked.seed, at)
+        setup = setup_for(design, plan.captures.board, poses, asked.seed, asked.at)
         return cls(design, setup, plan, sheets(setup, design.name))
 
     @property

@@ -130,6 +130,12 @@ class PoseOptions(Options):
         description="Standard deviation of a corner's coordinate in one view, in microlens pitches (0.06).",
     )
 
+    at: tuple[Length, ...] = Field(
+        (),
+        description='Distance ahead of the tip, as "10mm", at which depth is told and a bench\'s textured wall stands, '
+        "too; may be given several times.",
+    )
+
     @model_validator(mode="after")
     def _possible(self) -> Self:
         Captures(boards=self.boards, tilt=self.tilt, noise=self.noise)

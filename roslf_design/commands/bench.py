@@ -32,7 +32,6 @@ from .report import date_of_making
 from .results import print_titled
 from .terminal import (
     DesignName,
-    Distances,
     Json,
     Output,
     StatusLine,
@@ -40,7 +39,6 @@ from .terminal import (
     check_typst,
     json_text,
     listed,
-    read_distances,
     say,
     status_and_bars,
     typed,
@@ -62,7 +60,6 @@ def write(
     *,
     output: Output,
     board: str | None = None,
-    at: Distances = None,
     poses: Annotated[PlannedPoses, Parameter(name="*", show_default=False)] = POSES,
     seed: int = 0,
 ) -> None:
@@ -76,20 +73,16 @@ def write(
         Folder for design.toml, bench.toml, protocol.pdf and .html, targets/, calibration/ and acceptance/.
     board
         The checkerboard, as "4x5 6 mm", or "charuco 8x6 6 mm 4.5 mm DICT_4X4_50". Default: one that suits the field.
-    at
-        Distance ahead of the tip, as "10mm", at which the textured wall tells depth too, beside the working range's
-        ends and the focal plane; may be given several times.
     seed
         Seed of poses and texture; the same seed gives the same bytes.
     """
     check_typst("output")
-    distances = read_distances(at)
     check_options(seed, output)
     loaded = load(design)
     asked = PlanOptions.of(board=board, seed=seed, **dict(poses))
     with StatusLine("bench") as status:
         status.tell("planning")
-        protocol = Protocol.of(loaded, asked, distances)
+        protocol = Protocol.of(loaded, asked)
         text = protocol.setup.dumps()
         _refuse_another(output / SETUP, text)
         status.tell("drawing")

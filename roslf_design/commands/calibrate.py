@@ -26,7 +26,6 @@ from ..units import Angle, Distance, Length
 from .refused import refused
 from .results import picture_files, print_titled
 from .terminal import (
-    Distances,
     Flag,
     Flat,
     Json,
@@ -38,7 +37,6 @@ from .terminal import (
     json_text,
     listed,
     parse_sigmas,
-    read_distances,
     say,
     status_and_bars,
     typed,
@@ -76,6 +74,7 @@ class PlannedPoses(PoseOptions):
     tilt: Annotated[Angle, Parameter(metavar="STR")] = _as_planned("tilt")
     distance: Annotated[Length | None, Parameter(metavar="STR")] = _as_planned("distance")
     range: Annotated[Distance | None, Parameter(metavar="STR")] = _as_planned("range")
+    at: Annotated[tuple[Length, ...], Parameter(metavar="STR", negative=())] = _as_planned("at")
 
     def idle(self) -> dict[str, str]:
         """Faults of options that are given where nothing is planned."""
@@ -95,7 +94,6 @@ def calibrate(
     sigma: Repeated = None,
     no_posterior: Flag = False,
     plan: str | None = None,
-    at: Annotated[Distances, Parameter(group="With --plan")] = None,
     poses: Annotated[PlannedPoses, Parameter(name="*", group="With --plan", show_default=False)] = POSES,
 ) -> None:
     """H, d_3 and the rest from images of a checkerboard, and how sure they are; or, with --plan, how sure they will be.
@@ -119,9 +117,6 @@ def calibrate(
         Leave the sampling out; intervals are then those of the Fisher matrix (Laplace's approximation).
     plan
         Instead of a folder: a design whose calibration is to be planned, before anyone captures an image.
-    at
-        Distance ahead of the tip, as "10mm", at which depth after the calibration is told beside the focal plane's; may
-        be given several times.
     """
     design, given = options.design, {"design": options.design, "board": options.board, "output": output}
     wrong: dict[str, str] = {}
@@ -130,7 +125,7 @@ def calibrate(
         wrong = {key: "has no place beside --plan; leave it out" for key, value in idle.items() if value is not None}
     elif folder is not None:
         wrong = {key: f"is missing; such as --{key} {LIKE[key]}" for key, value in given.items() if value is None}
-        wrong |= poses.idle() | ({} if at is None else {"at": "goes with --plan only; leave it out"})
+        wrong |= poses.idle()
     if options.accuracy is not None and (plan is not None or no_posterior):
         beside = "--plan" if plan is not None else "--no-posterior"
         wrong["accuracy"] = f"is the posterior's, and has no place beside {beside}; drop one"
@@ -142,7 +137,7 @@ def calibrate(
     check_options(options.seed, output, *faults)
     options = options.model_copy(update={"sigma": parse_sigmas(sigma), "posterior": not no_posterior})
     if plan is not None:
-        _print_plan(plan, options.plan(poses), options.distortion, json, read_distances(at))
+        _print_plan(plan, options.plan(poses), options.distortion, json)
         return
     assert folder is not None
     assert design is not None
@@ -185,7 +180,7 @@ def write_calibration(result: Outcome, output: Path, command: str) -> tuple[Repo
     return report, files
 
 
-def _print_plan(design: str, asked: PlanOptions, distortion: int | None, json: bool, at: tuple[float, ...]) -> None:
+def _print_plan(design: str, asked: PlanOptions, distortion: int | None, json: bool) -> None:
     """Expected errors of a calibration that is planned, on stdout; refused where captures do not determine a camera."""
     loaded = load(design)
     with StatusLine("calibrate") as status:
@@ -196,9 +191,9 @@ def _print_plan(design: str, asked: PlanOptions, distortion: int | None, json: b
     if json:
         large = too_large(loaded, plan.captures)
         notes = [f"{large}: choose a smaller --board"] if large else []
-        depth, *there = (plain(pages.planned_depth(loaded, plan, asked, at=z).to_dict()) for z in (None, *at))
-        further = [{"at_mm": z, **one} for z, one in zip(at, there, strict=True)]
+        depth, *there = (plain(pages.planned_depth(loaded, plan, asked, at=z).to_dict()) for z in (None, *asked.at))
+        further = [{"at_mm": z, **one} for z, one in zip(asked.at, there, strict=True)]
         told = {"depth_expected": depth, "depth_expected_at": further, "warnings": notes}
         print(json_text({**plan.to_dict(loaded.name, asked.seed), **told}))
         return
-    print_titled(f"Plan of a calibration of {loaded.name}", pages.plan_blocks(loaded, plan, asked, at=at))
+    print_titled(f"Plan of a calibration of {loaded.name}", pages.plan_blocks(loaded, plan, asked))

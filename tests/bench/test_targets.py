@@ -192,7 +192,7 @@ def test_texture_has_all_its_octaves():
 def test_walls_stand_where_they_are_asked_for():
     """At 330 mm beside the working range's: dots of two microlenses there, a side that fills it, depth's U told."""
     design = roslf.load("paper")
-    plan = Protocol.of(design, PlanOptions(board="4x5 6 mm"), [330.0, 230.0])
+    plan = Protocol.of(design, PlanOptions(board="4x5 6 mm", at=(330.0, 230.0)))
     plain = Protocol.of(design, PlanOptions(board="4x5 6 mm"))
     wall = plan.setup.wall
     assert wall.at == (*plain.setup.wall.at, 330.0)

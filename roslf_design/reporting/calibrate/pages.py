@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -431,16 +431,9 @@ def _changed_depths(design: Design, plan: CapturePlan, build: LengthCovariance |
 
 
 def plan_blocks(
-    design: Design,
-    plan: CapturePlan,
-    asked: PlanOptions,
-    build: LengthCovariance | None = None,
-    at: Sequence[float] = (),
+    design: Design, plan: CapturePlan, asked: PlanOptions, build: LengthCovariance | None = None
 ) -> tuple[Block, ...]:
-    """A plan with its promise and its changes; with the `build`'s tolerances, where a study knows them.
-
-    Depth is told `at` further distances ahead of the tip [mm] beside the focal plane.
-    """
+    """A plan with its promise and its changes; with the `build`'s tolerances, where a study knows them."""
     c, before = plan.captures, plan.expected
     known = f"microlens pitch to {asked.d_sigma} and board to {asked.cell_sigma}"
     if asked.d_sigma == asked.cell_sigma:
@@ -481,7 +474,7 @@ def plan_blocks(
             else "No single change helps by more than 2 %.",
         )
     )
-    for z in at:
+    for z in asked.at:
         there = planned_depth(design, plan, asked, build, z)
         answers.append(Statement("plain", f"At {number(z, 4)} mm ahead of the tip: {there.words}."))
     sigmas = "".join(f' --sigma "{place}={sigma}"' for place, sigma in asked.sigma.items())
