@@ -132,7 +132,7 @@ class PoseOptions(Options):
 
     at: tuple[Length, ...] = Field(
         (),
-        description='Distance ahead of the tip, as "10mm", at which depth is told and a bench\'s textured wall stands, '
+        description='Distance ahead of the tip, as "10mm", at which depth is reported and a bench\'s textured wall stands, '
         "too; may be given several times.",
     )
 
