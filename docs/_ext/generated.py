@@ -26,6 +26,7 @@ from roslf_design.cli import COMMANDS, build_app
 from roslf_design.design import Design, Light, MainLens, MicrolensArray, Pupil, Sensor, Stop
 from roslf_design.design.environment import Environment
 from roslf_design.design.parts import Cover, DepthSettings, Substrate
+from roslf_design.design.required import Required
 from roslf_design.effects import EFFECTS
 from roslf_design.optimization import bore, robust
 from roslf_design.optimization import study as optimise
@@ -68,6 +69,7 @@ DESIGN: tuple[Table, ...] = (
     ("`[environment]`", Environment),
     ("`[light]`", Light),
     ("`[depth]`", DepthSettings),
+    ("`[required]`, each quantity", Required),
 )
 SCENE: tuple[Table, ...] = (
     ("The file", Scene),

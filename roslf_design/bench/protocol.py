@@ -45,7 +45,7 @@ class Protocol:
         if large:
             raise refusal("board", f"{large}: choose a smaller `board`")
         poses = planned_poses(design, plan.captures, asked.seed)
-        setup = setup_for(design, plan.captures.board, poses, asked.seed)
+        setup = setup_for(design, plan.captures.board, poses, asked.seed, asked.at)
         return cls(design, setup, plan, sheets(setup, design.name))
 
     @property

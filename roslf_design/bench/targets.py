@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +13,8 @@ from ..calibration.frames import Array
 from ..calibration.model import Board, Markers
 from ..camera import Camera
 from ..design import Design
-from ..evaluation.specification import FieldImages, ObjectField, planes
+from ..errors import refusal
+from ..evaluation.specification import ASKED, FieldImages, ObjectField, planes
 from .captures import BoardPose, BoardTarget, EdgeTarget, FieldTarget, Kind, Setup, SpheresTarget, WallTarget
 
 A4 = (210.0, 297.0)
@@ -81,15 +82,31 @@ class Sheet:
         return (x, y), (x + self.bar, y)
 
 
-def setup_for(design: Design, board: Board, poses: tuple[BoardPose, ...], seed: int) -> Setup:
-    """Targets that suit a design, at its working range's ends and focal plane; `poses` are the plan's."""
+def setup_for(
+    design: Design, board: Board, poses: tuple[BoardPose, ...], seed: int, asked: Sequence[float] = ()
+) -> Setup:
+    """Targets that suit a design, at its working range's ends and focal plane; `poses` are the plan's.
+
+    The wall, which shows how flat depth is, stands at the distances `asked` for as well [mm].
+
+    Raises
+    ------
+    InputError
+        A distance at which the wall's dots would be too few.
+    """
     camera = Camera.of(design)
     ends = FieldImages.of(design).ends
     stations = tuple(ObjectField.of(ends, at, name) for name, at in planes(camera))
     near, focus, far = stations
-    finest = _rounded(2 * far.object_sample_mm, 2)  # finer dots alias, and put depth off
-    textured = [field for field in stations if _narrow(field) >= _FEWEST_DOTS * finest]
-    coarsest = max(_narrow(near) / 4, 8 * far.object_sample_mm)
+    walls = sorted({*stations, *(ObjectField.of(ends, at, ASKED) for at in asked)}, key=lambda field: field.at_mm)
+    farthest = walls[-1]
+    finest = _rounded(2 * farthest.object_sample_mm, 2)  # finer dots alias, and put depth off
+    textured = [field for field in walls if _narrow(field) >= _FEWEST_DOTS * finest]
+    for field in walls:
+        if field.plane == ASKED and field not in textured:
+            few = f"a wall that suits {farthest.at_mm:.4g} mm shows too few dots there"
+            raise refusal("at", f"{field.at_mm:g} mm is too near: {few}; give a farther one")
+    coarsest = max(_narrow(walls[0]) / 4, 8 * farthest.object_sample_mm)
     side = _rounded(_ACROSS * _narrow(focus), 2)
     suited = [
         field
@@ -112,7 +129,7 @@ def setup_for(design: Design, board: Board, poses: tuple[BoardPose, ...], seed: 
             angle=_ANGLE, side=side, at=_at(suited), **printed(suited[0].object_sample_mm < 2 * DOT),
         ),
         wall=WallTarget(
-            side=_rounded(1.1 * max(far.width_mm, far.height_mm), 3), finest=finest,
+            side=_rounded(1.1 * max(farthest.width_mm, farthest.height_mm), 3), finest=finest,
             octaves=1 + max(1, math.ceil(math.log2(coarsest / finest))), at=_at(textured), **printed(finest < 2 * DOT),
         ),
         spheres=SpheresTarget(
@@ -130,7 +147,7 @@ def sheets(setup: Setup, name: str) -> tuple[Sheet, ...]:
 
 
 def _at(fields: Iterable[ObjectField]) -> tuple[float, ...]:
-    return tuple(_rounded(field.at_mm, 4) for field in fields)
+    return tuple(dict.fromkeys(_rounded(field.at_mm, 4) for field in fields))
 
 
 def _rounded(value: float, digits: int) -> float:

@@ -129,6 +129,11 @@ class PoseOptions(Options):
         0.06,
         description="Standard deviation of a corner's coordinate in one view, in microlens pitches (0.06).",
     )
+    at: tuple[Length, ...] = Field(
+        (),
+        description='Distance ahead of the tip, as "10mm", at which depth is reported and a bench has its textured '
+        "wall, too; may be given several times.",
+    )
 
     @model_validator(mode="after")
     def _possible(self) -> Self:

@@ -74,6 +74,7 @@ class PlannedPoses(PoseOptions):
     tilt: Annotated[Angle, Parameter(metavar="STR")] = _as_planned("tilt")
     distance: Annotated[Length | None, Parameter(metavar="STR")] = _as_planned("distance")
     range: Annotated[Distance | None, Parameter(metavar="STR")] = _as_planned("range")
+    at: Annotated[tuple[Length, ...], Parameter(metavar="STR", negative=())] = _as_planned("at")
 
     def idle(self) -> dict[str, str]:
         """Faults of options that are given where nothing is planned."""
@@ -190,7 +191,9 @@ def _print_plan(design: str, asked: PlanOptions, distortion: int | None, json: b
     if json:
         large = too_large(loaded, plan.captures)
         notes = [f"{large}: choose a smaller --board"] if large else []
-        depth = plain(pages.planned_depth(loaded, plan, asked).to_dict())
-        print(json_text({**plan.to_dict(loaded.name, asked.seed), "depth_expected": depth, "warnings": notes}))
+        depth, *there = (plain(pages.planned_depth(loaded, plan, asked, at=z).to_dict()) for z in (None, *asked.at))
+        further = [{"at_mm": z, **one} for z, one in zip(asked.at, there, strict=True)]
+        told = {"depth_expected": depth, "depth_expected_at": further, "warnings": notes}
+        print(json_text({**plan.to_dict(loaded.name, asked.seed), **told}))
         return
     print_titled(f"Plan of a calibration of {loaded.name}", pages.plan_blocks(loaded, plan, asked))

@@ -10,8 +10,8 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from ..design import load
 from ..errors import InputError, Problem
+from ..evaluation.required import load_checked
 from ..explorer.server import application, is_local, serve
 from ..explorer.session import Session
 from ..imaging.white import warm_up
@@ -41,7 +41,7 @@ def explore(
         Whether to open the page in the browser.
     """
     _check_packages()
-    loaded = load(design)
+    loaded = load_checked(design)
 
     def ready(address: str) -> None:
         print(f"The explorer is at {address} (Ctrl-C ends it)", flush=True)

@@ -22,6 +22,7 @@ from ..drawing.solid import NoPictureError, picture, vtp_bytes
 from ..drawing.svg import file_of
 from ..errors import Argument, InputError, Problem, refusal
 from ..evaluation.evaluate import check_evaluation_accuracy
+from ..evaluation.required import load_checked
 from ..options import Options
 from ..reporting.calibrate.pages import read_calibration
 from ..reporting.design.compare import comparison_report
@@ -198,7 +199,7 @@ def maker(
     if calibration is not None and (compare or kind != "design"):
         raise refusal("calibration", "goes with the report of one design; leave it out, or name it in the story")
     if kind == "design":
-        designs = [load(name) for name in names]
+        designs = [load_checked(name) for name in names]
         for each in designs:
             check_evaluation_accuracy(each, accuracy)
         if compare:

@@ -31,6 +31,7 @@ from .parts import (
     Sensor,
     Stop,
 )
+from .required import Requirements
 
 GIVEN = frozenset({FOCAL, PATHS["D"]})
 """Places of which the main lens may have numbers of its own."""
@@ -89,6 +90,8 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
     """Wavelength, and how bright the scene is."""
     depth: DepthSettings = DepthSettings()
     """Settings that depth errors are computed for."""
+    required: Requirements = ()
+    """Quantities that it is to hold within limits, each a verdict of its own."""
 
     @model_validator(mode="before")
     @classmethod

@@ -17,7 +17,6 @@ from ..bore.opening import ClearAperture
 from ..bore.part import TEMPERATURE
 from ..camera import Camera
 from ..design import Design
-from ..design.files import as_design
 from ..design.growth import not_known, not_named
 from ..design.parts import PATHS
 from ..effects.plan import plan
@@ -44,6 +43,7 @@ from .groups import (
     SeenPart,
     Temperatures,
 )
+from .required import load_checked, requirements
 from .result import Evaluation
 from .specification import FieldImages, depth_assumptions
 from .verdicts import verdicts_of, warnings_of
@@ -126,7 +126,7 @@ def evaluate(
     """
     if accuracy is not None:
         check_accuracy(accuracy)
-    design = at_temperature(as_design(design), temperature)
+    design = at_temperature(design if isinstance(design, Design) else load_checked(design), temperature)
     rays = rays_for(None if design.has_exact_areas else accuracy)
     axes = default_fields(design) if fields is None else _axes(fields)
     camera = Camera.of(design)
@@ -146,6 +146,12 @@ def evaluate(
     budget = depth_budget(camera, build=build, calibration=calibration)
     depth, focused = _depth(design, camera, budget), FocusedArray.of(camera)
     answer = FirstAnswer.of(FieldImages.of(design) if shown is None else shown, at, build, calibration, budget)
+
+    def budget_at(distance: float | None) -> DepthBudget:
+        return budget if distance is None else depth_budget(camera, distance, build=build, calibration=calibration)
+
+    required = requirements(design, camera, answer.field_of_view_deg, budget_at)
+    asked = (one.verdict for one in required)
     method = [METHOD]
     if not design.has_exact_areas:
         method.append(COUNTED.format(rays=rays, error=COUNTED_ERROR if accuracy is None else accuracy))
@@ -174,13 +180,14 @@ def evaluate(
         depth_budget=budget,
         diffraction=Numbers.of(camera, "diffraction"),
         effects=tuple(plan(design)),
-        verdicts=verdicts_of(camera, f_number, non_distortion, sampling, traced, focused, answer),
+        verdicts=(*asked, *verdicts_of(camera, f_number, non_distortion, sampling, traced, focused, answer)),
         warnings=tuple(warnings_of(design, images)),
         method=" ".join(method),
         real_lens=traced,
         object_space=None if camera.chain.in_air else _looked_through(design, camera, axes, depth.sigma_z_mm),
         temperature=_temperatures(design, camera),
         focused=focused,
+        required=required,
     )
 
 

@@ -19,6 +19,7 @@ from ..theory.quantity import Quantity
 from ..words import fixed, number, place, spaced
 from .answer import DISTANCES, MEANT, FirstAnswer
 from .groups import DepthAssumptions, Field, LookedThrough, Numbers, RealLens, Temperatures, Verdict
+from .required import Requirement
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -76,6 +77,8 @@ class Evaluation:
     """Effects of temperature; None of a design without `[environment]`."""
     focused: FocusedArray | None = None
     """Focused microlenses, whose pixels are no views; None of those that image the pupil."""
+    required: tuple[Requirement, ...] = ()
+    """Quantities that the design file limits, `[required]`."""
 
     @property
     def matched(self) -> bool:

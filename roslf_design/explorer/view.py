@@ -336,7 +336,7 @@ def lights(evaluation: Evaluation) -> list[dict[str, str]]:
             "name": verdict.name,
             "level": verdict.level,
             "word": LEVELS[verdict.level],
-            "title": TITLES.get(verdict.name, verdict.name.replace("_", " ")),
+            "title": TITLES.get(verdict.name, verdict.name.partition("_at_")[0].replace("_", " ")),
             "margin": _margin(evaluation, verdict.name),
             "text": to_html(verdict.text),
             "plain": verdict.text,

@@ -22,10 +22,11 @@ from pydantic import Field, field_validator, model_validator
 
 from ..calibration.options import PlanOptions, planned_lengths
 from ..calibration.written import calibrated_camera
-from ..design import Design, load, preset_names
+from ..design import Design, preset_names
 from ..design.files import Kind, kind_of, load_beside
 from ..errors import InputError, Problem, refusal
 from ..evaluation import default_fields
+from ..evaluation.required import load_checked
 from ..optimization.solve import Tell
 from ..optimization.study import Result, run
 from ..optimization.study import read_study as read_optimisation
@@ -442,7 +443,7 @@ def datasheet_of(
             raise refusal("calibration", f"goes with a design or a study; {remedy}")
         return _basis_of(story, list(_walked(story, seed, progress, _builds_alone)), at)
     if kind == "design":
-        design = load(str(path))
+        design = load_checked(str(path))
         known = None if calibration is None else _known(calibration, design)
         return basis(design if known is None else known.design, None, known, at)
     data, origin = read_toml(path, str(path)), str(path)

@@ -222,6 +222,8 @@ def test_bad_folders_are_refused_in_one_line(capsys, bench, spoil, words):
         (["--boards", "1"], "one image of the board"),
         (["--distance", "100 mm"], "reach into the bore"),
         (["--seed", "-1"], "--seed"),
+        (["--at", "130"], "--at"),
+        (["--at", "1 mm", "--at", "900 mm"], "--at: 1 mm is too near"),
     ],
 )
 def test_benches_that_cannot_be_are_refused_in_one_line(capsys, tmp_path, options, words):

@@ -20,6 +20,7 @@ from roslf_design.calibration.options import PlanOptions
 from roslf_design.reporting.bench.protocol import protocol_report
 from roslf_design.reporting.bench.targets import target_files
 from roslf_design.reporting.printers import render_pdf
+from roslf_design.theory.quantities import QUANTITIES
 
 POINT = 25.4 / 72
 SVG = "{http://www.w3.org/2000/svg}"
@@ -186,6 +187,21 @@ def test_texture_has_all_its_octaves():
     assert all(coarse < fine for fine, coarse in itertools.pairwise(sizes))
     assert np.all(-np.diff(sizes)[:4] > 0.02)
     assert (dots == texture(256, 5, np.random.default_rng(1))).all()
+
+
+def test_walls_stand_where_they_are_asked_for():
+    """At 330 mm beside the working range's: dots of two microlenses there, a side that fills it, depth's U told."""
+    design = roslf.load("paper")
+    plan = Protocol.of(design, PlanOptions(board="4x5 6 mm", at=(330.0, 230.0)))
+    plain = Protocol.of(design, PlanOptions(board="4x5 6 mm"))
+    wall = plan.setup.wall
+    assert wall.at == (*plain.setup.wall.at, 330.0)
+    camera = roslf.Camera.of(design)
+    assert wall.finest == pytest.approx(2 * QUANTITIES["object_sample_mm"](camera, 330.0), rel=0.06)
+    assert wall.side > 2 * QUANTITIES["field_half_width_mm"](camera, 330.0)
+    assert plan.setup.edge == plain.setup.edge
+    flat = 2 * float(QUANTITIES["u_z_mm"](camera, 330.0))
+    assert f"{flat:.2g} mm at 330 mm (U, k = 2)" in str(protocol_report(plan))
 
 
 @pytest.mark.parametrize("name", ["paper", "grin-needle", "cystoscope"])

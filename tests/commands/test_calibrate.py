@@ -385,6 +385,8 @@ def test_spoilt_captures_are_one_line_exit_2_and_no_result_written(
         (["--plan", "paper", "--distance", "100 mm"], "reach into the bore"),
         (["--plan", "paper", "--noise=-1"], "must be at least 1e-06"),
         (["--plan", "paper", "--range=-1 mm"], '--range: "-1 mm" must not be negative'),
+        (["none", "--design", "paper", "--board", "4x5 6 mm", "-o", "out", "--at", "9 mm"], "--at: goes with"),
+        (["--plan", "paper", "--at", "9"], "--at"),
         (["--plan", "none.toml"], "none.toml: no such file"),
         (["--plan", "paper", "--sigma", "elements.0.thickness=1 um"], "elements.0.thickness: is no number of what"),
         (["--plan", "arthroscope", "--sigma", "elements.1.thicknes=1 um"], "did you mean 'elements.1.thickness'?"),
@@ -436,6 +438,12 @@ def test_the_plan_of_the_paper(capsys):
     assert 3.4 < depth["u_z_mm"] < 3.7
     assert {t["name"]: t["type"] for t in depth["terms"]}["lengths as calibrated"] == "B"
     assert json.loads(exact)["depth_expected"]["u_z_mm"] < depth["u_z_mm"] / 5
+    code, out, _ = run(capsys, "calibrate", "--plan", "paper", "--range", "80 mm", "--json", "--at", "300 mm")
+    assert code == 0
+    assert json.loads(out)["depth_expected"] == depth
+    (there,) = json.loads(out)["depth_expected_at"]
+    assert there["at_mm"] == 300.0
+    assert depth["u_z_mm"] < there["u_z_mm"] < 1.1 * depth["u_z_mm"]
     code, out, _ = run(capsys, "calibrate", "--plan", "paper")
     assert code == 0
     assert "Expected sigma after one change" in out

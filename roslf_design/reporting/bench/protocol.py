@@ -11,6 +11,7 @@ from ...camera import Camera
 from ...lenses.glass import AIR
 from ...theory.photometry import exposure
 from ...theory.quantities import QUANTITIES
+from ...words import listed
 from ..blocks import Bullets, Paragraph, Report, Section, Table
 
 SIDES = ("right", "upper right", "top", "upper left", "left", "lower left", "bottom", "lower right")
@@ -59,7 +60,8 @@ def _steps(protocol: Protocol) -> Table:
     design, setup, (low, high) = protocol.design, protocol.setup, protocol.counts
     camera = Camera.of(design)
     level = f"brightest {low} to {high} of {protocol.full} DN"
-    uncertain = 2 * float(QUANTITIES["u_z_mm"](camera))
+    sure = [2 * float(QUANTITIES["u_z_mm"](camera, at)) for at in setup.wall.at]
+    flat = listed([f"{u:.2g} mm at {at:g} mm" for u, at in zip(sure, setup.wall.at, strict=True)])
     begin = f"begin at {1e3 * float(exposure(camera)):.3g} ms, the design's"
     rows = [
         ("Warm up", "Lamp and camera on for 30 min. Set focus and stop, lock both: untouched from here on.", ""),
@@ -77,7 +79,7 @@ def _steps(protocol: Protocol) -> Table:
         ("Check", "roslf bench check, after every few boards: what is wrong, what to take next.", "check.html"),
         (
             "Flat wall",
-            f"Square to the axis; its depth is to be flat to {uncertain:.2g} mm (U, k = 2).",
+            f"Square to the axis; its depth is to be flat to {flat} (U, k = 2).",
             _names("wall", setup.wall.at),
         ),
         ("Edge", "In the middle of the field, square to the axis.", _names("edge", setup.edge.at)),

@@ -411,11 +411,15 @@ def plan_finding(design: Design, asked: PlanOptions, build: LengthCovariance | N
 
 
 def planned_depth(
-    design: Design, plan: CapturePlan, asked: PlanOptions, build: LengthCovariance | None = None
+    design: Design,
+    plan: CapturePlan,
+    asked: PlanOptions,
+    build: LengthCovariance | None = None,
+    at: float | None = None,
 ) -> DepthBudget:
-    """Depth to be expected of a camera that is calibrated as planned."""
+    """Depth to be expected of a camera that is calibrated as planned, `at` [mm] ahead of the tip or in focus."""
     lengths = plan.expected.lengths(design, data_sheet(design, plan.captures.board, asked))
-    return depth_budget(Camera.of(design.thin_twin), build=build, calibration=lengths)
+    return depth_budget(Camera.of(design.thin_twin), at, build=build, calibration=lengths)
 
 
 def _changed_depths(design: Design, plan: CapturePlan, build: LengthCovariance | None) -> dict[str, float]:
@@ -470,6 +474,9 @@ def plan_blocks(
             else "No single change helps by more than 2 %.",
         )
     )
+    for z in asked.at:
+        there = planned_depth(design, plan, asked, build, z)
+        answers.append(Statement("plain", f"At {number(z, 4)} mm ahead of the tip: {there.words}."))
     sigmas = "".join(f' --sigma "{place}={sigma}"' for place, sigma in asked.sigma.items())
     command = f'roslf calibrate CAPTURES --design design.toml --board "{c.board.text}"{sigmas} -o calibration'
     rows = tuple((name, f"{sigma[name]:.3g}", UNITS[name]) for name in QUANTITIES)

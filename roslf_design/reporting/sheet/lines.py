@@ -15,6 +15,7 @@ from ..._arrays import Array
 from ...camera import Camera
 from ...design import dumps
 from ...evaluation.answer import FirstAnswer
+from ...evaluation.required import Requirement, requirements
 from ...evaluation.result import depth_basis, focused_table
 from ...evaluation.specification import (
     CRITERION,
@@ -274,6 +275,13 @@ def _lines(
     yield _SheetLine("Body", PARTS, None, "", parts, text=str(len(sheet.parts)))
 
 
+def _required_lines(required: Iterable[Requirement]) -> Iterator[_SheetLine]:
+    """Lines on what the design file asks for, met or not."""
+    for one in required:
+        text = f"{'met' if one.met else 'not met'}: {one.limits}"
+        yield _SheetLine("Required", one.label, one.value, one.unit, text, text="none" if one.value is None else "")
+
+
 def _listed(subject: str) -> Iterator[tuple[Quantity, Listed]]:
     for quantity in QUANTITIES.values():
         if quantity.sheet is not None and quantity.sheet.under == subject:
@@ -442,7 +450,9 @@ def basis(
     budget = partial(depth_budget, twin, build=build, calibration=lengths)
     useful = _useful(budget, float(focus_ahead(twin))) if sheet.focused is None else math.nan
     budgets = {far: budget(far) for far in (None, *at)}
-    rows = tuple(line for line in _lines(shown, sheet, budgets, useful) if sheet.focused is None or not line.of_views)
+    required = requirements(shown.design, twin, sheet.field_of_view_deg[0], budget)
+    lines = (*_required_lines(required), *_lines(shown, sheet, budgets, useful))
+    rows = tuple(line for line in lines if sheet.focused is None or not line.of_views)
     if built is not None:
         share, (low, high) = 100 * built.final.result.value, built.final.result.interval
         sentences.append(

@@ -1,0 +1,92 @@
+"""Requirements of a design: quantities by name, each with its limits, as a study's constraints have them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Annotated, Any
+
+from pydantic import (
+    BeforeValidator,
+    Field,
+    PlainSerializer,
+    SerializationInfo,
+    ValidationError,
+    ValidationInfo,
+    model_validator,
+)
+
+from ..bore.part import Part
+from ..errors import InputError, Problem
+from ..toml_files import problems_of
+from ..units import Length
+
+LIKE = '{max = "0.5 mm"}'
+"""Limits as a file writes them."""
+
+
+class Required(Part):
+    """Limits of one quantity; several of them, at other distances, stand in a list."""
+
+    quantity: str
+    at: Length | None = None
+    """Distance ahead of the bore's tip [mm]; the focal plane where left out."""
+    min: float | str | None = None
+    """Least value: text with a unit, or a number in the unit that the quantity's name ends with."""
+    max: float | str | None = None
+    """Largest value."""
+
+    @model_validator(mode="after")
+    def _bounded(self) -> Required:
+        if self.min is None and self.max is None:
+            raise ValueError(f"{self.quantity} has no limit; give min, max or both, e.g. {LIKE}")
+        return self
+
+
+def _one(data: Any, name: str, info: ValidationInfo) -> Required:
+    if isinstance(data, Required):
+        return data
+    if not isinstance(data, Mapping):
+        raise InputError((Problem("", f"must be a table of limits such as {LIKE}, got {data!r}"),))
+    try:
+        return Required.model_validate({**data, "quantity": name}, context=info.context)
+    except ValidationError as error:
+        raise InputError(problems_of(error, Required)) from None
+
+
+def _named(value: Any) -> Iterator[tuple[str, Any]]:
+    """Name and limits of each entry, in a file's table or as `Design.replace` hands them on."""
+    if isinstance(value, Mapping):
+        for name, limits in value.items():
+            several = isinstance(limits, Sequence) and not isinstance(limits, str)
+            yield from ((str(name), one) for one in (limits if several else (limits,)))
+    elif isinstance(value, (list, tuple)) and all(isinstance(one, (Mapping, Required)) for one in value):
+        yield from ((one.quantity if isinstance(one, Required) else str(one.get("quantity")), one) for one in value)
+    else:
+        raise InputError((Problem("", f"must be a table of quantities ([required] in the file), got {value!r}"),))
+
+
+def _read(value: Any, info: ValidationInfo) -> tuple[Required, ...]:
+    entries, problems = list[Required](), list[Problem]()
+    for name, data in _named(value):
+        try:
+            entries.append(_one(data, name, info))
+        except InputError as error:
+            problems += [Problem(f"{name}.{fault.key}".rstrip("."), fault.message) for fault in error.problems]
+    if problems:
+        raise InputError(tuple(problems))
+    return tuple(entries)
+
+
+def _written(entries: tuple[Required, ...], info: SerializationInfo) -> dict[str, Any]:
+    """Table of a file."""
+    tables: dict[str, list[Any]] = {}
+    for one in entries:
+        table = one.model_dump(mode="json", exclude_none=True, exclude={"quantity"}, context=info.context)
+        tables.setdefault(one.quantity, []).append(table)
+    return {name: several[0] if len(several) == 1 else several for name, several in tables.items()}
+
+
+Requirements = Annotated[
+    tuple[Required, ...], Field(max_length=50), BeforeValidator(_read), PlainSerializer(_written, return_type=Any)
+]
+"""Table ``[required]`` of a design file."""

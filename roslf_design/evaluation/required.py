@@ -1,0 +1,174 @@
+"""Whether a design is what its `[required]` asks for: each quantity against its limits."""
+
+from __future__ import annotations
+
+import math
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from ..camera import Camera
+from ..design import Design, load
+from ..design.check import DesignError
+from ..design.required import Required
+from ..errors import Problem
+from ..theory.depth_budget import DepthBudget
+from ..theory.focused import is_focused
+from ..theory.quantities import quantity_named
+from ..theory.quantity import Quantity
+from ..words import number
+from .groups import Verdict
+from .specification import FieldOfView
+
+WAYS = "`roslf sweep` shows what moves it, and as a study's [[constraints]] `roslf optimize` holds it"
+"""Remedy of a limit that is not held."""
+
+
+class _Limits(NamedTuple):
+    """Limits that a file states, read."""
+
+    asked: Required
+    quantity: Quantity
+    low: float | None
+    high: float | None
+
+    def hold(self, value: float) -> bool:
+        """Whether a value is within."""
+        return (self.low is None or value >= self.low) and (self.high is None or value <= self.high)
+
+
+@dataclass(frozen=True)
+class Requirement:
+    """A quantity that the design file limits, and whether it is within."""
+
+    quantity: str
+    label: str
+    """Quantity in words, and where it is asked for."""
+    at_mm: float | None
+    """Distance ahead of the tip; None is the focal plane, or nowhere in particular."""
+    min: float | None
+    max: float | None
+    value: float | None
+    """Value of the design; None where there is none."""
+    unit: str
+    met: bool
+
+    @property
+    def limits(self) -> str:
+        """Limits in words."""
+        ends = {"at least": self.min, "at most": self.max}
+        return " and ".join(f"{word} {self._with_unit(end)}" for word, end in ends.items() if end is not None)
+
+    @property
+    def value_words(self) -> str:
+        """Value in words."""
+        return "none" if self.value is None else self._with_unit(self.value)
+
+    def _with_unit(self, value: float) -> str:
+        return f"{number(value, 4)} {self.unit}".rstrip()
+
+    @property
+    def verdict(self) -> Verdict:
+        """Whether it is met, and by how much it is missed."""
+        where = "" if self.at_mm is None else f"_at_{self.at_mm:g}_mm"
+        text = f"{self.label} is {self.value_words}, required {self.limits}"
+        if self.met:
+            return Verdict.of(f"required_{self.quantity}{where}", f"as required: {text}")
+        short = ""
+        if self.value is not None and math.isfinite(self.value):
+            low, high = -math.inf if self.min is None else self.min, math.inf if self.max is None else self.max
+            by = max(low - self.value, self.value - high)
+            short = f", missed by {self._with_unit(by)}"
+        return Verdict.of(f"required_{self.quantity}{where}", f"not as required: {text}{short}", WAYS)
+
+
+def requirements(
+    design: Design, camera: Camera, view: FieldOfView, budget: Callable[[float | None], DepthBudget]
+) -> tuple[Requirement, ...]:
+    """Every requirement of a design, in the order of its file.
+
+    Parameters
+    ----------
+    design : Design
+    camera : Camera
+        Its own.
+    view : FieldOfView
+        From the entrance pupil, of the rays that a real lens lets through.
+    budget : callable
+        Budget of depth at a distance ahead of the tip [mm], None being the focal plane.
+
+    Raises
+    ------
+    DesignError
+        A quantity that is none, or a limit in another unit.
+    """
+    own: dict[str, Callable[[float | None], float]] = {
+        "u_z_mm": lambda at: float(budget(at).u_z_mm),
+        "field_of_view_deg": lambda _: view.diagonal,
+        "field_of_view_width_deg": lambda _: view.width,
+        "field_of_view_height_deg": lambda _: view.height,
+    }
+    told = []
+    for limits in _limits(design):
+        asked, quantity, low, high = limits
+        known = own.get(quantity.name)
+        value = float(quantity(camera, asked.at)) if known is None else known(asked.at)
+        undefined = math.isnan(value) or (quantity.of_views and is_focused(camera))
+        met = not undefined and limits.hold(value)
+        where = "" if asked.at is None else f" at {number(asked.at, 4)} mm"
+        label = (quantity.label or quantity.name) + where
+        at, shown = asked.at, None if undefined else value
+        told.append(Requirement(quantity.name, label, at, low, high, shown, quantity.unit, met))
+    return tuple(told)
+
+
+def load_checked(path: str | os.PathLike[str]) -> Design:
+    """Design of a file or preset, as `load` reads it, what it requires checked too.
+
+    Raises
+    ------
+    DesignError
+        As for `load`; a quantity that is none, or a limit in another unit.
+    """
+    design = load(path)
+    _limits(design, os.fspath(path))
+    return design
+
+
+def _limits(design: Design, origin: str = "") -> list[_Limits]:
+    """Quantities and limits that a design requires; all that cannot be read is refused at once."""
+    read, problems = [], []
+    for asked in design.required:
+        key = f"required.{asked.quantity}"
+        try:
+            quantity = quantity_named(asked.quantity)
+        except ValueError as error:
+            problems.append(Problem(key, str(error)))
+            continue
+        ends: dict[str, float | None] = {"min": None, "max": None}
+        for side in ends:
+            value = getattr(asked, side)
+            try:
+                ends[side] = None if value is None else quantity.limit(value)
+            except ValueError as error:
+                problems.append(Problem(f"{key}.{side}", str(error)))
+        if fault := _fault(asked, quantity, ends["min"], ends["max"]):
+            problems.append(Problem(key, fault))
+        read.append(_Limits(asked, quantity, ends["min"], ends["max"]))
+    if problems:
+        raise DesignError(tuple(dict.fromkeys(problems)), origin)
+    return read
+
+
+def _fault(asked: Required, quantity: Quantity, low: float | None, high: float | None) -> str:
+    """Fault of limits that can be read; empty where there is none."""
+    if quantity.of is None:
+        return f"'{quantity.name}' differs from field to field; name a quantity of a whole camera (`roslf quantities`)"
+    if quantity.at == "needed" and asked.at is None:
+        return f'{quantity.name} needs a distance ahead of the tip; write e.g. at = "40 mm"'
+    if quantity.at == "never" and asked.at is not None:
+        return f"{quantity.name} is not asked for at a distance; drop at"
+    if low is not None and high is not None and low > high:
+        return f"min {low:g} {quantity.unit} is above max {high:g} {quantity.unit}; swap them"
+    return ""

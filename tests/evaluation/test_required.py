@@ -1,0 +1,109 @@
+"""What a design file asks for: verdicts against hand-set limits, in every page, and faults that are told."""
+
+import math
+
+import pytest
+
+import roslf_design as roslf
+from roslf_design.design import DesignError, dumps, loads
+from roslf_design.design.files import preset_path
+from roslf_design.reporting.sheet.lines import basis
+
+PLAIN = preset_path("rigid-scope").read_text()
+
+
+def asked(text):
+    return loads(f"{PLAIN}\n[required]\n{text}\n")
+
+
+def test_limits_are_held_against_what_the_tables_say():
+    result = roslf.evaluate(
+        asked(
+            'field_of_view_deg = {min = "70 deg"}\n'
+            'u_z_mm = [{at = "20 mm", max = "0.5 mm"}, {at = "20 mm", max = "1 um"}]\n'
+            "view_depth_of_field_far_mm = {min = 50}\n"
+            "outer_diameter_mm = {min = 2, max = 4}"
+        ),
+        at=[20.0],
+    )
+    view, near, fine, far, width = result.required
+    assert view.value == result.answer.field_of_view_deg.diagonal
+    assert near.value == fine.value == result.answer.at[1].u_z_mm
+    assert width.value == result.answer.outer_diameter_mm
+    assert far.value == math.inf
+    assert [one.met for one in result.required] == [False, True, False, True, True]
+    assert [verdict.ok for verdict in result.verdicts[:5]] == [False, True, False, True, True]
+    assert f"missed by {70 - view.value:.4g} deg" in result.verdicts[0].text
+    told = result.to_dict()["required"]
+    assert told[1] == {
+        "quantity": "u_z_mm", "label": near.label, "at_mm": 20.0, "min": None, "max": 0.5, "value": near.value,
+        "unit": "mm", "met": True,
+    }  # fmt: skip
+    assert told[3]["value"] is None  # infinite
+    assert told[3]["met"]
+
+
+def test_nothing_asked_for_is_no_verdict():
+    result = roslf.evaluate("rigid-scope")
+    assert result.to_dict()["required"] == []
+    assert not [verdict for verdict in result.verdicts if verdict.name.startswith("required")]
+
+
+def test_a_real_lens_is_held_to_its_traced_field():
+    design = loads(preset_path("paper-singlet").read_text() + "\n[required]\nfield_of_view_width_deg = {min = 1}\n")
+    result = roslf.evaluate(design)
+    assert result.required[0].value == result.answer.field_of_view_deg.width
+
+
+def test_pixels_that_are_no_views_hold_no_limit_on_views():
+    focused = roslf.Design.make(
+        {
+            "name": "microlenses focused on the scene",
+            "main_lens": {"diameter": 1.032, "focal_length": 3.04},
+            "aperture": {"diameter": 1.032, "distance": 0.0},
+            "microlens_array": {"pitch": 0.03, "focal_length": 0.075, "distance": 3.439, "size": (3.7, 2.8)},
+            "sensor": {"distance": 0.1, "pixel": 1.12e-3, "size": (3.6736, 2.75968)},
+            "required": {"u_z_mm": {"max": 1e6}},
+        }
+    )
+    result = roslf.evaluate(focused)
+    assert result.focused is not None
+    assert result.required[0].value is None
+    assert not result.required[0].met
+
+
+def test_a_design_keeps_what_it_is_asked_for():
+    design = asked('u_z_mm = [{at = "20 mm", max = "0.5 mm"}, {at = "40 mm", max = 4}]\nouter_diameter_mm = {max = 4}')
+    assert loads(dumps(design)) == design
+    assert design.replace(d_3=2.0).required == design.required
+    assert hash(design) == hash(loads(dumps(design)))
+
+
+def test_the_data_sheet_says_whether_it_is_met():
+    rows = [row for row in basis(asked('outer_diameter_mm = {max = "2 mm"}')).rows if row.subject == "Required"]
+    assert [(row.value, row.unit, row.remark) for row in rows] == [(3.0, "mm", "not met: at most 2 mm")]
+
+
+@pytest.mark.parametrize(
+    ("text", "key", "message"),
+    [
+        ('u_zz_mm = {max = "1 mm"}', "required.u_zz_mm", "did you mean 'u_z_mm'?"),
+        ('field_of_view_deg = {min = "7 mm"}', "required.field_of_view_deg.min", "unit of length"),
+        ('u_z_mm = {max = "7 mm", fr = 2}', "required.u_z_mm.fr", "not a known key"),
+        ("u_z_mm = {}", "required.u_z_mm", "no limit; give min, max or both"),
+        ("u_z_mm = 3", "required.u_z_mm", "must be a table of limits"),
+        ('u_z_mm = {max = "1 mm", at = 20}', "required.u_z_mm.at", "unit"),
+        ("blur_pitches = {max = 3}", "required.blur_pitches", "needs a distance"),
+        ('outer_diameter_mm = {max = 3, at = "2 mm"}', "required.outer_diameter_mm", "drop at"),
+        ("kept_fraction = {min = 1}", "required.kept_fraction", "from field to field"),
+        ("u_z_mm = {min = 2, max = 1}", "required.u_z_mm", "swap them"),
+    ],
+)
+def test_faults_are_told_in_a_line(text, key, message, tmp_path):
+    path = tmp_path / "mine.toml"
+    path.write_text(f"{PLAIN}\n[required]\n{text}\n")
+    with pytest.raises(DesignError) as error:
+        roslf.evaluate(path)
+    assert str(error.value).startswith(f"{path}: {key}: ")
+    assert message in str(error.value)
+    assert len(str(error.value).splitlines()) == 1
