@@ -63,7 +63,7 @@ def presets() -> dict[str, Design]:
     return {
         "scope": scope.replace({"name": "Rigid scope"} | wide),
         "paper-third": paper.replace(coarse, **lengths),
-        "scope-long": scope.replace(longer, d_3=1.0, D_F=0.35),
+        "scope-long": scope.replace(longer, d_3=1.0, D_F=0.28),
     }
 
 
@@ -210,14 +210,14 @@ def main() -> None:
     )
     asked = parser.parse_args()
     rows: list[Compared] = []
-    named: dict[str, tuple[str, ...]] = {}
+    blamed = asked.work / "faults.json"
+    named: dict[str, tuple[str, ...]] = json.loads(blamed.read_text(encoding="utf-8")) if blamed.is_file() else {}
     for seed in range(1, asked.builds + 1):
         for preset in asked.presets:
             folder = asked.work / f"{preset}-{seed}"
-            done, blamed = folder / "compared.json", asked.work / "faults.json"
+            done = folder / "compared.json"
             if done.is_file():
                 rows += [Compared(**row) for row in json.loads(done.read_text(encoding="utf-8"))]
-                named = named or json.loads(blamed.read_text(encoding="utf-8"))
                 continue
             bench = filled(folder, presets()[preset], seed)
             mine = list(compared(bench, reported(bench.folder)))
