@@ -83,18 +83,22 @@ class EdgeResponse:
         return np.prod([np.abs(read_between(nu * self.slope * way, part)).clip(0.1) for way, part in ways], axis=0)
 
     def limit(self, level: float) -> Frequency:
-        """Lowest frequency at which the contrast has fallen to `level`."""
+        """Lowest frequency at which the contrast has fallen to `level`.
+
+        Its error is half the stretch between those at which it has by a standard error less and more.
+        """
         nu = np.linspace(0.0, HIGHEST, 801)
-        below = np.flatnonzero(self.transfer(nu)[0] < level)
-        if not below.size:
-            return math.nan, math.nan
-        low, high = nu[below[0] - 1], nu[below[0]]
-        for _ in range(20):
-            middle = (low + high) / 2
-            low, high = (low, middle) if self.transfer(middle)[0][0] < level else (middle, high)
-        around = low + 0.02 * np.array([-1.0, 0.0, 1.0])
-        contrast, sigma = self.transfer(around)
-        return float(low), float(sigma[1] * 0.04 / max(abs(contrast[2] - contrast[0]), 1e-12))
+        contrast, sigma = self.transfer(nu)
+
+        def first(curve: Array) -> float:
+            below = np.flatnonzero(curve < level)
+            if not below.size:
+                return math.nan
+            k = int(below[0])
+            return float(nu[k] - (nu[1] - nu[0]) * (level - curve[k]) / (curve[k - 1] - curve[k]))
+
+        low, high = first(contrast - sigma), first(contrast + sigma)
+        return first(contrast), ((HIGHEST if math.isnan(high) else high) - low) / 2
 
 
 class _Samples(NamedTuple):
