@@ -36,6 +36,8 @@ FEWEST, LEAST_STEP = 100, 5.0
 """Samples that a profile takes at least, and the step over its standard error from which an edge is one."""
 PLACES = 200
 """Microlenses whose places between pixels are looked at, about."""
+LEAST_LEFT = 0.1
+"""Contrast that reading leaves at least where it is allowed for."""
 HIGHEST = 2.0
 """Largest frequency looked at [cycles per pitch]."""
 
@@ -79,8 +81,9 @@ class EdgeResponse:
         """Contrast that reading between pixels leaves: of an edge out of focus pixels show other places."""
         if self.between is None:
             return np.ones(nu.shape)
-        ways = zip((math.cos(self.angle), math.sin(self.angle)), self.between, strict=True)
-        return np.prod([np.abs(read_between(nu * self.slope * way, part)).clip(0.1) for way, part in ways], axis=0)
+        along, down = nu * self.slope * math.cos(self.angle), nu * self.slope * math.sin(self.angle)
+        left = np.abs(read_between(along, self.between[0]) * read_between(down, self.between[1]))
+        return np.maximum(left, LEAST_LEFT)
 
     def limit(self, level: float) -> Frequency:
         """Lowest frequency at which the contrast has fallen to `level`.
