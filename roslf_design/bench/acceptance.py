@@ -319,7 +319,7 @@ def _resolution_lines(m: Measuring) -> Told:
             try:
                 field = field or m.frames.field(capture.path)
                 slope = distances.slope(float(m.camera.tip) + ahead)
-                responses = edges_in_view(field) if kind == "view" else edges_refocused(field, slope)
+                responses = edges_in_view(field, slope) if kind == "view" else edges_refocused(field, slope)
             except (CalibrationError, InputError) as error:
                 yield f"resolution, {words}, {capture.path.name}: {error}"
                 continue

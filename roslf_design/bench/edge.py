@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -20,7 +20,7 @@ from scipy import ndimage, sparse
 from scipy.interpolate import BSpline
 
 from .._arrays import Array
-from ..calibration.decoding import TAPS, LightField
+from ..calibration.decoding import TAPS, LightField, read_between
 from ..calibration.frames import CalibrationError
 
 KNOT = 0.25
@@ -34,6 +34,10 @@ NEARLY, CLOSE = math.radians(25), 3.0
 ROUNDS = 6
 FEWEST, LEAST_STEP = 100, 5.0
 """Samples that a profile takes at least, and the step over its standard error from which an edge is one."""
+PLACES = 200
+"""Microlenses whose places between pixels are looked at, about."""
+LEAST_LEFT = 0.1
+"""Contrast that reading leaves at least where it is allowed for."""
 HIGHEST = 2.0
 """Largest frequency looked at [cycles per pitch]."""
 
@@ -55,8 +59,10 @@ class EdgeResponse:
     angle: float
     """Angle of the edge's normal to the rows of microlenses [rad]."""
     slope: float
-    """Du/Ds of the edge [pitches per px]; 0 of one view."""
+    """Du/Ds of the edge [pitches per px]; of one view as its distance has it."""
     slope_sigma: float
+    between: Array | None = None
+    """Shares of a pixel that samples lie beyond pixels, along the array's rows and square to them, (2, n)."""
 
     def transfer(self, frequency: Array) -> tuple[Array, Array]:
         """Contrast at frequencies [cycles per pitch] against that of coarse detail, and its standard error."""
@@ -68,21 +74,34 @@ class EdgeResponse:
         rates = turned.real / height - np.sign(height) * (size / height**2)[:, None]
         along, across = (((part @ self.covariance) * part).sum(-1).clip(0) for part in (rates, turned.imag / height))
         # Noise across the mean's phase lengthens it, whichever way it goes.
-        return np.sqrt(np.maximum((size / height) ** 2 - across, 0.0)), np.sqrt(along)
+        read = self._read(nu)
+        return np.sqrt(np.maximum((size / height) ** 2 - across, 0.0)) / read, np.sqrt(along) / read
+
+    def _read(self, nu: Array) -> Array:
+        """Contrast that reading between pixels leaves: of an edge out of focus pixels show other places."""
+        if self.between is None:
+            return np.ones(nu.shape)
+        along, down = nu * self.slope * math.cos(self.angle), nu * self.slope * math.sin(self.angle)
+        left = np.abs(read_between(along, self.between[0]) * read_between(down, self.between[1]))
+        return np.maximum(left, LEAST_LEFT)
 
     def limit(self, level: float) -> Frequency:
-        """Lowest frequency at which the contrast has fallen to `level`."""
+        """Lowest frequency at which the contrast has fallen to `level`.
+
+        Its error is half the stretch between those at which it has by a standard error less and more.
+        """
         nu = np.linspace(0.0, HIGHEST, 801)
-        below = np.flatnonzero(self.transfer(nu)[0] < level)
-        if not below.size:
-            return math.nan, math.nan
-        low, high = nu[below[0] - 1], nu[below[0]]
-        for _ in range(20):
-            middle = (low + high) / 2
-            low, high = (low, middle) if self.transfer(middle)[0][0] < level else (middle, high)
-        around = low + 0.02 * np.array([-1.0, 0.0, 1.0])
-        contrast, sigma = self.transfer(around)
-        return float(low), float(sigma[1] * 0.04 / max(abs(contrast[2] - contrast[0]), 1e-12))
+        contrast, sigma = self.transfer(nu)
+
+        def first(curve: Array) -> float:
+            below = np.flatnonzero(curve < level)
+            if not below.size:
+                return math.nan
+            k = int(below[0])
+            return float(nu[k] - (nu[1] - nu[0]) * (level - curve[k]) / (curve[k - 1] - curve[k]))
+
+        low, high = first(contrast - sigma), first(contrast + sigma)
+        return first(contrast), ((HIGHEST if math.isnan(high) else high) - low) / 2
 
 
 class _Samples(NamedTuple):
@@ -134,8 +153,14 @@ class _Line(NamedTuple):
         return self.away * cos - self.middle * sin, self.away * sin + self.middle * cos
 
 
-def edges_in_view(field: LightField) -> tuple[EdgeResponse, ...]:
+def edges_in_view(field: LightField, slope: float = 0.0) -> tuple[EdgeResponse, ...]:
     """Responses of the middle view's edges, up to four of a square.
+
+    Parameters
+    ----------
+    field : LightField
+    slope : float
+        Du/Ds that the edges' distance should have [pitches per px].
 
     Raises
     ------
@@ -144,7 +169,7 @@ def edges_in_view(field: LightField) -> tuple[EdgeResponse, ...]:
     """
     middle = np.array([np.abs(field.t).argmin()]), np.array([np.abs(field.s).argmin()])
     samples = _Samples.of(field, middle)
-    return _each(field, lambda line: _fitted(samples, line, 0.0, refocus=False))
+    return _each(field, lambda line: _fitted(samples, line, slope, refocus=False))
 
 
 def edges_refocused(field: LightField, slope: float) -> tuple[EdgeResponse, ...]:
@@ -184,10 +209,13 @@ def limit_of(responses: Sequence[EdgeResponse], level: float) -> Frequency:
 
 
 def _each(field: LightField, fit: Callable[[_Line], EdgeResponse | None]) -> tuple[EdgeResponse, ...]:
-    found = tuple(response for line in _lines(field) if (response := fit(line)) is not None)
-    if not found:
+    edges = tuple(response for line in _lines(field) if (response := fit(line)) is not None)
+    if not edges:
         raise CalibrationError("shows no edge")
-    return found
+    if field.between is None:
+        return edges
+    between = field.between.reshape(2, -1)
+    return tuple(replace(edge, between=between[:, :: 1 + between.shape[1] // PLACES]) for edge in edges)
 
 
 def _lines(field: LightField) -> Iterator[_Line]:

@@ -63,7 +63,7 @@ def presets() -> dict[str, Design]:
     return {
         "scope": scope.replace({"name": "Rigid scope"} | wide),
         "paper-third": paper.replace(coarse, **lengths),
-        "scope-long": scope.replace(longer, d_3=1.0, D_F=0.35),
+        "scope-long": scope.replace(longer, d_3=1.0, D_F=0.28),
     }
 
 
@@ -208,16 +208,19 @@ def main() -> None:
         default=Path("out/bench-study"),
         help="folder for the captures; builds measured there are not again",
     )
+    parser.add_argument("--there", action="store_true", help="tell of the builds that are measured, and measure none")
     asked = parser.parse_args()
     rows: list[Compared] = []
-    named: dict[str, tuple[str, ...]] = {}
+    blamed = asked.work / "faults.json"
+    named: dict[str, tuple[str, ...]] = json.loads(blamed.read_text(encoding="utf-8")) if blamed.is_file() else {}
     for seed in range(1, asked.builds + 1):
         for preset in asked.presets:
             folder = asked.work / f"{preset}-{seed}"
-            done, blamed = folder / "compared.json", asked.work / "faults.json"
+            done = folder / "compared.json"
             if done.is_file():
                 rows += [Compared(**row) for row in json.loads(done.read_text(encoding="utf-8"))]
-                named = named or json.loads(blamed.read_text(encoding="utf-8"))
+                continue
+            if asked.there:
                 continue
             bench = filled(folder, presets()[preset], seed)
             mine = list(compared(bench, reported(bench.folder)))
@@ -235,8 +238,9 @@ def main() -> None:
     ]
     words = f"{inside} of {len(rows)} figures lie within their expanded uncertainty of what the build has."
     command = f"python -m studies.bench.acceptance --builds {asked.builds} --presets {' '.join(asked.presets)}"
+    builds = sorted({row.bench for row in rows})
     blocks = (
-        Paragraph(f"{words} By {command}."),
+        Paragraph(f"{words} Builds {', '.join(builds)}, of those of {command}."),
         Table(tuple((name, "; ".join(told) or "not named") for name, told in named.items()), "ll", title="Faults"),
         Table(tuple(cells), "lldlll", ("bench", "figure", "measured", "U", "truth", "error over U"), "Figures"),
     )
@@ -245,8 +249,7 @@ def main() -> None:
     data = {
         "schema": "roslf.acceptance-study/1",
         "command": command,
-        "builds": asked.builds,
-        "presets": asked.presets,
+        "builds": builds,
         "inside": inside,
         "figures": len(rows),
         "rows": [vars(row) | {"off": row.off} for row in rows],

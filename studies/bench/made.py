@@ -186,7 +186,8 @@ def board_picture(board: Board, turn: float) -> NDArray[np.float64]:
     def side(place: NDArray[Any]) -> NDArray[np.float64]:
         """1 in even cells, -1 in odd ones, and between them on their edges."""
         line = np.rint(place)
-        return np.where(line % 2 == 0, 1, -1) * np.clip(2 * (place - line) * board.cell * count / across, -1, 1)
+        beside = np.clip(2 * (place - line) * board.cell * count / across, -1, 1)
+        return np.asarray(np.where(line % 2 == 0, beside, -beside), float)
 
     on = (a > 0) & (a < board.columns) & (b > 0) & (b < board.rows)
     paper = (a > -1) & (a < board.columns + 1) & (b > -1) & (b < board.rows + 1)

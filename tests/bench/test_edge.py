@@ -8,7 +8,7 @@ import pytest
 from scipy.special import erf
 
 from roslf_design.bench.edge import KNOT, EdgeResponse, edges_in_view, edges_refocused, limit_of
-from roslf_design.calibration.decoding import LightField
+from roslf_design.calibration.decoding import LightField, cubic_taps
 from roslf_design.calibration.frames import CalibrationError
 
 
@@ -112,3 +112,24 @@ def test_light_of_neighbours_in_outer_views_is_no_blur():
     assert response.limit(0.5)[0] == pytest.approx(gaussian(0.5, 0.5), rel=3e-3)
     (response,) = edges_refocused(replace(field, values=values, pitch=14.0), 0.1)
     assert response.limit(0.5)[0] < 0.97 * gaussian(0.5, 0.5)
+
+
+@pytest.mark.parametrize("refocus", [False, True])
+def test_what_reading_between_pixels_blurs_out_of_focus_is_allowed_for(refocus):
+    rng, slope, sigma, angle = np.random.default_rng(5), 0.4, 0.35, 0.1
+    field = edge_field(rng, slope=slope, sigma=sigma, views=5)
+    between = np.broadcast_to(rng.uniform(size=field.values.shape[3]), (2, *field.values.shape[2:]))
+    t, s, v, u = np.meshgrid(field.t, field.s, field.v, field.u, indexing="ij")
+    values = np.zeros(t.shape)
+    for a, right in enumerate(cubic_taps(between[0])):
+        for b, down in enumerate(cubic_taps(between[1])):
+            away = math.cos(angle) * (u - slope * (s - between[0] + a - 1) - 0.37)
+            away += math.sin(angle) * (v - slope * (t - between[1] + b - 1))
+            values += right * down * (0.5 + 0.4 * erf(away / (math.sqrt(2) * sigma)))
+    read = replace(field, values=values.astype(np.float32), between=between)
+    alone, allowed = (
+        (edges_refocused(view, slope) if refocus else edges_in_view(view, slope))[0].limit(0.5)[0]
+        for view in (replace(read, between=None), read)
+    )
+    assert alone < 0.985 * gaussian(0.5, sigma)
+    assert allowed == pytest.approx(gaussian(0.5, sigma), rel=5e-3)
