@@ -321,10 +321,12 @@ def _roughly(
     views = geometry.viewing(field).prepared(field)
     estimate = partial(
         estimate_disparity, views.field, views.pupil, PixelNoise(QUIET, QUIET * FIRST_NOISE), aside=views.aside,
-        window=geometry.window, passes=ROUGH,
+        window=geometry.window,
     )  # fmt: skip
-    what = "measuring noise"
-    return _looked_wide(estimate, lambda one: one.outside, field, search, fixed, progress, what)
+    look, what = partial(estimate, passes=0), "searching"
+    found = _looked_wide(look, lambda one: one.outside, field, search, fixed, progress, what)
+    measuring = shares(progress, "measuring noise")
+    return estimate(search=found.search, begun=found.begun, passes=ROUGH, progress=measuring)
 
 
 def disagreement(field: LightField, across: int) -> float:

@@ -52,6 +52,8 @@ _BRIGHT = 0.5
 """Light, over the most, from which a microlens without views is not dark: all of them had their neighbours'."""
 _SAME = 0.05
 """Change of disparity up to which another look shows nothing new [pitches]: slopes are right to the square of half."""
+_CLEAR = 0.5
+"""Chi-square of the best candidate, over that of all, below which it is clearly the best."""
 _ALIKE = 9.0
 """Chi-square between two disparities below which neither is the better: three standard errors."""
 
@@ -287,7 +289,8 @@ def estimate_disparity(
     largest_chi2 : float
         Chi-square per degree of freedom above which views disagree.
     passes : int
-        Corrections after the search; the first two take half of the views, where these are many.
+        Corrections after the search; the first two take half of the views, where these are many. With 0 there is only
+        a search, and what lies outside by it.
     edges : bool
         Whether windows at odds are looked at once more for what smaller windows, and quarters of the views, have there.
     begun : Start, optional
@@ -312,19 +315,22 @@ def estimate_disparity(
     if not len(views.values):
         return _unlit(views, window, (low, high))
     # Noise that only views tell is that of views with many pixels, which may be searched by fewer.
-    coarse = (noise.measured or passes == ROUGH) and min(views.shape) >= MANY_PIXELS
+    coarse = (noise.measured or passes <= ROUGH) and min(views.shape) >= MANY_PIXELS
     first = _searched(views, noise, low, high, window, coarse) if begun is None else begun
+    if not passes:
+        return replace(_unlit(views, window, (low, high)), outside=first.outside, begun=first)
+    fresh = begun is None or every is None
     every = replace(every, noise=noise) if every is not None and ready else _AllViews.of(views, noise, field)
     most = len(views.grid) >= _MANY
     other = views.grid.sum(axis=1) % 2 == 0
     disparity, picture = first.disparity, first.picture
     bound = (low - first.step, high + first.step)
     seen: tuple[bool, bool, SharedLight] | None = None
-    passes = passes if begun is None else 3
+    passes = passes if fresh else min(passes, 3)
     for count in range(passes):
         progress((1 + count / passes) / 3)
         # Half of many views suffices to come near. What has settled is not looked at again.
-        half, robust = most and begun is None and count < 2, begun is not None or count > 0
+        half, robust = most and fresh and count < 2, not fresh or count > 0
         kept = seen[2] if seen is not None and seen[:2] == (half, robust) else None
         look = every.look(other if half else None, disparity, picture, robust, kept)
         seen = half, robust, look
@@ -346,7 +352,16 @@ def estimate_disparity(
     progress(2 / 3)
     wanted = (judged.status == DisparityStatus.INCONSISTENT) | (judged.status == DisparityStatus.OUT_OF_RANGE)
     wanted |= (judged.status == DisparityStatus.AMBIGUOUS) & (fit.misfit(largest_chi2) > 1)
-    some = (views.grid % 2 == 0).all(axis=1) if most else np.ones(len(views.grid), np.bool_)
+    return _with_edges(judged, wanted, look, every, largest_sigma, pooled)
+
+
+def _with_edges(
+    judged: DisparityMap, wanted: Flags, look: SharedLight, every: _AllViews, largest_sigma: float,
+    alike: Sequence[float] | None,
+) -> DisparityMap:  # fmt: skip
+    """Disparities with those of smaller windows and of quarters of the views, where they are `wanted`."""
+    views, noise, (low, high) = every.views, every.noise, judged.search
+    some = (views.grid % 2 == 0).all(axis=1) if len(views.grid) >= _MANY else np.ones(len(views.grid), np.bool_)
     left, above = ((side <= 0, side > 0) for side in views.pupil.mean(axis=(2, 3)))
     # Beside edges is what is seen beside them.
     least, largest = (
@@ -357,7 +372,7 @@ def estimate_disparity(
     found = past_edges(
         look, wanted, [a & b for a in left for b in above],
         lambda quarter, near: _searched_near(views.some(quarter & some), noise, *nearby, near), every.look,
-        largest_sigma, pooled,
+        largest_sigma, alike,
     )  # fmt: skip
     new = np.isfinite(found.sigma) & (found.disparity >= low) & (found.disparity <= high)
     disparity = np.where(new, found.disparity, judged.disparity)
@@ -578,6 +593,8 @@ class Start:
     noise: PixelNoise
     """Noise that chi-square is for."""
     every: _AllViews | None = None
+    outside: tuple[float, float] = (0.0, 0.0)
+    """Shares of the microlenses that are clearly sharpest beyond either end of the search."""
 
     def alike(self, noise: PixelNoise) -> Flags:
         """True where another disparity fits as well."""
@@ -658,11 +675,12 @@ def _searched(
     freedom = freedoms[best, rows, columns]
     with np.errstate(invalid="ignore"):
         margin = np.where(np.isfinite(second), ((second - least) - 0.02 * (level - least)) * freedom, np.inf)
+    beyond = [float(np.mean((best == end) & (least < _CLEAR * level))) for end in (0, len(candidates) - 1)]
     picture: Array = np.where(np.isfinite(least), means[best, rows, columns], overall)
     if coarse:
         down, along = (np.minimum(np.arange(n) // 2, n // 2 - 1) for n in fine)
         start, picture, margin = (each[down[:, None], along] for each in (start, picture, margin))
-    return Start(start, picture, margin, step, noise)
+    return Start(start, picture, margin, step, noise, outside=(beyond[0], beyond[1]))
 
 
 def _judged(

@@ -54,9 +54,9 @@ class _Offered:
         """Take the windows of a look that know more than those so far."""
         own_limit = np.maximum(AT_ODDS, chance(look.sums[10]))
         raw, moment = (np.where(look.gradient[2], part, 0) for part in look.moments)
-        for window, wider in zip(SIZES, alike or [None] * len(SIZES), strict=True):
+        for number, window in enumerate(SIZES):
             fit = WindowFit.of(look, window, alone=True)
-            widened, misfit = _PICKED * fit.widened(wider), fit.misfit(AT_ODDS)
+            widened, misfit = _PICKED * fit.widened(alike[number] if alike else None), fit.misfit(AT_ODDS)
             with THREADS:
                 _take_best.compiled(
                     np.stack([*vars(fit).values()]), widened, misfit, look.disparity, look.sums, raw, moment,
