@@ -206,7 +206,8 @@ class Decoder:
         starts = left - np.floor(shift * rows).astype(int)
         columns = np.arange(math.ceil(along.max()) - left + 1)
         black = None if dark is None else grey_frame(dark, None, "dark frame")
-        bare = cls(lattice, size, black, rows, starts, columns, *(np.zeros(0, np.float32) for _ in range(2)), reach)
+        none = np.zeros(0, np.float32)
+        bare = cls(lattice, size, black, rows, starts, columns, none, none, reach)
         bright = np.ones(size, np.float32)
         if white is not None:
             bright = grey_frame(white, black, "white image")
