@@ -14,6 +14,8 @@ from .frames import MOST_SATURATED, Array, Frame, grey_frame, refuse_saturated, 
 from .lattice import CentreLattice
 
 Samples = NDArray[np.float32]
+HALF = 0.5
+"""Reach of samples [pitches]: those of images that do not overlap."""
 DARKEST = 0.05
 """Light of the white image, against its brightest, under which a sample says nothing."""
 
@@ -182,6 +184,8 @@ class Decoder:
     """Factor on the samples, shape (t, s, rows, columns): 0 where nothing is measured."""
     light: Samples
     """Weight of each sample, of the same shape."""
+    reach: float = HALF
+    """Distance along each axis from a microlens image's centre to its farthest samples [pitches]."""
 
     @classmethod
     def of(
@@ -191,6 +195,7 @@ class Decoder:
         *,
         white: ArrayLike | None = None,
         dark: ArrayLike | None = None,
+        reach: float = HALF,
     ) -> Decoder:
         """Prepare for raw images of `shape` (rows, columns, ...); arguments and errors are those of `decode`."""
         size = (shape[0], shape[1])
@@ -203,7 +208,8 @@ class Decoder:
         starts = left - np.floor(shift * rows).astype(int)
         columns = np.arange(math.ceil(along.max()) - left + 1)
         black = None if dark is None else grey_frame(dark, None, "dark frame")
-        bare = cls(lattice, size, black, rows, starts, columns, *(np.zeros(0, np.float32) for _ in range(2)))
+        none = np.zeros(0, np.float32)
+        bare = cls(lattice, size, black, rows, starts, columns, none, none, reach)
         bright = np.ones(size, np.float32)
         if white is not None:
             bright = grey_frame(white, black, "white image")
@@ -246,7 +252,7 @@ class Decoder:
 
     @property
     def _offsets(self) -> Array:
-        reach = math.floor(self.lattice.pitch / 2)
+        reach = math.floor(self.reach * self.lattice.pitch)
         return np.arange(-reach, reach + 1.0)
 
     @property

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from .._arrays import by_value
-from ..calibration.decoding import LightField
+from ..calibration.decoding import HALF, LightField
 from ..camera import Camera
 from ..design import Design
 from ..effects.lens import colour_spread
 from ..errors import InputError, Problem
 from ..theory.colours import filters
 from ..theory.depth_error import depth_told
-from ..theory.exit_pupil import microlens_image_pitch
+from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 from ..theory.focused import refuse_focused
 from ..theory.length_covariance import LengthCovariance
 from ..theory.light_field import depth_sigma, epi_slope, rim_disparity
@@ -36,6 +36,8 @@ SMOOTHED = 5
 COLOURS_APART = 0.1
 """Disparity between colours by a real lens's focus beyond which depth is not computed behind colour filters [pitches];
 half of it at most is a bias."""
+FARTHEST_SAMPLE = 0.8
+"""Pitches from the middle of a microlens image to which samples are read at most: work grows as the square."""
 Array = NDArray[np.float64]
 Unit = Literal["mm", "px"]
 
@@ -191,6 +193,12 @@ class ArrayGeometry:
         if not self.design.traced_through:
             return None
         return TracedViews(self.design, self.camera, self.depth)
+
+    @property
+    def reach(self) -> float:
+        """Pitches from the middle of a microlens image to its rim; half of one where images do not overlap."""
+        fill = abs(float(microlens_image_diameter(self.camera) / microlens_image_pitch(self.camera)))
+        return min(max(HALF, fill / 2), FARTHEST_SAMPLE)
 
     def viewing(self, like: LightField) -> Viewing:
         """By each view's own light."""

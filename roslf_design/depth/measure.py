@@ -52,6 +52,8 @@ DIRECTIONS = 6
 """Directions of a texture whose errors behind a real lens are averaged."""
 PREDICTED = 8
 """Fields along each axis at which the error is predicted."""
+SETTLING = 3
+"""Rounds in which the picture settles that says what neighbours send: what is off changes sign, to a third, in each."""
 DULLED, ASKED, ANSWERS = 0.05, 0.05, (-1.0, 0.5)
 """Share of a view's samples that are saturated from which light that it shares is left out; error of the disparities
 that say what neighbours send which asks for what comes of it [pitches], and bounds of what may, over it."""
@@ -384,37 +386,41 @@ def _with_shared(
 ) -> tuple[PreparedViews, DisparityMap]:  # fmt: skip
     """Views and disparities once light that microlenses share tells them too.
 
-    What neighbours send follows from the disparities before, so that an error of those makes c times as much in those
-    found. A second round by others shows c. Noise of a single window comes back smoothed, and so less of it.
+    What neighbours send follows from the picture and the disparities before, in some rounds, as views that share light
+    show another picture. An error of those disparities makes c times as much in those found, which one more round
+    shows, by others of the same picture. Noise of a single window comes back smoothed, and so less of it.
     """
     from scipy import ndimage
 
     if isinstance(viewing, GridGeometry):  # cameras share no light
         return views, disparities
-    assumed, rounds, lit = list[Array](), [disparities], views
+    rounds, lit = [disparities], views
     dull = saturated(field, noise).mean((2, 3)) > DULLED
-    while len(rounds) < 3 and (begun := rounds[-1].begun) is not None:
-        assumed.append(ndimage.median_filter(begun.disparity, rounds[0].window) + ASKED * (len(rounds) - 1))
-        shared = viewing.with_shared(field, looks, assumed[-1], begun.picture)
+    for number in range(SETTLING + 1):
+        before, latest = rounds[min(number, SETTLING - 1)].begun, rounds[-1].begun
+        if before is None or latest is None:
+            return views, disparities
+        assumed = ndimage.median_filter(before.disparity, disparities.window) + ASKED * (number == SETTLING)
+        shared = viewing.with_shared(field, looks, assumed, before.picture)
         if shared is None:
             return views, disparities
         bright = np.where(dull[..., None, None], 0, shared.field.weight)
-        lit = shared._replace(field=replace(shared.field, weight=bright))
-        rounds.append(estimate(lit.field, lit.pupil, aside=lit.aside, begun=begun))
-    if len(rounds) < 3:
+        asked = shared._replace(field=replace(shared.field, weight=bright))
+        lit = lit if number == SETTLING else asked
+        rounds.append(estimate(asked.field, asked.pupil, aside=asked.aside, begun=latest))
+    found, other = rounds[-2:]
+    some = found.measured
+    both = some & other.measured
+    if not both.any():
         return views, disparities
-    some = rounds[1].measured & rounds[2].measured
-    if not some.any():
-        return views, disparities
-    change, answer = (assumed[1] - assumed[0])[some], (rounds[2].disparity - rounds[1].disparity)[some]
-    c = float(np.clip(np.median(answer) / max(float(np.median(change)), ASKED / 2), *ANSWERS))
-    before = np.where(disparities.measured, disparities.sigma, rounds[1].sigma)
+    c = float(np.clip(np.median((other.disparity - found.disparity)[both]) / ASKED, *ANSWERS))
+    own = np.where(disparities.measured, disparities.sigma, found.sigma)
     again = math.sqrt(1 + 2 * c * ALIKE + c**2 * SMOOTH)
-    sigma = np.hypot(again * rounds[2].sigma, c**2 * math.sqrt(TWICE) * before)
-    parts = {"disparity": rounds[2].disparity - c * ASKED, "sigma": sigma}
+    sigma = np.hypot(again * found.sigma, c**2 * math.sqrt(TWICE) * own)
     names = ("disparity", "sigma", "status", "chi2", "views", "picture")
     told: dict[str, Any] = {
-        name: np.where(some, parts.get(name, getattr(rounds[2], name)), getattr(disparities, name)) for name in names
+        name: np.where(some, sigma if name == "sigma" else getattr(found, name), getattr(disparities, name))
+        for name in names
     }
     return lit, replace(disparities, **told)
 
@@ -511,7 +517,7 @@ def simulate(
     balance = ColourBalance.of(flat) if filters(design.sensor.colours) else None
     grey = balance or (lambda frame: frame)
     flat = grey(flat)
-    decoder = Decoder.of(lattice, picture.pixels.shape, white=flat)
+    decoder = Decoder.of(lattice, picture.pixels.shape, white=flat, reach=geometry.reach)
     even = decoder(flat)
     brightest = float(np.median(even.values[even.weight > 0])) if (even.weight > 0).any() else 1.0
     noise = PixelNoise(full * brightest, dark, saturation * 0.98).on_veil(known_veil)

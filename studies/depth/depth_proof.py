@@ -25,6 +25,7 @@ from roslf_design.camera import Camera
 from roslf_design.depth.geometry import ArrayGeometry, depth_of, disparity_of
 from roslf_design.depth.measure import Trial, simulate
 from roslf_design.depth.pictures import DETAIL, PictureOptions, chief_rays, default_scene, region_about
+from roslf_design.depth.unmixing import LEAST
 from roslf_design.design import Design, save
 from roslf_design.design.parts import MOST_CONTRAST
 from roslf_design.drawing.marks import Area, Dots, Line, Mark, box_key, dot_key
@@ -419,6 +420,19 @@ def differences(predicted: Mapping[str, Mapping[str, float]]) -> Table:
     return Table(tuple(lines), "lrrr", heads, "Prediction against rendered pictures", note)
 
 
+def bounds(attained: Mapping[str, Mapping[str, float]]) -> Table:
+    """What spread any estimator can attain, over the prediction."""
+    lines = [(name, *(f"{one[key]:.2f}" for key in ("all_pixels", "own_pixels"))) for name, one in attained.items()]
+    heads = ("camera", "every pixel", f"pixels with {LEAST:.0%} own light")
+    note = (
+        "Bound of Cramér and Rao by the pixels about a window, texture and the disparities beside it unknown, rms over "
+        "textures of a wall in focus, over the prediction (`attainable.py`): windows with less texture make it some "
+        "per cent more than 1. No pixel is saturated in it: where images overlap, at the design's own exposure pixels "
+        "that two or three share are."
+    )
+    return Table(tuple(lines), "lrr", heads, "What any estimator can attain", note)
+
+
 def _answers(results: Mapping[str, Any], rows: Rows) -> Iterator[Statement]:
     told = [(name, one) for name, _, one in rows if one is not None]
     surely = [(name, one) for name, one in told if one.missed(CHANCE)]
@@ -479,7 +493,11 @@ def _notes(results: Mapping[str, Any]) -> Iterator[str]:
     )
 
 
-def report(results: Mapping[str, Any], predicted: Mapping[str, Mapping[str, float]]) -> Report:
+def report(
+    results: Mapping[str, Any],
+    predicted: Mapping[str, Mapping[str, float]],
+    attained: Mapping[str, Mapping[str, float]],
+) -> Report:
     """The page."""
     rows = rows_of(results)
     seconds = sum(one["seconds"] for one in results.values())
@@ -491,7 +509,8 @@ def report(results: Mapping[str, Any], predicted: Mapping[str, Mapping[str, floa
         "proof", "Cameras against the bars", "A sign is a camera, by its number in the table; those that ship left of "
         "the line. Figures beyond a scale stand at its end.", drawn(rows),
     )  # fmt: skip
-    evidence = (worst_table(results, rows), *((differences(predicted),) if predicted else ()))
+    proofs = (differences(predicted),) if predicted else ()
+    evidence = (worst_table(results, rows), *proofs, *((bounds(attained),) if attained else ()))
     again = Code("python studies/depth/prediction_proof.py\npython studies/depth/depth_proof.py", "Run again")
     return Report(
         "Depth that is proved",
@@ -527,7 +546,7 @@ def main() -> None:
         parser.error("spread takes two exposures at least")
     out = given.output or OUT
     out.mkdir(parents=True, exist_ok=True)
-    store, beside = out / "proof.json", out / "prediction.json"
+    store, beside = out / "proof.json", (out / "prediction.json", out / "attainable.json")
     results: dict[str, Any] = json.loads(store.read_text()) if store.exists() else {}
     anew = {f"{name}, {scene}" for name in given.again for scene in SCENES}
     for name in QUICK if given.quick else given.only or given.again or cameras():
@@ -544,8 +563,8 @@ def main() -> None:
             store.write_text(json.dumps(results, allow_nan=False, indent=1) + "\n")
         one = pooled(of_camera(results, name))
         print(f"{name}: {'nothing known' if one is None else f'{one.words}; {one}'}", flush=True)
-    predicted = json.loads(beside.read_text()) if beside.exists() else {}
-    (out / "index.html").write_text(render_html(report(results, predicted)))
+    predicted, attained = (json.loads(each.read_text()) if each.exists() else {} for each in beside)
+    (out / "index.html").write_text(render_html(report(results, predicted, attained)))
     (out / "proof.png").write_bytes(drawn(rows_of(results)).to_png())
 
 
