@@ -32,7 +32,8 @@ from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import microlens_defocus_blur
 from ..traced.camera import LensCamera, camera_of, chief_slope, microlenses, tilted_parts, views
 from .camera import Floats, Image, Region, pixel_centres, straightened
-from .trace import BLOCK_ROWS, LIGHT, SLOPE_X, SLOPE_Y, RaySampling, Surfaces, X, Y, encode, look, refocused
+from .surfaces import BLOCK_ROWS, LIGHT, SLOPE_X, SLOPE_Y, Surfaces, X, Y, encode, look
+from .trace import RaySampling, refocused
 
 LENS_EFFECTS = ("lens_aberrations", "lens_distortion", "field_curvature", "lens_colour")
 """Any of these asks for the traced lens."""
