@@ -4,8 +4,8 @@ Pixels of all microlenses are fitted together, each where it lies in its own cel
 finely than pixels do. The model is `PupilImage`, its neighbours in it, times a gain of each microlens, on a veil that
 is alike in all pixels. Standard errors have the scatter of whole microlenses; the part of the misfit that is as
 symmetric as the images, as no other moves width and veil. Where the images show a pupil that is darker at its rim, that
-is fitted, and three quarters of what it moves count as an error: light that falls off nearer to the rim looks like a
-narrower pupil.
+is fitted, and half of what it moves counts as an error: light that falls off within the last tenth before the rim looks
+like a narrower pupil.
 """
 
 from __future__ import annotations
@@ -50,9 +50,8 @@ _OTHER = 0.03
 """Symmetric part of the misfit from which images are others than an evenly lit pupil's: real ones have up to 0.013."""
 _EXACT = 2e-4
 """Misfit that tabulating the model leaves [fully lit pixels], and renderings: errors told allow for it."""
-_UNEVEN = 0.75
-"""Part of what width and veil move by, once the rim may be darker, that other laws than the square leave open: twice as
-much holds those of the published frames, whose pupil is 6.97, 7.04, 7.30 and 7.40 mm wide by r, r^2, r^4 and both."""
+_UNEVEN = 0.5
+"""Part of what width and veil move by, once the rim may be darker, that other laws than the square leave open."""
 _ASTRAY = 4.0
 """Residuals of a microlens, against the median's, beyond which it is left out."""
 
