@@ -68,9 +68,10 @@ def _image(camera: Camera, at: tuple[float, float]) -> tuple[list[Array], float,
     for (a, b), radius in zip(centres - centres[0], radii, strict=True):
         opening *= np.clip((radius - np.hypot(x - a, y - b)) / step + 0.5, 0, 1)
     k = np.fft.fftfreq(count, step)
-    lens = (camera.d, camera.seen.d_2, -microlens_defocus(camera) / camera.seen.d_2, camera.wavelength)
-    one, (fx, fy) = np.ones((1, 1)), np.meshgrid(k, k)
-    parts = LENS_SHAPES[camera.lens_shape].factors(*(float(x) * one for x in lens), fx / pitch, fy / pitch)
+    fx, fy = np.meshgrid(k, k)
+    distance, defocus = float(camera.seen.d_2), float(-microlens_defocus(camera) / camera.seen.d_2)
+    lens = LENS_SHAPES[camera.lens_shape]
+    parts = lens.factors(float(camera.d), distance, defocus, float(camera.wavelength), fx / pitch, fy / pitch)
     passed = math.prod(parts, start=np.sinc(fx * step * FINE) * np.sinc(fy * step * FINE))
     kinds = (opening, opening * x / (2 * radii[0]), opening * y / (2 * radii[0]))
     return [ndimage.spline_filter(np.fft.ifft2(np.fft.fft2(p) * passed).real, 3) for p in kinds], step, count // 2
@@ -108,7 +109,7 @@ def attainable(
         return np.asarray(sparse.csr_matrix((values, (pixel, part)), shape=(len(pixels), size)).todense())
 
     total = np.bincount(pixel, light, len(pixels))
-    mine = lens == cKDTree(lenses).query(pixels)[1][pixel]
+    mine = lens == np.asarray(cKDTree(lenses).query(pixels)[1])[pixel]
     share = np.bincount(pixel[mine], light[mine], len(pixels)) / np.maximum(total, FAINT)
     # Waves of a square that repeats itself beyond all microlenses; one of each with its mirror image.
     side = 2 * half + 3
