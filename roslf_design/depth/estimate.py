@@ -732,7 +732,7 @@ def _judged(
 
 def _with_errors_of_views(judged: DisparityMap, pulled: Array, chi2: Array) -> tuple[DisparityMap, list[float]]:
     """Disparities with errors for bends too; how much more windows of `SIZES` vary than if noise were each sample's."""
-    bent = _bent(np.where(beside_steps(judged.disparity), np.nan, judged.disparity), judged.window)
+    bent = np.abs(_bent(np.where(beside_steps(judged.disparity), np.nan, judged.disparity), judged.window))
     some = judged.measured & (pulled > 0).all(axis=0)
     total = chi2[some].sum()
     whole, *small = (max(1.0, float(pull[some].sum() / total)) if total > 0 else 1.0 for pull in pulled)
@@ -740,14 +740,30 @@ def _with_errors_of_views(judged: DisparityMap, pulled: Array, chi2: Array) -> t
 
 
 def _bent(disparity: Array, window: int) -> Array:
-    """Distance of the mean of each window of a bent surface from its middle; 0 where it cannot be told.
+    """Mean of each window of a bent surface less its middle; 0 where it cannot be told.
 
     Of uniform windows of w samples: (w^2 - 1)/24 of the second derivatives, by differences over somewhat less than w.
     """
     lag, total = window // 2 + 2, np.zeros(disparity.shape)
     for part, apart in ((disparity, total), (disparity.T, total.T)):
         apart[lag:-lag] += part[2 * lag :] + part[: -2 * lag] - 2 * part[lag:-lag]
-    return np.nan_to_num(np.abs(total)) * (window**2 - 1) / 24 / lag**2
+    return np.nan_to_num(total) * (window**2 - 1) / 24 / lag**2
+
+
+def straightened(disparity: Array, window: int, times: int = 1) -> Array:
+    """Disparities of a bent surface at the middles of windows that mean it, so many `times`; as they are beside steps.
+
+    Its bend is that of two windows' width, less noisy than each one's own, and near the field's rims the nearest.
+    """
+    from scipy import ndimage
+
+    rim = window // 2 + 2
+    if min(disparity.shape) <= 2 * rim:
+        return disparity
+    stepped = ndimage.maximum_filter(beside_steps(disparity), 2 * rim + 1)
+    bent = np.where(stepped, 0, _bent(disparity, window))[rim:-rim, rim:-rim]
+    bend = np.pad(ndimage.uniform_filter(bent, 2 * window + 1, mode="nearest"), rim, mode="edge")
+    return disparity - np.where(stepped, 0, times * bend)
 
 
 def _unlit(views: _Views, window: int, search: tuple[float, float]) -> DisparityMap:

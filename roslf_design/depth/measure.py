@@ -31,7 +31,7 @@ from ..theory.photometry import NOTHING, dark_variance, electrons, veil_electron
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
 from .dense import DenseMap
-from .estimate import DisparityMap, DisparityStatus, PixelNoise, Start, estimate_disparity, saturated
+from .estimate import DisparityMap, DisparityStatus, PixelNoise, Start, estimate_disparity, saturated, straightened
 from .geometry import ArrayGeometry, GridGeometry, ViewGeometry, Viewing, disparity_of, sigma_of
 from .pictures import SLANT, Framed, PictureOptions, Unexposed, Work, chief_rays, default_scene, lattice_of, rays_for
 from .traced_views import TracedViews
@@ -388,7 +388,8 @@ def _with_shared(
 
     What neighbours send follows from the picture and the disparities before, in some rounds, as views that share light
     show another picture. An error of those disparities makes c times as much in those found, which one more round
-    shows, by others of the same picture. Noise of a single window comes back smoothed, and so less of it.
+    shows, by others of the same picture. Noise of a single window comes back smoothed, and so less of it. What windows
+    take off a bent surface would come back as well, and is given back.
     """
     from scipy import ndimage
 
@@ -400,7 +401,8 @@ def _with_shared(
         before, latest = rounds[min(number, SETTLING - 1)].begun, rounds[-1].begun
         if before is None or latest is None:
             return views, disparities
-        assumed = ndimage.median_filter(before.disparity, disparities.window) + ASKED * (number == SETTLING)
+        smooth = ndimage.median_filter(before.disparity, disparities.window)
+        assumed = straightened(smooth, disparities.window, 2) + ASKED * (number == SETTLING)
         shared = viewing.with_shared(field, looks, assumed, before.picture)
         if shared is None:
             return views, disparities
@@ -422,6 +424,9 @@ def _with_shared(
         name: np.where(some, sigma if name == "sigma" else getattr(found, name), getattr(disparities, name))
         for name in names
     }
+    if found.begun is not None:  # where all have one
+        bend = straightened(found.begun.disparity, disparities.window) - found.begun.disparity
+        told["disparity"] = np.where(some, found.disparity + bend, disparities.disparity)
     return lit, replace(disparities, **told)
 
 

@@ -55,7 +55,7 @@ NEAR = 0.03
 LEAST, SURE = 0.6, 0.65
 """Own share of a sample's light under which it is dropped: it tells more of its neighbours. Share from which on it
 tells what the microlens sends others: of less errors would go to and fro, and the mean of its other samples does."""
-SHARED, SENT, PAYS = 0.2, 0.02, 1.3
+SHARED, SENT, PAYS = 0.3, 0.02, 1.3
 """Own share of a sample's light from which on it tells disparities where the picture says what neighbours send; share
 from which on its place counts among those that they send from; times the information from which on that pays."""
 
