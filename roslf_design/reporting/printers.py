@@ -29,9 +29,8 @@ if TYPE_CHECKING:
 Paper = Literal["a4", "letter"]
 PAGES = {"a4": "a4", "letter": "us-letter"}
 """Paper sizes by typst's names."""
-LEAST_SHARE, CLEARANCE, MOST_TRIED, MOST_PLACED = 0.75, 28.0, 16, 4
-"""Share of its size down to which a figure is drawn so that a page is filled; room above it [pt]; figures tried; and
-how often figures are placed anew."""
+LEAST_SHARE, CLEARANCE, MOST_TRIED = 0.75, 28.0, 16
+"""Share of its size down to which a figure is drawn so that a page is filled; room above it [pt]; figures tried."""
 DOCUMENT = Path(__file__).with_name("templates") / "report.typ"
 
 SCRIPT = Path(__file__).with_name("templates") / "viewer.js"
@@ -110,11 +109,10 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
             return placed
 
         fitting: set[str] = set()
-        for _ in range(MOST_PLACED):
-            before, fitting = fitting, _fitting(spots(fitting, {}))
-            if before == fitting:
-                break
-        write(fitting, _filling(partial(spots, fitting)))
+        while more := _fitting(spots(fitting, {})) - fitting:
+            fitting |= more
+        shares = _filling(partial(spots, fitting))
+        write(fitting & _fitting(spots(fitting, shares)), shares)
         return _packed(typeset(root, document, timestamp=0))
 
 
