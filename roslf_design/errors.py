@@ -65,8 +65,8 @@ class Argument(Problem):
 
 
 def _option(name: str) -> str:
-    """Option of the shell that a keyword stands for."""
-    return "-o" if name == "output" else f"--{name.replace('_', '-')}"
+    """Option of the shell that a keyword stands for; one given several times has no number there."""
+    return "-o" if name == "output" else f"--{re.sub(r'[.][0-9]+$', '', name).replace('_', '-')}"
 
 
 def with_options(text: str) -> str:

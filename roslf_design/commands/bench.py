@@ -17,8 +17,9 @@ from ..calibration.model import relative_sigma
 from ..calibration.options import CalibrateOptions, PlanOptions
 from ..calibration.outcome import calibrated
 from ..calibration.written import FILE
-from ..design import dumps, load
+from ..design import dumps
 from ..errors import refusal
+from ..evaluation.required import load_checked
 from ..reporting.bench.acceptance import acceptance_report, acceptance_statements, acceptance_tables
 from ..reporting.bench.check import check_report, image_line, summary
 from ..reporting.bench.protocol import protocol_report
@@ -78,7 +79,7 @@ def write(
     """
     check_typst("output")
     check_options(seed, output)
-    loaded = load(design)
+    loaded = load_checked(design)
     asked = PlanOptions.of(board=board, seed=seed, **dict(poses))
     with StatusLine("bench") as status:
         status.tell("planning")

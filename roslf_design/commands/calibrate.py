@@ -15,9 +15,10 @@ from ..calibration.outcome import calibrated
 from ..calibration.planning import too_large
 from ..calibration.posterior import sample_size_for
 from ..calibration.written import CALIBRATED
-from ..design import DesignError, dumps, load
+from ..design import DesignError, dumps
 from ..design.files import WRITTEN
 from ..errors import Problem, refusal
+from ..evaluation.required import load_checked
 from ..json_data import plain
 from ..reporting.blocks import Report
 from ..reporting.calibrate import pages
@@ -146,7 +147,7 @@ def calibrate(
     began = time.perf_counter()
     try:
         with status_and_bars("calibrate") as tell:
-            result = calibrated(folder, load(design), options, tell)
+            result = calibrated(folder, load_checked(design), options, tell)
     except CalibrationError as error:
         raise refused(error, folder, output) from None
     typed_options = options.model_dump(exclude={"sigma", "posterior"})
@@ -182,7 +183,7 @@ def write_calibration(result: Outcome, output: Path, command: str) -> tuple[Repo
 
 def _print_plan(design: str, asked: PlanOptions, distortion: int | None, json: bool) -> None:
     """Expected errors of a calibration that is planned, on stdout; refused where captures do not determine a camera."""
-    loaded = load(design)
+    loaded = load_checked(design)
     with StatusLine("calibrate") as status:
         status.tell("planning")
         plan = calibration_plan(loaded, asked, distortion)

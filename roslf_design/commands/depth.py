@@ -18,9 +18,10 @@ from ..depth.from_files import CaptureOptions, captured
 from ..depth.measure import REASONS, Measurement, Trial, simulate
 from ..depth.pictures import PictureOptions, Work
 from ..depth.view_files import MATLAB
-from ..design import load, preset_names
+from ..design import preset_names
 from ..drawing.picture import Picture
 from ..errors import Argument
+from ..evaluation.required import load_checked
 from ..options import Options
 from ..reporting.blocks import Block, Report
 from ..reporting.depth.captured import capture_answers, capture_basis, capture_report
@@ -138,8 +139,8 @@ def depth(
         blocks = (*capture_answers(result), *capture_basis(result))
         _finish(result, f"Depth in {result.source}", blocks, partial(capture_report, result), command, output, json)
         return
-    design, look = load(subject), None if simulation.scene is None else load_scene(simulation.scene)
-    other = None if simulation.believed is None else load(simulation.believed)
+    design, look = load_checked(subject), None if simulation.scene is None else load_scene(simulation.scene)
+    other = None if simulation.believed is None else load_checked(simulation.believed)
     pictures = PictureOptions(region=piece, seed=simulation.seed or 0, exposures=simulation.exposures or 1)
     work = Work.of(design, pictures)
     tell_cost(work.seconds, f"{work}; a smaller --region makes it shorter")

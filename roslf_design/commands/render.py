@@ -12,10 +12,10 @@ from cyclopts import Parameter
 from pydantic import Field
 
 from ..accuracy.picture import settle, stated
-from ..design import load
 from ..design.files import in_the_way, write_atomically
 from ..effects import Budget, Plan, plan
 from ..errors import InputError, Problem, refusal
+from ..evaluation.required import load_checked
 from ..imaging.files import check_target, write_image
 from ..imaging.render import render as compute
 from ..options import Options
@@ -103,7 +103,7 @@ def render(
     plan_only
         Print which effects would be on, with sizes and reasons, and stop.
     """
-    loaded = load(design)
+    loaded = load_checked(design)
     scenes = [load_scene(path) for path in scene or []] or [WHITE_FIELD]
     budget, overrides = options.budget(), options.overrides()
     accuracy, seed = options.accuracy, options.seed

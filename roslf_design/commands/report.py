@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from pydantic import Field
 
 from .._version import __version__
-from ..design import load
 from ..design.files import KINDS
 from ..drawing.solid import NoPictureError, picture, vtp_bytes
 from ..drawing.svg import file_of
@@ -159,11 +158,11 @@ def report(
         files[PAGE] = render_html(content).encode()
         files |= render_tables(content)
         if "model" in solid:
-            files[SOLID["model"]] = vtp_bytes(instrument_scene(load(design)))
+            files[SOLID["model"]] = vtp_bytes(instrument_scene(load_checked(design)))
         if "3d" in solid:
             progress.tell("3D")
             try:
-                files[SOLID["3d"]] = picture(instrument_scene(load(design)))
+                files[SOLID["3d"]] = picture(instrument_scene(load_checked(design)))
             except NoPictureError as error:
                 say(f"roslf: {SOLID['3d']} is left out: {error}", error=True)
         if pdf:

@@ -134,26 +134,6 @@ def as_design(design: Design | str | os.PathLike[str]) -> Design:
     return design if isinstance(design, Design) else load(design)
 
 
-def load_beside(name: str, folder: Path) -> Design:
-    """The design that a study in a folder names: a file beside it or, where there is none, a preset."""
-    return load(name if name in preset_names() and not (folder / name).is_file() else folder / name)
-
-
-def studied(
-    data: Mapping[str, Any], folder: Path, design: Design | None, faults: list[Problem]
-) -> tuple[Mapping[str, Any], Design | None]:
-    """A study's values and its design: the one given takes the place of the file's own; faults are added to."""
-    if design is not None:
-        return {**data, "design": design.name}, design
-    name = data.get("design")
-    if isinstance(name, str):  # else the study's own check says so
-        try:
-            return data, load_beside(name, folder)
-        except InputError as error:
-            faults += [Problem("design", f"{name}: {fault}") for fault in error.problems]
-    return data, None
-
-
 def loads(text: str, origin: str = "", folder: str | os.PathLike[str] | None = "") -> Design:
     """Read a design from TOML text; `origin` is what errors call it, `folder` what a lens file's path counts from.
 

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from pathlib import Path
+from typing import Any, NamedTuple
 
 from ..camera import Camera
-from ..design import Design, load
+from ..design import Design, load, preset_names
 from ..design.check import DesignError
 from ..design.required import Required
-from ..errors import Problem
+from ..errors import InputError, Problem
 from ..theory.depth_budget import DepthBudget
 from ..theory.focused import is_focused
 from ..theory.quantities import quantity_named
@@ -134,6 +135,26 @@ def load_checked(path: str | os.PathLike[str]) -> Design:
     design = load(path)
     _limits(design, os.fspath(path))
     return design
+
+
+def load_beside(name: str, folder: Path) -> Design:
+    """The design that a study in a folder names: a file beside it or, where there is none, a preset."""
+    return load_checked(name if name in preset_names() and not (folder / name).is_file() else folder / name)
+
+
+def studied(
+    data: Mapping[str, Any], folder: Path, design: Design | None, faults: list[Problem]
+) -> tuple[Mapping[str, Any], Design | None]:
+    """A study's values and its design: the one given takes the place of the file's own; faults are added to."""
+    if design is not None:
+        return {**data, "design": design.name}, design
+    name = data.get("design")
+    if isinstance(name, str):  # else the study's own check says so
+        try:
+            return data, load_beside(name, folder)
+        except InputError as error:
+            faults += [Problem("design", f"{name}: {fault}") for fault in error.problems]
+    return data, None
 
 
 def _limits(design: Design, origin: str = "") -> list[_Limits]:

@@ -19,9 +19,10 @@ from .._arrays import by_value, ratio
 from ..bore.conjugates import CONJUGATES
 from ..camera import TIP, Camera
 from ..design import PATHS, Design
-from ..design.files import expect_kind, studied
+from ..design.files import expect_kind
 from ..design.parts import Stop
 from ..errors import InputError, Problem
+from ..evaluation.required import studied
 from ..json_data import plain
 from ..lenses.glass import find_glass
 from ..lenses.prescription import Prescription

@@ -12,7 +12,7 @@ import json
 import re
 import tempfile
 from collections.abc import Callable, Container, Iterable, Mapping, Sequence
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -100,18 +100,32 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
         (root / "content.json").write_bytes(json.dumps(content, ensure_ascii=False).encode("utf-8", "replace"))
         document = DOCUMENT.read_bytes()
 
-        def spots(shares: Mapping[str, float]) -> list[dict[str, Any]]:
-            (root / "shares.json").write_text(json.dumps(shares), encoding="utf-8")
+        def write(fitting: Iterable[str], shares: Mapping[str, float]) -> None:
+            (root / "figures.json").write_text(json.dumps([shares, sorted(fitting)]), encoding="utf-8")
+
+        def spots(fitting: Iterable[str], shares: Mapping[str, float]) -> list[dict[str, Any]]:
+            write(fitting, shares)
             placed: list[dict[str, Any]] = json.loads(typesetter(root, document).query("<spot>", field="value"))
             return placed
 
-        (root / "shares.json").write_text(json.dumps(_filling(spots)), encoding="utf-8")
+        fitting: set[str] = set()
+        while more := _fitting(spots(fitting, {})) - fitting:
+            fitting |= more
+        shares = _filling(partial(spots, fitting))
+        write(fitting & _fitting(spots(fitting, shares)), shares)
         return _packed(typeset(root, document, timestamp=0))
 
 
 def render_drawing(svg: bytes, width: float, height: float) -> bytes:
     """A drawing as a PDF of one page of its size [mm], true to scale; errors as of `render_pdf`."""
     return _packed(page_of(svg, f"{width}mm", f"{height}mm", timestamp=0))
+
+
+def _fitting(placed: Iterable[Mapping[str, Any]]) -> set[str]:
+    """Names of figures that stand on the page where they are told of."""
+    # What is invisible goes to the next page with what follows it.
+    told = {at["name"]: at["page"] - (at["y"] <= 0) for at in placed if at["kind"] == "place"}
+    return {at["name"] for at in placed if at["image"] and told.get(at["name"]) == at["page"]}
 
 
 def _filling(spots: Callable[[Mapping[str, float]], list[dict[str, Any]]]) -> dict[str, float]:

@@ -23,10 +23,10 @@ from pydantic import Field, field_validator, model_validator
 from ..calibration.options import PlanOptions, planned_lengths
 from ..calibration.written import calibrated_camera
 from ..design import Design, preset_names
-from ..design.files import Kind, kind_of, load_beside
+from ..design.files import Kind, kind_of
 from ..errors import InputError, Problem, refusal
 from ..evaluation import default_fields
-from ..evaluation.required import load_checked
+from ..evaluation.required import load_beside, load_checked
 from ..optimization.solve import Tell
 from ..optimization.study import Result, run
 from ..optimization.study import read_study as read_optimisation
@@ -143,7 +143,7 @@ def _read_story(data: Mapping[str, Any], folder: Path = Path(), origin: str = ""
     try:
         design = load_beside(table.story.design, folder)
     except InputError as error:
-        faults += [Problem("story.design", str(fault)) for fault in error.problems]
+        faults += [Problem("story.design", f"{table.story.design}: {fault}") for fault in error.problems]
     for index, part in enumerate(table.parts):
         place = f"parts.{index}.{part.kind}"
         try:

@@ -214,6 +214,7 @@ def display(value: float, kind: str) -> str:
     """A deviation in the unit it reads best in, to three digits: "20 um", "0.05 mm", "3 mrad", "1.2 %", "0.0005"."""
     if not math.isfinite(value):
         return "any"
+    value = value if abs(value) > 1e-10 else 0.0  # rounding, where parts touch
     if kind not in ("length", "form"):
         scale, unit = SHOWN[kind]
         return f"{scale * value:.3g}{unit}"

@@ -31,10 +31,11 @@ from .._arrays import Array
 from ..bore.conjugates import CONJUGATES
 from ..camera import Camera
 from ..design import Design
-from ..design.files import expect_kind, studied
+from ..design.files import expect_kind
 from ..errors import InputError, Problem
 from ..evaluation import default_fields
 from ..evaluation.fields import MOST_FIELDS
+from ..evaluation.required import studied
 from ..options import Options, Seed, up_to
 from ..sobol import BITS
 from ..theory.focused import focus_faults

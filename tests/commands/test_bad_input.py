@@ -160,6 +160,8 @@ tolerance = "1 %"
 """
 RENDER = ["render", "paper", "--scene", "x.toml"]
 PLAN = ["calibrate", "--plan", "paper"]
+REQUIRED = f'name = "x"\n{WHOLE}\n[required]\nu_zz = {{max = 1}}\n'
+DESIGNS = ("evaluate", "render", "report", "datasheet", "bench -o out", "calibrate --plan")
 
 
 @pytest.mark.parametrize(
@@ -192,6 +194,11 @@ PLAN = ["calibrate", "--plan", "paper"]
             "fields: 501 are too many; ask for 500 at most",
         ),
         ("", ["evaluate", "."], "is a folder"),
+        *((REQUIRED, [*words.split(), "x.toml"], "x.toml: required.u_zz: 'u_zz' is no") for words in DESIGNS),
+        (REQUIRED, ["report", "story.toml"], "story.toml: story.design: x.toml: required.u_zz: "),
+        (REQUIRED, ["tolerance", "study.toml", "-o", "out"], "study.toml: design: x.toml: required.u_zz: "),
+        ("", [*PLAN, "--at", "10"], '--at: "10" has no unit'),
+        ("", ["bench", "paper", "-o", "out", "--at", "10"], '--at: "10" has no unit'),
         ("", ["tolerance", "/dev/zero", "-o", "out"], "is a pipe or a device"),
         ("", ["catalogue", "--file", "/dev/urandom"], "is a pipe or a device"),
         ('[[lenses]]\npart = ""', ["catalogue", "--file", "x.toml"], "lenses.0.part: "),
@@ -200,6 +207,8 @@ PLAN = ["calibrate", "--plan", "paper"]
 )
 def test_what_is_too_much_or_no_input_is_told_soon(text, arguments, said, capsys, tmp_path):
     (tmp_path / "x.toml").write_text(text)
+    (tmp_path / "story.toml").write_text(PARTS.format(12).replace('"paper"', '"x.toml"'))
+    (tmp_path / "study.toml").write_text(STUDY_OF.format("").replace('"paper"', '"x.toml"'))
     assert any(said in line for line in refused(capsys, arguments))
 
 

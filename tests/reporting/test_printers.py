@@ -76,6 +76,26 @@ def test_figures_a_little_smaller_fill_pages(tmp_path, monkeypatch):
     assert len(pages(whole, tmp_path)) == 4
 
 
+def lines_and(count, *blocks):
+    return Report("title", "", (Section("Text", (*(Paragraph(f"line{n}") for n in range(count)), *blocks)),), "")
+
+
+def test_a_figure_stands_where_it_is_told_of_where_it_fits(tmp_path):
+    """Not at the page's foot, behind a gap that the table does not fit into."""
+    tall = SVG.replace('viewBox="0 0 9 9" width="9pt" height="9pt"', 'viewBox="0 0 768 500" width="768" height="500"')
+    after = (Figure("f", "drawn", "what it shows", tall), Table((("row", "1"),) * 8, "ll"))
+    first, second = pages(lines_and(17, *after), tmp_path)
+    assert first.split("line16")[1].split("drawn")[0].count("\n") <= 3
+    assert second.count("row") == 8
+
+
+def test_a_table_over_pages_leaves_no_row_alone(tmp_path):
+    rows = tuple((f"row{n}", "1") for n in range(12))
+    on_first = [pages(lines_and(lines, Table(rows, "ll")), tmp_path)[0].count("row") for lines in range(39, 52)]
+    assert set(on_first) <= {0, *range(3, 10), 12}
+    assert len(set(on_first)) > 3
+
+
 def printed(block, width=80):
     shown = io.StringIO()
     print_table(block, Console(file=shown, width=width))

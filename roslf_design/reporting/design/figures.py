@@ -76,7 +76,7 @@ def _ray_sheet(design: Design, result: Evaluation) -> Figure:
 def _cells_sheet(design: Design, result: Evaluation) -> Figure:
     f = result.f_number
     touch = (
-        "Neighbouring cones just touch on the sensor: all pixels are used and none twice."
+        "Neighbouring cones touch on the sensor to within a pixel: hardly one is idle or used twice."
         if result.matched
         else f"Neighbouring cones overlap by {number(f.mismatch_px, 3)} px: those pixels mix views of two microlenses."
         if f.mismatch_px > 0

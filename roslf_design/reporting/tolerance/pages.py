@@ -332,14 +332,14 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
         ("alone up to", "r", lambda p: own("alone", p.place)),
         ("until it fails", "l", lambda p: allowed[p.place].alone_limited_by if p.place in allowed else ""),
         ("shared budget", "r", lambda p: own("tolerance", p.place)),
-        ("for the target yield", "r", lambda p: "" if scale is None else display(p.tolerance * scale, kinds[p.place])),
+        *((("for the target yield", "r", lambda p: display(p.tolerance * scale, kinds[p.place])),) if scale else ()),
     )
     share = "1/sqrt(n)" if result.study.share == "rss" else "1/n"
     caption = (
         "r²: squared correlation with the weakest metric. Alone up to: where, all else nominal, the first goal fails, "
         "or the build cannot be put together. "
-        f"Shared budget: what uses {share} of each limit's margin, n = {len(shares)} parameters. For the target yield: "
-        "all tolerances scaled by one factor."
+        f"Shared budget: what uses {share} of each limit's margin, n = {len(shares)} parameters."
+        f"{' For the target yield: all tolerances scaled by one factor.' if scale else ''}"
     )
     if result.final.impossible:
         caption = (
