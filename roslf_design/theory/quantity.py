@@ -162,7 +162,7 @@ class Quantity:
         return float(value)
 
     def within(self, low: float | None, high: float | None, values: Array | float) -> NDArray[np.bool_]:
-        """Where values are between limits, but for what an optimiser's rounding may leave; nowhere where they are NaN."""
+        """Where values are between limits, but for what an optimiser's rounding leaves; nowhere where they are NaN."""
         least = -np.inf if low is None else low - self.slack(low)
         most = np.inf if high is None else high + self.slack(high)
         return np.asarray((np.asarray(values) >= least) & (np.asarray(values) <= most))
