@@ -131,6 +131,18 @@ def requirements(
     return tuple(told)
 
 
+def required_distances(design: Design, far: float) -> tuple[float, ...]:
+    """Distances ahead of the tip that limits name [mm]: places asked for, and ends to be sharp at, up to `far`."""
+    places = []
+    for asked, quantity, low, high in _limits(design):
+        sharp = {"depth_of_field_near_mm": high, "depth_of_field_far_mm": low}.get(quantity.name.removeprefix("view_"))
+        if asked.at is not None:
+            places.append(float(asked.at))
+        elif sharp is not None and 0 < sharp <= far:
+            places.append(sharp)
+    return tuple(places)
+
+
 def load_checked(path: str | os.PathLike[str]) -> Design:
     """Design of a file or preset, as `load` reads it, what it requires checked too.
 
