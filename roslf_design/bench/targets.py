@@ -14,6 +14,7 @@ from ..calibration.model import Board, Markers
 from ..camera import Camera
 from ..design import Design
 from ..errors import refusal
+from ..evaluation.required import required_distances
 from ..evaluation.specification import ASKED, FieldImages, ObjectField, planes
 from .captures import BoardPose, BoardTarget, EdgeTarget, FieldTarget, Kind, Setup, SpheresTarget, WallTarget
 
@@ -87,7 +88,8 @@ def setup_for(
 ) -> Setup:
     """Targets that suit a design, at its working range's ends and focal plane; `poses` are the plan's.
 
-    The wall, which shows how flat depth is, stands at the distances `asked` for as well [mm].
+    The wall, which shows how flat depth is, stands at the distances that the design requires something at and at those
+    `asked` for as well [mm].
 
     Raises
     ------
@@ -98,7 +100,9 @@ def setup_for(
     ends = FieldImages.of(design).ends
     stations = tuple(ObjectField.of(ends, at, name) for name, at in planes(camera))
     near, focus, far = stations
-    walls = sorted({*stations, *(ObjectField.of(ends, at, ASKED) for at in asked)}, key=lambda field: field.at_mm)
+    required = required_distances(design, far.at_mm)
+    others = (*((ASKED, at) for at in asked), *(("required", at) for at in required))
+    walls = sorted({*stations, *(ObjectField.of(ends, at, name) for name, at in others)}, key=lambda field: field.at_mm)
     farthest = walls[-1]
     finest = _rounded(2 * farthest.object_sample_mm, 2)  # finer dots alias, and put depth off
     textured = [field for field in walls if _narrow(field) >= _FEWEST_DOTS * finest]

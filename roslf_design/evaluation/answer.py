@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..options import check_distances
+from ..theory import tube
 from ..theory.depth_budget import COVERAGE, DepthBudget, depth_budget
 from ..theory.field_of_view import focus_ahead
 from ..theory.focused import FocusedArray
@@ -90,7 +91,9 @@ class FirstAnswer:
     corner_slant: float
     """Share that light's slant and the lens's mapping alone leave; the rest is the size of what is lit of images."""
     outer_diameter_mm: float
-    """Narrowest tube about the optics, without its wall."""
+    """Narrowest tube about the optics, with its wall where the design states one."""
+    outer_diameter_counts: str
+    """Walls that it counts, and the tube as stated, in words."""
     at: tuple[_AtDistance, ...]
     """At the focal plane, then at the distances asked for."""
 
@@ -152,6 +155,7 @@ class FirstAnswer:
             points[farthest].relative_illumination,
             float(np.broadcast_to(images.level, (len(points), 1))[farthest, 0]),
             float(QUANTITIES["outer_diameter_mm"](camera)),
+            tube.walls(camera),
             tuple(planes),
         )
 
@@ -174,7 +178,7 @@ class FirstAnswer:
         light = f"{number(100 * self.corner_light, 3)} %"
         rows.append(("light in the corner", light, "of that in the middle of the field"))
         outer = f"{number(self.outer_diameter_mm, 4)} mm"
-        rows.append(("outer diameter", outer, "narrowest tube about the optics, without its wall"))
+        rows.append(("outer diameter", outer, f"narrowest tube about the optics, {self.outer_diameter_counts}"))
         return tuple(rows)
 
     @property

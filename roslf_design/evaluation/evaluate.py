@@ -132,13 +132,14 @@ def evaluate(
     camera = Camera.of(design)
     limit = field_limit(camera)
     f_number, sampling = Numbers.of(camera, "f_number"), Numbers.of(camera, "sampling")
+    slack = QUANTITIES["non_distortion_room_mm"].slack(0.0)  # what an optimiser that holds it at 0 leaves
     bounds = {
         "x0_max_mm": limit.radius,
         "x_ml_max_mm": limit.mla_radius,
         "room_at_corner_mm": limit.clearance,
         "limited_by": limit.rim,
     }
-    non_distortion = Numbers.of(camera, "non_distortion", bounds, undistorted_in_field=limit.clearance >= 0)
+    non_distortion = Numbers.of(camera, "non_distortion", bounds, undistorted_in_field=limit.clearance >= -slack)
     images = evaluate_fields(design, axes, rays)
     pupil = _size(camera.fap.outline, float(exit_pupil.exit_pupil_diameter(camera)))
     image = _size(camera.fap.outline, float(exit_pupil.microlens_image_diameter(camera)))

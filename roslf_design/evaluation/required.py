@@ -7,13 +7,18 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
+from .._arrays import Array
 from ..camera import Camera
 from ..design import Design, load, preset_names
 from ..design.check import DesignError
 from ..design.required import Required
 from ..errors import InputError, Problem
+from ..theory import tube
 from ..theory.depth_budget import DepthBudget
 from ..theory.focused import is_focused
 from ..theory.quantities import quantity_named
@@ -26,17 +31,8 @@ WAYS = "`roslf sweep` shows what moves it, and as a study's [[constraints]] `ros
 """Remedy of a limit that is not held."""
 
 
-class _Limits(NamedTuple):
-    """Limits that a file states, read."""
-
-    asked: Required
-    quantity: Quantity
-    low: float | None
-    high: float | None
-
-    def hold(self, value: float) -> bool:
-        """Whether a value is within."""
-        return (self.low is None or value >= self.low) and (self.high is None or value <= self.high)
+_Limits = tuple[Required, Quantity, float | None, float | None]
+"""Limits that a file states, as it states them and read: the quantity, the least and the largest value."""
 
 
 @dataclass(frozen=True)
@@ -54,6 +50,12 @@ class Requirement:
     """Value of the design; None where there is none."""
     unit: str
     met: bool
+    counts: str = ""
+    """Parts that the value counts, and those it is without, in words; empty where the label says all."""
+
+    def holds(self, values: Array | float) -> NDArray[np.bool_]:
+        """Where values are within, but for what an optimiser's rounding may leave; nowhere where they are NaN."""
+        return quantity_named(self.quantity).within(self.min, self.max, values)
 
     @property
     def limits(self) -> str:
@@ -73,7 +75,8 @@ class Requirement:
     def verdict(self) -> Verdict:
         """Whether it is met, and by how much it is missed."""
         where = "" if self.at_mm is None else f"_at_{self.at_mm:g}_mm"
-        text = f"{self.label} is {self.value_words}, required {self.limits}"
+        counts = f" ({self.counts})" if self.counts else ""
+        text = f"{self.label} is {self.value_words}{counts}, required {self.limits}"
         if self.met:
             return Verdict.of(f"required_{self.quantity}{where}", f"as required: {text}")
         short = ""
@@ -110,18 +113,34 @@ def requirements(
         "field_of_view_width_deg": lambda _: view.width,
         "field_of_view_height_deg": lambda _: view.height,
     }
+    counted: dict[str, Callable[[float | None], str]] = {
+        "u_z_mm": lambda at: budget(at).counted,
+        "outer_diameter_mm": lambda _: tube.walls(camera),
+    }
     told = []
-    for limits in _limits(design):
-        asked, quantity, low, high = limits
+    for asked, quantity, low, high in _limits(design):
         known = own.get(quantity.name)
         value = float(quantity(camera, asked.at)) if known is None else known(asked.at)
         undefined = math.isnan(value) or (quantity.of_views and is_focused(camera))
-        met = not undefined and limits.hold(value)
+        met = not undefined and bool(quantity.within(low, high, value))
         where = "" if asked.at is None else f" at {number(asked.at, 4)} mm"
         label = (quantity.label or quantity.name) + where
         at, shown = asked.at, None if undefined else value
-        told.append(Requirement(quantity.name, label, at, low, high, shown, quantity.unit, met))
+        counts = counted[quantity.name](at) if quantity.name in counted and not undefined else ""
+        told.append(Requirement(quantity.name, label, at, low, high, shown, quantity.unit, met, counts))
     return tuple(told)
+
+
+def required_distances(design: Design, far: float) -> tuple[float, ...]:
+    """Distances ahead of the tip that limits name [mm]: places asked for, and ends to be sharp at, up to `far`."""
+    places = []
+    for asked, quantity, low, high in _limits(design):
+        sharp = {"depth_of_field_near_mm": high, "depth_of_field_far_mm": low}.get(quantity.name.removeprefix("view_"))
+        if asked.at is not None:
+            places.append(float(asked.at))
+        elif sharp is not None and 0 < sharp <= far:
+            places.append(sharp)
+    return tuple(places)
 
 
 def load_checked(path: str | os.PathLike[str]) -> Design:
@@ -159,7 +178,8 @@ def studied(
 
 def _limits(design: Design, origin: str = "") -> list[_Limits]:
     """Quantities and limits that a design requires; all that cannot be read is refused at once."""
-    read, problems = [], []
+    read: list[_Limits] = []
+    problems = []
     for asked in design.required:
         key = f"required.{asked.quantity}"
         try:
@@ -176,7 +196,7 @@ def _limits(design: Design, origin: str = "") -> list[_Limits]:
                 problems.append(Problem(f"{key}.{side}", str(error)))
         if fault := _fault(asked, quantity, ends["min"], ends["max"]):
             problems.append(Problem(key, fault))
-        read.append(_Limits(asked, quantity, ends["min"], ends["max"]))
+        read.append((asked, quantity, ends["min"], ends["max"]))
     if problems:
         raise DesignError(tuple(dict.fromkeys(problems)), origin)
     return read
@@ -192,4 +212,8 @@ def _fault(asked: Required, quantity: Quantity, low: float | None, high: float |
         return f"{quantity.name} is not asked for at a distance; drop at"
     if low is not None and high is not None and low > high:
         return f"min {low:g} {quantity.unit} is above max {high:g} {quantity.unit}; swap them"
+    if high is not None and high <= 0 and quantity.positive:
+        return (
+            f"max {number(high, 4)} {quantity.unit} is none that a camera holds, {quantity.name} is above 0; raise it"
+        )
     return ""

@@ -21,6 +21,7 @@ from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import geometric_views, outer_slope, sensor_field
 from ..theory.photometry import accepted, response
 from ..theory.quantities import QUANTITIES
+from ..theory.quantity import FEASIBLE
 from ..words import listed, number, place, the
 from .answer import FirstAnswer
 from .fields import default_fields, field_openings
@@ -38,8 +39,6 @@ CUT = 0.8
 """Part of its images below which cuts, not slant, are what darkens the corner."""
 LEAST_VIEWS = 2
 """Pixels across a microlens image from which a camera tells directions apart."""
-ROUNDING = 1e-9
-"""Relative difference of widths that is none."""
 TAKEN_LOSS = 0.01
 """Share of light lost to slanting rays from which it is told."""
 NEAR = 1e-2
@@ -181,7 +180,7 @@ def _fits(camera: Camera) -> Verdict:
     outer, wall = (float(camera[place]) for place in (tube.OUTER, tube.WALL))
     room = outer - 2 * wall
     within = [part for part in tube.housed(camera) if part.inside(camera)]
-    wide = [part for part in within if part.width > room * (1 + ROUNDING)]
+    wide = [part for part in within if part.width > room * (1 + FEASIBLE)]
     holds = f"{outer:.4g} mm outside and a wall of {wall:.4g} mm leave {room:.4g} mm"
     if not wide:
         widest = max(within, key=lambda part: float(part.width))

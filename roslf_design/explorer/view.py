@@ -18,6 +18,7 @@ from ..drawing.marks import Point
 from ..drawing.picture import Picture
 from ..drawing.theme import short
 from ..evaluation import Evaluation
+from ..evaluation.required import Requirement
 from ..evaluation.result import depth_facts
 from ..lenses.glass import Glass
 from ..reporting.depth.pictures import normalised, profile
@@ -330,20 +331,31 @@ def unknown(what: str, why: str) -> dict[str, str]:
 
 
 def lights(evaluation: Evaluation) -> list[dict[str, str]]:
-    """The verdicts as lights: a colour, a word of at most 14 letters, a number, and the sentence behind it."""
+    """The verdicts as lights: a colour, a few words, a number, and the sentence behind it."""
+    required = {one.verdict: one for one in evaluation.required}
     return [
         {
             "name": verdict.name,
             "level": verdict.level,
             "word": LEVELS[verdict.level],
-            "title": TITLES.get(verdict.name, verdict.name.partition("_at_")[0].replace("_", " ")),
-            "margin": _margin(evaluation, verdict.name),
+            **(_named(evaluation, verdict.name) if verdict not in required else _asked(required[verdict])),
             "text": to_html(verdict.text),
             "plain": verdict.text,
             "remedy": to_html(verdict.remedy),
         }
         for verdict in evaluation.verdicts
     ]
+
+
+def _asked(one: Requirement) -> dict[str, str]:
+    """Title and margin of what is required: where, the value, the limit; symbols stand in the sentence behind."""
+    value = "none" if one.value is None else short(one.value, 4)
+    return {"title": re.sub(r", \w+_\w+", "", one.label), "margin": f"{value} of {one.limits}"}
+
+
+def _named(evaluation: Evaluation, name: str) -> dict[str, str]:
+    """Title and margin of one of the verdicts that every camera has."""
+    return {"title": TITLES.get(name, name.replace("_", " ")), "margin": _margin(evaluation, name)}
 
 
 def _margin(evaluation: Evaluation, name: str) -> str:
@@ -358,6 +370,8 @@ def _margin(evaluation: Evaluation, name: str) -> str:
     if name == "views_resolved":
         sampling = evaluation.sampling
         return f"{short(sampling.views_independent, 2)} of {short(sampling.views_geometric, 2)}"
+    if name == "fits_tube":
+        return f"needs {short(evaluation.answer.outer_diameter_mm, 3)} mm"
     if name == "pupil_imaged":
         return "focused (2.0)"
     if name == "corner_lit":
@@ -396,8 +410,9 @@ def depth_known(source: PictureSource) -> dict[str, Any]:
     known = curve.sigma[0] * KNOWN_ALIKE
     alike, last = curve.sigma <= known, curve.place[-1]
     budget = source.evaluation.depth_budget
-    share = f"{100 * float(budget.u_z_mm) / design.d_f:.2g} % of Z"
-    text = f"Depth, expected, in the plane in focus: {budget.words}; {share}. Noise (bound): {short(sigma, 3)} mm."
+    ahead = source.evaluation.answer.working_distance_mm
+    share = f"{100 * float(budget.u_z_mm) / ahead:.2g} % of the {short(ahead, 4)} mm from the tip"
+    text = f"Depth, expected, in the plane in focus: {budget.words}, {share}. Noise (bound): {short(sigma, 3)} mm."
     tone, remedy = "good", ""
     if not alike.all():
         ends = curve.place[~alike][0]

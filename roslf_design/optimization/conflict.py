@@ -11,15 +11,10 @@ from typing import Any
 import numpy as np
 
 from .._arrays import Array, by_value
+from ..theory.quantity import FEASIBLE
 from .goals import Side
 from .problem import FRESH_POINTS, DesignProblem, sobol_units
-from .search import (
-    FEASIBLE,
-    Guard,
-    SearchBudget,
-    least_violation,
-    violation_of,
-)
+from .search import Guard, SearchBudget, least_violation, violation_of
 
 EXPLAINING = 10_000, 10.0
 """Evaluations, and seconds where there is a clock, that why nothing is feasible may take at least."""

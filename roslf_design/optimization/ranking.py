@@ -15,11 +15,12 @@ import numpy as np
 
 from .._arrays import Array, by_value
 from ..errors import InputError
+from ..theory.quantity import FEASIBLE
 from .bounds import CORNERS, SLICES, Boxes
 from .combinations import Combinations
 from .conflict import Conflict, explain
 from .problem import DesignProblem, promising_starts, sobol_units
-from .search import FEASIBLE, QUICK, Search, SearchBudget
+from .search import QUICK, Search, SearchBudget
 from .solve import searched
 from .traces import Retrace
 from .variables import lengths_and_numbers

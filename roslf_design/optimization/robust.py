@@ -20,12 +20,13 @@ from ..bore.conjugates import CONJUGATES
 from ..camera import Camera, Number
 from ..design import Design
 from ..errors import InputError, Problem
+from ..theory.quantity import FEASIBLE
 from ..tolerancing.draws import Distribution, Draws, Perturbation
 from ..tolerancing.places import expand, nominal_values, tolerance_at
 from ..tolerancing.yields import Yield, least_passed
 from ..toml_files import StrictTable
 from .problem import DesignProblem
-from .search import FEASIBLE, Guard, SearchBudget, derivative_free, slsqp
+from .search import Guard, SearchBudget, derivative_free, slsqp
 from .variables import IDLE
 
 SHARP = (0.3, 0.1, 0.03, 0.01)

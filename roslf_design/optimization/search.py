@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from .._arrays import Array, by_value
+from ..theory.quantity import FEASIBLE
 
 Vector = Callable[[Array], Array]
 """Function that is searched: merit and rows that must not be above 0, shape (1 + rows, N), at points (N, n) of the
@@ -26,8 +27,6 @@ Global = Literal["crs2", "isres"]
 
 BIG = 1e6
 """Stand-in for infinity: far beyond any merit or row of a camera."""
-FEASIBLE = 1e-9
-"""Largest violation of a scaled row that counts as none: 1e-9 of a limit."""
 XTOL, FTOL = 1e-11, 1e-14
 QUICK = 1e-8
 """Relative change of the merit at which an unpolished search ends."""

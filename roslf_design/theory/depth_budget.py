@@ -13,7 +13,7 @@ import numpy as np
 
 from .._arrays import Array, by_value
 from ..camera import TEMPERATURES, Camera
-from ..words import number
+from ..words import listed, number
 from .depth_error import depth_error, lengths_error, seen_at, temperature_error
 from .disparity_error import axial_disparity_sigmas
 from .length_covariance import CalibratedLengths, LengthCovariance
@@ -84,6 +84,22 @@ class DepthBudget:
     def words(self) -> str:
         """The combined standard uncertainty and its largest term, of one build."""
         return f"u = {number(float(self.u_z_mm), 3)} mm, mostly {self.largest.name}"
+
+    @property
+    def left_out(self) -> str:
+        """Sources that nothing gives a number for, each with the reason."""
+        return "; ".join(f"{term.name}: {term.remark}" for term in self._lacking)
+
+    @property
+    def _lacking(self) -> list[BudgetTerm]:
+        return [term for term in self.terms if term.u_mm is None and term.remark != GIVEN]
+
+    @property
+    def counted(self) -> str:
+        """Sources that the sum is of, and those that it is without."""
+        names = [term.name for term in self.terms if term.u_mm is not None and np.any(term.u_mm)]
+        lacking = [term.name for term in self._lacking]
+        return f"of {listed(names or ['nothing'])}{f', without {listed(lacking)}' if lacking else ''}"
 
     def to_dict(self) -> dict[str, Any]:
         """`depth.expected` of `roslf evaluate --json`, of one build."""

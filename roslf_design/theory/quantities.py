@@ -269,8 +269,8 @@ def _views_remark(c: Camera) -> str:
 
 def _tube_remark(c: Camera) -> str:
     unfolded = ", unfolded" if c.chain.folding else ""
-    mounts = "within its wall" if tube.OUTER in c.numbers else "come on top"
-    return f"of the narrowest tube about clear apertures and sensor{unfolded}; mounts {mounts}"
+    mounts = tube.walls(c) if tube.OUTER in c.numbers else "mounts come on top"
+    return f"of the narrowest tube about clear apertures and sensor{unfolded}; {mounts}"
 
 
 def _length_remark(c: Camera) -> str:
@@ -885,7 +885,7 @@ _register(
     Quantity(
         "outer_diameter_mm",
         "mm",
-        "of the narrowest tube about all that lies in it: lens, FAP, stops, elements, array and sensor by its diagonal",
+        "of the narrowest tube about all that lies in it, sensor by its diagonal; with its wall where one is stated",
         lambda c, _: tube.outer_diameters(c),
         worst=_greatest,
         monotone=False,

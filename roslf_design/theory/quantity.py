@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .._arrays import Array
 from ..camera import Camera, Number
@@ -15,6 +16,8 @@ from ..words import number
 from .light import SensorField
 from .stop_images import MicrolensImages
 
+FEASIBLE = 1e-9
+"""Largest violation of a scaled limit that counts as none, in searches and of what a design requires: 1e-9 of it."""
 Depth = float | None
 """Distance ahead of the bore's tip at which a number is asked for [mm]; None is the focal plane."""
 
@@ -157,6 +160,16 @@ class Quantity:
             unit = f" (in {self.unit})" if self.unit else ""
             raise ValueError(f"{self.name} is limited by a number{unit}, got {value!r}")
         return float(value)
+
+    def within(self, low: float | None, high: float | None, values: Array | float) -> NDArray[np.bool_]:
+        """Where values are between limits, but for what an optimiser's rounding leaves; nowhere where they are NaN."""
+        least = -np.inf if low is None else low - self.slack(low)
+        most = np.inf if high is None else high + self.slack(high)
+        return np.asarray((np.asarray(values) >= least) & (np.asarray(values) <= most))
+
+    def slack(self, limit: float) -> float:
+        """Violation of a limit that is rounding: `FEASIBLE` of it or, about 0, of one of the quantity's units."""
+        return FEASIBLE * (abs(limit) if self.positive and limit else max(abs(limit), 1.0))
 
 
 def finite(values: Array | float) -> Array:

@@ -11,6 +11,7 @@ from ..bore.opening import ClearAperture
 from ..bore.part import Number
 from ..camera import Camera
 from ..design import PATHS
+from ..words import number
 
 WALL, LENGTH, OUTER = "tube.wall", "tube.length", "tube.outer_diameter"
 
@@ -57,6 +58,16 @@ def housed(c: Camera) -> tuple[_Housed, ...]:
     if np.all(np.equal(numbers["sensor.relay_magnification"], 1)):
         parts.append(part("sensor", "sensor", diagonal("sensor"), array - d_2))
     return tuple(parts)
+
+
+def walls(c: Camera) -> str:
+    """Walls that the outer diameter counts, in words, and the tube as the design states it."""
+    if OUTER not in c.numbers:
+        return "without its wall"
+    outer, wall, narrowest = float(c[OUTER]), float(c[WALL]), float(np.max(outer_diameters(c)))
+    room = f"clearance {number(outer - narrowest, 3, 1e-9)} mm" if outer >= narrowest * (1 - 1e-9) else "too narrow"
+    counted = f"with its wall: parts of {number(narrowest - 2 * wall, 4)} mm, walls of {number(wall, 4)} mm"
+    return f"{counted}; tube {number(outer, 4)} mm as stated, {room}"
 
 
 def outer_diameters(c: Camera) -> Array:

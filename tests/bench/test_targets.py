@@ -204,6 +204,16 @@ def test_walls_stand_where_they_are_asked_for():
     assert f"{flat:.2g} mm at 330 mm (U, k = 2)" in str(protocol_report(plan))
 
 
+def test_walls_stand_where_the_design_requires_something():
+    """As `at` of a limit, and the ends that views must be sharp at; none of a range beyond the camera's own."""
+    at = {"u_z_mm": {"at": 330.0, "max": 99.0}, "view_depth_of_field_near_mm": {"max": 220.0}}
+    design = roslf.load("paper")
+    asked = design.replace({"required": {**at, "view_depth_of_field_far_mm": {"min": 1e5}}})
+    plan, plain = (Protocol.of(one, PlanOptions(board="4x5 6 mm")) for one in (asked, design))
+    assert plan.setup.wall.at == tuple(sorted((*plain.setup.wall.at, 220.0, 330.0)))
+    assert plan.setup.edge == plain.setup.edge
+
+
 @pytest.mark.parametrize("name", ["paper", "grin-needle", "cystoscope"])
 def test_the_protocol_is_one_page_with_this_cameras_numbers(name):
     plan = protocol(name)

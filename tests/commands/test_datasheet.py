@@ -79,6 +79,23 @@ def test_a_sheet_tells_each_line_with_its_tolerance(tmp_path, capsys, monkeypatc
     assert float(rows[0]["value"]) == told["specification"]["field_of_view_deg"][0]["diagonal"]
 
 
+def test_what_is_required_says_how_many_builds_meet_it(tmp_path, capsys, monkeypatch):
+    """Views across are in proportion to D_F, whose misses are even: half of the builds have fewer than nominal."""
+    monkeypatch.setattr(datasheet, "FEW", 4)
+    views = float(roslf.quantity("views_geometric")(Camera.of(roslf.load("paper"))))
+    limits = f"views_geometric = {{min = {views!r}}}\nfill_factor = {{min = 0.9, max = 1.1}}\nu_z_mm = {{max = 9}}\n"
+    (tmp_path / "design.toml").write_text(roslf.dumps(roslf.load("paper")) + f"\n[required]\n{limits}")
+    (tmp_path / "study.toml").write_text(STUDY.replace('"paper"', '"design.toml"'))
+    assert run(capsys, "datasheet", tmp_path / "study.toml", "-o", tmp_path / "a.json")[0] == 0
+    lines = json.loads((tmp_path / "a.json").read_text())["lines"]
+    across, fill, depth = (line for line in lines if line["subject"] == "Required")
+    share = float(across["remark"].removesuffix(" % of builds meet it").rpartition("; ")[2])
+    assert 40 < share < 60
+    assert across["two_sigma"] > 0
+    assert fill["remark"].endswith("100 % of builds meet it")  # the study's own limit
+    assert depth["remark"].endswith("of the nominal design")
+
+
 def test_the_sheet_one_signs_names_its_design_and_ends_where_depth_is_of_little_use(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "86400")
     for name, *more in (("a.json",), ("b.json", "--stamp"), ("a.html",), ("b.html", "--stamp")):

@@ -2,12 +2,14 @@
 
 import math
 
+import numpy as np
 import pytest
 
 import roslf_design as roslf
 from roslf_design.design import DesignError, dumps, loads
 from roslf_design.design.files import preset_path
 from roslf_design.reporting.sheet.lines import basis
+from roslf_design.theory.length_covariance import LengthCovariance
 
 PLAIN = preset_path("rigid-scope").read_text()
 
@@ -38,9 +40,43 @@ def test_limits_are_held_against_what_the_tables_say():
     assert told[1] == {
         "quantity": "u_z_mm", "label": near.label, "at_mm": 20.0, "min": None, "max": 0.5, "value": near.value,
         "unit": "mm", "met": True,
+        "counts": "of shot and read noise and view mismatch, without lengths as built and temperature",
     }  # fmt: skip
     assert told[3]["value"] is None  # infinite
     assert told[3]["met"]
+
+
+def test_what_an_optimiser_held_to_its_tolerance_is_met():
+    has = roslf.evaluate(asked("field_of_view_deg = {min = 1}")).required[0].value
+    room = roslf.evaluate(asked("non_distortion_room_mm = {min = -99}")).required[0].value
+    for name, limit, met in (
+        ("field_of_view_deg", has * (1 + 1e-12), True),
+        ("field_of_view_deg", has * (1 + 1e-7), False),
+        ("non_distortion_room_mm", room + 1e-10, True),
+        ("non_distortion_room_mm", room + 1e-6, False),
+    ):
+        (verdict, *_) = roslf.evaluate(asked(f"{name} = {{min = {limit!r}}}")).verdicts
+        assert verdict.ok is met, (name, limit)
+
+
+def test_depth_that_is_required_says_what_it_counts_as_the_budget_has_it():
+    text = 'u_z_mm = {at = "20 mm", max = "1 mm"}'
+    bare = roslf.evaluate(asked(text))
+    built = roslf.evaluate(asked(text), build=LengthCovariance(("sensor.distance",), np.array([[1e-4]])))
+    assert built.required[0].value > bare.required[0].value
+    assert "without lengths as built and temperature" in bare.verdicts[0].text
+    assert "and lengths as built, without temperature" in built.verdicts[0].text
+    given = roslf.evaluate(asked(text).replace({"depth": {"disparity_error": 0.01}})).required[0]
+    assert given.counts == "of disparity error, without lengths as built and temperature"  # it has the others in it
+
+
+def test_an_outer_diameter_that_is_required_says_which_walls_it_has():
+    tube = asked('outer_diameter_mm = {max = "4 mm"}').replace({"tube": {"outer_diameter": 4.0, "wall": 0.1}})
+    result = roslf.evaluate(tube)
+    assert result.required[0].value == pytest.approx(3.0 + 2 * 0.1)
+    says = "with its wall: parts of 3 mm, walls of 0.1 mm; tube 4 mm as stated, clearance 0.8 mm"
+    assert says in result.verdicts[0].text
+    assert result.required[0].counts == result.answer.outer_diameter_counts == says
 
 
 def test_nothing_asked_for_is_no_verdict():
@@ -81,7 +117,9 @@ def test_a_design_keeps_what_it_is_asked_for():
 
 def test_the_data_sheet_says_whether_it_is_met():
     rows = [row for row in basis(asked('outer_diameter_mm = {max = "2 mm"}')).rows if row.subject == "Required"]
-    assert [(row.value, row.unit, row.remark) for row in rows] == [(3.0, "mm", "not met: at most 2 mm")]
+    assert [(row.value, row.unit, row.remark) for row in rows] == [
+        (3.0, "mm", "not met: at most 2 mm; without its wall")
+    ]
 
 
 @pytest.mark.parametrize(
@@ -97,6 +135,8 @@ def test_the_data_sheet_says_whether_it_is_met():
         ('outer_diameter_mm = {max = 3, at = "2 mm"}', "required.outer_diameter_mm", "drop at"),
         ("kept_fraction = {min = 1}", "required.kept_fraction", "from field to field"),
         ("u_z_mm = {min = 2, max = 1}", "required.u_z_mm", "swap them"),
+        ('u_z_mm = {max = "-1 mm"}', "required.u_z_mm", "is above 0; raise it"),
+        ('outer_diameter_mm = {max = "0 mm"}', "required.outer_diameter_mm", "is above 0; raise it"),
     ],
 )
 def test_faults_are_told_in_a_line(text, key, message, tmp_path):

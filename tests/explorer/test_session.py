@@ -418,6 +418,18 @@ def test_lights_say_what_the_verdicts_say_in_few_letters(design):
     assert all(0 < len(x["title"]) <= 14 and 0 < len(x["margin"]) <= 14 for x in shown)
 
 
+def test_lights_of_what_is_required_tell_where_value_and_limit():
+    limits = [{"at": 20.0, "max": 0.5}, {"at": 40.0, "max": 1e-3}]
+    asked = load("rigid-scope").replace({"required": {"u_z_mm": limits, "outer_diameter_mm": {"max": 4.0}}})
+    evaluation = evaluate(asked)
+    near, far, outer = lights(evaluation)[:3]
+    values = [one.value for one in evaluation.required]
+    assert (near["title"], near["margin"]) == ("depth, expected at 20 mm", f"{values[0]:.4g} of at most 0.5 mm")
+    assert (far["title"], far["margin"]) == ("depth, expected at 40 mm", f"{values[1]:.4g} of at most 0.001 mm")
+    assert (outer["title"], outer["margin"]) == ("outer diameter", "3 of at most 4 mm")
+    assert [one["level"] for one in (near, far, outer)] == ["good", "fault", "good"]
+
+
 def test_lights_of_a_real_lens_tell_the_traced_field():
     traced = {light["name"]: light for light in lights(evaluate(load("paper-singlet")))}
     assert traced["field_undistorted"]["level"] == "fault"

@@ -79,8 +79,8 @@ def _figures(named: dict[str, Design], results: Sequence[Evaluation]) -> tuple[t
     title = "Microlens images at the sensor's corner"
     images = Figure.of("images", title, caption, microlens_images(corners)[0])
     caption = (
-        "One standard deviation of depth for 0.1 microlens pitches of disparity error between the FAP's rims, over "
-        "the distance from the bore's end; dots mark the focal planes. The lower curve resolves depth better there."
+        "One standard deviation of depth that the light, the sensor and the texture of each design leave, over the "
+        "distance ahead of the tip; dots mark the focal planes. The lower curve resolves depth better there."
     )
     return rays, images, Figure.of("depth", "Depth noise (bound)", caption, depth_comparison(named))
 

@@ -34,6 +34,7 @@ from ...drawing.theme import SMALL, short, text_width
 from ...evaluation import default_fields
 from ...theory.depth_error import depth_at, depth_error
 from ...theory.f_number import matched, mismatch_px
+from ...theory.field_of_view import focus_ahead
 from ...theory.light_field import rim_disparity
 from ...theory.quantities import QUANTITIES
 from ...theory.stop_images import MicrolensImages
@@ -58,36 +59,35 @@ class _DepthCurve(NamedTuple):
     """Depth noise (bound) over distance."""
 
     distance: Array
-    """Z from the main lens [mm], shape (N,)."""
+    """Distance ahead of the tip [mm], shape (N,)."""
     sigma: Array
     """sigma_Z [mm]."""
     blur: Array
     """Spread of an object point over the MLA [microlens pitches]."""
+    focus: float
+    """Distance of the focal plane [mm]."""
     in_focus: float
-    """sigma_Z at the focal plane [mm]."""
+    """sigma_Z there [mm]."""
 
 
 @lru_cache(maxsize=2)
 def _depth_curve(design: Design, points: int = 241) -> _DepthCurve:
-    """Depth noise (bound) from 0.4 to 1.8 times the focal plane's depth, counted from the FAP or what is before it."""
+    """Depth noise (bound) from 0.4 to 1.8 times the focal plane's distance ahead of the tip."""
     camera = Camera.of(design)
-    start = max(design.d_3, 0.0 if camera.chain.in_air else float(camera.tip))
-    distance = start + np.linspace(0.4, 1.8, points) * (design.d_f - start)
-
-    def precision(at: Array | float) -> tuple[Array, Array]:
-        ahead = np.asarray(at - camera.tip)
-        blur = np.abs(rim_disparity(camera, depth_at(camera, ahead)))
-        return np.abs(depth_error(camera, ahead)), blur
-
-    return _DepthCurve(distance, *precision(distance), float(precision(design.d_f)[0]))
+    focus = float(focus_ahead(camera))
+    ahead = np.linspace(0.4, 1.8, points) * focus
+    blur = np.abs(rim_disparity(camera, depth_at(camera, ahead)))
+    return _DepthCurve(
+        ahead, np.abs(depth_error(camera, ahead)), blur, focus, float(np.abs(depth_error(camera, focus)))
+    )
 
 
 def depth_precision(design: Design, size: Point = (560, 320)) -> Picture:
-    """Draw sigma_Z over the object distance Z, and the defocus there on a second axis; `size` in px.
+    """Draw sigma_Z over the distance ahead of the tip, and the defocus there on a second axis; `size` in px.
 
-    The picture's mapping takes pixels to Z and sigma_Z [mm].
+    The picture's mapping takes pixels to that distance and sigma_Z [mm].
     """
-    distance, sigma, blur, focus = _depth_curve(design, 121)
+    distance, sigma, blur, ahead, focus = _depth_curve(design, 121)
     keys = [
         line_key("σ_Z, depth noise (bound)", "blue", 2.2),
         line_key("spread of a point on the MLA (right axis)", "orange", 1.8, "7 4"),
@@ -100,25 +100,25 @@ def depth_precision(design: Design, size: Point = (560, 320)) -> Picture:
     if not known.any():
         up = Scale(0.0, 1.0)
     sharp = f"{short(focus, 3)} mm" if math.isfinite(focus) else "unknown, as no light or texture gives it"
-    words = f"at d_f = {short(design.d_f)} mm: {sharp.partition(',')[0]}"
+    words = f"in focus at {short(ahead)} mm: {sharp.partition(',')[0]}"
     width = max(size[0] - 114, 80.0)
     # Between the two curves, which both leave the upper middle free; never beyond the panel.
-    at, long = float(across.share(design.d_f)) * width, text_width(words, SMALL)
+    at, long = float(across.share(ahead)) * width, text_width(words, SMALL)
     start = max(at - 8 - long if at + long + 16 > width else at + 8, min(4.0, width - long))
     dots: list[Mark] = [*_unknown(distance, known, up)]
     if not known.all():
         keys.append(UNKNOWN)
     if math.isfinite(focus):
-        dots.append(Dots([design.d_f], [focus], "vermillion", size=6, edge="ground", width=2))
+        dots.append(Dots([ahead], [focus], "vermillion", size=6, edge="ground", width=2))
     marks: tuple[Mark, ...] = (
-        Line([design.d_f] * 2, [0.0, up.high], "grey", 1.2, "6 3"),
+        Line([ahead] * 2, [0.0, up.high], "grey", 1.2, "6 3"),
         Line(distance[known], sigma[known], "blue", 2.2, testid="sigma-curve"),
         *dots,
-        Text(design.d_f, up.high, words, "ink", SMALL, "start", start - at, 14, halo=True),
+        Text(ahead, up.high, words, "ink", SMALL, "start", start - at, 14, halo=True),
     )
-    labels = "object distance from the main lens Z [mm]", "depth noise (bound) σ_Z [mm]"
+    labels = "distance ahead of the tip [mm]", "depth noise (bound) σ_Z [mm]"
     panel = Panel((0, 0, 1, 1), across, up, marks, *labels, y_colour="blue")
-    title = f"Depth noise (bound) of {design.name}: {sharp} at the focal plane, {design.d_f:.4g} mm from the lens"
+    title = f"Depth noise (bound) of {design.name}: {sharp} at the focal plane, {ahead:.4g} mm ahead of the tip"
     picture = one_panel("depth", title, size, panel, keys, right=56)
     other = Scale(0.0, 1.08 * max(float(np.max(blur)), 1e-9))
     spread = Panel(
@@ -178,23 +178,22 @@ def _unknown(x: Array, known: NDArray[np.bool_], up: Scale) -> tuple[Mark, ...]:
 
 
 def depth_comparison(designs: Mapping[str, Design]) -> Picture:
-    """Draw sigma_Z of up to three named designs over the distance from the FAP, Z_F; both axes are logarithmic."""
+    """Draw sigma_Z of up to three named designs over the distance ahead of the tip; both axes are logarithmic."""
     marks: list[Mark] = []
     keys: list[Key] = []
     xs, ys = [], []
     for (name, design), (colour, dash) in zip(designs.items(), LOOKS, strict=False):
         curve = _depth_curve(design)
         known = np.isfinite(curve.sigma)
-        xs.append((curve.distance - design.d_3)[known])
+        xs.append(curve.distance[known])
         ys.append(curve.sigma[known])
         marks.append(Line(xs[-1], ys[-1], colour, 2.0, dash))
         if math.isfinite(curve.in_focus):
-            place = [design.d_f - design.d_3]
-            marks.append(Dots(place, [curve.in_focus], colour, size=5, edge="ground", width=1.5))
+            marks.append(Dots([curve.focus], [curve.in_focus], colour, size=5, edge="ground", width=1.5))
         keys.append(line_key(f"{name}: {design.name}", colour, 2.0, dash))
     every = [np.concatenate(values) for values in (xs, ys)]
     across, up = (Scale(np.min(v, initial=1e9) / 1.15, np.max(v, initial=1e-9) * 1.15, log=True) for v in every)
-    panel = Panel((0, 0, 1, 1), across, up, tuple(marks), "object distance from the FAP Z_F [mm]", "σ_Z [mm]")
+    panel = Panel((0, 0, 1, 1), across, up, tuple(marks), "distance ahead of the tip [mm]", "σ_Z [mm]")
     title = f"Depth noise (bound) of {', '.join(design.name for design in designs.values())}"
     return one_panel("depth-comparison", title, (PAGE, 320 + legend_height(keys, PAGE - 24)), panel, keys)
 

@@ -191,10 +191,11 @@ def _plane_sheet(design: Design, result: Evaluation) -> Figure:
 
 def _depth_sheet(design: Design, result: Evaluation) -> Figure:
     depth, basis = result.depth, depth_basis(result.depth.assumes)
+    behind = design.d_f - design.d_3 - result.answer.working_distance_mm
     caption = (
         f"Depth noise (bound), 1 σ: {number(depth.sigma_z_mm, 3)} mm at the focal plane, where the disparity "
         f"between the FAP's rims is known to {number(depth.sigma_disparity_pitches, 3)} microlens pitches ({basis}). "
-        f"It grows with the square of the distance from the FAP (at Z = {design.d_3:.4g} mm), and further as views "
+        f"It grows with the square of the distance from the FAP ({behind:.4g} mm behind the tip), and further as views "
         "blur. Errors of calibration come on top. The dashed curve shows how many microlenses an object "
         "point spreads over: far from the focal plane views must be refocused before they are compared."
     )

@@ -74,7 +74,7 @@ CLOSE = 1e-3
 """Share to which the distance is then known: the sheet has three digits."""
 DEPTH, EXPECTED = "Depth noise (bound), 1 σ", "Depth, expected"
 SHARP = f"Sharp: {CRITERION}."
-PARTS = "parts"
+PARTS, REQUIRED = "parts", "Required"
 NONE = "–"
 """Revision or date where none is given."""
 NOMINAL = "Nominal values: no tolerance study is at hand."
@@ -100,7 +100,9 @@ class _SheetLine(NamedTuple):
 
     @property
     def of_views(self) -> bool:
-        """Whether it takes pixels for views."""
+        """Whether it takes pixels for views; what is required stays, met or not."""
+        if self.subject == REQUIRED:
+            return False
         subjects = ("Distances", EXPECTED, DEPTH, "Object field", "Resolution", "Colours")
         if self.subject.startswith(subjects) or self.name == "object samples":
             return True
@@ -145,6 +147,17 @@ class BuildSpread(NamedTuple):
             if values.size > 1 and np.isfinite(values).all():  # an end at infinity, or none, has no spread
                 deviations[line.key] = float(np.std(values, ddof=1))
         return {key: deviation for key, deviation in deviations.items() if math.isfinite(deviation)}
+
+    def share(self, one: Requirement) -> float:
+        """Share of the builds that are cameras that meet a requirement: the study's own limit, or the first of them."""
+        ends = (-math.inf if one.min is None else one.min, math.inf if one.max is None else one.max)
+        for limit in self.final.limits:
+            if one.at_mm is None and (limit.label, limit.low, limit.high) == (one.quantity, *ends):
+                return limit.result.value
+        builds, good = first_builds(self.plan, MANY)
+        with np.errstate(all="ignore"):  # of builds that are no cameras
+            held = one.holds(QUANTITIES[one.quantity](builds.camera, one.at_mm))
+        return float(np.mean(np.broadcast_to(held, good.shape)[good]))
 
 
 class CalibrationSpread(NamedTuple):
@@ -202,12 +215,18 @@ class SpreadSources(NamedTuple):
 
 
 def _lines(
-    shown: FieldImages, sheet: Specification, budgets: Mapping[float | None, DepthBudget], useful: float
+    shown: FieldImages,
+    sheet: Specification,
+    budgets: Mapping[float | None, DepthBudget],
+    useful: float,
+    required: Iterable[Requirement],
+    built: BuildSpread | None,
 ) -> Iterator[_SheetLine]:
     """Lines of the page; budgets of depth are by distance, of the focal plane by None; `useful` is how far depth is."""
     design = shown.design
     camera = Camera.of(design)
     traced = design.lens is not None  # whose builds are cameras of thin twins
+    yield from _required_lines(required, built, traced)
     pupil, _, tip, *_ = sheet.field_of_view_deg  # of the rays that a real lens lets through
     ways = {"": "diagonal", "width_": "width", "height_": "height"}
     angles = {f"field_of_view_{part}deg": getattr(pupil, way) for part, way in ways.items()}
@@ -275,11 +294,19 @@ def _lines(
     yield _SheetLine("Body", PARTS, None, "", parts, text=str(len(sheet.parts)))
 
 
-def _required_lines(required: Iterable[Requirement]) -> Iterator[_SheetLine]:
-    """Lines on what the design file asks for, met or not."""
+def _required_lines(required: Iterable[Requirement], built: BuildSpread | None, traced: bool) -> Iterator[_SheetLine]:
+    """Lines on what the design file asks for, met or not, and by how many builds where a study has them."""
     for one in required:
-        text = f"{'met' if one.met else 'not met'}: {one.limits}"
-        yield _SheetLine("Required", one.label, one.value, one.unit, text, text="none" if one.value is None else "")
+        of_builds = one.quantity != "u_z_mm" and not (traced and one.quantity.startswith("field_of_view"))
+        of, own = None, one.quantity if of_builds else ""
+        if of_builds and one.at_mm is not None:
+            of, own = partial(_at_distance, QUANTITIES[one.quantity], one.at_mm, 1.0), ""
+        told = [f"{'met' if one.met else 'not met'}: {one.limits}", one.counts]
+        if built is not None:
+            share = f"{number(100 * built.share(one), 4)} % of builds meet it" if of_builds else "of the nominal design"
+            told.append(share)
+        text = "none" if one.value is None else ""
+        yield _SheetLine(REQUIRED, one.label, one.value, one.unit, "; ".join(filter(None, told)), own, text, of)
 
 
 def _listed(subject: str) -> Iterator[tuple[Quantity, Listed]]:
@@ -336,9 +363,8 @@ def _expected_lines(budgets: Mapping[float | None, DepthBudget], useful: float) 
     for term in budget.terms:
         if term.u_mm is not None and term.kind == "trueness":
             yield _SheetLine(EXPECTED, f"of it {term.name}", float(term.u_mm), "mm", term.remark)
-    left_out = [f"{term.name}: {term.remark}" for term in budget.terms if term.u_mm is None]
-    if left_out:
-        yield _SheetLine(EXPECTED, "not in it", None, "", "; ".join(left_out), "", "–")
+    if budget.left_out:
+        yield _SheetLine(EXPECTED, "not in it", None, "", budget.left_out, "", "–")
 
 
 def _depth_lines(sheet: Specification, traced: bool) -> Iterator[_SheetLine]:
@@ -451,7 +477,7 @@ def basis(
     useful = _useful(budget, float(focus_ahead(twin))) if sheet.focused is None else math.nan
     budgets = {far: budget(far) for far in (None, *at)}
     required = requirements(shown.design, twin, sheet.field_of_view_deg[0], budget)
-    lines = (*_required_lines(required), *_lines(shown, sheet, budgets, useful))
+    lines = tuple(_lines(shown, sheet, budgets, useful, required, built))
     rows = tuple(line for line in lines if sheet.focused is None or not line.of_views)
     if built is not None:
         share, (low, high) = 100 * built.final.result.value, built.final.result.interval
