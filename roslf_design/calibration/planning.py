@@ -266,13 +266,13 @@ class CapturePlan(NamedTuple):
     changes: tuple[_PlanChange, ...]
     """Best first, by d_3."""
     sizes: Mapping[str, float]
-    """What standard deviations are small or large against [mm or 1]: the quantities; of d_3, which may be 0, d_1 where
+    """Sizes that standard deviations are held against [mm or 1]: the quantities' own; of d_3, which may be 0, d_1 where
     that is larger."""
     distortion: int = 0
     """Radial coefficients that the calibration will fit."""
 
     def determined(self, name: str, expected: _ExpectedErrors | None = None) -> bool:
-        """Whether a quantity is known to less than its size, by these captures or by others that are expected.
+        """True where a quantity is known to less than its size, by these captures or by others that are expected.
 
         d_f = f (1 + m)/m and H, which has d_f in it, only where m is: about m = 0 first order tells nothing of them.
         """

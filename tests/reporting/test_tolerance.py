@@ -11,6 +11,7 @@ from roslf_design.design import loads
 from roslf_design.errors import InputError
 from roslf_design.reporting.blocks import Figure, Statements, Table
 from roslf_design.reporting.tolerance.pages import (
+    _statements,
     _tolerance_section,
     _yield_statement,
     blame,
@@ -189,3 +190,29 @@ def test_one_at_a_time_moves_are_drawn_beside_an_end_that_is_no_camera(colliding
     up, down, *_ = tolerance_pictures(colliding)["sensitivity"].panels[0].marks
     assert len(set(up.x[~np.isnan(up.x)])) == 2  # nothing, and d_2's
     assert len(set(down.x[~np.isnan(down.x)])) == 3
+
+
+def test_the_range_of_focusing_that_puts_builds_together():
+    """f of 100 ± 2 mm, even, before an array at 100.5 mm: ±R leaves (1.5 - R)/4 of the builds beyond infinity."""
+    data = {
+        "name": "far",
+        "design": "paper",
+        "trials": 2000,
+        "goals": [{"metric": "fill_factor", "min": 0.2, "max": 5.0}],
+        "perturb": [{"place": "main_lens.focal_length", "tolerance": "2 mm", "distribution": "uniform"}],
+    }
+    study, design, grades = read_study(data)
+    plan = make_plan(study, design.replace({"d_1": 100.5}), grades)
+    result = analyse(plan, study, grades, tally_chunk(plan, 0), budgets=False)
+    adjuster, share = result.focusing
+    assert result.final.impossible / 2000 == pytest.approx(1.5 / 4, abs=0.03)
+    assert (adjuster.place, adjuster.reach) == ("microlens_array.distance", 1.5)
+    assert share > 0.99
+    first = next(_statements(result, False))
+    assert 'place = "microlens_array.distance", range = "1.5 mm", with which' in first.remedy
+    data["compensators"] = [{"place": "microlens_array.distance", "range": "1.5 mm"}]
+    study, _, grades = read_study(data)
+    plan = make_plan(study, design.replace({"d_1": 100.5}), grades)
+    again = analyse(plan, study, grades, tally_chunk(plan, 0), budgets=False)
+    assert again.final.impossible <= 0.01 * 2000
+    assert again.focusing is None

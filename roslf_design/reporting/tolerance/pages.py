@@ -166,7 +166,8 @@ def _yield_statement(result: StudyResult, name: str = "", first_look: bool = Fal
         remedy = "No tolerance is tight enough: change the nominal design or the limits."
     else:
         remedy = f"Tighten all tolerances to {result.scale_for_target[0]:.3g} of what they are, or the worst few."
-        if adjusted := _adjustments(result)[:1]:
+        adjusted = _adjustments(result)[:1]
+        if adjusted and (result.focusing is None or adjusted[0].steps[0][0] != result.focusing[0].place):
             remedy += f" {words.sentence(_change_words(result, adjusted[0]))} gives {share_words(adjusted[0].result)}."
         if result.budget is not None and result.budget.changes:
             best = result.budget.changes[0]
@@ -184,6 +185,12 @@ def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
             remedy = (
                 f"Hold {short_name(place, result.plan.question.design)} first: at its nominal it alone puts together "
                 f"{100 * share:.3g} % of them. {remedy}"
+            )
+        if result.focusing is not None:
+            focus, share = result.focusing
+            remedy = (
+                f'Focus each build by [[compensators]]: place = "{focus.place}", range = "{focus.reach:g} mm", '
+                f"with which {100 * share:.3g} % can be put together. {remedy}"
             )
         yield Statement("caution", lost, remedy)
     yield _yield_statement(result, first_look=first_look)
