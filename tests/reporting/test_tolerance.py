@@ -1,5 +1,7 @@
 """What a report and a terminal get to see of a study."""
 
+import csv
+import io
 import tomllib
 from dataclasses import replace
 
@@ -10,6 +12,7 @@ from roslf_design.commands.tolerance import summary
 from roslf_design.design import loads
 from roslf_design.errors import InputError
 from roslf_design.reporting.blocks import Figure, Statements, Table
+from roslf_design.reporting.printers import render_tables
 from roslf_design.reporting.tolerance.pages import (
     _statements,
     _tolerance_section,
@@ -18,6 +21,7 @@ from roslf_design.reporting.tolerance.pages import (
     ranking,
     tables,
     tolerance_pictures,
+    tolerance_report,
 )
 from roslf_design.tolerancing.result import analyse, save_worst
 from roslf_design.tolerancing.run import tally_chunk
@@ -216,3 +220,28 @@ def test_the_range_of_focusing_that_puts_builds_together():
     again = analyse(plan, study, grades, tally_chunk(plan, 0), budgets=False)
     assert again.final.impossible <= 0.01 * 2000
     assert again.focusing is None
+
+
+def test_of_many_tolerances_a_page_shows_those_that_matter_and_the_file_has_all():
+    data = {
+        "name": "many",
+        "design": "arthroscope",
+        "grade": "high",
+        "trials": 256,
+        "sobol_samples": 0,
+        "goals": [{"metric": "fill_factor", "min": 0.2, "max": 5.0}],
+    }
+    study, design, grades = read_study(data)
+    plan = make_plan(study, design, grades)
+    result = analyse(plan, study, grades, tally_chunk(plan, 0), budgets=False)
+    count = len(plan.draws.perturbations)
+    assert count > 20
+    (table,) = (table for table in _tolerance_section(result).blocks if getattr(table, "title", "") == "Tolerances")
+    assert len(table.rows) == 15
+    assert f"of {count}; all are in tables/tolerances.csv" in table.caption
+    files = render_tables(tolerance_report(result, ""))
+    rows = list(csv.reader(io.StringIO(files["tables/tolerances.csv"].decode("utf-8-sig"))))[1:]
+    assert len(rows) == count
+    assert len({tuple(row[:1]) for row in rows}) == count
+    shares = [float(row[[*table.headings].index("r² [%]")]) for row in rows]
+    assert min(shares[:15]) >= max(shares[15:])
