@@ -272,10 +272,7 @@ class CapturePlan(NamedTuple):
     """Radial coefficients that the calibration will fit."""
 
     def determined(self, name: str, expected: _ExpectedErrors | None = None) -> bool:
-        """True where a quantity is known to less than its size, by these captures or by others that are expected.
-
-        d_f = f (1 + m)/m and H, which has d_f in it, only where m is: about m = 0 first order tells nothing of them.
-        """
+        """True where a quantity is known to less than its size; of d_f = f (1 + m)/m, and H by it, where m is, too."""
         sigma = (expected or self.expected).sigma
         return all(sigma[one] < self.sizes[one] for one in {name, "m" if name in ("d_f", "H") else name})
 

@@ -127,8 +127,7 @@ class StudyResult:
     put_together: Array
     """Share of the builds that cannot be put together that can once a perturbation alone is none, shape (P,)."""
     focusing: tuple[Adjuster, float] | None
-    """Focusing range that would put 99 % of all together, and the share that it would; None where they can be, or no
-    range is enough."""
+    """Focusing range that would put 99 % of all together, and the share that it would; None where none need be."""
     worst: tuple[WorstTrial, ...]
     warnings: tuple[str, ...]
     built: LengthCovariance

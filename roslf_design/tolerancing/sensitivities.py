@@ -37,10 +37,8 @@ LINEAR = 0.1
 """|RSS / Monte Carlo - 1| above which a response counts as not linear."""
 AMONG, LOST = 4096, 128
 """Builds among which those that cannot be put together are looked for, and how many of these are tried again."""
-FOCUSING, TOGETHER, FEW = "microlens_array.distance", 0.99, 1024
-"""Adjustment that brings a camera into focus; share of the builds that it is to put together, of so many at most."""
-STEPS = (1, 1.5, 2, 3, 5, 7)
-"""Ranges that are tried in each decade."""
+FOCUSING, TOGETHER, FEW, STEPS = "microlens_array.distance", 0.99, 1024, (1, 1.5, 2, 3, 5, 7)
+"""Focusing; share of the builds that it is to put together, of so many at most; ranges that are tried, in a decade."""
 RESAMPLES = 256
 """Bootstrap samples of Sobol indices."""
 
@@ -128,10 +126,7 @@ def put_together(plan: TolerancePlan) -> Array:
 
 
 def least_reach(plan: TolerancePlan) -> tuple[Adjuster, float] | None:
-    """Smallest focusing range that lets `TOGETHER` of the first builds be put together, and the share that then can.
-
-    Of `STEPS` times a power of ten [mm], up to half the distance from lens to array; None where none is enough.
-    """
+    """Smallest focusing range, up to d_1/2, that lets `TOGETHER` of builds be put together, and the share that can."""
     others = tuple(adjuster for adjuster in plan.adjusters if adjuster.place != FOCUSING)
     deviations = first_draws(plan.draws, min(plan.trials, FEW))
     for reach in (step * 10.0**decade for decade in range(-2, 3) for step in STEPS):

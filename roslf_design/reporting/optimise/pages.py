@@ -20,7 +20,7 @@ from ...optimization.study import Result
 from ...optimization.traces import Retrace
 from ...optimization.variables import NUMBERS
 from ...tables import Column
-from ...theory.focused import is_focused, pupil_blur_ratio
+from ...theory.focused import pupil_blur_ratio
 from ...theory.light import microlens_defocus_waves
 from ...theory.quantities import QUANTITIES, bound_note, in_words
 from ...tolerancing.yields import Yield
@@ -91,8 +91,7 @@ def optimization_finding(result: Result, take: str = "best", words: str = "") ->
 def statements(result: Result) -> Iterator[Statement]:
     """The answer in sentences."""
     for statement in _statements(result):
-        asked = "quantity = " in statement.remedy  # as it is typed
-        remedy = statement.remedy if asked else in_words(statement.remedy)
+        remedy = statement.remedy if "quantity = " in statement.remedy else in_words(statement.remedy)  # or as typed
         yield replace(statement, text=in_words(statement.text), remedy=remedy)
 
 
@@ -164,14 +163,10 @@ def _about_focus(result: Result) -> Iterator[Statement]:
     waves = {name: f"{float(microlens_defocus_waves(camera)):.2g} waves" for name, camera in blurred.items()}
     defocus = QUANTITIES["microlens_defocus_px"]
     sizes = [f"{name} by {float(defocus(camera)):.3g} px ({waves[name]})" for name, camera in blurred.items()]
-    focused = [name for name, camera in blurred.items() if is_focused(camera)]
     text = f"Microlenses out of focus, which closed forms of images and views take for in focus: {', '.join(sizes)}."
-    if focused:
-        text += f" Pixels of {listed(focused)} are no views."
     least = min(float(defocus(camera) / pupil_blur_ratio(camera)) for camera in blurred.values())
     remedy = f'Ask for it by [[constraints]]: quantity = "microlens_defocus_px", max = {least:.2g}'
-    free = {"d_2", "f_ml"} & result.answer.problem.variables.keys()
-    yield Statement("caution", text, f"{remedy}{'' if free else ', and let d_2 vary'}.")
+    yield Statement("caution", text, f"{remedy}{'' if 'd_2' in result.answer.variables() else ', and let d_2 vary'}.")
 
 
 def _about_optimum(result: Result) -> Iterator[Statement]:
