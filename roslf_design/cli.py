@@ -10,6 +10,7 @@ import errno
 import gc
 import io
 import os
+import re
 import signal
 import sys
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -157,7 +158,7 @@ def _run(arguments: list[str]) -> Any:
     from cyclopts.exceptions import CycloptsError
 
     try:
-        command, bound, _ = build_app().parse_args(arguments, exit_on_error=False, print_error=False)
+        command, bound, _ = build_app().parse_args(_signed(arguments), exit_on_error=False, print_error=False)
         if not gc.isenabled():
             gc.freeze()
             gc.enable()
@@ -171,6 +172,17 @@ def _run(arguments: list[str]) -> Any:
         if error.encoding != "utf-8":
             raise
         return _complain(f'"{error.object}" is no UTF-8 text; write it again', 2)
+
+
+def _signed(arguments: list[str]) -> list[str]:
+    """Arguments with values below 0, as "-3mm", bound to their options, which then tell what is wrong with them."""
+    bound: list[str] = []
+    for argument in arguments:
+        if re.match(r"-\.?\d", argument) and bound and re.fullmatch(r"--[a-z][a-z-]*", bound[-1]):
+            bound[-1] += f"={argument}"
+        else:
+            bound.append(argument)
+    return bound
 
 
 def _complain(message: str, code: int) -> int:

@@ -64,6 +64,8 @@ class Table:
     widths: tuple[float, ...] = ()
     """Widths of the columns, in heights of a letter (em); 0 takes what its text needs. Aligns tables below each other.
     """
+    left: tuple[tuple[str, ...], ...] = ()
+    """Rows that the CSV file has besides."""
     dense: bool = False
     """Small and close on paper: of several that are to fit on one page."""
 

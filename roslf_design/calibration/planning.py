@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
@@ -28,8 +28,9 @@ DRAWS = 20_000
 MOST_CORNERS = 10_000
 """Largest number of corners in a plan, over all its images: beyond it, time and memory grow and accuracy hardly does.
 """
-LEAST_GAIN = 1.02
+LEAST_GAIN = 1.1
 """Standard deviation before over after from which a change is advised."""
+NO_GAIN = "No single change helps by more than 10 %."
 _STEEPEST = math.radians(40.0)
 """Beyond this tilt corners are no longer found well."""
 USUAL = Board(4, 5, 6.0)
@@ -264,20 +265,31 @@ class CapturePlan(NamedTuple):
     expected: _ExpectedErrors
     changes: tuple[_PlanChange, ...]
     """Best first, by d_3."""
+    sizes: Mapping[str, float]
+    """Sizes that standard deviations are held against [mm or 1]: the quantities' own; of d_3, which may be 0, d_1 where
+    that is larger."""
     distortion: int = 0
     """Radial coefficients that the calibration will fit."""
+
+    def determined(self, name: str, expected: _ExpectedErrors | None = None) -> bool:
+        """True where a quantity is known to less than its size; of d_f = f (1 + m)/m, and H by it, where m is, too."""
+        sigma = (expected or self.expected).sigma
+        return all(sigma[one] < self.sizes[one] for one in {name, "m" if name in ("d_f", "H") else name})
 
     @property
     def advice(self) -> str:
         """The change that helps most, in one sentence; where none helps, that."""
         if not self.changes or self.changes[0].gain(self.expected) < LEAST_GAIN:
-            return "No single change helps by more than 2 %."
+            return NO_GAIN
         best = self.changes[0]
         before, after = self.expected.sigma, best.expected.sigma
-        return sentence(
-            f"{best.what}: d_3 to ±{after['d_3']:.2g} mm instead of ±{before['d_3']:.2g} mm,"
-            f" H to ±{after['H']:.2g} instead of ±{before['H']:.2g}"
-        )
+        gains = [
+            f"{name} to ±{after[name]:.2g}{unit} instead of ±{before[name]:.2g}{unit}"
+            for name, unit in (("d_3", " mm"), ("H", ""))
+            if self.determined(name) and best.gain(self.expected, name) >= LEAST_GAIN
+        ]
+        gains = gains or [f"d_3 to ±{after['d_3']:.2g} mm"]
+        return sentence(f"{best.what}: {', '.join(gains)}")
 
     def to_dict(self, design: str, seed: int) -> dict[str, object]:
         """As JSON's types, with the design's name and what the plan was made with."""
@@ -394,7 +406,9 @@ def plan(
             continue
         changes.append(_PlanChange(what, after, known))
     changes.sort(key=lambda change: change.expected.sigma["d_3"])
-    return CapturePlan(captures, before, tuple(changes), distortion)
+    sizes = {name: abs(float(value)) for name, value in derived(camera.vector(), sheet).items()}
+    sizes["d_3"] = max(sizes["d_3"], sizes["d_1"])
+    return CapturePlan(captures, before, tuple(changes), sizes, distortion)
 
 
 def reason(captures: Captures) -> str:
@@ -419,7 +433,7 @@ def _alternatives(captures: Captures, sheet: DataSheet) -> Iterator[tuple[str, C
     n, spread = captures.boards, captures.distance_range
     shown: dict[str, dict[str, Any]] = {
         f"show {2 * n} boards instead of {n}": {"boards": 2 * n},
-        f"spread the distances over {2 * spread:g} mm": {"distance_range": 2 * spread},
+        f"spread the distances over {2 * spread:.4g} mm": {"distance_range": 2 * spread},
         "halve the corner noise": {"noise": captures.noise / 2},
         f"use a board of {larger.columns} x {larger.rows} cells of the same size": {"board": larger},
         f"use cells of {finer.cell:g} mm on the same board": {"board": finer},

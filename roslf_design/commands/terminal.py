@@ -37,6 +37,8 @@ Unread = Parameter(parse=False)
 
 PATIENCE = 2.0
 """Seconds before a bar appears: shorter work needs none."""
+LOGGED = 30.0
+"""Seconds between lines of progress in a log."""
 PAGE = "index.html"
 """Name of the page in a folder of results."""
 
@@ -79,7 +81,7 @@ def tell_cost(seconds: float, why: str) -> None:
 
 @contextmanager
 def bar(name: str, total: float = 1.0, at_once: bool = False) -> Iterator[Callable[[float], None]]:
-    """A bar with the time that is left, told how much of `total` is done; counted where `total` is a number of things.
+    """A bar, in a log lines, with the time that is left, told how much of `total` is done; counted where that is > 1.
 
     Yields
     ------
@@ -87,7 +89,15 @@ def bar(name: str, total: float = 1.0, at_once: bool = False) -> Iterator[Callab
         Takes how much is done, from 0 to `total`.
     """
     if not sys.stderr.isatty():
-        yield lambda done: None
+        lines = {0: time.monotonic()}
+
+        def log(done: float) -> None:
+            spent = time.monotonic() - lines[0]
+            if 0 < done < total and spent >= LOGGED * len(lines):
+                lines[len(lines)] = done
+                say(f"{name}: {done / total:.0%}, about {spent * (total / done - 1):.2g} s left", error=True)
+
+        yield log
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn

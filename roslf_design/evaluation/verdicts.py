@@ -22,7 +22,7 @@ from ..theory.light import geometric_views, outer_slope, sensor_field
 from ..theory.photometry import accepted, response
 from ..theory.quantities import QUANTITIES
 from ..theory.quantity import FEASIBLE
-from ..words import listed, number, place, the
+from ..words import length, listed, number, place, the
 from .answer import FirstAnswer
 from .fields import default_fields, field_openings
 from .groups import Field, Numbers, RealLens, Verdict
@@ -41,6 +41,8 @@ LEAST_VIEWS = 2
 """Pixels across a microlens image from which a camera tells directions apart."""
 TAKEN_LOSS = 0.01
 """Share of light lost to slanting rays from which it is told."""
+WIDEST_PIXEL = 0.05
+"""Pixels wider than this are none of a sensor that takes pictures [mm]."""
 NEAR = 1e-2
 """Relative distance below which a design is called near a hard case."""
 
@@ -269,7 +271,11 @@ def _thin(f: Numbers, lens: RealLens) -> Verdict:
 
 def warnings_of(design: Design, fields: Sequence[Field]) -> Iterator[str]:
     """Warnings about what is no error but must not go unsaid."""
-    array = design.microlens_array
+    array, pixel = design.microlens_array, design.sensor.pixel
+    if design.q > array.pitch or pixel > WIDEST_PIXEL:
+        wide = "than a microlens" if design.q > array.pitch else "than those of any usual sensor"
+        meant = "" if pixel < 0.1 else f", or are {pixel:.4g} um meant?"
+        yield f"pixels of {length(pixel)} are wider {wide} (pitch {length(array.pitch)}): check sensor.pixel{meant}"
     for side, mla, sensor in zip(("wide", "high"), array.size, design.sensor_size, strict=True):
         if sensor > mla * (1 + 1e-9):
             yield (

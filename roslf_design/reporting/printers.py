@@ -176,7 +176,7 @@ def render_tables(report: Report) -> dict[str, bytes]:
         for table in (block for block in section.blocks if isinstance(block, Table)):
             name = slug(table.title) or section.anchor
             count = sum(other == name or re.fullmatch(rf"{name}-\d+", other) is not None for other in files)
-            content = csv_bytes([table.headings, *table.rows] if table.headings else table.rows)
+            content = csv_bytes([*filter(None, [table.headings]), *table.rows, *table.left])
             files[f"{name}-{count + 1}" if count else name] = content
     return {f"tables/{name}.csv": content for name, content in files.items()}
 

@@ -76,9 +76,14 @@ def resolution_ratio(c: Camera, inverse: ArrayLike) -> Array:
     return np.asarray(told / np.maximum(seen_by(c, inverse), 1.0) * np.abs(c.q / microlens_image_pitch(c)))
 
 
+def pupil_blur_ratio(c: Camera) -> Array:
+    """Blur of the pupil over that of pixels and diffraction together, of the type of microlens that blurs it most."""
+    return np.asarray(np.max([microlens_defocus_blur(one) / _own_blur(one) for one in c.microlens_types], axis=0))
+
+
 def is_focused(c: Camera) -> Any:
     """True where microlenses of any type are focused elsewhere than on the pupil, by `LIMIT`."""
-    return np.any([microlens_defocus_blur(one) >= LIMIT * _own_blur(one) for one in c.microlens_types], axis=0)
+    return pupil_blur_ratio(c) >= LIMIT
 
 
 def pupil_remedy(c: Camera) -> str:

@@ -70,6 +70,9 @@ class Sweep:
         """Copy of `table` as a `pandas.DataFrame`, as `QuantityTable.to_pandas` makes it."""
         return self.table.to_pandas()
 
+    def __str__(self) -> str:
+        return str(self.table)
+
     def _repr_html_(self) -> str:
         return self.table._repr_html_()
 

@@ -26,17 +26,19 @@ from .budgets import ToleranceBudget, budget
 from .metrics import METRICS, mount_of
 from .places import Grades, in_lens, of_parts
 from .sensitivities import (
+    TOGETHER,
     Allowed,
     RssRow,
     Sensitivity,
     SobolIndices,
     inverse_sensitivity,
+    least_reach,
     put_together,
     rss_rows,
     sensitivity,
     sobol_indices,
 )
-from .study import MOST_TRIALS, Study, TolerancePlan, make_plan
+from .study import MOST_TRIALS, Adjuster, Study, TolerancePlan, make_plan
 from .summaries import Variant, correlations, summarise
 from .tally import Tally
 from .traced import notes
@@ -124,6 +126,8 @@ class StudyResult:
     """Columns with perturbations, shape (C, P)."""
     put_together: Array
     """Share of the builds that cannot be put together that can once a perturbation alone is none, shape (P,)."""
+    focusing: tuple[Adjuster, float] | None
+    """Focusing range that would put 99 % of all together, and the share that it would; None where none need be."""
     worst: tuple[WorstTrial, ...]
     warnings: tuple[str, ...]
     built: LengthCovariance
@@ -208,6 +212,7 @@ class StudyResult:
             "grades": [{"grade": grade, **result.to_dict()} for grade, result in self.grades],
             "correlations": {"columns": columns, "places": places, "values": self.correlations},
             "put_together_without": dict(zip(places, self.put_together.tolist(), strict=True)),
+            "put_together_by_focusing": None if self.focusing is None else [*self.focusing],
             "worst": [{"trial": w.number, **{k: v for k, v in vars(w).items() if k != "number"}} for w in self.worst],
             "warnings": self.warnings,
         }
@@ -248,6 +253,7 @@ def analyse(
         grades=_grades(plan, study, grades, given),
         correlations=correlations(tally),
         put_together=put_together(plan) if variants[-1].impossible else np.zeros(count),
+        focusing=least_reach(plan) if variants[-1].impossible > (1 - TOGETHER) * plan.trials else None,
         worst=worst,
         warnings=(*tracing, *_warnings(plan, variants, rss, misses)),
         built=lengths_built(plan),

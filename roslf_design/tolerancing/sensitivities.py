@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from ..theory.quantities import QUANTITIES
 from .draws import sobol_points
 from .metrics import mount_of
 from .places import of_parts
-from .study import TolerancePlan
+from .study import Adjuster, TolerancePlan
 from .summaries import Variant
 from .trials import BLOCK, differences, final_faults, measure, measure_finally
 from .yields import CONFIDENCE, first_draws
@@ -37,6 +37,8 @@ LINEAR = 0.1
 """|RSS / Monte Carlo - 1| above which a response counts as not linear."""
 AMONG, LOST = 4096, 128
 """Builds among which those that cannot be put together are looked for, and how many of these are tried again."""
+FOCUSING, TOGETHER, FEW, STEPS = "microlens_array.distance", 0.99, 1024, (1, 1.5, 2, 3, 5, 7)
+"""Focusing; share of the builds that it is to put together, of so many at most; ranges that are tried, in a decade."""
 RESAMPLES = 256
 """Bootstrap samples of Sobol indices."""
 
@@ -121,6 +123,20 @@ def put_together(plan: TolerancePlan) -> Array:
     without[np.arange(count), np.arange(count)] = 0.0
     faults = final_faults(plan, without.reshape(count, -1))
     return np.asarray(np.reshape([not reasons for reasons in faults], (count, -1)).mean(axis=1))
+
+
+def least_reach(plan: TolerancePlan) -> tuple[Adjuster, float] | None:
+    """Smallest focusing range, up to d_1/2, that lets `TOGETHER` of builds be put together, and the share that can."""
+    others = tuple(adjuster for adjuster in plan.adjusters if adjuster.place != FOCUSING)
+    deviations = first_draws(plan.draws, min(plan.trials, FEW))
+    for reach in (step * 10.0**decade for decade in range(-2, 3) for step in STEPS):
+        if reach > plan.question.design.d_1 / 2:
+            break
+        adjusted = replace(plan.limited, adjusters=(*others, Adjuster(FOCUSING, reach)))
+        share = 1 - float(np.isnan(measure_finally(adjusted, deviations)).all(axis=0).mean())
+        if share >= TOGETHER:
+            return adjusted.adjusters[-1], share
+    return None
 
 
 @dataclass(frozen=True)

@@ -412,3 +412,17 @@ def test_cut_offs_that_no_distribution_has_are_told(truncate, capsys, tmp_path):
     (tmp_path / "x.toml").write_text(f"truncate = {truncate}\n{STUDY}".replace('grades = "shop.toml"\n', ""))
     lines = refused(capsys, ["tolerance", "x.toml", "-o", "out"])
     assert any("truncate: " in line for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("evaluate paper --at", "--at: -3 mm is not ahead of the bore's tip"),
+        ("sweep paper --set d_3=1..3mm --quantity fill_factor --at", "--at: -3 mm is not ahead of the bore's tip"),
+        ("calibrate --plan paper --distance", '--distance: "-3 mm" must be greater than zero'),
+        ("calibrate --plan paper --range", '--range: "-3 mm" must not be negative'),
+    ],
+)
+def test_a_length_below_zero_is_refused_as_one_and_is_no_option(capsys, words, said):
+    assert main([*words.split(), "-3 mm"]) == 2
+    assert said in capsys.readouterr().err

@@ -67,3 +67,13 @@ def test_cost_is_told_beforehand_of_what_needs_patience(monkeypatch):
     tell_cost(1.0, "a little")
     tell_cost(41.3, "2.1 million pixels x 256 rays")
     assert shown.getvalue() == "about 41 s: 2.1 million pixels x 256 rays\n"
+
+
+def test_a_log_has_a_line_of_progress_now_and_then(monkeypatch):
+    shown, clock = io.StringIO(), iter([0.0, 10.0, 40.0, 50.0, 80.0, 100.0])
+    monkeypatch.setattr(sys, "stderr", shown)
+    monkeypatch.setattr("roslf_design.commands.terminal.time.monotonic", lambda: next(clock))
+    with bar("trials", 100) as tell:
+        for done in (10, 40, 50, 80, 100):
+            tell(done)
+    assert shown.getvalue() == "trials: 40%, about 60 s left\ntrials: 80%, about 20 s left\n"

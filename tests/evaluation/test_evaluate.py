@@ -271,6 +271,12 @@ def test_warnings_name_what_is_odd(paper):
     packed = paper.replace({"microlens_array.layout": "hexagonal"})
     assert any("overlap in a hexagonal layout" in warning for warning in roslf.evaluate(packed).warnings)
     assert any("beyond the MLA" in warning for warning in roslf.evaluate(paper, [13.0]).warnings)
+    coarse = roslf.evaluate(paper.replace({"sensor.pixel": 2.4})).warnings
+    assert any("wider than a microlens" in warning and "2.4 um meant?" in warning for warning in coarse)
+    wide = roslf.evaluate(paper.replace({"sensor.pixel": 0.06})).warnings
+    assert any("60 um" in warning and "check sensor.pixel" in warning for warning in wide)
+    assert len(wide) == 1
+    assert not roslf.evaluate(paper).warnings
 
 
 def test_verdicts_and_remedies(paper):

@@ -1,6 +1,8 @@
 """Studies as files and as a command: what comes out, and what is wrong with bad ones."""
 
 import json
+import math
+import re
 import tomllib
 
 import pytest
@@ -260,3 +262,26 @@ def test_a_length_of_zero_needs_no_unit():
     read, other = (read_study(tomllib.loads(text)) for text in (plain, plain.replace("0, '8", "'0 um', '8")))
     assert read.problem.variables == other.problem.variables
     assert [c.min for c in read.problem.constraints] == [0.98, 0.0]
+
+
+def test_bought_arrays_out_of_focus_are_named_with_the_constraint_that_keeps_them_in_it(capsys, tmp_path):
+    text = GOOD + '[catalogue]\nkinds = ["microlens_arrays"]\nkeep = 4\n'
+    code, out, _ = run(capsys, "optimize", study(tmp_path, text), "-o", tmp_path / "out")
+    assert code == 0
+    words = " ".join(out.split())
+    defocus = roslf.quantity("microlens_defocus_px")
+    designs = {place.stem: roslf.load(place) for place in sorted((tmp_path / "out").glob("parts-*.toml"))}
+    cameras = {name: roslf.Camera.of(design) for name, design in designs.items()}
+    blurred = {
+        name: float(defocus(c))
+        for name, c in cameras.items()
+        if float(defocus(c)) > math.hypot(1, float(c.wavelength * c.d_2 / c.d / c.q))
+    }
+    assert blurred
+    assert all((f"{name} by {blurred.get(name, 0.0):.3g} px" in words) == (name in blurred) for name in cameras)
+    assert "The best above has none of them: the microlens array as in the base design" in words
+    most = float(re.search(r'quantity = "microlens_defocus_px", max = ([0-9.]+[0-9])', words)[1])
+    held = text + f'[[constraints]]\nquantity = "microlens_defocus_px"\nmax = {most}\n'
+    code, out, _ = run(capsys, "optimize", study(tmp_path, held, "held.toml"), "-o", tmp_path / "held")
+    assert code == 0
+    assert "out of focus" not in out

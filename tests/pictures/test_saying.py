@@ -8,6 +8,7 @@ from roslf_design.drawing.marks import Area, Disc, Dots, Image, Line
 from roslf_design.drawing.picture import Picture
 from roslf_design.evaluation import evaluate
 from roslf_design.reporting.design.figures import SHEETS
+from roslf_design.reporting.design.rays import meridional
 from roslf_design.reporting.optimise.pictures import VariableMove, change_bars
 
 NEARLY = 0.02
@@ -83,3 +84,13 @@ def test_faults_are_found():
     assert list(faults(Picture("x", "x", (9, 9), (), blank.keys))) == [
         f"x: {key.text} is not drawn" for key in blank.keys
     ]
+
+
+def test_rays_that_only_the_fap_ends_are_told_from_light_that_is_lost():
+    """The paper's camera sees whole images all over its field; a narrow main lens cuts them."""
+    paper = load("paper")
+    cut = paper.replace({"main_lens.diameter": 8.0})
+    assert evaluate(paper).non_distortion.undistorted_in_field
+    assert not evaluate(cut).non_distortion.undistorted_in_field
+    words = [[key.text for key in meridional(design).keys if "blocked" in key.text] for design in (paper, cut)]
+    assert words == [["blocked by the FAP alone, beyond its rim"], ["blocked, and where"]]

@@ -7,11 +7,11 @@ import pytest
 from roslf_design.calibration.options import PlanOptions, calibration_plan
 from roslf_design.calibration.planning import Captures, _field_at
 from roslf_design.cli import main
-from roslf_design.design import load
+from roslf_design.design import load, loads
 from roslf_design.drawing.svg import file_of
 from roslf_design.errors import InputError
 from roslf_design.reporting.blocks import Report
-from roslf_design.reporting.calibrate.pages import calibrated_finding, plan_finding, read_calibration
+from roslf_design.reporting.calibrate.pages import calibrated_finding, plan_finding, planned_depth, read_calibration
 from roslf_design.reporting.printers import render_html
 from roslf_design.reporting.story import _read_story
 
@@ -174,3 +174,55 @@ def test_a_plan_tells_boards_too_large_and_captures_that_determine_nothing():
     assert plan_finding(paper, flat).section.blocks[0].items[0].text == f"No plan: {why}."
     with pytest.raises(InputError, match=r'^f_sigma: "sharp" is not understood'):
         PlanOptions(f_sigma="sharp")
+
+
+COLLIMATED = """
+name = "collimated"
+[main_lens]
+diameter = "50 mm"
+focal_length = "100 mm"
+[aperture]
+diameter = "2.9 mm"
+distance = "120 mm"
+[[elements]]
+kind = "lens"
+distance = "150 mm"
+focal_length = "200 mm"
+diameter = "60 mm"
+[microlens_array]
+pitch = "63 um"
+focal_length = "2 mm"
+distance = "100 mm"
+size = ["23 mm", "23 mm"]
+[sensor]
+distance = "2 mm"
+pixel = "4.85 um"
+size = ["22.3 mm", "14.9 mm"]
+[light]
+wavelength = "550 nm"
+"""
+"""A camera whose main lens is focused at infinity, and in its element's front focus by that."""
+
+
+def test_a_plan_leads_with_depth_and_names_what_its_poses_do_not_determine():
+    """Of a main lens focused at infinity d_f = f (1 + m)/m is known to no digit, depth is."""
+    paper = load("paper")
+    asked = PlanOptions(at=(300.0,), distance=350.0, range=60.0, f_sigma="0.1 %")
+    depth, lengths = plan_finding(paper, asked).section.blocks[1].items
+    plan = calibration_plan(paper, asked)
+    at_focus, there = (2 * float(planned_depth(paper, plan, asked, at=z).u_z_mm) for z in (None, 300.0))
+    assert f"U = ± {at_focus:.3g} mm in the focal plane" in depth.text
+    assert f"± {there:.3g} mm at 300 mm ahead of the tip" in depth.text
+    assert "H to" in lengths.text
+    assert "ot determined" not in lengths.text
+    far = loads(COLLIMATED)
+    depth, lengths = plan_finding(far, PlanOptions()).section.blocks[1].items
+    plan = calibration_plan(far, PlanOptions())
+    assert "Not determined by these poses: H, d_f and m;" in lengths.text
+    assert "d_2 to" in lengths.text
+    at_focus = 2 * float(planned_depth(far, plan, PlanOptions()).u_z_mm)
+    assert at_focus < 30.0
+    assert f"± {at_focus:.3g} mm in the focal plane" in depth.text
+    assert " H to" not in plan.advice
+    rows = {row[0]: row[1] for row in plan_finding(far, PlanOptions()).section.blocks[2].rows}
+    assert [name for name, cell in rows.items() if cell == "not determined"] == ["H", "d_f", "m"]

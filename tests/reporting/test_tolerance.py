@@ -1,5 +1,7 @@
 """What a report and a terminal get to see of a study."""
 
+import csv
+import io
 import tomllib
 from dataclasses import replace
 
@@ -10,13 +12,16 @@ from roslf_design.commands.tolerance import summary
 from roslf_design.design import loads
 from roslf_design.errors import InputError
 from roslf_design.reporting.blocks import Figure, Statements, Table
+from roslf_design.reporting.printers import render_tables
 from roslf_design.reporting.tolerance.pages import (
+    _statements,
     _tolerance_section,
     _yield_statement,
     blame,
     ranking,
     tables,
     tolerance_pictures,
+    tolerance_report,
 )
 from roslf_design.tolerancing.result import analyse, save_worst
 from roslf_design.tolerancing.run import tally_chunk
@@ -189,3 +194,54 @@ def test_one_at_a_time_moves_are_drawn_beside_an_end_that_is_no_camera(colliding
     up, down, *_ = tolerance_pictures(colliding)["sensitivity"].panels[0].marks
     assert len(set(up.x[~np.isnan(up.x)])) == 2  # nothing, and d_2's
     assert len(set(down.x[~np.isnan(down.x)])) == 3
+
+
+def test_the_range_of_focusing_that_puts_builds_together():
+    """f of 100 ± 2 mm, even, before an array at 100.5 mm: ±R leaves (1.5 - R)/4 of the builds beyond infinity."""
+    data = {
+        "name": "far",
+        "design": "paper",
+        "trials": 2000,
+        "goals": [{"metric": "fill_factor", "min": 0.2, "max": 5.0}],
+        "perturb": [{"place": "main_lens.focal_length", "tolerance": "2 mm", "distribution": "uniform"}],
+    }
+    study, design, grades = read_study(data)
+    plan = make_plan(study, design.replace({"d_1": 100.5}), grades)
+    result = analyse(plan, study, grades, tally_chunk(plan, 0), budgets=False)
+    adjuster, share = result.focusing
+    assert result.final.impossible / 2000 == pytest.approx(1.5 / 4, abs=0.03)
+    assert (adjuster.place, adjuster.reach) == ("microlens_array.distance", 1.5)
+    assert share > 0.99
+    first = next(_statements(result, False))
+    assert 'place = "microlens_array.distance", range = "1.5 mm", with which' in first.remedy
+    data["compensators"] = [{"place": "microlens_array.distance", "range": "1.5 mm"}]
+    study, _, grades = read_study(data)
+    plan = make_plan(study, design.replace({"d_1": 100.5}), grades)
+    again = analyse(plan, study, grades, tally_chunk(plan, 0), budgets=False)
+    assert again.final.impossible <= 0.01 * 2000
+    assert again.focusing is None
+
+
+def test_of_many_tolerances_a_page_shows_those_that_matter_and_the_file_has_all():
+    data = {
+        "name": "many",
+        "design": "arthroscope",
+        "grade": "high",
+        "trials": 256,
+        "sobol_samples": 0,
+        "goals": [{"metric": "fill_factor", "min": 0.2, "max": 5.0}],
+    }
+    study, design, grades = read_study(data)
+    plan = make_plan(study, design, grades)
+    result = analyse(plan, study, grades, tally_chunk(plan, 0), budgets=False)
+    count = len(plan.draws.perturbations)
+    assert count > 20
+    (table,) = (table for table in _tolerance_section(result).blocks if getattr(table, "title", "") == "Tolerances")
+    assert len(table.rows) == 15
+    assert f"of {count}; all are in tables/tolerances.csv" in table.caption
+    files = render_tables(tolerance_report(result, ""))
+    rows = list(csv.reader(io.StringIO(files["tables/tolerances.csv"].decode("utf-8-sig"))))[1:]
+    assert len(rows) == count
+    assert len({tuple(row[:1]) for row in rows}) == count
+    shares = [float(row[[*table.headings].index("r² [%]")]) for row in rows]
+    assert min(shares[:15]) >= max(shares[15:])

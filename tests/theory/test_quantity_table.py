@@ -34,6 +34,7 @@ def test_a_file_is_not_written_over_unless_asked(swept, tmp_path):
     first = path.read_bytes()
     assert first == swept.table.csv()
     other = roslf.sweep("paper", {"d_3": [1.0]}, ["fill_factor"])
+    assert str(other).split() == ["d_3", "[mm]", "fill_factor", "1", f"{other.values['fill_factor'][0]:.5g}"]
     with pytest.raises(FileExistsError, match="overwrite=True"):
         other.to_csv(path)
     assert path.read_bytes() == first

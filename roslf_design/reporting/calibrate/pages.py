@@ -19,7 +19,7 @@ from ...calibration.fit import VISIBLE
 from ...calibration.misfit import DISAGREE
 from ...calibration.model import QUANTITIES, UNITS
 from ...calibration.options import PlanOptions, calibration_plan, data_sheet
-from ...calibration.planning import LEAST_GAIN, too_large
+from ...calibration.planning import LEAST_GAIN, NO_GAIN, too_large
 from ...calibration.result import LAPLACE, Outcome
 from ...calibration.space import SceneSide
 from ...calibration.written import file_in, read_numbers
@@ -30,7 +30,7 @@ from ...drawing.svg import redrawn
 from ...errors import InputError, Problem
 from ...input_files import read_bytes
 from ...theory.depth_budget import DepthBudget, depth_budget
-from ...words import length, number, rounded, sentence
+from ...words import length, listed, number, rounded, sentence
 from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
 from . import pictures
 
@@ -39,6 +39,8 @@ if TYPE_CHECKING:
     from ...calibration.distortion import Distortion
     from ...theory.length_covariance import LengthCovariance
 
+UNDETERMINED = "not determined"
+"""Cell of a quantity whose standard deviation is its own size or more."""
 SOURCES: dict[str, tuple[str, str, str]] = {
     "images": ("images", "the images", "show more boards, tilted further and over more distances"),
     "f": ("f", "the data sheet's f", "have the focal length measured"),
@@ -452,38 +454,31 @@ def plan_blocks(
         text += f" Distortion is fitted ({_terms(plan.distortion)})."
     if SceneSide.of(design) is not None:
         text += " Boards stand at mechanical distances; d_3, H and the other lengths are as the main lens sees them."
-    sigma = before.sigma
-    promise = (
-        f"Calibration as planned will know d_3 to {sigma['d_3']:.2g} mm, H to {sigma['H']:.2g} and d_2 to "
-        f"{1e3 * sigma['d_2']:.2g} um (one standard deviation)."
-    )
-    answers = [_promise(design, promise, sigma["d_3"], plan.advice)]
-    large = too_large(design, c)
-    if large:
-        answers.append(Statement("caution", sentence(large), "Choose a smaller board."))
     before_it, depth = "" if build is None else ", tolerances known before", planned_depth(design, plan, asked, build)
     after = _changed_depths(design, plan, build)
     best = next(iter(after), "")
-    helps = best and after[best] < float(depth.u_z_mm) / LEAST_GAIN
-    answers.append(
-        Statement(
-            "plain",
-            f"Depth, expected, after it{before_it}: {depth.words}, in the focal plane.",
-            sentence(f"{best}: u = {number(after[best], 3)} mm")
-            if helps
-            else "No single change helps by more than 2 %.",
-        )
-    )
-    for z in asked.at:
-        there = planned_depth(design, plan, asked, build, z)
-        answers.append(Statement("plain", f"At {number(z, 4)} mm ahead of the tip: {there.words}."))
+    helps = best and after[best] <= float(depth.u_z_mm) / LEAST_GAIN
+    places = {"in the focal plane": depth}
+    places |= {f"at {number(z, 4)} mm ahead of the tip": planned_depth(design, plan, asked, build, z) for z in asked.at}
+    depths = [f"± {_rounded(one.expanded_mm)} {where}, mostly {one.largest.name}" for where, one in places.items()]
+    promise = f"Calibration as planned: depth, expected{before_it}, to U = {'; '.join(depths)}."
+    remedy = sentence(f"{best}: ± {_rounded(2 * after[best])} in the focal plane") if helps else NO_GAIN
+    answers = [Statement("plain", promise, remedy)]
+    large = too_large(design, c)
+    if large:
+        answers.append(Statement("caution", sentence(large), "Choose a smaller board."))
+    answers.append(_promise(design, plan))
     sigmas = "".join(f' --sigma "{place}={sigma}"' for place, sigma in asked.sigma.items())
     command = f'roslf calibrate CAPTURES --design design.toml --board "{c.board.text}"{sigmas} -o calibration'
-    rows = tuple((name, f"{sigma[name]:.3g}", UNITS[name]) for name in QUANTITIES)
+
+    def cell(name: str, expected: Any) -> str:
+        return f"{expected.sigma[name]:.3g}" if plan.determined(name, expected) else UNDETERMINED
+
+    rows = tuple((name, cell(name, before), UNITS[name]) for name in QUANTITIES)
     changes = tuple(
         (
             c.what,
-            *(f"{c.expected.sigma[name]:.3g}" for name in ("d_3", "H", "d_2")),
+            *(cell(name, c.expected) for name in ("d_3", "H", "d_2")),
             f"{c.gain(before):.2f}",
             number(after[c.what], 3),
         )
@@ -504,13 +499,23 @@ def plan_blocks(
     )
 
 
-def _promise(design: Design, text: str, sigma: float, advice: str) -> Statement:
-    """Promise of a plan, a fault where it leaves d_3 as uncertain as it is large."""
-    d_3 = abs(float(Camera.of(design).seen.d_3))
-    if sigma < d_3:
-        return Statement("plain", text, advice)
-    text += f" That does not measure d_3, {number(d_3, 2)} mm as the main lens sees it; depth after it is below."
-    return Statement("bad", text, advice)
+def _promise(design: Design, plan: CapturePlan) -> Statement:
+    """Lengths that a plan promises, and those that its poses do not determine."""
+    sigma = plan.expected.sigma
+    sizes = {"d_3": f"{sigma['d_3']:.2g} mm", "H": f"{sigma['H']:.2g}", "d_2": _rounded(sigma["d_2"])}
+    known = [f"{name} to {size}" for name, size in sizes.items() if plan.determined(name)]
+    text = f"It will know {listed(known)} (one standard deviation)." if known else ""
+    d_3 = float(Camera.of(design).seen.d_3)
+    if plan.determined("d_3") and sigma["d_3"] >= abs(d_3):
+        text += f" d_3 itself is {number(d_3, 2)} mm as the main lens sees it."
+    if lost := [name for name in QUANTITIES if not plan.determined(name)]:
+        text += f" Not determined by these poses: {listed(lost)}; depth is known without them."
+    return Statement("plain" if plan.determined("d_3") else "caution", text.strip(), plan.advice)
+
+
+def _rounded(size: Any) -> str:
+    """A standard deviation [mm] with its unit, to three digits."""
+    return length(float(f"{float(size):.3g}"))
 
 
 def _pair(data: Mapping[str, Any]) -> str:

@@ -133,7 +133,9 @@ def meridional(
     blocked = sum(int((~fan.kept).sum()) for fan in drawn)
     if blocked:
         cross = Dots((0.0,), (0.0,), "vermillion", "x", 3.5, width=1.5)
-        keys.append(line_key("blocked, and where", "vermillion", 0.8, "4 3", cross))
+        lost = any(fan.kept.sum() < np.sum(np.abs(np.linspace(-FILL, FILL, RAYS)) <= 1) for fan in drawn)
+        words = "blocked, and where" if lost else "blocked by the FAP alone, beyond its rim"
+        keys.append(line_key(words, "vermillion", 0.8, "4 3", cross))
     if medium := _medium_label(thin):
         keys.append(box_key(f"medium: {medium}", *MEDIUM))
     ruler = (Line((-11.0, 11.0), (0.0, 0.0), "grey", 1.2, ends="|"),)

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from ..._version import __version__
+from ...camera import Camera
 from ...drawing.picture import Picture
 from ...optimization.front import Front
 from ...optimization.goals import Constraint, Goal
@@ -19,9 +20,11 @@ from ...optimization.study import Result
 from ...optimization.traces import Retrace
 from ...optimization.variables import NUMBERS
 from ...tables import Column
-from ...theory.quantities import bound_note, in_words
+from ...theory.focused import pupil_blur_ratio
+from ...theory.light import microlens_defocus_waves
+from ...theory.quantities import QUANTITIES, bound_note, in_words
 from ...tolerancing.yields import Yield
-from ...words import number, sentence
+from ...words import listed, number, sentence
 from ..blocks import Block, Bullets, Code, Figure, Finding, Paragraph, Report, Section, Statement, Statements, Table
 from .pictures import SAME, bore_and_stop, ends_of, goal_front, robust_yields, search_history
 
@@ -88,7 +91,8 @@ def optimization_finding(result: Result, take: str = "best", words: str = "") ->
 def statements(result: Result) -> Iterator[Statement]:
     """The answer in sentences."""
     for statement in _statements(result):
-        yield replace(statement, text=in_words(statement.text), remedy=in_words(statement.remedy))
+        remedy = statement.remedy if "quantity = " in statement.remedy else in_words(statement.remedy)  # or as typed
+        yield replace(statement, text=in_words(statement.text), remedy=remedy)
 
 
 def _share(measured: Yield) -> str:
@@ -122,6 +126,7 @@ def _statements(result: Result) -> Iterator[Statement]:
         if table is not None and table.maximise == "quantile" and robust.robust.yield_.interval[0] < table.wanted_yield:
             text += f" The target yield is {100 * table.wanted_yield:g} %, which the interval does not promise."
         yield Statement("plain", text)
+    yield from _about_focus(result)
     if result.front is not None:
         yield from _about_front(result.front)
     if result.ranking is not None:
@@ -135,6 +140,9 @@ def _statements(result: Result) -> Iterator[Statement]:
         if ranking.best:
             parts = ", ".join(ranking.named(ranking.best[0].number).values())
             text += f" Best of them: {parts} with {_reached(result, 'parts-01')}."
+            if answer.feasible:
+                kinds = listed([f"the {kind}" for kind in _kinds(ranking)])
+                text += f" The best above has none of them: {kinds} as in the base design, or as the study varies them."
         else:
             text += f" {_none_listed(ranking)}"
         if answer.asked.order == "lexicographic":
@@ -144,6 +152,21 @@ def _statements(result: Result) -> Iterator[Statement]:
             text += f" Each of these was traced again on its own: goals and limits differ by up to {worst:.1g}."
         late = f"{ranking.open} more were not settled before the budget was spent; give more." if ranking.open else ""
         yield Statement("caution" if ranking.open or not ranking.best else "plain", text, late)
+
+
+def _about_focus(result: Result) -> Iterator[Statement]:
+    """Statement on designs whose microlenses blur the pupil more than pixels and diffraction do; none where none do."""
+    cameras = {name.removesuffix(".toml"): Camera.of(design.thin_twin) for name, design in result.designs()}
+    blurred = {name: camera for name, camera in cameras.items() if pupil_blur_ratio(camera) > 1}
+    if not blurred:
+        return
+    waves = {name: f"{float(microlens_defocus_waves(camera)):.2g} waves" for name, camera in blurred.items()}
+    defocus = QUANTITIES["microlens_defocus_px"]
+    sizes = [f"{name} by {float(defocus(camera)):.3g} px ({waves[name]})" for name, camera in blurred.items()]
+    text = f"Microlenses out of focus, which closed forms of images and views take for in focus: {', '.join(sizes)}."
+    least = min(float(defocus(camera) / pupil_blur_ratio(camera)) for camera in blurred.values())
+    remedy = f'Ask for it by [[constraints]]: quantity = "microlens_defocus_px", max = {least:.2g}'
+    yield Statement("caution", text, f"{remedy}{'' if 'd_2' in result.answer.variables() else ', and let d_2 vary'}.")
 
 
 def _about_optimum(result: Result) -> Iterator[Statement]:

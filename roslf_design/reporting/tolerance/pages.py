@@ -38,6 +38,8 @@ MOST_FAULTS = 4
 """Reasons why builds cannot be put together that a sentence names."""
 FOCUS = {"microlens_array.distance": "focus the array", "sensor.distance": "focus the sensor behind the array"}
 """Adjustments by what a lens maker calls them."""
+MOST_ROWS = 15
+"""Tolerances that a table shows."""
 MOST_CHANGES = 8
 """Changes that a table shows."""
 QUANTILES = 5
@@ -166,7 +168,8 @@ def _yield_statement(result: StudyResult, name: str = "", first_look: bool = Fal
         remedy = "No tolerance is tight enough: change the nominal design or the limits."
     else:
         remedy = f"Tighten all tolerances to {result.scale_for_target[0]:.3g} of what they are, or the worst few."
-        if adjusted := _adjustments(result)[:1]:
+        adjusted = _adjustments(result)[:1]
+        if adjusted and (result.focusing is None or adjusted[0].steps[0][0] != result.focusing[0].place):
             remedy += f" {words.sentence(_change_words(result, adjusted[0]))} gives {share_words(adjusted[0].result)}."
         if result.budget is not None and result.budget.changes:
             best = result.budget.changes[0]
@@ -184,6 +187,12 @@ def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
             remedy = (
                 f"Hold {short_name(place, result.plan.question.design)} first: at its nominal it alone puts together "
                 f"{100 * share:.3g} % of them. {remedy}"
+            )
+        if result.focusing is not None:
+            focus, share = result.focusing
+            remedy = (
+                f'Focus each build by [[compensators]]: place = "{focus.place}", range = "{focus.reach:g} mm", '
+                f"with which {100 * share:.3g} % can be put together. {remedy}"
             )
         yield Statement("caution", lost, remedy)
     yield _yield_statement(result, first_look=first_look)
@@ -347,7 +356,11 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
             f"nominal; it ranks with r², each for the builds that fail its way. {caption}"
         )
     ranked = sorted(result.plan.draws.perturbations, key=lambda p: order.index(p.place))
-    return Table.of(ranked, columns if brief else (*columns, source), "Tolerances", caption)
+    table = Table.of(ranked, columns if brief else (*columns, source), "Tolerances", caption)
+    if len(ranked) > MOST_ROWS:
+        caption = f"The {MOST_ROWS} that matter most of {len(ranked)}; all are in tables/tolerances.csv. {caption}"
+        return replace(table, rows=table.rows[:MOST_ROWS], left=table.rows[MOST_ROWS:], caption=caption)
+    return table
 
 
 def _budget(result: StudyResult, budget: ToleranceBudget) -> Iterator[Table]:
@@ -523,9 +536,12 @@ def _shown(result: StudyResult, brief: bool) -> set[str]:
 
 def _worded(table: Table) -> Table:
     """For a page, where there is room: metrics in words, with their units."""
-    rows = tuple((_label(first), *(in_words(cell) for cell in rest)) for first, *rest in table.rows)
+    rows, left = (
+        tuple((_label(first), *(in_words(cell) for cell in rest)) for first, *rest in some)
+        for some in (table.rows, table.left)
+    )
     heads = tuple(heading.replace("metric@field", "metric") for heading in table.headings)
-    return replace(table, rows=rows, headings=heads, title=in_words(table.title))
+    return replace(table, rows=rows, left=left, headings=heads, title=in_words(table.title))
 
 
 def _label(cell: str) -> str:
