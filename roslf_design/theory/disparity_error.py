@@ -617,7 +617,8 @@ def _whole(images: _Images, fx: Array, fy: Array) -> Spectra:
     safe = np.where(z > 0, z, 1.0)
     first = np.where(z > 0, j1(safe) / safe, 0.5)
     # The moment is i/(2 pi) times the derivative; J_2(z)/z = 2 J_1(z)/z^2 - J_0(z)/z.
-    bent = np.where(z > 0.02, (2 * first - j0(safe)) / safe, z / 8) / np.where(height > 0, height, 1.0)
+    small = z / 8 * (1 - z**2 / 12 * (1 - z**2 / 32))
+    bent = np.where(z > 0.02, (2 * first - j0(safe)) / safe, small) / np.where(height > 0, height, 1.0)
     moment = -2j * math.pi * radius**3 * bent
     return 2 * math.pi * radius**2 * first + 0j, moment * fx, moment * fy
 
@@ -660,8 +661,8 @@ def _cut(images: _Images, fx: Array, fy: Array) -> Spectra:
     square, large = phase * phase, np.abs(phase) > 0.02
     safe = np.where(large, phase, 1.0)
     sine = np.sin(safe) / safe
-    flat = 2 * half * np.where(large, sine, 1 - square / 6)
-    bent = np.where(large, (sine - np.cos(safe)) / safe, phase * (1 / 3 - square / 30))
+    flat = 2 * half * np.where(large, sine, 1 - square / 6 * (1 - square / 20))
+    bent = np.where(large, (sine - np.cos(safe)) / safe, phase * (1 / 3 - square / 30 * (1 - square / 28)))
     lit = turn * flat
     moment = lit * middle - 2j * (turn * (half**2 * bent))
     steps = np.exp(-2j * math.pi * (fy - fy[..., :1])[:, 0, 0][:, None, :] * y[..., None])
