@@ -172,7 +172,8 @@ def test_pupils_that_darken_towards_the_rim(law):
 def test_decode_tells_it(tmp_path, capsys, blank_pngs):
     """From files of counts, with a black level: with its dark frame, and without one, where it is in the veil."""
     image = taken(PAPER, 0.93, 0.04)
-    counts = np.clip(np.rint(image.pixels * LIGHT / PAPER.sensor.full_well * 4095) + 100, 0, 4095).astype(np.uint16)
+    above_black = image.pixels * LIGHT / PAPER.sensor.full_well * (4095 - 100)  # where the counts end, a pixel is full
+    counts = np.clip(np.rint(above_black) + 100, 0, 4095).astype(np.uint16)
     for name, pixels in (("white", counts), ("dark", np.full_like(counts, 100))):
         tifffile.imwrite(tmp_path / f"{name}.tif", pixels)
     white = str(tmp_path / "white.tif")
