@@ -132,7 +132,7 @@ def evaluate(
     camera = Camera.of(design)
     limit = field_limit(camera)
     f_number, sampling = Numbers.of(camera, "f_number"), Numbers.of(camera, "sampling")
-    slack = QUANTITIES["non_distortion_room_mm"].slack(0.0)  # what an optimiser that holds it at 0 leaves
+    slack = 1e-12 * float(camera.D)  # rounding of lengths as long: what an optimiser that holds it at 0 leaves
     bounds = {
         "x0_max_mm": limit.radius,
         "x_ml_max_mm": limit.mla_radius,

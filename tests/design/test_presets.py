@@ -8,7 +8,8 @@ import pytest
 import roslf_design as roslf
 from roslf_design.camera import Camera
 from roslf_design.design import load
-from roslf_design.design.files import load_beside, preset_path
+from roslf_design.design.files import preset_path
+from roslf_design.evaluation.required import load_beside
 from roslf_design.theory.light import sensor_field
 
 NATURES_LIMITS = ("views_resolved", "corner_lit")
