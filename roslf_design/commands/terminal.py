@@ -89,12 +89,13 @@ def bar(name: str, total: float = 1.0, at_once: bool = False) -> Iterator[Callab
         Takes how much is done, from 0 to `total`.
     """
     if not sys.stderr.isatty():
-        lines = {0: time.monotonic()}
+        began, lines = time.monotonic(), 0
 
         def log(done: float) -> None:
-            spent = time.monotonic() - lines[0]
-            if 0 < done < total and spent >= LOGGED * len(lines):
-                lines[len(lines)] = done
+            nonlocal lines
+            spent = time.monotonic() - began
+            if 0 < done < total and spent >= LOGGED * (lines + 1):
+                lines += 1
                 say(f"{name}: {done / total:.0%}, about {spent * (total / done - 1):.2g} s left", error=True)
 
         yield log
