@@ -22,6 +22,7 @@ from scipy.interpolate import BSpline
 from .._arrays import Array
 from ..calibration.decoding import TAPS, LightField, read_between
 from ..calibration.frames import CalibrationError
+from .clusters import clustered_covariance
 
 KNOT = 0.25
 """Step of the profile's knots [pitches]: four times oversampled, as ISO 12233 has it."""
@@ -320,8 +321,7 @@ class _Profile(NamedTuple):
         _, group = np.unique(samples.microlens, return_inverse=True)
         member = sparse.csr_matrix((left, (group, np.arange(group.size))))
         scores = (member @ whole).toarray()
-        groups = len(scores)
-        covariance = inverse @ (scores.T @ scores) @ inverse * groups / max(groups - count, 1)
+        covariance = clustered_covariance(inverse, scores, count)
         differ, inner = np.diff(np.eye(count), axis=0) @ ends.toarray(), count - 4
         steps = differ @ found[:inner]
         places = knots[1:count] + 1.5 * KNOT

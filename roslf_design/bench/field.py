@@ -20,6 +20,7 @@ from scipy.special import erf
 
 from .._arrays import Array, by_value
 from ..calibration.frames import CalibrationError
+from .clusters import clustered_covariance
 
 APART = 3.0
 """Gap between rings that a picture shows as such [pitches]."""
@@ -217,8 +218,7 @@ class RingView:
         _, patch = np.unique(bins[0] * 100_000 + bins[1], return_inverse=True)
         scores = np.stack([np.bincount(patch, left * column) for column in slopes.T], axis=-1)
         inverse = np.linalg.pinv(slopes.T @ slopes)
-        count = len(scores)
-        covariance = inverse @ (scores.T @ scores) @ inverse * count / max(count - len(scale), 1)
+        covariance = clustered_covariance(inverse, scores, len(scale))
         step = 1e-4
         moved = np.eye(len(scale))[:2] * step
         rates = np.array([(sizes(parameters + one) - sizes(parameters - one)) / (2 * step) for one in moved])
