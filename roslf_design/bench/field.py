@@ -7,6 +7,7 @@ angle.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -117,8 +118,16 @@ class _Picture:
 
     def contrast(self, parameters: Array) -> float:
         """Correlation of what shading leaves with the rings; below 0 where they are brighter than the paper."""
-        dark, seen = (part - self._shade @ (self._shade.T @ part) for part in (self._dark(parameters), self.values))
-        return -float(dark @ seen) / max(float(np.linalg.norm(dark) * np.linalg.norm(seen)), 1e-30)
+        return self._contrast(self._dark(parameters))
+
+    def _contrast(self, dark: Array) -> float:
+        dark = dark - self._shade @ (self._shade.T @ dark)
+        return -float(dark @ self._unshaded) / max(float(np.linalg.norm(dark) * np.linalg.norm(self._unshaded)), 1e-30)
+
+    @cached_property
+    def _unshaded(self) -> Array:
+        """What shading leaves of the values."""
+        return np.asarray(self.values - self._shade @ (self._shade.T @ self.values))
 
     @cached_property
     def _shade(self) -> Array:
@@ -137,9 +146,17 @@ class _Picture:
         half = OFF_CENTRE * self.reach / math.sqrt(2)
         offsets = sample * np.linspace(-half, half, 2 * math.ceil(half / line) + 1)
         scales = np.log(sample) + np.linspace(-SCALES, SCALES, 2 * math.ceil(SCALES * self.reach / line) + 1)
-        blur = math.log(0.6 * line * sample)
-        tried = [np.array([k, 0, x, y, 0, 0, blur]) for k in scales for x in offsets for y in offsets]
-        return max(tried, key=few.contrast)
+        blur = 0.6 * line * sample
+        radii = np.arange(0.0, math.sqrt(2) * offsets[-1] + math.exp(scales[-1]) * self.reach + blur, blur / 20)
+        darkness = self.rings.darkness(radii, blur)  # one blur: read from a table by hundreds of sights
+
+        def contrast(tried: tuple[float, float, float]) -> float:
+            scale, *middle = tried
+            x, y = math.exp(scale) * few.place - np.reshape(middle, (2, 1))
+            return few._contrast(np.interp(np.hypot(x, y), radii, darkness))
+
+        scale, x, y = max(itertools.product(scales.tolist(), offsets.tolist(), offsets.tolist()), key=contrast)
+        return np.array([scale, 0, x, y, 0, 0, math.log(blur)])
 
 
 @dataclass(frozen=True, eq=False)
