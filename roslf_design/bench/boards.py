@@ -90,7 +90,7 @@ class FoundBoards:
 
     def wrong_size(self, k: int) -> str:
         """Fault of a board whose cells are not as large as bench.toml says."""
-        size, usual, doubt = float(self.sizes[k]), float(np.median(self.sizes)), float(self.doubts[k])
+        size, usual, doubt = float(self.sizes[k]), float(np.nanmedian(self.sizes)), float(self.doubts[k])
         cell = self.bench.setup.board.board.cell
         if abs(size - 1) > _OTHER + doubt or (len(self.sizes) > 2 and abs(size / usual - 1) > _ODD + doubt):
             return f"wrong target, or another focus: cells look {size * cell:.3g} mm wide, bench.toml says {cell:g} mm"
