@@ -280,7 +280,7 @@ def bench_check(folder: str | Path) -> BenchCheck:
     Parameters
     ----------
     folder : str or Path
-        That `roslf bench` wrote, with captures in calibration/ and acceptance/.
+        Written by `roslf bench`, with captures in it.
 
     Raises
     ------

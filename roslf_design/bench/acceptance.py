@@ -179,8 +179,6 @@ class _Measuring:
     """Covariance of lengths by a tolerance study; without one lines have no tolerance."""
     placed: float = PLACED
     """Standard uncertainty of targets' distances, of themselves."""
-    given: bool = True
-    """Whether the calibration was there; else it was made of sound images alone."""
 
     @cached_property
     def camera(self) -> Camera:
@@ -260,45 +258,38 @@ def accepted(
     CalibrationError
         Images without a fault that do not determine the camera.
     """
-    check = checked(bench, progress)
+    check, design = checked(bench, progress), bench.design
+
+    def nothing(why: str) -> Acceptance:
+        return Acceptance(design.name, (), check.faults, (f"everything: {' '.join(why.split())}",))
+
+    given = (calibration / FILE).is_file()
+    if given:
+        resting = {one.name for one in check.images if one.kind in ("white", "dark")}
+        resting.update(read_numbers(calibration).get("images_used", ()))
+        if spoilt := sorted(check.faulty & resting):
+            return nothing(f"the calibration depends on {', '.join(spoilt)}; calibrate again without")
     with TemporaryDirectory() as place:
         sound = Path(place)
         for path in bench.calibration.glob("*.*"):
             if path.is_file() and path.name not in check.faulty:
                 (sound / path.name).symlink_to(path.resolve())
-        given = (calibration / FILE).is_file()
         try:
             if not given:
                 options = CalibrateOptions(board=bench.setup.board.board.text, posterior=False)
-                write(calibrated(sound, bench.design, options, progress))
-            frames = Frames.of(sound, bench.design, progress)
-            return _figures(_Measuring(bench, check, calibration, frames, build, placed, given), progress)
+                write(calibrated(sound, design, options, progress))
+            measuring = _Measuring(bench, check, calibration, Frames.of(sound, design, progress), build, placed)
+            told: list[AcceptanceLine | str] = []
+            for done, step in enumerate(_STEPS):
+                progress("measuring", done, len(_STEPS))
+                told += step(measuring)
         except CalibrationError as error:
             if not check.faults:
                 raise
-            return Acceptance(bench.design.name, (), check.faults, (f"everything: {' '.join(str(error).split())}",))
-
-
-def _figures(measuring: _Measuring, progress: CountedProgress) -> Acceptance:
-    check, left_out = measuring.check, list[str]()
-    resting = [*measuring.numbers.get("images_used", ())]
-    if measuring.given:
-        resting += [one.name for one in check.images if one.kind in ("white", "dark")]
-    spoilt = sorted(check.faulty.intersection(resting))
-    lines: list[AcceptanceLine] = []
-    if spoilt:
-        left_out.append(f"everything: the calibration depends on {', '.join(spoilt)}; calibrate again without")
-        return Acceptance(measuring.bench.design.name, (), check.faults, tuple(left_out))
-    steps = (_field_lines, _resolution_lines, _depth_lines, _camera_lines, _sensor_lines)
-    for done, step in enumerate(steps):
-        progress("measuring", done, len(steps))
-        for line in step(measuring):
-            if isinstance(line, str):
-                left_out.append(line)
-            else:
-                lines.append(line)
-    progress("measuring", len(steps), len(steps))
-    return Acceptance(measuring.bench.design.name, tuple(lines), check.faults, tuple(left_out))
+            return nothing(str(error))
+    progress("measuring", len(_STEPS), len(_STEPS))
+    lines = tuple(one for one in told if not isinstance(one, str))
+    return Acceptance(design.name, lines, check.faults, tuple(one for one in told if isinstance(one, str)))
 
 
 def built_lengths(study: Path) -> LengthCovariance:
@@ -512,3 +503,6 @@ def _sensor_lines(m: _Measuring) -> Told:
         yield AcceptanceLine(SENSOR, called, unit, value, spread, expected)
     for reason in told.get("untold", ()):
         yield f"noise: {reason}"
+
+
+_STEPS = (_field_lines, _resolution_lines, _depth_lines, _camera_lines, _sensor_lines)

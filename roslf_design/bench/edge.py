@@ -61,7 +61,6 @@ class EdgeResponse:
     """Angle of the edge's normal to the rows of microlenses [rad]."""
     slope: float
     """Du/Ds of the edge [pitches per px]; of one view as its distance has it."""
-    slope_sigma: float
     between: Array | None = None
     """Shares of a pixel that samples lie beyond pixels, along the array's rows and square to them, (2, n)."""
 
@@ -272,10 +271,10 @@ def _fitted(samples: _Samples, line: _Line, slope: float, refocus: bool) -> Edge
             most = min(MOST_REACH, line.half + CORNER)  # as far as a square's middle
             reach = max(LEAST_REACH, min(WIDTHS * float(high - low), most))
     assert profile is not None
-    covariance, slope_sigma = profile.errors(here.microlens)
+    covariance = profile.covariance(here.microlens)
     if not profile.steps.sum() > LEAST_STEP * math.sqrt(max(float(covariance.sum()), 0.0)):
         return None
-    return EdgeResponse(profile.places, profile.steps, covariance, line.angle + turn, slope, slope_sigma)
+    return EdgeResponse(profile.places, profile.steps, covariance, line.angle + turn, slope)
 
 
 class _Profile(NamedTuple):
@@ -320,16 +319,16 @@ class _Profile(NamedTuple):
         places, steps = knots[1:count] + 1.5 * KNOT, differ @ found[:inner]
         return cls(places, steps, float(turned), float(shifted), whole.tocsr(), inverse, weight, left, differ)
 
-    def errors(self, microlens: Array) -> tuple[Array, float]:
-        """Covariance of the steps, samples of each microlens together, and the slope's standard error; 0 of a view."""
+    def covariance(self, microlens: Array) -> Array:
+        """Covariance of the steps; samples of a microlens err alike."""
         columns, (_, group) = self.columns, np.unique(microlens, return_inverse=True)
         scores = sparse.csr_matrix((self.left, (group, np.arange(group.size)))) @ columns
         parts = (columns[k : k + 20_000] for k in range(0, group.size, 20_000))
         drawn = np.concatenate([np.asarray(part.multiply(part @ self.inverse).sum(axis=1)).ravel() for part in parts])
         leverage = np.bincount(group, self.weight * drawn)
-        covariance, inner = clustered_covariance(self.inverse, scores.toarray(), leverage), self.differ.shape[1]
-        slopes = np.sqrt(np.diag(covariance)[inner + 1 :])
-        return self.differ @ covariance[:inner, :inner] @ self.differ.T, float(slopes.sum())
+        inner = self.differ.shape[1]
+        covariance = clustered_covariance(self.inverse, scores.toarray(), leverage)[:inner, :inner]
+        return np.asarray(self.differ @ covariance @ self.differ.T)
 
 
 def _solved(columns: sparse.csc_matrix, weight: Array, values: Array) -> tuple[Array, Array]:

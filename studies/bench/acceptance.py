@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import re
 import resource
 import shutil
 from collections.abc import Iterator
@@ -20,6 +21,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from scipy.stats import binom
 
 from roslf_design.bench.captures import CALIBRATION, read_bench
 from roslf_design.bench.check import checked
@@ -196,6 +198,23 @@ def faults(folder: Path, bench: Bench) -> dict[str, tuple[str, ...]]:
     return told
 
 
+def by_figure(rows: list[Compared]) -> Iterator[tuple[str, int, int, float, float]]:
+    """Of each figure: how many, how many within U, rms of errors over U, and how often chance would miss as many.
+
+    Chance is that of errors whose U holds 95 of 100.
+    """
+    names = dict.fromkeys(_figure(row.name) for row in rows)
+    for name in names:
+        off = np.array([row.off for row in rows if _figure(row.name) == name])
+        out = int((np.abs(off) > 1).sum())
+        yield name, off.size, off.size - out, float(np.sqrt(np.mean(off**2))), float(binom.sf(out - 1, off.size, 0.05))
+
+
+def _figure(name: str) -> str:
+    """Figure's name without its distance."""
+    return re.sub(r"( at|,) [\d.]+ mm$", "", name)
+
+
 def main() -> None:
     """Render, report, compare, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -236,12 +255,16 @@ def main() -> None:
         (row.bench, row.name, f"{row.value:.5g}", f"± {row.expanded:.2g}", f"{row.truth:.5g}", f"{row.off:+.2f}")
         for row in rows
     ]
+    figures = [
+        (name, str(of), str(within), f"{rms:.2f}", f"{chance:.2g}") for name, of, within, rms, chance in by_figure(rows)
+    ]
     words = f"{inside} of {len(rows)} figures lie within their expanded uncertainty of what the build has."
     command = f"python -m studies.bench.acceptance --builds {asked.builds} --presets {' '.join(asked.presets)}"
     builds = sorted({row.bench for row in rows})
     blocks = (
         Paragraph(f"{words} Builds {', '.join(builds)}, of those of {command}."),
         Table(tuple((name, "; ".join(told) or "not named") for name, told in named.items()), "ll", title="Faults"),
+        Table(tuple(figures), "lrrrr", ("figure", "of", "within U", "rms of error over U", "by chance"), "By figure"),
         Table(tuple(cells), "lldlll", ("bench", "figure", "measured", "U", "truth", "error over U"), "Figures"),
     )
     page = Report("Acceptance on rendered captures", words, (Section("Figures", blocks),))
@@ -252,6 +275,9 @@ def main() -> None:
         "builds": builds,
         "inside": inside,
         "figures": len(rows),
+        "by_figure": [
+            dict(zip(("figure", "of", "inside", "rms", "chance"), one, strict=True)) for one in by_figure(rows)
+        ],
         "rows": [vars(row) | {"off": row.off} for row in rows],
         "faults": {name: list(told) for name, told in named.items()},
     }

@@ -96,8 +96,8 @@ def test_noise_does_not_lengthen_what_is_left_of_the_contrast():
     steps /= steps.sum()
     covariance = noise**2 * np.eye(80)
     drawn = steps + noise * (rng.standard_normal((400, 80)))
-    off = [float(EdgeResponse(places, one, covariance, 0.0, 0.0, 0.0).transfer(nu)[0][0]) for one in drawn]
-    still = float(EdgeResponse(places, steps, 0 * covariance, 0.0, 0.0, 0.0).transfer(nu)[0][0])
+    off = [float(EdgeResponse(places, one, covariance, 0.0, 0.0).transfer(nu)[0][0]) for one in drawn]
+    still = float(EdgeResponse(places, steps, 0 * covariance, 0.0, 0.0).transfer(nu)[0][0])
     assert np.std(off) > 0.04  # by which the modulus of a noisy wave would be too long by a twentieth
     assert np.mean(off) == pytest.approx(still, abs=3 * np.std(off) / 20)
 
