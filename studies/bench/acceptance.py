@@ -258,6 +258,7 @@ def main() -> None:
     figures = [
         (name, str(of), str(within), f"{rms:.2f}", f"{chance:.2g}") for name, of, within, rms, chance in by_figure(rows)
     ]
+    keys = "figure", "of", "inside", "rms", "chance"
     words = f"{inside} of {len(rows)} figures lie within their expanded uncertainty of what the build has."
     command = f"python -m studies.bench.acceptance --builds {asked.builds} --presets {' '.join(asked.presets)}"
     builds = sorted({row.bench for row in rows})
