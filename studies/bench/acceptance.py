@@ -230,8 +230,8 @@ def main() -> None:
     parser.add_argument("--there", action="store_true", help="tell of the builds that are measured, and measure none")
     asked = parser.parse_args()
     rows: list[Compared] = []
-    blamed = asked.work / "faults.json"
-    named: dict[str, tuple[str, ...]] = json.loads(blamed.read_text(encoding="utf-8")) if blamed.is_file() else {}
+    spoilt = asked.work / "faults.json"
+    named: dict[str, tuple[str, ...]] = json.loads(spoilt.read_text(encoding="utf-8")) if spoilt.is_file() else {}
     for seed in range(1, asked.builds + 1):
         for preset in asked.presets:
             folder = asked.work / f"{preset}-{seed}"
@@ -245,7 +245,7 @@ def main() -> None:
             mine = list(compared(bench, reported(bench.folder)))
             if not named:
                 named = faults(bench.folder, bench)
-                blamed.write_text(json.dumps(named, indent=1), encoding="utf-8")
+                spoilt.write_text(json.dumps(named, indent=1), encoding="utf-8")
             done.write_text(json.dumps([vars(row) for row in mine], indent=1), encoding="utf-8")
             rows += mine
             held = sum(abs(row.off) <= 1 for row in mine)
@@ -258,13 +258,24 @@ def main() -> None:
     figures = [
         (name, str(of), str(within), f"{rms:.2f}", f"{chance:.2g}") for name, of, within, rms, chance in by_figure(rows)
     ]
-    keys = "figure", "of", "inside", "rms", "chance"
     words = f"{inside} of {len(rows)} figures lie within their expanded uncertainty of what the build has."
     command = f"python -m studies.bench.acceptance --builds {asked.builds} --presets {' '.join(asked.presets)}"
-    builds = sorted({row.bench for row in rows})
+    builds, keys = sorted({row.bench for row in rows}), ("figure", "of", "inside", "rms", "chance")
+    sound = {
+        build: json.loads((asked.work / build / "acceptance.json").read_text(encoding="utf-8"))["faults"]
+        for build in builds
+    }
+    blamed = [f"{build}: {fault}" for build, faults in sound.items() for fault in faults]
     blocks = (
         Paragraph(f"{words} Builds {', '.join(builds)}, of those of {command}."),
-        Table(tuple((name, "; ".join(told) or "not named") for name, told in named.items()), "ll", title="Faults"),
+        Table(
+            (
+                *((name, "; ".join(told) or "not named") for name, told in named.items()),
+                (f"sound captures of {len(builds)} builds", "; ".join(blamed) or "none blamed"),
+            ),
+            "ll",
+            title="Faults",
+        ),
         Table(tuple(figures), "lrrrr", ("figure", "of", "within U", "rms of error over U", "by chance"), "By figure"),
         Table(tuple(cells), "lldlll", ("bench", "figure", "measured", "U", "truth", "error over U"), "Figures"),
     )
@@ -276,11 +287,10 @@ def main() -> None:
         "builds": builds,
         "inside": inside,
         "figures": len(rows),
-        "by_figure": [
-            dict(zip(("figure", "of", "inside", "rms", "chance"), one, strict=True)) for one in by_figure(rows)
-        ],
+        "by_figure": [dict(zip(keys, one, strict=True)) for one in by_figure(rows)],
         "rows": [vars(row) | {"off": row.off} for row in rows],
         "faults": {name: list(told) for name, told in named.items()},
+        "sound_blamed": blamed,
     }
     (asked.output / "acceptance.json").write_text(json.dumps(data, indent=1), encoding="utf-8")
     for name, content in page_files(page).items():
