@@ -252,6 +252,6 @@ def read_bench(folder: Path) -> Bench:
     """
     if not (folder / SETUP).is_file():
         why = f"has no {SETUP}: name the folder that roslf bench DESIGN -o FOLDER wrote"
-        raise InputError((Problem("", why if folder.is_dir() else "no such folder"),), str(folder))
+        raise InputError((Problem("", why if folder.exists() else "no such folder"),), str(folder))
     file = folder / SETUP
     return Bench(folder, load(folder / DESIGN), validated(Setup, read_toml(file, str(file)), str(file)))
