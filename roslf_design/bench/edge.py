@@ -33,8 +33,9 @@ ALONG, LEAST_HALF, CORNER = 40.0, 4.0, 1.5
 NEARLY, CLOSE = math.radians(25), 3.0
 """Angle to an edge's normal within which gradients are the edge's, and distance from it [pitches]."""
 ROUNDS = 6
-FEWEST, LEAST_STEP = 100, 5.0
-"""Samples that a profile takes at least, and the step over its standard error from which an edge is one."""
+FEWEST, LEAST_STEP, LEAST_FILLED = 100, 5.0, 0.75
+"""Samples that a profile takes at least, the step over its standard error from which an edge is one, and the share of
+the profile's knots that samples must lie at: an edge has to be slanted."""
 PLACES = 200
 """Microlenses whose places between pixels are looked at, about."""
 LEAST_LEFT = 0.1
@@ -180,8 +181,8 @@ def limit_of(responses: Sequence[EdgeResponse], level: float) -> Frequency:
     """Lowest frequency at which contrast has fallen to a level, the mean of edges by their errors.
 
     Where they differ by more than those, the error is as large as they differ (Birge). Contrasts are averaged, not
-    their limits: noise lets each fall too soon, and to seem the surer. The limit's error is half the stretch between
-    those of the contrast a standard error less and more.
+    their limits: noise lets each fall too soon, and to seem the surer. The limit's error is half the stretch in which
+    the contrast falls by two standard errors about the level, or the part before it where noise hides the rest.
     """
     nu = np.linspace(0.0, HIGHEST, 801)
     contrasts, sigmas = np.swapaxes([response.transfer(nu) for response in responses], 0, 1)
@@ -190,15 +191,17 @@ def limit_of(responses: Sequence[EdgeResponse], level: float) -> Frequency:
     apart = (weight * (contrasts - contrast) ** 2).sum(axis=0) / max(len(responses) - 1, 1)
     sigma = np.sqrt(np.maximum(1.0, apart) / weight.sum(axis=0))
 
-    def first(curve: Array) -> float:
-        below = np.flatnonzero(curve < level)
+    def first(level: float) -> float:
+        below = np.flatnonzero(contrast < level)
         if not below.size:
             return math.nan
         k = max(int(below[0]), 1)
-        return float(nu[k] - (nu[1] - nu[0]) * (level - curve[k]) / (curve[k - 1] - curve[k]))
+        return float(nu[k] - (nu[1] - nu[0]) * (level - contrast[k]) / (contrast[k - 1] - contrast[k]))
 
-    low, high = first(contrast - sigma), first(contrast + sigma)
-    return first(contrast), ((HIGHEST if math.isnan(high) else high) - low) / 2
+    value = first(level)
+    error = float(np.interp(value, nu, sigma))
+    low, high = first(level + error), first(level - error)
+    return value, value - low if math.isnan(high) else (high - low) / 2
 
 
 def _each(field: LightField, fit: Callable[[_Line], EdgeResponse | None]) -> tuple[EdgeResponse, ...]:
@@ -271,6 +274,9 @@ def _fitted(samples: _Samples, line: _Line, slope: float, refocus: bool) -> Edge
             most = min(MOST_REACH, line.half + CORNER)  # as far as a square's middle
             reach = max(LEAST_REACH, min(WIDTHS * float(high - low), most))
     assert profile is not None
+    places = across[chosen]
+    if np.unique(np.floor(places / KNOT)).size < LEAST_FILLED * np.ptp(places) / KNOT:
+        return None  # along the rows, as a sheet's own border: nothing is known between its samples
     covariance = profile.covariance(here.microlens)
     if not profile.steps.sum() > LEAST_STEP * math.sqrt(max(float(covariance.sum()), 0.0)):
         return None

@@ -186,6 +186,8 @@ def test_a_report_is_the_same_from_the_shell_and_from_python(capsys, bench):
     code, out, err = run(capsys, "bench", "report", folder, "--placed", "0.1 %", "--no-stamp", "--json")
     assert (code, err) == (0, "")
     assert json.loads(out)["lines"] == json.loads(json_text(result.to_dict()))["lines"]
+    pupil = json.loads((folder / "calibration" / "result" / "calibration.json").read_text())["pupil"]
+    assert 0 <= pupil["sigma_of_rim_mm"] <= pupil["sigma_mm"]
     shutil.rmtree(folder / "calibration")
     code, out, err = run(capsys, "bench", "report", folder)
     assert (code, out) == (2, "")

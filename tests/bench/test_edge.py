@@ -80,6 +80,17 @@ def test_square_has_four_edges_and_their_mean_is_its_contrast():
     assert np.sqrt(np.mean(np.square(off))) < 1.5
 
 
+def test_a_border_along_the_rows_is_no_slanted_edge():
+    """A sheet's own border, longer and as strong as the square's lowest edge, which it takes the place of."""
+    field = square_field(np.random.default_rng(0))
+    values = field.values.copy()
+    values[..., field.v < -22, :] -= 0.45
+    responses = edges_in_view(replace(field, values=values))
+    assert len(responses) == 3
+    for level in (0.5, 0.1):
+        assert limit_of(responses, level)[0] == pytest.approx(gaussian(level, 0.6), rel=0.06)
+
+
 def test_picture_without_an_edge_is_refused():
     field = edge_field(np.random.default_rng(0), views=1)
     flat = replace(
