@@ -16,7 +16,19 @@ import lazy_loader as lazy
 from ._version import __version__
 
 if TYPE_CHECKING:
-    from .api import calibrate, capture_depth, decode, measure_depth, optimize, quantity, render, report, tolerance
+    from .api import (
+        bench_check,
+        bench_report,
+        calibrate,
+        capture_depth,
+        decode,
+        measure_depth,
+        optimize,
+        quantity,
+        render,
+        report,
+        tolerance,
+    )
     from .camera import Camera
     from .design import Design, DesignError, dumps, load, loads, preset_names, save
     from .errors import InputError
@@ -42,6 +54,8 @@ __all__ = [
     "Specification",
     "Sweep",
     "__version__",
+    "bench_check",
+    "bench_report",
     "calibrate",
     "capture_depth",
     "decode",
@@ -68,6 +82,8 @@ __getattr__, __dir__, _ = lazy.attach(
     __name__,
     submod_attrs={
         "api": [
+            "bench_check",
+            "bench_report",
             "calibrate",
             "capture_depth",
             "decode",

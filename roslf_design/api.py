@@ -5,22 +5,29 @@ Each takes a design, the name of a preset or the path of a file, prints nothing 
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
+from .bench.acceptance import PLACED, RESULT, Acceptance, accepted, built_lengths
+from .bench.captures import read_bench
+from .bench.check import BenchCheck, checked
 from .calibration import Outcome
 from .calibration.options import CalibrateOptions
 from .calibration.outcome import calibrated
+from .calibration.written import CALIBRATED, FILE
 from .depth.captured import MeasuredCapture
 from .depth.decoded import Decoded, DecodeOptions, decoded
 from .depth.from_files import CaptureOptions, captured
 from .depth.measure import Trial, simulate
 from .depth.pictures import PictureOptions
-from .design import Design
-from .design.files import as_design
+from .design import Design, dumps
+from .design.files import WRITTEN, as_design
 from .drawing.picture import Picture
+from .errors import refusal
 from .imaging.render import RawImage
 from .imaging.render import render as render_image
 from .optimization.study import Result, load_study
@@ -265,6 +272,65 @@ def calibrate(folder: str | Path, design: Design | str | Path, board: str, **opt
     >>> outcome = roslf.calibrate("captures", "paper", "4x5 6 mm")  # doctest: +SKIP
     """
     return calibrated(Path(folder), as_design(design), CalibrateOptions.of(board=board, **options))
+
+
+def bench_check(folder: str | Path) -> BenchCheck:
+    """Worth of a bench's captures so far: faults by name, how sure H and d_3 are, and which pose to take next.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Written by `roslf bench`, with captures in it.
+
+    Raises
+    ------
+    InputError
+        What cannot be read; a focused camera, whose views are none.
+
+    Examples
+    --------
+    >>> import roslf_design as roslf
+    >>> roslf.bench_check("out/bench").faults  # doctest: +SKIP
+    """
+    return checked(read_bench(Path(folder)))
+
+
+def bench_report(folder: str | Path, *, tolerances: str | Path | None = None, placed: float = PLACED) -> Acceptance:
+    """Figures of a camera from its bench's captures beside its data sheet: in tolerance, out, or undecided.
+
+    Parameters
+    ----------
+    folder : str or Path
+        As of `bench_check`. Its calibration/result is taken, or one made of sound images, which is not kept.
+    tolerances : str or Path, optional
+        A study of `tolerance`: lines get two standard deviations of its builds as their limits.
+    placed : float
+        Standard uncertainty of targets' distances, of themselves.
+
+    Raises
+    ------
+    InputError, CalibrationError
+        What cannot be read, what the images do not determine.
+
+    Examples
+    --------
+    >>> import roslf_design as roslf
+    >>> result = roslf.bench_report("out/bench", placed=0.001)  # doctest: +SKIP
+    >>> [(line.name, line.value, line.expanded, line.verdict) for line in result.lines]  # doctest: +SKIP
+    """
+    if not 0 < placed < 1:
+        raise refusal("placed", f"{placed:g} is no share of a distance; give 0.002")
+    bench = read_bench(Path(folder))
+    build = None if tolerances is None else built_lengths(Path(tolerances))
+    there = bench.calibration / RESULT
+    with TemporaryDirectory() as place:
+        made = Path(place)
+
+        def write(outcome: Outcome) -> None:
+            (made / FILE).write_text(json.dumps(outcome.to_dict()), encoding="utf-8")
+            (made / CALIBRATED).write_text(dumps(outcome.calibrated, WRITTEN), encoding="utf-8")
+
+        return accepted(bench, there if (there / FILE).is_file() else made, write, build, placed)
 
 
 def decode(image: str | Path, white: str | Path | None = None, **options: Any) -> Decoded:

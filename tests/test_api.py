@@ -15,7 +15,7 @@ import roslf_design as roslf
 
 FUNCTIONS = (
     *("calibrate", "decode", "evaluate", "evaluate_many", "load", "optimize", "quantity", "render", "report"),
-    "tolerance",
+    *("bench_check", "bench_report", "tolerance"),
 )
 
 
@@ -79,6 +79,10 @@ def test_a_tolerance_study_runs_in_this_process(tmp_path):
 
 
 BAD = (
+    'bench_check("captures")',
+    'bench_check("nowhere")',
+    'bench_report("captures")',
+    'bench_report("captures", placed=0.0)',
     'calibrate("nowhere", "paper", "4x5 6 mm")',
     'calibrate("nowhere", "paper", "4 by 5")',
     'calibrate("nowhere", "nothing.toml", "4x5 6 mm")',

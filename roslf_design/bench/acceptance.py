@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property, partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -19,9 +20,11 @@ import numpy as np
 from .._arrays import Array
 from ..calibration.decoding import Decoder, LightField
 from ..calibration.frames import CalibrationError, Capture
-from ..calibration.outcome import white_image
+from ..calibration.options import CalibrateOptions
+from ..calibration.outcome import calibrated, white_image
 from ..calibration.refocusing import CameraDistances
-from ..calibration.written import calibrated_camera, read_numbers
+from ..calibration.result import Outcome
+from ..calibration.written import FILE, calibrated_camera, read_numbers
 from ..camera import Camera
 from ..depth.from_files import CaptureOptions, captured
 from ..design import PATHS, Design
@@ -40,7 +43,7 @@ from ..toml_files import read_toml
 from ..traced.fields import IdealImages
 from ..words import number
 from .captures import Bench, BenchCapture
-from .check import BenchCheck
+from .check import BenchCheck, checked
 from .edge import EdgeResponse, edges_in_view, edges_refocused, limit_of
 from .field import FieldAngles, Rings, RingView
 from .flatness import SphereSpacing, SurfaceFit
@@ -164,7 +167,7 @@ class Frames(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Measuring:
+class _Measuring:
     """A bench folder that is measured against its design's data sheet."""
 
     bench: Bench
@@ -176,8 +179,6 @@ class Measuring:
     """Covariance of lengths by a tolerance study; without one lines have no tolerance."""
     placed: float = PLACED
     """Standard uncertainty of targets' distances, of themselves."""
-    given: bool = True
-    """Whether the calibration was there; else it was made of sound images alone."""
 
     @cached_property
     def camera(self) -> Camera:
@@ -228,33 +229,67 @@ class Measuring:
         return depth_budget(twin, ahead, build=self.build, calibration=self._calibrated[1])
 
 
-def accepted(measuring: Measuring, progress: CountedProgress = silent) -> Acceptance:
-    """Figures of a camera from its bench's captures, beside its data sheet.
+def accepted(
+    bench: Bench,
+    calibration: Path,
+    write: Callable[[Outcome], object],
+    build: LengthCovariance | None = None,
+    placed: float = PLACED,
+    progress: CountedProgress = silent,
+) -> Acceptance:
+    """Acceptance of a camera by the captures of its bench, beside its data sheet.
+
+    Parameters
+    ----------
+    bench : Bench
+    calibration : Path
+        Folder of a calibration; where it holds none, `write` puts that of the sound images there, without posterior.
+    write : callable
+    build : LengthCovariance, optional
+        Covariance of lengths by a tolerance study; without one lines have no tolerance.
+    placed : float
+        Standard uncertainty of targets' distances, of themselves.
+    progress : callable
 
     Raises
     ------
     InputError
         A calibration that cannot be read, or captures that cannot.
+    CalibrationError
+        Images without a fault that do not determine the camera.
     """
-    check, left_out = measuring.check, list[str]()
-    resting = [*measuring.numbers.get("images_used", ())]
-    if measuring.given:
-        resting += [one.name for one in check.images if one.kind in ("white", "dark")]
-    spoilt = sorted(check.faulty.intersection(resting))
-    lines: list[AcceptanceLine] = []
-    if spoilt:
-        left_out.append(f"everything: the calibration depends on {', '.join(spoilt)}; calibrate again without")
-        return Acceptance(measuring.bench.design.name, (), check.faults, tuple(left_out))
-    steps = (_field_lines, _resolution_lines, _depth_lines, _camera_lines, _sensor_lines)
-    for done, step in enumerate(steps):
-        progress("measuring", done, len(steps))
-        for line in step(measuring):
-            if isinstance(line, str):
-                left_out.append(line)
-            else:
-                lines.append(line)
-    progress("measuring", len(steps), len(steps))
-    return Acceptance(measuring.bench.design.name, tuple(lines), check.faults, tuple(left_out))
+    check, design = checked(bench, progress), bench.design
+
+    def nothing(why: str) -> Acceptance:
+        return Acceptance(design.name, (), check.faults, (f"everything: {' '.join(why.split())}",))
+
+    given = (calibration / FILE).is_file()
+    if given:
+        resting = {one.name for one in check.images if one.kind in ("white", "dark")}
+        resting.update(read_numbers(calibration).get("images_used", ()))
+        if spoilt := sorted(check.faulty & resting):
+            return nothing(f"the calibration depends on {', '.join(spoilt)}; calibrate again without")
+    with TemporaryDirectory() as place:
+        sound = Path(place)
+        for path in bench.calibration.glob("*.*"):
+            if path.is_file() and path.name not in check.faulty:
+                (sound / path.name).symlink_to(path.resolve())
+        try:
+            if not given:
+                options = CalibrateOptions(board=bench.setup.board.board.text, posterior=False)
+                write(calibrated(sound, design, options, progress))
+            measuring = _Measuring(bench, check, calibration, Frames.of(sound, design, progress), build, placed)
+            told: list[AcceptanceLine | str] = []
+            for done, step in enumerate(_STEPS):
+                progress("measuring", done, len(_STEPS))
+                told += step(measuring)
+        except CalibrationError as error:
+            if not check.faults:
+                raise
+            return nothing(str(error))
+    progress("measuring", len(_STEPS), len(_STEPS))
+    lines = tuple(one for one in told if not isinstance(one, str))
+    return Acceptance(design.name, lines, check.faults, tuple(one for one in told if isinstance(one, str)))
 
 
 def built_lengths(study: Path) -> LengthCovariance:
@@ -266,7 +301,7 @@ Told = Iterator[AcceptanceLine | str]
 """Lines, and in their place sentences on why there are none."""
 
 
-def _field_lines(m: Measuring) -> Told:
+def _field_lines(m: _Measuring) -> Told:
     views: list[RingView] = []
     for capture, ahead in m.good("field"):
         try:
@@ -290,7 +325,7 @@ def _field_lines(m: Measuring) -> Told:
     yield AcceptanceLine(FIELD, "entrance pupil behind the tip", "mm", behind, COVERAGE * sigma)
 
 
-def _rings(m: Measuring, capture: BenchCapture, ahead: float) -> RingView:
+def _rings(m: _Measuring, capture: BenchCapture, ahead: float) -> RingView:
     field, lattice = m.frames.field(capture.path), m.frames.decoder.lattice
     rows, columns = m.frames.decoder.shape
     corners = np.array([[x, y] for x in (-0.5, columns - 0.5) for y in (-0.5, rows - 0.5)])
@@ -310,7 +345,7 @@ def _rings(m: Measuring, capture: BenchCapture, ahead: float) -> RingView:
     return RingView.of(field.view(), lit, (field.u, field.v), ends, rings, ahead, sample, sample / growth)
 
 
-def _resolution_lines(m: Measuring) -> Told:
+def _resolution_lines(m: _Measuring) -> Told:
     distances = CameraDistances(m._calibrated[0])
     for capture, ahead in m.good("edge"):
         field = None
@@ -326,7 +361,7 @@ def _resolution_lines(m: Measuring) -> Told:
             yield from _limits(m, responses, kind, words, ahead)
 
 
-def _limits(m: Measuring, responses: Sequence[EdgeResponse], kind: Kind, words: str, ahead: float) -> Told:
+def _limits(m: _Measuring, responses: Sequence[EdgeResponse], kind: Kind, words: str, ahead: float) -> Told:
     """Frequencies of half and a tenth of the contrast."""
     axis = m.sheet.field[0].x_ml_mm
     row = next(r for r in m.sheet.resolution if r.image == kind and r.at_mm == ahead and r.x_ml_mm == axis)
@@ -349,7 +384,7 @@ def _resolved(axis: tuple[float, float], ahead: float, kind: Kind, level: float,
     return np.array([(r.mtf50_lp_per_mm if level == 0.5 else r.mtf10_lp_per_mm) or math.nan for r in rows])
 
 
-def _depth_lines(m: Measuring) -> Told:
+def _depth_lines(m: _Measuring) -> Told:
     ways: tuple[tuple[Literal["wall", "spheres"], Callable[..., Told]], ...]
     ways = ("wall", _wall_lines), ("spheres", _sphere_lines)
     for kind, lines in ways:
@@ -370,7 +405,9 @@ def _depth_lines(m: Measuring) -> Told:
             yield from lines(m, ahead, at, points, run.noise_sigma[textured], window, common)
 
 
-def _wall_lines(m: Measuring, ahead: float, at: str, points: Array, sigma: Array, window: float, common: float) -> Told:
+def _wall_lines(
+    m: _Measuring, ahead: float, at: str, points: Array, sigma: Array, window: float, common: float
+) -> Told:
     """Figures of a wall, by points (n, 3) from the tip [mm] and their standard errors, common ones apart."""
     on = (np.abs(points[:, :2]) < 0.45 * m.bench.setup.wall.printed_side).all(axis=1)
     if on.sum() < LEAST_POINTS:
@@ -386,7 +423,7 @@ def _wall_lines(m: Measuring, ahead: float, at: str, points: Array, sigma: Array
     yield from _ranges(m, plane, "flatness error", "a plane", ahead, at)
 
 
-def _ranges(m: Measuring, fit: SurfaceFit, form: str, shape: str, ahead: float, at: str) -> Told:
+def _ranges(m: _Measuring, fit: SurfaceFit, form: str, shape: str, ahead: float, at: str) -> Told:
     """Range and rms of points about a surface, beside what noise alone is expected to leave."""
     noise = float(m.budget(ahead).of_kind("precision"))
     words = f"expected: noise of the data sheet's texture, {number(noise, 2)} mm, without what a texture puts off"
@@ -396,7 +433,7 @@ def _ranges(m: Measuring, fit: SurfaceFit, form: str, shape: str, ahead: float, 
 
 
 def _sphere_lines(
-    m: Measuring, ahead: float, at: str, points: Array, sigma: Array, window: float, common: float
+    m: _Measuring, ahead: float, at: str, points: Array, sigma: Array, window: float, common: float
 ) -> Told:
     """Figures of a pair of spheres; arguments as of `_wall_lines`."""
     target, expanded = m.bench.setup.spheres, float(m.budget(ahead).expanded_mm)
@@ -416,24 +453,27 @@ def _sphere_lines(
     yield from _ranges(m, worst, "probing error, form", "a sphere", ahead, at)
 
 
-def _camera_lines(m: Measuring) -> Told:
+def _camera_lines(m: _Measuring) -> Told:
     numbers, design = m.numbers, m.bench.design
     found = numbers["quantities"] | numbers.get("ruler", {})
     designed = Camera.of(design.thin_twin)
     pupil, veil = numbers.get("pupil") or {}, numbers.get("veil")
     h, d_3 = found["H"], found["d_3"]
-    rows: list[tuple[str, str, float, float, str]] = [
-        ("H", "aperture_constant", h["estimate"], h["sigma"], ""),
-        ("d_3", "", d_3["estimate"], d_3["sigma"], "mm"),
+    rows: list[tuple[str, str, float, float, str, str]] = [
+        ("H", "aperture_constant", h["estimate"], h["sigma"], "", ""),
+        ("d_3", "", d_3["estimate"], d_3["sigma"], "mm", ""),
     ]
     if pupil.get("diameter_mm") is not None:
-        rows.append(("D_F", "", pupil["diameter_mm"], pupil["sigma_mm"], "mm"))
+        of_rim = COVERAGE * (pupil.get("sigma_of_rim_mm") or 0.0)
+        remark = f"D_F: {number(of_rim, 2)} mm of U (type B) is how its rim may darken" if of_rim else ""
+        rows.append(("D_F", "", pupil["diameter_mm"], pupil["sigma_mm"], "mm", remark))
     else:
         yield "D_F: " + str(pupil.get("untold") or "the calibration does not tell it")
-    for name, quantity, value, sigma, unit in rows:
+    for name, quantity, value, sigma, unit, remark in rows:
         compute: Callable[[Camera], Any] = QUANTITIES[quantity] if quantity else partial(_length, PATHS[name])
         expected = float(np.asarray(compute(designed)))
-        yield AcceptanceLine(CAMERA, name, unit, value, COVERAGE * sigma, expected, m.about(expected, compute))
+        limits = m.about(expected, compute)
+        yield AcceptanceLine(CAMERA, name, unit, value, COVERAGE * sigma, expected, limits, remark)
     if veil is None:
         yield "veil: the white image does not tell it (it takes a dark frame)"
         return
@@ -445,7 +485,7 @@ def _length(place: str, camera: Camera) -> Any:
     return camera[place]
 
 
-def _sensor_lines(m: Measuring) -> Told:
+def _sensor_lines(m: _Measuring) -> Told:
     told = m.numbers.get("sensor")
     if told is None:
         yield "noise: the calibration does not tell the sensor's"
@@ -463,3 +503,6 @@ def _sensor_lines(m: Measuring) -> Told:
         yield AcceptanceLine(SENSOR, called, unit, value, spread, expected)
     for reason in told.get("untold", ()):
         yield f"noise: {reason}"
+
+
+_STEPS = (_field_lines, _resolution_lines, _depth_lines, _camera_lines, _sensor_lines)

@@ -23,6 +23,9 @@ from .protocol import described, placed, planned_poses
 _ODD, _OTHER = 0.05, 0.08
 """Share by which a board's cells may look smaller or larger than those of the other images, and than bench.toml says:
 cameras are built to a few per cent of their design's magnification."""
+_FOCUS = 0.08
+"""Share by which a build's focal plane may lie off its design's, as boards show it together: a rigid scope's does by
+5 % where d_1 is 0.4 % off."""
 _SLOPES = 0.15
 """Share that diffraction may take of views' slopes, and so of how far from focus a board looks."""
 
@@ -51,7 +54,7 @@ class FoundBoards:
     camera: Intrinsics
     poses: Poses
     sizes: Array
-    """Size of the cells, by parallax, over what bench.toml says, shape (b,)."""
+    """Size of the cells, by parallax, over what bench.toml says, focused as boards are together, shape (b,)."""
     doubts: Array
     """Error that diffraction may make of it, shape (b,)."""
     noise: float
@@ -63,7 +66,7 @@ class FoundBoards:
 
         camera, lines = camera_of(bench.design), fit_lines(observations)
         pinhole = np.diag([camera.A / camera.d, camera.A / camera.d, 1.0])
-        vectors, sizes, doubts = [], [], []
+        vectors, near, by_parallax = [], [], []
         for central, slope in zip(lines.central, lines.slope, strict=True):
             seen = np.isfinite(central[:, 0])
             points = np.ascontiguousarray(observations.points[seen])
@@ -71,12 +74,15 @@ class FoundBoards:
             pose = np.concatenate(cv2.solvePnP(points, image, pinhole, None)[1:]).ravel()
             vectors.append(pose)
             depth = points @ rotation_matrix(pose[:3])[2] + pose[5]
-            by_parallax = camera.m - slope[seen] * camera.d / (camera.q * camera.A * camera.inverse_d_2)
-            sizes.append(float(np.nanmean(camera.A / depth) / np.nanmean(by_parallax)))
-            doubts.append(_SLOPES * abs(float(np.nanmean(by_parallax)) / camera.m - 1))
+            near.append(np.nanmean(camera.A / depth))
+            away = slope[seen] * camera.d / (camera.q * camera.A * camera.inverse_d_2)
+            by_parallax.append(camera.m - np.nanmean(away))
         noise = lines.sigma if lines.sigma > 0 else Captures().noise
-        looks = np.array(sizes), np.array(doubts)
-        return cls(bench, observations, camera, Poses.from_vector(np.array(vectors)), *looks, noise)
+        looks = np.array(near), np.array(by_parallax)
+        off = float(np.nanmedian(looks[1] - looks[0]))
+        sizes = looks[0] / (looks[1] - np.clip(off, -_FOCUS * camera.m, _FOCUS * camera.m))
+        doubts = _SLOPES * np.abs(looks[1] / camera.m - 1)
+        return cls(bench, observations, camera, Poses.from_vector(np.array(vectors)), sizes, doubts, noise)
 
     def described(self, k: int) -> BoardPose:
         """Pose of a board, as of the protocol."""
@@ -90,7 +96,7 @@ class FoundBoards:
 
     def wrong_size(self, k: int) -> str:
         """Fault of a board whose cells are not as large as bench.toml says."""
-        size, usual, doubt = float(self.sizes[k]), float(np.median(self.sizes)), float(self.doubts[k])
+        size, usual, doubt = float(self.sizes[k]), float(np.nanmedian(self.sizes)), float(self.doubts[k])
         cell = self.bench.setup.board.board.cell
         if abs(size - 1) > _OTHER + doubt or (len(self.sizes) > 2 and abs(size / usual - 1) > _ODD + doubt):
             return f"wrong target, or another focus: cells look {size * cell:.3g} mm wide, bench.toml says {cell:g} mm"

@@ -26,6 +26,8 @@ Kind = Literal["white", "dark", "board", "edge", "wall", "spheres", "field"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 _EVEN = re.compile(r"(white|dark)(_.+)?", re.IGNORECASE)
 _ACCEPTED = re.compile(r"(edge|wall|spheres|field)_(\d+(?:\.\d+)?)mm(?:_(\d+))?", re.IGNORECASE)
+_LOSSY = (".jpg", ".jpeg", ".gif", ".bmp", ".webp")
+"""Pictures that hold no raw counts."""
 _MOST_SCALED = 1.25
 Distances = Annotated[tuple[Length, ...], Field(min_length=1)]
 """Distances ahead of the tip [mm] at which a target is to stand."""
@@ -198,6 +200,8 @@ class BenchCapture(NamedTuple):
     @classmethod
     def named(cls, path: Path) -> BenchCapture | None:
         """Capture by the name of its file and folder; None for a file that is none."""
+        if path.suffix.lower() in _LOSSY:
+            raise InputError((Problem("", f"{path.name}: raw counts come as {', '.join(SUFFIXES)}; save it anew"),))
         if path.suffix.lower() not in SUFFIXES or path.name.startswith(".") or path.stem.endswith("-preview"):
             return None
         if path.parent.name == CALIBRATION:
@@ -248,6 +252,6 @@ def read_bench(folder: Path) -> Bench:
     """
     if not (folder / SETUP).is_file():
         why = f"has no {SETUP}: name the folder that roslf bench DESIGN -o FOLDER wrote"
-        raise InputError((Problem("", why if folder.is_dir() else "no such folder"),), str(folder))
+        raise InputError((Problem("", why if folder.exists() else "no such folder"),), str(folder))
     file = folder / SETUP
     return Bench(folder, load(folder / DESIGN), validated(Setup, read_toml(file, str(file)), str(file)))

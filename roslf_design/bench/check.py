@@ -138,15 +138,15 @@ def checked(bench: Bench, progress: CountedProgress = silent) -> BenchCheck:
     for name, white in frames["white"].items():
         if checks[name].faults:
             continue
-        for other, dark in frames["dark"].items():
-            if not checks[other].faults:
-                checks[other] = checks[other].blamed(leak(white, dark))
-        darks = [dark for other, dark in frames["dark"].items() if not checks[other].faults]
+        leaks = {other: leak(white, dark) for other, dark in frames["dark"].items()}
+        darks = [frames["dark"][other] for other, fault in leaks.items() if not fault]
         try:
             reference = Reference.of(design, name, white, next(iter(darks), None))
         except CalibrationError as error:
             checks[name] = checks[name].blamed(f"no white image of this camera: {' '.join(str(error).split())}")
             continue
+        for other, fault in leaks.items():
+            checks[other] = checks[other].blamed(fault)
         break
     if reference is not None:
         for name, white in frames["white"].items():
@@ -229,7 +229,7 @@ def _fields(
             checks[name] = check if check.faults else check.blamed(" ".join(str(error).split()))
             continue
         view = np.where(light.view_weight() > 0, light.view(), np.nan)
-        low, high = np.nanquantile(view, (0.05, 0.95))
+        low, high = np.maximum(np.nanquantile(view, (0.05, 0.95)), 0.0)  # noise of the dark is no contrast
         check = replace(check, contrast=float((high - low) / max(high + low, 1e-30)))
         checks[name] = check.blamed(reference.moved(pixels, name))
         if capture.kind == "board":

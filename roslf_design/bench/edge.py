@@ -33,8 +33,9 @@ ALONG, LEAST_HALF, CORNER = 40.0, 4.0, 1.5
 NEARLY, CLOSE = math.radians(25), 3.0
 """Angle to an edge's normal within which gradients are the edge's, and distance from it [pitches]."""
 ROUNDS = 6
-FEWEST, LEAST_STEP = 100, 5.0
-"""Samples that a profile takes at least, and the step over its standard error from which an edge is one."""
+FEWEST, LEAST_STEP, LEAST_FILLED = 100, 5.0, 0.75
+"""Samples that a profile takes at least, the step over its standard error from which an edge is one, and the share of
+the profile's knots that samples must lie at: an edge has to be slanted."""
 PLACES = 200
 """Microlenses whose places between pixels are looked at, about."""
 LEAST_LEFT = 0.1
@@ -61,7 +62,6 @@ class EdgeResponse:
     """Angle of the edge's normal to the rows of microlenses [rad]."""
     slope: float
     """Du/Ds of the edge [pitches per px]; of one view as its distance has it."""
-    slope_sigma: float
     between: Array | None = None
     """Shares of a pixel that samples lie beyond pixels, along the array's rows and square to them, (2, n)."""
 
@@ -85,24 +85,6 @@ class EdgeResponse:
         along, down = nu * self.slope * math.cos(self.angle), nu * self.slope * math.sin(self.angle)
         left = np.abs(read_between(along, self.between[0]) * read_between(down, self.between[1]))
         return np.maximum(left, LEAST_LEFT)
-
-    def limit(self, level: float) -> Frequency:
-        """Lowest frequency at which the contrast has fallen to `level`.
-
-        Its error is half the stretch between those at which it has by a standard error less and more.
-        """
-        nu = np.linspace(0.0, HIGHEST, 801)
-        contrast, sigma = self.transfer(nu)
-
-        def first(curve: Array) -> float:
-            below = np.flatnonzero(curve < level)
-            if not below.size:
-                return math.nan
-            k = int(below[0])
-            return float(nu[k] - (nu[1] - nu[0]) * (level - curve[k]) / (curve[k - 1] - curve[k]))
-
-        low, high = first(contrast - sigma), first(contrast + sigma)
-        return first(contrast), ((HIGHEST if math.isnan(high) else high) - low) / 2
 
 
 class _Samples(NamedTuple):
@@ -196,17 +178,30 @@ def edges_refocused(field: LightField, slope: float) -> tuple[EdgeResponse, ...]
 
 
 def limit_of(responses: Sequence[EdgeResponse], level: float) -> Frequency:
-    """Frequency at which contrast has fallen to a level, the mean of edges by their errors.
+    """Lowest frequency at which contrast has fallen to a level, the mean of edges by their errors.
 
-    Where they differ by more than those, the error is as large as they differ (Birge).
+    Where they differ by more than those, the error is as large as they differ (Birge). Contrasts are averaged, not
+    their limits: noise lets each fall too soon, and to seem the surer. The limit's error is half the stretch in which
+    the contrast falls by two standard errors about the level, or the part before it where noise hides the rest.
     """
-    values, sigmas = np.array([response.limit(level) for response in responses]).T
-    if not np.isfinite(values).all():
-        return math.nan, math.nan
-    weight = 1 / np.maximum(sigmas, 1e-12) ** 2
-    mean = float(weight @ values / weight.sum())
-    apart = float(weight @ (values - mean) ** 2) / max(len(values) - 1, 1)
-    return mean, math.sqrt(max(1.0, apart) / float(weight.sum()))
+    nu = np.linspace(0.0, HIGHEST, 801)
+    contrasts, sigmas = np.swapaxes([response.transfer(nu) for response in responses], 0, 1)
+    weight = 1 / np.maximum(sigmas, 1e-9) ** 2
+    contrast = (weight * contrasts).sum(axis=0) / weight.sum(axis=0)
+    apart = (weight * (contrasts - contrast) ** 2).sum(axis=0) / max(len(responses) - 1, 1)
+    sigma = np.sqrt(np.maximum(1.0, apart) / weight.sum(axis=0))
+
+    def first(level: float) -> float:
+        below = np.flatnonzero(contrast < level)
+        if not below.size:
+            return math.nan
+        k = max(int(below[0]), 1)
+        return float(nu[k] - (nu[1] - nu[0]) * (level - contrast[k]) / (contrast[k - 1] - contrast[k]))
+
+    value = first(level)
+    error = float(np.interp(value, nu, sigma))
+    low, high = first(level + error), first(level - error)
+    return value, value - low if math.isnan(high) else (high - low) / 2
 
 
 def _each(field: LightField, fit: Callable[[_Line], EdgeResponse | None]) -> tuple[EdgeResponse, ...]:
@@ -279,12 +274,13 @@ def _fitted(samples: _Samples, line: _Line, slope: float, refocus: bool) -> Edge
             most = min(MOST_REACH, line.half + CORNER)  # as far as a square's middle
             reach = max(LEAST_REACH, min(WIDTHS * float(high - low), most))
     assert profile is not None
-    sigma = math.sqrt(max(float(profile.covariance.sum()), 0.0))
-    if not profile.steps.sum() > LEAST_STEP * sigma:
+    places = across[chosen]
+    if np.unique(np.floor(places / KNOT)).size < LEAST_FILLED * np.ptp(places) / KNOT:
+        return None  # along the rows, as a sheet's own border: nothing is known between its samples
+    covariance = profile.covariance(here.microlens)
+    if not profile.steps.sum() > LEAST_STEP * math.sqrt(max(float(covariance.sum()), 0.0)):
         return None
-    return EdgeResponse(
-        profile.places, profile.steps, profile.covariance, line.angle + turn, slope, profile.slope_sigma
-    )
+    return EdgeResponse(profile.places, profile.steps, covariance, line.angle + turn, slope)
 
 
 class _Profile(NamedTuple):
@@ -292,14 +288,20 @@ class _Profile(NamedTuple):
 
     places: Array
     steps: Array
-    covariance: Array
     turned: float
     shifted: float
-    slope_sigma: float
+    columns: sparse.csr_matrix
+    """Rates of samples with the profile, then angle and slope."""
+    inverse: Array
+    weight: Array
+    left: Array
+    """Residuals times weights."""
+    differ: Array
+    """Rates of the steps with the profile."""
 
     @classmethod
     def of(cls, across: Array, along: Array, view: Array | None, samples: _Samples) -> _Profile:
-        """Steps of the spline through samples, their covariance, and by how much angle and slope are off.
+        """Steps of the spline through samples, and by how much angle and slope are off.
 
         To first order a turned normal moves samples by their place along the edge, a slope that is off by their view's:
         both are fitted as multiples of the profile's own derivative.
@@ -317,18 +319,22 @@ class _Profile(NamedTuple):
         moves = [rate * along] if view is None else [rate * along, rate * view]
         whole = sparse.hstack([basis, sparse.csc_matrix(np.stack(moves, -1))]).tocsc()
         found, inverse = _solved(whole, weight, values)
-        left = weight * (values - whole @ found)
-        _, group = np.unique(samples.microlens, return_inverse=True)
-        member = sparse.csr_matrix((left, (group, np.arange(group.size))))
-        scores = (member @ whole).toarray()
-        covariance = clustered_covariance(inverse, scores, count)
         differ, inner = np.diff(np.eye(count), axis=0) @ ends.toarray(), count - 4
-        steps = differ @ found[:inner]
-        places = knots[1:count] + 1.5 * KNOT
         turned, shifted = found[inner], 0.0 if view is None else found[inner + 1]
-        sigma = 0.0 if view is None else math.sqrt(covariance[inner + 1, inner + 1])
-        spread = differ @ covariance[:inner, :inner] @ differ.T
-        return cls(places, steps, spread, float(turned), float(shifted), sigma)
+        left = weight * (values - whole @ found)
+        places, steps = knots[1:count] + 1.5 * KNOT, differ @ found[:inner]
+        return cls(places, steps, float(turned), float(shifted), whole.tocsr(), inverse, weight, left, differ)
+
+    def covariance(self, microlens: Array) -> Array:
+        """Covariance of the steps; samples of a microlens err alike."""
+        columns, (_, group) = self.columns, np.unique(microlens, return_inverse=True)
+        scores = sparse.csr_matrix((self.left, (group, np.arange(group.size)))) @ columns
+        parts = (columns[k : k + 20_000] for k in range(0, group.size, 20_000))
+        drawn = np.concatenate([np.asarray(part.multiply(part @ self.inverse).sum(axis=1)).ravel() for part in parts])
+        leverage = np.bincount(group, self.weight * drawn)
+        inner = self.differ.shape[1]
+        covariance = clustered_covariance(self.inverse, scores.toarray(), leverage)[:inner, :inner]
+        return np.asarray(self.differ @ covariance @ self.differ.T)
 
 
 def _solved(columns: sparse.csc_matrix, weight: Array, values: Array) -> tuple[Array, Array]:

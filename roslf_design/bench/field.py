@@ -235,7 +235,8 @@ class RingView:
         _, patch = np.unique(bins[0] * 100_000 + bins[1], return_inverse=True)
         scores = np.stack([np.bincount(patch, left * column) for column in slopes.T], axis=-1)
         inverse = np.linalg.pinv(slopes.T @ slopes)
-        covariance = clustered_covariance(inverse, scores, len(scale))
+        leverage = np.bincount(patch, np.einsum("ni,ij,nj->n", slopes, inverse, slopes))
+        covariance = clustered_covariance(inverse, scores, leverage)
         step = 1e-4
         moved = np.eye(len(scale))[:2] * step
         rates = np.array([(sizes(parameters + one) - sizes(parameters - one)) / (2 * step) for one in moved])

@@ -22,7 +22,8 @@ _LEAK = 0.01
 _MOVED = 0.03
 """Shift of centres at the image's edge that counts as one [px]."""
 _SURE = 5.0
-_MOST_LENSES = 20_000
+_FEWEST, _MOST_LENSES = 20, 20_000
+"""Microlenses that are compared at least and at most."""
 _CORE = 0.3
 """Least light of a microlens whose centre is compared, over the brightest's."""
 
@@ -120,6 +121,8 @@ def _shifted(white: Frame, frame: Frame, lattice: CentreLattice) -> _Shift | Non
     nodes = lattice.nodes(*lattice.inside(white.shape).T)
     nodes = nodes[((nodes >= half + 2) & (nodes < np.array(white.shape[::-1]) - half - 3)).all(axis=1)]
     nodes = nodes[:: 1 + len(nodes) // _MOST_LENSES]
+    if len(nodes) < _FEWEST:
+        return None
     at = np.rint(nodes).astype(int)
     side = np.arange(-half, half + 1)
     rows, columns = at[:, 1, None, None] + side[:, None], at[:, 0, None, None] + side
@@ -127,13 +130,14 @@ def _shifted(white: Frame, frame: Frame, lattice: CentreLattice) -> _Shift | Non
     parts = np.stack([part[rows, columns].reshape(len(at), -1) for part in (white, *slopes)], axis=-1)
     seen = frame[rows, columns].reshape(len(at), -1, 1).astype(float)
     across = np.swapaxes(parts, 1, 2).astype(float)
-    normal = across @ parts + 1e-9 * np.eye(3) * np.trace(across @ parts, axis1=1, axis2=2)[:, None, None]
+    lift = 1e-9 * np.trace(across @ parts, axis1=1, axis2=2) + 1e-30  # some microlenses may have no light at all
+    normal = across @ parts + lift[:, None, None] * np.eye(3)
     shares = np.linalg.solve(normal, across @ seen)[..., 0]
     rest = np.square(seen - parts @ shares[..., None]).mean(axis=(1, 2)) / np.maximum(
         np.square(seen).mean(axis=(1, 2)), 1e-30
     )
     lit = (shares[:, 0] > _CORE * np.quantile(shares[:, 0], 0.9)) & (rest <= np.median(rest))
-    if lit.sum() < 20:
+    if lit.sum() < _FEWEST:
         return None
     middle = (np.array(white.shape[::-1]) - 1) / 2
     away, off = (nodes - middle)[lit], shares[lit, 1:] / shares[lit, :1]
@@ -145,7 +149,7 @@ def _shifted(white: Frame, frame: Frame, lattice: CentreLattice) -> _Shift | Non
         design, target = matrix[near].reshape(-1, 3), off[near].ravel()
         best = np.linalg.lstsq(design, target, rcond=None)[0]
         gone = np.hypot(*(off - matrix @ best).T)
-        near = gone < 3 * np.median(gone)
+        near = gone <= 3 * np.median(gone)
     spread = float(np.sqrt(np.square((off - matrix @ best)[near]).mean()))
     errors = spread * np.sqrt(np.diag(np.linalg.inv(matrix[near].reshape(-1, 3).T @ matrix[near].reshape(-1, 3))))
     reach = float(np.hypot(*middle))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
@@ -21,6 +22,8 @@ from .lattice import CentreLattice, Layout
 
 RINGS = 3
 """Neighbours whose light is counted, in pitches: what comes from farther is haze, alike on both sides of an edge."""
+_PILED = 16
+"""Openings of which a pupil that darkens towards its rim is piled up."""
 ROUND = ClearAperture(1.0)
 """Shape of a disc."""
 
@@ -44,7 +47,8 @@ class PupilImage:
     spread: float = 0.0
     """Ray blur of a microlens that is out of focus on the pupil, signed [px]."""
     dimmer: float = 0.0
-    """Share by which the pupil is darker at `radius` than in its middle, growing with the square."""
+    """Share by which the pupil is darker at its rim than in its middle, growing with a `power` of the radius."""
+    power: float = 2.0
 
     @classmethod
     def designed(cls, design: Design, lattice: CentreLattice) -> PupilImage:
@@ -99,12 +103,19 @@ class PupilImage:
         cos, sin = math.cos(lattice.rotation), math.sin(lattice.rotation)
         x, y = waves @ [cos, sin], waves @ [-sin, cos]
         light = self.opening.spectrum(x, y)
-        if self.dimmer:  # r^2 is the Laplacian of the spectrum
-            step = 1e-3 / self.radius
-            around = sum(self.opening.spectrum(x + a, y + b) for a, b in ((step, 0), (-step, 0), (0, step), (0, -step)))
-            light = light + self.dimmer * (around - 4 * light) / (2 * math.pi * step * self.radius) ** 2
+        if self.dimmer:  # a pile of smaller openings
+            inner = sum(w * self.opening.scaled(size).spectrum(x, y) for size, w in _pile(self.power))
+            light = light + self.dimmer * (inner - light)
         light = light * self.lens(x, y) * pixel_box(waves, 1.0).prod(-1)
         return np.asarray(np.fft.irfft2(light, (steps, steps)) * steps**2 / abs(np.linalg.det(lattice.basis)))
+
+
+@cache
+def _pile(power: float) -> tuple[tuple[float, float], ...]:
+    """Sizes of openings whose weighted sum falls by a power of the radius, from 1 in the middle to 0 at the rim."""
+    nodes, weights = np.polynomial.legendre.leggauss(_PILED)
+    sizes = (1 + nodes) / 2
+    return tuple(zip(sizes.tolist(), (weights / 2 * power * sizes ** (power - 1)).tolist(), strict=True))
 
 
 def _whole_numbers(most: int) -> Array:

@@ -288,7 +288,8 @@ class Outcome:
         """Pupil as JSON's types, and why it is not told."""
         value, sigma = self.pupil or (None, None)
         untold = "no microlens images fit" if self.white is None else self.white.untold
-        return {"diameter_mm": value, "sigma_mm": sigma, "design_mm": self.design.D_F, "untold": untold or None}
+        told = {"diameter_mm": value, "sigma_mm": sigma, "design_mm": self.design.D_F, "untold": untold or None}
+        return told | {"sigma_of_rim_mm": value and self.white and value * self.white.of_rim}
 
 
 def outcome_of(

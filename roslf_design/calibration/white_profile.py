@@ -3,9 +3,9 @@
 Pixels of all microlenses are fitted together, each where it lies in its own cell: this samples the images far more
 finely than pixels do. The model is `PupilImage`, its neighbours in it, times a gain of each microlens, on a veil that
 is alike in all pixels. Standard errors have the scatter of whole microlenses; the part of the misfit that is as
-symmetric as the images, as no other moves width and veil. Where the images show a pupil that is darker at its rim, that
-is fitted, and half of what it moves counts as an error: light that falls off within the last tenth before the rim looks
-like a narrower pupil.
+symmetric as the images, as no other moves width and veil. Where the images show a pupil that is darker at its rim,
+several laws of that fall are fitted: the width is their mean, weighted by how well each fits, and their spread is an
+error of type B (GUM 4.3). Light that falls off within the last tenth before the rim looks like a narrower pupil.
 """
 
 from __future__ import annotations
@@ -50,8 +50,8 @@ _OTHER = 0.03
 """Symmetric part of the misfit from which images are others than an evenly lit pupil's: real ones have up to 0.013."""
 _EXACT = 2e-4
 """Misfit that tabulating the model leaves [fully lit pixels], and renderings: errors told allow for it."""
-_UNEVEN = 0.5
-"""Part of what width and veil move by, once the rim may be darker, that other laws than the square leave open."""
+_OTHER_FALLS = 1.0, 4.0
+"""Powers of the radius by which a pupil may darken towards its rim, beside the square."""
 _ASTRAY = 4.0
 """Residuals of a microlens, against the median's, beyond which it is left out."""
 
@@ -65,6 +65,8 @@ class WhiteProfile:
     veil: float
     sigma: tuple[float, float]
     """Standard errors of the width, relative to itself, and of the veil."""
+    of_rim: float
+    """Part of the width's that the law leaves open by which the pupil darkens towards its rim."""
     untold: str
     """Reason why the image does not tell width and veil; empty where it does."""
     dark: bool
@@ -127,6 +129,7 @@ class WhiteProfile:
             "veil_of_lit_sigma": self.sigma[1],
             "image_width_px": self.width,
             "image_width_sigma_px": self.width * self.sigma[0],
+            "image_width_sigma_of_rim_px": self.width * self.of_rim,
             "effective_pupil_mm": self.pupil,
             "effective_pupil_sigma_mm": None if self.pupil is None else self.pupil * self.sigma[0],
             "blur_px": self.image.blur,
@@ -192,15 +195,9 @@ class WhiteFrame(NamedTuple):
             fit = ImageFit.of(samples, lattice, replace(designed, radius=fit.image.radius), ("radius",))
         if not fit.rms < 1:
             return None
-        separable, uneven = fit.separable, np.zeros(2)
-        dimmed = ImageFit.of(samples, lattice, fit.image, (*fit.free, "dimmer"))
-        if dimmed.settled:
-            apart = np.array([dimmed.veil - fit.veil, dimmed.image.radius - fit.image.radius])
-            by_chance = (dimmed.variances(0.0) - fit.variances(0.0)).clip(0.0)
-            if (apart**2 > 4 * by_chance).any():
-                fit, uneven = dimmed, np.square(_UNEVEN * apart)
+        separable = fit.separable
+        fit, variance, rim = fit.darkened()
         measured, fitted, noise, symmetric = fit.folded()
-        variance = fit.variances(max(symmetric, _EXACT)) + uneven
         sigma = float(np.sqrt(variance[1]) / fit.image.radius), float(np.sqrt(variance[0]))
         narrower = nominal = None
         if design is not None and designed is not None:
@@ -214,8 +211,8 @@ class WhiteFrame(NamedTuple):
         elif symmetric > _OTHER:
             untold = f"images differ by {100 * symmetric:.0f} % rms from those of an evenly lit pupil"
         return WhiteProfile(
-            fit.image, lattice, fit.veil, sigma, untold, self.dark, full, narrower, nominal, samples.lenses, measured,
-            fitted, noise, symmetric,
+            fit.image, lattice, fit.veil, sigma, rim / fit.image.radius, untold, self.dark, full, narrower, nominal,
+            samples.lenses, measured, fitted, noise, symmetric,
         )  # fmt: skip
 
 
@@ -365,6 +362,36 @@ class ImageFit:
         each = np.stack([np.bincount(samples.lens, rate * self.residual, samples.lenses) for rate in self.rates.T], -1)
         scatter = inverse @ (each.T @ each) @ inverse * samples.lenses / (samples.lenses - 1)
         return np.diag(scatter + misfit**2 * self._of_cell)[:2].copy()
+
+    def darkened(self) -> tuple[ImageFit, Array, float]:
+        """Fit of a pupil that is darker at its rim if it shows to be; variances of veil and radius; the rim's error.
+
+        Radius and veil of several laws are weighted by the squares of their misfits; their scatter counts.
+        """
+
+        def by_law(power: float) -> ImageFit:
+            start = replace(self.image, power=power)
+            return ImageFit.of(self.samples, self.lattice, start, (*self.free, "dimmer"))
+
+        square = by_law(PupilImage.power)
+        apart = np.array([square.veil - self.veil, square.image.radius - self.image.radius])
+        by_chance = (square.variances(0.0) - self.variances(0.0)).clip(0.0)
+        if not square.settled or (apart**2 <= 4 * by_chance).all():
+            return self, self.variances(self._unlike), 0.0
+        laws = [law for law in (square, *map(by_law, _OTHER_FALLS)) if law.settled]
+        unlike = np.array([law._unlike for law in laws])
+        weight = unlike**-2 / (unlike**-2).sum()
+        values = np.array([[law.veil, law.image.radius] for law in laws])
+        spread = weight @ np.square(values - weight @ values)
+        variance = weight @ [law.variances(misfit) for law, misfit in zip(laws, unlike, strict=True)] + spread
+        start = replace(laws[int(unlike.argmin())].image, radius=float(weight @ values[:, 1]))
+        free = tuple(name for name in laws[0].free if name != "radius")
+        return ImageFit.of(self.samples, self.lattice, start, free), variance, math.sqrt(spread[1])
+
+    @property
+    def _unlike(self) -> float:
+        """Rms of the part of the misfit that all microlenses share and that moves width and veil."""
+        return max(self.folded()[3], _EXACT)
 
     def folded(self) -> tuple[Array, Array, float, float]:
         """`measured`, `fitted`, `noise` and `symmetric` of `WhiteProfile`."""

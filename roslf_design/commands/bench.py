@@ -3,20 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Annotated
 
 from cyclopts import App, Parameter
 
-from ..bench.acceptance import RESULT, Acceptance, Frames, Measuring, accepted, built_lengths
+from ..bench.acceptance import RESULT, accepted, built_lengths
 from ..bench.captures import ACCEPTANCE, CALIBRATION, DESIGN, SETUP, read_bench
 from ..bench.check import checked
 from ..bench.protocol import Protocol
 from ..calibration import CalibrationError
 from ..calibration.model import relative_sigma
-from ..calibration.options import CalibrateOptions, PlanOptions
-from ..calibration.outcome import calibrated
-from ..calibration.written import FILE
+from ..calibration.options import PlanOptions
 from ..design import dumps
 from ..errors import refusal
 from ..evaluation.required import load_checked
@@ -166,26 +163,16 @@ def report(
     read, share = read_bench(folder), _share(placed)
     build = None if tolerances is None else built_lengths(tolerances)
     date = f"{date_of_making():%Y-%m-%d}" if stamp else NONE
-    with status_and_bars("bench report") as tell, TemporaryDirectory() as place:
-        check = checked(read, tell)
-        sound = Path(place)
-        for path in read.calibration.iterdir():
-            if path.is_file() and path.name not in check.faulty:
-                (sound / path.name).symlink_to(path.resolve())
-        calibration = read.calibration / RESULT
-        given = (calibration / FILE).is_file()
+    calibration, board = read.calibration / RESULT, read.setup.board.board.text
+    command = typed("calibrate", read.calibration, design=folder / DESIGN, board=board, no_posterior=True,
+                    output=calibration)  # fmt: skip
+    with status_and_bars("bench report") as tell:
         try:
-            if not given:
-                options = CalibrateOptions(board=read.setup.board.board.text, posterior=False)
-                command = typed("calibrate", read.calibration, design=folder / DESIGN, board=options.board,
-                                no_posterior=True, output=calibration)  # fmt: skip
-                write_calibration(calibrated(sound, read.design, options, tell), calibration, command)
-            frames = Frames.of(sound, read.design, tell)
-            result = accepted(Measuring(read, check, calibration, frames, build, share, given), tell)
+            result = accepted(
+                read, calibration, lambda made: write_calibration(made, calibration, command), build, share, tell
+            )
         except CalibrationError as error:
-            if not check.faults:
-                raise refused(error, read.calibration, calibration) from None
-            result = Acceptance(read.design.name, (), check.faults, (f"everything: {' '.join(str(error).split())}",))
+            raise refused(error, read.calibration, calibration) from None
     page = acceptance_report(result, read.design, str(calibration), revision, date)
     data = result.to_dict() | {"revision": revision, "date": date}
     write_files(

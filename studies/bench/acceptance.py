@@ -12,6 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import math
+import re
 import resource
 import shutil
 from collections.abc import Iterator
@@ -20,6 +21,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
+from scipy.stats import binom
 
 from roslf_design.bench.captures import CALIBRATION, read_bench
 from roslf_design.bench.check import checked
@@ -196,6 +198,23 @@ def faults(folder: Path, bench: Bench) -> dict[str, tuple[str, ...]]:
     return told
 
 
+def by_figure(rows: list[Compared]) -> Iterator[tuple[str, int, int, float, float]]:
+    """Of each figure: how many, how many within U, rms of errors over U, and how often chance would miss as many.
+
+    Chance is that of errors whose U holds 95 of 100.
+    """
+    names = dict.fromkeys(_figure(row.name) for row in rows)
+    for name in names:
+        off = np.array([row.off for row in rows if _figure(row.name) == name])
+        out = int((np.abs(off) > 1).sum())
+        yield name, off.size, off.size - out, float(np.sqrt(np.mean(off**2))), float(binom.sf(out - 1, off.size, 0.05))
+
+
+def _figure(name: str) -> str:
+    """Figure's name without its distance."""
+    return re.sub(r"( at|,) [\d.]+ mm$", "", name)
+
+
 def main() -> None:
     """Render, report, compare, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -211,8 +230,8 @@ def main() -> None:
     parser.add_argument("--there", action="store_true", help="tell of the builds that are measured, and measure none")
     asked = parser.parse_args()
     rows: list[Compared] = []
-    blamed = asked.work / "faults.json"
-    named: dict[str, tuple[str, ...]] = json.loads(blamed.read_text(encoding="utf-8")) if blamed.is_file() else {}
+    spoilt = asked.work / "faults.json"
+    named: dict[str, tuple[str, ...]] = json.loads(spoilt.read_text(encoding="utf-8")) if spoilt.is_file() else {}
     for seed in range(1, asked.builds + 1):
         for preset in asked.presets:
             folder = asked.work / f"{preset}-{seed}"
@@ -226,7 +245,7 @@ def main() -> None:
             mine = list(compared(bench, reported(bench.folder)))
             if not named:
                 named = faults(bench.folder, bench)
-                blamed.write_text(json.dumps(named, indent=1), encoding="utf-8")
+                spoilt.write_text(json.dumps(named, indent=1), encoding="utf-8")
             done.write_text(json.dumps([vars(row) for row in mine], indent=1), encoding="utf-8")
             rows += mine
             held = sum(abs(row.off) <= 1 for row in mine)
@@ -236,12 +255,28 @@ def main() -> None:
         (row.bench, row.name, f"{row.value:.5g}", f"± {row.expanded:.2g}", f"{row.truth:.5g}", f"{row.off:+.2f}")
         for row in rows
     ]
+    figures = [
+        (name, str(of), str(within), f"{rms:.2f}", f"{chance:.2g}") for name, of, within, rms, chance in by_figure(rows)
+    ]
     words = f"{inside} of {len(rows)} figures lie within their expanded uncertainty of what the build has."
     command = f"python -m studies.bench.acceptance --builds {asked.builds} --presets {' '.join(asked.presets)}"
-    builds = sorted({row.bench for row in rows})
+    builds, keys = sorted({row.bench for row in rows}), ("figure", "of", "inside", "rms", "chance")
+    sound = {
+        build: json.loads((asked.work / build / "acceptance.json").read_text(encoding="utf-8"))["faults"]
+        for build in builds
+    }
+    blamed = [f"{build}: {fault}" for build, faults in sound.items() for fault in faults]
     blocks = (
         Paragraph(f"{words} Builds {', '.join(builds)}, of those of {command}."),
-        Table(tuple((name, "; ".join(told) or "not named") for name, told in named.items()), "ll", title="Faults"),
+        Table(
+            (
+                *((name, "; ".join(told) or "not named") for name, told in named.items()),
+                (f"sound captures of {len(builds)} builds", "; ".join(blamed) or "none blamed"),
+            ),
+            "ll",
+            title="Faults",
+        ),
+        Table(tuple(figures), "lrrrr", ("figure", "of", "within U", "rms of error over U", "by chance"), "By figure"),
         Table(tuple(cells), "lldlll", ("bench", "figure", "measured", "U", "truth", "error over U"), "Figures"),
     )
     page = Report("Acceptance on rendered captures", words, (Section("Figures", blocks),))
@@ -252,8 +287,10 @@ def main() -> None:
         "builds": builds,
         "inside": inside,
         "figures": len(rows),
+        "by_figure": [dict(zip(keys, one, strict=True)) for one in by_figure(rows)],
         "rows": [vars(row) | {"off": row.off} for row in rows],
         "faults": {name: list(told) for name, told in named.items()},
+        "sound_blamed": blamed,
     }
     (asked.output / "acceptance.json").write_text(json.dumps(data, indent=1), encoding="utf-8")
     for name, content in page_files(page).items():

@@ -8,9 +8,11 @@ import pytest
 import tifffile
 from PIL import Image
 
+import roslf_design as roslf
 from roslf_design.calibration.options import CalibrateOptions
 from roslf_design.calibration.outcome import calibrated
 from roslf_design.cli import main
+from roslf_design.commands.terminal import json_text
 from roslf_design.design import load
 from roslf_design.design import save as save_design
 from tests.bench.made import BOARD, CELL, POSES, board_scene, rendered, save, small
@@ -160,6 +162,38 @@ def test_faults_are_told_by_name(capsys, bench):
         assert sum(line.startswith(f"{one['name']}: {one['kind']}") for line in lines) == 1
 
 
+def test_a_white_image_of_another_camera_blames_no_dark_frame(capsys, bench):
+    folder, images = bench
+    other = np.full((60, 80), 2000, np.uint16)
+    tifffile.imwrite(folder / "calibration" / "white_0.tif", other)
+    save(folder / "calibration" / "board_05.tif", images["dark"], np.random.default_rng(1))
+    check = told(capsys, folder)
+    assert {fault.split(":")[0] for fault in check["faults"]} == {"white_0.tif", "board_05.tif"}
+    capped = next(one for one in check["images"] if one["name"] == "board_05.tif")
+    assert 0 <= capped["contrast"] <= 1
+
+
+def test_a_report_is_the_same_from_the_shell_and_from_python(capsys, bench):
+    """Lengths as rendered; Python leaves the folder as it was."""
+    folder, _ = bench
+    before = sorted(folder.rglob("*"))
+    assert roslf.bench_check(folder).faults == ()
+    result = roslf.bench_report(folder, placed=0.001)
+    assert sorted(folder.rglob("*")) == before
+    lines = {line.name: line for line in result.lines}
+    for name, truth in (("d_3", small().d_3), ("D_F", small().D_F), ("H", small().d_1 / 92 * 3)):
+        assert abs(lines[name].value - truth) < 1.5 * lines[name].expanded
+    code, out, err = run(capsys, "bench", "report", folder, "--placed", "0.1 %", "--no-stamp", "--json")
+    assert (code, err) == (0, "")
+    assert json.loads(out)["lines"] == json.loads(json_text(result.to_dict()))["lines"]
+    pupil = json.loads((folder / "calibration" / "result" / "calibration.json").read_text())["pupil"]
+    assert 0 <= pupil["sigma_of_rim_mm"] <= pupil["sigma_mm"]
+    shutil.rmtree(folder / "calibration")
+    code, out, err = run(capsys, "bench", "report", folder)
+    assert (code, out) == (2, "")
+    assert "no white image" in err
+
+
 def test_a_bar_that_was_measured_corrects_the_board(capsys, bench):
     folder, _ = bench
     before = told(capsys, folder)["images"][-1]["pose"]["ahead_mm"]
@@ -203,6 +237,7 @@ def test_what_was_measured_is_not_overwritten(capsys, made, bench):
         (lambda folder: change(folder, "seed = 0", "sead = 0"), "did you mean 'seed'"),
         (lambda folder: (folder / "calibration" / "white_1.tif").write_bytes(b"II*"), "cannot be read as an image"),
         (lambda folder: (folder / "acceptance" / "edge.tif").write_bytes(b"II*"), "edge_40mm.tif"),
+        (lambda folder: (folder / "calibration" / "board_05.jpg").write_bytes(b""), "board_05.jpg: raw counts come as"),
     ],
 )
 def test_bad_folders_are_refused_in_one_line(capsys, bench, spoil, words):

@@ -34,7 +34,7 @@ def gaussian(level, sigma):
 def test_gaussian_edge_has_its_contrast(angle, sigma):
     (response,) = edges_in_view(edge_field(np.random.default_rng(0), sigma=sigma, angle=angle))
     for level in (0.5, 0.1):
-        assert response.limit(level)[0] == pytest.approx(gaussian(level, sigma), rel=3e-3)
+        assert limit_of([response], level)[0] == pytest.approx(gaussian(level, sigma), rel=3e-3)
     assert math.tan(response.angle) == pytest.approx(math.tan(angle), rel=1e-3)
 
 
@@ -42,7 +42,7 @@ def test_views_refocused_to_the_edge_are_as_sharp_as_one():
     field = edge_field(np.random.default_rng(1), slope=0.31, falls=True)
     (response,) = edges_refocused(field, 0.25)
     assert response.slope == pytest.approx(0.31, abs=1e-5)
-    assert response.limit(0.5)[0] == pytest.approx(gaussian(0.5, 0.5), rel=3e-3)
+    assert limit_of([response], 0.5)[0] == pytest.approx(gaussian(0.5, 0.5), rel=3e-3)
 
 
 @pytest.mark.parametrize("look", [edges_in_view, lambda field: edges_refocused(field, 0.2)])
@@ -80,6 +80,17 @@ def test_square_has_four_edges_and_their_mean_is_its_contrast():
     assert np.sqrt(np.mean(np.square(off))) < 1.5
 
 
+def test_a_border_along_the_rows_is_no_slanted_edge():
+    """A sheet's own border, longer and as strong as the square's lowest edge, which it takes the place of."""
+    field = square_field(np.random.default_rng(0))
+    values = field.values.copy()
+    values[..., field.v < -22, :] -= 0.45
+    responses = edges_in_view(replace(field, values=values))
+    assert len(responses) == 3
+    for level in (0.5, 0.1):
+        assert limit_of(responses, level)[0] == pytest.approx(gaussian(level, 0.6), rel=0.06)
+
+
 def test_picture_without_an_edge_is_refused():
     field = edge_field(np.random.default_rng(0), views=1)
     flat = replace(
@@ -96,8 +107,8 @@ def test_noise_does_not_lengthen_what_is_left_of_the_contrast():
     steps /= steps.sum()
     covariance = noise**2 * np.eye(80)
     drawn = steps + noise * (rng.standard_normal((400, 80)))
-    off = [float(EdgeResponse(places, one, covariance, 0.0, 0.0, 0.0).transfer(nu)[0][0]) for one in drawn]
-    still = float(EdgeResponse(places, steps, 0 * covariance, 0.0, 0.0, 0.0).transfer(nu)[0][0])
+    off = [float(EdgeResponse(places, one, covariance, 0.0, 0.0).transfer(nu)[0][0]) for one in drawn]
+    still = float(EdgeResponse(places, steps, 0 * covariance, 0.0, 0.0).transfer(nu)[0][0])
     assert np.std(off) > 0.04  # by which the modulus of a noisy wave would be too long by a twentieth
     assert np.mean(off) == pytest.approx(still, abs=3 * np.std(off) / 20)
 
@@ -109,9 +120,9 @@ def test_light_of_neighbours_in_outer_views_is_no_blur():
         values[:, k] += 0.3 * (np.roll(field.values[:, k], -away, axis=-1) - values[:, k])
         values[k] += 0.3 * (np.roll(field.values[k], -away, axis=-2) - values[k])
     (response,) = edges_refocused(replace(field, values=values), 0.1)
-    assert response.limit(0.5)[0] == pytest.approx(gaussian(0.5, 0.5), rel=3e-3)
+    assert limit_of([response], 0.5)[0] == pytest.approx(gaussian(0.5, 0.5), rel=3e-3)
     (response,) = edges_refocused(replace(field, values=values, pitch=14.0), 0.1)
-    assert response.limit(0.5)[0] < 0.97 * gaussian(0.5, 0.5)
+    assert limit_of([response], 0.5)[0] < 0.97 * gaussian(0.5, 0.5)
 
 
 @pytest.mark.parametrize("refocus", [False, True])
@@ -128,7 +139,7 @@ def test_what_reading_between_pixels_blurs_out_of_focus_is_allowed_for(refocus):
             values += right * down * (0.5 + 0.4 * erf(away / (math.sqrt(2) * sigma)))
     read = replace(field, values=values.astype(np.float32), between=between)
     alone, allowed = (
-        (edges_refocused(view, slope) if refocus else edges_in_view(view, slope))[0].limit(0.5)[0]
+        limit_of(edges_refocused(view, slope) if refocus else edges_in_view(view, slope), 0.5)[0]
         for view in (replace(read, between=None), read)
     )
     assert alone < 0.985 * gaussian(0.5, sigma)

@@ -20,10 +20,10 @@ from roslf_design.imaging.files import write_image
 from roslf_design.imaging.render import render
 from roslf_design.theory.length_covariance import LengthCovariance
 from tests.bench.made import BOARD, CELL, RAYS, SAMPLING, board_scene
+from tests.bench.made import POSES as FOUR_POSES
 from tests.bench.made import small as small_camera
 
-POSES = [(-14, 28, 5), (25, -28, 8), (2, 3, -33), (-8, 20, 26), (12, -24, -20)]
-"""Distance from the focal plane [mm], tilts [deg]."""
+POSES = [*FOUR_POSES, (12, -24, -20)]
 
 
 def run(capsys, *arguments):

@@ -49,7 +49,7 @@ def _verdicts(result: Acceptance) -> Iterator[Statement]:
         out = [line.name for line in result.lines if line.verdict == "out"]
         which = f"; out: {listed(out)}" if out else ""
         yield Statement(TONES[worst], f"Of {len(result.lines)} figures {said}{which}.")
-    if not any(line.limits for line in result.lines):
+    if result.lines and not any(line.limits for line in result.lines):
         yield Statement("plain", "No figure has a limit: nothing is judged.", "Name a tolerance study by --tolerances.")
 
 
