@@ -27,9 +27,9 @@ from ..design.files import Kind, kind_of
 from ..errors import InputError, Problem, refusal
 from ..evaluation import default_fields
 from ..evaluation.required import load_beside, load_checked
-from ..optimization.solve import Tell
 from ..optimization.study import Result, run
 from ..optimization.study import read_study as read_optimisation
+from ..progress import CountedProgress, silent
 from ..theory.focused import focus_faults
 from ..theory.length_covariance import LengthCovariance
 from ..tolerancing.result import StudyResult, analyse
@@ -219,7 +219,7 @@ def run_optimisation(
     design: Design | None = None,
     folder: Path = Path(),
     origin: str = "",
-    tell: Tell = lambda _: None,
+    tell: CountedProgress = silent,
     seed: int | None = None,
 ) -> Result:
     """Run an optimisation study: as `tolerance_plan`; `tell` hears what is being done, `seed` replaces the study's."""
@@ -280,7 +280,7 @@ def full_report(
     calibrated: Calibrated | None = None,
     calibration: Path | None = None,
     at: Sequence[float] = (),
-    progress: Tell = lambda _: None,
+    progress: CountedProgress = silent,
     **options: Any,
 ) -> Report:
     """A design's report with a first look at tolerances and a calibration plan, or what was `calibrated` instead.
@@ -302,7 +302,7 @@ def study_report(
     *,
     seed: int | None = None,
     at: Sequence[float] = (),
-    progress: Tell = lambda _: None,
+    progress: CountedProgress = silent,
     **options: Any,
 ) -> Report:
     """A study's report: the design it is about, with what the study found and all else that a design's report has.
@@ -332,7 +332,7 @@ def story_report(
     *,
     seed: int | None = None,
     at: Sequence[float] = (),
-    progress: Tell = lambda _: None,
+    progress: CountedProgress = silent,
     **options: Any,
 ) -> Report:
     """Run a story, part by part, and report on the design it ends with; `seed` is of all parts, instead of their own.
@@ -389,7 +389,7 @@ class _Walked(NamedTuple):
 def _walked(
     story: _Story,
     seed: int | None,
-    progress: Tell,
+    progress: CountedProgress,
     at: Sequence[float] = (),
     tolerances: Callable[..., StudyResult | BuildSpread] = _run_tolerances,
 ) -> Iterator[_Walked]:
@@ -421,7 +421,7 @@ def _walked(
 def datasheet_of(
     path: Path,
     seed: int | None = None,
-    progress: Tell = lambda _: None,
+    progress: CountedProgress = silent,
     calibration: Path | None = None,
     at: Sequence[float] = (),
 ) -> SpreadSources:
@@ -495,7 +495,7 @@ def _known_if_told(calibration: Path, named: Design) -> CalibrationSpread | None
 def _first_look(
     design: Design,
     seed: int,
-    progress: Tell,
+    progress: CountedProgress,
     known: Mapping[str, Finding],
     built: LengthCovariance | None = None,
     at: Sequence[float] = (),
@@ -546,9 +546,9 @@ def _without_design(result: Result, *, command: str = "", stamp: tuple[str, ...]
     return Report(asked.name, f"from {result.answer.problem.design.name}", sections)
 
 
-def _prefixed(progress: Tell, what: str) -> Tell:
-    return lambda said: progress(f"{what}: {said}")
+def _prefixed(progress: CountedProgress, what: str) -> CountedProgress:
+    return lambda said, done=0.0, total=0.0: progress(f"{what}: {said}", done, total)
 
 
-def _counted(progress: Tell, what: str) -> Callable[[int, int], None]:
-    return lambda done, total: progress(f"{what}: {done} of {total} builds")
+def _counted(progress: CountedProgress, what: str) -> Callable[[int, int], None]:
+    return lambda done, total: progress(f"{what}: builds", done, total)
