@@ -98,6 +98,9 @@ COMMANDS = {
         "roslf explore designs/paper.toml",
     ),
     "quantities": _Command("Every number of a camera by its name, with its unit and what it is.", "roslf quantities"),
+    "keys": _Command(
+        "Every key that a file may hold: what it takes, its default, what it means.", "roslf keys main_lens"
+    ),
     "presets": _Command("The designs that ship, and where their files are.", "roslf presets"),
     "warm": _Command(
         "Compile once, on a new machine, what commands would compile when each is first run.", "roslf warm"

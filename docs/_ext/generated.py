@@ -9,7 +9,7 @@ import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import ModuleType
-from typing import Any, get_args
+from typing import Any
 
 from figures import FIGURES
 from sphinx.application import Sphinx
@@ -18,23 +18,10 @@ from sphinx.util.display import status_iterator
 from tables import code, keys_table, markdown, plain, results_table
 
 import roslf_design as roslf
-from roslf_design.bore.elements import AnyElement, ObjectSpace
-from roslf_design.bore.lens_sheet import LensSheet
-from roslf_design.bore.mapping import MappingTable
-from roslf_design.calibration.options import PlanOptions
 from roslf_design.cli import COMMANDS, build_app
-from roslf_design.design import Design, Light, MainLens, MicrolensArray, Pupil, Sensor, Stop
-from roslf_design.design.environment import Environment
-from roslf_design.design.parts import Cover, DepthSettings, Substrate
-from roslf_design.design.required import Required
 from roslf_design.effects import EFFECTS
-from roslf_design.optimization import bore, robust
-from roslf_design.optimization import study as optimise
-from roslf_design.reporting import story
-from roslf_design.scenes.objects import OBJECTS, TEXTURES
-from roslf_design.scenes.scene import Scene, SceneLight
+from roslf_design.reporting.keys import FILES
 from roslf_design.theory.quantities import QUANTITIES
-from roslf_design.tolerancing import study as tolerance
 from roslf_design.tolerancing.metrics import METRICS
 from roslf_design.tolerancing.places import load_grades
 from studies.instruments.gallery import misses, summary, written
@@ -44,76 +31,14 @@ HERE = Path(__file__).resolve().parent.parent
 KEYS = tomllib.loads((HERE / "_ext" / "keys.toml").read_text())
 """What to say of keys that the code leaves undescribed."""
 
-Table = tuple[str, type]
-"""Heading, and the model that reads the table."""
 
-ELEMENTS = {get_args(kind.model_fields["kind"].annotation)[0]: kind for kind in get_args(get_args(AnyElement)[0])}
-
-DESIGN: tuple[Table, ...] = (
-    ("The file", Design),
-    ("`[main_lens]`", MainLens),
-    ("`[main_lens.sheet]`", LensSheet),
-    *(
-        (f"`main_lens.sheet.{key}`", get_args(LensSheet.model_fields[key].annotation)[0])
-        for key in ("distortion", "relative_illumination")
-    ),
-    ("`[aperture]`", Pupil),
-    ("`[[stops]]`", Stop),
-    ("`[object_space]`", ObjectSpace),
-    *((f'`[[elements]]`, kind "{name}"', kind) for name, kind in ELEMENTS.items()),
-    ("`mapping`, where it is a table", MappingTable),
-    ("`[microlens_array]`", MicrolensArray),
-    ("`microlens_array.substrate`", Substrate),
-    ("`[sensor]`", Sensor),
-    ("`sensor.cover`", Cover),
-    ("`[environment]`", Environment),
-    ("`[light]`", Light),
-    ("`[depth]`", DepthSettings),
-    ("`[required]`, each quantity", Required),
-)
-SCENE: tuple[Table, ...] = (
-    ("The file", Scene),
-    ("`[light]`", SceneLight),
-    *((f'`[[objects]]`, kind "{name}"', kind) for name, kind in OBJECTS.items()),
-    *((f'`texture`, kind "{name}"', kind) for name, kind in TEXTURES.items()),
-)
-TOLERANCE: tuple[Table, ...] = (
-    ("The file", tolerance.Study),
-    ("`[[perturb]]`", tolerance.Perturb),
-    ("`[[groups]]`", tolerance.Group),
-    ("`[[goals]]`", tolerance.MetricGoal),
-    ("`[[compensators]]`", tolerance.Compensate),
-)
-OPTIMISE: tuple[Table, ...] = (
-    ("The file", optimise.StudyTable),
-    ("`[variables]`, each", optimise.Variable),
-    ("`[[constraints]]`", optimise.Constraint),
-    ("`[[goals]]`", optimise.Goal),
-    ("`[bore]`", optimise.BoreTable),
-    ("`[bore.tube]`", bore.TubeTable),
-    ("`[[bore.stops]]`", bore.StopTable),
-    ("`[solver]`", optimise.SolverTable),
-    ("`[pareto]`", optimise.ParetoTable),
-    ("`[catalogue]`", optimise.CatalogueTable),
-    ("`[robust]`", optimise.RobustTable),
-    ("`[[robust.perturb]]`", robust.PerturbTable),
-)
-STORY: tuple[Table, ...] = (
-    ("`[story]`", story.StoryHeader),
-    ("`[[parts]]`, one study each", story.StoryPart),
-    ("`calibration`", PlanOptions),
-)
-
-
-def file(tables: tuple[Table, ...], about: bool = True) -> Callable[[], str]:
+def file(name: str, about: bool = True) -> Callable[[], str]:
     """Every table of a file: with `about`, what its model says of itself above its keys."""
 
     def made() -> str:
-        parts = []
-        for head, kind in tables:
-            own = KEYS.get(head.strip("`")) or KEYS.get(kind.__name__, {})
-            words = plain(" ".join((kind.__doc__ or "").split("\n\n")[0].split()))
-            parts.append(f"### {head}\n\n{words if about else ''}\n\n{keys_table(kind, own)}")
+        parts = (
+            f"### {one.heading}\n\n{plain(one.about) if about else ''}\n\n{keys_table(one)}" for one in FILES[name]
+        )
         return "\n".join(parts)
 
     return made
@@ -228,11 +153,14 @@ def instruments() -> str:
 
 
 PARTS: dict[str, Callable[[], str]] = {
-    "design-file": file(DESIGN, about=False),
-    "scene-file": file(SCENE),
-    "tolerance-study": file(TOLERANCE),
-    "optimise-study": file(OPTIMISE),
-    "story-file": file(STORY, about=False),
+    "design-file": file("design", about=False),
+    "scene-file": file("scene"),
+    "tolerance-study": file("tolerance"),
+    "optimise-study": file("optimize"),
+    "story-file": file("story", about=False),
+    "catalogue-file": file("catalogue"),
+    "bench-file": file("bench"),
+    "distances-file": file("distances"),
     "quantities": quantities,
     "evaluation-json": evaluation_json,
     "effects": effects,

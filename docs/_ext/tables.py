@@ -7,90 +7,20 @@ import re
 import types
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import fields, is_dataclass
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Union, get_args, get_origin, get_type_hints
 
-from pydantic import BaseModel
-from pydantic_core import PydanticUndefined
-from sphinx.pycode import ModuleAnalyzer
-
-from roslf_design.bore.real_lens import Lens
 from roslf_design.evaluation.groups import Numbers
-from roslf_design.lenses.glass import Glass
-from roslf_design.lenses.material import Material
-from roslf_design.lenses.solid import Solid
+from roslf_design.reporting.keys import NEEDED, KeyTable, UndescribedError, descriptions
 from roslf_design.theory.quantities import QUANTITIES
-from roslf_design.tolerancing.study import FieldPlace
-from roslf_design.units import (
-    Angle,
-    AnyLength,
-    Distance,
-    Gradient,
-    Illuminance,
-    Length,
-    Radiance,
-    Temperature,
-    Time,
-    format_quantity,
-)
 from roslf_design.words import sentence
 
-LENGTHS = ((Length, "length\u00a0>\u00a00"), (Distance, "length\u00a0≥\u00a00"), (AnyLength, "length"))
-OTHERS = (
-    (Angle, "angle"),
-    (Illuminance, "illuminance"),
-    (Radiance, "radiance"),
-    (Time, "time"),
-    (Temperature, "temperature"),
-)
 
-
-class UndescribedError(ValueError):
-    """A key that neither the code nor the page says anything about."""
-
-
-def descriptions(kind: type) -> dict[str, str]:
-    """What the code says of each field, from the text below it; of base classes too."""
-    found: dict[str, str] = {}
-    for base in reversed(kind.__mro__):
-        if base.__module__.startswith("roslf_design"):
-            notes = ModuleAnalyzer.for_module(base.__module__).find_attr_docs()
-            found |= {name: _one_line(lines) for (owner, name), lines in notes.items() if owner == base.__qualname__}
-    return found
-
-
-def _one_line(lines: Iterable[str]) -> str:
-    return " ".join(line.strip() for line in lines if line.strip())
-
-
-def keys_table(model: type[BaseModel], own: Mapping[str, str] = {}) -> str:
-    """A file's table: key, what it takes, default, meaning.
-
-    Parameters
-    ----------
-    model : type
-        The model that reads the table.
-    own : mapping
-        What to say of keys that the code leaves undescribed, or says in words that need the code.
-    """
-    options = {name: field.description for name, field in model.model_fields.items() if field.description}
-    told = descriptions(model) | options | own
-    hints = get_type_hints(model, include_extras=True)
-    rows = []
-    for name, field in model.model_fields.items():
-        if name == "kind":
-            (called,) = get_args(hints[name])
-            rows.append((code(name), code(f'"{called}"'), "**needed**", "which of these it is"))
-            continue
-        if name not in told:
-            raise UndescribedError(f"{model.__name__}.{name} is described neither in the code nor on the page")
-        needed = field.is_required() or field.validate_default
-        default = "**needed**" if needed else _default(field.get_default(call_default_factory=True), hints[name])
-        # In a file a length carries its own unit.
-        meaning = re.sub(
-            r" ?\[(mm|rad|lx|s|W/m\^2/sr|degrees C)\]", "", re.sub(r"\bNone\b", "left out", told[name])
-        ).strip(" .")
-        meaning = f"{meaning or name.replace('_', ' ').capitalize()}."
-        rows.append((code(name), takes(hints[name]), default, plain(meaning)))
+def keys_table(table: KeyTable) -> str:
+    """A file's table: key, what it takes, default, meaning."""
+    rows = (
+        (code(key.name), key.takes, f"**{NEEDED}**" if key.default == NEEDED else key.default, plain(key.meaning))
+        for key in table.rows()
+    )
     return markdown(("key", "takes", "default", "meaning"), rows)
 
 
@@ -156,7 +86,7 @@ def _number_rows(group: str, numbers: Numbers) -> Iterator[tuple[str, str, str]]
 
 
 def _first_paragraph(kind: type) -> str:
-    return _one_line(inspect.cleandoc(kind.__doc__ or "").split("\n\n")[0].splitlines())
+    return " ".join(inspect.cleandoc(kind.__doc__ or "").split("\n\n")[0].split())
 
 
 def _unwrapped(hint: Any) -> tuple[Any, bool, bool]:
@@ -178,79 +108,6 @@ def _json_type(hint: Any) -> str:
         text = {float: "number", int: "integer", bool: "boolean", str: "text"}.get(inner, "value")
     text = f"list of {text}s" if many else text
     return f"{text} or null" if optional else text
-
-
-def takes(hint: Any) -> str:
-    """What a key may hold, in words."""
-    for known, words in (*LENGTHS, *OTHERS):
-        if hint == known:
-            return words
-    others = (
-        (Lens, "text or table"),
-        (FieldPlace, "name or [length, length]"),
-        (Material, "name or table"),
-        (Gradient, "per length\u00a0>\u00a00"),
-    )
-    for known, words in others:
-        if hint == known:
-            return words
-    origin, parts = get_origin(hint), get_args(hint)
-    if origin is Annotated:
-        words, limits = takes(parts[0]), _limits(parts[1:])
-        return f"{words} {limits}" if limits else words
-    if origin in (Union, types.UnionType):
-        return " or ".join(dict.fromkeys(takes(part) for part in parts if part is not type(None)))
-    if origin is Literal:
-        return " or ".join(code(f'"{part}"' if isinstance(part, str) else str(part)) for part in parts)
-    if origin is tuple:
-        words = takes(parts[0])
-        if parts[-1] is Ellipsis:
-            return "tables" if words == "table" else f"list of {words}"
-        return f"[{words}, {words}]" if set(parts) == {parts[0]} else f"[{', '.join(map(takes, parts))}]"
-    if origin is dict:
-        return "table"
-    if isinstance(hint, type) and issubclass(hint, BaseModel):
-        return "table"
-    simple = {float: "number", int: "whole number", bool: "`true` or `false`", str: "text", Any: "text or number"}
-    return simple.get(hint, getattr(hint, "__name__", str(hint)).lower())
-
-
-def _limits(constraints: Iterable[Any]) -> str:
-    signs = {"gt": ">", "ge": "≥", "lt": "<", "le": "≤"}
-    found = []
-    for constraint in constraints:
-        for part in getattr(constraint, "metadata", [constraint]):
-            found += [
-                f"{s}\u00a0{_number(getattr(part, n))}" for n, s in signs.items() if getattr(part, n, None) is not None
-            ]
-    return ", ".join(found)
-
-
-def _number(value: float) -> str:
-    return f"{value:.0e}".replace("e+", "e") if isinstance(value, int) and value > 10**6 else f"{value:,}"
-
-
-def _default(value: Any, hint: Any) -> str:
-    if value is PydanticUndefined or value is None:
-        return "none"
-    if isinstance(value, bool):
-        return code(str(value).lower())
-    if isinstance(value, BaseModel) or (isinstance(value, tuple) and value and isinstance(value[0], BaseModel)):
-        return "as below" if isinstance(value, BaseModel) else "a white field"
-    if value == () or value == {}:
-        return "none"
-    if isinstance(value, tuple):
-        unit = "length" if takes(get_args(hint)[0]).startswith("length") else "angle"
-        texts = [
-            f'"{format_quantity(v, unit)}"' if isinstance(v, float) and "le" in takes(hint) else repr(v) for v in value
-        ]
-        return code("[" + ", ".join(texts).replace("'", '"') + "]")
-    for known, words in (*LENGTHS, *OTHERS):
-        if hint == known:
-            return code(f'"{format_quantity(value, words.partition(chr(0xA0))[0])}"')
-    if isinstance(value, (Glass, Solid)):
-        return code(f'"{value.name}"')
-    return code(f'"{value}"' if isinstance(value, str) and value else '""' if value == "" else f"{value:g}")
 
 
 def markdown(heads: Iterable[str], rows: Iterable[Iterable[str]]) -> str:

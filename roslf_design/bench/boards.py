@@ -146,12 +146,23 @@ def sigma_of(shares: _Shares | None) -> dict[str, float] | None:
     return None if shares is None else {name: share["sigma"] for name, share in shares.items()}
 
 
+def _planned(bench: Bench) -> Captures:
+    """Captures of another round, over the distances of the first."""
+    count, ahead = len(bench.setup.poses), [pose.ahead for pose in bench.setup.poses]
+    board = bench.setup.board.board
+    if count < 2:
+        return Captures.for_design(bench.design, board=board)
+    middle = (min(ahead) + max(ahead)) / 2 + float(Camera.of(bench.design).tip)
+    spread = (max(ahead) - min(ahead)) * count / (count - 1)
+    return Captures.for_design(bench.design, board=board, boards=count, distance=middle, distance_range=spread)
+
+
 def left_poses(bench: Bench, taken: Collection[str]) -> tuple[BoardPose, ...]:
     """Poses that are planned and not taken; where all are, those of another round."""
     stems = {Path(name).stem for name in taken}
     poses, round_ = bench.setup.poses, 0
     while not (left := tuple(pose for pose in poses if Path(pose.file).stem not in stems)):
         round_ += 1
-        captures = Captures.for_design(bench.design, board=bench.setup.board.board, boards=len(bench.setup.poses) or 12)
+        captures = _planned(bench)
         poses = planned_poses(bench.design, captures, bench.setup.seed, round_)
     return left

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..calibration.cover import BoardCover
 from ..calibration.model import Poses
-from ..calibration.options import PlanOptions, calibration_plan
+from ..calibration.options import PlanOptions, calibration_plan, plan_cover
 from ..calibration.planning import CapturePlan, Captures, pupil_of, random_poses, too_large
 from ..camera import Camera
 from ..design import Design
@@ -27,6 +28,7 @@ class Protocol:
     design: Design
     setup: Setup
     plan: CapturePlan
+    cover: BoardCover
     sheets: tuple[Sheet, ...]
 
     @classmethod
@@ -46,7 +48,8 @@ class Protocol:
             raise refusal("board", f"{large}: choose a smaller `board`")
         poses = planned_poses(design, plan.captures, asked.seed)
         setup = setup_for(design, plan.captures.board, poses, asked.seed, asked.at)
-        return cls(design, setup, plan, sheets(setup, design.name))
+        cover = plan_cover(design, plan.captures, asked)
+        return cls(design, setup, plan, cover, sheets(setup, design.name))
 
     @property
     def full(self) -> int:

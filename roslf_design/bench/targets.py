@@ -103,9 +103,11 @@ def setup_for(
     required = required_distances(design, far.at_mm)
     others = (*((ASKED, at) for at in asked), *(("required", at) for at in required))
     walls = sorted({*stations, *(ObjectField.of(ends, at, name) for name, at in others)}, key=lambda field: field.at_mm)
-    farthest = walls[-1]
-    finest = _rounded(2 * farthest.object_sample_mm, 2)  # finer dots alias, and put depth off
-    textured = [field for field in walls if _narrow(field) >= _FEWEST_DOTS * finest]
+    # Beyond the farthest its finest dots alias, and put depth off; too near, too few are in sight.
+    suits = [field for field in walls if not asked or field.at_mm >= max(asked)] if required else walls[-1:]
+    farthest = max(suits, key=lambda one: (len(_textured(walls, one)), one.at_mm))
+    textured = _textured(walls, farthest)
+    finest = _dots(farthest)
     for field in walls:
         if field.plane == ASKED and field not in textured:
             few = f"a wall that suits {farthest.at_mm:.4g} mm shows too few dots there"
@@ -156,6 +158,17 @@ def _at(fields: Iterable[ObjectField]) -> tuple[float, ...]:
 
 def _rounded(value: float, digits: int) -> float:
     return float(f"{value:.{digits}g}")
+
+
+def _dots(farthest: ObjectField) -> float:
+    """Finest dots of a wall that suits a distance [mm]."""
+    return _rounded(2 * farthest.object_sample_mm, 2)
+
+
+def _textured(walls: Sequence[ObjectField], farthest: ObjectField) -> list[ObjectField]:
+    """Places up to one that the wall suits for which it has dots enough."""
+    least = _FEWEST_DOTS * _dots(farthest)
+    return [field for field in walls if field.at_mm <= farthest.at_mm and _narrow(field) >= least]
 
 
 def _narrow(field: ObjectField) -> float:

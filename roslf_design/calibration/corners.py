@@ -24,6 +24,8 @@ _UNLIKE = 4.0
 believed."""
 _STRAY = 0.06
 """Largest RMS distance of corners from a plane in perspective, in cells: distortion stays below, wrong grids above."""
+LEAST_CELL = 5.0
+"""Side of a cell [microlenses] from which on its corners are counted on; all of drawn boards are found down to 4."""
 _LEAST = 6
 """Corners of a board with markers that must be seen in the central view."""
 _MOST_VIEWS, _LEAST_LIGHT = 100, 0.85
@@ -72,7 +74,8 @@ def find_corners(picture: ArrayLike, board: Board, weight: ArrayLike | None = No
         saddles = _placed(pixels, known, checked, checked, board)
         typical = float(np.median(np.abs(saddles.contrast)))
         believed = _believed(saddles, checked, board, np.sign(saddles.contrast) * typical)
-        return _FoundCorners(np.where(believed[:, None], saddles.corners, np.nan), saddles.contrast)
+        if believed.sum() >= 4:  # what the others' places follow from
+            return _FoundCorners(np.where(believed[:, None], saddles.corners, np.nan), saddles.contrast)
     return None
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import re
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self
 
@@ -11,12 +12,14 @@ from pydantic import BeforeValidator, Field, field_validator, model_validator
 
 from ..design import Design
 from ..errors import refusal
+from ..evaluation.required import required_distances
 from ..options import Options, Seed
 from ..theory.focused import refuse_focused
 from ..theory.length_covariance import CalibratedLengths
 from ..tolerancing.places import nominal_values, parse_tolerance, perturbable
 from ..toml_files import StrictTable, nearest
 from ..units import Angle, AnyLength, Distance, Length
+from .cover import BoardCover, covering
 from .frames import CalibrationError
 from .model import Board, DataSheet, relative_sigma, sheet_of
 from .planning import CapturePlan, Captures, camera_of, plan, reason
@@ -262,12 +265,19 @@ def data_sheet(design: Design, board: Board, asked: SheetOptions) -> DataSheet:
 
 def _captures_for(design: Design, asked: PlanOptions) -> Captures:
     """Captures planned for a design: numbers that are asked for, else those that suit it."""
-    return Captures.for_design(
-        design,
-        board=None if asked.board is None else Board.parse(asked.board),
-        boards=asked.boards,
-        tilt=asked.tilt,
-        distance=asked.distance,
-        distance_range=asked.range,
-        noise=asked.noise,
-    )
+    board = None if asked.board is None else Board.parse(asked.board)
+    remade = partial(Captures.for_design, design, boards=asked.boards, tilt=asked.tilt, noise=asked.noise)
+    captures = remade(board=board, distance=asked.distance, distance_range=asked.range)
+    if asked.distance is not None or asked.range is not None:
+        return captures
+    return covering(design, captures, _wanted(design, asked), remade, choose=board is None)
+
+
+def _wanted(design: Design, asked: PlanOptions) -> list[float]:
+    """Distances ahead of the tip that a design requires something at, and those asked for [mm]."""
+    return sorted({*required_distances(design, math.inf), *asked.at})
+
+
+def plan_cover(design: Design, captures: Captures, asked: PlanOptions) -> BoardCover:
+    """Cover of a plan: which of the distances required and asked for its boards stand at, and why not at the others."""
+    return BoardCover.of(design, captures, _wanted(design, asked))

@@ -110,9 +110,9 @@ class Captures:
         camera = Camera.of(design)
         image = abs(float(microlens_image_diameter(camera) * camera.fap.outline.slimness))
         nearest = middle - spread / 2
-        board = _fitting_board(design, nearest) if board is None else board
+        board = fitting_board(design, nearest) if board is None else board
         # Aside by no more than leaves its corners in the field where that is smallest.
-        room = (min(_field_at(design, nearest)) - board.cell * max(board.inner)) / 2
+        room = (min(field_at(design, nearest)) - board.cell * max(board.inner)) / 2
         return cls(
             board=board,
             boards=boards,
@@ -124,6 +124,12 @@ class Captures:
             # As far out as corners are followed: views at the pupil's rim are left out.
             reach=0.385 * min(design.d, image) / design.q,
         )
+
+    @property
+    def ends(self) -> tuple[float, float]:
+        """Middles of the nearest board and of the farthest one, from the main lens [mm]."""
+        half = self.distance_range / 2 * (1 - 1 / self.boards)
+        return self.distance - half, self.distance + half
 
     def view_grid(self) -> Array:
         """(s', t') of the views inside a disc in the pupil [px], shape (v, 2)."""
@@ -153,7 +159,7 @@ def _shown(design: Design, f: float | None = None) -> ApparentCamera:
     return shown_by(design, None if f is None else {"f": np.asarray(f), "d_1": np.asarray(Camera.of(design).seen.d_1)})
 
 
-def _field_at(design: Design, distance: float) -> tuple[float, float]:
+def field_at(design: Design, distance: float) -> tuple[float, float]:
     """Width and height [mm] of the plane at `distance` from the main lens that the sensor sees, by chief rays."""
     return _field(camera_of(design), pupil_of(design), distance)
 
@@ -163,9 +169,9 @@ def _field(camera: Intrinsics, pupil: float, distance: float) -> tuple[float, fl
     return camera.x_0 * scale, camera.y_0 * scale
 
 
-def _fitting_board(design: Design, nearest: float) -> Board:
+def fitting_board(design: Design, nearest: float) -> Board:
     """The usual board where the sensor sees it whole, else one whose cells are 1, 2 or 5 times a power of ten."""
-    width, height = sorted(_field_at(design, nearest))
+    width, height = sorted(field_at(design, nearest))
     if USUAL.columns * USUAL.cell <= width and USUAL.rows * USUAL.cell <= height:
         return USUAL
     columns, rows = _CELLS

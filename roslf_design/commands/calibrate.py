@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from pydantic import Field
 
 from ..calibration import CalibrationError, Outcome
-from ..calibration.options import CalibrateOptions, PlanOptions, PoseOptions, SheetOptions, calibration_plan
+from ..calibration.options import CalibrateOptions, PlanOptions, PoseOptions, SheetOptions, calibration_plan, plan_cover
 from ..calibration.outcome import calibrated
 from ..calibration.planning import too_large
 from ..calibration.posterior import sample_size_for
@@ -195,6 +195,7 @@ def _print_plan(design: str, asked: PlanOptions, distortion: int | None, json: b
         depth, *there = (plain(pages.planned_depth(loaded, plan, asked, at=z).to_dict()) for z in (None, *asked.at))
         further = [{"at_mm": z, **one} for z, one in zip(asked.at, there, strict=True)]
         told = {"depth_expected": depth, "depth_expected_at": further, "warnings": notes}
+        told |= {"cover": plain(plan_cover(loaded, plan.captures, asked))}
         print(json_text({**plan.to_dict(loaded.name, asked.seed), **told}))
         return
     print_titled(f"Plan of a calibration of {loaded.name}", pages.plan_blocks(loaded, plan, asked))

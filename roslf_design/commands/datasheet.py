@@ -12,13 +12,13 @@ from .report import date_of_making, folder_name
 from .terminal import (
     Distances,
     OptionalOutput,
-    StatusLine,
     check_options,
     check_target,
     check_typst,
     json_text,
     read_distances,
     say,
+    status_and_bars,
     write_files,
 )
 
@@ -72,8 +72,8 @@ def datasheet(
     distances = read_distances(at)
     dated = kind == ".pdf" if stamp is None else stamp
     date = f"{date_of_making():%Y-%m-%d}" if dated else NONE
-    with StatusLine("datasheet") as progress:
-        grounds = datasheet_of(Path(design), seed, progress.tell, calibration, distances)
+    with status_and_bars("datasheet") as progress:
+        grounds = datasheet_of(Path(design), seed, progress, calibration, distances)
         content = _written(grounds, kind, paper, revision, date)
     write_files(target.parent, {target.name: content})
     say(target)

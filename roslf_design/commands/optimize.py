@@ -13,7 +13,7 @@ from ..optimization.study import load_study, run
 from ..reporting.optimise.pages import optimisation_pictures, optimization_report
 from ..reporting.printers import page_files
 from .results import print_titled
-from .terminal import Json, Output, StatusLine, check_options, json_text, listed, say, typed, write_files
+from .terminal import Json, Output, check_options, json_text, listed, say, status_and_bars, typed, write_files
 
 
 def optimize(
@@ -43,9 +43,9 @@ def optimize(
     if accuracy is not None:
         check_accuracy(accuracy, QUICK, "limits are held to 1e-9 of themselves")
     posed = load_study(study, seed, accuracy)
-    with StatusLine("optimize") as status:
+    with status_and_bars("optimize") as tell:
         try:
-            result = run(posed, status.tell)
+            result = run(posed, tell)
         except InputError as error:
             raise error if error.origin else InputError(error.problems, str(study)) from None
     report = optimization_report(result, typed("optimize", study, output=output, seed=seed, accuracy=accuracy))

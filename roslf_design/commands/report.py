@@ -35,12 +35,12 @@ from .terminal import (
     Flat,
     OptionalOutput,
     Repeated,
-    StatusLine,
     check_options,
     check_typst,
     listed,
     read_distances,
     say,
+    status_and_bars,
     typed,
     write_files,
 )
@@ -152,21 +152,21 @@ def report(
         **dict(contents), stamp=stamp, no_stamp=stamp is False,
     )  # fmt: skip
     made = date_of_making()
-    with StatusLine("report") as progress:
-        content = make(command=command, stamp=_stamp_lines(made) if stamp else (), progress=progress.tell)
+    with status_and_bars("report") as progress:
+        content = make(command=command, stamp=_stamp_lines(made) if stamp else (), progress=progress)
         files = _figure_files(content, [name for name in wanted if name not in SOLID])
         files[PAGE] = render_html(content).encode()
         files |= render_tables(content)
         if "model" in solid:
             files[SOLID["model"]] = vtp_bytes(instrument_scene(load_checked(design)))
         if "3d" in solid:
-            progress.tell("3D")
+            progress("3D")
             try:
                 files[SOLID["3d"]] = picture(instrument_scene(load_checked(design)))
             except NoPictureError as error:
                 say(f"roslf: {SOLID['3d']} is left out: {error}", error=True)
         if pdf:
-            progress.tell("PDF")
+            progress("PDF")
             foot = content.footer if stamp is False else f"roslf_design {__version__} · {made:%Y-%m-%d} · {command}"
             files["report.pdf"] = render_pdf(replace(content, footer=foot), paper)
     write_files(folder, files)

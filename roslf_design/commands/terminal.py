@@ -43,8 +43,28 @@ PAGE = "index.html"
 """Name of the page in a folder of results."""
 
 
+class _Log:
+    """Progress where stderr is no terminal: a line now and then, with the time that the step under way has left."""
+
+    def __init__(self) -> None:
+        self._last = self._began = time.monotonic()
+        self._step = ""
+
+    def tell(self, step: str, done: float = 0.0, total: float = 0.0) -> None:
+        """Say it where the last line is long ago."""
+        now = time.monotonic()
+        if self._step and step != self._step:
+            self._began = now
+        self._step = step
+        if now - self._last < LOGGED or (total and not 0 < done < total):
+            return
+        self._last = now
+        left = f": {done / total:.0%}, about {(now - self._began) * (total / done - 1):.2g} s left" if total else " ..."
+        say(f"{step}{left}", error=True)
+
+
 class StatusLine:
-    """One line that tells what is being done, gone afterwards; silent where stderr is not a terminal.
+    """One line that tells what is being done, gone afterwards; in a log a line now and then.
 
     Parameters
     ----------
@@ -55,6 +75,7 @@ class StatusLine:
     def __init__(self, command: str) -> None:
         self._command = command
         self._shown = sys.stderr.isatty()
+        self._log = _Log()
 
     def __enter__(self) -> StatusLine:
         return self
@@ -63,6 +84,8 @@ class StatusLine:
         """Replace the line."""
         if self._shown:
             print(f"\r\x1b[2K{self._command}: {printable(what)} ...", end="", file=sys.stderr, flush=True)
+        else:
+            self._log.tell(f"{self._command}: {what}")
 
     def clear(self) -> None:
         """Take the line away."""
@@ -89,16 +112,8 @@ def bar(name: str, total: float = 1.0, at_once: bool = False) -> Iterator[Callab
         Takes how much is done, from 0 to `total`.
     """
     if not sys.stderr.isatty():
-        began, lines = time.monotonic(), 0
-
-        def log(done: float) -> None:
-            nonlocal lines
-            spent = time.monotonic() - began
-            if 0 < done < total and spent >= LOGGED * (lines + 1):
-                lines += 1
-                say(f"{name}: {done / total:.0%}, about {spent * (total / done - 1):.2g} s left", error=True)
-
-        yield log
+        log = _Log()
+        yield lambda done: log.tell(name, done, total)
         return
     from rich.console import Console
     from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
@@ -130,19 +145,24 @@ def status_and_bars(command: str) -> Iterator[Callable[..., None]]:
     callable
         Takes what is being done; of counted things also how many are done, and how many there are.
     """
+    if not sys.stderr.isatty():
+        log = _Log()
+        yield lambda what, done=0.0, total=0.0: log.tell(f"{command}: {what}", done, total)
+        return
     with ExitStack() as stack, StatusLine(command) as status:
-        counting: list[Callable[[float], None]] = []
+        counting: dict[str, Callable[[float], None]] = {}
 
         def tell(what: str, done: float = 0.0, total: float = 0.0) -> None:
-            if not total:
+            if what not in counting:
                 stack.close()
                 counting.clear()
+            if not total:
                 status.tell(what)
                 return
             if not counting:
                 status.clear()
-                counting.append(stack.enter_context(bar(f"{command}: {what}", total, at_once=True)))
-            counting[0](done)
+                counting[what] = stack.enter_context(bar(f"{command}: {what}", total, at_once=True))
+            counting[what](done)
 
         yield tell
 

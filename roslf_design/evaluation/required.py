@@ -210,10 +210,4 @@ def _fault(asked: Required, quantity: Quantity, low: float | None, high: float |
         return f'{quantity.name} needs a distance ahead of the tip; write e.g. at = "40 mm"'
     if quantity.at == "never" and asked.at is not None:
         return f"{quantity.name} is not asked for at a distance; drop at"
-    if low is not None and high is not None and low > high:
-        return f"min {low:g} {quantity.unit} is above max {high:g} {quantity.unit}; swap them"
-    if high is not None and high <= 0 and quantity.positive:
-        return (
-            f"max {number(high, 4)} {quantity.unit} is none that a camera holds, {quantity.name} is above 0; raise it"
-        )
-    return ""
+    return quantity.fault_of_limits(low, high)

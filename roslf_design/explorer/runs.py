@@ -535,7 +535,7 @@ def run_optimise(request: OptimiseRequest, tell: Tell = lambda share, text: None
     design = explored_lens(request.design).searched(request.design)
     tell(None, "first search")
     result = run_optimisation(
-        _optimise_study(request), design, origin="optimise", tell=lambda text: tell(_part_done(text), text)
+        _optimise_study(request), design, origin="optimise", tell=lambda *said: tell(*_part_done(*said))
     )
     answer, wish = result.answer, GOALS[request.goal]
     values = answer.variables()
@@ -604,12 +604,11 @@ def _number(design: Design, quantity: str) -> float:
     return float(quantity_named(quantity)(Camera.of(design.thin_twin)))
 
 
-def _part_done(text: str) -> float | None:
-    """Share of the searches that are done, from what the solver tells."""
-    words = text.split()
-    if words[:1] == ["start"] and words[2:3] == ["of"]:
-        return 0.8 * (int(words[1]) - 1) / int(words[3])
-    return 0.85 if text.startswith("checking") else None
+def _part_done(text: str, done: float = 0.0, total: float = 0.0) -> tuple[float | None, str]:
+    """Share of the searches that are done, and the words for it, from what the solver says."""
+    if total:
+        return 0.8 * done / total, f"{text}: {done:g} of {total:g}"
+    return 0.85 if text.startswith("checking") else None, text
 
 
 def _front(result: Result) -> tuple[tuple[float, float], ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import Annotated, Any
@@ -13,6 +13,7 @@ from pydantic import Field
 
 from .._arrays import Array
 from ..json_data import plain
+from ..progress import CountedProgress, silent
 from ..theory.quantity import finite, from_finite
 from ..toml_files import StrictTable
 from .goals import Constraint, Goal
@@ -76,7 +77,7 @@ def pareto_front(
     known: Sequence[Array],
     budget: SearchBudget,
     seed: int = 0,
-    tell: Callable[[str], None] = lambda _: None,
+    tell: CountedProgress = silent,
 ) -> Front:
     """Trade two or three goals, of which the first is optimised while the others are limited.
 
@@ -107,7 +108,7 @@ def pareto_front(
         return np.array([[problem.number(goal, unit) for goal in goals] for unit in units])
 
     for number, goal in enumerate(goals):
-        tell(f"front: end {number + 1} of {len(goals)}")
+        tell("front: ends", number, len(goals))
         end = best_of(goal, (), [*known, *sobol_units(problem.n, FRESH_POINTS, seed)])
         if end is None:
             return Front(tuple(goals), evaluations=spent)
@@ -127,7 +128,7 @@ def pareto_front(
         if budget.ended:
             complete = False
             break
-        tell(f"front: limit {number} of {len(grid)}")
+        tell("front: limits", number - 1, len(grid))
         if limits[0] == ladders[0][0]:
             warm = ends[0]
         held = [goal.as_constraint(value) for goal, value in zip(goals[1:], limits, strict=True)]

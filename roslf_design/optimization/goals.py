@@ -19,7 +19,7 @@ from ..theory.quantity import Quantity
 from ..theory.stop_images import MicrolensImages
 from ..theory.vignetting import field_margins
 from ..toml_files import StrictTable
-from ..units import AnyLength, Length, Temperature, format_quantity, in_file
+from ..units import AnyLength, Length, Temperature, in_file
 from ..words import number as in_digits
 from .traces import FieldTraces
 
@@ -134,13 +134,14 @@ class Constraint(_Asked):
         return float(quantity.limit(value, from_file=in_file(info)))
 
     @model_validator(mode="after")
-    def _bounded(self) -> Constraint:
-        name, length = self.quantity.name, self.quantity.length
+    def _bounded(self, info: ValidationInfo) -> Constraint:
+        name = self.quantity.name
         if self.min is None and self.max is None:
             raise ValueError(f"{name} has no limit; give min, max or both")
-        if self.min is not None and self.max is not None and self.min > self.max:
-            low, high = (format_quantity(end, "length") if length else f"{end:g}" for end in (self.min, self.max))
-            raise ValueError(f"{name}: min {low} is above max {high}; swap them")
+        # A search's own limits may lie a hair beyond what can be.
+        crossed = self.min is not None and self.max is not None and self.min > self.max
+        if (crossed or in_file(info)) and (fault := self.quantity.fault_of_limits(self.min, self.max)):
+            raise ValueError(f"{name}: {fault}")
         return self
 
     @property

@@ -7,7 +7,6 @@ for all combinations at once; what remains is split, and the most promising comb
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +14,7 @@ import numpy as np
 
 from .._arrays import Array, by_value
 from ..errors import InputError
+from ..progress import CountedProgress, silent
 from ..theory.quantity import FEASIBLE
 from .bounds import CORNERS, SLICES, Boxes
 from .combinations import Combinations
@@ -196,7 +196,7 @@ def rank(
     keep: int,
     budget: SearchBudget,
     seed: int = 0,
-    tell: Callable[[str], None] = lambda _: None,
+    tell: CountedProgress = silent,
     starts: int = 2,
 ) -> Ranking:
     """Find the `keep` best combinations; where the budget is spent those that are best so far.
@@ -213,7 +213,7 @@ def rank(
         ranker.clear()
         if not ranker.left:
             break
-        tell(f"catalogue: {ranker.left} of {count} combinations left, {ranker.done.sum()} optimised")
+        tell("catalogue: combinations decided", count - ranker.left, count)
         ranker.optimise_promising()
         ranker.clear()
         splitting = splitting and turn + 1 < ROUNDS and 2 * len(ranker.boxes) <= MOST_BOXES

@@ -7,7 +7,6 @@ so that two designs differ by what they are and not by chance. The final figures
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import Annotated, Any, Literal
@@ -20,6 +19,7 @@ from ..bore.conjugates import CONJUGATES
 from ..camera import Camera, Number
 from ..design import Design
 from ..errors import InputError, Problem
+from ..progress import CountedProgress, silent
 from ..theory.quantity import FEASIBLE
 from ..tolerancing.draws import Distribution, Draws, Perturbation
 from ..tolerancing.places import expand, nominal_values, tolerance_at
@@ -173,7 +173,7 @@ def maximise_robustness(
     scatter: Scatter,
     nominal: Array,
     budget: SearchBudget,
-    tell: Callable[[str], None] = lambda _: None,
+    tell: CountedProgress = silent,
 ) -> Robust:
     """Maximise yield, or a quantile of the first goal, as a study's table says, starting from the nominal optimum.
 
@@ -181,8 +181,8 @@ def maximise_robustness(
     """
     aim = _Aim(replace(problem, goals=problem.goals[:1]), table, scatter, problem.number(problem.goals[0], nominal))
     best, spent = nominal, 0
-    for width in SHARP:
-        tell(f"robust: {table.maximise}, softened by {width:g}")
+    for number, width in enumerate(SHARP):
+        tell(f"robust: {table.maximise}", number, len(SHARP))
         guard = Guard(partial(aim.vector, width=width), budget)
         slsqp(guard, best, 50 * problem.n, SMOOTH)
         if width == SHARP[-1]:

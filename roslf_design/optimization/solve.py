@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from operator import itemgetter
 from typing import Annotated, Literal
@@ -17,6 +17,7 @@ from pydantic import Field
 
 from .._arrays import Array, by_value
 from ..accuracy.statement import Accuracy
+from ..progress import CountedProgress, silent
 from ..toml_files import StrictTable
 from .conflict import Conflict, explain
 from .goals import Constraint, Goal
@@ -48,7 +49,7 @@ TOUCHING = 1e-6
 """Scaled rows and variables this close to their limit count as on it."""
 
 
-Tell = Callable[[str], None]
+Tell = CountedProgress
 
 
 class SolverTable(StrictTable):
@@ -213,7 +214,7 @@ class Answer:
         return self.problem.number(part, self.unit)
 
 
-def solve(problem: DesignProblem, settings: Settings = USUAL, tell: Tell = lambda _: None) -> Answer:
+def solve(problem: DesignProblem, settings: Settings = USUAL, tell: Tell = silent) -> Answer:
     """The best design, or what stands in the way; `tell` is told what is being done."""
     began, budget = time.monotonic(), settings.fresh()
     starts = _starts(problem, settings)
@@ -258,7 +259,7 @@ def _solve(
     for number, start in enumerate(starts, 1):
         if searches and budget.ended:
             break
-        tell(f"start {number} of {len(starts)}")
+        tell("searches", number - 1, len(starts))
         searches.append(searched(problem, start, budget, settings.evaluations, tolerance))
     best = min(searches, key=lambda s: (not s.feasible, s.merit if s.feasible else s.violation))
     checks: list[Check] = []

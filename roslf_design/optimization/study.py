@@ -26,6 +26,7 @@ from ..evaluation.required import studied
 from ..json_data import plain
 from ..lenses.glass import find_glass
 from ..lenses.prescription import Prescription
+from ..progress import silent
 from ..theory.focused import focus_faults
 from ..theory.quantity import Quantity
 from ..toml_files import StrictTable, nearest, problems_of, read_toml
@@ -324,7 +325,7 @@ class Result:
         return finite
 
 
-def run(study: OptimizeStudy, tell: Tell = lambda _: None) -> Result:
+def run(study: OptimizeStudy, tell: Tell = silent) -> Result:
     """Run a study; `tell` is told what is being done.
 
     Raises
@@ -383,7 +384,7 @@ def _optimum(
 
 def _combination(ranking: Ranking, number: int, tell: Tell) -> tuple[Design, list[tuple[Quantity, ArrayPlace, float]]]:
     """One of the best combinations of parts, likewise."""
-    tell(f"tracing combination {number + 1} of {len(ranking.best)} again")
+    tell("combinations traced again", number, len(ranking.best))
     ranked = ranking.best[number]
     posed = ranking.combinations.problem_at(ranked.number)
     return _optimum(posed, (*posed.goals, *posed.constraints), ranked.search.unit)

@@ -27,9 +27,9 @@ from ..design.files import Kind, kind_of
 from ..errors import InputError, Problem, refusal
 from ..evaluation import default_fields
 from ..evaluation.required import load_beside, load_checked
-from ..optimization.solve import Tell
 from ..optimization.study import Result, run
 from ..optimization.study import read_study as read_optimisation
+from ..progress import CountedProgress, silent
 from ..theory.focused import focus_faults
 from ..theory.length_covariance import LengthCovariance
 from ..tolerancing.result import StudyResult, analyse
@@ -219,7 +219,7 @@ def run_optimisation(
     design: Design | None = None,
     folder: Path = Path(),
     origin: str = "",
-    tell: Tell = lambda _: None,
+    tell: CountedProgress = silent,
     seed: int | None = None,
 ) -> Result:
     """Run an optimisation study: as `tolerance_plan`; `tell` hears what is being done, `seed` replaces the study's."""
@@ -280,7 +280,7 @@ def full_report(
     calibrated: Calibrated | None = None,
     calibration: Path | None = None,
     at: Sequence[float] = (),
-    progress: Tell = lambda _: None,
+    progress: CountedProgress = silent,
     **options: Any,
 ) -> Report:
     """A design's report with a first look at tolerances and a calibration plan, or what was `calibrated` instead.
@@ -290,7 +290,7 @@ def full_report(
     that are told of, `progress` is told what is being made; options as `design_report` takes them.
     """
     known = {} if calibrated is None else {"calibration": calibrated_finding(design, calibrated)}
-    findings = _first_look(design, seed, progress, known)
+    findings = _first_look(design, seed, progress, known, at=at)
     instrument = None if calibration is None else _known_if_told(calibration, design)
     grounds = basis(design if instrument is None else instrument.design, None, instrument, at)
     return design_report(design, findings=findings, grounds=grounds, progress=progress, **options)
@@ -302,7 +302,7 @@ def study_report(
     *,
     seed: int | None = None,
     at: Sequence[float] = (),
-    progress: Tell = lambda _: None,
+    progress: CountedProgress = silent,
     **options: Any,
 ) -> Report:
     """A study's report: the design it is about, with what the study found and all else that a design's report has.
@@ -322,7 +322,7 @@ def study_report(
         design, findings = tolerances.plan.question.design, {"tolerances": tolerance_finding(tolerances)}
         built = BuildSpread(tolerances.plan, tolerances.final)
     grounds = basis(design, built, at=at)
-    findings = _first_look(design, seed or 0, progress, findings, grounds.build)
+    findings = _first_look(design, seed or 0, progress, findings, grounds.build, at)
     report = design_report(design, findings=findings, grounds=grounds, progress=progress, **options)
     return replace(report, title=str(data.get("name", design.name)))
 
@@ -332,7 +332,7 @@ def story_report(
     *,
     seed: int | None = None,
     at: Sequence[float] = (),
-    progress: Tell = lambda _: None,
+    progress: CountedProgress = silent,
     **options: Any,
 ) -> Report:
     """Run a story, part by part, and report on the design it ends with; `seed` is of all parts, instead of their own.
@@ -348,7 +348,7 @@ def story_report(
     findings: dict[str, Finding] = {}
     parts: list[_Walked] = []
     built: LengthCovariance | None = None
-    for part in _walked(story, seed, progress):
+    for part in _walked(story, seed, progress, at):
         parts.append(part)
         design = part.design
         match part.outcome:
@@ -389,10 +389,11 @@ class _Walked(NamedTuple):
 def _walked(
     story: _Story,
     seed: int | None,
-    progress: Tell,
+    progress: CountedProgress,
+    at: Sequence[float] = (),
     tolerances: Callable[..., StudyResult | BuildSpread] = _run_tolerances,
 ) -> Iterator[_Walked]:
-    """Run a story's parts, tolerance studies by `tolerances`."""
+    """Run a story's parts, tolerance studies by `tolerances`; `at`: distances that a calibration's plan covers, too."""
     design = story.design
     for index, part in enumerate(story.table.parts):
         where, before = f"part {index + 1} of {len(story.table.parts)}", design
@@ -410,8 +411,8 @@ def _walked(
             outcome = tolerances(data, design, file.parent, str(file), counted, seed)
         elif part.calibration is not None:
             progress(f"{where}, calibration plan")
-            plan = part.calibration
-            outcome = plan if seed is None else plan.model_copy(update={"seed": seed})
+            changed = {"at": tuple(dict.fromkeys((*part.calibration.at, *at)))}
+            outcome = part.calibration.model_copy(update=changed | ({} if seed is None else {"seed": seed}))
         else:
             outcome = story.calibrations[index]
         yield _Walked(outcome, before, design, str(data.get("name", "")), part.take)
@@ -420,7 +421,7 @@ def _walked(
 def datasheet_of(
     path: Path,
     seed: int | None = None,
-    progress: Tell = lambda _: None,
+    progress: CountedProgress = silent,
     calibration: Path | None = None,
     at: Sequence[float] = (),
 ) -> SpreadSources:
@@ -441,7 +442,7 @@ def datasheet_of(
         if calibration is not None:
             remedy = 'name it in the story, as calibrated = "FOLDER"'
             raise refusal("calibration", f"goes with a design or a study; {remedy}")
-        return _basis_of(story, list(_walked(story, seed, progress, _builds_alone)), at)
+        return _basis_of(story, list(_walked(story, seed, progress, at, _builds_alone)), at)
     if kind == "design":
         design = load_checked(str(path))
         known = None if calibration is None else _known(calibration, design)
@@ -494,9 +495,10 @@ def _known_if_told(calibration: Path, named: Design) -> CalibrationSpread | None
 def _first_look(
     design: Design,
     seed: int,
-    progress: Tell,
+    progress: CountedProgress,
     known: Mapping[str, Finding],
     built: LengthCovariance | None = None,
+    at: Sequence[float] = (),
 ) -> dict[str, Finding]:
     """Findings about a design, with a first look at tolerances and a calibration plan where these are not known.
 
@@ -510,7 +512,7 @@ def _first_look(
         findings["tolerances"], built = tolerance_finding(look, first_look=True), look.built
     if "calibration" not in known:
         progress("calibration plan")
-        findings["calibration"] = plan_finding(design, PlanOptions(seed=seed), built)
+        findings["calibration"] = plan_finding(design, PlanOptions(seed=seed, at=at), built)
     return findings
 
 
@@ -544,9 +546,9 @@ def _without_design(result: Result, *, command: str = "", stamp: tuple[str, ...]
     return Report(asked.name, f"from {result.answer.problem.design.name}", sections)
 
 
-def _prefixed(progress: Tell, what: str) -> Tell:
-    return lambda said: progress(f"{what}: {said}")
+def _prefixed(progress: CountedProgress, what: str) -> CountedProgress:
+    return lambda said, done=0.0, total=0.0: progress(f"{what}: {said}", done, total)
 
 
-def _counted(progress: Tell, what: str) -> Callable[[int, int], None]:
-    return lambda done, total: progress(f"{what}: {done} of {total} builds")
+def _counted(progress: CountedProgress, what: str) -> Callable[[int, int], None]:
+    return lambda done, total: progress(f"{what}: builds", done, total)

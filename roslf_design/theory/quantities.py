@@ -200,6 +200,8 @@ def _angles(start: Literal["entrance pupil", "tip"]) -> Iterator[Quantity]:
                 "" if part else _ahead_of_tip if from_tip else "ISO 8600-3, method B: the FAP, as the scene sees it",
             ),
             positive=False,
+            least=0.0,
+            most=180.0,
             monotone=False,
             numeric=True,
             at="optional" if from_tip else "never",
@@ -215,7 +217,7 @@ def _ahead_of_tip(c: Camera) -> str:
 
 
 _NEITHER: dict[str, Any] = {"positive": False, "monotone": False, "numeric": True}
-_SHARP: dict[str, Any] = {**_NEITHER, "of_views": True}
+_SHARP: dict[str, Any] = {**_NEITHER, "of_views": True, "least": 0.0}
 
 
 def _of_types(form: Callable[[Camera, Array], Array], best: Any) -> Callable[[Camera, Any], Array]:
@@ -421,6 +423,7 @@ _register(
         lambda c, _: vignetting.on_focal_plane(c, vignetting.undistorted_radii(c)),
         equation="Eq. 6",
         positive=False,
+        least=0.0,
         worst=_least,
         monotone=False,
         infinite=True,
@@ -484,6 +487,7 @@ _register(
         monotone=False,
         traced=True,
         label="half angle of view",
+        most=90.0,
     ),
     Quantity(
         "direction_of_view_deg",
@@ -491,6 +495,8 @@ _register(
         "angle between the tube's axis and the chief ray of the field's middle",
         **_over_field(lambda c, _, field: field_of_view.direction_of_view(c, field)),
         positive=False,
+        least=0.0,
+        most=180.0,
         monotone=False,
         numeric=True,
         label="direction of view",
@@ -566,6 +572,7 @@ _register(
         _centre_shift,
         equation="Eq. 4",
         label="image-centre shift",
+        positive=False,
     ),
     Quantity(
         "kept_fraction",
@@ -574,6 +581,7 @@ _register(
         None,
         lambda images: images.shapes.kept_fraction,
         label="unvignetted fraction",
+        most=1.0,
     ),
     Quantity(
         "image_area_mm2",
@@ -590,6 +598,7 @@ _register(
         None,
         _axis_ratio,
         label="axis ratio",
+        most=1.0,
     ),
     Quantity(
         "distortion_percent",
@@ -599,6 +608,7 @@ _register(
         None,
         lambda images: 100 * (ratio(1.0, np.asarray(images.stretch[1], float)) - 1),
         positive=False,
+        least=-100.0,
         label="distortion",
     ),
     Quantity(
@@ -626,6 +636,7 @@ _register(
         None,
         lambda images: images.spot_pitches,
         positive=False,
+        least=0.0,
         label="blur of the lens",
     ),
     # Sampling and diffraction.
@@ -703,6 +714,7 @@ _register(
         "ray blur of microlens defocus, d d_2 |1/f_ml - 1/d_2 - 1/L|",
         lambda c, at: np.abs(_defocus_px(c, at)),
         positive=False,
+        least=0.0,
         bent_in_f=True,
         signed=_defocus_px,
         label="microlens defocus",
@@ -747,6 +759,7 @@ _register(
         "spread over the array of a point at a distance ahead of the tip",
         lambda c, at: np.abs(light_field.rim_disparity(c, depth_at(c, at))),
         positive=False,
+        least=0.0,
         at="needed",
         signed=lambda c, at: light_field.rim_disparity(c, depth_at(c, at)),
         label="defocus blur",
@@ -776,6 +789,7 @@ _register(
         "from the bore's tip to the focal plane",
         _whole(field_of_view.focus_ahead),
         positive=False,
+        least=0.0,
         label="working distance",
         sheet=Listed("Distances", remark="tip to focal plane"),
     ),
@@ -873,6 +887,7 @@ _register(
         monotone=False,
         numeric=True,
         label="steepest ray at the sensor",
+        most=90.0,
     ),
     Quantity(
         "light_sr",
@@ -952,6 +967,7 @@ DECODED = {
             "the same along x",
             local=lambda builds: _centre_error(builds)[0],
             label="image-centre error along x",
+            positive=False,
         ),
         Quantity(
             "centre_error_y_px",
@@ -959,6 +975,7 @@ DECODED = {
             "the same along y",
             local=lambda builds: _centre_error(builds)[1],
             label="image-centre error along y",
+            positive=False,
         ),
         Quantity(
             "depth_error_mm",
@@ -967,6 +984,7 @@ DECODED = {
             local=attrgetter("depth_error_mm"),
             of_views=True,
             label="depth error",
+            positive=False,
         ),
     )
 }

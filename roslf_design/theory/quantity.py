@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from .._arrays import Array
 from ..camera import Camera, Number
-from ..units import parse_in, read_quantity
+from ..units import format_quantity, parse_in, read_quantity
 from ..words import number
 from .light import SensorField
 from .stop_images import MicrolensImages
@@ -69,6 +70,10 @@ class Quantity:
     """Where the data sheet has it: a line that is asked for at a distance, one for each plane of the working range."""
     positive: bool = True
     """Whether every camera that can be built has it above zero: then ratios count, not differences."""
+    least: float = -math.inf
+    """Value that none which is not `positive` falls below by nature."""
+    most: float = math.inf
+    """Value that none exceeds by nature."""
     at: Literal["never", "optional", "needed"] = "never"
     """Whether it is asked for at a distance."""
     worst: Callable[[Array], Array] | None = None
@@ -160,6 +165,29 @@ class Quantity:
             unit = f" (in {self.unit})" if self.unit else ""
             raise ValueError(f"{self.name} is limited by a number{unit}, got {value!r}")
         return float(value)
+
+    def fault_of_limits(self, low: float | None, high: float | None) -> str:
+        """Fault of limits that contradict each other, or that by nature no camera holds or every one; else empty."""
+        least, above = (0.0, "above") if self.positive else (self.least, "at least")
+
+        def words(value: float) -> str:
+            return format_quantity(value, "length", 6) if self.length else f"{value:.6g} {self.unit}".rstrip()
+
+        floor, ceiling = (
+            f"{self.name} is {above} {words(least) if least else 0}",
+            f"{self.name} is at most {words(self.most)}",
+        )
+        if low is not None and high is not None and low > high:
+            return f"min {words(low)} is above max {words(high)}; swap them"
+        if high is not None and (high < least or (self.positive and high <= 0)):
+            return f"max {words(high)} is none that a camera holds, {floor}; raise it"
+        if low is not None and low > self.most:
+            return f"min {words(low)} is none that a camera holds, {ceiling}; lower it"
+        if low is not None and low < least:
+            return f"min {words(low)} limits nothing, {floor}; raise it or leave it out"
+        if high is not None and self.most < high < math.inf:
+            return f"max {words(high)} limits nothing, {ceiling}; lower it or leave it out"
+        return ""
 
     def within(self, low: float | None, high: float | None, values: Array | float) -> NDArray[np.bool_]:
         """Where values are between limits, but for what an optimiser's rounding leaves; nowhere where they are NaN."""

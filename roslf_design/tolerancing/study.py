@@ -158,8 +158,8 @@ class MetricGoal(StrictTable):
     def _bounded(self) -> MetricGoal:
         if self.min is None and self.max is None:
             raise ValueError(f"{self.metric} has no limit; give min, max or both")
-        if self.min is not None and self.max is not None and self.min > self.max:
-            raise ValueError(f"{self.metric}: min {self.min:g} is above max {self.max:g}; swap them")
+        if fault := METRICS[self.metric].fault_of_limits(self.min, self.max):
+            raise ValueError(f"{self.metric}: {fault}")
         return self
 
 

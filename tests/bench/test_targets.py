@@ -211,6 +211,12 @@ def test_walls_stand_where_the_design_requires_something():
     asked = design.replace({"required": {**at, "view_depth_of_field_far_mm": {"min": 1e5}}})
     plan, plain = (Protocol.of(one, PlanOptions(board="4x5 6 mm")) for one in (asked, design))
     assert plan.setup.wall.at == tuple(sorted((*plain.setup.wall.at, 220.0, 330.0)))
+    ahead = [pose.ahead for pose in plan.setup.poses]
+    assert min(ahead) <= 220.0 * (1 + 1e-4)  # as bench.toml's digits have it
+    assert "not 330 mm, as views are sharp only up to" in str(protocol_report(plan))
+    far = design.replace({"required": {"u_z_mm": [{"at": z, "max": 99.0} for z in (200.0, 230.0, 3e4)]}})
+    assert Protocol.of(far, PlanOptions(board="4x5 6 mm")).setup.wall.at[-1] < 3e4  # whose dots hide all other places
+    assert "do not suit 3e+04 mm" in str(protocol_report(Protocol.of(far, PlanOptions(board="4x5 6 mm"))))
     assert plan.setup.edge == plain.setup.edge
 
 

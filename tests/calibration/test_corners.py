@@ -78,6 +78,14 @@ def test_calibration_from_drawn_boards_finds_the_camera(observations):
     assert derived(found.joint.camera.vector(), sheet)["d_3"] == pytest.approx(120.0, abs=3.5 * sigma["A"] / 0.4)
 
 
+def test_a_board_of_cells_too_small_to_place_is_missing():
+    """Cells of three microlenses: OpenCV finds the grid, but hardly a corner settles."""
+    pose = random_poses(Captures(boards=1, tilt=0.35, distance=1650.0), 120.0, np.random.default_rng(3)).vector[0]
+    field = drawn_field(pose, np.array([-1.0, 0.0, 1.0]), 0.01, np.random.default_rng(4))
+    with pytest.raises(CalibrationError, match="no board of 4 x 5 cells"):
+        observe({"far": field}, BOARD)
+
+
 def test_images_without_a_board_are_named_and_the_others_used(drawn):
     fields = dict(list(drawn[0].items())[:2])
     some = next(iter(fields.values()))

@@ -20,8 +20,10 @@ from roslf_design.calibration import (
     sheet_of,
     synthetic_observations,
 )
+from roslf_design.calibration.options import PlanOptions, calibration_plan, plan_cover
 from roslf_design.camera import Camera
 from roslf_design.design import load, preset_names
+from roslf_design.theory.depth_of_field import depth_of_field
 
 PAPER = load("paper")
 CAMERA = camera_of(PAPER)
@@ -125,6 +127,52 @@ def test_every_corner_of_the_advised_boards_is_in_the_field(name):
         if cells is not None:
             side = own.board.cell * min(int(cells[1]), int(cells[2]))
             assert side <= seen * (nearest - design.d_3)
+
+
+@pytest.mark.parametrize(
+    ("name", "wanted"), [("rigid-scope", (14.0, 29.0)), ("paper", (205.0, 265.0)), ("ear-speculum", (18.8, 21.2))]
+)
+def test_boards_stand_wherever_something_is_required_or_asked_for(name, wanted):
+    """Brute force: corners at each pose's own distance are in the field, their neighbours five microlenses apart."""
+    near, far = wanted
+    design = load(name).replace({"required": {"u_z_mm": {"at": near, "max": 9.0}}})
+    asked = PlanOptions(at=(far,))
+    own, camera = calibration_plan(design, asked).captures, Camera.of(design)
+    cover = plan_cover(design, own, asked)
+    assert cover.covered_mm == wanted
+    assert cover.uncovered == ()
+    seen = min(np.array(design.sensor_size)) / abs(float(camera.A))
+    poses = random_poses(own, design.d_3, np.random.default_rng(0))
+    ahead = np.sort(poses.translation[:, 2]) + design.d_3 - float(camera.tip)
+    assert (ahead[0], ahead[-1]) == pytest.approx((cover.nearest_mm, cover.farthest_mm))
+    assert ahead[0] <= near * (1 + 1e-9)
+    assert ahead[-1] >= far * (1 - 1e-9)
+    corners = project_poses(poses, own.board.points)
+    assert np.all(np.abs(corners[..., :2]) <= seen / 2 * corners[..., 2:])
+    image = abs(float(camera.A)) / design.d * corners[..., :2] / corners[..., 2:]
+    across = image.reshape(own.boards, *own.board.inner[::-1], 2)
+    assert np.linalg.norm(np.diff(across, axis=2), axis=-1).mean(axis=(1, 2)).min() > 5 * math.cos(own.tilt)
+
+
+def test_distances_that_no_board_serves_for_are_named_with_the_reason():
+    design = load("paper")
+    asked = PlanOptions(at=(20.0, 240.0, 600.0))
+    cover = plan_cover(design, calibration_plan(design, asked).captures, asked)
+    assert cover.covered_mm == (240.0,)
+    near, far = cover.uncovered
+    assert (near.at_mm, far.at_mm) == (20.0, 600.0)
+    first, last = depth_of_field(Camera.of(design), "view")
+    assert near.reason == f"views are sharp only from {float(first):.3g} mm on"
+    assert far.reason == f"views are sharp only up to {float(last):.3g} mm"
+    large = PlanOptions(at=(205.0,), board="4x5 60 mm")
+    (missed,) = plan_cover(design, calibration_plan(design, large).captures, large).uncovered
+    assert "the sensor sees the board whole only from" in missed.reason
+    fixed = PlanOptions(at=(205.0,), range=10.0)
+    (missed,) = plan_cover(design, calibration_plan(design, fixed).captures, fixed).uncovered
+    assert "boards stand from 225 to 235 mm" in missed.reason
+    assert (
+        calibration_plan(design, PlanOptions(at=(230.0,))).captures == calibration_plan(design, PlanOptions()).captures
+    )
 
 
 def project_poses(poses, points):

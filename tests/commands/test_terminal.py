@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import io
+import re
 import sys
 
 import pytest
 
-from roslf_design.commands.terminal import StatusLine, bar, tell_cost, typed
+from roslf_design.cli import main
+from roslf_design.commands.terminal import StatusLine, bar, status_and_bars, tell_cost, typed
 
 
 class Terminal(io.StringIO):
@@ -77,3 +79,49 @@ def test_a_log_has_a_line_of_progress_now_and_then(monkeypatch):
         for done in (10, 40, 50, 80, 100):
             tell(done)
     assert shown.getvalue() == "trials: 40%, about 60 s left\ntrials: 80%, about 20 s left\n"
+
+
+def test_a_log_has_steps_and_what_is_counted_in_them(monkeypatch):
+    """One clock for all steps: many short ones are told of as well as one long one; the time left is the step's own."""
+    shown, clock = io.StringIO(), iter([0.0, 10.0, 31.0, 40.0, 50.0, 70.0, 90.0, 150.0, 160.0])
+    monkeypatch.setattr(sys, "stderr", shown)
+    monkeypatch.setattr("roslf_design.commands.terminal.time.monotonic", lambda: next(clock))
+    with status_and_bars("report") as tell:
+        tell("evaluating")
+        tell("sections")
+        tell("figures", 0, 10)
+        tell("figures", 1, 10)
+        tell("figures", 6, 10)
+        tell("PDF")
+        tell("part 2, tolerances: builds", 0, 50)
+        tell("part 2, tolerances: builds", 20, 50)
+    assert shown.getvalue().splitlines() == [
+        "report: sections ...",
+        "report: figures: 60%, about 20 s left",
+        "report: part 2, tolerances: builds: 40%, about 15 s left",
+    ]
+
+
+def test_bars_follow_each_other_and_status_lines(monkeypatch):
+    shown = terminal(monkeypatch)
+    with status_and_bars("optimize") as tell:
+        for what in ("searches", "front: limits"):
+            tell(what, 1, 4)
+        tell("checking")
+    text = shown.getvalue()
+    assert text.index("searches") < text.index("front: limits") < text.index("optimize: checking ...")
+    assert "1 of 4" in text
+
+
+@pytest.mark.parametrize("command", [["optimize", "studies/optimize-rigid-scope/study.toml"], ["report", "paper"]])
+def test_long_commands_say_in_a_log_how_far_they_are(command, tmp_path, monkeypatch, capsys, root):
+    monkeypatch.setattr("roslf_design.commands.terminal.LOGGED", 0.0)
+    monkeypatch.chdir(root)
+    if command[0] == "optimize":
+        text = (root / command[1]).read_text()
+        (tmp_path / "start.toml").write_text((root / "studies/optimize-rigid-scope/start.toml").read_text())
+        (tmp_path / "study.toml").write_text(re.sub(r"(?ms)^\[(pareto|robust|solver|\[robust).*?(?=^\[|\Z)", "", text))
+        command = ["optimize", str(tmp_path / "study.toml")]
+    assert main([*command, "-o", str(tmp_path / "out")]) == 0
+    lines = capsys.readouterr().err.splitlines()
+    assert any(re.fullmatch(rf"{command[0]}: .*: \d+%, about [\d.e+-]+ s left", line) for line in lines)

@@ -3,6 +3,7 @@
 import contextlib
 import doctest
 import io
+import math
 import runpy
 import shlex
 import shutil
@@ -15,6 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "docs/_ext"))
 from page_blocks import Block, blocks, pictures, steps
 
 import roslf_design.optimization.solve  # noqa: F401
+from roslf_design.commands import terminal
 from roslf_design.cli import build_app, main
 from studies.accuracy import promises
 from tests.reporting.made import few_builds
@@ -109,8 +111,9 @@ def check_session(block: Block, place: str, names: dict[str, object]) -> int:
 def thin_out(monkeypatch: pytest.MonkeyPatch) -> None:
     """Reports look at few builds, and optima are checked by a short search; methods are measured where they are quick.
 
-    What pages show is neither yields nor what the check said nor times.
+    What pages show is neither yields nor what the check said nor times, nor how far a log says that a busy machine is.
     """
+    monkeypatch.setattr(terminal, "LOGGED", math.inf)
     few_builds(monkeypatch)
     solve = sys.modules["roslf_design.optimization.solve"]  # whose function has its package's name for it
     globally = solve.globally

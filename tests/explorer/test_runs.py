@@ -67,7 +67,7 @@ def limited(*rows, **more):
     ("options", "message"),
     [
         (limited(("object_sample_mm", "", "")), "object_sample_mm has no limit; give min, max or both"),
-        (limited(("object_sample_mm", "1 mm", "0.2")), "min 1 is above max 0.2"),
+        (limited(("object_sample_mm", "1 mm", "0.2")), "min 1 mm is above max 0.2 mm"),
         (limited(("fill_factor", "much", "")), 'cannot read "much"; write a number without a unit'),
         (limited(("price", "1", "")), "price"),
         (limited(("", "", ""), only_own=["on"]), "limits: there are none; choose a quantity"),

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from roslf_design.calibration.options import PlanOptions, calibration_plan
-from roslf_design.calibration.planning import Captures, _field_at
+from roslf_design.calibration.planning import Captures, field_at
 from roslf_design.cli import main
 from roslf_design.design import load, loads
 from roslf_design.drawing.svg import file_of
@@ -159,7 +159,7 @@ def test_a_board_of_our_own_choosing_is_seen_whole_at_its_nearest(name):
     captures = Captures.for_design(design)
     board = captures.board
     sides = sorted((board.columns * board.cell, board.rows * board.cell))
-    seen = sorted(_field_at(design, captures.distance - captures.distance_range / 2))
+    seen = sorted(field_at(design, captures.distance - captures.distance_range / 2))
     assert all(0.2 * field < side < field for side, field in zip(sides, seen, strict=True))
 
 
@@ -208,7 +208,10 @@ def test_a_plan_leads_with_depth_and_names_what_its_poses_do_not_determine():
     """Of a main lens focused at infinity d_f = f (1 + m)/m is known to no digit, depth is."""
     paper = load("paper")
     asked = PlanOptions(at=(300.0,), distance=350.0, range=60.0, f_sigma="0.1 %")
-    depth, lengths = plan_finding(paper, asked).section.blocks[1].items
+    # One answer more than before: which of the distances asked for the boards cover; these stand nearer.
+    depth, cover, lengths = plan_finding(paper, asked).section.blocks[1].items
+    assert "cover nothing; not 300 mm, as views are sharp only up to 272 mm" in cover.text
+    assert cover.tone == "caution"
     plan = calibration_plan(paper, asked)
     at_focus, there = (2 * float(planned_depth(paper, plan, asked, at=z).u_z_mm) for z in (None, 300.0))
     assert f"U = ± {at_focus:.3g} mm in the focal plane" in depth.text

@@ -1,12 +1,21 @@
 """Study files and grades: read, resolved, and every fault told at once."""
 
+import json
+import math
+import re
+
 import numpy as np
 import pytest
 
+from roslf_design.camera import Camera
 from roslf_design.cli import main
-from roslf_design.design import load, preset_path
+from roslf_design.design import dumps, load, preset_names, preset_path
 from roslf_design.errors import InputError
 from roslf_design.optimization import Constraint
+from roslf_design.theory.focused import is_focused
+from roslf_design.theory.quantities import QUANTITIES
+from roslf_design.theory.stop_images import MicrolensImages
+from roslf_design.tolerancing.metrics import METRICS
 from roslf_design.tolerancing.places import (
     SHIPPED,
     display,
@@ -272,6 +281,58 @@ def test_limits_are_written_alike_in_tolerance_and_optimise_studies(written):
         for model, name in ((MetricGoal, "metric"), (Constraint, "quantity")):
             with pytest.raises(ValueError, match=r"unit|expected a length"):
                 model.model_validate({name: "sigma_z_mm", "max": wrong}, context={"from_file": True})
+
+
+@pytest.mark.parametrize(
+    ("name", "low", "high", "said"),
+    [
+        ("kept_fraction", 1.2, None, "min 1.2 is none that a camera holds, kept_fraction is at most 1; lower it"),
+        ("kept_fraction", None, "-0.1", "max -0.1 is none that a camera holds, kept_fraction is above 0; raise it"),
+        ("field_of_view_deg", "200 deg", None, "min 200 deg is none that a camera holds, .* at most 180 deg"),
+        ("field_of_view_deg", None, "200 deg", "max 200 deg limits nothing, .* lower it or leave it out"),
+        ("view_depth_of_field_near_mm", None, "-3 mm", "is none that a camera holds, .* at least 0; raise it"),
+        ("image_diameter_mm", "-3 um", None, "min -3 um limits nothing, image_diameter_mm is above 0; raise"),
+        ("sigma_z_mm", "2 mm", "1 mm", "min 2 mm is above max 1 mm; swap them"),
+    ],
+)  # fmt: skip
+def test_limits_that_by_nature_cannot_hold_are_refused_alike(name, low, high, said, tmp_path, capsys):
+    """In tolerance studies, in studies of `roslf optimize`, and in designs: one line with file, key and remedy."""
+    limits = "".join(
+        f"{side} = {json.dumps(value)}\n" for side, value in (("min", low), ("max", high)) if value is not None
+    )
+    tolerance, optimum, design = (tmp_path / f"{file}.toml" for file in ("tolerance", "optimize", "design"))
+    if name in METRICS:
+        tolerance.write_text(f'name = "t"\ndesign = "paper"\ngrade = "high"\n[[goals]]\nmetric = "{name}"\n{limits}')
+    field = 'field = "1 mm"\n' if QUANTITIES[name].of is None else ""
+    optimum.write_text(
+        'name = "o"\ndesign = "paper"\n[variables]\nd_2 = ["1 mm", "3 mm"]\n[[goals]]\nquantity = "sigma_z_mm"\n'
+        f'direction = "min"\n[[constraints]]\nquantity = "{name}"\n{field}{limits}'
+    )
+    if not field:
+        paper = dumps(load("paper"))
+        design.write_text(f"{paper}\n[required.{name}]\n{limits}")
+    for command in (["tolerance", tolerance], ["optimize", optimum], ["evaluate", design]):
+        if command[1].exists():
+            output = [] if command[0] == "evaluate" else ["-o", str(tmp_path / "out")]
+            assert main([command[0], str(command[1]), *output]) == 2
+            (line,) = capsys.readouterr().err.splitlines()
+            assert line.startswith(f"roslf: {command[1]}: ")
+            assert re.search(said, line), line
+    assert not (tmp_path / "out").exists()
+
+
+def test_no_camera_that_ships_is_beyond_what_is_possible_by_nature():
+    for preset in preset_names():
+        camera = Camera.of(load(preset))
+        for quantity in QUANTITIES.values():
+            if quantity.of is not None:
+                value = float(quantity(camera, 40.0 if quantity.at == "needed" else None))
+                least = 0.0 if quantity.positive else quantity.least
+                assert math.isnan(value) or least <= value <= quantity.most, (preset, quantity.name, value)
+            elif not (quantity.of_views and is_focused(camera)):
+                values = np.ravel(quantity.at_fields(MicrolensImages(camera, [(0.0, 0.0), (0.1, 0.0), (-0.1, 0.1)])))
+                least = 0.0 if quantity.positive else quantity.least
+                assert all(math.isnan(v) or least <= v <= quantity.most * (1 + 1e-12) for v in values), quantity.name
 
 
 def test_more_trials_than_a_sobol_sequence_has_points_are_refused():

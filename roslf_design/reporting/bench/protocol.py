@@ -13,6 +13,7 @@ from ...theory.photometry import exposure
 from ...theory.quantities import QUANTITIES
 from ...words import listed
 from ..blocks import Bullets, Paragraph, Report, Section, Table
+from ..calibrate.pages import cover_statement
 
 SIDES = ("right", "upper right", "top", "upper left", "left", "lower left", "bottom", "lower right")
 """Sides of a board, by eighths of a turn from its right."""
@@ -79,7 +80,7 @@ def _steps(protocol: Protocol) -> Table:
         ("Check", "roslf bench check, after every few boards: what is wrong, what to take next.", "check.html"),
         (
             "Flat wall",
-            f"Square to the axis; its depth is to be flat to {flat} (U, k = 2).",
+            f"Square to the axis; its depth is to be flat to {flat} (U, k = 2).{_without_wall(protocol)}",
             _names("wall", setup.wall.at),
         ),
         ("Edge", "In the middle of the field, square to the axis.", _names("edge", setup.edge.at)),
@@ -103,11 +104,20 @@ def _steps(protocol: Protocol) -> Table:
     )
 
 
+def _without_wall(protocol: Protocol) -> str:
+    """Distances required or asked for at which the one wall shows too few dots, or aliases."""
+    cover, stands = protocol.cover, [float(f"{at:.4g}") for at in protocol.setup.wall.at]
+    wanted = sorted((*cover.covered_mm, *(one.at_mm for one in cover.uncovered)))
+    left = [f"{at:.4g}" for at in wanted if float(f"{at:.4g}") not in stands]
+    return f" Its dots do not suit {listed(left)} mm." if left else ""
+
+
 def _promise(protocol: Protocol) -> str:
     sigma, board = protocol.plan.expected.sigma, protocol.setup.board
     return (
         f"Board {board.cells}, {len(protocol.setup.poses)} images: H to ±{sigma['H']:.2g}, d_3 to"
         f" ±{sigma['d_3']:.2g} mm (one sigma, data sheet's errors in it)."
+        + (f" {covered.text}" if (covered := cover_statement(protocol.cover)) else "")
     )
 
 

@@ -15,10 +15,11 @@ from ...calibration import (
     Reason,
     derived,
 )
+from ...calibration.cover import BoardCover
 from ...calibration.fit import VISIBLE
 from ...calibration.misfit import DISAGREE
 from ...calibration.model import QUANTITIES, UNITS
-from ...calibration.options import PlanOptions, calibration_plan, data_sheet
+from ...calibration.options import PlanOptions, calibration_plan, data_sheet, plan_cover
 from ...calibration.planning import LEAST_GAIN, NO_GAIN, too_large
 from ...calibration.result import LAPLACE, Outcome
 from ...calibration.space import SceneSide
@@ -432,6 +433,17 @@ def _changed_depths(design: Design, plan: CapturePlan, build: LengthCovariance |
     return dict(sorted(after.items(), key=lambda pair: pair[1]))
 
 
+def cover_statement(cover: BoardCover) -> Statement | None:
+    """Distances required or asked for that a plan's boards cover, and why not the others; None where there are none."""
+    if not (cover.covered_mm or cover.uncovered):
+        return None
+    covered = listed([f"{number(z, 4)} mm" for z in cover.covered_mm]) if cover.covered_mm else "nothing"
+    text = f"Of the distances ahead of the tip that matter here, boards cover {covered}"
+    missed = "".join(f"; {one}" for one in cover.uncovered)
+    remedy = "There the model alone tells depth." if missed else ""
+    return Statement("caution" if missed else "plain", f"{text}{missed}.", remedy)
+
+
 def plan_blocks(
     design: Design, plan: CapturePlan, asked: PlanOptions, build: LengthCovariance | None = None
 ) -> tuple[Block, ...]:
@@ -467,6 +479,7 @@ def plan_blocks(
     large = too_large(design, c)
     if large:
         answers.append(Statement("caution", sentence(large), "Choose a smaller board."))
+    answers += filter(None, [cover_statement(plan_cover(design, c, asked))])
     answers.append(_promise(design, plan))
     sigmas = "".join(f' --sigma "{place}={sigma}"' for place, sigma in asked.sigma.items())
     command = f'roslf calibrate CAPTURES --design design.toml --board "{c.board.text}"{sigmas} -o calibration'

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from ...evaluation import evaluate
 from ...evaluation.result import effects_table, fact_tables, field_table
+from ...progress import CountedProgress, silent
 from ...theory.colours import PIXEL_FILTERS
 from ...words import length
 from ..blocks import Figure, Report, Section, Table
@@ -32,7 +33,7 @@ def comparison_report(
     command: str = "",
     stamp: tuple[str, ...] = (),
     accuracy: float | None = None,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: CountedProgress = silent,
 ) -> Report:
     """Compare two or three designs, called A, B, C in their order; the rest as for `design_report`.
 

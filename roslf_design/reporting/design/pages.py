@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -26,6 +26,7 @@ from ...evaluation.result import (
     temperature_table,
 )
 from ...evaluation.verdicts import near_cases
+from ...progress import CountedProgress, silent
 from ...theory.colours import PIXEL_FILTERS
 from ...units import format_quantity
 from ...words import TERMS, listed, sentence, spaced
@@ -89,7 +90,7 @@ def design_report(
     command: str = "",
     stamp: tuple[str, ...] = (),
     accuracy: float | None = None,
-    progress: Callable[[str], None] = lambda _: None,
+    progress: CountedProgress = silent,
 ) -> Report:
     """Everything that closed forms, traced rays and studies say of a design, as sections of text, tables and figures.
 
@@ -160,13 +161,13 @@ def design_report(
     return Report(design.name, design.source, sections)
 
 
-def _design_figures(design: Design, result: Evaluation, progress: Callable[[str], None]) -> dict[str, Figure]:
+def _design_figures(design: Design, result: Evaluation, progress: CountedProgress) -> dict[str, Figure]:
     """The figures of every design, by name, but for the plane of pupils where the scene sees none in it."""
     figures = {}
-    for name, make in sheets.SHEETS.items():
+    for number, (name, make) in enumerate(sheets.SHEETS.items()):
         if name == "plane" and (design.aperture.behind or 0.0) >= design.f:
             continue
-        progress(f"figure {name}")
+        progress("figures", number, len(sheets.SHEETS))
         figures[name] = make(design, result)
     return figures
 
@@ -330,7 +331,7 @@ def _stops(design: Design) -> Iterator[Table]:
         yield Table(tuple(moved), "ll", ("part", "decentre x, y; tilt"), "Misalignments")
 
 
-def _real_lens(design: Design, result: Evaluation, progress: Callable[[str], None]) -> tuple[Section, ...]:
+def _real_lens(design: Design, result: Evaluation, progress: CountedProgress) -> tuple[Section, ...]:
     """Section on the traced lens, its thin twin beside it; nothing for an ideal one."""
     if (lens := result.real_lens) is None:
         return ()
