@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
+from itertools import count
 from operator import attrgetter
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -593,7 +594,7 @@ class Camera(Symbols[Number]):
     @cached_property
     def stop_count(self) -> int:
         """Number of stops beside the FAP and the main lens."""
-        return sum(place.startswith("stops.") and place.endswith(".distance") for place in self._numbers)
+        return next(k for k in count() if f"stops.{k}.distance" not in self._numbers)
 
     def _rim(self, name: str, part: str, stands: Number | None = None, outline: ClearAperture | None = None) -> Rim:
         stands = self._numbers[f"{part}.distance"] if stands is None else stands

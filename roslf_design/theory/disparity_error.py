@@ -519,7 +519,7 @@ def _powers(away: Array, terms: NDArray[np.intp]) -> Iterator[Array]:
         single.append(2 * away * single[-1] - single[-2])
     for term in terms:
         factors = [single[degree][axis] for axis, degree in enumerate(term) if degree]
-        yield functools.reduce(np.multiply, factors, np.ones(away.shape[1]))
+        yield functools.reduce(np.multiply, factors) if factors else np.ones(away.shape[1])
 
 
 @functools.lru_cache(maxsize=4096)
