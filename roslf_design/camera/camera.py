@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
-from itertools import count
 from operator import attrgetter
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -594,7 +593,10 @@ class Camera(Symbols[Number]):
     @cached_property
     def stop_count(self) -> int:
         """Number of stops beside the FAP and the main lens."""
-        return next(k for k in count() if f"stops.{k}.distance" not in self._numbers)
+        number = 0
+        while f"stops.{number}.distance" in self._numbers:
+            number += 1
+        return number
 
     def _rim(self, name: str, part: str, stands: Number | None = None, outline: ClearAperture | None = None) -> Rim:
         stands = self._numbers[f"{part}.distance"] if stands is None else stands
