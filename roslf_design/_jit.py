@@ -142,11 +142,16 @@ class Kernel(Generic[P, R]):
 def _numba() -> Any:
     """Numba, without the BLAS that it looks for: scipy.linalg, more than half of what the first kernel waits for.
 
-    A kernel with matrix products finds it all the same, when it is compiled.
+    A kernel with matrix products finds it all the same, when it is compiled. Vectors are as wide as processors have
+    them whose clock that does not slow (Ice Lake and later): the same bits, a quarter more rays through spheres.
     """
     import numba
+    from numba.core import codegen
     from numba.np import linalg
 
+    features = codegen.get_host_cpu_features()
+    if "+avx512vbmi2" in features and numba.config.CPU_FEATURES is numba.config.CPU_NAME is None:
+        numba.config.CPU_FEATURES = f"{features},-prefer-256-bit"
     search, linalg.ensure_blas = linalg.ensure_blas, lambda: None
     try:
         importlib.import_module("numba.np.arraymath")
