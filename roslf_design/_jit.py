@@ -18,7 +18,7 @@ from contextvars import ContextVar
 from functools import cache, cached_property, partial
 from pathlib import Path
 from types import CodeType, FunctionType
-from typing import Any, Generic, ParamSpec, TypeVar
+from typing import Any, Generic, ParamSpec, TypeVar, cast
 
 import numpy as np
 
@@ -149,9 +149,10 @@ def _numba() -> Any:
     from numba.core import codegen
     from numba.np import linalg
 
-    features = codegen.get_host_cpu_features()
-    if "+avx512vbmi2" in features and numba.config.CPU_FEATURES is numba.config.CPU_NAME is None:
-        numba.config.CPU_FEATURES = f"{features},-prefer-256-bit"
+    config, features_of = cast(Any, numba.config), cast(Any, codegen.get_host_cpu_features)
+    features = features_of()
+    if "+avx512vbmi2" in features and config.CPU_FEATURES is config.CPU_NAME is None:
+        config.CPU_FEATURES = f"{features},-prefer-256-bit"
     search, linalg.ensure_blas = linalg.ensure_blas, lambda: None
     try:
         importlib.import_module("numba.np.arraymath")
