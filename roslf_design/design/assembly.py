@@ -74,9 +74,9 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
     """Aperture stop's image in object space (flexible angular plane, FAP); may be left out where a sheet states it."""
     stops: Annotated[tuple[Stop, ...], Field(max_length=MOST_STOPS)] = ()
     """Further rims of a real bore."""
+    # Defaults are not validated: at import that would build validators that nobody needs.
     object_space: ObjectSpace = ObjectSpace.model_construct()
-    """Object space: the medium that the scene lies in, air or a liquid. Defaults are not validated: importing them would
-    build their validators, which nobody needs."""
+    """Object space: the medium that the scene lies in, air or a liquid."""
     elements: Annotated[tuple[AnyElement, ...], Field(max_length=MOST_STOPS)] = ()
     """Windows, prisms, lenses before the main lens."""
     microlens_array: MicrolensArray
