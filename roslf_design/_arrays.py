@@ -32,7 +32,7 @@ def ratio(numerator: Array | float, denominator: Array | float) -> Array:
     """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         quotient: Array = np.divide(numerator, denominator)
-    if not np.isnan(quotient).any():
+    if not np.count_nonzero(np.isnan(quotient)):
         return quotient
     unity = np.copysign(1.0, numerator) * np.copysign(1.0, denominator)
     quotient = np.where(np.isinf(numerator) & np.isinf(denominator), unity, quotient)
@@ -43,7 +43,7 @@ def product(left: Array | float, right: Array | float) -> Array:
     """Product that is 0 wherever a factor is, also where the other is infinite: no pupil has no blur at any depth."""
     with np.errstate(invalid="ignore", over="ignore"):
         result: Array = np.multiply(left, right)
-    if not np.isnan(result).any():
+    if not np.count_nonzero(np.isnan(result)):
         return result
     return np.where(((left == 0) & np.isinf(right)) | (np.isinf(left) & (right == 0)), 0.0, result)[()]
 

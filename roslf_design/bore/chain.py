@@ -148,7 +148,7 @@ class BoreWalk(NamedTuple):
     def plane(self, z: Number) -> ImagedPlane:
         """The plane at z before the main lens, below 0 behind it [mm]; on a thin lens, the lens not yet passed."""
         parts, steps, medium, power = self
-        if np.any(power) and np.any(np.less(z, 0)):
+        if (power if isinstance(power, float) else np.any(power)) and np.any(np.less(z, 0)):
             return self._behind(z)
         behind = 0  # elements that every build's plane has behind it
         while behind < len(parts) and _all(z > parts[behind].start) and _all(z >= steps[behind + 1].place):

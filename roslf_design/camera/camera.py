@@ -593,7 +593,10 @@ class Camera(Symbols[Number]):
     @cached_property
     def stop_count(self) -> int:
         """Number of stops beside the FAP and the main lens."""
-        return sum(place.startswith("stops.") and place.endswith(".distance") for place in self._numbers)
+        number = 0
+        while f"stops.{number}.distance" in self._numbers:
+            number += 1
+        return number
 
     def _rim(self, name: str, part: str, stands: Number | None = None, outline: ClearAperture | None = None) -> Rim:
         stands = self._numbers[f"{part}.distance"] if stands is None else stands

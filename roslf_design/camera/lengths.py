@@ -83,17 +83,16 @@ class _worked_out_once(Generic[T]):  # noqa: N801
     """Property that is worked out once for each camera, which keeps it: nothing refers back to the camera."""
 
     def __init__(self, form: Callable[[ApparentLengths], T]) -> None:
-        self.form = form
+        self.form, self.name = form, form.__name__
         self.__doc__ = form.__doc__
 
     def __get__(self, lengths: ApparentLengths | None, _: type) -> T:
         if lengths is None:
             return self  # type: ignore[return-value]
         known: dict[str, Any] = lengths._camera.apparent
-        name = self.form.__name__
-        if name not in known:
-            known[name] = self.form(lengths)
-        value: T = known[name]
+        if self.name not in known:
+            known[self.name] = self.form(lengths)
+        value: T = known[self.name]
         return value
 
 

@@ -74,7 +74,8 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
     """Aperture stop's image in object space (flexible angular plane, FAP); may be left out where a sheet states it."""
     stops: Annotated[tuple[Stop, ...], Field(max_length=MOST_STOPS)] = ()
     """Further rims of a real bore."""
-    object_space: ObjectSpace = ObjectSpace()
+    # Defaults are not validated: at import that would build validators that nobody needs.
+    object_space: ObjectSpace = ObjectSpace.model_construct()
     """Object space: the medium that the scene lies in, air or a liquid."""
     elements: Annotated[tuple[AnyElement, ...], Field(max_length=MOST_STOPS)] = ()
     """Windows, prisms, lenses before the main lens."""
@@ -86,9 +87,9 @@ class Assembly(Part, RulerSymbols[float], defer_build=True):
     """Housing that the camera is built into; None where nothing need fit."""
     environment: Environment | None = None
     """Environment with the temperature of use; None is 20 degrees C, and no place that a temperature has."""
-    light: Light = Light()
+    light: Light = Light.model_construct()
     """Wavelength, and how bright the scene is."""
-    depth: DepthSettings = DepthSettings()
+    depth: DepthSettings = DepthSettings.model_construct()
     """Settings that depth errors are computed for."""
     required: Requirements = ()
     """Quantities that it is to hold within limits, each a verdict of its own."""

@@ -722,21 +722,6 @@ def pass_surfaces(
 
 
 @kernel()
-def _reach_plane(buffer: Any, m: int, z: float, s: float) -> None:
-    """Carry a block straight on to the plane at `z`."""
-    for i in range(m):
-        dz = buffer[5 * BLOCK + i]
-        alive = buffer[6 * BLOCK + i] == 0
-        meets = dz * s > 0
-        t = (z - buffer[2 * BLOCK + i]) / (dz if meets else 1.0)
-        moves = alive and meets
-        buffer[i] = buffer[i] + t * buffer[3 * BLOCK + i] if moves else buffer[i]
-        buffer[BLOCK + i] = buffer[BLOCK + i] + t * buffer[4 * BLOCK + i] if moves else buffer[BLOCK + i]
-        buffer[2 * BLOCK + i] = z if moves else buffer[2 * BLOCK + i]
-        buffer[6 * BLOCK + i] = 1.0 * NO_PLANE if alive and not meets else buffer[6 * BLOCK + i]
-
-
-@kernel()
 def _trace_slopes(
     each: int, builds: int, count: int, backward: bool, clip: bool, table: Any, media: Any, x_in: Any, y_in: Any,
     z_in: Any, slope_x: Any, slope_y: Any, plane: Any, buffer: Any, squares: Any, out: Any, state: Any, room: Any,
@@ -770,17 +755,21 @@ def _trace_slopes(
                 buffer[3 * BLOCK + i], buffer[4 * BLOCK + i] = sx * shrink, sy * shrink
                 buffer[5 * BLOCK + i], buffer[6 * BLOCK + i] = shrink, 0.0 if good else 1.0 * INVALID
             pass_surfaces(buffer, m, lens, index, count, backward, clip, squares)
-            _reach_plane(buffer, m, plane[build], s)
-            states, rooms = state[start : start + m], room[start : start + m]
+            states, rooms, end = state[start : start + m], room[start : start + m], plane[build]
             for i in range(m):
-                kept = buffer[6 * BLOCK + i] == 0.0
-                states[i], rooms[i] = int(buffer[6 * BLOCK + i]), 1.0 if kept else -1.0
-                shrink = 1.0 / (buffer[5 * BLOCK + i] if kept else 1.0)
-                buffer[2 * BLOCK + i] = buffer[3 * BLOCK + i] * shrink if kept else 0.0
-                buffer[3 * BLOCK + i] = buffer[4 * BLOCK + i] * shrink if kept else 0.0
+                dz = buffer[5 * BLOCK + i]
+                alive, meets = buffer[6 * BLOCK + i] == 0.0, dz * s > 0
+                kept = alive and meets
+                shrink = 1.0 / (dz if meets else 1.0)
+                sx, sy = buffer[3 * BLOCK + i] * shrink, buffer[4 * BLOCK + i] * shrink
+                reach = end - buffer[2 * BLOCK + i] if kept else 0.0
+                buffer[i], buffer[BLOCK + i] = buffer[i] + reach * sx, buffer[BLOCK + i] + reach * sy
+                buffer[2 * BLOCK + i], buffer[3 * BLOCK + i] = sx if kept else 0.0, sy if kept else 0.0
+                fate = 1.0 * NO_PLANE if alive and not meets else buffer[6 * BLOCK + i]
+                states[i], rooms[i] = int(fate), 1.0 if kept else -1.0
             for k in range(count):
-                limit, mine = lens[k * COLUMNS + 5], squares[k * BLOCK : k * BLOCK + m]
+                inverse, mine = 1.0 / lens[k * COLUMNS + 5], squares[k * BLOCK : k * BLOCK + m]
                 for i in range(m):
-                    rooms[i] = min(rooms[i], 1.0 - mine[i] / limit)
+                    rooms[i] = min(rooms[i], 1.0 - mine[i] * inverse)
             for row in range(4):
                 _copy(buffer[row * BLOCK : row * BLOCK + m], out[row * n + start : row * n + start + m], m)

@@ -80,8 +80,8 @@ STEPS: tuple[tuple[int, int], ...] = (
 """Steps of the lattice to the microlenses that `image_parts` tells apart."""
 APART = 9
 """Pitches after which images that are taken to stand alone repeat themselves."""
-MANY = 32
-"""Whole images of one build from which loading Bessel functions pays; rows give the same to 1e-11."""
+MANY = 6e5
+"""Values in the rows of whole discs from which loading Bessel functions pays; rows give the same to 1e-11."""
 NEARLY_ALIKE, CELL = 256, 0.05
 """Images from which series stand in for sums, and the side of the cells that they are for, in logarithms: to 1e-5."""
 WIDE_DEGREE, WIDE_CELL = 5, 0.4
@@ -94,8 +94,8 @@ CLOSE, STEP = 0.004, 1e-5
 that; and the step of the differences that tangents are."""
 STEEPEST = 100.0
 """Slope from which on tangents are not taken: where next to nothing is left of a texture, rounding makes them."""
-BLOCK = 128
-"""Images at a time, for memory's sake."""
+VALUES = 2**17
+"""Values of waves' images at a time: as many as stay at hand of the processor."""
 
 
 class Seen(NamedTuple):
@@ -152,7 +152,7 @@ class _Array(NamedTuple):
     layout: str
     lens_shape: str
     many: bool = False
-    """Whether there are many builds, for which Bessel functions are loaded whatever their number."""
+    """Whether there are many images or builds, for which loading Bessel functions pays."""
 
 
 class _Images(NamedTuple):
@@ -415,7 +415,12 @@ def _rows_of(
 
 
 def _each(images: _Images, c: _Array, level: int, whole: bool) -> Array:
-    parts = [np.arange(start, min(start + BLOCK, images.pitch.size)) for start in range(0, images.pitch.size, BLOCK)]
+    count, side = images.pitch.size, _orders(c, min(level, SHARPEST))[0].size
+    values = side * (1 + images.texture.waves.x.size)
+    turns = images.wide * (side / 2 + np.abs(images.bend) * images.texture.fine)
+    c = c._replace(many=c.many or count * values * max(ROWS, math.pi * float(turns.max())) > MANY)
+    block = max(1, VALUES // (side * values))
+    parts = [np.arange(start, min(start + block, count)) for start in range(0, count, block)]
     return np.concatenate([_sharpened(images.at(part), c, level, whole) for part in parts])
 
 
@@ -514,7 +519,7 @@ def _powers(away: Array, terms: NDArray[np.intp]) -> Iterator[Array]:
         single.append(2 * away * single[-1] - single[-2])
     for term in terms:
         factors = [single[degree][axis] for axis, degree in enumerate(term) if degree]
-        yield functools.reduce(np.multiply, factors, np.ones(away.shape[1]))
+        yield functools.reduce(np.multiply, factors) if factors else np.ones(away.shape[1])
 
 
 @functools.lru_cache(maxsize=4096)
@@ -561,6 +566,22 @@ class _Spectra(NamedTuple):
     """Change of each wave with B, shape (N, W, S, S)."""
     power: Array
     """Power of the texture's waves, shape (N, W)."""
+    even: bool
+    """True where images are as before after half a turn: the light is real then, and its change imaginary."""
+
+    def images(self, passed: Array) -> tuple[Complex, Complex, Array]:
+        """Waves' images and their changes, each factor i left out, and how often each of their places counts.
+
+        Of even ones one half of the places: in the other the images are complex conjugates.
+        """
+        if not self.even:
+            return np.fft.ifft2(self.light * passed), np.fft.ifft2(self.turned * passed[:, 1:]), np.ones(())
+        side = self.light.shape[-1]
+        light, turned = (
+            np.fft.ifft(np.fft.rfft(part, norm="forward"), axis=-2)
+            for part in (self.light.real * passed, self.turned.imag * passed[:, 1:])
+        )
+        return light, turned, np.where(np.arange(side // 2 + 1) % (side // 2) > 0, 2.0, 1.0)
 
 
 def _spectra(images: _Images, waves: Spectrum, c: _Array, level: int, whole: bool) -> _Spectra:
@@ -570,29 +591,33 @@ def _spectra(images: _Images, waves: Spectrum, c: _Array, level: int, whole: boo
     fx, fy, bend = kx + x, ky + y, images.bend[:, None, None, None]
     form = _cut
     if whole:
-        form = _straight if not images.openings.first_is_disc else _whole if c.many or count >= MANY else _cut
+        form = _straight if not images.openings.first_is_disc else _whole if c.many else _cut
     light, along, across = form(images, fx - bend * kx, fy - bend * ky)
     per_wide = 2 * math.pi / images.wide[:, None, None, None]
     turned = per_wide * kx[:, 1:] * along[:, 1:] + per_wide * ky[:, 1:] * across[:, 1:]
-    return _Spectra(fx, fy, cell, light, turned, waves.power)
+    return _Spectra(fx, fy, cell, light, turned, waves.power, whole)
 
 
 def _information(images: _Images, c: _Array, spectra: _Spectra) -> Array:
     """Information of images in each of their noises, shape (N, M): one signal, weighed by each."""
-    fx, fy, cell, light, turned, power = spectra
-    side = light.shape[-1]
-    passed = _transfer(images, c, fx, fy) * (side * side / cell)
-    light, turned = np.fft.ifft2(light * passed), np.fft.ifft2(turned * passed[:, 1:])
-    count = len(images.pitch)
+    count, side = len(images.pitch), spectra.light.shape[-1]
+    passed = _transfer(images, c, spectra.fx, spectra.fy) * (side * side / spectra.cell)
+    light, turned, times = spectra.images(passed)
     dark, uneven, shot = (part[..., None] for part in (images.dark, images.uneven, images.shot))
     own_light = images.light[:, None] * np.maximum(light[:, 0].real, 0.0).reshape(count, -1)
     variance = shot * (own_light[:, None] * (1 + uneven * own_light[:, None]) + dark)
-    area = cell / side**2 * (images.pitch / images.pixel) ** 2
+    area = spectra.cell / side**2 * (images.pitch / images.pixel) ** 2
     weight = (images.light**2 * area)[:, None, None] / np.maximum(variance, 1e-300)
-    turned, light = (part.reshape(count, part.shape[1], -1).swapaxes(1, 2) for part in (turned, light[:, 1:]))
-    own, free = (weight @ (part.real**2 + part.imag**2) for part in (turned, light))
-    mixed = np.abs(weight @ (turned * light.conj())) ** 2
-    return np.asarray(((own - ratio(mixed, free)) * power[:, None]).sum(2))
+    weight *= np.broadcast_to(times, light.shape[-2:]).ravel()
+    weight = np.repeat(weight, 2, axis=-1).swapaxes(1, 2)  # of real and imaginary parts, side by side
+
+    def parts(values: Complex) -> Array:
+        return np.ascontiguousarray(values).view(float).reshape(count, values.shape[1], -1)
+
+    change, shown = parts(turned), parts(light[:, 1:])
+    own, free, mixed = (product @ weight for product in (change * change, shown * shown, change * shown))
+    mixed = mixed**2 if spectra.even else mixed**2 + (change * parts(1j * light[:, 1:]) @ weight) ** 2
+    return np.asarray(((own - ratio(mixed, free)) * spectra.power[..., None]).sum(1))
 
 
 def _orders(c: _Array, finest: float) -> tuple[Array, Array, float]:
@@ -612,14 +637,16 @@ def _whole(images: _Images, fx: Array, fy: Array) -> Spectra:
     """Fourier transforms of a whole disc and of its first moments along x and y [pitches]."""
     from scipy.special import j0, j1
 
-    radius, height = images.openings.radii[:, 0, None, None, None], np.hypot(fx, fy)
-    z = 2 * math.pi * height * radius
-    safe = np.where(z > 0, z, 1.0)
-    first = np.where(z > 0, j1(safe) / safe, 0.5)
-    # The moment is i/(2 pi) times the derivative; J_2(z)/z = 2 J_1(z)/z^2 - J_0(z)/z.
-    small = z / 8 * (1 - z**2 / 12 * (1 - z**2 / 32))
-    bent = np.where(z > 0.02, (2 * first - j0(safe)) / safe, small) / np.where(height > 0, height, 1.0)
-    moment = -2j * math.pi * radius**3 * bent
+    radius = images.openings.radii[:, 0, None, None, None]
+    z = 2 * math.pi * np.hypot(fx, fy) * radius
+    near = z <= 0.02
+    safe, square = np.where(near, 1.0, z), z[near] ** 2
+    first = j1(safe) / safe
+    # The moment is i/(2 pi) times the derivative; J_2(z)/z^2 = (2 J_1(z)/z - J_0(z))/z^2.
+    bent = (2 * first - j0(safe)) / np.square(safe)
+    first[near] = 1 / 2 - square / 16 * (1 - square / 24)
+    bent[near] = 1 / 8 - square / 96 * (1 - square / 32)
+    moment = -4j * math.pi**2 * radius**4 * bent
     return 2 * math.pi * radius**2 * first + 0j, moment * fx, moment * fy
 
 

@@ -112,12 +112,12 @@ class Quantity:
         """
         if self.of is None:
             raise ValueError(f"{self.name} belongs to a field; take it from MicrolensImages")
-        behind = np.asarray(np.less(0.0 if at is None or self.at == "never" else at, 0))
-        if np.all(behind):
+        behind = None if at is None or self.at == "never" else np.asarray(np.less(at, 0))
+        if behind is not None and behind.all():
             return np.full(np.broadcast_shapes(camera.shape, behind.shape), np.nan)
         values = self.of(camera, at)
         values = values if self.worst is None else self.worst(values)
-        return np.where(behind, np.nan, values) if np.any(behind) else values
+        return values if behind is None or not behind.any() else np.where(behind, np.nan, values)
 
     def at_fields(self, images: MicrolensImages) -> Number:
         """Its values at the fields of builds, shape (fields, builds).

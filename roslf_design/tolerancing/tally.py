@@ -206,7 +206,8 @@ def pack(tally: Tally, digest: str, index: int) -> bytes:
     counts = arrays.pop("counts")
     filled = np.flatnonzero(counts)
     sparse = {"filled": filled.astype(np.int32), "filled_counts": counts.ravel()[filled], "shape": counts.shape}
-    content = npz_bytes({**arrays, **{k: np.asarray(v) for k, v in sparse.items()}}, comment=SEAL * b"0")[:-SEAL]
+    arrays |= {k: np.asarray(v) for k, v in sparse.items()}
+    content = npz_bytes(arrays, SEAL * b"0", zipfile.ZIP_STORED)[:-SEAL]  # written and read once each
     return content + _seal(content, digest, index)
 
 
@@ -227,10 +228,10 @@ def unpack(content: bytes, digest: str, index: int) -> Tally:
     return Tally(trials=int(arrays.pop("trials")), counts=counts, **arrays)
 
 
-def npz_bytes(arrays: Mapping[str, NDArray[Any]], comment: bytes = b"") -> bytes:
+def npz_bytes(arrays: Mapping[str, NDArray[Any]], comment: bytes = b"", how: int = zipfile.ZIP_DEFLATED) -> bytes:
     """The bytes of an .npz file, which has no dates: the same for the same arrays; they end in the comment."""
     buffer = io.BytesIO()
-    with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+    with zipfile.ZipFile(buffer, "w", how, compresslevel=1) as archive:
         for name, array in arrays.items():
             with archive.open(f"{name}.npy", "w") as file:
                 np.lib.format.write_array(file, array, allow_pickle=False)
