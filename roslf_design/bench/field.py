@@ -126,7 +126,7 @@ class _Picture:
 
     @cached_property
     def _unshaded(self) -> Array:
-        """What shading leaves of the values."""
+        """Values less their shading."""
         return np.asarray(self.values - self._shade @ (self._shade.T @ self.values))
 
     @cached_property

@@ -298,7 +298,7 @@ def _aim_block(
 
 @kernel()
 def _room_to_aim(count: int) -> Any:
-    """What `_aim_block` works in, for so many surfaces."""
+    """Working arrays of `_aim_block`, for so many surfaces."""
     radii = np.empty(max(1, count) * BLOCK)
     one, two, three, four, five = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
     six, seven, eight, nine, ten = np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK), np.empty(BLOCK)
