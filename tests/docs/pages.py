@@ -16,8 +16,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "docs/_ext"))
 from page_blocks import Block, blocks, pictures, steps
 
 import roslf_design.optimization.solve  # noqa: F401
-from roslf_design.commands import terminal
 from roslf_design.cli import build_app, main
+from roslf_design.commands import terminal
 from studies.accuracy import promises
 from tests.reporting.made import few_builds
 
