@@ -2,6 +2,7 @@
 
 import csv
 import re
+import tomllib
 from html.parser import HTMLParser
 from pathlib import Path
 from xml.etree import ElementTree
@@ -11,15 +12,16 @@ import pytest
 from roslf_design import __version__
 from roslf_design.cli import main
 from roslf_design.commands import report as command
-from roslf_design.design import load
+from roslf_design.design import dumps, load, preset_names
+from roslf_design.design.files import WRITTEN
 from roslf_design.drawing import solid
 from roslf_design.errors import InputError
 from roslf_design.evaluation import evaluate
 from roslf_design.optimization.parts import Catalogue, load_catalogue
-from roslf_design.reporting.blocks import Figure, Report, Section, Table
+from roslf_design.reporting.blocks import Code, Figure, Report, Section, Table
 from roslf_design.reporting.design.compare import comparison_report
 from roslf_design.reporting.design.figures import _picture_sheet
-from roslf_design.reporting.design.pages import design_report
+from roslf_design.reporting.design.pages import design_report, making
 from roslf_design.reporting.design.parts_list import _catalogue_match, parts_section
 from roslf_design.reporting.printers import render_html
 from roslf_design.reporting.story import full_report
@@ -351,3 +353,10 @@ def test_windows_are_looked_for_in_the_catalogue():
     assert told(diameter=0.01) == ("to be made; the catalogue has nothing near", None)
     rows = parts_section(load("arthroscope")).blocks[0].rows
     assert any("window" in row[1] and row[3] != "to be made or bought" for row in rows)
+
+
+@pytest.mark.parametrize("name", preset_names())
+def test_the_design_s_file_on_the_page_is_the_design_and_has_short_lists_on_a_line(name):
+    (code,) = (block for block in making("", (), (), load(name)).blocks if isinstance(block, Code))
+    assert tomllib.loads(code.text) == tomllib.loads(dumps(load(name), WRITTEN))
+    assert not re.search(r"= \[\n +\"[^\n]{1,12}\",\n +\"[^\n]{1,12}\",\n\]", code.text)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -282,8 +283,18 @@ def making(command: str, seeds: tuple[str, ...], stamp: tuple[str, ...], design:
     if command:
         blocks.append(Code(command, "The command that makes this report again"))
     if design is not None:
-        blocks.append(Code(dumps(design, WRITTEN), "The design, as a file"))
+        blocks.append(Code(_short_lists(dumps(design, WRITTEN)), "The design, as a file"))
     return Section("How this report was made", tuple(blocks))
+
+
+def _short_lists(text: str) -> str:
+    """TOML with lists of a few values on one line each, as people write them."""
+
+    def joined(match: re.Match[str]) -> str:
+        line = f"[{' '.join(match[1].split())}".removesuffix(",") + "]"
+        return line if len(line) <= 80 else match[0]
+
+    return re.sub(r"\[\n((?: +[^\s\[\]{}][^\n\[\]{}]*,\n)+) *\]", joined, text)
 
 
 def _length(value: float) -> str:

@@ -1,0 +1,55 @@
+"""Every key of the JSON objects that `docs/reference/other-json.md` is about stands on that page."""
+
+import json
+import re
+
+import pytest
+
+from roslf_design.bench.acceptance import Acceptance, AcceptanceLine
+from roslf_design.bench.boards import NextPose
+from roslf_design.bench.captures import BoardPose
+from roslf_design.bench.check import BenchCheck, ImageCheck
+from roslf_design.cli import main
+
+POSE = BoardPose(file="board_01.tif", ahead=20.0, right=0.0, up=0.0, tilt=0.1, towards=0.0, turn=0.0)
+
+
+@pytest.fixture(scope="module")
+def sections(root):
+    text = (root / "docs/reference/other-json.md").read_text()
+    parts = re.split(r"(?m)^## .*\((roslf\.[a-z-]+/1|`roslf\.[a-z-]+/1`)\)$", text)
+    return {
+        schema.strip("`"): set(re.findall(r"`(\w+)`", body))
+        for schema, body in zip(parts[1::2], parts[2::2], strict=True)
+    }
+
+
+def assert_described(data, sections):
+    missing = set(data) - sections[data["schema"]] - {"schema"}
+    assert not missing
+
+
+def test_keys_of_plans(sections, capsys):
+    assert main(["calibrate", "--plan", "paper", "--at", "240mm", "--at", "600mm", "--json"]) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert_described(data, sections)
+    assert set(data["cover"]) <= sections[data["schema"]]
+
+
+def test_keys_of_tolerance_studies(sections, tmp_path, capsys):
+    study = 'name = "s"\ndesign = "paper"\ngrade = "high"\ntrials = 64\n[[goals]]\nmetric = "fill_factor"\nmax = 1.1\n'
+    (tmp_path / "study.toml").write_text(study)
+    assert main(["tolerance", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out")]) == 0
+    capsys.readouterr()
+    assert_described(json.loads((tmp_path / "out/results.json").read_text()), sections)
+
+
+def test_keys_of_benches(sections):
+    image = ImageCheck("board_01.tif", "board", pose=POSE)
+    check = BenchCheck((image,), {"H": 0.1}, 0.06, NextPose(POSE, {"H": 0.05})).to_dict()
+    assert_described(check, sections)
+    assert set(check["images"][0]) <= sections[check["schema"]]
+    line = AcceptanceLine("Depth", "flatness", "mm", 0.1, 0.02)
+    result = Acceptance("paper", (line,), (), ()).to_dict()
+    assert_described(result, sections)
+    assert set(result["lines"][0]) <= sections[result["schema"]]
