@@ -421,7 +421,7 @@ class _AllViews:
         peak = ndimage.maximum_filter(picture, 5) if math.isfinite(noise.saturation) else picture
         with THREADS:
             common.compiled(
-                self.splines, self.cells, views.pupil, views.aside, chosen, disparity, picture, peak,
+                self.splines, self.cells, views.pupil, views.aside, views.still, chosen, disparity, picture, peak,
                 views.steps, noise.electrons, noise.read_noise, noise.brightest,
                 _ROBUST if robust else math.inf, sums,
             )  # fmt: skip
@@ -513,6 +513,11 @@ class _Views:
     @property
     def shape(self) -> tuple[int, int]:
         return self.values.shape[1], self.values.shape[2]
+
+    @property
+    def still(self) -> bool:
+        """True where each view looks from one place and to one side all over."""
+        return not any((*self.pupil.strides[2:], *self.aside.strides[2:]))
 
     def some(self, chosen: Flags) -> _Views:
         """Some of the views."""

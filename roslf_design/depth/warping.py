@@ -454,7 +454,9 @@ def _row(line: Samples, i: int, taps: Taps) -> float32:
 
 
 @kernel()
-def _interpolate(spline: Samples, light: Lines, left: Whole, above: Whole, f: Samples, g: Samples, out: Lines) -> None:
+def _interpolate(
+    spline: Samples, light: Samples, left: Whole, above: Whole, f: Samples, g: Samples, out: Samples
+) -> None:
     """A view at places f and g of a step beyond samples (left, above), wherever there is light."""
     end = 0
     while end < light.size:
@@ -479,19 +481,73 @@ def _interpolate(spline: Samples, light: Lines, left: Whole, above: Whole, f: Sa
             )  # fmt: skip
 
 
+@kernel()
+def _split(disparity: Samples, slope: float32, aside: float32, whole: Whole, part: Samples) -> None:
+    """Split what each disparity moves by, in samples, into whole ones and the part of one beyond them."""
+    one, zero = float32(1), float32(0)
+    for i in range(disparity.size):
+        moved = disparity[i] * slope + aside
+        down = int(moved)
+        rest = moved - float32(down)
+        whole[i] = down - 1 if rest < zero else down
+        part[i] = rest + one if rest < zero else rest
+
+
+@kernel()
+def _weigh(
+    light: Samples, expected: Samples, variance: float32, robust: float32, value: Samples, weight: Samples
+) -> None:
+    """Make values differences from what is expected, and tell their weights; see `common`."""
+    one = float32(1)
+    for i in range(value.size):
+        value[i] -= expected[i]
+    for i in range(value.size):
+        weight[i] = light[i] * light[i] / max(light[i] * expected[i] + variance, one)
+    if robust < math.inf:
+        for i in range(value.size):
+            weight[i] *= robust / max(abs(value[i]) * math.sqrt(weight[i]), robust)
+
+
+@kernel()
+def _add_moments(
+    light: Samples, weight: Samples, pupils: Samples, value: Samples, f: Samples, g: Samples, sums: Samples,
+    part: Samples,
+) -> None:  # fmt: skip
+    """Add a view's moments of 1, pupil coordinates and value, freedom and count to sums; `part` is room for a row."""
+    n, count = 0, weight.size
+    for first in range(4):
+        here = pupils[first] if first < 3 else value
+        for i in range(count):
+            part[i] = weight[i] * here[i]
+        for second in range(first, 4):
+            total, there = sums[n], pupils[second] if second < 3 else value
+            for i in range(count):
+                total[i] += part[i] * there[i]
+            n += 1
+    free, some, one, four, loss = sums[10], sums[11], float32(1), float32(4), float32(_SPLINE_LOSS)
+    for i in range(count):
+        lost, less = four * f[i] * (one - f[i]), four * g[i] * (one - g[i])
+        kept = (one - loss * lost * lost) * (one - loss * less * less)
+        free[i] += kept if light[i] > float32(0) else float32(0)
+    for i in range(count):
+        some[i] += one if light[i] > float32(0) else float32(0)
+
+
 @kernel(parallel=True)
 def common(
-    splines: Samples, cells: Samples, pupil: Floats, aside: Floats, chosen: Whole, disparity: Floats, picture: Floats,
-    peak: Floats, steps: tuple[float, float], electrons: float, read: float, brightest: float, robust: float,
-    out: Floats,
+    splines: Samples, cells: Samples, pupil: Floats, aside: Floats, still: bool, chosen: Whole, disparity: Floats,
+    picture: Floats, peak: Floats, steps: tuple[float, float], electrons: float, read: float, brightest: float,
+    robust: float, out: Floats,
 ) -> None:  # fmt: skip
     """Moments of chosen views about each microlens of `picture`, warped back by `disparity` and `aside`; see `SUMS`.
 
     Weights are the inverse variance that `picture`, not the noisy sample, predicts; beyond `robust` standard errors
     from it they fall as Huber's. Where `peak`, the brightest about a microlens, makes more than `brightest` electrons,
-    nothing is used: what by chance did not saturate would be dark by selection.
+    nothing is used: what by chance did not saturate would be dark by selection. `still`: each view looks from one
+    place and to one side all over.
     """
     rows, columns = disparity.shape
+    one, zero = float32(1), float32(0)
     for v in prange(rows):
         at, some = np.empty(columns, np.int64), 0
         for u in range(columns):
@@ -500,55 +556,65 @@ def common(
             if not math.isnan(disparity[v, u]):
                 at[some] = u
                 some += 1
-        sums, ends = np.zeros((SUMS, some)), np.zeros((2, some), np.int64)
-        light, weight, f, g = np.empty(some), np.empty(some), np.zeros(some, float32), np.zeros(some, float32)
-        terms, expected = np.ones((4, some)), np.empty(some)  # 1, pupil coordinates, value
+        # Each of its own: the compiler makes vectors only of what cannot overlap.
+        sums, left, above = np.zeros((SUMS, some), float32), np.zeros(some, np.int64), np.zeros(some, np.int64)
+        light, weight, f, g = (
+            np.empty(some, float32),
+            np.empty(some, float32),
+            np.empty(some, float32),
+            np.empty(some, float32),
+        )
+        expected, moves, part, value = (
+            np.empty(some, float32),
+            np.empty(some, float32),
+            np.empty(some, float32),
+            np.zeros(some, float32),
+        )
+        pupils = np.ones((3, some), float32)
         for i in range(some):
-            expected[i] = picture[v, at[i]]
+            expected[i], moves[i] = picture[v, at[i]], disparity[v, at[i]]
         for k in chosen:
+            if still:
+                along, over = pupil[0, k, v, 0], pupil[1, k, v, 0]
+                _split(moves, float32(along / steps[0]), float32(aside[0, k, v, 0] / steps[0]), left, f)
+                _split(moves, float32(over / steps[1]), float32(aside[1, k, v, 0] / steps[1]), above, g)
+                pupils[1], pupils[2] = float32(along), float32(over)
             for i in range(some):
                 u = at[i]
-                light[i] = 0.0
-                along, over = pupil[0, k, v, u], pupil[1, k, v, u]
-                x = u + (disparity[v, u] * along + aside[0, k, v, u]) / steps[0]
-                y = v + (disparity[v, u] * over + aside[1, k, v, u]) / steps[1]
-                if not (x >= 0 and y >= 0 and x <= columns - 1 and y <= rows - 1):
-                    continue
-                # The pupil coordinate is that of the microlens whose light this is, not of the one it is warped to.
-                there, below = int(x + 0.5), int(y + 0.5)
-                near, lower = pupil[0, k, below, there], pupil[1, k, below, there]
-                if near != along or lower != over:
-                    along, over = near, lower
+                light[i] = zero
+                if still:
+                    a, b = u + left[i], v + above[i]
+                    if a == columns - 1 and f[i] == zero:
+                        a, f[i] = a - 1, one
+                    if b == rows - 1 and g[i] == zero:
+                        b, g[i] = b - 1, one
+                    if a < 0 or b < 0 or a > columns - 2 or b > rows - 2:
+                        continue
+                    left[i], above[i] = a, b
+                else:
+                    along, over = pupil[0, k, v, u], pupil[1, k, v, u]
                     x = u + (disparity[v, u] * along + aside[0, k, v, u]) / steps[0]
                     y = v + (disparity[v, u] * over + aside[1, k, v, u]) / steps[1]
                     if not (x >= 0 and y >= 0 and x <= columns - 1 and y <= rows - 1):
                         continue
-                a, b = min(int(x), columns - 2), min(int(y), rows - 2)
+                    # The pupil coordinate is that of the microlens whose light this is, not of the one it is warped to.
+                    there, below = int(x + 0.5), int(y + 0.5)
+                    near, lower = pupil[0, k, below, there], pupil[1, k, below, there]
+                    if near != along or lower != over:
+                        along, over = near, lower
+                        x = u + (disparity[v, u] * along + aside[0, k, v, u]) / steps[0]
+                        y = v + (disparity[v, u] * over + aside[1, k, v, u]) / steps[1]
+                        if not (x >= 0 and y >= 0 and x <= columns - 1 and y <= rows - 1):
+                            continue
+                    a, b = min(int(x), columns - 2), min(int(y), rows - 2)
+                    left[i], above[i], f[i], g[i] = a, b, x - a, y - b
+                    pupils[1, i], pupils[2, i] = along, over
                 charge = electrons * cells[k, b, a]
                 if charge > 0 and charge * peak[v, u] < brightest:
-                    light[i], ends[0, i], ends[1, i], f[i], g[i] = charge, a, b, x - a, y - b
-                    terms[1, i], terms[2, i] = along, over
-            _interpolate(splines[k], light, ends[0], ends[1], f, g, terms[3])
-            value = terms[3]
-            for i in range(some):
-                value[i] -= expected[i]
-            for i in range(some):
-                weight[i] = light[i] * light[i] / max(light[i] * expected[i] + read * read, 1.0)
-            if robust < math.inf:
-                for i in range(some):
-                    weight[i] *= robust / max(abs(value[i]) * math.sqrt(weight[i]), robust)
-            n = 0
-            for one in range(4):
-                for other in range(one, 4):
-                    total, here, there = sums[n], terms[one], terms[other]
-                    for i in range(some):
-                        total[i] += weight[i] * here[i] * there[i]
-                    n += 1
-            for i in range(some):
-                if light[i] > 0:
-                    loss, lost = 4 * f[i] * (1 - f[i]), 4 * g[i] * (1 - g[i])
-                    sums[10, i] += (1 - _SPLINE_LOSS * loss * loss) * (1 - _SPLINE_LOSS * lost * lost)
-                    sums[11, i] += 1.0
+                    light[i] = charge
+            _interpolate(splines[k], light, left, above, f, g, value)
+            _weigh(light, expected, float32(read * read), float32(robust), value, weight)
+            _add_moments(light, weight, pupils, value, f, g, sums, part)
         for i in range(some):
             u, total = at[i], sums[0, i]
             if total > 0:
@@ -563,5 +629,5 @@ def common(
                 out[7, v, u] = sums[6, i] - sums[3, i] * x
                 out[8, v, u] = sums[8, i] - sums[3, i] * y
                 out[9, v, u] = max(sums[9, i] - sums[3, i] * mean, 0.0)
-                out[10, v, u] = sums[10, i] * (1.0 - 1.0 / sums[11, i])
+                out[10, v, u] = sums[10, i] * (one - one / sums[11, i])
                 out[11, v, u] = sums[11, i]
