@@ -438,7 +438,7 @@ class _AllViews:
         slope_u, slope_v, known = look.gradient
         every = -(-(np.ptp(self.views.grid, axis=0) + 1) // SOME_VIEWS)
         square, information = np.zeros((2, len(windows), *self.views.shape))
-        sums = np.empty((SUMS, *self.views.shape))
+        sums = np.empty((4, *self.views.shape))
         for k in np.flatnonzero((self.views.grid % every == every // 2).all(axis=1)):
             self._sum(np.array([k]), look.disparity, look.picture, True, sums)
             moved = slope_u * (sums[2] - look.sums[2]) + slope_v * (sums[3] - look.sums[3])

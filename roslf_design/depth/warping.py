@@ -582,7 +582,7 @@ def common(
     """Moments of chosen views about each microlens of `picture`, warped back by `disparity` and `aside`; see `SUMS`.
 
     Weights are the inverse variance that `picture`, not the noisy sample, predicts; beyond `robust` standard errors
-    from it they fall as Huber's. Where `peak`, the brightest about a microlens, makes more than `brightest` electrons,
+    from it they fall as Huber's. `out` may have the first of the maps only. Where `peak`, the brightest about a microlens, makes more than `brightest` electrons,
     nothing is used: what by chance did not saturate would be dark by selection. `still`: each view looks from one
     place and to one side all over.
     """
@@ -666,7 +666,7 @@ def common(
                 sums[0, i], sums[1, i], sums[2, i], sums[3, i] = mean + expected[i], total, x, y
             else:
                 sums[:, i] = zero
-        for a in range(SUMS):
+        for a in range(out.shape[0]):
             here, there = out[a, v], sums[a]
             here[:] = 0.0
             for i in range(some):
