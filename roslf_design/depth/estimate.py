@@ -43,7 +43,7 @@ _CLIPPED_SAMPLES = 0.1
 selection."""
 SOME_VIEWS = 5
 """Views along each axis, about, whose pull on windows' disparities tells their variance."""
-ROUGH = 1
+ROUGH = 2
 """Corrections that tell noise well enough: after one, what is left of movement still counts as noise."""
 MANY_PIXELS = 192
 """Pixels of views along each side from which they are searched by half as many first."""
@@ -326,7 +326,7 @@ def estimate_disparity(
     disparity, picture = first.disparity, first.picture
     bound = (low - first.step, high + first.step)
     seen: tuple[bool, bool, SharedLight] | None = None
-    passes = passes if fresh else min(passes, 2 if coarse else 3)
+    passes = passes if fresh else min(passes, 3)
     for count in range(passes):
         progress((1 + count / passes) / 3)
         # Half of many views suffices to come near. What has settled is not looked at again.
