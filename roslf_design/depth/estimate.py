@@ -322,7 +322,7 @@ def estimate_disparity(
     if not passes:
         return replace(_unlit(views, window, (low, high)), outside=first.outside, begun=first)
     fresh, most = not first.corrected, len(views.grid) >= _MANY
-    other = views.sparse if coarse else views.grid.sum(axis=1) % 2 == 0
+    other = views.grid.sum(axis=1) % 2 == 0
     disparity, picture = first.disparity, first.picture
     bound = (low - first.step, high + first.step)
     seen: tuple[bool, bool, SharedLight] | None = None

@@ -205,8 +205,8 @@ def gather_zones(
 
 
 @kernel()
-def _add(values: NDArray[np.floating], times: float, to: NDArray[np.floating]) -> None:
-    """Add a row's values; of a kernel's own, which the compiler makes vectors of."""
+def _add(values: NDArray[np.floating], times: float | float32, to: NDArray[np.floating]) -> None:
+    """Add so many times a row's values: a kernel of its own, of which the compiler makes vectors."""
     for u in range(to.size):
         to[u] += times * values[u]
 
@@ -233,16 +233,19 @@ def window_sums(values: NDArray[np.floating], window: int, out: NDArray[np.float
 
 @kernel()
 def _zeros(count: int) -> Samples:
+    """Room for a row."""
     return np.zeros(count, float32)
 
 
 @kernel()
 def _room(count: int) -> Sums:
+    """Room for sums over zones of a row."""
     return _zeros(count), _zeros(count), _zeros(count), _zeros(count), _zeros(count), _zeros(count)
 
 
 @kernel()
 def _clear(sums: Sums, start: int, stop: int) -> None:
+    """Make columns `start` to `stop` of sums 0."""
     for each in sums:
         for u in range(start, stop):
             each[u] = float32(0)
@@ -342,16 +345,15 @@ def spread_of_zones(
     count, _, rows, columns = zones.shape
     for v in prange(rows):
         whole, sums = np.ones(count), _room(columns)
-        total, moment, square, free, some, _ = sums
+        total, moment = sums[:2]
         _whole(zones, v, whole)
         for c in range(candidates.size):
             _clear(sums, 0, columns)
             _add_zones(zones, cells, picture[v], candidates[c], steps, whole, v, 0, columns, sums)
+            _spread(sums, 0, columns, squares[c, v], freedom[c, v])
             for u in range(columns):
                 if total[u] > 0:
                     mean[c, v, u] = picture[v, u] + moment[u] / total[u]
-                    squares[c, v, u] = max(square[u] - moment[u] * moment[u] / total[u], 0.0)
-                    freedom[c, v, u] = free[u] * (1.0 - 1.0 / some[u])
 
 
 @kernel(inline=True)
@@ -379,10 +381,8 @@ def best_of_zones(
         top, bottom = band * _BAND, min((band + 1) * _BAND, rows)
         first, last = max(top - reach, 0), min(bottom + reach, rows)
         high = bottom - top
-        sums = _room(columns)
-        whole, wider = np.ones((last - first, count)), columns + 2 * reach
-        squares, freedom = _zeros((last - first) * columns), _zeros((last - first) * columns)
-        squares, freedom = squares.reshape(last - first, columns), freedom.reshape(last - first, columns)
+        whole, sums, wider = np.ones((last - first, count)), _room(columns), columns + 2 * reach
+        squares, freedom = np.zeros((last - first, columns), float32), np.zeros((last - first, columns), float32)
         down, below, cost, over = _zeros(wider), _zeros(wider), _zeros(wider), _zeros(wider)
         costs = np.full((high, candidates.size, columns), float32(math.inf))
         enough = np.zeros((high, columns), float32)
@@ -582,9 +582,9 @@ def common(
     """Moments of chosen views about each microlens of `picture`, warped back by `disparity` and `aside`; see `SUMS`.
 
     Weights are the inverse variance that `picture`, not the noisy sample, predicts; beyond `robust` standard errors
-    from it they fall as Huber's. `out` may have the first of the maps only. Where `peak`, the brightest about a microlens, makes more than `brightest` electrons,
+    from it they fall as Huber's. Where `peak`, the brightest about a microlens, makes more than `brightest` electrons,
     nothing is used: what by chance did not saturate would be dark by selection. `still`: each view looks from one
-    place and to one side all over.
+    place and to one side all over. `out` may have the first of the maps alone.
     """
     rows, columns = disparity.shape
     one, zero = float32(1), float32(0)
@@ -594,21 +594,11 @@ def common(
             if not math.isnan(disparity[v, u]):
                 at[some] = u
                 some += 1
-        # Each of its own: the compiler makes vectors only of what cannot overlap.
-        sums, left, above = np.zeros((SUMS, some), float32), np.zeros(some, np.int64), np.zeros(some, np.int64)
-        light, weight, f, g = (
-            np.empty(some, float32),
-            np.empty(some, float32),
-            np.empty(some, float32),
-            np.empty(some, float32),
-        )
-        expected, moves, part, value = (
-            np.empty(some, float32),
-            np.empty(some, float32),
-            np.empty(some, float32),
-            np.zeros(some, float32),
-        )
-        pupils = np.ones((3, some), float32)
+        # Each of its own: of what might overlap the compiler makes no vectors.
+        sums, pupils = np.zeros((SUMS, some), float32), np.ones((3, some), float32)
+        left, above = np.zeros(some, np.int64), np.zeros(some, np.int64)
+        light, weight, f, g = _zeros(some), _zeros(some), _zeros(some), _zeros(some)
+        expected, moves, part, value = _zeros(some), _zeros(some), _zeros(some), _zeros(some)
         for i in range(some):
             expected[i], moves[i] = picture[v, at[i]], disparity[v, at[i]]
         for k in chosen:

@@ -205,8 +205,8 @@ def _fit_windows(
     for v in prange(rows):
         for u in range(columns):
             if not some[v, u]:
-                for a in range(11):
-                    fit[a, v, u] = math.inf if a == 1 else 0.0
+                for k in range(11):
+                    fit[k, v, u] = math.inf if k == 1 else 0.0
                 continue
             sharp, information, free = near[0, v, u], near[9, v, u], near[16, v, u]
             enough = sharp > max(0.05 * information, 1e-9) and near[17, v, u] > quorum
