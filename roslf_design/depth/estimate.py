@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from enum import IntEnum
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -316,12 +317,11 @@ def estimate_disparity(
         return _unlit(views, window, (low, high))
     # Noise that only views tell is that of views with many pixels, which may be searched by fewer.
     coarse = (noise.measured or passes <= ROUGH) and min(views.shape) >= MANY_PIXELS
-    first = _searched(views, noise, low, high, window, coarse) if begun is None else begun
+    every = _AllViews(views, noise, field)
+    first = replace(_searched(views, noise, low, high, window, coarse) if begun is None else begun, every=every)
     if not passes:
         return replace(_unlit(views, window, (low, high)), outside=first.outside, begun=first)
-    fresh = begun is None or every is None
-    every = replace(every, noise=noise) if every is not None and ready else _AllViews.of(views, noise, field)
-    most = len(views.grid) >= _MANY
+    fresh, most = not first.corrected, len(views.grid) >= _MANY
     other = views.grid.sum(axis=1) % 2 == 0
     disparity, picture = first.disparity, first.picture
     bound = (low - first.step, high + first.step)
@@ -343,7 +343,7 @@ def estimate_disparity(
     judged = _judged(
         fit, look, views, noise, first.alike(noise), window, (low, high), largest_sigma, largest_chi2, alike
     )
-    judged = replace(judged, begun=replace(first, disparity=disparity, picture=picture, every=every))
+    judged = replace(judged, begun=replace(first, disparity=disparity, picture=picture, corrected=True))
     pooled = None
     if pulled is not None:
         judged, pooled = _with_errors_of_views(judged, pulled, fit.chi2)
@@ -361,7 +361,7 @@ def _with_edges(
 ) -> DisparityMap:  # fmt: skip
     """Disparities with those of smaller windows and of quarters of the views, where they are `wanted`."""
     views, noise, (low, high) = every.views, every.noise, judged.search
-    some = (views.grid % 2 == 0).all(axis=1) if len(views.grid) >= _MANY else np.ones(len(views.grid), np.bool_)
+    some = views.sparse if len(views.grid) >= _MANY else np.ones(len(views.grid), np.bool_)
     left, above = ((side <= 0, side > 0) for side in views.pupil.mean(axis=(2, 3)))
     # Beside edges is what is seen beside them.
     least, largest = (
@@ -393,14 +393,8 @@ class _AllViews:
 
     views: _Views
     noise: PixelNoise
-    splines: Pictures
-    cells: Pictures
     field: LightField
     """Light field that they are of."""
-
-    @classmethod
-    def of(cls, views: _Views, noise: PixelNoise, field: LightField) -> _AllViews:
-        return cls(views, noise, *views.splines(), field)
 
     def look(
         self, some: Flags | None, disparity: Array, picture: Array, robust: bool = True, kept: SharedLight | None = None
@@ -410,25 +404,30 @@ class _AllViews:
         `picture` is what they are expected to show. Where the disparity is not a number nothing is compared, and where
         it is nearly that of another look at the same views, `kept`, its sums stay.
         """
-        from scipy import ndimage
-
-        views, noise = self.views, self.noise
+        views = self.views
         chosen = np.arange(len(views.grid)) if some is None else np.flatnonzero(some)
-        sums = np.zeros((SUMS, *views.shape))
+        sums = np.empty((SUMS, *views.shape))
         if kept is not None:
             stays = np.abs(disparity - kept.disparity) <= _SAME
             disparity = np.where(stays, np.nan, disparity)
-        peak = ndimage.maximum_filter(picture, 5) if math.isfinite(noise.saturation) else picture
-        with THREADS:
-            common.compiled(
-                self.splines, self.cells, views.pupil, views.aside, chosen, disparity, picture, peak,
-                views.steps, noise.electrons, noise.read_noise, noise.brightest,
-                _ROBUST if robust else math.inf, sums,
-            )  # fmt: skip
+        self._sum(chosen, disparity, picture, robust, sums)
         where = np.where(np.isnan(disparity), 0.0, disparity)
         if kept is not None:
             sums, where = np.where(stays, kept.sums, sums), np.where(stays, kept.disparity, where)
         return SharedLight(sums, np.where(sums[11] > 0, sums[0], picture), where, views.steps, views.density)
+
+    def _sum(self, chosen: NDArray[np.int64], disparity: Array, picture: Array, robust: bool, sums: Array) -> None:
+        """Sums of chosen views along a disparity, as `common` makes them."""
+        from scipy import ndimage
+
+        views, noise = self.views, self.noise
+        peak = ndimage.maximum_filter(picture, 5) if math.isfinite(noise.saturation) else picture
+        splines, cells = views.splines
+        with THREADS:
+            common.compiled(
+                splines, cells, views.pupil, views.aside, views.still, chosen, disparity, picture, peak, views.steps,
+                noise.electrons, noise.read_noise, noise.brightest, _ROBUST if robust else math.inf, sums,
+            )  # fmt: skip
 
     def pulled(self, look: SharedLight, windows: Sequence[int]) -> Array:
         """Variance of disparities of windows by how each view pulls them, over that by the noise believed of samples.
@@ -439,8 +438,9 @@ class _AllViews:
         slope_u, slope_v, known = look.gradient
         every = -(-(np.ptp(self.views.grid, axis=0) + 1) // SOME_VIEWS)
         square, information = np.zeros((2, len(windows), *self.views.shape))
+        sums = np.empty((4, *self.views.shape))
         for k in np.flatnonzero((self.views.grid % every == every // 2).all(axis=1)):
-            sums = self.look(np.arange(len(self.views.grid)) == k, look.disparity, look.picture).sums
+            self._sum(np.array([k]), look.disparity, look.picture, True, sums)
             moved = slope_u * (sums[2] - look.sums[2]) + slope_v * (sums[3] - look.sums[3])
             weight = np.where(known, sums[1] * moved, 0.0)
             pull = weight * (sums[0] - look.picture)
@@ -514,6 +514,11 @@ class _Views:
     def shape(self) -> tuple[int, int]:
         return self.values.shape[1], self.values.shape[2]
 
+    @property
+    def still(self) -> bool:
+        """True where each view looks from one place and to one side all over."""
+        return not any((*self.pupil.strides[2:], *self.aside.strides[2:]))
+
     def some(self, chosen: Flags) -> _Views:
         """Some of the views."""
         light, full = self.light[chosen], self.full[chosen]
@@ -536,6 +541,12 @@ class _Views:
             steps=(2 * self.steps[0], 2 * self.steps[1]),
         )  # fmt: skip
 
+    @property
+    def sparse(self) -> Flags:
+        """True of every other one along both axes, which are a quarter of all."""
+        return np.asarray((self.grid % 2 == 0).all(axis=1))
+
+    @cached_property
     def splines(self) -> tuple[Pictures, Pictures]:
         """Spline coefficients and light of the cells between samples."""
         views = self.values.copy()
@@ -593,6 +604,8 @@ class Start:
     noise: PixelNoise
     """Noise that chi-square is for."""
     every: _AllViews | None = None
+    corrected: bool = False
+    """Whether by corrections too."""
     outside: tuple[float, float] = (0.0, 0.0)
     """Shares of the microlenses that are clearly sharpest beyond either end of the search."""
 
@@ -621,7 +634,7 @@ class _Zones(NamedTuple):
             largest += 2 * float(np.abs(views.aside).max())
         zone, count = views.zones(largest)
         if count == len(views.grid) >= _MANY:
-            views = views.some((views.grid % 2 == 0).all(axis=1))
+            views = views.some(views.sparse)
             zone, count = np.arange(len(views.grid)), len(views.grid)
         if coarse:
             views = views.halved()

@@ -55,7 +55,7 @@ class _Offered:
         own_limit = np.maximum(AT_ODDS, chance(look.sums[10]))
         raw, moment = (np.where(look.gradient[2], part, 0) for part in look.moments)
         for number, window in enumerate(SIZES):
-            fit = WindowFit.of(look, window, alone=True)
+            fit = WindowFit.of(look, window, ndimage.binary_dilation(wanted, np.ones((window, window), np.bool_)))
             widened, misfit = _PICKED * fit.widened(alike[number] if alike else None), fit.misfit(AT_ODDS)
             with THREADS:
                 _take_best.compiled(

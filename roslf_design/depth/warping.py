@@ -15,6 +15,9 @@ Samples = NDArray[np.float32]
 Lines = NDArray[np.float64]
 Whole = NDArray[np.int64]
 Flags = NDArray[np.bool_]
+Sums = tuple[Samples, Samples, Samples, Samples, Samples, Samples]
+"""Sums of weights, with values and their squares, freedom, count, and room: arrays of their own, as of rows of one,
+which might overlap, the compiler makes no vectors."""
 Taps = tuple[float32, float32, float32, float32, float32, float32, float32, float32]
 
 SUMS = 12
@@ -159,8 +162,11 @@ def light_of_cells(light: Samples) -> Samples:
 
     The outermost of the 8 x 8 that are interpolated from weigh 2e-4 at most.
     """
+    dimmest = light.min()
+    if dimmest == light.max():
+        return np.full_like(light[:, 1:, 1:], dimmest)
     mean = float32(0.25) * (light[:, :-1, :-1] + light[:, :-1, 1:] + light[:, 1:, :-1] + light[:, 1:, 1:])
-    if (light > 0).all():
+    if dimmest > 0:
         return np.asarray(mean)
     lit = np.pad(light > 0, ((0, 0), (2, 2), (2, 2)), constant_values=True)
     rows, columns = mean.shape[1:]
@@ -199,46 +205,75 @@ def gather_zones(
 
 
 @kernel()
+def _add(values: NDArray[np.floating], times: float | float32, to: NDArray[np.floating]) -> None:
+    """Add so many times a row's values: a kernel of its own, of which the compiler makes vectors."""
+    for u in range(to.size):
+        to[u] += times * values[u]
+
+
+@kernel()
 def window_sums(values: NDArray[np.floating], window: int, out: NDArray[np.floating]) -> None:
     """Sums over the window about each place of pictures, as far as it lies in them; shape (picture, v, u)."""
     count, rows, columns = values.shape
-    # In slices, which the compiler makes vectors of.
     reach, down, total = window // 2, np.zeros(columns + window), np.zeros(columns)
     inner = down[reach : reach + columns]
     for k in range(count):
         inner[:] = 0.0
         for v in range(-reach, rows):
             if v + reach < rows:
-                inner += values[k, v + reach]
+                _add(values[k, v + reach], 1.0, inner)
             if v > reach:
-                inner -= values[k, v - reach - 1]
+                _add(values[k, v - reach - 1], -1.0, inner)
             if v >= 0:
-                total[:] = down[:columns]
-                for a in range(1, window):
-                    total += down[a : a + columns]
+                total[:] = 0.0
+                for a in range(window):
+                    _add(down[a:], 1.0, total)
                 out[k, v] = total
 
 
-@kernel(inline=True)
+@kernel()
+def _zeros(count: int) -> Samples:
+    """Room for a row."""
+    return np.zeros(count, float32)
+
+
+@kernel()
+def _room(count: int) -> Sums:
+    """Room for sums over zones of a row."""
+    return _zeros(count), _zeros(count), _zeros(count), _zeros(count), _zeros(count), _zeros(count)
+
+
+@kernel()
+def _clear(sums: Sums, start: int, stop: int) -> None:
+    """Make columns `start` to `stop` of sums 0."""
+    for each in sums:
+        for u in range(start, stop):
+            each[u] = float32(0)
+
+
+@kernel()
 def _add_zone(
     values: Samples, cells: Samples, expected: Samples, left: int, f: float32, g: float32, u: int, end: int,
-    sums: Samples,
+    sums: Sums,
 ) -> None:  # fmt: skip
     """Add two rows of a zone, bilinear f and g of a sample beyond those `left` aside, to columns of a row's sums."""
-    one, two = float32(1), float32(2)
+    one, two, zero = float32(1), float32(2), float32(0)
     e, h = one - f, one - g
     kept = (one - two * f * e) * (one - two * g * h)
     here, wide = slice(u, end), slice(u + left, end + left + 1)
     above, below, light, mean = values[0, wide], values[1, wide], cells[wide], expected[here]
-    total, moment, square, free, count = sums[0, here], sums[1, here], sums[2, here], sums[3, here], sums[4, here]
+    total, moment, square = sums[0][here], sums[1][here], sums[2][here]
+    free, count, value = sums[3][here], sums[4][here], sums[5][here]
     for i in range(end - u):
-        value = h * (e * above[i] + f * above[i + 1]) + g * (e * below[i] + f * below[i + 1]) - mean[i]
-        lit = one if light[i] > 0 else float32(0)
+        value[i] = h * (e * above[i] + f * above[i + 1]) + g * (e * below[i] + f * below[i + 1]) - mean[i]
+    for i in range(end - u):
         total[i] += light[i]
-        moment[i] += light[i] * value
-        square[i] += light[i] * value * value
-        free[i] += kept * lit
-        count[i] += lit
+        moment[i] += light[i] * value[i]
+    for i in range(end - u):
+        square[i] += light[i] * value[i] * value[i]
+    for i in range(end - u):
+        free[i] += kept if light[i] > zero else zero
+        count[i] += one if light[i] > zero else zero
 
 
 @kernel(inline=True)
@@ -255,7 +290,7 @@ def _whole(zones: Samples, v: int, whole: Floats) -> None:
 @kernel(inline=True)
 def _add_zones(
     zones: Samples, cells: Samples, expected: Samples, disparity: float, steps: tuple[float, float], whole: Floats,
-    v: int, start: int, stop: int, sums: Samples,
+    v: int, start: int, stop: int, sums: Sums,
 ) -> None:  # fmt: skip
     """Add all zones, moved by a disparity, to columns `start` to `stop` of a row's sums."""
     rows, columns = zones.shape[2:]
@@ -278,6 +313,25 @@ def _add_zones(
             )  # fmt: skip
 
 
+@kernel()
+def _spread(sums: Sums, start: int, stop: int, squares: Samples, freedom: Samples) -> None:
+    """Chi-square and freedom of sums over zones, at columns `start` to `stop` of a row."""
+    total, moment, square, free, count, _ = sums
+    one, zero = float32(1), float32(0)
+    for u in range(start, stop):
+        weight = total[u] if total[u] > zero else one
+        squares[u] = max(square[u] - moment[u] * moment[u] / weight, zero)
+    for u in range(start, stop):
+        freedom[u] = free[u] * (one - one / max(count[u], one))
+
+
+@kernel()
+def _divide(cost: Samples, over: Samples, enough: Samples, out: Samples) -> None:
+    """Chi-square over its freedom, infinite where that is not enough to judge by."""
+    for u in range(out.size):
+        out[u] = cost[u] / max(over[u], enough[u]) if over[u] >= enough[u] else float32(math.inf)
+
+
 @kernel(parallel=True)
 def spread_of_zones(
     zones: Samples, cells: Samples, picture: Samples, candidates: Lines, steps: tuple[float, float], squares: Samples,
@@ -290,16 +344,16 @@ def spread_of_zones(
     """
     count, _, rows, columns = zones.shape
     for v in prange(rows):
-        whole, sums = np.ones(count), np.zeros((5, columns), float32)
+        whole, sums = np.ones(count), _room(columns)
+        total, moment = sums[:2]
         _whole(zones, v, whole)
         for c in range(candidates.size):
-            sums[:] = float32(0)
+            _clear(sums, 0, columns)
             _add_zones(zones, cells, picture[v], candidates[c], steps, whole, v, 0, columns, sums)
+            _spread(sums, 0, columns, squares[c, v], freedom[c, v])
             for u in range(columns):
-                if sums[0, u] > 0:
-                    mean[c, v, u] = picture[v, u] + sums[1, u] / sums[0, u]
-                    squares[c, v, u] = max(sums[2, u] - sums[1, u] * sums[1, u] / sums[0, u], 0.0)
-                    freedom[c, v, u] = sums[3, u] * (1.0 - 1.0 / sums[4, u])
+                if total[u] > 0:
+                    mean[c, v, u] = picture[v, u] + moment[u] / total[u]
 
 
 @kernel(inline=True)
@@ -318,7 +372,8 @@ def best_of_zones(
 ) -> None:  # fmt: skip
     """Best of equally far candidates, as `spread_of_zones` and `best_and_next` find it, of some microlenses alone.
 
-    Windows count those `near` only; where these are not, and where none can be judged, nothing is written.
+    Windows count each row from the first place that is `near` to the last; elsewhere, and where none can be judged,
+    nothing is written.
     """
     count, _, rows, columns = zones.shape
     reach, step = window // 2, candidates[1] - candidates[0]
@@ -326,76 +381,61 @@ def best_of_zones(
         top, bottom = band * _BAND, min((band + 1) * _BAND, rows)
         first, last = max(top - reach, 0), min(bottom + reach, rows)
         high = bottom - top
-        whole, sums = np.ones((last - first, count)), np.zeros((5, columns), float32)
-        squares, freedom = np.zeros((2, last - first, columns), float32)
-        down, below, cost, over = np.zeros((4, columns + 2 * reach), float32)
-        least, previous = np.full((2, high, columns), float32(math.inf))
-        before, after = np.full((2, high, columns), float32(math.inf))
-        best, enough = np.full((high, columns), -9), np.zeros((high, columns), float32)
+        whole, sums, wider = np.ones((last - first, count)), _room(columns), columns + 2 * reach
+        squares, freedom = np.zeros((last - first, columns), float32), np.zeros((last - first, columns), float32)
+        down, below, cost, over = _zeros(wider), _zeros(wider), _zeros(wider), _zeros(wider)
+        costs = np.full((high, candidates.size, columns), float32(math.inf))
+        enough = np.zeros((high, columns), float32)
         for v in range(first, last):
             _whole(zones, v, whole[v - first])
-        spans = np.zeros((high, 2), np.int64)
-        _spans(near[top:bottom], spans)
+        spans = np.zeros((last - first, 2), np.int64)
+        _spans(near[first:last], spans)
         # That which moves least comes first: all zones have a say there.
         for c in range(-1, candidates.size):
             candidate = candidates[c] if c >= 0 else min(max(0.0, candidates[0]), candidates[-1])
             for v in range(first, last):
-                stop = 0
-                while stop < columns:
-                    start, stop = stop, stop + 1
-                    if not near[v, start]:
-                        continue
-                    while stop < columns and near[v, stop]:
-                        stop += 1
-                    sums[:, start:stop] = float32(0)
-                    _add_zones(zones, cells, picture[v], candidate, steps, whole[v - first], v, start, stop, sums)
-                    for u in range(start, stop):
-                        some = sums[0, u] > 0
-                        total, most = sums[0, u] if some else float32(1), sums[4, u] if some else float32(1)
-                        squares[v - first, u] = max(sums[2, u] - sums[1, u] * sums[1, u] / total, float32(0))
-                        freedom[v - first, u] = sums[3, u] * (float32(1) - float32(1) / most)
+                start, stop = spans[v - first]
+                _clear(sums, start, stop)
+                _add_zones(zones, cells, picture[v], candidate, steps, whole[v - first], v, start, stop, sums)
+                _spread(sums, start, stop, squares[v - first], freedom[v - first])
             for v in range(high):
-                start, stop = spans[v]
+                start, stop = spans[top + v - first]
                 wide = stop - start + 2 * reach if stop > start else 0
                 if wide == 0:
                     continue
-                for a in range(wide):
-                    down[a], below[a] = float32(0), float32(0)
+                down[:wide] = float32(0)
+                below[:wide] = float32(0)
+                left, right = max(start - reach, 0), min(stop + reach, columns)
+                inner = slice(left - start + reach, right - start + reach)
                 for b in range(max(top + v - reach, first) - first, min(top + v + reach + 1, last) - first):
-                    left, right = max(start - reach, 0), min(stop + reach, columns)
-                    one, other = squares[b, left:right], freedom[b, left:right]
-                    inner = slice(left - start + reach, right - start + reach)
-                    to, also = down[inner], below[inner]
-                    for a in range(right - left):
-                        to[a] += one[a]
-                        also[a] += other[a]
-                for u in range(stop - start):
-                    total, free = float32(0), float32(0)
-                    for a in range(window):
-                        total += down[u + a]
-                        free += below[u + a]
-                    cost[u], over[u] = total, free
-                limit, lowest, at = enough[v, start:stop], least[v, start:stop], best[v, start:stop]
-                earlier, later, last_one = before[v, start:stop], after[v, start:stop], previous[v, start:stop]
-                for u in range(stop - start):
-                    if c < 0:
-                        limit[u] = max(float32(0.25) * over[u], float32(0.5))
-                        continue
-                    here = cost[u] / over[u] if over[u] >= limit[u] else float32(math.inf)
-                    later[u] = here if c == at[u] + 1 else later[u]
-                    better = here < lowest[u]
-                    earlier[u] = last_one[u] if better else earlier[u]
-                    later[u] = float32(math.inf) if better else later[u]
-                    at[u] = c if better else at[u]
-                    lowest[u] = here if better else lowest[u]
-                    last_one[u] = here
+                    _add(squares[b, left:right], float32(1), down[inner])
+                    _add(freedom[b, left:right], float32(1), below[inner])
+                cost[: stop - start] = float32(0)
+                over[: stop - start] = float32(0)
+                for a in range(window):
+                    _add(down[a:], float32(1), cost[: stop - start])
+                    _add(below[a:], float32(1), over[: stop - start])
+                if c < 0:
+                    for u in range(stop - start):
+                        enough[v, start + u] = max(float32(0.25) * over[u], float32(0.5))
+                else:
+                    _divide(cost, over, enough[v, start:stop], costs[v, c, start:stop])
         for v in range(high):
             for u in range(columns):
-                if near[top + v, u] and least[v, u] < math.inf:
-                    bend, part = np.float64(before[v, u]) - 2 * least[v, u] + after[v, u], 0.0
-                    if 0 < bend < math.inf:
-                        part = min(max(0.5 * (before[v, u] - after[v, u]) / bend, -0.5), 0.5)
-                    disparity[top + v, u] = candidates[best[v, u]] + step * part
+                if not near[top + v, u]:
+                    continue
+                best, least = 0, float32(math.inf)
+                for c in range(candidates.size):
+                    if costs[v, c, u] < least:
+                        best, least = c, costs[v, c, u]
+                if least < math.inf:
+                    part = 0.0
+                    if 0 < best < candidates.size - 1:
+                        before, after = np.float64(costs[v, best - 1, u]), np.float64(costs[v, best + 1, u])
+                        bend = before - 2 * least + after
+                        if 0 < bend < math.inf:
+                            part = min(max(0.5 * (before - after) / bend, -0.5), 0.5)
+                    disparity[top + v, u] = candidates[best] + step * part
 
 
 @kernel(parallel=True)
@@ -454,7 +494,9 @@ def _row(line: Samples, i: int, taps: Taps) -> float32:
 
 
 @kernel()
-def _interpolate(spline: Samples, light: Lines, left: Whole, above: Whole, f: Samples, g: Samples, out: Lines) -> None:
+def _interpolate(
+    spline: Samples, light: Samples, left: Whole, above: Whole, f: Samples, g: Samples, out: Samples
+) -> None:
     """A view at places f and g of a step beyond samples (left, above), wherever there is light."""
     end = 0
     while end < light.size:
@@ -479,89 +521,143 @@ def _interpolate(spline: Samples, light: Lines, left: Whole, above: Whole, f: Sa
             )  # fmt: skip
 
 
+@kernel()
+def _split(disparity: Samples, slope: float32, aside: float32, whole: Whole, part: Samples) -> None:
+    """Split what each disparity moves by, in samples, into whole ones and the part of one beyond them."""
+    one, zero = float32(1), float32(0)
+    for i in range(disparity.size):
+        moved = disparity[i] * slope + aside
+        down = int(moved)
+        rest = moved - float32(down)
+        whole[i] = down - 1 if rest < zero else down
+        part[i] = rest + one if rest < zero else rest
+
+
+@kernel()
+def _weigh(
+    light: Samples, expected: Samples, variance: float32, robust: float32, value: Samples, weight: Samples
+) -> None:
+    """Make values differences from what is expected, and tell their weights; see `common`."""
+    one = float32(1)
+    for i in range(value.size):
+        value[i] -= expected[i]
+    for i in range(value.size):
+        weight[i] = light[i] * light[i] / max(light[i] * expected[i] + variance, one)
+    if robust < math.inf:
+        for i in range(value.size):
+            weight[i] *= robust / max(abs(value[i]) * math.sqrt(weight[i]), robust)
+
+
+@kernel()
+def _add_moments(
+    light: Samples, weight: Samples, pupils: Samples, value: Samples, f: Samples, g: Samples, sums: Samples,
+    part: Samples,
+) -> None:  # fmt: skip
+    """Add a view's moments of 1, pupil coordinates and value, freedom and count to sums; `part` is room for a row."""
+    n, count = 0, weight.size
+    for first in range(4):
+        here = pupils[first] if first < 3 else value
+        for i in range(count):
+            part[i] = weight[i] * here[i]
+        for second in range(first, 4):
+            total, there = sums[n], pupils[second] if second < 3 else value
+            for i in range(count):
+                total[i] += part[i] * there[i]
+            n += 1
+    free, some, one, four, loss = sums[10], sums[11], float32(1), float32(4), float32(_SPLINE_LOSS)
+    for i in range(count):
+        lost, less = four * f[i] * (one - f[i]), four * g[i] * (one - g[i])
+        kept = (one - loss * lost * lost) * (one - loss * less * less)
+        free[i] += kept if light[i] > float32(0) else float32(0)
+    for i in range(count):
+        some[i] += one if light[i] > float32(0) else float32(0)
+
+
 @kernel(parallel=True)
 def common(
-    splines: Samples, cells: Samples, pupil: Floats, aside: Floats, chosen: Whole, disparity: Floats, picture: Floats,
-    peak: Floats, steps: tuple[float, float], electrons: float, read: float, brightest: float, robust: float,
-    out: Floats,
+    splines: Samples, cells: Samples, pupil: Floats, aside: Floats, still: bool, chosen: Whole, disparity: Floats,
+    picture: Floats, peak: Floats, steps: tuple[float, float], electrons: float, read: float, brightest: float,
+    robust: float, out: Floats,
 ) -> None:  # fmt: skip
     """Moments of chosen views about each microlens of `picture`, warped back by `disparity` and `aside`; see `SUMS`.
 
     Weights are the inverse variance that `picture`, not the noisy sample, predicts; beyond `robust` standard errors
     from it they fall as Huber's. Where `peak`, the brightest about a microlens, makes more than `brightest` electrons,
-    nothing is used: what by chance did not saturate would be dark by selection.
+    nothing is used: what by chance did not saturate would be dark by selection. `still`: each view looks from one
+    place and to one side all over. `out` may have the first of the maps alone.
     """
     rows, columns = disparity.shape
+    one, zero = float32(1), float32(0)
     for v in prange(rows):
         at, some = np.empty(columns, np.int64), 0
         for u in range(columns):
-            for a in range(SUMS):
-                out[a, v, u] = 0.0
             if not math.isnan(disparity[v, u]):
                 at[some] = u
                 some += 1
-        sums, ends = np.zeros((SUMS, some)), np.zeros((2, some), np.int64)
-        light, weight, f, g = np.empty(some), np.empty(some), np.zeros(some, float32), np.zeros(some, float32)
-        terms, expected = np.ones((4, some)), np.empty(some)  # 1, pupil coordinates, value
+        # Each of its own: of what might overlap the compiler makes no vectors.
+        sums, pupils = np.zeros((SUMS, some), float32), np.ones((3, some), float32)
+        left, above = np.zeros(some, np.int64), np.zeros(some, np.int64)
+        light, weight, f, g = _zeros(some), _zeros(some), _zeros(some), _zeros(some)
+        expected, moves, part, value = _zeros(some), _zeros(some), _zeros(some), _zeros(some)
         for i in range(some):
-            expected[i] = picture[v, at[i]]
+            expected[i], moves[i] = picture[v, at[i]], disparity[v, at[i]]
         for k in chosen:
+            if still:
+                along, over = pupil[0, k, v, 0], pupil[1, k, v, 0]
+                _split(moves, float32(along / steps[0]), float32(aside[0, k, v, 0] / steps[0]), left, f)
+                _split(moves, float32(over / steps[1]), float32(aside[1, k, v, 0] / steps[1]), above, g)
+                pupils[1], pupils[2] = float32(along), float32(over)
             for i in range(some):
                 u = at[i]
-                light[i] = 0.0
-                along, over = pupil[0, k, v, u], pupil[1, k, v, u]
-                x = u + (disparity[v, u] * along + aside[0, k, v, u]) / steps[0]
-                y = v + (disparity[v, u] * over + aside[1, k, v, u]) / steps[1]
-                if not (x >= 0 and y >= 0 and x <= columns - 1 and y <= rows - 1):
-                    continue
-                # The pupil coordinate is that of the microlens whose light this is, not of the one it is warped to.
-                there, below = int(x + 0.5), int(y + 0.5)
-                near, lower = pupil[0, k, below, there], pupil[1, k, below, there]
-                if near != along or lower != over:
-                    along, over = near, lower
+                light[i] = zero
+                if still:
+                    a, b = u + left[i], v + above[i]
+                    if a == columns - 1 and f[i] == zero:
+                        a, f[i] = a - 1, one
+                    if b == rows - 1 and g[i] == zero:
+                        b, g[i] = b - 1, one
+                    if a < 0 or b < 0 or a > columns - 2 or b > rows - 2:
+                        continue
+                    left[i], above[i] = a, b
+                else:
+                    along, over = pupil[0, k, v, u], pupil[1, k, v, u]
                     x = u + (disparity[v, u] * along + aside[0, k, v, u]) / steps[0]
                     y = v + (disparity[v, u] * over + aside[1, k, v, u]) / steps[1]
                     if not (x >= 0 and y >= 0 and x <= columns - 1 and y <= rows - 1):
                         continue
-                a, b = min(int(x), columns - 2), min(int(y), rows - 2)
+                    # The pupil coordinate is that of the microlens whose light this is, not of the one it is warped to.
+                    there, below = int(x + 0.5), int(y + 0.5)
+                    near, lower = pupil[0, k, below, there], pupil[1, k, below, there]
+                    if near != along or lower != over:
+                        along, over = near, lower
+                        x = u + (disparity[v, u] * along + aside[0, k, v, u]) / steps[0]
+                        y = v + (disparity[v, u] * over + aside[1, k, v, u]) / steps[1]
+                        if not (x >= 0 and y >= 0 and x <= columns - 1 and y <= rows - 1):
+                            continue
+                    a, b = min(int(x), columns - 2), min(int(y), rows - 2)
+                    left[i], above[i], f[i], g[i] = a, b, x - a, y - b
+                    pupils[1, i], pupils[2, i] = along, over
                 charge = electrons * cells[k, b, a]
                 if charge > 0 and charge * peak[v, u] < brightest:
-                    light[i], ends[0, i], ends[1, i], f[i], g[i] = charge, a, b, x - a, y - b
-                    terms[1, i], terms[2, i] = along, over
-            _interpolate(splines[k], light, ends[0], ends[1], f, g, terms[3])
-            value = terms[3]
-            for i in range(some):
-                value[i] -= expected[i]
-            for i in range(some):
-                weight[i] = light[i] * light[i] / max(light[i] * expected[i] + read * read, 1.0)
-            if robust < math.inf:
-                for i in range(some):
-                    weight[i] *= robust / max(abs(value[i]) * math.sqrt(weight[i]), robust)
-            n = 0
-            for one in range(4):
-                for other in range(one, 4):
-                    total, here, there = sums[n], terms[one], terms[other]
-                    for i in range(some):
-                        total[i] += weight[i] * here[i] * there[i]
-                    n += 1
-            for i in range(some):
-                if light[i] > 0:
-                    loss, lost = 4 * f[i] * (1 - f[i]), 4 * g[i] * (1 - g[i])
-                    sums[10, i] += (1 - _SPLINE_LOSS * loss * loss) * (1 - _SPLINE_LOSS * lost * lost)
-                    sums[11, i] += 1.0
+                    light[i] = charge
+            _interpolate(splines[k], light, left, above, f, g, value)
+            _weigh(light, expected, float32(read * read), float32(robust), value, weight)
+            _add_moments(light, weight, pupils, value, f, g, sums, part)
         for i in range(some):
-            u, total = at[i], sums[0, i]
+            total = sums[0, i]
             if total > 0:
                 x, y, mean = sums[1, i] / total, sums[2, i] / total, sums[3, i] / total
-                out[0, v, u] = mean + expected[i]
-                out[1, v, u] = total
-                out[2, v, u] = x
-                out[3, v, u] = y
-                out[4, v, u] = sums[4, i] - total * x * x
-                out[5, v, u] = sums[5, i] - total * x * y
-                out[6, v, u] = sums[7, i] - total * y * y
-                out[7, v, u] = sums[6, i] - sums[3, i] * x
-                out[8, v, u] = sums[8, i] - sums[3, i] * y
-                out[9, v, u] = max(sums[9, i] - sums[3, i] * mean, 0.0)
-                out[10, v, u] = sums[10, i] * (1.0 - 1.0 / sums[11, i])
-                out[11, v, u] = sums[11, i]
+                sums[4, i] -= total * x * x
+                sums[5, i] -= total * x * y
+                sums[6, i], sums[7, i] = sums[7, i] - total * y * y, sums[6, i] - sums[3, i] * x
+                sums[8, i] -= sums[3, i] * y
+                sums[9, i] = max(sums[9, i] - sums[3, i] * mean, zero)
+                sums[10, i] *= one - one / sums[11, i]
+                sums[0, i], sums[1, i], sums[2, i], sums[3, i] = mean + expected[i], total, x, y
+            else:
+                sums[:, i] = zero
+        for a in range(out.shape[0]):
+            here, there = out[a, v], sums[a]
+            here[:] = 0.0
+            for i in range(some):
+                here[at[i]] = there[i]

@@ -89,17 +89,18 @@ class WindowFit:
     vv: Array
 
     @classmethod
-    def of(cls, look: SharedLight, window: int, alone: bool = False) -> WindowFit:
+    def of(cls, look: SharedLight, window: int, alone: Flags | None = None) -> WindowFit:
         """Least squares over windows of what each microlens says of the disparity about which it was linearised.
 
-        `alone`: of the window about each microlens, whatever is known beside it.
+        `alone`: of the windows about these microlenses, whatever is known beside them.
         """
         near = box(look.terms, window)
-        wide = near if alone else box(look.terms, 3 * window)
+        some = np.ones(near.shape[1:], np.bool_) if alone is None else alone
+        wide = box(look.terms, 3 * window) if alone is None else near[:0]
         fit = np.empty((11, *near.shape[1:]))
         with THREADS:
-            _fit_windows.compiled(near, wide, look.disparity, QUORUM * window**2, look.density, fit)
-        return cls(*fit) if alone else cls(*fit)._beside(window // 2)
+            _fit_windows.compiled(near, wide, look.disparity, some, QUORUM * window**2, look.density, fit)
+        return cls(*fit)._beside(window // 2) if alone is None else cls(*fit)
 
     def misfit(self, least: float = 0.0) -> Array:
         """Larger of `chi2` and `strain` against what chance, or `least`, allows: above 1 is at odds."""
@@ -193,14 +194,20 @@ def _plane(t: Array, v: int, u: int) -> tuple[float, float, float, float, float,
 
 
 @kernel(parallel=True)
-def _fit_windows(near: Array, wide: Array, disparity: Array, quorum: float, density: float, fit: Array) -> None:
-    """Least squares of windows by the sums of their terms, and of wider ones' where these show a plane.
+def _fit_windows(
+    near: Array, wide: Array, disparity: Array, some: Flags, quorum: float, density: float, fit: Array
+) -> None:
+    """Least squares of some windows by the sums of their terms, and of wider ones', if any, where these show a plane.
 
     `fit`: the fields of `WindowFit`, shape (11, v, u).
     """
     rows, columns = disparity.shape
     for v in prange(rows):
         for u in range(columns):
+            if not some[v, u]:
+                for k in range(11):
+                    fit[k, v, u] = math.inf if k == 1 else 0.0
+                continue
             sharp, information, free = near[0, v, u], near[9, v, u], near[16, v, u]
             enough = sharp > max(0.05 * information, 1e-9) and near[17, v, u] > quorum
             share = sharp if enough else 1.0
@@ -209,9 +216,10 @@ def _fit_windows(near: Array, wide: Array, disparity: Array, quorum: float, dens
             square += near[12, v, u] - 2 * value * near[11, v, u]
             across, down, uu, uv, vv, strain, spare, sound = _plane(near, v, u)
             own = strain if sound else 0.0
-            a, b, c, d, e, bent, _, trusted = _plane(wide, v, u)
-            if trusted and bent < 2:
-                across, down, uu, uv, vv, sound = a, b, c, d, e, True
+            if len(wide):
+                a, b, c, d, e, bent, _, trusted = _plane(wide, v, u)
+                if trusted and bent < 2:
+                    across, down, uu, uv, vv, sound = a, b, c, d, e, True
             if not sound:
                 across, down, uu, uv, vv = 0.0, 0.0, 0.0, 0.0, 0.0
             over = near[1, v, u] / share - u if enough and sound else 0.0
