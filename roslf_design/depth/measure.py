@@ -621,6 +621,7 @@ def _predict(
             bends = np.linalg.norm((aside[n] + b * pupil[n]) @ ways, axis=0)
             wide = camera["aperture.diameter"] * math.sqrt(abs(np.linalg.det(image[n])))
             images = MicrolensImages(camera.replace({"aperture.diameter": wide}), [place])
+            images = images if traced is None else traced.cut(images)
             each = disparity_sigma(images, plane_seen._replace(disparity=bends), beside)[0]
             sharp = math.sqrt(float(np.mean((np.linalg.norm(pupil[n] @ ways, axis=0) / each) ** 2)))
             disparity[n] = 1 / sharp if sharp else math.inf
