@@ -249,7 +249,7 @@ class _ArrayViewing:
         pupil, aside = self.light.looks
         if self.traced is None:
             return pupil, aside
-        seen, beside = self.traced.sight(self.light.like, pupil)
+        seen, beside = self.traced.sight(self.light.like, pupil, self.light.nodes[:2])
         return seen, beside + (aside if aside.ndim > 3 else aside[..., None, None])
 
     def prepared(self, field: LightField) -> PreparedViews:

@@ -612,6 +612,8 @@ def _predict(
     turn = np.linspace(0, math.pi, DIRECTIONS if traced else 1, endpoint=False)
     ways, one = np.stack([np.cos(turn), np.sin(turn)]), np.broadcast_to(np.eye(2), (row.size, 2, 2))
     image, (pupil, aside) = (one, (one, 0 * one)) if traced is None else (traced.images(places), traced.bends(places))
+    every = MicrolensImages(camera, places)
+    cut = traced is not None and traced.cut(every) is not every
     for n, (place, z) in enumerate(zip(places, true[row, column], strict=True)):
         if math.isfinite(z):
             b, plane = disparity_of(camera, z), camera.plane(z)
@@ -621,6 +623,7 @@ def _predict(
             bends = np.linalg.norm((aside[n] + b * pupil[n]) @ ways, axis=0)
             wide = camera["aperture.diameter"] * math.sqrt(abs(np.linalg.det(image[n])))
             images = MicrolensImages(camera.replace({"aperture.diameter": wide}), [place])
+            images = traced.cut(images) if traced is not None and cut else images
             each = disparity_sigma(images, plane_seen._replace(disparity=bends), beside)[0]
             sharp = math.sqrt(float(np.mean((np.linalg.norm(pupil[n] @ ways, axis=0) / each) ** 2)))
             disparity[n] = 1 / sharp if sharp else math.inf

@@ -124,9 +124,9 @@ class PhasedViews:
                 return every[below[0, 0], ..., 0].astype(np.float32)
             if nodes == 1:
                 return np.moveaxis(every[below, ..., 0], (0, 1), (-2, -1)).astype(np.float32)
-            out = over_view(every[0])
-            for k in range(1, count - 1):
-                out = np.where(below == k, over_view(every[k]), out)
+            out = np.zeros((*every.shape[1:-1], *below.shape), np.float32)
+            for k in np.unique(below):
+                out = np.where(below == k, _as_seen_aside(views.field, over_view(every[k]), aside), out)
             return out
 
         near = [
@@ -178,6 +178,14 @@ class _Phases(NamedTuple):
             self.worked_out[b] = np.take_along_axis(off, self.nearest[None], 2), taps
         offsets, kernels = zip(*(self.worked_out[b] for b in disparities), strict=True)
         return np.stack(offsets), np.stack(kernels)
+
+
+def _as_seen_aside(field: LightField, past: NDArray[np.float32], aside: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Places past mean ones, shape (2, t, s, v, u), where microlenses look that see what these do, `aside` of them."""
+    if aside.ndim == 3:
+        return past
+    axes = zip((field.u, field.v), (-1, -2), aside, strict=True)
+    return np.asarray(past + sum(np.gradient(past, axis[1] - axis[0], axis=k) * far for axis, k, far in axes))
 
 
 def _sum(one: NDArray[np.floating], other: NDArray[np.float32]) -> NDArray[np.float32]:

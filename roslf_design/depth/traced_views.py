@@ -26,14 +26,16 @@ from ..design import Design
 from ..fates import RayFate
 from ..polynomials import Polynomials, nodes_between, products
 from ..shapes.lattice import PACKINGS
+from ..shapes.openings import Openings
 from ..theory.colours import panchromatic
 from ..theory.exit_pupil import microlens_image_diameter, microlens_image_pitch
 from ..theory.light import microlens_defocus
 from ..theory.light_field import rim_disparity
+from ..theory.stop_images import MicrolensImages
 from ..theory.transfer import MicrolensTransfer, pixel_box
-from ..traced.camera import LensCamera, camera_of, chief_slope, microlenses, sensor_of_pupil, views
+from ..traced.camera import LensCamera, RayViews, camera_of, chief_slope, microlenses, sensor_of_pupil, views
 from ..traced.images import forward_rays
-from .unmixing import reading
+from .unmixing import NodeMap, reading
 
 Array = NDArray[np.float64]
 
@@ -46,6 +48,12 @@ FINE, WIDE = 32, 4.0
 """Points in a pitch of microlens images that are blurred, and pitches after which these repeat themselves."""
 STEP = 0.25
 """Disparity to either side of the focal plane that P is taken from [pitches]."""
+NEAR_RIM = 0.05
+"""Room, as share of a rim's squared radius, up to which rays tell where it cuts an image."""
+AROUND = 2.0
+"""Microlenses to either side by which images are taken to change evenly."""
+FAINT = 1e-3
+"""Light of a sample, against a lit one's, below which it is not said where it looks."""
 AWAY = 1e9
 """Taken for infinity [mm]."""
 CENTRES_DEGREE = 9
@@ -79,7 +87,9 @@ class TracedViews:
         """Camera as it is traced."""
         return camera_of(self.design)
 
-    def sight(self, field: LightField, pupil: NDArray[np.floating]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    def sight(
+        self, field: LightField, pupil: NDArray[np.floating], nodes: tuple[NDArray[np.intp], NDArray[np.intp]]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """How the views of a decoded light field look.
 
         Parameters
@@ -87,6 +97,8 @@ class TracedViews:
         field : LightField
         pupil : ndarray
             Where on the FAP, by first order, each view looks through [diameters], shape (2, t, s) or (2, t, s, v, u).
+        nodes : (rows, columns)
+            Of views, between which images change evenly.
 
         Returns
         -------
@@ -95,12 +107,12 @@ class TracedViews:
             shape (2, t, s, v, u).
         """
         x, y = (axis * float(self.camera.d) for axis in (field.u, field.v))
-        along, down, nodes = _nodes_over(*np.array([[axis.min(), axis.max()] for axis in (x, y)]).T)
+        along, down, places = _nodes_over(*np.array([[axis.min(), axis.max()] for axis in (x, y)]).T)
         points = POINTS
         if (opening := self.mounted.fap.opening).straight:  # whose corners the rings, too, are to reach
             points = np.stack(opening.places(*2 * points.T), -1) / opening.width @ _turned(self.design).T
-        looks, good = self.view_coordinates(nodes, points)
-        image, _, _ = self.image_maps(microlenses(self.design, nodes))
+        looks, good = self.view_coordinates(places, points)
+        image, _, _ = self.image_maps(microlenses(self.design, places))
         # Polynomials over the pupil at each place, then over the places what these are made of.
         over_pupil = np.linalg.pinv(_over_pupil(points.T).T)
         degree = _degree(int(good.sum()), FIELD_DEGREE)
@@ -108,27 +120,41 @@ class TracedViews:
         coefficients = np.zeros((2, 2, len(over_pupil), *dark.shape))
         if degree >= 0:
             table = np.einsum("kp,lnpc->lckn", over_pupil, looks[:, good])
-            coefficients = Polynomials.fitted(*_box(x, y), degree, nodes[good].T, table).on_grid(x, y)
+            coefficients = Polynomials.fitted(*_box(x, y), degree, places[good].T, table).on_grid(x, y)
             column, row = (np.abs(at - axis[:, None]).argmin(1) for at, axis in ((along, x), (down, y)))
             dark = ~good.reshape(NODES, NODES)[np.ix_(row, column)]
-        mean = image[good].mean(0) if good.any() else np.eye(2)
-        spread = self._spread(field, mean)
-        places, aside = _over_views(coefficients.astype(np.float32), np.asarray(pupil, np.float32), spread)
-        places[..., dark], aside[..., dark] = np.nan, 0.0
-        return places, aside
+        rows, columns = nodes
+        powers = self._powers(field, np.stack(np.meshgrid(x[columns], y[rows]), -1).reshape(-1, 2))
+        if powers is None:
+            spread = self._spread(field, image[good].mean(0) if good.any() else np.eye(2))
+            seen = _over_views(coefficients.astype(np.float32), np.asarray(pupil, np.float32), spread)
+        else:
+            seen = np.zeros((2, 2, len(field.t), len(field.s), *dark.shape), np.float32)
+            coefficients = coefficients.astype(np.float32)
+            over_view = NodeMap.of(rows, columns, dark.shape, dark.shape)
+            for t, some in enumerate(np.moveaxis(powers, 2, 0)):
+                here, *farther = over_view(some)
+                for _ in range(2):  # what is seen from other microlenses is seen by images cut as there
+                    moved = here + sum(far * by for far, by in zip(farther, seen[1, :, t], strict=True))
+                    np.einsum("ksvu,nckvu->ncsvu", moved, coefficients, out=seen[:, :, t])
+        seen[0][..., dark], seen[1][..., dark] = np.nan, 0.0
+        return seen[0], seen[1]
 
     def view_coordinates(self, nodes: Array, points: Array) -> tuple[Array, NDArray[np.bool_]]:
         """P and E of microlenses and pupil points, shape (2, node, point, 2), and where all rays came through."""
-        camera, mounted = self.camera, self.mounted
-        turned = _turned(self.design)
-        c, fap = microlenses(self.design, nodes), mounted.fap
+        camera, mounted, design = self.camera, self.mounted, self.design
+        turned = _turned(design)
+        c, fap = microlenses(design, nodes), mounted.fap
         image, shift, whole = self.image_maps(c)
-        samples = shift[:, None] + self._by_first_order(points) @ turned.T @ image @ turned
+        samples, beside = shift[:, None] + self._by_first_order(points) @ turned.T @ image @ turned, AROUND * design.d
+        apart = (self.image_maps(c + beside * way)[1] - self.image_maps(c - beside * way)[1] for way in np.eye(2))
+        moving = np.stack([*apart], -2) / (2 * beside)
 
         def through(places: Array) -> tuple[Array, NDArray[np.bool_]]:
             """Where on the FAP the samples of microlenses look through, shape (node, point, 2)."""
             centre = sensor_of_pupil(mounted, places, fap.centre)
-            rays = views(mounted, places, centre.sensor + samples, clip=False)
+            # Samples count from images' middles, which lie otherwise there.
+            rays = views(mounted, places, centre.sensor + samples + (places - c[:, None]) @ moving, clip=False)
             return rays.pupil, centre.ok & (rays.state == RayFate.KEPT)
 
         middle = sensor_of_pupil(mounted, c, fap.centre)
@@ -174,7 +200,7 @@ class TracedViews:
 
     def aside(self, places: Array, pupil: Array) -> Array:
         """How far to the side views from points on the FAP see, as `TracedLens` has it."""
-        coefficients = self._polynomials(places)[1]
+        coefficients = self._polynomials(places)[0][1]
         inside = pupil * np.minimum(1, 0.5 / np.maximum(np.hypot(*pupil), 0.5))
         nodes = zip(coefficients, np.moveaxis(inside, 1, 0), strict=True)
         return np.stack([np.tensordot(part, _over_pupil(at), (0, 0)) for part, at in nodes], 1)
@@ -183,29 +209,26 @@ class TracedViews:
         self, field: LightField, places: Array, waves: Array, disparities: Array
     ) -> Iterator[tuple[NDArray[np.complex128], Array]]:
         """Waves as microlenses show them, as `TracedLens` has it."""
-        coefficients, images = self._polynomials(places), self.images(places)
+        (coefficients, room), images = self._polynomials(places), self.images(places)
         sampled, shown, where = _Sampled.of(self.camera, field, images), [], []
         waving, still = sampled.among_neighbours(waves), sampled.among_neighbours(np.zeros((1, 2)))
-        for image, (pupil, aside, fap) in zip(images, np.moveaxis(coefficients, 0, 1), strict=True):
-            powers, inside = sampled.image(image, fap)
+        for image, (pupil, aside, fap), left in zip(images, np.moveaxis(coefficients, 0, 1), room, strict=True):
+            powers, inside = sampled.image(image, fap, left)
             lit, mine = (np.where(part > DARKEST, part, np.inf) for part in (still(inside[None]).real, sampled(inside)))
             each = [np.tensordot(aside + b * pupil, powers, (0, 0)) for b in disparities.tolist()]
             shown.append([waving(inside * _turning(waves, look)) / lit for look in each])
             where.append([sampled(inside * look) / mine for look in each])
         yield from zip(np.stack(shown, 2), np.stack(where, 2), strict=True)
 
-    def _polynomials(self, places: Array) -> Array:
+    def _polynomials(self, places: Array) -> tuple[Array, Array]:
         """P, E and place on the FAP [diameters] of microlenses (n, 2), by what each itself sees: (3, n, terms, 2).
+
+        And the room that all else leaves there, as `views` has it: (n, terms).
 
         `view_coordinates` has them of what its middle sees: far out of focus that is seen from microlenses some pitches
         away, which look otherwise. By first order where no light comes through.
         """
-        c, mounted, turned = microlenses(self.design, places), self.mounted, _turned(self.design)
-        image, shift, _ = self.image_maps(c)
-        middle = sensor_of_pupil(mounted, c, mounted.fap.centre).sensor + shift
-        samples = middle[:, None] + self._by_first_order(POINTS) @ turned.T @ image @ turned
-        rays = views(mounted, c[:, None], samples, clip=False)
-        good = (rays.state == RayFate.KEPT).all(-1)
+        (c, rays, good), mounted, turned = self._rays(places), self.mounted, _turned(self.design)
         step, shown = self._step, []
         for z in self.depth(np.array([-step, 0.0, step])):
             ahead = float(mounted.fap.z - mounted.first_order.front_principal + z)
@@ -220,7 +243,58 @@ class TracedViews:
         fap = (rays.pupil - mounted.fap.centre) @ turned.T / one[0, 0]
         through, ideal = good[:, None, None], np.broadcast_to(POINTS, fap.shape)
         fitted = np.where(through, [*looks, fap], [ideal, 0 * ideal, ideal])
-        return np.asarray(np.linalg.pinv(_over_pupil(POINTS.T).T) @ fitted)
+        over_pupil = np.linalg.pinv(_over_pupil(POINTS.T).T)
+        return np.asarray(over_pupil @ fitted), np.where(good[:, None], rays.margin, 1.0) @ over_pupil.T
+
+    def _rays(self, places: Array) -> tuple[Array, RayViews, NDArray[np.bool_]]:
+        """Microlenses (n, 2) in the lens's frame, rays that look by first order through `POINTS`, whether all came."""
+        c, turned = microlenses(self.design, places), _turned(self.design)
+        image, shift, _ = self.image_maps(c)
+        middle = sensor_of_pupil(self.mounted, c, self.mounted.fap.centre).sensor + shift
+        samples = middle[:, None] + self._by_first_order(POINTS) @ turned.T @ image @ turned
+        rays = views(self.mounted, c[:, None], samples, clip=False)
+        return c, rays, np.asarray((rays.state == RayFate.KEPT).all(-1))
+
+    def _powers(self, field: LightField, places: Array) -> Array | None:
+        """Means of `_over_pupil` over the light of each sample of cut images, (3, terms, t, s, n); None of whole ones.
+
+        And how they change from one microlens to the next, along the array and up.
+        """
+        _, rays, good = self._rays(places)
+        if not (good & (rays.margin[:, -SPOKES:] < 0).any(-1)).any():
+            return None
+        around = np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)]) * AROUND
+        there = (places[:, None] + around * float(self.camera.d)).reshape(-1, 2)
+        (coefficients, room), images = self._polynomials(there), self.images(there)
+        sampled, each = _Sampled.of(self.camera, field, images), []
+        for n, (image, fap, left) in enumerate(zip(images, coefficients[2], room, strict=True)):
+            own, inside = sampled.image(image, fap, left)
+            if n % len(around) == 0:  # all count places on the sensor as the middle one does
+                powers = own
+            means = sampled(powers * inside)
+            each.append(np.divide(means, means[0], out=np.zeros_like(means), where=means[0] > FAINT))
+        here, right, left, up, down = (np.stack(each[n :: len(around)], -1) for n in range(len(around)))
+        return np.stack([here, (right - left) / (2 * AROUND), (up - down) / (2 * AROUND)])
+
+    def cut(self, images: MicrolensImages) -> MicrolensImages:
+        """Images of microlenses, cut where rays do not pass lens and stops, as `TracedLens` has it."""
+        if self.mounted.fap.straight:
+            return images
+        _, rays, good = self._rays(images.fields)
+        cut = good & (rays.margin[:, -SPOKES:] < 0).any(-1)
+        if not cut.any() and images.openings.unclipped:
+            return images
+        # The disc in the image whose rim has no room, where rays are near it.
+        room = np.where(good[:, None], rays.margin, 1.0)
+        columns = np.column_stack([np.ones(len(POINTS)), POINTS, (POINTS**2).sum(-1)])
+        near = 1 / (NEAR_RIM + np.abs(room))[..., None]
+        least, *across, square = np.moveaxis((np.linalg.pinv(near * columns) @ (near * room[..., None]))[..., 0], -1, 0)
+        square = np.minimum(square, -1e-6)
+        middle = -np.stack(across, -1) / (2 * square[:, None])
+        radius = np.sqrt(np.maximum((middle**2).sum(-1) - least / square, 0.0))
+        width = abs(float(microlens_image_diameter(self.camera)))
+        whole = np.where(cut, 0.0, np.hypot(*middle.T) + 0.501)
+        return _CutImages(images, self._by_first_order(middle) / width, np.maximum(radius, whole))
 
     def _by_first_order(self, points: Array) -> Array:
         """Places on the sensor, from the chief ray, that look by first order through points on the FAP [mm]."""
@@ -255,7 +329,7 @@ class TracedViews:
         sampled = _Sampled.of(self.camera, field, shape[None])
         powers, inside = sampled.image(shape)
         means = sampled(powers * inside)
-        means = np.divide(means, means[0], out=np.zeros_like(means), where=means[0] > 1e-3)
+        means = np.divide(means, means[0], out=np.zeros_like(means), where=means[0] > FAINT)
         return np.asarray(means - products(means[PUPIL_DEGREE + 1], means[1], PUPIL_DEGREE), np.float32)
 
     def chief_rays(self, places: Array) -> Array:
@@ -298,6 +372,27 @@ class TracedViews:
         return fit_lattice(some, centres, lattice.layout, order, clipped=False).lattice
 
 
+class _CutImages(MicrolensImages):
+    """Microlens images that the main lens cuts as rays have it."""
+
+    def __init__(self, images: MicrolensImages, middles: Array, radii: Array) -> None:
+        super().__init__(images.camera, images.fields)
+        self._middles, self._radii = middles, radii
+
+    def by(self, camera: Camera) -> MicrolensImages:
+        """Images of another camera at the same fields, cut likewise."""
+        return _CutImages(MicrolensImages(camera, self.fields), self._middles, self._radii)
+
+    @property
+    def openings(self) -> Openings:
+        """Openings by first order, but for the main lens's."""
+        first, width = MicrolensImages(self.camera, self.fields).openings, abs(microlens_image_diameter(self.camera))
+        centres, radii = first.centres.copy(), first.radii.copy()
+        centres[..., 1, :] = centres[..., 0, :] + width * self._middles[:, None]
+        radii[..., 1] = width * self._radii[:, None]
+        return first._replace(centres=centres, radii=radii)
+
+
 @dataclass(frozen=True, eq=False)
 class _Sampled:
     """Way from whole microlens images before diffraction to their samples behind that and the pixels."""
@@ -314,10 +409,10 @@ class _Sampled:
         reach = math.ceil(FINE * (radius * float(np.linalg.norm(shapes, 2, (1, 2)).max()) + 1 / FINE))
         return cls(camera, field, np.arange(-reach, reach + 1) / FINE)
 
-    def image(self, shape: Array, fap: Array | None = None) -> tuple[Array, Array]:
+    def image(self, shape: Array, fap: Array | None = None, room: Array | None = None) -> tuple[Array, Array]:
         """`_over_pupil` at points of an image, shape (terms, points, points), and the share of each that lies inside.
 
-        Exactly by polynomials of places on the FAP.
+        Exactly by polynomials of places on the FAP, and of the room that all else leaves.
         """
         camera = self.camera
         width = abs(float(microlens_image_diameter(camera) / microlens_image_pitch(camera)))
@@ -328,7 +423,12 @@ class _Sampled:
         image = image._replace(turn=image.turn - float(camera["microlens_array.rotation"]))
         powers = _over_pupil(side * grid / width)
         seen = grid if fap is None else side * width * np.tensordot(fap, powers, (0, 0))
-        return powers, np.clip(np.asarray(image.room(POINT, *seen)) * FINE + 0.5, 0, 1)
+        inside = np.clip(np.asarray(image.room(POINT, *seen)) * FINE + 0.5, 0, 1)
+        if room is not None:  # by how much of a cell has some
+            left = np.tensordot(room, powers, (0, 0))
+            slope = np.abs(np.gradient(left)).sum(0)
+            inside = inside * np.clip(left / np.maximum(slope, 1e-12) + 0.5, 0, 1)
+        return powers, inside
 
     @cached_property
     def lens(self) -> MicrolensTransfer:

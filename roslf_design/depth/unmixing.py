@@ -69,6 +69,9 @@ def places_on_array(camera: Camera, field: LightField) -> NDArray[np.float64]:
 class TracedLens(Protocol):
     """Lens and elements, by what they make of microlens images and of where these look."""
 
+    def cut(self, images: MicrolensImages) -> MicrolensImages:
+        """Images cut as rays have it."""
+
     def images(self, places: NDArray[np.float64]) -> NDArray[np.float64]:
         """Images at places on the array (n, 2) [mm] against those of an ideal lens, as `image_parts` takes them."""
 
@@ -118,7 +121,7 @@ class _Nodes(NamedTuple):
 
         rows, columns = spread((COARSE, COARSE))
         some = places[np.ix_(rows, columns)].reshape(-1, 2)
-        images = MicrolensImages(camera, some)
+        images = _cut(camera, some, real)
         shapes = _images(some, real).reshape(rows.size, columns.size, -1)
         apart = shapes * (STEP / WIDER)
         if (images.shapes.kept_fraction < 1 - 1e-9).any():
@@ -430,6 +433,11 @@ def _with(field: LightField, values: NDArray[np.float32], weight: NDArray[np.flo
     return replace(field, values=even, weight=light, hexagonal=rows)
 
 
+def _cut(camera: Camera, places: NDArray[np.float64], real: TracedLens | None) -> MicrolensImages:
+    images = MicrolensImages(camera, places)
+    return images if real is None else real.cut(images)
+
+
 def _images(places: NDArray[np.float64], real: TracedLens | None) -> NDArray[np.float64]:
     return np.broadcast_to(np.eye(2), (len(places), 2, 2)) if real is None else real.images(places)
 
@@ -437,7 +445,7 @@ def _images(places: NDArray[np.float64], real: TracedLens | None) -> NDArray[np.
 def _parts_at(camera: Camera, places: NDArray[np.float64], field: LightField, real: TracedLens | None) -> ImageParts:
     """`image_parts` of each place, whole images that are alike once."""
     image = _images(places, real)
-    whole = MicrolensImages(camera, places).shapes.kept_fraction[:, 0] >= 1 - 1e-9
+    whole = _cut(camera, places, real).shapes.kept_fraction[:, 0] >= 1 - 1e-9
     kinds = np.concatenate([image.reshape(-1, 4), np.where(whole, -1, np.arange(len(places)))[:, None]], 1)
     _, some, back = np.unique(kinds.round(6), axis=0, return_index=True, return_inverse=True)
     s, t = field.s / field.pitch, field.t / field.pitch
@@ -446,7 +454,7 @@ def _parts_at(camera: Camera, places: NDArray[np.float64], field: LightField, re
     )
     block = max(1, int(BLOCK * min(1.0, (COMMON / finest) ** 2)))
     pieces = [
-        image_parts(MicrolensImages(camera, places[part]), s, t, reading(field), image[part])
+        image_parts(_cut(camera, places[part], real), s, t, reading(field), image[part])
         for part in np.split(some, range(block, some.size, block))
     ]
     light, x, y = (np.concatenate([getattr(part, name) for part in pieces], 1)[:, back] for name in ("light", "x", "y"))

@@ -436,7 +436,7 @@ def microlenses(design: Design, axes: Sequence[tuple[float, float]] | ArrayLike)
     return np.asarray(there + np.subtract(design.microlens_array.decentre, design.main_lens.decentre))
 
 
-class _Views(NamedTuple):
+class RayViews(NamedTuple):
     """Backward rays, told where they cross the plane of the FAP; leading axes of the input."""
 
     pupil: Array
@@ -461,7 +461,7 @@ class _Views(NamedTuple):
 
 def views(
     camera: LensCamera, microlens: ArrayLike, sensor: ArrayLike, wavelength: float | None = None, *, clip: bool = True
-) -> _Views:
+) -> RayViews:
     """Trace sensor points through pinhole microlenses and the lens to the FAP and beyond.
 
     Parameters
@@ -496,7 +496,7 @@ def views(
         if clip:
             state[(state == RayFate.KEPT) & (left < 0)] = state_at(camera.rims_at + number)
     pupil, place, slope = (np.moveaxis(part, 0, -1) for part in (pupil, place, slope))
-    return _Views(pupil, place, slope, state, fap_room, room)
+    return RayViews(pupil, place, slope, state, fap_room, room)
 
 
 def chief_slope(camera: LensCamera, microlens: ArrayLike, pupil: ArrayLike) -> Array:
@@ -525,7 +525,7 @@ class _SensorPoints:
     """Whether the point was found, (...); elsewhere the nearest approach."""
 
     @cached_property
-    def views(self) -> _Views:
+    def views(self) -> RayViews:
         """Views of the backward rays, apertures not counted."""
         return views(self.camera, self.microlens, self.sensor, clip=False)
 

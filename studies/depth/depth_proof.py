@@ -190,7 +190,9 @@ def judged(trial: Trial) -> dict[str, Any]:
     """What a scene in a light tells, in disparities [pitches]: counts, spread, prediction, bias and share within."""
     camera = Camera.of(trial.raw.design.thin_twin)
     places, shape = trial.first.x_ml.reshape(-1, 2), trial.true.shape
-    whole = MicrolensImages(camera, places).shapes.kept_fraction[:, 0].reshape(shape) >= WHOLE
+    images, traced = MicrolensImages(camera, places), ArrayGeometry(trial.raw.design).traced
+    images = images if traced is None else traced.cut(images)
+    whole = images.shapes.kept_fraction[:, 0].reshape(shape) >= WHOLE
     single = aside_of_edges(trial)
     rows, columns = np.unique(trial.prediction.row), np.unique(trial.prediction.column)
     at = [np.abs(some[:, None] - np.arange(n)).argmin(0) for some, n in zip((rows, columns), shape, strict=True)]
