@@ -52,9 +52,8 @@ DIRECTIONS = 6
 """Directions of a texture whose errors behind a real lens are averaged."""
 PREDICTED = 8
 """Fields along each axis at which the error is predicted."""
-SETTLING, RELAXED = 3, 0.83
-"""Rounds in which the picture settles that says what neighbours send, and share of its change that each takes over:
-what is off comes back with the other sign, up to 0.45 of it, and so to a fifth at most in each."""
+SETTLING = 3
+"""Rounds in which the picture settles that says what neighbours send: what is off changes sign, to a third, in each."""
 DULLED, ASKED, ANSWERS = 0.05, 0.05, (-1.0, 0.5)
 """Share of a view's samples that are saturated from which light that it shares is left out; error of the disparities
 that say what neighbours send which asks for what comes of it [pitches], and bounds of what may, over it."""
@@ -386,25 +385,23 @@ def _with_shared(
     """Views and disparities once light that microlenses share tells them too.
 
     What neighbours send follows from the picture and the disparities before, in some rounds, as views that share light
-    show another picture; until it nearly has settled, disparities are those before all rounds. An error of them makes c
-    times as much in those found, which one more round shows, by others of the same picture. What windows take off a
-    bent surface would come back as well, and is given back.
+    show another picture. An error of those disparities makes c times as much in those found, which one more round
+    shows, by others of the same picture. What windows take off a bent surface would come back as well, and is given
+    back.
     """
     from scipy import ndimage
 
     if isinstance(viewing, GridGeometry):  # cameras share no light
         return views, disparities
-    rounds, lit, picture = [disparities], views, np.zeros(disparities.disparity.shape)
+    rounds, lit = [disparities], views
     dull = saturated(field, noise).mean((2, 3)) > DULLED
     for number in range(SETTLING + 1):
-        before, latest = rounds[min(number, SETTLING - 1) if number > 1 else 0].begun, rounds[-1].begun
+        before, latest = rounds[min(number, SETTLING - 1)].begun, rounds[-1].begun
         if before is None or latest is None:
             return views, disparities
-        if number < SETTLING:
-            picture += RELAXED * (latest.picture - picture) if number else latest.picture
         smooth = ndimage.median_filter(before.disparity, disparities.window)
         assumed = straightened(smooth, disparities.window, 2) + ASKED * (number == SETTLING)
-        shared = viewing.with_shared(field, looks, assumed, picture)
+        shared = viewing.with_shared(field, looks, assumed, before.picture)
         if shared is None:
             return views, disparities
         bright = np.where(dull[..., None, None], 0, shared.field.weight)
@@ -435,16 +432,16 @@ def _shared_noise(c: float, window: int) -> tuple[float, float]:
     """Variance of disparities by shared light over that of samples each by itself, and share of the first ones' beside.
 
     Pixels that two microlenses share pull both, by covariances whose sum over neighbours is -c of the variance: what
-    they send is told by the same pixels. Errors of the first and second disparities, smoothed over a window, come back
-    through four neighbours, c times as large. The first ones' are those of all samples and others independent of them.
+    they send is told by the same pixels. Errors of the disparities before, smoothed over a window, come back through
+    four neighbours, c times as large, in each round. The first ones' are those of all samples, and others beside.
     """
     k = np.fft.fftfreq(WAVES)
     mean = np.sinc(window * k) / np.sinc(k)
     mean, near = np.multiply.outer(mean, mean), np.add.outer(np.cos(2 * math.pi * k), np.cos(2 * math.pi * k)) / 2
     back = c * near * mean**2
     alone = (mean**2).mean()
-    all_of_it = (mean * (1 + back + back**2)) ** 2 * (1 - c * near)
-    return float(all_of_it.mean() / alone), float(((mean * back**2) ** 2).mean() / alone)
+    every = (mean * sum(back**number for number in range(SETTLING + 1))) ** 2 * (1 - c * near)
+    return float(every.mean() / alone), float(((mean * back**SETTLING) ** 2).mean() / alone)
 
 
 def _aliased(design: Design, texture: Noise | None, true: Array) -> float:

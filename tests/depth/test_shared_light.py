@@ -7,7 +7,7 @@ import pytest
 from scipy import ndimage
 
 from roslf_design.calibration.decoding import LightField
-from roslf_design.depth.measure import _shared_noise
+from roslf_design.depth.measure import SETTLING, _shared_noise
 from roslf_design.depth.unmixing import PreparedViews, _shown
 
 WINDOW = 5
@@ -31,7 +31,7 @@ def test_noise_of_shared_pixels_is_that_of_pixels_drawn_one_by_one(c):
         pulls += noise - math.copysign(1, c) * np.roll(noise, 1, axis)
     alone = mean(rng.standard_normal(pulls.shape)).var()
     before = mean(pulls + math.sqrt(first**2 - 1) * rng.standard_normal(pulls.shape))
-    for _ in range(2):
+    for _ in range(SETTLING):
         before = mean(pulls) + mean(c * neighbours(mean(before)))
     again, beside = _shared_noise(c, WINDOW)
     assert before.var() / alone == pytest.approx(again + beside * (first**2 - 1), rel=0.05)
