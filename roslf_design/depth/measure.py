@@ -57,10 +57,8 @@ SETTLING = 3
 DULLED, ASKED, ANSWERS = 0.05, 0.05, (-1.0, 0.5)
 """Share of a view's samples that are saturated from which light that it shares is left out; error of the disparities
 that say what neighbours send which asks for what comes of it [pitches], and bounds of what may, over it."""
-ALIKE, SMOOTH, TWICE = 0.46, 0.31, 0.19
-"""Noise of a window's disparity that comes back through those of neighbours, which are smoothed over a window and then
-summed over one: its covariance with the window's own, over the variance; its variance over that; and once it has come
-back twice. Autocorrelations of four, six and ten windows in a row, over that of two, squared for two axes."""
+WAVES = 64
+"""Waves along an axis that noise is taken apart to."""
 
 
 BEYOND = 100
@@ -388,8 +386,8 @@ def _with_shared(
 
     What neighbours send follows from the picture and the disparities before, in some rounds, as views that share light
     show another picture. An error of those disparities makes c times as much in those found, which one more round
-    shows, by others of the same picture. Noise of a single window comes back smoothed, and so less of it. What windows
-    take off a bent surface would come back as well, and is given back.
+    shows, by others of the same picture. What windows take off a bent surface would come back as well, and is given
+    back.
     """
     from scipy import ndimage
 
@@ -416,9 +414,9 @@ def _with_shared(
     if not both.any():
         return views, disparities
     c = float(np.clip(np.median((other.disparity - found.disparity)[both]) / ASKED, *ANSWERS))
-    own = np.where(disparities.measured, disparities.sigma, found.sigma)
-    again = math.sqrt(1 + 2 * c * ALIKE + c**2 * SMOOTH)
-    sigma = np.hypot(again * found.sigma, c**2 * math.sqrt(TWICE) * own)
+    own, sigma = (np.where(run.measured, run.sigma, 0.0) for run in (disparities, found))
+    again, first = _shared_noise(c, disparities.window)
+    sigma = np.sqrt(again * sigma**2 + first * np.maximum(own**2 - sigma**2, 0))
     names = ("disparity", "sigma", "status", "chi2", "views", "picture")
     told: dict[str, Any] = {
         name: np.where(some, sigma if name == "sigma" else getattr(found, name), getattr(disparities, name))
@@ -428,6 +426,22 @@ def _with_shared(
         bend = straightened(found.begun.disparity, disparities.window) - found.begun.disparity
         told["disparity"] = np.where(some, found.disparity + bend, disparities.disparity)
     return lit, replace(disparities, **told)
+
+
+def _shared_noise(c: float, window: int) -> tuple[float, float]:
+    """Variance of disparities by shared light over that of samples each by itself, and share of the first ones' beside.
+
+    Pixels that two microlenses share pull both, by covariances whose sum over neighbours is -c of the variance: what
+    they send is told by the same pixels. Errors of the disparities before, smoothed over a window, come back through
+    four neighbours, c times as large, in each round. The first ones' are those of all samples, and others beside.
+    """
+    k = np.fft.fftfreq(WAVES)
+    mean = np.sinc(window * k) / np.sinc(k)
+    mean, near = np.multiply.outer(mean, mean), np.add.outer(np.cos(2 * math.pi * k), np.cos(2 * math.pi * k)) / 2
+    back = c * near * mean**2
+    alone = (mean**2).mean()
+    every = (mean * sum(back**number for number in range(SETTLING + 1))) ** 2 * (1 - c * near)
+    return float(every.mean() / alone), float(((mean * back**SETTLING) ** 2).mean() / alone)
 
 
 def _aliased(design: Design, texture: Noise | None, true: Array) -> float:

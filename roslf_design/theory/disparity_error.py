@@ -944,15 +944,16 @@ def disparity_sigmas(images: MicrolensImages, plane: Seen, besides: tuple[Beside
     Returns
     -------
     ndarray, shape (noises, fields, builds)
-        Of ``depth.window`` by as many microlenses; as ``depth.disparity_error`` has it where that is given, wherever
-        there is light.
+        Of a square of ``depth.window`` rows of microlenses; as ``depth.disparity_error`` has it where that is given,
+        wherever there is light.
     """
     c = images.camera
     fixed = c.numbers.get("depth.disparity_error")
     if fixed is not None:
         lit = images.shapes.lit
         return np.stack(len(besides) * [np.where(lit, np.broadcast_to(np.asarray(fixed), lit.shape), np.inf)])
-    total = _informations(images, plane, None, besides) * c["depth.window"] ** 2
+    # Rows of a hexagonal array are closer than a pitch, and windows as wide as they are high.
+    total = _informations(images, plane, None, besides) * c["depth.window"] ** 2 * PACKINGS[c.layout].rise
     with np.errstate(divide="ignore"):
         return np.asarray(1 / np.sqrt(np.maximum(total, 0.0)))
 

@@ -144,7 +144,7 @@ def attainable(
     settings = {"depth.finest": DETAIL * float(camera.d), "depth.period": None, "depth.window": WINDOW}
     assumed = Camera.of(design.replace(settings).thin_twin)
     predicted = float(disparity_sigma(MicrolensImages(assumed, [at]), Seen(np.asarray(disparity), np.ones(())))[0, 0])
-    lacking = WINDOW**2 / window.sum()
+    lacking = WINDOW**2 * packing.rise / window.sum()
     return Attainable(*(math.sqrt(np.mean(1 / (lacking * np.array(one)))) / predicted for one in found))
 
 

@@ -259,6 +259,18 @@ def test_nothing_to_tell():
 
 
 @pytest.mark.parametrize("layout", ["square", "hexagonal"])
+def test_a_window_holds_the_microlenses_of_a_square_of_so_many_rows(layout):
+    """Counted: rows of a hexagonal array are closer than a pitch, and the square as wide as it is high."""
+    camera = Camera.of(PAPER.replace({"microlens_array.layout": layout, "depth.window": 5}))
+    images, plane, steps = MicrolensImages(camera, [(0.0, 0.0)]), seen_at(camera, None), PACKINGS[layout].steps
+    nodes = np.stack(np.meshgrid(np.arange(-20, 21), np.arange(-20, 21)), -1).reshape(-1, 2) @ steps.T
+    corners, side = np.random.default_rng(1).uniform(-2, 2, (4000, 1, 2)), 5 * steps[1, 1]
+    held = np.mean(((nodes > corners) & (nodes < corners + side)).all(-1).sum(-1))
+    own = float(_disparity_information(images, plane)[0, 0])
+    assert float(disparity_sigma(images, plane)[0, 0]) == pytest.approx(1 / (held * own) ** 0.5, rel=0.01)
+
+
+@pytest.mark.parametrize("layout", ["square", "hexagonal"])
 @pytest.mark.parametrize("lens_shape", ["square", "circular"])
 def test_builds_are_those_taken_one_by_one(layout, lens_shape):
     design = PAPER.replace({"microlens_array.layout": layout, "microlens_array.lens_shape": lens_shape})
