@@ -19,12 +19,12 @@ from pydantic import Field
 from ..accuracy.statement import check_accuracy
 from ..accuracy.table import QUANTITIES, cache_file, check_quantity, current_table
 from ..errors import Argument, InputError, Problem
-from ..evaluation.required import load_checked
 from ..options import Options
 from ..reporting.lens_words import lens_words
 from ..reporting.printers import page_files
 from ..scenes import load_scene
 from ..tables import Table, print_table
+from ..theory.limits import load_checked
 from .evaluate import parse_field
 from .terminal import (
     PAGE,

@@ -18,11 +18,11 @@ from ..calibration.written import CALIBRATED
 from ..design import DesignError, dumps
 from ..design.files import WRITTEN
 from ..errors import Problem, refusal
-from ..evaluation.required import load_checked
 from ..json_data import plain
 from ..reporting.blocks import Report
 from ..reporting.calibrate import pages
 from ..reporting.printers import page_files
+from ..theory.limits import load_checked
 from ..units import Angle, Distance, Length
 from .refused import refused
 from .results import picture_files, print_titled

@@ -21,13 +21,13 @@ from ..depth.view_files import MATLAB
 from ..design import preset_names
 from ..drawing.picture import Picture
 from ..errors import Argument
-from ..evaluation.required import load_checked
 from ..options import Options
 from ..reporting.blocks import Block, Report
 from ..reporting.depth.captured import capture_answers, capture_basis, capture_report
 from ..reporting.depth.pages import answers, basis, depth_report, measurement_pictures
 from ..reporting.printers import page_files
 from ..scenes import load_scene
+from ..theory.limits import load_checked
 from .render import parse_region
 from .results import picture_files, print_titled
 from .terminal import (

@@ -12,10 +12,10 @@ from ..errors import refusal
 from ..evaluation import evaluate as compute
 from ..evaluation.evaluate import evaluation_accuracy
 from ..evaluation.fields import MOST_FIELDS
-from ..evaluation.required import load_checked
 from ..evaluation.result import print_evaluation
 from ..evaluation.specification import FieldImages, specification
 from ..tables import csv_bytes
+from ..theory.limits import load_checked
 from ..units import COLDEST, FARTHEST, HOTTEST, read_quantity
 from .terminal import (
     DesignName,

@@ -11,10 +11,10 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ..errors import InputError, Problem
-from ..evaluation.required import load_checked
 from ..explorer.server import application, is_local, serve
 from ..explorer.session import Session
 from ..imaging.white import warm_up
+from ..theory.limits import load_checked
 from .terminal import DesignName, say
 
 PACKAGES = ("trame", "trame_client", "trame_server", "trame_vtk", "aiohttp")

@@ -9,11 +9,11 @@ from ..bore.export import SequenceRow
 from ..camera import Camera
 from ..design import Design
 from ..design.sequence import D_LINE, lens_rows, optiland, sequence_of, zmx
-from ..evaluation.required import load_checked
 from ..input_files import MOST_TEXT, read_bytes
 from ..lenses.glass import ROOM
 from ..lenses.lens_file import load_lens, shipped_names
 from ..lenses.prescription import Prescription
+from ..theory.limits import load_checked
 from ..theory.quantities import QUANTITIES
 from .terminal import Output, check_target, say, write_files
 

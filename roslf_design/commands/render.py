@@ -15,13 +15,13 @@ from ..accuracy.picture import settle, stated
 from ..design.files import in_the_way, write_atomically
 from ..effects import Budget, Plan, plan
 from ..errors import InputError, Problem, refusal
-from ..evaluation.required import load_checked
 from ..imaging.files import check_target, write_image
 from ..imaging.render import render as compute
 from ..options import Options
 from ..reporting.design.microlens import preview as zooms
 from ..scenes import WHITE_FIELD, load_scene
 from ..tables import Table, print_table
+from ..theory.limits import load_checked
 from .terminal import DesignName, Flag, Flat, Json, OptionalOutput, StatusLine, bar, check_options, json_text, say
 
 

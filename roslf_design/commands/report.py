@@ -21,13 +21,13 @@ from ..drawing.solid import NoPictureError, picture, vtp_bytes
 from ..drawing.svg import file_of
 from ..errors import Argument, InputError, Problem, refusal
 from ..evaluation.evaluate import check_evaluation_accuracy
-from ..evaluation.required import load_checked
 from ..options import Options
 from ..reporting.calibrate.pages import read_calibration
 from ..reporting.design.compare import comparison_report
 from ..reporting.design.instrument import instrument_scene
 from ..reporting.printers import render_html, render_pdf, render_tables
 from ..reporting.story import full_report, load_story_or_study, story_report, study_report
+from ..theory.limits import load_checked
 from .terminal import (
     PAGE,
     Distances,

@@ -15,8 +15,8 @@ from .._arrays import Array
 from ..bore.conjugates import CONJUGATES
 from ..design import PATHS, Design
 from ..errors import InputError, one_line, refusal
-from ..evaluation.required import load_checked
 from ..reporting.sweep import sweep_picture
+from ..theory.limits import load_checked
 from ..theory.sweep import sweep as compute
 from ..theory.sweep import unit_of
 from ..units import read_quantity

@@ -26,12 +26,13 @@ from ..design import Design, preset_names
 from ..design.files import Kind, kind_of
 from ..errors import InputError, Problem, refusal
 from ..evaluation import default_fields
-from ..evaluation.required import load_beside, load_checked
+from ..evaluation.required import load_beside
 from ..optimization.study import Result, run
 from ..optimization.study import read_study as read_optimisation
 from ..progress import CountedProgress, silent
 from ..theory.focused import focus_faults
 from ..theory.length_covariance import LengthCovariance
+from ..theory.limits import load_checked
 from ..tolerancing.result import StudyResult, analyse
 from ..tolerancing.run import run_trials
 from ..tolerancing.study import TolerancePlan, tolerance_plan
