@@ -23,7 +23,7 @@ from ..reporting.bench.targets import target_files
 from ..reporting.blocks import Statements
 from ..reporting.printers import render_html, render_pdf
 from ..reporting.sheet.lines import NONE
-from ..theory.limits import load_checked
+from ..theory.limits import as_design
 from .calibrate import POSES, PlannedPoses, write_calibration
 from .refused import refused
 from .report import date_of_making
@@ -76,7 +76,7 @@ def write(
     """
     check_typst("output")
     check_options(seed, output)
-    loaded = load_checked(design)
+    loaded = as_design(design)
     asked = PlanOptions.of(board=board, seed=seed, **dict(poses))
     with StatusLine("bench") as status:
         status.tell("planning")

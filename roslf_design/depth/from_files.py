@@ -26,7 +26,7 @@ from ..options import FileName, Options, refuse_idle
 from ..progress import CountedProgress, shares, silent
 from ..shapes.lattice import PACKINGS
 from ..theory.length_covariance import LengthCovariance
-from ..theory.limits import load_checked
+from ..theory.limits import as_design
 from ..units import read_quantity
 from .captured import (
     FEW_VIEWS,
@@ -109,7 +109,7 @@ class CaptureOptions(Options):
 
     def camera(self) -> tuple[Design | None, LengthCovariance | None]:
         """Camera that an image is from, where one is named, and how sure its lengths are."""
-        named = None if self.design is None else load_checked(self.design)
+        named = None if self.design is None else as_design(self.design)
         if self.calibration is None:
             return named, None
         design, lengths = calibrated_camera(self.calibration, named)

@@ -18,7 +18,7 @@ from ..errors import InputError, Problem
 from ..theory import tube
 from ..theory.depth_budget import DepthBudget
 from ..theory.focused import is_focused
-from ..theory.limits import limits, load_checked
+from ..theory.limits import as_design, limits
 from ..theory.quantities import quantity_named
 from ..words import number
 from .groups import Verdict
@@ -138,7 +138,7 @@ def required_distances(design: Design, far: float) -> tuple[float, ...]:
 
 def load_beside(name: str, folder: Path) -> Design:
     """The design that a study in a folder names: a file beside it or, where there is none, a preset."""
-    return load_checked(name if name in preset_names() and not (folder / name).is_file() else folder / name)
+    return as_design(name if name in preset_names() and not (folder / name).is_file() else folder / name)
 
 
 def studied(

@@ -23,7 +23,7 @@ from ..drawing.theme import ThemeName
 from ..errors import FAULTS, InputError, cause
 from ..evaluation import evaluate
 from ..reporting.design.instrument import scene
-from ..theory.limits import checked, load_checked
+from ..theory.limits import as_design
 from .fixes import Fix, proposals
 from .jobs import Later, Progress
 from .main_lens import explored_lens
@@ -285,11 +285,11 @@ class Session:
             self._say(f"{name}: is too large for a design file")
         else:
             # Whoever wrote it named files of a machine that is not this one.
-            self._load(lambda: checked(loads(text, name, folder=None), name))
+            self._load(lambda: as_design(loads(text, name, folder=None), name))
 
     def load_path(self, path: str) -> None:
         """Load a design that ships, by its name, or a file of the machine that the explorer runs on."""
-        self._load(lambda: load_checked(path.strip()))
+        self._load(lambda: as_design(path.strip()))
 
     def fix(self, key: str) -> None:
         """Change what a proposal says."""

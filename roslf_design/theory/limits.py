@@ -15,20 +15,12 @@ _Limits = tuple[Required, Quantity, float | None, float | None]
 """Limits that a file states, as it states them and read: the quantity, the least and the largest value."""
 
 
-def checked(design: Design, origin: str = "") -> Design:
-    """The design given, what it requires checked; errors as of `limits`."""
+def as_design(design: Design | str | os.PathLike[str], origin: str = "") -> Design:
+    """A design, or the one that a path or a preset's name stands for, what it requires checked; errors of `load` and `limits`."""
+    if not isinstance(design, Design):
+        design, origin = load(design), os.fspath(design)
     limits(design, origin)
     return design
-
-
-def load_checked(path: str | os.PathLike[str]) -> Design:
-    """Design of a file or preset, as `load` reads it, what it requires checked too; errors as of both."""
-    return checked(load(path), os.fspath(path))
-
-
-def as_design(design: Design | str | os.PathLike[str]) -> Design:
-    """A design, or the one that a path or the name of a preset stands for, what it requires checked."""
-    return checked(design) if isinstance(design, Design) else load_checked(design)
 
 
 def limits(design: Design, origin: str = "") -> list[_Limits]:
