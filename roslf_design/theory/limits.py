@@ -16,7 +16,7 @@ _Limits = tuple[Required, Quantity, float | None, float | None]
 
 
 def as_design(design: Design | str | os.PathLike[str], origin: str = "") -> Design:
-    """A design, or the one that a path or a preset's name stands for, what it requires checked; errors of `load` and `limits`."""
+    """Design given, or the one of a path or a preset's name; errors as of `load` and `limits`, which checks it."""
     if not isinstance(design, Design):
         design, origin = load(design), os.fspath(design)
     limits(design, origin)
