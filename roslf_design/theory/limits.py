@@ -18,7 +18,7 @@ _Limits = tuple[Required, Quantity, float | None, float | None]
 def as_design(design: Design | str | os.PathLike[str], origin: str = "") -> Design:
     """Design given, or the one of a path or a preset's name; errors as of `load` and `limits`, which checks it."""
     if not isinstance(design, Design):
-        design, origin = load(design), os.fspath(design)
+        origin, design = os.fspath(design), load(design)
     limits(design, origin)
     return design
 
