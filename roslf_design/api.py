@@ -25,7 +25,7 @@ from .depth.from_files import CaptureOptions, captured
 from .depth.measure import Trial, simulate
 from .depth.pictures import PictureOptions
 from .design import Design, dumps
-from .design.files import WRITTEN, as_design
+from .design.files import WRITTEN
 from .drawing.picture import Picture
 from .errors import refusal
 from .imaging.render import RawImage
@@ -41,6 +41,7 @@ from .reporting.design.pages import design_report
 from .reporting.optimise.pages import optimization_report
 from .reporting.tolerance.pages import tolerance_report
 from .scenes import Scene, load_scene
+from .theory.limits import as_design
 from .theory.quantities import quantity_named
 from .theory.quantity import Quantity
 from .tolerancing.result import StudyResult, analyse

@@ -13,9 +13,10 @@ from pydantic import Field, field_validator, model_validator
 
 from ..calibration.frames import SUFFIXES
 from ..calibration.model import Board, Markers
-from ..design import Design, load
+from ..design import Design
 from ..errors import InputError, Problem
 from ..options import Seed
+from ..theory.limits import as_design
 from ..toml_files import StrictTable, read_toml, validated
 from ..units import Angle, AnyLength, Length
 
@@ -254,4 +255,4 @@ def read_bench(folder: Path) -> Bench:
         why = f"has no {SETUP}: name the folder that roslf bench DESIGN -o FOLDER wrote"
         raise InputError((Problem("", why if folder.exists() else "no such folder"),), str(folder))
     file = folder / SETUP
-    return Bench(folder, load(folder / DESIGN), validated(Setup, read_toml(file, str(file)), str(file)))
+    return Bench(folder, as_design(folder / DESIGN), validated(Setup, read_toml(file, str(file)), str(file)))

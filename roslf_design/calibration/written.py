@@ -12,10 +12,11 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from ..camera import Camera
-from ..design import Design, load
+from ..design import Design
 from ..errors import InputError, Problem, refusal
 from ..input_files import read_json
 from ..theory.length_covariance import CalibratedLengths, LengthCovariance
+from ..theory.limits import as_design
 from ..toml_files import problems_of
 from .noise import MeasuredSensor
 
@@ -160,7 +161,7 @@ def calibrated_sensor(place: Path) -> MeasuredSensor | None:
 def calibrated_design(place: Path) -> Design:
     """The camera of a calibration's folder, or of its calibration.json; errors as of `read_numbers`."""
     read_numbers(place)
-    return load(file_in(place).with_name(CALIBRATED))
+    return as_design(file_in(place).with_name(CALIBRATED))
 
 
 def calibrated_camera(place: Path, named: Design | None = None) -> tuple[Design, CalibratedLengths]:
@@ -174,7 +175,7 @@ def calibrated_camera(place: Path, named: Design | None = None) -> tuple[Design,
     """
     data = read_numbers(place)
     file = file_in(place).with_name(CALIBRATED)
-    camera = load(file)
+    camera = as_design(file)
 
     if named is not None and named.name not in (data["design"], camera.name):
         raise refusal(

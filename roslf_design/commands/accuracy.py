@@ -19,12 +19,12 @@ from pydantic import Field
 from ..accuracy.statement import check_accuracy
 from ..accuracy.table import QUANTITIES, cache_file, check_quantity, current_table
 from ..errors import Argument, InputError, Problem
-from ..evaluation.required import load_checked
 from ..options import Options
 from ..reporting.lens_words import lens_words
 from ..reporting.printers import page_files
 from ..scenes import load_scene
 from ..tables import Table, print_table
+from ..theory.limits import as_design
 from .evaluate import parse_field
 from .terminal import (
     PAGE,
@@ -117,7 +117,7 @@ def diagrams(
     options.check(output)
     scene, quantity, jobs, seed = options.scene, options.quantity, options.jobs, options.seed
     accuracy, field = options.accuracy, options.field
-    loaded = load_checked(design)
+    loaded = as_design(design)
     axis = None if field is None else parse_field(field)
     promises, page = study("promises"), study("page")
     wanted = [quantity] if quantity else [] if scene else list(QUANTITIES)
@@ -186,7 +186,7 @@ def calibrate(
         Of the jobs.
     """
     check_options(seed)
-    loaded = load_checked(design)
+    loaded = as_design(design)
     path = cache_file() if output is None else output
     check_target(path)
     promises = study("promises")
@@ -219,7 +219,7 @@ def hard_cases(
         Of the walks; the same seed gives the same bytes.
     """
     check_options(seed, output)
-    loaded = load_checked(design)
+    loaded = as_design(design)
     rows, page = study("hard_rows"), study("hard_page")
     with StatusLine("accuracy") as progress:
         cases = study("hard_cases").run_hard_cases(loaded, rows.all_cases(), seed=seed, progress=progress.tell)

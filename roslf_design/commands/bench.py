@@ -16,7 +16,6 @@ from ..calibration.model import relative_sigma
 from ..calibration.options import PlanOptions
 from ..design import dumps
 from ..errors import refusal
-from ..evaluation.required import load_checked
 from ..reporting.bench.acceptance import acceptance_report, acceptance_statements, acceptance_tables
 from ..reporting.bench.check import check_report, image_line, summary
 from ..reporting.bench.protocol import protocol_report
@@ -24,6 +23,7 @@ from ..reporting.bench.targets import target_files
 from ..reporting.blocks import Statements
 from ..reporting.printers import render_html, render_pdf
 from ..reporting.sheet.lines import NONE
+from ..theory.limits import as_design
 from .calibrate import POSES, PlannedPoses, write_calibration
 from .refused import refused
 from .report import date_of_making
@@ -76,7 +76,7 @@ def write(
     """
     check_typst("output")
     check_options(seed, output)
-    loaded = load_checked(design)
+    loaded = as_design(design)
     asked = PlanOptions.of(board=board, seed=seed, **dict(poses))
     with StatusLine("bench") as status:
         status.tell("planning")

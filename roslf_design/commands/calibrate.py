@@ -18,11 +18,11 @@ from ..calibration.written import CALIBRATED
 from ..design import DesignError, dumps
 from ..design.files import WRITTEN
 from ..errors import Problem, refusal
-from ..evaluation.required import load_checked
 from ..json_data import plain
 from ..reporting.blocks import Report
 from ..reporting.calibrate import pages
 from ..reporting.printers import page_files
+from ..theory.limits import as_design
 from ..units import Angle, Distance, Length
 from .refused import refused
 from .results import picture_files, print_titled
@@ -147,7 +147,7 @@ def calibrate(
     began = time.perf_counter()
     try:
         with status_and_bars("calibrate") as tell:
-            result = calibrated(folder, load_checked(design), options, tell)
+            result = calibrated(folder, as_design(design), options, tell)
     except CalibrationError as error:
         raise refused(error, folder, output) from None
     typed_options = options.model_dump(exclude={"sigma", "posterior"})
@@ -183,7 +183,7 @@ def write_calibration(result: Outcome, output: Path, command: str) -> tuple[Repo
 
 def _print_plan(design: str, asked: PlanOptions, distortion: int | None, json: bool) -> None:
     """Expected errors of a calibration that is planned, on stdout; refused where captures do not determine a camera."""
-    loaded = load_checked(design)
+    loaded = as_design(design)
     with StatusLine("calibrate") as status:
         status.tell("planning")
         plan = calibration_plan(loaded, asked, distortion)

@@ -21,13 +21,13 @@ from ..depth.view_files import MATLAB
 from ..design import preset_names
 from ..drawing.picture import Picture
 from ..errors import Argument
-from ..evaluation.required import load_checked
 from ..options import Options
 from ..reporting.blocks import Block, Report
 from ..reporting.depth.captured import capture_answers, capture_basis, capture_report
 from ..reporting.depth.pages import answers, basis, depth_report, measurement_pictures
 from ..reporting.printers import page_files
 from ..scenes import load_scene
+from ..theory.limits import as_design
 from .render import parse_region
 from .results import picture_files, print_titled
 from .terminal import (
@@ -139,8 +139,8 @@ def depth(
         blocks = (*capture_answers(result), *capture_basis(result))
         _finish(result, f"Depth in {result.source}", blocks, partial(capture_report, result), command, output, json)
         return
-    design, look = load_checked(subject), None if simulation.scene is None else load_scene(simulation.scene)
-    other = None if simulation.believed is None else load_checked(simulation.believed)
+    design, look = as_design(subject), None if simulation.scene is None else load_scene(simulation.scene)
+    other = None if simulation.believed is None else as_design(simulation.believed)
     pictures = PictureOptions(region=piece, seed=simulation.seed or 0, exposures=simulation.exposures or 1)
     work = Work.of(design, pictures)
     tell_cost(work.seconds, f"{work}; a smaller --region makes it shorter")

@@ -12,10 +12,10 @@ from ..errors import refusal
 from ..evaluation import evaluate as compute
 from ..evaluation.evaluate import evaluation_accuracy
 from ..evaluation.fields import MOST_FIELDS
-from ..evaluation.required import load_checked
 from ..evaluation.result import print_evaluation
 from ..evaluation.specification import FieldImages, specification
 from ..tables import csv_bytes
+from ..theory.limits import as_design
 from ..units import COLDEST, FARTHEST, HOTTEST, read_quantity
 from .terminal import (
     DesignName,
@@ -70,7 +70,7 @@ def evaluate(
         )
     fields = None if field is None else [parse_field(text) for text in field]
     began = time.perf_counter()
-    loaded = load_checked(design)
+    loaded = as_design(design)
     if temperature is not None:
         loaded = loaded.at_temperature(_parse_temperature(temperature))
     distances = read_distances(at)

@@ -11,10 +11,10 @@ from typing import Annotated
 from cyclopts import Parameter
 
 from ..errors import InputError, Problem
-from ..evaluation.required import load_checked
 from ..explorer.server import application, is_local, serve
 from ..explorer.session import Session
 from ..imaging.white import warm_up
+from ..theory.limits import as_design
 from .terminal import DesignName, say
 
 PACKAGES = ("trame", "trame_client", "trame_server", "trame_vtk", "aiohttp")
@@ -41,7 +41,7 @@ def explore(
         Whether to open the page in the browser.
     """
     _check_packages()
-    loaded = load_checked(design)
+    loaded = as_design(design)
 
     def ready(address: str) -> None:
         print(f"The explorer is at {address} (Ctrl-C ends it)", flush=True)

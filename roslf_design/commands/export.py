@@ -9,11 +9,11 @@ from ..bore.export import SequenceRow
 from ..camera import Camera
 from ..design import Design
 from ..design.sequence import D_LINE, lens_rows, optiland, sequence_of, zmx
-from ..evaluation.required import load_checked
 from ..input_files import MOST_TEXT, read_bytes
 from ..lenses.glass import ROOM
 from ..lenses.lens_file import load_lens, shipped_names
 from ..lenses.prescription import Prescription
+from ..theory.limits import as_design
 from ..theory.quantities import QUANTITIES
 from .terminal import Output, check_target, say, write_files
 
@@ -31,7 +31,7 @@ def export(name: str, /, *, output: Output) -> None:
         The file to write; what it ends with, .zmx or .json, says of which program.
     """
     kind = check_target(output, WRITERS)
-    subject = _of_lens(load_lens(name)) if _is_lens(name) else _of_camera(load_checked(name))
+    subject = _of_lens(load_lens(name)) if _is_lens(name) else _of_camera(as_design(name))
     rows, title, wavelength, warmth, wide, straightened = subject
     text = zmx(rows, title, wavelength, warmth, wide) if kind == ".zmx" else optiland(rows, title, wavelength, wide)
     write_files(output.parent, {output.name: text.encode()})

@@ -15,13 +15,13 @@ from ..accuracy.picture import settle, stated
 from ..design.files import in_the_way, write_atomically
 from ..effects import Budget, Plan, plan
 from ..errors import InputError, Problem, refusal
-from ..evaluation.required import load_checked
 from ..imaging.files import check_target, write_image
 from ..imaging.render import render as compute
 from ..options import Options
 from ..reporting.design.microlens import preview as zooms
 from ..scenes import WHITE_FIELD, load_scene
 from ..tables import Table, print_table
+from ..theory.limits import as_design
 from .terminal import DesignName, Flag, Flat, Json, OptionalOutput, StatusLine, bar, check_options, json_text, say
 
 
@@ -103,7 +103,7 @@ def render(
     plan_only
         Print which effects would be on, with sizes and reasons, and stop.
     """
-    loaded = load_checked(design)
+    loaded = as_design(design)
     scenes = [load_scene(path) for path in scene or []] or [WHITE_FIELD]
     budget, overrides = options.budget(), options.overrides()
     accuracy, seed = options.accuracy, options.seed

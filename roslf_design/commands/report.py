@@ -21,13 +21,13 @@ from ..drawing.solid import NoPictureError, picture, vtp_bytes
 from ..drawing.svg import file_of
 from ..errors import Argument, InputError, Problem, refusal
 from ..evaluation.evaluate import check_evaluation_accuracy
-from ..evaluation.required import load_checked
 from ..options import Options
 from ..reporting.calibrate.pages import read_calibration
 from ..reporting.design.compare import comparison_report
 from ..reporting.design.instrument import instrument_scene
 from ..reporting.printers import render_html, render_pdf, render_tables
 from ..reporting.story import full_report, load_story_or_study, story_report, study_report
+from ..theory.limits import as_design
 from .terminal import (
     PAGE,
     Distances,
@@ -158,11 +158,11 @@ def report(
         files[PAGE] = render_html(content).encode()
         files |= render_tables(content)
         if "model" in solid:
-            files[SOLID["model"]] = vtp_bytes(instrument_scene(load_checked(design)))
+            files[SOLID["model"]] = vtp_bytes(instrument_scene(as_design(design)))
         if "3d" in solid:
             progress("3D")
             try:
-                files[SOLID["3d"]] = picture(instrument_scene(load_checked(design)))
+                files[SOLID["3d"]] = picture(instrument_scene(as_design(design)))
             except NoPictureError as error:
                 say(f"roslf: {SOLID['3d']} is left out: {error}", error=True)
         if pdf:
@@ -198,7 +198,7 @@ def maker(
     if calibration is not None and (compare or kind != "design"):
         raise refusal("calibration", "goes with the report of one design; leave it out, or name it in the story")
     if kind == "design":
-        designs = [load_checked(name) for name in names]
+        designs = [as_design(name) for name in names]
         for each in designs:
             check_evaluation_accuracy(each, accuracy)
         if compare:

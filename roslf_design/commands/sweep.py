@@ -15,8 +15,8 @@ from .._arrays import Array
 from ..bore.conjugates import CONJUGATES
 from ..design import PATHS, Design
 from ..errors import InputError, one_line, refusal
-from ..evaluation.required import load_checked
 from ..reporting.sweep import sweep_picture
+from ..theory.limits import as_design
 from ..theory.sweep import sweep as compute
 from ..theory.sweep import unit_of
 from ..units import read_quantity
@@ -82,7 +82,7 @@ def sweep(
         raise refusal("set", "the same place twice; name two")
     names = [name.strip() for part in quantity for name in part.split(",") if name.strip()]
     away = None if at is None else read_distances([at])[0]
-    loaded = load_checked(design)
+    loaded = as_design(design)
     if not names:
         raise refusal("quantity", "names none; give at least one, as fill_factor")
     try:

@@ -19,10 +19,11 @@ from ..calibration.result import image_pitch
 from ..calibration.white_profile import WhiteProfile
 from ..calibration.written import calibrated_design
 from ..camera import Camera
-from ..design import Design, load
+from ..design import Design
 from ..errors import refusal
 from ..options import FileName, Options, refuse_idle
 from ..theory.focused import refuse_focused
+from ..theory.limits import as_design
 from ..units import read_quantity
 from .captured import disagreement
 from .view_files import is_views, read_views
@@ -137,7 +138,7 @@ class DecodeOptions(Options):
             raise refusal("calibration", "is a camera as well as `design`; drop one")
         if self.calibration is not None:
             return calibrated_design(self.calibration), "the calibration"
-        return (None, "") if self.design is None else (load(self.design), "the design")
+        return (None, "") if self.design is None else (as_design(self.design), "the design")
 
 
 def decoded(image: Path, options: DecodeOptions, progress: Callable[[str], None] = lambda _: None) -> Decoded:

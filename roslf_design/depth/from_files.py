@@ -19,13 +19,14 @@ from ..calibration.raw import OTHER_CAMERA, RawDecoded, from_raw
 from ..calibration.result import image_pitch
 from ..calibration.written import calibrated_camera, calibrated_sensor
 from ..camera import Camera
-from ..design import Design, load
+from ..design import Design
 from ..errors import Argument, InputError, Problem, refusal
 from ..imaging.camera import Region
 from ..options import FileName, Options, refuse_idle
 from ..progress import CountedProgress, shares, silent
 from ..shapes.lattice import PACKINGS
 from ..theory.length_covariance import LengthCovariance
+from ..theory.limits import as_design
 from ..units import read_quantity
 from .captured import (
     FEW_VIEWS,
@@ -108,7 +109,7 @@ class CaptureOptions(Options):
 
     def camera(self) -> tuple[Design | None, LengthCovariance | None]:
         """Camera that an image is from, where one is named, and how sure its lengths are."""
-        named = None if self.design is None else load(self.design)
+        named = None if self.design is None else as_design(self.design)
         if self.calibration is None:
             return named, None
         design, lengths = calibrated_camera(self.calibration, named)

@@ -129,11 +129,6 @@ def load(path: str | os.PathLike[str]) -> Design:
     return build(data, from_file=True, origin=origin, folder=place.parent)
 
 
-def as_design(design: Design | str | os.PathLike[str]) -> Design:
-    """A design as it is, or the one that a path or the name of a preset stands for, as `load` reads it."""
-    return design if isinstance(design, Design) else load(design)
-
-
 def loads(text: str, origin: str = "", folder: str | os.PathLike[str] | None = "") -> Design:
     """Read a design from TOML text; `origin` is what errors call it, `folder` what a lens file's path counts from.
 

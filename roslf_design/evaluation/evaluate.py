@@ -28,6 +28,7 @@ from ..theory.depth_budget import DepthBudget, depth_budget
 from ..theory.depth_error import depth_error
 from ..theory.focused import FocusedArray
 from ..theory.length_covariance import CalibratedLengths, LengthCovariance
+from ..theory.limits import as_design
 from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
 from ..theory.vignetting import field_limit
@@ -43,7 +44,7 @@ from .groups import (
     SeenPart,
     Temperatures,
 )
-from .required import load_checked, requirements
+from .required import requirements
 from .result import Evaluation
 from .specification import FieldImages, depth_assumptions
 from .verdicts import verdicts_of, warnings_of
@@ -126,7 +127,7 @@ def evaluate(
     """
     if accuracy is not None:
         check_accuracy(accuracy)
-    design = at_temperature(design if isinstance(design, Design) else load_checked(design), temperature)
+    design = at_temperature(as_design(design), temperature)
     rays = rays_for(None if design.has_exact_areas else accuracy)
     axes = default_fields(design) if fields is None else _axes(fields)
     camera = Camera.of(design)

@@ -11,9 +11,9 @@ import numpy as np
 
 from ..camera import Camera
 from ..design import Design
-from ..design.files import as_design
 from ..errors import refusal
 from ..theory.focused import FocusedArray
+from ..theory.limits import as_design
 from ..theory.quantities import quantities_of_cameras
 from ..theory.quantity_table import QuantityTable
 from .evaluate import at_temperature

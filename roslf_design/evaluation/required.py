@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,25 +13,19 @@ from numpy.typing import NDArray
 
 from .._arrays import Array
 from ..camera import Camera
-from ..design import Design, load, preset_names
-from ..design.check import DesignError
-from ..design.required import Required
+from ..design import Design, preset_names
 from ..errors import InputError, Problem
 from ..theory import tube
 from ..theory.depth_budget import DepthBudget
 from ..theory.focused import is_focused
+from ..theory.limits import as_design, limits
 from ..theory.quantities import quantity_named
-from ..theory.quantity import Quantity
 from ..words import number
 from .groups import Verdict
 from .specification import FieldOfView
 
 WAYS = "`roslf sweep` shows what moves it, and as a study's [[constraints]] `roslf optimize` holds it"
 """Remedy of a limit that is not held."""
-
-
-_Limits = tuple[Required, Quantity, float | None, float | None]
-"""Limits that a file states, as it states them and read: the quantity, the least and the largest value."""
 
 
 @dataclass(frozen=True)
@@ -118,7 +111,7 @@ def requirements(
         "outer_diameter_mm": lambda _: tube.walls(camera),
     }
     told = []
-    for asked, quantity, low, high in _limits(design):
+    for asked, quantity, low, high in limits(design):
         known = own.get(quantity.name)
         value = float(quantity(camera, asked.at)) if known is None else known(asked.at)
         undefined = math.isnan(value) or (quantity.of_views and is_focused(camera))
@@ -134,7 +127,7 @@ def requirements(
 def required_distances(design: Design, far: float) -> tuple[float, ...]:
     """Distances ahead of the tip that limits name [mm]: places asked for, and ends to be sharp at, up to `far`."""
     places = []
-    for asked, quantity, low, high in _limits(design):
+    for asked, quantity, low, high in limits(design):
         sharp = {"depth_of_field_near_mm": high, "depth_of_field_far_mm": low}.get(quantity.name.removeprefix("view_"))
         if asked.at is not None:
             places.append(float(asked.at))
@@ -143,22 +136,9 @@ def required_distances(design: Design, far: float) -> tuple[float, ...]:
     return tuple(places)
 
 
-def load_checked(path: str | os.PathLike[str]) -> Design:
-    """Design of a file or preset, as `load` reads it, what it requires checked too.
-
-    Raises
-    ------
-    DesignError
-        As for `load`; a quantity that is none, or a limit in another unit.
-    """
-    design = load(path)
-    _limits(design, os.fspath(path))
-    return design
-
-
 def load_beside(name: str, folder: Path) -> Design:
     """The design that a study in a folder names: a file beside it or, where there is none, a preset."""
-    return load_checked(name if name in preset_names() and not (folder / name).is_file() else folder / name)
+    return as_design(name if name in preset_names() and not (folder / name).is_file() else folder / name)
 
 
 def studied(
@@ -174,40 +154,3 @@ def studied(
         except InputError as error:
             faults += [Problem("design", f"{name}: {fault}") for fault in error.problems]
     return data, None
-
-
-def _limits(design: Design, origin: str = "") -> list[_Limits]:
-    """Quantities and limits that a design requires; all that cannot be read is refused at once."""
-    read: list[_Limits] = []
-    problems = []
-    for asked in design.required:
-        key = f"required.{asked.quantity}"
-        try:
-            quantity = quantity_named(asked.quantity)
-        except ValueError as error:
-            problems.append(Problem(key, str(error)))
-            continue
-        ends: dict[str, float | None] = {"min": None, "max": None}
-        for side in ends:
-            value = getattr(asked, side)
-            try:
-                ends[side] = None if value is None else quantity.limit(value)
-            except ValueError as error:
-                problems.append(Problem(f"{key}.{side}", str(error)))
-        if fault := _fault(asked, quantity, ends["min"], ends["max"]):
-            problems.append(Problem(key, fault))
-        read.append((asked, quantity, ends["min"], ends["max"]))
-    if problems:
-        raise DesignError(tuple(dict.fromkeys(problems)), origin)
-    return read
-
-
-def _fault(asked: Required, quantity: Quantity, low: float | None, high: float | None) -> str:
-    """Fault of limits that can be read; empty where there is none."""
-    if quantity.of is None:
-        return f"'{quantity.name}' differs from field to field; name a quantity of a whole camera (`roslf quantities`)"
-    if quantity.at == "needed" and asked.at is None:
-        return f'{quantity.name} needs a distance ahead of the tip; write e.g. at = "40 mm"'
-    if quantity.at == "never" and asked.at is not None:
-        return f"{quantity.name} is not asked for at a distance; drop at"
-    return quantity.fault_of_limits(low, high)

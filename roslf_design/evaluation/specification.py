@@ -14,7 +14,6 @@ import numpy as np
 from .._arrays import Array
 from ..camera import Camera
 from ..design import Design
-from ..design.files import as_design
 from ..json_data import plain
 from ..options import check_distances
 from ..shapes.lattice import PACKINGS
@@ -25,6 +24,7 @@ from ..theory.depth_of_field import Kind, depth_of_field
 from ..theory.disparity_error import view_gradient
 from ..theory.focused import FocusedArray
 from ..theory.light import on_array
+from ..theory.limits import as_design
 from ..theory.photometry import exposure, through_filter
 from ..theory.quantities import QUANTITIES
 from ..theory.resolution import Direction

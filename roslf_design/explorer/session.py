@@ -15,7 +15,7 @@ from typing import Annotated, Any, NamedTuple, TypeVar
 
 from pydantic import FiniteFloat, ValidationError, validate_call
 
-from ..design import Design, DesignError, dumps, load, loads, preset_names
+from ..design import Design, DesignError, dumps, loads, preset_names
 from ..design.files import WRITTEN, write_atomically
 from ..drawing.picture import Picture, notice
 from ..drawing.solid import BrowserMesh, changed
@@ -23,6 +23,7 @@ from ..drawing.theme import ThemeName
 from ..errors import FAULTS, InputError, cause
 from ..evaluation import evaluate
 from ..reporting.design.instrument import scene
+from ..theory.limits import as_design
 from .fixes import Fix, proposals
 from .jobs import Later, Progress
 from .main_lens import explored_lens
@@ -284,11 +285,11 @@ class Session:
             self._say(f"{name}: is too large for a design file")
         else:
             # Whoever wrote it named files of a machine that is not this one.
-            self._load(lambda: loads(text, name, folder=None))
+            self._load(lambda: as_design(loads(text, name, folder=None), name))
 
     def load_path(self, path: str) -> None:
         """Load a design that ships, by its name, or a file of the machine that the explorer runs on."""
-        self._load(lambda: load(path.strip()))
+        self._load(lambda: as_design(path.strip()))
 
     def fix(self, key: str) -> None:
         """Change what a proposal says."""

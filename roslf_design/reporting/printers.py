@@ -109,10 +109,13 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
             return placed
 
         fitting: set[str] = set()
-        while more := _fitting(spots(fitting, {})) - fitting:
-            fitting |= more
-        shares = _filling(partial(spots, fitting))
-        write(fitting & _fitting(spots(fitting, shares)), shares)
+        shares: dict[str, float] = {}
+        for _ in range(2):  # figures that are smaller let others fit, and others no more
+            while more := _fitting(spots(fitting, shares)) - fitting:
+                fitting |= more
+            shares = shares or _filling(partial(spots, fitting))
+            fitting &= _fitting(spots(fitting, shares))
+        write(fitting, shares)
         return _packed(typeset(root, document, timestamp=0))
 
 
@@ -136,20 +139,20 @@ def _filling(spots: Callable[[Mapping[str, float]], list[dict[str, Any]]]) -> di
     shares: dict[str, float] = {}
     tried: set[str] = set()
     placed = spots(shares)
-    while len(tried) < MOST_TRIED and (wanted := _behind_a_gap(placed, tried)) is not None:
-        figures, share = wanted
-        smaller = shares | {name: shares.get(name, 1.0) * share for name in figures}
-        tried.add(figures[-1])
-        if min(smaller.values()) >= LEAST_SHARE:
-            other = spots(smaller)
-            before, after = ({at["name"]: at["page"] for at in each if at["image"]} for each in (placed, other))
-            if after[figures[-1]] < before[figures[-1]]:
-                shares, placed = smaller, other
+    while len(tried) < MOST_TRIED and (wanted := _behind_a_gap(placed, shares, tried)) is not None:
+        figure, smaller = wanted
+        tried.add(figure)
+        other = spots(shares | smaller)
+        before, after = ({at["name"]: at["page"] for at in each if at["image"]} for each in (placed, other))
+        if after[figure] < before[figure]:
+            shares, placed = shares | smaller, other
     return shares
 
 
-def _behind_a_gap(placed: Sequence[Mapping[str, Any]], tried: Container[str]) -> tuple[list[str], float] | None:
-    """First figure that begins a page, behind those of the page before, and the share at which all stand there."""
+def _behind_a_gap(
+    placed: Sequence[Mapping[str, Any]], shares: Mapping[str, float], tried: Container[str]
+) -> tuple[str, dict[str, float]] | None:
+    """First figure that begins a page, behind those of the page before, and shares at which all stand there."""
     for end in sorted((at for at in placed if at["image"]), key=lambda at: (at["page"], at["y"])):
         first = all(at["name"] == end["name"] for at in placed if at["page"] == end["page"] and 0 < at["y"] < end["y"])
         before = [at for at in placed if at["page"] == end["page"] - 1]
@@ -157,10 +160,13 @@ def _behind_a_gap(placed: Sequence[Mapping[str, Any]], tried: Container[str]) ->
             continue
         filled = max((at["y"] for at in before if at["kind"] == "flow"), default=end["foot"])
         foot = min([end["foot"], *(at["y"] for at in before if at["kind"] == "begin" and at["y"] > filled)])
-        images = {at["name"]: at["image"] for at in (*before, end) if at["image"]}
-        share = 1 - (end["y"] + CLEARANCE - (foot - filled)) / sum(images.values())
-        if share >= LEAST_SHARE:
-            return list(images), min(share, 1.0)
+        missing = end["y"] + CLEARANCE - (foot - filled)
+        figures = [at for at in (*before, end) if at["drawn"]]
+        for free in (figures, [at for at in figures if at["name"] not in shares]):  # those at full size alone, else
+            share = min(1.0, 1 - missing / max(1.0, sum(at["drawn"] for at in free)))
+            smaller = {at["name"]: shares.get(at["name"], 1.0) * share for at in free}
+            if min(smaller.values(), default=0.0) >= LEAST_SHARE:
+                return end["name"], smaller
     return None
 
 

@@ -26,12 +26,13 @@ from ..design import Design, preset_names
 from ..design.files import Kind, kind_of
 from ..errors import InputError, Problem, refusal
 from ..evaluation import default_fields
-from ..evaluation.required import load_beside, load_checked
+from ..evaluation.required import load_beside
 from ..optimization.study import Result, run
 from ..optimization.study import read_study as read_optimisation
 from ..progress import CountedProgress, silent
 from ..theory.focused import focus_faults
 from ..theory.length_covariance import LengthCovariance
+from ..theory.limits import as_design
 from ..tolerancing.result import StudyResult, analyse
 from ..tolerancing.run import run_trials
 from ..tolerancing.study import TolerancePlan, tolerance_plan
@@ -444,7 +445,7 @@ def datasheet_of(
             raise refusal("calibration", f"goes with a design or a study; {remedy}")
         return _basis_of(story, list(_walked(story, seed, progress, at, _builds_alone)), at)
     if kind == "design":
-        design = load_checked(str(path))
+        design = as_design(str(path))
         known = None if calibration is None else _known(calibration, design)
         return basis(design if known is None else known.design, None, known, at)
     data, origin = read_toml(path, str(path)), str(path)

@@ -16,9 +16,9 @@ from .._arrays import Array
 from ..bore.conjugates import follower
 from ..camera import Camera
 from ..design import PATHS, Design
-from ..design.files import as_design
 from ..errors import InputError
 from .focused import refuse_focused
+from .limits import as_design
 from .quantities import quantities_of_cameras
 from .quantity_table import QuantityTable
 

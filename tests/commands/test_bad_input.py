@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 
 from roslf_design.accuracy.table import current_table
 from roslf_design.calibration import Board, CalibrationError
-from roslf_design.cli import main
+from roslf_design.cli import COMMANDS, main
 from roslf_design.reporting.blocks import slug
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -161,7 +161,33 @@ tolerance = "1 %"
 RENDER = ["render", "paper", "--scene", "x.toml"]
 PLAN = ["calibrate", "--plan", "paper"]
 REQUIRED = f'name = "x"\n{WHOLE}\n[required]\nu_zz = {{max = 1}}\n'
-DESIGNS = ("evaluate", "render", "report", "datasheet", "bench -o out", "calibrate --plan")
+WANTED = """
+name = "x"
+design = "x.toml"
+[variables]
+f = ["1 mm", "4 mm"]
+[[objectives]]
+quantity = "total_length_mm"
+minimize = true
+"""
+TAKING_DESIGNS = {
+    "evaluate": ("x.toml",),
+    "render": ("x.toml",),
+    "depth": ("x.toml", "paper --believed x.toml", "raw.tif --white raw.tif --design x.toml"),
+    "report": ("x.toml", "paper x.toml --compare", "story.toml"),
+    "datasheet": ("x.toml",),
+    "sweep": ("x.toml --set d_3=1..2mm --quantity fill_factor",),
+    "tolerance": ("study.toml -o out",),
+    "optimize": ("wanted.toml -o out",),
+    "calibrate": ("--plan x.toml", "shots --design x.toml --board 4x5,6mm -o out"),
+    "bench": ("x.toml -o out", "check built", "report built"),
+    "decode": ("raw.tif --design x.toml -o out",),
+    "export": ("x.toml -o out.zmx",),
+    "accuracy": ("x.toml", "calibrate x.toml", "hard-cases x.toml"),
+    "explore": ("x.toml --no-browser",),
+    **dict.fromkeys(("catalogue", "quantities", "keys", "presets", "warm"), ()),
+}
+"""Every command: its arguments where a design file is read that requires what is no quantity."""
 
 
 @pytest.mark.parametrize(
@@ -194,9 +220,6 @@ DESIGNS = ("evaluate", "render", "report", "datasheet", "bench -o out", "calibra
             "fields: 501 are too many; ask for 500 at most",
         ),
         ("", ["evaluate", "."], "is a folder"),
-        *((REQUIRED, [*words.split(), "x.toml"], "x.toml: required.u_zz: 'u_zz' is no") for words in DESIGNS),
-        (REQUIRED, ["report", "story.toml"], "story.toml: story.design: x.toml: required.u_zz: "),
-        (REQUIRED, ["tolerance", "study.toml", "-o", "out"], "study.toml: design: x.toml: required.u_zz: "),
         ("", [*PLAN, "--at", "10"], '--at: "10" has no unit'),
         ("", ["bench", "paper", "-o", "out", "--at", "10"], '--at: "10" has no unit'),
         ("", ["tolerance", "/dev/zero", "-o", "out"], "is a pipe or a device"),
@@ -207,9 +230,26 @@ DESIGNS = ("evaluate", "render", "report", "datasheet", "bench -o out", "calibra
 )
 def test_what_is_too_much_or_no_input_is_told_soon(text, arguments, said, capsys, tmp_path):
     (tmp_path / "x.toml").write_text(text)
-    (tmp_path / "story.toml").write_text(PARTS.format(12).replace('"paper"', '"x.toml"'))
-    (tmp_path / "study.toml").write_text(STUDY_OF.format("").replace('"paper"', '"x.toml"'))
     assert any(said in line for line in refused(capsys, arguments))
+
+
+def test_every_command_is_asked_whether_it_takes_a_design():
+    assert set(TAKING_DESIGNS) == set(COMMANDS)
+
+
+@pytest.mark.parametrize("command", [f"{name} {rest}" for name, ways in TAKING_DESIGNS.items() for rest in ways])
+def test_a_design_that_requires_what_cannot_be_is_refused_by_every_command(command, capsys, tmp_path):
+    Path("x.toml").write_text(REQUIRED)
+    Path("story.toml").write_text(PARTS.format(12).replace('"paper"', '"x.toml"'))
+    Path("study.toml").write_text(STUDY_OF.format("").replace('"paper"', '"x.toml"'))
+    Path("wanted.toml").write_text(WANTED)
+    tifffile.imwrite("raw.tif", np.zeros((60, 60), np.uint8))
+    for folder in ("shots", "built"):
+        Path(folder).mkdir()
+    Path("built/bench.toml").write_text("")
+    Path("built/design.toml").write_text(REQUIRED)
+    lines = refused(capsys, [word.replace(",", " ") for word in command.split()])
+    assert any(".toml: required.u_zz: 'u_zz' is no" in line for line in lines)
 
 
 @pytest.mark.parametrize(

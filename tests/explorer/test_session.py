@@ -373,6 +373,13 @@ def test_an_uploaded_design_opens_no_lens_file(tmp_path):
     assert "may not open files" in played(Session(PAPER), ("load_text", "mine.toml", text))["message"]
 
 
+def test_a_design_that_requires_what_is_no_quantity_is_refused(tmp_path):
+    file = tmp_path / "x.toml"
+    file.write_text(dumps(PAPER) + "[required]\nu_zz = {max = 1}\n")
+    for load_it in (("load_text", "x.toml", file.read_text()), ("load_path", str(file))):
+        assert f"{load_it[1]}: required.u_zz: 'u_zz' is no" in played(Session(PAPER), load_it)["message"]
+
+
 def test_a_file_too_large_for_a_design_is_refused():
     page = played(Session(PAPER), ("load_text", "big.toml", "x" * 1_000_001))
     assert page["message"] == "big.toml: is too large for a design file"

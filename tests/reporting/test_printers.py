@@ -1,6 +1,7 @@
 """Blocks, tables, symbols and numbers, and the printers that set them: HTML, PDF, terminal."""
 
 import io
+import re
 import shutil
 import subprocess
 import zlib
@@ -74,6 +75,26 @@ def test_figures_a_little_smaller_fill_pages(tmp_path, monkeypatch):
     assert 0.75 <= min(told[0].values()) <= max(told[0].values()) < 1
     monkeypatch.setattr(printers, "_filling", lambda spots: {})
     assert len(pages(whole, tmp_path)) == 4
+
+
+def test_a_drawing_in_two_parts_makes_room_with_both(tmp_path):
+    """Half of the drawing and the figure behind it could not get small enough."""
+    size = 'viewBox="0 0 768 {0}" width="768" height="{0}"'
+    first, second = (
+        SVG.replace('viewBox="0 0 9 9" width="9pt" height="9pt"', size.format(tall)) for tall in (740, 300)
+    )
+    figures = (Figure("f1", "in parts", "what it shows", first, breaks=0.5), Figure("f2", "behind", "it", second))
+    (page,) = pages(Report("title", "", (Section("Figures", figures),)), tmp_path)
+    assert "behind" in page
+
+
+def test_a_file_of_short_lines_stands_in_two_columns_and_is_read_in_order(tmp_path):
+    parts = ["\n".join([f"[part{n}]", *(f"key{n}{key} = 1" for key in range(5))]) for n in range(4)]
+    (page,) = pages(Report("title", "", (Section("File", (Code("\n\n".join(parts)),)),)), tmp_path)
+    assert re.search(r"\[part0\] +\[part2\]", page)
+    command = ["pdftotext", "-raw", tmp_path / "report.pdf", "-"]
+    text = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert re.findall(r"\[part\d\]|key\d\d", text) == re.findall(r"\[part\d\]|key\d\d", "\n".join(parts))
 
 
 def lines_and(count, *blocks):

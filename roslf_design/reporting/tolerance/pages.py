@@ -203,7 +203,7 @@ def _statements(result: StudyResult, first_look: bool) -> Iterator[Statement]:
     weakest = result.final.weakest
     share = 100 * weakest.result.value
     yield Statement(
-        "plain" if share == 100 else "caution",
+        "plain" if share >= 100 * result.study.yield_target else "caution",
         f"The weakest limit is that on {in_words(weakest.label)}: {share:.2f} % {_of_those(result)}hold it.",
     )
     ranked = ranking(result)
@@ -332,7 +332,8 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
     def own(value: str, place: str) -> str:
         return display(getattr(allowed[place], value), kinds[place]) if place in allowed else ""
 
-    source: Column = ("source", "l", lambda p: p.source.split(";")[0])
+    grade = result.study.grade
+    source: Column = ("source", "l", lambda p: p.source.split(";")[0].removeprefix(f"{grade}: "))
     columns: tuple[Column, ...] = (
         ("parameter", "l", lambda p: short_name(p.place, design)),
         ("± tolerance", "r", lambda p: display(p.tolerance, kinds[p.place])),
@@ -349,6 +350,7 @@ def _tolerances(result: StudyResult, brief: bool) -> Table:
         "or the build cannot be put together. "
         f"Shared budget: what uses {share} of each limit's margin, n = {len(shares)} parameters."
         f"{' For the target yield: all tolerances scaled by one factor.' if scale else ''}"
+        f"{f' Source: of the grade {grade}, or this study.' if grade and not brief else ''}"
     )
     if result.final.impossible:
         caption = (

@@ -1,0 +1,66 @@
+"""Limits that a design's `[required]` sets to quantities, read; and designs whose limits can be."""
+
+from __future__ import annotations
+
+import os
+
+from ..design import Design, load
+from ..design.check import DesignError
+from ..design.required import Required
+from ..errors import Problem
+from .quantities import quantity_named
+from .quantity import Quantity
+
+_Limits = tuple[Required, Quantity, float | None, float | None]
+"""Limits that a file states, as it states them and read: the quantity, the least and the largest value."""
+
+
+def as_design(design: Design | str | os.PathLike[str], origin: str = "") -> Design:
+    """Design given, or the one of a path or a preset's name; errors as of `load` and `limits`, which checks it."""
+    if not isinstance(design, Design):
+        origin, design = os.fspath(design), load(design)
+    limits(design, origin)
+    return design
+
+
+def limits(design: Design, origin: str = "") -> list[_Limits]:
+    """Quantities and limits that a design requires, in the order of its file.
+
+    Raises
+    ------
+    DesignError
+        A quantity that is none, or limits that cannot be: all at once; `origin` is what it calls the design.
+    """
+    read: list[_Limits] = []
+    problems = []
+    for asked in design.required:
+        key = f"required.{asked.quantity}"
+        try:
+            quantity = quantity_named(asked.quantity)
+        except ValueError as error:
+            problems.append(Problem(key, str(error)))
+            continue
+        ends: dict[str, float | None] = {"min": None, "max": None}
+        for side in ends:
+            value = getattr(asked, side)
+            try:
+                ends[side] = None if value is None else quantity.limit(value)
+            except ValueError as error:
+                problems.append(Problem(f"{key}.{side}", str(error)))
+        if fault := _fault(asked, quantity, ends["min"], ends["max"]):
+            problems.append(Problem(key, fault))
+        read.append((asked, quantity, ends["min"], ends["max"]))
+    if problems:
+        raise DesignError(tuple(dict.fromkeys(problems)), origin)
+    return read
+
+
+def _fault(asked: Required, quantity: Quantity, low: float | None, high: float | None) -> str:
+    """Fault of limits that can be read; empty where there is none."""
+    if quantity.of is None:
+        return f"'{quantity.name}' differs from field to field; name a quantity of a whole camera (`roslf quantities`)"
+    if quantity.at == "needed" and asked.at is None:
+        return f'{quantity.name} needs a distance ahead of the tip; write e.g. at = "40 mm"'
+    if quantity.at == "never" and asked.at is not None:
+        return f"{quantity.name} is not asked for at a distance; drop at"
+    return quantity.fault_of_limits(low, high)
