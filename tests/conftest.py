@@ -1,6 +1,7 @@
 """Settings for every test: property tests draw the same examples in every run, so that green means green."""
 
 import io
+import math
 import os
 from pathlib import Path
 
@@ -18,6 +19,7 @@ settings.register_profile(
 settings.register_profile("explore", deadline=None, max_examples=2000)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
 
+from roslf_design.commands import terminal  # noqa: E402
 from roslf_design.drawing.picture import Picture  # noqa: E402
 from roslf_design.imaging import transfer  # noqa: E402
 from tests.depth.made import fewer_rays  # noqa: E402
@@ -47,6 +49,12 @@ def pytest_collection_modifyitems(items):
 def root() -> Path:
     """The project's folder."""
     return ROOT
+
+
+@pytest.fixture(autouse=True)
+def no_lines_in_logs(monkeypatch):
+    """What commands say of their progress depends on how busy the machine is: not in what tests compare."""
+    monkeypatch.setattr(terminal, "LOGGED", math.inf)
 
 
 @pytest.fixture

@@ -3,7 +3,6 @@
 import contextlib
 import doctest
 import io
-import math
 import runpy
 import shlex
 import shutil
@@ -17,7 +16,6 @@ from page_blocks import Block, blocks, pictures, steps
 
 import roslf_design.optimization.solve  # noqa: F401
 from roslf_design.cli import build_app, main
-from roslf_design.commands import terminal
 from studies.accuracy import promises
 from tests.reporting.made import few_builds
 
@@ -113,7 +111,6 @@ def thin_out(monkeypatch: pytest.MonkeyPatch) -> None:
 
     What pages show is neither yields nor what the check said nor times, nor how far a log says that a busy machine is.
     """
-    monkeypatch.setattr(terminal, "LOGGED", math.inf)
     few_builds(monkeypatch)
     solve = sys.modules["roslf_design.optimization.solve"]  # whose function has its package's name for it
     globally = solve.globally

@@ -118,7 +118,7 @@ def test_the_optimiser_holds_it(scope):
         goal("f_number_main_lens", "min"),
         design=small,
     )
-    answer = solve(problem, Settings(starts=3, check=False, isres=False), lambda _: None)
+    answer = solve(problem, Settings(starts=3, check=False, isres=False), lambda *_: None)
     assert answer.feasible
     assert answer.problem.named(answer.unit)["D"] == pytest.approx(6.5, rel=1e-6)
     labels = [row.label for row in problem.rows if "outer_diameter" in row.label]

@@ -217,7 +217,8 @@ def test_parts_of_the_catalogue_are_found_again():
         for sensor in known.sensors:
             both = changed.replace({"sensor.pixel": sensor.pixel, "sensor.size": sensor.size})
             assert _catalogue_match(both, known, "microlens_arrays")[1] == array
-            assert _catalogue_match(both, known, "sensors")[1] == sensor
+            match = _catalogue_match(both, known, "sensors")[1]
+            assert (match.pixel, match.size) == (sensor.pixel, sensor.size)  # makers sell some that are alike
             assert "the same as" in _catalogue_match(both, known, "microlens_arrays")[0]
 
 
@@ -243,7 +244,7 @@ def test_larger_sensors_far_parts_and_real_lenses():
     assert (
         _catalogue_match(design.replace({"sensor.size": (4.0, 3.0)}), known, "sensors")[0] == "the same as Sony IMX250"
     )
-    assert "only 2448 x 2048 px" in _catalogue_match(design.replace({"sensor.size": (8.6, 7.2)}), known, "sensors")[0]
+    assert "only 4096 x 3000 px" in _catalogue_match(design.replace({"sensor.size": (15.0, 12.0)}), known, "sensors")[0]
     assert _catalogue_match(load("rigid-scope"), known, "lenses") == (
         "to be made; the catalogue has nothing near",
         None,
