@@ -282,7 +282,8 @@ def test_warnings_name_what_is_odd(paper):
 def test_an_ideal_lens_beyond_a_double_gauss_of_f_1_4_over_46_degrees_says_so():
     """Smith, Modern Lens Design, p. 335: aperture by field, (D/d_1) (h/d_1), is there tan(23 deg)/1.4."""
     scope = roslf.load("rigid-scope")
-    bound = math.tan(math.radians(23)) / 1.4 * scope.d_1**2 / (math.hypot(*scope.sensor_size) / 2)
+    tangent = roslf.evaluate(scope).non_distortion.field_half_diagonal_mm / scope.d_f
+    bound = math.tan(math.radians(23)) / 1.4 * scope.d_1 / tangent
 
     def told(scale):
         result = roslf.evaluate(scope.replace({"main_lens.diameter": scale * bound}))
