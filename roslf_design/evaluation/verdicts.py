@@ -77,7 +77,8 @@ def lens_speed(design: Design, camera: Camera) -> tuple[Verdict, ...]:
 
     Aperture by field, (D/d_1) tan(w), is the Lagrange invariant in terms of the lens's own length: no scale changes it.
     """
-    speed, tangent = float(main_lens_f_number(camera)), float(sensor_field(camera).radius / camera.d_1)
+    speed = float(main_lens_f_number(camera))
+    tangent = float(sensor_field(camera).radius) / (speed * float(camera.D))
     beyond = tangent / speed / (math.tan(math.radians(WIDE / 2)) / FAST)
     if not isinstance(design.main_lens.kind, IdealMainLens) or beyond <= 1:
         return ()

@@ -308,7 +308,7 @@ TITLES = {
     "corner_lit": "corner light",
     "lens_speed": "lens speed",
 }
-LEVELS = {"good": "good", "limit": "at nature's limit", "fault": "fault"}
+LEVELS = {"good": "good", "limit": "a limit to know", "fault": "fault"}
 """Words for those who do not see a light's colour."""
 
 TRACING = {

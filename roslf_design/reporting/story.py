@@ -292,8 +292,8 @@ def full_report(
     known = {} if calibrated is None else {"calibration": calibrated_finding(design, calibrated)}
     findings, build = _first_look(design, seed, progress, known, at=at)
     instrument = None if calibration is None else _known_if_told(calibration, design)
-    grounds = basis(design if instrument is None else instrument.design, None, instrument, at)
-    return design_report(design, findings=findings, grounds=grounds, build=build, progress=progress, **options)
+    grounds = basis(design if instrument is None else instrument.design, None, instrument, at)._replace(looked=build)
+    return design_report(design, findings=findings, grounds=grounds, progress=progress, **options)
 
 
 def study_report(
@@ -323,7 +323,8 @@ def study_report(
         built = BuildSpread(tolerances.plan, tolerances.final)
     grounds = basis(design, built, at=at)
     findings, build = _first_look(design, seed or 0, progress, findings, grounds.build, at)
-    report = design_report(design, findings=findings, grounds=grounds, build=build, progress=progress, **options)
+    grounds = grounds._replace(looked=build)
+    report = design_report(design, findings=findings, grounds=grounds, progress=progress, **options)
     return replace(report, title=str(data.get("name", design.name)))
 
 

@@ -29,7 +29,6 @@ from ...evaluation.result import (
 from ...evaluation.verdicts import near_cases
 from ...progress import CountedProgress, silent
 from ...theory.colours import PIXEL_FILTERS
-from ...theory.length_covariance import LengthCovariance
 from ...units import format_quantity
 from ...words import TERMS, listed, sentence, spaced
 from ..blocks import (
@@ -88,7 +87,6 @@ def design_report(
     *,
     findings: Mapping[str, Finding] | None = None,
     grounds: SpreadSources | None = None,
-    build: LengthCovariance | None = None,
     opening: tuple[Block, ...] = (),
     command: str = "",
     stamp: tuple[str, ...] = (),
@@ -104,8 +102,6 @@ def design_report(
         What studies found of it, by `STUDIES`.
     grounds : SpreadSources, optional
         Of its data sheet and of depth as expected, where a study knows tolerances or a calibration is at hand.
-    build : LengthCovariance, optional
-        Lengths as a first look builds them, for the depth that is required, where the grounds know none.
     opening : tuple of Block
         Stands before the verdicts: what was asked.
     command : str
@@ -129,8 +125,8 @@ def design_report(
     result = evaluate(
         design, None, accuracy, at=grounds.at, build=grounds.build, calibration=grounds.calibration, shown=shown
     )
-    if build is not None and grounds.build is None and grounds.calibration is None:
-        result = held_as_built(result, design, build)
+    if grounds.looked is not None and grounds.build is None and grounds.calibration is None:
+        result = held_as_built(result, design, grounds.looked)
     figures = _design_figures(design, result, progress)
     progress("sections")
     answers = Statements((*verdicts(result).items, *(one.statement for one in studied if one.statement)))

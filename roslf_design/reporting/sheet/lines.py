@@ -202,6 +202,8 @@ class SpreadSources(NamedTuple):
     calibration: CalibratedLengths | None = None
     at: tuple[float, ...] = ()
     """Distances ahead of the tip that lines were asked for [mm]."""
+    looked: LengthCovariance | None = None
+    """Lengths as a first look builds them: no line counts them, a report's verdict on the depth that is required does."""
 
     @property
     def design(self) -> Design:
