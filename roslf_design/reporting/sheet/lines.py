@@ -203,7 +203,7 @@ class SpreadSources(NamedTuple):
     at: tuple[float, ...] = ()
     """Distances ahead of the tip that lines were asked for [mm]."""
     looked: LengthCovariance | None = None
-    """Lengths as a first look builds them: no line counts them, a report's verdict on the depth that is required does."""
+    """Lengths as a first look builds them: of the page the verdict on a required depth alone counts them."""
 
     @property
     def design(self) -> Design:
