@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import json
+import re
 import tomllib
 from collections.abc import Collection, Mapping, Sequence
 from itertools import chain
@@ -40,6 +41,8 @@ TYPES = {
     "tuple_type": "a list",
 }
 """Words for what a value must be, by the kind of fault."""
+SLIP = 0.8
+"""Likeness of letters from which a name is another one, mistyped."""
 KIND = "kind"
 """Key that tells which table one is, where it may be several."""
 TAG = "%"
@@ -113,10 +116,30 @@ def parse_toml(text: str, origin: str, *, refusal: type[InputError] = InputError
     return data
 
 
-def nearest(name: str, known: Collection[str], otherwise: str = "") -> str:
-    """Suggestion for a name that is not known; else `otherwise`, or all that is known."""
-    near = difflib.get_close_matches(name, known, 1, 0.5)
-    return f"did you mean '{near[0]}'?" if near else otherwise or f"known here: {', '.join(known)}"
+def nearest(name: str, known: Collection[str], otherwise: str = "", meanings: Mapping[str, str] | None = None) -> str:
+    """Suggestion for a name that is not known; else `otherwise`, or all that is known.
+
+    A slip of the pen counts first, then words that a name shares with others and with their `meanings`, then letters.
+    """
+    near = difflib.get_close_matches(name, known, 1, SLIP) or _alike(name, meanings or {})
+    near = near or difflib.get_close_matches(name, known, 1, 0.5)
+    return f"did you mean {' or '.join(map(repr, near))}?" if near else otherwise or f"known here: {', '.join(known)}"
+
+
+def _alike(name: str, meanings: Mapping[str, str]) -> list[str]:
+    """Names that share most words with one, at most three; the shorter what stands behind a name, the better."""
+    words = _words(name)
+    both = {one: _words(f"{one} {meaning}") for one, meaning in meanings.items()}
+    shared = {one: len(words & other) / len(words | other) for one, other in both.items() if words & other}
+    best = max(shared.values(), default=0.0)
+    near = [one for one in shared if shared[one] >= best / 2]
+    return sorted(near, key=lambda one: (not meanings[one].lower().startswith(tuple(words)), -shared[one]))[:3]
+
+
+def _words(text: str) -> set[str]:
+    """Words of some length: no symbols, units or articles; "depth of field" is one, and no depth."""
+    joined = re.sub(r"([a-z]+)[ _]of[ _]([a-z]+)", r"\1of\2", text.lower())
+    return set(re.findall(r"[a-z]{4,}", joined))
 
 
 def validated(

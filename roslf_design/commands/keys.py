@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ..reporting.keys import FILES, NEEDED, looked_up, units_of
+from ..reporting.keys import FILES, NEEDED, looked_up, told_of, units_of
 from ..tables import Table, print_table
 from .terminal import Json, json_text, say
 
@@ -38,6 +38,8 @@ def keys(name: str = "", /, *, json: Json = False) -> None:
         print_table(
             Table(tuple(key.words() for key in rows), "llll", ("key", "takes", "default", "meaning"), title), console
         )
+    if others := told_of(name, shown):
+        say("", f"Also about {name}: {', '.join(f'roslf keys {place}' for place in others)}.")
     units = units_of(key for _, rows in shown for key in rows)
     say("", *(f"Units of {kind}: {known}." for kind, known in units.items()))
     if any(key.default == NEEDED for _, rows in shown for key in rows):

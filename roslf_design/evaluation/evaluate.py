@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +49,7 @@ from .groups import (
 from .required import requirements
 from .result import Evaluation
 from .specification import FieldImages, depth_assumptions
-from .verdicts import verdicts_of, warnings_of
+from .verdicts import lens_speed, verdicts_of, warnings_of
 
 METHOD = (
     "Closed forms and exact disc areas for pinhole microlenses in focus behind an ideal thin lens; rounding errors are "
@@ -154,6 +156,7 @@ def evaluate(
 
     required = requirements(design, camera, answer.field_of_view_deg, budget_at)
     asked = (one.verdict for one in required)
+    answers = verdicts_of(camera, f_number, non_distortion, sampling, traced, focused, answer)
     method = [METHOD]
     if not design.has_exact_areas:
         method.append(COUNTED.format(rays=rays, error=COUNTED_ERROR if accuracy is None else accuracy))
@@ -182,7 +185,7 @@ def evaluate(
         depth_budget=budget,
         diffraction=Numbers.of(camera, "diffraction"),
         effects=tuple(plan(design)),
-        verdicts=(*asked, *verdicts_of(camera, f_number, non_distortion, sampling, traced, focused, answer)),
+        verdicts=(*asked, *answers, *lens_speed(design, camera)),
         warnings=tuple(warnings_of(design, images)),
         method=" ".join(method),
         real_lens=traced,
@@ -191,6 +194,15 @@ def evaluate(
         focused=focused,
         required=required,
     )
+
+
+def held_as_built(result: Evaluation, design: Design, build: LengthCovariance) -> Evaluation:
+    """An evaluation of a design whose requirements, they alone, count its lengths as built."""
+    camera = Camera.of(design)
+    budget = partial(depth_budget, camera, build=build)
+    required = requirements(design, camera, result.answer.field_of_view_deg, budget)
+    verdicts = (*(one.verdict for one in required), *result.verdicts[len(required) :])
+    return replace(result, required=required, verdicts=verdicts)
 
 
 def at_temperature(design: Design, temperature: float | str | None) -> Design:

@@ -189,7 +189,7 @@ class Verdict:
     name: str
     ok: bool
     level: str
-    """"good", "limit" (nature's, to be known rather than mended) or "fault"."""
+    """"good", "limit" (to be known: nature's, or of what the figure counts) or "fault"."""
     text: str
     """The answer with its margin."""
     remedy: str

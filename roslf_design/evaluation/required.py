@@ -26,7 +26,11 @@ from .specification import FieldOfView
 
 WAYS = "`roslf sweep` shows what moves it, and as a study's [[constraints]] `roslf optimize` holds it"
 """Remedy of a limit that is not held."""
-
+AS_BUILT = (
+    "lengths as built are not in it: the report (`roslf report`) and the data sheet of a tolerance study (`roslf "
+    "datasheet`) tell it with them"
+)
+"""Remedy of a depth that is held by the lengths as drawn alone."""
 
 @dataclass(frozen=True)
 class Requirement:
@@ -45,6 +49,10 @@ class Requirement:
     met: bool
     counts: str = ""
     """Parts that the value counts, and those it is without, in words; empty where the label says all."""
+    only: str = ""
+    """Reservation about a limit that is met, as "as drawn"; empty where it is met without one."""
+    remedy: str = ""
+    """Remedy of that, in a sentence."""
 
     def holds(self, values: Array | float) -> NDArray[np.bool_]:
         """Where values are within, but for what an optimiser's rounding may leave; nowhere where they are NaN."""
@@ -65,11 +73,19 @@ class Requirement:
         return f"{number(value, 4)} {self.unit}".rstrip()
 
     @property
+    def outcome(self) -> str:
+        """Whether it is met, in words."""
+        return f"met {self.only}".rstrip() if self.met else "not met"
+
+    @property
     def verdict(self) -> Verdict:
         """Whether it is met, and by how much it is missed."""
         where = "" if self.at_mm is None else f"_at_{self.at_mm:g}_mm"
         counts = f" ({self.counts})" if self.counts else ""
         text = f"{self.label} is {self.value_words}{counts}, required {self.limits}"
+        if self.met and self.only:
+            name = f"required_{self.quantity}{where}"
+            return Verdict(name, False, "limit", f"{self.outcome}: {text}", self.remedy)
         if self.met:
             return Verdict.of(f"required_{self.quantity}{where}", f"as required: {text}")
         short = ""
@@ -120,8 +136,26 @@ def requirements(
         label = (quantity.label or quantity.name) + where
         at, shown = asked.at, None if undefined else value
         counts = counted[quantity.name](at) if quantity.name in counted and not undefined else ""
-        told.append(Requirement(quantity.name, label, at, low, high, shown, quantity.unit, met, counts))
+        only = remedy = ""
+        if met and quantity.name == "u_z_mm" and budget(at).as_drawn:
+            only, remedy = "as drawn", AS_BUILT
+        elif met and quantity.name == "working_distance_mm" and low is not None and high is not None:
+            only, remedy = _of_the_focal_plane(camera, low, high)
+        numbers = (at, low, high, shown)
+        told.append(Requirement(quantity.name, label, *numbers, quantity.unit, met, counts, only, remedy))
     return tuple(told)
+
+
+def _of_the_focal_plane(camera: Camera, low: float, high: float) -> tuple[str, str]:
+    """Reservation, and its remedy, where limits of the focal plane's distance are no range that views show sharply."""
+    near, far = (float(quantity_named(f"view_depth_of_field_{end}_mm")(camera)) for end in ("near", "far"))
+    if is_focused(camera) or (near <= low and high <= far):
+        return "", ""
+    asked = (
+        f'view_depth_of_field_near_mm = {{max = "{low:g} mm"}}, view_depth_of_field_far_mm = {{min = "{high:g} mm"}}'
+    )
+    sharp = f"single views are sharp from {number(near, 3)} to {number(far, 3)} mm"
+    return "by the focal plane alone", f"{sharp}; a range that is to be sharp is required by {asked}"
 
 
 def required_distances(design: Design, far: float) -> tuple[float, ...]:

@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..bore.main_lens import IdealMainLens
 from ..camera import Camera
 from ..design import Design
 from ..design.growth import not_known, not_named
@@ -15,7 +16,7 @@ from ..lenses.glass import ROOM
 from ..shapes.lattice import PACKINGS
 from ..theory import tube
 from ..theory.colours import PIXEL_FILTERS
-from ..theory.f_number import fill_factor, matched
+from ..theory.f_number import fill_factor, main_lens_f_number, matched, pupil_f_number
 from ..theory.focused import FocusedArray, is_focused, pupil_remedy
 from ..theory.lens_shapes import LENS_SHAPES
 from ..theory.light import geometric_views, outer_slope, sensor_field
@@ -43,6 +44,9 @@ TAKEN_LOSS = 0.01
 """Share of light lost to slanting rays from which it is told."""
 WIDEST_PIXEL = 0.05
 """Pixels wider than this are none of a sensor that takes pictures [mm]."""
+FAST, WIDE = 1.4, 46.0
+"""f-number and full field [degrees] of a double Gauss lens, the fastest of the standard forms at such a field: the
+example of 50 mm in W. J. Smith, Modern Lens Design, p. 335."""
 NEAR = 1e-2
 """Relative distance below which a design is called near a hard case."""
 
@@ -66,6 +70,26 @@ def verdicts_of(
     answers += [] if lens is None else [_thin(f_number, lens)]
     answers += [] if answer is None else [lit(answer)]
     return (*answers, *([_fits(camera)] if tube.OUTER in camera.numbers else []))
+
+
+def lens_speed(design: Design, camera: Camera) -> tuple[Verdict, ...]:
+    """Whether an ideal main lens takes in more than known forms of lenses do; nothing where it does not, or is real.
+
+    Aperture by field, (D/d_1) tan(w), is the Lagrange invariant in terms of the lens's own length: no scale changes it.
+    """
+    speed = float(main_lens_f_number(camera))
+    tangent = float(sensor_field(camera).radius) / (speed * float(camera.D))
+    beyond = tangent / speed / (math.tan(math.radians(WIDE / 2)) / FAST)
+    if not isinstance(design.main_lens.kind, IdealMainLens) or beyond <= 1:
+        return ()
+    text = (
+        f"ideal lens: f/{speed:.3g} over {2 * math.degrees(math.atan(tangent)):.3g} degrees, single pencils "
+        f"f/{float(pupil_f_number(camera)):.3g}; aperture by field is {beyond:.3g} times that of a double Gauss, "
+        f"f/{FAST:g} over {WIDE:g} degrees, and no singlet or simple doublet has it: its aberrations are not in these "
+        "figures"
+    )
+    remedy = "`roslf evaluate` with a real lens (main_lens.prescription) before trusting resolution and depth"
+    return (Verdict("lens_speed", False, "limit", text, remedy),)
 
 
 def _focused(camera: Camera, array: FocusedArray) -> Verdict:

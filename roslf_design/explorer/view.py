@@ -306,8 +306,9 @@ TITLES = {
     "views_resolved": "views",
     "thin_lens_holds": "thin lens",
     "corner_lit": "corner light",
+    "lens_speed": "lens speed",
 }
-LEVELS = {"good": "good", "limit": "at nature's limit", "fault": "fault"}
+LEVELS = {"good": "good", "limit": "a limit to know", "fault": "fault"}
 """Words for those who do not see a light's colour."""
 
 TRACING = {
@@ -376,6 +377,8 @@ def _margin(evaluation: Evaluation, name: str) -> str:
         return "focused (2.0)"
     if name == "corner_lit":
         return f"{100 * evaluation.answer.corner_light:.3g} %"
+    if name == "lens_speed":
+        return f"f/{short(evaluation.f_number.main_lens, 3)}"
     if lens is None:
         return ""
     shifts = [math.hypot(*field.shift_px) for field in lens.fields if field.shift_px is not None]

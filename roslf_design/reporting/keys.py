@@ -12,7 +12,7 @@ import re
 import sys
 import tomllib
 import types
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -218,9 +218,17 @@ def looked_up(name: str) -> list[tuple[KeyTable, list[FileKey]]]:
     ]
     if single := [(table, keys) for table, keys in several if keys]:
         return single
-    raise InputError(
-        (Problem("", f"'{name}' is no table and no key of a file; {nearest('.'.join(steps), _names(), _OVERVIEW)}"),)
-    )
+    meanings = {table.place: table.about for table in TABLES}
+    near = nearest(".".join(steps), _names(), _OVERVIEW, meanings)
+    raise InputError((Problem("", f"'{name}' is no table and no key of a file; {near}"),))
+
+
+def told_of(name: str, shown: Sequence[tuple[KeyTable, list[FileKey]]]) -> list[str]:
+    """Places of tables that are about what a name says, where only single keys have it."""
+    if any(len(keys) == len(table.model.model_fields) for table, keys in shown):
+        return []
+    word = re.compile(rf"\b{re.escape(name.lower())}\b")
+    return [table.place for table in TABLES if word.search(table.about.lower())]
 
 
 _OVERVIEW = "`roslf keys` lists all"

@@ -291,9 +291,9 @@ def full_report(
     that are told of, `progress` is told what is being made; options as `design_report` takes them.
     """
     known = {} if calibrated is None else {"calibration": calibrated_finding(design, calibrated)}
-    findings = _first_look(design, seed, progress, known, at=at)
+    findings, build = _first_look(design, seed, progress, known, at=at)
     instrument = None if calibration is None else _known_if_told(calibration, design)
-    grounds = basis(design if instrument is None else instrument.design, None, instrument, at)
+    grounds = basis(design if instrument is None else instrument.design, None, instrument, at)._replace(looked=build)
     return design_report(design, findings=findings, grounds=grounds, progress=progress, **options)
 
 
@@ -323,7 +323,8 @@ def study_report(
         design, findings = tolerances.plan.question.design, {"tolerances": tolerance_finding(tolerances)}
         built = BuildSpread(tolerances.plan, tolerances.final)
     grounds = basis(design, built, at=at)
-    findings = _first_look(design, seed or 0, progress, findings, grounds.build, at)
+    findings, build = _first_look(design, seed or 0, progress, findings, grounds.build, at)
+    grounds = grounds._replace(looked=build)
     report = design_report(design, findings=findings, grounds=grounds, progress=progress, **options)
     return replace(report, title=str(data.get("name", design.name)))
 
@@ -500,21 +501,22 @@ def _first_look(
     known: Mapping[str, Finding],
     built: LengthCovariance | None = None,
     at: Sequence[float] = (),
-) -> dict[str, Finding]:
+) -> tuple[dict[str, Finding], LengthCovariance | None]:
     """Findings about a design, with a first look at tolerances and a calibration plan where these are not known.
 
-    Of focused microlenses, whose pixels are no views, what is known.
+    Beside them the lengths as built, where a study knows them. Of focused microlenses, whose pixels are no views, what
+    is known.
     """
     findings = dict(known)
     if any(focus_faults(design, "views")):
-        return findings
+        return findings, built
     if "tolerances" not in known:
         look = _quick_tolerances(design, seed, _counted(progress, "tolerances"))
         findings["tolerances"], built = tolerance_finding(look, first_look=True), look.built
     if "calibration" not in known:
         progress("calibration plan")
         findings["calibration"] = plan_finding(design, PlanOptions(seed=seed, at=at), built)
-    return findings
+    return findings, built
 
 
 def _taken(result: Result, name: str) -> Design | None:

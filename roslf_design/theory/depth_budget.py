@@ -95,6 +95,11 @@ class DepthBudget:
         return [term for term in self.terms if term.u_mm is None and term.remark != GIVEN]
 
     @property
+    def as_drawn(self) -> bool:
+        """Whether neither tolerances nor a calibration say how far lengths are off: it takes them as drawn."""
+        return BUILT in [term.name for term in self._lacking]
+
+    @property
     def counted(self) -> str:
         """Sources that the sum is of, and those that it is without."""
         names = [term.name for term in self.terms if term.u_mm is not None and np.any(term.u_mm)]

@@ -20,6 +20,7 @@ from ..bore.opening import ClearAperture
 from ..camera import Camera, Number
 from ..camera.camera import place_of
 from ..design.parts import PATHS
+from ..toml_files import SLIP, nearest
 from ..words import number, the
 from . import (
     depth_of_field,
@@ -76,10 +77,13 @@ def quantity_named(name: str) -> Quantity:
     """
     if name in QUANTITIES:
         return QUANTITIES[name]
-    lowered = {known.lower(): known for known in QUANTITIES}
-    near = difflib.get_close_matches(name.lower(), lowered, 1, 0.4)
     known = ", ".join(key for key in QUANTITIES if key not in PATHS)
-    remedy = f"did you mean '{lowered[near[0]]}'?" if near else f"known are {known}, and the symbols {', '.join(PATHS)}"
+    labels = {key: one.label for key, one in QUANTITIES.items() if one.of is not None and key not in PATHS}
+    remedy = nearest(name, QUANTITIES, f"known are {known}, and the symbols {', '.join(PATHS)}", labels)
+    tables = {path.partition(".")[0] for path in PATHS.values()}
+    table = next((one for one in tables if name.startswith(f"{one}_")), "")
+    if table and not difflib.get_close_matches(name, QUANTITIES, 1, SLIP):
+        remedy = f"what its {table.replace('_', ' ')} is, keys of the design state: `roslf keys {table}`"
     raise ValueError(f"'{name}' is no quantity of a design; {remedy}")
 
 

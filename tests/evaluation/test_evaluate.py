@@ -279,6 +279,23 @@ def test_warnings_name_what_is_odd(paper):
     assert not roslf.evaluate(paper).warnings
 
 
+def test_an_ideal_lens_beyond_a_double_gauss_of_f_1_4_over_46_degrees_says_so():
+    """Smith, Modern Lens Design, p. 335: aperture by field, (D/d_1) (h/d_1), is there tan(23 deg)/1.4."""
+    scope = roslf.load("rigid-scope")
+    tangent = roslf.evaluate(scope).non_distortion.field_half_diagonal_mm / scope.d_f
+    bound = math.tan(math.radians(23)) / 1.4 * scope.d_1 / tangent
+
+    def told(scale):
+        result = roslf.evaluate(scope.replace({"main_lens.diameter": scale * bound}))
+        return [verdict for verdict in result.verdicts if verdict.name == "lens_speed"]
+
+    assert told(0.999) == []
+    (beyond,) = told(1.001)
+    assert (beyond.ok, beyond.level) == (False, "limit")
+    assert f"ideal lens: f/{scope.d_1 / (1.001 * bound):.3g} over " in beyond.text
+    assert not any(verdict.name == "lens_speed" for verdict in roslf.evaluate("paper-singlet").verdicts)
+
+
 def test_verdicts_and_remedies(paper):
     by_name = {verdict.name: verdict for verdict in roslf.evaluate(paper).verdicts}
     assert by_name["f_number_matched"].ok

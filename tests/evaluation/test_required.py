@@ -8,6 +8,8 @@ import pytest
 import roslf_design as roslf
 from roslf_design.design import DesignError, dumps, loads
 from roslf_design.design.files import preset_path
+from roslf_design.evaluation.evaluate import held_as_built
+from roslf_design.evaluation.required import AS_BUILT
 from roslf_design.reporting.sheet.lines import basis
 from roslf_design.theory.length_covariance import LengthCovariance
 
@@ -34,13 +36,15 @@ def test_limits_are_held_against_what_the_tables_say():
     assert width.value == result.answer.outer_diameter_mm
     assert far.value == math.inf
     assert [one.met for one in result.required] == [False, True, False, True, True]
-    assert [verdict.ok for verdict in result.verdicts[:5]] == [False, True, False, True, True]
+    levels = ["fault", "limit", "fault", "good", "good"]  # a depth without lengths as built is met as drawn, no more
+    assert [verdict.level for verdict in result.verdicts[:5]] == levels
     assert f"missed by {70 - view.value:.4g} deg" in result.verdicts[0].text
     told = result.to_dict()["required"]
     assert told[1] == {
         "quantity": "u_z_mm", "label": near.label, "at_mm": 20.0, "min": None, "max": 0.5, "value": near.value,
         "unit": "mm", "met": True,
         "counts": "of shot and read noise and view mismatch, without lengths as built and temperature",
+        "only": "as drawn", "remedy": AS_BUILT,
     }  # fmt: skip
     assert told[3]["value"] is None  # infinite
     assert told[3]["met"]
@@ -66,6 +70,10 @@ def test_depth_that_is_required_says_what_it_counts_as_the_budget_has_it():
     assert built.required[0].value > bare.required[0].value
     assert "without lengths as built and temperature" in bare.verdicts[0].text
     assert "and lengths as built, without temperature" in built.verdicts[0].text
+    assert bare.verdicts[0].text.startswith("met as drawn: ")
+    assert [(one.verdicts[0].level, one.required[0].met) for one in (bare, built)] == [("limit", True), ("good", True)]
+    short = held_as_built(bare, asked(text), LengthCovariance(("sensor.distance",), np.array([[1.0]])))
+    assert [verdict.level for verdict in short.verdicts] == ["fault", *(one.level for one in bare.verdicts[1:])]
     given = roslf.evaluate(asked(text).replace({"depth": {"disparity_error": 0.01}})).required[0]
     assert given.counts == "of disparity error, without lengths as built and temperature"  # it has the others in it
 
@@ -77,6 +85,21 @@ def test_an_outer_diameter_that_is_required_says_which_walls_it_has():
     says = "with its wall: parts of 3 mm, walls of 0.1 mm; tube 4 mm as stated, clearance 0.8 mm"
     assert says in result.verdicts[0].text
     assert result.required[0].counts == result.answer.outer_diameter_counts == says
+
+
+def test_a_range_of_working_distances_is_held_to_where_views_are_sharp():
+    plain = roslf.evaluate("rigid-scope")
+    at, (near, far) = plain.answer.working_distance_mm, plain.answer.working_range_mm
+
+    def light(low, high):
+        return roslf.evaluate(asked(f"working_distance_mm = {{min = {low!r}, max = {high!r}}}")).verdicts[0]
+
+    within, beyond = light(1.001 * near, at + 1), light(0.999 * near, at + 1)
+    assert (near < at < far, within.level, beyond.level) == (True, "good", "limit")
+    assert "view_depth_of_field_near_mm = {max = " in beyond.remedy
+    assert light(at + 1, at + 2).level == "fault"
+    (one, *_) = roslf.evaluate(asked("working_distance_mm = {min = 1}")).verdicts
+    assert one.level == "good"
 
 
 def test_nothing_asked_for_is_no_verdict():
@@ -126,6 +149,9 @@ def test_the_data_sheet_says_whether_it_is_met():
     ("text", "key", "message"),
     [
         ('u_zz_mm = {max = "1 mm"}', "required.u_zz_mm", "did you mean 'u_z_mm'?"),
+        ("sensor_width_mm = {max = 3}", "required.sensor_width_mm", "keys of the design state: `roslf keys sensor`"),
+        ("sensor_angel_deg = {max = 3}", "required.sensor_angel_deg", "did you mean 'sensor_angle_deg'?"),
+        ("depth_mm = {max = 3}", "required.depth_mm", "did you mean 'u_z_mm' or 'sigma_z_mm'"),
         ('field_of_view_deg = {min = "7 mm"}', "required.field_of_view_deg.min", "unit of length"),
         ('u_z_mm = {max = "7 mm", fr = 2}', "required.u_z_mm.fr", "not a known key"),
         ("u_z_mm = {}", "required.u_z_mm", "no limit; give min, max or both"),

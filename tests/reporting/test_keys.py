@@ -90,4 +90,7 @@ def test_printed_by_name_and_all(capsys):
     out = capsys.readouterr().out
     assert "design.elements.plate" in out
     assert "Units of length: nm, um" in out
+    assert "Also about" not in out
+    assert main(["keys", "window"]) == 0  # of depth, by name; of glass, by what a plate is
+    assert "Also about window: roslf keys design.elements.plate," in capsys.readouterr().out
     assert set(FILES) >= {"design", "scene", "tolerance", "optimize", "story", "bench"}

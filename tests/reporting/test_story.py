@@ -263,6 +263,14 @@ def refuse(*_, **__):
     raise OSError(28, "No space left on device")
 
 
+def test_a_required_depth_counts_the_builds_of_the_first_look(without_figures, few_builds):
+    asked = load("paper").replace({"required": {"u_z_mm": {"max": 1e3}}})
+    told = blocks(story.full_report(asked), Statements)[0].items[0]
+    assert "depth, expected" in told.text
+    assert "and lengths as built" in told.text
+    assert evaluate(asked).verdicts[0].text.startswith("met as drawn: ")
+
+
 def test_the_first_look_holds_builds_to_the_nominal():
     """Its limits are those of its docstring, about the evaluation's own numbers."""
     design = load("paper-mismatched")

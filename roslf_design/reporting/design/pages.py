@@ -12,7 +12,7 @@ from ...camera import Camera
 from ...design import dumps
 from ...design.files import WRITTEN
 from ...evaluation import evaluate
-from ...evaluation.evaluate import evaluation_accuracy
+from ...evaluation.evaluate import evaluation_accuracy, held_as_built
 from ...evaluation.result import (
     absent_effects,
     answer_tables,
@@ -125,6 +125,8 @@ def design_report(
     result = evaluate(
         design, None, accuracy, at=grounds.at, build=grounds.build, calibration=grounds.calibration, shown=shown
     )
+    if grounds.looked is not None and grounds.build is None and grounds.calibration is None:
+        result = held_as_built(result, design, grounds.looked)
     figures = _design_figures(design, result, progress)
     progress("sections")
     answers = Statements((*verdicts(result).items, *(one.statement for one in studied if one.statement)))

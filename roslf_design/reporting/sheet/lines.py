@@ -202,6 +202,8 @@ class SpreadSources(NamedTuple):
     calibration: CalibratedLengths | None = None
     at: tuple[float, ...] = ()
     """Distances ahead of the tip that lines were asked for [mm]."""
+    looked: LengthCovariance | None = None
+    """Lengths as a first look builds them: of the page the verdict on a required depth alone counts them."""
 
     @property
     def design(self) -> Design:
@@ -301,7 +303,7 @@ def _required_lines(required: Iterable[Requirement], built: BuildSpread | None, 
         of, own = None, one.quantity if of_builds else ""
         if of_builds and one.at_mm is not None:
             of, own = partial(_at_distance, QUANTITIES[one.quantity], one.at_mm, 1.0), ""
-        told = [f"{'met' if one.met else 'not met'}: {one.limits}", one.counts]
+        told = [f"{one.outcome}: {one.limits}", one.counts]
         if built is not None:
             share = f"{number(100 * built.share(one), 4)} % of builds meet it" if of_builds else "of the nominal design"
             told.append(share)
