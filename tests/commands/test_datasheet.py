@@ -208,7 +208,7 @@ def test_a_report_with_a_calibration_begins_with_the_page_of_that_instrument(
         return Report(design.name, "", (sheets[-1],) if grounds else ())
 
     monkeypatch.setattr(story, "design_report", caught)
-    monkeypatch.setattr(story, "_first_look", lambda *_: ({}, None))
+    monkeypatch.setattr(story, "_first_look", lambda *_, **__: ({}, None))
     monkeypatch.setattr(story, "calibrated_finding", lambda *_: None)
     roslf.save(design, folder.parent / "water.toml")
     told = ("--calibration", folder, "-o", folder.parent / "out")
