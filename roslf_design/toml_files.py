@@ -41,7 +41,7 @@ TYPES = {
     "tuple_type": "a list",
 }
 """Words for what a value must be, by the kind of fault."""
-SLIP = 0.8
+SLIP = 0.75
 """Likeness of letters from which a name is another one, mistyped."""
 KIND = "kind"
 """Key that tells which table one is, where it may be several."""

@@ -12,8 +12,8 @@ from roslf_design.design.files import preset_path
 from roslf_design.evaluation.required import load_beside
 from roslf_design.theory.light import sensor_field
 
-NATURES_LIMITS = ("views_resolved", "corner_lit")
-"""Verdicts on what diffraction and the light's slant leave, which no focus or match mends."""
+NATURES_LIMITS = ("views_resolved", "corner_lit", "lens_speed")
+"""Verdicts on what diffraction, the light's slant and an ideal lens leave, which no focus or match mends."""
 IN_THE_BORE = ("arthroscope", "cystoscope", "grin-needle", "video-otoscope")
 
 
