@@ -319,6 +319,12 @@ class DesignProblem:
             result[1:] = self.rows_of(cameras, len(units), traces, lens)
         return result
 
+    def limits(self, units: Array) -> Array:
+        """Rows of `vector` without the merit, shape (rows, N)."""
+        with np.errstate(all="ignore"):
+            cameras, lens = self.cameras(units), self.varied_lens(units)
+            return self.rows_of(cameras, len(units), self.traces(cameras, lens), lens)
+
     def rows_of(
         self, cameras: Camera, count: int, traces: FieldTraces | None = None, lens: VariedLens | None = None
     ) -> Array:
