@@ -225,9 +225,9 @@ def _corners(combinations: Combinations, owner: NDArray[np.intp], low: Array, hi
         shape = units.shape[:2]
         image = np.broadcast_to(cameras.seen.d_f > cameras.f * (1 + ROOM), shape)
         ahead = np.broadcast_to(cameras[CONJUGATES[1]] * (1 - ROOM) > cameras.tip, shape)
-        cut, housed = combinations.cut(owner), cameras
+        housed = cameras
         asked = (part.quantity.name for part in (*problem.constraints, *problem.goals))
-        if cut.any() and OUTER_DIAMETER in asked:
+        if OUTER_DIAMETER in asked and (cut := combinations.cut(owner)).any():
             view = _sensor_fields(cameras, ahead)[0]
             sides = {
                 place: np.where(cut, np.fmin(size, 2 * (high + CUT_MARGIN)), size)
