@@ -80,6 +80,15 @@ def tidy(value: float) -> str:
     return f"{value:.0f}" if abs(value) >= 10 else f"{value:.2g}"
 
 
+def about_time(seconds: float) -> str:
+    """A time that is about right, as people write it: "8 s", "41 s", "3 min", "1 h 20 min"."""
+    if seconds < 89.5:
+        return f"{max(seconds, 1):.0f} s"
+    minutes = round(seconds / 60) if seconds < 1200 else 5 * round(seconds / 300)
+    hours, rest = divmod(minutes, 60)
+    return " ".join([*([f"{hours} h"] if hours else []), *([f"{rest} min"] if rest else [])])
+
+
 def fixed(value: float, decimals: int, sign: str = "") -> str:
     """A number to so many decimals, never as -0; `sign` "+" writes both signs."""
     return f"{round(float(value), decimals) + 0.0:{sign}.{decimals}f}"

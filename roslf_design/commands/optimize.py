@@ -24,7 +24,7 @@ def optimize(
     json: Json = False,
     seed: int | None = None,
     accuracy: float | None = None,
-) -> None:
+) -> int:
     """Find the design: from what the bore allows and what must be seen, or say what stands in the way.
 
     Parameters
@@ -56,8 +56,10 @@ def optimize(
         **page_files(report),
     }
     write_files(output, files)
+    code = 130 if result.ranking is not None and result.ranking.stopped else 0
     if json:
         print(json_text(result.to_dict()))
-        return
+        return code
     print_titled(report.title, report.sections[0].blocks)
     say(f"\n{result.seconds:.1f} s; written to {output}: {', '.join(listed(files))}")
+    return code

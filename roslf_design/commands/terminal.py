@@ -19,6 +19,7 @@ from ..design.files import in_the_way, write_atomically
 from ..errors import Argument, InputError, Problem, printable, refusal
 from ..options import check_distances, check_seed
 from ..units import read_quantity
+from ..words import about_time
 
 Flag = Annotated[bool, Parameter(negative=())]
 """A switch that is off unless given."""
@@ -59,7 +60,9 @@ class _Log:
         if now - self._last < LOGGED or (total and not 0 < done < total):
             return
         self._last = now
-        left = f": {done / total:.0%}, about {(now - self._began) * (total / done - 1):.2g} s left" if total else " ..."
+        left = " ..."
+        if total:
+            left = f": {done / total:.0%}, about {about_time((now - self._began) * (total / done - 1))} left"
         say(f"{step}{left}", error=True)
 
 
@@ -99,7 +102,7 @@ class StatusLine:
 def tell_cost(seconds: float, why: str) -> None:
     """Say beforehand how long a job takes that needs patience, where stderr is a terminal: on one processor, about."""
     if sys.stderr.isatty() and seconds > PATIENCE:
-        say(f"about {seconds:.1g} s: {why}" if seconds < 10 else f"about {seconds:.2g} s: {why}", error=True)
+        say(f"about {about_time(seconds)}: {why}", error=True)
 
 
 @contextmanager

@@ -38,7 +38,7 @@ from ..tolerancing.tally import merged
 from ..tolerancing.trials import lengths_built
 from ..tolerancing.yields import Yield, yield_at
 from ..units import format_quantity
-from ..words import listed, percent, to_html
+from ..words import about_time, listed, percent, to_html
 from .jobs import Done, Failure, ProcessJob, Progress, Tell
 from .main_lens import TRIALS, explored_lens
 from .state import BY_SYMBOL, CONJUGATE, PLACES, State, fixed_conjugates, read, show
@@ -390,7 +390,7 @@ def summary(run: Run | None, design: Design, wrong: str = "") -> dict[str, Any]:
     state = run.job.poll()
     if isinstance(state, Progress):
         share = -1 if state.share is None else state.share
-        left = "" if state.left is None else f" {percent(share)}, about {state.left:.0f} s left"
+        left = "" if state.left is None else f" {percent(share)}, about {about_time(state.left)} left"
         text = f"running{left}: {state.text}"
         return shown | {"state": "running", "share": share, "text": text, "seconds": f"{state.seconds:.0f} s"}
     if isinstance(state, Failure):

@@ -6,9 +6,10 @@ corners, and corners are cheap. Quantities for which that does not hold bound no
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
 from itertools import product
-from typing import Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +20,12 @@ from ..camera import TIP, Camera, Number
 from ..design import PATHS
 from ..theory.f_number import inverse_fill_factor
 from ..theory.light import SensorField, sensor_field
+from ..theory.tube import LENGTH
 from ..tolerancing.places import in_lens
+from ..words import listed
 from .combinations import Combinations
 from .goals import Constraint, Goal
-from .problem import ROOM, DesignProblem
+from .problem import CUT_MARGIN, ROOM, SIDES, DesignProblem
 from .variables import DERIVED
 
 Flags = NDArray[np.bool_]
@@ -37,6 +40,11 @@ CORNERS = 500
 """Corners of boxes that count as one evaluation, for they take as long."""
 SLICES = 5
 """Parts of a side that are tried when shaving."""
+
+
+OUTER_DIAMETER = "outer_diameter_mm"
+NAMED = 3
+"""Parts that are named where a limit refuses many."""
 
 
 class Boxes:
@@ -94,6 +102,10 @@ def prunable(problem: DesignProblem, part: Constraint | Goal) -> bool:
     quantity, names = part.quantity, {PATHS.get(name, name) for name in problem.variables}
     if part.field is not None or part.temperature is not None:
         return False
+    decentred = any(value for place, value in problem.base.numbers.items() if ".decentre." in place)
+    if quantity.name == OUTER_DIAMETER:  # widths of parts, of a cut array the least
+        low = part.max is not None and part.min is None if isinstance(part, Constraint) else part.sign > 0
+        return low and LENGTH not in problem.base.numbers and not decentred
     monotone = quantity.monotone or quantity.monotone_with in problem.base.numbers
     if not monotone or (problem.in_focus and quantity.name in ("f_ml", "microlens_defocus_px")):
         return False
@@ -105,7 +117,6 @@ def prunable(problem: DesignProblem, part: Constraint | Goal) -> bool:
     pupil = [limits.min for name, limits in problem.variables.items() if PATHS.get(name, name) == PATHS["d_3"]]
     if chain.stop_behind or any(low < 0 for low in pupil):
         return False  # through the lens, room is least inside a box
-    decentred = any(value for place, value in problem.base.numbers.items() if ".decentre." in place)
     if quantity.over is not None and decentred:
         return False  # how far off the axis the sensor sees has its least inside a box
     if quantity.bent_in_f and CONJUGATES[0] in names:
@@ -124,7 +135,76 @@ def prunable(problem: DesignProblem, part: Constraint | Goal) -> bool:
     return not (problem.design.stops and moves and stops_matter)
 
 
-def _bound(combinations: Combinations, owner: NDArray[np.intp], low: Array, high: Array) -> Array:
+class _Corners(NamedTuple):
+    """Cameras at the corners of boxes, shape (2^n, B)."""
+
+    problem: DesignProblem
+    cameras: Camera
+    housed: Camera
+    """With arrays that are cut as small as they can be in a box."""
+    image: Flags
+    """Whether an image is real."""
+    ahead: Flags
+    """Whether the focal plane is in front of the bore."""
+
+    @property
+    def certain(self) -> Flags:
+        """Whether all images in a box are real."""
+        return np.asarray(self.image.all(axis=0))
+
+    def extremes(self, part: Constraint | Goal) -> tuple[Array, Array]:
+        """Least and greatest value in each box, over its cameras that have their focal plane in front of the bore."""
+        if part.quantity.name == OUTER_DIAMETER:
+            return _extremes(part, "smooth", self.housed, self.ahead)
+        return _extremes(part, _near_the_bore(part, self.problem.base), self.cameras, self.ahead)
+
+    def cannot_hold(self, constraint: Constraint) -> Flags:
+        """Whether no camera in a box holds a constraint; widths of parts are so wherever images lie."""
+        wrong = _impossible(constraint, *self.extremes(constraint))
+        return wrong if constraint.quantity.name == OUTER_DIAMETER else wrong & self.certain
+
+
+class Refused(NamedTuple):
+    """A limit that combinations miss wherever variables are."""
+
+    constraint: Constraint
+    numbers: NDArray[np.intp]
+    """Combinations."""
+    parts: dict[str, float]
+    """Parts that it never holds with, to the nearest that it comes."""
+
+    def words(self, count: int) -> str:
+        """Limit and parts, of so many combinations in all."""
+        named = [f"{name} {self.constraint.with_unit(value, 4)}" for name, value in self.parts.items()]
+        more = [f"{len(named) - NAMED} more"] if len(named) > NAMED else []
+        told = f" (nearest: {listed([*named[:NAMED], *more])})" if named else ""
+        return f"{len(self.numbers)} of {count} cannot hold {self.constraint} whatever varies{told}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """As results have it."""
+        return {"limit": str(self.constraint), "combinations": len(self.numbers), "nearest": self.parts}
+
+
+def refused(combinations: Combinations) -> Iterator[Refused]:
+    """Limits that parts rule out in all of the box, before any search."""
+    problem, count = combinations.problem, len(combinations)
+    limits = [limit for limit in problem.constraints if prunable(problem, limit)]
+    wrong, nearest = np.zeros((len(limits), count), bool), np.zeros((len(limits), count))
+    for start in range(0, count, CHUNK):
+        owner = np.arange(start, min(start + CHUNK, count))
+        ends = np.zeros((len(owner), problem.n)), np.ones((len(owner), problem.n))
+        with np.errstate(all="ignore"):
+            corners = _corners(combinations, owner, *ends)
+            for k, limit in enumerate(limits):
+                least, most = corners.extremes(limit)
+                wrong[k, owner] = corners.cannot_hold(limit)
+                nearest[k, owner] = most if limit.max is None else least
+    for limit, missed, values in zip(limits, wrong, nearest, strict=True):
+        if missed.any():
+            yield Refused(limit, np.flatnonzero(missed), combinations.deciding(missed, values))
+
+
+def _corners(combinations: Combinations, owner: NDArray[np.intp], low: Array, high: Array) -> _Corners:
     problem = combinations.problem
     corners = np.array(list(product((0.0, 1.0), repeat=problem.n)))
     units = low + corners[:, None, :] * (high - low)
@@ -145,20 +225,34 @@ def _bound(combinations: Combinations, owner: NDArray[np.intp], low: Array, high
         shape = units.shape[:2]
         image = np.broadcast_to(cameras.seen.d_f > cameras.f * (1 + ROOM), shape)
         ahead = np.broadcast_to(cameras[CONJUGATES[1]] * (1 - ROOM) > cameras.tip, shape)
-        certain = image.all(axis=0)
+        housed = cameras
+        asked = (part.quantity.name for part in (*problem.constraints, *problem.goals))
+        if OUTER_DIAMETER in asked and (cut := combinations.cut(owner)).any():
+            view = _sensor_fields(cameras, ahead)[0]
+            sides = {
+                place: np.where(cut, np.fmin(size, 2 * (high + CUT_MARGIN)), size)
+                for place, size, high in zip(SIDES, cameras.array_size, view.high, strict=True)
+            }
+            housed = cameras.replace(sides)
+        return _Corners(problem, cameras, housed, image, ahead)
+
+
+def _bound(combinations: Combinations, owner: NDArray[np.intp], low: Array, high: Array) -> Array:
+    with np.errstate(all="ignore"):
+        corners = _corners(combinations, owner, low, high)
+        problem, image, certain = corners.problem, corners.image, corners.certain
         # d_f > f and d_f > tip hold somewhere in the box only if they do at a corner: both are monotone.
-        possible = image.any(axis=0) & (ahead | ~image).any(axis=0)
+        possible = image.any(axis=0) & (corners.ahead | ~image).any(axis=0)
         for constraint in problem.constraints:
             if prunable(problem, constraint):
-                nearby = _near_the_bore(constraint, problem.base)
-                possible &= ~(certain & _impossible(constraint, nearby, cameras, ahead))
-        merit = np.zeros(shape[1])
+                possible &= ~corners.cannot_hold(constraint)
+        merit = np.zeros(len(owner))
         weights = sum(goal.weight for goal in problem.goals)
         for index, goal in enumerate(problem.goals):
             if not prunable(problem, goal):
                 merit[:] = -np.inf
                 break
-            least, most = _extremes(goal, _near_the_bore(goal, problem.base), cameras, ahead)
+            least, most = corners.extremes(goal)
             best = least if goal.sign > 0 else most
             size = np.log(np.maximum(best, 0)) if goal.quantity.positive else best / problem.goal_scale(index)
             merit += goal.weight * goal.sign * size / weights
@@ -166,10 +260,9 @@ def _bound(combinations: Combinations, owner: NDArray[np.intp], low: Array, high
     return np.where(possible, merit, np.inf)
 
 
-def _impossible(constraint: Constraint, nearby: Nearby, cameras: Camera, ahead: Flags) -> Flags:
-    """Whether no camera in a box, that has its focal plane in front of the bore, holds a constraint."""
-    low, high, wrong = constraint.min, constraint.max, np.zeros(ahead.shape[1], bool)
-    least, greatest = _extremes(constraint, nearby, cameras, ahead)
+def _impossible(constraint: Constraint, least: Array, greatest: Array) -> Flags:
+    """Whether no camera in a box holds a constraint, by its extremes there."""
+    low, high, wrong = constraint.min, constraint.max, np.zeros(len(least), bool)
     finite = np.where(np.isfinite(least), np.abs(least), 0) + np.where(np.isfinite(greatest), np.abs(greatest), 0)
     room = ROUNDING * (finite + abs(low or 0.0) + abs(high or 0.0))
     if low is not None:
@@ -199,7 +292,8 @@ def _extremes(part: Constraint | Goal, nearby: Nearby, cameras: Camera, ahead: F
         ahead = np.concatenate([ahead, ahead])
         shape = ahead.shape
     if quantity.worst is not None:
-        every = np.broadcast_to(values, (len(values), *shape))
+        added = (1,) * (1 + len(shape) - values.ndim)
+        every = np.broadcast_to(values.reshape(len(values), *added, *values.shape[1:]), (len(values), *shape))
         least, most = quantity.worst(every.min(axis=1)), quantity.worst(every.max(axis=1))
     else:
         values = np.broadcast_to(values, shape)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from operator import itemgetter
 from typing import Annotated, Any
 
 import numpy as np
@@ -20,12 +21,14 @@ from ..lenses.glass import Glass
 from ..lenses.prescription import Prescription
 from ..toml_files import StrictTable, nearest
 from ..traced.camera import camera_of
+from ..words import number as in_digits
 from .lens_variables import why_not_bent
 from .parts import (
     KINDS,
     LENS_PRESCRIPTION,
     LENS_REVERSED,
     ORIENTATIONS,
+    ArrayPart,
     Catalogue,
     Choice,
     Entry,
@@ -39,6 +42,7 @@ from .parts import (
     rows,
 )
 from .problem import DesignProblem, sobol_units
+from .search import BIG
 
 FOCAL, _, DISTANCE = CONJUGATES
 
@@ -223,6 +227,36 @@ class Combinations:
             for place, glass in glasses.items()
         }
 
+    def cut(self, numbers: NDArray[np.intp]) -> NDArray[np.bool_]:
+        """Whether the array is cut to size, for many combinations at once."""
+        which = np.unravel_index(numbers, self._shape) if self.parts else ()
+        cut = np.zeros(len(numbers), bool)
+        for index, parts in zip(which, self.parts, strict=True):
+            cut |= np.array([isinstance(part, ArrayPart) and part.cut for part in parts])[index]
+        return cut
+
+    def deciding(self, missed: NDArray[np.bool_], values: Array) -> dict[str, float]:
+        """Parts that no combination holds a limit with, to their least value; of the kind on which values hang most."""
+        which = np.unravel_index(np.arange(len(self)), self._shape)
+        told: list[tuple[float, dict[str, float]]] = []
+        for index, parts in zip(which, self.parts, strict=True):
+            groups = [index == k for k in range(len(parts))]
+            spread = sum(float(np.ptp(np.clip(values[group], -BIG, BIG))) for group in groups)
+            of_parts = zip(parts, groups, strict=True)
+            told.append(
+                (spread, {part.part: float(values[group].min()) for part, group in of_parts if missed[group].all()})
+            )
+        return min(told, key=itemgetter(0))[1]
+
+    def cut_words(self, number: int, unit: Array) -> str:
+        """Size to which a combination's array is cut at scaled variables, in words; "" where it stays as it is."""
+        problem = self.problem_at(number)
+        stock = problem.base.array_size
+        sides = [float(side) for side in problem.cameras(unit).array_size]
+        if all(side >= most for side, most in zip(sides, stock, strict=True)):
+            return ""
+        return f"cut to {_by(sides)} from {_by(stock)} stock"
+
     def values(self, numbers: NDArray[np.intp]) -> dict[str, Array]:
         """Place to the parts' numbers, for many combinations at once."""
         which = np.unravel_index(numbers, self._shape) if self.parts else ()
@@ -248,12 +282,13 @@ class Combinations:
         design, given = self.problem.design, {**self.problem.given, **numbers}
         if declared := {place: value for part in parts for place, value in part.declared.items()}:
             design = design.replace(declared)
+        cut = any(isinstance(part, ArrayPart) and part.cut for part in parts)
         own = {place: given.pop(place) for place in (LENS_PRESCRIPTION, LENS_REVERSED) if place in given}
         if own:
             own |= {place: given.pop(place) for place in (PATHS["D"],) if place in numbers}
             given.pop(FOCAL, None)
             design = self._behind(own, design)
-        return replace(self.problem, design=design, given=given)
+        return replace(self.problem, design=design, given=given, cut=cut)
 
     def _behind(self, own: Mapping[str, Any], base: Design) -> Design:
         """Some camera that can be built behind another real lens, by what it is made of; the search moves the rest."""
@@ -274,3 +309,8 @@ class Combinations:
             else:
                 return design
         raise fault
+
+
+def _by(sides: Sequence[Any]) -> str:
+    """Width and height in words."""
+    return f"{' x '.join(in_digits(float(side), 3) for side in sides)} mm"

@@ -196,6 +196,8 @@ class ArrayPart(Entry):
     size: tuple[Length, Length]
     layout: Literal["square", "hexagonal"] = "square"
     lens_shape: Literal["square", "circular"] = "square"
+    cut: bool = True
+    """Whether it may be cut to the size that a sensor needs."""
 
     @property
     def focal(self) -> float:

@@ -23,6 +23,7 @@ from ..bore.conjugates import CONJUGATES, follower
 from ..camera import TIP, Camera, Number
 from ..design import PATHS, Design
 from ..lenses.glass import Glass
+from ..theory.light import sensor_field
 from ..theory.tube import housed
 from ..tolerancing.draws import sobol_points
 from .goals import SIGNS, UNDISTORTED, Constraint, Goal, Side
@@ -35,6 +36,10 @@ from .variables import Variable, as_places
 
 ROOM = 1e-6
 """Relative distance kept from cameras that are none: d_f = f, the focal plane inside the bore, images of no pitch."""
+
+CUT_MARGIN = 0.1
+"""Rim that a cut array has beyond what the sensor sees of it, on each side [mm]: what dicing may chip."""
+SIDES = "microlens_array.size.0", "microlens_array.size.1"
 
 TRIED = 8
 """Places that are looked at for each start behind a real lens."""
@@ -90,6 +95,8 @@ class DesignProblem:
     """Whether f_ml follows the focus of the microlenses."""
     given: Mapping[str, Any] = field(default_factory=dict)
     """Values in place of the base design's: a bore (its tip among it), parts of the catalogue."""
+    cut: bool = False
+    """Whether the array, as large as its stock, is cut to what the sensor sees of it and `CUT_MARGIN` on each side."""
     scales: tuple[tuple[float, ...], tuple[float, ...]] | None = None
     """Units of the differences of constraints and of goals; None: their spread over the box."""
 
@@ -151,7 +158,21 @@ class DesignProblem:
 
     def cameras(self, units: Array) -> Camera:
         """The cameras at scaled variables of shape (..., n)."""
-        return self.base.replace(self.values(units), in_focus=self.in_focus)
+        cameras = self.base.replace(self.values(units), in_focus=self.in_focus)
+        return cameras.replace(self.cut_sides(cameras)) if self.cut else cameras
+
+    def cut_sides(self, stock: Camera) -> dict[str, Array]:
+        """Width and height of cut arrays of these stock sizes [mm]; places of fields that are asked for stay on them.
+
+        Nothing but the size of the part changes: what the sensor sees is all there.
+        """
+        sides, view = {}, sensor_field(stock)
+        for axis, (place, most) in enumerate(zip(SIDES, stock.array_size, strict=True)):
+            asked = max((abs(field[axis]) for field in self._fields), default=0.0)
+            decentre = stock[f"microlens_array.decentre.{axis}"]
+            half = np.maximum(np.maximum(view.high[axis] - decentre, decentre - view.low[axis]), asked)
+            sides[place] = np.fmin(most, 2 * (half + CUT_MARGIN))
+        return sides
 
     def following(self, unit: Array) -> dict[str, float]:
         """Lengths that follow from the variables, by symbol or place, with their value [mm] at one point.
@@ -181,7 +202,7 @@ class DesignProblem:
             The point is no design.
         """
         camera = self.cameras(unit[None])
-        changed = (*self._set_places, *((PATHS["f_ml"],) if self.in_focus else ()))
+        changed = (*self._set_places, *((PATHS["f_ml"],) if self.in_focus else ()), *(SIDES if self.cut else ()))
         given = {place: value for place, value in self.given.items() if place != TIP}
         changes = {place: float(np.ravel(camera[place])[0]) for place in changed}
         if lens := self.main_lens.redrawn(self._values(unit)):
@@ -297,6 +318,12 @@ class DesignProblem:
             result[0] = self.merit(cameras, traces)
             result[1:] = self.rows_of(cameras, len(units), traces, lens)
         return result
+
+    def limits(self, units: Array) -> Array:
+        """Rows of `vector` without the merit, shape (rows, N)."""
+        with np.errstate(all="ignore"):
+            cameras, lens = self.cameras(units), self.varied_lens(units)
+            return self.rows_of(cameras, len(units), self.traces(cameras, lens), lens)
 
     def rows_of(
         self, cameras: Camera, count: int, traces: FieldTraces | None = None, lens: VariedLens | None = None

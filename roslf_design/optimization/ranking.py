@@ -16,7 +16,7 @@ from .._arrays import Array, by_value
 from ..errors import InputError
 from ..progress import CountedProgress, silent
 from ..theory.quantity import FEASIBLE
-from .bounds import CORNERS, SLICES, Boxes
+from .bounds import CORNERS, SLICES, Boxes, Refused, refused
 from .combinations import Combinations
 from .conflict import Conflict, explain
 from .problem import DesignProblem, promising_starts, sobol_units
@@ -63,6 +63,10 @@ class Ranking:
     """Conflict that keeps it from being feasible; None where it makes no camera at all."""
     left_out: tuple[tuple[int, str], ...] = ()
     """Combinations that were optimised and are not among the best, each with the reason why."""
+    refused: tuple[Refused, ...] = ()
+    """Limits that parts rule out before any search, whatever varies; among `ruled_out`."""
+    stopped: bool = False
+    """Whether somebody stopped the search: the list is the best so far, not polished."""
 
     def to_dict(self, retraces: tuple[Retrace, ...], timings: bool) -> dict[str, Any]:
         """As results have it; `retraces` of the best behind a real lens."""
@@ -73,6 +77,7 @@ class Ranking:
                 {
                     "rank": place,
                     "parts": self.named(ranked.number),
+                    "microlens_array_cut": self.combinations.cut_words(ranked.number, unit) or None,
                     "goals": {goal.label: problem.number(goal, unit) for goal in problem.goals},
                     **lengths_and_numbers(problem.named(unit)),
                     "file": f"parts-{place:02d}.toml",
@@ -82,6 +87,8 @@ class Ranking:
         data = {
             "combinations": len(self.combinations),
             "ruled_out_by_bounds": self.ruled_out,
+            "refused": [limit.to_dict() for limit in self.refused],
+            "stopped": self.stopped,
             "optimised": self.optimised,
             "open": self.open,
             "best": rows,
@@ -99,6 +106,11 @@ class Ranking:
         chosen = self.combinations.chosen(number)
         return {kind: part.part for kind, part in zip(self.combinations.kinds, chosen, strict=True)}
 
+    def ordered(self, ranked: Ranked) -> dict[str, str]:
+        """`named`, an array that is cut with its size."""
+        names, cut = self.named(ranked.number), self.combinations.cut_words(ranked.number, ranked.search.unit)
+        return names | ({"microlens_arrays": f"{names['microlens_arrays']}, {cut}"} if cut else {})
+
 
 class _Ranker:
     """Branch and bound over boxes of combinations."""
@@ -111,8 +123,10 @@ class _Ranker:
         self.nearest: Ranked | None = None
         self.reasons: dict[int, str] = {}
         self.done = np.zeros(count, bool)
-        self.boxes = Boxes(combinations, np.arange(count), np.zeros((count, n)), np.ones((count, n)))
-        self.bound: Array = np.zeros(count)
+        self.refused = tuple(refused(combinations))
+        left = np.setdiff1d(np.arange(count), [number for limit in self.refused for number in limit.numbers])
+        self.boxes = Boxes(combinations, left.astype(np.intp), np.zeros((len(left), n)), np.ones((len(left), n)))
+        self.bound: Array = np.zeros(len(left))
 
     @property
     def threshold(self) -> float:
@@ -142,10 +156,10 @@ class _Ranker:
 
     def optimise(self, number: int, low: Array, high: Array) -> None:
         """Optimise a combination from the middle of a box, and from another point of it."""
-        self.done[number] = True
         try:
             problem = self.combinations.problem_at(number)
         except InputError:
+            self.done[number] = True
             self.reasons[number] = "no camera within the bounds"
             return
         begin = [(low + high) / 2, low + self.middle * (high - low)]
@@ -154,6 +168,7 @@ class _Ranker:
             results.append(searched(problem, start, self.budget, 80, max(QUICK, problem.finest)))
             if results[-1].feasible and not problem.traced:
                 break
+        self.done[number] = True
         designs = [result for result in results if result.feasible]
         if designs:
             ranked = Ranked(number, min(designs, key=lambda result: result.merit))
@@ -179,6 +194,23 @@ class _Ranker:
         n, count = self.combinations.problem.n, len(self.combinations)
         for number in np.unique(np.linspace(0, count - 1, AT_ONCE).astype(int)).tolist():
             self.optimise(number, np.zeros(n), np.ones(n))
+
+    def search(self, tell: CountedProgress) -> None:
+        """Split, rule out and optimise until nothing is left that could enter the list, or the budget is spent."""
+        splitting, turn, count = True, 0, len(self.combinations)
+        while not self.budget.ended:
+            if splitting:
+                self.shave()
+            self.clear()
+            if not self.left:
+                break
+            tell("catalogue: combinations decided", count - self.left, count)
+            self.optimise_promising()
+            self.clear()
+            splitting = splitting and turn + 1 < ROUNDS and 2 * len(self.boxes) <= MOST_BOXES
+            if splitting and turn % 2:
+                self.split()
+            turn += 1
 
     def polish(self) -> None:
         """Search the list's combinations again, thoroughly."""
@@ -206,33 +238,25 @@ def rank(
     """
     began, count = time.monotonic(), len(combinations)
     ranker = _Ranker(combinations, keep, budget, seed, starts)
-    splitting, turn = True, 0
-    while not budget.ended:
-        if splitting:
-            ranker.shave()
-        ranker.clear()
-        if not ranker.left:
-            break
-        tell("catalogue: combinations decided", count - ranker.left, count)
-        ranker.optimise_promising()
-        ranker.clear()
-        splitting = splitting and turn + 1 < ROUNDS and 2 * len(ranker.boxes) <= MOST_BOXES
-        if splitting and turn % 2:
-            ranker.split()
-        turn += 1
-    ranker.polish()
+    possible, stopped = ranker.left > 0, False
+    try:
+        ranker.search(tell)
+        ranker.polish()
+    except KeyboardInterrupt:
+        stopped = True
     ranker.clear()
     optimised, left = int(ranker.done.sum()), ranker.left
     conflict, listed = None, {ranked.number for ranked in ranker.best}
-    if not ranker.best and ranker.nearest is None:  # bounds ruled all out, and nothing was searched: some tell why
+    searched_none = not ranker.best and ranker.nearest is None
+    if searched_none and possible and not stopped:  # bounds ruled all out, step by step: some tell why
         ranker.optimise_some()
-    nearest = None if ranker.best else ranker.nearest
+    nearest = None if ranker.best or stopped else ranker.nearest
     if nearest is not None:
         tell("catalogue: finding what stands in the way")
         conflict = explain(combinations.problem_at(nearest.number), [nearest.search.unit], budget, seed)
     return Ranking(
         combinations=combinations,
-        best=tuple(ranker.best),
+        best=tuple(ranker.best[:keep]),
         ruled_out=count - optimised - left,
         optimised=optimised,
         open=left,
@@ -240,6 +264,8 @@ def rank(
         nearest=None if nearest is None else nearest.number,
         conflict=conflict,
         left_out=tuple((number, why) for number, why in sorted(ranker.reasons.items()) if number not in listed),
+        refused=ranker.refused,
+        stopped=stopped,
     )
 
 

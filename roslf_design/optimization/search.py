@@ -135,6 +135,8 @@ class Guard:
     budget: SearchBudget = field(default_factory=SearchBudget)
     always: int = 0
     """How many of the first rows hold always, whatever is searched."""
+    limits: Vector | None = None
+    """The rows alone, where the merit takes long; None: as `vector` has them."""
     evaluations: int = 0
     """Points asked for by the optimiser; those for derivatives are not counted."""
     mapped: int = 0
@@ -372,7 +374,9 @@ def least_violation(
 
     def relaxed(units: Array) -> Array:
         """Weighted sum of slacks, rows less their slacks."""
-        rows = guard.vector(units[:, :n])[1:]
+        points, which = np.unique(units[:, :n], axis=0, return_inverse=True)  # slacks vary alone at many
+        every = guard.vector(points)[1:] if guard.limits is None else guard.limits(points)
+        rows = every[:, np.ravel(which)]
         slack = np.zeros_like(rows)
         slack[soft] = LARGEST_SLACK * units[:, n:].T
         return np.concatenate([(costs[soft] @ slack[soft])[None], rows - slack])
@@ -426,6 +430,7 @@ def search(
     evaluations: int = 300,
     tolerance: float = FTOL,
     always: int = 0,
+    limits: Vector | None = None,
 ) -> Search:
     """SLSQP from a start, by way of the least violation where it does not reach a feasible point, then polished.
 
@@ -444,9 +449,11 @@ def search(
         repeated from its own end until nothing is gained.
     always : int
         How many of the first rows hold always: derivatives keep inside.
+    limits : callable, optional
+        The rows alone, where the merit takes long.
     """
     polish = tolerance <= FTOL
-    guard = Guard(vector, budget or SearchBudget(), always)
+    guard = Guard(vector, budget or SearchBudget(), always, limits)
     begin = _inside(np.nan_to_num(np.asarray(start, float), nan=0.5))
     slsqp(guard, begin, evaluations, tolerance)
     if not (guard.feasible or guard.budget.ended):

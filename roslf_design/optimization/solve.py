@@ -343,9 +343,9 @@ def searched(
     problem: DesignProblem, start: Array, budget: SearchBudget, evaluations: int = 300, tolerance: float = FTOL
 ) -> Search:
     """A `search`; where goals have kinks, searched again on both sides of each, from its end."""
-    best = search(problem.vector, start, budget, evaluations, tolerance, problem.always)
+    best = search(problem.vector, start, budget, evaluations, tolerance, problem.always, problem.limits)
     for side in problem.sides() if best.feasible else ():
-        end = search(side.vector, best.unit, budget, evaluations, tolerance, side.always)
+        end = search(side.vector, best.unit, budget, evaluations, tolerance, side.always, side.limits)
         guard = Guard(problem.vector)
         guard.rows(end.unit)
         spent = replace(best, evaluations=best.evaluations + end.evaluations + guard.evaluations)

@@ -285,8 +285,9 @@ class Result:
             combinations = self.ranking.combinations
             for place, ranked in enumerate(self.ranking.best, 1):
                 problem = combinations.problem_at(ranked.number)
-                design = problem.design_at(ranked.search.unit, f"{title}, parts {place}")
-                parts = ", ".join(part.part for part in combinations.chosen(ranked.number))
+                so_far = ", best so far" if self.ranking.stopped else ""
+                design = problem.design_at(ranked.search.unit, f"{title}, parts {place}{so_far}")
+                parts = ", ".join(self.ranking.ordered(ranked).values())
                 yield f"parts-{place:02d}.toml", design.replace({"source": f"catalogue: {parts}"})
 
     def to_dict(self, *, timings: bool = True) -> dict[str, Any]:

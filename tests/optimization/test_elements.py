@@ -57,7 +57,7 @@ def test_elements_and_stops_are_kept_apart(windowed):
     behind = posed(
         {"aperture.distance": (50, 150), "d_2": (1.9, 2.1)}, (), goal("aperture_constant", "max"), design=windowed
     )
-    answer = solve(behind, QUICK, lambda _: None)
+    answer = solve(behind, QUICK, lambda *_: None)
     assert answer.feasible
     d_3 = behind.named(answer.unit)["aperture.distance"]
     assert d_3 <= 118
@@ -84,7 +84,7 @@ def test_an_optimum_through_glass_is_where_brute_force_finds_it(windowed):
         goal("sigma_z_mm", "min"),
         design=windowed,
     )
-    answer = solve(problem, QUICK, lambda _: None)
+    answer = solve(problem, QUICK, lambda *_: None)
     assert answer.feasible
     grid = np.stack(np.meshgrid(*[np.linspace(0, 1, 41)] * 3, indexing="ij"), -1).reshape(-1, 3)
     vector = problem.vector(grid)
@@ -195,7 +195,7 @@ def test_windows_are_chosen_for_a_plate(windowed, tmp_path, capsys):
     for part in parts:
         glass = {"thickness": part.thickness, "material": part.material, "diameter": part.aperture}
         design = flat.replace({f"elements.0.{name}": value for name, value in glass.items()})
-        answer = solve(replace(study.problem, design=design), TWICE, lambda _: None)
+        answer = solve(replace(study.problem, design=design), TWICE, lambda *_: None)
         if answer.feasible:
             every.append((answer.number(answer.asked.goals[0]), part.part))
     best = [row["goals"]["sigma_z_mm"] for row in told["best"]]
@@ -262,7 +262,7 @@ def test_a_lens_that_diverges_may_vary(windowed):
     changes = {"elements.1.focal_length": values, "d_1": windowed.d_1}
     cameras = Camera.of(windowed, changes)
     widths = np.where(cameras.valid, roslf.quantity("field_half_width_mm")(cameras), -np.inf)
-    answer = solve(problem, TWICE, lambda _: None)
+    answer = solve(problem, TWICE, lambda *_: None)
     assert answer.feasible
     chosen = problem.named(answer.unit)["elements.1.focal_length"]
     assert chosen < 0

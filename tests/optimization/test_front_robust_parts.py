@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 import roslf_design as roslf
+from roslf_design.camera import Camera
 from roslf_design.errors import InputError
 from roslf_design.optimization.combinations import Combinations
 from roslf_design.optimization.front import pareto_front
-from roslf_design.optimization.parts import load_catalogue, read_condition, rows
+from roslf_design.optimization.parts import Catalogue, load_catalogue, read_condition, rows
 from roslf_design.optimization.ranking import rank
 from roslf_design.optimization.robust import RobustTable, maximise_robustness, scatter_of
 from roslf_design.optimization.search import QUICK, SearchBudget, search
@@ -166,8 +167,75 @@ def test_parts_that_fit_none_and_a_time_that_is_up(few):
     problem = posed({"d_2": (0.2, 20.0)}, (limit("lateral_samples", 1e5),), goal("sigma_z_mm", "min"))
     found = rank(Combinations.of(problem, few, ("sensors",)), 5, SearchBudget())
     assert (found.best, found.ruled_out, found.optimised, found.open) == ((), 2, 0, 0)
+    (limit_missed,) = found.refused
+    assert set(limit_missed.parts) == {part.part for part in few.sensors}
+    # What parts rule out is known at once; what limits rule out together is not, where no time is given.
+    problem = posed({"d_2": (0.2, 20.0)}, (limit("d_2", 5.0), limit("d_2", None, 3.0)), goal("sigma_z_mm", "min"))
     late = rank(Combinations.of(problem, few, ("sensors",)), 5, SearchBudget.of(1, -1.0))
     assert (late.best, late.optimised, late.open) == ((), 0, 2)
+
+
+def small_parts():
+    """Parts for a tube, all with stock arrays that are far wider than it."""
+    made = {"provenance": "made", "confidence": "typical"}
+    array = made | {"pitch": 0.1, "focal_length": 2.0, "size": (10.0, 10.0)}
+    arrays = [array | {"part": "diced"}, array | {"part": "whole", "cut": False}]
+    sizes = {"small": (500, 400), "long": (1300, 300), "large": (2000, 1500)}
+    sensors = [made | {"part": name, "pixel": 0.002, "pixels": pixels} for name, pixels in sizes.items()]
+    return Catalogue(microlens_arrays=arrays, sensors=sensors)
+
+
+def test_arrays_are_cut_and_what_does_not_fit_a_tube_is_refused_before_any_search():
+    """Width of a tube by hand: the sensor's diagonal, or that of its picture on the array with the rim of 0.1 mm."""
+    base = PAPER.replace({"D": 2.0, "f": 10.0, "d_f": 40.0, "D_F": 1.0, "d_3": 5.0})
+    limits = (limit("outer_diameter_mm", None, 2.7),)
+    problem = posed({"d_2": (0.5, 3.0), "D_F": (0.5, 1.5)}, limits, goal("sigma_z_mm", "min", 20.0), design=base)
+    combinations = Combinations.of(problem, small_parts(), ("microlens_arrays", "sensors"))
+    found = rank(combinations, 5, SearchBudget())
+    names = [found.named(number) for number in range(len(combinations))]
+    held = []
+    for number, name in enumerate(names):
+        d_2 = np.linspace(0.5, 3.0, 401)
+        width, height = (0.002 * pixels for pixels in combinations.chosen(number)[1].pixels)
+        grow = 1 + d_2 * (base.f - base.d_3) * (base.d_f - base.f) / (base.f**2 * (base.d_f - base.d_3))
+        cut = np.hypot(width / grow + 0.2, height / grow + 0.2)
+        array = cut if name["microlens_arrays"] == "diced" else np.hypot(10, 10)
+        held.append((np.maximum(np.hypot(width, height), array) <= 2.7).any())
+    assert sum(held) == 2
+    assert [ranked.number for ranked in sorted(found.best, key=lambda one: one.number)] == list(np.flatnonzero(held))
+    (refused,) = found.refused
+    assert refused.numbers.tolist() == list(np.flatnonzero(~np.array(held)))
+    assert found.optimised == 2
+    assert found.ruled_out == 4
+    for ranked in found.best:
+        design = combinations.problem_at(ranked.number).design_at(ranked.search.unit)
+        stock = design.replace({"microlens_array.size": (10.0, 10.0)})
+        width, height = design.microlens_array.size
+        told = f"diced, cut to {width:.3g} x {height:.3g} mm from 10 x 10 mm stock"
+        assert found.ordered(ranked)["microlens_arrays"] == told
+        for name, at in (("field_half_width_mm", 20.0), ("lateral_samples", None), ("non_distortion_room_mm", None)):
+            quantity = goal(name, "max", at)
+            assert quantity.values(Camera.of(design)) == pytest.approx(quantity.values(Camera.of(stock)), rel=1e-12)
+
+
+def test_a_search_that_is_stopped_keeps_its_best(monkeypatch):
+    base = PAPER.replace({"D": 2.0, "f": 10.0, "d_f": 40.0, "D_F": 1.0, "d_3": 5.0})
+    problem = posed({"d_2": (0.5, 3.0)}, (), goal("sigma_z_mm", "min", 20.0), design=base)
+    combinations = Combinations.of(problem, small_parts(), ("microlens_arrays", "sensors"))
+    whole, asked = rank(combinations, 6, SearchBudget()), []
+    problem_at = Combinations.problem_at
+
+    def interrupted(self, number):
+        asked.append(number)
+        if len(asked) == 4:
+            raise KeyboardInterrupt
+        return problem_at(self, number)
+
+    monkeypatch.setattr(Combinations, "problem_at", interrupted)
+    part = rank(combinations, 6, SearchBudget())
+    assert (part.stopped, part.optimised, part.open) == (True, 3, 3)
+    every = {ranked.number: ranked.search.merit for ranked in whole.best}
+    assert [ranked.search.merit for ranked in part.best] == pytest.approx([every[one.number] for one in part.best])
 
 
 def test_what_is_known_of_some_sensors_counts_in_their_designs():

@@ -28,7 +28,7 @@ from roslf_design.reporting.printers import render_pdf
 from roslf_design.tables import print_table
 from roslf_design.theory.quantities import QUANTITIES, in_words
 from roslf_design.tolerancing.metrics import METRICS
-from roslf_design.words import length, number, place, rounded, sentence, spans, to_html
+from roslf_design.words import about_time, length, number, place, rounded, sentence, spans, to_html
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="9pt" height="9pt"><text y="9">word</text></svg>'
 NASTY = '#panic("no") $x$ *a* _b_ \\ "quoted" <label> @ref #eval("1") [c]'
@@ -139,6 +139,11 @@ def test_numbers_lengths_and_sentences():
     assert [sentence(t) for t in ("", "so", "d_3 off?", "f-number met.", "a rim")] == [
         *("", "So.", "d_3 off?", "f-number met.", "A rim.")
     ]
+
+
+def test_times_that_are_left():
+    times = [about_time(seconds) for seconds in (0.2, 3.4, 41.3, 89.4, 89.6, 190.0, 1170.0, 1300.0, 4790.0, 7200.0)]
+    assert times == ["1 s", "3 s", "41 s", "89 s", "1 min", "3 min", "20 min", "20 min", "1 h 20 min", "2 h"]
 
 
 def test_every_quantity_that_is_no_symbol_has_words_and_they_are_put_in_once():

@@ -135,10 +135,14 @@ def _statements(result: Result) -> Iterator[Statement]:
             f"Of {len(ranking.combinations)} combinations of parts, bounds ruled out {ranking.ruled_out} and "
             f"{ranking.optimised} were optimised; {len(ranking.best)} of the best that hold every limit are listed."
         )
+        if ranking.stopped:
+            text = f"The search was stopped; what follows is the best so far. {text}"
+        for limit in ranking.refused:
+            text += f" {limit.words(len(ranking.combinations))}."
         if ranking.left_out:
             text += " Why others were left out stands in a table of its own."
         if ranking.best:
-            parts = ", ".join(ranking.named(ranking.best[0].number).values())
+            parts = ", ".join(ranking.ordered(ranking.best[0]).values())
             text += f" Best of them: {parts} with {_reached(result, 'parts-01')}."
             if answer.feasible:
                 kinds = listed([f"the {kind}" for kind in _kinds(ranking)])
@@ -150,8 +154,9 @@ def _statements(result: Result) -> Iterator[Statement]:
         if result.part_retraces:
             worst = max(again.moved for again in result.part_retraces)
             text += f" Each of these was traced again on its own: goals and limits differ by up to {worst:.1g}."
-        late = f"{ranking.open} more were not settled before the budget was spent; give more." if ranking.open else ""
-        yield Statement("caution" if ranking.open or not ranking.best else "plain", text, late)
+        why = "the search was stopped" if ranking.stopped else "the budget was spent; give more"
+        late = f"{ranking.open} more were not settled before {why}." if ranking.open else ""
+        yield Statement("caution" if ranking.open or ranking.stopped or not ranking.best else "plain", text, late)
 
 
 def _about_focus(result: Result) -> Iterator[Statement]:
@@ -389,6 +394,10 @@ def _bought(active: Active, goals: tuple[Goal, ...]) -> str:
 
 def _none_listed(ranking: Ranking) -> str:
     """Reason why no combination is listed."""
+    if ranking.stopped:
+        return "None holds every limit so far."
+    if ranking.nearest is None and ranking.refused:
+        return "No search was begun."
     if ranking.nearest is None or ranking.conflict is None:
         return "None makes a camera within the bounds."
     parts = ", ".join(ranking.named(ranking.nearest).values())
@@ -405,7 +414,7 @@ def _parts(ranking: Ranking) -> Table:
         values = own.named(ranked.search.unit)
         goals = [f"{own.number(goal, ranked.search.unit):.4g}" for goal in own.goals]
         rows.append(
-            (str(place), *ranking.named(ranked.number).values(), *goals, *(f"{value:.5g}" for value in values.values()))
+            (str(place), *ranking.ordered(ranked).values(), *goals, *(f"{value:.5g}" for value in values.values()))
         )
     kinds = _kinds(ranking)
     goals = [goal.label + _unit(goal) for goal in problem.goals]
