@@ -73,6 +73,7 @@ def test_cost_is_told_beforehand_of_what_needs_patience(monkeypatch):
 
 def test_a_log_has_a_line_of_progress_now_and_then(monkeypatch):
     shown, clock = io.StringIO(), iter([0.0, 10.0, 40.0, 50.0, 80.0, 100.0])
+    monkeypatch.setattr("roslf_design.commands.terminal.LOGGED", 30.0)
     monkeypatch.setattr(sys, "stderr", shown)
     monkeypatch.setattr("roslf_design.commands.terminal.time.monotonic", lambda: next(clock))
     with bar("trials", 100) as tell:
@@ -84,6 +85,7 @@ def test_a_log_has_a_line_of_progress_now_and_then(monkeypatch):
 def test_a_log_has_steps_and_what_is_counted_in_them(monkeypatch):
     """One clock for all steps: many short ones are told of as well as one long one; the time left is the step's own."""
     shown, clock = io.StringIO(), iter([0.0, 10.0, 31.0, 40.0, 50.0, 70.0, 90.0, 150.0, 160.0])
+    monkeypatch.setattr("roslf_design.commands.terminal.LOGGED", 30.0)
     monkeypatch.setattr(sys, "stderr", shown)
     monkeypatch.setattr("roslf_design.commands.terminal.time.monotonic", lambda: next(clock))
     with status_and_bars("report") as tell:

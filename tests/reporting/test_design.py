@@ -241,10 +241,12 @@ def test_what_differs_from_the_nearest_part_is_named(changes, said):
 def test_larger_sensors_far_parts_and_real_lenses():
     known = load_catalogue()
     design = load("mismatched-borescope")  # IMX250; a larger one, read out in part, is the same
-    assert (
-        _catalogue_match(design.replace({"sensor.size": (4.0, 3.0)}), known, "sensors")[0] == "the same as Sony IMX250"
-    )
-    assert "only 4096 x 3000 px" in _catalogue_match(design.replace({"sensor.size": (15.0, 12.0)}), known, "sensors")[0]
+    alone = Catalogue(sensors=tuple(part for part in known.sensors if part.part == "IMX250"))
+    small, large = (design.replace({"sensor.size": size}) for size in ((4.0, 3.0), (8.6, 7.2)))
+    assert _catalogue_match(small, alone, "sensors")[0] == "the same as Sony IMX250"
+    assert "only 2448 x 2048 px" in _catalogue_match(large, alone, "sensors")[0]
+    # Of several that are large enough the smallest.
+    assert _catalogue_match(large, known, "sensors")[0] == "the same as Sony IMX304"
     assert _catalogue_match(load("rigid-scope"), known, "lenses") == (
         "to be made; the catalogue has nothing near",
         None,

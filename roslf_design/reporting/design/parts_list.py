@@ -80,13 +80,14 @@ def _catalogue_match(
 ) -> tuple[str, Entry | None]:
     """Remark on a part of the design (of windows, on one), and the catalogue's where it is the same or near.
 
-    The same is one whose lengths agree and that lacks nothing; the nearest has the ratios to what is wanted least.
+    The same is one whose lengths agree and that lacks nothing, the smallest of several; the nearest has the ratios to
+    what is wanted least.
     """
     if kind == "lenses" and (bought := lens_words(design.main_lens.kind).bought):
         return bought, None
     unlike = {part.part: _unlike(design, part, window) for part in catalogue.of(kind)}
     same = [part for part in catalogue.of(kind) if not unlike[part.part][0]]
-    best = min(same or catalogue.of(kind), key=lambda part: unlike[part.part][1], default=None)
+    best = min(same or catalogue.of(kind), key=lambda part: (unlike[part.part][1], _area(part)), default=None)
     if best is None:
         return "the catalogue has none", None
     words, apart = unlike[best.part]
@@ -95,6 +96,11 @@ def _catalogue_match(
     if apart > FAR:
         return "to be made; the catalogue has nothing near", None
     return f"to be made; nearest is {_name(best)}: {', '.join(words)}", best
+
+
+def _area(part: Entry) -> float:
+    """Area of a sensor or an array [mm^2]; 0 of other parts."""
+    return math.prod(part.size) if isinstance(part, (ArrayPart, SensorPart)) else 0.0
 
 
 def _unlike(design: Design, part: Entry, window: AnyElement | None) -> tuple[list[str], float]:
