@@ -32,6 +32,7 @@ AS_BUILT = (
 )
 """Remedy of a depth that is held by the lengths as drawn alone."""
 
+
 @dataclass(frozen=True)
 class Requirement:
     """A quantity that the design file limits, and whether it is within."""
