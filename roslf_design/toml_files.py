@@ -115,9 +115,9 @@ def parse_toml(text: str, origin: str, *, refusal: type[InputError] = InputError
     return data
 
 
-def nearest(name: str, known: Collection[str], otherwise: str = "") -> str:
-    """Suggestion for a name that is not known; else `otherwise`, or all that is known."""
-    near = difflib.get_close_matches(name, known, 1, 0.5)
+def nearest(name: str, known: Collection[str], otherwise: str = "", least: float = 0.5) -> str:
+    """Suggestion for a name that is not known, alike by `least`; else `otherwise`, or all that is known."""
+    near = difflib.get_close_matches(name, known, 1, least)
     return f"did you mean '{near[0]}'?" if near else otherwise or f"known here: {', '.join(known)}"
 
 
