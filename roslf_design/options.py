@@ -7,6 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from numbers import Integral
 from typing import Annotated, Any, Self
 
+import numpy as np
 from pydantic import AfterValidator, BeforeValidator, ValidationError
 
 from .errors import Argument, InputError, refusal
@@ -98,15 +99,31 @@ def refuse_idle(options: Options, names: Iterable[str]) -> None:
         raise InputError(tuple(Argument(name, message) for name in idle))
 
 
-def check_distances(at: Sequence[float]) -> None:
-    """Refuse distances ahead of the tip that are none [mm].
+def one_distance(at: float | Sequence[float] | None) -> float | None:
+    """Distance of what has a single one, from a number or a list of one; None where there is none.
+
+    Raises
+    ------
+    InputError
+        Several.
+    """
+    several: list[float] = [] if at is None else np.ravel(np.asarray(at, float)).tolist()
+    if len(several) > 1:
+        raise refusal("at", f"{len(several)} distances given, and this has one; ask once for each")
+    return several[0] if several else None
+
+
+def check_distances(at: float | Sequence[float]) -> tuple[float, ...]:
+    """Distances ahead of the tip [mm], one or several, each checked to be one.
 
     Raises
     ------
     InputError
     """
-    for distance in at:
+    several = tuple(np.ravel(np.asarray(at, float)).tolist())
+    for distance in several:
         if not 0 < distance <= FARTHEST["length"]:
             raise refusal(
                 "at", f"{distance:g} mm is not ahead of the bore's tip, where it counts from; give more than 0"
             )
+    return several

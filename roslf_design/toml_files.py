@@ -27,6 +27,8 @@ FROM_ZERO = {"greater_than": "must be greater than zero", "greater_than_equal": 
 """Messages about a value below its least, where that is 0."""
 BOUNDS = {"greater_than": "above", "greater_than_equal": "at least", "less_than": "below", "less_than_equal": "at most"}
 """Words for a bound, by the kind of fault and as pydantic calls it."""
+ELSEWHERE = {"quantity": "metric", "metric": "quantity"}
+"""Keys that files of one kind call so, and those of another otherwise."""
 TYPES = {
     "string_type": "text",
     "bool_type": "true or false",
@@ -116,13 +118,20 @@ def parse_toml(text: str, origin: str, *, refusal: type[InputError] = InputError
     return data
 
 
-def nearest(name: str, known: Collection[str], otherwise: str = "", meanings: Mapping[str, str] | None = None) -> str:
+def nearest(
+    name: str,
+    known: Collection[str],
+    otherwise: str = "",
+    meanings: Mapping[str, str] | None = None,
+    least: float = 0.5,
+) -> str:
     """Suggestion for a name that is not known; else `otherwise`, or all that is known.
 
-    A slip of the pen counts first, then words that a name shares with others and with their `meanings`, then letters.
+    A slip of the pen counts first, then words that a name shares with others and with their `meanings`, then letters,
+    alike by `least`.
     """
     near = difflib.get_close_matches(name, known, 1, SLIP) or _alike(name, meanings or {})
-    near = near or difflib.get_close_matches(name, known, 1, 0.5)
+    near = near or difflib.get_close_matches(name, known, 1, least)
     return f"did you mean {' or '.join(map(repr, near))}?" if near else otherwise or f"known here: {', '.join(known)}"
 
 
@@ -194,7 +203,10 @@ def _problem(detail: ErrorDetails, model: type[BaseModel]) -> Problem:
     key, name = at.key, str(detail["loc"][-1]) if detail["loc"] else ""
     if kind == "extra_forbidden":
         known = dict.fromkeys(key for table in _at(model, detail["loc"][:-1]).models for key in _keys(table))
-        return Problem(key, "is not a known key; " + nearest(name, known))
+        other = ELSEWHERE.get(name)
+        return Problem(
+            key, f"is called {other} here" if other in known else f"is not a known key; {nearest(name, known)}"
+        )
     such_as = f" such as {json.dumps(at.examples[0])}" if at.examples else ""
     in_list = bool(detail["loc"]) and isinstance(detail["loc"][-1], int)
     if kind == "missing" and in_list:

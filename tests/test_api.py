@@ -197,3 +197,15 @@ def test_a_report_is_made_of_a_design_and_of_a_result_and_shows_itself(tmp_path)
     assert "<script" not in shown
     with pytest.raises(ValueError, match=f"no figure 'nothing'; there are {names[0]}"):
         report.figure("nothing")
+
+
+def test_a_distance_is_one_number_or_several():
+    (alone,), several = ([one.at_mm for one in roslf.evaluate("paper", at=at).answer.at][1:] for at in (15, [15.0, 20]))
+    assert [alone, several] == [15.0, [15.0, 20.0]]
+    assert roslf.specification("paper", 15) == roslf.specification("paper", [15.0])
+    swept = [roslf.sweep("paper", {"d_3": [100.0]}, ["sigma_z_mm"], at).values["sigma_z_mm"][0] for at in (15, [15.0])]
+    tabled = [roslf.evaluate_many(["paper"], ["sigma_z_mm"], at=at).columns["sigma_z_mm"][0] for at in (15, [15.0])]
+    assert swept[0] == swept[1]
+    assert tabled[0] == tabled[1]
+    with pytest.raises(roslf.InputError, match="ask once for each"):
+        roslf.sweep("paper", {"d_3": [100.0]}, ["sigma_z_mm"], [15, 20])

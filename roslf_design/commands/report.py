@@ -189,6 +189,11 @@ def maker(
         Too many or too few of them, a file that is not there, is none of the kinds, or has faults; a seed below 0; an
         accuracy that is none.
     """
+    files = [name for name in names[1:] if Path(name).suffix.lower() in (".pdf", ".html", ".svg", ".png")]
+    if files:
+        what = "--pdf takes no value" if files[0].lower().endswith(".pdf") else "a report is named by its folder"
+        where = "the files are written into the folder given with -o (the PDF as report.pdf)"
+        raise InputError((Problem("report", f"'{files[0]}' is no design; {what}: {where}"),))
     if compare and len(names) not in (2, 3):
         raise refusal("compare", f"{len(names)} given; name two or three designs")
     if len(names) > 1 and not compare:

@@ -94,7 +94,7 @@ def sweep(
     notes = list(_notes(swept, loaded))
     if not swept.valid.any():
         raise refusal("set", f"nothing between can be drawn: {'; '.join(notes)}")
-    write_files(target.parent, {target.name: _written(swept, kind, loaded.name)})
+    write_files(target.parent, {target.name: _written(swept, kind, loaded.name, notes)})
     say(target)
     for note in notes:
         say(f"roslf: {one_line(note)}", error=True)
@@ -110,6 +110,8 @@ def _notes(swept: Sweep, design: Design) -> Iterator[str]:
     for name, values in swept.values.items():
         if endless := int(np.isposinf(values).sum()):
             yield f"{name} is infinite at {endless} of {values.size} points, where pictures show nothing"
+        if undefined := int((np.isnan(values) & swept.valid).sum()):
+            yield f"{name} is undefined at {undefined} of {values.size} points, though a camera can be built there"
     if not swept.valid.all():
         count = int((~swept.valid).sum())
         yield f"{count} of {swept.valid.size} points cannot be built: {'; '.join(swept.refused(design))}"
@@ -133,9 +135,9 @@ def _span(text: str, count: int) -> tuple[str, Array]:
     return place, np.linspace(ends[0], ends[1], count)
 
 
-def _written(swept: Sweep, kind: str, name: str) -> bytes:
+def _written(swept: Sweep, kind: str, name: str, notes: list[str]) -> bytes:
     if kind in (".png", ".svg"):
-        picture = sweep_picture(swept, name)
+        picture = sweep_picture(swept, name, notes)
         return picture.to_png() if kind == ".png" else picture.svg_file()
     if kind == ".parquet":
         import pyarrow

@@ -101,7 +101,7 @@ class FirstAnswer:
     def of(
         cls,
         shown: FieldImages,
-        at: Sequence[float] = (),
+        at: float | Sequence[float] = (),
         build: LengthCovariance | None = None,
         calibration: CalibratedLengths | None = None,
         budget: DepthBudget | None = None,
@@ -124,7 +124,7 @@ class FirstAnswer:
         InputError
             A distance that is none.
         """
-        check_distances(at)
+        at = check_distances(at)
         images, ends = shown.images, shown.ends
         camera = images.camera
         focus = float(focus_ahead(camera))

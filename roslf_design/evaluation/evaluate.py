@@ -77,7 +77,7 @@ def evaluate(
     fields: Sequence[float | tuple[float, float]] | NDArray[Any] | float | None = None,
     accuracy: float | None = None,
     *,
-    at: Sequence[float] = (),
+    at: float | Sequence[float] = (),
     temperature: float | str | None = None,
     build: LengthCovariance | None = None,
     calibration: CalibratedLengths | None = None,
@@ -95,7 +95,7 @@ def evaluate(
     accuracy : float, optional
         What shares of light may be off by where parts are tilted and rays are counted; None is 65 536 rays. Straight
         designs are exact whatever is asked for.
-    at : sequence of float
+    at : float or sequence of float
         Distances ahead of the tip [mm] that the first answer tells of, beside the focal plane.
     temperature : float or str, optional
         Of the camera and of what it looks through: degrees C, or text as "37 degC", as `Design.at_temperature` takes

@@ -12,6 +12,7 @@ import numpy as np
 from ..camera import Camera
 from ..design import Design
 from ..errors import refusal
+from ..options import one_distance
 from ..theory.focused import FocusedArray
 from ..theory.limits import as_design
 from ..theory.quantities import quantities_of_cameras
@@ -29,7 +30,7 @@ def evaluate_many(
     designs: Mapping[str, Design | str | Path] | Iterable[Design | str | Path],
     quantities: Sequence[str] = ANSWERS,
     *,
-    at: float | None = None,
+    at: float | Sequence[float] | None = None,
     temperature: float | str | None = None,
 ) -> QuantityTable:
     """Quantities of many designs as a table: a row a design, a column a quantity.
@@ -44,7 +45,8 @@ def evaluate_many(
     quantities : sequence of str
         Names in `QUANTITIES`, of whole cameras.
     at : float, optional
-        Distance ahead of the bore's tip for quantities that are asked for at one [mm]; None is the focal plane.
+        Distance ahead of the bore's tip for quantities that are asked for at one [mm], a list of one too; None is the
+        focal plane.
     temperature : float or str, optional
         Of every camera, as for `evaluate`.
 
@@ -70,6 +72,7 @@ def evaluate_many(
     >>> table.columns["fill_factor"].round(3)
     array([1.005, 0.991])
     """
+    at = one_distance(at)
     known = quantities_of_cameras(quantities, at)
     named = list(designs.items()) if isinstance(designs, Mapping) else [(_name(one), one) for one in designs]
     if not named:

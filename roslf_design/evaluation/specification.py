@@ -357,7 +357,7 @@ def resolved(images: IdealImages | DesignImages, field: int, at: float, image: K
 
 
 def specification(
-    design: Design | str | Path, at: Sequence[float] = (), shown: FieldImages | None = None
+    design: Design | str | Path, at: float | Sequence[float] = (), shown: FieldImages | None = None
 ) -> Specification:
     """The data sheet of a design: of its straight parts, tilts left out.
 
@@ -368,7 +368,7 @@ def specification(
     ----------
     design : Design, str or Path
         A design, the name of a preset, or a design file.
-    at : sequence of float
+    at : float or sequence of float
         Distances ahead of the tip [mm] that are told of beside the working range's ends and the focal plane.
     shown : FieldImages, optional
         Those of the design, where they are known.
@@ -385,7 +385,7 @@ def specification(
     >>> [round(end, 1) for end in sheet.depth_of_field_mm.refocused]
     [218.2, 243.2]
     """
-    check_distances(at)
+    at = check_distances(at)
     design = as_design(design)
     shown = FieldImages.of(design) if shown is None else shown
     images, ends = shown.images, shown.ends

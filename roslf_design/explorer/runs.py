@@ -172,6 +172,8 @@ class OptimiseRequest:
     """Whether microlens images have to fill their cells without overlap."""
     undistorted: bool = True
     """Whether no microlens image on the sensor may be cut."""
+    required: bool = True
+    """Whether the limits of the design's `[required]` are held, where it has any."""
     held: tuple[str, ...] = field(default=(), metadata={KNOWN: HELD})
     against: str = field(default="", metadata={KNOWN: ("", *GOALS)})
     """Another goal: what the goal costs of it is found out as well."""
@@ -263,6 +265,7 @@ def forms(state: State) -> dict[str, Any]:
         "limited": LIMITED,
         "goals": [{"key": key, "label": goal.label} for key, goal in GOALS.items()],
         "variables": [_offered(s, state) for s in VARIABLES],
+        "required": bool(design.required),
         "held": [{"key": key, "label": held.label} for key, held in HELD.items()],
         "lens": lens.named_apart,
         "of": state.reference.name,
@@ -577,6 +580,10 @@ def _optimise_study(request: OptimiseRequest) -> dict[str, Any]:
         limits.append({"quantity": "fill_factor", "min": FILLED[0], "max": FILLED[1]})
     if request.undistorted:
         limits.append({"quantity": "non_distortion_room_mm", "min": "0 mm"})
+    for asked in request.design.required if request.required else ():
+        at = {} if asked.at is None else {"at": format_quantity(asked.at, "length")}
+        ends = {side: end for side, end in (("min", asked.min), ("max", asked.max)) if end is not None}
+        limits.append({"quantity": asked.quantity, **at, **ends})
     for key in request.held:
         _, name, side = HELD[key]
         value = _number(request.design, name) * (1 + GIVE if side == "max" else 1 - GIVE)

@@ -370,7 +370,8 @@ def _margin(evaluation: Evaluation, name: str) -> str:
         return f"{_signed(evaluation.non_distortion.room_at_corner_mm)} mm"
     if name == "views_resolved":
         sampling = evaluation.sampling
-        return f"{short(sampling.views_independent, 2)} of {short(sampling.views_geometric, 2)}"
+        apart, across = sampling.views_independent, f"{short(sampling.views_geometric, 2)} px"
+        return f"all {across}" if apart >= sampling.views_geometric else f"{short(apart, 2)} in {across}"
     if name == "fits_tube":
         return f"needs {short(evaluation.answer.outer_diameter_mm, 3)} mm"
     if name == "pupil_imaged":

@@ -50,10 +50,8 @@ class _Asked(StrictTable):
     @model_validator(mode="after")
     def _distance(self) -> _Asked:
         name = self.quantity.name
-        if self.quantity.at == "needed" and self.at is None:
-            raise ValueError(f'{name} needs a distance ahead of the tip; write e.g. at = "40 mm"')
-        if self.quantity.at == "never" and self.at is not None:
-            raise ValueError(f"{name} is not asked for at a distance; drop at")
+        if fault := self.quantity.fault_of_distance(self.at):
+            raise ValueError(fault)
         if self.quantity.of is None and self.field is None:
             raise ValueError(f"'{name}' differs from field to field; say where on the array, e.g. field = \"3 mm\"")
         if self.quantity.local is None and self.field is not None:

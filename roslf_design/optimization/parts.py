@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import suppress
 from itertools import pairwise, product
 from operator import attrgetter, eq, ge, gt, le, lt
@@ -371,6 +371,20 @@ COMPARE: Mapping[str, Callable[[Any, Any], Any]] = {"=": eq, "<": lt, "<=": le, 
 LENGTHS = frozenset(
     ("diameter", "clear_aperture", "thickness", "focal_length", "effective_focal_length", "pitch", "pixel", "size")
 )
+MEANT = {
+    **dict.fromkeys(("width", "height", "side", "format"), "size"),
+    **dict.fromkeys(("name", "model", "number"), "part"),
+    **dict.fromkeys(("vendor", "manufacturer", "brand"), "maker"),
+    **dict.fromkeys(("pixel_size", "pixel_pitch"), "pixel"),
+    **dict.fromkeys(("resolution", "megapixels"), "pixels"),
+    **dict.fromkeys(("f", "efl"), "focal_length"),
+    **dict.fromkeys(("glass", "substance"), "material"),
+    "d": "diameter",
+    "aperture": "clear_aperture",
+}
+"""Names that people give to keys, and the keys."""
+CLOSE = 0.7
+"""Likeness from which on a key is taken for one misspelt."""
 NEAR = 1e-9
 """Relative difference at which lengths count as equal."""
 
@@ -402,6 +416,16 @@ def read_condition(text: str) -> Callable[[Mapping[str, Any]], bool]:
     return holds
 
 
+def _instead(key: str, known: Collection[str]) -> str:
+    """Remedy for a key that is none: the one that means the same, one spelt much alike, or the keys of each kind."""
+    if (meant := MEANT.get(key.lower())) is not None:
+        return f"write {meant}"
+    own = ({"kind": None} | Entry.model_fields).keys()
+    each = {"all parts": own} | {k: [n for n in m.model_fields if n not in own] for k, m in MODELS.items()}
+    listed = "; ".join(f"{kind.replace('_', ' ')} have {', '.join(names)}" for kind, names in each.items())
+    return nearest(key, known, listed, least=CLOSE)
+
+
 def parse_condition(text: str) -> tuple[str, str, float | str]:
     """Key, comparison and value of a condition as typed.
 
@@ -416,7 +440,7 @@ def parse_condition(text: str) -> tuple[str, str, float | str]:
         raise ValueError(f'cannot read "{text}"; write e.g. "focal_length<=100 mm" or "maker=Thorlabs"')
     key, sign, value = match.groups()
     if key not in known:
-        raise ValueError(f"'{key}' is no key of a part; {nearest(key, known)}")
+        raise ValueError(f"'{key}' is no key of a part; {_instead(key, known)}")
     if key in LENGTHS or key == "acceptance":
         return key, sign, read_quantity(value, "length" if key in LENGTHS else "angle")
     if key == "pixels":

@@ -2,26 +2,32 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
 
-from ..drawing.marks import Area, Dots, Image, Line, Mark, box_key, parted
+from ..drawing.marks import Area, Dots, Image, Key, Line, Mark, box_key, parted
 from ..drawing.panel import Panel, Scale, colour_bar
 from ..drawing.picture import PAGE, Picture, beside, one_panel
 from ..theory.quantities import in_words
 from ..theory.sweep import Sweep
+from ..words import number
 
 TALL = 230.0
 """Height of each panel [px]."""
 
 
-def sweep_picture(swept: Sweep, design: str) -> Picture:
-    """A panel a quantity, one below the other, as far as there are values; gaps and grey where some are missing."""
+def sweep_picture(swept: Sweep, design: str, notes: Iterable[str] = ()) -> Picture:
+    """A panel a quantity, one below the other, as far as there are values; gaps and grey where some are missing.
+
+    Above stands whose they are and where they are asked for, below them `notes`, as on what is missing.
+    """
     shown = _known_part(swept)
-    pictures = [_panel(shown, name) for name in shown.values]
-    title = f"{', '.join(map(in_words, swept.values))} of {design} over {' and '.join(swept.places)}"
-    return beside("sweep", title, pictures, down=True)
+    where = "" if swept.at is None else f", {number(swept.at, 4)} mm ahead of the tip"
+    pictures = [_panel(shown, name, "" if index else f"{design}{where}") for index, name in enumerate(shown.values)]
+    title = f"{', '.join(map(in_words, swept.values))} of {design} over {' and '.join(swept.places)}{where}"
+    return beside("sweep", title, pictures, [Key(in_words(note), ()) for note in notes], down=True)
 
 
 def _known_part(swept: Sweep) -> Sweep:
@@ -39,7 +45,7 @@ def _label(name: str, unit: str) -> str:
     return f"{in_words(name)} [{unit}]" if unit else in_words(name)
 
 
-def _panel(swept: Sweep, name: str) -> Picture:
+def _panel(swept: Sweep, name: str, title: str) -> Picture:
     values, unit = swept.values[name], swept.units[name]
     known = values[np.isfinite(values)]
     (place, x), *second = swept.places.items()
@@ -50,8 +56,8 @@ def _panel(swept: Sweep, name: str) -> Picture:
         there = np.pad(np.isfinite(shown), 1)
         lone = there[1:-1] & ~there[:-2] & ~there[2:]  # no line goes to a neighbour
         drawn = (Line(x, shown, "blue", 2.0), Dots(x[lone], shown[lone], "blue", size=3.0))
-        panel = Panel((0, 0, 1, 1), across, Scale.around(known), drawn, label, _label(name, unit))
-        return one_panel(f"sweep-{name}", name, (PAGE, TALL), panel, left=72)
+        panel = Panel((0, 0, 1, 1), across, Scale.around(known), drawn, label, _label(name, unit), title)
+        return one_panel(f"sweep-{name}", name, (PAGE, TALL), panel, left=72, top=32 if title else 14)
     other, y = second[0]
     low, high = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     high = high if high > low else low + 1.0
@@ -66,6 +72,8 @@ def _panel(swept: Sweep, name: str) -> Picture:
         middle = np.stack([x[none[:, 0]], y[none[:, 1]]], -1)
         corners = middle[:, None] + np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * steps
         marks.append(Area(parted(corners[..., 0]), parted(corners[..., 1]), "grey", 0.9))
-    panel = Panel((0, 0, 1, 1), across, up, tuple(marks), label, _label(other, swept.units[other]), grid="")
-    picture = one_panel(f"sweep-{name}", name, (PAGE, TALL + 60), panel, keys, left=72, right=110)
+    panel = Panel((0, 0, 1, 1), across, up, tuple(marks), label, _label(other, swept.units[other]), title, grid="")
+    picture = one_panel(
+        f"sweep-{name}", name, (PAGE, TALL + 60), panel, keys, left=72, right=110, top=32 if title else 14
+    )
     return picture.with_panels(colour_bar(picture.panels[0], low, high, "blue", _label(name, unit)))

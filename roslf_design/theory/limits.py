@@ -59,8 +59,4 @@ def _fault(asked: Required, quantity: Quantity, low: float | None, high: float |
     """Fault of limits that can be read; empty where there is none."""
     if quantity.of is None:
         return f"'{quantity.name}' differs from field to field; name a quantity of a whole camera (`roslf quantities`)"
-    if quantity.at == "needed" and asked.at is None:
-        return f'{quantity.name} needs a distance ahead of the tip; write e.g. at = "40 mm"'
-    if quantity.at == "never" and asked.at is not None:
-        return f"{quantity.name} is not asked for at a distance; drop at"
-    return quantity.fault_of_limits(low, high)
+    return quantity.fault_of_distance(asked.at) or quantity.fault_of_limits(low, high)

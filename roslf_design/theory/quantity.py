@@ -166,6 +166,14 @@ class Quantity:
             raise ValueError(f"{self.name} is limited by a number{unit}, got {value!r}")
         return float(value)
 
+    def fault_of_distance(self, at: Depth) -> str:
+        """Fault of asking for it at a distance, or at none; empty where there is none."""
+        if self.at == "needed" and at is None:
+            return f'{self.name} needs a distance ahead of the tip; write e.g. at = "40 mm"'
+        if self.at == "never" and at is not None:
+            return f"{self.name} is not asked for at a distance; drop at"
+        return ""
+
     def fault_of_limits(self, low: float | None, high: float | None) -> str:
         """Fault of limits that contradict each other, or that by nature no camera holds or every one; else empty."""
         least, above = (0.0, "above") if self.positive else (self.least, "at least")

@@ -17,6 +17,7 @@ from ..bore.conjugates import follower
 from ..camera import Camera
 from ..design import PATHS, Design
 from ..errors import InputError
+from ..options import one_distance
 from .focused import refuse_focused
 from .limits import as_design
 from .quantities import quantities_of_cameras
@@ -37,6 +38,8 @@ class Sweep:
     """True where there is a camera, shape (N,) or (N, M)."""
     follows: str | None
     """Conjugate that follows from what is swept, of f, d_f and d_1; None where none changes."""
+    at: float | None = None
+    """Distance ahead of the bore's tip that quantities are asked for at [mm]; None: the focal plane."""
 
     def refused(self, design: Design) -> tuple[str, ...]:
         """Reasons why points have no camera, each once: those of up to `LOOKED_AT` of them."""
@@ -86,7 +89,10 @@ LOOKED_AT = 12
 
 
 def sweep(
-    design: Design | str | Path, places: Mapping[str, ArrayLike], quantities: Sequence[str], at: float | None = None
+    design: Design | str | Path,
+    places: Mapping[str, ArrayLike],
+    quantities: Sequence[str],
+    at: float | Sequence[float] | None = None,
 ) -> Sweep:
     """Quantities over one or two numbers of a design, all points at once.
 
@@ -100,8 +106,8 @@ def sweep(
     quantities : sequence of str
         Names in `QUANTITIES`, of whole cameras.
     at : float, optional
-        Distance ahead of the bore's tip for quantities that are asked for at one [mm]; None is the focal plane. Behind
-        the tip they have no value.
+        Distance ahead of the bore's tip for quantities that are asked for at one [mm], a list of one too; None is the
+        focal plane. Behind the tip they have no value.
 
     Raises
     ------
@@ -119,6 +125,7 @@ def sweep(
     design = as_design(design)
     if not 1 <= len(places) <= 2:
         raise ValueError(f"{len(places)} places given; sweep one or two")
+    at = one_distance(at)
     known = quantities_of_cameras(quantities, at)
     for quantity in known:
         if quantity.of_views:
@@ -135,7 +142,7 @@ def sweep(
     units = {quantity.name: quantity.unit for quantity in known}
     units |= {place: unit_of(place) for place in axes}
     follows = follower([PATHS.get(place, place) for place in axes])
-    return Sweep(axes, values, units, valid.reshape(shape), follows)
+    return Sweep(axes, values, units, valid.reshape(shape), follows, at)
 
 
 UNITS = {

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -16,6 +16,7 @@ from ..bore.part import TEMPERATURE
 from ..camera import TEMPERATURES, Camera, Number
 from ..design import PATHS, Design
 from ..theory.quantities import DECODED, QUANTITIES
+from ..theory.quantity import Quantity
 from .ideal import IdealBuilds
 from .places import LENSLETS, of_parts
 from .traced import AS_IF_THIN, TracedBuilds, as_built, real_lens_builds
@@ -28,6 +29,9 @@ METRICS = {
 """Every metric by its name: what has a value at fields has one at each, the rest one for the whole camera. Names and
 values follow `roslf evaluate --json` where it has them."""
 
+DISTANT = {name: quantity for name, quantity in QUANTITIES.items() if name not in PATHS and quantity.of is not None}
+"""Quantities of the whole camera, asked for ahead of the bore's tip where they may be: some are metrics there alone."""
+
 
 @dataclass(frozen=True)
 class Column:
@@ -35,11 +39,20 @@ class Column:
 
     metric: str
     field: int | None
+    at: float | None = None
+    """Distance ahead of the bore's tip that a whole camera's is asked for at [mm]; None: wherever it is without one."""
+
+    @property
+    def quantity(self) -> Quantity:
+        """The metric itself."""
+        first, second = (METRICS, DISTANT) if self.at is None else (DISTANT, METRICS)
+        return first.get(self.metric) or second[self.metric]
 
     @property
     def label(self) -> str:
-        """E.g. ``kept_fraction@2``."""
-        return self.metric if self.field is None else f"{self.metric}@{self.field}"
+        """E.g. ``kept_fraction@2``, ``u_z_mm at 15 mm``."""
+        where = "" if self.at is None else f" at {self.at:g} mm"
+        return f"{self.metric}{where}" if self.field is None else f"{self.metric}@{self.field}"
 
 
 @dataclass(frozen=True)
@@ -52,21 +65,30 @@ class Question:
     """Microlens positions on the array [mm]."""
     object_distance: float
     """Z of the decoder's target, in front of the main lens [mm]."""
+    distant: tuple[Column, ...] = ()
+    """Metrics asked for ahead of the bore's tip."""
 
     @property
     def columns(self) -> tuple[Column, ...]:
-        """Every metric at every field it has, metric by metric."""
+        """Every metric at every field it has, metric by metric; then those at distances."""
         count = len(self.fields)
-        return tuple(
+        columns = (
             Column(name, field)
             for name in self.metrics
             for field in ((None,) if METRICS[name].local is None else range(count))
         )
+        return (*columns, *self.distant)
+
+    def limited_to(self, columns: Iterable[Column]) -> Question:
+        """The question of these columns' metrics alone, in their order."""
+        asked = tuple(columns)
+        metrics = dict.fromkeys(column.metric for column in asked if column.at is None)
+        return replace(self, metrics=tuple(metrics), distant=tuple(c for c in dict.fromkeys(asked) if c.at is not None))
 
     @property
     def infinite(self) -> NDArray[np.bool_]:
         """Which columns may be infinite, shape (columns,)."""
-        return np.array([METRICS[column.metric].infinite for column in self.columns], bool)
+        return np.array([column.quantity.infinite for column in self.columns], bool)
 
 
 def evaluate_builds(question: Question, values: Mapping[str, Array], trials: int, *, calibrated: bool = False) -> Array:
@@ -102,6 +124,9 @@ def evaluate_builds(question: Question, values: Mapping[str, Array], trials: int
             rows = 1 if metric.local is None else len(question.fields)
             results[row : row + rows] = metric(builds.camera) if metric.local is None else metric.local(builds)
             row += rows
+        for column in question.distant:
+            results[row] = column.quantity(builds.camera, column.at)
+            row += 1
     if not valid.all():
         results[:, ~valid] = np.nan
     told = np.isfinite(results)

@@ -23,7 +23,7 @@ from ..theory.focused import is_focused
 from ..theory.length_covariance import LengthCovariance
 from ..theory.quantities import bound_note
 from .budgets import ToleranceBudget, budget
-from .metrics import METRICS, mount_of
+from .metrics import mount_of
 from .places import Grades, in_lens, of_parts
 from .sensitivities import (
     TOGETHER,
@@ -302,7 +302,7 @@ def _warnings(
     for name in plan.question.metrics:
         if name in left_out:
             yield f"{name} is not traced behind the real lens: its formula leaves out {left_out[name]}"
-    axial = [name for name in plan.question.metrics if METRICS[name].local is None]
+    axial = [column.label for column in plan.columns if column.field is None]
     if axial and any(".tilt." in p.place and not p.place.startswith("elements.") for p in plan.draws.perturbations):
         yield f"of the whole camera, on its axis, so blind to decentres and tilts: {', '.join(axial)}"
 

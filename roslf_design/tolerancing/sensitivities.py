@@ -106,7 +106,7 @@ def _exact_derivatives(plan: TolerancePlan) -> Array:
     for row, column in enumerate(plan.columns):
         quantity = QUANTITIES.get(column.metric)
         if quantity is not None and quantity.analytic and not (quantity.traced and camera.chain.bends_rays):
-            exact[row] = np.broadcast_to(np.imag(quantity(camera)), steps.shape) / steps
+            exact[row] = np.broadcast_to(np.imag(quantity(camera, column.at)), steps.shape) / steps
             if column.field is not None:
                 exact[row, posed] = np.nan
     return exact

@@ -44,7 +44,7 @@ from ..toml_files import StrictTable, nearest, problems_of, read_toml
 from ..units import Length, in_file, read_quantity
 from .draws import Distribution, Draws, Perturbation, Sampling
 from .ideal import bore_end
-from .metrics import METRICS, Column, Question, evaluate_builds, faults_of
+from .metrics import DISTANT, METRICS, Column, Question, evaluate_builds, faults_of
 from .places import LENSLETS, SHIPPED, Grades, expand, load_grades, nominal_values, tolerance_at
 
 CALIBRATION = "calibration"
@@ -105,6 +105,10 @@ def _metric(name: str) -> str:
     return name
 
 
+def _metric_anywhere(name: str) -> str:
+    return name if name in DISTANT else _metric(name)
+
+
 FieldPlace = Annotated[Any, BeforeValidator(_field_place)]
 """A name of `FIELD_NAMES`, or (x, y) on the array [mm]."""
 
@@ -141,7 +145,9 @@ class Group(StrictTable):
 class MetricGoal(StrictTable):
     """A limit. A build passes when all its goals hold, at all their fields; what is undefined does not hold."""
 
-    metric: Annotated[str, AfterValidator(_metric)]
+    metric: Annotated[str, AfterValidator(_metric_anywhere)]
+    at: Length | None = None
+    """Ahead of the bore's tip [mm], of the whole camera; at the fields, or at the focal plane, where left out."""
     min: float | None = None
     max: float | None = None
     """In the unit of the metric's name, or text with a unit."""
@@ -152,13 +158,22 @@ class MetricGoal(StrictTable):
     @classmethod
     def _read(cls, value: Any, info: ValidationInfo) -> float | None:
         metric = info.data.get("metric")
-        return value if value is None or metric is None else METRICS[metric].limit(value)
+        return (
+            value
+            if value is None or metric is None
+            else Column(metric, None, info.data.get("at")).quantity.limit(value)
+        )
 
     @model_validator(mode="after")
     def _bounded(self) -> MetricGoal:
         if self.min is None and self.max is None:
             raise ValueError(f"{self.metric} has no limit; give min, max or both")
-        if fault := METRICS[self.metric].fault_of_limits(self.min, self.max):
+        quantity = Column(self.metric, None, self.at).quantity
+        if fault := quantity.fault_of_distance(self.at):
+            raise ValueError(fault)
+        if self.at is not None and self.fields is not None:
+            raise ValueError(f"{self.metric} at a field is not asked for at a distance; drop at or fields")
+        if fault := quantity.fault_of_limits(self.min, self.max):
             raise ValueError(f"{self.metric}: {fault}")
         return self
 
@@ -201,7 +216,8 @@ class Study(StrictTable):
     """Z of the decoder's target, from the main lens; the focal plane where left out."""
     perturb: tuple[Perturb, ...] = ()
     groups: tuple[Group, ...] = ()
-    goals: tuple[MetricGoal, ...]
+    goals: Annotated[tuple[MetricGoal, ...], Field(validate_default=True)] = ()
+    """Limits; where left out, those of the design's `[required]`."""
     report: tuple[Annotated[str, AfterValidator(_metric)], ...] = ()
     """Further metrics to tabulate, without limits."""
     compensators: tuple[Compensate, ...] = ()
@@ -219,10 +235,19 @@ class Study(StrictTable):
 
     @field_validator("goals", mode="before")
     @classmethod
-    def _some(cls, goals: Any) -> Any:
-        if not goals:
-            raise ValueError("a study needs at least one [[goals]] with a metric and a limit")
-        return goals
+    def _some(cls, goals: Any, info: ValidationInfo) -> Any:
+        if goals:
+            return goals
+        design = _design(info)
+        if design is None or not design.required:
+            raise ValueError(
+                "a study needs at least one [[goals]] with a metric and a limit, or a design with [required]"
+            )
+        return tuple(
+            {"metric": asked.quantity, "at": None if asked.at is None else f"{asked.at!r} mm", "min": asked.min}
+            | {"max": asked.max}
+            for asked in design.required
+        )
 
     @field_validator("fields", mode="before")
     @classmethod
@@ -321,8 +346,7 @@ class TolerancePlan:
     @cached_property
     def limited(self) -> TolerancePlan:
         """The plan with its limited metrics alone: whether builds pass hangs on no others."""
-        metrics = tuple(dict.fromkeys(self.columns[limit.column].metric for limit in self.limits))
-        question = replace(self.question, metrics=metrics)
+        question = self.question.limited_to(self.columns[limit.column] for limit in self.limits)
         rows = {column: row for row, column in enumerate(question.columns)}
         limits = tuple(replace(limit, column=rows[self.columns[limit.column]]) for limit in self.limits)
         return replace(self, question=question, limits=limits)
@@ -481,9 +505,10 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
         problems.append(Problem("fields", f"{len(study.fields)} are too many; ask for {MOST_FIELDS} at most"))
     named = dict(zip(FIELD_NAMES, default_fields(design), strict=True))
     fields = tuple(named[item] if isinstance(item, str) else (float(item[0]), float(item[1])) for item in study.fields)
-    metrics = tuple(dict.fromkeys([*(goal.metric for goal in study.goals), *study.report]))
-    problems += focus_faults(design, *(name for name in metrics if METRICS[name].of_views))
-    question = Question(design, metrics, fields, distance)
+    metrics = tuple(dict.fromkeys([*(goal.metric for goal in study.goals if goal.at is None), *study.report]))
+    distant = dict.fromkeys(Column(goal.metric, None, goal.at) for goal in study.goals if goal.at is not None)
+    question = Question(design, metrics, fields, distance, tuple(distant))
+    problems += focus_faults(design, *dict.fromkeys(c.metric for c in question.columns if c.quantity.of_views))
     perturbations = _perturbations(study, design, grades, problems)
     members = {line.group for line in study.perturb}
     problems += [
@@ -495,7 +520,7 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
     groups = dict.fromkeys(p.group for p in perturbations if p.group)
     limits = []
     for index, goal in enumerate(study.goals):
-        wanted = None if METRICS[goal.metric].local is None else goal.fields
+        wanted = None if goal.at is not None or METRICS[goal.metric].local is None else goal.fields
         problems += [
             Problem(f"goals.{index}.fields", f"{field} is no field; they run from 0 to {len(fields) - 1}")
             for field in wanted or ()
@@ -505,7 +530,7 @@ def make_plan(study: Study, design: Design, grades: Grades, origin: str = "") ->
         limits += [
             _Limit(number, low, high)
             for number, column in enumerate(question.columns)
-            if column.metric == goal.metric and (wanted is None or column.field in wanted)
+            if (column.metric, column.at) == (goal.metric, goal.at) and (wanted is None or column.field in wanted)
         ]
     draws = Draws(
         perturbations,

@@ -13,7 +13,7 @@ import numpy as np
 
 from .._arrays import Array, ratio
 from ..theory.quantity import finite, from_finite
-from .metrics import METRICS
+from .metrics import Column
 from .study import TolerancePlan
 from .tally import Tally, quantiles, rebin
 from .yields import Yield
@@ -25,7 +25,7 @@ HISTOGRAM_BINS = 60
 class _ColumnSummary:
     """Summary of one column over the trials of one variant."""
 
-    label: str
+    column: Column
     nominal: float
     undefined: int
     """Trials that are cameras in which it has no value; they count as failures of every limit on it."""
@@ -45,6 +45,11 @@ class _ColumnSummary:
     histogram: tuple[float, ...]
     """Defined trials between neighbouring cuts, infinite ones below the last."""
 
+    @property
+    def label(self) -> str:
+        """As results name the column."""
+        return self.column.label
+
     def to_dict(self) -> dict[str, Any]:
         """As results have it, 1 over it beside what may be infinite."""
         ranks = [f"{p:g}" for p in self.probabilities]
@@ -60,7 +65,7 @@ class _ColumnSummary:
             "quantiles": dict(zip(ranks, self.quantiles, strict=True)),
             "histogram": {"cuts": self.cuts, "trials": self.histogram},
         }
-        if not METRICS[self.label.partition("@")[0]].infinite:
+        if not self.column.quantity.infinite:
             return data
         nominal, least, greatest = (float(ratio(1.0, value)) for value in (self.nominal, self.low, self.high))
         quantiles, cuts = (ratio(1.0, np.array(values)).tolist() for values in (self.quantiles, self.cuts))
@@ -171,7 +176,7 @@ def _summary(plan: TolerancePlan, tally: Tally, v: int, c: int) -> _ColumnSummar
     histogram = rebin(counts, np.array([-np.inf, *places[1:-1], np.inf])) if len(places) else np.empty(0)
     histogram[-1:] += past
     return _ColumnSummary(
-        label=plan.columns[c].label,
+        column=plan.columns[c],
         nominal=nominal,
         undefined=undefined,
         mean=mean,

@@ -211,8 +211,7 @@ class Compensator:
         widths = np.array([allowed[column] for column in self.columns])
         self.aim = aim[self.columns, None]
         # What is not limited need not be known before the last step.
-        metrics = dict.fromkeys(plan.columns[column].metric for column in self.columns)
-        self.limited = replace(plan.question, metrics=tuple(metrics))
+        self.limited = plan.question.limited_to(plan.columns[column] for column in self.columns)
         rows = {column: row for row, column in enumerate(self.limited.columns)}
         self.rows = np.array([rows[plan.columns[column]] for column in self.columns], dtype=np.intp)
         self.weights = 1 / np.where(np.isfinite(widths), widths, 1.0)[:, None]

@@ -466,3 +466,21 @@ def test_cut_offs_that_no_distribution_has_are_told(truncate, capsys, tmp_path):
 def test_a_length_below_zero_is_refused_as_one_and_is_no_option(capsys, words, said):
     assert main([*words.split(), "-3 mm"]) == 2
     assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (
+            ("report", "paper", "--pdf", "out/x.pdf"),
+            "--pdf takes no value: the files are written into the folder given",
+        ),
+        (("report", "paper", "out/x.html"), "a report is named by its folder: the files are written into the folder"),
+        (("catalogue", "--where", "width<=6 mm"), "'width' is no key of a part; write size"),
+        (("catalogue", "--where", "colour_depth=3"), "microlens arrays have pitch, focal_length"),
+        (("catalogue", "--where", "diametre<=6 mm"), "did you mean 'diameter'?"),
+    ],
+)
+def test_what_was_meant_is_named(arguments, said, capsys):
+    assert main(arguments) == 2
+    assert said in " ".join(capsys.readouterr().err.split())

@@ -370,6 +370,9 @@ def test_a_sweep_says_what_its_picture_leaves_out(tmp_path, capsys):
     # 100 mm is inside the plate, beyond 404.6 mm (350 mm, and what the glass adds) is nothing that could be in focus.
     assert "7 of 11 points cannot be built: at d_3 = 100 mm: aperture.distance: 100 mm lies inside elements" in err
     assert "at d_3 = 500 mm: aperture.distance: 500 mm is not less than the focal-plane distance" in err
+    assert "7 of 11 points cannot be built" in (tmp_path / "s.svg").read_text()
+    ahead = sweep_picture(roslf.sweep(scope, {"d_3": [0.0, 300.0]}, ["sigma_z_mm"], 15), "scope")
+    assert ahead.panels[0].title == "scope, 15 mm ahead of the tip"
     picture = sweep_picture(roslf.sweep(scope, {"d_3": np.linspace(0, 1000, 11)}, ["fill_factor"]), "scope")
     panel = picture.panels[0]
     assert (panel.x.low, panel.x.high) == (0, 400)

@@ -208,3 +208,14 @@ def test_a_run_is_told_from_start_to_cancel():
         run.job.cancel()
     assert summary(run, PAPER)["state"] == "failed"
     assert summary(run, PAPER)["message"] == "cancelled"
+
+
+def test_what_a_design_requires_is_held_where_it_is_ticked():
+    whole = float(QUANTITIES["total_length_mm"](Camera.of(PAPER)))
+    limits = {"total_length_mm": {"min": f"{whole - 20} mm"}, "object_sample_mm": {"at": "40 mm", "max": "10 mm"}}
+    asking = PAPER.replace({"required": limits})
+    assert (forms(State.of(asking))["required"], forms(State.of(PAPER))["required"]) == (True, False)
+    ticks = {"variables": ["d_3"], "goal": ["length"]}
+    assert not read_form(OptimiseRequest, asking, ticks).required
+    held = run_optimise(read_form(OptimiseRequest, asking, ticks | {"required": ["on"]}))
+    assert held.after == pytest.approx(whole - 20, abs=1e-3)

@@ -12,10 +12,11 @@ from roslf_design.cli import main
 from roslf_design.design import dumps, load, preset_names, preset_path
 from roslf_design.errors import InputError
 from roslf_design.optimization import Constraint
+from roslf_design.reporting.story import _run_tolerances
 from roslf_design.theory.focused import is_focused
 from roslf_design.theory.quantities import QUANTITIES
 from roslf_design.theory.stop_images import MicrolensImages
-from roslf_design.tolerancing.metrics import METRICS
+from roslf_design.tolerancing.metrics import METRICS, design_built, evaluate_builds
 from roslf_design.tolerancing.places import (
     SHIPPED,
     display,
@@ -26,7 +27,8 @@ from roslf_design.tolerancing.places import (
     perturbable,
     short_name,
 )
-from roslf_design.tolerancing.study import MetricGoal, load_plan, plan_from
+from roslf_design.tolerancing.sensitivities import sensitivity
+from roslf_design.tolerancing.study import MetricGoal, load_plan, plan_from, tolerance_plan
 
 GOOD = {"name": "s", "design": "paper", "grade": "high", "goals": [{"metric": "fill_factor", "min": 0.9}]}
 
@@ -340,3 +342,73 @@ def test_more_trials_than_a_sobol_sequence_has_points_are_refused():
     assert plan_from({**data, "name": "s", "trials": 2**32}).chunks == 4096
     with pytest.raises(InputError, match="trials: a Sobol sequence has 4294967296 points; ask for fewer"):
         plan_from({**data, "name": "s", "trials": 10**10})
+
+
+DISTANCES = {
+    "u_z_mm": 15.0,
+    "sigma_z_mm": 15.0,
+    "field_half_width_mm": 40.0,
+    "virtual_depth": 60.0,
+    "blur_pitches": 60.0,
+}
+
+
+@pytest.mark.parametrize("name", ["paper", "paper-singlet"])
+def test_metrics_at_a_distance_are_those_of_each_build_alone(name):
+    goals = [{"metric": metric, "at": f"{mm:g} mm", "max": 1e6} for metric, mm in DISTANCES.items()]
+    goals.append({"metric": "sigma_z_mm", "max": "1 m"})
+    plan = plan_from({**GOOD, "design": name, "grade": "commercial", "goals": goals, "fields": ["centre"]})
+    labels = [column.label for column in plan.columns]
+    assert labels == ["sigma_z_mm", *(f"{metric} at {mm:g} mm" for metric, mm in DISTANCES.items())]
+    assert plan.nominal[0] != pytest.approx(plan.nominal[2], rel=0.1)
+    values = plan.draws.values(plan.draws.deviations(plan.draws.uniforms(0, 64)[:, :4]))
+    builds = evaluate_builds(plan.question, values, 4)
+    for build in range(4):
+        one = design_built(plan.question.design, {place: float(at[build]) for place, at in values.items()})
+        alone = [float(QUANTITIES[metric](Camera.of(one), mm)) for metric, mm in DISTANCES.items()]
+        # Depth is taken from series through builds that are alike.
+        assert builds[1:, build] == pytest.approx(alone, rel=1e-3)
+
+
+def test_a_goal_at_a_distance_decides_the_yield_and_has_its_sensitivities():
+    goals = [{"metric": "sigma_z_mm", "at": "15 mm", "max": 1.0}, {"metric": "sigma_z_mm", "max": 1.0}]
+    plan, *_ = tolerance_plan({**GOOD, "goals": goals, "trials": 200})
+    focal, near = plan.nominal
+    held = {**GOOD, "trials": 200, "sobol_samples": 0, "keep_worst": 0}
+    held["goals"] = [{"metric": "sigma_z_mm", "at": "15 mm", "max": near}, {"metric": "sigma_z_mm", "max": 2 * focal}]
+    result = _run_tolerances(held, budgets=False).to_dict()
+    shares = {limit["column"]: limit["yield"] for limit in result["variants"][-1]["limits"]}
+    assert 0.2 < shares["sigma_z_mm at 15 mm"] < 0.8
+    assert shares["sigma_z_mm"] == 1.0
+    moves = sensitivity(plan)
+    place = [p.place for p in plan.draws.perturbations].index("main_lens.focal_length")
+    design, f = plan.question.design, load("paper").f
+    ends = [Camera.of(design).replace({"main_lens.focal_length": f * (1 + by)}) for by in (1e-5, -1e-5)]
+    for column, at in enumerate((None, 15.0)):
+        ahead, behind = (float(QUANTITIES["sigma_z_mm"](camera, at)) for camera in ends)
+        assert moves.derivatives[column, place] == pytest.approx((ahead - behind) / (2e-5 * f), rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("goal", "said"),
+    [
+        ({"metric": "fill_factor", "at": "15 mm", "min": 0.5}, "fill_factor is not asked for at a distance; drop at"),
+        ({"metric": "virtual_depth", "max": 5}, 'virtual_depth needs a distance ahead of the tip; write e.g. at = "40'),
+        ({"metric": "sigma_z_mm", "at": 15, "max": 5}, "unit"),
+        ({"metric": "sigma_z_mm", "at": "-15 mm", "max": 5}, "greater than zero"),
+        ({"metric": "sigma_z_mm", "at": "15 mm", "fields": [0], "max": 5}, "drop at or fields"),
+        ({"quantity": "sigma_z_mm", "max": 5}, "called metric here"),
+    ],
+)
+def test_distances_of_goals_are_checked_as_those_of_requirements(goal, said):
+    assert said in " ".join(faults({**GOOD, "goals": [goal]}).values())
+
+
+def test_without_goals_a_study_holds_what_its_design_requires():
+    bare = {key: value for key, value in GOOD.items() if key != "goals"}
+    assert "[required]" in faults(bare)["goals"]
+    limits = {"u_z_mm": [{"max": "0.5 mm"}, {"at": "15 mm", "max": 0.1}], "fill_factor": {"min": 0.9}}
+    plan, *_ = tolerance_plan({**bare, "fields": ["centre"]}, load("paper").replace({"required": limits}))
+    asked = [(plan.columns[limit.column].label, limit.low, limit.high) for limit in plan.limits]
+    none = math.inf
+    assert asked == [("u_z_mm", -none, 0.5), ("u_z_mm at 15 mm", -none, 0.1), ("fill_factor@0", 0.9, none)]

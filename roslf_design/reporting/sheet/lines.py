@@ -38,6 +38,7 @@ from ...theory.photometry import through_filter
 from ...theory.quantities import QUANTITIES
 from ...theory.quantity import Listed, Quantity
 from ...theory.stop_images import MicrolensImages
+from ...tolerancing.metrics import Column
 from ...tolerancing.trials import first_builds, lengths_built
 from ...traced.fields import IdealImages
 from ...words import number
@@ -152,7 +153,7 @@ class BuildSpread(NamedTuple):
         """Share of the builds that are cameras that meet a requirement: the study's own limit, or the first of them."""
         ends = (-math.inf if one.min is None else one.min, math.inf if one.max is None else one.max)
         for limit in self.final.limits:
-            if one.at_mm is None and (limit.label, limit.low, limit.high) == (one.quantity, *ends):
+            if (limit.label, limit.low, limit.high) == (Column(one.quantity, None, one.at_mm).label, *ends):
                 return limit.result.value
         builds, good = first_builds(self.plan, MANY)
         with np.errstate(all="ignore"):  # of builds that are no cameras

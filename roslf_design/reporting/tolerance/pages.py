@@ -21,7 +21,7 @@ from ...theory.field_of_view import focus_ahead
 from ...theory.quantities import in_words
 from ...theory.quantity import finite
 from ...tolerancing.budgets import Change, ToleranceBudget
-from ...tolerancing.metrics import METRICS
+from ...tolerancing.metrics import DISTANT, METRICS
 from ...tolerancing.places import display, perturbable, short_name
 from ...tolerancing.result import StudyResult, WorstTrial
 from ...tolerancing.study import CALIBRATION
@@ -532,7 +532,7 @@ def _shown(result: StudyResult, brief: bool) -> set[str]:
     spread = {column.label: np.nan_to_num(column.high - column.low) for column in result.final.distributions}
     worst: dict[str, str] = {}
     for column in sorted(result.plan.columns, key=lambda column: (held.get(column.label, 0), -spread[column.label])):
-        worst.setdefault(column.metric, column.label)
+        worst.setdefault(column.metric if column.at is None else column.label, column.label)
     return set(worst.values())
 
 
@@ -547,7 +547,8 @@ def _worded(table: Table) -> Table:
 
 
 def _label(cell: str) -> str:
-    metric = METRICS.get(cell.partition("@")[0])
+    name = cell.partition("@")[0].partition(" at ")[0]
+    metric = METRICS.get(name) or DISTANT.get(name)
     return in_words(cell) + (f" [{metric.unit}]" if metric is not None and metric.unit else "")
 
 
@@ -615,7 +616,7 @@ def _ends_lost(result: StudyResult) -> list[str]:
 def _metric(result: StudyResult, row: int, unit: bool = True) -> str:
     """A column's metric and field for an axis."""
     column = result.plan.columns[row]
-    metric = METRICS[column.metric]
+    metric, at = column.quantity, "" if column.at is None else f" at {words.number(column.at, 4)} mm"
     fields = result.plan.question.fields
     place = "" if column.field is None else f" at ({words.place(fields[column.field], 3)}) mm"
-    return in_words(metric.name) + (f" [{metric.unit}]" if unit and metric.unit else "") + place
+    return in_words(metric.name) + at + (f" [{metric.unit}]" if unit and metric.unit else "") + place
