@@ -181,7 +181,7 @@ def test_a_wall_stands_where_it_is(design, away, size, exposure, diameter):
     assert first.measured.mean() > 0.95
     off = first.disparities.disparity[first.measured] - disparity_of(camera, np.array([z]))
     # Windows of 25 microlenses err by themselves: of their mean three standard errors; .06 pitches where views lie
-    # farthest off, which one in three textures misses by more than .02. As if of an ideal lens it would be half a pitch.
+    # farthest off, where one in three textures is .02 off. As if of an ideal lens it would be half a pitch.
     errors = first.disparities.sigma[first.measured]
     assert abs(off.mean()) < 3 * float(np.sqrt(np.mean(errors**2) / (off.size / 25)))
 
