@@ -42,4 +42,5 @@ def test_a_missing_list_of_tables_is_shown_as_one(tmp_path, capsys):
     study = tmp_path / "study.toml"
     study.write_text('name = "s"\ndesign = "paper"\ngrade = "high"\n')
     assert main(["tolerance", str(study), "-o", str(tmp_path / "out")]) == 2
-    assert "goals: is missing; add the table [[goals]] with metric" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "goals: a study needs at least one [[goals]] with a metric and a limit, or a design with [required]" in said

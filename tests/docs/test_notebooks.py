@@ -5,6 +5,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from matplotlib import pyplot as plt
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "docs/_ext"))
 from cells import code_cells, run, run_notebook
@@ -26,6 +27,7 @@ def printed(outputs):
 def test_a_notebook_shows_what_is_stored_in_it(path, tmp_path, monkeypatch):
     few_builds(monkeypatch)  # of reports; no notebook prints what their first look at tolerances says
     monkeypatch.chdir(tmp_path)
+    plt.close("all")  # figures that other tests left open would be shown below a cell
     for cell, outputs in run_notebook(path):
         assert printed(outputs) == printed(cell["outputs"]), "".join(cell["source"])
 
