@@ -5,7 +5,6 @@ Each takes a design, the name of a preset or the path of a file, prints nothing 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -18,14 +17,13 @@ from .bench.check import BenchCheck, checked
 from .calibration import Outcome
 from .calibration.options import CalibrateOptions
 from .calibration.outcome import calibrated
-from .calibration.written import CALIBRATED, FILE
+from .calibration.written import FILE, calibration_files
 from .depth.captured import MeasuredCapture
 from .depth.decoded import Decoded, DecodeOptions, decoded
 from .depth.from_files import CaptureOptions, captured
 from .depth.measure import Trial, simulate
 from .depth.pictures import PictureOptions
-from .design import Design, dumps
-from .design.files import WRITTEN
+from .design import Design
 from .drawing.picture import Picture
 from .errors import refusal
 from .imaging.render import RawImage
@@ -328,8 +326,8 @@ def bench_report(folder: str | Path, *, tolerances: str | Path | None = None, pl
         made = Path(place)
 
         def write(outcome: Outcome) -> None:
-            (made / FILE).write_text(json.dumps(outcome.to_dict()), encoding="utf-8")
-            (made / CALIBRATED).write_text(dumps(outcome.calibrated, WRITTEN), encoding="utf-8")
+            for name, content in calibration_files(outcome)[0].items():
+                (made / name).write_bytes(content)
 
         return accepted(bench, there if (there / FILE).is_file() else made, write, build, placed)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any, Self
 
@@ -12,13 +12,15 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from ..camera import Camera
-from ..design import Design
+from ..design import Design, DesignError, dumps
+from ..design.files import WRITTEN
 from ..errors import InputError, Problem, refusal
 from ..input_files import read_json
 from ..theory.length_covariance import CalibratedLengths, LengthCovariance
 from ..theory.limits import as_design
 from ..toml_files import problems_of
 from .noise import MeasuredSensor
+from .result import Outcome
 
 FILE, CALIBRATED, SCHEMA = "calibration.json", "calibrated.toml", "roslf.calibration/"
 REMEDY = "name the folder that roslf calibrate wrote"
@@ -124,6 +126,17 @@ class _FoundTable(_LenientTable):
         if bare and self.posterior is not None:
             raise ValueError(f"quantities.{bare[0]} lacks r_hat or ess, of its posterior")
         return self
+
+
+def calibration_files(outcome: Outcome, text: Callable[[Any], str] = json.dumps) -> tuple[dict[str, bytes], str]:
+    """Files that a calibration leaves in its folder, JSON by `text`; and why no camera is among them, else empty."""
+    files = {FILE: f"{text(outcome.to_dict())}\n".encode()}
+    try:
+        used = outcome.used_in
+        files[CALIBRATED] = dumps(outcome.calibrated if used is None else used.design, WRITTEN).encode()
+    except DesignError as error:
+        return files, " ".join(str(error).split())
+    return files, ""
 
 
 def file_in(place: Path) -> Path:

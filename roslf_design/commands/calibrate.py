@@ -14,9 +14,7 @@ from ..calibration.options import CalibrateOptions, PlanOptions, PoseOptions, Sh
 from ..calibration.outcome import calibrated
 from ..calibration.planning import too_large
 from ..calibration.posterior import sample_size_for
-from ..calibration.written import CALIBRATED
-from ..design import DesignError, dumps
-from ..design.files import WRITTEN
+from ..calibration.written import CALIBRATED, calibration_files
 from ..errors import Problem, refusal
 from ..json_data import plain
 from ..reporting.blocks import Report
@@ -167,12 +165,9 @@ def _write_outcome(result: Outcome, output: Path, command: str, json: bool, seco
 
 def write_calibration(result: Outcome, output: Path, command: str) -> tuple[Report, dict[str, bytes]]:
     """Write the folder of a calibration; its page and all its files."""
-    files = {"calibration.json": f"{json_text(result.to_dict())}\n".encode()}
-    try:
-        used = result.used_in
-        files[CALIBRATED] = dumps(result.calibrated if used is None else used.design, WRITTEN).encode()
-    except DesignError as error:
-        say(f"roslf: no calibrated.toml, the values make no design: {' '.join(str(error).split())}", error=True)
+    files, fault = calibration_files(result, json_text)
+    if fault:
+        say(f"roslf: no {CALIBRATED}, the values make no design: {fault}", error=True)
     pictures = pages.calibration_pictures(result)
     drawings = {name: picture.svg(name=f"calibration-{name}") for name, picture in pictures.items()}
     report = pages.calibration_report(result, drawings, command)
