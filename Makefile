@@ -67,7 +67,7 @@ report-depth-views: $(INSTALLED)
 report-instruments: $(INSTALLED)
 	$(BIN)/python studies/instruments/gallery.py
 report-bench: $(INSTALLED)
-	$(BIN)/python -m studies.bench.acceptance --builds 1 --presets rigid-scope paper-third -o reports/bench
+	$(BIN)/python -m studies.bench.acceptance --builds 10 -o reports/bench
 report-compare: $(INSTALLED)
 	$(BIN)/python studies/compare/compare_study.py --install
 

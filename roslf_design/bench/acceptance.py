@@ -437,7 +437,8 @@ def _sphere_lines(
 ) -> Told:
     """Figures of a pair of spheres; arguments as of `_wall_lines`."""
     target, expanded = m.bench.setup.spheres, float(m.budget(ahead).expanded_mm)
-    pair = SphereSpacing.of(points, sigma, window, target.diameter, target.spacing)
+    reach = math.sqrt(window) / 2 * m.scale(ahead)[0]
+    pair = SphereSpacing.of(points, sigma, window, target.diameter, target.spacing, reach)
     if pair is None:
         yield f"depth, {at}: shows no two spheres of their size so far apart"
         return
@@ -446,10 +447,15 @@ def _sphere_lines(
         DEPTH, f"sphere-spacing error, {at}", "mm", pair.spacing - target.spacing,
         COVERAGE * pair.sigma, 0.0, limits, "limits: depth, expected", claimed,
     )  # fmt: skip
-    worst = max(pair.spheres, key=lambda sphere: sphere.error)
-    size = 2 * float(worst.parameters[3]) - target.diameter
-    spread = 2 * COVERAGE * math.sqrt(float(worst.covariance[3, 3]))
-    yield AcceptanceLine(DEPTH, f"probing error, size, {at}", "mm", size, spread, 0.0, limits)
+    if pair.size is None:
+        yield f"probing error, size, {at}: windows of depth are too wide or too noisy to tell these spheres' diameter"
+    else:
+        spread = COVERAGE * pair.size_sigma
+        yield AcceptanceLine(DEPTH, f"probing error, size, {at}", "mm", pair.size, spread, 0.0, limits)
+    if not pair.caps:
+        yield f"probing error, form, {at}: no window of depth lies on a sphere alone"
+        return
+    worst = max(pair.caps, key=lambda cap: cap.error)
     yield from _ranges(m, worst, "probing error, form", "a sphere", ahead, at)
 
 

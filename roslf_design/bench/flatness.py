@@ -14,7 +14,13 @@ from scipy.special import ndtri
 from .._arrays import Array
 
 ROUND = 0.4
-"""Share by which spheres' radii and spacing may be off what is calibrated: beyond, they are something else."""
+"""Share by which spheres' sizes and spacing may be off what is calibrated: beyond, they are something else."""
+CAP = 0.75
+"""Radius of the cap of a sphere that windows read well, over the sphere's: beyond, they meet what stands behind it."""
+_STEEPEST = 1e-3
+"""Square of the cosine at which a sphere's slope ends: one that turned away would have no Z."""
+_LEAST_CAP = 20
+"""Points that tell a cap's curvature."""
 REJECTED = 0.003
 """Share of the points that may be left out as strays before ranges are taken."""
 
@@ -23,7 +29,8 @@ class SurfaceFit(NamedTuple):
     """Measured points about the surface that fits them best."""
 
     parameters: Array
-    """Plane: Z at x = y = 0, and its growth along x and y. Sphere: its centre and, if fitted, its radius."""
+    """Plane: Z at x = y = 0, and its growth along x and y. Sphere: its centre. Cap: its foremost point, and by how much
+    it is more curved than calibrated."""
     covariance: Array
     """Covariance of those, by the points' errors; neighbours within a window err alike."""
     error: float
@@ -57,22 +64,38 @@ class SurfaceFit(NamedTuple):
         return cls(parameters, covariance, *_range(off, max(1.0, z.size / window)))
 
     @classmethod
-    def sphere(cls, points: Array, sigma: Array, window: float, centre: Array, radius: float, free: bool) -> SurfaceFit:
-        """Sphere that fits points best, from a centre and a radius to begin with; `free` fits the radius too.
+    def sphere(cls, points: Array, sigma: Array, window: float, centre: Array, radius: float) -> SurfaceFit:
+        """Sphere of a radius that fits points best, from a centre to begin with.
 
         Errors of Z count along the sphere's normal. Other arguments as of `plane`.
         """
 
         def distance(at: Array) -> Array:
-            return np.asarray(np.linalg.norm(points - at[:3], axis=1) - (at[3] if free else radius))
+            return np.asarray(np.linalg.norm(points - at, axis=1) - radius)
 
-        start = np.append(centre, radius) if free else np.asarray(centre, float)
-        own = sigma
+        start, own = np.asarray(centre, float), sigma
         for _ in range(2):
             parameters, covariance, off = _fitted(distance, start, own, window)
-            away = points - parameters[:3]
+            away = points - parameters
             steep = np.abs(away[:, 2]) / np.maximum(np.linalg.norm(away, axis=1), 1e-30)
             own, start = sigma * np.maximum(steep, 0.2), parameters
+        return cls(parameters, covariance, *_range(off, max(1.0, len(points) / window)))
+
+    @classmethod
+    def cap(cls, points: Array, sigma: Array, window: float, front: Array, radius: float) -> SurfaceFit:
+        """Cap of a sphere that fits points best by Z, from its foremost point to begin with.
+
+        Its curvature differs from that of a radius to first order. Distances from it are along Z: noise in Z that is
+        taken along the normals of a small cap would look like curvature. Other arguments as of `plane`.
+        """
+        x, y, z = points.T
+
+        def distance(at: Array) -> Array:
+            square = (x - at[0]) ** 2 + (y - at[1]) ** 2
+            steep = np.sqrt(np.maximum(1 - square / radius**2, _STEEPEST))
+            return np.asarray(z - at[2] - square / (1 + steep) * (1 / radius + at[3] / steep))
+
+        parameters, covariance, off = _fitted(distance, np.append(front, 0.0), sigma, window)
         return cls(parameters, covariance, *_range(off, max(1.0, len(points) / window)))
 
 
@@ -120,11 +143,17 @@ class SphereSpacing(NamedTuple):
     spacing: float
     """Distance between their centres [mm]."""
     sigma: float
-    spheres: tuple[SurfaceFit, SurfaceFit]
-    """Spheres of free radii."""
+    caps: tuple[SurfaceFit, ...]
+    """Caps of free curvature, where windows lie on the spheres; none where they are too few."""
+    size: float | None = None
+    """Error of the diameter, the mean of both caps' by their errors, to first order in curvature [mm]; None where they
+    do not tell it."""
+    size_sigma: float = math.inf
 
     @classmethod
-    def of(cls, points: Array, sigma: Array, window: float, diameter: float, spacing: float) -> SphereSpacing | None:
+    def of(
+        cls, points: Array, sigma: Array, window: float, diameter: float, spacing: float, reach: float
+    ) -> SphereSpacing | None:
         """Spacing of a pair of spheres in front of whatever else was measured; None where they are not seen.
 
         The pair is looked for where most points lie on two spheres so far apart, from the points nearest to the camera.
@@ -135,6 +164,8 @@ class SphereSpacing(NamedTuple):
             As of `SurfaceFit.plane`.
         diameter, spacing : float
             As calibrated [mm].
+        reach : float
+            Half the width of a window on the spheres [mm].
         """
         radius = diameter / 2
         smooth = max(float(np.median(sigma)), 1e-3 * radius)
@@ -153,20 +184,30 @@ class SphereSpacing(NamedTuple):
                 near &= points[:, 2] < centre[2] - 0.3 * radius
                 if near.sum() < 20:
                     return None
-                centre = SurfaceFit.sphere(points[near], sigma[near], window, centre, radius, free=False).parameters
+                centre = SurfaceFit.sphere(points[near], sigma[near], window, centre, radius).parameters
             starts.append(centre)
             left &= np.hypot(*(points - centre)[:, :2].T) > 1.1 * radius
-        fits, free = [], []
+        fits, caps = [], []
         for centre in starts:
             near = np.linalg.norm(points - centre, axis=1) < radius + max(5 * smooth, 0.1 * radius)
             near &= points[:, 2] < centre[2] - 0.3 * radius
-            fits.append(SurfaceFit.sphere(points[near], sigma[near], window, centre, radius, free=False))
-            free.append(SurfaceFit.sphere(points[near], sigma[near], window, centre, radius, free=True))
+            fits.append(SurfaceFit.sphere(points[near], sigma[near], window, centre, radius))
+            front = fits[-1].parameters - np.array([0, 0, radius])
+            near = np.hypot(*(points - front)[:, :2].T) < CAP * radius - reach
+            near &= np.abs(points[:, 2] - front[2]) < radius
+            if near.sum() >= max(_LEAST_CAP, window):
+                caps.append(SurfaceFit.cap(points[near], sigma[near], window, front, radius))
         between = fits[1].parameters - fits[0].parameters
         apart = float(np.linalg.norm(between))
-        round_ = all(abs(float(fit.parameters[3]) / radius - 1) < ROUND for fit in free)
-        if not (round_ and abs(apart / spacing - 1) < ROUND):
+        if not abs(apart / spacing - 1) < ROUND:
             return None
         way = between / apart
-        variance = sum(float(way @ fit.covariance @ way) for fit in fits)
-        return cls(apart, math.sqrt(variance), (free[0], free[1]))
+        own = math.sqrt(sum(float(way @ fit.covariance @ way) for fit in fits))
+        if len(caps) < 2:
+            return cls(apart, own, ())
+        known = np.array([1 / cap.covariance[3, 3] for cap in caps]) / radius**2
+        size = -diameter * float(known @ [radius * cap.parameters[3] for cap in caps] / known.sum())
+        size_sigma = diameter / math.sqrt(known.sum())
+        if 2 * size_sigma > ROUND * diameter:
+            return cls(apart, own, tuple(caps), None, size_sigma)
+        return cls(apart, own, tuple(caps), size, size_sigma) if abs(size) < ROUND * diameter else None

@@ -32,6 +32,9 @@ _LEAST_EDGE = 20.0
 """Microlenses' footprints along the square's side, where its edges still tell something."""
 _FEWEST_DOTS = 3
 """Dots of the wall across the field's shorter side, where it still has texture."""
+_BALLS = 0.2, 0.3
+"""Spheres' diameter and spacing over the diagonal of the measured volume: VDI/VDE 2634-2 has a tenth to a fifth, and
+three tenths or more; depth by windows of microlenses takes the largest."""
 _RINGS, LINE = 8, 0.2
 """Rings in half the field at least, and the width of their lines over the gap between them."""
 
@@ -119,9 +122,8 @@ def setup_for(
         for field in stations
         if field is focus or _LEAST_EDGE * field.object_sample_mm <= side <= _WHOLE * _narrow(field)
     ]
-    # VDI/VDE 2634-2: spheres of a tenth to a fifth of the measured volume's diagonal, three tenths of it apart or more.
     volume = math.hypot(focus.width_mm, focus.height_mm, min(far.at_mm - near.at_mm, focus.at_mm))
-    volume *= min(1.0, _WHOLE * max(focus.width_mm, focus.height_mm) / (0.45 * volume))
+    volume *= min(1.0, _WHOLE * max(focus.width_mm, focus.height_mm) / (sum(_BALLS) * volume))
     radii = _radii(*(field.diagonal_mm / 2 for field in (near, far)))
 
     def printed(fine: bool) -> dict[str, float]:
@@ -139,7 +141,7 @@ def setup_for(
             octaves=1 + max(1, math.ceil(math.log2(coarsest / finest))), at=_at(textured), **printed(finest < 2 * DOT),
         ),
         spheres=SpheresTarget(
-            diameter=_rounded(0.15 * volume, 2), spacing=_rounded(0.3 * volume, 2),
+            diameter=_rounded(_BALLS[0] * volume, 2), spacing=_rounded(_BALLS[1] * volume, 2),
             finest=_rounded(2 * focus.object_sample_mm, 2), at=_at([focus]),
         ),
         field=FieldTarget(radii=radii, at=_at([near, far]), **printed(LINE * radii[0] < 2 * DOT)),

@@ -162,7 +162,7 @@ def compared(bench: Bench, data: dict[str, Any]) -> Iterator[Compared]:
             stood = next(at for one, at in bench.stood.items() if one == file)
             asked = float(name.split()[-2])
             yield Compared(bench.folder.name, name, asked + value, expanded, stood)
-        elif name.startswith("sphere-spacing error"):
+        elif name.startswith(("sphere-spacing error", "probing error, size")):
             yield Compared(bench.folder.name, name, value, expanded, 0.0)
 
 
@@ -235,18 +235,15 @@ def main() -> None:
     for seed in range(1, asked.builds + 1):
         for preset in asked.presets:
             folder = asked.work / f"{preset}-{seed}"
-            done = folder / "compared.json"
-            if done.is_file():
-                rows += [Compared(**row) for row in json.loads(done.read_text(encoding="utf-8"))]
-                continue
-            if asked.there:
+            measured = folder / "acceptance.json"
+            if asked.there and not measured.is_file():
                 continue
             bench = filled(folder, presets()[preset], seed)
-            mine = list(compared(bench, reported(bench.folder)))
+            data = json.loads(measured.read_text(encoding="utf-8")) if measured.is_file() else reported(folder)
+            mine = list(compared(bench, data))
             if not named:
-                named = faults(bench.folder, bench)
+                named = faults(folder, bench)
                 spoilt.write_text(json.dumps(named, indent=1), encoding="utf-8")
-            done.write_text(json.dumps([vars(row) for row in mine], indent=1), encoding="utf-8")
             rows += mine
             held = sum(abs(row.off) <= 1 for row in mine)
             print(f"{folder.name}: {held} of {len(mine)} within U, {_used():.0f} s so far", flush=True)

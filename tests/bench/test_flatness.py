@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.ndimage import uniform_filter
 
 from roslf_design.bench.flatness import SphereSpacing, SurfaceFit
 
@@ -33,7 +34,7 @@ def test_flatness_of_noise_is_told_with_its_error():
 
 
 def test_spacing_of_spheres_before_a_wall_holds_the_truth():
-    off, rng = [], np.random.default_rng(1)
+    off, round_, rng = [], [], np.random.default_rng(1)
     x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(-10, 10, 60), np.linspace(-6, 6, 36)))
     for _ in range(40):
         z, sigma = np.full(x.size, 50.0), 0.03
@@ -41,17 +42,50 @@ def test_spacing_of_spheres_before_a_wall_holds_the_truth():
             inside = 2.5**2 - (x - cx) ** 2 - y**2
             z = np.where(inside > 0, 40 - np.sqrt(np.maximum(inside, 0)), z)
         points = np.stack([x, y, z + rng.normal(0, sigma, z.size)], -1)
-        seen = SphereSpacing.of(points, np.full(z.size, sigma), 1.0, 5.0, 8.1)
+        seen = SphereSpacing.of(points, np.full(z.size, sigma), 1.0, 5.0, 8.1, 0.17)
         assert seen is not None
         off.append((seen.spacing - 8) / seen.sigma)
-        assert [2 * sphere.parameters[3] for sphere in seen.spheres] == pytest.approx([5, 5], abs=0.1)
+        round_.append(seen.size / seen.size_sigma)
+        assert seen.size == pytest.approx(0, abs=0.5)
     assert np.sum(np.abs(off) < 2) >= 34
+    assert np.sum(np.abs(round_) < 2) >= 34
+
+
+def test_diameter_of_spheres_in_noise_and_in_wide_windows_is_told_with_its_error_or_not_at_all():
+    """Depth by windows of 5 x 5 points: means over them, which near the rim hold what stands behind."""
+    rng, off, told = np.random.default_rng(3), [], 0
+    at_x, at_y = np.meshgrid(np.linspace(-9, 9, 91), np.linspace(-5, 5, 51))
+    for sigma in (0.05, 0.1, 0.3):
+        for _ in range(8):
+            z = np.full(at_x.shape, 50.0)
+            for cx in (-3.6, 3.6):
+                inside = 3.0**2 - (at_x - cx) ** 2 - at_y**2
+                z = np.where(inside > 0, 40 - np.sqrt(np.maximum(inside, 0)), z)
+            # Noise of each point is 5 times that of its window's mean.
+            z = uniform_filter(z + 5 * sigma * rng.normal(size=z.shape), 5)
+            points = np.stack([at_x.ravel(), at_y.ravel(), z.ravel()], -1)
+            seen = SphereSpacing.of(points, np.full(z.size, sigma), 25.0, 6.0, 7.2, 0.5)
+            if seen is not None and seen.size is not None:
+                told += 1
+                off.append(seen.size / seen.size_sigma)
+    assert 16 <= told < 24
+    assert np.mean(np.abs(off) < 2) > 0.85
+
+
+def test_spheres_of_another_size_are_others():
+    x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(-10, 10, 60), np.linspace(-6, 6, 36)))
+    z = np.full(x.size, 50.0)
+    for cx in (-4.0, 4.0):
+        z = np.minimum(z, 40 - np.sqrt(np.maximum(3.4**2 - (x - cx) ** 2 - y**2, 0)))
+    points = np.stack([x, y, z + np.random.default_rng(0).normal(0, 0.01, x.size)], -1)
+    seen = SphereSpacing.of(points, np.full(x.size, 0.01), 1.0, 6.0, 8.0, 0.17)
+    assert seen is None or seen.size == pytest.approx(0.8, abs=0.2)
 
 
 def test_wall_alone_has_no_spheres():
     x, y = (axis.ravel() for axis in np.meshgrid(np.linspace(-10, 10, 60), np.linspace(-6, 6, 36)))
     points = np.stack([x, y, 40 + np.random.default_rng(0).normal(0, 0.02, x.size)], -1)
-    assert SphereSpacing.of(points, np.full(x.size, 0.02), 1.0, 5.0, 8.0) is None
+    assert SphereSpacing.of(points, np.full(x.size, 0.02), 1.0, 5.0, 8.0, 0.17) is None
 
 
 def test_points_that_scatter_more_than_they_say_make_the_plane_less_sure():

@@ -177,7 +177,8 @@ def test_what_is_printed_can_be_and_what_is_seen_suits_the_field(name):
         assert inside.sum() >= 4
         assert not inside.all()
     assert len(setup.spheres.at) == 1
-    assert setup.spheres.spacing >= 1.9 * setup.spheres.diameter
+    # VDI/VDE 2634-2's spacing of three tenths leaves spheres of a fifth half a diameter between them.
+    assert setup.spheres.spacing >= 1.45 * setup.spheres.diameter
 
 
 def test_texture_has_all_its_octaves():
