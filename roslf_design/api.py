@@ -25,7 +25,6 @@ from .depth.measure import Trial, simulate
 from .depth.pictures import PictureOptions
 from .design import Design
 from .drawing.picture import Picture
-from .errors import refusal
 from .imaging.render import RawImage
 from .imaging.render import render as render_image
 from .optimization.study import Result, load_study
@@ -317,8 +316,6 @@ def bench_report(folder: str | Path, *, tolerances: str | Path | None = None, pl
     >>> result = roslf.bench_report("out/bench", placed=0.001)  # doctest: +SKIP
     >>> [(line.name, line.value, line.expanded, line.verdict) for line in result.lines]  # doctest: +SKIP
     """
-    if not 0 < placed < 1:
-        raise refusal("placed", f"{placed:g} is no share of a distance; give 0.002")
     bench = read_bench(Path(folder))
     build = None if tolerances is None else built_lengths(Path(tolerances))
     there = bench.calibration / RESULT

@@ -28,7 +28,7 @@ from ..calibration.written import FILE, calibrated_camera, read_numbers
 from ..camera import Camera
 from ..depth.from_files import CaptureOptions, captured
 from ..design import PATHS, Design
-from ..errors import InputError
+from ..errors import InputError, refusal
 from ..evaluation.specification import Specification, resolved, specification
 from ..json_data import plain
 from ..progress import CountedProgress, silent
@@ -254,10 +254,12 @@ def accepted(
     Raises
     ------
     InputError
-        A calibration that cannot be read, or captures that cannot.
+        A calibration or captures that cannot be read, or a share that is none.
     CalibrationError
         Images without a fault that do not determine the camera.
     """
+    if not 0 < placed < 1:
+        raise refusal("placed", f"{placed:g} is no share of a distance; give 0.002 (0.2 %)")
     check, design = checked(bench, progress), bench.design
 
     def nothing(why: str) -> Acceptance:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Annotated
 
@@ -192,10 +193,7 @@ def report(
 
 def _share(text: str) -> float:
     """A share from its text, as "0.2 %"; refused where it is none."""
-    try:
-        share = relative_sigma(text, 1.0)
-    except ValueError:
-        share = -1.0
-    if not (0 < share < 1 and text.strip().endswith("%")):
-        raise refusal("placed", f'"{text}" is no share; give "0.2 %"')
-    return share
+    if text.strip().endswith("%"):
+        with suppress(ValueError):
+            return relative_sigma(text, 1.0)
+    raise refusal("placed", f'"{text}" is no share; give "0.2 %"')

@@ -105,8 +105,8 @@ def quantities_of_cameras(names: Sequence[str], at: Depth = None) -> list[Quanti
     for quantity in known:
         if quantity.of is None:
             raise ValueError(f"{quantity.name} belongs to a field, not to a whole camera; take another")
-        if quantity.at == "needed" and at is None:
-            raise ValueError(f"{quantity.name} is asked for at a distance; give one")
+        if at is None and (fault := quantity.fault_of_distance(at)):
+            raise ValueError(fault)
     return known
 
 
