@@ -337,6 +337,8 @@ def measure(
 ) -> Depths:
     """Depth of every microlens of a decoded light field, with its standard error.
 
+    Windows mean a bent surface: of cameras with microlenses what that takes off is given back.
+
     Parameters
     ----------
     geometry : ViewGeometry
@@ -369,6 +371,10 @@ def measure(
     views, disparities = _with_shared(field, noise, viewing, prepared_views, views, disparities, estimate)
     progress(1.0)
     field, pupil, aside = views
+    if isinstance(geometry, ArrayGeometry) and disparities.begun is not None:  # where all have a disparity
+        everywhere = disparities.begun.disparity
+        bend = straightened(everywhere, disparities.window) - everywhere
+        disparities = replace(disparities, disparity=disparities.disparity + bend)
     z = geometry.depth(disparities.disparity)
     known = np.isfinite(z)
     sigma = np.full(z.shape, np.inf)
@@ -387,7 +393,7 @@ def _with_shared(
     What neighbours send follows from the picture and the disparities before, in some rounds, as views that share light
     show another picture. An error of those disparities makes c times as much in those found, which one more round
     shows, by others of the same picture. What windows take off a bent surface would come back as well, and is given
-    back.
+    back first.
     """
     from scipy import ndimage
 
@@ -422,10 +428,7 @@ def _with_shared(
         name: np.where(some, sigma if name == "sigma" else getattr(found, name), getattr(disparities, name))
         for name in names
     }
-    if found.begun is not None:  # where all have one
-        bend = straightened(found.begun.disparity, disparities.window) - found.begun.disparity
-        told["disparity"] = np.where(some, found.disparity + bend, disparities.disparity)
-    return lit, replace(disparities, **told)
+    return lit, replace(disparities, **told, begun=found.begun)
 
 
 def _shared_noise(c: float, window: int) -> tuple[float, float]:

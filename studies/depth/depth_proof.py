@@ -103,6 +103,12 @@ class View(NamedTuple):
 
     scene: Scene
     region: Region
+    key: int
+    """Of the camera and scene by their names: its rays and noise are its own."""
+
+    def seed(self, light: int) -> int:
+        """Seed of the scene in a light."""
+        return int(np.random.SeedSequence(SEED, spawn_key=(self.key, light)).generate_state(1)[0])
 
 
 def view_of(name: str, camera: ProofCamera, scene: str, side: int | None = None) -> View:
@@ -116,7 +122,7 @@ def view_of(name: str, camera: ProofCamera, scene: str, side: int | None = None)
         side = int(np.clip(round(WIDE / pitch), *SIDES))
     region = region_about(design, at, side)
     if scene == "slanted wall":
-        return View(default_scene(design), region)
+        return View(default_scene(design), region, chosen)
     mouth = float(k.tip)
     ends = mouth + NEAREST * (design.d_f - mouth), mouth + FARTHEST * (design.d_f - mouth)
 
@@ -150,7 +156,7 @@ def view_of(name: str, camera: ProofCamera, scene: str, side: int | None = None)
         radius = max(half / CURVED, float(QUANTITIES["field_half_width_mm"](k)))
         look = texture(near + radius * (1 - math.sqrt(1 - CURVED**2)), first)
         objects = (Sphere(distance=near + radius, radius=radius, centre=(x, y), texture=look),)
-    return View(Scene(name=scene, objects=objects), region)
+    return View(Scene(name=scene, objects=objects), region, chosen)
 
 
 def lit(design: Design, share: float) -> Design:
@@ -166,7 +172,7 @@ def trials(
     design = camera.design
     trial = None
     for number, light in enumerate(lights):
-        options = PictureOptions(region=view.region, seed=SEED + number, exposures=exposures, rays=rays)
+        options = PictureOptions(region=view.region, seed=view.seed(number), exposures=exposures, rays=rays)
         trial = simulate(lit(design, LIGHTS[light]), view.scene, options, again=trial)
         yield light, trial
 
@@ -477,7 +483,8 @@ def _notes(results: Mapping[str, Any]) -> Iterator[str]:
     )
     yield (
         "Light: the design's own exposure (half of the full well, or 1/60 s), a quarter and a sixteenth of it. Where "
-        f"more than {LARGEST:g} pitches are predicted depth is not expected, and nothing counts."
+        f"more than {LARGEST:g} pitches are predicted depth is not expected, and nothing counts. Noise is drawn for "
+        "each camera, scene and light by itself."
     )
     yield (
         f"Pooled: over a camera's {len(SCENES)} scenes and {len(LIGHTS)} lights, each by its windows without common "

@@ -8,7 +8,7 @@ import pytest
 from roslf_design.camera import Camera
 from roslf_design.depth.geometry import disparity_of
 from roslf_design.theory.stop_images import MicrolensImages
-from studies.depth.depth_proof import BARS, WINDOW, aside_of_edges, judged, pooled, trials, view_of
+from studies.depth.depth_proof import BARS, LIGHTS, SCENES, WINDOW, aside_of_edges, judged, pooled, trials, view_of
 from studies.depth.proof_cameras import FIELD, KEPT, cameras, place
 
 SIDE = 14
@@ -77,6 +77,14 @@ def tried(name, scene, lights, exposures=3):
     camera = cameras()[name]
     view = view_of(name, camera, scene, SIDE)
     return {f"{scene}, {light}": trial for light, trial in trials(camera, view, lights, exposures=exposures)}
+
+
+def test_noise_of_each_camera_scene_and_light_is_its_own():
+    """One noise for all makes one error of many, which pooled figures take for independent ones."""
+    views = [view_of(name, cameras()[name], scene) for name in ("paper", "drawn 18") for scene in SCENES]
+    seeds = [view.seed(light) for view in views for light in range(len(LIGHTS))]
+    assert len({*seeds}) == len(seeds)
+    assert seeds[0] == view_of("paper", cameras()["paper"], SCENES[0]).seed(0)
 
 
 def test_cameras_hold_in_small(few_rays):

@@ -1,9 +1,15 @@
-"""Disparities of bent surfaces, against means of windows by hand."""
+"""Disparities of bent surfaces, against means of windows by hand and the surface that views are made of."""
 
 import numpy as np
+import pytest
 from scipy import ndimage
 
-from roslf_design.depth.estimate import straightened
+from roslf_design.depth.estimate import PixelNoise, estimate_disparity, straightened
+from roslf_design.depth.geometry import ArrayGeometry
+from roslf_design.depth.measure import measure
+from roslf_design.depth.unmixing import PreparedViews
+from roslf_design.design import load
+from tests.depth.made import Texture, disc, field_of, sharp
 
 
 def test_means_of_windows_of_a_bent_surface_are_given_back_and_steps_left():
@@ -18,3 +24,34 @@ def test_means_of_windows_of_a_bent_surface_are_given_back_and_steps_left():
         np.testing.assert_allclose(straightened(mean, 5, times)[middle], surface[middle], atol=2e-3)
     step = np.where(u > 0, 0.5, -0.5)
     np.testing.assert_array_equal(straightened(step, 5), step)
+
+
+def test_depths_of_a_bent_surface_are_those_at_microlenses():
+    """A window of 5 of a surface with the second derivative -0.006 means it 0.006 lower than its middle."""
+    (pupil, lit), window, search = disc(7), 5, (-0.8, 0.8)
+
+    def surface(u):
+        return 0.3 - 0.003 * (u - 15) ** 2
+
+    light = np.where(lit[..., None, None], np.ones((31, 31)), 0).astype(np.float32)
+    field = field_of(sharp(Texture.of(1, 0.2), surface, pupil, lit, (31, 31)), light)
+
+    class Alone:
+        """Microlenses that send each other no light."""
+
+        def prepared(self, field):
+            return PreparedViews(field, pupil)
+
+        def at_phase(self, views, found):
+            return None
+
+        def with_shared(self, field, views, disparity, picture):
+            return None
+
+    noise, middle = PixelNoise(1e4, 1.0), np.s_[8:-8, 8:-8]
+    true = np.broadcast_to(surface(field.u), (31, 31))[middle]
+    plain = estimate_disparity(field, pupil, noise, search=search, window=window)
+    assert (plain.disparity[middle] - true).mean() == pytest.approx(-0.006, abs=0.002)
+    depths = measure(ArrayGeometry(load("paper")), field, noise, search=search, viewing=Alone())
+    assert (depths.disparities.disparity[middle] - true).mean() == pytest.approx(0, abs=0.0015)
+    np.testing.assert_allclose(depths.depth, depths.geometry.depth(depths.disparities.disparity))
