@@ -485,7 +485,9 @@ class _Views:
             raise ValueError(f"views of {shape[1]} x {shape[0]} microlenses; disparity needs 4 x 4 or more")
         where = _checked("pupil", pupil, field)
         usable = (field.weight > 0).any(axis=(2, 3)) & np.isfinite(where).any(axis=tuple(range(3, where.ndim))).all(0)
-        values, light = field.values[usable], field.weight[usable]
+        values, light = (
+            each.reshape(-1, *shape) if usable.all() else each[usable] for each in (field.values, field.weight)
+        )
         where = where[:, usable]
         if where.ndim == 2:
             known: Flags = np.ones((1, 1, 1), np.bool_)
@@ -498,7 +500,7 @@ class _Views:
         good = known & np.isfinite(values) & (light > 0)
         lit = good.sum(axis=0)
         full = good & saturated(field if captured is None else captured, noise)[usable]
-        light = np.where(good, light, np.float32(0))
+        light = light if good.all() else np.where(good, light, np.float32(0))
         places = np.argwhere(usable)
         steps = (float(field.u[1] - field.u[0]), float(field.v[1] - field.v[0]))
         density = steps[0] if field.hexagonal is not None else 1.0
@@ -549,10 +551,13 @@ class _Views:
     @cached_property
     def splines(self) -> tuple[Pictures, Pictures]:
         """Spline coefficients and light of the cells between samples."""
-        views = self.values.copy()
-        with THREADS:
-            fill_holes.compiled(views, self.light)
-        return spline_coefficients(views), light_of_cells(np.where(self.full, np.float32(0), self.light))
+        views = self.values
+        if not self.light.all():
+            views = views.copy()
+            with THREADS:
+                fill_holes.compiled(views, self.light)
+        usable = np.where(self.full, np.float32(0), self.light) if self.full.any() else self.light
+        return spline_coefficients(views), light_of_cells(usable)
 
     def zones(self, largest: float) -> tuple[NDArray[np.int64], int]:
         """Zone of each view, so that disparities up to `largest` smear none by more than about a pitch."""

@@ -164,7 +164,7 @@ def light_of_cells(light: Samples) -> Samples:
     """
     dimmest = light.min()
     if dimmest == light.max():
-        return np.full_like(light[:, 1:, 1:], dimmest)
+        return np.broadcast_to(dimmest, (len(light), light.shape[1] - 1, light.shape[2] - 1))
     mean = float32(0.25) * (light[:, :-1, :-1] + light[:, :-1, 1:] + light[:, 1:, :-1] + light[:, 1:, 1:])
     if dimmest > 0:
         return np.asarray(mean)
