@@ -322,17 +322,18 @@ def estimate_disparity(
     if not passes:
         return replace(_unlit(views, window, (low, high)), outside=first.outside, begun=first)
     fresh, most = not first.corrected, len(views.grid) >= _MANY
-    other = views.grid.sum(axis=1) % 2 == 0
+    whole = np.ones(len(views.grid), np.bool_)
+    other = views.sparse if coarse else views.grid.sum(axis=1) % 2 == 0
     disparity, picture = first.disparity, first.picture
     bound = (low - first.step, high + first.step)
     seen: tuple[bool, bool, SharedLight] | None = None
-    passes = passes if fresh else min(passes, 3)
+    passes = passes if fresh else min(passes, 2)
     for count in range(passes):
         progress((1 + count / passes) / 3)
         # Half of many views suffices to come near. What has settled is not looked at again.
         half, robust = most and fresh and count < 2, not fresh or count > 0
         kept = seen[2] if seen is not None and seen[:2] == (half, robust) else None
-        look = every.look(other if half else None, disparity, picture, robust, kept)
+        look = every.look([(other if half else whole, disparity)], picture, robust, kept)
         seen = half, robust, look
         picture, fit = look.picture, WindowFit.of(look, window)
         reliable = (fit.sigma < 2 * largest_sigma) & np.isfinite(fit.disparity)
@@ -361,19 +362,11 @@ def _with_edges(
 ) -> DisparityMap:  # fmt: skip
     """Disparities with those of smaller windows and of quarters of the views, where they are `wanted`."""
     views, noise, (low, high) = every.views, every.noise, judged.search
-    some = views.sparse if len(views.grid) >= _MANY else np.ones(len(views.grid), np.bool_)
     left, above = ((side <= 0, side > 0) for side in views.pupil.mean(axis=(2, 3)))
-    # Beside edges is what is seen beside them.
-    least, largest = (
-        (float(np.nanmin(judged.disparity)) - 1, float(np.nanmax(judged.disparity)) + 1)
-        if judged.measured.any() else (low, high)
-    )  # fmt: skip
-    nearby = max(low, least), min(high, largest)
+    few = views.sparse if len(views.grid) >= _MANY else np.ones(len(views.grid), np.bool_)
     found = past_edges(
-        look, wanted, [a & b for a in left for b in above],
-        lambda quarter, near: _searched_near(views.some(quarter & some), noise, *nearby, near), every.look,
-        largest_sigma, alike,
-    )  # fmt: skip
+        look, wanted, [a & b for a in left for b in above], few, judged.disparity, every.look, largest_sigma, alike
+    )
     new = np.isfinite(found.sigma) & (found.disparity >= low) & (found.disparity <= high)
     disparity = np.where(new, found.disparity, judged.disparity)
     return replace(
@@ -397,23 +390,21 @@ class _AllViews:
     """Light field that they are of."""
 
     def look(
-        self, some: Flags | None, disparity: Array, picture: Array, robust: bool = True, kept: SharedLight | None = None
+        self, parts: Sequence[tuple[Flags, Array]], picture: Array, robust: bool = True, kept: SharedLight | None = None
     ) -> SharedLight:
-        """Sums and picture of some of the views, or all, along a disparity.
+        """Sums and picture of some of the views along a disparity, or of several such parts, at places of their own.
 
-        `picture` is what they are expected to show. Where the disparity is not a number nothing is compared, and where
-        it is nearly that of another look at the same views, `kept`, its sums stay.
+        `picture` is what they are expected to show. Where no disparity is a number nothing is compared, and where it is
+        nearly that of another look at the same views, `kept`, its sums stay.
         """
         views = self.views
-        chosen = np.arange(len(views.grid)) if some is None else np.flatnonzero(some)
-        sums = np.empty((SUMS, *views.shape))
-        if kept is not None:
-            stays = np.abs(disparity - kept.disparity) <= _SAME
-            disparity = np.where(stays, np.nan, disparity)
-        self._sum(chosen, disparity, picture, robust, sums)
-        where = np.where(np.isnan(disparity), 0.0, disparity)
-        if kept is not None:
-            sums, where = np.where(stays, kept.sums, sums), np.where(stays, kept.disparity, where)
+        sums, where = (np.zeros((SUMS, *views.shape)), np.zeros(views.shape)) if kept is None else (
+            kept.sums.copy(), kept.disparity.copy())
+        for some, disparity in parts:
+            if kept is not None:
+                disparity = np.where(np.abs(disparity - kept.disparity) <= _SAME, np.nan, disparity)
+            self._sum(np.flatnonzero(some), disparity, picture, robust, sums)
+            np.copyto(where, disparity, where=~np.isnan(disparity))
         return SharedLight(sums, np.where(sums[11] > 0, sums[0], picture), where, views.steps, views.density)
 
     def _sum(self, chosen: NDArray[np.int64], disparity: Array, picture: Array, robust: bool, sums: Array) -> None:

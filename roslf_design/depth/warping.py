@@ -584,7 +584,7 @@ def common(
     Weights are the inverse variance that `picture`, not the noisy sample, predicts; beyond `robust` standard errors
     from it they fall as Huber's. Where `peak`, the brightest about a microlens, makes more than `brightest` electrons,
     nothing is used: what by chance did not saturate would be dark by selection. `still`: each view looks from one
-    place and to one side all over. `out` may have the first of the maps alone.
+    place and to one side all over. `out` may have the first of the maps alone; it stays where no disparity is a number.
     """
     rows, columns = disparity.shape
     one, zero = float32(1), float32(0)
@@ -658,6 +658,5 @@ def common(
                 sums[:, i] = zero
         for a in range(out.shape[0]):
             here, there = out[a, v], sums[a]
-            here[:] = 0.0
             for i in range(some):
                 here[at[i]] = there[i]
