@@ -18,7 +18,6 @@ from .occlusion import BESIDE_STEP, SIZES, beside_steps, past_edges
 from .warping import (
     SUMS,
     best_and_next,
-    best_of_zones,
     common,
     fill_holes,
     gather_zones,
@@ -327,7 +326,7 @@ def estimate_disparity(
     disparity, picture = first.disparity, first.picture
     bound = (low - first.step, high + first.step)
     seen: tuple[bool, bool, SharedLight] | None = None
-    passes = passes if fresh else min(passes, 2)
+    passes = passes if fresh else min(passes, 1)
     for count in range(passes):
         progress((1 + count / passes) / 3)
         # Half of many views suffices to come near. What has settled is not looked at again.
@@ -398,8 +397,11 @@ class _AllViews:
         nearly that of another look at the same views, `kept`, its sums stay.
         """
         views = self.views
-        sums, where = (np.zeros((SUMS, *views.shape)), np.zeros(views.shape)) if kept is None else (
-            kept.sums.copy(), kept.disparity.copy())
+        sums, where = (
+            (np.zeros((SUMS, *views.shape)), np.zeros(views.shape))
+            if kept is None
+            else (kept.sums.copy(), kept.disparity.copy())
+        )
         for some, disparity in parts:
             if kept is not None:
                 disparity = np.where(np.abs(disparity - kept.disparity) <= _SAME, np.nan, disparity)
@@ -648,15 +650,6 @@ class _Zones(NamedTuple):
         light = zones[:, 1]
         above, below = (np.minimum(each[..., :-1], each[..., 1:]) for each in (light[:, :-1], light[:, 1:]))
         return cls(zones, np.minimum(above, below), overall, candidates)
-
-
-def _searched_near(views: _Views, noise: PixelNoise, low: float, high: float, near: Flags) -> Array:
-    """Disparities of some views at microlenses `near` something, by small windows; not numbers elsewhere."""
-    zones, cells, picture, candidates = _Zones.of(views, noise, low, high)
-    disparity, shown = np.full(views.shape, np.nan), picture.astype(np.float32)
-    with THREADS:
-        best_of_zones.compiled(zones, cells, shown, candidates, views.steps, SIZES[0], near, disparity)
-    return disparity
 
 
 def _searched(
