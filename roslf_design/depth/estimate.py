@@ -326,7 +326,7 @@ def estimate_disparity(
     disparity, picture = first.disparity, first.picture
     bound = (low - first.step, high + first.step)
     seen: tuple[bool, bool, SharedLight] | None = None
-    passes = passes if fresh else min(passes, 1)
+    passes = passes if fresh else 1 if coarse else min(passes, 3)
     for count in range(passes):
         progress((1 + count / passes) / 3)
         # Half of many views suffices to come near. What has settled is not looked at again.
@@ -360,7 +360,7 @@ def _with_edges(
     alike: Sequence[float] | None,
 ) -> DisparityMap:  # fmt: skip
     """Disparities with those of smaller windows and of quarters of the views, where they are `wanted`."""
-    views, noise, (low, high) = every.views, every.noise, judged.search
+    views, (low, high) = every.views, judged.search
     left, above = ((side <= 0, side > 0) for side in views.pupil.mean(axis=(2, 3)))
     few = views.sparse if len(views.grid) >= _MANY else np.ones(len(views.grid), np.bool_)
     found = past_edges(
@@ -430,16 +430,17 @@ class _AllViews:
         """
         slope_u, slope_v, known = look.gradient
         every = -(-(np.ptp(self.views.grid, axis=0) + 1) // SOME_VIEWS)
-        square, information = np.zeros((2, len(windows), *self.views.shape))
+        square, lent = np.zeros((len(windows), *self.views.shape)), np.zeros(self.views.shape)
         sums = np.empty((4, *self.views.shape))
         for k in np.flatnonzero((self.views.grid % every == every // 2).all(axis=1)):
             self._sum(np.array([k]), look.disparity, look.picture, True, sums)
             moved = slope_u * (sums[2] - look.sums[2]) + slope_v * (sums[3] - look.sums[3])
             weight = np.where(known, sums[1] * moved, 0.0)
             pull = weight * (sums[0] - look.picture)
-            for n, window in enumerate(windows):
-                square[n] += box(pull, window) ** 2
-                information[n] += box(weight * moved, window)
+            lent += weight * moved
+            for each, window in zip(square, windows, strict=True):
+                each += box(pull, window) ** 2
+        information = np.stack([box(lent, window) for window in windows])
         return np.divide(square, information, out=np.zeros_like(square), where=information > 0)
 
 

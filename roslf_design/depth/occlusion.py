@@ -30,7 +30,7 @@ AT_ODDS = 5.0
 _PICKED = 1.3
 """Factor by which the least of the errors of many windows is taken as too small: chosen on rendered light fields, not
 derived."""
-_BESIDE, _TWO = 8, 0.5
+_BESIDE, _TWO = 12, 0.5
 _DEPTH_STEP, BESIDE_STEP = 0.9, 2.0
 """Difference of known disparities within `SIZES[0]` that is a depth step [pitches], and the factor by which errors are
 larger there than windows tell: pixels show some of both sides. Chosen on rendered light fields, not derived."""
@@ -106,18 +106,19 @@ def _sides(disparity: Array, wanted: Flags, reach: int, sides: Array) -> None:
         for u in range(columns):
             if not wanted[v, u]:
                 continue
-            top, bottom = max(v - reach, 0), min(v + reach + 1, rows)
-            left, right = max(u - reach, 0), min(u + reach + 1, columns)
+            # Every other one tells enough.
+            top, bottom = v - reach if v >= reach else v % 2, min(v + reach + 1, rows)
+            left, right = u - reach if u >= reach else u % 2, min(u + reach + 1, columns)
             least, most = math.inf, -math.inf
-            for b in range(top, bottom):
-                for a in range(left, right):
+            for b in range(top, bottom, 2):
+                for a in range(left, right, 2):
                     if not math.isnan(disparity[b, a]):
                         least, most = min(least, disparity[b, a]), max(most, disparity[b, a])
             if least > most:
                 continue
             middle, sums = 0.5 * (least + most), np.zeros((2, 2))
-            for b in range(top, bottom):
-                for a in range(left, right):
+            for b in range(top, bottom, 2):
+                for a in range(left, right, 2):
                     if not math.isnan(disparity[b, a]):
                         side, away = int(disparity[b, a] > middle), (b - v) ** 2 + (a - u) ** 2 + 0.1
                         weight = 1.0 / (away * away)
