@@ -317,7 +317,7 @@ def estimate_disparity(
     # Noise that only views tell is that of views with many pixels, which may be searched by fewer.
     coarse = (noise.measured or passes <= ROUGH) and min(views.shape) >= MANY_PIXELS
     every = _AllViews(views, noise, field)
-    first = replace(_searched(views, noise, low, high, window, coarse) if begun is None else begun, every=every)
+    first = replace(_searched(views, noise, low, high, window, field, coarse) if begun is None else begun, every=every)
     if not passes:
         return replace(_unlit(views, window, (low, high)), outside=first.outside, begun=first)
     fresh, most = not first.corrected, len(views.grid) >= _MANY
@@ -327,7 +327,7 @@ def estimate_disparity(
     bound = (low - first.step, high + first.step)
     seen: tuple[bool, bool, SharedLight] | None = None
     passes = passes if fresh else 1 if coarse else min(passes, 3)
-    for count in range(passes):
+    for count in range(int(coarse and fresh), passes):
         progress((1 + count / passes) / 3)
         # Half of many views suffices to come near. What has settled is not looked at again.
         half, robust = most and fresh and count < 2, not fresh or count > 0
@@ -624,6 +624,8 @@ class _Zones(NamedTuple):
     picture: Array
     candidates: Array
     """Disparities, equally far from each other, one beyond either end."""
+    views: _Views
+    """Those that were grouped."""
 
     @classmethod
     def of(cls, views: _Views, noise: PixelNoise, low: float, high: float, coarse: bool = False) -> _Zones:
@@ -650,17 +652,17 @@ class _Zones(NamedTuple):
         candidates = low + (high - low) / steps * np.arange(-1.0, steps + 2)
         light = zones[:, 1]
         above, below = (np.minimum(each[..., :-1], each[..., 1:]) for each in (light[:, :-1], light[:, 1:]))
-        return cls(zones, np.minimum(above, below), overall, candidates)
+        return cls(zones, np.minimum(above, below), overall, candidates, views)
 
 
 def _searched(
-    views: _Views, noise: PixelNoise, low: float, high: float, window: int, coarse: bool = False
+    views: _Views, noise: PixelNoise, low: float, high: float, window: int, field: LightField, coarse: bool = False
 ) -> Start:  # fmt: skip
     """Best of all candidates at every microlens, by the spread of groups of views about their mean.
 
     `coarse`: of microlenses four by four together.
     """
-    zones, cells, overall, candidates = _Zones.of(views, noise, low, high, coarse)
+    zones, cells, overall, candidates, some = _Zones.of(views, noise, low, high, coarse)
     shape, fine, size, step = overall.shape, views.shape, 1 + coarse, float(candidates[1] - candidates[0])
     window = window // 2 | 1 if coarse else window
     pitches = size * views.steps[0], size * views.steps[1]
@@ -681,6 +683,11 @@ def _searched(
     beyond = [float(np.mean((best == end) & (least < _CLEAR * level))) for end in (0, len(candidates) - 1)]
     picture: Array = np.where(np.isfinite(least), means[best, rows, columns], overall)
     if coarse:
+        # One correction of these costs a quarter of one of all pixels.
+        chosen = np.ones(len(some.grid), np.bool_)
+        look = _AllViews(some, noise, field).look([(chosen, start)], picture, robust=False)
+        picture, fit = look.picture, WindowFit.of(look, window)
+        start = np.clip(np.where(np.isfinite(fit.sigma), fit.disparity, start), start - 0.5, start + 0.5)
         down, along = (np.minimum(np.arange(n) // 2, n // 2 - 1) for n in fine)
         start, picture, margin = (each[down[:, None], along] for each in (start, picture, margin))
     return Start(start, picture, margin, step, noise, outside=(beyond[0], beyond[1]))
