@@ -18,7 +18,6 @@ from .occlusion import BESIDE_STEP, SIZES, beside_steps, past_edges
 from .warping import (
     SUMS,
     best_and_next,
-    best_of_zones,
     common,
     fill_holes,
     gather_zones,
@@ -318,21 +317,22 @@ def estimate_disparity(
     # Noise that only views tell is that of views with many pixels, which may be searched by fewer.
     coarse = (noise.measured or passes <= ROUGH) and min(views.shape) >= MANY_PIXELS
     every = _AllViews(views, noise, field)
-    first = replace(_searched(views, noise, low, high, window, coarse) if begun is None else begun, every=every)
+    first = replace(_searched(views, noise, low, high, window, field, coarse) if begun is None else begun, every=every)
     if not passes:
         return replace(_unlit(views, window, (low, high)), outside=first.outside, begun=first)
     fresh, most = not first.corrected, len(views.grid) >= _MANY
-    other = views.grid.sum(axis=1) % 2 == 0
+    whole = np.ones(len(views.grid), np.bool_)
+    other = views.sparse if coarse else views.grid.sum(axis=1) % 2 == 0
     disparity, picture = first.disparity, first.picture
     bound = (low - first.step, high + first.step)
     seen: tuple[bool, bool, SharedLight] | None = None
-    passes = passes if fresh else min(passes, 3)
-    for count in range(passes):
+    passes = passes if fresh else 1 if coarse else min(passes, 3)
+    for count in range(int(coarse and fresh), passes):
         progress((1 + count / passes) / 3)
         # Half of many views suffices to come near. What has settled is not looked at again.
         half, robust = most and fresh and count < 2, not fresh or count > 0
         kept = seen[2] if seen is not None and seen[:2] == (half, robust) else None
-        look = every.look(other if half else None, disparity, picture, robust, kept)
+        look = every.look([(other if half else whole, disparity)], picture, robust, kept)
         seen = half, robust, look
         picture, fit = look.picture, WindowFit.of(look, window)
         reliable = (fit.sigma < 2 * largest_sigma) & np.isfinite(fit.disparity)
@@ -360,20 +360,12 @@ def _with_edges(
     alike: Sequence[float] | None,
 ) -> DisparityMap:  # fmt: skip
     """Disparities with those of smaller windows and of quarters of the views, where they are `wanted`."""
-    views, noise, (low, high) = every.views, every.noise, judged.search
-    some = views.sparse if len(views.grid) >= _MANY else np.ones(len(views.grid), np.bool_)
+    views, (low, high) = every.views, judged.search
     left, above = ((side <= 0, side > 0) for side in views.pupil.mean(axis=(2, 3)))
-    # Beside edges is what is seen beside them.
-    least, largest = (
-        (float(np.nanmin(judged.disparity)) - 1, float(np.nanmax(judged.disparity)) + 1)
-        if judged.measured.any() else (low, high)
-    )  # fmt: skip
-    nearby = max(low, least), min(high, largest)
+    few = views.sparse if len(views.grid) >= _MANY else np.ones(len(views.grid), np.bool_)
     found = past_edges(
-        look, wanted, [a & b for a in left for b in above],
-        lambda quarter, near: _searched_near(views.some(quarter & some), noise, *nearby, near), every.look,
-        largest_sigma, alike,
-    )  # fmt: skip
+        look, wanted, [a & b for a in left for b in above], few, judged.disparity, every.look, largest_sigma, alike
+    )
     new = np.isfinite(found.sigma) & (found.disparity >= low) & (found.disparity <= high)
     disparity = np.where(new, found.disparity, judged.disparity)
     return replace(
@@ -397,23 +389,24 @@ class _AllViews:
     """Light field that they are of."""
 
     def look(
-        self, some: Flags | None, disparity: Array, picture: Array, robust: bool = True, kept: SharedLight | None = None
+        self, parts: Sequence[tuple[Flags, Array]], picture: Array, robust: bool = True, kept: SharedLight | None = None
     ) -> SharedLight:
-        """Sums and picture of some of the views, or all, along a disparity.
+        """Sums and picture of some of the views along a disparity, or of several such parts, at places of their own.
 
-        `picture` is what they are expected to show. Where the disparity is not a number nothing is compared, and where
-        it is nearly that of another look at the same views, `kept`, its sums stay.
+        `picture` is what they are expected to show. Where no disparity is a number nothing is compared, and where it is
+        nearly that of another look at the same views, `kept`, its sums stay.
         """
         views = self.views
-        chosen = np.arange(len(views.grid)) if some is None else np.flatnonzero(some)
-        sums = np.empty((SUMS, *views.shape))
-        if kept is not None:
-            stays = np.abs(disparity - kept.disparity) <= _SAME
-            disparity = np.where(stays, np.nan, disparity)
-        self._sum(chosen, disparity, picture, robust, sums)
-        where = np.where(np.isnan(disparity), 0.0, disparity)
-        if kept is not None:
-            sums, where = np.where(stays, kept.sums, sums), np.where(stays, kept.disparity, where)
+        sums, where = (
+            (np.zeros((SUMS, *views.shape)), np.zeros(views.shape))
+            if kept is None
+            else (kept.sums.copy(), kept.disparity.copy())
+        )
+        for some, disparity in parts:
+            if kept is not None:
+                disparity = np.where(np.abs(disparity - kept.disparity) <= _SAME, np.nan, disparity)
+            self._sum(np.flatnonzero(some), disparity, picture, robust, sums)
+            np.copyto(where, disparity, where=~np.isnan(disparity))
         return SharedLight(sums, np.where(sums[11] > 0, sums[0], picture), where, views.steps, views.density)
 
     def _sum(self, chosen: NDArray[np.int64], disparity: Array, picture: Array, robust: bool, sums: Array) -> None:
@@ -437,16 +430,17 @@ class _AllViews:
         """
         slope_u, slope_v, known = look.gradient
         every = -(-(np.ptp(self.views.grid, axis=0) + 1) // SOME_VIEWS)
-        square, information = np.zeros((2, len(windows), *self.views.shape))
+        square, lent = np.zeros((len(windows), *self.views.shape)), np.zeros(self.views.shape)
         sums = np.empty((4, *self.views.shape))
         for k in np.flatnonzero((self.views.grid % every == every // 2).all(axis=1)):
             self._sum(np.array([k]), look.disparity, look.picture, True, sums)
             moved = slope_u * (sums[2] - look.sums[2]) + slope_v * (sums[3] - look.sums[3])
             weight = np.where(known, sums[1] * moved, 0.0)
             pull = weight * (sums[0] - look.picture)
-            for n, window in enumerate(windows):
-                square[n] += box(pull, window) ** 2
-                information[n] += box(weight * moved, window)
+            lent += weight * moved
+            for each, window in zip(square, windows, strict=True):
+                each += box(pull, window) ** 2
+        information = np.stack([box(lent, window) for window in windows])
         return np.divide(square, information, out=np.zeros_like(square), where=information > 0)
 
 
@@ -485,7 +479,9 @@ class _Views:
             raise ValueError(f"views of {shape[1]} x {shape[0]} microlenses; disparity needs 4 x 4 or more")
         where = _checked("pupil", pupil, field)
         usable = (field.weight > 0).any(axis=(2, 3)) & np.isfinite(where).any(axis=tuple(range(3, where.ndim))).all(0)
-        values, light = field.values[usable], field.weight[usable]
+        values, light = (
+            each.reshape(-1, *shape) if usable.all() else each[usable] for each in (field.values, field.weight)
+        )
         where = where[:, usable]
         if where.ndim == 2:
             known: Flags = np.ones((1, 1, 1), np.bool_)
@@ -498,7 +494,7 @@ class _Views:
         good = known & np.isfinite(values) & (light > 0)
         lit = good.sum(axis=0)
         full = good & saturated(field if captured is None else captured, noise)[usable]
-        light = np.where(good, light, np.float32(0))
+        light = light if good.all() else np.where(good, light, np.float32(0))
         places = np.argwhere(usable)
         steps = (float(field.u[1] - field.u[0]), float(field.v[1] - field.v[0]))
         density = steps[0] if field.hexagonal is not None else 1.0
@@ -549,10 +545,13 @@ class _Views:
     @cached_property
     def splines(self) -> tuple[Pictures, Pictures]:
         """Spline coefficients and light of the cells between samples."""
-        views = self.values.copy()
-        with THREADS:
-            fill_holes.compiled(views, self.light)
-        return spline_coefficients(views), light_of_cells(np.where(self.full, np.float32(0), self.light))
+        views = self.values
+        if not self.light.all():
+            views = views.copy()
+            with THREADS:
+                fill_holes.compiled(views, self.light)
+        usable = np.where(self.full, np.float32(0), self.light) if self.full.any() else self.light
+        return spline_coefficients(views), light_of_cells(usable)
 
     def zones(self, largest: float) -> tuple[NDArray[np.int64], int]:
         """Zone of each view, so that disparities up to `largest` smear none by more than about a pitch."""
@@ -625,6 +624,8 @@ class _Zones(NamedTuple):
     picture: Array
     candidates: Array
     """Disparities, equally far from each other, one beyond either end."""
+    views: _Views
+    """Those that were grouped."""
 
     @classmethod
     def of(cls, views: _Views, noise: PixelNoise, low: float, high: float, coarse: bool = False) -> _Zones:
@@ -651,26 +652,17 @@ class _Zones(NamedTuple):
         candidates = low + (high - low) / steps * np.arange(-1.0, steps + 2)
         light = zones[:, 1]
         above, below = (np.minimum(each[..., :-1], each[..., 1:]) for each in (light[:, :-1], light[:, 1:]))
-        return cls(zones, np.minimum(above, below), overall, candidates)
-
-
-def _searched_near(views: _Views, noise: PixelNoise, low: float, high: float, near: Flags) -> Array:
-    """Disparities of some views at microlenses `near` something, by small windows; not numbers elsewhere."""
-    zones, cells, picture, candidates = _Zones.of(views, noise, low, high)
-    disparity, shown = np.full(views.shape, np.nan), picture.astype(np.float32)
-    with THREADS:
-        best_of_zones.compiled(zones, cells, shown, candidates, views.steps, SIZES[0], near, disparity)
-    return disparity
+        return cls(zones, np.minimum(above, below), overall, candidates, views)
 
 
 def _searched(
-    views: _Views, noise: PixelNoise, low: float, high: float, window: int, coarse: bool = False
+    views: _Views, noise: PixelNoise, low: float, high: float, window: int, field: LightField, coarse: bool = False
 ) -> Start:  # fmt: skip
     """Best of all candidates at every microlens, by the spread of groups of views about their mean.
 
     `coarse`: of microlenses four by four together.
     """
-    zones, cells, overall, candidates = _Zones.of(views, noise, low, high, coarse)
+    zones, cells, overall, candidates, some = _Zones.of(views, noise, low, high, coarse)
     shape, fine, size, step = overall.shape, views.shape, 1 + coarse, float(candidates[1] - candidates[0])
     window = window // 2 | 1 if coarse else window
     pitches = size * views.steps[0], size * views.steps[1]
@@ -691,6 +683,11 @@ def _searched(
     beyond = [float(np.mean((best == end) & (least < _CLEAR * level))) for end in (0, len(candidates) - 1)]
     picture: Array = np.where(np.isfinite(least), means[best, rows, columns], overall)
     if coarse:
+        # One correction of these costs a quarter of one of all pixels.
+        chosen = np.ones(len(some.grid), np.bool_)
+        look = _AllViews(some, noise, field).look([(chosen, start)], picture, robust=False)
+        picture, fit = look.picture, WindowFit.of(look, window)
+        start = np.clip(np.where(np.isfinite(fit.sigma), fit.disparity, start), start - 0.5, start + 0.5)
         down, along = (np.minimum(np.arange(n) // 2, n // 2 - 1) for n in fine)
         start, picture, margin = (each[down[:, None], along] for each in (start, picture, margin))
     return Start(start, picture, margin, step, noise, outside=(beyond[0], beyond[1]))

@@ -8,7 +8,7 @@ hold a microlens and are at one with themselves and with its own views, the one 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from .._jit import THREADS, kernel, prange
-from .windows import SharedLight, WindowFit, chance
+from .windows import SharedLight, WindowFit, box, chance
 
 Array = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -30,6 +30,7 @@ AT_ODDS = 5.0
 _PICKED = 1.3
 """Factor by which the least of the errors of many windows is taken as too small: chosen on rendered light fields, not
 derived."""
+_BESIDE, _TWO = 12, 0.5
 _DEPTH_STEP, BESIDE_STEP = 0.9, 2.0
 """Difference of known disparities within `SIZES[0]` that is a depth step [pitches], and the factor by which errors are
 larger there than windows tell: pixels show some of both sides. Chosen on rendered light fields, not derived."""
@@ -97,22 +98,65 @@ def _take_best(
                         views[v, u], picture[v, u] = sums[11, v, u], sums[0, v, u]
 
 
+@kernel(parallel=True)
+def _sides(disparity: Array, wanted: Flags, reach: int, sides: Array) -> None:
+    """Disparities of the farther and the nearer surface about some microlenses, by the known ones within `reach`."""
+    rows, columns = disparity.shape
+    for v in prange(rows):
+        for u in range(columns):
+            if not wanted[v, u]:
+                continue
+            # Every other one tells enough.
+            top, bottom = v - reach if v >= reach else v % 2, min(v + reach + 1, rows)
+            left, right = u - reach if u >= reach else u % 2, min(u + reach + 1, columns)
+            least, most = math.inf, -math.inf
+            for b in range(top, bottom, 2):
+                for a in range(left, right, 2):
+                    if not math.isnan(disparity[b, a]):
+                        least, most = min(least, disparity[b, a]), max(most, disparity[b, a])
+            if least > most:
+                continue
+            middle, sums = 0.5 * (least + most), np.zeros((2, 2))
+            for b in range(top, bottom, 2):
+                for a in range(left, right, 2):
+                    if not math.isnan(disparity[b, a]):
+                        side, away = int(disparity[b, a] > middle), (b - v) ** 2 + (a - u) ** 2 + 0.1
+                        weight = 1.0 / (away * away)
+                        sums[side, 0] += weight
+                        sums[side, 1] += weight * disparity[b, a]
+            for side in range(2 if most > least + _TWO else 1):
+                sides[side, v, u] = sums[side, 1] / max(sums[side, 0], 1e-30)
+
+
 def past_edges(
-    first: SharedLight, wanted: Flags, quarters: Iterable[Flags], search: Callable[[Flags, Flags], Array],
-    look: Callable[[Flags, Array, Array], SharedLight], largest_sigma: float, alike: Sequence[float] | None,
+    first: SharedLight, wanted: Flags, quarters: Sequence[Flags], few: Flags, disparity: Array,
+    look: Callable[..., SharedLight], largest_sigma: float, alike: Sequence[float] | None,
 ) -> _Offered:  # fmt: skip
     """Disparities of the microlenses `wanted`, where other windows or a quarter of the views have them.
 
-    `first` is of all views; `quarters` are true for the views of each quarter of the pupil, `search` makes disparities
-    of some views alone, near some microlenses, and `look` looks at them along these, as `_AllViews` does.
+    `first` is of all views; `quarters` are true for the views of each quarter of the pupil. Of these the `few` tell
+    which quarter agrees best, along which of the surfaces beside by the `disparity` that is known; all of that quarter
+    are looked at along it. `look` looks at some views along disparities, as `_AllViews` does.
     """
     found = _Offered.none(wanted.shape)
     found.take(first, wanted, largest_sigma, alike)
     wanted = wanted & ~np.isfinite(found.sigma)
-    near = ndimage.binary_dilation(wanted, iterations=SIZES[0])
-    for some in quarters:
-        if wanted.any() and some.sum() > 2:
-            found.take(look(some, search(some, near), first.picture), wanted, largest_sigma, alike)
+    if not wanted.any():
+        return found
+    near = ndimage.binary_dilation(wanted, iterations=4)
+    sides = np.full((2, *wanted.shape), np.nan)
+    with THREADS:
+        _sides.compiled(np.where(np.isfinite(found.sigma), found.disparity, disparity), near, _BESIDE, sides)
+    least, chosen = np.full(wanted.shape, 1e30), np.full((len(quarters), *wanted.shape), np.nan)
+    for own, some in zip(chosen, quarters, strict=True):
+        for side in sides:
+            sums = look([(some & few, side)], first.picture).sums
+            squares, freedom = box(sums[9], SIZES[0]), box(sums[10], SIZES[0])
+            better = np.isfinite(side) & (freedom > 1) & (squares < least * freedom)
+            least[better] = squares[better] / freedom[better]
+            chosen[:, better] = np.nan
+            own[better] = side[better]
+    found.take(look([*zip(quarters, chosen, strict=True)], first.picture), wanted, largest_sigma, alike)
     return found
 
 

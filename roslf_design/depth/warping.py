@@ -32,8 +32,8 @@ _REACH = 27
 """Samples after which the slowest pole has died down to 5e-8."""
 _BEYOND = 11
 """Samples that a view is continued beyond its sides before it is made a spline: 0.54^11 of an error comes back."""
-_BAND = 16
-"""Rows searched together."""
+_VECTOR = 16
+"""Samples that the widest vectors hold."""
 _SAME_PLACE = 1e-5
 """Difference of pupil coordinates, and of pitches, that is rounding."""
 _SPLINE_LOSS = 0.1235
@@ -164,7 +164,7 @@ def light_of_cells(light: Samples) -> Samples:
     """
     dimmest = light.min()
     if dimmest == light.max():
-        return np.full_like(light[:, 1:, 1:], dimmest)
+        return np.broadcast_to(dimmest, (len(light), light.shape[1] - 1, light.shape[2] - 1))
     mean = float32(0.25) * (light[:, :-1, :-1] + light[:, :-1, 1:] + light[:, 1:, :-1] + light[:, 1:, 1:])
     if dimmest > 0:
         return np.asarray(mean)
@@ -325,13 +325,6 @@ def _spread(sums: Sums, start: int, stop: int, squares: Samples, freedom: Sample
         freedom[u] = free[u] * (one - one / max(count[u], one))
 
 
-@kernel()
-def _divide(cost: Samples, over: Samples, enough: Samples, out: Samples) -> None:
-    """Chi-square over its freedom, infinite where that is not enough to judge by."""
-    for u in range(out.size):
-        out[u] = cost[u] / max(over[u], enough[u]) if over[u] >= enough[u] else float32(math.inf)
-
-
 @kernel(parallel=True)
 def spread_of_zones(
     zones: Samples, cells: Samples, picture: Samples, candidates: Lines, steps: tuple[float, float], squares: Samples,
@@ -354,88 +347,6 @@ def spread_of_zones(
             for u in range(columns):
                 if total[u] > 0:
                     mean[c, v, u] = picture[v, u] + moment[u] / total[u]
-
-
-@kernel(inline=True)
-def _spans(near: Flags, spans: Whole) -> None:
-    """First place of each row that is near, and the one after the last."""
-    for v in range(near.shape[0]):
-        for u in range(near.shape[1]):
-            if near[v, u]:
-                spans[v, 0], spans[v, 1] = spans[v, 0] if spans[v, 1] > 0 else u, u + 1
-
-
-@kernel(parallel=True)
-def best_of_zones(
-    zones: Samples, cells: Samples, picture: Samples, candidates: Lines, steps: tuple[float, float], window: int,
-    near: Flags, disparity: Floats,
-) -> None:  # fmt: skip
-    """Best of equally far candidates, as `spread_of_zones` and `best_and_next` find it, of some microlenses alone.
-
-    Windows count each row from the first place that is `near` to the last; elsewhere, and where none can be judged,
-    nothing is written.
-    """
-    count, _, rows, columns = zones.shape
-    reach, step = window // 2, candidates[1] - candidates[0]
-    for band in prange((rows + _BAND - 1) // _BAND):
-        top, bottom = band * _BAND, min((band + 1) * _BAND, rows)
-        first, last = max(top - reach, 0), min(bottom + reach, rows)
-        high = bottom - top
-        whole, sums, wider = np.ones((last - first, count)), _room(columns), columns + 2 * reach
-        squares, freedom = np.zeros((last - first, columns), float32), np.zeros((last - first, columns), float32)
-        down, below, cost, over = _zeros(wider), _zeros(wider), _zeros(wider), _zeros(wider)
-        costs = np.full((high, candidates.size, columns), float32(math.inf))
-        enough = np.zeros((high, columns), float32)
-        for v in range(first, last):
-            _whole(zones, v, whole[v - first])
-        spans = np.zeros((last - first, 2), np.int64)
-        _spans(near[first:last], spans)
-        # That which moves least comes first: all zones have a say there.
-        for c in range(-1, candidates.size):
-            candidate = candidates[c] if c >= 0 else min(max(0.0, candidates[0]), candidates[-1])
-            for v in range(first, last):
-                start, stop = spans[v - first]
-                _clear(sums, start, stop)
-                _add_zones(zones, cells, picture[v], candidate, steps, whole[v - first], v, start, stop, sums)
-                _spread(sums, start, stop, squares[v - first], freedom[v - first])
-            for v in range(high):
-                start, stop = spans[top + v - first]
-                wide = stop - start + 2 * reach if stop > start else 0
-                if wide == 0:
-                    continue
-                down[:wide] = float32(0)
-                below[:wide] = float32(0)
-                left, right = max(start - reach, 0), min(stop + reach, columns)
-                inner = slice(left - start + reach, right - start + reach)
-                for b in range(max(top + v - reach, first) - first, min(top + v + reach + 1, last) - first):
-                    _add(squares[b, left:right], float32(1), down[inner])
-                    _add(freedom[b, left:right], float32(1), below[inner])
-                cost[: stop - start] = float32(0)
-                over[: stop - start] = float32(0)
-                for a in range(window):
-                    _add(down[a:], float32(1), cost[: stop - start])
-                    _add(below[a:], float32(1), over[: stop - start])
-                if c < 0:
-                    for u in range(stop - start):
-                        enough[v, start + u] = max(float32(0.25) * over[u], float32(0.5))
-                else:
-                    _divide(cost, over, enough[v, start:stop], costs[v, c, start:stop])
-        for v in range(high):
-            for u in range(columns):
-                if not near[top + v, u]:
-                    continue
-                best, least = 0, float32(math.inf)
-                for c in range(candidates.size):
-                    if costs[v, c, u] < least:
-                        best, least = c, costs[v, c, u]
-                if least < math.inf:
-                    part = 0.0
-                    if 0 < best < candidates.size - 1:
-                        before, after = np.float64(costs[v, best - 1, u]), np.float64(costs[v, best + 1, u])
-                        bend = before - 2 * least + after
-                        if 0 < bend < math.inf:
-                            part = min(max(0.5 * (before - after) / bend, -0.5), 0.5)
-                    disparity[top + v, u] = candidates[best] + step * part
 
 
 @kernel(parallel=True)
@@ -507,10 +418,12 @@ def _interpolate(
         a, b = left[u], above[u]
         while end < light.size and light[end] > 0 and left[end] - end == a - u and above[end] == b:
             end += 1
-        wide = slice(a, a + end - u + TAPS - 1)
+        # Whole vectors, as far as there is anything: what lies beyond its run is written over by the next.
+        count = min((end - u + _VECTOR - 1) // _VECTOR * _VECTOR, light.size - u, spline.shape[1] - TAPS + 1 - a)
+        wide = slice(a, a + count + TAPS - 1)
         first, second, third, fourth = spline[b, wide], spline[b + 1, wide], spline[b + 2, wide], spline[b + 3, wide]
         fifth, sixth, seventh, last = spline[b + 4, wide], spline[b + 5, wide], spline[b + 6, wide], spline[b + 7, wide]
-        values, along, down = out[u:end], f[u:end], g[u:end]
+        values, along, down = out[u : u + count], f[u : u + count], g[u : u + count]
         for i in range(values.size):
             across, over = _taps(along[i]), _taps(down[i])
             values[i] = (
@@ -531,6 +444,24 @@ def _split(disparity: Samples, slope: float32, aside: float32, whole: Whole, par
         rest = moved - float32(down)
         whole[i] = down - 1 if rest < zero else down
         part[i] = rest + one if rest < zero else rest
+
+
+@kernel()
+def _place(
+    at: Whole, v: int, cells: Samples, left: Whole, above: Whole, f: Samples, g: Samples, light: Samples
+) -> None:
+    """Samples before the places that lie so far from those `at` columns of a row, and the light there, or 0 outside."""
+    rows, columns, one, zero = cells.shape[0] + 1, cells.shape[1] + 1, float32(1), float32(0)
+    for i in range(at.size):
+        a, b = at[i] + left[i], v + above[i]
+        # The last sample is the end of the last cell.
+        ends, stops = a == columns - 1 and f[i] == zero, b == rows - 1 and g[i] == zero
+        a, b = a - 1 if ends else a, b - 1 if stops else b
+        f[i], g[i] = one if ends else f[i], one if stops else g[i]
+        inside = (a >= 0) & (b >= 0) & (a <= columns - 2) & (b <= rows - 2)
+        left[i], above[i], light[i] = a if inside else 0, b if inside else 0, one if inside else zero
+    for i in range(at.size):
+        light[i] *= cells[above[i], left[i]]
 
 
 @kernel()
@@ -584,7 +515,7 @@ def common(
     Weights are the inverse variance that `picture`, not the noisy sample, predicts; beyond `robust` standard errors
     from it they fall as Huber's. Where `peak`, the brightest about a microlens, makes more than `brightest` electrons,
     nothing is used: what by chance did not saturate would be dark by selection. `still`: each view looks from one
-    place and to one side all over. `out` may have the first of the maps alone.
+    place and to one side all over. `out` may have the first of the maps alone; it stays where no disparity is a number.
     """
     rows, columns = disparity.shape
     one, zero = float32(1), float32(0)
@@ -607,19 +538,11 @@ def common(
                 _split(moves, float32(along / steps[0]), float32(aside[0, k, v, 0] / steps[0]), left, f)
                 _split(moves, float32(over / steps[1]), float32(aside[1, k, v, 0] / steps[1]), above, g)
                 pupils[1], pupils[2] = float32(along), float32(over)
-            for i in range(some):
-                u = at[i]
-                light[i] = zero
-                if still:
-                    a, b = u + left[i], v + above[i]
-                    if a == columns - 1 and f[i] == zero:
-                        a, f[i] = a - 1, one
-                    if b == rows - 1 and g[i] == zero:
-                        b, g[i] = b - 1, one
-                    if a < 0 or b < 0 or a > columns - 2 or b > rows - 2:
-                        continue
-                    left[i], above[i] = a, b
-                else:
+                _place(at[:some], v, cells[k], left, above, f, g, light)
+            else:
+                for i in range(some):
+                    u = at[i]
+                    light[i] = zero
                     along, over = pupil[0, k, v, u], pupil[1, k, v, u]
                     x = u + (disparity[v, u] * along + aside[0, k, v, u]) / steps[0]
                     y = v + (disparity[v, u] * over + aside[1, k, v, u]) / steps[1]
@@ -637,9 +560,10 @@ def common(
                     a, b = min(int(x), columns - 2), min(int(y), rows - 2)
                     left[i], above[i], f[i], g[i] = a, b, x - a, y - b
                     pupils[1, i], pupils[2, i] = along, over
-                charge = electrons * cells[k, b, a]
-                if charge > 0 and charge * peak[v, u] < brightest:
-                    light[i] = charge
+                    light[i] = cells[k, b, a]
+            for i in range(some):
+                charge = light[i] * float32(electrons)
+                light[i] = charge if charge * peak[v, at[i]] < brightest else zero
             _interpolate(splines[k], light, left, above, f, g, value)
             _weigh(light, expected, float32(read * read), float32(robust), value, weight)
             _add_moments(light, weight, pupils, value, f, g, sums, part)
@@ -658,6 +582,5 @@ def common(
                 sums[:, i] = zero
         for a in range(out.shape[0]):
             here, there = out[a, v], sums[a]
-            here[:] = 0.0
             for i in range(some):
                 here[at[i]] = there[i]

@@ -94,12 +94,12 @@ class WindowFit:
 
         `alone`: of the windows about these microlenses, whatever is known beside them.
         """
-        near = box(look.terms, window)
+        near, reach = (box(look.terms, window), 0) if alone is None else (look.terms, window // 2)
         some = np.ones(near.shape[1:], np.bool_) if alone is None else alone
         wide = box(look.terms, 3 * window) if alone is None else near[:0]
         fit = np.empty((11, *near.shape[1:]))
         with THREADS:
-            _fit_windows.compiled(near, wide, look.disparity, some, QUORUM * window**2, look.density, fit)
+            _fit_windows.compiled(near, reach, wide, look.disparity, some, QUORUM * window**2, look.density, fit)
         return cls(*fit)._beside(window // 2) if alone is None else cls(*fit)
 
     def misfit(self, least: float = 0.0) -> Array:
@@ -122,30 +122,35 @@ class WindowFit:
     def _beside(self, reach: int) -> WindowFit:
         """Where a window is at odds with itself or knows too little, the best beside it that holds the microlens."""
         # At the edge of what is lit, the windows about a microlens lie half in the dark.
-        misfit = np.where(np.isfinite(self.sigma), self.misfit(), np.inf)
-        at = np.argwhere(misfit > 1)
-        if not len(at):
-            return self
-        rows, columns = misfit.shape
-        places = at[:, None, :] + np.array([(b, a) for b in (-reach, 0, reach) for a in (-reach, 0, reach)])
-        inside = ((places >= 0) & (places < (rows, columns))).all(axis=2)
-        v, u = np.clip(places[..., 0], 0, rows - 1), np.clip(places[..., 1], 0, columns - 1)
-        inside &= (self.spare[v, u] > 3) & (self.sigma[v, u] < 2 * self.sigma[at[:, 0], at[:, 1], None])
-        each = np.where(inside, misfit[v, u], np.inf)
-        best, pick = each.argmin(axis=1), np.arange(len(at))
-        better = np.isfinite(each[pick, best]) & (each[pick, best] < 0.8 * misfit[at[:, 0], at[:, 1]])
-        to, source = tuple(at[better].T), (v[pick, best][better], u[pick, best][better])
-        fields = []
-        for values in vars(self).values():
-            moved = values.copy()
-            moved[to] = values[source]
-            fields.append(moved)
-        fit = WindowFit(*fields)
-        over, under = to[1] - source[1], to[0] - source[0]
-        fit.disparity[to] += np.clip(fit.across[to] * over + fit.down[to] * under, -0.5, 0.5)
-        carried = fit.uu[to] * over**2 + 2 * fit.uv[to] * over * under + fit.vv[to] * under**2
-        fit.sigma[to] = np.sqrt(fit.sigma[to] ** 2 + np.maximum(carried, 0))
-        return fit
+        fit = np.stack([*vars(self).values()])
+        moved = fit.copy()
+        with THREADS:
+            _move_beside.compiled(fit, np.where(np.isfinite(self.sigma), self.misfit(), np.inf), reach, moved)
+        return WindowFit(*moved)
+
+
+@kernel(parallel=True)
+def _move_beside(fit: Array, misfit: Array, reach: int, moved: Array) -> None:
+    """Put the best of the windows `reach` aside where one's `misfit` is above 1; shape (11, v, u), as `WindowFit`."""
+    rows, columns = misfit.shape
+    for v in prange(rows):
+        for u in range(columns):
+            if not misfit[v, u] > 1:
+                continue
+            best, over, under = 0.8 * misfit[v, u], 0, 0
+            for b in range(v - reach, v + reach + 1, reach):
+                for a in range(u - reach, u + reach + 1, reach):
+                    inside = 0 <= b < rows and 0 <= a < columns
+                    if inside and misfit[b, a] < best and fit[5, b, a] > 3 and fit[1, b, a] < 2 * fit[1, v, u]:
+                        best, over, under = misfit[b, a], u - a, v - b
+            if over or under:
+                row, column = v - under, u - over
+                for k in range(fit.shape[0]):
+                    moved[k, v, u] = fit[k, row, column]
+                across, down, uu, uv, vv = fit[6:, row, column]
+                moved[0, v, u] += min(max(across * over + down * under, -0.5), 0.5)
+                carried = uu * over * over + 2 * uv * over * under + vv * under * under
+                moved[1, v, u] = math.sqrt(fit[1, row, column] ** 2 + max(carried, 0.0))
 
 
 @kernel(parallel=True)
@@ -175,62 +180,71 @@ def _window_terms(
 
 
 @kernel(inline=True)
-def _plane(t: Array, v: int, u: int) -> tuple[float, float, float, float, float, float, float, bool]:
+def _plane(t: Array) -> tuple[float, float, float, float, float, float, float, bool]:
     """Plane of disparity fitted to a window: slopes, their covariance, `strain`, spare; whether it is one."""
-    lit = t[0, v, u] > 1e-9
-    s = t[0, v, u] if lit else 1.0
-    su, sv, b = t[1, v, u], t[2, v, u], t[6, v, u]
-    cuu, cuv, cvv = t[3, v, u] - su * su / s, t[4, v, u] - su * sv / s, t[5, v, u] - sv * sv / s
-    cub, cvb = t[7, v, u] - su * b / s, t[8, v, u] - sv * b / s
-    whole, spare = cuu * cvv - cuv * cuv, t[18, v, u] - 3
+    lit = t[0] > 1e-9
+    s = t[0] if lit else 1.0
+    su, sv, b = t[1], t[2], t[6]
+    cuu, cuv, cvv = t[3] - su * su / s, t[4] - su * sv / s, t[5] - sv * sv / s
+    cub, cvb = t[7] - su * b / s, t[8] - sv * b / s
+    whole, spare = cuu * cvv - cuv * cuv, t[18] - 3
     sound = lit and whole > 1e-6 * (cuu + cvv) ** 2 and cuu > 0 and cvv > 0 and spare > 0.5
     whole = whole if sound else 1.0
     across, down = (cub * cvv - cvb * cuv) / whole, (cvb * cuu - cub * cuv) / whole
     # Each microlens's own disparity is d - m / r; about the mean first: what is left is small against the squares.
-    own, square = t[11, v, u] - t[10, v, u], t[12, v, u] - 2 * t[13, v, u] + t[14, v, u]
-    square += (b / s) ** 2 * t[9, v, u] - 2 * b / s * own
+    own, square = t[11] - t[10], t[12] - 2 * t[13] + t[14]
+    square += (b / s) ** 2 * t[9] - 2 * b / s * own
     square = max(square - across * cub - down * cvb, 0.0)
     return across, down, cvv / whole, -cuv / whole, cuu / whole, square / max(spare, 1.0), max(spare, 0.0), sound
 
 
 @kernel(parallel=True)
 def _fit_windows(
-    near: Array, wide: Array, disparity: Array, some: Flags, quorum: float, density: float, fit: Array
+    terms: Array, reach: int, wide: Array, disparity: Array, some: Flags, quorum: float, density: float, fit: Array
 ) -> None:
     """Least squares of some windows by the sums of their terms, and of wider ones', if any, where these show a plane.
 
-    `fit`: the fields of `WindowFit`, shape (11, v, u).
+    Terms are summed here, over so much `reach`. `fit`: the fields of `WindowFit`, shape (11, v, u).
     """
     rows, columns = disparity.shape
     for v in prange(rows):
+        near, down = np.zeros(TERMS), np.zeros((TERMS, columns))
+        for k in range(TERMS):
+            for b in range(max(v - reach, 0), min(v + reach + 1, rows)):
+                for u in range(columns):
+                    down[k, u] += terms[k, b, u]
         for u in range(columns):
             if not some[v, u]:
                 for k in range(11):
                     fit[k, v, u] = math.inf if k == 1 else 0.0
                 continue
-            sharp, information, free = near[0, v, u], near[9, v, u], near[16, v, u]
-            enough = sharp > max(0.05 * information, 1e-9) and near[17, v, u] > quorum
+            for k in range(TERMS):
+                near[k] = 0.0
+                for a in range(max(u - reach, 0), min(u + reach + 1, columns)):
+                    near[k] += down[k, a]
+            sharp, information, free = near[0], near[9], near[16]
+            enough = sharp > max(0.05 * information, 1e-9) and near[17] > quorum
             share = sharp if enough else 1.0
-            value = near[6, v, u] / share if enough else disparity[v, u]
-            square = near[15, v, u] + 2 * (value * near[10, v, u] - near[13, v, u]) + value * value * information
-            square += near[12, v, u] - 2 * value * near[11, v, u]
-            across, down, uu, uv, vv, strain, spare, sound = _plane(near, v, u)
+            value = near[6] / share if enough else disparity[v, u]
+            square = near[15] + 2 * (value * near[10] - near[13]) + value * value * information
+            square += near[12] - 2 * value * near[11]
+            across, below, uu, uv, vv, strain, spare, sound = _plane(near)
             own = strain if sound else 0.0
             if len(wide):
-                a, b, c, d, e, bent, _, trusted = _plane(wide, v, u)
+                first, second, third, fourth, fifth, bent, _, trusted = _plane(wide[:, v, u])
                 if trusted and bent < 2:
-                    across, down, uu, uv, vv, sound = a, b, c, d, e, True
+                    across, below, uu, uv, vv, sound = first, second, third, fourth, fifth, True
             if not sound:
-                across, down, uu, uv, vv = 0.0, 0.0, 0.0, 0.0, 0.0
-            over = near[1, v, u] / share - u if enough and sound else 0.0
-            under = near[2, v, u] / share - v if enough and sound else 0.0
+                across, below, uu, uv, vv = 0.0, 0.0, 0.0, 0.0, 0.0
+            over = near[1] / share - u if enough and sound else 0.0
+            under = near[2] / share - v if enough and sound else 0.0
             variance = information / density / share**2 if enough else math.inf
             variance += max(uu * over * over + 2 * uv * over * under + vv * under * under, 0.0) / density
-            fit[0, v, u] = value - min(max(across * over + down * under, -0.5), 0.5)
+            fit[0, v, u] = value - min(max(across * over + below * under, -0.5), 0.5)
             fit[1, v, u] = math.sqrt(variance)
             fit[2, v, u] = max(square, 0.0) / max(free - 1, 0.5) if free > 1.5 else 0.0
             fit[3, v, u], fit[4, v, u], fit[5, v, u] = free - 1, own, spare
-            fit[6, v, u], fit[7, v, u], fit[8, v, u], fit[9, v, u], fit[10, v, u] = across, down, uu, uv, vv
+            fit[6, v, u], fit[7, v, u], fit[8, v, u], fit[9, v, u], fit[10, v, u] = across, below, uu, uv, vv
 
 
 def chance(freedom: Array) -> Array:
