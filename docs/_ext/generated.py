@@ -161,6 +161,7 @@ PARTS: dict[str, Callable[[], str]] = {
     "catalogue-file": file("catalogue"),
     "bench-file": file("bench"),
     "distances-file": file("distances"),
+    "lens-file": file("lens"),
     "quantities": quantities,
     "evaluation-json": evaluation_json,
     "effects": effects,

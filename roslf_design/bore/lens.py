@@ -30,7 +30,7 @@ class FieldLens(Element):
 
     kind: Literal["lens"]
     focal_length: AnyLength
-    """[mm]; below 0 it diverges."""
+    """Focal length [mm]; below 0 it diverges."""
     mapping: AnyMapping = COLLINEAR
     """Mapping of the foremost one, the objective: how it takes angles of the field to image heights."""
     material: Material | None = None

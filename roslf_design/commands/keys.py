@@ -15,7 +15,7 @@ def keys(name: str = "", /, *, json: Json = False) -> None:
     Parameters
     ----------
     name
-        A file (design, scene, tolerance, optimize, catalogue, story, bench, distances), a table (main_lens,
+        A file (design, scene, tolerance, optimize, catalogue, story, bench, distances, lens), a table (main_lens,
         elements.plate, optimize.goals) or a key (sensor.pixel, or pixel). Default: which tables there are.
     """
     shown = looked_up(name) if name else [(table, table.rows()) for tables in FILES.values() for table in tables]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING, Any
@@ -176,12 +177,22 @@ def fact_tables(result: Evaluation) -> list[Table]:
     return [Table(tuple(rows), "ldl", title=title, widths=WIDTHS) for title, rows in tables.items()]
 
 
-def answer_tables(result: Evaluation) -> list[Table]:
-    """Field of view, distances and light, then field, depth and detail by distance: what a buyer asks."""
-    rows = tuple(plane.cells for plane in result.answer.at)
+def answer_tables(result: Evaluation, built: Sequence[DepthBudget] = ()) -> list[Table]:
+    """Field of view, distances and light, then field, depth and detail by distance: what a buyer asks.
+
+    `built`: budgets at the same distances with lengths as built, which the evaluation is without; they stand beside.
+    """
+    rows: list[tuple[str, ...]] = [plane.cells for plane in result.answer.at]
+    headings: tuple[str, ...] = DISTANCES
+    counts = f"U is {result.depth_budget.counted}."
+    if built:
+        counts = f"As drawn, {counts} As built, it counts the tolerances of a first look, too."
+        told = [(f"± {number(float(one.expanded_mm), 2)} mm", one.largest.name) for one in built]
+        rows = [(*row[:4], *more, *row[4:]) for row, more in zip(rows, told, strict=True)]
+        headings = (*headings[:2], "depth, U, as drawn", "mostly of", "U as built", "mostly of", *headings[4:])
     return [
         Table(result.answer.rows, "ldl", title="What it sees", widths=WIDTHS),
-        Table(rows, "lllll", DISTANCES, "At its distances", MEANT),
+        Table(tuple(rows), "l" * len(headings), headings, "At its distances", f"{MEANT} {counts}"),
     ]
 
 

@@ -75,6 +75,7 @@ class _WantedQuantity(NamedTuple):
 
 GOALS = {
     "depth": _WantedQuantity("least depth noise (bound)", "sigma_z_mm", "min"),
+    "expected": _WantedQuantity("least depth, expected", "u_z_mm", "min"),
     "field": _WantedQuantity("widest field", "field_half_width_mm", "max"),
     "light": _WantedQuantity("most light", "light_sr", "max"),
     "views": _WantedQuantity("most independent views", "views_independent", "max"),
@@ -88,6 +89,7 @@ USUAL = ("D_F", "d_3", "d_2")
 """Variables that are chosen by default."""
 HELD = {
     "depth": _WantedQuantity("depth noise (bound)", "sigma_z_mm", "max"),
+    "expected": _WantedQuantity("depth, expected", "u_z_mm", "max"),
     "field": _WantedQuantity("field", "field_half_width_mm", "min"),
     "views": _WantedQuantity("independent views", "views_independent", "min"),
     "pixels": _WantedQuantity("pixels across an image", "views_geometric", "min"),

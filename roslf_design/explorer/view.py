@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import cached_property
 from html import escape
@@ -18,6 +18,7 @@ from ..drawing.marks import Point
 from ..drawing.picture import Picture
 from ..drawing.theme import short
 from ..evaluation import Evaluation
+from ..evaluation.groups import Verdict
 from ..evaluation.required import Requirement
 from ..evaluation.result import depth_facts
 from ..lenses.glass import Glass
@@ -332,26 +333,39 @@ def unknown(what: str, why: str) -> dict[str, str]:
 
 
 def lights(evaluation: Evaluation) -> list[dict[str, str]]:
-    """The verdicts as lights: a colour, a few words, a number, and the sentence behind it."""
-    required = {one.verdict: one for one in evaluation.required}
-    return [
-        {
-            "name": verdict.name,
-            "level": verdict.level,
-            "word": LEVELS[verdict.level],
-            **(_named(evaluation, verdict.name) if verdict not in required else _asked(required[verdict])),
-            "text": to_html(verdict.text),
-            "plain": verdict.text,
-            "remedy": to_html(verdict.remedy),
-        }
-        for verdict in evaluation.verdicts
-    ]
+    """The verdicts as lights: a colour, a few words, a number, the sentence behind it; the required are one."""
+    required = [one.verdict for one in evaluation.required]
+    others = [verdict for verdict in evaluation.verdicts if verdict not in required]
+    asked = [_asked(evaluation.required)] if required else []
+    return [*asked, *(_light([verdict], **_named(evaluation, verdict.name)) for verdict in others)]
 
 
-def _asked(one: Requirement) -> dict[str, str]:
-    """Title and margin of what is required: where, the value, the limit; symbols stand in the sentence behind."""
-    value = "none" if one.value is None else short(one.value, 4)
-    return {"title": re.sub(r", \w+_\w+", "", one.label), "margin": f"{value} of {one.limits}"}
+def _light(verdicts: Sequence[Verdict], **words: str) -> dict[str, str]:
+    """One light for verdicts: the colour of the worst, and all their sentences and remedies behind it."""
+    worst = max(verdicts, key=lambda verdict: tuple(LEVELS).index(verdict.level))
+    said = (f'<p class="said {verdict.level}">{to_html(verdict.text)}</p>' for verdict in verdicts)
+    return {
+        "name": worst.name,
+        "level": worst.level,
+        "word": LEVELS[worst.level],
+        "text": "".join(said),
+        "plain": "\n".join(verdict.text for verdict in verdicts),
+        "remedy": to_html("; ".join(dict.fromkeys(verdict.remedy for verdict in verdicts if verdict.remedy))),
+        **words,
+    }
+
+
+def _asked(required: Sequence[Requirement]) -> dict[str, str]:
+    """Light of what is required: of one its value and limit, of several how many are met, and the first that is not."""
+    labels = [re.sub(r", \w+_\w+", "", one.label) for one in required]  # symbols stand in the sentence behind
+    if len(required) == 1:
+        value = "none" if required[0].value is None else short(required[0].value, 4)
+        return _light([required[0].verdict], title=labels[0], margin=f"{value} of {required[0].limits}")
+    missed = [label for label, one in zip(labels, required, strict=True) if not one.met]
+    drawn = sum(one.outcome == "met as drawn" for one in required)
+    margin = f"{len(required) - len(missed)} of {len(required)} met" + f", {drawn} as drawn" * bool(drawn)
+    margin += f"; missed: {missed[0]}" * bool(missed) + f" and {len(missed) - 1} more" * (len(missed) > 1)
+    return _light([one.verdict for one in required], title="required", margin=margin, name="required")
 
 
 def _named(evaluation: Evaluation, name: str) -> dict[str, str]:

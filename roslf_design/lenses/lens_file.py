@@ -93,7 +93,7 @@ def lens_of(data: Mapping[str, Any], origin: str = "", folder: Path | None = Non
 
     `origin` is what errors call it, `folder` where glass files that it names are looked for; None: it may name none.
     """
-    read = validated(_LensFile, data, origin, refusal=LensError, folder=folder)
+    read = validated(LensFile, data, origin, refusal=LensError, folder=folder)
     surfaces, warmth = tuple(row.surface for row in read.surfaces.values()), float(read.temperature)
     if warmth != ROOM:
         surfaces = tuple(replace(surface, glass=surface.glass.at(warmth)) for surface in surfaces)
@@ -132,7 +132,7 @@ def _radius(text: object, info: ValidationInfo) -> float | None:
     return radius
 
 
-class _Asphere(StrictTable, defer_build=True):
+class Asphere(StrictTable, defer_build=True):
     """Terms of an even asphere."""
 
     r2: Annotated[float, _inverse_length(-1)] = 0.0
@@ -153,20 +153,24 @@ class _Asphere(StrictTable, defer_build=True):
         return tuple(terms)
 
 
+Curvature = Annotated[float, _inverse_length(-1)]
+Radius = Annotated[float | None, Field(allow_inf_nan=True, validate_default=True), BeforeValidator(_radius)]
 _Form = Annotated[tuple[AnyLength, ...], Field(min_length=MODES, max_length=MODES)]
 _PLANES = ("inf", "+inf", "-inf", "infinity")
 
 
-class _SurfaceTable(StrictTable, defer_build=True):
+class SurfaceTable(StrictTable, defer_build=True):
     """One of a lens file's [[surfaces]]."""
 
-    curvature: Annotated[float, _inverse_length(-1)] | None = None
-    radius: Annotated[float | None, Field(allow_inf_nan=True, validate_default=True), BeforeValidator(_radius)] = None
+    curvature: Curvature | None = None
+    """Curvature instead of the radius, as `"0.0194 mm^-1"`."""
+    radius: Radius = None
+    """Radius, above 0 where the centre lies towards the sensor; `"inf"` for a plane."""
     thickness: AnyLength = 0.0
     glass: Material = AIR
     diameter: Annotated[Length, Field(examples=["50.8 mm"])]
     conic: PlainNumber = 0.0
-    asphere: _Asphere = Field(default_factory=lambda: _Asphere())
+    asphere: Asphere = Field(default_factory=lambda: Asphere())
     index_offset: Annotated[PlainNumber, Field(gt=-1, lt=1)] = 0.0
     shift: tuple[AnyLength, AnyLength, AnyLength] = (0.0, 0.0, 0.0)
     tilt: tuple[Angle, Angle] = (0.0, 0.0)
@@ -192,7 +196,7 @@ class _SurfaceTable(StrictTable, defer_build=True):
         )
 
 
-class _LensFile(StrictTable, defer_build=True):
+class LensFile(StrictTable, defer_build=True):
     """A lens file; its glasses come first, for the surfaces name them."""
 
     name: str = ""
@@ -200,7 +204,7 @@ class _LensFile(StrictTable, defer_build=True):
     wavelength: Length | None = None
     temperature: Temperature = ROOM
     glasses: dict[str, Material] = Field(default={})
-    surfaces: dict[int, _SurfaceTable] = Field(default=(), validate_default=True)
+    surfaces: dict[int, SurfaceTable] = Field(default=(), validate_default=True)
 
     @field_validator("glasses", mode="before")
     @classmethod
@@ -225,7 +229,7 @@ class _LensFile(StrictTable, defer_build=True):
 
     @field_validator("surfaces", mode="after")
     @classmethod
-    def _fit(cls, rows: dict[int, _SurfaceTable], info: ValidationInfo) -> dict[int, _SurfaceTable]:
+    def _fit(cls, rows: dict[int, SurfaceTable], info: ValidationInfo) -> dict[int, SurfaceTable]:
         if "glasses" in info.data and (problems := [*faults(tuple(row.surface for row in rows.values()))]):
             inner = (Problem(p.key.removeprefix("surfaces").lstrip("."), p.message) for p in problems)
             raise InputError(tuple(inner))

@@ -33,6 +33,7 @@ from ..design.parts import Cover, DepthSettings, Housing, Substrate
 from ..design.required import Required
 from ..errors import InputError, Problem
 from ..lenses.glass import Glass
+from ..lenses.lens_file import Asphere, Curvature, LensFile, Radius, SurfaceTable
 from ..lenses.material import Material
 from ..lenses.solid import Solid
 from ..optimization.bore import BoreTable, StopTable, TubeTable
@@ -70,7 +71,7 @@ _QUANTITIES = (
 )  # fmt: skip
 _OTHERS = (
     (Lens, "text or table"), (FieldPlace, "name or [length, length]"), (Material, "name or table"),
-    (Gradient, "gradient\u00a0>\u00a00"),
+    (Gradient, "gradient\u00a0>\u00a00"), (Radius, '`"inf"` or length'), (Curvature, "curvature"),
 )  # fmt: skip
 NEEDED = "needed"
 """Default of a key that a file must have, unless another gives it."""
@@ -187,10 +188,11 @@ _HEADED: dict[str, dict[str, type[BaseModel]]] = {
         "`[spheres]`": bench.SpheresTarget, "`[field]`": bench.FieldTarget, "`[[poses]]`": bench.BoardPose,
     },
     "distances": {WHOLE: BoardDistances},
+    "lens": {WHOLE: LensFile, "`[[surfaces]]`": SurfaceTable, "`surfaces.asphere`": Asphere},
 }  # fmt: skip
 FILES = {file: tuple(KeyTable(file, *one) for one in tables.items()) for file, tables in _HEADED.items()}
 """Tables of each kind of file: designs, scenes, studies of `roslf tolerance` and `roslf optimize`, parts of one's own,
-stories, ``bench.toml`` and `roslf calibrate --distances`."""
+stories, ``bench.toml``, `roslf calibrate --distances` and lenses."""
 TABLES = tuple(table for tables in FILES.values() for table in tables)
 
 
@@ -285,7 +287,9 @@ def _texts_below(module: str) -> dict[str, dict[str, str]]:
 def _takes(hint: Any) -> str:
     """Kind of value that a key may hold, in words."""
     for known, words in (*_QUANTITIES, *_OTHERS):
-        if hint == known:
+        if hint == known or (
+            get_origin(hint) is Annotated and get_args(hint)[: len(get_args(known))] == get_args(known)
+        ):
             return words
     origin, parts = get_origin(hint), get_args(hint)
     if origin is Annotated:
@@ -299,7 +303,9 @@ def _takes(hint: Any) -> str:
         words = _takes(parts[0])
         if parts[-1] is Ellipsis:
             return "tables" if words == "table" else f"list of {words}"
-        return f"[{words}, {words}]" if set(parts) == {parts[0]} else f"[{', '.join(map(_takes, parts))}]"
+        return (
+            f"[{', '.join([words] * len(parts))}]" if set(parts) == {parts[0]} else f"[{', '.join(map(_takes, parts))}]"
+        )
     if origin is dict or (isinstance(hint, type) and issubclass(hint, BaseModel)):
         return "table"
     simple = {float: "number", int: "whole number", bool: "`true` or `false`", str: "text", Any: "text or number"}

@@ -17,10 +17,9 @@ POSE = BoardPose(file="board_01.tif", ahead=20.0, right=0.0, up=0.0, tilt=0.1, t
 @pytest.fixture(scope="module")
 def sections(root):
     text = (root / "docs/reference/other-json.md").read_text()
-    parts = re.split(r"(?m)^## .*\((roslf\.[a-z-]+/1|`roslf\.[a-z-]+/1`)\)$", text)
+    parts = text.split("\n## ")[1:]
     return {
-        schema.strip("`"): set(re.findall(r"`(\w+)`", body))
-        for schema, body in zip(parts[1::2], parts[2::2], strict=True)
+        schema: set(re.findall(r"`(\w+)`", body)) for body in parts for schema in re.findall(r"roslf\.[a-z-]+/1", body)
     }
 
 
@@ -53,3 +52,29 @@ def test_keys_of_benches(sections):
     result = Acceptance("paper", (line,), (), ()).to_dict()
     assert_described(result, sections)
     assert set(result["lines"][0]) <= sections[result["schema"]]
+
+
+LISTS = [["presets"], ["quantities"], ["keys", "tube"], ["catalogue"]]
+RENDER = ["render", "paper", "--region", "2000,1300,20,20", "--json"]
+
+
+@pytest.mark.parametrize("words", [*LISTS, RENDER, [*RENDER, "--plan-only"]], ids=" ".join)
+def test_keys_of_what_commands_print(words, sections, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(list(dict.fromkeys([*words, "--json"]))) == 0
+    data = json.loads(capsys.readouterr().out)
+    assert_described(data, sections)
+    for name in ("presets", "quantities", "tables", "effects"):
+        assert {key for row in data.get(name, ()) for key in row} <= sections[data["schema"]]
+
+
+def test_keys_of_data_sheets_and_optima(sections, tmp_path, capsys):
+    study = 'design = "rigid-scope"\n[variables]\nd_3 = ["0.4 mm", "0.6 mm"]\n[[goals]]\nquantity = "fill_factor"\n'
+    (tmp_path / "study.toml").write_text(f'name = "s"\n{study}direction = "max"\n[solver]\nstarts = 2\n')
+    assert main(["optimize", str(tmp_path / "study.toml"), "-o", str(tmp_path / "out")]) == 0
+    assert main(["datasheet", "rigid-scope", "-o", str(tmp_path / "sheet.json")]) == 0
+    capsys.readouterr()
+    for path in (tmp_path / "out/results.json", tmp_path / "sheet.json"):
+        assert_described(data := json.loads(path.read_text()), sections)
+        for name in ("goals", "constraints", "lines"):
+            assert {key for row in data.get(name, ()) for key in row} <= sections[data["schema"]]

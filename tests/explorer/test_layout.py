@@ -1,5 +1,6 @@
 """Every text of the explorer's page in full: none cut by what it lies in, none printed over another."""
 
+from roslf_design.design import dumps, load
 from tests.explorer.test_browser import click, idle
 
 FAULTS_OF_TEXTS = r"""
@@ -135,3 +136,18 @@ def test_it_says_that_it_starts_until_the_page_is_there(page, chromium, explorer
     early.goto(explorer.address)
     assert "Starting" in early.locator(".wait").inner_text()
     early.close()
+
+
+def test_the_first_screen_holds_all_verdicts_and_a_picture(page, tmp_path):
+    file = tmp_path / "asked.toml"
+    at = [{"at": float(distance), "max": 2.0} for distance in (10, 15, 20, 30, 40)]
+    asked = {"u_z_mm": at, "outer_diameter_mm": {"max": 4.0}, "field_of_view_deg": {"min": 90.0}}
+    file.write_text(dumps(load("rigid-scope").replace({"required": asked})))
+    page.set_input_files("input[type=file]", file)
+    idle(page)
+    for width, height in SIZES:
+        page.set_viewport_size({"width": width, "height": height})
+        page.wait_for_timeout(120)
+        picture = page.locator(".card-meridional").bounding_box()
+        assert picture["y"] > page.locator("[data-testid=light-required]").bounding_box()["y"]
+        assert picture["y"] + picture["height"] < height - 40

@@ -425,16 +425,19 @@ def test_lights_say_what_the_verdicts_say_in_few_letters(design):
     assert all(0 < len(x["title"]) <= 14 and 0 < len(x["margin"]) <= 14 for x in shown)
 
 
-def test_lights_of_what_is_required_tell_where_value_and_limit():
+def test_what_is_required_is_one_light():
     limits = [{"at": 20.0, "max": 0.5}, {"at": 40.0, "max": 1e-3}]
-    asked = load("rigid-scope").replace({"required": {"u_z_mm": limits, "outer_diameter_mm": {"max": 4.0}}})
-    evaluation = evaluate(asked)
-    near, far, outer = lights(evaluation)[:3]
-    values = [one.value for one in evaluation.required]
-    assert (near["title"], near["margin"]) == ("depth, expected at 20 mm", f"{values[0]:.4g} of at most 0.5 mm")
-    assert (far["title"], far["margin"]) == ("depth, expected at 40 mm", f"{values[1]:.4g} of at most 0.001 mm")
-    assert (outer["title"], outer["margin"]) == ("outer diameter", "3 of at most 4 mm")
-    assert [one["level"] for one in (near, far, outer)] == ["limit", "fault", "good"]  # met as drawn
+    both = {"u_z_mm": limits, "outer_diameter_mm": {"max": 4.0}}
+    evaluation = evaluate(load("rigid-scope").replace({"required": both}))
+    asked, *others = lights(evaluation)
+    assert [light["name"] for light in others] == [verdict.name for verdict in evaluation.verdicts[3:]]
+    # One light for all of them: the worst one's colour, the first that is missed, and every sentence behind it.
+    assert (asked["title"], asked["level"]) == ("required", "fault")
+    assert asked["margin"] == "2 of 3 met, 1 as drawn; missed: depth, expected at 40 mm"
+    assert asked["plain"].splitlines() == [verdict.text for verdict in evaluation.verdicts[:3]]
+    one = load("rigid-scope").replace({"required": {"outer_diameter_mm": {"max": 4.0}}})
+    alone = lights(evaluate(one))[0]
+    assert (alone["title"], alone["margin"], alone["level"]) == ("outer diameter", "3 of at most 4 mm", "good")
 
 
 def test_lights_of_a_real_lens_tell_the_traced_field():

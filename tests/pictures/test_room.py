@@ -55,6 +55,11 @@ def test_no_text_of_a_preset_s_figures_leaves_its_picture(name):
         assert not list(_outside(figure.content)), figure.name
 
 
+@pytest.mark.parametrize("name", preset_names())
+def test_no_text_of_a_section_leaves_a_phone_s_screen(name):
+    assert not list(_outside(meridional(load(name), (372, 290)).svg()))
+
+
 @pytest.mark.parametrize("near", [0.9, 0.99, 1 - 1e-6])
 @pytest.mark.parametrize("name", ["paper", "rigid-scope", "ear-speculum", "pipe-bore"])
 def test_blocked_rays_do_not_shrink_the_section_where_the_pupil_nears_the_focal_plane(name, near):

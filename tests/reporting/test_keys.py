@@ -50,6 +50,7 @@ def leaves(data, *way):
         ("tolerance", "studies/tolerance-*/study.toml", set()),
         ("optimize", "studies/optimize-*/study.toml", {"variables", "where", "only"}),
         ("story", "studies/*/story.toml", {"sigma"}),
+        ("lens", "roslf_design/lenses/shipped/*.toml", {"glasses"}),
     ],
 )
 def test_keys_of_files_that_ship_are_found(root, file, pattern, open_tables):

@@ -33,13 +33,13 @@ PLACES = ("centre", "edge", "corner")
 """The fields that a report looks at."""
 
 
-def glance(design: Design, result: Evaluation) -> Figure:
-    """Figure of the whole: the camera with its rays, the image of one microlens, depth over distance."""
+def glance(design: Design, views: bool) -> Figure:
+    """Figure of the whole: camera, rays, image of one microlens and, where pixels are `views`, depth over distance."""
     low = 250.0
     system = meridional(design, (PAGE, 210.0), key=False)
     parts = [microlens_image(design, (0.0, 0.0), (270.0, low), name="glance-image", key=False)]
     words = "Above: the camera and its rays, heights enlarged. Below: the image that the middle microlens paints"
-    if result.focused is None:
+    if views:
         parts.append(depth_precision(design, (PAGE - 270.0, low)))
         words += ", and how depth noise (bound) grows with distance; depth, expected, is in the table"
     below = beside("glance-below", "", parts)

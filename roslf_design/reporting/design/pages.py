@@ -29,6 +29,7 @@ from ...evaluation.result import (
 from ...evaluation.verdicts import near_cases
 from ...progress import CountedProgress, silent
 from ...theory.colours import PIXEL_FILTERS
+from ...theory.depth_budget import DepthBudget, depth_budget
 from ...units import format_quantity
 from ...words import TERMS, listed, sentence, spaced
 from ..blocks import (
@@ -46,7 +47,7 @@ from ..blocks import (
     Tone,
 )
 from ..lens_words import lens_words
-from ..sheet.lines import SpreadSources, basis, datasheet_section
+from ..sheet.lines import SpreadSources, basis, datasheet_section, told_as_built
 from . import figures as sheets
 from .parts_list import parts_section
 
@@ -125,8 +126,12 @@ def design_report(
     result = evaluate(
         design, None, accuracy, at=grounds.at, build=grounds.build, calibration=grounds.calibration, shown=shown
     )
-    if grounds.looked is not None and grounds.build is None and grounds.calibration is None:
-        result = held_as_built(result, design, grounds.looked)
+    looked = grounds.looked
+    built: list[DepthBudget] = []
+    if looked is not None and grounds.build is None and grounds.calibration is None and result.focused is None:
+        built = [depth_budget(Camera.of(design), at, build=looked) for at in (None, *grounds.at)]
+        result = held_as_built(result, design, looked)
+        grounds = told_as_built(grounds, result.required)
     figures = _design_figures(design, result, progress)
     progress("sections")
     answers = Statements((*verdicts(result).items, *(one.statement for one in studied if one.statement)))
@@ -135,7 +140,10 @@ def design_report(
     parameters = Table(tuple(parameter_rows(design)), "lldl", ("symbol", "what", "value", ""))
     progress("data sheet")
     sections = (
-        Section("Summary", (*opening, answers, sheets.glance(design, result), *answer_tables(result))),
+        Section(
+            "Summary",
+            (*opening, answers, sheets.glance(design, result.focused is None), *answer_tables(result, built)),
+        ),
         datasheet_section(grounds),
         Section("The design", (figures["dimensions"], parameters, *_seen(result), *_stops(design))),
         parts_section(design),

@@ -519,8 +519,10 @@ def _lengths(design: Design, section: _SectionLayout) -> list[Mark]:
         elif symbol == "d_1":
             below = DIMENSION_ROW  # d_1 stands beside its own line
             marks.append(Text(stop, level, words, "ink", SMALL, dx=8, dy=4))
-        else:
+        elif section.panel.at(start, level)[0] > text_width(words, SMALL) + 10 or not section.panel.bare:
             marks.append(Text(start, level, words, "ink", SMALL, "end", dx=-8, dy=4))
+        else:  # in front of its line it would leave the picture
+            marks.append(Text(start, level, words, "ink", SMALL, dx=-4, dy=4 + DIMENSION_ROW))
     if not apart:
         marks.append(Text(end, bottom, beside, "ink", SMALL, dx=8, dy=17 + below))
     return marks

@@ -426,7 +426,12 @@ def _parts(ranking: Ranking) -> Table:
 def _left_out(ranking: Ranking) -> Table:
     """Combinations that were optimised and are not listed, each with the reason why."""
     rows = tuple((*ranking.named(number).values(), why) for number, why in ranking.left_out)
-    caption = f"The first {MOST_LEFT_OUT} of {len(rows)}; all are in results.json." if len(rows) > MOST_LEFT_OUT else ""
+    caption = (
+        "Nearest: the value where all limits together are missed least, as far as a local search finds; the one named is "
+        "missed by most there, and alone might come nearer."
+    )
+    if len(rows) > MOST_LEFT_OUT:
+        caption += f" The first {MOST_LEFT_OUT} of {len(rows)}; all are in results.json."
     heads = (*_kinds(ranking), "why")
     return Table(rows[:MOST_LEFT_OUT], "l" * len(heads), heads, "Left out, and why", caption)
 

@@ -43,7 +43,8 @@ from ...tolerancing.trials import first_builds, lengths_built
 from ...traced.fields import IdealImages
 from ...words import number
 from ..blocks import Block, Figure, Paragraph, Report, Section, Table
-from ..design.figures import dimensions_sheet
+from ..design.figures import dimensions_sheet, glance
+from ..design.rays import dimensions
 from ..lens_words import lens_words
 from ..tolerance.pages import impossible_words
 from .resolution import mtf_curves, resolution_map
@@ -76,6 +77,8 @@ CLOSE = 1e-3
 DEPTH, EXPECTED = "Depth noise (bound), 1 σ", "Depth, expected"
 SHARP = f"Sharp: {CRITERION}."
 PARTS, REQUIRED = "parts", "Required"
+HALF_PAGE = 520.0
+"""Height up to which a drawing leaves room for another on its page [px]."""
 NONE = "–"
 """Revision or date where none is given."""
 NOMINAL = "Nominal values: no tolerance study is at hand."
@@ -310,6 +313,20 @@ def _required_lines(required: Iterable[Requirement], built: BuildSpread | None, 
             told.append(share)
         text = "none" if one.value is None else ""
         yield _SheetLine(REQUIRED, one.label, one.value, one.unit, "; ".join(filter(None, told)), own, text, of)
+
+
+def told_as_built(grounds: SpreadSources, required: Iterable[Requirement]) -> SpreadSources:
+    """Sources whose lines on a required depth, as drawn, also say what it is as a first look has lengths built."""
+    built = {
+        one.label: f"; with lengths as built (first look) {one.value_words}, {one.outcome}"
+        for one in required
+        if one.quantity == "u_z_mm"
+    }
+    rows = (
+        line._replace(remark=line.remark + built.get(line.name, "")) if line.subject == REQUIRED else line
+        for line in grounds.rows
+    )
+    return grounds._replace(rows=tuple(rows))
 
 
 def _listed(subject: str) -> Iterator[tuple[Quantity, Listed]]:
@@ -581,7 +598,10 @@ def datasheet_section(grounds: SpreadSources) -> Section:
 def datasheet_report(grounds: SpreadSources, revision: str = NONE, date: str = NONE) -> Report:
     """The page alone: which design in which revision, its drawing, the lines, fields to sign."""
     design, section = grounds.design, datasheet_section(grounds)
-    blocks = (sheet_head(design, revision, date), *section.blocks, dimensions_sheet(design), signatures())
+    drawn = [dimensions_sheet(design)]
+    if dimensions(design).size[1] < HALF_PAGE:
+        drawn = [glance(design, grounds.sheet.focused is None), *drawn]
+    blocks = (sheet_head(design, revision, date), *section.blocks, *drawn, signatures())
     return Report(design.name, design.source, (Section(section.title, blocks),))
 
 
