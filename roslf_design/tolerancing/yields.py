@@ -95,7 +95,7 @@ class ScaledBuilds:
     @property
     def trials(self) -> int:
         """Number of builds."""
-        return self._deviations.shape[1]
+        return int(self._deviations.shape[1])
 
     def passed(self, scale: float, wanted: float = math.inf) -> int:
         """Number of builds that hold all limits at a factor; where so many as wanted seem to, every one is measured."""
@@ -199,8 +199,9 @@ def scale_for_yield(
         `promised`: that of other draws than the factor was found by, its interval not below the target.
     """
     trials = search_trials(curve_trials(plan), target)
-    known = measured is not None and measured.trials == trials
-    builds = measured if known else ScaledBuilds(plan, plan.draws, trials)
+    if measured is None or measured.trials != trials:
+        measured = ScaledBuilds(plan, plan.draws, trials)
+    builds = measured
     others = ScaledBuilds(plan, fresh(plan.draws), FRESH * trials)
 
     def largest(aim: float) -> float | None:
