@@ -35,6 +35,9 @@ PATIENCE = ContextVar("PATIENCE", default=COMPILE)
 PLAIN = (bool, int, float, str, tuple)
 """Kinds of module constants that are compiled into a kernel."""
 
+WIDE = '"prefer-vector-width"="512"'
+"""Attribute of a function that is compiled for vectors of 512 bits."""
+
 prange = range
 """In a kernel: `range` when interpreted, `numba.prange` when compiled."""
 
@@ -64,7 +67,7 @@ class Kernel(Generic[P, R]):
         """Fingerprint of this kernel with all that it calls and all constants it reads."""
         source = self.interpreted
         assert isinstance(source, FunctionType)
-        fingerprint = hashlib.sha256(source.__code__.co_code + (b"inline" if self.inline else b""))
+        fingerprint = hashlib.sha256(source.__code__.co_code + WIDE.encode() + (b"inline" if self.inline else b""))
         for constant in source.__code__.co_consts:
             fingerprint.update(constant.co_code if isinstance(constant, CodeType) else repr(constant).encode())
         for name in source.__code__.co_names:
@@ -142,23 +145,42 @@ class Kernel(Generic[P, R]):
 def _numba() -> Any:
     """Numba, without the BLAS that it looks for: scipy.linalg, more than half of what the first kernel waits for.
 
-    A kernel with matrix products finds it all the same, when it is compiled. Vectors are as wide as processors have
-    them whose clock that does not slow (Ice Lake and later): the same bits, a quarter more rays through spheres.
+    A kernel with matrix products finds it all the same, when it is compiled.
     """
     import numba
-    from numba.core import codegen
     from numba.np import linalg
 
-    config, features_of = cast(Any, numba.config), cast(Any, codegen.get_host_cpu_features)
-    features = features_of()
-    if "+avx512vbmi2" in features and config.CPU_FEATURES is config.CPU_NAME is None:
-        config.CPU_FEATURES = f"{features},-prefer-256-bit"
     search, linalg.ensure_blas = linalg.ensure_blas, lambda: None
     try:
         importlib.import_module("numba.np.arraymath")
     finally:
         linalg.ensure_blas = search
     return numba
+
+
+@contextlib.contextmanager
+def _wide_vectors() -> Iterator[None]:
+    """Within it, code is compiled for vectors as wide as the processor's, and no other thread compiles.
+
+    On processors alone whose clock they do not slow (Ice Lake and later): the same bits, a quarter more rays through
+    spheres. Numba's settings would do it for all code of the process; llvmlite's attributes are a set that takes words
+    without a value only.
+    """
+    from numba.core import codegen, compiler_lock, registry
+
+    context, features_of = cast(Any, registry.cpu_target.target_context), cast(Any, codegen.get_host_cpu_features)
+    declare, wide = context.declare_function, "+avx512vbmi2" in features_of()
+
+    def declare_wide(*arguments: Any) -> Any:
+        function = declare(*arguments)
+        set.add(function.attributes, WIDE)
+        return function
+
+    with cast(Any, compiler_lock.global_compiler_lock), contextlib.ExitStack() as stack:
+        if wide:
+            context.declare_function = declare_wide
+            stack.callback(setattr, context, "declare_function", declare)
+        yield
 
 
 def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
@@ -202,7 +224,7 @@ def _compile(kernel: Kernel[P, R]) -> Callable[P, R]:
         # In one process, then among all: who waited reads what the other compiled. Numba would compile once more for
         # literal arguments, and for arrays that are read only, without any gain.
         plain = tuple(_writable(unliteral(kind)) for kind in types)
-        with _COMPILING, alone():
+        with _COMPILING, alone(), _wide_vectors():
             try:
                 code = compile_now(plain)
             except OSError:  # the folder is full: compiled, not kept

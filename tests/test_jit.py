@@ -3,10 +3,11 @@
 import importlib
 import sys
 
+import numba
 import numpy as np
 from numba.core.caching import IndexDataCacheFile
 
-from roslf_design._jit import COMPILE, THREADS, Kernel, _alone, compiling, kernel, prange
+from roslf_design._jit import COMPILE, THREADS, WIDE, Kernel, _alone, compiling, kernel, prange
 
 GAIN = 2.5
 
@@ -103,3 +104,17 @@ def test_arrays_that_are_read_only_run_the_same_machine_code():
     for one, other in ((open_, open_), (frozen, open_), (open_, frozen), (frozen, frozen)):
         assert total.compiled(one, (other,)) == total(one, (other,))
     assert len(total.compiled.signatures) == 1
+
+
+def test_what_others_compile_in_the_same_process_is_as_without_us():
+    def own(values):
+        return values[0] + 1.0
+
+    before, features = numba.njit(own), numba.config.CPU_FEATURES
+    before(np.ones(3))
+    scaled.compiled(2.0)
+    after = numba.njit(own)
+    after(np.ones(3))
+    for theirs in (before, after):
+        assert WIDE not in "".join(theirs.inspect_llvm().values())
+    assert numba.config.CPU_FEATURES is features

@@ -35,20 +35,20 @@ def typesetter(root: Path, document: bytes) -> typst.Compiler:
     return typst.Compiler(root / "main.typ", root=root, font_paths=fonts, ignore_system_fonts=True)
 
 
-def typeset(root: Path, document: bytes, form: Literal["pdf", "png"] = "pdf", **more: Any) -> bytes:
-    """A typst document whose files lie in `root`; the same files give the same bytes. Errors as of `typesetter`."""
-    made = typesetter(root, document).compile(format=form, **more)
+def typeset(compiler: typst.Compiler, form: Literal["pdf", "png"] = "pdf", **more: Any) -> bytes:
+    """A compiler's document as its files are now; the same files give the same bytes."""
+    made = compiler.compile(format=form, **more)
     assert isinstance(made, bytes)
     return made
 
 
 def page_of(svg: bytes, width: str, height: str, form: Literal["pdf", "png"] = "pdf", **more: Any) -> bytes:
-    """A drawing's SVG file as a page of that size, with its unit; `more` and errors as of `typeset`."""
+    """A drawing's SVG file as a page of that size, with its unit; `more` as of `typeset`, errors as of `typesetter`."""
     page = f'#set page(width: {width}, height: {height}, margin: 0pt)\n#image("drawing.svg", width: {width})\n'
     with tempfile.TemporaryDirectory() as folder:
         root = Path(folder)
         (root / "drawing.svg").write_bytes(svg)
-        return typeset(root, page.encode(), form, **more)
+        return typeset(typesetter(root, page.encode()), form, **more)
 
 
 def png_of(svg: bytes, size: Point, dpi: float) -> bytes:

@@ -98,14 +98,14 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
         head = {"title": report.title, "subtitle": spans(report.subtitle), "footer": report.footer}
         content = {**head, "paper": PAGES[paper], "sections": sections}
         (root / "content.json").write_bytes(json.dumps(content, ensure_ascii=False).encode("utf-8", "replace"))
-        document = DOCUMENT.read_bytes()
+        pages = typesetter(root, DOCUMENT.read_bytes())  # its fonts are looked for once; `root` has it read files anew
 
         def write(fitting: Iterable[str], shares: Mapping[str, float]) -> None:
             (root / "figures.json").write_text(json.dumps([shares, sorted(fitting)]), encoding="utf-8")
 
         def spots(fitting: Iterable[str], shares: Mapping[str, float]) -> list[dict[str, Any]]:
             write(fitting, shares)
-            placed: list[dict[str, Any]] = json.loads(typesetter(root, document).query("<spot>", field="value"))
+            placed: list[dict[str, Any]] = json.loads(pages.query("<spot>", field="value", root=root))
             return placed
 
         fitting: set[str] = set()
@@ -116,7 +116,7 @@ def render_pdf(report: Report, paper: Paper = "a4") -> bytes:
             shares = shares or _filling(partial(spots, fitting))
             fitting &= _fitting(spots(fitting, shares))
         write(fitting, shares)
-        return _packed(typeset(root, document, timestamp=0))
+        return _packed(typeset(pages, timestamp=0, root=root))
 
 
 def render_drawing(svg: bytes, width: float, height: float) -> bytes:

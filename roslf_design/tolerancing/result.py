@@ -43,7 +43,7 @@ from .summaries import Variant, correlations, summarise
 from .tally import Tally
 from .traced import notes
 from .trials import design_adjusted, final_faults, final_values, lengths_built, measure_finally
-from .yields import CONFIDENCE, Yield, curve_trials, scale_for_yield, yield_at, yield_curve
+from .yields import CONFIDENCE, ScaledBuilds, Yield, curve_trials, scale_for_yield, yield_at, yield_curve
 
 SCHEMA = "roslf.tolerance/1"
 FINEST = 1e-5
@@ -237,8 +237,9 @@ def analyse(
     count = len(plan.draws.perturbations)
     share = 1 / math.sqrt(count) if study.share == "rss" else 1 / count
     given = variants[-1].result
-    curve = yield_curve(plan, given)
-    scaled = scale_for_yield(plan, study.yield_target, curve)
+    builds = ScaledBuilds(plan, plan.draws, curve_trials(plan))
+    curve = yield_curve(builds, given)
+    scaled = scale_for_yield(plan, study.yield_target, curve, builds)
     return StudyResult(
         plan=plan,
         study=study,

@@ -79,29 +79,38 @@ def _passing(plan: TolerancePlan, scale: float, deviations: Array) -> NDArray[np
     return holds
 
 
-class _ScaledBuilds:
+class ScaledBuilds:
     """The first trials' builds at factors on all tolerances; those measured before bracket the next.
 
     A build that holds its limits at two factors, or misses them at both, is taken to do so between them: only those
-    that change within the bracket are measured.
+    that change within the bracket are measured. At 0 every build is the nominal design.
     """
 
-    def __init__(self, plan: TolerancePlan, trials: int) -> None:
-        self._plan, self._deviations = plan, first_draws(plan.draws, trials)
+    def __init__(self, plan: TolerancePlan, draws: Draws, trials: int) -> None:
+        self._plan, self._deviations = plan, first_draws(draws, trials)
         self._holding: dict[float, NDArray[np.bool_]] = {}
+        if not plan.nominal_misses():
+            self._holding[0.0] = np.ones(trials, np.bool_)
 
-    def passed(self, scale: float) -> int:
-        """Number of builds that hold all limits at a factor."""
+    @property
+    def trials(self) -> int:
+        """Number of builds."""
+        return int(self._deviations.shape[1])
+
+    def passed(self, scale: float, wanted: float = math.inf) -> int:
+        """Number of builds that hold all limits at a factor; where so many as wanted seem to, every one is measured."""
         tighter = max((known for known in self._holding if known <= scale), default=None)
         looser = min((known for known in self._holding if known >= scale), default=None)
         if tighter is None or looser is None:
-            self._holding[scale] = _passing(self._plan, scale, self._deviations)
-        elif tighter < looser:
+            holds = _passing(self._plan, scale, self._deviations)
+        else:
             holds = self._holding[tighter].copy()
             changing = np.flatnonzero(holds != self._holding[looser])
             holds[changing] = _passing(self._plan, scale, self._deviations[:, changing])
-            self._holding[scale] = holds
-        return int(self._holding[scale].sum())
+            if holds.sum() >= wanted:
+                holds = _passing(self._plan, scale, self._deviations)
+        self._holding[scale] = holds
+        return int(holds.sum())
 
 
 @lru_cache(maxsize=4)
@@ -156,18 +165,20 @@ def promised(
     return None
 
 
-def yield_curve(plan: TolerancePlan, own: Yield | None = None) -> tuple[tuple[float, Yield], ...]:
+def yield_curve(builds: ScaledBuilds, own: Yield | None = None) -> tuple[tuple[float, Yield], ...]:
     """Yield over a common factor on all tolerances; at 1 the run's `own` where there is one."""
-    trials = curve_trials(plan)
-    builds, yields = _ScaledBuilds(plan, trials), {} if own is None else {1.0: own}
+    yields = {} if own is None else {1.0: own}
     for scale in sorted(SCALES, key=_DEPTH.__getitem__):  # each within a bracket of two before it
         if scale not in yields:
-            yields[scale] = Yield(builds.passed(scale), trials)
+            yields[scale] = Yield(builds.passed(scale), builds.trials)
     return tuple((scale, yields[scale]) for scale in SCALES)
 
 
 def scale_for_yield(
-    plan: TolerancePlan, target: float, curve: Sequence[tuple[float, Yield]] = ()
+    plan: TolerancePlan,
+    target: float,
+    curve: Sequence[tuple[float, Yield]] = (),
+    measured: ScaledBuilds | None = None,
 ) -> tuple[float, Yield] | None:
     """Largest common factor on all tolerances, up to 64, whose yield is the target for sure.
 
@@ -178,6 +189,8 @@ def scale_for_yield(
     curve : sequence of (factor, yield)
         As `yield_curve` gives it, in rising factors: below its last point on the target, and above its first one under
         it, nothing is measured again.
+    measured : ScaledBuilds, optional
+        Builds that it was measured by: of as many as are searched by here, none is measured twice.
 
     Returns
     -------
@@ -186,15 +199,18 @@ def scale_for_yield(
         `promised`: that of other draws than the factor was found by, its interval not below the target.
     """
     trials = search_trials(curve_trials(plan), target)
-    builds = _ScaledBuilds(plan, trials)
+    if measured is None or measured.trials != trials:
+        measured = ScaledBuilds(plan, plan.draws, trials)
+    builds = measured
+    others = ScaledBuilds(plan, fresh(plan.draws), FRESH * trials)
 
     def largest(aim: float) -> float | None:
         least, loose, tight = least_passed(aim, trials), 64.0, 1e-3
         held = [scale for scale, _ in takewhile(lambda point: point[1].interval[0] >= aim, curve)]
-        sure, lost = held[-1] if held else tight, curve[len(held)][0] if len(held) < len(curve) else math.inf
+        sure, lost = held[-1] if held else 0.0, curve[len(held)][0] if len(held) < len(curve) else math.inf
 
         def reaches(scale: float) -> bool:
-            if scale >= lost or tight < scale <= sure:
+            if scale >= lost or scale <= sure:
                 return scale < lost
             return builds.passed(scale) >= least
 
@@ -211,6 +227,6 @@ def scale_for_yield(
         return tight
 
     def judged(scale: float) -> Yield:
-        return Yield(int(_passing(plan, scale, first_draws(fresh(plan.draws), FRESH * trials)).sum()), FRESH * trials)
+        return Yield(others.passed(scale, least_passed(target, others.trials)), others.trials)
 
     return promised(largest, judged, target)
