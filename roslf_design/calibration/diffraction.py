@@ -152,36 +152,64 @@ def calibrate_corrected(
         outer views disagree on (`_view_disagreement`) and what a real main lens does beyond the model
         (`aberration_error`).
     """
-    check, bent = _looked_at(design, white, wish), white.lattice.bend is not None
-    if not check.corrected or check.image is None:
-        plain = calibrate(observations, sheet, distortion=distortion, guess=guess)
-        left = _view_disagreement(observations, plain, sheet, distortion)
-        systematic = np.concatenate([left, aberration_error(plain, sheet, design, distortion, bent)])
-        return Corrected(replace(plain, fit=plain.fit._replace(systematic=systematic)), check)
-    straight = _straightened(observations, board, check.image)
-    shifts = observations.uv - straight.uv
-    result = calibrate(straight, sheet, distortion=distortion, guess=guess)
-    camera, lengths = result.fit.camera, derived(result.joint.camera.vector(), sheet)
-    # The pupil image that the FAP, lambda and the calibrated d_2 and A make.
-    d_2 = float(lengths["d_2"])
-    radius = abs(float(Camera.of(design).fap.radius)) * d_2 / (abs(float(lengths["A"])) * design.q)
-    predicted = replace(check.image, radius=radius, blur=design.wavelength * d_2 / (design.d * design.q))
-    others = (
-        replace(straight, uv=straight.uv + _SHARE * shifts),
-        _straightened(observations, board, predicted, start=straight),
-    )
-    moved = [calibrate(other, sheet, distortion=distortion, guess=camera.A).fit.camera for other in others]
-    own = np.stack([other.vector(_NAMES) - camera.vector(_NAMES) for other in moved])
-    left = _view_disagreement(straight, result, sheet, distortion)
-    systematic = np.concatenate([own, left, aberration_error(result, sheet, design, distortion, bent)])
-    result = replace(result, fit=result.fit._replace(systematic=systematic))
-    check = replace(check, largest=float(np.nanmax(np.hypot(*np.moveaxis(shifts, -1, 0)))), shifts=shifts)
-    try:
-        plain = calibrate(observations, sheet, distortion=distortion, guess=camera.A)
-    except CalibrationError:  # left in, diffraction can spoil a fit that without it stands
-        return Corrected(result, check)
-    baseline = plain.joint.camera.inverse_d_2 / result.joint.camera.inverse_d_2
-    return Corrected(result, replace(check, baseline=baseline, before=plain.joint.camera, rms_before=plain.joint.rms))
+    return Corners.of(observations, board, design, white, wish).calibrated(sheet, distortion, guess)
+
+
+class Corners(NamedTuple):
+    """Corners of boards and what diffraction did to them, to be calibrated with little distortion or much."""
+
+    measured: Observations
+    straight: Observations
+    """Without diffraction where it matters; else as measured."""
+    board: Board
+    design: Design
+    bent: bool
+    """Whether the lattice of microlens images is."""
+    check: DiffractionCheck
+
+    @classmethod
+    def of(
+        cls, observations: Observations, board: Board, design: Design, white: WhiteImage, wish: DiffractionMode
+    ) -> Corners:
+        """Corners as `calibrate_corrected` takes them."""
+        check, straight = _looked_at(design, white, wish), observations
+        if check.corrected and check.image is not None:
+            straight = _straightened(observations, board, check.image)
+        return cls(observations, straight, board, design, white.lattice.bend is not None, check)
+
+    def calibrated(self, sheet: DataSheet, distortion: int = 0, guess: float | None = None) -> Corrected:
+        """Calibration of a camera of that data sheet, as `calibrate_corrected` has it."""
+        observations, straight, board, design, bent, check = self
+        if not check.corrected or check.image is None:
+            plain = calibrate(observations, sheet, distortion=distortion, guess=guess)
+            left = _view_disagreement(observations, plain, sheet, distortion)
+            systematic = np.concatenate([left, aberration_error(plain, sheet, design, distortion, bent)])
+            return Corrected(replace(plain, fit=plain.fit._replace(systematic=systematic)), check)
+        shifts = observations.uv - straight.uv
+        result = calibrate(straight, sheet, distortion=distortion, guess=guess)
+        camera, lengths = result.fit.camera, derived(result.joint.camera.vector(), sheet)
+        # The pupil image that the FAP, lambda and the calibrated d_2 and A make.
+        d_2 = float(lengths["d_2"])
+        radius = abs(float(Camera.of(design).fap.radius)) * d_2 / (abs(float(lengths["A"])) * design.q)
+        predicted = replace(check.image, radius=radius, blur=design.wavelength * d_2 / (design.d * design.q))
+        others = (
+            replace(straight, uv=straight.uv + _SHARE * shifts),
+            _straightened(observations, board, predicted, start=straight),
+        )
+        moved = [calibrate(other, sheet, distortion=distortion, guess=camera.A).fit.camera for other in others]
+        own = np.stack([other.vector(_NAMES) - camera.vector(_NAMES) for other in moved])
+        left = _view_disagreement(straight, result, sheet, distortion)
+        systematic = np.concatenate([own, left, aberration_error(result, sheet, design, distortion, bent)])
+        result = replace(result, fit=result.fit._replace(systematic=systematic))
+        check = replace(check, largest=float(np.nanmax(np.hypot(*np.moveaxis(shifts, -1, 0)))), shifts=shifts)
+        try:
+            plain = calibrate(observations, sheet, distortion=distortion, guess=camera.A)
+        except CalibrationError:  # left in, diffraction can spoil a fit that without it stands
+            return Corrected(result, check)
+        baseline = plain.joint.camera.inverse_d_2 / result.joint.camera.inverse_d_2
+        return Corrected(
+            result, replace(check, baseline=baseline, before=plain.joint.camera, rms_before=plain.joint.rms)
+        )
 
 
 def _looked_at(design: Design, white: WhiteImage, wish: DiffractionMode) -> DiffractionCheck:
@@ -293,8 +321,11 @@ def _view_weights(image: PupilImage, views: Array, points: int | None = None) ->
     step = max(_STEP, image.blur / 12)
     count = 2 ** math.ceil(math.log2(2 * reach / step))
     frequency, half = (np.asarray(f(count, step), float) for f in (np.fft.fftfreq, np.fft.rfftfreq))
-    # The transfer is real and even along either axis.
-    spread = np.fft.fftshift(np.fft.irfft2(image.transfer(half[None, :], frequency[:, None]), (count, count)))
+    # The transfer is real and even along either axis; beyond the microlens's cutoff nothing passes.
+    rows, columns = (np.flatnonzero(np.abs(axis) < image.lens.cutoff) for axis in (frequency, half))
+    passed = np.zeros((count, len(half)))
+    passed[np.ix_(rows, columns)] = image.transfer(half[None, columns], frequency[rows, None])
+    spread = np.fft.fftshift(np.fft.irfft2(passed, (count, count)))
     if points is None:
         width = math.hypot(image.blur, 1.0)
         points = max(400, math.ceil(float(opening.area) * (_PER_BLUR / width) ** 2))

@@ -17,7 +17,7 @@ from ..toml_files import nearest, read_toml, validated
 from .centres import MicrolensCentres, find_centres
 from .corners import observe
 from .decoding import Decoder, LightField, Samples
-from .diffraction import Corrected, WhiteImage, calibrate_corrected
+from .diffraction import Corners, Corrected, WhiteImage
 from .distortion import Distortion, with_distortion
 from .fit import Calibration, StatisticsFit, calibrate
 from .frames import CalibrationError, Capture, grey_frame, read_capture
@@ -161,11 +161,10 @@ def _fitted(
 ) -> tuple[Corrected, Distortion]:
     """Fit with as much distortion as is called for, diffraction taken off where it matters."""
     guess = camera_of(design).A
+    corners = Corners.of(observations, board, design, white, options.diffraction)
 
     def fit(count: int) -> Corrected:
-        return calibrate_corrected(
-            observations, board, sheet, design, white, distortion=count, guess=guess, wish=options.diffraction
-        )
+        return corners.calibrated(sheet, count, guess)
 
     def plain(corrected: Corrected) -> Calibration:
         return calibrate(corrected.calibration.observations, sheet, guess=guess)

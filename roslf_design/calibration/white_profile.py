@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from .._jit import kernel
 from ..camera import Camera
 from ..design import Design
 from ..theory.exit_pupil import microlens_image_pitch
@@ -34,7 +35,7 @@ _MOST = 200_000
 _FEWEST = 12
 """Microlenses that scatter is told of."""
 _FINE, _MOST_STEPS = 12, 512
-"""Places a pixel at which the model is tabulated, and most of them across a cell."""
+"""Places a pixel at which the model is tabulated, or more, and most of them across a cell."""
 _ROUNDS, _SETTLED = 30, 1e-4
 """Most steps of a fit, and the step [px] after which it has settled."""
 _UNLIKE = 0.01
@@ -269,9 +270,37 @@ class ImageSamples(NamedTuple):
 
     def read(self, table: Array) -> Array:
         """Values there of what is tabulated over a cell."""
-        from scipy.ndimage import map_coordinates
+        from scipy.ndimage import spline_filter
 
-        return np.asarray(map_coordinates(table, (self.at * len(table)).T, order=3, mode="grid-wrap"))
+        values = np.empty(len(self.at))
+        weights = np.pad(spline_filter(table, 3, mode="grid-wrap"), (1, 2), mode="wrap")
+        _read.compiled(weights, np.ascontiguousarray(self.at), values)
+        return values
+
+
+@kernel()
+def _read(weights: Array, at: Array, values: Array) -> None:
+    """Values at lattice coordinates, shape (n, 2), of a cubic spline over one cell; of its weights a few come twice.
+
+    What scipy's `map_coordinates` has, in half the time.
+    """
+    steps = weights.shape[0] - 3
+    for n in range(at.shape[0]):
+        i, j = math.floor(at[n, 0] * steps), math.floor(at[n, 1] * steps)
+        rows, columns = _spline_taps(at[n, 0] * steps - i), _spline_taps(at[n, 1] * steps - j)
+        i, j, total = i % steps, j % steps, 0.0
+        for a in range(4):
+            for b in range(4):
+                total += rows[a] * columns[b] * weights[i + a, j + b]
+        values[n] = total
+
+
+@kernel()
+def _spline_taps(part: float) -> tuple[float, float, float, float]:
+    """Weights of a cubic spline's coefficients 1 before, at, 1 and 2 after, for a place `part` of a step after one."""
+    left = 1.0 - part
+    at, after = ((3.0 * part - 6.0) * part * part + 4.0) / 6.0, ((3.0 * left - 6.0) * left * left + 4.0) / 6.0
+    return left * left * left / 6.0, at, after, part * part * part / 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,7 +325,8 @@ class ImageFit:
         """Fit from a start, by Gauss and Newton."""
         low, high = np.array([_BOUNDS[name] for name in free]).T * [1 if n == "dimmer" else lattice.pitch for n in free]
         values = np.clip([getattr(start, name) for name in free], low, high)
-        steps, veil, settled = min(_MOST_STEPS, math.ceil(_FINE * lattice.pitch)), 0.0, False
+        steps = min(_MOST_STEPS, 16 * math.ceil(_FINE * lattice.pitch / 16))  # transforms of multiples are quick
+        veil, settled = 0.0, False
         for turn in range(_ROUNDS + 1):
             image = replace(start, **dict(zip(free, values.tolist(), strict=True)))
             table = image.over_cell(lattice, steps)

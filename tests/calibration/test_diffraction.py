@@ -21,6 +21,7 @@ from roslf_design.calibration import (
 from roslf_design.calibration.diffraction import (
     WhiteImage,
     _apparent_shifts,
+    _looked_at,
     _view_weights,
     _ViewWeights,
 )
@@ -81,14 +82,9 @@ def test_a_rendered_white_image_through_a_rectangle_gives_it_and_its_blur(rotati
     found = lattice.nodes(*nodes.T) + (region.column, region.row) + 0.5 - np.array(design.pixels) / 2
     index = np.linalg.solve(true.image_axes, (found * design.q - true.image_origin).T)
     assert np.abs(index - np.round(index)).max() * lattice.pitch < 5e-3
-    captures = Captures(boards=3, views=3, reach=3.0, noise=0.01)
-    rng = np.random.default_rng(1)
-    camera = camera_of(PAPER)
-    observations = synthetic_observations(camera, random_poses(captures, 120.0, rng), captures, rng)
 
     def looked_at(some):
-        white = WhiteImage(pixels, None, lattice)
-        return calibrate_corrected(observations, captures.board, sheet_of(PAPER), some, white).diffraction
+        return _looked_at(some, WhiteImage(pixels, None, lattice), "auto")
 
     found = looked_at(design)
     assert found.corrected
@@ -298,24 +294,27 @@ def test_what_is_asked_what_is_expected_and_what_is_seen_decide():
         return WhiteImage(white, None, find_centres(white, layout="square").lattice)
 
     def looked(overrides, wish, design=PAPER):
-        white = white_of(overrides)
-        found = calibrate_corrected(observations, captures.board, sheet_of(PAPER), design, white, wish=wish)
+        return _looked_at(design, white_of(overrides), wish)
+
+    def calibrated(wish):
+        white = white_of(())
+        found = calibrate_corrected(observations, captures.board, sheet_of(PAPER), PAPER, white, wish=wish)
         return found.diffraction, found.calibration
 
     rays = ("-microlens_diffraction", "-microlens_defocus")
-    asked, _ = looked(rays, "on")
+    asked = looked(rays, "on")
     assert asked.corrected
     assert "where the design's diffraction makes 3.60 px" in asked.warning
-    assert not looked(rays, "auto")[0].corrected
-    left, plain = looked((), "off")
+    assert not looked(rays, "auto").corrected
+    left, plain = calibrated("off")
     assert (left.corrected, left.image) == (False, None)
-    seen, found = looked((), "auto")
+    seen, found = calibrated("auto")
     assert seen.corrected
     assert seen.warning == ""
     # Corners that nobody displaced: taking off what diffraction would do makes d_2 too small, by the bias it has.
     assert found.joint.camera.inverse_d_2 > 1.05 * plain.joint.camera.inverse_d_2
     fine = PAPER.replace({"light.wavelength": 1e-5})
-    small, _ = looked(rays, "auto", fine)
+    small = looked(rays, "auto", fine)
     assert "too small to matter" in small.reason
-    foreign = looked((), "auto", PAPER.replace({"light.wavelength": 900e-6}))[0]
+    foreign = looked((), "auto", PAPER.replace({"light.wavelength": 900e-6}))
     assert "are its wavelength, its d_2 and its pixel those of this camera?" in foreign.warning

@@ -46,12 +46,16 @@ def together(frames):
     return functools.reduce(Repeated.plus, frames[1:], Repeated.of(frames[0]))
 
 
-def measured(whites, darks, colours=False):
-    """Figures of frames of each exposure, the brightest that is not saturated first."""
+def measured(whites, darks, colours=False, images=True):
+    """Figures of frames of each exposure, the brightest that is not saturated first.
+
+    Microlens images are fitted for the PRNU alone: `images` is False where nothing is said of it.
+    """
     whites, darks = [together(frames) for frames in whites], None if darks is None else together(darks)
     dark = 0.0 if darks is None else darks.mean
     centres = find_centres(whites[0].averaged, None if darks is None else darks.averaged, layout="square", pitch=PITCH)
-    profile = WhiteFrame((whites[0].mean - dark).astype(np.float32), float(TOP)).profile(centres, None)
+    white = WhiteFrame((whites[0].mean - dark).astype(np.float32), float(TOP))
+    profile = white.profile(centres, None) if images else None
     return measured_sensor(whites, darks, profile, centres, colours)
 
 
@@ -109,7 +113,7 @@ def test_drift_of_the_lamp_is_no_noise_of_light():
     first, second = drawn.frames(PEAK)
     brighter = np.clip(np.rint((drawn.charge(1.02 * PEAK)) / GAIN + BLACK), 0, TOP).astype(np.uint16)
     for frames in ([first, second], [first, brighter]):
-        assert abs(off(measured([frames], drawn.frames(0)).gain, GAIN)) < 3
+        assert abs(off(measured([frames], drawn.frames(0), images=False).gain, GAIN)) < 3
 
 
 def test_defective_pixels_are_counted_and_left_out():
@@ -117,7 +121,7 @@ def test_defective_pixels_are_counted_and_left_out():
     white, dark = drawn.frames(PEAK), drawn.frames(0)
     for frame in (*white, *dark):
         frame[20:140:30, 25:140:30] = 3900
-    found = measured([white], dark)
+    found = measured([white], dark, images=False)
     assert found.defective_pixels == 16
     assert abs(off(found.dsnu, DSNU)) < 3
     assert abs(off(found.read_noise, READ)) < 3
@@ -130,17 +134,17 @@ def test_images_without_noise_are_refused():
     assert "do not differ" in found.untold[0]
     assert found.gain is found.read_noise is found.prnu is None
     smooth = np.float32(evenly())
-    assert "do not differ" in measured([[smooth, smooth]], None).untold[0]
+    assert "do not differ" in measured([[smooth, smooth]], None, images=False).untold[0]
 
 
 def test_one_frame_is_refused():
     drawn = Drawn(8)
-    assert "two or more of one" in measured([drawn.frames(PEAK, 1)], drawn.frames(0)).untold[0]
-    found = measured([drawn.frames(PEAK)], drawn.frames(0, 1))
+    assert "two or more of one" in measured([drawn.frames(PEAK, 1)], drawn.frames(0), images=False).untold[0]
+    found = measured([drawn.frames(PEAK)], drawn.frames(0, 1), images=False)
     assert "two dark frames" in found.untold[0]
     assert found.read_noise is None
     assert abs(off(found.gain, GAIN)) < 3
-    found = measured([drawn.frames(PEAK)], None)
+    found = measured([drawn.frames(PEAK)], None, images=False)
     assert "no full well and no PRNU" in found.untold[1]
     assert abs(off(found.gain, GAIN)) < 3
     assert "colour filters" in measured([drawn.frames(PEAK)], drawn.frames(0), colours=True).untold[0]
@@ -148,7 +152,7 @@ def test_one_frame_is_refused():
 
 def test_clipped_frames_are_refused():
     drawn = Drawn(9, black=0)
-    found = measured([drawn.frames(PEAK)], drawn.frames(0))
+    found = measured([drawn.frames(PEAK)], drawn.frames(0), images=False)
     assert "cut off at 0 counts" in found.untold[0]
     assert found.read_noise is None
     assert abs(off(found.gain, GAIN)) < 3
@@ -165,7 +169,7 @@ def test_pixels_with_a_gamma_are_recognised(power):
     def picture(peak):
         return np.rint(255 * np.clip(drawn.charge(peak) / 10_000 + 0.01, 0, 1) ** power).astype(np.uint8)
 
-    found = measured([[picture(PEAK), picture(PEAK)]], [picture(0), picture(0)])
+    found = measured([[picture(PEAK), picture(PEAK)]], [picture(0), picture(0)], images=False)
     assert found.gain is None
     assert "gamma" in found.untold[0] or "finer than the steps" in found.untold[0]
 
