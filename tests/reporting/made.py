@@ -26,8 +26,6 @@ def without_figures(patch):
 def few_builds(patch):
     """A first look at tolerances by a handful of builds, at few other scales of them; sheets' lines and maps by fewer.
 
-    Other grades and changes that reach a yield are judged by as few builds as tell that yield from a smaller one.
-
     Detail that single views resolve scatters as the refocused image's, and curves of MTF are polygons of seven points:
     where microlens images are long, the transfer of views takes many times the work of all else.
     Without predicted depth precision, which is many times the work of all else; its curve over distance, half of what a
@@ -59,15 +57,16 @@ def few_builds(patch):
     patch.setattr(
         result, "yield_curve", lambda plan, own: tuple((s, result.yield_at(plan, s, 200)) for s in (0.5, 1.0, 2.0))
     )
-    patch.setattr(result, "curve_trials", lambda plan: 64)
-    patch.setattr(budgets, "MOST_TRIALS", 64)
-    patch.setattr(budgets, "FRESH", 1)
     patch.setattr(result, "scale_for_yield", lambda plan, target, curve: None)
 
 
 def few_waves(patch):
     """Depth precision out of focus by three waves an octave instead of up to forty: a tenth of the work.
 
-    It is off by tens of percent there: where a test looks at no such number. `tests/theory` holds the numbers.
+    It is off by tens of percent there; `tests/theory` holds the numbers. Other grades, and changes that reach a yield,
+    are judged by as few builds as tell it from a smaller one. For where a test looks at no such number.
     """
     patch.setattr(disparity_error, "OCTAVE_NODES", ((np.inf, disparity_error.OCTAVE_NODES[0][1]),))
+    patch.setattr(result, "curve_trials", lambda plan: 64)
+    patch.setattr(budgets, "MOST_TRIALS", 64)
+    patch.setattr(budgets, "FRESH", 1)
