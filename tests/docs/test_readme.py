@@ -20,6 +20,7 @@ from pages import blocks, run, thin_out
 from roslf_design.cli import COMMANDS
 from roslf_design.optimization import robust
 from studies.accuracy import hard_rows
+from tests.reporting.made import few_waves
 
 SERVES = ("explore",)
 """Commands that run until they are stopped; README may leave them out."""
@@ -61,6 +62,7 @@ def project(root, tmp_path, monkeypatch, near_light, few_rays, blank_pngs):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "120")
     thin_out(monkeypatch)
+    few_waves(monkeypatch)
     monkeypatch.setattr(robust, "SHARP", robust.SHARP[:1])
     few = [case for case in hard_rows.all_cases() if case.name in ("d_3 → d_f", "discs near tangency")]
     monkeypatch.setattr(hard_rows, "all_cases", lambda: few)

@@ -31,15 +31,15 @@ EXCEPTIONS = {
 
 def _strings(path, public):
     """Line and text of what a module says: strings, fields of public classes, and functions' docstrings if `public`."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    bare = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-    for node in ast.walk(tree):
+    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    bare = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+    for node in nodes:
         if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
             fields = zip(node.body, node.body[1:], strict=False)
             bare -= {id(after.value) for field, after in fields if isinstance(field, ast.AnnAssign) and _bare(after)}
         elif public and isinstance(node, ast.FunctionDef) and not node.name.startswith("_") and _bare(node.body[0]):
             bare -= {id(node.body[0].value)}
-    for node in ast.walk(tree):
+    for node in nodes:
         if isinstance(node, ast.JoinedStr):
             yield node.lineno, "".join(str(v.value) if isinstance(v, ast.Constant) else "0" for v in node.values)
         elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in bare:

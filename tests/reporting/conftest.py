@@ -13,7 +13,8 @@ def without_figures(monkeypatch):
 
 @pytest.fixture(scope="module")
 def few_builds():
-    """As `made.few_builds` says."""
+    """As `made.few_builds` and `made.few_waves` say."""
     with pytest.MonkeyPatch.context() as patch:
         made.few_builds(patch)
+        made.few_waves(patch)
         yield

@@ -102,7 +102,7 @@ def blocks(report, kind):
     return [block for section in report.sections for block in section.blocks if isinstance(block, kind)]
 
 
-def test_a_design_that_is_not_the_optimum_is_told_with_its_own_numbers(tmp_path):
+def test_a_design_that_is_not_the_optimum_is_told_with_its_own_numbers(tmp_path, few_builds):
     """Of a robust design the goal is told as it is of that design, beside the optimum's."""
     extra = '[robust]\nmaximise = "yield"\ntrials = 64\n[[robust.perturb]]\nplace = "d_2"\ntolerance = "10 um"'
     result = run_optimisation(tomllib.loads(OPTIMIZE + extra), None, tmp_path)
@@ -229,7 +229,7 @@ def test_faults_are_told_with_their_place_and_nothing_is_written(folder, capsys,
     assert not (folder / "out").exists()
 
 
-def test_a_part_that_was_not_found_is_told(folder):
+def test_a_part_that_was_not_found_is_told(folder, few_builds):
     (folder / "story.toml").write_text(
         STORY.replace('optimize = "optimize.toml"', 'optimize = "optimize.toml"\ntake = "robust"')
     )
