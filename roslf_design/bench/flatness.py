@@ -106,7 +106,7 @@ def _fitted(
         return np.asarray(distance(at)[some] / sigma[some])
 
     for _ in range(3):
-        fit = least_squares(left, start, args=(used,))
+        fit = least_squares(left, start, args=(used,), method="lm")
         start, rates = fit.x, np.asarray(fit.jac)
         off = np.abs(distance(start)) / sigma
         before, used = used, off <= np.quantile(off, 1 - REJECTED)
