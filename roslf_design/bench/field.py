@@ -113,21 +113,24 @@ class _Picture:
 
     def left(self, parameters: Array) -> Array:
         """Residuals of shading and the rings' darkness, whose own sizes are fitted for each sight."""
-        columns = np.column_stack([self._dark(parameters), self._shade])
-        return np.asarray(self.values - columns @ np.linalg.lstsq(columns, self.values, rcond=None)[0])
+        dark = self._beside_shading(self._dark(parameters))
+        return np.asarray(self._unshaded - dark * (dark @ self._unshaded / max(float(dark @ dark), 1e-300)))
 
     def contrast(self, parameters: Array) -> float:
         """Correlation of what shading leaves with the rings; below 0 where they are brighter than the paper."""
         return self._contrast(self._dark(parameters))
 
     def _contrast(self, dark: Array) -> float:
-        dark = dark - self._shade @ (self._shade.T @ dark)
+        dark = self._beside_shading(dark)
         return -float(dark @ self._unshaded) / max(float(np.linalg.norm(dark) * np.linalg.norm(self._unshaded)), 1e-30)
 
     @cached_property
     def _unshaded(self) -> Array:
         """Values less their shading."""
-        return np.asarray(self.values - self._shade @ (self._shade.T @ self.values))
+        return self._beside_shading(self.values)
+
+    def _beside_shading(self, values: Array) -> Array:
+        return np.asarray(values - self._shade @ (self._shade.T @ values))
 
     @cached_property
     def _shade(self) -> Array:
@@ -217,7 +220,8 @@ class RingView:
         fitted = seen
         for _ in range(ROUNDS):
             fitted = seen.some(used)
-            parameters = least_squares(fitted.left, parameters, x_scale=scale, max_nfev=50).x
+            # Without bounds, and of many microlenses, a tenth of the time of a trust region's decompositions.
+            parameters = least_squares(fitted.left, parameters, x_scale=scale, method="lm", max_nfev=400).x
             off = np.abs(seen.left(parameters))
             used = outside(parameters) & (off < STRAYS * float(np.sqrt(np.mean(off[used] ** 2))))
         if not fitted.contrast(parameters) > LEAST_SHOWN:

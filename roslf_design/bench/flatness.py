@@ -129,10 +129,12 @@ def _fitted(
         return np.asarray(distance(at)[some] / sigma[some])
 
     for _ in range(3):
-        fit = least_squares(left, start, args=(used,))
+        fit = least_squares(left, start, args=(used,), method="lm")
         start, rates = fit.x, np.asarray(fit.jac)
         off = np.abs(distance(start)) / sigma
-        used = off <= np.quantile(off, 1 - REJECTED)
+        before, used = used, off <= np.quantile(off, 1 - REJECTED)
+        if (used == before).all():
+            break
     wider = max(1.0, float(np.mean(off[used] ** 2)))
     return start, np.asarray(np.linalg.pinv(rates.T @ rates) * window * wider, float), distance(start)
 
@@ -177,6 +179,7 @@ class SphereSpacing(NamedTuple):
             nearest = points[left][np.argsort(points[left][:, 2])[: max(5, int(0.02 * left.sum()))]]
             close = np.linalg.norm(nearest[:, None] - nearest, axis=-1) < 0.4 * radius
             centre = nearest[close[close.sum(axis=1).argmax()]].mean(axis=0) + np.array([0, 0, radius])
+            fitted = np.zeros_like(left)
             for _ in range(6):
                 near = left & (
                     np.abs(np.linalg.norm(points - centre, axis=1) - radius) < max(4 * smooth, 0.15 * radius)
@@ -184,6 +187,9 @@ class SphereSpacing(NamedTuple):
                 near &= points[:, 2] < centre[2] - 0.3 * radius
                 if near.sum() < 20:
                     return None
+                if (near == fitted).all():
+                    break
+                fitted = near
                 centre = SurfaceFit.sphere(points[near], sigma[near], window, centre, radius).parameters
             starts.append(centre)
             left &= np.hypot(*(points - centre)[:, :2].T) > 1.1 * radius

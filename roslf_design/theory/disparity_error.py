@@ -94,7 +94,7 @@ CLOSE, STEP = 0.004, 1e-5
 that; and the step of the differences that tangents are."""
 STEEPEST = 100.0
 """Slope from which on tangents are not taken: where next to nothing is left of a texture, rounding makes them."""
-VALUES = 2**17
+VALUES, CACHED = 2**17, 2**14
 """Values of waves' images at a time: as many as stay at hand of the processor."""
 
 
@@ -678,23 +678,39 @@ def _cut(images: _Images, fx: Array, fy: Array) -> Spectra:
     finest = 2 * math.pi * float((np.abs(fy).max((1, 2, 3)) * half).max(initial=0.0))
     rows = max(ROWS, math.ceil(finest) + ROWS // 2)
     y, weight, left, right = images.openings.strips(rows)
-    # Frequencies along x hang on the row of the lattice alone, those along y differ by whole steps between columns.
-    x = 2 * math.pi * fx[..., :1]
-    middle, half, at = (value[:, None, None, :] for value in ((left + right) / 2, (right - left) / 2, y))
-    phase, angle = x * half, x * middle + 2 * math.pi * fy[..., :1] * at
-    # exp(-i angle), in half the time.
-    turn = np.empty(angle.shape, complex)
-    turn.real, turn.imag = np.cos(angle) * weight[:, None, None, :], np.sin(angle) * -weight[:, None, None, :]
-    square, large = phase * phase, np.abs(phase) > 0.02
-    safe = np.where(large, phase, 1.0)
-    sine = np.sin(safe) / safe
-    flat = 2 * half * np.where(large, sine, 1 - square / 6 * (1 - square / 20))
-    bent = np.where(large, (sine - np.cos(safe)) / safe, phase * (1 / 3 - square / 30 * (1 - square / 28)))
-    lit = turn * flat
-    moment = lit * middle - 2j * (turn * (half**2 * bent))
-    steps = np.exp(-2j * math.pi * (fy - fy[..., :1])[:, 0, 0][:, None, :] * y[..., None])
-    along, over = steps[:, None], (steps * y[..., None])[:, None]
-    return lit @ along, moment @ along, lit @ over
+    # Frequencies along x hang on the row of the lattice alone, those along y differ by whole steps between columns; both
+    # are those of the wave's first row and steps that all waves share: exponentials of sums, in half the time.
+    x, up = (2 * math.pi * f[..., :1] for f in (fx, fy))
+    beside = 2 * math.pi * (fy - fy[..., :1])[:, 0, 0]
+    middle, half, at, share = (
+        (value[:, None, None, :]) for value in ((left + right) / 2, (right - left) / 2, y, weight)
+    )
+
+    def transforms(some: slice) -> Spectra:
+        mid, wide, over, ways = middle[some], half[some], at[some], (x[some], up[some])
+        first, step = [f[:, :, :1] for f in ways], [f[:, :1] - f[:, :1, :1] for f in ways]
+        turn, own = (np.exp(-1j * (along * mid + above * over)) for along, above in (first, step))
+        turn = (turn * share[some]) * own
+        wave, phase = np.exp(1j * first[0] * wide) * np.exp(1j * step[0] * wide), ways[0] * wide
+        near = np.abs(phase) < 0.1
+        small = phase[near]
+        square = small * small
+        phase[near] = 1.0
+        sine = wave.imag / phase
+        bent = (sine - wave.real) / phase
+        sine[near] = 1 - square / 6 * (1 - square / 20 * (1 - square / 42))
+        bent[near] = small * (1 / 3 - square / 30 * (1 - square / 28 * (1 - square / 54)))
+        flat, moment = 2 * wide * sine, np.empty(turn.shape, complex)
+        moment.real, moment.imag = flat * mid, -2 * wide**2 * bent
+        lit, moment = turn * flat, turn * moment
+        columns = np.exp(-1j * beside[some][:, None, None, :] * over.swapaxes(2, 3))
+        return lit @ columns, moment @ columns, lit @ (columns * over.swapaxes(2, 3))
+
+    # Some images at a time, as many as a processor's own memory holds.
+    block = max(1, CACHED // max(1, x[0].size * y.shape[1]))
+    parts = [transforms(slice(start, start + block)) for start in range(0, len(x), block)]
+    light, along, above = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return light, along, above
 
 
 def _transfer(images: _Images, c: _Array, fx: Array, fy: Array) -> Array:

@@ -45,10 +45,10 @@ class Texture:
     def __call__(self, u, v):
         return self.mean + sum(a * np.cos(x * u + y * v + p) for a, x, y, p in self.waves)
 
-    def grid(self, u, v):
-        """At rows v and columns u, each a line of places [pitches]."""
+    def grid(self, u, v, lower=0.0):
+        """At rows v and columns u, each a line of places [pitches]; columns may stand `lower` by numbers of their own."""
         amplitude, along, down, phase = self.waves.T
-        across = amplitude * np.exp(1j * (np.multiply.outer(u, along) + phase))
+        across = amplitude * np.exp(1j * (np.multiply.outer(u, along) - np.multiply.outer(lower, down) + phase))
         return self.mean + np.real(np.einsum("vw,uw->vu", np.exp(1j * np.multiply.outer(v, down)), across))
 
 
@@ -74,7 +74,7 @@ def sharp(texture, disparity, pupil, lit, shape):
         place = u
         for _ in range(40):
             place = u - disparity(place) * along
-        views[t, s] = texture(place, v[:, None] - disparity(place) * down)
+        views[t, s] = texture.grid(place, v, disparity(place) * down)
     return views
 
 

@@ -5,13 +5,14 @@ every gap of air and multiplied by what it meets.
 """
 
 import numpy as np
+from scipy import fft
 
 
 def propagate(field, step, distance, wavelength):
     """A sampled field after `distance` of air, paraxial transfer function, periodic boundaries."""
     f = np.fft.fftfreq(field.shape[0], step)
-    turn = np.exp(-1j * np.pi * wavelength * distance * (f[:, None] ** 2 + f**2))
-    return np.fft.ifft2(np.fft.fft2(field) * turn)
+    turn = np.exp(-1j * np.pi * wavelength * distance * f**2)
+    return fft.ifft2(fft.fft2(field) * (turn[:, None] * turn), overwrite_x=True)
 
 
 def disc_share(x, y, radius, step):
@@ -50,7 +51,8 @@ def sensor_intensity(design, point, *, path=None, lenses=5, coarse=(1024, 6e-3),
     n, step = coarse
     x = (np.arange(n) - n // 2) * step
     reach = distance - design.d_3
-    field = np.exp(1j * np.pi / (wave * reach) * ((x - x0) ** 2 + (x[:, None] - y0) ** 2))
+    along, across = (np.exp(1j * np.pi / (wave * reach) * (x - at) ** 2) for at in (y0, x0))
+    field = along[:, None] * across
     if path is not None:  # behind the FAP's rim it does not matter
         near = np.abs(x) < design.D_F / 2 + step  # the wider extent of a rectangle
         field = np.zeros((n, n), complex)
@@ -61,13 +63,14 @@ def sensor_intensity(design, point, *, path=None, lenses=5, coarse=(1024, 6e-3),
         opening = box_share(x, x[:, None], design.aperture.sides, step)
     field = field * opening / np.sqrt((opening**2).sum() * step**2)
     field = propagate(field, step, design.d_3, wave)
-    field = field * np.exp(-1j * np.pi / (wave * design.f) * (x**2 + x[:, None] ** 2))
+    bend = np.exp(-1j * np.pi / (wave * design.f) * x**2)
+    field = field * (bend[:, None] * bend)
     field = propagate(field, step, design.d_1, wave)
     # Band-limited: read between the samples exactly, from the spectrum.
     m, small = fine
     v = (np.arange(m) - m // 2) * small
     f = np.fft.fftfreq(n, step)
-    spectrum = np.fft.fft2(np.fft.ifftshift(field))
+    spectrum = fft.fft2(np.fft.ifftshift(field))
     half = (lenses * design.d) / 2
     inside = np.abs(v) < half + small
     read = np.exp(2j * np.pi * v[inside][:, None] * f) / n

@@ -13,13 +13,16 @@ def towards_sensor(design, sensor, v):
     return np.exp(2j * np.pi / design.wavelength * path)
 
 
-def from_pupil(design, a, c, v):
-    """The same from pupil points a to aperture points c + v of the microlens at c; columns are pupil points."""
+def from_pupil(design, a, c, v, bent=True):
+    """The same from pupil points a to aperture points c + v of the microlens at c; columns are pupil points.
+
+    Without what is `bent`: of the path what hangs on a, by which kernels to c and to v multiply to that to c + v.
+    """
     # From the FAP through d_3 of air, the lens and d_1 of air: path (A a^2 - 2 a w + D w^2) / 2B, ray matrix A B C D.
     B = design.d_3 + design.d_1 - design.d_1 * design.d_3 / design.f
     D = 1 - design.d_3 / design.f
     w = (c + v)[:, None]
-    return np.exp(2j * np.pi / design.wavelength * (-2 * a * w + D * w**2) / (2 * B))
+    return np.exp(2j * np.pi / design.wavelength * (-2 * a * w + bent * D * w**2) / (2 * B))
 
 
 def aperture(design, samples):
@@ -99,8 +102,12 @@ def square_interference(design, x, y, reach, rings, samples):
     v, dv = aperture(design, samples)
     both = []
     for at, a in ((x, points[:, 0]), (y, points[:, 1])):
+        slanted = from_pupil(design, a, 0.0, v, bent=False)
         fields = [
-            towards_sensor(design, at - c, v) @ (dv[:, None] * from_pupil(design, a, c, v))
+            # Paths to c + v: those to v and to c, and what bends both.
+            (towards_sensor(design, at - c, v) * dv * from_pupil(design, 0.0, c, v)[:, 0])
+            @ slanted
+            * from_pupil(design, a, c, np.zeros(1), bent=False)
             for c in design.d * np.arange(-reach, reach + 1)
         ]
         both.append((np.abs(sum(fields)) ** 2, sum(np.abs(field) ** 2 for field in fields)))
@@ -115,11 +122,18 @@ def round_interference(design, places, centres, rings, samples):
     points, weights = polar(design.D_F / 2, rings, 4 * rings)
     lens, shares = polar(design.d / 2, samples, 4 * samples)
     coherent, alone = 0.0, 0.0
+    # Paths to centre + lens: those to the lens's points and to its centre, and what bends both.
+    slanted = np.prod([from_pupil(design, points[:, k], 0.0, lens[:, k], bent=False) for k in (0, 1)], axis=0)
     for centre in centres:
-        light = shares[:, None] * np.prod(
-            [from_pupil(design, points[:, k], centre[k], lens[:, k]) for k in (0, 1)], axis=0
+        bent, toward = (
+            np.prod(parts, axis=0)
+            for parts in (
+                [from_pupil(design, 0.0, centre[k], lens[:, k])[:, 0] for k in (0, 1)],
+                [from_pupil(design, points[:, k], centre[k], np.zeros(1), bent=False) for k in (0, 1)],
+            )
         )
-        field = np.prod([towards_sensor(design, places[:, k] - centre[k], lens[:, k]) for k in (0, 1)], axis=0) @ light
+        field = np.prod([towards_sensor(design, places[:, k] - centre[k], lens[:, k]) for k in (0, 1)], axis=0)
+        field = (field * (shares * bent)) @ slanted * toward
         coherent, alone = coherent + field, alone + np.abs(field) ** 2
     unit = (design.wavelength * design.d_2) ** 2 / (np.pi * design.d**2 / 4)
     return (np.abs(coherent) ** 2 - alone) @ weights / unit
