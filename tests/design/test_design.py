@@ -307,4 +307,4 @@ def test_a_key_in_the_wrong_table_is_told_where_it_stands():
         loads(dumps(load("paper")).replace("[sensor]\n", '[sensor]\nilluminance = "2 lx"\nmaterial = "N-BK7"\n'))
     text = str(told.value)
     assert "sensor.illuminance: is not a known key; it stands in [light]" in text
-    assert "sensor.material: is not a known key; it stands in [[elements]]" in text
+    assert "sensor.material: is not a known key; it stands in [main_lens] or [[elements]] or [microlens_array]" in text
