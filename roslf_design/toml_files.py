@@ -204,9 +204,13 @@ def _problem(detail: ErrorDetails, model: type[BaseModel]) -> Problem:
     if kind == "extra_forbidden":
         known = dict.fromkeys(key for table in _at(model, detail["loc"][:-1]).models for key in _keys(table))
         other = ELSEWHERE.get(name)
-        return Problem(
-            key, f"is called {other} here" if other in known else f"is not a known key; {nearest(name, known)}"
-        )
+        if other in known:
+            return Problem(key, f"is called {other} here")
+        tables = [_at(model, (table,)) for table in _keys(model)]
+        holding = [table for table in tables if any(name in _keys(one) for one in table.models)]
+        homes = [f"[[{table.key}]]" if table.listed else f"[{table.key}]" for table in holding]
+        remedy = f"it stands in {' or '.join(homes)}" if homes else nearest(name, known)
+        return Problem(key, f"is not a known key; {remedy}")
     such_as = f" such as {json.dumps(at.examples[0])}" if at.examples else ""
     in_list = bool(detail["loc"]) and isinstance(detail["loc"][-1], int)
     if kind == "missing" and in_list:
@@ -240,6 +244,8 @@ def _problem(detail: ErrorDetails, model: type[BaseModel]) -> Problem:
         return Problem(key, f"must be tables, each headed [[{key}]], got {value!r}")
     if kind in TYPES:
         several = f" of {at.entries}" if kind == "tuple_type" and at.entries else ""
+        if several and isinstance(value, str) and not such_as:
+            such_as = f" such as {json.dumps([value] * at.entries)}"
         return Problem(key, f"must be {TYPES[kind]}{several}{'' if in_list else such_as}, got {value!r}")
     return Problem(key, f"{detail['msg'][0].lower()}{detail['msg'][1:]}, got {value!r}")
 

@@ -166,7 +166,8 @@ def _about_conjugates(values: Mapping[str, float | None], bends: bool) -> Iterat
         near = [key for key in near if key == PLANE and given[key] > 0]
     for key in near:
         focal = f"the focal length {shown(given[FOCAL])}"
-        yield Problem(key, f"{shown(given[key])} is not beyond {focal}, so no real image forms; make it longer")
+        seen = f"{shown(given[key])}{', as the main lens sees it,' if bends else ''}"
+        yield Problem(key, f"{seen} is not beyond {focal}, so no real image forms; make it longer")
     if not (missing or near) and abs(residual := float(conjugate_residual(*given.values()))) > RESIDUAL_LIMIT:
         ways = " or ".join(f"{key} (it would become {shown(float(followed(given, key)))})" for key in (DISTANCE, PLANE))
         message = f"f, d_f and d_1 contradict each other: f/d_f + f/d_1 - 1 = {residual:.4g}, not 0; drop {ways}"

@@ -300,3 +300,11 @@ def test_tables_in_a_row_are_counted_from_0_in_messages():
         with pytest.raises(DesignError) as caught:
             loads(paper + text)
         assert [problem.key for problem in caught.value.problems] == [key]
+
+
+def test_a_key_in_the_wrong_table_is_told_where_it_stands():
+    with pytest.raises(DesignError) as told:
+        loads(dumps(load("paper")).replace("[sensor]\n", '[sensor]\nilluminance = "2 lx"\nmaterial = "N-BK7"\n'))
+    text = str(told.value)
+    assert "sensor.illuminance: is not a known key; it stands in [light]" in text
+    assert "sensor.material: is not a known key; it stands in [main_lens] or [[elements]] or [microlens_array]" in text

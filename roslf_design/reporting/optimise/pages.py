@@ -427,7 +427,7 @@ def _left_out(ranking: Ranking) -> Table:
     """Combinations that were optimised and are not listed, each with the reason why."""
     rows = tuple((*ranking.named(number).values(), why) for number, why in ranking.left_out)
     caption = (
-        "Nearest: the value where all limits together are missed least, as far as a local search finds; the one named is "
+        "Nearest: where all limits together are missed least, as far as a local search finds; the limit named is "
         "missed by most there, and alone might come nearer."
     )
     if len(rows) > MOST_LEFT_OUT:
