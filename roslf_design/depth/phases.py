@@ -151,7 +151,7 @@ def _out_of_focus(
     for look in (pupil, aside + disparity * pupil):
         at = np.where(lit, look, 0)
         spreads.append((at**2).sum((0, 1, 2)) - (at.sum((1, 2)) ** 2).sum(0) / np.maximum(lit.sum((0, 1)), 1))
-    return np.sqrt(np.maximum(spreads[1], 0) / np.maximum(spreads[0], 1e-12))
+    return np.asarray(np.sqrt(np.maximum(spreads[1], 0) / np.maximum(spreads[0], 1e-12)))
 
 
 class _Phases(NamedTuple):
