@@ -28,7 +28,6 @@ from ..scenes import Noise, Scene
 from ..theory.colours import filters
 from ..theory.disparity_error import Seen, disparity_sigma
 from ..theory.photometry import NOTHING, dark_variance, electrons, veil_electrons
-from ..theory.quantities import QUANTITIES
 from ..theory.stop_images import MicrolensImages
 from .dense import DenseMap
 from .estimate import DisparityMap, DisparityStatus, PixelNoise, Start, estimate_disparity, saturated, straightened
@@ -447,21 +446,19 @@ def _shared_noise(c: float, window: int) -> tuple[float, float]:
     return float(every.mean() / alone), float(((mean * back**SETTLING) ** 2).mean() / alone)
 
 
-def _aliased(design: Design, texture: Noise | None, true: Array) -> float:
-    """Share of a field in which a texture's finest detail has fewer than `SEEN` microlenses a period, about."""
-    known = np.isfinite(true)
-    if texture is None or not known.any() or min(true.shape) < 2:
+def _aliased(
+    camera: Camera, traced: TracedViews | None, field: LightField, texture: Noise | None, true: Array
+) -> float:
+    """Share of a field in which a texture's finest detail has fewer than `SEEN` microlenses a period."""
+    if texture is None or min(true.shape) < 2:
         return 0.0
-    camera = Camera.of(design.thin_twin)
-    gap = float(design.d_f - design.d_3)
-    step = float(QUANTITIES["object_sample_mm"](camera)) / gap
-    rows, columns = ((np.arange(n) - (n - 1) / 2) * step for n in true.shape)
-    away = true - design.d_3
-    points = np.stack([columns * away, rows[:, None] * away, away])
-    apart = np.max([np.sqrt((np.gradient(points, axis=axis) ** 2).sum(0)) for axis in (1, 2)], axis=0)
-    return (
-        float((apart[np.isfinite(apart)] * SEEN > texture.finest * 1.001).mean()) if np.isfinite(apart).any() else 0.0
+    x, y, along, down = chief_rays(camera, traced, places_on_array(camera, field).reshape(-1, 2)).T.reshape(
+        4, *true.shape
     )
+    points = np.stack([x - along * true, y - down * true, true])
+    apart = np.linalg.norm(np.gradient(points, field.v, field.u, axis=(1, 2)), axis=1).max(0)
+    known = np.isfinite(apart)
+    return float((apart[known] * SEEN > texture.finest * 1.001).mean()) if known.any() else 0.0
 
 
 def simulate(
@@ -564,7 +561,8 @@ def simulate(
     exposed = (picture.pixels * full + veil) / saturation
     return Trial(
         tuple(runs), true, prediction, scene, part, believed, mean, picture, white, viewing,
-        float((exposed >= 1).mean()), float(np.quantile(exposed, 0.999)), _aliased(design, _texture_of(scene), true),
+        float((exposed >= 1).mean()), float(np.quantile(exposed, 0.999)),
+        _aliased(camera, actual.traced, runs[0].field, _texture_of(scene), true),
     )  # fmt: skip
 
 

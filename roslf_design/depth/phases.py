@@ -53,8 +53,8 @@ AMPLITUDES = 4
 UNUSED = 1e12
 """Square of the distance at which nodes count where a view is not used [microlenses^2]."""
 FOCUSED = 1.0
-"""Disparity up to which the mean of a microlens's sure samples tells well enough what it sends for samples of less than
-`SURE` to be used [pitches]."""
+"""Disparity, with aberrations, up to which the mean of a microlens's sure samples tells well enough what it sends for
+samples of less than `SURE` to be used [pitches]."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,11 +134,24 @@ class PhasedViews:
             for nodes, n in ((rows, at.shape[0]), (columns, at.shape[1]))
         ]
         field = _filtered(views.field, freed.usable, kernels, at, near)
-        if not shared and (away := np.abs(disparity) > FOCUSED).any():
+        if not shared and (away := _out_of_focus(views, aside, disparity) > FOCUSED).any():
             sure = np.zeros((*freed.usable.shape, nodes))
             sure[freed.usable] = freed.sure
             field = replace(field, weight=np.where(away & (over_view(sure) < 0.5), 0, field.weight))
         return PreparedViews(field, _sum(views.pupil, spread(slope)), _sum(aside, spread(rest)))
+
+
+def _out_of_focus(
+    views: PreparedViews, aside: NDArray[np.floating], disparity: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Disparity that an ideal lens's views with these places would spread by as these do, shape (v, u) [pitches]."""
+    lit = views.field.weight > 0
+    pupil, aside = (part if part.ndim == 5 else part[..., None, None] for part in (views.pupil, aside))
+    spreads = []
+    for look in (pupil, aside + disparity * pupil):
+        at = np.where(lit, look, 0)
+        spreads.append((at**2).sum((0, 1, 2)) - (at.sum((1, 2)) ** 2).sum(0) / np.maximum(lit.sum((0, 1)), 1))
+    return np.asarray(np.sqrt(np.maximum(spreads[1], 0) / np.maximum(spreads[0], 1e-12)))
 
 
 class _Phases(NamedTuple):

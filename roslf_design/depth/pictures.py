@@ -190,7 +190,8 @@ def default_scene(design: Design) -> Scene:
     )
     slope = min(slope, _steepest(abs(chief_ray_limits(design)[0])))
     contrast = min(design.depth.contrast, MOST_CONTRAST)  # that of a single period may be more
-    texture = Noise(finest=DETAIL * float(QUANTITIES["object_sample_mm"](camera)), contrast=contrast, seed=1)
+    sample = _stretched(design) * float(QUANTITIES["object_sample_mm"](camera))
+    texture = Noise(finest=DETAIL * sample, contrast=contrast, seed=1)
     return Scene(name="slanted wall", objects=(Plane(tilt=(0.0, math.atan(slope)), texture=texture),))
 
 
@@ -203,6 +204,21 @@ def _steepest(sight: float) -> float:
     slopes = np.linspace(0, min(STEEPEST, 1 / max(sight, 1e-9)), 3001)[:-1]
     longer = np.sqrt(1 + slopes**2) / (1 - slopes * sight) ** 2
     return float(slopes[longer <= LONGEST][-1])
+
+
+def _stretched(design: Design) -> float:
+    """How far apart neighbouring chief rays meet the focal plane over first order, where that is most; at least 1."""
+    geometry, share = ArrayGeometry(design), np.linspace(-0.5, 0.5, LOOKS)
+    if geometry.traced is None:
+        return 1.0
+    d = float(geometry.camera.d)
+    along, down = (share * size / abs(design.sensor.relay_magnification) for size in design.sensor.size)
+    places = np.stack(np.meshgrid(along, down), -1).reshape(-1, 1, 2) + d / 2 * np.concatenate([np.eye(2), -np.eye(2)])
+    rays = chief_rays(geometry.camera, geometry.traced, places.reshape(-1, 2))
+    met = (rays[:, :2] - rays[:, 2:] * design.d_f).reshape(-1, 2, 2, 2)
+    apart = met[:, 0] - met[:, 1]
+    most = np.linalg.norm(apart[np.isfinite(apart).all((1, 2))], 2, (1, 2)).max(initial=0.0)
+    return max(1.0, float(most) / float(QUANTITIES["object_sample_mm"](geometry.camera)))
 
 
 def _beside(design: Design, scene: Scene | None, region: Region) -> float:

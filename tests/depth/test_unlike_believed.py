@@ -23,6 +23,7 @@ from roslf_design.reporting.depth.pages import statements
 from roslf_design.scenes import make_scene
 from roslf_design.scenes.scene import chief_ray_limits
 from roslf_design.theory.photometry import exposure
+from roslf_design.traced.camera import camera_of, microlenses, sensor_of_pupil
 from tests.depth.made import Texture, exposed, fewer_rays, sharp
 
 ACROSS, SIZE, ELECTRONS, READ = 7, (56, 56), 4000.0, 10.0
@@ -214,6 +215,34 @@ def test_the_default_wall_shows_no_texture_finer_than_two_microlenses(name):
     x = tangents * gap / (1 - slope * tangents)
     steps = np.hypot(np.diff(x), slope * np.diff(x)) / (gap * np.diff(tangents))
     assert 2.5 / steps.max() >= 2.0
+
+
+@pytest.mark.parametrize("name", ["paper-singlet", "grin-needle"])
+def test_a_real_lens_sees_the_default_texture_on_a_wall_that_faces_it(name):
+    """Rays from the FAP's middle to neighbouring microlenses, half a step to either side of corners and rims."""
+    design = roslf.load(name)
+    lens, finest = camera_of(design), default_scene(design).objects[0].texture.finest
+    half = np.array(design.sensor.size) / 2 / abs(design.sensor.relay_magnification)
+    apart = []
+    for step in design.d / 2 * np.eye(2):
+        ends = (np.array([(1.0, 1.0), (1.0, 0.0), (0.3, 0.9), (0.0, 0.0)]) * half + way * step for way in (-1, 1))
+        rays = (sensor_of_pupil(lens, microlenses(design, end), lens.fap.centre).views for end in ends)
+        first, second = (ray.at(lens.fap.z - lens.first_order.front_principal + design.d_f) for ray in rays)
+        apart.append(second - first)
+    longest = np.linalg.svd(np.stack(apart, 1), compute_uv=False).max(1)
+    assert finest / longest.max() == pytest.approx(2.5, rel=0.01)
+    assert finest / longest[-1] > 2.7
+
+
+def test_texture_is_finer_to_the_side_of_a_real_lens(monkeypatch):
+    """The singlet spreads its field towards the sides, by more than a tenth: 2.1 steps of the axis alias there."""
+    design = roslf.load("paper-singlet")
+    fewer_rays(monkeypatch)
+    texture = {"kind": "noise", "finest": 2.1 * float(roslf.quantity("object_sample_mm")(Camera.of(design.thin_twin)))}
+    scene = make_scene({"objects": [{"kind": "plane", "distance": design.d_f, "texture": texture}]})
+    width, height = Camera.of(design.thin_twin).pixels
+    for left, share in ((width // 2 - 50, 0.0), (width // 10, 1.0)):
+        assert simulate(design, scene, PictureOptions(region=(left, height // 2 - 50, 100, 100))).aliased == share
 
 
 def test_texture_too_fine_is_called_aliasing(monkeypatch):
