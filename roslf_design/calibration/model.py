@@ -390,9 +390,12 @@ def _cross_matrix(vector: NDArray[Any]) -> NDArray[Any]:
     return np.tensordot(vector, _TURNS, 1)
 
 
+_GAUSS = np.polynomial.legendre.leggauss(12)
+
+
 def _right_jacobian(vector: NDArray[Any]) -> NDArray[Any]:
     """Right Jacobian J of the rotation vector: ``R(r + dr) = R(r) R(J dr)``; the mean of R(-s r) for s from 0 to 1."""
-    nodes, weights = np.polynomial.legendre.leggauss(12)
+    nodes, weights = _GAUSS
     turned = rotation_matrix(vector[..., None, :] * (-0.5 - nodes[:, None] / 2))
     return np.asarray((weights[:, None, None] / 2 * turned).sum(axis=-3))
 

@@ -50,11 +50,13 @@ def white_image(shape, centres, radius, cut_radius=None, cut_shift=None, noise=0
         ex, ey = dx[edge], dy[edge]
         tx, ty = (np.broadcast_to(t[:, n : n + 1], dx.shape)[edge] for n in (0, 1))
         area = np.zeros(ex.shape)
-        for oy in offset:
-            for ox in offset:
-                inside = (ex + ox) ** 2 + (ey + oy) ** 2 < radius**2
+        across, down = (np.square(e + offset[:, None]) for e in (ex, ey))
+        aside, below = (np.square(e + offset[:, None] - t) for e, t in ((ex, tx), (ey, ty)))
+        for y, y_cut in zip(down, below, strict=True):
+            for x, x_cut in zip(across, aside, strict=True):
+                inside = x + y < radius**2
                 if cut < math.inf:
-                    inside &= (ex + ox - tx) ** 2 + (ey + oy - ty) ** 2 < cut**2
+                    inside &= x_cut + y_cut < cut**2
                 area += inside
         value[edge] = area / SUB**2
         if light is not None:

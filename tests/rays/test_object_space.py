@@ -121,7 +121,7 @@ def test_a_rod_is_its_ray_equation(medium):
                 pull = -mp.mpf("1.6") * mp.mpf("0.25") ** 2 * index(v[0], v[1]) / forward**2
                 return [v[2], v[3], pull * v[0], pull * v[1]]
 
-            x, y, u, v = mp.odefun(step, 0, [x, y, way[0] / forward, way[1] / forward], tol=mp.mpf("1e-16"))(7)
+            x, y, u, v = mp.odefun(step, 0, [x, y, way[0] / forward, way[1] / forward], tol=mp.mpf("1e-14"))(7)
             p = [u * forward / n_m, v * forward / n_m]
             local = mp.matrix([x, y, -7]), mp.matrix([*p, -mp.sqrt(1 - p[0] ** 2 - p[1] ** 2)])
             out = [sum((axes[k] * part[k] for k in range(3)), mp.zeros(3, 1)) for part in local]
@@ -240,9 +240,9 @@ def test_many_rays_through_a_mapped_objective_are_single_ones():
     lines = np.random.default_rng(3).uniform(-0.5, 0.5, (4, 2000))
     many = space.rays(tuple(lines[:2]), tuple(lines[2:]))
     assert not many.status.any()
-    single = [space.rays(tuple(line[:2]), tuple(line[2:])) for line in lines[:, :200].T]
-    np.testing.assert_array_equal([found.height for found in single], many.height[:, :200].T)
-    np.testing.assert_array_equal([found.slope for found in single], many.slope[:, :200].T)
+    single = [space.rays(tuple(line[:2]), tuple(line[2:])) for line in lines[:, :50].T]
+    np.testing.assert_array_equal([found.height for found in single], many.height[:, :50].T)
+    np.testing.assert_array_equal([found.slope for found in single], many.slope[:, :50].T)
 
 
 @pytest.mark.parametrize("mapping", ["f tan", "f theta"])
