@@ -9,7 +9,7 @@ import pytest
 sys.path.insert(0, os.path.dirname(__file__))
 from pages import blocks, follow, matches, steps, thin_out
 
-from tests.reporting.made import few_waves
+from tests.reporting.made import few_waves, views_as_refocused
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGES = [
@@ -26,6 +26,8 @@ def test_page_does_what_it_says(page, tmp_path, monkeypatch, request, blank_pngs
     thin_out(monkeypatch)
     if page.stem in ("tolerance", "report", "optimise"):  # which print no depth precision
         few_waves(monkeypatch)
+    elif page.stem == "endoscope":
+        views_as_refocused(monkeypatch)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "100")
     assert follow(page, tmp_path) > 0
