@@ -105,7 +105,8 @@ def square_interference(design, x, y, reach, rings, samples):
         slanted = from_pupil(design, a, 0.0, v, bent=False)
         fields = [
             # Paths to c + v: those to v and to c, and what bends both.
-            (towards_sensor(design, at - c, v) * dv * from_pupil(design, 0.0, c, v)[:, 0]) @ slanted
+            (towards_sensor(design, at - c, v) * dv * from_pupil(design, 0.0, c, v)[:, 0])
+            @ slanted
             * from_pupil(design, a, c, np.zeros(1), bent=False)
             for c in design.d * np.arange(-reach, reach + 1)
         ]
