@@ -678,13 +678,12 @@ def _cut(images: _Images, fx: Array, fy: Array) -> Spectra:
     finest = 2 * math.pi * float((np.abs(fy).max((1, 2, 3)) * half).max(initial=0.0))
     rows = max(ROWS, math.ceil(finest) + ROWS // 2)
     y, weight, left, right = images.openings.strips(rows)
-    # Frequencies along x hang on the row of the lattice alone, those along y differ by whole steps between columns; both
-    # are those of the wave's first row and steps that all waves share: exponentials of sums, in half the time.
+    # Frequencies along x hang on the row of the lattice alone, those along y differ by whole steps between columns.
+    # Both are the wave's in the first row and steps that all waves share: exponentials of sums, in half the time.
     x, up = (2 * math.pi * f[..., :1] for f in (fx, fy))
     beside = 2 * math.pi * (fy - fy[..., :1])[:, 0, 0]
-    middle, half, at, share = (
-        (value[:, None, None, :]) for value in ((left + right) / 2, (right - left) / 2, y, weight)
-    )
+    of_rows = ((left + right) / 2, (right - left) / 2, y, weight)
+    middle, half, at, share = (value[:, None, None, :] for value in of_rows)
 
     def transforms(some: slice) -> Spectra:
         mid, wide, over, ways = middle[some], half[some], at[some], (x[some], up[some])

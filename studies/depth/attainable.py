@@ -120,7 +120,8 @@ def attainable(
     each = design.depth.contrast / (side * fine) * math.sqrt(1 / (math.pi * math.log(2)))
     each = np.where(fine * DETAIL <= 1, each, 0.0) * LENS_SHAPES[camera.lens_shape].blur(*k.T)
     phase = 2 * math.pi * (lenses[lens] - disparity * pupil) @ k.T
-    waves = np.concatenate([np.cos(phase), np.sin(phase), np.ones((len(phase), 1))], 1)
+    cosine, sine = np.cos(phase), np.sin(phase)
+    waves = np.concatenate([cosine, sine, np.ones((len(phase), 1))], 1)
     gather = sparse.csr_matrix((light * full[pixel], (pixel, np.arange(pixel.size))), shape=(len(pixels), pixel.size))
     texture = gather @ waves
     number = np.where(window, 0, np.cumsum(~window))[lens]
@@ -134,7 +135,7 @@ def attainable(
         inverses.append(np.linalg.inv(normal + TINY * np.trace(normal) / len(normal) * np.eye(len(normal))))
     for _ in range(draws):
         a, b = rng.standard_normal((2, len(k))) * each
-        slope = 2 * math.pi * (np.cos(phase) * b - np.sin(phase) * a) @ k
+        slope = 2 * math.pi * (cosine @ (b[:, None] * k) - sine @ (a[:, None] * k))
         moved = into_pixels(-(pupil * slope).sum(1) * light * full[pixel], int((~window).sum()) + 1, number)
         for one, weight, inverse in zip(found, weights, inverses, strict=True):
             mixed = texture.T @ (weight * moved)

@@ -46,7 +46,7 @@ class Texture:
         return self.mean + sum(a * np.cos(x * u + y * v + p) for a, x, y, p in self.waves)
 
     def grid(self, u, v, lower=0.0):
-        """At rows v and columns u, each a line of places [pitches]; columns may stand `lower` by numbers of their own."""
+        """At rows v and columns u, each a line of places [pitches]; columns may stand `lower`, each by its own."""
         amplitude, along, down, phase = self.waves.T
         across = amplitude * np.exp(1j * (np.multiply.outer(u, along) - np.multiply.outer(lower, down) + phase))
         return self.mean + np.real(np.einsum("vw,uw->vu", np.exp(1j * np.multiply.outer(v, down)), across))

@@ -397,7 +397,7 @@ def test_bars_of_effects_are_as_long_as_their_shares():
 @pytest.mark.parametrize("turn", [0.0, 0.2])
 def test_a_hexagonal_array_is_hexagonal_by_rays_by_waves_and_in_its_cell(turn):
     """Six neighbours a pitch away, at 60 degrees; the cell's corners lie between them."""
-    changes = {"microlens_array.layout": "hexagonal", "microlens_array.rotation": turn, "light.wavelength": 2e-5}
+    changes = {"microlens_array.layout": "hexagonal", "microlens_array.rotation": turn, "light.wavelength": 4e-5}
     design = PAPER.replace(changes)
     rays, waves = rays_and_waves(design, samples=41).panels[::2]
     (ray,), (wave,) = ([mark for mark in panel.marks if isinstance(mark, Image)] for panel in (rays, waves))
