@@ -289,8 +289,8 @@ def estimate_disparity(
     largest_chi2 : float
         Chi-square per degree of freedom above which views disagree.
     passes : int
-        Corrections after the search; the first two take half of the views, where these are many. With 0 there is only
-        a search, and what lies outside by it.
+        Corrections after the search; the first two take half of the views, where these are many: of views with many
+        pixels a quarter, the first of them four by four. With 0 there is only a search, and what lies outside by it.
     edges : bool
         Whether windows at odds are looked at once more for what smaller windows, and quarters of the views, have there.
     begun : Start, optional
@@ -327,7 +327,7 @@ def estimate_disparity(
     bound = (low - first.step, high + first.step)
     seen: tuple[bool, bool, SharedLight] | None = None
     passes = passes if fresh else 1 if coarse else min(passes, 3)
-    for count in range(int(coarse and fresh), passes):
+    for count in range(min(int(coarse and fresh), passes - 1), passes):
         progress((1 + count / passes) / 3)
         # Half of many views suffices to come near. What has settled is not looked at again.
         half, robust = most and fresh and count < 2, not fresh or count > 0
@@ -364,7 +364,14 @@ def _with_edges(
     left, above = ((side <= 0, side > 0) for side in views.pupil.mean(axis=(2, 3)))
     few = views.sparse if len(views.grid) >= _MANY else np.ones(len(views.grid), np.bool_)
     found = past_edges(
-        look, wanted, [a & b for a in left for b in above], few, judged.disparity, every.look, largest_sigma, alike
+        look,
+        wanted,
+        [a & b for a in left for b in above if (a & b).sum() > 2],
+        few,
+        judged.disparity,
+        every.look,
+        largest_sigma,
+        alike,
     )
     new = np.isfinite(found.sigma) & (found.disparity >= low) & (found.disparity <= high)
     disparity = np.where(new, found.disparity, judged.disparity)
@@ -441,7 +448,7 @@ class _AllViews:
             for each, window in zip(square, windows, strict=True):
                 each += box(pull, window) ** 2
         information = np.stack([box(lent, window) for window in windows])
-        return np.divide(square, information, out=np.zeros_like(square), where=information > 0)
+        return np.asarray(np.divide(square, information, out=np.zeros_like(square), where=information > 0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -625,7 +632,7 @@ class _Zones(NamedTuple):
     candidates: Array
     """Disparities, equally far from each other, one beyond either end."""
     views: _Views
-    """Those that were grouped."""
+    """Views that were grouped."""
 
     @classmethod
     def of(cls, views: _Views, noise: PixelNoise, low: float, high: float, coarse: bool = False) -> _Zones:

@@ -31,6 +31,8 @@ _PICKED = 1.3
 """Factor by which the least of the errors of many windows is taken as too small: chosen on rendered light fields, not
 derived."""
 _BESIDE, _TWO = 12, 0.5
+"""Reach of the known disparities, every other one, that tell which surfaces are beside a microlens, and difference of
+theirs from which these are two [pitches]."""
 _DEPTH_STEP, BESIDE_STEP = 0.9, 2.0
 """Difference of known disparities within `SIZES[0]` that is a depth step [pitches], and the factor by which errors are
 larger there than windows tell: pixels show some of both sides. Chosen on rendered light fields, not derived."""

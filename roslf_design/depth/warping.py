@@ -418,8 +418,9 @@ def _interpolate(
         a, b = left[u], above[u]
         while end < light.size and light[end] > 0 and left[end] - end == a - u and above[end] == b:
             end += 1
-        # Whole vectors, as far as there is anything: what lies beyond its run is written over by the next.
-        count = min((end - u + _VECTOR - 1) // _VECTOR * _VECTOR, light.size - u, spline.shape[1] - TAPS + 1 - a)
+        # Whole vectors, if half of the first is needed: what lies beyond its run is written over by the next.
+        count = (end - u + _VECTOR - 1) // _VECTOR * _VECTOR if 2 * (end - u) >= _VECTOR else end - u
+        count = min(count, light.size - u, spline.shape[1] - TAPS + 1 - a)
         wide = slice(a, a + count + TAPS - 1)
         first, second, third, fourth = spline[b, wide], spline[b + 1, wide], spline[b + 2, wide], spline[b + 3, wide]
         fifth, sixth, seventh, last = spline[b + 4, wide], spline[b + 5, wide], spline[b + 6, wide], spline[b + 7, wide]
