@@ -557,7 +557,10 @@ def simulate(
         )
         runs.append(run.within(rows, columns))
     true = true[rows, columns]
-    prediction = _predict(design, scene, runs[0].field, true, runs[0].disparities.window, actual.traced)
+    seen = float(np.isfinite(true).mean())
+    bright = (level - (1 - seen) * scene.background) / seen if seen else level
+    texture = assumed(design, scene, runs[0].disparities.window, bright if bright > 0 else level)
+    prediction = _predict(texture, runs[0].field, true, actual.traced)
     exposed = (picture.pixels * full + veil) / saturation
     return Trial(
         tuple(runs), true, prediction, scene, part, believed, mean, picture, white, viewing,
@@ -599,24 +602,27 @@ def _texture_of(scene: Scene) -> Noise | None:
     return noise[0] if len(kinds) == 1 and len(noise) == len(textures) else None
 
 
-def assumed(design: Design, scene: Scene, window: int) -> Design:
-    """The design with the texture that errors are predicted for: the scene's where that is known, else its own."""
+def assumed(design: Design, scene: Scene, window: int, level: float | None = None) -> Design:
+    """The design with the texture that errors are predicted for: the scene's where that is known, else its own.
+
+    Where the mean `level` over white of a part is known, contrast is relative to that: coarse octaves make a part
+    brighter or darker than the whole, detail no stronger or fainter, and the exposure gives its mean the same light.
+    """
     settings: dict[str, Any] = {"depth.window": window}
     texture = _texture_of(scene)
     if texture is not None:
+        brightness = 1.0 if level is None else level / texture.mean
         settings |= {
-            "depth.contrast": max(texture.contrast, 1e-9),
+            "depth.contrast": max(texture.contrast / brightness, 1e-9),
             "depth.finest": texture.finest,
             "depth.period": None,
         }
     return design.replace(settings)
 
 
-def _predict(
-    design: Design, scene: Scene, field: LightField, true: Array, window: int, traced: TracedViews | None = None
-) -> Prediction:
-    """Standard errors that light, noise and the scene's texture allow, at microlenses all over a light field."""
-    camera = Camera.of(assumed(design, scene, window).thin_twin)
+def _predict(texture: Design, field: LightField, true: Array, traced: TracedViews | None = None) -> Prediction:
+    """Standard errors that light, noise and the texture `assumed` allow, at microlenses all over a light field."""
+    camera = Camera.of(texture.thin_twin)
     beside = NOTHING._replace(veil=veil_electrons(camera))
     rows, columns = (
         np.unique(np.linspace(0, n - 1, min(n, PREDICTED) + 2)[1:-1].round().astype(int)) for n in true.shape

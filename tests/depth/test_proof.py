@@ -7,6 +7,9 @@ import pytest
 
 from roslf_design.camera import Camera
 from roslf_design.depth.geometry import disparity_of
+from roslf_design.depth.measure import assumed
+from roslf_design.design import load
+from roslf_design.scenes import make_scene
 from roslf_design.theory.stop_images import MicrolensImages
 from studies.depth.depth_proof import BARS, LIGHTS, SCENES, WINDOW, aside_of_edges, judged, pooled, trials, view_of
 from studies.depth.proof_cameras import FIELD, KEPT, cameras, place
@@ -109,3 +112,21 @@ def test_cameras_hold_in_small(few_rays):
     verdict = pooled(every)
     assert list(verdict.missed(3.0)) == []
     assert verdict.known.value > BARS["known"].low
+
+
+def test_detail_is_as_strong_in_the_dark_parts_of_a_texture_and_so_predicted_with_more_contrast():
+    """The part's mean over white tells its contrast: brightness comes of coarse octaves, detail of fine ones."""
+    wall = {"kind": "plane", "distance": 300.0, "texture": {"kind": "noise", "finest": 1.0, "contrast": 0.12}}
+    scene = make_scene({"name": "wall", "objects": [wall]})
+    texture = scene.surfaces[0].texture
+    blocks = texture.load()[:480, :480].reshape(30, 16, 30, 16).swapaxes(1, 2).reshape(-1, 16, 16).astype(float)
+    mean, order = blocks.mean((1, 2)), np.argsort(blocks.mean((1, 2)))
+    detail = np.sqrt((np.diff(blocks, axis=1) ** 2).mean((1, 2)))
+    dark, bright = order[:90], order[-90:]
+    assert mean[dark].mean() < 0.85 * mean[bright].mean()
+    assert detail[dark].mean() == pytest.approx(detail[bright].mean(), rel=0.05)
+    contrasts = [assumed(load("paper"), scene, 5, float(mean[some].mean())).depth.contrast for some in (dark, bright)]
+    assert contrasts[0] / contrasts[1] == pytest.approx(
+        (detail[dark] / mean[dark]).mean() / (detail[bright] / mean[bright]).mean(), rel=0.06
+    )
+    assert assumed(load("paper"), scene, 5).depth.contrast == texture.contrast
