@@ -64,7 +64,7 @@ def project(root, tmp_path, monkeypatch, near_light, few_rays, blank_pngs):
     thin_out(monkeypatch)
     few_waves(monkeypatch)
     monkeypatch.setattr(robust, "SHARP", robust.SHARP[:1])
-    few = [case for case in hard_rows.all_cases() if case.name in ("d_3 → d_f", "discs near tangency")]
+    few = [case for case in hard_rows.all_cases() if case.name in ("d_1 → f", "discs near tangency")]
     monkeypatch.setattr(hard_rows, "all_cases", lambda: few)
     return tmp_path
 
