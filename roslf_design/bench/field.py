@@ -220,7 +220,7 @@ class RingView:
         fitted = seen
         for _ in range(ROUNDS):
             fitted = seen.some(used)
-            # Without bounds, and of many microlenses, a tenth of the time of a trust region's decompositions.
+            # Without bounds no tall matrix need be decomposed at every step, as a trust region does.
             parameters = least_squares(fitted.left, parameters, x_scale=scale, method="lm", max_nfev=400).x
             off = np.abs(seen.left(parameters))
             used = outside(parameters) & (off < STRAYS * float(np.sqrt(np.mean(off[used] ** 2))))
