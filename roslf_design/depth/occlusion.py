@@ -33,6 +33,10 @@ derived."""
 _BESIDE, _TWO = 12, 0.5
 """Reach of the known disparities, every other one, that tell which surfaces are beside a microlens, and difference of
 theirs from which these are two [pitches]."""
+_ROUNDS = 2
+"""Rounds of such looks: what the first told is known beside in the next."""
+_FURTHEST = 0.5
+"""Change of disparity that a slope tells roughly [pitches]: the outermost views move by half a microlens."""
 _DEPTH_STEP, BESIDE_STEP = 0.9, 2.0
 """Difference of known disparities within `SIZES[0]` that is a depth step [pitches], and the factor by which errors are
 larger there than windows tell: pixels show some of both sides. Chosen on rendered light fields, not derived."""
@@ -130,6 +134,14 @@ def _sides(disparity: Array, wanted: Flags, reach: int, sides: Array) -> None:
                 sides[side, v, u] = sums[side, 1] / max(sums[side, 0], 1e-30)
 
 
+def _settled(look: SharedLight) -> tuple[Array, Array]:
+    """Disparities by one correction over small windows, and chi-square per degree of freedom about these."""
+    raw, moment = (box(np.where(look.gradient[2], part, 0), SIZES[0]) for part in look.moments)
+    change = np.clip(-moment / np.maximum(raw, 1e-9), -_FURTHEST, _FURTHEST)
+    squares, freedom = box(look.sums[9], SIZES[0]) + (2 * moment + raw * change) * change, box(look.sums[10], SIZES[0])
+    return look.disparity + change, np.where(freedom > 1, squares / np.maximum(freedom, 1), np.inf)
+
+
 def past_edges(
     first: SharedLight, wanted: Flags, quarters: Sequence[Flags], few: Flags, disparity: Array,
     look: Callable[..., SharedLight], largest_sigma: float, alike: Sequence[float] | None,
@@ -142,23 +154,25 @@ def past_edges(
     """
     found = _Offered.none(wanted.shape)
     found.take(first, wanted, largest_sigma, alike)
-    wanted = wanted & ~np.isfinite(found.sigma)
-    if not wanted.any():
-        return found
-    near = ndimage.binary_dilation(wanted, iterations=4)
-    sides = np.full((2, *wanted.shape), np.nan)
-    with THREADS:
-        _sides.compiled(np.where(np.isfinite(found.sigma), found.disparity, disparity), near, _BESIDE, sides)
-    least, chosen = np.full(wanted.shape, 1e30), np.full((len(quarters), *wanted.shape), np.nan)
-    for own, some in zip(chosen, quarters, strict=True):
-        for side in sides:
-            sums = look([(some & few, side)], first.picture).sums
-            squares, freedom = box(sums[9], SIZES[0]), box(sums[10], SIZES[0])
-            better = np.isfinite(side) & (freedom > 1) & (squares < least * freedom)
-            least[better] = squares[better] / freedom[better]
-            chosen[:, better] = np.nan
-            own[better] = side[better]
-    found.take(look([*zip(quarters, chosen, strict=True)], first.picture), wanted, largest_sigma, alike)
+    tried = np.full((len(quarters), *wanted.shape), np.nan)
+    for _ in range(_ROUNDS):
+        wanted = wanted & ~np.isfinite(found.sigma)
+        if not wanted.any():
+            break
+        near, known = ndimage.binary_dilation(wanted, iterations=4), np.isfinite(found.sigma)
+        sides = np.full((2, *wanted.shape), np.nan)
+        with THREADS:
+            _sides.compiled(np.where(known, found.disparity, disparity), near, _BESIDE, sides)
+        least, chosen = np.full(wanted.shape, 1e30), np.full((len(quarters), *wanted.shape), np.nan)
+        for own, some, before in zip(chosen, quarters, tried, strict=True):
+            for side in sides:
+                settled, cost = _settled(look([(some & few, side)], first.picture))
+                better = np.isfinite(side) & (cost < least) & ~(np.abs(settled - before) <= SETTLED)
+                least[better] = cost[better]
+                chosen[:, better] = np.nan
+                own[better] = settled[better]
+        found.take(look([*zip(quarters, chosen, strict=True)], first.picture), wanted, largest_sigma, alike)
+        tried = chosen
     return found
 
 
