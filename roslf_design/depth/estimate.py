@@ -363,12 +363,17 @@ def _with_edges(
     views, (low, high) = every.views, judged.search
     left, above = ((side <= 0, side > 0) for side in views.pupil.mean(axis=(2, 3)))
     few = views.sparse if len(views.grid) >= _MANY else np.ones(len(views.grid), np.bool_)
+    known = judged.disparity[judged.measured]
+    least, most = (max(low, known.min() - 1), min(high, known.max() + 1)) if known.size else (low, high)
     found = past_edges(
         look,
         wanted,
         [a & b for a in left for b in above if (a & b).sum() > 2],
         few,
         judged.disparity,
+        lambda some, near: _searched(
+            views.some(some), every.noise, least, most, SIZES[0], every.field, min(views.shape) >= MANY_PIXELS, near
+        ).disparity,
         every.look,
         largest_sigma,
         alike,
@@ -663,9 +668,10 @@ class _Zones(NamedTuple):
 
 
 def _searched(
-    views: _Views, noise: PixelNoise, low: float, high: float, window: int, field: LightField, coarse: bool = False
+    views: _Views, noise: PixelNoise, low: float, high: float, window: int, field: LightField, coarse: bool = False,
+    near: Flags | None = None,
 ) -> Start:  # fmt: skip
-    """Best of all candidates at every microlens, by the spread of groups of views about their mean.
+    """Best of all candidates at every microlens, or those `near`, by the spread of groups of views about their mean.
 
     `coarse`: of microlenses four by four together.
     """
@@ -673,10 +679,11 @@ def _searched(
     shape, fine, size, step = overall.shape, views.shape, 1 + coarse, float(candidates[1] - candidates[0])
     window = window // 2 | 1 if coarse else window
     pitches = size * views.steps[0], size * views.steps[1]
+    where = np.ones(shape, np.bool_) if near is None else near[::size, ::size][: shape[0], : shape[1]].copy()
     squares, freedoms, means = np.zeros((3, len(candidates), *shape), np.float32)
     with THREADS:
         shown = overall.astype(np.float32)
-        spread_of_zones.compiled(zones, cells, shown, candidates, pitches, squares, freedoms, means)
+        spread_of_zones.compiled(zones, cells, shown, candidates, pitches, where, squares, freedoms, means)
     totals, freedoms = (box(each, window) for each in (squares, freedoms))
     best = np.zeros(shape, np.int64)
     part, least, second, level = np.zeros((4, *shape))
@@ -689,12 +696,13 @@ def _searched(
         margin = np.where(np.isfinite(second), ((second - least) - 0.02 * (level - least)) * freedom, np.inf)
     beyond = [float(np.mean((best == end) & (least < _CLEAR * level))) for end in (0, len(candidates) - 1)]
     picture: Array = np.where(np.isfinite(least), means[best, rows, columns], overall)
-    if coarse:
+    if coarse and near is None:
         # One correction of these costs a quarter of one of all pixels.
         chosen = np.ones(len(some.grid), np.bool_)
         look = _AllViews(some, noise, field).look([(chosen, start)], picture, robust=False)
         picture, fit = look.picture, WindowFit.of(look, window)
         start = np.clip(np.where(np.isfinite(fit.sigma), fit.disparity, start), start - 0.5, start + 0.5)
+    if coarse:
         down, along = (np.minimum(np.arange(n) // 2, n // 2 - 1) for n in fine)
         start, picture, margin = (each[down[:, None], along] for each in (start, picture, margin))
     return Start(start, picture, margin, step, noise, outside=(beyond[0], beyond[1]))

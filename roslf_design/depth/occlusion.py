@@ -33,8 +33,6 @@ derived."""
 _BESIDE, _TWO = 12, 0.5
 """Reach of the known disparities, every other one, that tell which surfaces are beside a microlens, and difference of
 theirs from which these are two [pitches]."""
-_ROUNDS = 2
-"""Rounds of such looks: what the first told is known beside in the next."""
 _FURTHEST = 0.5
 """Change of disparity that a slope tells roughly [pitches]: the outermost views move by half a microlens."""
 _DEPTH_STEP, BESIDE_STEP = 0.9, 2.0
@@ -108,11 +106,12 @@ def _take_best(
 def _sides(disparity: Array, wanted: Flags, reach: int, sides: Array) -> None:
     """Disparities of the farther and the nearer surface about some microlenses, by the known ones within `reach`."""
     rows, columns = disparity.shape
-    for v in prange(rows):
-        for u in range(columns):
-            if not wanted[v, u]:
+    # Every other one tells enough, of four together.
+    for half in prange((rows + 1) // 2):
+        v = 2 * half
+        for u in range(0, columns, 2):
+            if not wanted[v : v + 2, u : u + 2].any():
                 continue
-            # Every other one tells enough.
             top, bottom = v - reach if v >= reach else v % 2, min(v + reach + 1, rows)
             left, right = u - reach if u >= reach else u % 2, min(u + reach + 1, columns)
             least, most = math.inf, -math.inf
@@ -131,12 +130,13 @@ def _sides(disparity: Array, wanted: Flags, reach: int, sides: Array) -> None:
                         sums[side, 0] += weight
                         sums[side, 1] += weight * disparity[b, a]
             for side in range(2 if most > least + _TWO else 1):
-                sides[side, v, u] = sums[side, 1] / max(sums[side, 0], 1e-30)
+                sides[side, v : v + 2, u : u + 2] = sums[side, 1] / max(sums[side, 0], 1e-30)
 
 
 def _settled(look: SharedLight) -> tuple[Array, Array]:
     """Disparities by one correction over small windows, and chi-square per degree of freedom about these."""
-    raw, moment = (box(np.where(look.gradient[2], part, 0), SIZES[0]) for part in look.moments)
+    down, along = np.gradient(look.picture, *look.steps[::-1])
+    raw, moment = (box(part, SIZES[0]) for part in look.moments_by(along, down))
     change = np.clip(-moment / np.maximum(raw, 1e-9), -_FURTHEST, _FURTHEST)
     squares, freedom = box(look.sums[9], SIZES[0]) + (2 * moment + raw * change) * change, box(look.sums[10], SIZES[0])
     return look.disparity + change, np.where(freedom > 1, squares / np.maximum(freedom, 1), np.inf)
@@ -144,7 +144,7 @@ def _settled(look: SharedLight) -> tuple[Array, Array]:
 
 def past_edges(
     first: SharedLight, wanted: Flags, quarters: Sequence[Flags], few: Flags, disparity: Array,
-    look: Callable[..., SharedLight], largest_sigma: float, alike: Sequence[float] | None,
+    search: Callable[[Flags, Flags], Array], look: Callable[..., SharedLight], largest_sigma: float, alike: Sequence[float] | None,
 ) -> _Offered:  # fmt: skip
     """Disparities of the microlenses `wanted`, where other windows or a quarter of the views have them.
 
@@ -155,7 +155,7 @@ def past_edges(
     found = _Offered.none(wanted.shape)
     found.take(first, wanted, largest_sigma, alike)
     tried = np.full((len(quarters), *wanted.shape), np.nan)
-    for _ in range(_ROUNDS):
+    for last in (False, True):
         wanted = wanted & ~np.isfinite(found.sigma)
         if not wanted.any():
             break
@@ -164,8 +164,11 @@ def past_edges(
         with THREADS:
             _sides.compiled(np.where(known, found.disparity, disparity), near, _BESIDE, sides)
         least, chosen = np.full(wanted.shape, 1e30), np.full((len(quarters), *wanted.shape), np.nan)
+        wide = ndimage.binary_opening(wanted, np.ones((SIZES[0], SIZES[0]), np.bool_)) & last
+        about = ndimage.binary_dilation(wide, iterations=4)
         for own, some, before in zip(chosen, quarters, tried, strict=True):
-            for side in sides:
+            others = [np.where(about, search(some & few, about), np.nan)] if wide.any() else []
+            for side in (*sides, *others):
                 settled, cost = _settled(look([(some & few, side)], first.picture))
                 better = np.isfinite(side) & (cost < least) & ~(np.abs(settled - before) <= SETTLED)
                 least[better] = cost[better]

@@ -327,10 +327,10 @@ def _spread(sums: Sums, start: int, stop: int, squares: Samples, freedom: Sample
 
 @kernel(parallel=True)
 def spread_of_zones(
-    zones: Samples, cells: Samples, picture: Samples, candidates: Lines, steps: tuple[float, float], squares: Samples,
-    freedom: Samples, mean: Samples,
+    zones: Samples, cells: Samples, picture: Samples, candidates: Lines, steps: tuple[float, float], some: Flags,
+    squares: Samples, freedom: Samples, mean: Samples,
 ) -> None:  # fmt: skip
-    """Chi-square of the zones about their mean at each microlens, moved by each disparity; `steps` pitches a sample.
+    """Chi-square of the zones about their mean at `some` microlenses, moved by each disparity; `steps` pitches a sample.
 
     Shape (candidate, v, u) of `squares`, `freedom` and `mean`; `cells` has the least weight of each four neighbours,
     `picture` about what zones show, so that single precision is enough.
@@ -340,13 +340,20 @@ def spread_of_zones(
         whole, sums = np.ones(count), _room(columns)
         total, moment = sums[:2]
         _whole(zones, v, whole)
-        for c in range(candidates.size):
-            _clear(sums, 0, columns)
-            _add_zones(zones, cells, picture[v], candidates[c], steps, whole, v, 0, columns, sums)
-            _spread(sums, 0, columns, squares[c, v], freedom[c, v])
-            for u in range(columns):
-                if total[u] > 0:
-                    mean[c, v, u] = picture[v, u] + moment[u] / total[u]
+        stop = 0
+        while stop < columns:
+            start, stop = stop, stop + 1
+            if not some[v, start]:
+                continue
+            while stop < columns and some[v, stop]:
+                stop += 1
+            for c in range(candidates.size):
+                _clear(sums, start, stop)
+                _add_zones(zones, cells, picture[v], candidates[c], steps, whole, v, start, stop, sums)
+                _spread(sums, start, stop, squares[c, v], freedom[c, v])
+                for u in range(start, stop):
+                    if total[u] > 0:
+                        mean[c, v, u] = picture[v, u] + moment[u] / total[u]
 
 
 @kernel(parallel=True)

@@ -47,7 +47,11 @@ class SharedLight:
     @cached_property
     def moments(self) -> tuple[Array, Array]:
         """Chi-square about another disparity B' is residual + 2 moment (B' - B) + raw (B' - B)^2: raw and moment."""
-        sums, (slope_u, slope_v, _) = self.sums, self.gradient
+        return self.moments_by(*self.gradient[:2])
+
+    def moments_by(self, slope_u: Array, slope_v: Array) -> tuple[Array, Array]:
+        """As `moments`, by other slopes of the picture."""
+        sums = self.sums
         raw = slope_u**2 * sums[4] + 2 * slope_u * slope_v * sums[5] + slope_v**2 * sums[6]
         return raw, slope_u * sums[7] + slope_v * sums[8]
 
