@@ -371,9 +371,11 @@ def _with_edges(
         [a & b for a in left for b in above if (a & b).sum() > 2],
         few,
         judged.disparity,
-        lambda some, near: _searched(
-            views.some(some), every.noise, least, most, SIZES[0], every.field, min(views.shape) >= MANY_PIXELS, near
-        ).disparity,
+        lambda some, near: (
+            _searched(
+                views.some(some), every.noise, least, most, SIZES[0], every.field, min(views.shape) >= MANY_PIXELS, near
+            ).disparity
+        ),
         every.look,
         largest_sigma,
         alike,

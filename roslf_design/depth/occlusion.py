@@ -94,10 +94,11 @@ def _take_best(
                     error = math.sqrt(fit[1, b, a] ** 2 + max(carried, 0.0))
                     change = value - begun[v, u]
                     own = sums[9, v, u] + (2 * moment[v, u] + raw[v, u] * change) * change
-                    good = own <= own_limit[v, u] * max(sums[10, v, u], 0.5) and error <= largest_sigma
+                    reported = error * widened[b, a]
+                    good = own <= own_limit[v, u] * max(sums[10, v, u], 0.5) and reported <= largest_sigma
                     good = good and abs(change) <= max(0.5 * error, SETTLED)
-                    if good and error * widened[b, a] < sigma[v, u]:
-                        disparity[v, u], sigma[v, u] = value, error * widened[b, a]
+                    if good and reported < sigma[v, u]:
+                        disparity[v, u], sigma[v, u] = value, reported
                         chi2[v, u] = max(fit[2, b, a], fit[4, b, a])
                         views[v, u], picture[v, u] = sums[11, v, u], sums[0, v, u]
 
