@@ -365,21 +365,14 @@ def _with_edges(
     few = views.sparse if len(views.grid) >= _MANY else np.ones(len(views.grid), np.bool_)
     known = judged.disparity[judged.measured]
     least, most = (max(low, known.min() - 1), min(high, known.max() + 1)) if known.size else (low, high)
+    coarse = min(views.shape) >= MANY_PIXELS
     found = past_edges(
-        look,
-        wanted,
-        [a & b for a in left for b in above if (a & b).sum() > 2],
-        few,
-        judged.disparity,
-        lambda some, near: (
-            _searched(
-                views.some(some), every.noise, least, most, SIZES[0], every.field, min(views.shape) >= MANY_PIXELS, near
-            ).disparity
-        ),
-        every.look,
-        largest_sigma,
-        alike,
-    )
+        look, wanted, [a & b for a in left for b in above if (a & b).sum() > 2], few, judged.disparity,
+        lambda some, near: _searched(
+            views.some(some), every.noise, least, most, SIZES[0], every.field, coarse, near
+        ).disparity,
+        every.look, largest_sigma, alike,
+    )  # fmt: skip
     new = np.isfinite(found.sigma) & (found.disparity >= low) & (found.disparity <= high)
     disparity = np.where(new, found.disparity, judged.disparity)
     return replace(

@@ -136,8 +136,8 @@ def _sides(disparity: Array, wanted: Flags, reach: int, sides: Array) -> None:
 
 def _settled(look: SharedLight) -> tuple[Array, Array]:
     """Disparities by one correction over small windows, and chi-square per degree of freedom about these."""
-    down, along = np.gradient(look.picture, *look.steps[::-1])
-    raw, moment = (box(part, SIZES[0]) for part in look.moments_by(along, down))
+    slopes = (np.asarray(np.gradient(look.picture, look.steps[k], axis=1 - k)) for k in range(2))
+    raw, moment = (box(part, SIZES[0]) for part in look.moments_by(*slopes))
     change = np.clip(-moment / np.maximum(raw, 1e-9), -_FURTHEST, _FURTHEST)
     squares, freedom = box(look.sums[9], SIZES[0]) + (2 * moment + raw * change) * change, box(look.sums[10], SIZES[0])
     return look.disparity + change, np.where(freedom > 1, squares / np.maximum(freedom, 1), np.inf)
@@ -145,13 +145,16 @@ def _settled(look: SharedLight) -> tuple[Array, Array]:
 
 def past_edges(
     first: SharedLight, wanted: Flags, quarters: Sequence[Flags], few: Flags, disparity: Array,
-    search: Callable[[Flags, Flags], Array], look: Callable[..., SharedLight], largest_sigma: float, alike: Sequence[float] | None,
+    search: Callable[[Flags, Flags], Array], look: Callable[..., SharedLight], largest_sigma: float,
+    alike: Sequence[float] | None,
 ) -> _Offered:  # fmt: skip
     """Disparities of the microlenses `wanted`, where other windows or a quarter of the views have them.
 
     `first` is of all views; `quarters` are true for the views of each quarter of the pupil. Of these the `few` tell
     which quarter agrees best, along which of the surfaces beside by the `disparity` that is known; all of that quarter
-    are looked at along it. `look` looks at some views along disparities, as `_AllViews` does.
+    are looked at along it. Then what has none still, by what is known now: in places wider than a window, which no
+    surface beside may explain, also along what `search` makes of some views near some microlenses. `look` looks at some
+    views along disparities, as `_AllViews` does.
     """
     found = _Offered.none(wanted.shape)
     found.take(first, wanted, largest_sigma, alike)

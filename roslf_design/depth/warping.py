@@ -330,10 +330,10 @@ def spread_of_zones(
     zones: Samples, cells: Samples, picture: Samples, candidates: Lines, steps: tuple[float, float], some: Flags,
     squares: Samples, freedom: Samples, mean: Samples,
 ) -> None:  # fmt: skip
-    """Chi-square of the zones about their mean at `some` microlenses, moved by each disparity; `steps` pitches a sample.
+    """Chi-square of the zones about their mean at `some` microlenses, moved by each disparity.
 
-    Shape (candidate, v, u) of `squares`, `freedom` and `mean`; `cells` has the least weight of each four neighbours,
-    `picture` about what zones show, so that single precision is enough.
+    `steps` are pitches a sample. Shape (candidate, v, u) of `squares`, `freedom` and `mean`; `cells` has the least
+    weight of each four neighbours, `picture` about what zones show, so that single precision is enough.
     """
     count, _, rows, columns = zones.shape
     for v in prange(rows):
