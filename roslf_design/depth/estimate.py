@@ -367,7 +367,7 @@ def _with_edges(
     least, most = (max(low, known.min() - 1), min(high, known.max() + 1)) if known.size else (low, high)
     coarse = min(views.shape) >= MANY_PIXELS
     found = past_edges(
-        look, wanted, [a & b for a in left for b in above if (a & b).sum() > 2], few, judged.disparity,
+        look, wanted, [(a & b, a & b & few) for a in left for b in above if (a & b).sum() > 2], judged.disparity,
         lambda some, near: _searched(
             views.some(some), every.noise, least, most, SIZES[0], every.field, coarse, near
         ).disparity,

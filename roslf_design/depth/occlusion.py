@@ -144,17 +144,17 @@ def _settled(look: SharedLight) -> tuple[Array, Array]:
 
 
 def past_edges(
-    first: SharedLight, wanted: Flags, quarters: Sequence[Flags], few: Flags, disparity: Array,
+    first: SharedLight, wanted: Flags, quarters: Sequence[tuple[Flags, Flags]], disparity: Array,
     search: Callable[[Flags, Flags], Array], look: Callable[..., SharedLight], largest_sigma: float,
     alike: Sequence[float] | None,
 ) -> _Offered:  # fmt: skip
     """Disparities of the microlenses `wanted`, where other windows or a quarter of the views have them.
 
-    `first` is of all views; `quarters` are true for the views of each quarter of the pupil. Of these the `few` tell
-    which quarter agrees best, along which of the surfaces beside by the `disparity` that is known; all of that quarter
-    are looked at along it. Then what has none still, by what is known now: in places wider than a window, which no
-    surface beside may explain, also along what `search` makes of some views near some microlenses. `look` looks at some
-    views along disparities, as `_AllViews` does.
+    `first` is of all views; `quarters` are true for the views of each quarter of the pupil, and for few of these. The
+    few tell which quarter agrees best, along which of the surfaces beside by the `disparity` that is known; all of that
+    quarter are looked at along it. Then what has none still, by what is known now: in places wider than a window, which
+    no surface beside may explain, also along what `search` makes of some views near some microlenses. `look` looks at
+    some views along disparities, as `_AllViews` does.
     """
     found = _Offered.none(wanted.shape)
     found.take(first, wanted, largest_sigma, alike)
@@ -170,15 +170,16 @@ def past_edges(
         least, chosen = np.full(wanted.shape, 1e30), np.full((len(quarters), *wanted.shape), np.nan)
         wide = ndimage.binary_opening(wanted, np.ones((SIZES[0], SIZES[0]), np.bool_)) & last
         about = ndimage.binary_dilation(wide, iterations=4)
-        for own, some, before in zip(chosen, quarters, tried, strict=True):
-            others = [np.where(about, search(some & few, about), np.nan)] if wide.any() else []
+        for own, (_, few), before in zip(chosen, quarters, tried, strict=True):
+            others = [np.where(about, search(few, about), np.nan)] if wide.any() else []
             for side in (*sides, *others):
-                settled, cost = _settled(look([(some & few, side)], first.picture))
+                settled, cost = _settled(look([(few, side)], first.picture))
                 better = np.isfinite(side) & (cost < least) & ~(np.abs(settled - before) <= SETTLED)
                 least[better] = cost[better]
                 chosen[:, better] = np.nan
                 own[better] = settled[better]
-        found.take(look([*zip(quarters, chosen, strict=True)], first.picture), wanted, largest_sigma, alike)
+        parts = [(whole, own) for (whole, _), own in zip(quarters, chosen, strict=True)]
+        found.take(look(parts, first.picture), wanted, largest_sigma, alike)
         tried = chosen
     return found
 
