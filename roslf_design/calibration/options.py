@@ -213,9 +213,14 @@ class BoardDistances(StrictTable):
 def planned_lengths(design: Design, asked: PlanOptions) -> CalibratedLengths | None:
     """How sure a camera's lengths will be after a calibration as planned; None where it cannot determine them."""
     best = calibration_plan(design, asked)
-    return (
-        None if isinstance(best, str) else best.expected.lengths(design, data_sheet(design, best.captures.board, asked))
-    )
+    return None if isinstance(best, str) else lengths_after(design, best, asked)
+
+
+def lengths_after(design: Design, best: CapturePlan, asked: PlanOptions) -> CalibratedLengths:
+    """How sure a camera's lengths will be after a plan's captures, and the distances that its boards leave out."""
+    lengths = best.expected.lengths(design, data_sheet(design, best.captures.board, asked))
+    missed = plan_cover(design, best.captures, asked).uncovered
+    return lengths._replace(uncovered_mm=tuple(one.at_mm for one in missed))
 
 
 def calibration_plan(design: Design, asked: PlanOptions, distortion: int | None = None) -> CapturePlan | str:

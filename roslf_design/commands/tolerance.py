@@ -117,6 +117,8 @@ def _blocks(result: StudyResult, times: bool) -> Iterator[Block]:
     if lost := impossible_words(result.final):
         yield Paragraph(lost)
     yield Paragraph(headline(result))
+    if result.left_out:
+        yield Paragraph(result.left_out)
     misses = result.plan.nominal_misses()
     if misses:
         yield Paragraph(f"The nominal design itself misses {', '.join(misses)}: change the design or the limits.")

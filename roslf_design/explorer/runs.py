@@ -30,6 +30,7 @@ from ..theory.depth_budget import depth_budget
 from ..theory.quantities import in_words, quantity_named
 from ..tolerancing.metrics import METRICS
 from ..tolerancing.places import perturbable, short_name
+from ..tolerancing.result import lengths_left_out
 from ..tolerancing.run import tally_chunk
 from ..tolerancing.sensitivities import sensitivity
 from ..tolerancing.study import MetricGoal, TolerancePlan, make_plan, tolerance_plan
@@ -466,7 +467,9 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
         (scale, own if scale == 1.0 else few_builds(f"all tolerances times {scale:g}", plan, scale)) for scale in SCALES
     ]
     decoder = "calibrated on each build" if request.calibrated else "as designed"
-    depth = depth_budget(Camera.of(design.thin_twin), build=lengths_built(plan))
+    built = lengths_built(plan)
+    depth = depth_budget(Camera.of(design.thin_twin), build=built)
+    told = (depth_sentence(depth, design), in_words(lengths_left_out(plan, built)), impossible_words(variant))
     return ToleranceResult(
         grade=request.grade,
         share=own,
@@ -478,7 +481,7 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
         question=f"{trials} Monte Carlo units (builds) to the grade '{study.grade}', the decoder {decoder}. A build is "
         "good with: "
         f"{'; '.join([USUAL_LIMITS] * (not request.only_own) + [_limit_words(limit) for limit in request.limits])}. "
-        f"{depth_sentence(depth, design)} {impossible_words(variant)}".rstrip(),
+        f"{' '.join(filter(None, told))}",
     )
 
 

@@ -24,6 +24,7 @@ COVERAGE = 2
 """k: 95 % of depths lie within U where errors are normal."""
 NOISE, MISMATCH, VEIL = "shot and read noise", "view mismatch", "veil"
 BUILT, CALIBRATED, WARMTH = "lengths as built", "lengths as calibrated", "temperature"
+MODEL_ALONE = "no board covers that distance: there the model alone tells depth"
 GIVEN = "in the disparity error that the design gives"
 Kind = Literal["precision", "trueness"]
 KINDS: tuple[Kind, ...] = ("precision", "trueness")
@@ -58,6 +59,8 @@ class DepthBudget:
     terms: tuple[BudgetTerm, ...]
     disparity_pitches: Array
     """Standard error of the disparity between the FAP's rims that noise alone leaves [microlens pitches]."""
+    caution: str = ""
+    """Why the sum may be believed less, in words; empty where nothing is known."""
 
     def of_kind(self, kind: Kind | None = None) -> Array:
         """Root sum of squares of all terms, or of those of a kind [mm]."""
@@ -81,6 +84,11 @@ class DepthBudget:
         return max(known, key=lambda term: _typical(term.u_mm))
 
     @property
+    def mostly(self) -> str:
+        """Its largest term, and the caution."""
+        return "; ".join(filter(None, (f"mostly {self.largest.name}", self.caution)))
+
+    @property
     def words(self) -> str:
         """The combined standard uncertainty and its largest term, of one build."""
         return f"u = {number(float(self.u_z_mm), 3)} mm, mostly {self.largest.name}"
@@ -101,10 +109,11 @@ class DepthBudget:
 
     @property
     def counted(self) -> str:
-        """Sources that the sum is of, and those that it is without."""
+        """Sources that the sum is of, and those that it is without; the caution."""
         names = [term.name for term in self.terms if term.u_mm is not None and np.any(term.u_mm)]
         lacking = [term.name for term in self._lacking]
-        return f"of {listed(names or ['nothing'])}{f', without {listed(lacking)}' if lacking else ''}"
+        without = f", without {listed(lacking)}" if lacking else ""
+        return "; ".join(filter(None, (f"of {listed(names or ['nothing'])}{without}", self.caution)))
 
     def to_dict(self) -> dict[str, Any]:
         """`depth.expected` of `roslf evaluate --json`, of one build."""
@@ -164,7 +173,9 @@ def depth_budget(
     if warmth is not None:
         coldest, warmest = (f"{_typical(c[place]):g}" for place in TEMPERATURES)
         remark = f"{coldest} to {warmest} °C"
-    return DepthBudget((*terms, BudgetTerm(WARMTH, "B", "trueness", warmth, remark)), sigmas[0])
+    alone = calibration is not None and at is not None and np.isin(at, calibration.uncovered_mm).any()
+    terms.append(BudgetTerm(WARMTH, "B", "trueness", warmth, remark))
+    return DepthBudget(tuple(terms), sigmas[0], MODEL_ALONE if alone else "")
 
 
 def _lengths(

@@ -139,6 +139,8 @@ class CalibratedLengths(NamedTuple):
     """Standard deviations that the data sheet knows the latter to, shape (n,); infinite where it says nothing."""
     planned: bool = False
     """Whether the calibration is yet to be made."""
+    uncovered_mm: tuple[float, ...] = ()
+    """Distances ahead of the tip, of those asked for, that its boards do not cover."""
 
     def after(self, build: LengthCovariance | None) -> tuple[LengthCovariance, LengthCovariance]:
         """Covariance of a build's lengths, its tolerances being what was known before, as `LengthCovariance.split`.

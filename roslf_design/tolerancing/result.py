@@ -22,6 +22,7 @@ from ..theory.depth_budget import DepthBudget, depth_budget
 from ..theory.focused import is_focused
 from ..theory.length_covariance import LengthCovariance
 from ..theory.quantities import bound_note
+from ..words import listed, number
 from .budgets import ToleranceBudget, budget
 from .metrics import mount_of
 from .places import Grades, in_lens, of_parts
@@ -52,6 +53,8 @@ SIGMAS = 2.0
 """Width of an error bound in standard errors: a share is off by more in at most 5 % of runs."""
 PARTS, LEAST = 20, 10
 """Parts of the kept trials whose scatter is measured, and trials of each at least."""
+KNOWN_LENGTHS = ("u_z_mm", "u_z_at_field_mm")
+"""Metrics that take the lengths of each build as known."""
 SHAPES = ("kept_fraction", "image_area_mm2", "axis_ratio")
 """Metrics that take common parts of the stops' images."""
 
@@ -148,6 +151,11 @@ class StudyResult:
         camera = Camera.of(self.plan.question.design.thin_twin)
         return None if is_focused(camera) else depth_budget(camera, build=self.built)
 
+    @property
+    def left_out(self) -> str:
+        """Words on what goals of depth leave out, as `lengths_left_out`."""
+        return lengths_left_out(self.plan, self.built)
+
     def to_dict(self) -> dict[str, Any]:
         """The JSON object; what is not finite is None."""
         plan, draws, moves = self.plan, self.plan.draws, self.sensitivity
@@ -181,6 +189,7 @@ class StudyResult:
                 "interval_95": self.final.result.interval,
                 "trials": self.final.result.trials,
                 "of": self.final.name,
+                "left_out": self.left_out,
             },
             "perturbations": [{name: getattr(p, name) for name in missed} for p in draws.perturbations],
             "groups": [{"group": name, "correlation": rho} for name, rho in draws.correlations],
@@ -274,6 +283,28 @@ def _grades(plan: TolerancePlan, study: Study, grades: Grades, given: Yield) -> 
     return tuple((name, yield_of(name)) for name in (grades.names if study.grade else ()))
 
 
+def lengths_left_out(plan: TolerancePlan, built: LengthCovariance) -> str:
+    """Words on what limits of expected depth leave out of every build, and the number with it; empty without such.
+
+    Lengths are what the builds differ in, so the metric takes each one's as known. `built` is their covariance.
+    """
+    columns = [plan.columns[limit.column] for limit in plan.limits]
+    goals = [column for column in columns if column.metric in KNOWN_LENGTHS]
+    if not goals:
+        return ""
+    camera, whole = Camera.of(plan.question.design.thin_twin), {}
+    for at in dict.fromkeys(column.at for column in goals):
+        where = "in the focal plane" if at is None else f"at {number(at, 4)} mm"
+        whole[where] = number(float(depth_budget(camera, at, build=built).u_z_mm), 3)
+    told = listed([f"{u} mm {where}" for where, u in whole.items()])
+    limited = listed(list(dict.fromkeys(column.label.partition("@")[0] for column in goals)))
+    return (
+        f"Lengths as built are left out of {limited}: each build's own are taken as known. With them, of a camera that "
+        f"nobody calibrates, u = {told}, which the data sheet (`roslf datasheet`) gives and holds against what is "
+        "required."
+    )
+
+
 def _warnings(
     plan: TolerancePlan, variants: tuple[Variant, ...], rss: tuple[RssRow, ...], misses: tuple[str, ...]
 ) -> Iterator[str]:
@@ -311,11 +342,11 @@ def _warnings(
 def save_worst(plan: TolerancePlan, tally: Tally, folder: Path) -> tuple[WorstTrial, ...]:
     """Write the worst trials as design files, adjustments included."""
     rows = []
-    for number, score, moved in zip(tally.worst.tolist(), tally.scores.tolist(), tally.worst_moved, strict=True):
-        chunk, within = divmod(number, plan.chunk)
+    for trial, score, moved in zip(tally.worst.tolist(), tally.scores.tolist(), tally.worst_moved, strict=True):
+        chunk, within = divmod(trial, plan.chunk)
         build = plan.draws.deviations(plan.draws.uniforms(chunk, plan.chunk, within, within + 1)), moved[:, None]
-        name, design = f"worst-trial-{number}.toml", plan.question.design
-        text = {"name": f"{design.name}, trial {number} of {plan.name}", "source": f"seed {plan.draws.seed}"}
+        name, design = f"worst-trial-{trial}.toml", plan.question.design
+        text = {"name": f"{design.name}, trial {trial} of {plan.name}", "source": f"seed {plan.draws.seed}"}
         faults: tuple[str, ...] = ()
         try:
             design = design_adjusted(plan, *build).replace(text)
@@ -330,7 +361,7 @@ def save_worst(plan: TolerancePlan, tally: Tally, folder: Path) -> tuple[WorstTr
         misses = {p.place: float(miss) for p, miss in zip(plan.draws.perturbations, build[0][:, 0], strict=True)}
         columns = measure_finally(plan, build[0])[:, 0].tolist()
         values = dict(zip((column.label for column in plan.columns), columns, strict=True))
-        rows.append(WorstTrial(number, score, name, misses, values, faults))
+        rows.append(WorstTrial(trial, score, name, misses, values, faults))
     return tuple(rows)
 
 

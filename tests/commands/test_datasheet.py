@@ -85,7 +85,8 @@ def test_what_is_required_says_how_many_builds_meet_it(tmp_path, capsys, monkeyp
     views = float(roslf.quantity("views_geometric")(Camera.of(roslf.load("paper"))))
     limits = f"views_geometric = {{min = {views!r}}}\nfill_factor = {{min = 0.9, max = 1.1}}\nu_z_mm = {{max = 9}}\n"
     (tmp_path / "design.toml").write_text(roslf.dumps(roslf.load("paper")) + f"\n[required]\n{limits}")
-    (tmp_path / "study.toml").write_text(STUDY.replace('"paper"', '"design.toml"'))
+    study = STUDY.replace('"paper"', '"design.toml"') + '[[perturb]]\nplace = "sensor.distance"\ntolerance = "2 um"\n'
+    (tmp_path / "study.toml").write_text(study)
     assert run(capsys, "datasheet", tmp_path / "study.toml", "-o", tmp_path / "a.json")[0] == 0
     lines = json.loads((tmp_path / "a.json").read_text())["lines"]
     across, fill, depth = (line for line in lines if line["subject"] == "Required")
@@ -94,6 +95,14 @@ def test_what_is_required_says_how_many_builds_meet_it(tmp_path, capsys, monkeyp
     assert across["two_sigma"] > 0
     assert fill["remark"].endswith("100 % of builds meet it")  # the study's own limit
     assert depth["remark"].endswith("of the nominal design")
+    assert run(capsys, "tolerance", tmp_path / "study.toml", "-o", tmp_path / "fill")[0] == 0
+    assert json.loads((tmp_path / "fill/results.json").read_text())["yield"]["left_out"] == ""  # no goal of depth
+    (tmp_path / "study.toml").write_text(study + '[[goals]]\nmetric = "u_z_mm"\nmax = 9\n')
+    assert run(capsys, "tolerance", tmp_path / "study.toml", "-o", tmp_path / "out")[0] == 0
+    says = f"nobody calibrates, u = {depth['value']:.3g} mm in the focal plane"
+    assert says in json.loads((tmp_path / "out/results.json").read_text())["yield"]["left_out"]
+    pages = [(tmp_path / "out" / page).read_text() for page in ("summary.txt", "index.html")]
+    assert all(says in " ".join(page.split()) for page in pages)
 
 
 def test_the_sheet_one_signs_names_its_design_and_ends_where_depth_is_of_little_use(tmp_path, capsys, monkeypatch):

@@ -4,15 +4,17 @@ import json
 
 import pytest
 
-from roslf_design.calibration.options import PlanOptions, calibration_plan
+from roslf_design.calibration.options import PlanOptions, calibration_plan, planned_lengths
 from roslf_design.calibration.planning import Captures, field_at
 from roslf_design.cli import main
 from roslf_design.design import load, loads
 from roslf_design.drawing.svg import file_of
 from roslf_design.errors import InputError
+from roslf_design.evaluation import evaluate
 from roslf_design.reporting.blocks import Report
 from roslf_design.reporting.calibrate.pages import calibrated_finding, plan_finding, planned_depth, read_calibration
 from roslf_design.reporting.printers import render_html
+from roslf_design.reporting.sheet.lines import CalibrationSpread, basis
 from roslf_design.reporting.story import _read_story
 
 SHARES = {"images": 0.25, "f": 0.7, "q": 0.0, "d": 0.0, "board": 0.0, "systematic": 0.05}
@@ -216,6 +218,15 @@ def test_a_plan_leads_with_depth_and_names_what_its_poses_do_not_determine():
     at_focus, there = (2 * float(planned_depth(paper, plan, asked, at=z).u_z_mm) for z in (None, 300.0))
     assert f"U = ± {at_focus:.3g} mm in the focal plane" in depth.text
     assert f"± {there:.3g} mm at 300 mm ahead of the tip" in depth.text
+    assert depth.text.count("there the model alone tells depth") == 1  # boards stand about the focal plane
+    assert depth.text.endswith("the model alone tells depth.")
+    required = paper.replace({"required": {"u_z_mm": [{"max": 1e3}, {"at": 300.0, "max": 1e3}]}})
+    lengths_known = planned_lengths(required, asked)
+    grounds = basis(required, None, CalibrationSpread("as planned", required, lengths_known), asked.at)
+    alone = [row.name for row in grounds.rows if "no board covers that distance" in row.remark]
+    assert [name.endswith("at 300 mm") for name in alone] == [True, True]  # the required one and that of "expected"
+    (near, away, *_) = evaluate(required, at=asked.at, calibration=lengths_known).verdicts
+    assert ["model alone" in one.text for one in (near, away)] == [False, True]
     assert "H to" in lengths.text
     assert "ot determined" not in lengths.text
     far = loads(COLLIMATED)

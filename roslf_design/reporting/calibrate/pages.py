@@ -19,7 +19,7 @@ from ...calibration.cover import BoardCover
 from ...calibration.fit import VISIBLE
 from ...calibration.misfit import DISAGREE
 from ...calibration.model import QUANTITIES, UNITS
-from ...calibration.options import PlanOptions, calibration_plan, data_sheet, plan_cover
+from ...calibration.options import PlanOptions, calibration_plan, lengths_after, plan_cover
 from ...calibration.planning import LEAST_GAIN, NO_GAIN, too_large
 from ...calibration.result import LAPLACE, Outcome
 from ...calibration.space import SceneSide
@@ -421,7 +421,7 @@ def planned_depth(
     at: float | None = None,
 ) -> DepthBudget:
     """Depth to be expected of a camera that is calibrated as planned, `at` [mm] ahead of the tip or in focus."""
-    lengths = plan.expected.lengths(design, data_sheet(design, plan.captures.board, asked))
+    lengths = lengths_after(design, plan, asked)
     return depth_budget(Camera.of(design.thin_twin), at, build=build, calibration=lengths)
 
 
@@ -472,7 +472,8 @@ def plan_blocks(
     helps = best and after[best] <= float(depth.u_z_mm) / LEAST_GAIN
     places = {"in the focal plane": depth}
     places |= {f"at {number(z, 4)} mm ahead of the tip": planned_depth(design, plan, asked, build, z) for z in asked.at}
-    depths = [f"± {_rounded(one.expanded_mm)} {where}, mostly {one.largest.name}" for where, one in places.items()]
+    mostly = {where: one.mostly.replace(";", ", but") for where, one in places.items()}
+    depths = [f"± {_rounded(one.expanded_mm)} {where}, {mostly[where]}" for where, one in places.items()]
     promise = f"Calibration as planned: depth, expected{before_it}, to U = {'; '.join(depths)}."
     remedy = sentence(f"{best}: ± {_rounded(2 * after[best])} in the focal plane") if helps else NO_GAIN
     answers = [Statement("plain", promise, remedy)]

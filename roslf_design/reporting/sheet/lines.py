@@ -368,7 +368,7 @@ def _useful(budget: Callable[[float], DepthBudget], focus: float) -> float:
 def _expected_lines(budgets: Mapping[float | None, DepthBudget], useful: float) -> Iterator[_SheetLine]:
     """Lines on what a measured depth is to be believed to, on the axis, in the terms of the GUM."""
     budget = budgets[None]
-    u, largest = float(budget.u_z_mm), f"mostly {budget.largest.name}"
+    u, largest = float(budget.u_z_mm), budget.mostly
     missing = "" if math.isfinite(u) else "none"
     yield _SheetLine(EXPECTED, f"expanded uncertainty U, k = {COVERAGE}", COVERAGE * u, "mm", largest, "", missing)
     yield _SheetLine(EXPECTED, "standard uncertainty u", u, "mm", "68 of 100 lie within", "", missing)
@@ -377,7 +377,7 @@ def _expected_lines(budgets: Mapping[float | None, DepthBudget], useful: float) 
                      "none" if math.isnan(useful) else "")  # fmt: skip
     for at, there in budgets.items():
         if at is not None:
-            expanded, mostly = float(there.expanded_mm), f"mostly {there.largest.name}"
+            expanded, mostly = float(there.expanded_mm), there.mostly
             missing = "" if math.isfinite(expanded) else "none"
             yield _SheetLine(EXPECTED, f"U at {number(at, 4)} mm", expanded, "mm", mostly, "", missing)
     for term in budget.terms:

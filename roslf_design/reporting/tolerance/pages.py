@@ -158,6 +158,8 @@ def _yield_statement(result: StudyResult, name: str = "", first_look: bool = Fal
             f" Its depth error, {number(ahead)} mm ahead, is what lengths add. Of a measured depth believe what is "
             "expected, which counts noise and view mismatch, too."
         )
+    if result.left_out:
+        text += f" {in_words(result.left_out)}"
     misses = result.plan.nominal_misses()
     if result.final.result.value >= target:
         return Statement("good", text)
