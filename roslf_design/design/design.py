@@ -16,6 +16,7 @@ from ..bore.conjugates import CONJUGATES, follower
 from ..bore.part import TEMPERATURE, Part
 from ..errors import InputError, Problem
 from ..lenses.glass import AIR
+from ..toml_files import nearest
 from ..units import format_quantity
 from .assembly import Assembly
 from .check import DISTANCE, FOCAL, MISFIT, PLANE, DesignError, at, checked_places, cross_check, design_problems
@@ -247,9 +248,18 @@ def _lengths(value: Any, place: str = "") -> Iterator[tuple[str, float]]:
 def _by_path(changes: Mapping[str, Any], symbols: Mapping[str, Any]) -> dict[str, Any]:
     unknown = sorted(set(symbols) - set(PATHS))
     if unknown:
-        known = ", ".join(PATHS)
-        raise DesignError(tuple(Problem(name, f"is not a symbol of a design; known are {known}") for name in unknown))
+        known = f"known are {', '.join(PATHS)}; other numbers go by their places: {{'tube.outer_diameter': 6.0}}"
+        raise DesignError(
+            tuple(Problem(n, f"is not a symbol of a design; {nearest(n, PATHS, known, _own(n))}") for n in unknown)
+        )
     return {**changes, **{PATHS[symbol]: value for symbol, value in symbols.items()}}
+
+
+def _own(key: str) -> dict[str, str]:
+    """Symbols, with their places, of which a design file's key may be the name."""
+    return {
+        s: place for s, place in PATHS.items() if {*key.lower().split("_")} <= {*place.replace(".", "_").split("_")}
+    }
 
 
 def _with_follower(design: Design, wanted: dict[str, Any]) -> dict[str, Any]:

@@ -12,7 +12,7 @@ from ..options import check_distances
 from ..theory import tube
 from ..theory.depth_budget import COVERAGE, DepthBudget, depth_budget
 from ..theory.field_of_view import focus_ahead
-from ..theory.focused import FocusedArray
+from ..theory.focused import has_views
 from ..theory.length_covariance import CalibratedLengths, LengthCovariance
 from ..theory.quantities import QUANTITIES
 from ..words import listed, number
@@ -128,7 +128,7 @@ class FirstAnswer:
         images, ends = shown.images, shown.ends
         camera = images.camera
         focus = float(focus_ahead(camera))
-        views = FocusedArray.of(camera) is None
+        views = bool(has_views(camera))
         planes = []
         for plane, distance in ((FOCUS, focus), *((ASKED, asked) for asked in at)):
             field = ObjectField.of(ends, distance, plane)

@@ -155,8 +155,8 @@ def evaluate(
         return budget if distance is None else depth_budget(camera, distance, build=build, calibration=calibration)
 
     required = requirements(design, camera, answer.field_of_view_deg, budget_at)
-    asked = (one.verdict for one in required)
-    answers = verdicts_of(camera, f_number, non_distortion, sampling, traced, focused, answer)
+    asked = [one.verdict for one in required]
+    answers = verdicts_of(camera, f_number, non_distortion, sampling, traced, focused, answer, asked)
     method = [METHOD]
     if not design.has_exact_areas:
         method.append(COUNTED.format(rays=rays, error=COUNTED_ERROR if accuracy is None else accuracy))
@@ -185,7 +185,7 @@ def evaluate(
         depth_budget=budget,
         diffraction=Numbers.of(camera, "diffraction"),
         effects=tuple(plan(design)),
-        verdicts=(*asked, *answers, *lens_speed(design, camera)),
+        verdicts=(*answers, *lens_speed(design, camera)),
         warnings=tuple(warnings_of(design, images)),
         method=" ".join(method),
         real_lens=traced,
@@ -201,7 +201,8 @@ def held_as_built(result: Evaluation, design: Design, build: LengthCovariance) -
     camera = Camera.of(design)
     budget = partial(depth_budget, camera, build=build)
     required = requirements(design, camera, result.answer.field_of_view_deg, budget)
-    verdicts = (*(one.verdict for one in required), *result.verdicts[len(required) :])
+    asked = {one.verdict.name: one.verdict for one in required}
+    verdicts = tuple(asked.get(verdict.name, verdict) for verdict in result.verdicts)
     return replace(result, required=required, verdicts=verdicts)
 
 

@@ -17,7 +17,7 @@ from ..design import Design, preset_names
 from ..errors import InputError, Problem
 from ..theory import tube
 from ..theory.depth_budget import DepthBudget
-from ..theory.focused import is_focused
+from ..theory.focused import has_views
 from ..theory.limits import as_design, limits
 from ..theory.quantities import quantity_named
 from ..words import number
@@ -131,7 +131,7 @@ def requirements(
     for asked, quantity, low, high in limits(design):
         known = own.get(quantity.name)
         value = float(quantity(camera, asked.at)) if known is None else known(asked.at)
-        undefined = math.isnan(value) or (quantity.of_views and is_focused(camera))
+        undefined = math.isnan(value) or (quantity.of_views and not has_views(camera))
         met = not undefined and bool(quantity.within(low, high, value))
         where = "" if asked.at is None else f" at {number(asked.at, 4)} mm"
         label = (quantity.label or quantity.name) + where
@@ -150,7 +150,7 @@ def requirements(
 def _of_the_focal_plane(camera: Camera, low: float, high: float) -> tuple[str, str]:
     """Reservation, and its remedy, where limits of the focal plane's distance are no range that views show sharply."""
     near, far = (float(quantity_named(f"view_depth_of_field_{end}_mm")(camera)) for end in ("near", "far"))
-    if is_focused(camera) or (near <= low and high <= far):
+    if not has_views(camera) or (near <= low and high <= far):
         return "", ""
     asked = (
         f'view_depth_of_field_near_mm = {{max = "{low:g} mm"}}, view_depth_of_field_far_mm = {{min = "{high:g} mm"}}'

@@ -86,6 +86,11 @@ class Evaluation:
         """Whether the f-number is."""
         return any(verdict.ok for verdict in self.verdicts if verdict.name == "f_number_matched")
 
+    @property
+    def has_views(self) -> bool:
+        """Whether pixels are views: neither focused microlenses nor fewer pixels than tell directions apart."""
+        return any(verdict.level != "fault" for verdict in self.verdicts if verdict.name == "views_resolved")
+
     def group(self, name: str) -> Any:
         """Numbers of a group; the evaluation itself where it has no name."""
         return getattr(self, name) if name else self
@@ -105,11 +110,12 @@ class Evaluation:
                 del group["sides_mm"]
         if self.temperature is None:
             del data["temperature"]
+        if not self.has_views:
+            data["depth"] = dict.fromkeys(data["depth"])
+            data["fields"] = [field | {"sigma_z_mm": None, "u_z_mm": None} for field in data["fields"]]
         if self.focused is None:
             del data["focused"]
         else:
-            data["depth"] = dict.fromkeys(data["depth"])
-            data["fields"] = [field | {"sigma_z_mm": None, "u_z_mm": None} for field in data["fields"]]
             data["sampling"] |= dict.fromkeys(key for key in data["sampling"] if QUANTITIES[key].of_views)
         if self.object_space is None:
             del data["object_space"]
@@ -140,7 +146,7 @@ def _facts(result: Evaluation, *groups: str) -> list[tuple[str, str, str]]:
         listed = quantity.evaluated
         if listed is None or listed.under not in groups or listed.label is None:
             continue
-        if quantity.of_views and result.focused is not None:
+        if quantity.of_views and not result.has_views:
             continue
         if (value := result.value(quantity)) is not None:
             remark = listed.remark_on(result.group(listed.under))
@@ -170,7 +176,7 @@ def fact_tables(result: Evaluation) -> list[Table]:
         tables["Microlens images"].insert(
             0, ("sides; extent along x or y", f"{sides} um", f"{number(image.diameter_px)} px")
         )
-    if result.focused is not None:
+    if not result.has_views:
         del tables["Depth at the focal plane"]
     if result.real_lens is not None:
         tables["Real main lens, traced"] = result.real_lens.facts
@@ -225,10 +231,12 @@ def focused_table(array: FocusedArray) -> Table:
     return Table(rows, "l" + "r" * (len(headings) - 1), headings, "Focused microlenses", caption)
 
 
-def depth_budget_table(result: Evaluation) -> Table:
-    """Terms of depth as expected, the largest named, precision and trueness told apart; of focused arrays theirs."""
+def depth_budget_tables(result: Evaluation) -> list[Table]:
+    """Terms of depth as expected, precision and trueness told apart; of focused arrays theirs, none without views."""
     if result.focused is not None:
-        return focused_table(result.focused)
+        return [focused_table(result.focused)]
+    if not result.has_views:
+        return []
     budget = result.depth_budget
     total = float(budget.u_z_mm)
 
@@ -250,7 +258,7 @@ def depth_budget_table(result: Evaluation) -> Table:
     rows.append(cells("together, u", total, "", "", f"largest: {budget.largest.name}"))
     rows.append(("expanded, U", f"{number(float(budget.expanded_mm), 3)} mm", "", "", "", f"k = {COVERAGE}"))
     headings = ("source", "u", "of u²", "type", "", "")
-    return Table(tuple(rows), "ldllll", headings, "Depth, expected, at the focal plane")
+    return [Table(tuple(rows), "ldllll", headings, "Depth, expected, at the focal plane")]
 
 
 def seen_table(result: Evaluation) -> Table | None:
@@ -373,23 +381,29 @@ def _tables(result: Evaluation) -> list[Table]:
     behind_elements, mapping, warm = seen_table(result), mapping_table(result), temperature_table(result)
     fields = fields if mapping is None else [mapping, *fields]
     first, last = ([] if table is None else [table] for table in (behind_elements, warm))
-    return [*first, *fact_tables(result), depth_budget_table(result), *last, *fields, *lens, effects_table(result)]
+    return [*first, *fact_tables(result), *depth_budget_tables(result), *last, *fields, *lens, effects_table(result)]
 
 
 def print_evaluation(result: Evaluation, console: Console) -> None:
     """Print the first answer, the verdicts, then the tables."""
     console.print(plain_text(result.design, "bold"))
+    leading = 0 if result.has_views or result.focused is not None else 1
+    _print_verdicts(result.verdicts[:leading], console)
     for table in answer_tables(result):
         print_table(table, console, least=() if table.headings else LEAST)
     console.print()
-    for verdict in result.verdicts:
-        mark = plain_text(MARKS[verdict.level], COLOURS[verdict.level])
-        console.print(mark, plain_text(verdict.text))
-        if verdict.remedy:
-            console.print(plain_text(f"  → {verdict.remedy}"))
+    _print_verdicts(result.verdicts[leading:], console)
     for warning in result.warnings:
         console.print(plain_text(f"! {warning}", "yellow"))
     for table in _tables(result):
         print_table(table, console, least=() if table.headings else LEAST)
     console.print(plain_text(absent_effects(result), "dim"))
     console.print(plain_text(f"\n{result.method}", "dim"))
+
+
+def _print_verdicts(verdicts: Sequence[Verdict], console: Console) -> None:
+    for verdict in verdicts:
+        mark = plain_text(MARKS[verdict.level], COLOURS[verdict.level])
+        console.print(mark, plain_text(verdict.text))
+        if verdict.remedy:
+            console.print(plain_text(f"  → {verdict.remedy}"))

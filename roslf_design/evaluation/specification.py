@@ -22,7 +22,7 @@ from ..theory.colours import ColourFilter, filters
 from ..theory.depth_error import depth_error, seen_at
 from ..theory.depth_of_field import Kind, depth_of_field
 from ..theory.disparity_error import view_gradient
-from ..theory.focused import FocusedArray
+from ..theory.focused import FocusedArray, has_views
 from ..theory.light import on_array
 from ..theory.limits import as_design
 from ..theory.photometry import exposure, through_filter
@@ -309,12 +309,16 @@ class Specification:
     parts: tuple[_ListedPart, ...]
     focused: FocusedArray | None = None
     """Focused microlenses, of which what is reported of views means nothing."""
+    has_views: bool = True
+    """Whether pixels are views; else what is reported of them means nothing."""
 
     def to_dict(self) -> dict[str, Any]:
         """As `specification` of `roslf evaluate --json`; what is infinite, or means nothing, is None."""
         data: dict[str, Any] = plain(self, undefined=False)
+        del data["has_views"]
         if self.focused is None:
             del data["focused"]
+        if self.has_views:
             return data
         views = (
             "view",
@@ -425,6 +429,7 @@ def specification(
         length_mm=value["total_length_mm"],
         parts=tuple(_ListedPart(part.name, float(part.width)) for part in tube.housed(camera)),
         focused=focused,
+        has_views=bool(has_views(camera)),
     )
 
 

@@ -17,9 +17,9 @@ from ..shapes.lattice import PACKINGS
 from ..theory import tube
 from ..theory.colours import PIXEL_FILTERS
 from ..theory.f_number import fill_factor, main_lens_f_number, matched, pupil_f_number
-from ..theory.focused import FocusedArray, is_focused, pupil_remedy
+from ..theory.focused import LEAST_VIEWS, FocusedArray, filtered_views, is_focused, pupil_remedy
 from ..theory.lens_shapes import LENS_SHAPES
-from ..theory.light import geometric_views, outer_slope, sensor_field
+from ..theory.light import outer_slope, sensor_field
 from ..theory.photometry import accepted, response
 from ..theory.quantities import QUANTITIES
 from ..theory.quantity import FEASIBLE
@@ -38,8 +38,6 @@ EVEN, DIM = 0.5, 0.2
 """Shares of the middle's light, one stop and more than two, from which the corner is evenly lit, and not too dark."""
 CUT = 0.8
 """Part of its images below which cuts, not slant, are what darkens the corner."""
-LEAST_VIEWS = 2
-"""Pixels across a microlens image from which a camera tells directions apart."""
 TAKEN_LOSS = 0.01
 """Share of light lost to slanting rays from which it is told."""
 WIDEST_PIXEL = 0.05
@@ -59,14 +57,20 @@ def verdicts_of(
     lens: RealLens | None = None,
     focused: FocusedArray | None = None,
     answer: FirstAnswer | None = None,
+    asked: Sequence[Verdict] = (),
 ) -> tuple[Verdict, ...]:
     """Answer whether the f-number is matched, the field undistorted, the corner lit, the pixels worth having and so on.
 
     With a real lens the field is judged by the traced images, and whether the thin lens holds is a question of its own.
-    Of focused microlenses that comes first, with what it means, and no views are judged.
+    Of focused microlenses that comes before these, with what it means, and no views are judged. What is `asked` stands
+    before all of them, but for pixels that make no light-field camera.
     """
     answers = [_matched(camera, f_number), _undistorted(camera, non_distortion, lens)]
-    answers = [*answers, _resolved(camera, sampling)] if focused is None else [_focused(camera, focused), *answers]
+    first = _resolved(camera, sampling) if focused is None else _focused(camera, focused)
+    if first.level == "fault" and focused is None:
+        answers = [first, *asked, *answers]
+    else:
+        answers = [*asked, *answers, first] if focused is None else [*asked, first, *answers]
     answers += [] if lens is None else [_thin(f_number, lens)]
     answers += [] if answer is None else [lit(answer)]
     return (*answers, *([_fits(camera)] if tube.OUTER in camera.numbers else []))
@@ -121,8 +125,14 @@ def _focused(camera: Camera, array: FocusedArray) -> Verdict:
 def _matched(camera: Camera, f: Numbers) -> Verdict:
     kind = "overlap by" if f.mismatch_px > 0 else "leave gaps of"
     images = f"images {kind} {abs(f.mismatch_px):.3g} px" if abs(f.mismatch_px) >= TOUCHING_PX else "images just touch"
-    half_a_pixel = abs(f.mismatch_px) <= SLACK_PX and float(geometric_views(camera)) >= LEAST_VIEWS
-    if half_a_pixel or -GAP_SLACK <= f.fill_factor - 1 <= OVERLAP_SLACK:
+    sampled = filtered_views(camera) >= LEAST_VIEWS
+    within = -GAP_SLACK <= f.fill_factor - 1 <= OVERLAP_SLACK
+    if not sampled:
+        images = "which no pixels show"
+    if within and not sampled:
+        text = f"f-number match means nothing yet: image fill {f.fill_factor:.5g}, {images}"
+        return Verdict("f_number_matched", False, "limit", text, "mend the pixels first")
+    if within or (abs(f.mismatch_px) <= SLACK_PX and sampled):
         return Verdict.of("f_number_matched", f"f-number matched: image fill {f.fill_factor:.5g}, {images}")
     text = (
         f"f-number not matched: microlens f/{f.microlens:.4g} against pupil f/{f.pupil:.4g}, image fill "
@@ -239,9 +249,8 @@ def _rounded_up(length: float) -> str:
 
 def _resolved(camera: Camera, sampling: Numbers) -> Verdict:
     """By pixels; behind a Bayer pattern by green ones, which lie farther apart."""
-    views, independent = sampling.views_geometric, sampling.views_independent
-    filters = PIXEL_FILTERS[camera.colours]
-    views, kind = views / filters.spacing, filters.pixels
+    views, independent = float(filtered_views(camera)), sampling.views_independent
+    kind = PIXEL_FILTERS[camera.colours].pixels
     if views < LEAST_VIEWS:
         pixel = 1e3 * float(camera.q)
         return Verdict.of(

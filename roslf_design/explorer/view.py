@@ -337,7 +337,9 @@ def lights(evaluation: Evaluation) -> list[dict[str, str]]:
     required = [one.verdict for one in evaluation.required]
     others = [verdict for verdict in evaluation.verdicts if verdict not in required]
     asked = [_asked(evaluation.required)] if required else []
-    return [*asked, *(_light([verdict], **_named(evaluation, verdict.name)) for verdict in others)]
+    told = [_light([verdict], **_named(evaluation, verdict.name)) for verdict in others]
+    first = next((k for k, verdict in enumerate(evaluation.verdicts) if verdict in required), 0)
+    return [*told[:first], *asked, *told[first:]]
 
 
 def _light(verdicts: Sequence[Verdict], **words: str) -> dict[str, str]:
@@ -413,6 +415,8 @@ def depth_known(source: PictureSource) -> dict[str, Any]:
     """How well depth is known, where and why not; and what light, texture and matching that is for."""
     if source.evaluation.focused is not None:
         return depth_unknown("the microlenses are focused on the scene, not on the pupil, and pixels are no views.")
+    if not source.evaluation.has_views:
+        return depth_unknown("too few pixels lie across a microlens image to be views.")
     depth, curve = source.evaluation.depth, field_curve(source.design)
     design, assumed = source.design, depth.assumes
     sigma, rows = depth.sigma_z_mm, _assumed_rows(source.evaluation)
@@ -476,7 +480,7 @@ def _assumed_rows(evaluation: Evaluation) -> list[dict[str, str]]:
 
 def glance(evaluation: Evaluation) -> list[dict[str, str]]:
     """Main numbers of a camera at a glance."""
-    views = evaluation.focused is None
+    views = evaluation.has_views
     first = [QUANTITIES[name] for name in GLANCE if views or not QUANTITIES[name].of_views]
     rows = {name: value for name, value, _ in evaluation.answer.rows}
     rows |= {"depth, expected": evaluation.depth_budget.words} if views else {}

@@ -22,6 +22,7 @@ from pydantic import Field, field_validator, model_validator
 
 from ..calibration.options import PlanOptions, planned_lengths
 from ..calibration.written import calibrated_camera
+from ..camera import Camera
 from ..design import Design, preset_names
 from ..design.files import Kind, kind_of
 from ..errors import InputError, Problem, refusal
@@ -30,7 +31,7 @@ from ..evaluation.required import load_beside
 from ..optimization.study import Result, run
 from ..optimization.study import read_study as read_optimisation
 from ..progress import CountedProgress, silent
-from ..theory.focused import focus_faults
+from ..theory.focused import has_views
 from ..theory.length_covariance import LengthCovariance
 from ..theory.limits import as_design
 from ..tolerancing.result import StudyResult, analyse
@@ -504,11 +505,10 @@ def _first_look(
 ) -> tuple[dict[str, Finding], LengthCovariance | None]:
     """Findings about a design, with a first look at tolerances and a calibration plan where these are not known.
 
-    Beside them the lengths as built, where a study knows them. Of focused microlenses, whose pixels are no views, what
-    is known.
+    Beside them the lengths as built, where a study knows them. Where pixels are no views, what is known.
     """
     findings = dict(known)
-    if any(focus_faults(design, "views")):
+    if not has_views(Camera.of(design.thin_twin)):
         return findings, built
     if "tolerances" not in known:
         look = _quick_tolerances(design, seed, _counted(progress, "tolerances"))

@@ -22,8 +22,9 @@ from ..camera import Camera
 from ..design import PATHS, Design
 from ..errors import InputError, Problem
 from ..words import length, listed, number
+from .colours import PIXEL_FILTERS
 from .exit_pupil import microlens_image_diameter, microlens_image_pitch
-from .light import diffraction_width, microlens_defocus_blur
+from .light import diffraction_width, geometric_views, microlens_defocus_blur
 
 LIMIT = 2.0
 """Blur of the pupil, over that of pixels and diffraction together, from which an array is a focused one.
@@ -31,6 +32,8 @@ LIMIT = 2.0
 A microlens then tells two points apart on its own share of the plane that it is focused on, where an unfocused one has
 one sample, and less than half (1 of sqrt(5)) of the views are left that pixels and diffraction would leave.
 """
+LEAST_VIEWS = 2
+"""Pixels across a microlens image from which a camera tells directions apart."""
 COVERED = 2.0
 """Virtual depth of the total covering plane: from there on each point is seen by two microlenses across, and in a
 hexagonal array of three types by one of each."""
@@ -84,6 +87,16 @@ def pupil_blur_ratio(c: Camera) -> Array:
 def is_focused(c: Camera) -> Any:
     """True where microlenses of any type are focused elsewhere than on the pupil, by `LIMIT`."""
     return pupil_blur_ratio(c) >= LIMIT
+
+
+def filtered_views(c: Camera) -> Array:
+    """Pixels across a microlens image; behind a Bayer pattern green ones, which lie farther apart."""
+    return geometric_views(c) / PIXEL_FILTERS[c.colours].spacing
+
+
+def has_views(c: Camera) -> Any:
+    """True where pixels are views: microlenses image the pupil, over pixels enough to tell its directions apart."""
+    return (pupil_blur_ratio(c) < LIMIT) & (filtered_views(c) >= LEAST_VIEWS)
 
 
 def pupil_remedy(c: Camera) -> str:

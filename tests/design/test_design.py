@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 from pydantic import ValidationError
 
 from roslf_design.design import (
+    PATHS,
     Design,
     DesignError,
     Light,
@@ -308,3 +309,11 @@ def test_a_key_in_the_wrong_table_is_told_where_it_stands():
     text = str(told.value)
     assert "sensor.illuminance: is not a known key; it stands in [light]" in text
     assert "sensor.material: is not a known key; it stands in [main_lens] or [[elements]] or [microlens_array]" in text
+
+
+@pytest.mark.parametrize("symbol", PATHS)
+def test_replace_names_the_symbol_of_a_file_s_key(symbol):
+    key = PATHS[symbol].rpartition(".")[2]
+    if key != symbol:
+        with pytest.raises(DesignError, match=rf"did you mean .*'{symbol}'"):
+            load("paper").replace(**{key: 2.0})

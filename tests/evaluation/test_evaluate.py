@@ -313,6 +313,16 @@ def test_verdicts_and_remedies(paper):
     slip = {v.name: v for v in roslf.evaluate(paper.replace(q=4.85, D_F=4.0)).verdicts}
     assert (slip["views_resolved"].level, slip["f_number_matched"].level) == ("fault", "fault")
     assert "check sensor.pixel: pixels are 4850 um wide, a microlens image " in slip["views_resolved"].remedy
+    # It comes first, nothing that needs views has a value, and gaps far below a pixel are no match.
+    asked = roslf.loads(roslf.dumps(paper.replace(q=4.85)) + '\n[required]\nu_z_mm = {max = "9 mm"}\n')
+    result = roslf.evaluate(asked)
+    told = {v.name: v for v in result.verdicts}
+    assert (result.verdicts[0].name, result.has_views, result.matched) == ("views_resolved", False, False)
+    assert (told["f_number_matched"].level, " px" in told["f_number_matched"].text) == ("limit", False)
+    assert (result.required[0].value, result.answer.at[0].expanded_mm, result.to_dict()["depth"]["sigma_z_mm"]) == (
+        None, None, None,
+    )  # fmt: skip
+    assert str(result).splitlines()[1].startswith("✗ no light-field camera")
     mismatched = {v.name: v for v in roslf.evaluate(roslf.load("paper-mismatched")).verdicts}
     assert not mismatched["f_number_matched"].ok
 

@@ -78,6 +78,8 @@ def _cells_sheet(design: Design, result: Evaluation) -> Figure:
     touch = (
         "Neighbouring cones touch on the sensor to within a pixel: hardly one is idle or used twice."
         if result.matched
+        else "Pixels are too wide to tell neighbouring cones apart."
+        if not result.has_views and result.focused is None
         else f"Neighbouring cones overlap by {number(f.mismatch_px, 3)} px: those pixels mix views of two microlenses."
         if f.mismatch_px > 0
         else f"Between neighbouring cones {number(-f.mismatch_px, 3)} px stay dark: sensor area is wasted."

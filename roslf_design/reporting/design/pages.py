@@ -17,7 +17,7 @@ from ...evaluation.result import (
     absent_effects,
     answer_tables,
     budget_table,
-    depth_budget_table,
+    depth_budget_tables,
     effects_table,
     fact_tables,
     field_table,
@@ -128,7 +128,7 @@ def design_report(
     )
     looked = grounds.looked
     built: list[DepthBudget] = []
-    if looked is not None and grounds.build is None and grounds.calibration is None and result.focused is None:
+    if looked is not None and grounds.build is None and grounds.calibration is None and result.has_views:
         built = [depth_budget(Camera.of(design), at, build=looked) for at in (None, *grounds.at)]
         result = held_as_built(result, design, looked)
         grounds = told_as_built(grounds, result.required)
@@ -136,13 +136,13 @@ def design_report(
     progress("sections")
     answers = Statements((*verdicts(result).items, *(one.statement for one in studied if one.statement)))
     twin = "" if result.real_lens is None else " of the thin twin"
-    space = ("plane",) if result.focused else ("plane", "depth")
+    space = ("plane", "depth") if result.has_views else ("plane",)
     parameters = Table(tuple(parameter_rows(design)), "lldl", ("symbol", "what", "value", ""))
     progress("data sheet")
     sections = (
         Section(
             "Summary",
-            (*opening, answers, sheets.glance(design, result.focused is None), *answer_tables(result, built)),
+            (*opening, answers, sheets.glance(design, result.has_views), *answer_tables(result, built)),
         ),
         datasheet_section(grounds),
         Section("The design", (figures["dimensions"], parameters, *_seen(result), *_stops(design))),
@@ -154,7 +154,7 @@ def design_report(
                 *_mapping(result),
                 field_table(result),
                 budget_table(result),
-                depth_budget_table(result),
+                *depth_budget_tables(result),
             ),
         ),
         *_temperature(result),

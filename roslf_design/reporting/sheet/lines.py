@@ -494,11 +494,11 @@ def basis(
     lengths = None if calibration is None else calibration.lengths
     twin = Camera.of(design.thin_twin)
     budget = partial(depth_budget, twin, build=build, calibration=lengths)
-    useful = _useful(budget, float(focus_ahead(twin))) if sheet.focused is None else math.nan
+    useful = _useful(budget, float(focus_ahead(twin))) if sheet.has_views else math.nan
     budgets = {far: budget(far) for far in (None, *at)}
     required = requirements(shown.design, twin, sheet.field_of_view_deg[0], budget)
     lines = tuple(_lines(shown, sheet, budgets, useful, required, built))
-    rows = tuple(line for line in lines if sheet.focused is None or not line.of_views)
+    rows = tuple(line for line in lines if sheet.has_views or not line.of_views)
     if built is not None:
         share, (low, high) = 100 * built.final.result.value, built.final.result.interval
         sentences.append(
@@ -600,7 +600,7 @@ def datasheet_report(grounds: SpreadSources, revision: str = NONE, date: str = N
     design, section = grounds.design, datasheet_section(grounds)
     drawn = [dimensions_sheet(design)]
     if dimensions(design).size[1] < HALF_PAGE:
-        drawn = [glance(design, grounds.sheet.focused is None), *drawn]
+        drawn = [glance(design, grounds.sheet.has_views), *drawn]
     blocks = (sheet_head(design, revision, date), *section.blocks, *drawn, signatures())
     return Report(design.name, design.source, (Section(section.title, blocks),))
 
