@@ -13,6 +13,7 @@ from roslf_design.reporting.sheet import resolution
 from roslf_design.theory import disparity_error
 from roslf_design.theory.resolution import FieldTransfer
 from roslf_design.tolerancing import budgets, result
+from roslf_design.tolerancing.yields import Yield
 
 NAMES = ("dimensions", "rays", "cells", "view", "images", "waves", "maps", "plane", "depth", "effects")
 BLANK = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="9pt" height="9pt"></svg>'
@@ -55,10 +56,13 @@ def few_builds(patch):
     patch.setattr(resolution, "ROWS", 3)
     patch.setattr(story, "quick_study", without_depth)
     patch.setattr(story, "_quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))
-    patch.setattr(
-        result, "yield_curve", lambda plan, own: tuple((s, result.yield_at(plan, s, 200)) for s in (0.5, 1.0, 2.0))
-    )
-    patch.setattr(result, "scale_for_yield", lambda plan, target, curve: None)
+
+    def three(builds, own):
+        return tuple((scale, Yield(builds.passed(scale), builds.trials)) for scale in (0.5, 1.0, 2.0))
+
+    patch.setattr(result, "curve_trials", lambda plan: 200)
+    patch.setattr(result, "yield_curve", three)
+    patch.setattr(result, "scale_for_yield", lambda *of: None)
 
 
 def views_as_refocused(patch):

@@ -521,8 +521,8 @@ def _lengths(design: Design, section: _SectionLayout) -> list[Mark]:
             marks.append(Text(stop, level, words, "ink", SMALL, dx=8, dy=4))
         elif section.panel.at(start, level)[0] > text_width(words, SMALL) + 10 or not section.panel.bare:
             marks.append(Text(start, level, words, "ink", SMALL, "end", dx=-8, dy=4))
-        else:  # in front of its line it would leave the picture
-            marks.append(Text(start, level, words, "ink", SMALL, dx=-4, dy=4 + DIMENSION_ROW))
+        else:  # in front of its line it would leave the picture; the next row is d_f's where that is shown
+            marks.append(Text(start, level, words, "ink", SMALL, dx=-4, dy=-4 if section.whole else 4 + DIMENSION_ROW))
     if not apart:
         marks.append(Text(end, bottom, beside, "ink", SMALL, dx=8, dy=17 + below))
     return marks
