@@ -19,8 +19,11 @@ CAP = 0.75
 """Radius of the cap of a sphere that windows read well, over the sphere's: beyond, they meet what stands behind it."""
 _STEEPEST = 1e-3
 """Square of the cosine at which a sphere's slope ends: one that turned away would have no Z."""
-_LEAST_CAP = 20
-"""Points that tell a cap's curvature."""
+_FEWEST = 20
+"""Points that a sphere, or a cap of one, is fitted to."""
+_LEAST_CAP = 30
+"""Windows in a cap that tells its curvature: depth takes up to three windows' width for a microlens, so that few err
+alike (caps of some 15 windows told diameters that were twice their U off)."""
 REJECTED = 0.003
 """Share of the points that may be left out as strays before ranges are taken."""
 
@@ -174,7 +177,7 @@ class SphereSpacing(NamedTuple):
         starts: list[Array] = []
         left = np.ones(len(points), bool)
         for _ in range(2):
-            if left.sum() < 20:
+            if left.sum() < _FEWEST:
                 return None
             nearest = points[left][np.argsort(points[left][:, 2])[: max(5, int(0.02 * left.sum()))]]
             close = np.linalg.norm(nearest[:, None] - nearest, axis=-1) < 0.4 * radius
@@ -185,7 +188,7 @@ class SphereSpacing(NamedTuple):
                     np.abs(np.linalg.norm(points - centre, axis=1) - radius) < max(4 * smooth, 0.15 * radius)
                 )
                 near &= points[:, 2] < centre[2] - 0.3 * radius
-                if near.sum() < 20:
+                if near.sum() < _FEWEST:
                     return None
                 if (near == fitted).all():
                     break
@@ -193,7 +196,7 @@ class SphereSpacing(NamedTuple):
                 centre = SurfaceFit.sphere(points[near], sigma[near], window, centre, radius).parameters
             starts.append(centre)
             left &= np.hypot(*(points - centre)[:, :2].T) > 1.1 * radius
-        fits, caps = [], []
+        fits, caps, fewest = [], [], math.inf
         for centre in starts:
             near = np.linalg.norm(points - centre, axis=1) < radius + max(5 * smooth, 0.1 * radius)
             near &= points[:, 2] < centre[2] - 0.3 * radius
@@ -201,7 +204,8 @@ class SphereSpacing(NamedTuple):
             front = fits[-1].parameters - np.array([0, 0, radius])
             near = np.hypot(*(points - front)[:, :2].T) < CAP * radius - reach
             near &= np.abs(points[:, 2] - front[2]) < radius
-            if near.sum() >= max(_LEAST_CAP, window):
+            if near.sum() >= max(_FEWEST, window):
+                fewest = min(fewest, near.sum() / window)
                 caps.append(SurfaceFit.cap(points[near], sigma[near], window, front, radius))
         between = fits[1].parameters - fits[0].parameters
         apart = float(np.linalg.norm(between))
@@ -214,6 +218,6 @@ class SphereSpacing(NamedTuple):
         known = np.array([1 / cap.covariance[3, 3] for cap in caps]) / radius**2
         size = -diameter * float(known @ [radius * cap.parameters[3] for cap in caps] / known.sum())
         size_sigma = diameter / math.sqrt(known.sum())
-        if 2 * size_sigma > ROUND * diameter:
+        if fewest < _LEAST_CAP or 2 * size_sigma > ROUND * diameter:
             return cls(apart, own, tuple(caps), None, size_sigma)
         return cls(apart, own, tuple(caps), size, size_sigma) if abs(size) < ROUND * diameter else None
