@@ -25,7 +25,7 @@ def without_figures(patch):
 
 
 def few_builds(patch):
-    """A first look at tolerances by a handful of builds, at few other scales of them; sheets' lines and maps by fewer.
+    """A first look at tolerances by a handful of builds, at other scales by fewer; sheets' lines and maps by fewer.
 
     Detail that single views resolve scatters as the refocused image's, and curves of MTF are polygons of seven points:
     where microlens images are long, the transfer of views takes many times the work of all else.
@@ -55,10 +55,8 @@ def few_builds(patch):
     patch.setattr(resolution, "ROWS", 3)
     patch.setattr(story, "quick_study", without_depth)
     patch.setattr(story, "_quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))
-    patch.setattr(
-        result, "yield_curve", lambda plan, own: tuple((s, result.yield_at(plan, s, 200)) for s in (0.5, 1.0, 2.0))
-    )
-    patch.setattr(result, "scale_for_yield", lambda plan, target, curve: None)
+    patch.setattr(result, "curve_trials", lambda plan: 200)
+    patch.setattr(result, "scale_for_yield", lambda plan, target, curve, builds: None)
 
 
 def views_as_refocused(patch):
