@@ -298,6 +298,8 @@ def test_a_page_of_one_design(tmp_path, capsys, coarse_map):
     page = (tmp_path / "sheet.html").read_text()
     assert code == 0
     assert all(words in page for words in ("ISO 8600-3", "no tolerance study is at hand", "direction of view", "alias"))
+    assert "of lengths as drawn. Lengths as built are not in it: quote it of no camera" in " ".join(page.split())
+    assert "figure to quote" not in page
 
 
 @pytest.mark.parametrize(
