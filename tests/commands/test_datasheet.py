@@ -293,6 +293,13 @@ def test_a_calibrated_camera_is_not_known_worse_than_it_was_built(monkeypatch):
     assert loose.u_z_mm > 5 * budget.u_z_mm
 
 
+def test_distortion_of_an_ideal_lens_is_put_down_to_its_window():
+    paper, window = roslf.load("paper"), {"kind": "plate", "distance": 121.0, "thickness": 20.0, "material": "N-BK7"}
+    for design in (paper, paper.replace({"elements": [{**window, "diameter": 90.0}]})):
+        (line,) = (row for row in datasheet.basis(design).rows if row.name.startswith("distortion"))
+        assert ("flat faces of windows" in line.remark) == bool(design.elements) == (abs(line.value) > 0.01)
+
+
 def test_a_page_of_one_design(tmp_path, capsys, coarse_map):
     code, _, _ = run(capsys, "datasheet", "video-otoscope", "-o", tmp_path / "sheet.html")
     page = (tmp_path / "sheet.html").read_text()

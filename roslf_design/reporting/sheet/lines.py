@@ -76,6 +76,8 @@ CLOSE = 1e-3
 """Share to which the distance is then known: the sheet has three digits."""
 DEPTH, EXPECTED = "Depth noise (bound), 1 σ", "Depth, expected"
 SHARP = f"Sharp: {CRITERION}."
+NO_DISTORTION = 0.01
+"""Distortion below which no cause is named [%]."""
 PARTS, REQUIRED = "parts", "Required"
 HALF_PAGE = 520.0
 """Height up to which a drawing leaves room for another on its page [px]."""
@@ -277,7 +279,9 @@ def _lines(
     places = (middle.x_ml_mm, outermost.x_ml_mm)
     bent, shaded = _Corner("distortion_percent", places), _Corner("relative_illumination", places, 100.0)
     stretched = _Corner("local_magnification", places, against=True)
-    barrel = "below 0 is barrel-shaped"
+    barrel, bent_by = "below 0 is barrel-shaped", outermost.distortion_percent or 0.0
+    if abs(bent_by) > NO_DISTORTION and not traced and not camera.mapping.bends:
+        barrel += "; of the flat faces of windows (or of their liquid) before the lens: the ideal lens itself has none"
     yield _SheetLine(
         "Over the field", f"distortion {at}", outermost.distortion_percent, "%", barrel, text=lost, of=bent
     )
