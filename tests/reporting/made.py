@@ -13,6 +13,7 @@ from roslf_design.reporting.sheet import resolution
 from roslf_design.theory import disparity_error
 from roslf_design.theory.resolution import FieldTransfer
 from roslf_design.tolerancing import budgets, result
+from roslf_design.tolerancing.yields import ScaledBuilds
 
 NAMES = ("dimensions", "rays", "cells", "view", "images", "waves", "maps", "plane", "depth", "effects")
 BLANK = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="9pt" height="9pt"></svg>'
@@ -55,7 +56,7 @@ def few_builds(patch):
     patch.setattr(resolution, "ROWS", 3)
     patch.setattr(story, "quick_study", without_depth)
     patch.setattr(story, "_quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))
-    patch.setattr(result, "curve_trials", lambda plan: 200)
+    patch.setattr(result, "ScaledBuilds", lambda plan, draws, trials: ScaledBuilds(plan, draws, 200))
     patch.setattr(result, "scale_for_yield", lambda plan, target, curve, builds: None)
 
 
