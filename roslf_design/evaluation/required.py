@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from ..camera import Camera
 from ..design import Design, preset_names
 from ..errors import InputError, Problem
 from ..theory import tube
-from ..theory.depth_budget import DepthBudget
+from ..theory.depth_budget import BUILT, CALIBRATED, DepthBudget
 from ..theory.focused import has_views
 from ..theory.limits import as_design, limits
 from ..theory.quantities import quantity_named
@@ -26,6 +26,11 @@ from .specification import FieldOfView
 
 WAYS = "`roslf sweep` shows what moves it, and as a study's [[constraints]] `roslf optimize` holds it"
 """Remedy of a limit that is not held."""
+KNOW_BETTER = {
+    BUILT: "a calibration tells them (`roslf calibrate --plan` says how well), tighter tolerances hold them",
+    CALIBRATED: "`roslf calibrate --plan` names the change of boards or of what is known before that helps most",
+}
+"""Remedies of a depth that lengths spoil, by the term, as no optimum of nominal lengths mends them."""
 AS_BUILT = (
     "lengths as built are not in it: the report (`roslf report`) and the data sheet of a tolerance study (`roslf "
     "datasheet`) tell it with them"
@@ -53,7 +58,7 @@ class Requirement:
     only: str = ""
     """Reservation about a limit that is met, as "as drawn"; empty where it is met without one."""
     remedy: str = ""
-    """Remedy of that, in a sentence."""
+    """Remedy of that, or of a limit that is missed, in a sentence."""
 
     def holds(self, values: Array | float) -> NDArray[np.bool_]:
         """Where values are within, but for what an optimiser's rounding may leave; nowhere where they are NaN."""
@@ -94,7 +99,7 @@ class Requirement:
             low, high = -math.inf if self.min is None else self.min, math.inf if self.max is None else self.max
             by = max(low - self.value, self.value - high)
             short = f", missed by {self._with_unit(by)}"
-        return Verdict.of(f"required_{self.quantity}{where}", f"not as required: {text}{short}", WAYS)
+        return Verdict.of(f"required_{self.quantity}{where}", f"not as required: {text}{short}", self.remedy or WAYS)
 
 
 def requirements(
@@ -140,11 +145,27 @@ def requirements(
         only = remedy = ""
         if met and quantity.name == "u_z_mm" and budget(at).as_drawn:
             only, remedy = "as drawn", AS_BUILT
+        elif quantity.name == "u_z_mm" and not undefined and high is not None and value > high:
+            remedy = _of_depth(budget(at), high)
         elif met and quantity.name == "working_distance_mm" and low is not None and high is not None:
             only, remedy = _of_the_focal_plane(camera, low, high)
         numbers = (at, low, high, shown)
         told.append(Requirement(quantity.name, label, *numbers, quantity.unit, met, counts, only, remedy))
     return tuple(told)
+
+
+def _of_depth(budget: DepthBudget, most: float) -> str:
+    """Remedy of a depth that is missed, by what adds most to it."""
+    largest = budget.largest
+    if largest.name not in KNOW_BETTER:
+        return WAYS
+    others = replace(budget, terms=tuple(term for term in budget.terms if term is not largest))
+    rest = float(others.u_z_mm)
+    still = f"; without them it is {number(rest, 4)} mm, and misses still: {WAYS}" if rest > most else ""
+    way = KNOW_BETTER[largest.name]
+    if largest.name == BUILT and CALIBRATED in [term.name for term in others.terms]:
+        way = "the calibration does not see them, tighter tolerances hold them"
+    return f"mostly {largest.name}, which `roslf optimize` does not count: {way}{still}"
 
 
 def _of_the_focal_plane(camera: Camera, low: float, high: float) -> tuple[str, str]:

@@ -38,6 +38,8 @@ EVEN, DIM = 0.5, 0.2
 """Shares of the middle's light, one stop and more than two, from which the corner is evenly lit, and not too dark."""
 CUT = 0.8
 """Part of its images below which cuts, not slant, are what darkens the corner."""
+UNCUT, CUT_IN_IT = "microlens images uncut over the field", "microlens images cut in the field"
+"""The paper's undistorted field, or not, in words that no picture's distortion is taken for."""
 TAKEN_LOSS = 0.01
 """Share of light lost to slanting rays from which it is told."""
 WIDEST_PIXEL = 0.05
@@ -162,21 +164,21 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
     by_thin = "" if thin.undistorted_in_field else _field_remedy(camera, thin)
     if lens is not None:
         bound = (
-            f"measured through {lens.lens}, microlens images are whole out to {lens.x_ml_max_mm:.4g} mm on the MLA "
+            f"measured through {lens.lens}, whole out to {lens.x_ml_max_mm:.4g} mm on the MLA "
             f"({lens.x0_max_mm:.4g} mm object radius; thin lens, Eq. 6: {lens.thin_x_ml_max_mm:.4g} mm)"
         )
         if lens.undistorted_in_field:
-            return Verdict.of("field_undistorted", f"field undistorted: {bound}; {sees}")
+            return Verdict.of("field_undistorted", f"{UNCUT}: {bound}; {sees}")
         folded = [field.x_ml_mm for field in lens.fields if field.status == "folded"]
         where = f"; folded at {', '.join(f'{place(x_ml)} mm' for x_ml in folded)}" if folded else ""
         other = lens.turned_x_ml_max_mm
         turned = f"reversed, the lens sees whole images out to {other:.4g} mm; " if other is not None else ""
         ways = "a better corrected or wider lens, a FAP closer to it or a smaller sensor helps"
-        text = f"field distorted: {bound}{where}; {sees}"
+        text = f"{CUT_IN_IT}: {bound}{where}; {sees}"
         return Verdict.of("field_undistorted", text, f"{turned}{by_thin or ways}")
     if by_thin:
         text = (
-            f"field distorted: cat's-eye images beyond {thin.x0_max_mm:.4g} mm object radius "
+            f"{CUT_IN_IT}: cat's eyes beyond {thin.x0_max_mm:.4g} mm object radius "
             f"({thin.x_ml_max_mm:.4g} mm on the MLA), cut by {the(thin.limited_by)}; {sees}"
         )
         return Verdict.of("field_undistorted", text, by_thin)
@@ -185,9 +187,7 @@ def _undistorted(camera: Camera, thin: Numbers, lens: RealLens | None) -> Verdic
         if math.isfinite(thin.x0_max_mm)
         else "at any field"
     )
-    return Verdict.of(
-        "field_undistorted", f"field undistorted: microlens images are full {camera.fap.outline.kind}s {bound}; {sees}"
-    )
+    return Verdict.of("field_undistorted", f"{UNCUT}: full {camera.fap.outline.kind}s {bound}; {sees}")
 
 
 def lit(answer: FirstAnswer) -> Verdict:

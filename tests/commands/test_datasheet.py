@@ -293,11 +293,20 @@ def test_a_calibrated_camera_is_not_known_worse_than_it_was_built(monkeypatch):
     assert loose.u_z_mm > 5 * budget.u_z_mm
 
 
+def test_distortion_of_an_ideal_lens_is_put_down_to_its_window():
+    paper, window = roslf.load("paper"), {"kind": "plate", "distance": 121.0, "thickness": 20.0, "material": "N-BK7"}
+    for design in (paper, paper.replace({"elements": [{**window, "diameter": 90.0}]})):
+        (line,) = (row for row in datasheet.basis(design).rows if row.name.startswith("distortion"))
+        assert ("flat faces of windows" in line.remark) == bool(design.elements) == (abs(line.value) > 0.01)
+
+
 def test_a_page_of_one_design(tmp_path, capsys, coarse_map):
     code, _, _ = run(capsys, "datasheet", "video-otoscope", "-o", tmp_path / "sheet.html")
     page = (tmp_path / "sheet.html").read_text()
     assert code == 0
     assert all(words in page for words in ("ISO 8600-3", "no tolerance study is at hand", "direction of view", "alias"))
+    assert "of lengths as drawn. Lengths as built are not in it: quote it of no camera" in " ".join(page.split())
+    assert "figure to quote" not in page
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from roslf_design.evaluation.evaluate import held_as_built
 from roslf_design.evaluation.required import AS_BUILT
 from roslf_design.reporting.sheet.lines import basis
 from roslf_design.theory.length_covariance import LengthCovariance
+from roslf_design.words import number
 
 PLAIN = preset_path("rigid-scope").read_text()
 
@@ -74,6 +75,14 @@ def test_depth_that_is_required_says_what_it_counts_as_the_budget_has_it():
     assert [(one.verdicts[0].level, one.required[0].met) for one in (bare, built)] == [("limit", True), ("good", True)]
     short = held_as_built(bare, asked(text), LengthCovariance(("sensor.distance",), np.array([[1.0]])))
     assert [verdict.level for verdict in short.verdicts] == ["fault", *(one.level for one in bare.verdicts[1:])]
+    remedy = short.verdicts[0].remedy  # noise alone holds it: what spoils it is no work for an optimiser
+    assert "`roslf calibrate --plan`" in remedy
+    assert "tighter tolerances" in remedy
+    assert "misses still" not in remedy
+    fine = asked('u_z_mm = {at = "20 mm", max = "1 um"}')
+    assert "`roslf optimize` holds it" in roslf.evaluate(fine).verdicts[0].remedy  # of noise
+    both = roslf.evaluate(fine, build=LengthCovariance(("sensor.distance",), np.array([[1.0]]))).verdicts[0].remedy
+    assert f"without them it is {number(bare.required[0].value, 4)} mm, and misses still" in both
     given = roslf.evaluate(asked(text).replace({"depth": {"disparity_error": 0.01}})).required[0]
     assert given.counts == "of disparity error, without lengths as built and temperature"  # it has the others in it
 

@@ -26,7 +26,7 @@ def without_figures(patch):
 
 
 def few_builds(patch):
-    """A first look at tolerances by a handful of builds, at few other scales of them; sheets' lines and maps by fewer.
+    """A first look at tolerances by a handful of builds, at other scales by fewer; sheets' lines and maps by fewer.
 
     Detail that single views resolve scatters as the refocused image's, and curves of MTF are polygons of seven points:
     where microlens images are long, the transfer of views takes many times the work of all else.

@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from roslf_design.calibration.options import PlanOptions, calibration_plan, planned_lengths
@@ -16,6 +17,7 @@ from roslf_design.reporting.calibrate.pages import calibrated_finding, plan_find
 from roslf_design.reporting.printers import render_html
 from roslf_design.reporting.sheet.lines import CalibrationSpread, basis
 from roslf_design.reporting.story import _read_story
+from roslf_design.theory.length_covariance import LengthCovariance
 
 SHARES = {"images": 0.25, "f": 0.7, "q": 0.0, "d": 0.0, "board": 0.0, "systematic": 0.05}
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 9 9" width="9pt" height="9pt">\n<text>ridge</text>\n</svg>'
@@ -219,7 +221,10 @@ def test_a_plan_leads_with_depth_and_names_what_its_poses_do_not_determine():
     assert f"U = ± {at_focus:.3g} mm in the focal plane" in depth.text
     assert f"± {there:.3g} mm at 300 mm ahead of the tip" in depth.text
     assert depth.text.count("there the model alone tells depth") == 1  # boards stand about the focal plane
-    assert depth.text.endswith("the model alone tells depth.")
+    assert "the model alone tells depth. Assumes a " in depth.text
+    assert "board; tolerances, which a report and a story know before" in depth.text
+    built = LengthCovariance(("sensor.distance",), np.array([[1e-6]]))
+    assert "board and tolerances known before" in plan_finding(paper, asked, built).section.blocks[1].items[0].text
     required = paper.replace({"required": {"u_z_mm": [{"max": 1e3}, {"at": 300.0, "max": 1e3}]}})
     lengths_known = planned_lengths(required, asked)
     grounds = basis(required, None, CalibrationSpread("as planned", required, lengths_known), asked.at)

@@ -265,9 +265,17 @@ def refuse(*_, **__):
 
 def test_a_required_depth_counts_the_builds_of_the_first_look(without_figures, few_builds):
     asked = load("paper").replace({"required": {"u_z_mm": {"max": 1e3}}})
-    told = blocks(story.full_report(asked), Statements)[0].items[0]
+    report = story.full_report(asked)
+    told = blocks(report, Statements)[0].items[0]
     assert "depth, expected" in told.text
     assert "and lengths as built" in told.text
+    tables = {table.title: table for table in report.sections[1].blocks if isinstance(table, Table)}
+    (required,) = tables["Required"].rows  # one verdict, that of the summary
+    assert required[-1].startswith("met: at most 1000 mm; of ")
+    assert "as drawn" not in required[-1]
+    assert f" is {required[1]} (of " in told.text
+    assert "figure to quote" not in tables["Depth, expected"].caption
+    assert "Lengths as built are not in it (as a first look builds them, U = " in tables["Depth, expected"].caption
     assert evaluate(asked).verdicts[0].text.startswith("met as drawn: ")
 
 

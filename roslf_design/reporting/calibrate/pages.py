@@ -449,13 +449,14 @@ def plan_blocks(
 ) -> tuple[Block, ...]:
     """A plan with its promise and its changes; with the `build`'s tolerances, where a study knows them."""
     c, before = plan.captures, plan.expected
+    size = f"{c.board.columns} x {c.board.rows}"
     known = f"microlens pitch to {asked.d_sigma} and board to {asked.cell_sigma}"
     if asked.d_sigma == asked.cell_sigma:
         known = f"microlens pitch and board to {asked.d_sigma}"
     white = "" if asked.white_pitch is None else f", the white image's pitch to {asked.white_pitch}"
     elements = "".join(f", {place} to {sigma}" for place, sigma in asked.sigma.items())
     text = (
-        f"{c.boards} images of a {c.board.columns} x {c.board.rows} board of "
+        f"{c.boards} images of a {size} board of "
         f"{length(c.board.cell)} cells, tilted by up to {math.degrees(c.tilt):.3g} degrees, "
         f"{c.distance:.4g} ± {c.distance_range / 2:.3g} mm "
         f"in front of the lens; corners found to {c.noise:g} pitches in {len(c.view_grid())} views; focal length known "
@@ -466,7 +467,10 @@ def plan_blocks(
         text += f" Distortion is fitted ({_terms(plan.distortion)})."
     if SceneSide.of(design) is not None:
         text += " Boards stand at mechanical distances; d_3, H and the other lengths are as the main lens sees them."
-    before_it, depth = "" if build is None else ", tolerances known before", planned_depth(design, plan, asked, build)
+    assumed = "; tolerances, which a report and a story know before, are left out"
+    if build is not None:
+        assumed = " and tolerances known before, which `roslf calibrate --plan` does without"
+    depth = planned_depth(design, plan, asked, build)
     after = _changed_depths(design, plan, build)
     best = next(iter(after), "")
     helps = best and after[best] <= float(depth.u_z_mm) / LEAST_GAIN
@@ -474,7 +478,7 @@ def plan_blocks(
     places |= {f"at {number(z, 4)} mm ahead of the tip": planned_depth(design, plan, asked, build, z) for z in asked.at}
     mostly = {where: one.mostly.replace(";", ", but") for where, one in places.items()}
     depths = [f"± {_rounded(one.expanded_mm)} {where}, {mostly[where]}" for where, one in places.items()]
-    promise = f"Calibration as planned: depth, expected{before_it}, to U = {'; '.join(depths)}."
+    promise = f"Calibration as planned: depth, expected, to U = {'; '.join(depths)}. Assumes a {size} board{assumed}."
     remedy = sentence(f"{best}: ± {_rounded(2 * after[best])} in the focal plane") if helps else NO_GAIN
     answers = [Statement("plain", promise, remedy)]
     large = too_large(design, c)

@@ -76,6 +76,8 @@ CLOSE = 1e-3
 """Share to which the distance is then known: the sheet has three digits."""
 DEPTH, EXPECTED = "Depth noise (bound), 1 σ", "Depth, expected"
 SHARP = f"Sharp: {CRITERION}."
+NO_DISTORTION = 0.01
+"""Distortion below which no cause is named [%]."""
 PARTS, REQUIRED = "parts", "Required"
 HALF_PAGE = 520.0
 """Height up to which a drawing leaves room for another on its page [px]."""
@@ -277,7 +279,9 @@ def _lines(
     places = (middle.x_ml_mm, outermost.x_ml_mm)
     bent, shaded = _Corner("distortion_percent", places), _Corner("relative_illumination", places, 100.0)
     stretched = _Corner("local_magnification", places, against=True)
-    barrel = "below 0 is barrel-shaped"
+    barrel, bent_by = "below 0 is barrel-shaped", outermost.distortion_percent or 0.0
+    if abs(bent_by) > NO_DISTORTION and not traced and not camera.mapping.bends:
+        barrel += "; of the flat faces of windows (or of their liquid) before the lens: the ideal lens itself has none"
     yield _SheetLine(
         "Over the field", f"distortion {at}", outermost.distortion_percent, "%", barrel, text=lost, of=bent
     )
@@ -315,18 +319,12 @@ def _required_lines(required: Iterable[Requirement], built: BuildSpread | None, 
         yield _SheetLine(REQUIRED, one.label, one.value, one.unit, "; ".join(filter(None, told)), own, text, of)
 
 
-def told_as_built(grounds: SpreadSources, required: Iterable[Requirement]) -> SpreadSources:
-    """Sources whose lines on a required depth, as drawn, also say what it is as a first look has lengths built."""
-    built = {
-        one.label: f"; with lengths as built (first look) {one.value_words}, {one.outcome}"
-        for one in required
-        if one.quantity == "u_z_mm"
-    }
-    rows = (
-        line._replace(remark=line.remark + built.get(line.name, "")) if line.subject == REQUIRED else line
-        for line in grounds.rows
-    )
-    return grounds._replace(rows=tuple(rows))
+def told_as_built(grounds: SpreadSources, required: Sequence[Requirement]) -> SpreadSources:
+    """Sources whose lines on a required depth are of requirements that count lengths as a first look builds them."""
+    count, looked = len(required), "; lengths as a first look builds them"
+    told = zip(required, grounds.rows[:count], _required_lines(required, None, False), strict=True)
+    rows = (new._replace(remark=new.remark + looked) if one.quantity == "u_z_mm" else old for one, old, new in told)
+    return grounds._replace(rows=(*rows, *grounds.rows[count:]))
 
 
 def _listed(subject: str) -> Iterator[tuple[Quantity, Listed]]:
@@ -368,7 +366,7 @@ def _useful(budget: Callable[[float], DepthBudget], focus: float) -> float:
 def _expected_lines(budgets: Mapping[float | None, DepthBudget], useful: float) -> Iterator[_SheetLine]:
     """Lines on what a measured depth is to be believed to, on the axis, in the terms of the GUM."""
     budget = budgets[None]
-    u, largest = float(budget.u_z_mm), budget.mostly
+    u, largest = float(budget.u_z_mm), budget.mostly + "; lengths as built not in it" * budget.as_drawn
     missing = "" if math.isfinite(u) else "none"
     yield _SheetLine(EXPECTED, f"expanded uncertainty U, k = {COVERAGE}", COVERAGE * u, "mm", largest, "", missing)
     yield _SheetLine(EXPECTED, "standard uncertainty u", u, "mm", "68 of 100 lie within", "", missing)
@@ -541,6 +539,21 @@ def _spread(line: _SheetLine, sigma: Mapping[str, float]) -> str:
     return f"±\N{NO-BREAK SPACE}{number(SIGMAS * sigma[line.key], 2, 1e-6 * abs(line.value or 0.0))}"
 
 
+def _quoted(grounds: SpreadSources) -> str:
+    """Whether depth as expected is the figure to quote: not where lengths are taken as drawn."""
+    if grounds.build is not None or grounds.calibration is not None:
+        return "the figure to quote"
+    looked = ""
+    if grounds.looked is not None:
+        budget = depth_budget(Camera.of(grounds.design.thin_twin), build=grounds.looked)
+        looked = f" (as a first look builds them, U = {number(float(budget.expanded_mm), 3)} mm)"
+    return (
+        f"of lengths as drawn. Lengths as built are not in it{looked}: quote it of no camera, but the figure of a "
+        "tolerance study's sheet (`roslf datasheet` of the study) or, after a calibration, of the sheet with it "
+        "(`--calibration`)"
+    )
+
+
 def datasheet_section(grounds: SpreadSources) -> Section:
     """The page."""
     columns = (("± 2σ, builds", grounds.sigma), ("± 2σ, calibrated", grounds.calibrated))
@@ -548,7 +561,7 @@ def datasheet_section(grounds: SpreadSources) -> Section:
     tables: dict[str, list[tuple[str, ...]]] = {}
     captions = {
         "Distances": SHARP,
-        EXPECTED: "What a measured depth is to be believed to, on the axis in the focal plane: the figure to quote."
+        EXPECTED: f"What a measured depth is to be believed to, on the axis in the focal plane: {_quoted(grounds)}."
         + (" How far lengths are off is a part of it: it has no ± of its own." if spreads else ""),
         DEPTH: "What photons and read noise alone allow, one standard deviation of one measurement, "
         f"{depth_basis(grounds.sheet.depth_precision.assumes)}: no instrument reaches it.",
