@@ -24,7 +24,7 @@ from ..reporting.depth.pages import statements as depth_statements
 from ..reporting.optimise.pages import statements
 from ..reporting.optimise.pictures import SearchEnd, VariableMove, ends_of
 from ..reporting.story import CENTRE, DEPTH, FILL, KEPT, quick_study, run_optimisation
-from ..reporting.tolerance.pages import depth_sentence, impossible_words
+from ..reporting.tolerance.pages import depth_sentence, impossible_words, loose_words
 from ..reporting.tolerance.pictures import LimitSpread, Offender, Yields
 from ..theory.depth_budget import depth_budget
 from ..theory.quantities import in_words, quantity_named
@@ -491,7 +491,7 @@ def run_tolerance(request: ToleranceRequest, tell: Tell = lambda share, text: No
         question=f"{trials} Monte Carlo units (builds) to the grade '{study.grade}', the decoder {decoder}. A build is "
         "good with: "
         f"{'; '.join([USUAL_LIMITS] * (not request.only_own) + [_limit_words(limit) for limit in request.limits])}. "
-        f"{depth_sentence(depth, design)} {impossible_words(variant)}".rstrip(),
+        + " ".join(filter(None, (depth_sentence(depth, design), loose_words(plan), impossible_words(variant)))),
     )
 
 

@@ -55,10 +55,8 @@ def few_builds(patch):
     patch.setattr(resolution, "ROWS", 3)
     patch.setattr(story, "quick_study", without_depth)
     patch.setattr(story, "_quick_tolerances", lambda design, seed, progress: look(design, seed, progress, 500))
-    patch.setattr(
-        result, "yield_curve", lambda plan, own: tuple((s, result.yield_at(plan, s, 200)) for s in (0.5, 1.0, 2.0))
-    )
-    patch.setattr(result, "scale_for_yield", lambda plan, target, curve: None)
+    patch.setattr(result, "yield_curve", lambda _, own: tuple((s, own) for s in (0.5, 1.0, 2.0)))
+    patch.setattr(result, "scale_for_yield", lambda *_: None)
 
 
 def views_as_refocused(patch):
